@@ -1,0 +1,18 @@
+"""srsinv: what a stress-rate tactile sensor feels, and what that says about the surface.
+
+Double precision is the default: stress decays as exp(-kz), so an inversion spends digits quickly.
+The variable is set before jax is imported, so that `import srsinv` itself stays quick; a value that
+the user has set in JAX_ENABLE_X64 is left as it is.
+"""
+
+import os
+import sys
+
+if "JAX_ENABLE_X64" not in os.environ:
+    os.environ["JAX_ENABLE_X64"] = "true"
+    if "jax" in sys.modules:
+        sys.modules["jax"].config.update("jax_enable_x64", True)
+
+from .errors import BadInput as BadInput
+
+__version__ = "0.1.0"

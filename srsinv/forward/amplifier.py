@@ -1,0 +1,99 @@
+"""From film charge to the recorded signal, at constant sliding speed u.
+
+Every readout here is signal = gain(u) d^order/dx^order Q + offset, so it folds into the transfer:
+exact, as long as the speed does not change.
+"""
+
+import abc
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import refuse
+from ..grid import as_real
+
+
+class Amplifier(eqx.Module):
+    """What turns charge [C] into the recorded signal."""
+
+    order: eqx.AbstractClassVar[int]
+    unit: eqx.AbstractClassVar[str]
+
+    @abc.abstractmethod
+    def gain(self, speed_m_per_s: Float[Array, ""]) -> Float[Array, ""]:
+        """The factor on the `order`-th derivative of charge along x."""
+
+    @property
+    @abc.abstractmethod
+    def offset(self) -> Float[Array, ""] | None:
+        """The signal at zero charge; None where it is not known."""
+
+
+def _positive_resistance(value) -> Float[Array, ""]:
+    if isinstance(value, (int, float)):
+        refuse(
+            not 0 < value < np.inf,
+            f"amplifier.feedback_resistance_ohm is {value}: give a positive resistance in ohm.",
+        )
+    return as_real(value)
+
+
+class CurrentAmplifier(Amplifier):
+    """The rate signal v = R_f i, i = u dQ/dx: the paper's (2) and (3)."""
+
+    order = 1
+    unit = "V"
+    feedback_resistance_ohm: Float[Array, ""]
+
+    def __init__(self, feedback_resistance_ohm=1e6):
+        self.feedback_resistance_ohm = _positive_resistance(feedback_resistance_ohm)
+
+    def gain(self, speed_m_per_s: Float[Array, ""]) -> Float[Array, ""]:
+        return self.feedback_resistance_ohm * speed_m_per_s
+
+    @property
+    def offset(self) -> Float[Array, ""]:
+        return as_real(0.0)
+
+
+class IntegratedCurrent(Amplifier):
+    """The rate signal integrated along x, v_i = integral of v dx' = R_f u Q [V m]: (12)."""
+
+    order = 0
+    unit = "V m"
+    feedback_resistance_ohm: Float[Array, ""]
+
+    def __init__(self, feedback_resistance_ohm=1e6):
+        self.feedback_resistance_ohm = _positive_resistance(feedback_resistance_ohm)
+
+    def gain(self, speed_m_per_s: Float[Array, ""]) -> Float[Array, ""]:
+        return self.feedback_resistance_ohm * speed_m_per_s
+
+    @property
+    def offset(self) -> Float[Array, ""]:
+        return as_real(0.0)
+
+
+class SlowReadout(Amplifier):
+    """A slow, DC-coupled readout of the charge itself: signal = gain Q + offset.
+
+    Pressure sensors are read this way. `gain_per_C` is in signal units per coulomb; `offset` in
+    signal units, or None where it is not known: then the signal's mean says nothing.
+    """
+
+    order = 0
+    unit = "V"
+    gain_per_C: Float[Array, ""]
+    _offset: Float[Array, ""] | None
+
+    def __init__(self, gain_per_C=1.0, offset=None):
+        self.gain_per_C = as_real(gain_per_C)
+        self._offset = None if offset is None else as_real(offset)
+
+    def gain(self, speed_m_per_s: Float[Array, ""]) -> Float[Array, ""]:
+        return self.gain_per_C
+
+    @property
+    def offset(self) -> Float[Array, ""] | None:
+        return self._offset

@@ -1,0 +1,129 @@
+"""Noise of the recorded signal, as a power spectrum per sample and as draws from it.
+
+A spectrum (k,) here is the expected squared modulus of the noise's discrete Fourier transform over
+n, in signal units squared: white noise of rms s has the constant spectrum s^2, and the mean over
+all wavenumbers is the variance. Elements are independent.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from ..errors import refuse
+from ..grid import Line, as_real
+from .scan import ConstantSpeed
+
+BOLTZMANN_J_PER_K = 1.380649e-23
+
+
+class Noise(eqx.Module):
+    """One cause of noise."""
+
+    @abc.abstractmethod
+    def spectrum(
+        self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
+    ) -> Float[Array, " k"]:
+        """Power per sample at line.k, given the noise-free signal's rms over all elements."""
+
+
+def _not_negative(name: str, value) -> Float[Array, ""]:
+    if isinstance(value, (int, float)):
+        refuse(not 0 <= value < np.inf, f"noise {name} is {value}: it must be at least 0.")
+    return as_real(value)
+
+
+class White(Noise):
+    """White noise of `rms` in signal units."""
+
+    rms: Float[Array, ""]
+
+    def __init__(self, rms):
+        self.rms = _not_negative("rms", rms)
+
+    def spectrum(
+        self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
+    ) -> Float[Array, " k"]:
+        return jnp.full(line.k.shape, self.rms**2)
+
+
+class SignalToNoise(Noise):
+    """White noise at `snr_db` = 20 log10(rms signal over all elements / rms noise)."""
+
+    snr_db: Float[Array, ""]
+
+    def __init__(self, snr_db=40.0):
+        if isinstance(snr_db, (int, float)):
+            refuse(not np.isfinite(snr_db), f"noise snr_db is {snr_db}: give a finite number.")
+        self.snr_db = as_real(snr_db)
+
+    def spectrum(
+        self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
+    ) -> Float[Array, " k"]:
+        return jnp.full(line.k.shape, (signal_rms * 10 ** (-self.snr_db / 20)) ** 2)
+
+
+class Johnson(Noise):
+    """Thermal noise of the feedback resistor: 4 k_B T R_f over half the sampling rate."""
+
+    resistance_ohm: Float[Array, ""]
+    temperature_K: Float[Array, ""]
+
+    def __init__(self, resistance_ohm=1e6, temperature_K=300.0):
+        self.resistance_ohm = _not_negative("resistance_ohm", resistance_ohm)
+        self.temperature_K = _not_negative("temperature_K", temperature_K)
+
+    def spectrum(
+        self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
+    ) -> Float[Array, " k"]:
+        density = 4 * BOLTZMANN_J_PER_K * self.temperature_K * self.resistance_ohm
+        return jnp.full(line.k.shape, density * scan.sample_rate_hz(line) / 2)
+
+
+class Sliding(Noise):
+    """Sliding noise of `fraction` of the signal's rms, correlated as exp(-|dx|/correlation_m)."""
+
+    fraction: Float[Array, ""]
+    correlation_m: Float[Array, ""]
+
+    def __init__(self, fraction=0.01, correlation_m=0.2e-3):
+        self.fraction = _not_negative("fraction", fraction)
+        self.correlation_m = _not_negative("correlation_m", correlation_m)
+
+    def spectrum(
+        self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
+    ) -> Float[Array, " k"]:
+        shape = exponential_spectrum(line.k, line.cell_m, self.correlation_m)
+        return (self.fraction * signal_rms) ** 2 * shape
+
+
+def exponential_spectrum(k, cell_m, correlation_m) -> Float[Array, " k"]:
+    """Spectrum per sample of unit-variance samples correlated as exp(-|dx|/correlation_m).
+
+    The sum over all lags of samples `cell_m` apart, (1 - a^2)/(1 - 2 a cos(k cell) + a^2) with
+    a = exp(-cell/correlation), written so that a near 1 loses no digits.
+    """
+    ratio = cell_m / correlation_m
+    one_less = -jnp.expm1(-ratio)
+    one_less_square = -jnp.expm1(-2 * ratio)
+    swing = 4 * jnp.exp(-ratio) * jnp.sin(k * cell_m / 2) ** 2
+    return one_less_square / (one_less**2 + swing)
+
+
+def total_spectrum(
+    noises: tuple[Noise, ...], line: Line, scan: ConstantSpeed, signal_rms
+) -> Float[Array, " k"]:
+    """The sum of independent causes; zero where none is named."""
+    spectra = [noise.spectrum(line, scan, signal_rms) for noise in noises]
+    return sum(spectra, jnp.zeros(line.k.shape))
+
+
+def draw(
+    key: PRNGKeyArray, spectrum: Float[Array, " k"], elements: int, n: int
+) -> Float[Array, "e n"]:
+    """Gaussian noise (element, n) of the given spectrum, periodic over its n samples."""
+    white = jax.random.normal(key, (elements, n))
+    return jnp.fft.irfft(jnp.sqrt(spectrum) * jnp.fft.rfft(white), n)

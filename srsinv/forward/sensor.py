@@ -1,0 +1,109 @@
+"""The sensor: skin, film elements and amplifier composed into stages on a line."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from ..errors import refuse
+from ..grid import Stage, as_real
+from .amplifier import Amplifier, CurrentAmplifier
+from .film import Film
+from .scan import ConstantSpeed
+from .skin import HalfSpace
+
+
+class FilmSignal(Stage):
+    """gain * d^order/dx^order of every element's charge, from traction (p, q)."""
+
+    skin: HalfSpace
+    elements: tuple[Film, ...]
+    gain: Float[Array, ""]
+    order: int = eqx.field(static=True)
+
+    def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
+        def one(film: Film):
+            weights = film.charge_per_stress(self.skin.poisson_ratio)
+            charge = jnp.tensordot(weights, self.skin.transfer(k, film.depth_m), 1)
+            return film.along_line(charge, k)
+
+        derivative = 1j * k if self.order else 1.0
+        return self.gain * derivative * jnp.stack([one(film) for film in self.elements])
+
+    def cell_response(
+        self, x: Float[Array, " x"], cell_m: Float[Array, ""]
+    ) -> Float[Array, "e c x"]:
+        respond = self.skin.strip_slope if self.order else self.skin.strip_response
+
+        def one(film: Film):
+            weights = film.charge_per_stress(self.skin.poisson_ratio)
+            kernel = film.along_kernel(
+                lambda x: jnp.tensordot(weights, respond(x, film.depth_m, cell_m), 1)
+            )
+            return kernel(x)
+
+        return self.gain * jnp.stack([one(film) for film in self.elements])
+
+
+class FilmStress(Stage):
+    """sigma_x, sigma_z, tau_xz, sigma_y [Pa] at every element's depth: rows element by element."""
+
+    skin: HalfSpace
+    elements: tuple[Film, ...]
+
+    def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
+        return self._rows(lambda film: self.skin.transfer(k, film.depth_m))
+
+    def cell_response(
+        self, x: Float[Array, " x"], cell_m: Float[Array, ""]
+    ) -> Float[Array, "e c x"]:
+        return self._rows(lambda film: self.skin.strip_response(x, film.depth_m, cell_m))
+
+    def _rows(self, stress) -> Array:
+        return jnp.concatenate([self.skin.with_sigma_y(stress(film)) for film in self.elements])
+
+
+class Sensor(eqx.Module):
+    """Film elements in a skin, read by one kind of amplifier.
+
+    Its stages map traction (2, n) to signals (element, n) on any line:
+    `line.operator(sensor.signal(scan))`. Raises `BadInput` when there is no element.
+    """
+
+    skin: HalfSpace
+    elements: tuple[Film, ...]
+    amplifier: Amplifier
+
+    def __init__(
+        self,
+        elements: Sequence[Film],
+        skin: HalfSpace | None = None,
+        amplifier: Amplifier | None = None,
+    ):
+        refuse(not elements, "The sensor has 0 film elements: give at least 1 in sensor.elements.")
+        self.elements = tuple(elements)
+        self.skin = HalfSpace() if skin is None else skin
+        self.amplifier = CurrentAmplifier() if amplifier is None else amplifier
+
+    @property
+    def depth_m(self) -> Float[Array, ""]:
+        """Depth of the shallowest element."""
+        return jnp.min(jnp.stack([film.depth_m for film in self.elements]))
+
+    def stress(self) -> FilmStress:
+        """Stress at the film [Pa]."""
+        return FilmStress(self.skin, self.elements)
+
+    def charge(self) -> FilmSignal:
+        """Film charge [C]."""
+        return FilmSignal(self.skin, self.elements, as_real(1.0), 0)
+
+    def current(self, scan: ConstantSpeed) -> FilmSignal:
+        """Film current i = u dQ/dx [A]: the paper's (3)."""
+        return FilmSignal(self.skin, self.elements, scan.speed_m_per_s, 1)
+
+    def signal(self, scan: ConstantSpeed) -> FilmSignal:
+        """The recorded signal less its offset, in the amplifier's unit."""
+        gain = self.amplifier.gain(scan.speed_m_per_s)
+        return FilmSignal(self.skin, self.elements, gain, self.amplifier.order)

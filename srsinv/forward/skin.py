@@ -1,0 +1,97 @@
+"""Subsurface stress of an elastic half space in plane strain under traction on its surface.
+
+Frame and signs as in docs/physics.md: x along the sliding direction, z into the finger, tension
+positive, p > 0 pushes into the finger, q > 0 acts along +x on the finger. Rows are always
+(sigma_x, sigma_z, tau_xz), columns the traction components (p, q).
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from ..errors import refuse
+from ..grid import as_real
+
+STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
+
+
+def _rows(b0, b1, b2, b3) -> Array:
+    """The stress matrix (3, 2, ...) from the four functions c t^m of a line load.
+
+    sigma_x = c (t^2, t^3), sigma_z = c (1, t), tau_xz = c (t, t^2), with t = x/z.
+    """
+    return jnp.stack([jnp.stack([b2, b3]), jnp.stack([b0, b1]), jnp.stack([b1, b2])])
+
+
+class HalfSpace(eqx.Module):
+    """A homogeneous elastic half space: no modulus enters the in-plane stress.
+
+    `poisson_ratio` sets sigma_y = nu (sigma_x + sigma_z) only; the paper's (4) is nu = 1/2.
+    Raises `BadInput` for a ratio outside [0, 1/2].
+    """
+
+    poisson_ratio: Float[Array, ""]
+
+    def __init__(self, poisson_ratio=0.5):
+        if isinstance(poisson_ratio, (int, float)):
+            refuse(
+                not 0 <= poisson_ratio <= 0.5,
+                f"skin.poisson_ratio is {poisson_ratio}: it must lie between 0 and 0.5.",
+            )
+        self.poisson_ratio = as_real(poisson_ratio)
+
+    def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "3 2 k"]:
+        """Stress [Pa/Pa] at `depth_m` per unit traction exp(ikx) (docs/physics.md, section 2)."""
+        kappa = jnp.abs(k) * depth_m
+        decay = jnp.exp(-kappa)
+        odd = 1j * jnp.sign(k) * decay
+        return _rows(
+            -(1 + kappa) * decay + 0j,
+            odd * kappa,
+            -(1 - kappa) * decay + 0j,
+            odd * (2 - kappa),
+        )
+
+    def strip_response(
+        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
+    ) -> Float[Array, "3 2 x"]:
+        """Stress [Pa/Pa] at (x, depth_m) under unit uniform traction on |x'| < width_m/2.
+
+        The differences of the antiderivatives of c t^m are written so that no digits cancel, near
+        or far (Johnson 1985, section 2.5).
+        """
+        t1, t2 = (x + width_m / 2) / depth_m, (x - width_m / 2) / depth_m
+        step = width_m / depth_m
+        r1, r2 = 1 / (1 + t1**2), 1 / (1 + t2**2)
+        s1, s2 = t1 * r1, t2 * r2
+        # Differences between t1 and t2 of arctan t, t/(1+t^2), 1/(1+t^2) and ln(1+t^2).
+        arctan = jnp.arctan2(step, 1 + t1 * t2)
+        fraction = step * (r1 * r2 - s1 * s2)
+        reciprocal = -step * (s1 * r2 + r1 * s2)
+        log = jnp.log1p(step * (t1 + t2) * r2)
+        return _rows(
+            -(arctan + fraction) / jnp.pi,
+            reciprocal / jnp.pi,
+            -(arctan - fraction) / jnp.pi,
+            -(log + reciprocal) / jnp.pi,
+        )
+
+    def strip_slope(
+        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
+    ) -> Float[Array, "3 2 x"]:
+        """d/dx of [`strip_response`][], in 1/m: line loads at the strip's two ends."""
+        t1, t2 = (x + width_m / 2) / depth_m, (x - width_m / 2) / depth_m
+        r1, r2 = 1 / (1 + t1**2), 1 / (1 + t2**2)
+        s1, s2 = t1 * r1, t2 * r2
+        a1, a2 = t1 * s1, t2 * s2  # t^2/(1+t^2), bounded
+        # (difference of t^m/(1+t^2)^2) / (t1 - t2), as polynomials of bounded terms.
+        d0 = -(s1 * r2 + r1 * s2) * (r1 + r2)
+        d1 = (r1 * r2) ** 2 - 2 * s1 * s2 * r1 * r2 - s1 * s2 * (a1 * r2 + s1 * s2 + r1 * a2)
+        d2 = (s1 * r2 + r1 * s2) * (r1 * r2 - a1 * a2)
+        d3 = r1 * r2 * (a1 * r2 + s1 * s2 + r1 * a2) + 2 * (s1 * s2) ** 2 - s1 * s2 * a1 * a2
+        scale = -2 * width_m / (jnp.pi * depth_m**2)
+        return scale * _rows(d0, d1, d2, d3)
+
+    def with_sigma_y(self, stress: Float[Array, "3 ..."]) -> Float[Array, "4 ..."]:
+        """Append sigma_y = nu (sigma_x + sigma_z), plane strain; the paper's (4) for nu = 1/2."""
+        return jnp.concatenate([stress, self.poisson_ratio * (stress[:1] + stress[1:2])])

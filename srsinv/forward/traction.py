@@ -1,0 +1,124 @@
+"""Traction on the skin: pressure profiles with exact cell averages, and local friction."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import refuse
+from ..grid import Line, as_real
+
+
+def _positive(name: str, value) -> Float[Array, ""]:
+    if isinstance(value, (int, float)):
+        refuse(
+            not 0 < value < np.inf, f"scene {name} is {value}: give a positive number, in SI units."
+        )
+    return as_real(value)
+
+
+class Pressure(eqx.Module):
+    """A pressure profile p(x) [Pa], known by its antiderivative."""
+
+    @abc.abstractmethod
+    def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
+        """integral of p from anywhere to x [N/m]."""
+
+    def cell_average(self, line: Line) -> Float[Array, " n"]:
+        """Mean of p over each cell of the line [Pa], exact."""
+        half = line.cell_m / 2
+        return (self.primitive(line.x + half) - self.primitive(line.x - half)) / line.cell_m
+
+
+class PressedStrip(Pressure):
+    """A strip pressed into the skin, its edges smoothed as tanh(x/edge_m).
+
+    p = P/2 [tanh((x-x0+W/2)/e) - tanh((x-x0-W/2)/e)].
+    """
+
+    pressure_Pa: Float[Array, ""]
+    width_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+    edge_m: Float[Array, ""]
+
+    def __init__(self, pressure_Pa, width_m, position_m, edge_m):
+        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+        self.width_m, self.edge_m = _positive("width_m", width_m), _positive("edge_m", edge_m)
+
+    def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
+        # log cosh a = logaddexp(a, -a) - log 2 does not overflow; the constant drops out.
+        def log_cosh(a):
+            return jnp.logaddexp(a, -a)
+
+        rise = (x - self.position_m + self.width_m / 2) / self.edge_m
+        fall = (x - self.position_m - self.width_m / 2) / self.edge_m
+        return self.pressure_Pa * self.edge_m / 2 * (log_cosh(rise) - log_cosh(fall))
+
+
+class UniformStrip(Pressure):
+    """Uniform pressure on |x - x0| < W/2."""
+
+    pressure_Pa: Float[Array, ""]
+    width_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+
+    def __init__(self, pressure_Pa, width_m, position_m=0.0):
+        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+        self.width_m = _positive("width_m", width_m)
+
+    def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
+        half = self.width_m / 2
+        return self.pressure_Pa * jnp.clip(x - self.position_m, -half, half)
+
+
+class Hertz(Pressure):
+    """A cylinder's contact: p = P sqrt(1 - (x-x0)^2/a^2) on |x - x0| < a."""
+
+    pressure_Pa: Float[Array, ""]
+    half_width_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+
+    def __init__(self, pressure_Pa, half_width_m, position_m=0.0):
+        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+        self.half_width_m = _positive("half_width_m", half_width_m)
+
+    def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
+        s = (x - self.position_m) / self.half_width_m
+        inside = jnp.abs(s) < 1
+        s_in = jnp.where(inside, s, 0.0)  # keeps the square root's gradient finite outside
+        area = (s_in * jnp.sqrt(1 - s_in**2) + jnp.arcsin(s_in)) / 2
+        area = jnp.where(inside, area, jnp.sign(s) * jnp.pi / 4)
+        return self.pressure_Pa * self.half_width_m * area
+
+
+class Sinusoid(Pressure):
+    """p = P cos(2 pi (x - x0)/L)."""
+
+    pressure_Pa: Float[Array, ""]
+    wavelength_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+
+    def __init__(self, pressure_Pa, wavelength_m, position_m=0.0):
+        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+        self.wavelength_m = _positive("wavelength_m", wavelength_m)
+
+    def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
+        k = 2 * jnp.pi / self.wavelength_m
+        return self.pressure_Pa / k * jnp.sin(k * (x - self.position_m))
+
+
+class FrictionStep(eqx.Module):
+    """A change of friction by `change` about `position_m`, over `edge_m`: change/2 (1 + tanh)."""
+
+    change: Float[Array, ""]
+    position_m: Float[Array, ""]
+    edge_m: Float[Array, ""]
+
+    def __init__(self, change, position_m, edge_m):
+        self.change, self.position_m = as_real(change), as_real(position_m)
+        self.edge_m = _positive("edge_m", edge_m)
+
+    def __call__(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
+        return self.change / 2 * (1 + jnp.tanh((x - self.position_m) / self.edge_m))

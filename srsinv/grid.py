@@ -1,0 +1,196 @@
+"""The sampled line x and the convolutions on it.
+
+Traction is held as cell averages r[c, j] over cells of width `cell_m` centred on x[j]; signals are
+sampled at the same x[j]. Two lines differ in what happens beyond their ends:
+
+- [`Periodic`][]: everything repeats with the window. A physical stage is its Fourier transfer.
+- [`Open`][]: the traction is zero outside the window, nothing wraps around. A stage is its exact
+  response to one cell of uniform traction.
+
+Both turn a stage into the same [`Convolution`][], so nothing above this file knows the difference.
+"""
+
+import abc
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.fft
+from jaxtyping import Array, Complex, Float
+
+from .errors import refuse
+
+
+def as_real(value) -> Float[Array, "..."]:
+    """A physical number as an array of the working precision, so that jit traces it."""
+    return jnp.asarray(value, dtype=jnp.result_type(float))
+
+
+class Convolution(eqx.Module):
+    """A linear map between signals on one line: y[e] = sum_c h[e, c] * r[c].
+
+    `transfer` (e, c, k) is the half spectrum of the circular kernel of `length` samples; with
+    `length` >= 2 n - 1 the convolution is linear (open line), with `length` = n circular.
+    """
+
+    transfer: Complex[Array, "e c k"]
+    n: int = eqx.field(static=True)
+    length: int = eqx.field(static=True)
+
+    def __call__(self, r: Float[Array, "c n"]) -> Float[Array, "e n"]:
+        """y (e, n) for r (c, n)."""
+        spectrum = jnp.fft.rfft(r, self.length)
+        # A sum of products over the (one or two) components: faster than a batched matrix product.
+        total = sum(self.transfer[:, c] * spectrum[c] for c in range(self.transfer.shape[1]))
+        return jnp.fft.irfft(total, self.length)[:, : self.n]
+
+    def adjoint(self, y: Float[Array, "e n"]) -> Float[Array, "c n"]:
+        """The transpose: <y, self(r)> = <self.adjoint(y), r>."""
+        spectrum = jnp.fft.rfft(y, self.length)
+        total = sum(self.transfer[e].conj() * spectrum[e] for e in range(self.transfer.shape[0]))
+        return jnp.fft.irfft(total, self.length)[:, : self.n]
+
+    @property
+    def is_circular(self) -> bool:
+        """Whether the line wraps around, so that each wavenumber can be treated alone."""
+        return self.length == self.n
+
+
+class Stage(eqx.Module):
+    """A linear, shift-invariant physical stage from traction to signals, in both domains."""
+
+    @abc.abstractmethod
+    def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
+        """Fourier transfer at the wavenumbers k [rad/m]."""
+
+    @abc.abstractmethod
+    def cell_response(
+        self, x: Float[Array, " x"], cell_m: Float[Array, ""]
+    ) -> Float[Array, "e c x"]:
+        """Signal at x from unit uniform traction on the cell |x'| < cell_m/2."""
+
+
+class Line(eqx.Module):
+    """n cells of width `cell_m` [m] centred on x[j] = start_m + j cell_m.
+
+    Raises `BadInput` for fewer than three cells or a cell width that is not positive.
+    """
+
+    n: eqx.AbstractVar[int]
+    cell_m: eqx.AbstractVar[Float[Array, ""]]
+    start_m: eqx.AbstractVar[Float[Array, ""]]
+
+    @property
+    def x(self) -> Float[Array, " n"]:
+        """Cell centres [m]."""
+        return self.start_m + self.cell_m * jnp.arange(self.n)
+
+    @property
+    def k(self) -> Float[Array, " k"]:
+        """Wavenumbers [rad/m] of the n-point half spectrum."""
+        return wavenumbers(self.n, self.cell_m)
+
+    @abc.abstractmethod
+    def operator(self, stage: Stage) -> Convolution:
+        """The stage as a map from cell averages of traction to samples on this line."""
+
+    @abc.abstractmethod
+    def differences(self, r: Float[Array, "c n"], order: int) -> Float[Array, "c m"]:
+        """Forward differences of `order` 0, 1 or 2, in units of r per cell^order."""
+
+
+def _checked(n: int, cell_m, start_m) -> tuple[int, Array, Array]:
+    refuse(n < 3, f"A line of {n} cells is too short: it needs at least 3 cells or samples.")
+    if isinstance(cell_m, (int, float, np.floating)):
+        refuse(not 0 < cell_m < np.inf, f"cell_m is {cell_m}: it must be positive, in metres.")
+    return int(n), as_real(cell_m), as_real(start_m)
+
+
+class Periodic(Line):
+    """The line that repeats with its window n cell_m.
+
+    The traction is the band-limited function with the given cell averages, so that a stage acts
+    as transfer(k) / sinc(k cell/2): exact for band-limited traction, order 5/2 for a Hertz edge.
+    """
+
+    n: int = eqx.field(static=True)
+    cell_m: Float[Array, ""]
+    start_m: Float[Array, ""]
+
+    def __init__(self, n: int, cell_m, start_m=0.0):
+        self.n, self.cell_m, self.start_m = _checked(n, cell_m, start_m)
+
+    def operator(self, stage: Stage) -> Convolution:
+        k = self.k
+        transfer = stage.transfer(k) / sinc(k * self.cell_m / 2)
+        if self.n % 2 == 0:
+            # The last wavenumber stands for +k and -k at once: only its real part can act.
+            transfer = transfer.at[..., -1].set(transfer[..., -1].real)
+        return Convolution(transfer, self.n, self.n)
+
+    def differences(self, r: Float[Array, "c n"], order: int) -> Float[Array, "c n"]:
+        for _ in range(order):
+            r = jnp.roll(r, -1, axis=-1) - r
+        return r
+
+
+class Open(Line):
+    """The line with nothing beyond its window: traction is zero there, and nothing wraps around.
+
+    The traction is constant over each cell, and its stress is exact (Johnson 1985, 2.5).
+    """
+
+    n: int = eqx.field(static=True)
+    cell_m: Float[Array, ""]
+    start_m: Float[Array, ""]
+
+    def __init__(self, n: int, cell_m, start_m=0.0):
+        self.n, self.cell_m, self.start_m = _checked(n, cell_m, start_m)
+
+    def operator(self, stage: Stage) -> Convolution:
+        length = scipy.fft.next_fast_len(2 * self.n, real=True)
+        lag = np.arange(length)
+        lag = np.where(lag < self.n, lag, lag - length)
+        response = stage.cell_response(self.cell_m * lag, self.cell_m)
+        # Lags that no pair of cells has are padding, and must not wrap into the window.
+        response = jnp.where(np.abs(lag) < self.n, response, 0.0)
+        return Convolution(jnp.fft.rfft(response), self.n, length)
+
+    def differences(self, r: Float[Array, "c n"], order: int) -> Float[Array, "c m"]:
+        return jnp.diff(r, order, axis=-1) if order else r
+
+
+def wavenumbers(n: int, spacing_m) -> Float[Array, " k"]:
+    """Wavenumbers [rad/m] of the half spectrum of n samples `spacing_m` apart."""
+    return 2 * jnp.pi * jnp.arange(n // 2 + 1) / (n * as_real(spacing_m))
+
+
+def sinc(a: Float[Array, "..."]) -> Float[Array, "..."]:
+    """sin(a)/a, with its value and its derivative at a = 0."""
+    return jnp.sinc(a / jnp.pi)
+
+
+def half_spectrum_weights(n: int) -> np.ndarray:
+    """Weights (k,) with mean over all n wavenumbers = sum(weights * half spectrum)."""
+    weights = np.full(n // 2 + 1, 2.0)
+    weights[0] = 1.0
+    if n % 2 == 0:
+        weights[-1] = 1.0
+    return weights / n
+
+
+def spread_over(kernel: Callable, shifts, weights) -> Callable:
+    """x -> sum_j weights[j] kernel(x + shifts[j]), one shift at a time to spare memory."""
+
+    def spread(x):
+        def add(total, node):
+            shift, weight = node
+            return total + weight * kernel(x + shift), None
+
+        nodes = (jnp.asarray(shifts), as_real(weights))
+        zero = jnp.zeros_like(kernel(x))
+        return jax.lax.scan(add, zero, nodes)[0]
+
+    return spread
