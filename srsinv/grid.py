@@ -52,6 +52,17 @@ class Convolution(eqx.Module):
         total = sum(self.transfer[e].conj() * spectrum[e] for e in range(self.transfer.shape[0]))
         return jnp.fft.irfft(total, self.length)[:, : self.n]
 
+    def circulant(self) -> "Convolution":
+        """The circular convolution nearest to this one: itself, or its n most central lags."""
+        if self.is_circular:
+            return self
+        kernel = jnp.fft.irfft(self.transfer, self.length)
+        ahead = self.n // 2 + 1
+        wrapped = jnp.concatenate(
+            [kernel[..., :ahead], kernel[..., self.length - (self.n - ahead) :]], axis=-1
+        )
+        return Convolution(jnp.fft.rfft(wrapped), self.n, self.n)
+
     @property
     def is_circular(self) -> bool:
         """Whether the line wraps around, so that each wavenumber can be treated alone."""

@@ -5,6 +5,7 @@ exact, as long as the speed does not change.
 """
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -17,8 +18,8 @@ from ..grid import as_real
 class Amplifier(eqx.Module):
     """What turns charge [C] into the recorded signal."""
 
-    order: eqx.AbstractClassVar[int]
-    unit: eqx.AbstractClassVar[str]
+    order: ClassVar[int]
+    unit: ClassVar[str]
 
     @abc.abstractmethod
     def gain(self, speed_m_per_s: Float[Array, ""]) -> Float[Array, ""]:
@@ -42,8 +43,8 @@ def _positive_resistance(value) -> Float[Array, ""]:
 class CurrentAmplifier(Amplifier):
     """The rate signal v = R_f i, i = u dQ/dx: the paper's (2) and (3)."""
 
-    order = 1
-    unit = "V"
+    order: ClassVar[int] = 1
+    unit: ClassVar[str] = "V"
     feedback_resistance_ohm: Float[Array, ""]
 
     def __init__(self, feedback_resistance_ohm=1e6):
@@ -60,8 +61,8 @@ class CurrentAmplifier(Amplifier):
 class IntegratedCurrent(Amplifier):
     """The rate signal integrated along x, v_i = integral of v dx' = R_f u Q [V m]: (12)."""
 
-    order = 0
-    unit = "V m"
+    order: ClassVar[int] = 0
+    unit: ClassVar[str] = "V m"
     feedback_resistance_ohm: Float[Array, ""]
 
     def __init__(self, feedback_resistance_ohm=1e6):
@@ -82,8 +83,8 @@ class SlowReadout(Amplifier):
     signal units, or None where it is not known: then the signal's mean says nothing.
     """
 
-    order = 0
-    unit = "V"
+    order: ClassVar[int] = 0
+    unit: ClassVar[str] = "V"
     gain_per_C: Float[Array, ""]
     _offset: Float[Array, ""] | None
 

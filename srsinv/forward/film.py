@@ -1,6 +1,6 @@
 """Piezoelectric film: stress to charge, and what a strip's size and place do along the line.
 
-Charge per electrode area D = d1 S11 + d2 Syy + d3 S33 [C/m^2], the paper's (1), S being the stress
+Charge per electrode area D = d1 S11 + d2 Syy + d3 S33 [C/m^2], the paper's (1), S the stress
 in film axes. An effect along the line (strip width, offset, averaging of samples) is a module of its
 own: it multiplies the transfer, or spreads the exact kernel, and is absent where it is not named.
 """

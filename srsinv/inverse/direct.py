@@ -1,0 +1,113 @@
+"""The direct path: Cholesky factors of the whole problem, for any line and any missing samples."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..grid import half_spectrum_weights
+from .prior import Prior, Score, Solution
+from .problem import Problem
+
+
+class Whitened(NamedTuple):
+    """Model and data over the samples that are there, in units of the noise.
+
+    Rows of missing samples are zero. An unknown offset has been projected out.
+    """
+
+    model: Float[Array, "s m"]
+    data: Float[Array, " s"]
+
+
+@jax.jit
+def whiten(problem: Problem) -> Whitened:
+    """Whiten every element by the Cholesky factor of its noise covariance."""
+    n, unknowns = problem.line.n, problem.unknowns
+    basis = jnp.eye(unknowns * n).reshape(-1, unknowns, n)
+    columns = jnp.moveaxis(jax.vmap(problem.forward)(basis), 0, -1)  # (element, sample, unknown)
+    there = jnp.ones(problem.data.shape, bool) if problem.observed is None else problem.observed
+    free_offset = ~jnp.isfinite(problem.noise[0])
+    noise = problem.noise.at[0].set(jnp.where(free_offset, problem.noise[1], problem.noise[0]))
+    lag = np.arange(n)[:, None] - np.arange(n)
+    toeplitz = jnp.fft.irfft(noise, n)[lag]
+
+    def one(model, data, there):
+        both = there[:, None] & there[None, :]
+        root = jnp.linalg.cholesky(jnp.where(both, toeplitz, jnp.eye(n)))
+        rows = jnp.concatenate([model, data[:, None], jnp.ones((n, 1))], axis=-1)
+        rows = jnp.where(there[:, None], rows, 0.0)
+        rows = jax.scipy.linalg.solve_triangular(root, rows, lower=True)
+        one = rows[:, -1]
+        share = (one @ rows) / jnp.maximum(one @ one, jnp.finfo(one.dtype).tiny)
+        rows = rows - jnp.where(free_offset, one[:, None] * share[None, :], 0.0)
+        return rows[:, :-2], rows[:, -2]
+
+    model, data = jax.vmap(one)(columns, problem.data, there)
+    return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
+
+
+class Posterior(NamedTuple):
+    """Cholesky factor of the posterior precision, its fixed means apart."""
+
+    root: Float[Array, "m m"]
+    fixed: Float[Array, "m m"]  # projection on the means that are not solved for
+    scale: Float[Array, ""]  # the precision put on them to keep the factor regular
+
+    def covariance(self) -> Float[Array, "m m"]:
+        """The posterior covariance, nothing of it along a fixed mean."""
+        identity = jnp.eye(self.root.shape[0])
+        return jax.scipy.linalg.cho_solve((self.root, True), identity) - self.fixed / self.scale
+
+
+@jax.jit
+def solve(problem: Problem, prior: Prior, white: Whitened) -> Solution:
+    """Posterior of the traction, its covariance (c n, c n) whole."""
+    n, unknowns = problem.line.n, problem.unknowns
+    covariance = _posterior(problem, prior, white).covariance()
+    value = covariance @ (white.model.T @ white.data)
+    variance = jnp.maximum(jnp.diagonal(covariance), 0.0)
+    middle = jnp.arange(unknowns) * n + n // 2
+    averaging = covariance @ (white.model.T @ white.model[:, middle])
+    return Solution(
+        value.reshape(unknowns, n),
+        jnp.sqrt(variance).reshape(unknowns, n),
+        covariance,
+        averaging.reshape(unknowns, n, unknowns).swapaxes(1, 2),
+    )
+
+
+def score(problem: Problem, prior: Prior, white: Whitened) -> Score:
+    """The prior's score over the samples that are there, exact but for the prior's determinant.
+
+    That one is the periodic line's: its weights enter alike, up to the two cells at the ends.
+    """
+    posterior = _posterior(problem, prior, white)
+    right = white.model.T @ white.data
+    half = jax.scipy.linalg.solve_triangular(
+        posterior.root, jnp.concatenate([white.model.T, right[:, None]], axis=1), lower=True
+    )
+    model, right = half[:, :-1], half[:, -1]
+    residual = white.data - model.T @ right
+    root = prior.root(problem.line)
+    weights = problem.line.n * half_spectrum_weights(problem.line.n)
+    log_prior = jnp.sum(weights * jnp.where(root > 0, jnp.log(jnp.where(root > 0, root, 1.0)), 0.0))
+    log_posterior = jnp.sum(jnp.log(jnp.diagonal(posterior.root)))
+    log_posterior -= jnp.sum(problem.centred) * jnp.log(posterior.scale) / 2
+    square = white.data @ white.data - right @ right
+    return Score(residual @ residual, jnp.sum(model**2), log_prior - log_posterior - square / 2)
+
+
+def _posterior(problem: Problem, prior: Prior, white: Whitened) -> Posterior:
+    n, unknowns = problem.line.n, problem.unknowns
+    size = unknowns * n
+    basis = jnp.eye(size)
+    penalty = jax.vmap(lambda r: prior.apply(problem.line, r))(basis.reshape(size, unknowns, n))
+    precision = white.model.T @ white.model + penalty.reshape(size, size)
+    fixed = jnp.kron(jnp.diag(problem.centred.astype(precision.dtype)), jnp.full((n, n), 1 / n))
+    project = basis - fixed
+    scale = jnp.mean(jnp.diagonal(precision))
+    root = jnp.linalg.cholesky(project @ precision @ project + scale * fixed)
+    return Posterior(root, fixed, scale)

@@ -1,0 +1,99 @@
+"""The iterative path: conjugate gradients (lineax) on the normal equations, matrix-free.
+
+It serves lines of any length, with samples missing where the noise is white. The solution of the
+nearest periodic problem is its preconditioner, and gives its standard error.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+from jaxtyping import Array, Float
+
+from . import spectral
+from .prior import Prior, Solution
+from .problem import Problem
+
+
+class NormalEquations(eqx.Module):
+    """(G^T N^-1 G + P) r = G^T N^-1 m, on traction whose known means are taken out."""
+
+    problem: Problem
+    prior: Prior
+    factor: spectral.Factor
+
+    def __call__(self, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+        r = self._centre(r)
+        problem = self.problem
+        return self.right_side(problem.forward(r)) + self._centre(self.prior.apply(problem.line, r))
+
+    def right_side(self, y: Float[Array, "e n"]) -> Float[Array, "c n"]:
+        """G^T N^-1 y."""
+        return self._centre(self.problem.forward.adjoint(self._weigh(y)))
+
+    def precondition(self, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+        """The posterior covariance of the nearest periodic problem, applied to r."""
+        inverse = self.factor.inverse
+        # A mode that the periodic problem leaves free still has to move: it takes the largest
+        # step that any other mode of its component takes.
+        largest = jnp.max(jnp.sum(jnp.abs(inverse) ** 2, axis=1), axis=-1)[:, None]
+        spectrum = jnp.fft.rfft(r)
+        step = jnp.einsum("ijk,ljk,lk->ik", inverse, inverse.conj(), spectrum)
+        step = jnp.where(self.factor.determined, step, largest * spectrum)
+        return self._centre(jnp.fft.irfft(step, self.problem.line.n))
+
+    def _centre(self, r: Array) -> Array:
+        mean = r.mean(axis=-1, keepdims=True)
+        return r - jnp.where(self.problem.centred[:, None], mean, 0.0)
+
+    def _weigh(self, y: Array) -> Array:
+        problem = self.problem
+        if problem.observed is None:
+            return jnp.fft.irfft(jnp.fft.rfft(y) * problem.whitener**2, problem.line.n)
+        # White noise: the last wavenumber tells its level, the first whether an offset is free.
+        y = jnp.where(problem.observed, y, 0.0)
+        mean = y.sum(axis=-1, keepdims=True) / jnp.maximum(
+            problem.observed.sum(axis=-1, keepdims=True), 1
+        )
+        offset = jnp.where(jnp.isfinite(problem.noise[0]), 0.0, mean)
+        return jnp.where(problem.observed, y - offset, 0.0) * problem.whitener[-1] ** 2
+
+
+@eqx.filter_jit
+def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
+    """Posterior mean by conjugate gradients to a relative `tolerance`, its standard error from the
+    nearest periodic problem: the solution, the steps taken, and whether it converged."""
+    factor = spectral.factorise(problem, prior)
+    normal = NormalEquations(problem, prior, factor)
+    n = problem.line.n
+    value, steps, fine = _conjugate_gradients(normal, problem.data, tolerance)
+    columns = []
+    for c in range(problem.unknowns):
+        impulse = jnp.zeros((problem.unknowns, n)).at[c, n // 2].set(1.0)
+        columns.append(_conjugate_gradients(normal, problem.forward(impulse), tolerance)[0])
+    covariance = jnp.einsum("ijk,ljk->ilk", factor.inverse, factor.inverse.conj())
+    stderr = spectral.stationary_stderr(factor, n)
+    return Solution(value, stderr, covariance, jnp.stack(columns, axis=1)), steps, fine
+
+
+def _conjugate_gradients(normal: NormalEquations, data: Array, tolerance):
+    right = normal.right_side(data)
+    # The solver's tolerances are absolute, so the equations are scaled to numbers about one.
+    tiny = jnp.finfo(right.dtype).tiny
+    unit = jnp.maximum(jnp.max(jnp.abs(normal.precondition(right))), tiny)
+    size = jnp.maximum(jnp.max(jnp.abs(right)), tiny)
+    structure = jax.eval_shape(lambda: right)
+    tag = lx.positive_semidefinite_tag
+    solution = lx.linear_solve(
+        lx.FunctionLinearOperator(lambda u: normal(u * unit) / size, structure, tag),
+        right / size,
+        lx.CG(rtol=tolerance, atol=tolerance, max_steps=20 * data.shape[-1]),
+        options={
+            "preconditioner": lx.FunctionLinearOperator(
+                lambda u: normal.precondition(u * size) / unit, structure, tag
+            )
+        },
+        throw=False,
+    )
+    fine = solution.result == lx.RESULTS.successful
+    return solution.value * unit, solution.stats["num_steps"], fine

@@ -1,0 +1,43 @@
+"""The prior precision of the traction, and how well a prior explains the data.
+
+Wiener's filter and Tikhonov's method minimise |N^(-1/2) (m - G r)|^2 + |P^(1/2) r|^2 and differ in
+P alone: the inverse traction spectrum, or a weighted derivative penalty. The minimiser is the
+posterior mean of the Gaussian model, and (G^H N^-1 G + P)^-1 its covariance.
+"""
+
+import abc
+from typing import NamedTuple
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..grid import Line
+
+
+class Prior(eqx.Module):
+    """A prior precision P of the traction, one spectrum for each component."""
+
+    @abc.abstractmethod
+    def root(self, line: Line) -> Float[Array, "c k"]:
+        """P^(1/2) at line.k, the line taken as periodic."""
+
+    @abc.abstractmethod
+    def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+        """P r on the line as it is."""
+
+
+class Score(NamedTuple):
+    """What a rule needs to judge a prior: scalars, or one number for each prior of a batch."""
+
+    residual: Float[Array, "..."]  # whitened residual sum of squares
+    freedom: Float[Array, "..."]  # effective number of fitted parameters
+    log_evidence: Float[Array, "..."]  # of the nearest periodic model, up to a constant
+
+
+class Solution(NamedTuple):
+    """The traction's deviation from its known mean, as a path finds it."""
+
+    value: Float[Array, "c n"]
+    stderr: Float[Array, "c n"]
+    covariance: Array
+    averaging: Float[Array, "c c n"]

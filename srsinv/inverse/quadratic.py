@@ -1,0 +1,137 @@
+"""The quadratic problem under Wiener's filter and Tikhonov's method, and its three paths.
+
+- *spectral*: exact and quickest; a periodic line with every sample there.
+- *direct*: exact; any line, any missing samples, any noise; up to a few thousand unknowns.
+- *iterative*: conjugate gradients; any length; its standard error is that of the nearest periodic
+  problem.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import refuse
+from . import direct, iterative, spectral
+from .prior import Prior, Score, Solution
+from .problem import Estimate, Problem
+
+DIRECT_LIMIT = 4096
+PATHS = ("auto", "spectral", "direct", "iterative")
+
+
+def solve(problem: Problem, prior: Prior, path: str = "auto", tolerance: float = 1e-10) -> Estimate:
+    """Posterior mean and standard error of the traction.
+
+    `path` is one of `PATHS`; `tolerance` is the relative tolerance of the iterative one. Raises
+    `BadInput` for a path that is unknown or does not serve this problem.
+    """
+    path = choose_path(problem, path)
+    stats: dict = {"path": path}
+    result = "converged"
+    if path == "spectral":
+        solution = spectral.solve(problem, prior)
+    elif path == "direct":
+        solution = direct.solve(problem, prior, direct.whiten(problem))
+    else:
+        solution, steps, fine = iterative.solve(problem, prior, jnp.asarray(tolerance))
+        stats |= {"iterations": int(steps), "tolerance": tolerance}
+        if not bool(fine):
+            result = f"not converged: the limit of {int(steps)} iterations was reached"
+    return _estimate(problem, solution, result, stats)
+
+
+def choose_path(problem: Problem, path: str) -> str:
+    """The path that `path` names for this problem."""
+    refuse(path not in PATHS, f"path is {path!r}: give one of {', '.join(PATHS)}.")
+    whole = problem.forward.is_circular and problem.observed is None
+    size = problem.unknowns * problem.line.n
+    if path == "auto":
+        path = "spectral" if whole else "direct" if size <= DIRECT_LIMIT else "iterative"
+    refuse(
+        path == "spectral" and not whole,
+        "path=spectral needs a periodic line with no sample missing: use path=auto.",
+    )
+    refuse(
+        path == "direct" and size > DIRECT_LIMIT,
+        f"path=direct would factor {size} unknowns, more than {DIRECT_LIMIT}: use wider cells or "
+        f"path=iterative.",
+    )
+    noise = np.asarray(problem.noise)[1:]
+    refuse(
+        path == "iterative" and problem.observed is not None and np.ptp(noise) > 0,
+        "path=iterative takes missing samples with white noise only: use path=direct (with wider "
+        "cells where there are too many).",
+    )
+    return path
+
+
+class Family(eqx.Module):
+    """Priors by their log10 weights: what a rule chooses from."""
+
+    @abc.abstractmethod
+    def __call__(self, log_weights: Float[Array, " c"]) -> Prior:
+        """The prior with these weights."""
+
+
+class Scorer(eqx.Module):
+    """Scores of a family's priors, by the path that will solve the problem."""
+
+    family: Family
+    problem: Problem
+    white: direct.Whitened | None
+
+    def __init__(self, family: Family, problem: Problem, path: str):
+        """Raises `BadInput` where the iterative path would have to score gaps or an open line."""
+        path = choose_path(problem, path)
+        whole = problem.forward.is_circular and problem.observed is None
+        refuse(
+            path == "iterative" and not whole,
+            "path=iterative on an open line or with missing samples needs its weights given: set "
+            "them, or use path=direct (with wider cells where there are too many).",
+        )
+        self.family, self.problem = family, problem
+        self.white = direct.whiten(problem) if path == "direct" else None
+
+    def __call__(self, log_weights: Float[Array, "b c"]) -> Score:
+        """One score for each row of log10 weights."""
+        return _scores(self, log_weights)
+
+
+@eqx.filter_jit
+def _scores(scorer: Scorer, log_weights: Float[Array, "b c"]) -> Score:
+    problem, white = scorer.problem, scorer.white
+    if white is None:
+        return jax.vmap(lambda logs: spectral.score(problem, scorer.family(logs)))(log_weights)
+    return jax.lax.map(lambda logs: direct.score(problem, scorer.family(logs), white), log_weights)
+
+
+def _estimate(problem: Problem, solution: Solution, result: str, stats: dict) -> Estimate:
+    fitted = problem.forward(solution.value)
+    residual = problem.data - fitted
+    if problem.observed is not None:
+        residual = jnp.where(problem.observed, residual, 0.0)
+    whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * problem.whitener, problem.line.n)
+    if problem.observed is not None:
+        whitened = jnp.where(problem.observed, whitened, jnp.nan)
+    value, stderr = solution.value, solution.stderr
+    means = [0.0 if mean is None else mean for mean in problem.known_mean_Pa]
+    if problem.friction is not None:
+        value = jnp.concatenate([value, problem.friction * value])
+        stderr = jnp.concatenate([stderr, jnp.abs(problem.friction) * stderr])
+        means[1] = problem.friction * means[0]
+    if not bool(jnp.all(jnp.isfinite(value)) & jnp.all(jnp.isfinite(stderr))):
+        result = "the solution is not finite"
+    return Estimate(
+        value + jnp.stack([jnp.asarray(mean) for mean in means])[:, None],
+        stderr,
+        solution.covariance,
+        fitted,
+        whitened,
+        solution.averaging,
+        result,
+        stats,
+    )

@@ -1,0 +1,140 @@
+"""Choosing the regularisation: generalised cross validation, discrepancy principle, evidence.
+
+A rule sees a method only through its scores, a batch of log10 weights (b, c) at a time. So it
+serves every method and every path alike.
+"""
+
+import abc
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from ..errors import refuse
+from .prior import Score
+from .quadratic import Scorer
+
+
+class Choice(eqx.Module):
+    """The chosen log10 weights (c,) and, in words, how it went."""
+
+    log_weights: Float[Array, " c"]
+    result: str = eqx.field(static=True)
+
+
+class Rule(eqx.Module):
+    """How regularisation weights are chosen."""
+
+    name: ClassVar[str]
+
+    @abc.abstractmethod
+    def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
+        """The weights, within the box from its lower to its upper log10 weights.
+
+        A component whose two ends are equal keeps its weight.
+        """
+
+
+class _Minimise(Rule):
+    """A rule that minimises a criterion of the score."""
+
+    @abc.abstractmethod
+    def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
+        """What is minimised."""
+
+    def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
+        # A scan along the box's diagonal, then grids about the best point, each half as wide: no
+        # derivative, bounded, and the same answer every time.
+        low, high = np.asarray(box)
+        samples = scorer.problem.samples
+
+        def best(points):
+            values = np.asarray(self.criterion(scorer(jnp.asarray(points)), samples))
+            return points[np.argmin(np.where(np.isfinite(values), values, np.inf))]
+
+        shares = np.linspace(1, 0, 19)[:, None]  # from strong to weak: ties go to the smoother
+        centre = best(low + shares * (high - low))
+        for half in (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625):
+            axes = [
+                np.clip([c + half, c, c - half], a, b)
+                for c, a, b in zip(centre, low, high, strict=True)
+            ]
+            centre = best(
+                np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(low))
+            )
+        ended = (high > low) & ((centre <= low) | (centre >= high))
+        result = "converged"
+        if np.any(ended):
+            result = "a weight lies at the end of its range: the signal does not determine it"
+        return Choice(jnp.asarray(centre), result)
+
+
+class GeneralisedCrossValidation(_Minimise):
+    """Minimise (residual/N) / (1 - freedom/N)^2: Golub, Heath and Wahba (1979).
+
+    It needs no noise level, but takes the noise's colour as given.
+    """
+
+    name: ClassVar[str] = "generalised cross validation"
+
+    def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
+        left = jnp.maximum(1 - score.freedom / samples, 1e-12)
+        return score.residual / samples / left**2
+
+
+class Evidence(_Minimise):
+    """Maximise the likelihood of the data with the traction integrated out."""
+
+    name: ClassVar[str] = "evidence"
+
+    def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
+        return -score.log_evidence
+
+
+class Discrepancy(Rule):
+    """Morozov's principle: the whitened residual equals `factor`^2 x the number of samples.
+
+    It needs the noise level, and moves all weights together along the box's diagonal.
+    Raises `BadInput` for a factor that is not positive.
+    """
+
+    name: ClassVar[str] = "discrepancy principle"
+    factor: float
+
+    def __init__(self, factor: float = 1.0):
+        refuse(not factor > 0, f"rule.factor is {factor}: it must be positive.")
+        self.factor = float(factor)
+
+    def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
+        low, high = box
+        target = jnp.asarray(self.factor**2 * scorer.problem.samples, low.dtype)
+        ends = scorer(jnp.stack([low, high])).residual
+        if not ends[0] < target < ends[1]:
+            below = bool(ends[0] >= target)
+            side = "below" if below else "above"
+            result = f"no weight reaches the target: the stated noise is {side} every residual"
+            return Choice(low if below else high, result)
+        share, fine = _bisect(scorer, low, high, target)
+        result = "converged" if bool(fine) else "the bisection did not converge"
+        return Choice(low + share * (high - low), result)
+
+
+def _log_excess(share, args):
+    scorer, low, high, target = args
+    return jnp.log(scorer((low + share * (high - low))[None]).residual[0] / target)
+
+
+@eqx.filter_jit
+def _bisect(scorer: Scorer, low, high, target):
+    solution = optx.root_find(
+        _log_excess,
+        optx.Bisection(rtol=1e-4, atol=1e-4),
+        jnp.full_like(target, 0.5),
+        args=(scorer, low, high, target),
+        options={"lower": 0.0, "upper": 1.0},
+        throw=False,
+    )
+    return solution.value, solution.result == optx.RESULTS.successful

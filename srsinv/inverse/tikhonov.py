@@ -1,0 +1,127 @@
+"""Tikhonov's method: a penalty on the traction or its derivatives, its weight chosen by a rule."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import refuse
+from ..grid import Line, as_real
+from .prior import Prior
+from .problem import Estimate, Problem
+from .quadratic import Family, Scorer, solve
+from .rule import Choice, GeneralisedCrossValidation, Rule
+
+
+class DerivativePenalty(Prior):
+    """lambda_c |(length_m d/dx)^order r_c|^2 by forward differences, no wrap on the open line."""
+
+    weights: Float[Array, " c"]
+    length_m: Float[Array, ""]
+    order: int = eqx.field(static=True)
+
+    def root(self, line: Line) -> Float[Array, "c k"]:
+        symbol = 2 * self.length_m / line.cell_m * jnp.sin(line.k * line.cell_m / 2)
+        return jnp.sqrt(self.weights)[:, None] * symbol**self.order
+
+    def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+        def penalised(r):
+            return line.differences(r, self.order)
+
+        transpose = jax.linear_transpose(penalised, r)
+        (penalty,) = transpose(penalised(r))
+        scale = self.weights * (self.length_m / line.cell_m) ** (2 * self.order)
+        return scale[:, None] * penalty
+
+
+class Penalties(Family):
+    """Derivative penalties by their log10 weights."""
+
+    length_m: Float[Array, ""]
+    order: int = eqx.field(static=True)
+
+    def __call__(self, log_weights: Float[Array, " c"]) -> DerivativePenalty:
+        return DerivativePenalty(10.0**log_weights, self.length_m, self.order)
+
+
+class Tikhonov(eqx.Module):
+    """Minimise |N^(-1/2) (m - G r)|^2 + sum_c lambda_c |(z d/dx)^order r_c|^2.
+
+    - `order`: 0 penalises the value, 1 the first, 2 the second derivative; `length_m` is the z
+      that makes it dimensionless, by default the shallowest element's depth.
+    - `weight_p`, `weight_q` [1/Pa^2]: the weights; None lets `rule` choose.
+    - `path`, `tolerance`: see [`solve`][srsinv.inverse.quadratic.solve].
+
+    The standard error is that of the posterior under the Gaussian prior that the penalty stands
+    for (Wahba 1983). Raises `BadInput` for an order other than 0, 1, 2 or a negative weight.
+    """
+
+    rule: Rule
+    weight_p: Float[Array, ""] | None
+    weight_q: Float[Array, ""] | None
+    length_m: Float[Array, ""]
+    order: int = eqx.field(static=True)
+    path: str = eqx.field(static=True)
+    tolerance: float = eqx.field(static=True)
+
+    def __init__(
+        self,
+        order: int = 1,
+        weight_p=None,
+        weight_q=None,
+        rule: Rule | None = None,
+        length_m=0.75e-3,
+        path: str = "auto",
+        tolerance: float = 1e-10,
+    ):
+        refuse(order not in (0, 1, 2), f"method.tikhonov.order is {order}: give 0, 1 or 2.")
+        for name, weight in (("weight_p", weight_p), ("weight_q", weight_q)):
+            if isinstance(weight, (int, float)):
+                refuse(
+                    not 0 < weight < np.inf,
+                    f"method.tikhonov.{name} is {weight}: give a positive weight in 1/Pa^2, or "
+                    f"null to let the rule choose.",
+                )
+        self.weight_p = None if weight_p is None else as_real(weight_p)
+        self.weight_q = None if weight_q is None else as_real(weight_q)
+        self.rule = GeneralisedCrossValidation() if rule is None else rule
+        self.length_m, self.order = as_real(length_m), int(order)
+        self.path, self.tolerance = path, float(tolerance)
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate of p and q, with the weights that were given or chosen in its stats."""
+        given = (self.weight_p, self.weight_q)[: problem.unknowns]
+        choice = self._choose(problem, given)
+        prior = self._family(choice.log_weights)
+        fixed = all(weight is not None for weight in given)
+        stats = {
+            "method": "tikhonov",
+            "order": self.order,
+            "rule": "given" if fixed else self.rule.name,
+            "rule_result": choice.result,
+        }
+        stats |= {
+            f"weight_{c}_per_Pa2": float(w) for c, w in zip("pq", prior.weights, strict=False)
+        }
+        return solve(problem, prior, self.path, self.tolerance).with_stats(stats)
+
+    def _choose(self, problem: Problem, given) -> Choice:
+        box = self._box(problem, given)
+        if all(weight is not None for weight in given):
+            return Choice(box[0], "given")
+        return self.rule.choose(Scorer(self._family, problem, self.path), box)
+
+    @property
+    def _family(self) -> "Penalties":
+        return Penalties(self.length_m, self.order)
+
+    def _box(self, problem: Problem, given) -> Float[Array, "2 c"]:
+        """Ends of log10 weight: from far below to above all that the signal says per mode."""
+        gain = jnp.abs(problem.forward.circulant().transfer * problem.whitener) ** 2
+        most = jnp.log10(jnp.max(jnp.sum(gain, axis=0), axis=-1))
+        low, high = most - 14, most + 4
+        fixed = [jnp.nan if weight is None else jnp.log10(weight) for weight in given]
+        fixed = jnp.stack([jnp.asarray(f) for f in fixed])
+        free = jnp.isnan(fixed)
+        return jnp.stack([jnp.where(free, low, fixed), jnp.where(free, high, fixed)])

@@ -1,0 +1,157 @@
+"""The Wiener filter, the paper's (15): noise and traction spectra given."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import refuse
+from ..forward.noise import exponential_spectrum
+from ..grid import Line, as_real
+from .prior import Prior
+from .problem import Estimate, Problem
+from .quadratic import Family, Scorer, solve
+from .rule import Evidence
+
+
+class TractionSpectrum(eqx.Module):
+    """A power spectrum per cell [Pa^2] of one traction component."""
+
+    @abc.abstractmethod
+    def power(self, problem: Problem) -> Float[Array, " k"]:
+        """S at the line's wavenumbers."""
+
+
+def _rms(value) -> Float[Array, ""]:
+    if isinstance(value, (int, float)):
+        refuse(not 0 < value < np.inf, f"method rms_Pa is {value}: give a positive number of Pa.")
+    return as_real(value)
+
+
+class Exponential(TractionSpectrum):
+    """Traction of `rms_Pa`, correlated as exp(-|dx|/correlation_m)."""
+
+    rms_Pa: Float[Array, ""]
+    correlation_m: Float[Array, ""]
+
+    def __init__(self, rms_Pa=1.0, correlation_m=1e-3):
+        if isinstance(correlation_m, (int, float)):
+            refuse(
+                not 0 < correlation_m < np.inf,
+                f"method correlation_m is {correlation_m}: give a positive length in metres.",
+            )
+        self.rms_Pa, self.correlation_m = _rms(rms_Pa), as_real(correlation_m)
+
+    def power(self, problem: Problem) -> Float[Array, " k"]:
+        line = problem.line
+        return self.rms_Pa**2 * exponential_spectrum(line.k, line.cell_m, self.correlation_m)
+
+
+class Flat(TractionSpectrum):
+    """White traction of `rms_Pa` per cell."""
+
+    rms_Pa: Float[Array, ""]
+
+    def __init__(self, rms_Pa=1.0):
+        self.rms_Pa = _rms(rms_Pa)
+
+    def power(self, problem: Problem) -> Float[Array, " k"]:
+        return jnp.full(problem.line.k.shape, self.rms_Pa**2)
+
+
+class Normalised(TractionSpectrum):
+    """The paper's form: S = 1 in units in which the sensor's largest gain is 1.
+
+    `noise_to_signal` is then the noise's power, so that the filter reads G* / (|G|^2 + N).
+    """
+
+    noise_to_signal: Float[Array, ""]
+
+    def __init__(self, noise_to_signal=1e-4):
+        self.noise_to_signal = _rms(noise_to_signal)
+
+    def power(self, problem: Problem) -> Float[Array, " k"]:
+        gain = jnp.max(jnp.abs(problem.forward.circulant().transfer)) ** 2
+        finite = jnp.where(jnp.isfinite(problem.noise), problem.noise, problem.noise[-1])
+        level = jnp.mean(finite) / (self.noise_to_signal * gain)
+        return jnp.full(problem.line.k.shape, level)
+
+
+class SpectralPrior(Prior):
+    """P = S^-1 on the line taken as periodic over its window."""
+
+    power: Float[Array, "c k"]
+
+    def root(self, line: Line) -> Float[Array, "c k"]:
+        return 1 / jnp.sqrt(self.power)
+
+    def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+        return jnp.fft.irfft(jnp.fft.rfft(r) / self.power, line.n)
+
+
+class ScaledSpectra(Family):
+    """Given spectra, each multiplied by a factor."""
+
+    power: Float[Array, "c k"]
+
+    def __call__(self, log_weights: Float[Array, " c"]) -> SpectralPrior:
+        return SpectralPrior(10.0 ** log_weights[:, None] * self.power)
+
+
+class Wiener(eqx.Module):
+    """(G^H N^-1 G + S^-1)^-1 G^H N^-1 m with S the spectra of p and q.
+
+    - `p`, `q`: their spectra; p and q are taken as independent.
+    - `scale`: "given" takes their levels as they are; "evidence" multiplies each by the number
+      under which the data are most likely.
+    - `path`, `tolerance`: see [`solve`][srsinv.inverse.quadratic.solve].
+
+    Raises `BadInput` for an unknown `scale`.
+    """
+
+    p: TractionSpectrum
+    q: TractionSpectrum
+    scale: str = eqx.field(static=True)
+    path: str = eqx.field(static=True)
+    tolerance: float = eqx.field(static=True)
+
+    def __init__(
+        self,
+        p: TractionSpectrum | None = None,
+        q: TractionSpectrum | None = None,
+        scale: str = "given",
+        path: str = "auto",
+        tolerance: float = 1e-10,
+    ):
+        refuse(
+            scale not in ("given", "evidence"),
+            f"method.wiener.scale is {scale!r}: give 'given' or 'evidence'.",
+        )
+        self.p = Exponential() if p is None else p
+        self.q = Exponential() if q is None else q
+        self.scale, self.path, self.tolerance = scale, path, float(tolerance)
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Posterior mean and standard error of p and q."""
+        power = jnp.stack([s.power(problem) for s in (self.p, self.q)[: problem.unknowns]])
+        stats: dict = {"method": "wiener", "scale": self.scale}
+        if self.scale == "evidence":
+            scale, result = _likely_scale(problem, power, self.path)
+            power = scale[:, None] * power
+            stats["scale_rule"] = result
+        stats |= {
+            f"rms_{c}_Pa": float(jnp.sqrt(jnp.mean(s))) for c, s in zip("pq", power, strict=False)
+        }
+        return solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
+
+
+def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"], str]:
+    """The factors on the powers that maximise the evidence, six decades about the data's level."""
+    gain = jnp.max(jnp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))
+    data = jnp.sum(problem.data**2) / problem.samples
+    middle = jnp.log10(data / gain / jnp.mean(power, axis=-1))
+    box = jnp.stack([middle - 6, middle + 6])
+    choice = Evidence().choose(Scorer(ScaledSpectra(power), problem, path), box)
+    return 10.0**choice.log_weights, choice.result
