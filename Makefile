@@ -1,0 +1,51 @@
+# `make run` and `make test` are each enough on a machine with git, make and Python 3.11 or later.
+# ARGS goes to the command: make run ARGS="experiment=NAME", make test ARGS="-k name".
+
+VENV ?= .venv
+# The first of these that runs, is recent enough and can make an environment is used.
+PYTHON ?= python3 python3.13 python3.12 python3.11 python
+UV ?= uv
+ARGS ?=
+
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input
+USABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
+
+.PHONY: run test lint constraints clean
+
+run: $(STAMP)
+	@$(BIN)/srsinv $(ARGS)
+
+test: $(STAMP)
+	@$(BIN)/python -m pytest $(ARGS)
+
+# The wrapper of pyright would otherwise speak of newer versions than the pinned one.
+lint: $(STAMP)
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python
+
+constraints:
+	$(UV) pip compile pyproject.toml --extra test --extra dev --universal --python-version 3.11 \
+		--generate-hashes --no-emit-index-url --no-annotate --no-header --quiet --upgrade \
+		--output-file constraints.txt
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
+
+# pip takes no editable install together with hashes, so the project comes second and alone.
+$(STAMP): constraints.txt pyproject.toml
+	@test -x $(BIN)/pip || { \
+		for python in $(PYTHON); do \
+			"$$python" -c '$(USABLE)' 2>/dev/null && break; python=; \
+		done; \
+		test -n "$$python" || { \
+			echo "srsinv needs Python 3.11 or later with venv; none of '$(PYTHON)' is one:" \
+				"name one with make PYTHON=/path/to/python" >&2; exit 1; }; \
+		echo "making $(VENV) with $$("$$python" --version)"; \
+		"$$python" -m venv $(VENV); }
+	@echo "installing the pinned dependencies into $(VENV) (a minute or two at first)"
+	@$(PIP) --require-hashes -r constraints.txt
+	@$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $@

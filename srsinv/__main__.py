@@ -1,0 +1,54 @@
+"""The one command: `srsinv experiment=NAME key=value ...`, in Hydra's grammar.
+
+Exit codes: 0 done, 1 a fault of the program (with its traceback), 2 an input that cannot be used
+(one sentence on standard error, nothing left behind).
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from .errors import BadInput
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def find_config_root() -> Path:
+    """The configurations: inside an installed wheel, or beside the package in a clone."""
+    for folder in (_PACKAGE / "configs", _PACKAGE.parent / "configs"):
+        if (folder / "config.yaml").is_file():
+            return folder
+    raise FileNotFoundError(f"no configs/config.yaml in or beside {_PACKAGE}")
+
+
+def main(argv: Sequence[str] | None = None, config_root: Path | None = None) -> int:
+    """Run the command on `argv` (default: the process's own) and return its exit code.
+
+    `config_root` is the folder that holds `config.yaml`; its sibling `experiments`, where there is
+    one, is made importable.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    root = config_root or find_config_root()
+    if "--version" in arguments:
+        from . import __version__
+
+        print(f"srsinv {__version__}")
+        return 0
+    if {"-h", "--help"} & set(arguments):
+        from .command.help import help_text
+
+        print(help_text(root), end="")
+        return 0
+
+    os.environ.setdefault("MPLBACKEND", "Agg")  # a run must not look for a display
+    from .command.launch import launch, say
+
+    try:
+        return launch(arguments, root)
+    except BadInput as refusal:
+        return say(refusal)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,262 @@
+"""What the user asked for, checked against the configuration before anything is run.
+
+Hydra reports a mistake as a paragraph that names its own internals. Here every override is held
+against the configuration that the chosen options compose to, so that a refusal can name the nearest
+valid name, and one that no job would read is refused too. Whatever Hydra and OmegaConf still object
+to becomes one sentence in [`refusing`][].
+"""
+
+import itertools
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from difflib import get_close_matches
+from numbers import Real
+from pathlib import Path
+from typing import Any, cast
+
+from hydra._internal.hydra import Hydra
+from hydra.core.object_type import ObjectType
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override, QuotedString, Transformer
+from hydra.errors import HydraException, OverrideParseException
+from hydra.types import RunMode
+from omegaconf import OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+from yaml import YAMLError
+
+from ..errors import BadInput, refuse
+from .help import experiments
+
+_ABSENT = object()
+
+
+@contextmanager
+def refusing() -> Iterator[None]:
+    """Turn the errors of Hydra, OmegaConf and YAML raised inside into `BadInput`."""
+    try:
+        yield
+    except OverrideParseException as error:
+        raise BadInput(_unreadable(error.override)) from error
+    except MissingMandatoryValue as error:
+        key = error.full_key
+        raise BadInput(f"'{key}' has no value; give one with {key}=VALUE") from error
+    except (HydraException, OmegaConfBaseException, YAMLError) as error:
+        reason = _one_line(f"{error}\n{error.__cause__ or ''}")
+        raise BadInput(f"cannot compose the configuration: {reason}") from error
+
+
+def parse(overrides: Sequence[str]) -> list[Override]:
+    """Hydra's own reading of `overrides`. Raises `BadInput`."""
+    with refusing():
+        parsed = OverridesParser.create().parse_overrides(list(overrides))
+    for override in parsed:
+        refuse(not override.key_or_group, _unreadable(_text(override)))
+    return parsed
+
+
+def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: bool) -> None:
+    """Raise `BadInput` for the first override that names what is not there, or cannot fit."""
+    for override in overrides:
+        refuse(
+            override.is_sweep_override() and not multirun,
+            f"'{_text(override)}' gives several values; sweep over them with -m, "
+            "or write a list as key=[a,b]",
+        )
+    searchpath = [_text(o) for o in overrides if o.key_or_group == "hydra.searchpath"]
+    choices, values = [], []
+    for override in overrides:
+        options = _options(hydra, override.key_or_group, searchpath)
+        if options and not isinstance(override.value(), dict):
+            _check_choice(override, options, root)
+            choices.append(_alternatives(override))
+        elif _text(override) not in searchpath:
+            values.append(override)
+    if values:
+        for chosen in itertools.product(*choices):
+            base = _compose(hydra, [*searchpath, *chosen])
+            added: list[str] = []
+            for override in values:
+                _check_value(override, base, added)
+
+
+def _compose(hydra: Hydra, overrides: list[str]) -> dict[str, Any]:
+    with refusing():
+        config = hydra.compose_config("config", overrides, run_mode=RunMode.RUN)
+        return cast(dict[str, Any], OmegaConf.to_container(config, resolve=False))
+
+
+def _options(hydra: Hydra, group: str, searchpath: list[str]) -> list[str]:
+    loader = hydra.config_loader
+    with refusing():
+        return loader.get_group_options(group, ObjectType.CONFIG, "config", searchpath)
+
+
+def _check_choice(override: Override, options: list[str], root: Path) -> None:
+    group = override.key_or_group
+    absent = set()
+    if group == "experiment":
+        absent = {each.name for each in experiments(root) if not each.runnable}
+        options = [name for name in options if name not in absent]
+    refuse(
+        override.is_delete(),
+        f"'{_text(override)}' would leave no {group}; choose one of {_listed(options)}",
+    )
+    for name in _chosen(override):
+        refuse(
+            name is None,
+            f"'{_text(override)}' chooses nothing; leave it out, "
+            f"or choose one of {_listed(options)}",
+        )
+        refuse(
+            name in absent,
+            f"experiment '{name}' runs from a clone of the repository only; "
+            f"here there are {_listed(options)}",
+        )
+        close = get_close_matches(str(name), options, 1)
+        hint = f"the nearest is '{close[0]}'; " if close else ""
+        refuse(
+            name not in options,
+            f"there is no {group} '{name}'; {hint}there are {_listed(options)}",
+        )
+
+
+def _chosen(override: Override) -> Iterator[str | None]:
+    """The options that a choice names: one, several of a sweep, several of a list."""
+    for value in _values(override):
+        for name in value if isinstance(value, list) else [value]:
+            yield None if name is None else str(_plain(name))
+
+
+def _values(override: Override) -> list[Any]:
+    if not override.is_sweep_override():
+        return [] if override.is_delete() else [override.value()]
+    if not override.is_discrete_sweep():
+        return []
+    return list(override.sweep_iterator(Transformer.identity))
+
+
+def _alternatives(override: Override) -> list[str]:
+    """The overrides that a sweep over one choice stands for; one for a plain choice."""
+    if not override.is_sweep_override():
+        return [_text(override)]
+    key = override.get_key_element()
+    return [f"{key}={value}" for value in override.sweep_string_iterator()]
+
+
+def _check_value(override: Override, base: dict[str, Any], added: list[str]) -> None:
+    key = override.key_or_group
+    if any(key == parent or key.startswith(f"{parent}.") for parent in added):
+        return
+    old = _look_up(base, key)
+    parent = _look_up(base, key.rpartition(".")[0]) if "." in key else base
+    is_open = key.startswith("hydra.") or _is_collection(parent)
+    if old is _ABSENT and is_open and (override.is_add() or override.is_force_add()):
+        added.append(key)
+        return
+    if old is _ABSENT:
+        raise BadInput(f"there is no key '{key}'; {_nearest_key(key, base)}")
+    refuse(
+        override.is_delete() and not is_open,
+        f"'~{key}' would remove a value that the job needs; set it with {key}=VALUE",
+    )
+    if not key.startswith("hydra."):  # Hydra checks its own
+        for new in _values(override):
+            _check_fit(key, old, new, base)
+
+
+def _check_fit(key: str, old: Any, new: Any, base: dict[str, Any]) -> None:
+    new = _plain(new)
+    if isinstance(old, dict) and isinstance(new, dict) and not _is_collection(old):
+        for name, value in new.items():
+            inner = f"{key}.{name}"
+            if name not in old:
+                raise BadInput(f"there is no key '{inner}'; {_nearest_key(inner, base)}")
+            _check_fit(inner, old[name], value, base)
+    if new is None or (isinstance(new, str) and "${" in new):
+        return
+    if isinstance(old, bool):
+        fits, wanted = isinstance(new, bool), "true or false"
+    elif isinstance(old, Real):
+        is_number = isinstance(new, Real) and not isinstance(new, bool)
+        fits, wanted = is_number or isinstance(new, list), "a number"
+    elif isinstance(old, dict):
+        fits, wanted = isinstance(new, dict), f"its own keys ({_listed(old)})"
+    else:
+        return
+    example = f"; it is {old} unless given" if not isinstance(old, dict) else ""
+    refuse(not fits, f"'{key}' takes {wanted}, not {new!r}{example}")
+
+
+def _look_up(node: Any, key: str) -> Any:
+    """The value at a dotted key, an interpolation as None (of no known type), or `_ABSENT`."""
+    for part in key.split("."):
+        if isinstance(node, list) and part.isdigit() and int(part) < len(node):
+            node = node[int(part)]
+        elif isinstance(node, dict) and part in node:
+            node = node[part]
+        else:
+            return _ABSENT
+        if isinstance(node, str) and "${" in node:
+            return None
+    return node
+
+
+def _is_collection(node: Any) -> bool:
+    """Whether a mapping holds named parts, which may be more or fewer; elsewhere nothing would
+    read a key of the user's own."""
+    return isinstance(node, dict) and all(isinstance(value, dict) for value in node.values())
+
+
+def _nearest_key(key: str, base: dict[str, Any]) -> str:
+    parent, _, leaf = key.rpartition(".")
+    siblings = _look_up(base, parent) if parent else None
+    if isinstance(siblings, dict):
+        close = get_close_matches(leaf, siblings, 1)
+        return (
+            f"the nearest is '{parent}.{close[0]}'"
+            if close
+            else f"'{parent}' has {_listed(siblings)}"
+        )
+    keys = [name for name in _dotted(base) if not name.startswith("hydra")]
+    leaves = {name.rpartition(".")[2]: name for name in reversed(keys)}
+    for word, names in ((leaf, leaves), (key, {name: name for name in keys})):
+        if close := get_close_matches(word, names, 1):
+            return f"the nearest is '{names[close[0]]}'"
+    return (
+        f"the keys are {_listed(name for name in keys if '.' not in name)}, and those inside them"
+    )
+
+
+def _dotted(node: Any, prefix: str = "") -> Iterator[str]:
+    pairs = node.items() if isinstance(node, dict) else enumerate(node)
+    for name, value in pairs:
+        yield f"{prefix}{name}"
+        if isinstance(value, dict | list):
+            yield from _dotted(value, f"{prefix}{name}.")
+
+
+def _text(override: Override) -> str:
+    """An override as it was typed."""
+    return cast(str, override.input_line)
+
+
+def _plain(value: Any) -> Any:
+    return value.text if isinstance(value, QuotedString) else value
+
+
+def _listed(names: Iterable[object]) -> str:
+    return ", ".join(str(name) for name in names) or "none"
+
+
+def _unreadable(text: str) -> str:
+    return (
+        f"cannot read '{text}' as key=value; "
+        "write one, quoting what holds spaces or brackets: 'key=\"some text\"'"
+    )
+
+
+def _one_line(text: str) -> str:
+    lines = (re.sub(r"\s+", " ", line).strip(" .") for line in text.splitlines())
+    # The types of OmegaConf's nodes say nothing to a user.
+    return "; ".join(line for line in lines if line and "_type=" not in line)

@@ -1,0 +1,53 @@
+"""What a job hands back: numbers, arrays and the parts of its page. Nothing is written here."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import xarray
+from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under column headings, as printed and as shown on the page.
+
+    Cells are strings or numbers; numbers are shown to three or four significant digits, by one
+    formatter for the terminal and the page alike.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str | float | int, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """One part of the page: a heading, paragraphs, figures drawn on demand, tables.
+
+    `figures` maps a file stem (`traction` becomes `figures/traction.png`) to a function that draws
+    it, so that a job that is only looked at as numbers draws nothing.
+    """
+
+    heading: str
+    paragraphs: tuple[str, ...] = ()
+    figures: dict[str, Callable[[], Figure]] = field(default_factory=dict)
+    captions: dict[str, str] = field(default_factory=dict)
+    tables: tuple[Table, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of one job.
+
+    - `title`: one line that says what was done.
+    - `metrics`: flat, SI units in the key's suffix; written to `metrics.json`.
+    - `dataset`: every stage with `units` on every variable; written to `result.nc`.
+    - `sections`: the page, in order.
+    - `summary`: the table printed at the end of a run.
+    """
+
+    title: str
+    metrics: dict[str, float | int | str | bool | None]
+    dataset: xarray.Dataset
+    sections: tuple[Section, ...]
+    summary: Table
