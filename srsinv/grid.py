@@ -12,6 +12,7 @@ Both turn a stage into the same [`Convolution`][], so nothing above this file kn
 
 import abc
 from collections.abc import Callable
+from typing import cast
 
 import equinox as eqx
 import jax
@@ -43,13 +44,15 @@ class Convolution(eqx.Module):
         """y (e, n) for r (c, n)."""
         spectrum = jnp.fft.rfft(r, self.length)
         # A sum of products over the (one or two) components: faster than a batched matrix product.
-        total = sum(self.transfer[:, c] * spectrum[c] for c in range(self.transfer.shape[1]))
+        total = sum(self.transfer[:, c] * spectrum[c][None] for c in range(self.transfer.shape[1]))
         return jnp.fft.irfft(total, self.length)[:, : self.n]
 
     def adjoint(self, y: Float[Array, "e n"]) -> Float[Array, "c n"]:
         """The transpose: <y, self(r)> = <self.adjoint(y), r>."""
         spectrum = jnp.fft.rfft(y, self.length)
-        total = sum(self.transfer[e].conj() * spectrum[e] for e in range(self.transfer.shape[0]))
+        total = sum(
+            self.transfer[e].conj() * spectrum[e][None] for e in range(self.transfer.shape[0])
+        )
         return jnp.fft.irfft(total, self.length)[:, : self.n]
 
     def circulant(self) -> "Convolution":
@@ -135,7 +138,7 @@ class Periodic(Line):
 
     def operator(self, stage: Stage) -> Convolution:
         k = self.k
-        transfer = stage.transfer(k) / sinc(k * self.cell_m / 2)
+        transfer = stage.transfer(k) / sinc(k * self.cell_m / 2)[None, None]
         if self.n % 2 == 0:
             # The last wavenumber stands for +k and -k at once: only its real part can act.
             transfer = transfer.at[..., -1].set(transfer[..., -1].real)
@@ -161,7 +164,7 @@ class Open(Line):
         self.n, self.cell_m, self.start_m = _checked(n, cell_m, start_m)
 
     def operator(self, stage: Stage) -> Convolution:
-        length = scipy.fft.next_fast_len(2 * self.n, real=True)
+        length = int(cast(int, scipy.fft.next_fast_len(2 * self.n, real=True)))
         lag = np.arange(length)
         lag = np.where(lag < self.n, lag, lag - length)
         response = stage.cell_response(self.cell_m * lag, self.cell_m)

@@ -1,7 +1,7 @@
 """Piezoelectric film: stress to charge, and what a strip's size and place do along the line.
 
-Charge per electrode area D = d1 S11 + d2 Syy + d3 S33 [C/m^2], the paper's (1), S the stress
-in film axes. An effect along the line (strip width, offset, averaging of samples) is a module of its
+Charge per electrode area D = d1 S11 + d2 Syy + d3 S33 [C/m^2], the paper's (1), S the stress in
+film axes. An effect along the line (strip width, offset, averaging of samples) is a module of its
 own: it multiplies the transfer, or spreads the exact kernel, and is absent where it is not named.
 """
 
@@ -80,7 +80,7 @@ class SampleAverage(LineEffect):
         return self.spacing_m * (np.arange(self.count) - (self.count - 1) / 2)
 
     def transfer(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
-        return jnp.mean(jnp.cos(k[:, None] * self._shifts), axis=-1)
+        return jnp.mean(jnp.cos(k[:, None] * self._shifts[None]), axis=-1)
 
     def spread(self, kernel: Kernel) -> Kernel:
         return spread_over(kernel, self._shifts, np.full(self.count, 1 / self.count))
@@ -161,7 +161,7 @@ class Film(eqx.Module):
     def along_line(self, transfer: Complex[Array, "c k"], k) -> Complex[Array, "c k"]:
         """The transfer with every effect's factor."""
         for effect in self.effects:
-            transfer = transfer * effect.transfer(k)
+            transfer = transfer * effect.transfer(k)[None]
         return transfer
 
     def along_kernel(self, kernel: Kernel) -> Kernel:

@@ -126,4 +126,4 @@ def draw(
 ) -> Float[Array, "e n"]:
     """Gaussian noise (element, n) of the given spectrum, periodic over its n samples."""
     white = jax.random.normal(key, (elements, n))
-    return jnp.fft.irfft(jnp.sqrt(spectrum) * jnp.fft.rfft(white), n)
+    return jnp.fft.irfft(jnp.sqrt(spectrum)[None] * jnp.fft.rfft(white), n)

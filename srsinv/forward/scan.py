@@ -32,7 +32,10 @@ class ConstantSpeed(eqx.Module):
         return jnp.sign(self.speed_m_per_s)
 
     def time_s(self, line: Line) -> Float[Array, " n"]:
-        """When the sensor stands at each x, from zero at the first one met."""
+        """When the sensor stands at each x, from zero at the first one met.
+
+        NaN for a static touch, which stands at one x for ever.
+        """
         time = (line.x - line.start_m) / self.speed_m_per_s
         return time - time.min()
 

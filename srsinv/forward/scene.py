@@ -9,6 +9,8 @@ from jaxtyping import Array, Float
 from ..grid import Line, as_real
 from .traction import FrictionStep, Pressure
 
+Scalar = float | Float[Array, ""]
+
 
 class Scene(eqx.Module):
     """Pressure features over a background, with Coulomb friction q = sign(u) mu(x) p.
@@ -37,12 +39,12 @@ class Scene(eqx.Module):
         """mu at the cell centres."""
         return self.base_friction + sum((f(line.x) for f in self.frictions), jnp.zeros(line.n))
 
-    def background(self, direction=1.0) -> Float[Array, "2"]:
+    def background(self, direction: Scalar = 1.0) -> Float[Array, "2"]:
         """(p, q) [Pa] far from every feature."""
         p = self.background_pressure_Pa
         return jnp.stack([p, direction * self.base_friction * p])
 
-    def traction(self, line: Line, direction=1.0) -> Float[Array, "2 n"]:
+    def traction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, "2 n"]:
         """Cell averages of (p, q) [Pa], for sliding along `direction` = sign(u).
 
         q is mu at the cell's centre times the cell average of p: second order in the cell where

@@ -28,7 +28,7 @@ class FilmSignal(Stage):
             charge = jnp.tensordot(weights, self.skin.transfer(k, film.depth_m), 1)
             return film.along_line(charge, k)
 
-        derivative = 1j * k if self.order else 1.0
+        derivative = 1j * k[None, None] if self.order else 1.0
         return self.gain * derivative * jnp.stack([one(film) for film in self.elements])
 
     def cell_response(

@@ -7,7 +7,7 @@ positive, p > 0 pushes into the finger, q > 0 acts along +x on the finger. Rows 
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Inexact
 
 from ..errors import refuse
 from ..grid import as_real
@@ -57,8 +57,8 @@ class HalfSpace(eqx.Module):
     ) -> Float[Array, "3 2 x"]:
         """Stress [Pa/Pa] at (x, depth_m) under unit uniform traction on |x'| < width_m/2.
 
-        The differences of the antiderivatives of c t^m are written so that no digits cancel, near
-        or far (Johnson 1985, section 2.5).
+        The differences of the antiderivatives of c t^m are written so that the result is exact to
+        round-off relative to its largest value (Johnson 1985, section 2.5).
         """
         t1, t2 = (x + width_m / 2) / depth_m, (x - width_m / 2) / depth_m
         step = width_m / depth_m
@@ -68,7 +68,14 @@ class HalfSpace(eqx.Module):
         arctan = jnp.arctan2(step, 1 + t1 * t2)
         fraction = step * (r1 * r2 - s1 * s2)
         reciprocal = -step * (s1 * r2 + r1 * s2)
-        log = jnp.log1p(step * (t1 + t2) * r2)
+        # The ratio 1 + t1^2 : 1 + t2^2 as the larger over the smaller one.
+        rise = step * (t1 + t2)
+        right = rise >= 0
+        log = jnp.where(
+            right,
+            jnp.log1p(jnp.where(right, rise * r2, 0.0)),
+            -jnp.log1p(jnp.where(right, 0.0, -rise * r1)),
+        )
         return _rows(
             -(arctan + fraction) / jnp.pi,
             reciprocal / jnp.pi,
@@ -92,6 +99,6 @@ class HalfSpace(eqx.Module):
         scale = -2 * width_m / (jnp.pi * depth_m**2)
         return scale * _rows(d0, d1, d2, d3)
 
-    def with_sigma_y(self, stress: Float[Array, "3 ..."]) -> Float[Array, "4 ..."]:
+    def with_sigma_y(self, stress: Inexact[Array, "3 ..."]) -> Inexact[Array, "4 ..."]:
         """Append sigma_y = nu (sigma_x + sigma_z), plane strain; the paper's (4) for nu = 1/2."""
         return jnp.concatenate([stress, self.poisson_ratio * (stress[:1] + stress[1:2])])

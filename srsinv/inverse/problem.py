@@ -1,6 +1,7 @@
 """What every inversion takes and gives back."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -51,7 +52,7 @@ class Problem(eqx.Module):
         noise,
         *,
         observed=None,
-        known_mean_Pa: tuple[float | None, float | None] = (None, None),
+        known_mean_Pa: Sequence[float | Array | None] = (None, None),
         friction=None,
     ):
         data = as_real(data)

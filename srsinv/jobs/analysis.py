@@ -1,0 +1,372 @@
+"""What every job with an inversion does: run the methods, gather every stage, lay out the page."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray
+
+from ..forward.sensor import Sensor
+from ..grid import wavenumbers
+from ..inverse.problem import COMPONENTS, Estimate, Problem
+from ..progress import stage
+from ..report import figures
+from ..report.outcome import Outcome, Section, Table
+
+BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standard errors
+
+
+@dataclass(frozen=True)
+class Case:
+    """One inversion to make and to report.
+
+    - `problem`: what is inverted; `sensor`: with which sensor; `methods`: by name.
+    - `stages`: (dims, values, units) of what the simulation knows, by variable name; the truth is
+      `traction`. Empty for a recording.
+    - `assumed`: rows (what, value) of the page's last section.
+    """
+
+    title: str
+    problem: Problem
+    sensor: Sensor
+    speed_m_per_s: float
+    methods: Mapping[str, Callable[[Problem], Estimate]]
+    signal_unit: str = "V"
+    stages: Mapping[str, tuple[tuple[str, ...], Any, str]] = field(default_factory=dict)
+    assumed: tuple[tuple[str, str], ...] = ()
+    time_steady: bool = True
+
+
+def element_names(sensor: Sensor) -> list[str]:
+    """A short name for every film element: its number and its angle."""
+    names = {0.0: "1 to x, 3 to z", 90.0: "1 to z, 3 to x"}
+    angles = [float(jnp.rad2deg(film.angle_rad)) for film in sensor.elements]
+    return [f"{i}: {names.get(round(a, 6), f'at {a:.4g} deg')}" for i, a in enumerate(angles)]
+
+
+def run(case: Case) -> Outcome:
+    """Invert by every method and gather the result."""
+    estimates, rows = {}, []
+    for name, method in case.methods.items():
+        with stage(f"inverting: {name}"):
+            estimates[name], first, steady = timed(
+                lambda method=method: method(case.problem), repeats=3 if case.time_steady else 0
+            )
+        rows.append(_judge(name, case, estimates[name]) | _times(first, steady))
+    dataset = _dataset(case, estimates)
+    return Outcome(
+        case.title,
+        _metrics(case, estimates, rows),
+        dataset,
+        _sections(case, dataset, estimates, rows),
+        _summary(rows),
+    )
+
+
+def timed(work: Callable[[], Any], repeats: int) -> tuple[Any, float, float | None]:
+    """The result, the first call's time [s] and the least of `repeats` further ones."""
+
+    def once():
+        start = time.perf_counter()
+        result = jax.block_until_ready(work())
+        return result, time.perf_counter() - start
+
+    result, first = once()
+    return result, first, min((once()[1] for _ in range(repeats)), default=None)
+
+
+def _times(first: float, steady: float | None) -> dict[str, float | None]:
+    return {"time_s_first": first, "time_s_steady": steady}
+
+
+# --- judging ---------------------------------------------------------------------------------
+
+
+def seen(problem: Problem) -> np.ndarray:
+    """Cells (n,) at which at least one element was sampled."""
+    if problem.observed is None:
+        return np.ones(problem.line.n, bool)
+    return np.any(np.asarray(problem.observed), axis=0)
+
+
+def deviation(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Values where there are samples, less their mean."""
+    values = np.asarray(values)[..., there]
+    return values - values.mean(axis=-1, keepdims=True)
+
+
+def _judge(name: str, case: Case, estimate: Estimate) -> dict[str, Any]:
+    row: dict[str, Any] = {"method": name, "result": estimate.result}
+    row |= {f"{what}_{c}": None for what in ("error", "coverage") for c in COMPONENTS}
+    if "traction" not in case.stages:
+        return row
+    there = seen(case.problem)
+    truth = deviation(case.stages["traction"][1], there)
+    error = deviation(np.asarray(estimate.value), there) - truth
+    inside = np.abs(error) <= BAND_90 * np.asarray(estimate.stderr)[:, there]
+    for c, component in enumerate(COMPONENTS):
+        size = np.linalg.norm(truth[c])
+        row[f"error_{component}"] = float(np.linalg.norm(error[c]) / size) if size else None
+        row[f"coverage_{component}"] = float(np.mean(inside[c]))
+    return row
+
+
+def _metrics(case: Case, estimates: Mapping[str, Estimate], rows) -> dict[str, Any]:
+    metrics: dict[str, Any] = {"samples": case.problem.samples, "cells": case.problem.line.n}
+    finite = np.asarray(case.problem.noise)[1:]
+    signal = np.asarray(case.problem.data)
+    if case.problem.observed is not None:
+        signal = signal[np.asarray(case.problem.observed)]
+    noise_rms = float(np.sqrt(np.mean(finite)))
+    metrics[f"noise_rms_{case.signal_unit.replace(' ', '_')}"] = noise_rms
+    metrics["snr_dB"] = float(20 * np.log10(max(np.std(signal) / noise_rms, 1e-30)))
+    there = seen(case.problem)
+    x = np.asarray(case.problem.line.x)[there]
+    for row, (name, estimate) in zip(rows, estimates.items(), strict=True):
+        key = name.lower().replace(" ", "_")
+        metrics |= {f"{k}_{key}": v for k, v in row.items() if k != "method"}
+        metrics |= {f"{k}_{key}": v for k, v in estimate.stats.items() if k != "method"}
+        value = np.asarray(estimate.value)[:, there]
+        for c, component in enumerate(COMPONENTS):
+            top = int(np.argmax(value[c]))
+            metrics[f"{component}_peak_position_m_{key}"] = float(x[top])
+            metrics[f"{component}_peak_Pa_{key}"] = float(value[c, top])
+        metrics[f"p_line_wavelength_m_{key}"] = strongest_line_m(x, value[0])
+    return metrics
+
+
+def strongest_line_m(x: np.ndarray, values: np.ndarray) -> float | None:
+    """Wavelength [m] of the strongest line of evenly spaced values, drift taken out.
+
+    The windowed, finely sampled periodogram of what a straight line leaves, over wavelengths from
+    two cells to two fifths of the stretch (a Hann window blurs longer ones into the drift).
+    """
+    if len(x) < 16:
+        return None
+    left = values - np.polynomial.Polynomial.fit(x, values, 1)(x)
+    n = 32 * len(x)
+    power = np.abs(np.fft.rfft(left * np.hanning(len(x)), n)) ** 2
+    frequency = np.fft.rfftfreq(n, (x[-1] - x[0]) / (len(x) - 1))
+    band = frequency >= 2.5 / (x[-1] - x[0])
+    top = int(np.argmax(np.where(band, power, -1.0)))
+    return float(1 / frequency[top])
+
+
+# --- every stage, as arrays ------------------------------------------------------------------
+
+
+def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
+    problem, sensor = case.problem, case.sensor
+    n, unit = problem.line.n, case.signal_unit
+    there = (
+        np.ones(problem.data.shape, bool)
+        if problem.observed is None
+        else np.asarray(problem.observed)
+    )
+    circulant = problem.forward.circulant().transfer
+    k = wavenumbers(n, problem.line.cell_m)
+    unknown = COMPONENTS[: problem.unknowns]
+
+    def stacked(get):
+        return np.stack([np.asarray(get(e)) for e in estimates.values()])
+
+    def both(values):
+        """Components that were not solved for are missing."""
+        full = np.full((*values.shape[:1], 2, *values.shape[2:]), np.nan)
+        full[:, : values.shape[1]] = values
+        return full
+
+    averaging = stacked(lambda e: e.averaging)
+    diagonal = np.einsum("mccn->mcn", averaging)
+    resolution = np.abs(np.fft.rfft(diagonal))
+    pairs = np.full((len(estimates), 2, 2, n), np.nan)
+    pairs[:, : len(unknown), : len(unknown)] = averaging / float(problem.line.cell_m)
+    window = np.fft.rfft(np.asarray(problem.data))
+    gain = np.full((len(sensor.elements), 2, k.size), np.nan)
+    gain[:, : len(unknown)] = np.abs(circulant)
+    films = sensor.elements
+    variables = {
+        "signal": (("element", "x"), np.where(there, np.asarray(problem.data), np.nan), unit),
+        "observed": (("element", "x"), there.astype(np.int8), "1"),
+        "estimate": (("method", "component", "x"), stacked(lambda e: e.value), "Pa"),
+        "estimate_stderr": (("method", "component", "x"), stacked(lambda e: e.stderr), "Pa"),
+        "fitted_signal": (("method", "element", "x"), stacked(lambda e: e.fitted), unit),
+        "whitened_residual": (("method", "element", "x"), stacked(lambda e: e.whitened), "1"),
+        "sensor_gain": (("element", "component", "wavenumber"), gain, f"{unit}/Pa"),
+        "signal_power": (("element", "wavenumber"), np.abs(window) ** 2 / n, f"({unit})^2"),
+        "noise_power": (("wavenumber",), np.asarray(problem.noise), f"({unit})^2"),
+        "resolution": (("method", "component", "wavenumber"), both(resolution), "1"),
+        "cutoff": (("method", "component"), both(_cutoff(np.asarray(k), resolution)), "rad/m"),
+        "averaging_kernel": (("method", "component_out", "component_in", "lag"), pairs, "1/m"),
+        "element_depth": (("element",), [float(f.depth_m) for f in films], "m"),
+        "element_angle": (("element",), [float(f.angle_rad) for f in films], "rad"),
+        "element_width": (("element",), [float(f.width_m) for f in films], "m"),
+        "element_length": (("element",), [float(f.length_m) for f in films], "m"),
+        "element_offset": (("element",), [_offset_m(f) for f in films], "m"),
+    } | dict(case.stages)
+    coordinates = {
+        "x": (("x",), np.asarray(problem.line.x), {"units": "m"}),
+        "wavenumber": (("wavenumber",), np.asarray(k), {"units": "rad/m"}),
+        "lag": (
+            ("lag",),
+            float(problem.line.cell_m) * (np.arange(n) - n // 2),
+            {"units": "m"},
+        ),
+        "component": (("component",), list(COMPONENTS), {"units": "1"}),
+        "component_out": (("component_out",), list(COMPONENTS), {"units": "1"}),
+        "component_in": (("component_in",), list(COMPONENTS), {"units": "1"}),
+        "method": (("method",), list(estimates), {"units": "1"}),
+        "element": (("element",), element_names(sensor), {"units": "1"}),
+    }
+    if "stress" in variables:
+        names = ["sigma_x", "sigma_z", "tau_xz", "sigma_y"]
+        coordinates["stress_name"] = (("stress_name",), names, {"units": "1"})
+    statement = problem.mean_statement()
+    unobserved = [c for c in COMPONENTS if statement[c].startswith(("unobserved", "only"))]
+    return xarray.Dataset(
+        {
+            name: (dims, np.asarray(values), {"units": units})
+            for name, (dims, values, units) in variables.items()
+        },
+        coordinates,
+        {
+            "title": case.title,
+            "speed_m_per_s": case.speed_m_per_s,
+            "signal_unit": unit,
+            "line": "periodic" if problem.forward.is_circular else "open",
+            "mean_unobserved": ",".join(unobserved),
+        },
+    )
+
+
+def _offset_m(film) -> float:
+    offsets = [float(e.offset_m) for e in film.effects if hasattr(e, "offset_m")]
+    return sum(offsets)
+
+
+def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:
+    """Where the resolution (..., k) falls through one half for the last time, NaN if nowhere."""
+    high = resolution[..., :-1] >= 0.5
+    falls = high & (resolution[..., 1:] < 0.5)
+    last = falls.shape[-1] - 1 - np.argmax(falls[..., ::-1], axis=-1)
+    upper = np.take_along_axis(resolution, last[..., None], -1)[..., 0]
+    lower = np.take_along_axis(resolution, last[..., None] + 1, -1)[..., 0]
+    share = (upper - 0.5) / np.where(upper > lower, upper - lower, 1.0)
+    return np.where(falls.any(axis=-1), k[last] + share * (k[1] - k[0]), np.nan)
+
+
+# --- the page --------------------------------------------------------------------------------
+
+
+def _summary(rows) -> Table:
+    def cell(value, pattern="{:.3g}"):
+        return "-" if value is None else pattern.format(value)
+
+    return Table(
+        ("method", "error of p", "error of q", "90 % band covers p", "covers q", "first call [ms]",
+         "steady [ms]", "result"),
+        tuple(
+            (
+                row["method"],
+                cell(row["error_p"], "{:.1%}"),
+                cell(row["error_q"], "{:.1%}"),
+                cell(row["coverage_p"], "{:.0%}"),
+                cell(row["coverage_q"], "{:.0%}"),
+                cell(1e3 * row["time_s_first"]),
+                cell(row["time_s_steady"] and 1e3 * row["time_s_steady"]),
+                row["result"],
+            )
+            for row in rows
+        ),
+        "Relative errors of the deviation from the mean (truth known in simulations only); the "
+        "first call includes compilation.",
+    )  # fmt: skip
+
+
+def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section, ...]:
+    simulated = "traction" in ds
+    parts = [
+        Section(
+            "Scene and sensor",
+            ("Drawn to scale in the plane of sliding; z points into the finger.",),
+            {"scene": lambda: figures.scene(ds)},
+        )
+    ]
+    if simulated:
+        parts.append(
+            Section("Traction on the skin", (), {"traction": lambda: figures.traction(ds)})
+        )
+    if "stress" in ds:
+        words = "What the film feels, at its depth under the skin; tension is positive."
+        parts.append(
+            Section("Stress at the film", (words,), {"stress": lambda: figures.stress(ds)})
+        )
+    parts += [
+        Section(
+            "Current and voltage" if "current" in ds else "Signal",
+            ("The recorded signal with what each estimate explains of it, and what it leaves, in "
+             "units of the noise.",),
+            {"signals": lambda: figures.signals(ds), "residual": lambda: figures.residual(ds)},
+        ),
+        Section(
+            "Recovered p and q",
+            tuple(_mean_words(case.problem)),
+            {"estimates": lambda: figures.estimates(ds)},
+        ),
+        Section(
+            "Spectra",
+            ("The resolution is the part of a traction's sinusoid that the estimate keeps; the "
+             "cut-off is where it falls through one half.",),
+            {"spectra": lambda: figures.spectra(ds)},
+            tables=(_cutoff_table(ds),),
+        ),
+        Section(
+            "Averaging kernel",
+            ("What the estimate makes of a unit line of traction in the middle of the window: its "
+             "own component (a peak as narrow as the resolution) and the other one (leakage).",),
+            {"averaging_kernel": lambda: figures.averaging_kernel(ds)},
+        ),
+        Section(
+            "Errors and time",
+            (),
+            {"errors_and_time": lambda: figures.errors_and_time(rows)},
+            tables=(_summary(rows),),
+        ),
+        Section(
+            "What was assumed",
+            (),
+            tables=(
+                Table(("what", "value"), case.assumed),
+                *(_stats_table(name, e) for name, e in estimates.items()),
+            ),
+        ),
+    ]  # fmt: skip
+    return tuple(parts)
+
+
+def _mean_words(problem: Problem):
+    yield (
+        "Bands are 90 % of the posterior (1.645 standard errors): noise and what the prior leaves "
+        "open, not errors of the model."
+    )
+    for component, words in problem.mean_statement().items():
+        yield f"Mean of {component}: {words}."
+
+
+def _cutoff_table(ds: xarray.Dataset) -> Table:
+    rows = []
+    for method in ds["method"].values:
+        for component in COMPONENTS:
+            k = float(ds["cutoff"].sel({"method": method, "component": component}))
+            if np.isfinite(k):
+                rows.append((str(method), component, k, 2e3 * np.pi / k))
+    return Table(("method", "component", "cut-off [rad/m]", "wavelength [mm]"), tuple(rows))
+
+
+def _stats_table(name: str, estimate: Estimate) -> Table:
+    rows = [(key.replace("_", " "), value) for key, value in estimate.stats.items()]
+    return Table((name, "value"), (("result", estimate.result), *rows))

@@ -1,0 +1,145 @@
+"""Simulate a scene, invert its signal by every method named, and compare with the truth."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..forward.noise import Noise, draw, total_spectrum
+from ..forward.scan import ConstantSpeed
+from ..forward.scene import Scene
+from ..forward.sensor import Sensor
+from ..grid import Line
+from ..inverse.problem import Problem
+from ..report.outcome import Outcome
+from . import build
+from .analysis import Case
+from .analysis import run as analyse
+
+
+class Simulation(eqx.Module):
+    """A scene felt by a sensor, on a line and on one that is `refinement` times finer.
+
+    The signal comes from the finer line, so that what inverts it is not what made it. On the open
+    line the traction is the deviation from the background, which has no end to feel.
+    """
+
+    scene: Scene
+    sensor: Sensor
+    scan: ConstantSpeed
+    line: Line
+    fine: Line
+    refinement: int = eqx.field(static=True)
+
+    @property
+    def background(self):
+        """What is taken out of the traction (2, 1) [Pa]: nothing on the periodic line."""
+        open_line = not isinstance(self.line, build.Periodic)
+        return open_line * self.scene.background(self.scan.direction)[:, None]
+
+    def traction(self, line: Line):
+        """Cell averages of p and q (2, n) on `line`, less the background."""
+        return self.scene.traction(line, self.scan.direction) - self.background
+
+    @eqx.filter_jit
+    def sampled(self, stage):
+        """A stage's signals (e, n) at the coarse line's positions, computed on the fine one."""
+        signal = self.fine.operator(stage)(self.traction(self.fine))
+        return signal[:, :: self.refinement]
+
+
+def simulation(cfg: build.Config) -> Simulation:
+    """The simulation that a configuration describes."""
+    refinement = cfg["grid"]["refinement"]
+    return Simulation(
+        build.scene(cfg),
+        build.sensor(cfg),
+        build.scan(cfg),
+        build.line(cfg),
+        build.line(cfg, refinement),
+        refinement,
+    )
+
+
+def noisy_problem(sim: Simulation, noises: tuple[Noise, ...], key, friction=None) -> Problem:
+    """The simulated signal with noise, its traction's mean pressure known as the load."""
+    signal = sim.sampled(sim.sensor.signal(sim.scan))
+    rms = jnp.sqrt(jnp.mean(signal**2))
+    spectrum = total_spectrum(noises, sim.line, sim.scan, rms)
+    data = signal + draw(key, spectrum, *signal.shape)
+    mean_p = jnp.mean(sim.traction(sim.line)[0])
+    offset = sim.sensor.amplifier.offset
+    noise = spectrum if offset is not None else spectrum.at[0].set(jnp.inf)
+    return Problem(
+        sim.line,
+        sim.line.operator(sim.sensor.signal(sim.scan)),
+        data,
+        noise,
+        known_mean_Pa=(mean_p, None),
+        friction=friction,
+    )
+
+
+def run(cfg: build.Config) -> Outcome:
+    """The job: simulate, invert, compare."""
+    with build.precision(cfg):
+        sim = simulation(cfg)
+        key = jax.random.key(cfg["seed"])
+        problem = noisy_problem(sim, build.noises(cfg), key, cfg["friction"])
+        names = ", ".join(cfg["method"])
+        case = Case(
+            title=f"Simulated scene, {len(sim.sensor.elements)} film elements: {names}",
+            problem=problem,
+            sensor=sim.sensor,
+            speed_m_per_s=float(sim.scan.speed_m_per_s),
+            methods=build.methods(cfg),
+            signal_unit=sim.sensor.amplifier.unit,
+            stages=stages(sim),
+            assumed=assumed(cfg, sim),
+        )
+        return analyse(case)
+
+
+def stages(sim: Simulation) -> dict[str, tuple[tuple[str, ...], Any, str]]:
+    """Every stage of the simulation at the line's positions: (dims, values, units) by name."""
+    elements = len(sim.sensor.elements)
+    stress = sim.sampled(sim.sensor.stress()).reshape(elements, 4, -1)
+    along = ("element", "x")
+    return {
+        "traction": (("component", "x"), np.asarray(sim.traction(sim.line)), "Pa"),
+        "friction": (("x",), np.asarray(sim.scene.friction(sim.line)), "1"),
+        "stress": (("element", "stress_name", "x"), np.asarray(stress), "Pa"),
+        "charge": (along, np.asarray(sim.sampled(sim.sensor.charge())), "C"),
+        "current": (along, np.asarray(sim.sampled(sim.sensor.current(sim.scan))), "A"),
+        "signal_noise_free": (
+            along,
+            np.asarray(sim.sampled(sim.sensor.signal(sim.scan))),
+            sim.sensor.amplifier.unit,
+        ),
+    }
+
+
+def assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
+    """Rows of the page's last section."""
+    line = sim.line
+    effects = cfg["effects"]
+    off = [name for name in build.EFFECTS if name not in effects]
+    cell_um = 1e6 * float(line.cell_m)
+    kinds = {
+        "periodic": "everything repeats with the window",
+        "open": "nothing beyond the window; p and q are deviations from the background",
+    }
+    return (
+        ("line", f"{cfg['grid']['line']}: {kinds[cfg['grid']['line']]}"),
+        ("cells", f"{line.n} of {cell_um:.4g} um; simulated on cells {sim.refinement} times finer"),
+        ("skin", f"half space, Poisson's ratio {float(sim.sensor.skin.poisson_ratio):.4g}"),
+        ("speed", f"{float(sim.scan.speed_m_per_s):.4g} m/s, constant"),
+        ("amplifier", type(sim.sensor.amplifier).__name__),
+        ("noise", ", ".join(cfg["noise"]) or "none"),
+        ("effects on", ", ".join(effects) or "none"),
+        ("effects off", ", ".join(off) or "none"),
+        ("p and q", "apart" if cfg["friction"] is None else f"q = {cfg['friction']} p"),
+        ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
+    )

@@ -1,0 +1,21 @@
+"""The figures of the page and of the experiments. Nothing else in the package draws.
+
+Each of the page's figures is drawn from the one dataset that holds every stage of a run, by
+`name(dataset) -> Figure`; what a dataset does not hold (a recording has no truth) is left out, or
+said in place of the figure. Components, methods and stresses keep their colours from one figure to
+the next; truth is black. The same input gives the same picture.
+"""
+
+from .cost import accuracy_cost as accuracy_cost
+from .cost import errors_and_time as errors_and_time
+from .estimates import averaging_kernel as averaging_kernel
+from .estimates import estimates as estimates
+from .fit import residual as residual
+from .fit import signals as signals
+from .panels import Panel as Panel
+from .panels import panels as panels
+from .panels import stress as stress
+from .panels import traction as traction
+from .scene import scene as scene
+from .spectra import filter_spectra as filter_spectra
+from .spectra import spectra as spectra

@@ -1,0 +1,249 @@
+"""One look for all figures: colours, units scaled for reading, legends beside the curves."""
+
+import functools
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ParamSpec
+
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from xarray import DataArray, Dataset
+
+WIDTH_IN = 10.0
+MM_PER_M = 1e3
+NORMAL_90 = 1.645  # half the width of the standard normal's central 90 %
+
+TRUTH = "#000000"
+GREY = "#6b747c"
+SHADE = "#dfe3e7"
+
+# Okabe and Ito's palette, told apart without red-green vision.
+_ORANGE, _SKY, _GREEN, _BLUE = "#e69f00", "#56b4e9", "#009e73", "#0072b2"
+_VERMILLION, _PURPLE = "#d55e00", "#cc79a7"
+PALETTE = (_BLUE, _VERMILLION, _GREEN, _PURPLE, _ORANGE, _SKY, TRUTH)
+_NAMED = {
+    "p": _BLUE,
+    "q": _VERMILLION,
+    "mu": GREY,
+    "Wiener": _GREEN,
+    "Tikhonov": _PURPLE,
+    "truth": TRUTH,
+    "sigma_x": _ORANGE,
+    "sigma_z": _SKY,
+    "tau_xz": TRUTH,
+    "sigma_y": GREY,
+}
+LINE_STYLES = ("-", "--", ":", "-.")
+_SYMBOLS = {
+    "mu": r"$\mu$",
+    "sigma_x": r"$\sigma_x$",
+    "sigma_z": r"$\sigma_z$",
+    "tau_xz": r"$\tau_{xz}$",
+    "sigma_y": r"$\sigma_y$",
+}
+
+# Font sizes in points, not in words: words are looked up in the user's settings when saved.
+_POINTS = 10
+_LOOK = {
+    "font.size": _POINTS,
+    "axes.labelsize": _POINTS,
+    "axes.titlesize": _POINTS,
+    "xtick.labelsize": _POINTS,
+    "ytick.labelsize": _POINTS,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "grid.color": "#e3e6e9",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.4,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "figure.titlesize": 12,
+}
+
+_Inputs = ParamSpec("_Inputs")
+
+
+def styled(draw: Callable[_Inputs, Figure]) -> Callable[_Inputs, Figure]:
+    """`draw` under this look alone: the user's own settings neither matter nor change."""
+
+    @functools.wraps(draw)
+    def under_style(*args: _Inputs.args, **kwargs: _Inputs.kwargs) -> Figure:
+        with matplotlib.style.context(["default", _LOOK]):
+            figure = draw(*args, **kwargs)
+        for axes in figure.axes:
+            for panel in (axes, *axes.child_axes):
+                # How many ticks there is room for is asked at saving, when the look is no more.
+                panel.tick_params(labelsize=_POINTS)
+        return figure
+
+    return under_style
+
+
+def symbol(name: str) -> str:
+    """`name` as it is written on a figure."""
+    return _SYMBOLS.get(name, name)
+
+
+def colours(names: Iterable[str]) -> dict[str, str]:
+    """A colour for each name: its own where it has one, else the next that is free."""
+    names = [str(name) for name in names]
+    taken = {_NAMED[name] for name in names if name in _NAMED}
+    # From the end: what has no colour of its own starts far from p and q.
+    free = [colour for colour in PALETTE[-2::-1] if colour not in taken] or list(PALETTE)
+    others = [name for name in names if name not in _NAMED]
+    cycled = {name: free[i % len(free)] for i, name in enumerate(others)}
+    return {name: _NAMED.get(name) or cycled[name] for name in names}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What SI values are multiplied by to be drawn, and the unit they are then in."""
+
+    factor: float
+    unit: str
+
+    def label(self, quantity: str) -> str:
+        """An axis label: the quantity and its unit."""
+        return f"{quantity} [{self.unit}]"
+
+
+_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_PREFIXED = {"Pa", "V", "V m", "A", "C", "s"}
+
+
+def scale(units: str, *values: Any) -> Scale:
+    """The prefix that brings the largest of `values` (in SI `units`) between 1 and 1000.
+
+    Units that take no prefix (counts, powers) are only written out.
+    """
+    if units not in _PREFIXED:
+        return Scale(1.0, re.sub(r"\((\w+)\)", r"\1", units).replace("^2", "²").removesuffix("/1"))
+    top = max((peak(v) for v in values), default=0.0)
+    power = 3 * int(np.floor(np.log10(top) / 3)) if top > 0 else 0
+    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    return Scale(10.0**-power, _PREFIXES[power] + units)
+
+
+def pressure_scale(units: str, *values: Any) -> Scale:
+    """Like [`scale`][]; a pressure without a unit comes from a sensor of unknown gain."""
+    return Scale(1.0, "relative") if units == "1" else scale(units, *values)
+
+
+def peak(values: Any) -> float:
+    """The largest finite magnitude; zero where there is none."""
+    values = np.asarray(values, dtype=float)
+    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+
+
+def units_of(variable: DataArray) -> str:
+    """The variable's SI unit as a plain string."""
+    return str(variable.attrs["units"])
+
+
+def names_of(coordinate: DataArray) -> list[str]:
+    """A coordinate's labels as plain strings."""
+    return [str(name) for name in coordinate.values]
+
+
+def shown(values: np.ndarray) -> bool:
+    """Whether there is anything to draw: what a method did not solve for is all NaN."""
+    return bool(np.isfinite(values).any())
+
+
+def short(element: str) -> str:
+    """An element's number, without how it lies: for legends."""
+    return element.partition(":")[0]
+
+
+def along_x(axes: Axes, x_m: np.ndarray) -> None:
+    """Show the whole line, samples or not."""
+    axes.set_xlim(x_m[0] * MM_PER_M, x_m[-1] * MM_PER_M)
+
+
+def grid_of_axes(
+    rows: int, columns: int, height_in: float, **layout: Any
+) -> tuple[Figure, np.ndarray]:
+    """A figure of the common width with (rows, columns) axes, each row `height_in` high."""
+    figure = Figure(figsize=(WIDTH_IN, rows * height_in + 0.9), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **layout)
+
+
+def note(axes: Axes, sentence: str) -> None:
+    """Say in the panel's middle why nothing is drawn in it."""
+    axes.text(0.5, 0.5, sentence, transform=axes.transAxes, ha="center", va="center", color=GREY)
+
+
+@styled
+def note_alone(title: str, sentence: str) -> Figure:
+    """A figure that holds only the reason why there is none."""
+    figure = Figure(figsize=(WIDTH_IN, 1.2), layout="constrained")
+    figure.suptitle(title)
+    axes = figure.subplots()
+    axes.set_axis_off()
+    note(axes, sentence)
+    return figure
+
+
+def legend_beside(axes: Axes, least: int = 2) -> None:
+    """A legend of `least` entries or more to the right of the panel, where it covers no curve."""
+    if len(axes.get_legend_handles_labels()[1]) >= least:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), borderaxespad=0.0)
+
+
+def legend_below(figure: Figure, axes: Iterable[Axes], columns: int = 5) -> None:
+    """One legend under panels that share their labels, each label once."""
+    entries: dict[str, Any] = {}
+    for panel in axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    if entries:
+        figure.legend(
+            list(entries.values()), list(entries), loc="outside lower center", ncols=columns
+        )
+
+
+def runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """The [start, stop) index ranges over which `mask` holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], np.asarray(mask, bool), [False]])))
+    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
+
+
+def stretches_mm(x_m: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
+    """The stretches [mm] of the line whose cells `mask` picks, cell edge to cell edge."""
+    half = (x_m[1] - x_m[0]) / 2
+    return [
+        ((x_m[start] - half) * MM_PER_M, (x_m[stop - 1] + half) * MM_PER_M)
+        for start, stop in runs(mask)
+    ]
+
+
+def observed_anywhere(dataset: Dataset) -> np.ndarray:
+    """Whether any element has a sample at x (x,)."""
+    return np.asarray(dataset["observed"].any("element").values, bool)
+
+
+def shade_unobserved(axes: Axes, x_m: np.ndarray, observed: np.ndarray) -> None:
+    """Shade where no element has a sample; the legend says so."""
+    for i, (left, right) in enumerate(stretches_mm(x_m, ~observed)):
+        label = "no samples here" if i == 0 else None
+        # Hatched over the bands, which are widest here and would hide a shade under them.
+        axes.axvspan(
+            left, right, facecolor=SHADE, alpha=0.55, edgecolor=GREY, hatch="//", linewidth=0,
+            zorder=2.2, label=label,
+        )  # fmt: skip
+
+
+def method_lines(methods: Iterable[str]) -> Mapping[str, dict[str, Any]]:
+    """Colour and line style of each method."""
+    palette = colours(methods)
+    return {
+        name: {"color": colour, "linestyle": LINE_STYLES[i % len(LINE_STYLES)]}
+        for i, (name, colour) in enumerate(palette.items())
+    }

@@ -1,0 +1,59 @@
+"""Sensors, lines and fitted orders that several test files share."""
+
+import equinox as eqx
+import numpy as np
+
+from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent, SlowReadout
+from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripWidth
+from srsinv.forward.scan import ConstantSpeed
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.skin import HalfSpace
+from srsinv.grid import Open, Periodic
+
+SCAN = ConstantSpeed(0.05)
+AMPLIFIERS = {
+    "current": CurrentAmplifier(1e6),
+    "integrated": IntegratedCurrent(1e6),
+    "slow": SlowReadout(2e9, 0.1),
+}
+LINES = {
+    "periodic_even": Periodic(64, 1e-4, -3.15e-3),
+    "periodic_odd": Periodic(63, 1e-4, -3.1e-3),
+    "open_even": Open(64, 1e-4, -3.15e-3),
+    "open_odd": Open(63, 1e-4, -3.1e-3),
+}
+
+
+@eqx.filter_jit
+def apply(line, stage, r):
+    """The stage's signals under the traction r (2, n)."""
+    return line.operator(stage)(r)
+
+
+def full_sensor(amplifier=None) -> Sensor:
+    """Three elements, no two alike, with every effect along the line."""
+    return Sensor(
+        [
+            Film(0.75e-3, 0.0, effects=(StripWidth(0.7e-3), Offset(0.3e-3))),
+            Film(0.9e-3, np.pi / 2, effects=(SampleAverage(3, 4e-5), StripWidth(0.5e-3))),
+            Film(0.6e-3, 0.5, 0.5e-3, 6e-3, Piezo(20e-12, 2e-12, -30e-12), (Offset(-2e-4),), 2),
+        ],
+        HalfSpace(0.45),
+        amplifier,
+    )
+
+
+def fitted_order(steps, errors) -> float:
+    """The slope of log error against log step."""
+    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+def largest_error(ours, reference) -> float:
+    """Largest error over the last axis in units of the reference's largest value there.
+
+    Rows that are nothing in the reference are measured against its largest row.
+    """
+    ours, reference = np.asarray(ours), np.asarray(reference)
+    peak = np.abs(reference).max(-1)
+    peak = np.where(peak > 1e-14 * peak.max(), peak, peak.max())
+    return float((np.abs(ours - reference).max(-1) / peak).max())
