@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..grid import half_spectrum_weights
 from .prior import Prior, Score, Solution
@@ -50,16 +50,33 @@ def whiten(problem: Problem) -> Whitened:
 
 
 class Posterior(NamedTuple):
-    """Cholesky factor of the posterior precision, its fixed means apart."""
+    """Cholesky factor of the posterior precision.
+
+    Where only the deviation from the mean is solved for, the mean has the precision `scale`, which
+    keeps the factor regular, and is taken out of the covariance again.
+    """
 
     root: Float[Array, "m m"]
-    fixed: Float[Array, "m m"]  # projection on the means that are not solved for
-    scale: Float[Array, ""]  # the precision put on them to keep the factor regular
+    centred: Bool[Array, " c"]
+    scale: Float[Array, ""]
 
     def covariance(self) -> Float[Array, "m m"]:
         """The posterior covariance, nothing of it along a fixed mean."""
-        identity = jnp.eye(self.root.shape[0])
-        return jax.scipy.linalg.cho_solve((self.root, True), identity) - self.fixed / self.scale
+        covariance = jax.scipy.linalg.cho_solve((self.root, True), jnp.eye(self.root.shape[0]))
+        return covariance - _means(self.root, self.centred) / self.scale
+
+
+def _means(like: Float[Array, "m m"], centred: Bool[Array, " c"]) -> Float[Array, "m m"]:
+    """The projection on the means of the components that are centred."""
+    n = like.shape[0] // centred.size
+    return jnp.kron(jnp.diag(centred.astype(like.dtype)), jnp.full((n, n), 1 / n, like.dtype))
+
+
+def _centre(matrix: Float[Array, "m m"], centred: Bool[Array, " c"]) -> Float[Array, "m m"]:
+    """Rows' means taken out of the components that are centred."""
+    blocks = matrix.reshape(centred.size, -1, matrix.shape[-1])
+    means = jnp.where(centred[:, None, None], blocks.mean(axis=1, keepdims=True), 0.0)
+    return (blocks - means).reshape(matrix.shape)
 
 
 @jax.jit
@@ -68,7 +85,7 @@ def solve(problem: Problem, prior: Prior, white: Whitened) -> Solution:
     n, unknowns = problem.line.n, problem.unknowns
     covariance = _posterior(problem, prior, white).covariance()
     value = covariance @ (white.model.T @ white.data)
-    variance = jnp.maximum(jnp.diagonal(covariance), 0.0)
+    variance = jnp.maximum(_variance(problem, covariance), 0.0)
     middle = jnp.arange(unknowns) * n + n // 2
     averaging = covariance @ (white.model.T @ white.model[:, middle])
     return Solution(
@@ -77,6 +94,21 @@ def solve(problem: Problem, prior: Prior, white: Whitened) -> Solution:
         covariance,
         averaging.reshape(unknowns, n, unknowns).swapaxes(1, 2),
     )
+
+
+def _variance(problem: Problem, covariance: Float[Array, "m m"]) -> Float[Array, " m"]:
+    """Of the deviation from the mean over the samples' stretch where the mean is weakly observed:
+    its own error would hide how well the rest is known."""
+    variance = jnp.diagonal(covariance)
+    if problem.forward.is_circular:
+        return variance
+    n, unknowns = problem.line.n, problem.unknowns
+    seen = jnp.ones(n, bool) if problem.observed is None else jnp.any(problem.observed, axis=0)
+    weights = jnp.kron(jnp.diag(~problem.centred * 1.0), (seen / jnp.sum(seen))[None, :])
+    shared = covariance @ weights.T
+    of_mean = jnp.diagonal(weights @ shared)
+    along = jnp.repeat(jnp.eye(unknowns), n, axis=0)
+    return variance - 2 * jnp.sum(shared * along, axis=1) + along @ of_mean
 
 
 def score(problem: Problem, prior: Prior, white: Whitened) -> Score:
@@ -106,8 +138,7 @@ def _posterior(problem: Problem, prior: Prior, white: Whitened) -> Posterior:
     basis = jnp.eye(size)
     penalty = jax.vmap(lambda r: prior.apply(problem.line, r))(basis.reshape(size, unknowns, n))
     precision = white.model.T @ white.model + penalty.reshape(size, size)
-    fixed = jnp.kron(jnp.diag(problem.centred.astype(precision.dtype)), jnp.full((n, n), 1 / n))
-    project = basis - fixed
+    centred = _centre(_centre(precision, problem.centred).T, problem.centred)
     scale = jnp.mean(jnp.diagonal(precision))
-    root = jnp.linalg.cholesky(project @ precision @ project + scale * fixed)
-    return Posterior(root, fixed, scale)
+    root = jnp.linalg.cholesky(centred + scale * _means(precision, problem.centred))
+    return Posterior(root, problem.centred, scale)

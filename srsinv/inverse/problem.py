@@ -131,8 +131,9 @@ class Problem(eqx.Module):
 class Estimate(eqx.Module):
     """Recovered traction with its uncertainty.
 
-    - `value` (2, n): p and q [Pa]; `stderr` (2, n): posterior standard error [Pa] of their
-      deviation from the mean (of the value itself where the mean is in the signal).
+    - `value` (2, n): p and q [Pa]; `stderr` (2, n): posterior standard error [Pa] of the value
+      where its mean is in the signal, else of its deviation from the mean (on an open line: over
+      the stretch with samples).
     - `covariance`: (c, c, k) per wavenumber on the spectral path, (c n, c n) on the iterative one.
     - `result`: "converged", or what did not work; `stats`: numbers of the solution (iterations,
       weights, degrees of freedom).

@@ -88,7 +88,9 @@ def _load(cfg: build.Config) -> Recording:
     path, missing = settings.pop("path"), settings.pop("missing", "refuse")
     refuse(path is None, "No recording is named: give recording.path=FILE.")
     settings.pop("cell_m", None)
-    known = settings | {"sensor": {"elements": (cfg["sensor"] or {}).get("elements")}}
+    named = cfg["sensor"]["elements"]
+    listed = list(named.values()) if isinstance(named, dict) else named
+    known = settings | {"sensor": {"elements": listed}}
     recording = load(path, missing=missing, **_given(known))
     refuse(
         not recording.is_constant_speed(STEADY),

@@ -45,7 +45,7 @@ def estimates(dataset: xarray.Dataset) -> Figure:
         _component(axes, dataset, name)
     grid[-1, 0].set_xlabel("position x [mm]")
     figure.suptitle("Recovered pressure and shear with 90 % bands")
-    legend_below(figure, grid[:, 0], columns=6)
+    legend_below(figure, grid[:, 0])
     return figure
 
 
@@ -100,31 +100,20 @@ def full_width_at_half_maximum(lag_m: np.ndarray, kernel: np.ndarray) -> float:
 
 
 def _component(axes: Axes, dataset: xarray.Dataset, name: str) -> None:
-    x = dataset["x"].values
-    observed = observed_anywhere(dataset)
+    x, observed = dataset["x"].values, observed_anywhere(dataset)
+    values, truth, band = _curves(dataset, name)
     unknown_mean = name in str(dataset.attrs.get("mean_unobserved", "")).split(",")
-    values = dataset["estimate"].sel(component=name).values
-    stderr = dataset["estimate_stderr"].sel(component=name).values
-    band = NORMAL_90 * np.where(np.isfinite(stderr), stderr, np.nan)
-    truth = (
-        dataset["traction"].sel(component=name).values[None]
-        if "traction" in dataset
-        else np.empty((0, x.size))
-    )
     if unknown_mean:
         values, truth = _centred(values, observed), _centred(truth, observed)
     unit = pressure_scale(units_of(dataset["estimate"]), values, truth)
     shade_unobserved(axes, x, observed)
     for curve in truth:
         axes.plot(x * MM_PER_M, curve * unit.factor, color=TRUTH, label="truth", zorder=3)
-    for (method, look), centre, half in zip(
-        method_lines(names_of(dataset["method"])).items(), values, band, strict=True
-    ):
+    methods = method_lines(names_of(dataset["method"]))
+    for (method, look), centre, half in zip(methods.items(), values, band, strict=True):
         low, high = (centre - half) * unit.factor, (centre + half) * unit.factor
-        axes.fill_between(
-            x * MM_PER_M, low, high, color=look["color"], alpha=0.25, linewidth=0,
-            label=f"{method}, 90 %",
-        )  # fmt: skip
+        shade = {"color": look["color"], "alpha": 0.25, "linewidth": 0}
+        axes.fill_between(x * MM_PER_M, low, high, **shade, label=f"{method}, 90 %")
         axes.plot(x * MM_PER_M, centre * unit.factor, **look, label=method, zorder=4)
     axes.set_title(_title(name, unknown_mean))
     axes.set_ylabel(unit.label(f"{name} - mean" if unknown_mean else name))
@@ -132,6 +121,16 @@ def _component(axes: Axes, dataset: xarray.Dataset, name: str) -> None:
     _limit(axes, unit, observed, truth, values, band)
     if not shown(values):
         note(axes, "not estimated")
+
+
+def _curves(dataset: xarray.Dataset, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Estimates (method, x), truth (1 or 0, x) and half-widths of the bands (method, x)."""
+    values = dataset["estimate"].sel(component=name).values
+    stderr = dataset["estimate_stderr"].sel(component=name).values
+    truth = np.empty((0, values.shape[-1]))
+    if "traction" in dataset:
+        truth = dataset["traction"].sel(component=name).values[None]
+    return values, truth, NORMAL_90 * np.where(np.isfinite(stderr), stderr, np.nan)
 
 
 def _title(name: str, unknown_mean: bool) -> str:

@@ -18,6 +18,7 @@ from .style import (
     note,
     note_alone,
     pressure_scale,
+    shown,
     styled,
     symbol,
     units_of,
@@ -52,7 +53,7 @@ def panels(
                 linestyle=style,
                 label=symbol(label),
             )
-        if not any(np.isfinite(values).any() for values in panel["lines"].values()):
+        if not any(shown(np.asarray(values)) for values in panel["lines"].values()):
             note(axes, "no values")
         axes.set(title=panel["title"], ylabel=panel["ylabel"])
         along_x(axes, np.asarray(x_m))

@@ -26,7 +26,7 @@ _RUBBER, _SURFACE = "#f6efe6", "#dfe3e7"
 _FILM = "#009e73"
 _ARROW = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 12}
 _LEFT_IN, _PLOT_IN = 0.9, WIDTH_IN - 1.1
-_PER_ROW = 4
+_SIDE_IN, _ROW_IN, _PER_ROW = 1.95, 2.75, 4  # of the close-ups
 
 
 @styled
@@ -38,12 +38,16 @@ def scene(dataset: xarray.Dataset) -> Figure:
     """
     sensor = _Sensor.of(dataset)
     section_in = _section_height_in(dataset, sensor)
+    section_top, close_ups_top = 2.5, 2.5 + section_in + 0.95
     rows = -(-(len(sensor.names) + 1) // _PER_ROW)
-    sheet = _Sheet(height_in=0.5 + 1.7 + 0.55 + section_in + 0.65 + rows * 2.75)
+    sheet = _Sheet(height_in=close_ups_top + rows * _ROW_IN)
     above = sheet.axes(0.5, 1.45)
-    _above(above, dataset, sensor)
-    _section(sheet.axes(2.5, section_in, sharex=above), dataset, sensor)
-    _close_ups(sheet, 2.5 + section_in + 0.95, sensor)
+    draw_above = _pressure if "traction" in dataset else _samples
+    draw_above(above, dataset)
+    above.set_xlim(*_view_mm(dataset, sensor))
+    above.tick_params(labelbottom=False)
+    _section(sheet.axes(section_top, section_in, sharex=above), dataset, sensor)
+    _close_ups(sheet, close_ups_top, sensor)
     sheet.figure.suptitle(
         "Scene and sensor, to scale (only the film is drawn thicker than it is)", y=1.0, va="top"
     )
@@ -68,7 +72,7 @@ class _Sensor:
 
     @property
     def reach(self) -> float:
-        """The length that close-ups are measured by: the deepest film, or half the widest."""
+        """The length that close-ups are measured by: the deepest film, or the widest."""
         return float(max(self.depth.max(), self.width.max() * 0.6))
 
     def ends(self, i: int) -> tuple[np.ndarray, np.ndarray]:
@@ -110,30 +114,28 @@ class _Sheet:
         return self.figure.add_axes(place, sharex=sharex)
 
 
-def _above(axes: Axes, dataset: xarray.Dataset, sensor: _Sensor) -> None:
+def _pressure(axes: Axes, dataset: xarray.Dataset) -> None:
     x, observed = dataset["x"].values, observed_anywhere(dataset)
-    if "traction" in dataset:
-        pressure = dataset["traction"].sel(component="p")
-        unit = pressure_scale(units_of(dataset["traction"]), pressure)
-        shade_unobserved(axes, x, observed)
-        axes.fill_between(x * MM_PER_M, pressure * unit.factor, color=colours("p")["p"], alpha=0.15)
-        axes.plot(x * MM_PER_M, pressure * unit.factor, color=colours("p")["p"])
-        hatched = "" if observed.all() else "; hatched: no samples"
-        title = f"Pressure on the skin along the whole line{hatched}"
-        axes.set(title=title, ylabel=unit.label("p"))
-        axes.set_ylim(min(0.0, axes.get_ylim()[0]), None)
-    else:
-        elements = names_of(dataset["element"])
-        for e, mask in enumerate(dataset["observed"].values):
-            spans = [(left, right - left) for left, right in stretches_mm(x, mask)]
-            axes.broken_barh(spans, (e - 0.3, 0.6), color="#9aa5ae")
-        axes.set_yticks(range(len(elements)), [short(element) for element in elements])
-        axes.set_ylim(len(elements) - 0.4, -0.6)
-        axes.set(
-            title="Where each element has samples; the traction is not known", ylabel="element"
-        )
-    axes.set_xlim(*_view_mm(dataset, sensor))
-    axes.tick_params(labelbottom=False)
+    pressure = dataset["traction"].sel(component="p").values
+    unit = pressure_scale(units_of(dataset["traction"]), pressure)
+    colour = colours("p")["p"]
+    shade_unobserved(axes, x, observed)
+    axes.fill_between(x * MM_PER_M, pressure * unit.factor, color=colour, alpha=0.15)
+    axes.plot(x * MM_PER_M, pressure * unit.factor, color=colour)
+    axes.set_ylim(min(0.0, axes.get_ylim()[0]), None)
+    hatched = "" if observed.all() else "; hatched: no samples"
+    axes.set(title=f"Pressure on the skin along the whole line{hatched}", ylabel=unit.label("p"))
+
+
+def _samples(axes: Axes, dataset: xarray.Dataset) -> None:
+    elements = names_of(dataset["element"])
+    for e, mask in enumerate(dataset["observed"].values):
+        stretches = stretches_mm(dataset["x"].values, mask)
+        spans = [(left, right - left) for left, right in stretches]
+        axes.broken_barh(spans, (e - 0.3, 0.6), color="#9aa5ae")
+    axes.set_yticks(range(len(elements)), [short(element) for element in elements])
+    axes.set_ylim(len(elements) - 0.4, -0.6)
+    axes.set(title="Where each element has samples; the traction is not known", ylabel="element")
 
 
 def _view_mm(dataset: xarray.Dataset, sensor: _Sensor) -> tuple[float, float]:
@@ -159,13 +161,11 @@ def _section(axes: Axes, dataset: xarray.Dataset, sensor: _Sensor) -> None:
         x, z = sensor.ends(i)
         axes.plot(middle + x, z, color=_FILM, linewidth=2.0)
     speed = float(dataset.attrs["speed_m_per_s"])
-    towards = np.sign(speed) or 1.0
-    span = 0.06 * (right - left) * towards
-    start = middle + towards * (np.abs(sensor.offset).max() + sensor.width.max())
-    at = 0.35 * height
-    axes.annotate(
-        "", (start + span, at), (start, at), arrowprops={**_ARROW, "color": TRUTH}, zorder=4
-    )
+    if abs(speed) > 0:
+        beside = np.abs(sensor.offset).max() + sensor.width.max()
+        along = np.array([beside, beside + 0.06 * (right - left)]) * np.sign(speed)
+        start, end = np.stack([middle + along, np.full(2, 0.35 * height)], axis=1)
+        _arrow(axes, start, end, TRUTH)
     axes.set(
         title=f"The finger from the side; the sensor, here at mid-scan, {_say_speed(speed)}",
         xlabel="position x [mm]",
@@ -183,11 +183,11 @@ def _say_speed(speed: float) -> str:
 
 def _close_ups(sheet: _Sheet, top: float, sensor: _Sensor) -> None:
     """One square panel for the signs and one for each element."""
-    side, gap = 1.95, (_PLOT_IN - 1.95 * _PER_ROW) / (_PER_ROW - 1)
+    step_in = (_PLOT_IN - _SIDE_IN) / (_PER_ROW - 1)
     for i in range(len(sensor.names) + 1):
         row, column = divmod(i, _PER_ROW)
-        left = _LEFT_IN + column * (side + gap)
-        axes = sheet.axes(top + row * 2.75, side, left=left, width=side)
+        left = _LEFT_IN + column * step_in
+        axes = sheet.axes(top + row * _ROW_IN, _SIDE_IN, left=left, width=_SIDE_IN)
         centre = 0.0 if i == 0 else float(sensor.offset[i - 1])
         reach = sensor.reach
         _skin(axes, (centre - 1.35 * reach, centre + 1.35 * reach), (-0.7 * reach, 2 * reach))

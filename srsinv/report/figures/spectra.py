@@ -1,6 +1,6 @@
 """What the sensor passes, where the noise takes over, and what a method makes of the two."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,7 @@ from .style import (
     units_of,
 )
 
-_DEEPEST = 1e-8  # of the largest gain: below it nothing comes back in double precision
-_XLABEL = "wavenumber k [rad/m]"
+_DEEPEST = 1e-8  # of the largest gain: what is below it no recording shows
 
 
 @styled
@@ -44,7 +43,7 @@ def spectra(dataset: xarray.Dataset) -> Figure:
     _power(power_axes, dataset)
     _resolution(resolution_axes, dataset)
     gain = dataset["sensor_gain"].values
-    _finish(figure, grid[:, 0], dataset["wavenumber"].values, gain, dataset["cutoff"].values)
+    _finish(grid[:, 0], dataset["wavenumber"].values, gain, dataset["cutoff"].values)
     figure.suptitle("What the sensor passes, and how much of it each method recovers")
     return figure
 
@@ -72,21 +71,18 @@ def filter_spectra(
     gain_axes, power_axes, filter_axes = grid[:, 0]
     _draw(gain_axes, wavenumber, sensor)
     gain_axes.set(title="Sensor transfer |G|", ylabel=f"|G| [{signal_unit}/Pa]")
-    _deepest(gain_axes, np.stack([np.asarray(values) for values in sensor.values()]))
+    gains = np.stack([np.asarray(values) for values in sensor.values()])
+    _deepest(gain_axes, gains)
     _power_lines(power_axes, wavenumber, {"signal": np.asarray(signal)}, np.asarray(noise))
     power_axes.set(title="Power", ylabel=f"power [{signal_unit}²]")
     _draw(filter_axes, wavenumber, filters)
-    filter_axes.set(
-        title="Inverse filter |H|",
-        ylabel=f"|H| [Pa/{signal_unit}]",
-    )
+    filter_axes.set(title="Inverse filter |H|", ylabel=f"|H| [Pa/{signal_unit}]")
     _around_filters(filter_axes, filters)
     if np.isfinite(cutoff):
         for axes in grid[:, 0]:
             label = f"cut-off, {_wavelength_mm(cutoff):.3g} mm"
             axes.axvline(cutoff, color=TRUTH, linewidth=0.9, linestyle=":", label=label)
-    gains = np.stack([np.asarray(values) for values in sensor.values()])
-    _finish(figure, grid[:, 0], np.asarray(wavenumber), gains, np.asarray([cutoff]))
+    _finish(grid[:, 0], np.asarray(wavenumber), gains, np.asarray([cutoff]))
     figure.suptitle(title)
     return figure
 
@@ -189,13 +185,11 @@ def _wavelength_mm(k: Any) -> Any:
         return 2 * np.pi / np.asarray(k, float) * MM_PER_M
 
 
-def _finish(
-    figure: Figure, column: Iterable[Axes], k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray
-) -> None:
-    column = list(column)
+def _finish(column: np.ndarray, k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> None:
+    """Legends, the shared k axis up to where something is seen, and the wavelength on top."""
     for axes in column:
         legend_beside(axes, least=1)
-    column[-1].set_xlabel(_XLABEL)
+    column[-1].set_xlabel("wavenumber k [rad/m]")
     column[0].set_xscale("log")
     column[0].set_xlim(k[1], _last_wavenumber(k, gain, cutoff))
     top = column[0].secondary_xaxis("top", functions=(_wavelength_mm, _wavelength_mm))

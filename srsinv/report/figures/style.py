@@ -197,16 +197,14 @@ def legend_beside(axes: Axes, least: int = 2) -> None:
         axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), borderaxespad=0.0)
 
 
-def legend_below(figure: Figure, axes: Iterable[Axes], columns: int = 5) -> None:
+def legend_below(figure: Figure, axes: Iterable[Axes]) -> None:
     """One legend under panels that share their labels, each label once."""
     entries: dict[str, Any] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     if entries:
-        figure.legend(
-            list(entries.values()), list(entries), loc="outside lower center", ncols=columns
-        )
+        figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=6)
 
 
 def runs(mask: np.ndarray) -> list[tuple[int, int]]:
@@ -230,13 +228,13 @@ def observed_anywhere(dataset: Dataset) -> np.ndarray:
 
 
 def shade_unobserved(axes: Axes, x_m: np.ndarray, observed: np.ndarray) -> None:
-    """Shade where no element has a sample; the legend says so."""
+    """Hatch the cells that `observed` (x,) leaves out; the legend says what that means."""
     for i, (left, right) in enumerate(stretches_mm(x_m, ~observed)):
         label = "no samples here" if i == 0 else None
-        # Hatched over the bands, which are widest here and would hide a shade under them.
+        # Over the bands, which are widest here and would hide it, and under the lines.
         axes.axvspan(
             left, right, facecolor=SHADE, alpha=0.55, edgecolor=GREY, hatch="//", linewidth=0,
-            zorder=2.2, label=label,
+            zorder=1.5, label=label,
         )  # fmt: skip
 
 

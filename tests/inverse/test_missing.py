@@ -1,0 +1,104 @@
+"""Missing samples: nothing comes from them, and they never make an estimate surer."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from srsinv.inverse.problem import Problem
+from srsinv.inverse.tikhonov import Tikhonov
+from srsinv.inverse.wiener import Exponential, Wiener
+from tests.inverse.cases import SLOW, N, gaps, make_case, relative
+
+WIENER = Wiener(Exponential(1.5e3, 0.8e-3), Exponential(5e2, 1.5e-3), path="direct")
+METHODS = {
+    "wiener": WIENER,
+    "tikhonov": Tikhonov(1, 2e-5, 8e-5, path="direct"),
+    "iterative": Tikhonov(1, 2e-5, 8e-5, path="iterative"),
+}
+
+
+def again(problem: Problem, **change) -> Problem:
+    """The same problem, built anew with other data or other samples."""
+    given = {"data": problem.data, "noise": problem.noise, "observed": problem.observed} | change
+    return Problem(problem.line, problem.forward, **given)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("filling", [0.0, 1e30, np.nan, np.inf])
+def test_what_stands_in_a_gap_does_not_matter(name, filling):
+    problem = make_case("open", observed=gaps()).problem
+    filled = again(problem, data=np.where(gaps(), problem.data, filling))
+    one, other = METHODS[name](problem), METHODS[name](filled)
+    np.testing.assert_array_equal(one.value, other.value)
+    np.testing.assert_array_equal(one.stderr, other.stderr)
+    np.testing.assert_array_equal(np.isnan(other.whitened), ~gaps())
+    assert np.all(np.isfinite(other.fitted))
+
+
+@pytest.mark.parametrize("name", ["wiener", "tikhonov"])
+def test_fewer_samples_never_shrink_the_standard_error(name):
+    rng = np.random.default_rng(6)
+    there = np.ones((2, N), bool)
+    before = np.zeros((2, N))
+    for _ in range(5):
+        there = there & (rng.random((2, N)) > 0.3)
+        stderr = np.asarray(METHODS[name](make_case(observed=there).problem).stderr)
+        assert np.all(stderr > before * (1 - 1e-9))
+        before = stderr
+    assert there.sum() < N
+
+
+def test_a_gap_is_where_the_estimate_is_unsure():
+    there = np.ones((2, N), bool)
+    there[:, 20:32] = False
+    stderr = np.asarray(METHODS["wiener"](make_case("open", observed=there).problem).stderr)
+    assert np.all(stderr[:, 24:28] > 1.3 * stderr[:, 8:12])
+
+
+@pytest.mark.parametrize("amplifier", ["rate", "slow"])
+def test_every_sample_there_is_the_whole_problem(amplifier):
+    """Also by the path for gaps, with one sample gone that the noise makes worthless."""
+    settings = {"slow": {"amplifier": SLOW, "films": "turned"}}.get(amplifier, {})
+    whole = make_case(**settings).problem
+    marked = make_case(observed=np.ones((2, N), bool), **settings).problem
+    spectral, direct = (Tikhonov(1, 2e-5, 8e-5, path=path) for path in ("auto", "direct"))
+    assert spectral(marked).stats["path"] == "spectral"
+    assert relative(spectral(marked).value, spectral(whole).value) == 0
+    assert relative(direct(marked).value, spectral(whole).value) < 1e-9
+
+
+def test_an_element_missing_altogether():
+    """With friction known, two elements of which one never spoke are the other one."""
+    there = np.ones((2, N), bool)
+    there[1] = False
+    pair = make_case(friction=0.3, observed=there).problem
+    one = eqx.tree_at(lambda p: p.data, make_case(films="one", friction=0.3).problem, pair.data[:1])
+    one = eqx.tree_at(lambda p: p.noise, one, pair.noise)
+    ours, reference = METHODS["wiener"](pair), METHODS["wiener"](one)
+    assert relative(ours.value, reference.value) < 1e-9
+    assert relative(ours.stderr, reference.stderr) < 1e-9
+    assert np.all(np.isnan(ours.whitened[1]))
+
+
+def test_an_element_missing_altogether_leaves_p_and_q_apart_unsure():
+    there = np.ones((2, N), bool)
+    there[1] = False
+    half = METHODS["wiener"](make_case(observed=there).problem)
+    full = METHODS["wiener"](make_case().problem)
+    assert half.result == "converged"
+    assert np.all(np.asarray(half.stderr) >= np.asarray(full.stderr) * (1 - 1e-9))
+    assert np.any(np.asarray(half.stderr) > 1.5 * np.asarray(full.stderr))
+
+
+@pytest.mark.parametrize("path", ["direct", "iterative"])
+def test_an_unknown_offset_leaves_no_trace(path):
+    """Whatever is added to every sample of one element, with gaps, nothing but the data moves."""
+    settings = {"amplifier": SLOW, "films": "turned", "free_offset": True, "observed": gaps()}
+    problem, _, sigma = make_case("open", **settings)
+    method = Tikhonov(2, 2e-5, 8e-5, path=path)
+    moved = again(problem, data=problem.data + sigma * jnp.array([[1e3], [-4e2]]))
+    one, other = method(problem), method(moved)
+    assert relative(other.value, one.value) < 1e-6
+    assert relative(other.stderr, one.stderr) < 1e-9
+    assert np.nanmax(np.abs(np.asarray(other.whitened) - np.asarray(one.whitened))) < 1e-3

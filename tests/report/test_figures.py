@@ -1,0 +1,485 @@
+"""The figures: what is drawn is what the dataset holds, with units, signs and cut-offs."""
+
+import io
+import re
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+
+from srsinv.report import figures
+from srsinv.report.figures.estimates import full_width_at_half_maximum
+from srsinv.report.figures.style import colours, pressure_scale, runs, scale
+from tests.report import synthetic
+
+PAGE = (
+    figures.scene,
+    figures.traction,
+    figures.stress,
+    figures.signals,
+    figures.residual,
+    figures.estimates,
+    figures.spectra,
+    figures.averaging_kernel,
+)
+ROWS = (
+    {
+        "method": "Wiener", "error_p": 0.031, "error_q": 0.085, "coverage_p": 0.91,
+        "coverage_q": 0.88, "time_s_first": 0.35, "time_s_steady": 2.1e-5,
+    },
+    {
+        "method": "Tikhonov", "error_p": None, "error_q": None, "coverage_p": None,
+        "coverage_q": None, "time_s_first": 0.61, "time_s_steady": None,
+    },
+)  # fmt: skip
+COSTS = tuple(
+    {"family": family, "label": "", "size": n, "error": error / n, "time_s": n * 1e-8}
+    for family, error in (("open", 2.0), ("periodic", 1.0))
+    for n in (1024, 256, 4096)
+)
+
+
+@pytest.fixture(scope="module")
+def full():
+    return synthetic.dataset(mean_unobserved="q")
+
+
+@pytest.fixture(scope="module")
+def page(full) -> dict[str, Any]:
+    """The figures of the full run, by name; tests only look at them."""
+    return {draw.__name__: draw(full) for draw in PAGE}
+
+
+@pytest.fixture(scope="module")
+def tilted_scene() -> Any:
+    return figures.scene(synthetic.dataset(elements=3, samples=64))
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return synthetic.recording()
+
+
+def panels_of(figure) -> list[Any]:
+    return figure.axes
+
+
+def line(axes, label):
+    (found,) = [line for line in axes.get_lines() if line.get_label() == label]
+    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
+
+
+def verticals(axes):
+    """Positions of the axes' vertical lines from bottom to top."""
+    return sorted(
+        line.get_xdata()[0]
+        for line in axes.get_lines()
+        if len(line.get_xdata()) == 2 and list(line.get_ydata()) == [0, 1]
+    )
+
+
+def png(figure):
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=40, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def drawn(figure):
+    """The figure after a drawing that leaves out the slow search for a layout."""
+    figure.set_layout_engine("none")
+    figure.draw_without_rendering()
+    return figure
+
+
+def check_is_readable(figure):
+    """A title, units on every axis label, and a legend where a panel has several lines."""
+    assert figure.get_suptitle()
+    labels = [label for axes in figure.axes for label in (axes.get_xlabel(), axes.get_ylabel())]
+    for label in filter(None, labels):
+        assert re.search(r"\[.+\]$", label) or label == "element", label
+    for axes in figure.axes:
+        named = set(axes.get_legend_handles_labels()[1])
+        legends = [axes.get_legend(), *figure.legends]
+        shown = {text.get_text() for legend in legends if legend for text in legend.get_texts()}
+        assert len(named) < 2 or named <= shown
+
+
+@pytest.mark.parametrize("draw", PAGE, ids=lambda draw: draw.__name__)
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: synthetic.dataset(elements=3, samples=64, mean_unobserved="p,q"),
+        synthetic.without_samples,
+    ],
+    ids=["three elements", "no samples"],
+)
+def test_page_figures_are_readable(draw, make):
+    dataset = make()
+    before = dataset.copy(deep=True)
+    check_is_readable(drawn(draw(dataset)))
+    assert dataset.identical(before)
+
+
+@pytest.mark.parametrize("draw", PAGE, ids=lambda draw: draw.__name__)
+def test_same_bytes_whatever_the_users_settings(draw, recording):
+    figure = draw(recording)
+    first = png(figure)
+    check_is_readable(figure)
+    with mpl.rc_context({"lines.linewidth": 7.0, "font.size": 20.0, "axes.facecolor": "red"}):
+        before = dict(mpl.rcParams)
+        again = png(draw(recording))
+        assert dict(mpl.rcParams) == before
+    assert again == first
+
+
+@pytest.mark.parametrize("draw", [figures.traction, figures.stress])
+def test_a_recording_says_that_it_has_no_truth(draw, recording):
+    (axes,) = draw(recording).axes
+    assert "recording" in axes.texts[0].get_text()
+
+
+@pytest.mark.parametrize(
+    ("units", "values", "factor", "shown"),
+    [
+        ("Pa", [15e3, -2.0, np.nan], 1e-3, "kPa"),
+        ("Pa", [1e3], 1e-3, "kPa"),
+        ("Pa", [-999.0], 1.0, "Pa"),
+        ("V", [3e-7], 1e9, "nV"),
+        ("V m", [4e-5], 1e6, "µV m"),
+        ("C", [2e-11], 1e12, "pC"),
+        ("A", [1e-30], 1e15, "fA"),
+        ("Pa", [0.0], 1.0, "Pa"),
+        ("Pa", [np.nan, np.inf], 1.0, "Pa"),
+        ("counts", [4e5], 1.0, "counts"),
+        ("V^2", [1e-12], 1.0, "V²"),
+        ("(V m)^2", [1e-12], 1.0, "(V m)²"),
+        ("(counts)^2", [1e-12], 1.0, "counts²"),
+    ],
+)
+def test_units_are_scaled_for_reading(units, values, factor, shown):
+    chosen = scale(units, values)
+    assert chosen.unit == shown
+    assert chosen.factor == pytest.approx(factor)
+
+
+def test_a_pressure_of_unknown_gain_is_relative(recording):
+    assert pressure_scale("1", [5.0]).unit == "relative"
+    labels = [axes.get_ylabel() for axes in figures.estimates(recording).axes]
+    assert labels == ["p [relative]", "q [relative]"]
+
+
+def test_names_keep_their_colours():
+    alone, together = colours(["Tikhonov"]), colours(["fit", "Wiener", "Tikhonov", "other"])
+    assert alone["Tikhonov"] == together["Tikhonov"]
+    assert len(set(together.values())) == 4
+    assert colours(["p"])["p"] != colours(["q"])["q"]
+
+
+def test_runs_of_a_mask():
+    assert runs(np.array([1, 1, 0, 1, 0], bool)) == [(0, 2), (3, 4)]
+    assert runs(np.zeros(3, bool)) == []
+
+
+def test_traction_is_the_datasets(page, full):
+    panels = page["traction"].axes
+    assert [axes.get_ylabel() for axes in panels] == ["p [kPa]", "q [kPa]", r"$\mu$ [1]"]
+    for axes, name, expected in zip(
+        panels, ("p", "q", r"$\mu$"), (*full["traction"].values / 1e3, full["friction"].values),
+        strict=True,
+    ):  # fmt: skip
+        x, y = line(axes, name)
+        np.testing.assert_allclose(x, full["x"].values * 1e3)
+        np.testing.assert_allclose(y, expected)
+
+
+def test_elements_at_one_depth_share_a_panel_of_stress():
+    dataset = synthetic.dataset(elements=3, samples=64)
+    shallow, deep = panels_of(figures.stress(dataset))
+    assert "0.75 mm (elements 0, 1)" in shallow.get_title("left")
+    assert "1.1 mm (element 2)" in deep.get_title("left")
+    shear = dataset["stress"].sel(stress_name="tau_xz").values / 1e3
+    np.testing.assert_allclose(line(shallow, r"$\tau_{xz}$")[1], shear[0])
+    np.testing.assert_allclose(line(deep, r"$\tau_{xz}$")[1], shear[2])
+
+
+def test_signals_show_current_data_and_fits(page, full):
+    panels = np.reshape(page["signals"].axes, (2, 2))
+    for e, (current, signal) in enumerate(panels):
+        assert (current.get_ylabel(), signal.get_ylabel()) == ("current [pA]", "signal [µV]")
+        np.testing.assert_allclose(line(current, "current")[1], full["current"].values[e] * 1e12)
+        np.testing.assert_allclose(line(signal, "signal")[1], full["signal"].values[e] * 1e6)
+        for m, name in enumerate(("Wiener", "Tikhonov")):
+            fit = full["fitted_signal"].values[m, e] * 1e6
+            np.testing.assert_allclose(line(signal, f"fit, {name}")[1], fit)
+
+
+def test_signals_and_residuals_mark_what_is_missing(full):
+    one_missing = full.copy(deep=True)
+    one_missing["observed"].values[0] = 0
+    one_missing["whitened_residual"].values[:, 0] = np.nan
+    signals = np.reshape(panels_of(figures.signals(one_missing)), (2, 2))[:, 1]
+    traces = np.reshape(panels_of(figures.residual(one_missing)), (4, 2))[::2, 0]
+    for first, second in (signals, traces):
+        assert first.patches[0].get_width() == pytest.approx(40.0)
+        assert second.patches[0].get_width() < 10
+
+
+def test_signals_without_current_have_one_column(recording):
+    (axes,) = panels_of(figures.signals(recording))
+    assert axes.get_ylabel() == "signal [counts]"
+
+
+def test_residual_counts_what_lies_inside(page, full):
+    panels = np.reshape(page["residual"].axes, (4, 2))
+    values = full["whitened_residual"].values
+    for (trace, histogram), (e, m) in zip(panels, np.ndindex(2, 2), strict=True):
+        np.testing.assert_array_equal(trace.get_lines()[0].get_ydata(), values[m, e])
+        present = values[m, e][np.isfinite(values[m, e])]
+        share = 100 * np.mean(np.abs(present) < 1.645)
+        assert f"{share:.1f} %" in trace.get_title("left")
+        levels = sorted(line.get_ydata()[0] for line in trace.get_lines()[1:])
+        assert levels == [-1.645, 1.645]
+        (steps,) = histogram.patches
+        assert histogram.get_xlim()[1] > steps.get_data().values.max()
+        counted = steps.get_data()
+        assert np.sum(counted.values * np.diff(counted.edges)) == pytest.approx(1)
+
+
+def test_estimates_are_the_datasets_with_bands(page, full):
+    pressure, shear = page["estimates"].axes
+    assert (pressure.get_ylabel(), shear.get_ylabel()) == ("p [kPa]", "q - mean [kPa]")
+    p, half = full["estimate"].values[:, 0] / 1e3, full["estimate_stderr"].values[:, 0] / 1e3
+    np.testing.assert_allclose(line(pressure, "truth")[1], full["traction"].values[0] / 1e3)
+    bands = [drawn for drawn in pressure.collections if isinstance(drawn, PolyCollection)]
+    for m, name in enumerate(("Wiener", "Tikhonov")):
+        np.testing.assert_allclose(line(pressure, name)[1], p[m])
+        drawn = np.asarray(bands[m].get_paths()[0].vertices)[:, 1]
+        assert drawn.min() == pytest.approx((p[m] - 1.645 * half[m]).min())
+        assert drawn.max() == pytest.approx((p[m] + 1.645 * half[m]).max())
+
+
+@pytest.mark.parametrize("name", ["truth", "Wiener", "Tikhonov"])
+def test_what_has_no_mean_is_drawn_about_its_own(page, full, name):
+    _, shear = page["estimates"].axes
+    q = full["traction"].values[1] if name == "truth" else full["estimate"].sel(
+        {"method": name, "component": "q"}
+    ).values  # fmt: skip
+    observed = full["observed"].values.any(axis=0)
+    np.testing.assert_allclose(line(shear, name)[1], (q - q[observed].mean()) / 1e3, atol=1e-9)
+
+
+def test_a_wide_band_without_samples_does_not_flatten_the_rest(page, full):
+    wide = full.copy(deep=True)
+    wide["estimate_stderr"].values[..., ~full["observed"].values.any(axis=0)] = 1e9
+    for before, after in zip(page["estimates"].axes, figures.estimates(wide).axes, strict=True):
+        assert after.get_ylim() == before.get_ylim()
+        assert np.diff(after.get_ylim()) < 20
+
+
+def test_unobserved_stretch_is_marked(page, full):
+    (mark,) = page["estimates"].axes[0].patches
+    assert mark.get_label() == "no samples here"
+    first = full["x"].values[~full["observed"].values.any(axis=0)][0]
+    half_cell = (full["x"].values[1] - full["x"].values[0]) / 2
+    assert mark.get_x() == pytest.approx((first - half_cell) * 1e3)
+    assert mark.get_x() + mark.get_width() == pytest.approx(20.0)
+
+
+def test_spectra_mark_the_cutoffs(page, full):
+    gain, power, resolution = page["spectra"].axes[:3]
+    assert verticals(resolution) == pytest.approx(sorted(full["cutoff"].values.ravel()))
+    k = full["wavenumber"].values[1:]
+    for m, method in enumerate(("Wiener", "Tikhonov")):
+        for c, component in enumerate("pq"):
+            wavelength_mm = 2e3 * np.pi / full["cutoff"].values[m, c]
+            x, y = line(resolution, f"{component}, {method}: {wavelength_mm:.3g} mm")
+            np.testing.assert_array_equal(x, k)
+            np.testing.assert_array_equal(y, full["resolution"].values[m, c, 1:])
+    assert gain.get_ylabel() == "|G| [V/Pa]"
+    np.testing.assert_array_equal(
+        line(gain, "q, element 1")[1], full["sensor_gain"].values[1, 1, 1:]
+    )
+    np.testing.assert_array_equal(line(power, "noise")[1], full["noise_power"].values[1:])
+
+
+def test_what_was_not_solved_for_is_left_out(recording):
+    gain, _, resolution = panels_of(figures.spectra(recording))[:3]
+    assert gain.get_legend_handles_labels()[1] == ["p, element 0"]
+    (label,) = resolution.get_legend_handles_labels()[1]
+    assert label.startswith("p, Wiener")
+    (kernel,) = panels_of(figures.averaging_kernel(recording))
+    assert kernel.get_title("left") == "Into the estimate of p, from p"
+
+
+def test_gain_is_shown_down_to_1e_8_of_its_top(page, full):
+    bottom, top = page["spectra"].axes[0].get_ylim()
+    largest = full["sensor_gain"].values.max()
+    assert bottom == pytest.approx(largest * 1e-8)
+    assert top > largest
+
+
+def test_wavelength_axis_is_2_pi_over_k(page):
+    axes = drawn(page["spectra"]).axes[0]
+    (top,) = axes.child_axes
+    k = np.array([500.0, 3000.0])
+    for at, same in zip(k, 2e3 * np.pi / k, strict=True):
+        across, _ = axes.transData.transform((at, 1e-10))
+        assert top.transData.transform((same, 0.0))[0] == pytest.approx(across)
+
+
+def test_averaging_kernels_with_their_widths(page, full):
+    figure = page["averaging_kernel"]
+    kernels = full["averaging_kernel"].values
+    for axes, (out, into) in zip(figure.axes, np.ndindex(2, 2), strict=True):
+        np.testing.assert_allclose(line(axes, "Tikhonov")[1], kernels[1, out, into] / 1e3)
+        left, right = axes.get_xlim()
+        assert -left == right == pytest.approx(5 * 0.75)
+    width = full_width_at_half_maximum(full["lag"].values, kernels[0, 1, 1])
+    assert f"q from q {width * 1e3:.3g} mm" in figure.get_suptitle()
+
+
+@pytest.mark.parametrize(
+    ("kernel", "width"),
+    [
+        (lambda x: np.maximum(0, 1 - np.abs(x) / 3e-3), 3e-3),
+        (lambda x: np.exp(-((x - 2e-3) ** 2) / 2e-6), np.sqrt(8 * np.log(2)) * 1e-3),
+        (lambda x: np.ones_like(x), np.nan),
+        (lambda x: -np.exp(-(x**2) / 2e-6), np.nan),
+        (lambda x: x * np.nan, np.nan),
+    ],
+)
+def test_full_width_at_half_maximum(kernel, width):
+    lag = np.linspace(-0.01, 0.01, 401)
+    measured = full_width_at_half_maximum(lag, kernel(lag))
+    assert measured == pytest.approx(width, rel=1e-3, nan_ok=True)
+
+
+@pytest.mark.parametrize("length_m", [0.2, 0.04, 0.002])
+def test_scene_is_to_scale(length_m):
+    figure = figures.scene(synthetic.dataset(samples=64, length_m=length_m))
+    for axes in figure.axes[1:]:
+        width, height = axes.get_position().size * figure.get_size_inches()
+        along, down = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
+        assert along / width == pytest.approx(down / height)
+        bottom, top = axes.get_ylim()
+        assert top < 0 < 0.75 < bottom  # z points down, and the film is in view
+
+
+def arrows(axes):
+    """Directions on the page's x and z of the arrows of a panel."""
+    drawn = [text for text in axes.texts if getattr(text, "arrow_patch", None)]
+    return [np.subtract(text.xy, text.xyann) for text in drawn]
+
+
+def test_scene_shows_the_signs(page):
+    signs = page["scene"].axes[2]
+    pressure, shear, x, z = arrows(signs)
+    assert pressure[1] > 0 == pressure[0]  # into the finger
+    assert shear[0] > 0 == shear[1]
+    assert x[0] > 0 == x[1]
+    assert z[1] > 0 == z[0]
+
+
+@pytest.mark.parametrize(
+    ("element", "one", "three"),
+    [
+        (0, (1, 0), (0, 1)),
+        (1, (0, 1), (1, 0)),
+        (2, (np.sqrt(3) / 2, 1 / 2), (-1 / 2, np.sqrt(3) / 2)),
+    ],
+)
+def test_scene_draws_each_element_with_its_axes(tilted_scene, element, one, three):
+    axes = tilted_scene.axes[3 + element]
+    drawn = [arrow / np.linalg.norm(arrow) for arrow in arrows(axes)]
+    np.testing.assert_allclose(drawn, [one, three], atol=1e-12)
+    strip = axes.get_lines()[-1]
+    ends = np.array(strip.get_data())
+    offset, depth = ((0.0, 0.75), (0.0, 0.75), (0.9, 1.1))[element]
+    np.testing.assert_allclose(ends.mean(axis=1), (offset, depth), atol=1e-12)
+    np.testing.assert_allclose(ends[:, 1] - ends[:, 0], 0.7 * np.array(one), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("speed", "words", "direction"),
+    [
+        (0.05, "towards +x at 50 mm/s", 1),
+        (-0.012, "towards -x at 12 mm/s", -1),
+    ],
+)
+def test_scene_shows_the_sliding(speed, words, direction):
+    section = panels_of(figures.scene(synthetic.dataset(samples=64, speed_m_per_s=speed)))[1]
+    assert words in section.get_title("left")
+    ((along, down),) = arrows(section)
+    assert np.sign(along) == direction
+    assert down == 0
+
+
+@pytest.mark.parametrize(("speed", "words"), [(0.0, "rests"), (np.nan, "not known")])
+def test_scene_without_sliding_has_no_arrow(speed, words):
+    dataset = synthetic.dataset(samples=64)
+    dataset.attrs["speed_m_per_s"] = speed
+    section = panels_of(figures.scene(dataset))[1]
+    assert section.get_title("left").endswith(words)
+    assert arrows(section) == []
+
+
+def test_errors_and_time():
+    figure = drawn(figures.errors_and_time(ROWS))
+    check_is_readable(figure)
+    error, coverage, time = figure.axes
+    np.testing.assert_allclose(line(error, "q")[0], [8.5])
+    np.testing.assert_allclose(line(coverage, "p")[0], [91])
+    assert time.get_xlabel() == "time [µs]"
+    np.testing.assert_allclose(line(time, "first")[0], [0.35e6, 0.61e6])
+    np.testing.assert_allclose(line(time, "steady")[0], [21])
+
+
+def test_errors_that_are_not_known_are_said_to_be_so():
+    error, coverage, time = panels_of(figures.errors_and_time(ROWS[1:]))
+    assert [axes.texts[-1].get_text() for axes in (error, coverage)] == ["not known"] * 2
+    assert len(line(time, "first")[0]) == 1
+
+
+def test_accuracy_cost_has_a_line_for_each_family_by_size():
+    figure = drawn(figures.accuracy_cost(COSTS, "Forward model"))
+    check_is_readable(figure)
+    (axes,) = figure.axes
+    time, error = line(axes, "open")
+    np.testing.assert_allclose(time, [256e-8, 1024e-8, 4096e-8])
+    np.testing.assert_allclose(error, [2 / 256, 2 / 1024, 2 / 4096])
+    assert [text.get_text() for text in axes.texts] == ["256", "4096"] * 2
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+
+
+@pytest.mark.parametrize(("cutoff", "marks"), [(2500.0, [2500.0]), (np.nan, [])])
+def test_filter_spectra(full, cutoff, marks):
+    k, gain = full["wavenumber"].values, full["sensor_gain"].values[0]
+    inverse = 1 / (gain[0] + 1e-10)
+    figure = figures.filter_spectra(
+        k, {"p": gain[0], "q": gain[1]}, full["signal_power"].values[0],
+        full["noise_power"].values, {"Wiener": inverse}, cutoff,
+    )  # fmt: skip
+    check_is_readable(figure)
+    sensor, power, filters = figure.axes[:3]
+    for axes in (sensor, power, filters):
+        assert verticals(axes) == marks
+        assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    np.testing.assert_array_equal(line(filters, "Wiener")[1], inverse[1:])
+    assert filters.get_ylabel() == "|H| [Pa/V]"
+
+
+def test_panels_share_x_and_colours():
+    x = np.linspace(-1e-3, 1e-3, 5)
+    parts: list[figures.Panel] = [
+        {"title": "Along", "ylabel": "v [V]", "lines": {"p": x, "q": -x}},
+        {"title": "Upright", "ylabel": "v [V]", "lines": {"p": 2 * x}},
+    ]
+    figure = drawn(figures.panels(x, parts, "distance", title="Orientation"))
+    check_is_readable(figure)
+    along, upright = figure.axes
+    assert upright.get_xlabel() == "distance [mm]"
+    assert along.get_shared_x_axes().joined(along, upright)
+    np.testing.assert_allclose(line(along, "q"), (x * 1e3, -x))
+    assert along.get_lines()[0].get_color() == upright.get_lines()[0].get_color()
