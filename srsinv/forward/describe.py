@@ -89,7 +89,7 @@ def _film(name: str, part: Any, description: Mapping[str, Any], effects, also) -
         length_m=number("active_length_m"),
         piezo=Piezo(**(description.get("piezo_constants_C_per_N") or {})),
         effects=along,
-        strips=int(number("strips", 1)),
+        strips=int(number("strips", 1.0)),
     )
 
 

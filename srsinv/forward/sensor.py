@@ -22,6 +22,10 @@ class FilmSignal(Stage):
     gain: Float[Array, ""]
     order: int = eqx.field(static=True)
 
+    @property
+    def feels_uniform(self) -> bool:
+        return self.order == 0
+
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
         def one(film: Film):
             weights = film.charge_per_stress(self.skin.poisson_ratio)

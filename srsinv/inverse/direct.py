@@ -59,6 +59,7 @@ class Posterior(NamedTuple):
     root: Float[Array, "m m"]
     centred: Bool[Array, " c"]
     scale: Float[Array, ""]
+    norm: Float[Array, ""]  # the precision's 1-norm
 
     def covariance(self) -> Float[Array, "m m"]:
         """The posterior covariance, nothing of it along a fixed mean."""
@@ -80,20 +81,25 @@ def _centre(matrix: Float[Array, "m m"], centred: Bool[Array, " c"]) -> Float[Ar
 
 
 @jax.jit
-def solve(problem: Problem, prior: Prior, white: Whitened) -> Solution:
-    """Posterior of the traction, its covariance (c n, c n) whole."""
+def solve(problem: Problem, prior: Prior, white: Whitened) -> tuple[Solution, Float[Array, ""]]:
+    """Posterior of the traction, its covariance (c n, c n) whole, and the precision's condition.
+
+    The condition number is that of the 1-norm.
+    """
     n, unknowns = problem.line.n, problem.unknowns
-    covariance = _posterior(problem, prior, white).covariance()
+    posterior = _posterior(problem, prior, white)
+    covariance = posterior.covariance()
     value = covariance @ (white.model.T @ white.data)
     variance = jnp.maximum(_variance(problem, covariance), 0.0)
     middle = jnp.arange(unknowns) * n + n // 2
     averaging = covariance @ (white.model.T @ white.model[:, middle])
-    return Solution(
+    solution = Solution(
         value.reshape(unknowns, n),
         jnp.sqrt(variance).reshape(unknowns, n),
         covariance,
         averaging.reshape(unknowns, n, unknowns).swapaxes(1, 2),
     )
+    return solution, posterior.norm * jnp.max(jnp.sum(jnp.abs(covariance), axis=0))
 
 
 def _variance(problem: Problem, covariance: Float[Array, "m m"]) -> Float[Array, " m"]:
@@ -102,9 +108,10 @@ def _variance(problem: Problem, covariance: Float[Array, "m m"]) -> Float[Array,
     variance = jnp.diagonal(covariance)
     if problem.forward.is_circular:
         return variance
+    hidden = ~problem.centred & ~problem.mean_is_told
     n, unknowns = problem.line.n, problem.unknowns
     seen = jnp.ones(n, bool) if problem.observed is None else jnp.any(problem.observed, axis=0)
-    weights = jnp.kron(jnp.diag(~problem.centred * 1.0), (seen / jnp.sum(seen))[None, :])
+    weights = jnp.kron(jnp.diag(hidden * 1.0), (seen / jnp.sum(seen))[None, :])
     shared = covariance @ weights.T
     of_mean = jnp.diagonal(weights @ shared)
     along = jnp.repeat(jnp.eye(unknowns), n, axis=0)
@@ -124,6 +131,7 @@ def score(problem: Problem, prior: Prior, white: Whitened) -> Score:
     model, right = half[:, :-1], half[:, -1]
     residual = white.data - model.T @ right
     root = prior.root(problem.line)
+    root = root.at[:, 0].set(jnp.where(problem.centred, 0.0, root[:, 0]))
     weights = problem.line.n * half_spectrum_weights(problem.line.n)
     log_prior = jnp.sum(weights * jnp.where(root > 0, jnp.log(jnp.where(root > 0, root, 1.0)), 0.0))
     log_posterior = jnp.sum(jnp.log(jnp.diagonal(posterior.root)))
@@ -141,4 +149,4 @@ def _posterior(problem: Problem, prior: Prior, white: Whitened) -> Posterior:
     centred = _centre(_centre(precision, problem.centred).T, problem.centred)
     scale = jnp.mean(jnp.diagonal(precision))
     root = jnp.linalg.cholesky(centred + scale * _means(precision, problem.centred))
-    return Posterior(root, problem.centred, scale)
+    return Posterior(root, problem.centred, scale, jnp.max(jnp.sum(jnp.abs(centred), axis=0)))

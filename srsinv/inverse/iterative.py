@@ -66,18 +66,20 @@ def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
     factor = spectral.factorise(problem, prior)
     normal = NormalEquations(problem, prior, factor)
     n = problem.line.n
-    value, steps, fine = _conjugate_gradients(normal, problem.data, tolerance)
-    columns = []
-    for c in range(problem.unknowns):
-        impulse = jnp.zeros((problem.unknowns, n)).at[c, n // 2].set(1.0)
-        columns.append(_conjugate_gradients(normal, problem.forward(impulse), tolerance)[0])
+    unknowns = problem.unknowns
+    impulses = jnp.eye(unknowns)[:, :, None] * (jnp.arange(n) == n // 2)
+    signals = jnp.concatenate([problem.data[None], jax.vmap(problem.forward)(impulses)])
+    right = jax.vmap(normal.right_side)(signals)
+    found, steps, fine = jax.vmap(lambda b: _conjugate_gradients(normal, b, tolerance))(right)
+    value, averaging = found[0], found[1:].swapaxes(0, 1)
     covariance = jnp.einsum("ijk,ljk->ilk", factor.inverse, factor.inverse.conj())
+    if not problem.forward.is_circular:  # of the deviation from the mean, as on the direct path
+        factor = factor._replace(inverse=factor.inverse.at[..., 0].set(0.0))
     stderr = spectral.stationary_stderr(factor, n)
-    return Solution(value, stderr, covariance, jnp.stack(columns, axis=1)), steps, fine
+    return Solution(value, stderr, covariance, averaging), steps[0], jnp.all(fine)
 
 
-def _conjugate_gradients(normal: NormalEquations, data: Array, tolerance):
-    right = normal.right_side(data)
+def _conjugate_gradients(normal: NormalEquations, right: Array, tolerance):
     # The solver's tolerances are absolute, so the equations are scaled to numbers about one.
     tiny = jnp.finfo(right.dtype).tiny
     unit = jnp.maximum(jnp.max(jnp.abs(normal.precondition(right))), tiny)
@@ -87,7 +89,7 @@ def _conjugate_gradients(normal: NormalEquations, data: Array, tolerance):
     solution = lx.linear_solve(
         lx.FunctionLinearOperator(lambda u: normal(u * unit) / size, structure, tag),
         right / size,
-        lx.CG(rtol=tolerance, atol=tolerance, max_steps=20 * data.shape[-1]),
+        lx.CG(rtol=tolerance, atol=tolerance, max_steps=20 * right.shape[-1]),
         options={
             "preconditioner": lx.FunctionLinearOperator(
                 lambda u: normal.precondition(u * size) / unit, structure, tag

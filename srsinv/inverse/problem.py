@@ -7,12 +7,14 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float
 
 from ..errors import refuse
 from ..grid import Convolution, Line, as_real
 
 COMPONENTS = ("p", "q")
+FAINT = 1e-3  # a gain at k = 0 below this share of the largest tells nothing of a mean
 
 
 class Problem(eqx.Module):
@@ -21,18 +23,22 @@ class Problem(eqx.Module):
     The model is data = forward(r) + noise with r (c, n) the traction [Pa]: both components
     ("p and q apart"), or p alone where `friction` says q = mu p.
 
-    - `data` (e, n): signal less its known offset; zero where it is missing.
+    - `data` (e, n): signal less its known offset and less what the known means make of it; zero
+      where it is missing.
     - `noise` (k,): power per sample at `line.k` (see `forward.noise`); infinite at k = 0 where the
       signal's offset is not known, which takes its mean out of the data.
     - `observed` (e, n): which samples are there; None means all.
     - `known_mean_Pa`: for each component its mean over the window where the experimenter knows it,
       else None.
+    - `background_Pa`: for each component a uniform traction that continues beyond the window of an
+      open line, which the signal is blind to; it is added to the estimate. None: not known.
     - `friction`: mu in q = mu p; None leaves p and q apart.
     - `centred` (c,): whether only the deviation from the mean is solved for: where the mean is
       known from outside, and where the signal is blind to it.
+    - `level` (e, n): the signal of the known means.
 
-    Raises `BadInput` where shapes disagree, fewer than three samples are there, the noise is zero,
-    or one element is asked for p and q apart.
+    Raises `BadInput` where shapes disagree, a number is not finite, fewer than three samples are
+    there, the noise is zero, the model is zero, or one element is asked for p and q apart.
     """
 
     line: Line
@@ -41,8 +47,10 @@ class Problem(eqx.Module):
     noise: Float[Array, " k"]
     observed: Bool[Array, "e n"] | None
     known_mean_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
+    background_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
     friction: Float[Array, ""] | None
     centred: Bool[Array, " c"]
+    level: Float[Array, "e n"]
 
     def __init__(
         self,
@@ -53,39 +61,25 @@ class Problem(eqx.Module):
         *,
         observed=None,
         known_mean_Pa: Sequence[float | Array | None] = (None, None),
+        background_Pa: Sequence[float | Array | None] = (0.0, 0.0),
         friction=None,
     ):
-        data = as_real(data)
-        elements = forward.transfer.shape[0]
-        refuse(
-            data.shape != (elements, line.n),
-            f"The data have shape {data.shape}: the model expects (element, sample) = "
-            f"({elements}, {line.n}).",
-        )
-        seen = line.n if observed is None else int(np.sum(np.any(np.asarray(observed), axis=0)))
-        refuse(seen < 3, f"Only {seen} samples are there: an inversion needs at least 3.")
-        refuse(
-            friction is None and elements < 2,
-            "One element cannot tell p from q: give friction (q = mu p) or a second element.",
-        )
-        noise = as_real(noise)
-        refuse(
-            not bool(np.all(np.asarray(noise) > 0)),
-            "The noise is zero at some wavenumber: give a noise level above 0.",
-        )
+        data, noise = as_real(data), as_real(noise)
+        _check(line, forward, data, noise, observed, friction, known_mean_Pa)
         if friction is not None:
             friction = as_real(friction)
             transfer = forward.transfer[:, :1] + friction * forward.transfer[:, 1:]
-            forward = Convolution(transfer, forward.n, forward.length)
-        if observed is not None:
-            observed = jnp.asarray(observed)
-            observed = None if bool(jnp.all(observed)) else observed
-        self.line, self.forward, self.noise = line, forward, noise
-        self.data = data if observed is None else jnp.where(observed, data, 0.0)
-        self.observed, self.friction = observed, friction
-        p_mean, q_mean = (None if mean is None else as_real(mean) for mean in known_mean_Pa)
-        self.known_mean_Pa = (p_mean, q_mean)
+            forward = dataclasses.replace(forward, transfer=transfer)
+        self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
+        observed = None if observed is None or np.all(observed) else jnp.asarray(observed)
+        self.observed = observed
+        self.known_mean_Pa = _pair(known_mean_Pa)
+        self.background_Pa = _pair(background_Pa)
         self.centred = self._centred()
+        means = [jnp.zeros(()) if mean is None else mean for mean in self.known_mean_Pa]
+        self.level = forward(jnp.tile(jnp.stack(means[: self.unknowns])[:, None], (1, line.n)))
+        data = data - self.level
+        self.data = data if observed is None else jnp.where(observed, data, 0.0)
 
     @property
     def unknowns(self) -> int:
@@ -102,30 +96,103 @@ class Problem(eqx.Module):
         """How many samples are there, over all elements."""
         return int(self.data.size if self.observed is None else np.sum(np.asarray(self.observed)))
 
+    @property
+    def mean_is_told(self) -> Bool[Array, " c"]:
+        """For each unknown, whether the signal tells its mean.
+
+        Its gain at k = 0 must be there, and not the same as another unknown's up to a factor.
+        """
+        gain = self.forward.transfer[..., 0]
+        largest = jnp.max(jnp.abs(self.forward.transfer))
+        size = jnp.linalg.norm(jnp.abs(gain), axis=0)
+        told = self.forward.feels_uniform & (size > FAINT * largest) & jnp.isfinite(self.noise[0])
+        unit = jnp.where(told, gain / jnp.where(told, size, 1.0), 0.0)
+        overlap = jnp.abs(unit.conj().T @ unit) - jnp.eye(self.unknowns)
+        known = jnp.asarray([mean is not None for mean in self.known_mean_Pa[: self.unknowns]])
+        alike = jnp.any((overlap > 1 - FAINT**2) & ~known[:, None], axis=0)
+        return told & ~alike
+
     def _centred(self) -> Bool[Array, " c"]:
-        known = [mean is not None for mean in self.known_mean_Pa[: self.unknowns]]
-        if not self.forward.is_circular:  # the window's ends show a little of the mean
-            return jnp.asarray(known)
-        informed = jnp.any(self.forward.transfer[..., 0] != 0, axis=0) & jnp.isfinite(self.noise[0])
-        return jnp.asarray(known) | ~informed
+        known = jnp.asarray([mean is not None for mean in self.known_mean_Pa[: self.unknowns]])
+        # On an open line the window's ends show a little of every mean.
+        return known | (~self.mean_is_told & self.forward.is_circular)
 
     def mean_statement(self) -> dict[str, str]:
         """For p and q, in words, where the mean of the estimate comes from."""
         return {name: self._mean_of(c) for c, name in enumerate(COMPONENTS)}
 
     def _mean_of(self, c: int) -> str:
-        known = self.known_mean_Pa[c]
-        if known is not None:
-            return f"known from outside: {float(known):.6g} Pa"
         if c >= self.unknowns:
             return f"follows from p by q = mu p with mu = {self.friction:.4g}"
-        if bool(self.centred[c]):
-            return (
-                "unobserved: the signal is blind to it, and the estimate is the deviation from it"
-            )
-        if self.forward.is_circular:
+        known, background = self.known_mean_Pa[c], self.background_Pa[c]
+        if background is None:
+            return "unobserved: the estimate is the deviation from a background that is not known"
+        if known is not None:
+            return f"known from outside: {float(known + background):.6g} Pa"
+        if bool(self.mean_is_told[c]):
             return "from the signal"
-        return "only from what the window's ends show: weakly observed"
+        if self.forward.is_circular:
+            return "unobserved: the signal is blind to it; the estimate is the deviation from it"
+        return "weakly observed: only what the window's ends show of it"
+
+
+def _pair(values: Sequence[float | Array | None]):
+    p, q = (None if value is None else as_real(value) for value in values)
+    return p, q
+
+
+def _check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None:
+    elements = forward.transfer.shape[0]
+    shape = (elements, line.n)
+    refuse(
+        data.shape != shape,
+        f"The data have shape {data.shape}: the model expects (element, sample) = {shape}.",
+    )
+    refuse(
+        noise.shape != line.k.shape,
+        f"The noise has shape {noise.shape}: give its power at the {line.n // 2 + 1} wavenumbers "
+        "line.k.",
+    )
+    there = np.ones(shape, bool) if observed is None else np.asarray(observed)
+    refuse(
+        there.shape != shape,
+        f"observed has shape {there.shape}: give one truth value for each of {shape}.",
+    )
+    refuse(
+        friction is None and elements < 2,
+        "One element cannot tell p from q: give friction (q = mu p) or a second element.",
+    )
+    seen = int(np.sum(np.any(there, axis=0)))
+    refuse(seen < 3, f"Only {seen} samples are there: an inversion needs at least 3.")
+    if not isinstance(data, Tracer):
+        bad = there & ~np.isfinite(np.asarray(data))
+        refuse(
+            bool(bad.any()),
+            f"The data hold {int(bad.sum())} samples that are nan or infinite: mark them as not "
+            "there in observed, or correct them.",
+        )
+    if not isinstance(noise, Tracer):
+        level = np.asarray(noise)
+        usable = (level > 0) & (np.isfinite(level) | (np.arange(level.size) == 0))
+        worst = int(np.argmin(usable))
+        refuse(
+            not usable.all(),
+            f"The noise is {'zero' if level[worst] == 0 else level[worst]} at wavenumber number "
+            f"{worst}: give a power above 0 (infinite at number 0 alone, for an offset that is "
+            "not known).",
+        )
+    for name, value in (("friction", friction), *zip(("known mean of p", "known mean of q"),
+                                                      known_mean_Pa, strict=True)):  # fmt: skip
+        refuse(
+            value is not None and not isinstance(value, Tracer) and not np.isfinite(value),
+            f"The {name} is {value}: give a finite number.",
+        )
+    if not isinstance(forward.transfer, Tracer):
+        refuse(
+            not bool(np.any(np.asarray(forward.transfer))),
+            "The model's signal is zero for every traction (no speed, or no gain): there is "
+            "nothing to invert.",
+        )
 
 
 class Estimate(eqx.Module):

@@ -20,6 +20,7 @@ from .prior import Prior, Score, Solution
 from .problem import Estimate, Problem
 
 DIRECT_LIMIT = 4096
+TRUSTED = 2e-3  # condition number times round-off up to which a Cholesky solution is an answer
 PATHS = ("auto", "spectral", "direct", "iterative")
 
 
@@ -35,13 +36,25 @@ def solve(problem: Problem, prior: Prior, path: str = "auto", tolerance: float =
     if path == "spectral":
         solution = spectral.solve(problem, prior)
     elif path == "direct":
-        solution = direct.solve(problem, prior, direct.whiten(problem))
+        solution, condition = direct.solve(problem, prior, direct.whiten(problem))
+        stats["condition"] = float(condition)
+        if not condition < TRUSTED / jnp.finfo(problem.data.dtype).eps:
+            result = f"ill-conditioned ({float(condition):.0e}): give larger weights"
     else:
+        least = 100 * float(jnp.finfo(problem.data.dtype).eps)  # round-off allows no less
+        tolerance = max(tolerance, least)
         solution, steps, fine = iterative.solve(problem, prior, jnp.asarray(tolerance))
         stats |= {"iterations": int(steps), "tolerance": tolerance}
+        stats["standard_error"] = "of the nearest periodic problem, with every sample there"
         if not bool(fine):
             result = f"not converged: the limit of {int(steps)} iterations was reached"
     return _estimate(problem, solution, result, stats)
+
+
+def check_tolerance(tolerance: float) -> float:
+    """The relative tolerance of the iterative path, a positive number."""
+    refuse(not tolerance > 0, f"method tolerance is {tolerance}: it must be positive.")
+    return float(tolerance)
 
 
 def choose_path(problem: Problem, path: str) -> str:
@@ -62,7 +75,7 @@ def choose_path(problem: Problem, path: str) -> str:
     )
     noise = np.asarray(problem.noise)[1:]
     refuse(
-        path == "iterative" and problem.observed is not None and np.ptp(noise) > 0,
+        path == "iterative" and problem.observed is not None and bool(np.ptp(noise) > 0),
         "path=iterative takes missing samples with white noise only: use path=direct (with wider "
         "cells where there are too many).",
     )
@@ -111,27 +124,35 @@ def _scores(scorer: Scorer, log_weights: Float[Array, "b c"]) -> Score:
 
 def _estimate(problem: Problem, solution: Solution, result: str, stats: dict) -> Estimate:
     fitted = problem.forward(solution.value)
-    residual = problem.data - fitted
-    if problem.observed is not None:
-        residual = jnp.where(problem.observed, residual, 0.0)
-    whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * problem.whitener, problem.line.n)
-    if problem.observed is not None:
-        whitened = jnp.where(problem.observed, whitened, jnp.nan)
     value, stderr = solution.value, solution.stderr
-    means = [0.0 if mean is None else mean for mean in problem.known_mean_Pa]
+    if not bool(jnp.all(jnp.isfinite(value)) & jnp.all(jnp.isfinite(stderr))):
+        result = "the solution is not finite"
+    pairs = zip(problem.known_mean_Pa, problem.background_Pa, strict=True)
+    zero = jnp.zeros((), value.dtype)
+    means = [sum((m for m in pair if m is not None), zero) for pair in pairs]
     if problem.friction is not None:
         value = jnp.concatenate([value, problem.friction * value])
         stderr = jnp.concatenate([stderr, jnp.abs(problem.friction) * stderr])
         means[1] = problem.friction * means[0]
-    if not bool(jnp.all(jnp.isfinite(value)) & jnp.all(jnp.isfinite(stderr))):
-        result = "the solution is not finite"
     return Estimate(
-        value + jnp.stack([jnp.asarray(mean) for mean in means])[:, None],
+        value + jnp.stack(means)[:, None],
         stderr,
         solution.covariance,
-        fitted,
-        whitened,
+        fitted + problem.level,
+        _whitened(problem, problem.data - fitted),
         solution.averaging,
         result,
         stats,
     )
+
+
+def _whitened(problem: Problem, residual: Float[Array, "e n"]) -> Float[Array, "e n"]:
+    """The residual in units of the noise, NaN where no sample is."""
+    there = problem.observed
+    if there is not None:
+        count = jnp.maximum(jnp.sum(there, axis=-1, keepdims=True), 1)
+        mean = jnp.sum(jnp.where(there, residual, 0.0), axis=-1, keepdims=True) / count
+        offset = jnp.where(jnp.isfinite(problem.noise[0]), 0.0, mean)
+        residual = jnp.where(there, residual - offset, 0.0)
+    whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * problem.whitener, problem.line.n)
+    return whitened if there is None else jnp.where(there, whitened, jnp.nan)

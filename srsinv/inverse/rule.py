@@ -112,6 +112,8 @@ class Discrepancy(Rule):
         low, high = box
         target = jnp.asarray(self.factor**2 * scorer.problem.samples, low.dtype)
         ends = scorer(jnp.stack([low, high])).residual
+        if not bool(jnp.all(jnp.isfinite(ends))):
+            return Choice(high, "the residual is not finite at the ends of the weights' range")
         if not ends[0] < target < ends[1]:
             below = bool(ends[0] >= target)
             side = "below" if below else "above"

@@ -10,7 +10,7 @@ from ..errors import refuse
 from ..grid import Line, as_real
 from .prior import Prior
 from .problem import Estimate, Problem
-from .quadratic import Family, Scorer, solve
+from .quadratic import Family, Scorer, check_tolerance, choose_path, solve
 from .rule import Choice, GeneralisedCrossValidation, Rule
 
 
@@ -49,7 +49,7 @@ class Tikhonov(eqx.Module):
     """Minimise |N^(-1/2) (m - G r)|^2 + sum_c lambda_c |(z d/dx)^order r_c|^2.
 
     - `order`: 0 penalises the value, 1 the first, 2 the second derivative; `length_m` is the z
-      that makes it dimensionless, by default the shallowest element's depth.
+      that makes it dimensionless.
     - `weight_p`, `weight_q` [1/Pa^2]: the weights; None lets `rule` choose.
     - `path`, `tolerance`: see [`solve`][srsinv.inverse.quadratic.solve].
 
@@ -83,11 +83,16 @@ class Tikhonov(eqx.Module):
                     f"method.tikhonov.{name} is {weight}: give a positive weight in 1/Pa^2, or "
                     f"null to let the rule choose.",
                 )
+        if isinstance(length_m, (int, float)):
+            refuse(
+                not 0 < length_m < np.inf,
+                f"method.tikhonov.length_m is {length_m}: give a positive length in metres.",
+            )
         self.weight_p = None if weight_p is None else as_real(weight_p)
         self.weight_q = None if weight_q is None else as_real(weight_q)
         self.rule = GeneralisedCrossValidation() if rule is None else rule
         self.length_m, self.order = as_real(length_m), int(order)
-        self.path, self.tolerance = path, float(tolerance)
+        self.path, self.tolerance = path, check_tolerance(tolerance)
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate of p and q, with the weights that were given or chosen in its stats."""
@@ -120,7 +125,11 @@ class Tikhonov(eqx.Module):
         """Ends of log10 weight: from far below to above all that the signal says per mode."""
         gain = jnp.abs(problem.forward.circulant().transfer * problem.whitener) ** 2
         most = jnp.log10(jnp.max(jnp.sum(gain, axis=0), axis=-1))
-        low, high = most - 14, most + 4
+        # Normal equations square the condition number, so there round-off sets the lower end.
+        below = 12.0
+        if choose_path(problem, self.path) != "spectral":
+            below = min(below, -4.0 - float(jnp.log10(jnp.finfo(gain.dtype).eps)))
+        low, high = most - below, most + 4
         fixed = [jnp.nan if weight is None else jnp.log10(weight) for weight in given]
         fixed = jnp.stack([jnp.asarray(f) for f in fixed])
         free = jnp.isnan(fixed)

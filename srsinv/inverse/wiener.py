@@ -9,10 +9,10 @@ from jaxtyping import Array, Float
 
 from ..errors import refuse
 from ..forward.noise import exponential_spectrum
-from ..grid import Line, as_real
+from ..grid import Line, as_real, half_spectrum_weights
 from .prior import Prior
 from .problem import Estimate, Problem
-from .quadratic import Family, Scorer, solve
+from .quadratic import Family, Scorer, check_tolerance, solve
 from .rule import Evidence
 
 
@@ -24,9 +24,9 @@ class TractionSpectrum(eqx.Module):
         """S at the line's wavenumbers."""
 
 
-def _rms(value) -> Float[Array, ""]:
+def _positive(name: str, value) -> Float[Array, ""]:
     if isinstance(value, (int, float)):
-        refuse(not 0 < value < np.inf, f"method rms_Pa is {value}: give a positive number of Pa.")
+        refuse(not 0 < value < np.inf, f"method {name} is {value}: give a positive number.")
     return as_real(value)
 
 
@@ -37,12 +37,8 @@ class Exponential(TractionSpectrum):
     correlation_m: Float[Array, ""]
 
     def __init__(self, rms_Pa=1.0, correlation_m=1e-3):
-        if isinstance(correlation_m, (int, float)):
-            refuse(
-                not 0 < correlation_m < np.inf,
-                f"method correlation_m is {correlation_m}: give a positive length in metres.",
-            )
-        self.rms_Pa, self.correlation_m = _rms(rms_Pa), as_real(correlation_m)
+        self.rms_Pa = _positive("rms_Pa", rms_Pa)
+        self.correlation_m = _positive("correlation_m", correlation_m)
 
     def power(self, problem: Problem) -> Float[Array, " k"]:
         line = problem.line
@@ -55,7 +51,7 @@ class Flat(TractionSpectrum):
     rms_Pa: Float[Array, ""]
 
     def __init__(self, rms_Pa=1.0):
-        self.rms_Pa = _rms(rms_Pa)
+        self.rms_Pa = _positive("rms_Pa", rms_Pa)
 
     def power(self, problem: Problem) -> Float[Array, " k"]:
         return jnp.full(problem.line.k.shape, self.rms_Pa**2)
@@ -70,7 +66,7 @@ class Normalised(TractionSpectrum):
     noise_to_signal: Float[Array, ""]
 
     def __init__(self, noise_to_signal=1e-4):
-        self.noise_to_signal = _rms(noise_to_signal)
+        self.noise_to_signal = _positive("noise_to_signal", noise_to_signal)
 
     def power(self, problem: Problem) -> Float[Array, " k"]:
         gain = jnp.max(jnp.abs(problem.forward.circulant().transfer)) ** 2
@@ -131,7 +127,7 @@ class Wiener(eqx.Module):
         )
         self.p = Exponential() if p is None else p
         self.q = Exponential() if q is None else q
-        self.scale, self.path, self.tolerance = scale, path, float(tolerance)
+        self.scale, self.path, self.tolerance = scale, path, check_tolerance(tolerance)
 
     def __call__(self, problem: Problem) -> Estimate:
         """Posterior mean and standard error of p and q."""
@@ -142,7 +138,8 @@ class Wiener(eqx.Module):
             power = scale[:, None] * power
             stats["scale_rule"] = result
         stats |= {
-            f"rms_{c}_Pa": float(jnp.sqrt(jnp.mean(s))) for c, s in zip("pq", power, strict=False)
+            f"rms_{c}_Pa": float(jnp.sqrt(half_spectrum_weights(problem.line.n) @ s))
+            for c, s in zip("pq", power, strict=False)
         }
         return solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
 
@@ -150,7 +147,12 @@ class Wiener(eqx.Module):
 def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"], str]:
     """The factors on the powers that maximise the evidence, six decades about the data's level."""
     gain = jnp.max(jnp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))
-    data = jnp.sum(problem.data**2) / problem.samples
+    there = 1.0 if problem.observed is None else problem.observed
+    mean = jnp.sum(problem.data, axis=-1, keepdims=True) / jnp.maximum(
+        jnp.sum(there * jnp.ones_like(problem.data), axis=-1, keepdims=True), 1.0
+    )
+    offset = jnp.where(jnp.isfinite(problem.noise[0]), 0.0, mean)
+    data = jnp.sum(there * (problem.data - offset) ** 2) / problem.samples
     middle = jnp.log10(data / gain / jnp.mean(power, axis=-1))
     box = jnp.stack([middle - 6, middle + 6])
     choice = Evidence().choose(Scorer(ScaledSpectra(power), problem, path), box)

@@ -226,7 +226,7 @@ def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
         names = ["sigma_x", "sigma_z", "tau_xz", "sigma_y"]
         coordinates["stress_name"] = (("stress_name",), names, {"units": "1"})
     statement = problem.mean_statement()
-    unobserved = [c for c in COMPONENTS if statement[c].startswith(("unobserved", "only"))]
+    unobserved = [c for c in COMPONENTS if statement[c].startswith(("unobserved", "weakly"))]
     return xarray.Dataset(
         {
             name: (dims, np.asarray(values), {"units": units})

@@ -67,7 +67,8 @@ def run(cfg: build.Config) -> Outcome:
             data,
             noise,
             observed=observed,
-            known_mean_Pa=(nominal, None),
+            known_mean_Pa=(0.0, None),
+            background_Pa=(nominal, None),
             friction=cfg["friction"],
         )
         case = Case(

@@ -90,8 +90,8 @@ def test_a_model_that_feels_nothing_is_never_sure(name):
     silent = Convolution(
         0 * case.problem.forward.transfer, case.problem.line.n, case.problem.line.n
     )
-    problem = Problem(case.problem.line, silent, case.problem.data, case.problem.noise)
     try:
+        problem = Problem(case.problem.line, silent, case.problem.data, case.problem.noise)
         estimate = STATIC[name](problem)
     except BadInput:
         return

@@ -1,0 +1,58 @@
+"""Curves over something else than x, in the look of the page."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .style import colours, grid_of_axes, legend_beside, styled
+
+
+@styled
+def figure(
+    x: np.ndarray,
+    lines: Mapping[str, Any],
+    xlabel: str,
+    ylabel: str,
+    *,
+    logarithmic: str = "",
+) -> Figure:
+    """One panel of curves (x,) by label; `logarithmic` names the axes that are so, "xy" both."""
+    picture, grid = grid_of_axes(1, 1, 3.2)
+    axes = grid[0, 0]
+    for name, colour in colours(lines).items():
+        axes.plot(x, lines[name], color=colour, label=name)
+    axes.set(xlabel=xlabel, ylabel=ylabel, xlim=(x[0], x[-1]))
+    axes.set(**{f"{axis}scale": "log" for axis in logarithmic})
+    legend_beside(axes)
+    return picture
+
+
+@styled
+def with_spread(
+    x: np.ndarray,
+    panels: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]],
+    levels: Mapping[str, Mapping[str, float]],
+    xlabel: str,
+    ylabel: str,
+) -> Figure:
+    """Panels by title: curves by label with samples (x, draw) and what was predicted (x,).
+
+    Samples are drawn as their mean with least and greatest, predictions dashed in the same colour;
+    `levels` are horizontal lines by title and label. The y axis is logarithmic.
+    """
+    picture, grid = grid_of_axes(len(panels), 1, 2.9, sharex=True)
+    for axes, (title, lines) in zip(grid[:, 0], panels.items(), strict=True):
+        for name, colour in colours(lines).items():
+            samples, predicted = lines[name]
+            mean = samples.mean(axis=-1)
+            reach = np.stack([mean - samples.min(axis=-1), samples.max(axis=-1) - mean])
+            axes.errorbar(x, mean, reach, color=colour, marker="o", capsize=3, label=name)
+            axes.plot(x, predicted, "--", color=colour, label=f"{name}, predicted")
+        for label, level in levels[title].items():
+            axes.axhline(level, color="black", linestyle=":", label=label)
+        axes.set(title=title, ylabel=ylabel, yscale="log")
+        legend_beside(axes)
+    grid[-1, 0].set_xlabel(xlabel)
+    return picture

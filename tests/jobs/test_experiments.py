@@ -1,0 +1,105 @@
+"""The experiments in short forms: what their numbers must say, and that their figures draw."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from experiments import fig05_orientation, fig06_spectra, two_element
+from srsinv.errors import BadInput
+
+JOBS = {job.__name__.rpartition(".")[2]: job for job in (fig05_orientation, fig06_spectra,
+                                                         two_element)}  # fmt: skip
+SHORT = {
+    "fig05_orientation": (),
+    "fig06_spectra": ("grid.cells=512",),
+    "two_element": (
+        "grid.cells=256",
+        "grid.refinement=2",
+        "two_element.angles_deg=[5.0,20.0,90.0]",
+        "two_element.shown_deg=[90.0,5.0]",
+        "two_element.seeds=1",
+    ),
+}
+
+
+def run(name, *overrides):
+    """The outcome of an experiment in its short form."""
+    with initialize_config_dir(str(Path(__file__).parents[2] / "configs"), version_base="1.3"):
+        cfg = compose("config", [f"experiment={name}", *SHORT[name], *overrides])
+    return JOBS[name].run(OmegaConf.to_container(cfg, resolve=True))
+
+
+@pytest.fixture(scope="module")
+def outcomes():
+    return {name: run(name) for name in JOBS}
+
+
+@pytest.mark.parametrize(
+    ("name", "metric", "expected", "tolerance"),
+    [
+        ("fig05_orientation", "gain_difference_C_per_N", 56e-12, 1e-20),
+        ("fig05_orientation", "gain_sum_C_per_N", 7e-12, 1e-20),
+        ("fig05_orientation", "fwhm_sigma_z_over_depth", 2 * np.sqrt(np.sqrt(2) - 1), 1e-3),
+        # At k = 0 the stresses are [[-1, 2i], [-1, 0]] and the films weigh them 56 to 7.
+        ("fig05_orientation", "condition_long_waves", 8.0, 0.1),
+        ("fig06_spectra", "slope_rate_dB_per_octave", 20 * np.log10(2), 0.02),
+        ("fig06_spectra", "slope_charge_dB_per_octave", 0.0, 0.02),
+    ],
+)
+def test_number(outcomes, name, metric, expected, tolerance):
+    assert outcomes[name].metrics[metric] == pytest.approx(expected, abs=tolerance, rel=0)
+
+
+def test_pressure_is_even_and_shear_odd(outcomes):
+    charge = outcomes["fig05_orientation"].dataset["charge"].values
+    for load, sign in ((0, 1), (1, -1)):
+        np.testing.assert_allclose(charge[load, :, ::-1], sign * charge[load], atol=1e-18)
+    np.testing.assert_allclose(charge[2], charge[0] + 0.4 * charge[1], atol=1e-18)
+
+
+def test_filter_keeps_half_at_the_cutoff(outcomes):
+    found = outcomes["fig06_spectra"]
+    k = found.dataset["wavenumber"].values
+    kept = np.interp(found.metrics["cutoff_wiener_rad_per_m"], k, found.dataset["resolution"][0])
+    assert 0.5 <= kept < 0.8
+    beyond = found.dataset["resolution"][0].values[k > found.metrics["cutoff_wiener_rad_per_m"]]
+    assert np.all(beyond < 0.5)
+
+
+@pytest.mark.parametrize("component", ["p", "q"])
+@pytest.mark.parametrize("method", ["wiener", "tikhonov"])
+def test_error_grows_as_the_angle_shrinks(outcomes, method, component):
+    metrics = outcomes["two_element"].metrics
+    error = [metrics[f"error_{component}_{method}_at_{angle}_deg"] for angle in (5, 20, 90)]
+    assert error[0] > 1.2 * error[1] > 1.2 * error[2]
+    assert error[2] < 0.15
+    assert metrics[f"error_{component}_{method}_one_element"] > 3 * error[2]
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_page_is_whole(outcomes, name):
+    found = outcomes[name]
+    assert all("units" in variable.attrs for variable in found.dataset.variables.values())
+    assert found.sections[-1].heading == "What was assumed"
+    for section in found.sections:
+        assert set(section.captions) == set(section.figures)
+        for draw in section.figures.values():
+            assert any(axes.lines for axes in draw().axes)
+
+
+@pytest.mark.parametrize(
+    ("name", "override", "words"),
+    [
+        ("fig05_orientation", "sensor=one_element", "has 1 elements"),
+        ("fig06_spectra", "sensor=two_element", "has 2 elements"),
+        ("fig06_spectra", "friction=null", "friction is null"),
+        ("two_element", "two_element.shown_deg=[45.0]", "shown_deg is"),
+        ("two_element", "two_element.seeds=0", "seeds is 0"),
+    ],
+)
+def test_refused(name, override, words):
+    with pytest.raises(BadInput, match=words):
+        run(name, override)
