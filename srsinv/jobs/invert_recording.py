@@ -1,5 +1,6 @@
 """Invert a recorded signal: p and q by every method named, with bands, and what cannot be seen."""
 
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -24,6 +25,7 @@ CELLS_PER_DEPTH = 8  # e^(-k z) leaves nothing beyond: at the cells' last wavenu
 MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
 STEADY = 1e-3
 JITTER = 0.2
+ROUNDED = 0.25
 ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
 
 
@@ -109,7 +111,21 @@ def _load(cfg: build.Config) -> Recording:
         f"{recording.name}: the sampling interval varies by {jitter:.0%}, more than {JITTER:.0%}: "
         "give recording.sample_rate_hz=... or cut the recording at the gap.",
     )
-    return recording.resample_uniform() if jitter > 1e-6 else recording
+    return _uniform(recording)
+
+
+def _uniform(recording: Recording) -> Recording:
+    """The recording at even times.
+
+    Stamps that are off by less than a quarter of an interval are only rounded, and are replaced:
+    interpolating would colour the noise, which the rules take as white. Else the signal is
+    interpolated.
+    """
+    time_s = recording.time_s
+    even = np.linspace(time_s[0], time_s[-1], time_s.size)
+    if np.max(np.abs(time_s - even)) < ROUNDED / recording.sample_rate_hz:
+        return replace(recording, time_s=even)
+    return recording.resample_uniform()
 
 
 def _given(known: dict[str, Any]) -> dict[str, Any]:

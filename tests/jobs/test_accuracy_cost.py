@@ -1,0 +1,85 @@
+"""The short form of accuracy against cost: what must fall, and what must agree."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from srsinv.__main__ import find_config_root
+from srsinv.errors import BadInput
+from srsinv.jobs.accuracy_cost import run
+
+SHORT = ["forward_cells=[64,128,256]", "inverse_cells=[64]", "repeats=1"]
+TOLERANCES = (1e-4, 1e-8)
+
+
+def configured(*settings: str) -> Any:
+    overrides = [f"accuracy_cost.{setting}" for setting in settings]
+    with initialize_config_dir(str(find_config_root()), version_base=None):
+        cfg = compose("config", ["experiment=accuracy_cost", *overrides])
+    return OmegaConf.to_container(cfg, resolve=True)
+
+
+@pytest.fixture(scope="module")
+def outcome():
+    return run(configured(*SHORT))
+
+
+@pytest.mark.parametrize("line", ["periodic", "open"])
+def test_float64_forward_error_falls_with_the_square_of_the_cell(outcome, line):
+    errors = [outcome.metrics[f"forward_{line}_float64_{n}_error"] for n in (64, 128, 256)]
+    assert errors[1] < errors[0] / 3
+    assert errors[2] < errors[1] / 3
+
+
+@pytest.mark.parametrize("line", ["periodic", "open"])
+def test_numpy_agrees_on_the_forward_model(outcome, line):
+    assert outcome.metrics[f"forward_{line}_numpy_256_algebraic_error"] < 1e-10
+    assert 1e-9 < outcome.metrics[f"forward_{line}_float32_256_algebraic_error"] < 1e-4
+
+
+@pytest.mark.parametrize("method", ["wiener", "tikhonov"])
+@pytest.mark.parametrize(
+    ("family", "most"),
+    [
+        ("periodic_numpy", 1e-10),
+        ("periodic_direct", 1e-8),
+        ("periodic_spectral_float32", 1e-2),
+        ("open_direct", 1e-8),
+        *((f"open_{solver}_{tol:g}", 1e3 * tol) for solver in ("iterative", "scipy_cg")
+          for tol in TOLERANCES),
+    ],
+)  # fmt: skip
+def test_ways_of_solving_agree(outcome, method, family, most):
+    line, _, way = family.partition("_")
+    assert outcome.metrics[f"{method}_{line}_{way}_64_algebraic_error"] < most
+
+
+@pytest.mark.parametrize("method", ["wiener", "tikhonov"])
+@pytest.mark.parametrize("solver", ["iterative", "scipy_cg"])
+def test_a_tighter_tolerance_is_closer(outcome, method, solver):
+    loose, tight = (
+        outcome.metrics[f"{method}_open_{solver}_{tol:g}_64_algebraic_error"] for tol in TOLERANCES
+    )
+    assert tight < loose / 10
+
+
+def test_every_variable_has_units_and_every_time_is_positive(outcome):
+    assert all("units" in outcome.dataset[name].attrs for name in outcome.dataset.variables)
+    assert np.all(outcome.dataset["time_s_steady"] > 0)
+
+
+@pytest.mark.parametrize(
+    ("setting", "named"),
+    [
+        ("forward_cells=[128,200]", "forward_cells"),
+        ("inverse_cells=[]", "inverse_cells"),
+        ("repeats=0", "repeats"),
+        ("tolerances=[0.0]", "tolerances"),
+    ],
+)
+def test_bad_settings_are_refused(setting, named):
+    with pytest.raises(BadInput, match=named):
+        run(configured(*SHORT, setting))
