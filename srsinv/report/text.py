@@ -13,7 +13,7 @@ from rich.text import Text
 from .outcome import Table
 
 
-def format_value(value: str | float | int) -> str:
+def format_value(value: object) -> str:
     """A cell as text: whole numbers in full, others to four significant digits.
 
     Outside 1e-3 to 1e5 the exponent is a multiple of three, so that it reads as a unit's prefix:

@@ -1,0 +1,22 @@
+"""The command and its jobs on the project's own configurations, in this process."""
+
+from pathlib import Path
+
+from hydra import compose, initialize_config_dir
+from hydra.utils import get_method
+from omegaconf import OmegaConf
+
+from srsinv.__main__ import find_config_root, main
+from srsinv.report.outcome import Outcome
+
+
+def command(folder: Path | str, *overrides: str) -> int:
+    """The exit code of `srsinv OVERRIDES`, its results in `folder`."""
+    return main([*overrides, f"hydra.run.dir={folder}"])
+
+
+def outcome(*overrides: str) -> Outcome:
+    """What the configured job returns, without the command around it and without a page."""
+    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
+        cfg = compose("config", list(overrides))
+    return get_method(cfg.job)(OmegaConf.to_container(cfg, resolve=True))
