@@ -5,25 +5,26 @@ it took. Functions are compiled with their arrays as arguments, and give back th
 signal alone, so that all rows of a part did the same work.
 """
 
+import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.sparse.linalg as sla
 import xarray
 
 from ..errors import refuse
 from ..inverse import direct, iterative, spectral
 from ..inverse.prior import Prior
 from ..inverse.problem import COMPONENTS, Problem
-from ..inverse.tikhonov import DerivativePenalty, Penalties, Tikhonov
+from ..inverse.tikhonov import Penalties, Tikhonov
 from ..inverse.wiener import SpectralPrior
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
-from . import build
+from . import build, peers
 from .analysis import deviation, timed
 from .simulate import Simulation, noisy_problem, simulation
 
@@ -44,10 +45,12 @@ def run(cfg: build.Config) -> Outcome:
         for line in build.LINES:
             with stage(f"forward model, {line} line"):
                 rows += _forward(cfg, line)
-        priors = _priors(cfg)
-        for cells in cfg["accuracy_cost"]["inverse_cells"]:
-            with stage(f"inversions, {cells} cells"):
-                rows += _inversions(cfg, priors, cells)
+        with stage("data and weights"):
+            problems = _problems(cfg)
+            priors = _priors(cfg, problems)
+        for (line, cells), (problem, truth) in problems.items():
+            with stage(f"inversions, {line} line, {cells} cells"):
+                rows += _inversions(cfg["accuracy_cost"], priors, line, problem, truth)
     baselines = {(row["part"], row["line"], row["family"], row["cells"]): row for row in rows}
     for row in rows:
         peer = baselines.get((row["part"], row["line"], row["peer"], row["cells"]))
@@ -84,10 +87,11 @@ def _simulation(cfg: build.Config, line: str, cells: int) -> Simulation:
     return simulation({**cfg, "grid": {**cfg["grid"], "line": line, "cells": cells}})
 
 
-def _compiled(function: Callable, *arguments) -> Callable[[], Any]:
-    """A call of `function`, compiled at its first use whatever was compiled before."""
-    fresh = jax.jit(lambda *given: function(*given))
-    return lambda: fresh(*arguments)
+def _compiled(function: Callable, *arguments) -> tuple[Callable, float]:
+    """`function` compiled for such arguments, and the time [s] that this took."""
+    start = time.perf_counter()
+    fresh = jax.jit(lambda *given: function(*given)).lower(*arguments).compile()
+    return fresh, time.perf_counter() - start
 
 
 def _relative(value, reference) -> float:
@@ -108,7 +112,7 @@ def _forward(cfg: build.Config, line: str) -> Iterator[Row]:
     operator, traction = model(REFERENCE * max(sizes))
     reference = np.asarray(operator(traction))[:, :: REFERENCE * max(sizes) // common]
 
-    def row(family: str, cells: int, work: Callable[[], Any], exact: np.ndarray | None) -> Row:
+    def row(family: str, cells: int, work: Callable[[], Any], compile_s: float, exact) -> Row:
         value, first, steady = timed(work, cfg["accuracy_cost"]["repeats"])
         value = np.asarray(value, float)
         return {
@@ -119,7 +123,7 @@ def _forward(cfg: build.Config, line: str) -> Iterator[Row]:
             "value": value,
             "error": _relative(value[:, :: cells // common], reference),
             "algebraic_error": 0.0 if exact is None else _relative(value, exact),
-            "time_s_first": first,
+            "time_s_first": compile_s + first,
             "time_s_steady": steady,
             "peer": NUMPY,
         }
@@ -128,110 +132,120 @@ def _forward(cfg: build.Config, line: str) -> Iterator[Row]:
         exact = None
         for precision in PRECISIONS:
             with build.precision({"precision": precision}):
-                work = _compiled(lambda operator, r: operator(r), *model(cells))
-                yield (ours := row(precision, cells, work, exact))
+                given = model(cells)
+                work, compile_s = _compiled(lambda operator, r: operator(r), *given)
+                yield (ours := row(precision, cells, partial(work, *given), compile_s, exact))
             exact = ours["value"] if exact is None else exact
         operator, traction = model(cells)
         transfer, r = np.asarray(operator.transfer), np.asarray(traction)
 
-        def apply(transfer=transfer, r=r, n=operator.n, length=operator.length):
-            return _numpy_apply(transfer, r, n, length)
-
-        yield row(NUMPY, cells, apply, exact)
-
-
-def _numpy_apply(transfer: np.ndarray, r: np.ndarray, n: int, length: int) -> np.ndarray:
-    spectrum = np.fft.rfft(r, length)
-    total = sum(transfer[:, c] * spectrum[c] for c in range(len(spectrum)))
-    return np.fft.irfft(total, length)[:, :n]
+        work = partial(peers.numpy_apply, transfer, r, operator.n, operator.length)
+        yield row(NUMPY, cells, work, 0.0, exact)
 
 
 # --- inversions ------------------------------------------------------------------------------
 
 
-def _problem(cfg: build.Config, line: str, cells: int) -> tuple[Problem, np.ndarray]:
-    """The noisy problem and its true traction."""
-    sim = _simulation(cfg, line, cells)
-    key = jax.random.key(cfg["seed"])
-    problem = noisy_problem(sim, build.noises(cfg), key, cfg["friction"])
-    return problem, np.asarray(sim.traction(sim.line))[: problem.unknowns]
+Problems = dict[tuple[str, int], tuple[Problem, np.ndarray]]
 
 
-def _priors(cfg: build.Config) -> dict[str, Callable[[Problem], Prior]]:
-    """For each method its prior: Tikhonov's weights are chosen once, at the middle size."""
-    sizes = cfg["accuracy_cost"]["inverse_cells"]
-    middle, _ = _problem(cfg, "periodic", sorted(sizes)[len(sizes) // 2])
+def _problems(cfg: build.Config) -> Problems:
+    """The noisy problem and its true traction, by line and number of cells."""
+    noises, key = build.noises(cfg), jax.random.key(cfg["seed"])
+    problems = {}
+    for cells in cfg["accuracy_cost"]["inverse_cells"]:
+        for line in build.LINES:
+            sim = _simulation(cfg, line, cells)
+            problem = noisy_problem(sim, noises, key, cfg["friction"])
+            truth = np.asarray(sim.traction(sim.line))[: problem.unknowns]
+            problems[line, cells] = problem, _centred(truth)
+    return problems
+
+
+def _centred(values) -> np.ndarray:
+    """Deviation from the mean over all cells."""
+    return deviation(np.asarray(values, float), np.ones(np.shape(values)[-1], bool))
+
+
+def _priors(cfg: build.Config, problems: Problems) -> dict[str, Callable[[Problem], Prior]]:
+    """For each method its prior: Tikhonov's weights are chosen once, at the smallest size."""
+    chosen_on, _ = problems["periodic", min(cfg["accuracy_cost"]["inverse_cells"])]
 
     def fixed(name: str, method) -> Callable[[Problem], Prior]:
         if isinstance(method, Tikhonov):
-            with stage(f"weights of {name}"):
-                stats = method(middle).stats
-            weights = [stats[f"weight_{c}_per_Pa2"] for c in COMPONENTS[: middle.unknowns]]
+            stats = method(chosen_on).stats
+            weights = [stats[f"weight_{c}_per_Pa2"] for c in COMPONENTS[: chosen_on.unknowns]]
             prior = Penalties(method.length_m, method.order)(jnp.log10(jnp.asarray(weights)))
             return lambda problem: prior
-        spectra = (method.p, method.q)[: middle.unknowns]
+        spectra = (method.p, method.q)[: chosen_on.unknowns]
         return lambda problem: SpectralPrior(jnp.stack([s.power(problem) for s in spectra]))
 
     return {name.lower(): fixed(name, method) for name, method in build.methods(cfg).items()}
 
 
-def _inversions(cfg: build.Config, priors, cells: int) -> Iterator[Row]:
-    for line in build.LINES:
-        problem, truth = _problem(cfg, line, cells)
-        there = np.ones(cells, bool)
-        truth = deviation(truth, there)
-        for part, prior_of in priors.items():
-            prior = prior_of(problem)
-            exact = None
-            for family, peer, work in _solvers(cfg["accuracy_cost"], problem, prior):
-                repeats = cfg["accuracy_cost"]["repeats"]
-                value, first, steady = timed(work, repeats)
-                value = deviation(np.asarray(value, float), there)
-                exact = _exact(problem, prior) if exact is None else exact
-                size = np.linalg.norm(truth, axis=1)
-                errors = np.linalg.norm(value - truth, axis=1) / np.where(size > 0, size, np.nan)
-                yield {
-                    "part": part,
-                    "line": line,
-                    "family": family,
-                    "cells": cells,
-                    "error": _relative(value, truth),
-                    **{f"error_{c}": float(e) for c, e in zip(COMPONENTS, errors, strict=False)},
-                    "algebraic_error": _relative(value, exact),
-                    "time_s_first": first,
-                    "time_s_steady": steady,
-                    "peer": peer,
-                }
+class _Solver(NamedTuple):
+    """One way to solve a problem, the family to compare its time with, its compilation [s]."""
+
+    family: str
+    peer: str
+    work: Callable[[], Any]
+    compile_s: float = 0.0
 
 
-def _exact(problem: Problem, prior: Prior) -> np.ndarray:
-    """The spectral solution; on the open line that of conjugate gradients to `TIGHT`."""
+def _inversions(settings, priors, line: str, problem: Problem, truth: np.ndarray) -> Iterator[Row]:
+    size = np.linalg.norm(truth, axis=1)
+    size = np.where(size > 0, size, np.nan)
+    for part, prior_of in priors.items():
+        exact, solvers = _solvers(settings, problem, prior_of(problem))
+        for family, peer, work, compile_s in solvers:
+            value, first, steady = timed(work, settings["repeats"])
+            value = _centred(value)
+            errors = np.linalg.norm(value - truth, axis=1) / size
+            yield {
+                "part": part,
+                "line": line,
+                "family": family,
+                "cells": problem.line.n,
+                "error": _relative(value, truth),
+                **{f"error_{c}": float(e) for c, e in zip(COMPONENTS, errors, strict=False)},
+                "algebraic_error": _relative(value, exact),
+                "time_s_first": compile_s + first,
+                "time_s_steady": steady,
+                "peer": peer,
+            }
+
+
+def _solvers(settings, problem: Problem, prior: Prior) -> tuple[np.ndarray, list[_Solver]]:
+    """The exact minimiser, and the ways to it.
+
+    Exact is the spectral solution; on the open line that of conjugate gradients to `TIGHT`.
+    """
+    given = problem, prior
+    tolerances, normal = settings["tolerances"], peers.NumpyNormal(*given)
+    iterate, iterate_s = _compiled(_iterative, *given, jnp.asarray(TIGHT))
+    ways = []
     if problem.forward.is_circular:
-        value = spectral.solve(problem, prior).value
-    else:
-        value = iterative.solve(problem, prior, jnp.asarray(TIGHT))[0].value
-    return deviation(np.asarray(value), np.ones(problem.line.n, bool))
-
-
-def _solvers(settings, problem: Problem, prior: Prior) -> Iterator[tuple[str, str, Callable]]:
-    """(family, the family to compare its time with, work) for one problem."""
-    circular = problem.forward.is_circular
-    peer = NUMPY
-    if circular:
-        yield "spectral, float64", peer, _compiled(_spectral, problem, prior)
+        spectrally, compile_s = _compiled(_spectral, *given)
+        exact = spectrally(*given)
+        ways.append(_Solver("spectral, float64", NUMPY, partial(spectrally, *given), compile_s))
         with build.precision({"precision": "float32"}):
-            yield "spectral, float32", peer, _compiled(_spectral, *_single((problem, prior)))
-        yield NUMPY, peer, _NumpyNormal(problem, prior).solve
+            single = _single(given)
+            work, compile_s = _compiled(_spectral, *single)
+        ways.append(_Solver("spectral, float32", NUMPY, partial(work, *single), compile_s))
+        ways.append(_Solver(NUMPY, NUMPY, normal.solve))
+        tolerances, direct_peer = [min(tolerances)], NUMPY  # the preconditioner is the solution
     else:
-        peer = f"{SCIPY}, {min(settings['tolerances']):g}"
+        exact = iterate(*given, jnp.asarray(TIGHT))
+        direct_peer = f"{SCIPY}, {min(tolerances):g}"
     if problem.line.n <= DIRECT_CELLS:
-        yield "direct", peer, _compiled(_direct, problem, prior)
-    for tolerance in settings["tolerances"]:
+        work, compile_s = _compiled(_direct, *given)
+        ways.append(_Solver("direct", direct_peer, partial(work, *given), compile_s))
+    for tolerance in tolerances:
         peer = f"{SCIPY}, {tolerance:g}"
-        work = _compiled(_iterative, problem, prior, jnp.asarray(tolerance))
-        yield f"iterative, {tolerance:g}", peer, work
-        normal = _NumpyNormal(problem, prior)
-        yield peer, peer, lambda normal=normal, tol=tolerance: normal.conjugate_gradients(tol)
+        work = partial(iterate, *given, jnp.asarray(tolerance))
+        ways.append(_Solver(f"iterative, {tolerance:g}", peer, work, iterate_s))
+        ways.append(_Solver(peer, peer, partial(normal.conjugate_gradients, tolerance)))
+    return _centred(exact), ways
 
 
 def _single(tree):
@@ -249,77 +263,6 @@ def _direct(problem: Problem, prior: Prior):
 
 def _iterative(problem: Problem, prior: Prior, tolerance):
     return iterative.solve(problem, prior, tolerance)[0].value
-
-
-class _NumpyNormal:
-    """The normal equations (G^T N^-1 G + P) r = G^T N^-1 m, by numpy and scipy alone."""
-
-    def __init__(self, problem: Problem, prior: Prior):
-        self.n, self.length = problem.line.n, problem.forward.length
-        self.transfer = np.asarray(problem.forward.transfer)
-        self.circulant = np.asarray(problem.forward.circulant().transfer)
-        self.data, self.weight = np.asarray(problem.data), np.asarray(problem.whitener) ** 2
-        self.root2 = np.asarray(prior.root(problem.line)) ** 2
-        self.centred = np.asarray(problem.centred)
-        self.order, self.scale = 0, None
-        if isinstance(prior, DerivativePenalty) and not problem.forward.is_circular:
-            self.order = prior.order
-            stretch = float(prior.length_m / problem.line.cell_m) ** (2 * prior.order)
-            self.scale = stretch * np.asarray(prior.weights)[:, None]
-
-    def _matrices(self) -> np.ndarray:
-        """G^H N^-1 G + P at every wavenumber of the nearest periodic problem (k, c, c)."""
-        g = np.moveaxis(self.circulant, -1, 0)
-        matrix = g.conj().swapaxes(1, 2) @ (self.weight[:, None, None] * g)
-        matrix += self.root2.T[:, :, None] * np.eye(self.root2.shape[0])
-        # Where nothing tells the mean its row is empty: any diagonal makes it solvable.
-        empty = np.abs(np.diagonal(matrix[0])) == 0
-        matrix[0] += np.diag(np.where(empty | self.centred, np.abs(matrix[1]).max(), 0.0))
-        return matrix
-
-    def _centre(self, r: np.ndarray) -> np.ndarray:
-        return r - np.where(self.centred[:, None], r.mean(axis=-1, keepdims=True), 0.0)
-
-    def _right_side(self, y: np.ndarray) -> np.ndarray:
-        weighed = np.fft.irfft(self.weight * np.fft.rfft(y), self.n)
-        transpose = self.transfer.conj().swapaxes(0, 1)
-        return self._centre(_numpy_apply(transpose, weighed, self.n, self.length))
-
-    def _penalty(self, r: np.ndarray) -> np.ndarray:
-        if self.scale is None:
-            return np.fft.irfft(self.root2 * np.fft.rfft(r), self.n)
-        padded = np.pad(np.diff(r, self.order), ((0, 0), (self.order, self.order)))
-        return (-1) ** self.order * self.scale * np.diff(padded, self.order)
-
-    def solve(self) -> np.ndarray:
-        """On a periodic line: one small system for each wavenumber."""
-        spectrum = self.weight * np.fft.rfft(self.data)
-        right = np.einsum("eck,ek->kc", self.transfer.conj(), spectrum)
-        value = np.linalg.solve(self._matrices(), right[..., None])[..., 0].T
-        return self._centre(np.fft.irfft(value, self.n))
-
-    def conjugate_gradients(self, tolerance: float) -> np.ndarray:
-        """On any line, with the nearest periodic problem as preconditioner."""
-        shape, size = (self.root2.shape[0], self.n), self.root2.shape[0] * self.n
-        inverse = np.linalg.inv(self._matrices())
-
-        def normal(flat: np.ndarray) -> np.ndarray:
-            r = self._centre(flat.reshape(shape))
-            signal = _numpy_apply(self.transfer, r, self.n, self.length)
-            return (self._right_side(signal) + self._centre(self._penalty(r))).ravel()
-
-        def precondition(flat: np.ndarray) -> np.ndarray:
-            spectrum = np.fft.rfft(flat.reshape(shape))
-            step = np.einsum("kij,jk->ik", inverse, spectrum)
-            return self._centre(np.fft.irfft(step, self.n)).ravel()
-
-        value, _ = sla.cg(
-            sla.LinearOperator((size, size), normal),
-            self._right_side(self.data).ravel(),
-            rtol=tolerance,
-            M=sla.LinearOperator((size, size), precondition),
-        )
-        return value.reshape(shape)
 
 
 # --- what is shown ---------------------------------------------------------------------------
@@ -367,48 +310,76 @@ def _curves(rows: list[Row], measure: str, title: str) -> Callable:
     """The figure of `measure` against steady time; what is zero by definition is left out."""
     shown = [
         {
-            "family": f"{row['line']}: {row['family']}",
+            "family": row["family"],
             "label": "",
             "size": row["cells"],
             "error": row[measure],
             "time_s": row["time_s_steady"],
         }
-        for row in sorted(rows, key=lambda row: row["line"] == "open")
+        for row in rows
         if row[measure] > 0
     ]
     return lambda: figures.accuracy_cost(shown, title)
 
 
 def _sections(cfg: build.Config, rows: list[Row]) -> tuple[Section, ...]:
-    parts = {part: [r for r in rows if r["part"] == part] for part in dict.fromkeys(
-        row["part"] for row in rows)}  # fmt: skip
-    forward = parts.pop("forward")
+    parts = dict.fromkeys(row["part"] for row in rows)
     return (
-        Section(
-            "Forward model",
-            ("Voltage of every element from traction on the grid. The error falls with the square "
-             "of the cell, until float32's round-off stops it; float64 goes on.",),
-            {"forward": _curves(forward, "error", "Forward model: error against time")},
-            tables=(_table(forward),),
-        ),
-        *(_inversion_section(part, members) for part, members in parts.items()),
+        *(_section(part, [r for r in rows if r["part"] == part]) for part in parts),
         Section("What was measured and how", tables=(Table(("what", "how"), _how(cfg)),)),
-    )  # fmt: skip
+    )
 
 
-def _inversion_section(part: str, rows: list[Row]) -> Section:
-    name = part.capitalize()
+def _section(part: str, rows: list[Row]) -> Section:
+    """One part: a figure and a caption for each line, all its rows as a table."""
+    if part == "forward":
+        name, measure, caption = "Forward model", "error", _forward_caption
+        words = ("Voltage of every element from traction on the grid.",)
+    else:
+        name, measure, caption = part.capitalize(), "algebraic_error", _inversion_caption
+        words = (
+            "Noise and prior make the error against the truth, so that it hardly tells the ways "
+            "of solving apart; the distance to the exact minimiser of the same problem does.",
+        )
+    lines = {line: [r for r in rows if r["line"] == line] for line in build.LINES}
+    what = measure.replace("_", " ")
     return Section(
         name,
-        ("Against the truth all ways of solving are as good: noise and prior make the error.",
-         "What way and tolerance cost shows against the exact minimiser of the same problem. On "
-         "the periodic line the preconditioner is the solution, and the tolerance has no say."),
+        words,
         {
-            f"{part}_truth": _curves(rows, "error", f"{name}: error against the truth"),
-            f"{part}_algebra": _curves(rows, "algebraic_error", f"{name}: algebraic error"),
+            f"{part}_{line}": _curves(members, measure, f"{name}, {line} line: {what} and time")
+            for line, members in lines.items()
         },
-        tables=(_table(rows),),
-    )  # fmt: skip
+        {f"{part}_{line}": caption(members) for line, members in lines.items()},
+        (_table(rows),),
+    )
+
+
+def _forward_caption(rows: list[Row]) -> str:
+    members = {f: [r for r in rows if r["family"] == f] for f in (*PRECISIONS, NUMPY)}
+    first, last = members["float64"][0], members["float64"][-1]
+    return (
+        f"From {first['cells']} to {last['cells']} cells the error of float64 falls "
+        f"{first['error'] / last['error']:.3g}-fold (second order: "
+        f"{(last['cells'] / first['cells']) ** 2:.3g}). There float32 has "
+        f"{members['float32'][-1]['error'] / last['error']:.3g} times its error; float64 takes "
+        f"{1e3 * last['time_s_steady']:.3g} ms, float32 "
+        f"{1e3 * members['float32'][-1]['time_s_steady']:.3g} ms and numpy "
+        f"{1e3 * members[NUMPY][-1]['time_s_steady']:.3g} ms."
+    )
+
+
+def _inversion_caption(rows: list[Row]) -> str:
+    cells = max(row["cells"] for row in rows)
+    largest = sorted((r for r in rows if r["cells"] == cells), key=lambda row: row["time_s_steady"])
+    fast, slow = largest[0], largest[-1]
+    errors = [row["error"] for row in largest]
+    return (
+        f"At {cells} cells the fastest is {fast['family']} ({1e3 * fast['time_s_steady']:.3g} ms), "
+        f"the slowest {slow['family']} ({1e3 * slow['time_s_steady']:.3g} ms). Errors against the "
+        f"truth lie between {min(errors):.4g} and {max(errors):.4g}. What is exact by definition "
+        "is not drawn."
+    )
 
 
 def _how(cfg: build.Config) -> tuple[tuple[str, str], ...]:
@@ -416,7 +387,7 @@ def _how(cfg: build.Config) -> tuple[tuple[str, str], ...]:
     return (
         ("steady time", f"the least of {settings['repeats']} calls after the first, result waited "
          "for; arrays are arguments, so that nothing is computed beforehand"),
-        ("first call", "with compilation (numpy and scipy: with their own set-up)"),
+        ("first call", "with compilation, which both tolerances share (numpy and scipy have none)"),
         ("forward error", f"relative rms over {min(settings['forward_cells'])} positions that all "
          f"grids have, against float64 on {REFERENCE * max(settings['forward_cells'])} cells of "
          "the same line"),
@@ -425,9 +396,9 @@ def _how(cfg: build.Config) -> tuple[tuple[str, str], ...]:
          f"{cfg['grid']['refinement']} times finer; the same noise per sample at every size, so "
          "more cells are more data"),
         ("inversion's work", "p and q from the signal, no standard error; the direct way makes its "
-         "covariance all the same"),
-        ("weights", "fixed: Wiener's spectra as configured, Tikhonov's by its rule on the middle "
-         "size of the periodic line"),
+         "covariance and the iterative one its averaging kernel all the same"),
+        ("weights", "fixed: Wiener's spectra as configured, Tikhonov's by its rule on the "
+         "smallest size of the periodic line"),
         ("error of p, q", "of the deviation from the mean, against the true cell averages"),
         ("algebraic error", "against float64's solution of the same problem: forward, ours in "
          f"float64; periodic, spectral; open, conjugate gradients to {TIGHT:g}"),

@@ -246,7 +246,7 @@ def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
 
 def _offset_m(film) -> float:
     offsets = [float(e.offset_m) for e in film.effects if hasattr(e, "offset_m")]
-    return sum(offsets)
+    return sum(offsets, 0.0)
 
 
 def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:

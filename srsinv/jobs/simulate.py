@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..errors import refuse
 from ..forward.noise import Noise, draw, total_spectrum
 from ..forward.scan import ConstantSpeed
 from ..forward.scene import Scene
@@ -53,10 +54,16 @@ class Simulation(eqx.Module):
 def simulation(cfg: build.Config) -> Simulation:
     """The simulation that a configuration describes."""
     refinement = cfg["grid"]["refinement"]
+    sensor, scan = build.sensor(cfg), build.scan(cfg)
+    refuse(
+        float(sensor.amplifier.gain(scan.speed_m_per_s)) == 0.0,
+        f"scan.speed_m_per_s is {float(scan.speed_m_per_s)}: a static touch gives no rate signal, "
+        "give a speed, or a gain.",
+    )
     return Simulation(
         build.scene(cfg),
-        build.sensor(cfg),
-        build.scan(cfg),
+        sensor,
+        scan,
         build.line(cfg),
         build.line(cfg, refinement),
         refinement,

@@ -11,14 +11,16 @@ from srsinv.__main__ import find_config_root
 from srsinv.errors import BadInput
 from srsinv.jobs.accuracy_cost import run
 
-SHORT = ["forward_cells=[64,128,256]", "inverse_cells=[64]", "repeats=1"]
+SHORT = ["forward_cells=[64,256]", "inverse_cells=[64]", "repeats=1"]
+# One method, to be quick, its weights given: no rule to run.
+METHOD = ["method=[tikhonov]", *(f"method.tikhonov.weight_{c}=1e-3" for c in "pq")]
 TOLERANCES = (1e-4, 1e-8)
 
 
 def configured(*settings: str) -> Any:
     overrides = [f"accuracy_cost.{setting}" for setting in settings]
     with initialize_config_dir(str(find_config_root()), version_base=None):
-        cfg = compose("config", ["experiment=accuracy_cost", *overrides])
+        cfg = compose("config", ["experiment=accuracy_cost", *METHOD, *overrides])
     return OmegaConf.to_container(cfg, resolve=True)
 
 
@@ -29,9 +31,8 @@ def outcome():
 
 @pytest.mark.parametrize("line", ["periodic", "open"])
 def test_float64_forward_error_falls_with_the_square_of_the_cell(outcome, line):
-    errors = [outcome.metrics[f"forward_{line}_float64_{n}_error"] for n in (64, 128, 256)]
-    assert errors[1] < errors[0] / 3
-    assert errors[2] < errors[1] / 3
+    errors = [outcome.metrics[f"forward_{line}_float64_{n}_error"] for n in (64, 256)]
+    assert errors[1] < errors[0] / 3**2
 
 
 @pytest.mark.parametrize("line", ["periodic", "open"])
@@ -40,7 +41,6 @@ def test_numpy_agrees_on_the_forward_model(outcome, line):
     assert 1e-9 < outcome.metrics[f"forward_{line}_float32_256_algebraic_error"] < 1e-4
 
 
-@pytest.mark.parametrize("method", ["wiener", "tikhonov"])
 @pytest.mark.parametrize(
     ("family", "most"),
     [
@@ -52,16 +52,15 @@ def test_numpy_agrees_on_the_forward_model(outcome, line):
           for tol in TOLERANCES),
     ],
 )  # fmt: skip
-def test_ways_of_solving_agree(outcome, method, family, most):
+def test_ways_of_solving_agree(outcome, family, most):
     line, _, way = family.partition("_")
-    assert outcome.metrics[f"{method}_{line}_{way}_64_algebraic_error"] < most
+    assert outcome.metrics[f"tikhonov_{line}_{way}_64_algebraic_error"] < most
 
 
-@pytest.mark.parametrize("method", ["wiener", "tikhonov"])
 @pytest.mark.parametrize("solver", ["iterative", "scipy_cg"])
-def test_a_tighter_tolerance_is_closer(outcome, method, solver):
+def test_a_tighter_tolerance_is_closer(outcome, solver):
     loose, tight = (
-        outcome.metrics[f"{method}_open_{solver}_{tol:g}_64_algebraic_error"] for tol in TOLERANCES
+        outcome.metrics[f"tikhonov_open_{solver}_{tol:g}_64_algebraic_error"] for tol in TOLERANCES
     )
     assert tight < loose / 10
 

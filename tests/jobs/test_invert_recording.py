@@ -39,7 +39,7 @@ def test_pressure_rises_at_the_ridge(ridge, method):
 
 @needs_shared
 def test_nominal_pressure_of_the_command_line_wins(ridge):
-    found = of_file(RIDGE, "recording.nominal_pressure_Pa=25e3", "method=wiener").metrics
+    found = of_file(RIDGE, "recording.nominal_pressure_Pa=25e3", "method=wiener_evidence").metrics
     shift = found["p_peak_Pa_wiener"] - ridge["p_peak_Pa_wiener"]
     assert shift == pytest.approx(25e3 - NOMINAL_PA, rel=1e-9)
     for same in ("q_peak_Pa_wiener", "p_peak_position_m_wiener"):
@@ -59,7 +59,7 @@ def test_strongest_line_of_a_real_board():
 @pytest.fixture(scope="module")
 def formats(tmp_path_factory):
     """One simulated scan over a pressed strip, saved as CSV and as netCDF, inverted from both."""
-    simulated = outcome("grid.line=open", "grid.cells=128", "method=tikhonov").dataset
+    simulated = outcome("grid.line=open", "grid.cells=128", "method=wiener").dataset
     x = simulated["x"].values
     films = [
         {"orientation": name, "strip_width_m": 7e-4, "active_length_m": 8e-3}
@@ -82,7 +82,7 @@ def formats(tmp_path_factory):
     for suffix in ("csv", "nc"):
         path = tmp_path_factory.mktemp("scan") / f"scan.{suffix}"
         save(recording, path)
-        found[suffix] = of_file(path, "method=tikhonov").dataset
+        found[suffix] = of_file(path, "method=wiener").dataset
     return simulated, found
 
 
@@ -95,7 +95,7 @@ def test_formats_agree(formats):
 def test_what_was_simulated_is_found(formats):
     simulated, found = formats
     x = simulated["x"].values
-    estimate = found["csv"]["estimate"].sel(method="Tikhonov", component="p")
+    estimate = found["csv"]["estimate"].sel({"method": "Wiener", "component": "p"})
     there = np.interp(x, estimate["x"], estimate)
     truth = simulated["traction"].sel(component="p").values
     inner = np.abs(x) < 0.015
