@@ -2,7 +2,8 @@
 
 Every measurement is a row: what was run (part, line, family, cells), how wrong it is and how long
 it took. Functions are compiled with their arrays as arguments, and give back the traction or the
-signal alone, so that all rows of a part did the same work.
+signal alone. Two rows of a part do more than that: the direct path forms the whole covariance, and
+the iterative one solves for the averaging kernel too.
 """
 
 import time
