@@ -39,12 +39,11 @@ def elements(
             f"There is no effect {name!r}: effects holds any of {', '.join(EFFECTS)}.",
         )
     listed = description.get("elements")
-    refuse(
-        not listed,
-        "No film element is known: give sensor.elements (orientation, strip_width_m, "
-        "active_length_m), or a sidecar that lists them.",
-    )
-    assert listed is not None
+    if not listed:
+        raise BadInput(
+            "No film element is known: give sensor.elements (orientation, strip_width_m, "
+            "active_length_m), or a sidecar that lists them."
+        )
     named = listed.items() if isinstance(listed, Mapping) else enumerate(listed)
     return tuple(_film(str(name), part, description, effects, also) for name, part in named)
 

@@ -50,13 +50,9 @@ class NormalEquations(eqx.Module):
         problem = self.problem
         if problem.observed is None:
             return jnp.fft.irfft(jnp.fft.rfft(y) * problem.whitener**2, problem.line.n)
-        # White noise: the last wavenumber tells its level, the first whether an offset is free.
-        y = jnp.where(problem.observed, y, 0.0)
-        mean = y.sum(axis=-1, keepdims=True) / jnp.maximum(
-            problem.observed.sum(axis=-1, keepdims=True), 1
-        )
-        offset = jnp.where(jnp.isfinite(problem.noise[0]), 0.0, mean)
-        return jnp.where(problem.observed, y - offset, 0.0) * problem.whitener[-1] ** 2
+        # White noise: the last wavenumber tells its level.
+        y = y - problem.free_offset(y)
+        return jnp.where(problem.observed, y, 0.0) * problem.whitener[-1] ** 2
 
 
 @eqx.filter_jit

@@ -96,6 +96,14 @@ class Problem(eqx.Module):
         """How many samples are there, over all elements."""
         return int(self.data.size if self.observed is None else np.sum(np.asarray(self.observed)))
 
+    def free_offset(self, y: Float[Array, "e n"]) -> Float[Array, "e 1"]:
+        """The mean of y over the samples that are there, where the signal's offset is not known
+        and takes it up; else zero."""
+        there = jnp.ones(y.shape, bool) if self.observed is None else self.observed
+        count = jnp.maximum(jnp.sum(there, axis=-1, keepdims=True), 1)
+        mean = jnp.sum(jnp.where(there, y, 0.0), axis=-1, keepdims=True) / count
+        return jnp.where(jnp.isfinite(self.noise[0]), 0.0, mean)
+
     @property
     def mean_is_told(self) -> Bool[Array, " c"]:
         """For each unknown, whether the signal tells its mean.

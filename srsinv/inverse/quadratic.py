@@ -138,7 +138,7 @@ def _estimate(problem: Problem, solution: Solution, result: str, stats: dict) ->
         value + jnp.stack(means)[:, None],
         stderr,
         solution.covariance,
-        fitted + problem.level + _offset(problem, problem.data - fitted),
+        fitted + problem.level + problem.free_offset(problem.data - fitted),
         _whitened(problem, problem.data - fitted),
         solution.averaging,
         result,
@@ -146,17 +146,9 @@ def _estimate(problem: Problem, solution: Solution, result: str, stats: dict) ->
     )
 
 
-def _offset(problem: Problem, residual: Float[Array, "e n"]) -> Float[Array, "e 1"]:
-    """The mean residual of every element where its offset is not known, else zero."""
-    there = jnp.ones(residual.shape, bool) if problem.observed is None else problem.observed
-    count = jnp.maximum(jnp.sum(there, axis=-1, keepdims=True), 1)
-    mean = jnp.sum(jnp.where(there, residual, 0.0), axis=-1, keepdims=True) / count
-    return jnp.where(jnp.isfinite(problem.noise[0]), 0.0, mean)
-
-
 def _whitened(problem: Problem, residual: Float[Array, "e n"]) -> Float[Array, "e n"]:
     """The residual in units of the noise, NaN where no sample is."""
-    residual = residual - _offset(problem, residual)
+    residual = residual - problem.free_offset(residual)
     there = problem.observed
     if there is not None:
         residual = jnp.where(there, residual, 0.0)

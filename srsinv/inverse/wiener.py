@@ -148,11 +148,8 @@ def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"
     """The factors on the powers that maximise the evidence, six decades about the data's level."""
     gain = jnp.max(jnp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))
     there = 1.0 if problem.observed is None else problem.observed
-    mean = jnp.sum(problem.data, axis=-1, keepdims=True) / jnp.maximum(
-        jnp.sum(there * jnp.ones_like(problem.data), axis=-1, keepdims=True), 1.0
-    )
-    offset = jnp.where(jnp.isfinite(problem.noise[0]), 0.0, mean)
-    data = jnp.sum(there * (problem.data - offset) ** 2) / problem.samples
+    left = problem.data - problem.free_offset(problem.data)
+    data = jnp.sum(there * left**2) / problem.samples
     middle = jnp.log10(data / gain / jnp.mean(power, axis=-1))
     box = jnp.stack([middle - 6, middle + 6])
     choice = Evidence().choose(Scorer(ScaledSpectra(power), problem, path), box)

@@ -23,9 +23,9 @@ from .analysis import run as analyse
 
 CELLS_PER_DEPTH = 8  # e^(-k z) leaves nothing beyond: at the cells' last wavenumber it is e^(-25)
 MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
-STEADY = 1e-3
-JITTER = 0.2
-ROUNDED = 0.25
+STEADY = 1e-3  # how far a speed may stray from its mean and still be taken as constant
+JITTER = 0.2  # of the sampling interval: beyond it there is a gap
+ROUNDED = 0.25  # of an interval: time stamps nearer to even ones than this are only rounded
 ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
 
 
@@ -61,8 +61,7 @@ def run(cfg: build.Config) -> Outcome:
             noise = noise.at[0].set(jnp.inf)
         else:
             data = jnp.where(observed, data - offset, 0.0)
-        nominal = merge(facts, {"nominal_pressure_Pa": cfg["recording"]["nominal_pressure_Pa"]})
-        nominal = nominal.get("nominal_pressure_Pa")
+        nominal = facts.get("nominal_pressure_Pa")
         problem = Problem(
             line,
             line.operator(sensor.signal(scan)),
