@@ -16,3 +16,13 @@ if "JAX_ENABLE_X64" not in os.environ:
 from .errors import BadInput as BadInput
 
 __version__ = "0.1.0"
+
+_LAZY = ("fit", "fit_many", "Fit")  # with jax, which takes a second to import
+
+
+def __getattr__(name: str):
+    if name in _LAZY:
+        from .inverse import nonlinear
+
+        return getattr(nonlinear, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

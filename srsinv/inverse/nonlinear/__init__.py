@@ -1,0 +1,16 @@
+"""The general nonlinear fit under every fit of features: `srsinv.fit`."""
+
+from ._fit import Fit as Fit
+from ._fit import fit as fit
+from ._fit import fit_many as fit_many
+from ._jaxopt import JaxoptLBFGSB as JaxoptLBFGSB
+from ._loss import Cauchy as Cauchy
+from ._loss import Huber as Huber
+from ._loss import Loss as Loss
+from ._loss import SoftL1 as SoftL1
+from ._loss import Squares as Squares
+from ._noise import Correlated as Correlated
+from ._noise import Spectrum as Spectrum
+from ._solvers import OptaxLBFGS as OptaxLBFGS
+from ._solvers import Optimistix as Optimistix
+from ._solvers import Solver as Solver

@@ -1,0 +1,402 @@
+"""The general nonlinear fit: any differentiable model to data, with what the data do not tell."""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ...errors import BadInput, refuse
+from ...grid import as_real
+from ._loss import Loss, Squares, loss_of
+from ._noise import whitener
+from ._parameters import Parameters, parameters, starting_points
+from ._search import Found, Misfit, search, search_many
+from ._solvers import Optimistix, Solver
+from ._uncertainty import CONVERGED, Spread, log_evidence, nothing_known, offset, spread
+
+POLISHED = 8  # of many starts, so many of the best are searched from
+SCALES = 8  # rounds in which an unknown noise level is sought where the minimum depends on it
+AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter stands on it
+SAME = 1e-8  # relative difference of two costs up to which they are one minimum
+NORMAL_MAD = 1.4826022185056018  # a normal's standard deviation over its median deviation
+
+Tree = Any
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """What a fit found.
+
+    - `value`, `stderr`: trees like the parameters; the standard error is 0 for what was not free
+      and infinite for what the data do not determine.
+    - `names` (m,): the free parameters in a row; `covariance`, `correlation` (m, m) in that order,
+      nan beside what is not determined.
+    - `residual`: data - model, like the data; `whitened`: the same in units of the noise, in a row.
+    - `noise_rms`: the noise's level where it was not given, else None.
+    - `result`: "converged", or what went wrong; `at_bound`: who stands on a bound. Standard errors
+      there are those without the bound.
+    - `undetermined`: directions along which the data do not notice a move, each a mapping of names
+      to moves.
+    - `log_evidence`: the log marginal likelihood (Laplace), where the noise and proper priors for
+      all free parameters are given, else None.
+    - `stats`: cost (half the sum of squares), chi2 per degree of freedom, iterations, starts.
+    """
+
+    value: Tree
+    stderr: Tree
+    names: tuple[str, ...]
+    covariance: np.ndarray
+    correlation: np.ndarray
+    residual: np.ndarray
+    whitened: np.ndarray
+    noise_rms: float | None
+    result: str
+    at_bound: tuple[str, ...]
+    undetermined: tuple[dict[str, float], ...]
+    log_evidence: float | None
+    stats: dict[str, Any]
+    _misfit: Misfit
+    _z: np.ndarray
+    _spread: Spread
+
+    @property
+    def converged(self) -> bool:
+        """Whether the result is an answer."""
+        return self.result == "converged"
+
+    def derive(self, function: Callable[[Tree], Any]) -> tuple[np.ndarray, np.ndarray]:
+        """A function of the parameters, and its standard error to first order (the delta method).
+
+        `function` maps the tree of parameters to a number or an array (k,). Infinite standard
+        errors where the data do not determine it.
+        """
+
+        def of(z):
+            return jnp.atleast_1d(jnp.asarray(function(self._misfit.tree(z))))
+
+        z = as_real(self._z)
+        value, gradient = np.asarray(of(z)), np.asarray(jax.jacfwd(of)(z))
+        stderr = self._spread.along(gradient)
+        scalar = np.ndim(function(self._misfit.tree(z))) == 0
+        return (value[0], stderr[0]) if scalar else (value, stderr)
+
+
+def fit(
+    model: Callable[[Tree], Array],
+    initial: Tree,
+    y,
+    *,
+    noise: Any = None,
+    bounds: Any = None,
+    free: Any = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    starts: Any = None,
+    linear: Iterable[str] = (),
+    loss: Loss | str = "squares",
+    solver: Solver | None = None,
+    polished: int = POLISHED,
+) -> Fit:
+    """The parameters under which `model` explains the data `y` best, and how well they are known.
+
+    - `model(params)`: an array like `y`, by differentiable jax operations. A model that is the same
+      object compiles once for data of the same shape.
+    - `initial`: the parameters to start from, any tree of numbers and arrays (a mapping by name, a
+      vector, ...). Names below are keys joined by dots, `"b[1]"` for a number of an array.
+    - `noise`: standard deviation, one or one for each of `y` (infinite leaves a sample out), a
+      [`Spectrum`][], a [`Correlated`][]; None: white, its level taken from the residual.
+    - `bounds`: `{name: (lower, upper)}`, None for no bound, or two trees (lower, upper).
+    - `free`: names of what is fitted, or a tree of truth values; None: everything.
+    - `priors`: `{name: (mean, standard deviation)}`, Gaussian.
+    - `starts`: further points to start from: `{name: values}` along a leading axis, or a number of
+      points spread over the bounds. The `polished` best of all are searched from.
+    - `linear`: names of parameters that enter the model linearly: they need no start and are solved
+      out (variable projection).
+    - `loss`: "squares", "huber", "soft_l1", "cauchy", or a [`Loss`][] with its threshold.
+    - `solver`: [`Optimistix`][] (default), [`OptaxLBFGS`][], [`JaxoptLBFGSB`][].
+
+    Standard errors are those of the linearised problem: (J^T N^-1 J)^-1, with a robust loss Huber's
+    M-estimator form. Raises `BadInput` for what disagrees or is out of range.
+    """
+    found = parameters(initial, bounds, free, linear)
+    misfit, level_known = _misfit(model, found, y, noise, priors, loss)
+    points = starting_points(starts, found)
+    _check_linear(misfit, points)
+    settings = solver or Optimistix(), points, as_real(found.lower), as_real(found.upper), polished
+    ends = search(misfit, *settings)
+    if not level_known and (misfit.prior_mean is not None or _is_robust(misfit)):
+        for _ in range(SCALES):
+            scale = _level(misfit, ends)
+            settled = abs(scale / float(misfit.scale) - 1) < 1e-3
+            misfit = dataclasses.replace(misfit, scale=as_real(scale))
+            ends = search(misfit, *settings)
+            if settled:
+                break
+    return _described(misfit, found, ends, level_known, solver or Optimistix(), noise)
+
+
+def fit_many(
+    model: Callable[[Tree], Array],
+    initial: Tree,
+    ys,
+    *,
+    noise: Any = None,
+    bounds: Any = None,
+    free: Any = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    starts: Any = None,
+    linear: Iterable[str] = (),
+    solver: Solver | None = None,
+    polished: int = POLISHED,
+    at_once: int = 32,
+) -> list[Fit]:
+    """[`fit`][] of the same model to many data, `ys` (batch, ...), in one compiled program.
+
+    `at_once` of them side by side (each waits for the slowest). Least squares only, and without
+    priors where the noise is not known.
+    """
+    found = parameters(initial, bounds, free, linear)
+    ys = as_real(ys)
+    refuse(ys.ndim < 2 or not len(ys), "fit_many takes data with a leading axis: (batch, ...).")
+    refuse(
+        noise is None and bool(priors),
+        "fit_many cannot weigh priors against noise that is not known: give noise, or use fit.",
+    )
+    misfit, level_known = _misfit(model, found, ys[0], noise, priors, "squares")
+    points = starting_points(starts, found)
+    _check_linear(misfit, points)
+    solver = solver or Optimistix()
+    box = as_real(found.lower), as_real(found.upper)
+    batch = search_many(misfit, ys, solver, points, *box, polished, min(at_once, len(ys)))
+    fits = []
+    for i, y in enumerate(ys):
+        ends = jax.tree.map(lambda leaf, i=i: leaf[i], batch)
+        mine = dataclasses.replace(misfit, y=y)
+        fits.append(_described(mine, found, ends, level_known, solver, noise))
+    return fits
+
+
+# --- reading the request ---------------------------------------------------------------------
+
+
+def _misfit(model, found: Parameters, y, noise, priors, loss) -> tuple[Misfit, bool]:
+    try:
+        data = np.asarray(y, float)
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"The data are {type(y).__name__}: give an array of numbers.") from error
+    data = np.atleast_1d(data)
+    whiten, seen = whitener(noise, data.shape)
+    bad = seen & ~np.isfinite(data)
+    refuse(
+        bool(bad.any()),
+        f"The data hold {int(bad.sum())} values that are nan or infinite: leave them out by an "
+        "infinite noise there, or correct them.",
+    )
+    refuse(not seen.any(), "Every sample of the data is left out: there is nothing to fit.")
+    layout = found.layout
+    mean, weight = _priors(layout, priors)
+    misfit = Misfit(
+        model, layout, as_real(found.first), as_real(np.where(seen, data, 0.0)), whiten,
+        as_real(1.0), mean, weight, loss_of(loss),
+    )  # fmt: skip
+    made = jax.eval_shape(model, layout.tree(misfit.row))
+    shape = getattr(made, "shape", None)
+    refuse(
+        shape != data.shape,
+        f"The model gives shape {shape} where the data have {data.shape}: they must agree.",
+    )
+    return misfit, noise is not None
+
+
+def _priors(layout, priors) -> tuple[Any, Any]:
+    if not priors:
+        return None, None
+    mean, stderr = np.zeros(len(layout.names)), np.full(len(layout.names), np.inf)
+    for name, pair in priors.items():
+        where = layout.indices(name, "priors")
+        is_pair = isinstance(pair, list | tuple) and len(pair) == 2
+        refuse(
+            not is_pair or not np.all(np.asarray(pair[1]) > 0),
+            f"The prior of {name} is {pair!r}: give (mean, standard deviation above 0).",
+        )
+        mean[where], stderr[where] = pair
+    free = list(layout.free)
+    return as_real(mean[free]), as_real(1 / stderr[free])
+
+
+def _check_linear(misfit: Misfit, points) -> None:
+    """Refuse a parameter that is called linear and is not."""
+    layout = misfit.layout
+    if not layout.linear:
+        return
+    names = ", ".join(layout.names[i] for i in layout.linear[:4])
+    if not bool(_is_affine(misfit, points[0])):
+        refuse(
+            True,
+            f"The model is not linear in {names}: leave out of linear what multiplies or bends "
+            "another of them.",
+        )
+
+
+def _is_affine(misfit: Misfit, z):
+    places = np.array([i for i, at in enumerate(misfit.layout.free) if at in misfit.layout.linear])
+
+    def at(c):
+        return misfit.model(misfit.tree(z.at[places].set(c)))
+
+    size = as_real(np.maximum(np.abs(np.asarray(z)[places]), 1.0))
+    zero, one, two = at(0 * size), at(size), at(2.5 * size)
+    bent = jnp.linalg.norm(two - zero - 2.5 * (one - zero))
+    eps = jnp.finfo(size.dtype).eps
+    return bent <= eps**0.5 * (jnp.linalg.norm(two - zero) + eps**0.5 * jnp.linalg.norm(zero))
+
+
+def _is_robust(misfit: Misfit) -> bool:
+    return not isinstance(misfit.loss, Squares)
+
+
+def _level(misfit: Misfit, ends: Found) -> float:
+    """The noise's level from a residual: its rms, or what outliers do not move."""
+    white = np.asarray(ends.white) * float(misfit.scale)
+    seen = white[white != 0] if np.any(white) else white
+    if _is_robust(misfit):
+        level = NORMAL_MAD * np.median(np.abs(seen))
+    else:
+        level = np.sqrt(seen @ seen / max(len(seen) - ends.z.size, 1))
+    return float(max(level, np.finfo(float).tiny ** 0.5))
+
+
+# --- saying what was found -------------------------------------------------------------------
+
+
+def _described(
+    misfit: Misfit, found: Parameters, ends: Found, level_known: bool, solver: Solver, noise
+) -> Fit:
+    layout, z = misfit.layout, np.asarray(ends.z, float)
+    eps = float(np.finfo(np.asarray(ends.z).dtype).eps)
+    terms, jacobian = _terms(misfit, ends)
+    free = np.asarray(layout.free)
+    gradient = jacobian.T @ terms
+    finite = bool(np.isfinite(jacobian).all() and np.isfinite(terms).all())
+    known = spread(_rows(misfit, ends), eps) if finite else nothing_known(z.size)
+    count = misfit.whiten.count(misfit.y.shape)
+    freedom = count - known.factor.shape[1]
+    known = known.times(_inflation(misfit, ends, level_known, freedom) if finite else 1.0)
+    # A solver that works in other variables reaches a bound up to rounding only.
+    near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1))
+    low, high = z - found.lower <= near, found.upper - z <= near
+    held = (low & (gradient >= 0)) | (high & (gradient <= 0))
+    distance = offset(jacobian, terms, held, eps) if finite else np.inf
+    covariance, errors = known.covariance(), known.stderr()
+    row, stderr = np.asarray(misfit.row, float).copy(), np.zeros(len(layout.names))
+    row[free], stderr[free] = z, errors
+    cost = 0.5 * float(terms @ terms)
+    costs = np.asarray(ends.costs)
+    weight = misfit.prior_weight
+    sigma = np.full(z.size, np.inf) if weight is None else 1 / np.maximum(weight, 1e-300)
+    evidence = None
+    if level_known and finite and not _is_robust(misfit):
+        volume = misfit.whiten.log_volume(misfit.y.shape) + count / 2 * np.log(2 * np.pi)
+        evidence = log_evidence(
+            terms, jacobian, volume, np.where(low, found.lower, np.where(high, found.upper, z)),
+            found.lower, found.upper, np.asarray(sigma),
+        )  # fmt: skip
+    return Fit(
+        value=layout.host_tree(row),
+        stderr=layout.host_tree(stderr),
+        names=layout.free_names,
+        covariance=covariance,
+        correlation=_correlation(covariance),
+        residual=np.asarray(ends.residual),
+        whitened=np.asarray(ends.white),
+        noise_rms=None if level_known else _rms(misfit, ends, freedom),
+        result=_result(finite, distance, terms, misfit, ends, solver, eps),
+        at_bound=tuple(layout.free_names[i] for i in np.flatnonzero(low | high)),
+        undetermined=known.directions(layout.free_names, z),
+        log_evidence=evidence,
+        stats={
+            "solver": solver.name,
+            "cost": cost,
+            "data": count,
+            "degrees_of_freedom": freedom,
+            "chi2_per_freedom": 2 * cost / freedom if freedom > 0 else None,
+            "iterations": int(ends.iterations),
+            "starts": int(ends.start_costs.size),
+            "searches": int(costs.size),
+            "searches_at_best": int(np.sum(costs <= costs.min() * (1 + SAME) + SAME**2)),
+            "distance_to_minimum": distance,
+        },
+        _misfit=misfit,
+        _z=z,
+        _spread=known,
+    )
+
+
+def _rms(misfit: Misfit, ends: Found, freedom: int) -> float:
+    """The level of the noise, where it is estimated."""
+    if _is_robust(misfit):
+        return float(misfit.scale)
+    return float(misfit.scale) * float(np.linalg.norm(ends.white)) / np.sqrt(max(freedom, 1))
+
+
+def _terms(misfit: Misfit, ends: Found) -> tuple[np.ndarray, np.ndarray]:
+    """What is squared, and its derivative."""
+    root, slope = jax.jvp(misfit.loss.root, (ends.white,), (jnp.ones_like(ends.white),))
+    return _with_priors(misfit, ends, np.asarray(root), np.asarray(slope[:, None] * ends.jacobian))
+
+
+def _rows(misfit: Misfit, ends: Found) -> np.ndarray:
+    """The derivative of the whitened residual and of the priors' terms."""
+    return _with_priors(misfit, ends, np.asarray(ends.white), np.asarray(ends.jacobian))[1]
+
+
+def _with_priors(misfit: Misfit, ends: Found, terms, jacobian) -> tuple[np.ndarray, np.ndarray]:
+    if misfit.prior_mean is None or misfit.prior_weight is None:
+        return terms.astype(float), jacobian.astype(float)
+    weight = np.asarray(misfit.prior_weight, float)
+    more = (np.asarray(ends.z) - np.asarray(misfit.prior_mean)) * weight
+    return np.concatenate([terms, more]), np.vstack([jacobian, np.diag(weight)])
+
+
+def _inflation(misfit: Misfit, ends: Found, level_known: bool, freedom: int) -> float:
+    """What the standard errors under unit noise are multiplied by.
+
+    One for least squares with known noise; the residual's rms where its level is not known; Huber's
+    ratio (1981, section 7.6) for a robust loss. Infinite where no datum is left over to tell it.
+    """
+    white = np.asarray(ends.white, float)
+    if _is_robust(misfit):
+        influence, slope = (np.asarray(v) for v in misfit.loss.influence(ends.white))
+        mean = max(float(slope.mean()), 1e-12)
+        correction = 1 + ends.z.size / slope.size * float(slope.var()) / mean**2
+        return correction * np.sqrt(influence @ influence / max(freedom, 1)) / mean
+    if level_known or misfit.prior_mean is not None:
+        return 1.0
+    return float(np.sqrt(white @ white / freedom)) if freedom > 0 else np.inf
+
+
+def _correlation(covariance: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        stderr = np.sqrt(np.diagonal(covariance))
+        correlation = covariance / np.outer(stderr, stderr)
+    correlation[np.diag_indices(len(stderr))] = 1.0
+    return correlation
+
+
+def _result(finite, distance, terms, misfit: Misfit, ends: Found, solver: Solver, eps) -> str:
+    if not finite:
+        return "not finite: the model or its derivative is nan or infinite where the search stopped"
+    nothing_left = np.linalg.norm(terms) <= 1e3 * eps * float(
+        jnp.linalg.norm(misfit.whiten(misfit.y)) / misfit.scale
+    )
+    if distance <= CONVERGED or nothing_left:
+        return "converged"
+    if not bool(ends.done):
+        return f"not converged: {solver.name} reached its {solver.max_steps} steps"
+    return (
+        f"not converged: {solver.name} stopped {distance:.2g} standard errors from the minimum of "
+        "the linearised problem"
+    )

@@ -1,0 +1,44 @@
+"""The one place that knows jaxopt, which is no longer maintained and says so when imported."""
+
+import warnings
+from typing import ClassVar
+
+import equinox as eqx
+
+from ._solvers import (
+    Minimum,
+    Residual,
+    Solver,
+    check_settings,
+    relative,
+    scaled_cost,
+    unit_of,
+)
+
+
+class JaxoptLBFGSB(Solver):
+    """Limited-memory BFGS with bounds of jaxopt: gradients only, no Jacobian."""
+
+    name: ClassVar[str] = "jaxopt LBFGSB"
+    tolerance: float | None = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+    memory: int = eqx.field(static=True)
+
+    def __init__(self, tolerance: float | None = None, max_steps: int = 2000, memory: int = 20):
+        check_settings(self.name, tolerance, max_steps)
+        self.tolerance, self.max_steps, self.memory = tolerance, max_steps, memory
+
+    def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="JAXopt is no longer maintained")
+            from jaxopt import LBFGSB
+
+        unit = unit_of(residual, z0)
+        cost, _ = scaled_cost(residual, z0)
+        tolerance = relative(self.tolerance, z0.dtype)
+        method = LBFGSB(
+            lambda s: cost(unit * s), tol=tolerance, maxiter=self.max_steps,
+            history_size=self.memory,
+        )  # fmt: skip
+        s, state = method.run(z0 / unit, bounds=(lower / unit, upper / unit))
+        return Minimum(unit * s, state.iter_num, state.error <= tolerance)

@@ -1,0 +1,206 @@
+"""Levenberg and Marquardt's method inside a box, as an optimistix solver.
+
+A step p solves the damped linear problem min |f + J p|^2 + lambda |D p|^2 over the variables that
+are not held by their bounds, is bent by the residual's second derivative along it, and is cut at
+the box. Three choices make it robust:
+
+- D holds the column norms of J, remembered for some steps: the path does not depend on the
+  variables' units, and a column that has become small is not damped by its past (More 1978 keeps
+  the largest for ever, which crawls in MGH10).
+- The bend, geodesic acceleration, is also a test: where it is not small beside p, the linear model
+  does not reach that far, and the damping grows (Transtrum and Sethna 2012).
+- The damping follows the ratio of the cost's fall to the predicted one (Nielsen 1999).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Bool, Float
+
+FIRST_DAMPING = 1e-3
+LEAST_DAMPING, MOST_DAMPING = 1e-18, 1e18
+ACCEPTED = 1e-4  # share of the predicted fall that a step has to bring
+BENT = 0.75  # the bend's second derivative, beside p, up to which a step is tried
+REMEMBERED = 0.5  # of D from one accepted point to the next
+
+
+class _Point(eqx.Module):
+    """What is known of the accepted point: cost |f|^2/2, J = Q R, c = Q^T f, and D."""
+
+    cost: Float[Array, ""]
+    q: Float[Array, "r m"]
+    root: Float[Array, "m m"]
+    c: Float[Array, " m"]
+    scale: Float[Array, " m"]
+
+
+class _State(eqx.Module):
+    trial: Float[Array, " m"]
+    predicted: Float[Array, ""]
+    point: _Point
+    damping: Float[Array, ""]
+    growth: Float[Array, ""]
+    first: Bool[Array, ""]
+    ready: Bool[Array, ""]
+    done: Bool[Array, ""]
+
+
+class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
+    """Least squares over lower <= y <= upper, for `optimistix.least_squares` on vectors y (m,).
+
+    It ends when a step is below `rtol` of y, when the cosine between the residual and every free
+    column of the Jacobian is below it, or when its square bounds the fall of the cost; the last
+    step is still taken where it does no harm.
+    """
+
+    lower: Float[Array, " m"]
+    upper: Float[Array, " m"]
+    rtol: float
+    atol: float = 0.0
+    norm: Callable[[Any], Array] = optx.two_norm
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
+        m, zero = y.size, jnp.zeros((), y.dtype)
+        nothing = _Point(
+            zero + jnp.inf,
+            jnp.zeros((max(f_struct.size, m), m), y.dtype),
+            jnp.zeros((m, m), y.dtype),
+            jnp.zeros_like(y),
+            jnp.zeros_like(y),
+        )
+        return _State(
+            trial=jnp.clip(y, self.lower, self.upper),
+            predicted=zero,
+            point=nothing,
+            damping=zero + FIRST_DAMPING,
+            growth=zero + 2,
+            first=jnp.array(True),
+            ready=jnp.array(False),
+            done=jnp.array(False),
+        )
+
+    def step(self, fn, y, args, options, state: _State, tags):
+        def residual_at(y):
+            return fn(y, args)[0]
+
+        residual, push = jax.linearize(residual_at, state.trial)
+        cost = 0.5 * jnp.vdot(residual, residual)
+        gain = state.point.cost - cost
+        accept = state.first | (gain > ACCEPTED * state.predicted) | (state.ready & (gain >= 0))
+        y = jnp.where(accept, state.trial, y)
+        point = jax.lax.cond(
+            accept,
+            lambda: _linearised(residual, cost, push, y.size, state.point.scale),
+            lambda: state.point,
+        )
+        damping, growth = _damping(state, gain, accept)
+        held = self._held(y, point)
+        straight = self._cut(y, _step(point, point.c, held, damping))
+        predicted = _predicted(point, straight)
+        ready = self._converged(y, point, held, straight, predicted)
+        ready = ready | (accept & (jnp.abs(gain) <= self._ftol * point.cost))
+        bend, tight = _bend(residual_at, y, straight, point, held, damping)
+        state = _State(
+            trial=y + self._cut(y, straight + bend),
+            predicted=jnp.where(tight, predicted, jnp.inf),  # else it will not be accepted
+            point=point,
+            damping=damping,
+            growth=growth,
+            first=jnp.array(False),
+            ready=ready,
+            done=state.ready | ~jnp.isfinite(point.cost) | (damping >= MOST_DAMPING),
+        )
+        return y, state, None
+
+    def terminate(self, fn, y, args, options, state: _State, tags):
+        failed = ~jnp.isfinite(state.point.cost) & ~state.first
+        result = optx.RESULTS.where(failed, optx.RESULTS.nonfinite, optx.RESULTS.successful)
+        return state.done, result
+
+    def postprocess(self, fn, y, aux, args, options, state: _State, tags, result):
+        return y, aux, {}
+
+    @property
+    def _ftol(self) -> float:
+        return max(self.rtol**2, 4 * float(jnp.finfo(self.lower.dtype).eps))
+
+    def _held(self, y, point: _Point) -> Bool[Array, " m"]:
+        """Which variables stand on a bound beyond which the cost would fall."""
+        gradient = point.root.T @ point.c
+        return ((y <= self.lower) & (gradient >= 0)) | ((y >= self.upper) & (gradient <= 0))
+
+    def _cut(self, y, p) -> Float[Array, " m"]:
+        return jnp.clip(y + p, self.lower, self.upper) - y
+
+    def _converged(self, y, point: _Point, held, p, predicted) -> Bool[Array, ""]:
+        gradient = jnp.where(held, 0.0, point.root.T @ point.c)
+        length = jnp.linalg.norm(point.root, axis=0) * jnp.sqrt(2 * point.cost)
+        cosine = jnp.max(jnp.abs(gradient) / jnp.where(length > 0, length, 1.0), initial=0.0)
+        scale = jnp.where(held, 0.0, _positive(point.scale))
+        small = self.norm(scale * p) <= self.rtol * self.norm(scale * y)
+        return (cosine <= self.rtol) | small | (predicted <= self._ftol * point.cost)
+
+
+def _linearised(residual, cost, push, m: int, scale) -> _Point:
+    """The point's factors."""
+    jacobian = jax.vmap(push, out_axes=1)(jnp.eye(m, dtype=residual.dtype))
+    q, root = jnp.linalg.qr(_at_least(m, jacobian))
+    columns = jnp.linalg.norm(jacobian, axis=0)
+    return _Point(
+        cost, q, root, q.T @ _at_least(m, residual), jnp.maximum(REMEMBERED * scale, columns)
+    )
+
+
+def _at_least(m: int, rows):
+    """Rows of zeros, which change nothing, where there are fewer data than variables."""
+    return jnp.pad(rows, [(0, max(m - rows.shape[0], 0))] + [(0, 0)] * (rows.ndim - 1))
+
+
+def _positive(scale):
+    """D, with 1 for a variable that has had no effect yet."""
+    return jnp.where(scale > 0, scale, 1.0)
+
+
+def _step(point: _Point, c, held, damping) -> Float[Array, " m"]:
+    """The minimiser of |c + R p|^2 + damping |D p|^2 over the variables that are not held."""
+    scale = _positive(point.scale)
+    # In units of D, so that the small factorisation meets columns of length one.
+    root = jnp.where(held, 0.0, point.root / scale)
+    stacked = jnp.concatenate([root, jnp.sqrt(damping) * jnp.eye(scale.size, dtype=root.dtype)])
+    q, r = jnp.linalg.qr(stacked)
+    right = q.T @ jnp.concatenate([c, jnp.zeros_like(c)])
+    return -jax.scipy.linalg.solve_triangular(r, right) / scale
+
+
+def _predicted(point: _Point, p) -> Float[Array, ""]:
+    change = point.root @ p
+    return -(jnp.vdot(point.c, change) + 0.5 * jnp.vdot(change, change))
+
+
+def _bend(residual_at, y, p, point: _Point, held, damping):
+    """Half the acceleration along p, and whether it is small beside p."""
+
+    def rate(y):
+        return jax.jvp(residual_at, (y,), (p,))[1]
+
+    second = _at_least(y.size, jax.jvp(rate, (y,), (p,))[1])
+    acceleration = _step(point, point.q.T @ second, held, damping)
+    acceleration = jnp.where(jnp.isfinite(acceleration), acceleration, 0.0)
+    scale = _positive(point.scale)
+    tight = jnp.linalg.norm(scale * acceleration) <= BENT * jnp.linalg.norm(scale * p)
+    return 0.5 * acceleration, tight
+
+
+def _damping(state: _State, gain, accept):
+    """Less after a step as good as predicted, ever more after failures."""
+    share = gain / jnp.where(state.predicted > 0, state.predicted, 1.0)
+    ease = jnp.clip(1 - (2 * share - 1) ** 3, 1 / 3, 2.0)
+    damping = jnp.where(accept, state.damping * ease, state.damping * state.growth)
+    growth = jnp.where(accept, 2.0, 2 * state.growth)
+    damping = jnp.where(state.first, state.damping, damping)
+    growth = jnp.where(state.first, state.growth, growth)
+    return jnp.clip(damping, LEAST_DAMPING, MOST_DAMPING), growth

@@ -1,0 +1,148 @@
+"""Noise of the data, as what makes a residual white: z = N^(-1/2) r, and the log of its volume."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...errors import BadInput, refuse
+from ...grid import as_real, half_spectrum_weights
+
+
+class Whitener(eqx.Module):
+    """Gaussian noise of the data y, of any shape."""
+
+    @abc.abstractmethod
+    def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
+        """The residual in units of the noise, in a row: white, of variance one."""
+
+    @abc.abstractmethod
+    def log_volume(self, shape: tuple[int, ...]) -> float:
+        """Half the log of the determinant of the noise's covariance over data of this shape."""
+
+    @abc.abstractmethod
+    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Which of the data count, as truth values of the data's shape."""
+
+    def count(self, shape: tuple[int, ...]) -> int:
+        """How many independent numbers the data hold."""
+        return int(self.seen(shape).sum())
+
+
+class Independent(Whitener):
+    """White noise: a standard deviation for all data, or one for each; infinite leaves one out."""
+
+    stderr: Float[Array, "..."]
+
+    def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
+        there = jnp.isfinite(self.stderr)
+        return jnp.ravel(jnp.where(there, residual, 0.0) / jnp.where(there, self.stderr, 1.0))
+
+    def log_volume(self, shape: tuple[int, ...]) -> float:
+        stderr = np.broadcast_to(np.asarray(self.stderr), shape)
+        return float(np.sum(np.log(stderr[np.isfinite(stderr)])))
+
+    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+        return np.broadcast_to(np.isfinite(np.asarray(self.stderr)), shape)
+
+
+class Spectrum(Whitener):
+    """Stationary noise along the last axis, by its power (k,) per sample at the half spectrum.
+
+    As `forward.noise` has it: white noise of rms s has the power s^2 everywhere. Rows are
+    independent and the noise is taken as periodic. An infinite power at k = 0 takes the mean of
+    each row out of the data, one elsewhere that wavenumber. Raises `BadInput` for a power that is
+    not above 0.
+    """
+
+    power: Float[Array, " k"]
+
+    def __init__(self, power):
+        self.power = as_real(power)
+        refuse(
+            self.power.ndim != 1 or not bool(np.all(np.asarray(power) > 0)),
+            "The noise's power spectrum must be one row of numbers above 0.",
+        )
+
+    def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
+        n = residual.shape[-1]
+        white = jnp.fft.irfft(jnp.fft.rfft(residual) / jnp.sqrt(self.power), n)
+        return jnp.ravel(white)
+
+    def log_volume(self, shape: tuple[int, ...]) -> float:
+        power = np.asarray(self.power)
+        there = np.isfinite(power)
+        logs = np.log(np.where(there, power, 1.0))
+        return float(np.prod(shape) / 2 * np.sum(half_spectrum_weights(shape[-1]) * logs))
+
+    def count(self, shape: tuple[int, ...]) -> int:
+        there = np.isfinite(np.asarray(self.power))
+        return round(np.prod(shape) * np.sum(half_spectrum_weights(shape[-1]) * there))
+
+    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+        refuse(
+            shape[-1] // 2 + 1 != self.power.size,
+            f"The noise's power spectrum has {self.power.size} numbers, but {shape[-1]} samples in "
+            f"a row have {shape[-1] // 2 + 1} wavenumbers: give as many.",
+        )
+        return np.ones(shape, bool)
+
+
+class Correlated(Whitener):
+    """Noise of a full covariance matrix (n, n) over the data in a row.
+
+    Raises `BadInput` for a matrix that is not symmetric and positive definite.
+    """
+
+    factor: Float[Array, "n n"]
+
+    def __init__(self, covariance):
+        covariance = np.asarray(covariance, float)
+        square = covariance.ndim == 2 and covariance.shape[0] == covariance.shape[1]
+        refuse(
+            not square or not np.allclose(covariance, covariance.T, rtol=1e-8, atol=0.0),
+            "The noise's covariance must be a symmetric matrix over all data in a row.",
+        )
+        try:
+            self.factor = as_real(np.linalg.cholesky(covariance))
+        except np.linalg.LinAlgError as error:
+            raise BadInput(
+                "The noise's covariance is not positive definite: add what is white."
+            ) from error
+
+    def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
+        return jax.scipy.linalg.solve_triangular(self.factor, jnp.ravel(residual), lower=True)
+
+    def log_volume(self, shape: tuple[int, ...]) -> float:
+        return float(np.sum(np.log(np.diagonal(np.asarray(self.factor)))))
+
+    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+        size = int(np.prod(shape))
+        refuse(
+            self.factor.shape[0] != size,
+            f"The noise's covariance is for {self.factor.shape[0]} data, but there are {size}.",
+        )
+        return np.ones(shape, bool)
+
+
+def whitener(noise: Any, shape: tuple[int, ...]) -> tuple[Whitener, np.ndarray]:
+    """What `noise` says, and which data count; None is white noise of rms one, to be scaled."""
+    if not isinstance(noise, Whitener):
+        try:
+            stderr = np.broadcast_to(np.asarray(1.0 if noise is None else noise, float), shape)
+        except (TypeError, ValueError) as error:
+            raise BadInput(
+                f"The noise does not fit data of shape {shape}: give one standard deviation, or "
+                "one for each."
+            ) from error
+        refuse(
+            not bool((stderr > 0).all()),
+            "The noise holds a standard deviation that is not above 0: give positive ones, "
+            "infinite for a sample to leave out.",
+        )
+        noise = Independent(as_real(stderr))
+    return noise, noise.seen(shape)

@@ -1,0 +1,284 @@
+"""Parameters as a tree of arrays on one side, as named numbers in a row on the other."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...errors import BadInput, refuse
+from ...grid import as_real
+
+Tree = Any
+
+
+class Layout(eqx.Module):
+    """How the numbers of a tree lie in a row: all of it static, so that it is part of a program.
+
+    `free` and `linear` are indices into the row: those that are fitted, and of them those that
+    enter the model linearly.
+    """
+
+    structure: Any = eqx.field(static=True)
+    shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    leaves: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    free: tuple[int, ...] = eqx.field(static=True)
+    linear: tuple[int, ...] = eqx.field(static=True)
+
+    def tree(self, row: Float[Array, " all"]) -> Tree:
+        """The tree whose numbers are `row`."""
+        sizes = [int(np.prod(shape)) for shape in self.shapes]
+        parts = jnp.split(row, np.cumsum(sizes)[:-1].tolist())
+        return jax.tree.unflatten(
+            self.structure, [p.reshape(s) for p, s in zip(parts, self.shapes, strict=True)]
+        )
+
+    def host_tree(self, row: np.ndarray) -> Tree:
+        """The same with numpy arrays; a scalar leaf becomes a float."""
+        sizes = [int(np.prod(shape)) for shape in self.shapes]
+        parts = np.split(np.asarray(row), np.cumsum(sizes)[:-1])
+        leaves = [p.reshape(s) if s else float(p[0])
+                  for p, s in zip(parts, self.shapes, strict=True)]  # fmt: skip
+        return jax.tree.unflatten(self.structure, leaves)
+
+    @property
+    def free_names(self) -> tuple[str, ...]:
+        """Names of what is fitted."""
+        return tuple(self.names[i] for i in self.free)
+
+    def indices(self, name: str, what: str) -> list[int]:
+        """The places in the row of a leaf (`"b"`) or of one of its numbers (`"b[1]"`)."""
+        if name in self.names:
+            return [self.names.index(name)]
+        found = [i for i, owner in enumerate(self._owners) if owner == name]
+        if not found:
+            raise BadInput(
+                f"{what} names {name!r}, which is no parameter: the parameters are "
+                f"{', '.join(self.leaves)}."
+            )
+        return found
+
+    @property
+    def _owners(self) -> list[str]:
+        sizes = [int(np.prod(shape)) for shape in self.shapes]
+        return [leaf for leaf, size in zip(self.leaves, sizes, strict=True) for _ in range(size)]
+
+    def row_of(self, what: str, given: Tree, default: float) -> np.ndarray:
+        """A number for each place: `given` is one number, a tree like the parameters, or a mapping
+        by name with `default` elsewhere; None anywhere stands for the default."""
+        row = np.full(len(self.names), default)
+        if given is None:
+            return row
+        if isinstance(given, Mapping) and not self._is_like(given):
+            for name, value in flat_mapping(given).items():
+                where = self.indices(name, what)
+                row[where] = self._numbers(f"{what} of {name}", value, len(where), default)
+            return row
+        leaves = jax.tree.leaves(given, is_leaf=lambda x: x is None or isinstance(x, list | tuple))
+        if len(leaves) == 1 and np.ndim(leaves[0]) == 0:
+            return np.full(len(self.names), default if leaves[0] is None else float(leaves[0]))
+        refuse(
+            len(leaves) != len(self.leaves),
+            f"{what} holds {len(leaves)} values where {len(self.leaves)} parameters "
+            f"({', '.join(self.leaves)}) are fitted: give one for each, or a mapping by name.",
+        )
+        parts = [
+            self._numbers(f"{what} of {leaf}", value, int(np.prod(shape)), default)
+            for leaf, shape, value in zip(self.leaves, self.shapes, leaves, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def _is_like(self, given: Mapping) -> bool:
+        try:
+            return jax.tree.structure(given, is_leaf=lambda x: x is None) == self.structure
+        except (TypeError, ValueError):
+            return False
+
+    def _numbers(self, what: str, value: Any, size: int, default: float) -> np.ndarray:
+        try:
+            numbers = np.asarray(default if value is None else value, float)
+            return np.broadcast_to(numbers.ravel() if numbers.size == size else numbers, (size,))
+        except (TypeError, ValueError) as error:
+            raise BadInput(f"{what} is {value!r}: give one number or {size} of them.") from error
+
+
+def flat_mapping(given: Mapping, above: str = "") -> dict[str, Any]:
+    """A nested mapping with the names joined by dots."""
+    flat: dict[str, Any] = {}
+    for key, value in given.items():
+        name = f"{above}{key}"
+        flat |= flat_mapping(value, f"{name}.") if isinstance(value, Mapping) else {name: value}
+    return flat
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What is fitted from where: layout, the row of first values, and a box for the free ones."""
+
+    layout: Layout
+    first: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+def parameters(initial: Tree, bounds: Any, free: Any, linear: Iterable[str]) -> Parameters:
+    """Read what a user gives; raises `BadInput` for what disagrees."""
+    layout, first = _layout(initial)
+    chosen = _free(layout, free)
+    named = [i for name in linear for i in layout.indices(name, "linear")]
+    layout = Layout(
+        layout.structure, layout.shapes, layout.leaves, layout.names,
+        chosen, tuple(i for i in chosen if i in named),
+    )  # fmt: skip
+    lower, upper = _bounds(layout, bounds)
+    for i in chosen:
+        name = layout.names[i]
+        refuse(
+            not lower[i] < upper[i],
+            f"The bounds of {name} are [{lower[i]:g}, {upper[i]:g}]: give the lower one first, and "
+            "leave room between them (a parameter that is known is left out of free).",
+        )
+        refuse(
+            i in layout.linear and bool(np.isfinite([lower[i], upper[i]]).any()),
+            f"{name} has bounds and is named in linear, where bounds cannot be kept: drop one.",
+        )
+        refuse(
+            i not in layout.linear and not lower[i] <= first[i] <= upper[i],
+            f"The first value of {name} is {first[i]:g}, outside its bounds [{lower[i]:g}, "
+            f"{upper[i]:g}]: start inside them.",
+        )
+    where = list(chosen)
+    return Parameters(layout, first, lower[where], upper[where])
+
+
+def _layout(initial: Tree) -> tuple[Layout, np.ndarray]:
+    paths, structure = jax.tree_util.tree_flatten_with_path(initial)
+    refuse(not paths, "There is no parameter to fit: initial is empty.")
+    leaves, names, values = [], [], []
+    for path, leaf in paths:
+        name = ".".join(_key(part) for part in path)
+        try:
+            value = np.asarray(leaf, float)
+        except (TypeError, ValueError) as error:
+            raise BadInput(
+                f"The first value of {name or 'b'} is {leaf!r}: give numbers."
+            ) from error
+        refuse(
+            not np.isfinite(value).all(),
+            f"The first value of {name or 'b'} is {leaf!r}: give finite numbers.",
+        )
+        leaves.append(name or "b")
+        values.append(value)
+        places = np.ndindex(value.shape)
+        names += [f"{leaves[-1]}[{','.join(map(str, at))}]" if at else leaves[-1] for at in places]
+    shapes = tuple(value.shape for value in values)
+    everything = tuple(range(len(names)))
+    layout = Layout(structure, shapes, tuple(leaves), tuple(names), everything, ())
+    return layout, np.concatenate([value.ravel() for value in values])
+
+
+def _key(part: Any) -> str:
+    for attribute in ("key", "name", "idx"):
+        if hasattr(part, attribute):
+            return str(getattr(part, attribute))
+    return str(part)
+
+
+def _free(layout: Layout, free: Any) -> tuple[int, ...]:
+    if free is None:
+        return tuple(range(len(layout.names)))
+    if isinstance(free, str):
+        free = [free]
+    if not isinstance(free, Mapping) and all(isinstance(name, str) for name in free):
+        chosen = sorted({i for name in free for i in layout.indices(name, "free")})
+    else:
+        chosen = np.flatnonzero(layout.row_of("free", free, 0.0)).tolist()
+    refuse(not chosen, "Nothing is free to be fitted: name at least one parameter in free.")
+    return tuple(chosen)
+
+
+def _bounds(layout: Layout, bounds: Any) -> tuple[np.ndarray, np.ndarray]:
+    if isinstance(bounds, Mapping):
+        pairs = flat_mapping(bounds)
+        for name, pair in pairs.items():
+            refuse(
+                not isinstance(pair, list | tuple) or len(pair) != 2,
+                f"The bounds of {name} are {pair!r}: give (lower, upper), None for no bound.",
+            )
+        lower = {name: pair[0] for name, pair in pairs.items()}
+        upper = {name: pair[1] for name, pair in pairs.items()}
+    else:
+        refuse(
+            bounds is not None and (not isinstance(bounds, list | tuple) or len(bounds) != 2),
+            f"The bounds are {bounds!r}: give a mapping of names to (lower, upper), or two trees.",
+        )
+        lower, upper = bounds or (None, None)
+    low = layout.row_of("The lower bound", lower, -np.inf)
+    high = layout.row_of("The upper bound", upper, np.inf)
+    refuse(bool(np.isnan([low, high]).any()), "A bound is nan: give a number, or None for none.")
+    return low, high
+
+
+def starting_points(given: Any, found: Parameters) -> Float[Array, "s m"]:
+    """The points to start from, the first value among them.
+
+    A number: so many points spread evenly over the bounds (a Sobol sequence); a mapping by name:
+    values along a leading axis, the other parameters as in the first; None: the first value alone.
+    """
+    layout = found.layout
+    first = found.first[list(layout.free)]
+    if given is None:
+        return as_real(first[None])
+    if isinstance(given, Mapping):
+        return as_real(np.concatenate([first[None], _listed(given, found)]))
+    refuse(
+        isinstance(given, bool) or not isinstance(given, int) or given < 1,
+        f"starts is {given!r}: give a whole number from 1, or a mapping of names to values.",
+    )
+    bounded = np.isfinite(found.lower) & np.isfinite(found.upper)
+    searched = [j for j, i in enumerate(layout.free) if i not in layout.linear]
+    open_ended = [layout.names[layout.free[j]] for j in searched if not bounded[j]]
+    refuse(
+        bool(open_ended),
+        f"starts={given} is spread over the bounds, but {', '.join(open_ended)} has none: give "
+        "both, or name the starts.",
+    )
+    from scipy.stats import qmc
+
+    points = np.tile(first, (given, 1))
+    if searched:
+        power = int(np.ceil(np.log2(given)))
+        unit = qmc.Sobol(len(searched), scramble=True, rng=0).random_base2(power)[:given]
+        low, high = found.lower[searched], found.upper[searched]
+        points[:, searched] = low + unit * (high - low)
+    return as_real(np.concatenate([first[None], points]))
+
+
+def _listed(given: Mapping, found: Parameters) -> np.ndarray:
+    layout, rows = found.layout, None
+    for name, values in flat_mapping(given).items():
+        where = layout.indices(name, "starts")
+        listed = np.asarray(values, float).reshape(len(values), -1)
+        if rows is None:
+            rows = np.tile(found.first, (len(listed), 1))
+        refuse(
+            listed.shape != (len(rows), len(where)),
+            f"The starts of {name} have shape {np.shape(values)}: give as many as for the others, "
+            f"{len(rows)}, each of {len(where)} numbers.",
+        )
+        rows[:, where] = listed
+    refuse(rows is None, "starts names no parameter: give values for at least one.")
+    rows = np.asarray(rows)[:, list(layout.free)]
+    inside = (rows >= found.lower) & (rows <= found.upper)
+    worst = int(np.argmin(inside.all(axis=0)))
+    refuse(
+        not inside.all(),
+        f"A start of {layout.free_names[worst]} lies outside its bounds [{found.lower[worst]:g}, "
+        f"{found.upper[worst]:g}]: start inside them.",
+    )
+    return rows

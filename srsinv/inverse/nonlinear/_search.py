@@ -1,0 +1,187 @@
+"""From data and starting points to the best minimum: pure, compiled once for each model."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ._loss import Loss, Squares
+from ._noise import Whitener
+from ._parameters import Layout
+from ._solvers import Minimum, Solver
+
+AT_ONCE = 64  # starting points whose cost is computed at one time, to spare memory
+
+
+class Misfit(eqx.Module):
+    """What is minimised, as a function of the free parameters z (m,).
+
+    Half the sum over the data of t(r)^2, with r the whitened residual y - model and t the loss's
+    root, and half the sum over the priors of ((z - mean)/stderr)^2.
+    """
+
+    model: Callable[[Any], Float[Array, "..."]]
+    layout: Layout
+    row: Float[Array, " all"]
+    y: Float[Array, "..."]
+    whiten: Whitener
+    scale: Float[Array, ""]
+    prior_mean: Float[Array, " m"] | None
+    prior_weight: Float[Array, " m"] | None
+    loss: Loss
+
+    def tree(self, z: Float[Array, " m"]) -> Any:
+        """The parameters as the model takes them."""
+        return self.layout.tree(self.row.at[np.asarray(self.layout.free)].set(z))
+
+    def white(self, z: Float[Array, " m"]) -> Float[Array, " n"]:
+        """The residual in units of the noise."""
+        return self.whiten(self.y - self.model(self.tree(z))) / self.scale
+
+    def terms(self, z: Float[Array, " m"]) -> Float[Array, " terms"]:
+        """What is squared and summed."""
+        data = self.loss.root(self.white(z))
+        if self.prior_mean is None or self.prior_weight is None:
+            return data
+        return jnp.concatenate([data, (z - self.prior_mean) * self.prior_weight])
+
+
+class Split(eqx.Module):
+    """Variable projection: the linear parameters are the best ones for the others.
+
+    Golub and Pereyra (1973). Their derivative comes from differentiating the small factorisation.
+    """
+
+    misfit: Misfit
+
+    @property
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where in z the searched and the linear parameters stand."""
+        free, linear = self.misfit.layout.free, set(self.misfit.layout.linear)
+        is_linear = np.array([i in linear for i in free], bool)
+        return np.flatnonzero(~is_linear), np.flatnonzero(is_linear)
+
+    def searched(self, z: Float[Array, "... m"]) -> Float[Array, "... v"]:
+        """The parameters that are searched for."""
+        return z[..., self._places[0]]
+
+    def whole(self, v: Float[Array, " v"]) -> Float[Array, " m"]:
+        """All free parameters, the linear ones solved for."""
+        return self._solved(v)[0]
+
+    def terms(self, v: Float[Array, " v"]) -> Float[Array, " terms"]:
+        """What is left of the terms."""
+        return self._solved(v)[1]
+
+    def _solved(self, v) -> tuple[Array, Array]:
+        searched, linear = self._places
+        m = len(searched) + len(linear)
+        start = jnp.zeros(m, v.dtype).at[searched].set(v)
+        if not len(linear):
+            return start, self.misfit.terms(start)
+
+        def along(c):
+            return self.misfit.terms(start.at[linear].set(c))
+
+        rest, push = jax.linearize(along, jnp.zeros(len(linear), v.dtype))
+        basis = jax.vmap(push, out_axes=1)(jnp.eye(len(linear), dtype=v.dtype))
+        c = _least_squares(basis, -rest)
+        return start.at[linear].set(c), rest + basis @ c
+
+
+def _least_squares(basis, target):
+    """argmin |basis c - target|, its columns scaled and faintly damped: finite, and smooth, where
+    a column vanishes (a feature beside the scan)."""
+    # The square root's guard keeps the derivative finite for a column of zeros.
+    square = jnp.sum(basis**2, axis=0)
+    norm = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    size = basis.shape[1]
+    damping = jnp.finfo(basis.dtype).eps ** 0.6 * jnp.eye(size, dtype=basis.dtype)
+    q, r = jnp.linalg.qr(jnp.concatenate([basis / norm, damping]))
+    right = q.T @ jnp.concatenate([target, jnp.zeros(size, basis.dtype)])
+    return jax.scipy.linalg.solve_triangular(r, right) / norm
+
+
+class Found(eqx.Module):
+    """The best minimum, with what its uncertainty is computed from.
+
+    `z` (m,), `white` (n,) the whitened residual and `jacobian` (n, m) its derivative; `residual`
+    like the data; `costs` (s,) at the ends of the searches, `start_costs` of every start.
+    """
+
+    z: Float[Array, " m"]
+    white: Float[Array, " n"]
+    jacobian: Float[Array, "n m"]
+    residual: Float[Array, "..."]
+    costs: Float[Array, " s"]
+    start_costs: Float[Array, " starts"]
+    iterations: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+@eqx.filter_jit
+def search(misfit: Misfit, solver: Solver, starts, lower, upper, polished: int) -> Found:
+    """The best of the minima reached from the `polished` best starts (s, m)."""
+    return _search(misfit, solver, starts, lower, upper, polished)
+
+
+@eqx.filter_jit
+def search_many(misfit: Misfit, ys, solver: Solver, starts, lower, upper, polished: int, at_once):
+    """The same for data (batch, ...), `at_once` of them side by side."""
+
+    def one(y):
+        return _search(dataclasses.replace(misfit, y=y), solver, starts, lower, upper, polished)
+
+    return jax.lax.map(one, ys, batch_size=at_once)
+
+
+def _search(misfit: Misfit, solver: Solver, starts, lower, upper, polished: int) -> Found:
+    split = Split(misfit)
+    if misfit.layout.linear and not isinstance(misfit.loss, Squares):
+        # A robust loss has no closed form: its linear parameters start from least squares.
+        plain = Split(dataclasses.replace(misfit, loss=Squares()))
+        starts = jax.vmap(lambda z: plain.whole(plain.searched(z)))(starts)
+        together = dataclasses.replace(misfit.layout, linear=())
+        split = Split(dataclasses.replace(misfit, layout=together))
+
+    def cost(v):
+        value = 0.5 * jnp.sum(split.terms(v) ** 2)
+        return jnp.where(jnp.isnan(value), jnp.inf, value)
+
+    v0 = split.searched(starts)
+    box = split.searched(lower), split.searched(upper)
+    start_costs = jax.lax.map(cost, v0, batch_size=AT_ONCE)
+    if len(v0) > polished:
+        v0 = v0[jax.lax.top_k(-start_costs, polished)[1]]
+    best, costs = _minima(split, solver, v0, box, cost)
+    z = split.whole(best.point)
+    white, push = jax.linearize(misfit.white, z)
+    return Found(
+        z=z,
+        white=white,
+        jacobian=jax.vmap(push, out_axes=1)(jnp.eye(z.size, dtype=z.dtype)),
+        residual=misfit.y - misfit.model(misfit.tree(z)),
+        costs=costs,
+        start_costs=start_costs,
+        iterations=best.iterations,
+        done=best.done,
+    )
+
+
+def _minima(split: Split, solver: Solver, v0, box, cost) -> tuple[Minimum, Array]:
+    """The best minimum, and the cost at each end; nothing is searched where all is linear."""
+    if v0.shape[1] == 0:
+        at = Minimum(v0[0], jnp.array(0), jnp.array(True))
+        return at, cost(v0[0])[None]
+    if len(v0) == 1:
+        only = solver(split.terms, v0[0], *box)
+        return only, cost(only.point)[None]
+    ends = jax.vmap(lambda v: solver(split.terms, v, *box))(v0)
+    costs = jax.vmap(cost)(ends.point)
+    best = jnp.argmin(costs)
+    return jax.tree.map(lambda leaf: leaf[best], ends), costs

@@ -1,0 +1,173 @@
+"""What minimises the sum of squares: one interface, so that each way shows what it costs."""
+
+import abc
+from collections.abc import Callable
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int
+
+from ...errors import refuse
+from ._levenberg_marquardt import BoundedLevenbergMarquardt
+
+Residual = Callable[[Float[Array, " m"]], Float[Array, " n"]]
+
+
+class Minimum(eqx.Module):
+    """Where a solver stopped: the point (m,), its iterations, and whether it says it is done."""
+
+    point: Float[Array, " m"]
+    iterations: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+class Solver(eqx.Module):
+    """min |residual(z)|^2 over lower <= z <= upper, from z0; pure, for jit and vmap.
+
+    `tolerance` [1] is relative, of the step and of the gradient; None takes 1e-10 in float64 and
+    1e-4 in float32. `max_steps` bounds the iterations.
+    """
+
+    name: ClassVar[str]
+    tolerance: eqx.AbstractVar[float | None]
+    max_steps: eqx.AbstractVar[int]
+
+    @abc.abstractmethod
+    def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
+        """The minimum reached from z0 (m,)."""
+
+
+def check_settings(name: str, tolerance: float | None, max_steps: int) -> None:
+    """Refuse a tolerance or a number of steps that cannot be."""
+    refuse(
+        tolerance is not None and not 0 < tolerance < 1,
+        f"solver.tolerance is {tolerance} for {name}: give a number between 0 and 1, or null.",
+    )
+    refuse(max_steps < 1, f"solver.max_steps is {max_steps}: give a whole number from 1.")
+
+
+def relative(tolerance: float | None, dtype) -> float:
+    """The tolerance, or what the precision allows."""
+    if tolerance is not None:
+        return tolerance
+    return 1e-10 if np.finfo(dtype).eps < 1e-12 else 1e-4
+
+
+class Optimistix(Solver):
+    """Levenberg and Marquardt's method inside the bounds, on optimistix: the default."""
+
+    name: ClassVar[str] = "optimistix"
+    tolerance: float | None = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+
+    def __init__(self, tolerance: float | None = None, max_steps: int = 2000):
+        check_settings(self.name, tolerance, max_steps)
+        self.tolerance, self.max_steps = tolerance, max_steps
+
+    def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
+        rtol = relative(self.tolerance, z0.dtype)
+        method = BoundedLevenbergMarquardt(lower=lower, upper=upper, rtol=rtol)
+        solution = optx.least_squares(
+            lambda z, _: residual(z), method, z0, max_steps=self.max_steps, throw=False
+        )
+        done = solution.result == optx.RESULTS.successful
+        return Minimum(solution.value, jnp.asarray(solution.stats["num_steps"]), done)
+
+
+class OptaxLBFGS(Solver):
+    """Limited-memory BFGS of optax: gradients only, no Jacobian. Bounds by a change of variables.
+
+    A variable between two bounds is their middle plus half their distance times a sine, one with a
+    single bound leaves it as sqrt(1 + s^2) - 1: both reach the bound itself at a finite s.
+    """
+
+    name: ClassVar[str] = "optax L-BFGS"
+    tolerance: float | None = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+    memory: int = eqx.field(static=True)
+
+    def __init__(self, tolerance: float | None = None, max_steps: int = 2000, memory: int = 20):
+        check_settings(self.name, tolerance, max_steps)
+        self.tolerance, self.max_steps, self.memory = tolerance, max_steps, memory
+
+    def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
+        tolerance = relative(self.tolerance, z0.dtype)
+        unit = unit_of(residual, z0)
+        to_box, from_box = _box(lower / unit, upper / unit)
+        cost, scale = scaled_cost(residual, z0)
+
+        def of(s):
+            return cost(unit * to_box(s))
+
+        optimiser = optax.lbfgs(memory_size=self.memory)
+        value_and_grad = optax.value_and_grad_from_state(of)
+
+        def step(carry):
+            s, state, _, count = carry
+            value, gradient = value_and_grad(s, state=state)
+            updates, state = optimiser.update(
+                gradient, state, s, value=value, grad=gradient, value_fn=of
+            )
+            flat = jnp.linalg.norm(gradient) <= tolerance
+            still = jnp.linalg.norm(updates) <= tolerance * (jnp.linalg.norm(s) + tolerance)
+            return s + updates, state, flat | still, count + 1
+
+        def going(carry):
+            s, _, done, count = carry
+            return ~done & (count < self.max_steps) & jnp.all(jnp.isfinite(s))
+
+        s0 = from_box(z0 / unit)
+        carry = s0, optimiser.init(s0), jnp.array(False), jnp.array(0)
+        s, _, done, count = jax.lax.while_loop(going, step, carry)
+        point = jnp.clip(unit * to_box(s), lower, upper)
+        return Minimum(point, count, done & jnp.isfinite(scale))
+
+
+def unit_of(residual: Residual, z0) -> Float[Array, " m"]:
+    """What to measure each variable in: one over the norm of its column of the Jacobian at z0."""
+    columns = jnp.linalg.norm(jax.jacfwd(residual)(z0), axis=0)
+    usable = jnp.isfinite(columns) & (columns > 0)
+    return 1 / jnp.where(usable, columns, 1.0)
+
+
+def scaled_cost(residual: Residual, z0):
+    """The sum of squares over its value at z0, so that a tolerance has a meaning, and that value."""
+    start = residual(z0)
+    scale = jnp.maximum(jnp.vdot(start, start), jnp.finfo(z0.dtype).tiny)
+
+    def cost(z):
+        r = residual(z)
+        return jnp.vdot(r, r) / scale
+
+    return cost, scale
+
+
+def _box(lower, upper):
+    """From free variables s to the box, and back."""
+    below, above = jnp.isfinite(lower), jnp.isfinite(upper)
+    low, high = jnp.where(below, lower, 0.0), jnp.where(above, upper, 0.0)
+    middle, half = (low + high) / 2, jnp.where(high > low, (high - low) / 2, 1.0)
+
+    def to_box(s):
+        rise = jnp.sqrt(1 + s**2) - 1
+        between = jnp.where(below & above, middle + half * jnp.sin(s), s)
+        return jnp.where(
+            below & ~above, low + rise, jnp.where(above & ~below, high - rise, between)
+        )
+
+    def from_box(z):
+        def away(distance):
+            return jnp.sqrt((jnp.maximum(distance, 1e-3) + 1) ** 2 - 1)
+
+        # Off the bound itself, where the change of variables is flat.
+        between = jnp.arcsin(jnp.clip((z - middle) / half, -0.999, 0.999))
+        between = jnp.where(below & above, between, z)
+        one_sided = jnp.where(below & ~above, away(z - low), away(high - z))
+        return jnp.where(below ^ above, one_sided, between)
+
+    return to_box, from_box

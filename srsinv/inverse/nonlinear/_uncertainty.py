@@ -1,0 +1,146 @@
+"""What a minimum says of its parameters: covariance, what is not determined, evidence."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import erfcx, ndtr
+
+# A singular value of the Jacobian with columns of length one, relative to the largest, below which
+# its direction is lost in rounding: the parameters can move along it and the data do not notice.
+LOST = 5e3
+CONVERGED = 1e-3  # standard errors from the minimum of the linearised problem (Bates, Watts 1981)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Covariance = `factor` factor^T over what is determined; `null` (m, d) spans the rest.
+
+    `columns` (m,) are the norms by which the parameters are scaled to speak of directions.
+    """
+
+    factor: np.ndarray
+    null: np.ndarray
+    columns: np.ndarray
+
+    def times(self, level: float) -> "Spread":
+        """The spread under noise of another level."""
+        return Spread(self.factor * level, self.null, self.columns)
+
+    def stderr(self) -> np.ndarray:
+        """Standard errors (m,), infinite for what takes part in an undetermined direction."""
+        finite = np.sqrt(np.sum(self.factor**2, axis=1))
+        return np.where(self._lost(), np.inf, finite)
+
+    def covariance(self) -> np.ndarray:
+        """(m, m): infinite variances and nan beside them where the data do not determine."""
+        lost = self._lost()
+        covariance = self.factor @ self.factor.T
+        covariance[lost[:, None] | lost[None, :]] = np.nan
+        covariance[np.diag_indices(len(lost))] = self.stderr() ** 2
+        return covariance
+
+    def along(self, gradient: np.ndarray) -> np.ndarray:
+        """Standard errors (k,) of quantities with these gradients (k, m)."""
+        finite = np.sqrt(np.sum((gradient @ self.factor) ** 2, axis=1))
+        scaled = gradient / self.columns
+        touched = np.abs(scaled @ self.null) > 1e-6 * np.linalg.norm(scaled, axis=1)[:, None]
+        return np.where(touched.any(axis=1), np.inf, finite)
+
+    def directions(
+        self, names: tuple[str, ...], values: np.ndarray
+    ) -> tuple[dict[str, float], ...]:
+        """Each undetermined direction: by how much each parameter can move, in its own unit, the
+        largest relative move being one; parts below 1 % are left out."""
+        size = np.where(values != 0, np.abs(values), 1.0)
+        found = []
+        for direction in self.null.T:
+            move = direction / self.columns
+            share = np.abs(move) / size
+            kept = share >= 0.01 * share.max()
+            move = move / share.max() * np.sign(move[np.argmax(share)])
+            found.append({names[i]: float(move[i]) for i in np.flatnonzero(kept)})
+        return tuple(found)
+
+    def _lost(self) -> np.ndarray:
+        return np.any(np.abs(self.null) > 1e-6, axis=1)
+
+
+def spread(jacobian: np.ndarray, eps: float) -> Spread:
+    """The spread under unit noise of what a Jacobian (n, m) of whitened terms determines."""
+    columns = np.linalg.norm(jacobian, axis=0)
+    columns = np.where(columns > 0, columns, 1.0)
+    m = len(columns)
+    scaled = jacobian / columns
+    if len(scaled) < m:
+        scaled = np.vstack([scaled, np.zeros((m - len(scaled), m))])
+    _, s, vt = np.linalg.svd(scaled, full_matrices=False)
+    kept = s > LOST * eps * max(s[0], eps)
+    factor = (vt[kept] / s[kept, None]).T / columns[:, None]
+    return Spread(factor, vt[~kept].T, columns)
+
+
+def nothing_known(m: int) -> Spread:
+    """The spread where nothing could be computed."""
+    return Spread(np.zeros((m, 0)), np.eye(m), np.ones(m))
+
+
+def offset(jacobian: np.ndarray, terms: np.ndarray, held: np.ndarray, eps: float) -> float:
+    """How far a point is from the minimum of the problem linearised there.
+
+    The length of the residual's part along the Jacobian's columns, bounds that hold left out, in
+    units of its rms across them, per root parameter.
+    """
+    columns = np.linalg.norm(jacobian, axis=0)
+    moving = ~held & (columns > 0)
+    if not moving.any():
+        return 0.0
+    u, s, _ = np.linalg.svd(jacobian[:, moving] / columns[moving], full_matrices=False)
+    along = u[:, s > LOST * eps * s[0]].T @ terms
+    across = max(terms @ terms - along @ along, 0.0)
+    freedom = len(terms) - len(along)
+    rms = np.sqrt(across / freedom) if freedom > 0 else 0.0
+    distance = np.linalg.norm(along) / np.sqrt(max(len(along), 1))
+    return float(distance / rms) if rms > 0 else (0.0 if distance == 0 else np.inf)
+
+
+def log_evidence(
+    terms: np.ndarray,
+    jacobian: np.ndarray,
+    log_norm: float,
+    z: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    prior_stderr: np.ndarray,
+) -> float | None:
+    """The log marginal likelihood by Laplace's method, None where a prior is not proper.
+
+    A parameter has its Gaussian prior (in `terms` already), else a uniform one over its bounds,
+    which also bounds the curvature from below (by its own variance) and cuts the Gaussian's mass.
+    `log_norm` is the data's own log volume. (MacKay 2003, chapters 27 and 28.)
+    """
+    gaussian = np.isfinite(prior_stderr)
+    width = upper - lower
+    if not (gaussian | np.isfinite(width)).all():
+        return None
+    hessian = jacobian.T @ jacobian
+    hessian[np.diag_indices(len(z))] += np.where(gaussian, 0.0, 12 / width**2)
+    scale = np.sqrt(np.diagonal(hessian))
+    sign, log_det = np.linalg.slogdet(hessian / np.outer(scale, scale))
+    if sign <= 0:
+        return None
+    log_det += 2 * np.sum(np.log(scale))
+    log_prior = np.where(gaussian, -np.log(prior_stderr) - 0.5 * np.log(2 * np.pi), -np.log(width))
+    value = -0.5 * terms @ terms - log_norm + log_prior.sum()
+    value += len(z) / 2 * np.log(2 * np.pi) - 0.5 * log_det
+    stderr = np.sqrt(np.diagonal(np.linalg.inv(hessian)))
+    slope = jacobian.T @ terms
+    return float(value + sum(map(_log_mass, z, slope, stderr, lower, upper)))
+
+
+def _log_mass(z: float, slope: float, stderr: float, lower: float, upper: float) -> float:
+    """The log of the share of the Gaussian through z that lies within the bounds; on a bound, with
+    the slope that holds it there."""
+    outward = slope if z <= lower else -slope if z >= upper else 0.0
+    if z <= lower or z >= upper:
+        return float(np.log(0.5 * erfcx(max(outward, 0.0) * stderr / np.sqrt(2))))
+    return float(np.log(ndtr((upper - z) / stderr) - ndtr((lower - z) / stderr)))
