@@ -1,13 +1,14 @@
-"""From film charge to the recorded signal, at constant sliding speed u.
+"""From film charge to the recorded signal, while sliding at the speed u.
 
-Every readout here is signal = gain(u) d^order/dx^order Q + offset, so it folds into the transfer:
-exact, as long as the speed does not change.
+Every readout here is signal = gain(u) d^order/dx^order Q + offset. At constant speed that folds
+into the transfer; along a measured motion the gain has one value for each sample. Both are exact.
 """
 
 import abc
 from typing import ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -22,8 +23,8 @@ class Amplifier(eqx.Module):
     unit: ClassVar[str]
 
     @abc.abstractmethod
-    def gain(self, speed_m_per_s: Float[Array, ""]) -> Float[Array, ""]:
-        """The factor on the `order`-th derivative of charge along x."""
+    def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
+        """The factor on the `order`-th derivative of charge along x, for each speed."""
 
     @property
     @abc.abstractmethod
@@ -50,7 +51,7 @@ class CurrentAmplifier(Amplifier):
     def __init__(self, feedback_resistance_ohm=1e6):
         self.feedback_resistance_ohm = _positive_resistance(feedback_resistance_ohm)
 
-    def gain(self, speed_m_per_s: Float[Array, ""]) -> Float[Array, ""]:
+    def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
         return self.feedback_resistance_ohm * speed_m_per_s
 
     @property
@@ -59,7 +60,10 @@ class CurrentAmplifier(Amplifier):
 
 
 class IntegratedCurrent(Amplifier):
-    """The rate signal integrated along x, v_i = integral of v dx' = R_f u Q [V m]: (12)."""
+    """The rate signal integrated along x, v_i = integral of v dx' = R_f u Q [V m]: (12).
+
+    At constant speed only: `gain` raises `BadInput` for the speeds of a motion.
+    """
 
     order: ClassVar[int] = 0
     unit: ClassVar[str] = "V m"
@@ -68,7 +72,13 @@ class IntegratedCurrent(Amplifier):
     def __init__(self, feedback_resistance_ohm=1e6):
         self.feedback_resistance_ohm = _positive_resistance(feedback_resistance_ohm)
 
-    def gain(self, speed_m_per_s: Float[Array, ""]) -> Float[Array, ""]:
+    def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
+        refuse(
+            speed_m_per_s.ndim > 0,
+            "The integral of the signal along x (amplifier=integrated) has no meaning along a "
+            f"measured motion of {speed_m_per_s.size} samples, which may stop and turn back: use "
+            "amplifier=current, or a constant speed.",
+        )
         return self.feedback_resistance_ohm * speed_m_per_s
 
     @property
@@ -92,8 +102,8 @@ class SlowReadout(Amplifier):
         self.gain_per_C = as_real(gain_per_C)
         self._offset = None if offset is None else as_real(offset)
 
-    def gain(self, speed_m_per_s: Float[Array, ""]) -> Float[Array, ""]:
-        return self.gain_per_C
+    def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
+        return jnp.broadcast_to(self.gain_per_C, speed_m_per_s.shape)
 
     @property
     def offset(self) -> Float[Array, ""] | None:

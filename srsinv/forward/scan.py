@@ -1,12 +1,17 @@
 """How the finger moves over the surface."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+from scipy.interpolate import BSpline, make_interp_spline
 
 from ..errors import refuse
 from ..grid import Line, as_real
+
+MIN_SAMPLES = 3
 
 
 class ConstantSpeed(eqx.Module):
@@ -42,3 +47,115 @@ class ConstantSpeed(eqx.Module):
     def sample_rate_hz(self, line: Line) -> Float[Array, ""]:
         """Samples per second, one for each cell."""
         return jnp.abs(self.speed_m_per_s) / line.cell_m
+
+
+class Motion(eqx.Module):
+    """Sliding as measured: where the sensor stands, x(t), and how fast it moves, u(t) = dx/dt.
+
+    - `time_s` (sample,): strictly increasing, from any origin, evenly spaced or not.
+    - `position_m`, `speed_m_per_s` (sample,): both as measured. [`Motion.from_speed`][] and
+      [`Motion.from_position`][] make one from the other.
+
+    The motion may stop and turn back. Raises `BadInput` for columns of different lengths, fewer
+    than 3 samples, values that are not finite, and times that do not increase; only the lengths of
+    traced columns can be checked.
+    """
+
+    time_s: Float[Array, " sample"]
+    position_m: Float[Array, " sample"]
+    speed_m_per_s: Float[Array, " sample"]
+
+    def __init__(self, time_s, position_m, speed_m_per_s):
+        _check_columns(time_s=time_s, position_m=position_m, speed_m_per_s=speed_m_per_s)
+        self.time_s, self.position_m = as_real(time_s), as_real(position_m)
+        self.speed_m_per_s = as_real(speed_m_per_s)
+
+    @classmethod
+    def from_speed(cls, time_s, speed_m_per_s, start_m=0.0) -> "Motion":
+        """The motion that starts at `start_m` with a speed column (sample,), or with one number.
+
+        The position is the integral of the cubic spline through the speeds: its error is of fourth
+        order in the sampling interval. Columns are concrete, not traced. Raises `BadInput` as the
+        class does.
+        """
+        speed = np.broadcast_to(speed_m_per_s, np.shape(speed_m_per_s) or np.shape(time_s))
+        _check_columns(time_s=time_s, speed_m_per_s=speed)
+        refuse(not np.isfinite(start_m), f"scan.start_m is {start_m}: give a finite position in m.")
+        travelled_m = _at_samples(_spline(time_s, speed, 3).antiderivative(), time_s)
+        return cls(time_s, start_m + travelled_m, speed)
+
+    @classmethod
+    def from_position(cls, time_s, position_m) -> "Motion":
+        """The motion through a position column (sample,).
+
+        The speed is the derivative of the quintic spline through the positions: its error is of
+        fifth order in the sampling interval. The positions are taken at their word, and what noise
+        or rounding they have comes out divided by the interval: smooth them first. Columns are
+        concrete, not traced. Raises `BadInput` as the class does.
+        """
+        _check_columns(time_s=time_s, position_m=position_m)
+        speed = _at_samples(_spline(time_s, position_m, 5).derivative(), time_s)
+        return cls(time_s, position_m, speed)
+
+    @property
+    def direction(self) -> Float[Array, " sample"]:
+        """sign(u), with which Coulomb friction enters q = sign(u) mu p.
+
+        At a standstill friction keeps the sign of the motion before, and ahead of the first motion
+        it has the sign of that. Zero where nothing ever moves.
+        """
+        sign = jnp.sign(self.speed_m_per_s)
+        moved = jax.lax.cummax(jnp.where(sign != 0, jnp.arange(sign.size), -1))
+        return sign[jnp.where(moved < 0, jnp.argmax(sign != 0), moved)]
+
+    @property
+    def reverses(self) -> Bool[Array, ""]:
+        """Whether the sensor slides both ways."""
+        return jnp.any(self.speed_m_per_s > 0) & jnp.any(self.speed_m_per_s < 0)
+
+
+def _check_columns(**columns) -> None:
+    shapes = {name: np.shape(column) for name, column in columns.items()}
+    samples = shapes["time_s"]
+    for name, shape in shapes.items():
+        refuse(
+            len(shape) != 1 or shape != samples,
+            f"scan.{name} has the shape {shape} and scan.time_s {samples}: give one value for each "
+            "sample, (sample,).",
+        )
+    refuse(
+        samples[0] < MIN_SAMPLES,
+        f"The motion has {samples[0]} samples: give at least {MIN_SAMPLES}.",
+    )
+    known = {
+        name: np.asarray(column)
+        for name, column in columns.items()
+        if not isinstance(column, Tracer)
+    }
+    for name, values in known.items():
+        bad = ~np.isfinite(values)
+        refuse(
+            bool(bad.any()),
+            f"scan.{name} is {values[bad.argmax()]} at sample {bad.argmax() + 1}: correct the "
+            "value or leave the sample out.",
+        )
+    if "time_s" in known:
+        time = known["time_s"]
+        stuck = np.diff(time) <= 0
+        at = int(stuck.argmax())
+        refuse(
+            bool(stuck.any()),
+            f"scan.time_s must increase strictly, but sample {at + 2} ({time[at + 1]} s) does not "
+            f"come after sample {at + 1} ({time[at]} s): drop or reorder the samples.",
+        )
+
+
+def _spline(time_s, values, degree: int) -> BSpline:
+    """The interpolating spline over the time since the first sample, of lower degree where the
+    samples are too few."""
+    since = np.asarray(time_s, dtype=float) - time_s[0]
+    return make_interp_spline(since, np.asarray(values, dtype=float), min(degree, since.size - 1))
+
+
+def _at_samples(spline: BSpline, time_s) -> np.ndarray:
+    return spline(np.asarray(time_s, dtype=float) - time_s[0])

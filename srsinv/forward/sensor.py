@@ -7,10 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..errors import refuse
-from ..grid import Stage, as_real
+from ..grid import Line, Stage, as_real
 from .amplifier import Amplifier, CurrentAmplifier
 from .film import Film
-from .scan import ConstantSpeed
+from .scan import ConstantSpeed, Motion
+from .scanned import Sampling, Scanned
 from .skin import HalfSpace
 
 
@@ -111,3 +112,25 @@ class Sensor(eqx.Module):
         """The recorded signal less its offset, in the amplifier's unit."""
         gain = self.amplifier.gain(scan.speed_m_per_s)
         return FilmSignal(self.skin, self.elements, gain, self.amplifier.order)
+
+    def beyond(self, line: Line, motion: Motion, reach_m: float) -> Float[Array, "e c sample"]:
+        """The signal along a motion of unit traction from the line's end on, over `reach_m` [m]."""
+        field = self._field()
+        end = line.x[-1] + line.cell_m / 2
+        away = motion.position_m - (end + reach_m / 2)
+        gain = self.amplifier.gain(motion.speed_m_per_s)
+        return gain * field.cell_response(away, as_real(reach_m))
+
+    def scanned(self, line: Line, motion: Motion) -> Scanned:
+        """The recorded signal less its offset, at every sample of a measured motion.
+
+        Raises `BadInput` for an amplifier that needs a constant speed, and for a motion beyond the
+        ends of an open line.
+        """
+        gain = self.amplifier.gain(motion.speed_m_per_s)
+        sampling = Sampling(line, motion.position_m)
+        return Scanned(line.operator(self._field()), sampling, gain, motion.direction)
+
+    def _field(self) -> FilmSignal:
+        """What the amplifier reads of the charge, before its gain."""
+        return FilmSignal(self.skin, self.elements, as_real(1.0), self.amplifier.order)
