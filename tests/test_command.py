@@ -373,6 +373,10 @@ class TestPage:
         for name in ("report.html", "figures/one.png", "metrics.json", "result.nc"):
             assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
+    def test_further_files_are_beside_the_page(self, tmp_path):
+        write(outcome(files={"scan.yaml": "gain: null # µ\n"}), tmp_path / "run", {})
+        assert (tmp_path / "run" / "scan.yaml").read_text(encoding="utf-8") == "gain: null # µ\n"
+
     def test_arrays_come_back_with_units(self, tmp_path):
         write(outcome(), tmp_path, {})
         with xarray.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as data:

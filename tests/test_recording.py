@@ -132,7 +132,8 @@ def test_units_of_the_file(tmp_path, name):
     xr.Dataset(variables).to_netcdf(path, engine="h5netcdf")
     got = load(path, channels="gauge", speed_m_per_s=0.05)
     np.testing.assert_allclose(got.time_s, TIME_S, rtol=1e-15)
-    assert got.signal_unit == "mV"
+    assert got.signal_unit == "V"
+    assert same(got.signal, SIGNAL[:1] / 1000)
 
 
 @pytest.mark.parametrize(
@@ -166,7 +167,7 @@ def test_speed(tmp_path, table, sidecar, known, expected):
             ("raw", "voltage_1_V"),
             "counts",
         ),
-        (columns(raw=TIME_S), {"channels": "raw", "signal_unit": "mV"}, ("raw",), "mV"),
+        (columns(raw=TIME_S), {"channels": "raw", "signal_unit": "N"}, ("raw",), "N"),
         (columns(note=["x"] * N, **{"": range(N)}), {}, ("voltage_0_V", "voltage_1_V"), "V"),
     ],
 )

@@ -1,32 +1,34 @@
 """Invert a recorded signal: p and q by every method named, with bands, and what cannot be seen."""
 
-from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ..errors import refuse
+from ..forward.amplifier import Amplifier
 from ..forward.describe import elements
 from ..forward.film import SampleAverage
 from ..forward.noise import SignalToNoise, total_spectrum
 from ..forward.scan import ConstantSpeed
 from ..forward.sensor import Sensor
-from ..grid import Open
+from ..grid import Open, as_real
 from ..inverse.problem import Problem
 from ..inverse.quadratic import DIRECT_LIMIT
-from ..recording import Recording, load, merge
+from ..recording import Recording, merge
 from ..report.outcome import Outcome
 from . import build
 from .analysis import Case
 from .analysis import run as analyse
+from .recorded import STEADY, load_even
 
 CELLS_PER_DEPTH = 8  # e^(-k z) leaves nothing beyond: at the cells' last wavenumber it is e^(-25)
 MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
-STEADY = 1e-3  # how far a speed may stray from its mean and still be taken as constant
-JITTER = 0.2  # of the sampling interval: beyond it there is a gap
-ROUNDED = 0.25  # of an interval: time stamps nearer to even ones than this are only rounded
 ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
+TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
+LEAST_CELLS = 3  # as a line needs
+FEW = 0.25  # of the median: a cell that tells less than this has twice the noise of the others
 
 
 def run(cfg: build.Config) -> Outcome:
@@ -41,13 +43,15 @@ def run(cfg: build.Config) -> Outcome:
         spacing = abs(speed) / recording.sample_rate_hz
         unknowns = 1 if cfg["friction"] is not None else 2
         block = _block(cfg, recording, depth, spacing, unknowns)
-        noise_rms = _white_rms(cfg, recording, depth, spacing)
-        line, data, observed = _on_line(recording.block_average(block), cfg, facts, depth)
+        noise_rms = _white_rms(cfg, recording, depth, _widest_spacing(recording, spacing))
+        amplifier = build.amplifier(_amplifier(cfg, description))
+        position, signal, samples = cell_signals(recording, amplifier, block, spacing)
+        line, data, observed = _on_line(position, signal, cfg, facts, depth)
         average = (SampleAverage(block, spacing),) if block > 1 else ()
         sensor = Sensor(
             elements(description, cfg["effects"], average),
             skin=build.make(merge({"poisson_ratio": 0.5} | _skin(facts), cfg["skin"])),
-            amplifier=build.amplifier(_amplifier(cfg, description)),
+            amplifier=amplifier,
         )
         refuse(
             len(sensor.elements) != data.shape[0],
@@ -55,7 +59,7 @@ def run(cfg: build.Config) -> Outcome:
             "elements: name as many in recording.channels as the sensor has elements.",
         )
         scan = ConstantSpeed(speed)
-        noise = _spectrum(cfg, line, scan, data, observed, noise_rms / np.sqrt(block))
+        noise = _spectrum(cfg, line, scan, data, observed, noise_rms / np.sqrt(samples))
         offset = sensor.amplifier.offset
         if offset is None:
             noise = noise.at[0].set(jnp.inf)
@@ -86,51 +90,17 @@ def run(cfg: build.Config) -> Outcome:
 
 
 def _load(cfg: build.Config) -> Recording:
-    settings = dict(cfg["recording"])
-    path, missing = settings.pop("path"), settings.pop("missing", "refuse")
-    refuse(path is None, "No recording is named: give recording.path=FILE.")
-    settings.pop("cell_m", None)
     named = cfg["sensor"]["elements"]
     listed = list(named.values()) if isinstance(named, dict) else named
-    known = settings | {"sensor": {"elements": listed}}
-    recording = load(path, missing=missing, **_given(known))
+    recording = load_even(cfg["recording"], {"sensor": {"elements": listed}})
+    least, greatest = recording.speed_m_per_s.min(), recording.speed_m_per_s.max()
     refuse(
-        not recording.is_constant_speed(STEADY),
-        f"{recording.name}: the speed varies by more than {STEADY:.1%} of its mean, and this "
-        "inversion takes it as constant: give recording.speed_m_per_s=... to do so all the same.",
+        min(greatest, -least) > TURNED * max(greatest, -least),
+        f"{recording.name}: the motion reverses (its speed goes from {least:.4g} to "
+        f"{greatest:.4g} m/s), and friction with it, so that no one traction explains all of it: "
+        "cut the recording where it turns.",
     )
-    refuse(
-        float(np.mean(recording.speed_m_per_s)) == 0.0,
-        f"{recording.name}: the speed is 0, so no surface passes the sensor: give "
-        "recording.speed_m_per_s=... in m/s.",
-    )
-    jitter = recording.sampling_jitter
-    refuse(
-        jitter > JITTER,
-        f"{recording.name}: the sampling interval varies by {jitter:.0%}, more than {JITTER:.0%}: "
-        "give recording.sample_rate_hz=... or cut the recording at the gap.",
-    )
-    return _uniform(recording)
-
-
-def _uniform(recording: Recording) -> Recording:
-    """The recording at even times.
-
-    Stamps that are off by less than a quarter of an interval are only rounded, and are replaced:
-    interpolating would colour the noise, which the rules take as white. Else the signal is
-    interpolated.
-    """
-    time_s = recording.time_s
-    even = np.linspace(time_s[0], time_s[-1], time_s.size)
-    if np.max(np.abs(time_s - even)) < ROUNDED / recording.sample_rate_hz:
-        return replace(recording, time_s=even)
-    return recording.resample_uniform()
-
-
-def _given(known: dict[str, Any]) -> dict[str, Any]:
-    """What the command line gives, in depth: null means not given."""
-    trimmed = {k: _given(v) if isinstance(v, dict) else v for k, v in known.items()}
-    return {k: v for k, v in trimmed.items() if v is not None and v != {}}
+    return recording
 
 
 def _skin(facts: dict[str, Any]) -> dict[str, Any]:
@@ -166,9 +136,87 @@ def _block(
     return int(np.clip(round(cell / spacing), 1, recording.time_s.size // 3))
 
 
-def _on_line(recording: Recording, cfg: build.Config, facts: dict[str, Any], depth: float):
+def cell_signals(
+    recording: Recording, amplifier: Amplifier, block: int, spacing: float
+) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "e cell"], float]:
+    """Position [m] and signal of cells of block * spacing, the signal NaN where it is missing, and
+    how many samples at the mean speed a cell is worth.
+
+    At constant speed a cell is a block of samples and has their mean.
+    """
+    if recording.is_constant_speed(STEADY):
+        blocks = recording.block_average(block)
+        return blocks.position_m, blocks.signal, float(block)
+    return _fitted_cells(recording, amplifier, block * spacing)
+
+
+def _fitted_cells(
+    recording: Recording, amplifier: Amplifier, cell: float
+) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "e cell"], float]:
+    """Cells of a speed that varies: in each the signal at the mean speed that explains its samples
+    best.
+
+    A sample is v = a s + white noise, a = gain(u) / gain(mean u): u over its mean for a rate
+    signal. Least squares give s = sum(a v) / sum(a^2) with the noise's variance over sum(a^2), and
+    nothing is divided by a small u. A cell where sum(a^2) is far below the median is missing (a
+    standstill, a hole); the median stands for the others.
+
+    What a cell of whole samples tells is off its centre by up to half a spacing, which on a clean
+    recording is more than the noise. So a sample counts in each cell by the part of its way, from
+    middle to middle between neighbours, that lies there; and s, which belongs where the samples
+    weigh, is interpolated to the centres: beside a standstill that is not the same.
+    """
+    speed, mean = recording.speed_m_per_s, recording.speed_m_per_s.mean()
+    a = np.asarray(amplifier.gain(as_real(speed)) / amplifier.gain(as_real(mean)))
+    x = np.maximum.accumulate(np.sign(mean) * recording.position_m)
+    middles = np.concatenate(
+        [[1.5 * x[0] - x[1] / 2], (x[1:] + x[:-1]) / 2, [1.5 * x[-1] - x[-2] / 2]]
+    )
+    edges = _cell_edges(recording, middles, cell)
+
+    def totals(values: Float[np.ndarray, "row sample"]) -> Float[np.ndarray, "row cell"]:
+        sums = np.pad(np.cumsum(values, axis=-1), ((0, 0), (1, 0)))
+        return np.diff([np.interp(edges, middles, row) for row in sums])
+
+    there = np.isfinite(recording.signal)
+    weight = np.where(there, a**2, 0.0)
+    typical = float(np.median(totals(a[None] ** 2)))
+    told = totals(weight)
+    told = np.where(told >= FEW * typical, told, np.nan)
+    fitted = totals(np.where(there, a * recording.signal, 0.0)) / told
+    centres = edges[:-1] + cell / 2
+    rows = zip(totals(weight * x) / told, fitted, strict=True)
+    signal = np.stack([_interpolated(centres, *row) for row in rows])
+    return np.sign(mean) * centres, signal, typical
+
+
+def _cell_edges(
+    recording: Recording, middles: Float[np.ndarray, " middle"], cell: float
+) -> Float[np.ndarray, " edge"]:
+    length = middles[-1] - middles[0]
+    refuse(
+        length < LEAST_CELLS * cell,
+        f"{recording.name}: the scan is {length:.4g} m long, less than {LEAST_CELLS} cells of "
+        f"{cell:.4g} m: check the positions' unit, or give a smaller recording.cell_m.",
+    )
+    return middles[0] + cell * np.arange(int(length / cell) + 1)
+
+
+def _interpolated(
+    centres: Float[np.ndarray, " cell"],
+    at: Float[np.ndarray, " cell"],
+    values: Float[np.ndarray, " cell"],
+) -> Float[np.ndarray, " cell"]:
+    """The values, told at `at`, at the centres of the same cells; NaN stays."""
+    known = np.isfinite(values)
+    moved = np.full(centres.shape, np.nan)
+    if known.any():
+        moved[known] = np.interp(centres[known], at[known], values[known])
+    return moved
+
+
+def _on_line(x, signal, cfg: build.Config, facts: dict[str, Any], depth: float):
     """The open line over the contact window, the signal on its cells, and where there is one."""
-    x, signal = recording.position_m, recording.signal
     if x[-1] < x[0]:
         x, signal = x[::-1], signal[:, ::-1]
     cell = (x[-1] - x[0]) / (x.size - 1)
@@ -180,6 +228,14 @@ def _on_line(recording: Recording, cfg: build.Config, facts: dict[str, Any], dep
     padded = np.pad(signal, ((0, 0), (before, after)), constant_values=np.nan)
     observed = np.isfinite(padded)
     return line, jnp.asarray(np.where(observed, padded, 0.0)), observed
+
+
+def _widest_spacing(recording: Recording, spacing: float) -> float:
+    """Metres between samples where the motion is fastest: a frequency that is above the cut-off
+    there is so everywhere."""
+    if recording.is_constant_speed(STEADY):
+        return spacing
+    return float(np.max(np.abs(recording.speed_m_per_s))) / recording.sample_rate_hz
 
 
 def _white_rms(cfg: build.Config, recording: Recording, depth: float, spacing: float) -> float:
@@ -228,8 +284,8 @@ def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal):
     return (
         ("recording", f"{recording.name}, {recording.time_s.size} samples {1e6 * spacing:.4g} um "
          f"apart"),
-        ("cells", f"{line.n} of {1e6 * float(line.cell_m):.4g} um, each with the mean of {block} "
-         "samples (as the model has it, too)"),
+        ("cells", f"{line.n} of {1e6 * float(line.cell_m):.4g} um, "
+         + _filled_with(recording, block)),
         ("line", "open: p and q are deviations from a uniform background, zero outside the window"),
         ("window", f"{1e3 * float(line.x[0]):.4g} to {1e3 * float(line.x[-1]):.4g} mm; beyond the "
          "scan's ends the traction is estimated from what can still be felt there"),
@@ -243,3 +299,14 @@ def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal):
         ("effects off", ", ".join(off) or "none"),
         ("p and q", "apart" if cfg["friction"] is None else f"q = {cfg['friction']} p"),
     )  # fmt: skip
+
+
+def _filled_with(recording: Recording, block: int) -> str:
+    if recording.is_constant_speed(STEADY):
+        return f"each with the mean of {block} samples (as the model has it, too)"
+    speed = recording.speed_m_per_s
+    return (
+        f"each with the signal at the mean speed of {speed.mean():.4g} m/s that explains its "
+        f"samples best (the speed goes from {speed.min():.4g} to {speed.max():.4g} m/s); cells "
+        "passed too fast or too slowly to tell are missing"
+    )

@@ -7,19 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import make_interp_spline
 
-from srsinv.errors import refuse
+from srsinv.errors import BadInput, refuse
 
-from ._recording import SPEED, TIME, Recording
+from ._formats import read_table
+from ._recording import POSITION, SPEED, TIME, Recording, check_samples, check_times
 from ._sidecar import check_elements, check_sidecar, merge, read_sidecar
-from ._table import Table, listing, read_table
+from ._table import Table, listing
+from ._units import BARE_TIMES, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, in_volts, unit_of_name
 
-# Divided by, not multiplied with 1e-3: that rounds correctly.
-_TICKS_PER_S = {"s": 1, "ms": 1_000, "us": 1_000_000}
-_BARE_TIMES = ("time", "timestamp", "t")
-_VOLTAGE = re.compile(r"voltage_(0|[1-9]\d*)_V")
+_VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)})")
 # What these say of the file is in the Recording's own fields once it is read.
-_LAYOUT = ("time_unit", "channels", "signal_unit")
+_LAYOUT = ("time_unit", "channels", "signal_unit", "polarity", "gain")
+_QUINTIC = 5
 
 
 def load(
@@ -29,19 +31,27 @@ def load(
     missing: str = "refuse",
     **known: Any,
 ) -> Recording:
-    """The recording in `path`: CSV (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5) or netCDF (.nc).
+    """The recording in `path`: CSV (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5), netCDF (.nc), MATLAB
+    5 or 7.3 (.mat), WAV or TDMS (the last with `pip install srsinv[tdms]`).
 
-    Columns (1-D, of equal length):
+    Columns (1-D, of equal length; in MATLAB row or column vectors):
     - time: `time_s`, `time_ms` or `time_us`; or `time`, `timestamp` or `t` with the file's own unit
-      or `time_unit`; or none, with `sample_rate_hz`.
-    - speed: `speed_m_per_s`; or none, with the number `speed_m_per_s`.
-    - signals: `voltage_0_V`, `voltage_1_V`, ... in the order of their numbers; or those that
-      `channels` lists.
+      or `time_unit`; or none, with `sample_rate_hz`, which WAV and TDMS may hold themselves.
+    - speed: `speed_m_per_s` or `speed_mm_per_s`; or none, with a position or the number
+      `speed_m_per_s`.
+    - position: `position_m`, `position_mm` or `position_um`, or none. Without a speed column the
+      speed is the derivative of the quintic spline through the positions (of lower degree for
+      fewer than six samples), which follows every rounding of them: a measured speed is better.
+    - signals: `voltage_0_V`, `voltage_1_mV`, ... in the order of their numbers; or those that
+      `channels` lists; or all that is left in WAV (`channel_0`, ...) and TDMS.
 
     `sidecar` names a JSON or YAML mapping of further facts; without it NAME.json, NAME.yaml or
     NAME.yml beside the file is read if it is there. `known` holds facts too (None: not given) and
-    wins over the sidecar, in depth, and over the file's times and speed. A signal's unit is
-    `signal_unit`, or the file's own, or "V" if the columns' names end in _V, or else "counts".
+    wins over the sidecar, in depth, and over the file's times, speed and position.
+
+    A signal's unit is `signal_unit`, or the file's own, or that of its column's name, or else
+    "counts"; what is in mV or uV comes in V. It is multiplied by `polarity` (1 or -1) and divided
+    by `gain`, each one number or one for each channel.
 
     `missing="allow"` takes an empty cell of a signal (NaN in an array) for a missing sample, NaN in
     the result; by default it is refused. Raises `BadInput` for everything that cannot be read as
@@ -53,93 +63,142 @@ def load(
         f"{path.name}: recording.missing={missing!r} is not known: use refuse or allow.",
     )
     table = read_table(path)
-    beside = read_sidecar(path, None if sidecar is None else Path(sidecar).expanduser())
-    facts = merge(merge(table.sidecar, beside), known)
-    check_sidecar(path.name, facts)
-    channels = _channels(table, facts)
+    facts = read_facts(path, table, sidecar, known)
+    channels = choose_channels(table, facts)
     check_elements(path.name, facts, channels)
     columns = {c: table.numbers(c, allow_missing=missing == "allow") for c in channels}
     samples = columns[channels[0]].size
     columns[TIME] = _time_s(table, facts, known, samples)
-    columns[SPEED] = _speed_m_per_s(table, facts, known, samples)
+    if known.get(SPEED) is None:
+        columns |= _motion(table)
     _check_lengths(table, columns)
+    check_samples(path.name, samples)
+    check_times(path.name, columns[TIME])
+    names, signal, unit = _signal(table, facts, channels, [columns[c] for c in channels])
     return Recording(
-        signal=np.stack([columns[c] for c in channels]),
+        signal=signal,
         time_s=columns[TIME],
-        speed_m_per_s=columns[SPEED],
-        channels=channels,
+        speed_m_per_s=_speed_m_per_s(table, facts, columns),
+        channels=names,
         sidecar={key: value for key, value in facts.items() if key not in _LAYOUT},
-        signal_unit=_signal_unit(table, facts, channels),
+        signal_unit=unit,
         name=path.name,
+        measured_position_m=columns.get(POSITION),
     )
 
 
-def _channels(table: Table, facts: Mapping[str, Any]) -> tuple[str, ...]:
-    named = facts.get("channels")
-    if named is not None:
-        listed = [named] if isinstance(named, str) else named
+def read_facts(
+    path: Path, table: Table, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What is known beside the columns: the file's own sidecar, the one beside it, and `known`."""
+    beside = read_sidecar(path, None if sidecar is None else Path(sidecar).expanduser())
+    facts = merge(merge(table.sidecar, beside), known)
+    check_sidecar(path.name, facts)
+    return facts
+
+
+def choose_channels(table: Table, facts: Mapping[str, Any]) -> tuple[str, ...]:
+    """The columns that are the signals, in order."""
+    chosen = facts.get("channels")
+    if chosen is not None:
+        listed = [chosen] if isinstance(chosen, str) else chosen
         refuse(
             not isinstance(listed, list | tuple) or not listed,
-            f"{table.name}: channels is {named!r} where a list of column names is expected: choose "
-            f"from {listing(table.columns)} by recording.channels=[...].",
+            f"{table.name}: channels is {chosen!r} where a list of column names is expected: "
+            f"choose from {listing(table.columns)} by recording.channels=[...].",
         )
         return tuple(str(channel) for channel in listed)
-    voltages = {int(m[1]): c for c in table.columns if (m := _VOLTAGE.fullmatch(c))}
+    # An unusable one too: it is refused, where leaving it out would go unseen.
+    named = [*table.columns, *table.unusable]
+    voltages = [(int(m[1]), c) for c in named if (m := _VOLTAGE.fullmatch(c))]
     refuse(
-        not voltages,
+        not voltages and not table.signals,
         f"{table.name}: there is no column voltage_0_V, voltage_1_V, ... among the columns "
         f"{listing(table.columns)}: name the signals by recording.channels=[...].",
     )
-    return tuple(voltages[index] for index in sorted(voltages))
+    return tuple(column for _, column in sorted(voltages)) or tuple(table.signals)
 
 
 def _time_s(
     table: Table, facts: Mapping[str, Any], known: Mapping[str, Any], samples: int
-) -> np.ndarray:
-    column = _time_column(table)
+) -> Float[np.ndarray, " sample"]:
+    column = time_column(table)
     if column is not None and known.get("sample_rate_hz") is None:
-        return table.numbers(column) / _TICKS_PER_S[_time_unit(table, facts, column)]
+        return table.numbers(column) / PER_S[_time_unit(table, facts, column)]
     refuse(
         facts.get("sample_rate_hz") is None,
         f"{table.name}: there is no time column (time_s, time_ms or time_us) among the columns "
         f"{listing(table.columns)}: add one or give recording.sample_rate_hz=...",
     )
-    return np.arange(samples) / facts["sample_rate_hz"]
+    return np.arange(samples) / float(facts["sample_rate_hz"])
 
 
-def _time_column(table: Table) -> str | None:
-    stated = [f"time_{unit}" for unit in _TICKS_PER_S]
-    return next((column for column in (*stated, *_BARE_TIMES) if column in table), None)
+def time_column(table: Table) -> str | None:
+    """The column of times, those first whose name states the unit."""
+    return next((column for column in (*TIMES, *BARE_TIMES) if column in table), None)
+
+
+def stated_time_unit(table: Table, facts: Mapping[str, Any], column: str) -> str | None:
+    """The unit of a column of times, as its name, the experimenter or the file has it."""
+    if column in TIMES:
+        return column.removeprefix("time_")
+    return facts.get("time_unit") or table.units.get(column)
 
 
 def _time_unit(table: Table, facts: Mapping[str, Any], column: str) -> str:
-    if column not in _BARE_TIMES:
-        return column.removeprefix("time_")
-    unit = facts.get("time_unit") or table.units.get(column)
-    choices = ", ".join(_TICKS_PER_S)
+    unit = stated_time_unit(table, facts, column)
     refuse(
-        unit not in list(_TICKS_PER_S),
+        unit not in list(PER_S),
         f"{table.name}: the unit of column {column!r} is {unit or 'not stated'}: give it by "
-        f"recording.time_unit=..., one of {choices}.",
+        f"recording.time_unit=..., one of {', '.join(PER_S)}.",
     )
     return str(unit)
 
 
+def _motion(table: Table) -> dict[str, Float[np.ndarray, " _"]]:
+    """The measured speed [m/s] and position [m], as far as the file has them."""
+    found = {}
+    for quantity, names in ((SPEED, SPEEDS), (POSITION, POSITIONS)):
+        column = next((name for name in names if name in table), None)
+        if column is not None:
+            found[quantity] = table.numbers(column) / names[column]
+    return found
+
+
 def _speed_m_per_s(
-    table: Table, facts: Mapping[str, Any], known: Mapping[str, Any], samples: int
-) -> np.ndarray:
-    if SPEED in table and known.get(SPEED) is None:
-        return table.numbers(SPEED)
+    table: Table, facts: Mapping[str, Any], columns: Mapping[str, Float[np.ndarray, " _"]]
+) -> Float[np.ndarray, " sample"]:
+    if SPEED in columns:
+        return columns[SPEED]
+    if POSITION in columns:
+        return _derivative(table.name, columns[TIME], columns[POSITION])
     refuse(
         facts.get(SPEED) is None,
-        f"{table.name}: no speed: there is no column {SPEED} among the columns "
+        f"{table.name}: no speed: there is no column {SPEED} or {POSITION} among the columns "
         f"{listing(table.columns)}: add one or give recording.{SPEED}=...",
     )
-    return np.full(samples, facts[SPEED])
+    return np.full(columns[TIME].size, float(facts[SPEED]))
+
+
+def _derivative(
+    name: str, time_s: Float[np.ndarray, " sample"], position_m: Float[np.ndarray, " sample"]
+) -> Float[np.ndarray, " sample"]:
+    """Speed [m/s] along the spline through the positions."""
+    # From the first time on: far from zero the knots would lose digits.
+    since_s = time_s - time_s[0]
+    try:
+        with np.errstate(all="ignore"):
+            spline = make_interp_spline(since_s, position_m, min(_QUINTIC, time_s.size - 1))
+            return np.asarray(spline.derivative()(since_s))
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise BadInput(
+            f"{name}: no speed can be derived from the positions at these times, as some are too "
+            f"close together: add a column {SPEED} or give recording.{SPEED}=..."
+        ) from error
 
 
 def _check_lengths(table: Table, columns: Mapping[str, np.ndarray]) -> None:
-    lengths = ", ".join(f"{column} {values.size}" for column, values in columns.items())
+    lengths = listing(f"{column} {values.size}" for column, values in columns.items())
     refuse(
         len({values.size for values in columns.values()}) > 1,
         f"{table.name}: the columns differ in length ({lengths}): give each the same number of "
@@ -147,8 +206,39 @@ def _check_lengths(table: Table, columns: Mapping[str, np.ndarray]) -> None:
     )
 
 
-def _signal_unit(table: Table, facts: Mapping[str, Any], channels: tuple[str, ...]) -> str:
-    units = {table.units.get(channel) for channel in channels}
-    in_file = units.pop() if len(units) == 1 else None
-    by_name = "V" if all(channel.endswith("_V") for channel in channels) else "counts"
-    return str(facts.get("signal_unit") or in_file or by_name)
+def _signal(
+    table: Table,
+    facts: Mapping[str, Any],
+    channels: tuple[str, ...],
+    values: list[Float[np.ndarray, " sample"]],
+) -> tuple[tuple[str, ...], Float[np.ndarray, "element sample"], str]:
+    """The channels' names, their signals as they were before the wiring, and their unit."""
+    stated = [signal_unit(table, facts, channel) or "counts" for channel in channels]
+    names = tuple(map(in_volts, channels, stated))
+    per_unit = np.array([PER_V.get(unit, 1) for unit in stated])
+    gain = _per_channel(table.name, facts, "gain", len(channels))
+    polarity = _per_channel(table.name, facts, "polarity", len(channels))
+    with np.errstate(over="ignore"):
+        signal = np.stack(values) / per_unit[:, None] * polarity[:, None] / gain[:, None]
+    units = {"V" if unit in PER_V else unit for unit in stated}
+    return names, signal, units.pop() if len(units) == 1 else "counts"
+
+
+def signal_unit(table: Table, facts: Mapping[str, Any], column: str) -> str | None:
+    """The unit of a signal's column, as the experimenter, the file or its name has it."""
+    return facts.get("signal_unit") or table.units.get(column) or unit_of_name(column)
+
+
+def _per_channel(
+    name: str, facts: Mapping[str, Any], key: str, channels: int
+) -> Float[np.ndarray, " element"]:
+    """A fact that is one number, or one for each channel; 1 where it is not given."""
+    value = facts.get(key)
+    given = 1.0 if value is None else value
+    listed = given if isinstance(given, list | tuple) else [given] * channels
+    refuse(
+        len(listed) != channels,
+        f"{name}: {key} lists {len(listed)} numbers for {channels} signal columns: give one number "
+        "for all, or one for each.",
+    )
+    return np.array([1.0 if number is None else float(number) for number in listed])

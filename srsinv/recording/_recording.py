@@ -9,7 +9,7 @@ import numpy as np
 from srsinv.errors import BadInput, refuse
 
 MIN_SAMPLES = 3
-TIME, SPEED = "time_s", "speed_m_per_s"
+TIME, SPEED, POSITION = "time_s", "speed_m_per_s", "position_m"
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +23,7 @@ class Recording:
     - `sidecar`: what the experimenter knows, a plain nested dict with SI units in its keys.
     - `signal_unit`: "V", "counts" or another.
     - `name`: what messages and titles call it; the file's name when it was loaded.
+    - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
 
     Raises `BadInput` for shapes that do not agree, fewer than 3 samples, times that do not increase
     strictly, infinite values, NaN outside `signal`, and names that cannot head a column.
@@ -35,9 +36,12 @@ class Recording:
     sidecar: dict[str, Any] = field(default_factory=dict)
     signal_unit: str = "V"
     name: str = "recording"
+    measured_position_m: np.ndarray | None = None
 
     def __post_init__(self):
-        for key in ("signal", TIME, SPEED):
+        for key in ("signal", TIME, SPEED, "measured_position_m"):
+            if getattr(self, key) is None:
+                continue
             values = np.array(getattr(self, key), dtype=np.float64)
             values.setflags(write=False)
             object.__setattr__(self, key, values)
@@ -56,11 +60,13 @@ class Recording:
             f"and {shapes[2]} for {elements} channels: give (element, sample), (sample,) and "
             "(sample,).",
         )
+        position = self.time_s if self.measured_position_m is None else self.measured_position_m
         refuse(
-            samples < MIN_SAMPLES,
-            f"{self.name}: too few samples: {samples} where at least {MIN_SAMPLES} are needed: "
-            "give a longer recording.",
+            position.shape != (samples,),
+            f"{self.name}: measured_position_m has shape {position.shape} for {samples} samples: "
+            "give (sample,).",
         )
+        check_samples(self.name, samples)
 
     def _check_channels(self) -> None:
         refuse(
@@ -73,13 +79,15 @@ class Recording:
                 f"{self.name}: channel {channel!r} is named twice: name each channel once.",
             )
             refuse(
-                channel in ("", TIME, SPEED) or channel != channel.strip(),
+                channel in ("", TIME, SPEED, POSITION) or channel != channel.strip(),
                 f"{self.name}: {channel!r} cannot name a channel: use a name that is not empty, "
-                f"{TIME} or {SPEED}, without spaces around it.",
+                f"{TIME}, {SPEED} or {POSITION}, without spaces around it.",
             )
 
     def _check_values(self) -> None:
         named = {TIME: self.time_s, SPEED: self.speed_m_per_s}
+        if self.measured_position_m is not None:
+            named[POSITION] = self.measured_position_m
         infinite = {column: ~np.isfinite(values) for column, values in named.items()}
         infinite |= dict(zip(self.channels, np.isinf(self.signal), strict=True))
         for column, bad in infinite.items():
@@ -88,15 +96,7 @@ class Recording:
                 f"{self.name}: {column} is not finite at data row {bad.argmax() + 1}: "
                 "correct the value or leave the row out.",
             )
-        stuck = np.flatnonzero(np.diff(self.time_s) <= 0)
-        if stuck.size:
-            row = int(stuck[0]) + 1
-            before, after = self.time_s[row - 1], self.time_s[row]
-            raise BadInput(
-                f"{self.name}: time must increase strictly, but data row {row + 1} ({after} s) "
-                f"does not come after data row {row} ({before} s): drop or reorder the rows, or "
-                "give recording.sample_rate_hz=... in place of the times."
-            )
+        check_times(self.name, self.time_s)
 
     @property
     def sample_rate_hz(self) -> float:
@@ -112,8 +112,14 @@ class Recording:
 
     @property
     def position_m(self) -> np.ndarray:
-        """Position (sample,) [m]: the exact integral of the piecewise linear speed, starting at the
-        sidecar's `scan_start_m`, or at 0."""
+        """Position (sample,) [m]: as measured, or else the exact integral of the piecewise linear
+        speed, starting at the sidecar's `scan_start_m`, or at 0.
+
+        Linear, because a smoother curve through the speeds would ring where a scan starts or stops
+        abruptly.
+        """
+        if self.measured_position_m is not None:
+            return self.measured_position_m
         mean_speed = (self.speed_m_per_s[1:] + self.speed_m_per_s[:-1]) / 2
         travelled_m = np.cumsum(mean_speed * np.diff(self.time_s))
         return self._scan_start_m + np.concatenate(([0.0], travelled_m))
@@ -147,29 +153,65 @@ class Recording:
             return values[..., :kept].reshape(*values.shape[:-1], -1, r).mean(axis=-1)
 
         # A block stands at the middle of its samples, so the first no longer stands at the start.
-        shift_m = means(self.position_m)[0] - self._scan_start_m
+        position_m = means(self.position_m)
         return self._resampled(
-            means(self.signal), means(self.time_s), means(self.speed_m_per_s), float(shift_m)
+            means(self.signal),
+            means(self.time_s),
+            means(self.speed_m_per_s),
+            position_m,
+            float(position_m[0] - self._scan_start_m),
         )
 
     def resample_uniform(self) -> "Recording":
-        """Signal and speed interpolated linearly onto as many uniform times between the same ends.
+        """Signal, speed and measured position interpolated linearly onto as many uniform times
+        between the same ends.
 
         Meant for a small `sampling_jitter`; a sample is missing where a neighbour that it is drawn
         from is.
         """
         time_s = np.linspace(self.time_s[0], self.time_s[-1], self.time_s.size)
-        signal, speed = (
-            np.stack([np.interp(time_s, self.time_s, row) for row in rows])
-            for rows in (self.signal, self.speed_m_per_s[None])
-        )
-        return self._resampled(signal, time_s, speed[0], 0.0)
 
-    def _resampled(self, signal, time_s, speed_m_per_s, shift_m: float) -> "Recording":
+        def there(values: np.ndarray) -> np.ndarray:
+            return np.interp(time_s, self.time_s, values)
+
+        signal = np.stack([there(row) for row in self.signal])
+        speed_m_per_s, position_m = there(self.speed_m_per_s), there(self.position_m)
+        return self._resampled(signal, time_s, speed_m_per_s, position_m, 0.0)
+
+    def _resampled(self, signal, time_s, speed_m_per_s, position_m, shift_m: float) -> "Recording":
         """The same scan at other times, the sidecar's rate and start following suit."""
-        resampled = replace(self, signal=signal, time_s=time_s, speed_m_per_s=speed_m_per_s)
-        if shift_m:
+        measured = self.measured_position_m is not None
+        resampled = replace(
+            self,
+            signal=signal,
+            time_s=time_s,
+            speed_m_per_s=speed_m_per_s,
+            measured_position_m=position_m if measured else None,
+        )
+        if shift_m and not measured:
             resampled.sidecar["scan_start_m"] = self._scan_start_m + shift_m
         if "sample_rate_hz" in resampled.sidecar:
             resampled.sidecar["sample_rate_hz"] = resampled.sample_rate_hz
         return resampled
+
+
+def check_samples(name: str, samples: int) -> None:
+    """Refuse a recording of too few samples."""
+    refuse(
+        samples < MIN_SAMPLES,
+        f"{name}: too few samples: {samples} where at least {MIN_SAMPLES} are needed: give a "
+        "longer recording.",
+    )
+
+
+def check_times(name: str, time_s: np.ndarray) -> None:
+    """Refuse times (sample,) [s] that do not increase strictly."""
+    with np.errstate(over="ignore"):  # times may lie a float64's whole range apart
+        stuck = np.flatnonzero(np.diff(time_s) <= 0)
+    if stuck.size:
+        row = int(stuck[0]) + 1
+        raise BadInput(
+            f"{name}: time must increase strictly, but data row {row + 1} ({time_s[row]} s) does "
+            f"not come after data row {row} ({time_s[row - 1]} s): drop or reorder the rows, or "
+            "give recording.sample_rate_hz=... in place of the times."
+        )

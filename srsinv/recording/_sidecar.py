@@ -4,7 +4,7 @@ import datetime
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +14,10 @@ import yaml
 from srsinv.errors import BadInput, refuse
 
 SUFFIXES = (".json", ".yaml", ".yml")
+_TEXTS = ("time_unit", "signal_unit")
+_MAPPINGS = ("sensor", "skin", "feature")
+_PIEZO = {"d1", "d2", "d3"}
+_SHOWN = 80  # characters of a wrong value
 _SCALARS = ("speed_m_per_s", "sample_rate_hz", "scan_length_m", "scan_start_m")
 _HAS_UNIT = re.compile(r"_(m|s|hz|Hz|rad|deg|ohm|Pa|V|N)$")
 
@@ -110,30 +114,52 @@ def _plain(value: Any) -> Any:
 
 
 def _reason(error: Exception) -> str:
-    """A parser's complaint in one line."""
+    """A parser's complaint in one line, without the text that it quotes."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem and error.problem_mark:
+        mark = error.problem_mark
+        return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
     return " ".join(str(error).split()) or type(error).__name__
 
 
 def check_sidecar(name: str, facts: Mapping[str, Any]) -> None:
     """Refuse what cannot be right in `facts`, the merged sidecar of recording `name`."""
     _check_numbers(name, "", facts, has_unit=False)
-    sensor = facts.get("sensor", {})
+    for key in _MAPPINGS:
+        part = facts.get(key)
+        _expect(name, key, part, part is None or isinstance(part, Mapping), "a mapping")
+    for key in _TEXTS:
+        value = facts.get(key)
+        _expect(name, key, value, value is None or isinstance(value, str), "one word")
+    sensor = facts.get("sensor") or {}
     scalars = {key: facts.get(key) for key in _SCALARS}
-    _expect(name, "sensor", sensor, isinstance(sensor, Mapping), "a mapping")
     scalars["sensor.depth_m"] = sensor.get("depth_m")
     for key, value in scalars.items():
         _expect(name, key, value, value is None or _is_number(value), "one number")
     for key in ("sample_rate_hz", "sensor.depth_m"):
         value = scalars[key]
         _expect(name, key, value, value is None or value > 0, "a number above 0")
+    piezo = sensor.get("piezo_constants_C_per_N")
+    right = piezo is None or (isinstance(piezo, Mapping) and set(piezo) <= _PIEZO)
+    _expect(name, "sensor.piezo_constants_C_per_N", piezo, right, "a mapping of d1, d2 and d3")
     window = facts.get("contact_window_m")
     right = window is None or _is_interval(window)
     _expect(name, "contact_window_m", window, right, "[start, end] with start below end")
+    _check_each(name, facts, "polarity", lambda value: value in (1, -1), "1 or -1")
+    _check_each(name, facts, "gain", lambda value: value > 0, "a number above 0")
+
+
+def _check_each(
+    name: str, facts: Mapping[str, Any], key: str, right: Callable[[Any], bool], expected: str
+) -> None:
+    """A fact that is one number, or one for each channel."""
+    value = facts.get(key)
+    for each in value if isinstance(value, list | tuple) else [value]:
+        _expect(name, key, each, each is None or (_is_number(each) and right(each)), expected)
 
 
 def check_elements(name: str, facts: Mapping[str, Any], channels: tuple[str, ...]) -> None:
     """Refuse a sidecar whose film elements are not as many as the channels read."""
-    elements = facts.get("sensor", {}).get("elements")
+    elements = (facts.get("sensor") or {}).get("elements")
     if elements is None:
         return
     _expect(name, "sensor.elements", elements, isinstance(elements, list | tuple), "a list")
@@ -160,7 +186,10 @@ def _check_numbers(name: str, key: str, value: Any, *, has_unit: bool) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    try:
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond float64
+        return False
 
 
 def _is_interval(value: Any) -> bool:
@@ -171,6 +200,11 @@ def _is_interval(value: Any) -> bool:
 def _expect(name: str, key: str, value: Any, right: bool, expected: str) -> None:
     refuse(
         not right,
-        f"{name}: {key} is {value!r} where {expected} is expected: correct it in the sidecar or on "
-        "the command line.",
+        f"{name}: {key if key.isprintable() else repr(key)} is {_short(value)} where {expected} is "
+        "expected: correct it in the sidecar or on the command line.",
     )
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -13,15 +13,15 @@ import xarray as xr
 
 from srsinv.errors import BadInput, refuse
 
-from ._recording import SPEED, TIME, Recording
+from ._recording import POSITION, SPEED, TIME, Recording
 
 
 def save(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write `recording` to NAME.csv with NAME.json beside it, or to NAME.nc, which holds both.
 
-    A missing sample is an empty cell, or NaN. Each file appears whole or not at all. Raises
-    `BadInput` for another suffix, a sidecar that JSON cannot hold, and a place that cannot be
-    written to.
+    A missing sample is an empty cell, or NaN. A signal in mV is written as such, and `load` gives
+    it in V. Each file appears whole or not at all. Raises `BadInput` for another suffix, a sidecar
+    that JSON cannot hold, and a place that cannot be written to.
     """
     path = Path(path).expanduser()
     writer = _WRITERS.get(path.suffix.lower())
@@ -54,10 +54,11 @@ def _sidecar_text(recording: Recording, path: Path) -> str:
 def _save_csv(recording: Recording, path: Path, sidecar: str) -> None:
     with _whole(path.with_suffix(".json")) as scratch:
         scratch.write_text(sidecar + "\n", encoding="utf-8")
-    columns = np.vstack([recording.time_s, recording.speed_m_per_s, recording.signal])
+    motion = {column: values for column, (values, _) in _motion(recording).items()}
+    columns = np.vstack([*motion.values(), recording.signal])
     with _whole(path) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([TIME, SPEED, *recording.channels])
+        writer.writerow([*motion, *recording.channels])
         for row in columns.T.tolist():
             writer.writerow(["" if math.isnan(value) else repr(value) for value in row])
 
@@ -70,13 +71,21 @@ def _save_netcdf(recording: Recording, path: Path, sidecar: str) -> None:
         "or save it as .csv.",
     )
     columns = {
-        TIME: ("sample", recording.time_s, {"units": "s"}),
-        SPEED: ("sample", recording.speed_m_per_s, {"units": "m/s"}),
+        column: ("sample", values, {"units": unit})
+        for column, (values, unit) in _motion(recording).items()
     }
     for channel, signal in zip(recording.channels, recording.signal, strict=True):
         columns[channel] = ("sample", signal, {"units": recording.signal_unit})
     with _whole(path) as scratch:
         xr.Dataset(columns, attrs={"sidecar": sidecar}).to_netcdf(scratch, engine="h5netcdf")
+
+
+def _motion(recording: Recording) -> dict[str, tuple[np.ndarray, str]]:
+    """The columns beside the signals, with their units."""
+    columns = {TIME: (recording.time_s, "s"), SPEED: (recording.speed_m_per_s, "m/s")}
+    if recording.measured_position_m is not None:
+        columns[POSITION] = (recording.measured_position_m, "m")
+    return columns
 
 
 @contextmanager

@@ -44,6 +44,7 @@ class Outcome:
     - `dataset`: every stage with `units` on every variable; written to `result.nc`.
     - `sections`: the page, in order.
     - `summary`: the table printed at the end of a run.
+    - `files`: the text of further files, by name.
     """
 
     title: str
@@ -51,3 +52,4 @@ class Outcome:
     dataset: xarray.Dataset
     sections: tuple[Section, ...]
     summary: Table
+    files: dict[str, str] = field(default_factory=dict)

@@ -29,7 +29,8 @@ _DPI = 110
 def write(
     outcome: Outcome, folder: Path, hydra_files: Mapping[str, str], command: str = "srsinv"
 ) -> None:
-    """Write `metrics.json`, `result.nc`, `report.html`, `figures/*.png` and `.hydra/` to `folder`.
+    """Write `metrics.json`, `result.nc`, `report.html`, `figures/*.png`, `.hydra/` and the
+    outcome's own files to `folder`.
 
     Every file appears whole or not at all, `metrics.json` last; those of an earlier run are
     replaced. `hydra_files` maps the names in `.hydra` to their text, `command` is what the page
@@ -39,6 +40,8 @@ def write(
     with _staged(folder) as stage:
         for name, text in hydra_files.items():
             _write_text(stage / ".hydra" / name, text)
+        for name, text in outcome.files.items():
+            _write_text(stage / name, text)
         _write_text(stage / "metrics.json", metrics_json(outcome.metrics))
         _write_dataset(outcome.dataset, stage / "result.nc")
         for section in outcome.sections:

@@ -2,18 +2,39 @@
 
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
+from srsinv.errors import BadInput
+from srsinv.forward.amplifier import CurrentAmplifier
+from srsinv.forward.describe import elements
+from srsinv.forward.film import SampleAverage
+from srsinv.forward.scan import ConstantSpeed, Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.traction import PressedStrip
+from srsinv.grid import Open
+from srsinv.jobs.invert_recording import cell_signals
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, outcome
 from tests.shared import SHARED, needs_shared
 
 METHODS = ("wiener", "tikhonov")
 RIDGE = SHARED / "recordings" / "ridge_two_element.csv"
+VARYING = SHARED / "recordings" / "ridge_varying_speed.csv"
 BOARD = SHARED / "recordings" / "fabricslide" / "Board10mm_F120_V-10mmps_0.csv"
 NOMINAL_PA = 20e3  # of the ridge's sidecar
 SPEED = 0.05
+SENSOR = {
+    "depth_m": 7.5e-4,
+    "feedback_resistance_ohm": 1e6,
+    "piezo_constants_C_per_N": {"d1": 23e-12, "d2": 3e-12, "d3": -33e-12},
+    "elements": [
+        {"orientation": name, "strip_width_m": 7e-4, "active_length_m": 8e-3}
+        for name in ("1_to_x_3_to_z", "1_to_z_3_to_x")
+    ],
+}
 
 
 def of_file(path, *overrides):
@@ -35,6 +56,16 @@ def test_pressure_rises_at_the_ridge(ridge, method):
     assert ridge[f"result_{method}"] == "converged"
     assert ridge[f"p_peak_position_m_{method}"] == pytest.approx(0.010, abs=3e-4)
     assert ridge[f"p_peak_Pa_{method}"] > NOMINAL_PA
+
+
+@needs_shared
+def test_the_same_ridge_at_a_varying_speed(ridge):
+    found = of_file(VARYING).metrics
+    for method in METHODS:
+        assert found[f"result_{method}"] == "converged"
+        assert found[f"p_peak_position_m_{method}"] == pytest.approx(0.010, abs=3e-4)
+        assert found[f"p_peak_Pa_{method}"] == pytest.approx(ridge[f"p_peak_Pa_{method}"], rel=0.1)
+    assert found["noise_rms_V"] == pytest.approx(ridge["noise_rms_V"], rel=0.1)
 
 
 @needs_shared
@@ -61,22 +92,12 @@ def formats(tmp_path_factory):
     """One simulated scan over a pressed strip, saved as CSV and as netCDF, inverted from both."""
     simulated = outcome("grid.line=open", "grid.cells=128", "method=wiener").dataset
     x = simulated["x"].values
-    films = [
-        {"orientation": name, "strip_width_m": 7e-4, "active_length_m": 8e-3}
-        for name in ("1_to_x_3_to_z", "1_to_z_3_to_x")
-    ]
-    sensor = {
-        "depth_m": 7.5e-4,
-        "feedback_resistance_ohm": 1e6,
-        "piezo_constants_C_per_N": {"d1": 23e-12, "d2": 3e-12, "d3": -33e-12},
-        "elements": films,
-    }
     recording = Recording(
         simulated["signal"].values,
         (x - x[0]) / SPEED,
         np.full(x.size, SPEED),
         ("voltage_0_V", "voltage_1_V"),
-        {"sensor": sensor, "scan_start_m": float(x[0])},
+        {"sensor": SENSOR, "scan_start_m": float(x[0])},
     )
     found = {}
     for suffix in ("csv", "nc"):
@@ -102,3 +123,91 @@ def test_what_was_simulated_is_found(formats):
     error = (there - there[inner].mean()) - (truth - truth[inner].mean())
     size = np.linalg.norm((truth - truth[inner].mean())[inner])
     assert np.linalg.norm(error[inner]) < 0.25 * size
+
+
+# A speed that varies.
+
+TIME = np.arange(0, 0.4, 5e-4)
+SPEEDS = {
+    "halting": SPEED * np.maximum(0.0, 0.6 + np.cos(2 * np.pi * TIME / 0.4)),
+    "towards_minus_x": -SPEED * (0.7 + 0.4 * np.cos(2 * np.pi * TIME / 0.2)),
+}
+
+
+def varying(speed):
+    """A scan over a pressed strip at 0 with `speed` (sample,), and what blocks of ten samples at
+    its mean speed would hold at any x."""
+    spacing = abs(speed.mean()) * (TIME[1] - TIME[0])
+    effects = ((), (SampleAverage(10, spacing),))
+    sensor, blocks = (Sensor(elements(SENSOR, ("strip_width",), also)) for also in effects)
+    line = Open(2000, 1e-5, -1e-2)
+    travelled = cumulative_trapezoid(speed, TIME, initial=0.0)
+    start = -(travelled.min() + travelled.max()) / 2
+    p = PressedStrip(2e3, 1e-3, 0.0, 1e-4).cell_average(line)
+    traction = jnp.stack([p, 0.5 * np.sign(speed.sum()) * p])
+    signal = np.asarray(sensor.scanned(line, Motion(TIME, start + travelled, speed))(traction))
+    noise = 2e-9 * np.random.default_rng(2).normal(size=signal.shape)
+    facts = {"sensor": SENSOR, "scan_start_m": float(start)}
+    scan = Recording(signal + noise, TIME, speed, ("voltage_0_V", "voltage_1_V"), facts)
+    steady = np.asarray(line.operator(blocks.signal(ConstantSpeed(speed.mean())))(traction))
+    return scan, lambda x: np.stack([np.interp(x, np.asarray(line.x), row) for row in steady])
+
+
+@pytest.mark.parametrize("name", SPEEDS)
+def test_cells_hold_what_the_mean_speed_would_give(name):
+    """All but those that were passed at a crawl. Cells of whole samples, off their centres, would
+    miss by 1 %."""
+    scan, steady = varying(SPEEDS[name])
+    spacing = abs(scan.speed_m_per_s.mean()) / scan.sample_rate_hz
+    x, cells, _ = cell_signals(scan, CurrentAmplifier(), 10, spacing)
+    there, expected = np.isfinite(cells), steady(x)
+    assert np.abs(cells - expected)[there].max() < 5e-3 * np.abs(expected).max()
+    holes = ~there[:, 2:-2]
+    assert holes.any() == (name == "halting")
+    assert holes.mean() < 0.2
+
+
+def test_a_strip_found_through_a_halt(tmp_path):
+    save(varying(SPEEDS["halting"])[0], tmp_path / "scan.nc")
+    settings = ("recording.cell_m=1.5e-4", "method=wiener", "effects=[strip_width]")
+    found = of_file(tmp_path / "scan.nc", *settings).metrics
+    assert found["result_wiener"] == "converged"
+    assert found["p_peak_position_m_wiener"] == pytest.approx(0.0, abs=3e-4)
+
+
+def test_noise_of_a_varying_speed_is_what_repeats_show():
+    """Spread of the cells over many draws of the noise, against the number that goes with them."""
+    speed, draws = 0.05 + 0.02 * np.cos(2 * np.pi * TIME / 0.1), 400
+    noise = np.random.default_rng(3).normal(size=(draws, TIME.size))
+    names = tuple(f"voltage_{i}_V" for i in range(draws))
+    recording = Recording(noise, TIME, speed, names)
+    _, cells, samples = cell_signals(recording, CurrentAmplifier(), 8, speed.mean() * 5e-4)
+    assert np.median(cells.std(axis=0)) == pytest.approx(1 / np.sqrt(samples), rel=0.05)
+
+
+def test_a_scan_of_less_than_three_cells_is_refused():
+    scan = varying(SPEEDS["towards_minus_x"])[0]
+    with pytest.raises(BadInput, match=r"0\.014 m long, less than 3 cells of 0\.01 m: check"):
+        cell_signals(scan, CurrentAmplifier(), 10, 1e-3)
+
+
+REFUSED = {
+    "reversing": (
+        0.05 * np.cos(2 * np.pi * TIME / 0.3),
+        (),
+        r"reverses.*-0\.05.*cut the recording",
+    ),
+    "integrated": (
+        SPEEDS["halting"],
+        ("amplifier=integrated",),
+        r"integral of the signal.*amplifier=current",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_varying_speed_that_is_refused(name, tmp_path):
+    speed, overrides, sentence = REFUSED[name]
+    save(varying(speed)[0], tmp_path / "scan.nc")
+    with pytest.raises(BadInput, match=sentence):
+        of_file(tmp_path / "scan.nc", *overrides)

@@ -31,7 +31,7 @@ def folder(tmp_path, monkeypatch):
     holed[1, 4] = np.nan
     for name, values, speed in (
         ("good.csv", signal, 0.05 + 0 * ramp),
-        ("varying.csv", signal, 0.05 + 0.01 * ramp),
+        ("reversing.csv", signal, 0.05 - 0.1 * ramp),
         ("still.csv", signal, 0 * ramp),
         ("holed.csv", holed, 0.05 + 0 * ramp),
     ):
@@ -58,10 +58,7 @@ REFUSALS = {
         of("holed.csv"),
         r"voltage_1_V, data row 5 is empty: correct it .*recording\.missing=allow",
     ),
-    "varying speed": (
-        of("varying.csv"),
-        r"speed varies by more than 0\.1% .*give recording\.speed_m_per_s=",
-    ),
+    "reversing": (of("reversing.csv"), r"the motion reverses .*-0\.05 .*cut the recording"),
     "speed 0 recorded": (
         of("still.csv"),
         r"still\.csv: the speed is 0.* give recording\.speed_m_per_s=",

@@ -12,6 +12,13 @@ from .estimates import averaging_kernel as averaging_kernel
 from .estimates import estimates as estimates
 from .fit import residual as residual
 from .fit import signals as signals
+from .inspection import noise_spectra as noise_spectra
+from .inspection import recorded_motion as recorded_motion
+from .inspection import recorded_signals as recorded_signals
+from .lines import channel_fits as channel_fits
+from .lines import channel_pitches as channel_pitches
+from .lines import line_spectrum as line_spectrum
+from .lines import pattern_shifts as pattern_shifts
 from .panels import Panel as Panel
 from .panels import panels as panels
 from .panels import stress as stress

@@ -1,0 +1,385 @@
+"""Lines: what repeats along x in several channels at once, and how well its pitch is known.
+
+Model of channel c: drift[c](x) + sum over h of a[c, h] cos(2 pi h x / pitch) + b[c, h] sin(...) +
+noise of its own level. The drift is a polynomial, slower than twice the longest pitch sought. Only
+the pitch is common to the channels; all the rest is linear and projected out (variable projection;
+Golub and Pereyra 1973), so that the fit has one parameter.
+
+The standard error comes from [`shifts`][]. Each period of the surface is one reading of how far the
+pattern of all channels lies from the fit, and the scatter of these readings about a straight line
+gives the error of that line's slope, which is the pitch's. What is left near a line is mostly the
+pattern itself, changing with load and pose: smooth over many samples, and common to channels. The
+white-noise error (Cramer and Rao's) counts every sample of every channel as new and is several
+times too small; scatter between channels misses what they have in common. A reading is summed over
+the channels first and spans more than the noise remembers, so that it needs to know neither. What
+stays out of it: noise that lasts for several periods, and a pattern that is the same in every scan.
+"""
+
+from typing import Any, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.ndimage import median_filter
+from scipy.stats import chi2, f
+
+from ..grid import as_real
+from .nonlinear import fit
+
+STEPS = 20  # of the scan over pitches, in the time that it takes the scan's end to lose one period
+OVERSAMPLING = 4  # of the periodogram
+LOBE = 2.0  # half-width of the Hann taper's main lobe, in 1/length
+FLOOR = 16  # width of the running median, in 1/length: a line's lobe takes a quarter of it
+FLOOR_BINS = FLOOR / 1.5 * 2 / np.pi  # as good as a mean of so many: Hann's 1.5, a median's 2/pi
+MOST_LINES = 8
+LEAST_PERIODS = 3  # a straight line through the shifts, and one reading to spare
+_TINY = np.finfo(float).tiny
+
+Samples = TypeVar("Samples", Array, np.ndarray)
+
+
+class Shifts(NamedTuple):
+    """Where the pattern lies in each period, from the fit forward along x.
+
+    - `x_m` (b,): the periods' middles; `shift_m` (b,); `weight` (b,): inverse variances, relative.
+    """
+
+    x_m: Float[np.ndarray, " b"]
+    shift_m: Float[np.ndarray, " b"]
+    weight: Float[np.ndarray, " b"]
+
+    def slope_stderr(self) -> float:
+        """Standard error [1] of the slope of a straight line through the shifts."""
+        root = np.sqrt(self.weight)
+        columns = root[:, None] * np.stack([np.ones_like(root), self.x_m - self.x_m.mean()], 1)
+        line, *_ = np.linalg.lstsq(columns, root * self.shift_m)
+        left = root * self.shift_m - columns @ line
+        variance = left @ left / (root.size - 2)
+        return float(np.sqrt(variance * np.linalg.inv(columns.T @ columns)[1, 1]))
+
+
+class Pitch(NamedTuple):
+    """A pattern of one pitch, fitted.
+
+    - `pattern` (c, n): what repeats; `rest` (c, n): what is left beside it and the drift;
+    - `noise` (c,): the channels' standard deviations that weigh them;
+    - `stderr_white_m`: as if the noise were white and the channels' independent;
+    - `result`: "converged", or what went wrong.
+    """
+
+    pitch_m: float
+    stderr_m: float
+    stderr_white_m: float
+    result: str
+    pattern: Float[np.ndarray, "c n"]
+    rest: Float[np.ndarray, "c n"]
+    noise: Float[np.ndarray, " c"]
+    shifts: Shifts
+
+
+class Line(NamedTuple):
+    """A significant line: `share` of the channels' variance that it explains (mean over channels),
+    `false_alarm` how often noise alone has one as strong anywhere."""
+
+    wavelength_m: float
+    stderr_m: float
+    share: float
+    false_alarm: float
+
+
+class Spectrum(NamedTuple):
+    """A periodogram summed over channels, at `per_m` (k,) [cycles/m], and what noise does to it.
+
+    - `power` (k,), in the square of the channels' unit; `floor` (k,): its level between lines;
+    - `shift`, `step`, `dof`: power / floor is like shift + step chi-square(dof), matched in three
+      cumulants to the sum over channels that are not independent (Buckley and Eagleson 1988);
+    - `trials`: independent wavenumbers.
+    """
+
+    per_m: Float[np.ndarray, " k"]
+    power: Float[np.ndarray, " k"]
+    floor: Float[np.ndarray, " k"]
+    shift: float
+    step: float
+    dof: float
+    trials: float
+
+    def false_alarm(self, power: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """How often noise alone reaches `power` (k,) at any wavenumber."""
+        excess = (power / self.floor - self.shift) / (self.step * self.dof)
+        return np.minimum(1.0, self.trials * f.sf(excess, self.dof, self.dof * FLOOR_BINS))
+
+    def level(self, false_alarm: float) -> Float[np.ndarray, " k"]:
+        """The power (k,) that noise alone reaches anywhere this often."""
+        excess = f.isf(false_alarm / self.trials, self.dof, self.dof * FLOOR_BINS)
+        return self.floor * (self.shift + self.step * self.dof * excess)
+
+
+class Lines(NamedTuple):
+    """The lines found, the strongest first, the spectrum of what is left without them, and the
+    power `before` (k,) any was taken out, in the same units."""
+
+    lines: tuple[Line, ...]
+    left: Spectrum
+    before: Float[np.ndarray, " k"]
+
+    def false_alarm_at(self, wavelength_m: float, harmonics: int) -> float:
+        """How often noise alone is as strong anywhere as the strongest of these harmonics was."""
+        at = [
+            np.argmin(np.abs(self.left.per_m - h / wavelength_m)) for h in range(1, harmonics + 1)
+        ]
+        return float(np.min(self.left.false_alarm(self.before)[at]))
+
+
+def drift(x_m: Float[np.ndarray, " n"], fastest_m: float) -> Float[np.ndarray, "n d"]:
+    """Orthonormal polynomials over even x that bend no faster than the wavelength `fastest_m`."""
+    degree = int(2 * _length(x_m) / fastest_m)
+    return np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, x_m.size), degree))[0]
+
+
+def waves(x_m: Samples, pitch_m: Any, harmonics: int, xp: Any = np) -> Samples:
+    """Cosines, then sines, of the harmonics from 1 on: (n, 2 harmonics)."""
+    phase = 2 * xp.pi / pitch_m * x_m[:, None] * xp.arange(1, harmonics + 1)[None]
+    return xp.concatenate([xp.cos(phase), xp.sin(phase)], axis=1)
+
+
+def without(known: Samples, y: Samples) -> Samples:
+    """Rows y (..., n) less what the orthonormal columns `known` (n, d) hold of them."""
+    return y - (y @ known) @ known.T
+
+
+def fit_pitch(
+    x_m: Float[np.ndarray, " n"],
+    signal: Float[np.ndarray, "c n"],
+    known: Float[np.ndarray, "n d"],
+    range_m: tuple[float, float],
+    harmonics: int,
+) -> Pitch:
+    """The pitch in `range_m` that explains all channels best, each weighed by what it leaves.
+
+    x even [m], `known` orthonormal columns that every channel may hold besides. The likelihood of
+    channels with unknown noise levels is scanned over the range, and the fit starts at its top.
+    """
+    y = without(known, signal)
+    start, noise = _locate(x_m, y, known, range_m, harmonics)
+    found = fit(
+        _Pattern(as_real(x_m), as_real(y), as_real(known), harmonics),
+        {"pitch_m": start},
+        y,
+        noise=np.broadcast_to(noise[:, None], y.shape),
+        bounds={"pitch_m": range_m},
+    )
+    fitted = _judged(x_m, y, known, float(found.value["pitch_m"]), harmonics, noise)
+    result = "at an end of the range: widen it" if found.at_bound else found.result
+    return fitted._replace(stderr_white_m=float(found.stderr["pitch_m"]), result=result)
+
+
+class _Pattern(eqx.Module):
+    """What of y has this pitch. Its arrays are traced, so that all scans alike compile once."""
+
+    x_m: Float[Array, " n"]
+    y: Float[Array, "c n"]
+    known: Float[Array, "n d"]
+    harmonics: int = eqx.field(static=True)
+
+    def __call__(self, params) -> Float[Array, "c n"]:
+        inputs = self.x_m, self.y, self.known, params["pitch_m"], self.harmonics
+        return self.y - _rest(*inputs, jnp)
+
+
+def scan_pitch(
+    x_m: Float[np.ndarray, " n"],
+    signal: Float[np.ndarray, "c n"],
+    known: Float[np.ndarray, "n d"],
+    range_m: tuple[float, float],
+    harmonics: int,
+) -> Pitch:
+    """As [`fit_pitch`][], by the scan and a parabola at its top alone: nothing to compile, and off
+    by a small part of the standard error."""
+    y = without(known, signal)
+    pitch_m, noise = _locate(x_m, y, known, range_m, harmonics)
+    return _judged(x_m, y, known, pitch_m, harmonics, noise)
+
+
+def channel_pitches(
+    x_m: Float[np.ndarray, " n"],
+    signal: Float[np.ndarray, "c n"],
+    known: Float[np.ndarray, "n d"],
+    pitch_m: float,
+    harmonics: int,
+) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
+    """Pitch and standard error (c,) [m] of each channel alone, on the line at `pitch_m`."""
+    near = _resolved(x_m, pitch_m)
+    alone = [scan_pitch(x_m, each[None], known, near, harmonics) for each in signal]
+    return np.array([each.pitch_m for each in alone]), np.array([each.stderr_m for each in alone])
+
+
+def find_lines(
+    x_m: Float[np.ndarray, " n"],
+    signal: Float[np.ndarray, "c n"],
+    pitch: tuple[float, int],
+    longest_m: float,
+    false_alarm: float,
+) -> Lines:
+    """The significant lines, up to `longest_m`, beside `pitch` (its value [m] and harmonics).
+
+    The most significant is taken out and the rest looked at again, until none exceeds what noise
+    reaches with probability `false_alarm`, or `MOST_LINES` are found. What the scan cannot resolve
+    from a line that is already out does not count as another.
+    """
+    base = [drift(x_m, 2 * longest_m), waves(x_m, *pitch)]
+    taken = [h / pitch[0] for h in range(1, pitch[1] + 1)]
+    found: dict[float, float] = {}
+
+    def known(others) -> Float[np.ndarray, "n d"]:
+        return np.linalg.qr(np.hstack([*base, *(waves(x_m, other, 1) for other in others)]))[0]
+
+    while True:
+        rest = without(known(found), signal)
+        scale = np.maximum(rest.std(axis=1), _TINY)
+        left = spectrum(x_m, rest / scale[:, None], longest_m)
+        distance = np.abs(left.per_m[:, None] - np.array(taken)[None]).min(axis=1)
+        excess = np.where(distance < LOBE / _length(x_m), 0.0, left.power / left.floor)
+        top = int(np.argmax(excess))
+        chance = float(left.false_alarm(left.power)[top])
+        if excess[top] == 0.0 or chance > false_alarm or len(found) == MOST_LINES:
+            break
+        near = _resolved(x_m, 1 / left.per_m[top])
+        wavelength, _ = _locate(x_m, rest, known(found), near, 1)
+        found[wavelength] = chance
+        taken.append(1 / wavelength)
+
+    total = without(base[0], signal)
+    lines = []
+    for wavelength, chance in found.items():
+        others = known(other for other in found if other != wavelength)
+        alone = scan_pitch(x_m, signal, others, _resolved(x_m, wavelength), 1)
+        share = np.mean(np.sum(alone.pattern**2, axis=1) / np.sum(total**2, axis=1))
+        lines.append(Line(alone.pitch_m, alone.stderr_m, float(share), chance))
+    lines.sort(key=lambda line: -line.share)
+    before = spectrum(x_m, total / scale[:, None], longest_m).power
+    return Lines(tuple(lines), left, before)
+
+
+def spectrum(
+    x_m: Float[np.ndarray, " n"], y: Float[np.ndarray, "c n"], longest_m: float
+) -> Spectrum:
+    """The Hann-tapered periodogram of y (channels of like noise), from `longest_m` down to two
+    samples, and its own scale.
+
+    Floor and scatter come from medians and capped sums, which a few lines hardly move.
+    """
+    step = x_m[1] - x_m[0]
+    bins = OVERSAMPLING * x_m.size
+    per_m = np.fft.rfftfreq(bins, step)
+    kept = (per_m >= 1 / longest_m) & (per_m < 0.5 / step)
+    amplitude = np.fft.rfft(y * np.hanning(x_m.size), bins)[:, kept]
+    power = np.maximum(np.sum(np.abs(amplitude) ** 2, axis=0), _TINY)
+    floor = _floor(per_m[kept], power)
+    trials = _length(x_m) * (0.5 / step - 1 / longest_m)
+    return Spectrum(per_m[kept], power, floor, *_scatter(amplitude, power, floor), trials)
+
+
+def _floor(per_m, power) -> Float[np.ndarray, " k"]:
+    """The running median, taken about a parabola in the logarithms: a red spectrum has its ends
+    right too."""
+    at = np.log(per_m)
+    trend = np.exp(np.polyval(np.polyfit(at, np.log(power), 2), at))
+    width = min(FLOOR * OVERSAMPLING, power.size) // 2 * 2 + 1
+    return trend * median_filter(power / trend, width, mode="reflect")
+
+
+def _scatter(amplitude, power, floor) -> tuple[float, float, float]:
+    """Shift, step and degrees of freedom of power / floor, whose median is 1.
+
+    From the eigenvalues of the channels' covariance: the sum over channels is one of as many
+    exponential variables. No bin weighs more than all but a tenth do, so that lines hardly count.
+    """
+    ratio = power / floor
+    weight = np.minimum(1.0, np.quantile(ratio, 0.9) / ratio) / floor
+    share = np.linalg.eigvalsh((amplitude * weight) @ amplitude.conj().T)
+    one, two, three = (np.sum(share**order) for order in (1, 2, 3))
+    dof = 2 * two**3 / three**2
+    step = np.sqrt(two / (2 * dof))
+    shift = one - step * dof
+    median = shift + step * chi2.median(dof)
+    return float(shift / median), float(step / median), float(dof)
+
+
+def shifts(
+    x_m: Float[np.ndarray, " n"],
+    slope: Float[np.ndarray, "c n"],
+    rest: Float[np.ndarray, "c n"],
+    noise: Float[np.ndarray, " c"],
+    pitch_m: float,
+) -> Shifts:
+    """The least-squares shift of a pattern of x-derivative `slope`, in each period of the scan."""
+    weighed = slope / noise[:, None] ** 2
+    across = -np.sum(weighed * rest, axis=0)
+    weight = np.sum(weighed * slope, axis=0)
+    periods = max(int(_length(x_m) / pitch_m), LEAST_PERIODS)
+    edges = np.linspace(0, x_m.size, periods + 1).astype(int)[:-1]
+    count = np.diff([*edges, x_m.size])
+    total = np.maximum(np.add.reduceat(weight, edges), _TINY)
+    return Shifts(
+        np.add.reduceat(x_m, edges) / count, np.add.reduceat(across, edges) / total, total
+    )
+
+
+def _length(x_m) -> float:
+    return float(x_m[-1] - x_m[0])
+
+
+def _rest(
+    x_m: Samples, y: Samples, known: Samples, pitch_m: Any, harmonics: int, xp: Any = np
+) -> Samples:
+    """What of y, `known` already out of it, is not of the pitch (c, n)."""
+    columns = without(known, waves(x_m, pitch_m, harmonics, xp).T).T
+    return without(xp.linalg.qr(columns)[0], y)
+
+
+def _locate(x_m, y, known, range_m, harmonics: int) -> tuple[float, Float[np.ndarray, " c"]]:
+    """The most likely pitch of a scan over the range, and the channels' noise levels there."""
+    low, high = 1 / range_m[1], 1 / range_m[0]
+    steps = int(np.ceil((high - low) * STEPS * _length(x_m)))
+    per_m = np.linspace(low, high, max(steps, 2) + 1)
+    squares = np.stack(
+        [np.sum(_rest(x_m, y, known, 1 / each, harmonics) ** 2, axis=1) for each in per_m]
+    )
+    # Noise-free data leave nothing but rounding, whose logarithm would be noise.
+    least = np.finfo(float).eps * np.sum(y**2, axis=1) + _TINY
+    squares = np.maximum(squares, least)
+    top = int(np.argmin(np.sum(np.log(squares), axis=1)))
+    free = x_m.size - known.shape[1] - 2 * harmonics
+    # The squares are a parabola near their least, where the logarithms may have a cusp.
+    best_per_m = _vertex(per_m, squares @ (1 / squares[top]), top)
+    return float(1 / best_per_m), np.sqrt(squares[top] / free)
+
+
+def _vertex(at, values, least: int) -> float:
+    """Where the parabola through the least of `values` and its neighbours has its minimum."""
+    if not 0 < least < at.size - 1:
+        return at[least]
+    before, here, after = values[least - 1 : least + 2]
+    bend = before - 2 * here + after
+    return at[least] + (at[1] - at[0]) * (0.5 * (before - after) / bend if bend > 0 else 0.0)
+
+
+def _resolved(x_m, wavelength_m: float) -> tuple[float, float]:
+    """The wavelengths that the scan hardly tells from this one."""
+    half = 0.5 / _length(x_m)
+    return 1 / (1 / wavelength_m + half), 1 / (1 / wavelength_m - half)
+
+
+def _judged(x_m, y, known, pitch_m: float, harmonics: int, noise) -> Pitch:
+    """The pattern at this pitch, with its standard error from the shifts."""
+    rest = _rest(x_m, y, known, pitch_m, harmonics)
+    columns = waves(x_m, pitch_m, harmonics)
+    amplitude = np.linalg.lstsq(without(known, columns.T).T, y.T)[0]
+    cosine, sine = np.split(columns, 2, axis=1)
+    k = 2 * np.pi / pitch_m * np.arange(1, harmonics + 1)
+    slope = (np.hstack([-k * sine, k * cosine]) @ amplitude).T
+    readings = shifts(x_m, slope, rest, noise, pitch_m)
+    stderr = pitch_m * readings.slope_stderr()
+    return Pitch(pitch_m, stderr, np.nan, "", y - rest, rest, noise, readings)

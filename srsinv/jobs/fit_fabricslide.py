@@ -1,0 +1,367 @@
+"""The pitch of a ridged surface from all channels of a recording together, and its other lines.
+
+Method, and why its standard errors are what they are: [`srsinv.inverse.lines`][].
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray
+from jaxtyping import Float
+
+from ..errors import refuse
+from ..inverse.lines import (
+    LEAST_PERIODS,
+    Line,
+    Lines,
+    Pitch,
+    channel_pitches,
+    drift,
+    find_lines,
+    fit_pitch,
+)
+from ..progress import stage
+from ..recording import Recording
+from ..report import figures
+from ..report.outcome import Outcome, Section, Table
+from . import build
+from .recorded import load_steady
+
+LONGEST_LINE = 0.25  # of the scan: what repeats less often cannot be told from drift
+HIGHEST_FRACTION = 6  # of a line that another is called: beyond, some fraction always fits
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class Settings:
+    """`feature` and `fit_fabricslide` of the configuration, checked against the recording."""
+
+    range_m: tuple[float, float]
+    harmonics: int
+    false_alarm: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """All that the page is made of; `channels` and their standard errors are pitches (c,) [m]."""
+
+    recording: Recording
+    x_m: Float[np.ndarray, " n"]
+    signal: Float[np.ndarray, "c n"]
+    settings: Settings
+    degree: int
+    pitch: Pitch
+    channels: Float[np.ndarray, " c"]
+    channels_stderr: Float[np.ndarray, " c"]
+    others: Lines
+
+    @property
+    def false_alarm(self) -> float:
+        """How often noise alone has a line as strong as the pitch's strongest."""
+        return self.others.false_alarm_at(self.pitch.pitch_m, self.settings.harmonics)
+
+    @property
+    def result(self) -> str:
+        """Whether the pitch may be used: "converged", or why not."""
+        if self.pitch.result == "converged" and self.false_alarm > self.settings.false_alarm:
+            return "no line of feature.pitch_range_m stands out from noise"
+        return self.pitch.result
+
+
+def run(cfg: build.Config) -> Outcome:
+    """The job: load, fit the pitch, look for other lines, report."""
+    with build.precision(cfg):
+        recording = load_steady(cfg["recording"], {})
+        x_m, signal = _along_x(recording)
+        settings = _settings(cfg, recording.name, x_m)
+        slow = drift(x_m, 2 * settings.range_m[1])
+        with stage("fitting the pitch"):
+            pitch = fit_pitch(x_m, signal, slow, settings.range_m, settings.harmonics)
+            alone = channel_pitches(x_m, signal, slow, pitch.pitch_m, settings.harmonics)
+        with stage("looking for other lines"):
+            others = find_lines(
+                x_m,
+                signal,
+                (pitch.pitch_m, settings.harmonics),
+                LONGEST_LINE * (x_m[-1] - x_m[0]),
+                settings.false_alarm,
+            )
+    found = Found(recording, x_m, signal, settings, slow.shape[1] - 1, pitch, *alone, others)
+    return Outcome(
+        f"{recording.name}: a pitch of {_mm(pitch.pitch_m, pitch.stderr_m)}",
+        _metrics(found),
+        _dataset(found),
+        _sections(found),
+        _summary(found),
+    )
+
+
+def _along_x(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Even positions that grow (n,) [m], and the signals (c, n) there."""
+    x_m, signal = recording.position_m, recording.signal
+    if x_m[-1] < x_m[0]:
+        x_m, signal = x_m[::-1], signal[:, ::-1]
+    for channel, values in zip(recording.channels, signal, strict=True):
+        refuse(
+            bool(np.isnan(values).any()),
+            f"{recording.name}: channel {channel} has missing samples, and the pitch needs all: "
+            "leave it out of recording.channels.",
+        )
+        refuse(
+            bool(np.ptp(values) == 0),
+            f"{recording.name}: channel {channel} is constant ({values[0]:.4g}) and feels no "
+            "surface: leave it out of recording.channels.",
+        )
+    return np.linspace(x_m[0], x_m[-1], x_m.size), np.ascontiguousarray(signal)
+
+
+def _settings(cfg: build.Config, name: str, x_m: np.ndarray) -> Settings:
+    given, ends = cfg["fit_fabricslide"], cfg["feature"]["pitch_range_m"]
+    key, example = f"feature.pitch_range_m is {ends}", "such as [0.015,0.03]"
+    refuse(
+        not (isinstance(ends, list | tuple) and len(ends) == 2 and all(map(_is_number, ends))),
+        f"{key}: give two numbers, the shortest and the longest pitch in metres, {example}.",
+    )
+    refuse(
+        not 0 < ends[0] < ends[1],
+        f"{key}: give the shortest pitch, above 0, and then the longest, {example}.",
+    )
+    step, length = x_m[1] - x_m[0], x_m[-1] - x_m[0]
+    refuse(
+        ends[1] > length / LEAST_PERIODS,
+        f"{key}, but {name} is {length:.4g} m long and a pitch has to come {LEAST_PERIODS} times: "
+        f"give a longest pitch up to {length / LEAST_PERIODS:.4g} m.",
+    )
+    refuse(
+        ends[0] < 2 * step,
+        f"{key}, but the samples of {name} are {step:.4g} m apart, which shows no pitch below two "
+        f"of them: give a shortest pitch from {2 * step:.4g} m on.",
+    )
+    harmonics, false_alarm = given["harmonics"], given["false_alarm"]
+    refuse(
+        not (isinstance(harmonics, int) and not isinstance(harmonics, bool) and harmonics >= 1),
+        f"fit_fabricslide.harmonics is {harmonics}: give a whole number from 1.",
+    )
+    refuse(
+        not (_is_number(false_alarm) and 0 < false_alarm < 1),
+        f"fit_fabricslide.false_alarm is {false_alarm}: give a number between 0 and 1.",
+    )
+    resolved = int(ends[0] / (2 * step))
+    return Settings((float(ends[0]), float(ends[1])), min(harmonics, resolved), false_alarm)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _mm(value_m: float, stderr_m: float) -> str:
+    """Value and standard error in mm, to the second digit of the latter."""
+    digits = max(0, 1 - int(np.floor(np.log10(MM * stderr_m)))) if stderr_m > 0 else 3
+    return f"{MM * value_m:.{digits}f} ± {MM * stderr_m:.{digits}f} mm"
+
+
+# --- what is shown ---------------------------------------------------------------------------
+
+
+def _metrics(found: Found) -> dict[str, Any]:
+    pitch = found.pitch
+    metrics: dict[str, Any] = {
+        "pitch_m": pitch.pitch_m,
+        "pitch_m_stderr": pitch.stderr_m,
+        "pitch_m_stderr_white": pitch.stderr_white_m,
+        "pitch_false_alarm": found.false_alarm,
+        "pitch_channel_spread_m": float(np.std(found.channels)),
+        "result": found.result,
+        "harmonics": found.settings.harmonics,
+        "periods": pitch.shifts.shift_m.size,
+        "drift_degree": found.degree,
+        "channels": len(found.recording.channels),
+        "samples": found.x_m.size,
+        "scan_length_m": float(found.x_m[-1] - found.x_m[0]),
+        "lines": len(found.others.lines),
+    }
+    for i, line in enumerate(found.others.lines, start=1):
+        metrics |= {
+            f"line_{i}_m": line.wavelength_m,
+            f"line_{i}_m_stderr": line.stderr_m,
+            f"line_{i}_share": line.share,
+            f"line_{i}_false_alarm": line.false_alarm,
+        }
+    return metrics
+
+
+def _dataset(found: Found) -> xarray.Dataset:
+    unit, pitch, others = found.recording.signal_unit, found.pitch, found.others
+    by_line = np.array(others.lines).reshape(-1, len(Line._fields)).T
+    m, one, traces, per_line = {"units": "m"}, {"units": "1"}, ("channel", "x"), "line"
+    return xarray.Dataset(
+        {
+            "signal": (traces, found.signal, {"units": unit}),
+            "fitted_signal": (traces, found.signal - pitch.rest, {"units": unit}),
+            "pattern": (traces, pitch.pattern, {"units": unit}),
+            "noise": ("channel", pitch.noise, {"units": unit}),
+            "channel_pitch": ("channel", found.channels, m),
+            "channel_pitch_stderr": ("channel", found.channels_stderr, m),
+            "shift": ("period", pitch.shifts.shift_m, m),
+            "power": ("per_m", others.before, one),
+            "power_left": ("per_m", others.left.power, one),
+            "false_alarm_level": ("per_m", others.left.level(found.settings.false_alarm), one),
+            "line_wavelength": (per_line, by_line[0], m),
+            "line_stderr": (per_line, by_line[1], m),
+            "line_share": (per_line, by_line[2], one),
+            "line_false_alarm": (per_line, by_line[3], one),
+            "pitch": ((), pitch.pitch_m, m),
+            "pitch_stderr": ((), pitch.stderr_m, m),
+            "pitch_range": ("end", np.array(found.settings.range_m), m),
+        },
+        {
+            "x": ("x", found.x_m, m),
+            "channel": ("channel", list(found.recording.channels), one),
+            "period_x": ("period", pitch.shifts.x_m, m),
+            "per_m": ("per_m", others.left.per_m, {"units": "1/m"}),
+        },
+        {"title": found.recording.name},
+    )
+
+
+def _summary(found: Found) -> Table:
+    pitch = found.pitch
+    lines = ", ".join(_mm(line.wavelength_m, line.stderr_m) for line in found.others.lines)
+    return Table(
+        ("what", "value"),
+        (
+            ("pitch", _mm(pitch.pitch_m, pitch.stderr_m)),
+            ("result", found.result),
+            ("spread of the channels' own pitches", f"{MM * np.std(found.channels):.3g} mm"),
+            ("periods seen", pitch.shifts.shift_m.size),
+            ("other significant lines, strongest first", lines or "none"),
+        ),
+    )
+
+
+def _sections(found: Found) -> tuple[Section, ...]:
+    data = _dataset(found)
+    return (
+        _pitch_section(found, data),
+        Section(
+            "The channels one by one",
+            (
+                "The same fit to every channel alone, on the line found by all. The channels are "
+                "not independent: their scatter is no measure of the common error.",
+            ),
+            {"channel_pitches": lambda: figures.channel_pitches(data)},
+            tables=(_channel_table(found),),
+        ),
+        Section(
+            "Other lines",
+            (
+                "Everything else that repeats: the most significant line is taken out and the "
+                "rest looked at again, until nothing exceeds what noise alone reaches anywhere "
+                f"once in {1 / found.settings.false_alarm:.4g} scans. The level follows the "
+                "periodogram's running median and the covariance of the channels.",
+            ),
+            {"line_spectrum": lambda: figures.line_spectrum(data)},
+            tables=(_line_table(found),),
+        ),
+        Section("What was assumed", tables=(Table(("what", "value"), _assumed(found)),)),
+    )
+
+
+def _pitch_section(found: Found, data: xarray.Dataset) -> Section:
+    pitch = found.pitch
+    ratio = pitch.stderr_m / pitch.stderr_white_m
+    return Section(
+        "Pitch",
+        (
+            f"All {len(found.recording.channels)} channels together give "
+            f"{_mm(pitch.pitch_m, pitch.stderr_m)} ({found.result}).",
+            "The standard error comes from the scan itself: each of the "
+            f"{pitch.shifts.shift_m.size} periods is one reading of how far the pattern of all "
+            "channels lies from the fit, and the scatter of these readings about a straight line "
+            "is the error of the pitch. It allows for noise that is coloured and common to "
+            f"channels; taking every sample as independent would give an error {ratio:.2g} times "
+            "smaller. It does not hold what is the same in every scan, such as a speed that is "
+            "off or a finger that rolls.",
+        ),
+        {
+            "channel_fits": lambda: figures.channel_fits(data),
+            "pattern_shifts": lambda: figures.pattern_shifts(data),
+        },
+        {
+            "pattern_shifts": "The standard error is as honest as these readings are independent: "
+            "a slow wave through many of them would be missed."
+        },
+    )
+
+
+def _channel_table(found: Found) -> Table:
+    amplitude = found.pitch.pattern.std(axis=1)
+    rows = zip(
+        found.recording.channels,
+        (MM * found.channels).tolist(),
+        (MM * found.channels_stderr).tolist(),
+        amplitude.tolist(),
+        found.pitch.noise.tolist(),
+        strict=True,
+    )
+    unit = found.recording.signal_unit
+    columns = ("channel", "pitch [mm]", "standard error [mm]", f"pattern, rms [{unit}]",
+               f"rest, rms [{unit}]")  # fmt: skip
+    return Table(columns, tuple(rows))
+
+
+def _line_table(found: Found) -> Table:
+    """The pitch and every other line, with what it is a fraction of."""
+    speed = abs(float(np.mean(found.recording.speed_m_per_s)))
+    total = np.sum(found.pitch.pattern**2 + found.pitch.rest**2, axis=1)
+    share = np.mean(np.sum(found.pitch.pattern**2, axis=1) / total)
+    pitch = Line(found.pitch.pitch_m, found.pitch.stderr_m, float(share), found.false_alarm)
+    named = {"the pitch": pitch}
+    named |= {f"line {i}": line for i, line in enumerate(found.others.lines, start=1)}
+    rows = tuple(
+        (
+            name,
+            MM * line.wavelength_m,
+            MM * line.stderr_m,
+            speed / line.wavelength_m,
+            100 * line.share,
+            line.false_alarm,
+            _fraction(line, named),
+        )
+        for name, line in named.items()
+    )
+    columns = ("line", "wavelength [mm]", "standard error [mm]", "in time [Hz]",
+               "share of the variance [%]", "false-alarm probability", "remark")  # fmt: skip
+    return Table(columns, rows, "The pitch's share is of what its drift leaves, harmonics and all.")
+
+
+def _fraction(line: Line, named: dict[str, Line]) -> str:
+    """Which line this one is a whole fraction of, within both errors."""
+    for name, base in named.items():
+        n = round(base.wavelength_m / line.wavelength_m)
+        error = 2 * np.hypot(line.stderr_m, base.stderr_m / max(n, 1))
+        if 2 <= n <= HIGHEST_FRACTION and abs(base.wavelength_m / n - line.wavelength_m) < error:
+            return f"1/{n} of {name}"
+    return ""
+
+
+def _assumed(found: Found) -> tuple[tuple[str, str], ...]:
+    settings, x_m = found.settings, found.x_m
+    low, high = (MM * end for end in settings.range_m)
+    return (
+        ("recording", f"{found.recording.name}, {x_m.size} samples "
+         f"{1e6 * (x_m[1] - x_m[0]):.4g} um apart, taken as even"),
+        ("speed", f"{abs(float(np.mean(found.recording.speed_m_per_s))):.4g} m/s throughout; an "
+         "error of it is one of every wavelength"),
+        ("pitch", f"{low:.4g} to {high:.4g} mm, nothing else known of it"),
+        ("pattern", f"{settings.harmonics} harmonics, with amplitude and phase of each channel's "
+         "own, the same from end to end"),
+        ("drift", f"of each channel's own, a polynomial of degree {found.degree}: none faster than "
+         "twice the longest pitch"),
+        ("noise", "of each channel's own level; its colour, and what channels share, enter by the "
+         "standard error"),
+        ("other lines", f"from two samples to {LONGEST_LINE:.4g} of the scan, no nearer to one "
+         "another than the scan resolves"),
+    )  # fmt: skip

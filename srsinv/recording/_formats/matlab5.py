@@ -1,0 +1,120 @@
+"""MATLAB's version 5 files ("MAT-File Level 5" in MathWorks' description of the format).
+
+Read here rather than by scipy, whose reader can take the whole process down on a damaged file, and
+builds structs and objects that are never wanted. Only the vectors' own bytes are looked at.
+"""
+
+import io
+import math
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from .._table import Table
+
+_HEADER = 128  # bytes, the last two of which say the byte order
+_ORDERS = {b"IM": "<", b"MI": ">"}
+_MATRIX, _COMPRESSED = 14, 15
+_STORED = {
+    1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
+}  # fmt: skip
+_CLASSES = {
+    1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse", 6: "double", 7: "single",
+    8: "int8", 9: "uint8", 10: "int16", 11: "uint16", 12: "int32", 13: "uint32", 14: "int64",
+    15: "uint64", 16: "function", 17: "opaque object",
+}  # fmt: skip
+NUMERIC = {name for number, name in _CLASSES.items() if 6 <= number <= 15}
+_COMPLEX, _LOGICAL = 0x800, 0x200
+_LONGEST = 4096  # bytes of a name or of dimensions
+
+
+class _Inflated:
+    """Compressed bytes, inflated only as far as they are asked for."""
+
+    def __init__(self, data: bytes):
+        self._inflater, self._left = zlib.decompressobj(), data
+
+    def read(self, size: int, /) -> bytes:
+        parts = []
+        while size and (part := self._inflater.decompress(self._left, size)):
+            self._left = self._inflater.unconsumed_tail
+            parts.append(part)
+            size -= len(part)
+        return b"".join(parts)
+
+
+_Stream = io.BytesIO | _Inflated
+
+
+def vector(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """MATLAB knows no 1-D arrays: (n, 1) and (1, n) are n samples."""
+    return (max(shape),) if len(shape) == 2 and min(shape) == 1 else tuple(shape)
+
+
+def read_matlab5(path: Path) -> Table:
+    """The vectors of numbers in the file."""
+    table = Table(path.name)
+    content = path.read_bytes()
+    order = _ORDERS[content[_HEADER - 2 : _HEADER]]
+    at = _HEADER
+    while at < len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, at)
+        at += 8 + size
+        if at > len(content):
+            raise EOFError("cut short")
+        data = content[at - size : at]
+        if kind == _COMPRESSED:
+            stream: _Stream = _Inflated(data)
+            kind, _ = struct.unpack(f"{order}II", _exactly(stream, 8))
+        else:
+            stream = io.BytesIO(data)
+        if kind == _MATRIX:
+            _take(table, stream, order)
+    return table
+
+
+def _take(table: Table, stream: _Stream, order: str) -> None:
+    flags = int(np.frombuffer(_element(stream, order)[1], f"{order}u4")[0])
+    name_of_class = _CLASSES[flags & 0xFF]
+    # An opaque object has no dimensions before its name.
+    opaque = name_of_class == _CLASSES[17]
+    shape = () if opaque else np.frombuffer(_element(stream, order)[1], f"{order}i4").tolist()
+    name = _element(stream, order)[1].decode("ascii")
+    if not name:  # what belongs to functions and objects
+        return
+    if name_of_class not in NUMERIC:
+        table.unusable[name] = f"is a MATLAB {name_of_class}"
+    elif flags & (_COMPLEX | _LOGICAL):
+        table.unusable[name] = f"holds {'complex' if flags & _COMPLEX else 'logical'} values"
+    else:
+
+        def read() -> np.ndarray:
+            kind, data = _element(stream, order, 8 * math.prod(shape))
+            values = np.frombuffer(data, f"{order}{_STORED[kind]}")
+            if values.size != math.prod(shape):
+                raise EOFError("not as many values as stated")
+            return values
+
+        table.take(name, vector(tuple(shape)), np.dtype(np.float64), read)
+
+
+def _element(stream: _Stream, order: str, longest: int = _LONGEST) -> tuple[int, bytes]:
+    """The next part of a variable: its type and its bytes, of which a few stand in its tag."""
+    (kind,) = struct.unpack(f"{order}I", _exactly(stream, 4))
+    if kind >> 16:
+        return kind & 0xFFFF, _exactly(stream, 4)[: kind >> 16]
+    (size,) = struct.unpack(f"{order}I", _exactly(stream, 4))
+    if size > longest:
+        raise ValueError("longer than it can be")
+    data = _exactly(stream, size)
+    stream.read(-size % 8)
+    return kind, data
+
+
+def _exactly(stream: _Stream, size: int) -> bytes:
+    data = stream.read(size)
+    if len(data) < size:
+        raise EOFError("cut short")
+    return data

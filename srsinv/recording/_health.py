@@ -1,0 +1,204 @@
+"""What a signal and its times show of the wiring: gaps, clipping, rounding and noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+import scipy.signal
+from jaxtyping import Float
+
+GAP = 1.5  # of the usual interval: beyond it a sample is lost
+FLAT = 3  # equal samples in a row at a signal's extreme that count as one flat stretch
+_TINY = 1e-100  # no interval, and the inverse of none
+_ROUNDING = 1e-3  # of a step: how far from whole steps rounded values may lie
+_MOST_STEPS = 2**24  # a range of more steps is that of printed digits, not of a converter
+SHORTEST = 16  # samples: below it a spectrum says nothing
+_SEGMENTS = 8
+_LEAST_SEGMENT = 256
+_AROUND = 31  # frequencies whose median is a line's surroundings
+_STANDS_OUT = 10.0  # times the surrounding power
+_LINES = 5
+_HANN_BINS = 1.5  # equivalent noise bandwidth of the window
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A longer interval than usual: after which data row, when, for how long, how many lost."""
+
+    row: int
+    start_s: float
+    length_s: float
+    lost: int
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How evenly samples were taken.
+
+    - `rate_hz`: one over the mean interval, gaps aside.
+    - `jitter_rms`, `jitter_largest`: departures from that interval, as fractions of it, gaps aside.
+    - `disorder`: data rows whose time does not come after that of the row before.
+    """
+
+    rate_hz: float
+    jitter_rms: float
+    jitter_largest: float
+    gaps: tuple[Gap, ...]
+    disorder: tuple[int, ...]
+
+
+def timing(time_s: Float[np.ndarray, " sample"]) -> Timing | None:
+    """The timing of the stamps [s], NaN where one is missing; None where none follows another, or
+    they lie a float64's whole range apart."""
+    with np.errstate(over="ignore"):
+        step_s = np.diff(time_s)
+    forward = step_s[step_s > _TINY]
+    if not forward.size or np.max(forward) > 1 / _TINY:
+        return None
+    usual_s = float(np.median(forward))
+    regular = forward[forward <= GAP * usual_s]
+    mean_s = float(np.mean(regular))
+    departure = (regular - mean_s) / mean_s
+    gaps = tuple(
+        Gap(
+            row + 1, float(time_s[row]), float(step_s[row]), max(1, round(step_s[row] / mean_s) - 1)
+        )
+        for row in np.flatnonzero(step_s > GAP * usual_s).tolist()
+    )
+    return Timing(
+        rate_hz=1 / mean_s,
+        jitter_rms=float(np.sqrt(np.mean(departure**2))),
+        jitter_largest=float(np.max(np.abs(departure))),
+        gaps=gaps,
+        disorder=tuple((np.flatnonzero(step_s <= 0) + 2).tolist()),
+    )
+
+
+@dataclass(frozen=True)
+class Clipping:
+    """Samples at a signal's extremes.
+
+    - `fraction`: of all samples at the least or the greatest value.
+    - `stretches`: [start, stop) of at least `FLAT` equal samples in a row there.
+    """
+
+    fraction: float
+    stretches: tuple[tuple[int, int], ...]
+
+    @property
+    def longest(self) -> int:
+        """Samples in the longest flat stretch."""
+        return max((stop - start for start, stop in self.stretches), default=0)
+
+    @property
+    def verdict(self) -> str:
+        """What to make of it: a slow signal in coarse steps can rest at its peak once."""
+        if not self.stretches:
+            return "no"
+        return "likely" if len(self.stretches) > 1 else "perhaps (one flat extreme)"
+
+
+def clipping(values: Float[np.ndarray, " sample"]) -> Clipping:
+    """How a signal (NaN: missing) sits at its least and greatest value; a constant one does not."""
+    present = values[np.isfinite(values)]
+    if not present.size or np.ptp(present) == 0:
+        return Clipping(0.0, ())
+    stretches = []
+    for extreme in (present.min(), present.max()):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], values == extreme, [0]]).astype(int)))
+        ends = edges.reshape(-1, 2).tolist()
+        stretches += [(start, stop) for start, stop in ends if stop - start >= FLAT]
+    at_extreme = (present == present.min()) | (present == present.max())
+    return Clipping(float(np.mean(at_extreme)), tuple(sorted(stretches)))
+
+
+def quantisation_step(values: Float[np.ndarray, " sample"]) -> float | None:
+    """The step that all differences between values are whole multiples of, where there is one."""
+    levels = np.unique(values[np.isfinite(values)])
+    if levels.size < 2:
+        return None
+    steps = np.diff(levels)
+    if np.all(levels == np.round(levels)) and np.max(np.abs(levels)) < 2**53:
+        return float(np.gcd.reduce(steps.astype(np.int64)))
+    least = float(steps.min())
+    if np.ptp(levels) > _MOST_STEPS * least:
+        return None
+    off = np.abs(steps / least - np.round(steps / least))
+    return least if np.all(off < _ROUNDING * np.maximum(1, steps / least)) else None
+
+
+@dataclass(frozen=True)
+class SpectralLine:
+    """A line: its frequency, the amplitude of the sine that makes it, and its power over the
+    surrounding one."""
+
+    frequency_hz: float
+    amplitude: float
+    over_surroundings: float
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Amplitude density (frequency,) [unit/sqrt(Hz)] and what stands out of it.
+
+    `floor` is the level of the upper half of the band, as white noise would have it.
+    """
+
+    frequency_hz: Float[np.ndarray, " frequency"]
+    density: Float[np.ndarray, " frequency"]
+    floor: float
+    lines: tuple[SpectralLine, ...]
+
+
+def segment_length(samples: int) -> int:
+    """Samples in one of the stretches whose spectra are averaged."""
+    return min(samples, max(_LEAST_SEGMENT, 2 ** int(np.log2(max(samples / _SEGMENTS, 1)))))
+
+
+def spectrum(values: Float[np.ndarray, " sample"], rate_hz: float, segment: int) -> Spectrum | None:
+    """Welch's averaged spectrum at even times, missing samples drawn from their neighbours.
+
+    None for a signal that is too short or constant.
+    """
+    present = np.isfinite(values)
+    if present.sum() < SHORTEST or np.ptp(values[present]) == 0:
+        return None
+    row = np.arange(values.size)
+    filled = np.interp(row, row[present], values[present])
+    # Scaled to one: squares of a signal in femtovolts would leave float64's range.
+    size = float(np.max(np.abs(filled)))
+    segment = min(segment, filled.size)
+    frequency, power = scipy.signal.welch(filled / size, rate_hz, nperseg=segment, detrend="linear")
+    averaged = (filled.size - segment) // max(segment // 2, 1) + 1
+    upper = power[frequency > frequency[-1] / 2]
+    floor = np.sqrt(np.median(upper) / _median_of_mean(averaged))
+    return Spectrum(
+        frequency_hz=frequency[1:],
+        density=size * np.sqrt(power[1:]),
+        floor=float(size * floor),
+        lines=_lines(frequency[1:], power[1:], size),
+    )
+
+
+def _median_of_mean(averaged: int) -> float:
+    """Median of the mean of `averaged` squared amplitudes of white noise of mean 1 (Wilson and
+    Hilferty's approximation of chi squared)."""
+    return (1 - 1 / (9 * averaged)) ** 3
+
+
+def _lines(
+    frequency: Float[np.ndarray, " frequency"], power: Float[np.ndarray, " frequency"], size: float
+) -> tuple[SpectralLine, ...]:
+    surroundings = scipy.ndimage.median_filter(power, _AROUND, mode="nearest")
+    over = power / np.where(surroundings > 0, surroundings, np.inf)
+    peaks = [p for p in scipy.signal.find_peaks(power)[0] if over[p] > _STANDS_OUT]
+    strongest = sorted(peaks, key=lambda p: power[p], reverse=True)[:_LINES]
+    spacing = frequency[0]
+    return tuple(
+        SpectralLine(
+            float(frequency[p]),
+            float(size * np.sqrt(2 * power[p] * _HANN_BINS * spacing)),
+            float(over[p]),
+        )
+        for p in strongest
+    )

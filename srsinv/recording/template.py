@@ -1,0 +1,132 @@
+"""A sidecar to fill in: what only the experimenter knows is blank, what the file shows is there."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from ._units import BARE_TIMES
+from .inspection import UNKNOWN, Inspection
+
+# What only the experimenter knows, and what to write there.
+SIGNAL = {
+    "polarity": "1, or -1 where the wiring turns the signal around; or one for each channel",
+    "gain": "recorded signal per volt of the film's amplifier; or one for each channel",
+}
+SENSOR = {
+    "depth_m": "depth of the film below the skin's surface, such as 0.00075",
+    "feedback_resistance_ohm": "of the current amplifier, such as 1000000.0",
+}
+ELEMENT = {
+    "orientation": "1_to_x_3_to_z or 1_to_z_3_to_x, or angle_deg in its place",
+    "strip_width_m": "such as 0.0007",
+    "active_length_m": "such as 0.008",
+    "offset_m": "along x from the sensor's origin; null is 0",
+}
+CONTACT = {
+    "nominal_pressure_Pa": "mean pressure over the contact window",
+    "contact_window_m": "[start, end] of the contact along x, such as [-0.005, 0.025]",
+}
+FEATURE = {"edge_length_m": "over which the feature's edge rises"}
+_SPEED = {"speed_m_per_s": "of sliding along x, where it was constant; below 0 towards -x"}
+_RATE = {"sample_rate_hz": "samples a second: the file has no times"}
+
+
+def blanks(found: Inspection) -> dict[str, str]:
+    """The keys that the sidecar's template leaves blank, with what to write there."""
+    scan = {key: text for key, text in _scan(found).items() if found.facts.get(key) is None}
+    sensor = found.facts.get("sensor") or {}
+    named = {f"sensor.{key}": text for key, text in SENSOR.items() if sensor.get(key) is None}
+    if sensor.get("elements") is None:
+        named |= {f"sensor.elements.{key}": text for key, text in ELEMENT.items()}
+    feature = found.facts.get("feature") or {}
+    named |= {f"feature.{key}": text for key, text in FEATURE.items() if feature.get(key) is None}
+    return scan | named
+
+
+def sidecar_template(found: Inspection) -> str:
+    """The template as YAML, a comment to each key; a null in it is as if not given."""
+    facts = found.facts
+    sensor, feature = facts.get("sensor") or {}, facts.get("feature") or {}
+    lines = [
+        f"# What srsinv has to be told of {found.name!a}.",
+        "# Fill in what you know, leave null what you do not (it is as if not given), and put this",
+        "# file beside the recording, in place of another sidecar.",
+        "",
+        "# As the file shows it; correct what was guessed wrong.",
+        *_guessed(found),
+        "",
+        "# What only the experimenter knows.",
+        *_lines(facts, _scan(found)),
+        "sensor:",
+        *_lines(sensor, SENSOR, "  "),
+        *_elements(found, sensor.get("elements")),
+        *_rest(sensor, {*SENSOR, "elements"}, "  "),
+        "feature:",
+        *_lines(feature, FEATURE, "  "),
+        *_rest(feature, {*FEATURE}, "  "),
+        *_rest(facts, {*_scan(found), *_LAYOUT, "sensor", "feature"}, ""),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+_LAYOUT = ("channels", "time_unit", "signal_unit")
+
+
+def _scan(found: Inspection) -> dict[str, str]:
+    moving = found.speed_m_per_s is not None or found.position_m is not None
+    stamped = found.of_role("time")
+    return SIGNAL | ({} if moving else _SPEED) | ({} if stamped else _RATE) | CONTACT
+
+
+def _guessed(found: Inspection) -> list[str]:
+    columns = found.of_role("signal")
+    units = {column.unit for column in columns}
+    unit = units.pop() if len(units) == 1 else UNKNOWN
+    reason = columns[0].reason if unit != UNKNOWN else "not stated: V, mV, counts, ..."
+    facts = {
+        "channels": [column.name for column in columns],
+        "time_unit": found.time_unit,
+        "signal_unit": None if unit == UNKNOWN else unit,
+    }
+    comments = {"channels": "the signals, in the order of sensor.elements"}
+    if any(column.name in BARE_TIMES for column in found.of_role("time")):
+        comments["time_unit"] = found.time_source
+    comments["signal_unit"] = reason
+    return _lines(facts, comments)
+
+
+def _elements(found: Inspection, known: Any) -> list[str]:
+    """A line for each film element: as it is known, or one blank for each signal."""
+    if known is not None and not isinstance(known, list):
+        return [f"  elements: {_inline(known)}"]
+    signals = [column.name for column in found.of_role("signal")]
+    names = [f" # {_inline(name)}" for name in signals]
+    elements = [dict.fromkeys(ELEMENT)] * len(names) if known is None else known
+    notes = [f"  # {key}: {text}" for key, text in ELEMENT.items()]
+    lines = [f"    - {_inline(element)}" for element in elements]
+    named = map("".join, zip(lines, names, strict=True)) if len(lines) == len(names) else lines
+    return [*notes, "  elements:", *named]
+
+
+def _lines(facts: Mapping[str, Any], comments: Mapping[str, str], indent: str = "") -> list[str]:
+    return [
+        f"{indent}{key}: {_inline(facts.get(key))} # {comment}" for key, comment in comments.items()
+    ]
+
+
+def _rest(facts: Mapping[str, Any], shown: set[str], indent: str) -> list[str]:
+    """What else is known, so that the template can take the old sidecar's place."""
+    return [
+        f"{indent}{_inline(key)}: {_inline(value)}"
+        for key, value in facts.items()
+        if key not in shown
+    ]
+
+
+def _inline(value: Any) -> str:
+    """A value as YAML on one line."""
+    text = yaml.safe_dump(
+        [value], default_flow_style=True, sort_keys=False, allow_unicode=True, width=float("inf")
+    )
+    return text.strip()[1:-1]

@@ -1,0 +1,124 @@
+"""Inspecting a recording: the page, the numbers and the sidecar's template that a run leaves."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from srsinv.recording import load
+from tests.jobs.run import command, outcome
+from tests.recording.files import write_csv
+from tests.shared import SHARED, needs_shared
+
+RATE_HZ, N = 1000.0, 3000
+LINE_HZ = 62.5
+
+
+def scan(**changes):
+    """A signal in mV that clips, a gap of 0.2 s, a position, a column of words."""
+    time_s = np.arange(N) / RATE_HZ
+    time_s[1500:] += 0.2
+    noise = np.random.default_rng(2).normal(size=(2, N))
+    tone = np.sin(2 * np.pi * LINE_HZ * np.arange(N) / RATE_HZ)
+    table = {
+        "time_s": time_s,
+        "position_mm": 10 * time_s,
+        "voltage_0_mV": (40 * tone + noise[0]).clip(-30, 30),
+        "voltage_1_mV": np.round(noise[1] * 8) / 8,
+        "note": ["ok"] * N,
+    }
+    return {name: values for name, values in (table | changes).items() if values is not None}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The folder that the command leaves, and the recording's own."""
+    folder = tmp_path_factory.mktemp("scan")
+    (folder / "data").mkdir()
+    write_csv(folder / "data" / "scan.csv", scan())
+    path = f"recording.path={folder / 'data' / 'scan.csv'}"
+    assert command(folder / "run", "experiment=inspect_recording", path) == 0
+    return folder
+
+
+def test_what_a_run_leaves(run):
+    assert {p.name for p in (run / "run" / "figures").iterdir()} == {
+        "recorded_signals.png", "noise_spectra.png", "recorded_motion.png",
+    }  # fmt: skip
+    assert (run / "run" / "scan.yaml").is_file()
+    assert [p.name for p in (run / "data").iterdir()] == ["scan.csv"]
+    page = (run / "run" / "report.html").read_text()
+    for words in ("Columns", "1 gap with about 200", "scan.yaml", "polarity", "likely"):
+        assert words in page
+
+
+def test_numbers(run):
+    metrics = json.loads((run / "run" / "metrics.json").read_text())
+    assert (metrics["samples"], metrics["columns"], metrics["signals"]) == (N, 5, 2)
+    assert metrics["sample_rate_hz"] == pytest.approx(RATE_HZ)
+    assert (metrics["gaps"], metrics["samples_lost"]) == (1, 200)
+    assert metrics["longest_gap_s"] == pytest.approx(0.201)
+    assert metrics["flat_stretches_voltage_0_mV"] > 50
+    assert metrics["flat_stretches_voltage_1_mV"] == 0
+    assert metrics["step_V_voltage_1_mV"] == pytest.approx(0.125e-3)
+    assert metrics["strongest_line_Hz_voltage_0_mV"] == pytest.approx(LINE_HZ, abs=RATE_HZ / 256)
+    floor = metrics["noise_floor_V_per_sqrt_Hz_voltage_1_mV"]
+    assert floor == pytest.approx(1e-3 * np.sqrt(2 / RATE_HZ), rel=0.1)
+
+
+def test_template_beside_the_recording(run):
+    text = (run / "run" / "scan.yaml").read_text()
+    assert yaml.safe_load(text)["channels"] == ["voltage_0_mV", "voltage_1_mV"]
+    plain = load(run / "data" / "scan.csv")
+    beside = run / "data" / "scan.yaml"
+    beside.write_text(text.replace("polarity: null", "polarity: -1"))
+    turned = load(run / "data" / "scan.csv")
+    beside.unlink()
+    np.testing.assert_array_equal(turned.signal, -plain.signal)
+    assert turned.channels == plain.channels == ("voltage_0_V", "voltage_1_V")
+
+
+ODD = {
+    "no rate": scan(time_s=None),
+    "no motion": scan(position_mm=None),
+    "bare times": scan(time_s=None, t=28 * np.arange(N)),
+    "constant signals": scan(voltage_0_mV=np.ones(N), voltage_1_mV=np.zeros(N)),
+    "times that stand still": scan(time_s=np.zeros(N)),
+    "no signal": {"time_s": np.arange(N) / RATE_HZ, "speed_m_per_s": np.ones(N)},
+    "one sample": {name: values[:1] for name, values in scan().items()},
+    "holes": scan(voltage_1_mV=np.where(np.arange(N) % 3, np.nan, 1.5)),
+}
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_odd_files_are_looked_at_and_drawn(tmp_path, case):
+    write_csv(tmp_path / "r.csv", ODD[case])
+    found = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.csv'}")
+    for section in found.sections:
+        for draw in section.figures.values():
+            draw().canvas.draw()
+    assert yaml.safe_load(found.files["r.yaml"])["gain"] is None
+
+
+def test_columns_of_different_length(tmp_path):
+    np.savez(tmp_path / "r.npz", **scan(note=None, voltage_1_mV=np.arange(20.0)))
+    found = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.npz'}")
+    (times,) = [section for section in found.sections if section.heading == "Times"]
+    assert any("differ in length" in words for words in times.paragraphs)
+
+
+@needs_shared
+@pytest.mark.parametrize(
+    ("name", "signals", "rate_hz", "unit"),
+    [
+        ("tape_two_element.csv", 2, 5000, "V"),
+        ("fabricslide/Board10mm_F120_V-10mmps_0.csv", 16, 35.6, "counts"),
+    ],
+)
+def test_shared_recordings(name, signals, rate_hz, unit):
+    path = SHARED / "recordings" / name
+    found = outcome("experiment=inspect_recording", f"recording.path={path}")
+    assert found.metrics["signals"] == signals
+    assert found.metrics["sample_rate_hz"] == pytest.approx(rate_hz, rel=1e-3)
+    assert set(found.dataset["signal_unit"].values.tolist()) == {unit}

@@ -1,0 +1,213 @@
+"""A look at a file: what is found is what was put in, and the template can be used."""
+
+import numpy as np
+import pytest
+import yaml
+
+from srsinv.errors import BadInput
+from srsinv.recording import load
+from srsinv.recording._health import clipping, quantisation_step, spectrum, timing
+from srsinv.recording.inspection import inspect
+from srsinv.recording.template import blanks, sidecar_template
+from tests.recording.files import COLUMNS, FORMATS, SPEED, TIME_S, N, columns, write, write_csv
+
+NOISE = np.random.default_rng(5).normal(size=8192)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_every_format_can_be_looked_at(tmp_path, format):
+    found = inspect(write(format, tmp_path))
+    assert found.rate_hz == pytest.approx(1000, rel=1e-9)
+    assert len(found.signals) == 2
+    for name, signal in found.signals.items():
+        assert signal.unit == ("full scale" if name.startswith("channel") else "V")
+
+
+ROLES = [
+    ("time_ms", np.arange(N), "time", "ms", "the column's name"),
+    ("timestamp", 500 + 28 * np.arange(N), "time", "ms", "a guess"),
+    ("timestamp", 20_000 * np.arange(N), "time", "us", "a guess"),
+    ("t", TIME_S, "time", "s", "a guess"),
+    ("position_um", TIME_S, "position", "um", "the column's name"),
+    ("speed_mm_per_s", SPEED, "speed", "mm/s", "the column's name"),
+    ("velocity", SPEED, "speed", "not stated", "neither"),
+    ("voltage_3_mV", TIME_S, "signal", "mV", "the column's name"),
+    ("load_cell", TIME_S, "other", "not stated", "neither"),
+    ("note", ["x"] * N, "other", "not stated", "no numbers"),
+]
+
+
+@pytest.mark.parametrize(("name", "values", "role", "unit", "reason"), ROLES)
+def test_roles_and_units(tmp_path, name, values, role, unit, reason):
+    table = columns(time_s=None) if role == "time" else columns()
+    write_csv(tmp_path / "r.csv", table | {name: values})
+    (column,) = [c for c in inspect(tmp_path / "r.csv").columns if c.name == name]
+    assert (column.role, column.unit) == (role, unit)
+    assert column.reason.startswith(reason)
+
+
+def test_names_that_load_would_not_know(tmp_path):
+    write_csv(tmp_path / "r.csv", {"channel1": range(N), "temperature": range(N)})
+    found = inspect(tmp_path / "r.csv")
+    assert list(found.signals) == ["channel1"]
+    assert (found.rate_hz, found.time_s) == (None, None)
+    assert found.signals["channel1"].unit == "counts"
+    with pytest.raises(BadInput):
+        load(tmp_path / "r.csv")
+    write_csv(tmp_path / "r.csv", {"a": range(N), "b": range(N)})
+    assert list(inspect(tmp_path / "r.csv").signals) == ["a", "b"]
+
+
+def test_numbers_of_a_column_with_holes(tmp_path):
+    write_csv(tmp_path / "r.csv", columns(voltage_0_V=[3, -4, "", "x", "nan", *[0] * 7]))
+    (column,) = [c for c in inspect(tmp_path / "r.csv").columns if c.name == "voltage_0_V"]
+    assert (column.samples, column.missing) == (12, 3)
+    assert (column.least, column.greatest) == (-4, 3)
+    assert column.mean == pytest.approx(-1 / 9)
+    assert column.rms == pytest.approx(5 / 3)
+
+
+def test_gaps_and_disorder():
+    time_s = np.arange(100) * 0.01
+    time_s[40:] += 0.05
+    time_s[70] = time_s[68]
+    found = timing(time_s)
+    assert found.rate_hz == pytest.approx(100)
+    assert found.disorder == (71,)
+    first, second = found.gaps
+    assert (first.row, first.lost) == (40, 5)
+    assert (first.start_s, first.length_s) == pytest.approx((0.39, 0.06))
+    assert second.row == 71
+    assert timing(np.array([1.0, 1.0, np.nan])) is None
+
+
+def test_jitter_is_relative_and_leaves_gaps_out():
+    steps = np.where(np.arange(1000) % 2, 0.9e-3, 1.1e-3)
+    steps[500] = 1.0
+    found = timing(np.concatenate([[0], np.cumsum(steps)]))
+    assert found.jitter_rms == pytest.approx(0.1, rel=1e-2)
+    assert len(found.gaps) == 1
+
+
+CLIPPED = [
+    (np.sin(np.arange(400) / 9).clip(-0.9, 0.9), "likely", True),
+    (np.sin(np.arange(400) / 9).clip(-0.9, 2), "likely", True),
+    (np.sin(np.arange(400) / 9), "no", False),
+    (np.array([0, 1, 2, 5, 5, 5, 5, 2, 1.0]), "perhaps (one flat extreme)", True),
+    (np.ones(50), "no", False),
+    (np.full(50, np.nan), "no", False),
+]
+
+
+@pytest.mark.parametrize(("values", "verdict", "flat"), CLIPPED)
+def test_clipping(values, verdict, flat):
+    found = clipping(values)
+    assert (found.verdict, bool(found.stretches)) == (verdict, flat)
+    for start, stop in found.stretches:
+        assert np.ptp(values[start:stop]) == 0
+        assert values[start] in (values.min(), values.max())
+
+
+STEPS = [
+    (np.round(NOISE * 40) * 2.5e-4, 2.5e-4),
+    (np.array([0.0, 6.0, 10.0, 4.0]), 2.0),
+    (NOISE, None),
+    (np.ones(9), None),
+    (np.array([np.nan, 1.0, 1.5]), 0.5),
+]
+
+
+@pytest.mark.parametrize(("values", "step"), STEPS)
+def test_quantisation_step(values, step):
+    found = quantisation_step(values)
+    assert found == (None if step is None else pytest.approx(step, rel=1e-9))
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e9])
+def test_noise_floor_and_line(scale):
+    """White noise of rms s at rate f has the amplitude density s sqrt(2 / f)."""
+    rate_hz, tone_hz = 2000.0, 123.0
+    tone = 0.5 * np.sin(2 * np.pi * tone_hz * np.arange(NOISE.size) / rate_hz)
+    found = spectrum(scale * (3 + NOISE + tone), rate_hz, 1024)
+    assert found.floor == pytest.approx(scale * np.sqrt(2 / rate_hz), rel=0.03)
+    (line,) = found.lines
+    assert line.frequency_hz == pytest.approx(tone_hz, abs=rate_hz / 1024)
+    assert line.amplitude == pytest.approx(0.5 * scale, rel=0.2)
+    assert line.over_surroundings > 10
+
+
+@pytest.mark.parametrize("values", [np.ones(99), NOISE[:9], np.full(99, np.nan)])
+def test_no_spectrum_of_nothing(values):
+    assert spectrum(values, 1.0, 64) is None
+
+
+# The template
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_template_unfilled_is_harmless(tmp_path, format):
+    path = write(format, tmp_path)
+    told = {"speed_m_per_s": 0.05} if format == "wav" else {}
+    plain = load(path, **told)
+    path.with_suffix(".yaml").write_text(sidecar_template(inspect(path)))
+    got = load(path, **told)
+    for name in ("signal", "time_s", "speed_m_per_s"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(plain, name))
+    assert (got.channels, got.signal_unit) == (plain.channels, plain.signal_unit)
+
+
+def test_template_of_a_bare_file_says_what_is_missing(tmp_path):
+    path = tmp_path / "a: b.csv"
+    write_csv(path, {"timestamp": 28 * np.arange(N), "channel1": range(N), "ch#2": range(N)})
+    found = inspect(path)
+    template = yaml.safe_load(sidecar_template(found))
+    assert (template["time_unit"], template["signal_unit"]) == ("ms", "counts")
+    assert template["channels"] == ["channel1"]
+    for key in blanks(found):
+        part = template
+        for name in key.split("."):
+            part = part[0] if isinstance(part, list) else part
+            assert name in part, key
+            part = part[name]
+        assert part is None
+    path.with_suffix(".yaml").write_text(sidecar_template(found))
+    with pytest.raises(BadInput, match=r"recording\.speed_m_per_s=\.\.\."):
+        load(path)
+    filled = sidecar_template(found).replace("speed_m_per_s: null", "speed_m_per_s: 0.01")
+    path.with_suffix(".yaml").write_text(filled)
+    np.testing.assert_allclose(load(path).time_s, 0.028 * np.arange(N), rtol=1e-14)
+
+
+def test_template_keeps_what_is_known(tmp_path):
+    path = write("csv", tmp_path)
+    facts = {
+        "gain": 10.0,
+        "sensor": {"depth_m": 1e-5, "rig": "b", "elements": [{"offset_m": 1e-5}, {}]},
+        "skin": {"model": "half_space"},
+        "who": "Zoë: #1",
+        "contact_window_m": [-1e-5, 1.0],
+        "feature": {"height_m": 1e-6},
+    }
+    path.with_suffix(".yaml").write_text(yaml.safe_dump(facts))
+    found = inspect(path, polarity=-1)
+    template = yaml.safe_load(sidecar_template(found))
+    assert {key: template[key] for key in facts if key not in ("sensor", "feature")} == {
+        key: facts[key] for key in facts if key not in ("sensor", "feature")
+    }
+    assert template["sensor"] == facts["sensor"] | {"feedback_resistance_ohm": None}
+    assert template["feature"] == facts["feature"] | {"edge_length_m": None}
+    assert template["polarity"] == -1
+    assert not {"gain", "polarity", "sensor.depth_m"} & set(blanks(found))
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({"channels": ["voltage_2_V"]}, "no column 'voltage_2_V'"),
+        ({"gain": 0}, "gain is 0"),
+    ],
+)
+def test_what_is_stated_has_to_be_right(tmp_path, told, words):
+    write_csv(tmp_path / "r.csv", COLUMNS)
+    with pytest.raises(BadInput, match=words):
+        inspect(tmp_path / "r.csv", **told)
