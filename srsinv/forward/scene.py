@@ -7,9 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..grid import Line, as_real
-from .traction import FrictionStep, Pressure
-
-Scalar = float | Float[Array, ""]
+from .traction import FrictionStep, Pressure, Scalar
 
 
 class Scene(eqx.Module):

@@ -10,6 +10,8 @@ from jaxtyping import Array, Float
 from ..errors import refuse
 from ..grid import Line, as_real
 
+Scalar = float | Float[Array, ""]
+
 
 def _positive(name: str, value) -> Float[Array, ""]:
     if isinstance(value, (int, float)):
@@ -64,7 +66,7 @@ class UniformStrip(Pressure):
     width_m: Float[Array, ""]
     position_m: Float[Array, ""]
 
-    def __init__(self, pressure_Pa, width_m, position_m=0.0):
+    def __init__(self, pressure_Pa, width_m, position_m: Scalar = 0.0):
         self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
         self.width_m = _positive("width_m", width_m)
 
@@ -80,7 +82,7 @@ class Hertz(Pressure):
     half_width_m: Float[Array, ""]
     position_m: Float[Array, ""]
 
-    def __init__(self, pressure_Pa, half_width_m, position_m=0.0):
+    def __init__(self, pressure_Pa, half_width_m, position_m: Scalar = 0.0):
         self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
         self.half_width_m = _positive("half_width_m", half_width_m)
 
@@ -107,6 +109,67 @@ class Sinusoid(Pressure):
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         k = 2 * jnp.pi / self.wavelength_m
         return self.pressure_Pa / k * jnp.sin(k * (x - self.position_m))
+
+
+class LineLoad(Pressure):
+    """A load [N/m] on one line: p = F delta(x - x0).
+
+    No grid holds a line: its two nearest cells share it so that load and position are kept.
+    """
+
+    load_N_per_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+
+    def __init__(self, load_N_per_m: Scalar, position_m: Scalar = 0.0):
+        self.load_N_per_m, self.position_m = as_real(load_N_per_m), as_real(position_m)
+
+    def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
+        return self.load_N_per_m * jnp.heaviside(x - self.position_m, 0.5)
+
+    def cell_average(self, line: Line) -> Float[Array, " n"]:
+        away = jnp.abs(line.x - self.position_m) / line.cell_m
+        return self.load_N_per_m / line.cell_m * jnp.maximum(1 - away, 0.0)
+
+
+class Step(Pressure):
+    """More pressure from x0 on: p = P for x > x0."""
+
+    pressure_Pa: Float[Array, ""]
+    position_m: Float[Array, ""]
+
+    def __init__(self, pressure_Pa: Scalar, position_m: Scalar = 0.0):
+        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+
+    def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
+        return self.pressure_Pa * jnp.maximum(x - self.position_m, 0.0)
+
+
+class Bars(Pressure):
+    """A grating: bars of pressure P that take the part `duty` of each pitch, less their mean.
+
+    `phase_rad` is that of the first harmonic at x = 0: a bar is centred where 2 pi x/pitch equals
+    it. The mean is left out, as a rate signal does not show it.
+    """
+
+    pressure_Pa: Float[Array, ""]
+    pitch_m: Float[Array, ""]
+    duty: Float[Array, ""]
+    phase_rad: Float[Array, ""]
+
+    def __init__(self, pressure_Pa, pitch_m, duty: Scalar = 0.5, phase_rad: Scalar = 0.0):
+        if isinstance(duty, (int, float)):
+            refuse(
+                not 0 < duty < 1, f"scene duty is {duty}: give a number between 0 and 1, the bars' "
+                "part of the pitch.",
+            )  # fmt: skip
+        self.pressure_Pa, self.pitch_m = as_real(pressure_Pa), _positive("pitch_m", pitch_m)
+        self.duty, self.phase_rad = as_real(duty), as_real(phase_rad)
+
+    def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
+        turns = x / self.pitch_m - self.phase_rad / (2 * jnp.pi) + self.duty / 2
+        within = turns - jnp.floor(turns)
+        deviation = jnp.minimum(within, self.duty) - self.duty * within
+        return self.pressure_Pa * self.pitch_m * deviation
 
 
 class FrictionStep(eqx.Module):

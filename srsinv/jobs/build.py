@@ -11,11 +11,13 @@ from ..errors import refuse
 from ..forward.amplifier import Amplifier
 from ..forward.describe import EFFECTS as EFFECTS
 from ..forward.describe import elements
+from ..forward.feature import Feature
 from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed
 from ..forward.scene import Scene
 from ..forward.sensor import Sensor
 from ..grid import Line, Open, Periodic
+from ..inverse.nonlinear import Solver
 from ..inverse.tikhonov import Tikhonov
 from ..inverse.wiener import Wiener
 
@@ -94,6 +96,16 @@ def scan(cfg: Config) -> ConstantSpeed:
 def noises(cfg: Config) -> tuple[Noise, ...]:
     """The named causes of noise."""
     return tuple(make(node) for node in cfg["noise"].values())
+
+
+def features(cfg: Config) -> dict[str, Feature]:
+    """The named features of traction: their sum is what is looked for."""
+    return {name: make(node) for name, node in cfg["feature"].items()}
+
+
+def solver(cfg: Config) -> Solver:
+    """What minimises a fit's sum of squares."""
+    return make(cfg["solver"])
 
 
 def methods(cfg: Config) -> dict[str, Wiener | Tikhonov]:

@@ -1,0 +1,217 @@
+"""Features of traction: families of load profiles with friction, to be looked for in a signal.
+
+A feature names the parameters of its shape and where to look for them; its traction is p =
+amplitude times a profile and q = mu p. The amplitude enters every signal linearly, and so does mu
+times it. (Features of the surface itself, with a height, act through contact: they are to give
+traction in the same form.)
+"""
+
+import abc
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import BadInput, refuse
+from .traction import Bars, Hertz, LineLoad, Pressure, Step, UniformStrip
+
+Range = tuple[float, float]
+Shape = Mapping[str, Float[Array, ""]]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Where the sensor has been, and the depth that blurs what it felt there."""
+
+    start_m: float
+    end_m: float
+    depth_m: float
+
+    @property
+    def length_m(self) -> float:
+        """How long it is, at least a depth."""
+        return max(self.end_m - self.start_m, self.depth_m)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One parameter of a shape: where it lies by default, and values to start from that are dense
+    enough for one to lie near every minimum."""
+
+    default: Callable[[Stretch], Range]
+    tried: Callable[[Range, Stretch], np.ndarray]
+    limits: Range = (-math.inf, math.inf)
+
+
+def _every_half_depth(within: Range, stretch: Stretch) -> np.ndarray:
+    return np.linspace(*within, max(3, math.ceil(2 * (within[1] - within[0]) / stretch.depth_m)))
+
+
+def _pitches(within: Range, stretch: Stretch) -> np.ndarray:
+    """So near that over the stretch neighbours differ by half a turn."""
+    low, high = 1 / within[1], 1 / within[0]
+    return 1 / np.linspace(low, high, max(3, math.ceil(2 * (high - low) * stretch.length_m) + 1))
+
+
+_POSITION = Axis(lambda s: (s.start_m, s.end_m), _every_half_depth)
+# To the film a strip narrower than a tenth of its depth is a line.
+_WIDTH = Axis(lambda s: (0.1 * s.depth_m, s.length_m), _every_half_depth, (0.0, math.inf))
+_HALF_WIDTH = Axis(lambda s: (0.05 * s.depth_m, s.length_m / 2), _every_half_depth, (0.0, math.inf))
+_PITCH = Axis(lambda s: (s.depth_m, max(s.length_m / 2, 2 * s.depth_m)), _pitches, (0.0, math.inf))
+_DUTY = Axis(lambda _: (0.1, 0.9), lambda r, _: np.linspace(*r, 5)[1:4:2], (0.0, 1.0))
+# Two turns, so that no phase stands on a bound.
+_PHASE = Axis(
+    lambda _: (-2 * math.pi, 2 * math.pi),
+    lambda r, _: np.linspace(r[0] / 2, r[1] / 2, 6, endpoint=False),
+)
+
+
+class Feature(eqx.Module):
+    """A family of profiles.
+
+    - `searched`: where a parameter of the shape is looked for, (name, (least, greatest)), for those
+      that are not looked for everywhere.
+    - `friction`: mu in q = mu p, of either sign, where it is known; None lets it be fitted.
+
+    Built from `friction` and, for each parameter, `position_range_m`, `width_range_m`, `duty_range`
+    and so on. Raises `BadInput` for a range that is none, or not of the feature's parameters.
+    """
+
+    amplitude: ClassVar[str] = "pressure_Pa"
+    shear: ClassVar[str] = "shear_Pa"
+    continues: ClassVar[bool] = False  # beyond the end of every window
+    repeats: ClassVar[bool] = False
+    axes: ClassVar[Mapping[str, Axis]]
+    searched: tuple[tuple[str, Range], ...] = eqx.field(static=True)
+    friction: float | None = eqx.field(static=True)
+
+    def __init__(self, friction: float | None = None, **ranges: Any):
+        self.friction = _friction(friction)
+        names = {_range_name(name): name for name in self.axes}
+        unknown = sorted(set(ranges) - set(names))
+        refuse(
+            bool(unknown),
+            f"feature has no key {unknown and unknown[0]!r}: {type(self).__name__} takes "
+            f"{', '.join(names)} and friction.",
+        )
+        self.searched = tuple(
+            (names[key], _range(key, given, self.axes[names[key]].limits))
+            for key, given in ranges.items()
+            if given is not None
+        )
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """The names of what enters a signal linearly."""
+        return (self.amplitude,) if self.friction is not None else (self.amplitude, self.shear)
+
+    def ranges(self, stretch: Stretch) -> dict[str, Range]:
+        """Where each parameter of the shape is looked for."""
+        everywhere = {name: axis.default(stretch) for name, axis in self.axes.items()}
+        return everywhere | dict(self.searched)
+
+    def starts(self, stretch: Stretch) -> dict[str, np.ndarray]:
+        """Shapes to start from, one for each combination of tried values: (start,) by name."""
+        ranges = self.ranges(stretch)
+        tried = [axis.tried(ranges[name], stretch) for name, axis in self.axes.items()]
+        rows = np.array(list(itertools.product(*tried)))
+        return dict(zip(self.axes, rows.T, strict=True))
+
+    @abc.abstractmethod
+    def profile(self, shape: Shape) -> Pressure:
+        """The profile of amplitude one."""
+
+    def plain(self, own: dict[str, float]) -> dict[str, float]:
+        """The same parameters (shape and `amplitude`), of several ways to write them the usual."""
+        return own
+
+
+class LineFeature(Feature):
+    """A load on one line, [N/m]: narrower than the film can tell."""
+
+    amplitude: ClassVar[str] = "load_N_per_m"
+    shear: ClassVar[str] = "shear_N_per_m"
+    axes: ClassVar[Mapping[str, Axis]] = {"position_m": _POSITION}
+
+    def profile(self, shape: Shape) -> Pressure:
+        return LineLoad(1.0, shape["position_m"])
+
+
+class StripFeature(Feature):
+    """A uniform pressure on a strip."""
+
+    axes: ClassVar[Mapping[str, Axis]] = {"position_m": _POSITION, "width_m": _WIDTH}
+
+    def profile(self, shape: Shape) -> Pressure:
+        return UniformStrip(1.0, shape["width_m"], shape["position_m"])
+
+
+class HertzFeature(Feature):
+    """The pressure under a cylinder, P sqrt(1 - (x - x0)^2/a^2), P its greatest value."""
+
+    axes: ClassVar[Mapping[str, Axis]] = {"position_m": _POSITION, "half_width_m": _HALF_WIDTH}
+
+    def profile(self, shape: Shape) -> Pressure:
+        return Hertz(1.0, shape["half_width_m"], shape["position_m"])
+
+
+class StepFeature(Feature):
+    """A pressure that begins at a place and goes on to the end."""
+
+    continues: ClassVar[bool] = True
+    axes: ClassVar[Mapping[str, Axis]] = {"position_m": _POSITION}
+
+    def profile(self, shape: Shape) -> Pressure:
+        return Step(1.0, shape["position_m"])
+
+
+class GratingFeature(Feature):
+    """Bars of pressure with a pitch, a duty (their part of it) and a phase, less their mean."""
+
+    repeats: ClassVar[bool] = True
+    axes: ClassVar[Mapping[str, Axis]] = {"pitch_m": _PITCH, "duty": _DUTY, "phase_rad": _PHASE}
+
+    def profile(self, shape: Shape) -> Pressure:
+        return Bars(1.0, shape["pitch_m"], shape["duty"], shape["phase_rad"])
+
+    def plain(self, own: dict[str, float]) -> dict[str, float]:
+        """Gaps that pull are bars that press; a phase lies between -pi and pi."""
+        pressure, duty, phase = own["pressure_Pa"], own["duty"], own["phase_rad"]
+        if pressure < 0:
+            pressure, duty, phase = -pressure, 1 - duty, phase + math.pi
+        turned = math.remainder(phase, 2 * math.pi)
+        return own | {"pressure_Pa": pressure, "duty": duty, "phase_rad": turned}
+
+
+def _range_name(parameter: str) -> str:
+    """`width_m` is looked for within `width_range_m`."""
+    stem, _, unit = parameter.rpartition("_")
+    return f"{stem}_range_{unit}" if stem else f"{unit}_range"
+
+
+def _range(name: str, given: Any, limits: Range) -> Range:
+    pair = isinstance(given, list | tuple) and len(given) == 2 and all(map(_is_number, given))
+    if not pair or not given[0] < given[1] or not (limits[0] < given[0] and given[1] < limits[1]):
+        room = "" if limits[0] == -math.inf else f" between {limits[0]:g} and {limits[1]:g}"
+        raise BadInput(
+            f"feature.{name} is {given!r}: give [least, greatest]{room} in SI units, or null to "
+            "look everywhere."
+        )
+    return float(given[0]), float(given[1])
+
+
+def _friction(given: Any) -> float | None:
+    refuse(
+        given is not None and not _is_number(given),
+        f"feature.friction is {given!r}: give a number, of either sign, or null to fit it.",
+    )
+    return None if given is None else float(given)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

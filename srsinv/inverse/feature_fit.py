@@ -1,0 +1,337 @@
+"""Features fitted to a signal: which, where, how wide, how strong, with what friction.
+
+The shape is searched from many starts; amplitudes of p and of q enter linearly and are solved out.
+Friction is their ratio. Candidates are ranked by their evidence, the probability of the data under
+each with all its parameters integrated out.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.special import softmax
+
+from ..forward.feature import Feature, Stretch
+from ..forward.scan import Motion
+from ..forward.scanned import Scanned
+from ..forward.sensor import Sensor
+from ..grid import Line, Open, as_real
+from .nonlinear import Fit, Solver, fit
+from .nonlinear._noise import whitener
+
+CELLS_PER_DEPTH = 64  # an edge within a cell is then felt to 2e-5 of its signal
+MARGIN_DEPTHS = 16  # beyond the scan, in which what repeats fades out
+COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
+STARTS = 3  # the best of the search that are fitted from
+FAR_M = 1e3  # how far a step goes on
+# Prior standard deviation of an amplitude: the one whose strongest signal is so many times the
+# largest datum. Wide enough not to pull, and the same rule for every candidate.
+BEYOND_DATA = 30.0
+
+Features = Mapping[str, Feature]
+
+
+class FeatureModel(eqx.Module):
+    """The signal of features along a motion: parameters by feature to (element, sample).
+
+    `scanned` maps traction on `line` to the signal; `tail` (e, c, sample) is the signal of unit
+    traction on everything beyond the line's end, for what continues; `fade` (n,) takes out what
+    repeats towards the line's ends. With `free_offset` each element has an unknown constant.
+    """
+
+    scanned: Scanned
+    tail: Float[Array, "e c sample"]
+    fade: Float[Array, " n"]
+    line: Line
+    direction: Float[Array, " sample"]
+    features: dict[str, Feature]
+    reverses: bool = eqx.field(static=True)
+    free_offset: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        motion: Motion,
+        features: Features,
+        cells_per_depth: int = CELLS_PER_DEPTH,
+    ):
+        self.line = line_under(sensor, motion, cells_per_depth)
+        self.scanned = sensor.scanned(self.line, motion)
+        self.tail = sensor.beyond(self.line, motion, FAR_M)
+        self.fade = _fade(self.line, motion)
+        self.direction = motion.direction
+        self.features = dict(features)
+        self.reverses = bool(motion.reverses)
+        self.free_offset = sensor.amplifier.offset is None
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the parameters that enter linearly."""
+        named = [f"{n}.{part}" for n, f in self.features.items() for part in f.linear]
+        return (*named, "offset") if self.free_offset else tuple(named)
+
+    def traction(self, params: Any) -> Float[Array, "2 n"]:
+        """p and q [Pa] on the line while sliding towards +x."""
+        total = jnp.zeros((2, self.line.n))
+        for name, feature in self.features.items():
+            shape = feature.profile(params[name]).cell_average(self.line)
+            shape = shape * self.fade if feature.repeats else shape
+            total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
+        return total
+
+    def __call__(self, params: Any) -> Float[Array, "e sample"]:
+        forward = self.traction(params)
+        turn = jnp.array([[1.0], [-1.0]])
+        if self.reverses:
+            signal = self.scanned(forward, turn * forward)
+        else:
+            signal = self.scanned(jnp.where(self.direction[0] < 0, turn, 1.0) * forward)
+        for name, feature in self.features.items():
+            if feature.continues:
+                p, q = amplitudes(feature, params[name])
+                signal = signal + p * self.tail[:, 0] + q * self.direction * self.tail[:, 1]
+        return signal + params["offset"][:, None] if self.free_offset else signal
+
+
+def amplitudes(feature: Feature, own: Mapping[str, Any]) -> tuple[Array, Array]:
+    """Of p and of q."""
+    p = jnp.asarray(own[feature.amplitude])
+    q = own[feature.shear] if feature.friction is None else feature.friction * p
+    return p, jnp.asarray(q)
+
+
+def line_under(sensor: Sensor, motion: Motion, cells_per_depth: int) -> Open:
+    """The open line that the features' traction lies on: fine cells, and a margin at both ends."""
+    depth = float(sensor.depth_m)
+    x = np.asarray(motion.position_m)
+    cell = depth / cells_per_depth
+    start = float(x.min()) - MARGIN_DEPTHS * depth
+    n = int(np.ceil((float(x.max()) + MARGIN_DEPTHS * depth - start) / cell)) + 1
+    return Open(n, cell, start)
+
+
+def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
+    """One over the scan and half its margins, falling to zero at the line's ends as a cosine."""
+    x, low, high = line.x, jnp.min(motion.position_m), jnp.max(motion.position_m)
+    beyond = jnp.maximum(low - x, x - high) / jnp.maximum(low - line.x[0], line.cell_m)
+    return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * beyond - 1, 0.0, 1.0)))
+
+
+@dataclass(frozen=True)
+class FeatureFit:
+    """A candidate fitted.
+
+    - `features`: by name; none for "nothing there". `fit`: the fit below, None where there was
+      nothing to fit. `model`: parameters to signal and traction.
+    - `parameters`: what a user reads, (value, standard error) by name: the shape, the amplitude and
+      the friction of each feature; names begin with the feature's where there are several.
+    - `log_evidence`: log probability density of the data under the candidate.
+    """
+
+    features: dict[str, Feature]
+    fit: Fit | None
+    model: FeatureModel
+    parameters: dict[str, tuple[float, float]]
+    log_evidence: float
+
+    @property
+    def name(self) -> str:
+        """The features' names, joined."""
+        return " + ".join(self.features) or "nothing"
+
+
+def fit_features(
+    sensor: Sensor,
+    motion: Motion,
+    features: Features,
+    y: Float[np.ndarray, "e sample"],
+    noise: Any,
+    solver: Solver | None = None,
+) -> FeatureFit:
+    """The features' parameters under which they explain `y` (element, sample) best.
+
+    - `noise`: as [`nonlinear.fit`][] takes it, and known.
+    - Features of a sum are found one after the other, each beside those found before, and then
+      fitted together. No feature at all is a candidate too.
+
+    Raises `BadInput` where the data and the motion disagree.
+    """
+    y = np.asarray(y, float)
+    stretch = stretch_of(sensor, motion)
+    coarse = _Coarse(sensor, motion, y)
+    parts: dict[str, Feature] = {}
+    found: dict[str, Any] = {}
+    priors: dict[str, tuple[float, float]] = {}
+    result, model = None, FeatureModel(sensor, motion, parts)
+    if model.free_offset:
+        found["offset"] = np.zeros(len(y))
+        priors["offset"] = (0.0, _reach(y))
+    if model.free_offset and not features:
+        result = fit(model, found, y, noise=noise, linear=model.linear, priors=priors)
+    for name, feature in features.items():
+        shapes, strongest = coarse.search(parts, found, name, feature, stretch)
+        parts = parts | {name: feature}
+        model = FeatureModel(sensor, motion, parts)
+        priors |= {
+            f"{name}.{part}": (0.0, _reach(y) / top if top > 0 else 1.0)
+            for part, top in zip(feature.linear, strongest, strict=True)
+        }
+        ends = [
+            fit(
+                model,
+                found | {name: shape | dict.fromkeys(feature.linear, 0.0)},
+                y,
+                noise=noise,
+                bounds=_bounds(parts, stretch),
+                linear=model.linear,
+                priors=priors,
+                solver=solver,
+            )
+            for shape in shapes
+        ]
+        result = min(ends, key=lambda end: end.stats["cost"])
+        found = dict(result.value)
+    evidence = log_density(y, noise) if result is None else result.log_evidence
+    read = {} if result is None else _readable(model, result)
+    return FeatureFit(dict(features), result, model, read, float(evidence or -np.inf))
+
+
+def _bounds(parts: Features, stretch: Stretch) -> dict[str, tuple[float, float]]:
+    return {
+        f"{name}.{part}": within
+        for name, feature in parts.items()
+        for part, within in feature.ranges(stretch).items()
+    }
+
+
+def _reach(y) -> float:
+    """What a prior amplitude's signal reaches: see `BEYOND_DATA`."""
+    largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
+    return BEYOND_DATA * largest if largest > 0 else 1.0
+
+
+def stretch_of(sensor: Sensor, motion: Motion) -> Stretch:
+    """Where the motion has been."""
+    x = np.asarray(motion.position_m)
+    return Stretch(float(x.min()), float(x.max()), float(sensor.depth_m))
+
+
+class _Coarse:
+    """The same signal on coarser samples and cells, for the search of a start."""
+
+    def __init__(self, sensor: Sensor, motion: Motion, y: np.ndarray):
+        x = np.asarray(motion.position_m)
+        moved = np.abs(np.diff(x))
+        typical = float(np.median(moved[moved > 0])) if np.any(moved > 0) else 0.0
+        wanted = float(sensor.depth_m) / COARSE_PER_DEPTH
+        block = int(np.clip(wanted / typical if typical else 1, 1, x.size // 8 or 1))
+
+        def means(values):
+            values = np.asarray(values)
+            kept = values.shape[-1] // block * block
+            return values[..., :kept].reshape(*values.shape[:-1], -1, block).mean(axis=-1)
+
+        self.sensor = sensor
+        self.motion = Motion(*map(means, (motion.time_s, motion.position_m, motion.speed_m_per_s)))
+        self.y = means(np.nan_to_num(y))
+
+    def search(
+        self, parts: Features, found, name: str, feature: Feature, stretch: Stretch
+    ) -> tuple[list[dict[str, float]], list[float]]:
+        """The shapes of one more feature to start from, the best first, and the strongest signal of
+        each of its unit amplitudes over all shapes tried.
+
+        A bank of matched filters: for each shape tried, how much of what the features found so far
+        leave (their shape and amplitudes kept) its best amplitudes explain.
+        """
+        rest = self.y
+        if parts:
+            before = FeatureModel(self.sensor, self.motion, parts, COARSE_PER_DEPTH)
+            rest = rest - np.asarray(before(found))
+        model = FeatureModel(self.sensor, self.motion, {name: feature}, COARSE_PER_DEPTH)
+        tried = feature.starts(stretch)
+        bank = np.asarray(_responses(model, name, {k: as_real(v) for k, v in tried.items()}))
+        strongest = np.abs(bank).max(axis=(0, 2, 3)).tolist()
+        if model.free_offset:
+            rest = rest - rest.mean(axis=-1, keepdims=True)
+            bank = bank - bank.mean(axis=-1, keepdims=True)
+        bank = bank.reshape(*bank.shape[:2], -1)
+        gram = bank @ bank.swapaxes(1, 2)
+        gram = gram + 1e-9 * np.trace(gram.mean(axis=0)) * np.eye(gram.shape[-1]) + 1e-300
+        told = bank @ rest.ravel()
+        explained = np.einsum("sa,sa->s", told, np.linalg.solve(gram, told[..., None])[..., 0])
+        return _apart(tried, explained), strongest
+
+
+@eqx.filter_jit
+def _responses(model: FeatureModel, name: str, shapes) -> Float[Array, "start a e sample"]:
+    """Signals of every unit amplitude of one feature, for each shape."""
+    linear = model.features[name].linear
+    rest = {"offset": jnp.zeros(model.tail.shape[0])} if model.free_offset else {}
+
+    def at(shape):
+        return jnp.stack(
+            [
+                model(
+                    {name: shape | {part: jnp.asarray(float(part == one)) for part in linear}}
+                    | rest
+                )
+                for one in linear
+            ]
+        )
+
+    return jax.lax.map(at, shapes, batch_size=64)
+
+
+def _apart(tried: dict[str, np.ndarray], explained: np.ndarray) -> list[dict[str, float]]:
+    """The best shapes tried that are not neighbours on the grid."""
+    places = np.stack([np.unique(v, return_inverse=True)[1] for v in tried.values()], axis=1)
+    chosen: list[int] = []
+    for at in np.argsort(-explained):
+        near = [np.abs(places[at] - places[other]).max() <= 1 for other in chosen]
+        if not any(near):
+            chosen.append(int(at))
+        if len(chosen) == STARTS:
+            break
+    return [{part: float(values[at]) for part, values in tried.items()} for at in chosen]
+
+
+def _readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]:
+    """Each parameter as a user reads it."""
+    read: dict[str, tuple[float, float]] = {}
+    for name, feature in model.features.items():
+        prefix = f"{name}_" if len(model.features) > 1 else ""
+        own, spread = result.value[name], result.stderr[name]
+        listed = {part: float(own[part]) for part in (*feature.axes, feature.amplitude)}
+        for part, value in feature.plain(listed).items():
+            read[prefix + part] = value, float(spread[part])
+        if feature.friction is None and own[feature.amplitude] != 0:
+            read[f"{prefix}friction"] = friction_of(result, name, feature)
+    return read
+
+
+def friction_of(result: Fit, name: str, feature: Feature) -> tuple[float, float]:
+    """mu, the ratio of the two amplitudes, and its standard error to first order."""
+    value, stderr = result.derive(
+        lambda params: params[name][feature.shear] / params[name][feature.amplitude]
+    )
+    return float(value), float(stderr)
+
+
+def log_density(y, noise: Any) -> float:
+    """The log probability density of data that are noise alone."""
+    data = np.asarray(y, float)
+    white, seen = whitener(noise, data.shape)
+    rest = np.asarray(white(as_real(np.where(seen, data, 0.0))))
+    volume = white.log_volume(data.shape) + white.count(data.shape) / 2 * np.log(2 * np.pi)
+    return float(-0.5 * rest @ rest - volume)
+
+
+def probabilities(candidates: Sequence[FeatureFit]) -> np.ndarray:
+    """Of each candidate (c,), all taken as equally probable beforehand."""
+    return np.asarray(softmax([candidate.log_evidence for candidate in candidates]))
