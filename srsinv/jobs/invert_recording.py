@@ -8,24 +8,21 @@ from jaxtyping import Float
 
 from ..errors import refuse
 from ..forward.amplifier import Amplifier
-from ..forward.describe import elements
 from ..forward.film import SampleAverage
-from ..forward.noise import SignalToNoise, total_spectrum
+from ..forward.noise import total_spectrum
 from ..forward.scan import ConstantSpeed
-from ..forward.sensor import Sensor
 from ..grid import Open, as_real
 from ..inverse.problem import Problem
 from ..inverse.quadratic import DIRECT_LIMIT
-from ..recording import Recording, merge
+from ..recording import Recording
 from ..report.outcome import Outcome
 from . import build
 from .analysis import Case
 from .analysis import run as analyse
-from .recorded import STEADY, load_even
+from .recorded import STEADY, coloured_noises, elements_named, load_even, sensor_of, white_rms
 
 CELLS_PER_DEPTH = 8  # e^(-k z) leaves nothing beyond: at the cells' last wavenumber it is e^(-25)
 MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
-ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
 LEAST_CELLS = 3  # as a line needs
 FEW = 0.25  # of the median: a cell that tells less than this has twice the noise of the others
@@ -36,28 +33,17 @@ def run(cfg: build.Config) -> Outcome:
     with build.precision(cfg):
         recording = _load(cfg)
         facts = recording.sidecar
-        description = merge(facts.get("sensor", {}), cfg["sensor"])
-        ideal = elements(description, cfg["effects"])
-        depth = min(float(film.depth_m) for film in ideal)
+        ideal = sensor_of(cfg, recording)
+        depth = float(ideal.depth_m)
         speed = float(np.mean(recording.speed_m_per_s))
         spacing = abs(speed) / recording.sample_rate_hz
         unknowns = 1 if cfg["friction"] is not None else 2
         block = _block(cfg, recording, depth, spacing, unknowns)
-        noise_rms = _white_rms(cfg, recording, depth, _widest_spacing(recording, spacing))
-        amplifier = build.amplifier(_amplifier(cfg, description))
-        position, signal, samples = cell_signals(recording, amplifier, block, spacing)
+        noise_rms = white_rms(cfg, recording, depth, _widest_spacing(recording, spacing))
+        position, signal, samples = cell_signals(recording, ideal.amplifier, block, spacing)
         line, data, observed = _on_line(position, signal, cfg, facts, depth)
         average = (SampleAverage(block, spacing),) if block > 1 else ()
-        sensor = Sensor(
-            elements(description, cfg["effects"], average),
-            skin=build.make(merge({"poisson_ratio": 0.5} | _skin(facts), cfg["skin"])),
-            amplifier=amplifier,
-        )
-        refuse(
-            len(sensor.elements) != data.shape[0],
-            f"{recording.name}: {data.shape[0]} signal columns but {len(sensor.elements)} film "
-            "elements: name as many in recording.channels as the sensor has elements.",
-        )
+        sensor = sensor_of(cfg, recording, average)
         scan = ConstantSpeed(speed)
         noise = _spectrum(cfg, line, scan, data, observed, noise_rms / np.sqrt(samples))
         offset = sensor.amplifier.offset
@@ -90,9 +76,7 @@ def run(cfg: build.Config) -> Outcome:
 
 
 def _load(cfg: build.Config) -> Recording:
-    named = cfg["sensor"]["elements"]
-    listed = list(named.values()) if isinstance(named, dict) else named
-    recording = load_even(cfg["recording"], {"sensor": {"elements": listed}})
+    recording = load_even(cfg["recording"], elements_named(cfg))
     least, greatest = recording.speed_m_per_s.min(), recording.speed_m_per_s.max()
     refuse(
         min(greatest, -least) > TURNED * max(greatest, -least),
@@ -101,24 +85,6 @@ def _load(cfg: build.Config) -> Recording:
         "cut the recording where it turns.",
     )
     return recording
-
-
-def _skin(facts: dict[str, Any]) -> dict[str, Any]:
-    skin = facts.get("skin", {})
-    model = skin.get("model", "half_space")
-    refuse(
-        model != "half_space",
-        f"The sidecar's skin.model is {model!r}: only half_space is known here.",
-    )
-    return {"poisson_ratio": skin["poisson_ratio"]} if "poisson_ratio" in skin else {}
-
-
-def _amplifier(cfg: build.Config, description: dict[str, Any]) -> dict[str, Any]:
-    resistance = description.get("feedback_resistance_ohm")
-    node = dict(cfg["amplifier"])
-    if node.get("feedback_resistance_ohm", 0) is None:
-        node["feedback_resistance_ohm"] = resistance
-    return {"amplifier": node}
 
 
 def _block(
@@ -238,42 +204,9 @@ def _widest_spacing(recording: Recording, spacing: float) -> float:
     return float(np.max(np.abs(recording.speed_m_per_s))) / recording.sample_rate_hz
 
 
-def _white_rms(cfg: build.Config, recording: Recording, depth: float, spacing: float) -> float:
-    """The white noise per sample: given, or the level where the skin lets nothing through.
-
-    The median of the periodogram over the upper wavenumbers, which a few lines do not move.
-    """
-    white = cfg["noise"].get("white")
-    if white is not None and white["rms"] is not None:
-        return float(white["rms"])
-    signal = np.nan_to_num(recording.signal)
-    n = signal.shape[-1]
-    taper = np.hanning(n)
-    slope = np.linspace(-1, 1, n)
-    left = signal - signal.mean(axis=-1, keepdims=True)
-    left = left - (left @ slope / (slope @ slope))[:, None] * slope
-    power = np.abs(np.fft.rfft(left * taper)) ** 2 / np.sum(taper**2)
-    k = 2 * np.pi * np.fft.rfftfreq(n, spacing)
-    noise_only = k > min(ABOVE_CUTOFF / depth, 0.75 * k[-1])
-    level = np.median(power[:, noise_only]) / np.log(2)
-    refuse(
-        not level > 0,
-        f"{recording.name}: no noise can be told from the signal (it is constant, or rounded): "
-        "give noise.white.rms=... in the signal's unit.",
-    )
-    return float(np.sqrt(level))
-
-
 def _spectrum(cfg, line, scan, data, observed, white_rms: float):
     """Noise power per block; white noise is what the recording shows, other causes as named."""
-    others = {name: node for name, node in cfg["noise"].items() if name != "white"}
-    noises = tuple(build.make(node) for node in others.values())
-    for noise in noises:
-        refuse(
-            isinstance(noise, SignalToNoise),
-            "noise=snr has no meaning for a recording: use noise=white (noise.white.rms, or null "
-            "to take it from the recording).",
-        )
+    noises = coloured_noises(cfg)
     signal_rms = jnp.sqrt(jnp.sum(data**2) / np.sum(observed))
     return total_spectrum(noises, line, scan, signal_rms) + white_rms**2
 

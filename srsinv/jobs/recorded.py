@@ -1,17 +1,24 @@
-"""A recording as the jobs want it: even samples, and where they need it one known speed."""
+"""A recording as the jobs want it: even samples, its sensor, its motion and its white noise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import refuse
-from ..recording import Recording, load
+from ..forward.describe import elements
+from ..forward.film import LineEffect
+from ..forward.noise import Noise, SignalToNoise
+from ..forward.scan import Motion
+from ..forward.sensor import Sensor
+from ..recording import Recording, load, merge
+from . import build
 
 STEADY = 1e-3  # how far a speed may stray from its mean and still be taken as constant
 JITTER = 0.2  # of the sampling interval: beyond it there is a gap
 ROUNDED = 0.25  # of an interval: time stamps nearer to even ones than this are only rounded
+ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
 OF_A_JOB = ("cell_m",)  # keys of `recording` that say nothing about the file
 
 
@@ -68,3 +75,95 @@ def _given(known: dict[str, Any]) -> dict[str, Any]:
     """What the command line gives, in depth: null means not given."""
     trimmed = {k: _given(v) if isinstance(v, dict) else v for k, v in known.items()}
     return {k: v for k, v in trimmed.items() if v is not None and v != {}}
+
+
+def elements_named(cfg: build.Config) -> dict[str, Any]:
+    """The film elements that the configuration names, as a fact beside the sidecar's."""
+    named = cfg["sensor"]["elements"]
+    return {"sensor": {"elements": list(named.values()) if isinstance(named, dict) else named}}
+
+
+def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect] = ()) -> Sensor:
+    """The sensor that the sidecar and the configuration describe; what is configured wins.
+
+    `also`: effects that every element gets. Raises `BadInput` for what is missing, and where there
+    are not as many elements as signal columns.
+    """
+    facts = recording.sidecar
+    description = merge(facts.get("sensor", {}), cfg["sensor"])
+    films = elements(description, cfg["effects"], also)
+    refuse(
+        len(films) != len(recording.channels),
+        f"{recording.name}: {len(recording.channels)} signal columns but {len(films)} film "
+        "elements: name as many in recording.channels as the sensor has elements.",
+    )
+    return Sensor(
+        films,
+        skin=build.make(merge({"poisson_ratio": 0.5} | _skin(facts), cfg["skin"])),
+        amplifier=build.amplifier(_amplifier(cfg, description)),
+    )
+
+
+def _skin(facts: dict[str, Any]) -> dict[str, Any]:
+    skin = facts.get("skin", {})
+    model = skin.get("model", "half_space")
+    refuse(
+        model != "half_space",
+        f"The sidecar's skin.model is {model!r}: only half_space is known here.",
+    )
+    return {"poisson_ratio": skin["poisson_ratio"]} if "poisson_ratio" in skin else {}
+
+
+def _amplifier(cfg: build.Config, description: dict[str, Any]) -> dict[str, Any]:
+    resistance = description.get("feedback_resistance_ohm")
+    node = dict(cfg["amplifier"])
+    if node.get("feedback_resistance_ohm", 0) is None:
+        node["feedback_resistance_ohm"] = resistance
+    return {"amplifier": node}
+
+
+def motion_of(recording: Recording) -> Motion:
+    """How the sensor moved: along the measured positions, else by the integral of the speed."""
+    time_s, speed = recording.time_s, recording.speed_m_per_s
+    if recording.measured_position_m is not None:
+        return Motion(time_s, recording.measured_position_m, speed)
+    return Motion.from_speed(time_s, speed, float(recording.position_m[0]))
+
+
+def coloured_noises(cfg: build.Config) -> tuple[Noise, ...]:
+    """The named causes of noise but the white one, which the recording itself shows."""
+    others = {name: node for name, node in cfg["noise"].items() if name != "white"}
+    noises = tuple(build.make(node) for node in others.values())
+    for noise in noises:
+        refuse(
+            isinstance(noise, SignalToNoise),
+            "noise=snr has no meaning for a recording: use noise=white (noise.white.rms, or null "
+            "to take it from the recording).",
+        )
+    return noises
+
+
+def white_rms(cfg: build.Config, recording: Recording, depth: float, spacing: float) -> float:
+    """The white noise per sample: given, or the level where the skin lets nothing through.
+
+    The median of the periodogram over the upper wavenumbers, which a few lines do not move.
+    """
+    white = cfg["noise"].get("white")
+    if white is not None and white["rms"] is not None:
+        return float(white["rms"])
+    signal = np.nan_to_num(recording.signal)
+    n = signal.shape[-1]
+    taper = np.hanning(n)
+    slope = np.linspace(-1, 1, n)
+    left = signal - signal.mean(axis=-1, keepdims=True)
+    left = left - (left @ slope / (slope @ slope))[:, None] * slope
+    power = np.abs(np.fft.rfft(left * taper)) ** 2 / np.sum(taper**2)
+    k = 2 * np.pi * np.fft.rfftfreq(n, spacing)
+    noise_only = k > min(ABOVE_CUTOFF / depth, 0.75 * k[-1])
+    level = np.median(power[:, noise_only]) / np.log(2)
+    refuse(
+        not level > 0,
+        f"{recording.name}: no noise can be told from the signal (it is constant, or rounded): "
+        "give noise.white.rms=... in the signal's unit.",
+    )
+    return float(np.sqrt(level))
