@@ -33,6 +33,49 @@ class Pressure(eqx.Module):
         half = line.cell_m / 2
         return (self.primitive(line.x + half) - self.primitive(line.x - half)) / line.cell_m
 
+    def shares(self, line: Line) -> Float[Array, " n"]:
+        """Values of the cells [Pa] whose signal is that of p, to higher order than its averages.
+
+        What a cell feels is spread twice, by the averaging and by the cell: by a variance of
+        cell^2/6, which half the second difference takes out again.
+        """
+        return _sharpened(self.cell_average(line), 1 / 6)
+
+
+def _sharpened(values: Float[Array, " n"], variance: float) -> Float[Array, " n"]:
+    """`values` less the spread of this variance, in cells^2."""
+    padded = jnp.pad(values, 1, mode="edge")
+    return values - variance / 2 * (padded[2:] - 2 * values + padded[:-2])
+
+
+class Edged(Pressure):
+    """A profile of jumps, which would leave kinks in the signal as they cross from cell to cell.
+
+    Its cells share it by the quadratic B-spline: the signal has a continuous derivative in every
+    position and width, and what the spline spreads, cell^2/4, is the same wherever a jump stands.
+    """
+
+    @abc.abstractmethod
+    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+        """Mean of p about x with the quadratic B-spline of cells `cell_m` as the weight."""
+
+    def shares(self, line: Line) -> Float[Array, " n"]:
+        return _sharpened(self.blurred(line.x, line.cell_m), 1 / 4 + 1 / 12)
+
+
+def _bell(t: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The quadratic B-spline: twice differentiable pieces on |t| < 3/2, of area one."""
+    size = jnp.abs(t)
+    outer = jnp.maximum(1.5 - size, 0.0) ** 2 / 2
+    return jnp.where(size < 0.5, 0.75 - size**2, outer)
+
+
+def _rise(t: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Its integral from -infinity: from 0 to 1."""
+    size = jnp.minimum(jnp.abs(t), 1.5)
+    half = jnp.where(size < 0.5, 0.75 * size - size**3 / 3, 0.5 - (1.5 - size) ** 3 / 6)
+    return 0.5 + jnp.sign(t) * half
+
 
 class PressedStrip(Pressure):
     """A strip pressed into the skin, its edges smoothed as tanh(x/edge_m).
@@ -59,7 +102,7 @@ class PressedStrip(Pressure):
         return self.pressure_Pa * self.edge_m / 2 * (log_cosh(rise) - log_cosh(fall))
 
 
-class UniformStrip(Pressure):
+class UniformStrip(Edged):
     """Uniform pressure on |x - x0| < W/2."""
 
     pressure_Pa: Float[Array, ""]
@@ -73,6 +116,10 @@ class UniformStrip(Pressure):
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         half = self.width_m / 2
         return self.pressure_Pa * jnp.clip(x - self.position_m, -half, half)
+
+    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+        t, half = (x - self.position_m) / cell_m, self.width_m / 2 / cell_m
+        return self.pressure_Pa * (_rise(t + half) - _rise(t - half))
 
 
 class Hertz(Pressure):
@@ -111,11 +158,8 @@ class Sinusoid(Pressure):
         return self.pressure_Pa / k * jnp.sin(k * (x - self.position_m))
 
 
-class LineLoad(Pressure):
-    """A load [N/m] on one line: p = F delta(x - x0).
-
-    No grid holds a line: its two nearest cells share it so that load and position are kept.
-    """
+class LineLoad(Edged):
+    """A load [N/m] on one line: p = F delta(x - x0)."""
 
     load_N_per_m: Float[Array, ""]
     position_m: Float[Array, ""]
@@ -126,12 +170,11 @@ class LineLoad(Pressure):
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         return self.load_N_per_m * jnp.heaviside(x - self.position_m, 0.5)
 
-    def cell_average(self, line: Line) -> Float[Array, " n"]:
-        away = jnp.abs(line.x - self.position_m) / line.cell_m
-        return self.load_N_per_m / line.cell_m * jnp.maximum(1 - away, 0.0)
+    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+        return self.load_N_per_m / cell_m * _bell((x - self.position_m) / cell_m)
 
 
-class Step(Pressure):
+class Step(Edged):
     """More pressure from x0 on: p = P for x > x0."""
 
     pressure_Pa: Float[Array, ""]
@@ -143,8 +186,11 @@ class Step(Pressure):
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         return self.pressure_Pa * jnp.maximum(x - self.position_m, 0.0)
 
+    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+        return self.pressure_Pa * _rise((x - self.position_m) / cell_m)
 
-class Bars(Pressure):
+
+class Bars(Edged):
     """A grating: bars of pressure P that take the part `duty` of each pitch, less their mean.
 
     `phase_rad` is that of the first harmonic at x = 0: a bar is centred where 2 pi x/pitch equals
@@ -170,6 +216,13 @@ class Bars(Pressure):
         within = turns - jnp.floor(turns)
         deviation = jnp.minimum(within, self.duty) - self.duty * within
         return self.pressure_Pa * self.pitch_m * deviation
+
+    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+        """Of bars and gaps wider than three cells."""
+        turns = x / self.pitch_m - self.phase_rad / (2 * jnp.pi)
+        away = jnp.abs(turns - jnp.round(turns))  # from the nearest bar's middle, in pitches
+        inside = (self.duty / 2 - away) * self.pitch_m / cell_m
+        return self.pressure_Pa * (_rise(inside) - self.duty)
 
 
 class FrictionStep(eqx.Module):

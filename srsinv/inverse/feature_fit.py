@@ -21,10 +21,9 @@ from ..forward.scan import Motion
 from ..forward.scanned import Scanned
 from ..forward.sensor import Sensor
 from ..grid import Line, Open, as_real
-from .nonlinear import Fit, Solver, fit
-from .nonlinear._noise import whitener
+from .nonlinear import Fit, Solver, fit, whitener
 
-CELLS_PER_DEPTH = 64  # an edge within a cell is then felt to 2e-5 of its signal
+CELLS_PER_DEPTH = 32  # the signal of an edge is then right to 1e-6 of its peak, of a line to 1e-5
 MARGIN_DEPTHS = 16  # beyond the scan, in which what repeats fades out
 COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
 STARTS = 3  # the best of the search that are fitted from
@@ -79,7 +78,7 @@ class FeatureModel(eqx.Module):
         """p and q [Pa] on the line while sliding towards +x."""
         total = jnp.zeros((2, self.line.n))
         for name, feature in self.features.items():
-            shape = feature.profile(params[name]).cell_average(self.line)
+            shape = feature.profile(params[name]).shares(self.line)
             shape = shape * self.fade if feature.repeats else shape
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
         return total
@@ -143,6 +142,15 @@ class FeatureFit:
     def name(self) -> str:
         """The features' names, joined."""
         return " + ".join(self.features) or "nothing"
+
+    @property
+    def result(self) -> str:
+        """Whether the fit is an answer: "converged", or what went wrong."""
+        return "converged" if self.fit is None else self.fit.result
+
+    def signal(self) -> Float[np.ndarray, "e sample"]:
+        """The fitted signal."""
+        return np.asarray(self.model({} if self.fit is None else self.fit.value))
 
 
 def fit_features(
@@ -321,6 +329,16 @@ def friction_of(result: Fit, name: str, feature: Feature) -> tuple[float, float]
         lambda params: params[name][feature.shear] / params[name][feature.amplitude]
     )
     return float(value), float(stderr)
+
+
+def traction_band(found: FeatureFit) -> tuple[np.ndarray, np.ndarray]:
+    """p and q (2, n) [Pa] on the model's line while sliding towards +x, and their standard error
+    to first order."""
+    n = found.model.line.n
+    if found.fit is None:
+        return np.zeros((2, n)), np.zeros((2, n))
+    value, stderr = found.fit.derive(lambda params: jnp.ravel(found.model.traction(params)))
+    return value.reshape(2, n), stderr.reshape(2, n)
 
 
 def log_density(y, noise: Any) -> float:

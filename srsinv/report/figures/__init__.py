@@ -10,6 +10,9 @@ from .cost import accuracy_cost as accuracy_cost
 from .cost import errors_and_time as errors_and_time
 from .estimates import averaging_kernel as averaging_kernel
 from .estimates import estimates as estimates
+from .feature import correlation as correlation
+from .feature import feature_signals as feature_signals
+from .feature import feature_traction as feature_traction
 from .fit import residual as residual
 from .fit import signals as signals
 from .inspection import noise_spectra as noise_spectra
