@@ -13,7 +13,7 @@ from ...errors import BadInput, refuse
 from ...grid import as_real
 from ._loss import Loss, Squares, loss_of
 from ._noise import whitener
-from ._parameters import Parameters, parameters, starting_points
+from ._parameters import Parameters, flat_mapping, parameters, real, starting_points
 from ._search import Found, Misfit, search, search_many
 from ._solvers import Optimistix, Solver
 from ._uncertainty import CONVERGED, Spread, log_evidence, nothing_known, offset, spread
@@ -35,7 +35,8 @@ class Fit:
       and infinite for what the data do not determine.
     - `names` (m,): the free parameters in a row; `covariance`, `correlation` (m, m) in that order,
       nan beside what is not determined.
-    - `residual`: data - model, like the data; `whitened`: the same in units of the noise, in a row.
+    - `residual`: data - model, like the data, nan where they are left out; `whitened`: the same in
+      units of the noise, in a row, 0 there.
     - `noise_rms`: the noise's level where it was not given, else None.
     - `result`: "converged", or what went wrong; `at_bound`: who stands on a bound. Standard errors
       there are those without the bound.
@@ -68,7 +69,7 @@ class Fit:
         """Whether the result is an answer."""
         return self.result == "converged"
 
-    def derive(self, function: Callable[[Tree], Any]) -> tuple[np.ndarray, np.ndarray]:
+    def derive(self, function: Callable[[Tree], Any]) -> tuple[Any, Any]:
         """A function of the parameters, and its standard error to first order (the delta method).
 
         `function` maps the tree of parameters to a number or an array (k,). Infinite standard
@@ -93,7 +94,7 @@ def fit(
     noise: Any = None,
     bounds: Any = None,
     free: Any = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, tuple[Any, Any]] | None = None,
     starts: Any = None,
     linear: Iterable[str] = (),
     loss: Loss | str = "squares",
@@ -122,10 +123,11 @@ def fit(
     M-estimator form. Raises `BadInput` for what disagrees or is out of range.
     """
     found = parameters(initial, bounds, free, linear)
-    misfit, level_known = _misfit(model, found, y, noise, priors, loss)
+    misfit, level_known = _misfit(model, found, _data(y), noise, priors, loss)
     points = starting_points(starts, found)
     _check_linear(misfit, points)
-    settings = solver or Optimistix(), points, as_real(found.lower), as_real(found.upper), polished
+    solver = _checked(solver, polished=polished)
+    settings = solver, points, as_real(found.lower), as_real(found.upper), polished
     ends = search(misfit, *settings)
     if not level_known and (misfit.prior_mean is not None or _is_robust(misfit)):
         for _ in range(SCALES):
@@ -135,7 +137,7 @@ def fit(
             ends = search(misfit, *settings)
             if settled:
                 break
-    return _described(misfit, found, ends, level_known, solver or Optimistix(), noise)
+    return _described(misfit, found, ends, level_known, solver)
 
 
 def fit_many(
@@ -146,7 +148,7 @@ def fit_many(
     noise: Any = None,
     bounds: Any = None,
     free: Any = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, tuple[Any, Any]] | None = None,
     starts: Any = None,
     linear: Iterable[str] = (),
     solver: Solver | None = None,
@@ -159,70 +161,114 @@ def fit_many(
     priors where the noise is not known.
     """
     found = parameters(initial, bounds, free, linear)
-    ys = as_real(ys)
+    ys = _data(ys)
     refuse(ys.ndim < 2 or not len(ys), "fit_many takes data with a leading axis: (batch, ...).")
     refuse(
         noise is None and bool(priors),
         "fit_many cannot weigh priors against noise that is not known: give noise, or use fit.",
     )
     misfit, level_known = _misfit(model, found, ys[0], noise, priors, "squares")
+    ys = as_real(_filled(ys, misfit.whiten.seen(ys.shape[1:])))
     points = starting_points(starts, found)
     _check_linear(misfit, points)
-    solver = solver or Optimistix()
+    solver = _checked(solver, polished=polished, at_once=at_once)
     box = as_real(found.lower), as_real(found.upper)
-    batch = search_many(misfit, ys, solver, points, *box, polished, min(at_once, len(ys)))
+    at_once = min(at_once, len(ys))
+    # Filled up to whole rounds: what is left over would be compiled a second time.
+    rows = np.minimum(np.arange(-(-len(ys) // at_once) * at_once), len(ys) - 1)
+    batch = search_many(misfit, ys[rows], solver, points, *box, polished, at_once)
+    batch = jax.device_get(batch)
     fits = []
     for i, y in enumerate(ys):
         ends = jax.tree.map(lambda leaf, i=i: leaf[i], batch)
         mine = dataclasses.replace(misfit, y=y)
-        fits.append(_described(mine, found, ends, level_known, solver, noise))
+        fits.append(_described(mine, found, ends, level_known, solver))
     return fits
 
 
 # --- reading the request ---------------------------------------------------------------------
 
 
-def _misfit(model, found: Parameters, y, noise, priors, loss) -> tuple[Misfit, bool]:
-    try:
-        data = np.asarray(y, float)
-    except (TypeError, ValueError) as error:
-        raise BadInput(f"The data are {type(y).__name__}: give an array of numbers.") from error
-    data = np.atleast_1d(data)
-    whiten, seen = whitener(noise, data.shape)
+def _checked(solver: Solver | None, **counts: int) -> Solver:
+    for name, count in counts.items():
+        whole = isinstance(count, int) and count > 0
+        refuse(not whole, f"{name} is {count!r}: give a whole number from 1.")
+    solver = Optimistix() if solver is None else solver
+    refuse(
+        not isinstance(solver, Solver),
+        f"solver is {solver!r}: give Optimistix(), OptaxLBFGS() or JaxoptLBFGSB().",
+    )
+    return solver
+
+
+def _data(y) -> np.ndarray:
+    sentence = f"The data are no array of real numbers but {type(y).__name__}: give one."
+    return np.atleast_1d(real(y, sentence))
+
+
+def _filled(data: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """The data with numbers wherever they do not count."""
     bad = seen & ~np.isfinite(data)
     refuse(
         bool(bad.any()),
         f"The data hold {int(bad.sum())} values that are nan or infinite: leave them out by an "
         "infinite noise there, or correct them.",
     )
-    refuse(not seen.any(), "Every sample of the data is left out: there is nothing to fit.")
+    return np.where(seen, data, 0.0)
+
+
+def _misfit(model, found: Parameters, data, noise, priors, loss) -> tuple[Misfit, bool]:
+    whiten, seen = whitener(noise, data.shape)
+    data = _filled(data, seen)
+    refuse(not whiten.count(data.shape), "All of the data are left out: there is nothing to fit.")
     layout = found.layout
     mean, weight = _priors(layout, priors)
     misfit = Misfit(
-        model, layout, as_real(found.first), as_real(np.where(seen, data, 0.0)), whiten,
+        model, layout, as_real(found.first), as_real(data), whiten,
         as_real(1.0), mean, weight, loss_of(loss),
     )  # fmt: skip
-    made = jax.eval_shape(model, layout.tree(misfit.row))
-    shape = getattr(made, "shape", None)
-    refuse(
-        shape != data.shape,
-        f"The model gives shape {shape} where the data have {data.shape}: they must agree.",
-    )
+    _check_model(model, layout.tree(misfit.row), data.shape)
     return misfit, noise is not None
+
+
+def _check_model(model, tree: Tree, shape: tuple[int, ...]) -> None:
+    refuse(not callable(model), f"The model is {model!r}: give a function of the parameters.")
+    try:
+        made = jax.eval_shape(model, tree)
+    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
+        raise BadInput(
+            "The model takes a parameter out of jax, by numpy, float() or an if: compute with "
+            "jax.numpy alone, so that it can be differentiated."
+        ) from error
+    got = getattr(made, "shape", type(made).__name__)
+    refuse(
+        got != shape, f"The model gives {got} where the data have shape {shape}: they must agree."
+    )
+    refuse(
+        jnp.issubdtype(made.dtype, jnp.complexfloating),
+        "The model gives complex numbers: give their real and imaginary parts side by side.",
+    )
 
 
 def _priors(layout, priors) -> tuple[Any, Any]:
     if not priors:
         return None, None
-    mean, stderr = np.zeros(len(layout.names)), np.full(len(layout.names), np.inf)
-    for name, pair in priors.items():
-        where = layout.indices(name, "priors")
+    remedy = "give (mean, standard deviation above 0)"
+    refuse(not isinstance(priors, Mapping), f"priors is {priors!r}: {remedy} by name.")
+    pairs = flat_mapping(priors)
+    for name, pair in pairs.items():
         is_pair = isinstance(pair, list | tuple) and len(pair) == 2
-        refuse(
-            not is_pair or not np.all(np.asarray(pair[1]) > 0),
-            f"The prior of {name} is {pair!r}: give (mean, standard deviation above 0).",
-        )
-        mean[where], stderr[where] = pair
+        refuse(not is_pair, f"The prior of {name} is {pair!r}: {remedy}.")
+    mean = layout.row_of("The prior's mean", {name: pair[0] for name, pair in pairs.items()}, 0.0)
+    stderr = layout.row_of(
+        "The prior's standard deviation", {name: pair[1] for name, pair in pairs.items()}, np.inf
+    )
+    wrong = ~np.isfinite(mean) | ~(stderr > 0)
+    i = int(np.argmax(wrong))
+    refuse(
+        bool(wrong.any()),
+        f"The prior of {layout.names[i]} is ({mean[i]:g}, {stderr[i]:g}): {remedy}.",
+    )
     free = list(layout.free)
     return as_real(mean[free]), as_real(1 / stderr[free])
 
@@ -249,6 +295,8 @@ def _is_affine(misfit: Misfit, z):
 
     size = as_real(np.maximum(np.abs(np.asarray(z)[places]), 1.0))
     zero, one, two = at(0 * size), at(size), at(2.5 * size)
+    if not bool(jnp.isfinite(two).all()):
+        return True  # the search will say that the model is not finite
     bent = jnp.linalg.norm(two - zero - 2.5 * (one - zero))
     eps = jnp.finfo(size.dtype).eps
     return bent <= eps**0.5 * (jnp.linalg.norm(two - zero) + eps**0.5 * jnp.linalg.norm(zero))
@@ -273,36 +321,39 @@ def _level(misfit: Misfit, ends: Found) -> float:
 
 
 def _described(
-    misfit: Misfit, found: Parameters, ends: Found, level_known: bool, solver: Solver, noise
+    misfit: Misfit, found: Parameters, ends: Found, level_known: bool, solver: Solver
 ) -> Fit:
     layout, z = misfit.layout, np.asarray(ends.z, float)
     eps = float(np.finfo(np.asarray(ends.z).dtype).eps)
     terms, jacobian = _terms(misfit, ends)
     free = np.asarray(layout.free)
-    gradient = jacobian.T @ terms
-    finite = bool(np.isfinite(jacobian).all() and np.isfinite(terms).all())
+    with np.errstate(all="ignore"):
+        gradient, squares = jacobian.T @ terms, np.sum(jacobian**2, axis=0)
+        cost = 0.5 * float(terms @ terms)
+    finite = bool(np.isfinite([*gradient, *squares, cost]).all())
     known = spread(_rows(misfit, ends), eps) if finite else nothing_known(z.size)
     count = misfit.whiten.count(misfit.y.shape)
     freedom = count - known.factor.shape[1]
     known = known.times(_inflation(misfit, ends, level_known, freedom) if finite else 1.0)
     # A solver that works in other variables reaches a bound up to rounding only.
-    near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1))
+    near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1)) + 8 * eps * np.abs(z)
     low, high = z - found.lower <= near, found.upper - z <= near
     held = (low & (gradient >= 0)) | (high & (gradient <= 0))
-    distance = offset(jacobian, terms, held, eps) if finite else np.inf
+    least = 1.0 if level_known else 0.0  # of a noise that is known
+    distance = offset(jacobian, terms, held, eps, least) if finite else np.inf
     covariance, errors = known.covariance(), known.stderr()
     row, stderr = np.asarray(misfit.row, float).copy(), np.zeros(len(layout.names))
     row[free], stderr[free] = z, errors
-    cost = 0.5 * float(terms @ terms)
     costs = np.asarray(ends.costs)
     weight = misfit.prior_weight
-    sigma = np.full(z.size, np.inf) if weight is None else 1 / np.maximum(weight, 1e-300)
+    weight = np.zeros(z.size) if weight is None else np.asarray(weight, float)
+    sigma = np.where(weight > 0, 1 / np.where(weight > 0, weight, 1.0), np.inf)
     evidence = None
     if level_known and finite and not _is_robust(misfit):
         volume = misfit.whiten.log_volume(misfit.y.shape) + count / 2 * np.log(2 * np.pi)
         evidence = log_evidence(
             terms, jacobian, volume, np.where(low, found.lower, np.where(high, found.upper, z)),
-            found.lower, found.upper, np.asarray(sigma),
+            found.lower, found.upper, sigma,
         )  # fmt: skip
     return Fit(
         value=layout.host_tree(row),
@@ -310,7 +361,7 @@ def _described(
         names=layout.free_names,
         covariance=covariance,
         correlation=_correlation(covariance),
-        residual=np.asarray(ends.residual),
+        residual=np.where(misfit.whiten.seen(misfit.y.shape), ends.residual, np.nan),
         whitened=np.asarray(ends.white),
         noise_rms=None if level_known else _rms(misfit, ends, freedom),
         result=_result(finite, distance, terms, misfit, ends, solver, eps),
@@ -339,7 +390,8 @@ def _rms(misfit: Misfit, ends: Found, freedom: int) -> float:
     """The level of the noise, where it is estimated."""
     if _is_robust(misfit):
         return float(misfit.scale)
-    return float(misfit.scale) * float(np.linalg.norm(ends.white)) / np.sqrt(max(freedom, 1))
+    with np.errstate(over="ignore"):
+        return float(misfit.scale * np.linalg.norm(ends.white) / np.sqrt(max(freedom, 1)))
 
 
 def _terms(misfit: Misfit, ends: Found) -> tuple[np.ndarray, np.ndarray]:
@@ -369,10 +421,11 @@ def _inflation(misfit: Misfit, ends: Found, level_known: bool, freedom: int) -> 
     """
     white = np.asarray(ends.white, float)
     if _is_robust(misfit):
-        influence, slope = (np.asarray(v) for v in misfit.loss.influence(ends.white))
+        seen = misfit.whiten.seen(misfit.y.shape).ravel()
+        influence, slope = (np.asarray(v)[seen] for v in misfit.loss.influence(ends.white))
         mean = max(float(slope.mean()), 1e-12)
         correction = 1 + ends.z.size / slope.size * float(slope.var()) / mean**2
-        return correction * np.sqrt(influence @ influence / max(freedom, 1)) / mean
+        return float(correction * np.sqrt(influence @ influence / max(freedom, 1)) / mean)
     if level_known or misfit.prior_mean is not None:
         return 1.0
     return float(np.sqrt(white @ white / freedom)) if freedom > 0 else np.inf
@@ -389,10 +442,7 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 def _result(finite, distance, terms, misfit: Misfit, ends: Found, solver: Solver, eps) -> str:
     if not finite:
         return "not finite: the model or its derivative is nan or infinite where the search stopped"
-    nothing_left = np.linalg.norm(terms) <= 1e3 * eps * float(
-        jnp.linalg.norm(misfit.whiten(misfit.y)) / misfit.scale
-    )
-    if distance <= CONVERGED or nothing_left:
+    if distance <= CONVERGED or _nothing_left(terms, misfit, ends, eps):
         return "converged"
     if not bool(ends.done):
         return f"not converged: {solver.name} reached its {solver.max_steps} steps"
@@ -400,3 +450,11 @@ def _result(finite, distance, terms, misfit: Misfit, ends: Found, solver: Solver
         f"not converged: {solver.name} stopped {distance:.2g} standard errors from the minimum of "
         "the linearised problem"
     )
+
+
+def _nothing_left(terms, misfit: Misfit, ends: Found, eps: float) -> bool:
+    """Whether the residual is rounding beside the data, or beside where the search began."""
+    data = np.linalg.norm(misfit.whiten(misfit.y)) / float(misfit.scale)
+    begun = np.asarray(ends.start_costs)
+    begun = np.sqrt(2 * np.max(begun, where=np.isfinite(begun), initial=0.0))
+    return bool(np.linalg.norm(terms) <= eps ** (2 / 3) * max(data, begun))

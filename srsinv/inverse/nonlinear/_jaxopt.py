@@ -4,6 +4,7 @@ import warnings
 from typing import ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from ._solvers import (
     Minimum,
@@ -25,7 +26,7 @@ class JaxoptLBFGSB(Solver):
     memory: int = eqx.field(static=True)
 
     def __init__(self, tolerance: float | None = None, max_steps: int = 2000, memory: int = 20):
-        check_settings(self.name, tolerance, max_steps)
+        check_settings(self.name, tolerance, max_steps=max_steps, memory=memory)
         self.tolerance, self.max_steps, self.memory = tolerance, max_steps, memory
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
@@ -41,4 +42,5 @@ class JaxoptLBFGSB(Solver):
             history_size=self.memory,
         )  # fmt: skip
         s, state = method.run(z0 / unit, bounds=(lower / unit, upper / unit))
-        return Minimum(unit * s, state.iter_num, state.error <= tolerance)
+        # Back in its own unit a variable can end a rounding beyond its bound.
+        return Minimum(jnp.clip(unit * s, lower, upper), state.iter_num, state.error <= tolerance)

@@ -99,11 +99,15 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         )
         damping, growth = _damping(state, gain, accept)
         held = self._held(y, point)
-        straight = self._cut(y, _step(point, point.c, held, damping))
+        step = _step(point, point.c, held, damping)
+        straight = self._cut(y, step)
         predicted = _predicted(point, straight)
-        ready = self._converged(y, point, held, straight, predicted)
+        # Of the whole step: one that the box cuts short is no sign of a minimum.
+        ready = self._converged(y, point, held, step, _predicted(point, step))
         ready = ready | (accept & (jnp.abs(gain) <= self._ftol * point.cost))
         bend, tight = _bend(residual_at, y, straight, point, held, damping)
+        # A cut step can lead uphill; with more damping it follows the projected gradient.
+        tight = tight & (predicted > 0)
         state = _State(
             trial=y + self._cut(y, straight + bend),
             predicted=jnp.where(tight, predicted, jnp.inf),  # else it will not be accepted

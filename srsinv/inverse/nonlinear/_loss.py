@@ -37,8 +37,8 @@ class Loss(eqx.Module):
 
 def _checked(threshold: float) -> float:
     refuse(
-        not 0 < threshold < float("inf"),
-        f"loss.threshold is {threshold}: give a positive number of standard deviations.",
+        not isinstance(threshold, int | float) or not 0 < threshold < float("inf"),
+        f"loss.threshold is {threshold!r}: give a positive number of standard deviations.",
     )
     return float(threshold)
 
@@ -92,5 +92,6 @@ def loss_of(given: "Loss | str") -> Loss:
     """A loss by its name, or as it is."""
     if isinstance(given, Loss):
         return given
-    refuse(given not in LOSSES, f"loss is {given!r}: give one of {', '.join(LOSSES)}.")
+    known = isinstance(given, str) and given in LOSSES
+    refuse(not known, f"loss is {given!r}: give one of {', '.join(LOSSES)}.")
     return LOSSES[given]()

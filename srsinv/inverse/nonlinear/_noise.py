@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from ...errors import BadInput, refuse
 from ...grid import as_real, half_spectrum_weights
+from ._parameters import real
 
 
 class Whitener(eqx.Module):
@@ -62,11 +63,10 @@ class Spectrum(Whitener):
     power: Float[Array, " k"]
 
     def __init__(self, power):
+        sentence = "The noise's power spectrum must be one row of numbers above 0."
+        power = real(power, sentence)
+        refuse(power.ndim != 1 or not bool(np.all(power > 0)), sentence)
         self.power = as_real(power)
-        refuse(
-            self.power.ndim != 1 or not bool(np.all(np.asarray(power) > 0)),
-            "The noise's power spectrum must be one row of numbers above 0.",
-        )
 
     def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
         n = residual.shape[-1]
@@ -101,12 +101,11 @@ class Correlated(Whitener):
     factor: Float[Array, "n n"]
 
     def __init__(self, covariance):
-        covariance = np.asarray(covariance, float)
+        sentence = "The noise's covariance must be a symmetric matrix over all data in a row."
+        covariance = real(covariance, sentence)
         square = covariance.ndim == 2 and covariance.shape[0] == covariance.shape[1]
-        refuse(
-            not square or not np.allclose(covariance, covariance.T, rtol=1e-8, atol=0.0),
-            "The noise's covariance must be a symmetric matrix over all data in a row.",
-        )
+        symmetric = square and np.allclose(covariance, covariance.T, rtol=1e-8, atol=0.0)
+        refuse(not symmetric, sentence)
         try:
             self.factor = as_real(np.linalg.cholesky(covariance))
         except np.linalg.LinAlgError as error:
@@ -132,13 +131,15 @@ class Correlated(Whitener):
 def whitener(noise: Any, shape: tuple[int, ...]) -> tuple[Whitener, np.ndarray]:
     """What `noise` says, and which data count; None is white noise of rms one, to be scaled."""
     if not isinstance(noise, Whitener):
+        sentence = (
+            f"The noise does not fit data of shape {shape}: give one standard deviation, or one "
+            "for each."
+        )
+        stderr = real(1.0 if noise is None else noise, sentence)
         try:
-            stderr = np.broadcast_to(np.asarray(1.0 if noise is None else noise, float), shape)
-        except (TypeError, ValueError) as error:
-            raise BadInput(
-                f"The noise does not fit data of shape {shape}: give one standard deviation, or "
-                "one for each."
-            ) from error
+            stderr = np.broadcast_to(stderr, shape)
+        except ValueError as error:
+            raise BadInput(sentence) from error
         refuse(
             not bool((stderr > 0).all()),
             "The noise holds a standard deviation that is not above 0: give positive ones, "

@@ -63,6 +63,11 @@ class Layout(eqx.Module):
             )
         return found
 
+    def named(self, names: str | Iterable[str], what: str) -> set[int]:
+        """The places in the row of what one name or several name."""
+        names = [names] if isinstance(names, str) else names
+        return {i for name in names for i in self.indices(name, what)}
+
     @property
     def _owners(self) -> list[str]:
         sizes = [int(np.prod(shape)) for shape in self.shapes]
@@ -79,9 +84,10 @@ class Layout(eqx.Module):
                 where = self.indices(name, what)
                 row[where] = self._numbers(f"{what} of {name}", value, len(where), default)
             return row
-        leaves = jax.tree.leaves(given, is_leaf=lambda x: x is None or isinstance(x, list | tuple))
+        ends = (list, tuple, type(None)) if not self._is_like(given) else type(None)
+        leaves = jax.tree.leaves(given, is_leaf=lambda x: isinstance(x, ends))
         if len(leaves) == 1 and np.ndim(leaves[0]) == 0:
-            return np.full(len(self.names), default if leaves[0] is None else float(leaves[0]))
+            return self._numbers(what, leaves[0], len(self.names), default)
         refuse(
             len(leaves) != len(self.leaves),
             f"{what} holds {len(leaves)} values where {len(self.leaves)} parameters "
@@ -93,18 +99,34 @@ class Layout(eqx.Module):
         ]
         return np.concatenate(parts)
 
-    def _is_like(self, given: Mapping) -> bool:
+    def _is_like(self, given: Tree) -> bool:
         try:
             return jax.tree.structure(given, is_leaf=lambda x: x is None) == self.structure
         except (TypeError, ValueError):
             return False
 
     def _numbers(self, what: str, value: Any, size: int, default: float) -> np.ndarray:
-        try:
-            numbers = np.asarray(default if value is None else value, float)
-            return np.broadcast_to(numbers.ravel() if numbers.size == size else numbers, (size,))
-        except (TypeError, ValueError) as error:
-            raise BadInput(f"{what} is {value!r}: give one number or {size} of them.") from error
+        remedy = f"{what} is {value!r}: give one number or {size} of them."
+        numbers = real(default if value is None else value, remedy)
+        refuse(numbers.size not in (1, size), remedy)
+        return np.broadcast_to(numbers.ravel(), (size,))
+
+
+def real(value: Any, sentence: str) -> np.ndarray:
+    """The value as an array of real numbers, refused with the sentence where it is none."""
+    try:
+        found = np.asarray(value)
+        refuse(np.iscomplexobj(found), sentence)
+        return found.astype(float)
+    except (TypeError, ValueError) as error:
+        raise BadInput(sentence) from error
+
+
+def _are_names(given: Any) -> bool:
+    if isinstance(given, str):
+        return True
+    listed = isinstance(given, Iterable) and not isinstance(given, Mapping)
+    return listed and all(isinstance(name, str) for name in given)
 
 
 def flat_mapping(given: Mapping, above: str = "") -> dict[str, Any]:
@@ -130,7 +152,8 @@ def parameters(initial: Tree, bounds: Any, free: Any, linear: Iterable[str]) -> 
     """Read what a user gives; raises `BadInput` for what disagrees."""
     layout, first = _layout(initial)
     chosen = _free(layout, free)
-    named = [i for name in linear for i in layout.indices(name, "linear")]
+    refuse(not _are_names(linear), f"linear is {linear!r}: give names of parameters.")
+    named = layout.named(linear, "linear")
     layout = Layout(
         layout.structure, layout.shapes, layout.leaves, layout.names,
         chosen, tuple(i for i in chosen if i in named),
@@ -162,16 +185,9 @@ def _layout(initial: Tree) -> tuple[Layout, np.ndarray]:
     leaves, names, values = [], [], []
     for path, leaf in paths:
         name = ".".join(_key(part) for part in path)
-        try:
-            value = np.asarray(leaf, float)
-        except (TypeError, ValueError) as error:
-            raise BadInput(
-                f"The first value of {name or 'b'} is {leaf!r}: give numbers."
-            ) from error
-        refuse(
-            not np.isfinite(value).all(),
-            f"The first value of {name or 'b'} is {leaf!r}: give finite numbers.",
-        )
+        remedy = f"The first value of {name or 'b'} is {leaf!r}: give finite real numbers."
+        value = real(leaf, remedy)
+        refuse(not np.isfinite(value).all(), remedy)
         leaves.append(name or "b")
         values.append(value)
         places = np.ndindex(value.shape)
@@ -192,10 +208,8 @@ def _key(part: Any) -> str:
 def _free(layout: Layout, free: Any) -> tuple[int, ...]:
     if free is None:
         return tuple(range(len(layout.names)))
-    if isinstance(free, str):
-        free = [free]
-    if not isinstance(free, Mapping) and all(isinstance(name, str) for name in free):
-        chosen = sorted({i for name in free for i in layout.indices(name, "free")})
+    if _are_names(free):
+        chosen = sorted(layout.named(free, "free"))
     else:
         chosen = np.flatnonzero(layout.row_of("free", free, 0.0)).tolist()
     refuse(not chosen, "Nothing is free to be fitted: name at least one parameter in free.")
@@ -263,15 +277,16 @@ def _listed(given: Mapping, found: Parameters) -> np.ndarray:
     layout, rows = found.layout, None
     for name, values in flat_mapping(given).items():
         where = layout.indices(name, "starts")
-        listed = np.asarray(values, float).reshape(len(values), -1)
-        if rows is None:
-            rows = np.tile(found.first, (len(listed), 1))
+        listed = real(values, f"The starts of {name} are {values!r}: give rows of numbers.")
+        count = len(rows) if rows is not None else len(np.atleast_1d(listed))
         refuse(
-            listed.shape != (len(rows), len(where)),
-            f"The starts of {name} have shape {np.shape(values)}: give as many as for the others, "
-            f"{len(rows)}, each of {len(where)} numbers.",
+            not count or listed.shape[:1] != (count,) or listed.size != count * len(where),
+            f"The starts of {name} have shape {listed.shape}: give as many as for the others, at "
+            f"least one, each of {len(where)} numbers.",
         )
-        rows[:, where] = listed
+        refuse(not np.isfinite(listed).all(), f"A start of {name} is not finite: give numbers.")
+        rows = np.tile(found.first, (count, 1)) if rows is None else rows
+        rows[:, where] = listed.reshape(count, -1)
     refuse(rows is None, "starts names no parameter: give values for at least one.")
     rows = np.asarray(rows)[:, list(layout.free)]
     inside = (rows >= found.lower) & (rows <= found.upper)

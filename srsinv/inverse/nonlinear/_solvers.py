@@ -42,13 +42,16 @@ class Solver(eqx.Module):
         """The minimum reached from z0 (m,)."""
 
 
-def check_settings(name: str, tolerance: float | None, max_steps: int) -> None:
-    """Refuse a tolerance or a number of steps that cannot be."""
+def check_settings(name: str, tolerance: float | None, **counts: int) -> None:
+    """Refuse a tolerance, or a number of steps and the like, that cannot be."""
+    within = isinstance(tolerance, int | float) and 0 < tolerance < 1
     refuse(
-        tolerance is not None and not 0 < tolerance < 1,
-        f"solver.tolerance is {tolerance} for {name}: give a number between 0 and 1, or null.",
+        tolerance is not None and not within,
+        f"solver.tolerance is {tolerance!r} for {name}: give a number between 0 and 1, or null.",
     )
-    refuse(max_steps < 1, f"solver.max_steps is {max_steps}: give a whole number from 1.")
+    for key, count in counts.items():
+        whole = isinstance(count, int) and count > 0
+        refuse(not whole, f"solver.{key} is {count!r} for {name}: give a whole number from 1.")
 
 
 def relative(tolerance: float | None, dtype) -> float:
@@ -66,7 +69,7 @@ class Optimistix(Solver):
     max_steps: int = eqx.field(static=True)
 
     def __init__(self, tolerance: float | None = None, max_steps: int = 2000):
-        check_settings(self.name, tolerance, max_steps)
+        check_settings(self.name, tolerance, max_steps=max_steps)
         self.tolerance, self.max_steps = tolerance, max_steps
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
@@ -92,7 +95,7 @@ class OptaxLBFGS(Solver):
     memory: int = eqx.field(static=True)
 
     def __init__(self, tolerance: float | None = None, max_steps: int = 2000, memory: int = 20):
-        check_settings(self.name, tolerance, max_steps)
+        check_settings(self.name, tolerance, max_steps=max_steps, memory=memory)
         self.tolerance, self.max_steps, self.memory = tolerance, max_steps, memory
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
@@ -136,7 +139,7 @@ def unit_of(residual: Residual, z0) -> Float[Array, " m"]:
 
 
 def scaled_cost(residual: Residual, z0):
-    """The sum of squares over its value at z0, so that a tolerance has a meaning, and that value."""
+    """The sum of squares over its value at z0, which gives a tolerance its meaning, and that."""
     start = residual(z0)
     scale = jnp.maximum(jnp.vdot(start, start), jnp.finfo(z0.dtype).tiny)
 

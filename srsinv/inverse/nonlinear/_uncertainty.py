@@ -1,30 +1,36 @@
 """What a minimum says of its parameters: covariance, what is not determined, evidence."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import erfcx, ndtr
+from scipy.special import log_ndtr
 
 # A singular value of the Jacobian with columns of length one, relative to the largest, below which
 # its direction is lost in rounding: the parameters can move along it and the data do not notice.
 LOST = 5e3
 CONVERGED = 1e-3  # standard errors from the minimum of the linearised problem (Bates, Watts 1981)
 
+LEAST_CURVATURE = 1e-4  # of the whole curvature, left where the bounds gave nearly all of it
+
 
 @dataclass(frozen=True)
 class Spread:
     """Covariance = `factor` factor^T over what is determined; `null` (m, d) spans the rest.
 
-    `columns` (m,) are the norms by which the parameters are scaled to speak of directions.
+    `columns` (m,) are the norms by which the parameters are scaled to speak of directions. Where no
+    datum is left over to tell the noise, `is_scaled` is False and every error is infinite.
     """
 
     factor: np.ndarray
     null: np.ndarray
     columns: np.ndarray
+    is_scaled: bool = True
 
     def times(self, level: float) -> "Spread":
-        """The spread under noise of another level."""
-        return Spread(self.factor * level, self.null, self.columns)
+        """The spread under noise of another level, infinite where that is not known."""
+        if np.isinf(level):
+            return replace(self, is_scaled=False)
+        return replace(self, factor=self.factor * level)
 
     def stderr(self) -> np.ndarray:
         """Standard errors (m,), infinite for what takes part in an undetermined direction."""
@@ -44,14 +50,15 @@ class Spread:
         finite = np.sqrt(np.sum((gradient @ self.factor) ** 2, axis=1))
         scaled = gradient / self.columns
         touched = np.abs(scaled @ self.null) > 1e-6 * np.linalg.norm(scaled, axis=1)[:, None]
-        return np.where(touched.any(axis=1), np.inf, finite)
+        unscaled = (not self.is_scaled) & (finite > 0)
+        return np.where(touched.any(axis=1) | unscaled, np.inf, finite)
 
     def directions(
         self, names: tuple[str, ...], values: np.ndarray
     ) -> tuple[dict[str, float], ...]:
         """Each undetermined direction: by how much each parameter can move, in its own unit, the
         largest relative move being one; parts below 1 % are left out."""
-        size = np.where(values != 0, np.abs(values), 1.0)
+        size = np.where(np.isfinite(values) & (values != 0), np.abs(values), 1.0)
         found = []
         for direction in self.null.T:
             move = direction / self.columns
@@ -62,7 +69,7 @@ class Spread:
         return tuple(found)
 
     def _lost(self) -> np.ndarray:
-        return np.any(np.abs(self.null) > 1e-6, axis=1)
+        return np.any(np.abs(self.null) > 1e-6, axis=1) | (not self.is_scaled)
 
 
 def spread(jacobian: np.ndarray, eps: float) -> Spread:
@@ -84,11 +91,13 @@ def nothing_known(m: int) -> Spread:
     return Spread(np.zeros((m, 0)), np.eye(m), np.ones(m))
 
 
-def offset(jacobian: np.ndarray, terms: np.ndarray, held: np.ndarray, eps: float) -> float:
+def offset(
+    jacobian: np.ndarray, terms: np.ndarray, held: np.ndarray, eps: float, least: float
+) -> float:
     """How far a point is from the minimum of the problem linearised there.
 
     The length of the residual's part along the Jacobian's columns, bounds that hold left out, in
-    units of its rms across them, per root parameter.
+    units of its rms across them or of `least`, the greater, per root parameter.
     """
     columns = np.linalg.norm(jacobian, axis=0)
     moving = ~held & (columns > 0)
@@ -98,7 +107,7 @@ def offset(jacobian: np.ndarray, terms: np.ndarray, held: np.ndarray, eps: float
     along = u[:, s > LOST * eps * s[0]].T @ terms
     across = max(terms @ terms - along @ along, 0.0)
     freedom = len(terms) - len(along)
-    rms = np.sqrt(across / freedom) if freedom > 0 else 0.0
+    rms = max(np.sqrt(across / freedom) if freedom > 0 else 0.0, least)
     distance = np.linalg.norm(along) / np.sqrt(max(len(along), 1))
     return float(distance / rms) if rms > 0 else (0.0 if distance == 0 else np.inf)
 
@@ -123,7 +132,8 @@ def log_evidence(
     if not (gaussian | np.isfinite(width)).all():
         return None
     hessian = jacobian.T @ jacobian
-    hessian[np.diag_indices(len(z))] += np.where(gaussian, 0.0, 12 / width**2)
+    added = np.where(gaussian, 0.0, 12 / width**2)
+    hessian[np.diag_indices(len(z))] += added
     scale = np.sqrt(np.diagonal(hessian))
     sign, log_det = np.linalg.slogdet(hessian / np.outer(scale, scale))
     if sign <= 0:
@@ -134,13 +144,23 @@ def log_evidence(
     value += len(z) / 2 * np.log(2 * np.pi) - 0.5 * log_det
     stderr = np.sqrt(np.diagonal(np.linalg.inv(hessian)))
     slope = jacobian.T @ terms
-    return float(value + sum(map(_log_mass, z, slope, stderr, lower, upper)))
+    return float(value + sum(map(_log_mass, z, slope, stderr, lower, upper, added)))
 
 
-def _log_mass(z: float, slope: float, stderr: float, lower: float, upper: float) -> float:
-    """The log of the share of the Gaussian through z that lies within the bounds; on a bound, with
-    the slope that holds it there."""
-    outward = slope if z <= lower else -slope if z >= upper else 0.0
-    if z <= lower or z >= upper:
-        return float(np.log(0.5 * erfcx(max(outward, 0.0) * stderr / np.sqrt(2))))
-    return float(np.log(ndtr((upper - z) / stderr) - ndtr((lower - z) / stderr)))
+def _log_mass(
+    z: float, slope: float, stderr: float, lower: float, upper: float, added: float
+) -> float:
+    """The log of what the Gaussian of this standard error keeps within the bounds.
+
+    Within, the curvature that was `added` for the bounds' sake is left out, and the slope that a
+    bound holds is kept in, so that it is exact for one parameter.
+    """
+    whole = stderr**-2
+    curvature = max(whole - added, LEAST_CURVATURE * whole)
+    slope = slope if z <= lower or z >= upper else 0.0
+    root = np.sqrt(curvature)
+    low, high = sorted([(lower - z) * root + slope / root, (upper - z) * root + slope / root])
+    if low > 0:  # the same mass in the other tail, where its log is precise
+        low, high = -high, -low
+    share = log_ndtr(high) + np.log1p(-np.exp(log_ndtr(low) - log_ndtr(high)))
+    return float(0.5 * np.log(whole / curvature) + slope**2 / (2 * curvature) + share)

@@ -1,0 +1,174 @@
+"""Starts, solvers, what is said of a search that fails, units, precision, and compilation."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import srsinv
+from srsinv.inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix
+
+X = np.linspace(0, 1, 60)
+NOISE = np.random.default_rng(4).normal(size=60)
+SOLVERS = (Optimistix, OptaxLBFGS, JaxoptLBFGSB)
+START = {"a": 1.0, "k": 1.0, "c": 0.0}
+TRUTH = np.array([3.0, 1.0, 2.0])  # a, c, k
+Y = 3 * np.exp(-2 * X) + 1 + 0.01 * NOISE
+
+
+def model(p):
+    return p["a"] * jnp.exp(-p["k"] * X) + p["c"]
+
+
+def wave(p):
+    return p["s"] * jnp.sin(p["w"] * X) + p["c"] * jnp.cos(p["w"] * X)
+
+
+def values(found):
+    return np.array([found.value[name] for name in ("a", "c", "k")])
+
+
+# --- starts ------------------------------------------------------------------------------------
+
+W = 41.0
+RINGING = np.sin(W * X) + 0.5 * np.cos(W * X) + 0.1 * NOISE
+BOUNDS = {"w": (1.0, 100.0)}
+LISTED = {"w": np.linspace(2.0, 99.0, 40)}
+
+
+def ringing(starts):
+    start = {"s": 0.0, "c": 0.0, "w": 3.0}
+    return srsinv.fit(wave, start, RINGING, bounds=BOUNDS, linear=("s", "c"), starts=starts)
+
+
+@pytest.mark.parametrize("starts", [40, LISTED], ids=["number", "listed"])
+def test_global_minimum(starts):
+    alone, found = ringing(None), ringing(starts)
+    assert abs(alone.value["w"] - W) > 10
+    assert found.converged
+    np.testing.assert_allclose(found.value["w"], W, atol=4 * found.stderr["w"])
+    assert found.stats["starts"] == 41
+    assert found.stats["searches"] == 8
+    assert 1 <= found.stats["searches_at_best"] <= 8
+    again = ringing(starts)
+    assert again.value == found.value
+    assert again.stats == found.stats
+
+
+# --- solvers -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", SOLVERS[1:], ids=lambda solver: solver.__name__)
+def test_same_minimum(solver):
+    first, found = (srsinv.fit(model, START, Y, solver=s) for s in (None, solver()))
+    assert found.converged, found.result
+    assert found.stats["solver"] == solver.name
+    for name in START:
+        np.testing.assert_allclose(
+            found.value[name], first.value[name], atol=1e-3 * first.stderr[name]
+        )
+        np.testing.assert_allclose(found.stderr[name], first.stderr[name], rtol=1e-3)
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.__name__)
+def test_too_few_steps(solver):
+    found = srsinv.fit(model, START, Y, solver=solver(max_steps=2))
+    assert not found.converged
+    assert found.result == f"not converged: {solver.name} reached its 2 steps"
+
+
+@pytest.mark.parametrize(
+    ("of", "start", "solver"),
+    [
+        *((lambda p: jnp.log(p["a"]) * X, -1.0, solver) for solver in SOLVERS),
+        (lambda p: jnp.exp(p["a"] * X), 800.0, Optimistix),
+    ],
+)
+def test_not_finite(of, start, solver):
+    found = srsinv.fit(of, {"a": start}, Y, solver=solver())
+    assert not found.converged
+    assert found.result.startswith("not finite")
+    assert np.isposinf(found.stderr["a"])
+
+
+def test_minimum_at_a_kink_is_no_answer():
+    """a^2 cannot follow falling data: the best a is 0, where the model does not respond."""
+    found = srsinv.fit(lambda p: p["a"] ** 2 * X, {"a": 1.0}, -2 * X + 0.01 * NOISE)
+    assert not found.converged or found.undetermined or found.stderr["a"] > 1e3
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-12])
+def test_tolerance(tolerance):
+    found = srsinv.fit(model, START, Y, solver=Optimistix(tolerance=tolerance))
+    best = srsinv.fit(model, START, Y)
+    away = np.max(np.abs(values(found) - values(best)) / TRUTH)
+    assert away < tolerance + 1e-9
+    assert (found.stats["iterations"] < best.stats["iterations"]) == (tolerance == 1e-2)
+
+
+def test_bad_start_among_good_ones():
+    found = srsinv.fit(
+        lambda p: jnp.log(p["a"]) * X, {"a": -1.0}, 2 * X + 0.01 * NOISE, starts={"a": [-2.0, 3.0]}
+    )
+    assert found.converged, found.result
+    np.testing.assert_allclose(found.value["a"], np.exp(2), rtol=0.02)
+
+
+# --- units and precision -----------------------------------------------------------------------
+
+
+def in_units(p):
+    return p["unit"] * (p["a"] / p["s"][0] * jnp.exp(-p["k"] / p["s"][1] * X) + p["c"] / p["s"][2])
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("scales", [(1.0, 1.0, 1.0), (1e9, 1e-9, 1e-6)])
+def test_units_change_nothing(unit, scales):
+    s = dict(zip(("a", "k", "c"), scales, strict=True))
+    start = {name: s[name] * START[name] for name in START} | {"s": np.array(scales), "unit": unit}
+    found = srsinv.fit(in_units, start, unit * Y, noise=0.01 * unit, free=("a", "k", "c"))
+    plain = srsinv.fit(model, START, Y, noise=0.01)
+    assert found.converged, found.result
+    assert abs(found.stats["iterations"] - plain.stats["iterations"]) <= 1
+    for name in START:
+        np.testing.assert_allclose(found.value[name] / s[name], plain.value[name], rtol=1e-8)
+        np.testing.assert_allclose(found.stderr[name] / s[name], plain.stderr[name], rtol=1e-8)
+
+
+@pytest.mark.parametrize("linear", [(), ("a", "c")], ids=["searched", "solved"])
+def test_single_precision(linear):
+    double = srsinv.fit(model, START, Y, linear=linear)
+    x = X.copy()  # jax remembers a numpy constant in the precision in which it met it first
+
+    def again(p):
+        return p["a"] * jnp.exp(-p["k"] * x) + p["c"]
+
+    with jax.enable_x64(False):
+        single = srsinv.fit(again, START, Y, linear=linear)
+    assert single.converged, single.result
+    for name in START:
+        np.testing.assert_allclose(single.value[name], double.value[name], rtol=2e-4)
+        np.testing.assert_allclose(single.stderr[name], double.stderr[name], rtol=1e-2)
+
+
+# --- compilation -------------------------------------------------------------------------------
+
+
+def test_compiles_once():
+    """The same model for other data of the same shape, noise, start and bounds is the same program;
+    the few traces that remain are of checks before the search."""
+    traces = []
+
+    def counted(p):
+        traces.append(1)
+        return model(p)
+
+    def fit(y, k, level, upper):
+        start = START | {"k": k}
+        return srsinv.fit(counted, start, y, noise=level, bounds={"k": (0.0, upper)})
+
+    fit(Y, 1.0, 0.01, 9.0)
+    first = len(traces)
+    for k in (1.5, 2.5):
+        fit(2 * Y, k, 0.02, 8.0)
+    assert len(traces) - first <= 2 < first
