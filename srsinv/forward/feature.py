@@ -15,13 +15,12 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
 
 from ..errors import BadInput, refuse
-from .traction import Bars, Hertz, LineLoad, Pressure, Step, UniformStrip
+from .traction import Bars, Hertz, LineLoad, Pressure, Scalar, Step, UniformStrip
 
 Range = tuple[float, float]
-Shape = Mapping[str, Float[Array, ""]]
+Shape = Mapping[str, Scalar]
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ class Feature(eqx.Module):
     searched: tuple[tuple[str, Range], ...] = eqx.field(static=True)
     friction: float | None = eqx.field(static=True)
 
-    def __init__(self, friction: float | None = None, **ranges: Any):
+    def __init__(self, friction: Any = None, **ranges: Any):
         self.friction = _friction(friction)
         names = {_range_name(name): name for name in self.axes}
         unknown = sorted(set(ranges) - set(names))

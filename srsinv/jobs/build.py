@@ -100,7 +100,7 @@ def noises(cfg: Config) -> tuple[Noise, ...]:
 
 def features(cfg: Config) -> dict[str, Feature]:
     """The named features of traction: their sum is what is looked for."""
-    return {name: make(node) for name, node in cfg["feature"].items()}
+    return {name: make(node) for name, node in (cfg.get("feature") or {}).items()}
 
 
 def solver(cfg: Config) -> Solver:

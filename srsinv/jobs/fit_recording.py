@@ -15,7 +15,7 @@ from ..forward.noise import total_spectrum
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Periodic
-from ..inverse.feature_fit import FeatureFit, fit_features, probabilities, traction_band
+from ..inverse.feature_fit import FeatureFit, FeatureFitter, probabilities, traction_band
 from ..inverse.nonlinear import Spectrum, whitener
 from ..inverse.problem import COMPONENTS
 from ..progress import stage
@@ -92,15 +92,12 @@ def run(cfg: build.Config) -> Outcome:
         named, choose = build.features(cfg), cfg["fit"]["choose"]
         refuse(not named, "No feature is named: give feature=[strip_load] or a sum of several.")
         sums = [{name: feature} for name, feature in named.items()] if choose else [named]
+        fitter = FeatureFitter(data.sensor, data.motion, build.solver(cfg))
         fits, times = [], []
         for features in [{}, *sums]:
             with stage(f"fitting {' + '.join(features) or 'nothing'}"):
                 start = time.perf_counter()
-                fits.append(
-                    fit_features(
-                        data.sensor, data.motion, features, data.y, data.noise, build.solver(cfg)
-                    )
-                )
+                fits.append(fitter(features, data.y, data.noise))
                 times.append(time.perf_counter() - start)
         best = max(fits, key=lambda fit: fit.log_evidence) if choose else fits[-1]
         dataset = _dataset(data, best)

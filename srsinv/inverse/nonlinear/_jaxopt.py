@@ -1,7 +1,7 @@
 """The one place that knows jaxopt, which is no longer maintained and says so when imported."""
 
 import warnings
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ class JaxoptLBFGSB(Solver):
     max_steps: int = eqx.field(static=True)
     memory: int = eqx.field(static=True)
 
-    def __init__(self, tolerance: float | None = None, max_steps: int = 2000, memory: int = 20):
+    def __init__(self, tolerance: Any = None, max_steps: Any = 2000, memory: Any = 20):
         check_settings(self.name, tolerance, max_steps=max_steps, memory=memory)
         self.tolerance, self.max_steps, self.memory = tolerance, max_steps, memory
 

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -42,7 +42,7 @@ class Solver(eqx.Module):
         """The minimum reached from z0 (m,)."""
 
 
-def check_settings(name: str, tolerance: float | None, **counts: int) -> None:
+def check_settings(name: str, tolerance: Any, **counts: Any) -> None:
     """Refuse a tolerance, or a number of steps and the like, that cannot be."""
     within = isinstance(tolerance, int | float) and 0 < tolerance < 1
     refuse(
@@ -68,7 +68,7 @@ class Optimistix(Solver):
     tolerance: float | None = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
 
-    def __init__(self, tolerance: float | None = None, max_steps: int = 2000):
+    def __init__(self, tolerance: Any = None, max_steps: Any = 2000):
         check_settings(self.name, tolerance, max_steps=max_steps)
         self.tolerance, self.max_steps = tolerance, max_steps
 
@@ -94,7 +94,7 @@ class OptaxLBFGS(Solver):
     max_steps: int = eqx.field(static=True)
     memory: int = eqx.field(static=True)
 
-    def __init__(self, tolerance: float | None = None, max_steps: int = 2000, memory: int = 20):
+    def __init__(self, tolerance: Any = None, max_steps: Any = 2000, memory: Any = 20):
         check_settings(self.name, tolerance, max_steps=max_steps, memory=memory)
         self.tolerance, self.max_steps, self.memory = tolerance, max_steps, memory
 

@@ -1,0 +1,98 @@
+"""Features fitted to recordings: the bundled example against its truth, choosing, refusals."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import srsinv
+from srsinv.errors import BadInput
+from srsinv.recording import Recording, save
+from tests.jobs.run import command, outcome
+
+EXAMPLES = Path(srsinv.__file__).parent / "examples"
+TRUTH = json.loads((EXAMPLES / "strip_two_element.truth.json").read_text())
+SHAPE = ("position_m", "width_m", "pressure_Pa", "friction")
+
+
+@pytest.fixture(scope="module")
+def example():
+    return outcome("experiment=fit_recording")
+
+
+def test_the_bundled_example_gives_its_truth_without_a_start(example):
+    """The data come from the strip's closed form, the model from cells."""
+    found = example.metrics
+    assert found["result"] == "converged"
+    for name in SHAPE:
+        error = found[name] - TRUTH[name]
+        assert abs(error) < 4 * found[f"{name}_stderr"], name
+        assert found[f"{name}_stderr"] < 0.01 * abs(TRUTH[name])
+    assert found["noise_rms_V"] == pytest.approx(TRUTH["white_noise_rms_V"], rel=0.05)
+    assert found["chi2_per_freedom"] == pytest.approx(1.0, abs=0.12)
+
+
+def test_the_evidence_prefers_the_strip_to_nothing(example):
+    assert example.metrics["probability_strip_load"] > 0.999
+    assert example.metrics["log_evidence_strip_load"] > example.metrics["log_evidence_nothing"]
+
+
+def test_every_stage_of_the_fit_is_in_the_result(example):
+    ds = example.dataset
+    left = ds["signal"] - ds["fitted_signal"]
+    white = ds["whitened_residual"].values
+    np.testing.assert_allclose(white, left.values / example.metrics["noise_rms_V"], rtol=1e-9)
+    p = ds["estimate"].sel(component="p")
+    at = int(np.argmin(np.abs(ds["x"].values - TRUTH["position_m"])))
+    assert float(p[at]) == pytest.approx(example.metrics["pressure_Pa"], rel=1e-9)
+    band = float(ds["estimate_stderr"].sel(component="p")[at])
+    assert band == pytest.approx(example.metrics["pressure_Pa_stderr"], rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def noise_only(tmp_path_factory):
+    """A recording of noise alone, with the example's sensor."""
+    sidecar = json.loads((EXAMPLES / "strip_two_element.json").read_text())
+    n = 400
+    noise = 1e-6 * np.random.default_rng(5).standard_normal((2, n))
+    recording = Recording(
+        noise, np.arange(n) / 1000, np.full(n, 0.05), ("voltage_0_V", "voltage_1_V"), sidecar
+    )
+    path = tmp_path_factory.mktemp("noise") / "noise.csv"
+    save(recording, path)
+    return path
+
+
+def test_nothing_is_chosen_on_noise(noise_only):
+    found = outcome(
+        "experiment=fit_recording", f"recording.path={noise_only}",
+        "feature=[line_load,step_load]", "fit.choose=true",
+    ).metrics  # fmt: skip
+    assert found["feature"] == "nothing"
+    assert found["probability_nothing"] > 0.9
+
+
+REFUSED = {
+    "no feature": (["feature=[]"], "feature=[strip_load]"),
+    "unknown key": (["+feature.strip_load.pitch_range_m=[0.1,0.2]"], "pitch_range_m"),
+    "range turned": (["feature.strip_load.width_range_m=[0.004,0.001]"], "width_range_m"),
+    "range below zero": (["feature.strip_load.width_range_m=[-0.004,0.001]"], "width_range_m"),
+    "friction in words": (["feature.strip_load.friction=high"], "friction"),
+    "tolerance": (["solver.tolerance=2"], "tolerance"),
+    "noise by ratio": (["noise=[snr]"], "noise=snr"),
+}
+
+
+@pytest.mark.parametrize(("given", "word"), REFUSED.values(), ids=REFUSED)
+def test_bad_requests_are_refused_before_any_fit(given, word, tmp_path, capsys):
+    assert command(tmp_path / "run", "experiment=fit_recording", *given) == 2
+    said = capsys.readouterr().err.strip()
+    assert word in said
+    assert len(said.splitlines()) == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_missing_recording_is_refused_by_name():
+    with pytest.raises(BadInput, match="nowhere"):
+        outcome("experiment=fit_recording", "recording.path=nowhere.csv")
