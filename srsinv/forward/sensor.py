@@ -119,7 +119,7 @@ class Sensor(eqx.Module):
         end = line.x[-1] + line.cell_m / 2
         away = motion.position_m - (end + reach_m / 2)
         gain = self.amplifier.gain(motion.speed_m_per_s)
-        return gain * field.cell_response(away, as_real(reach_m))
+        return gain[None, None] * field.cell_response(away, as_real(reach_m))
 
     def scanned(self, line: Line, motion: Motion) -> Scanned:
         """The recorded signal less its offset, at every sample of a measured motion.

@@ -21,12 +21,14 @@ from ..forward.scan import Motion
 from ..forward.scanned import Scanned
 from ..forward.sensor import Sensor
 from ..grid import Line, Open, as_real
-from .nonlinear import Fit, Solver, fit, whitener
+from .nonlinear import Fit, Solver, fit, fit_many, whitener
 
 CELLS_PER_DEPTH = 32  # the signal of an edge is then right to 1e-6 of its peak, of a line to 1e-5
 MARGIN_DEPTHS = 16  # beyond the scan, in which what repeats fades out
 COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
 STARTS = 3  # the best of the search that are fitted from
+ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
+AT_ONCE = 1  # of many signals: side by side each waits for the slowest, and the FFTs gain nothing
 FAR_M = 1e3  # how far a step goes on
 # Prior standard deviation of an amplitude: the one whose strongest signal is so many times the
 # largest datum. Wide enough not to pull, and the same rule for every candidate.
@@ -35,8 +37,8 @@ BEYOND_DATA = 30.0
 Features = Mapping[str, Feature]
 
 
-class FeatureModel(eqx.Module):
-    """The signal of features along a motion: parameters by feature to (element, sample).
+class Felt(eqx.Module):
+    """A sensor along a motion, on the open line that features' traction lies on.
 
     `scanned` maps traction on `line` to the signal; `tail` (e, c, sample) is the signal of unit
     traction on everything beyond the line's end, for what continues; `fade` (n,) takes out what
@@ -48,53 +50,64 @@ class FeatureModel(eqx.Module):
     fade: Float[Array, " n"]
     line: Line
     direction: Float[Array, " sample"]
-    features: dict[str, Feature]
     reverses: bool = eqx.field(static=True)
     free_offset: bool = eqx.field(static=True)
 
-    def __init__(
-        self,
-        sensor: Sensor,
-        motion: Motion,
-        features: Features,
-        cells_per_depth: int = CELLS_PER_DEPTH,
-    ):
+    def __init__(self, sensor: Sensor, motion: Motion, cells_per_depth: int = CELLS_PER_DEPTH):
         self.line = line_under(sensor, motion, cells_per_depth)
-        self.scanned = sensor.scanned(self.line, motion)
-        self.tail = sensor.beyond(self.line, motion, FAR_M)
-        self.fade = _fade(self.line, motion)
+        self.scanned, self.tail, self.fade = _responding(sensor, motion, self.line)
         self.direction = motion.direction
-        self.features = dict(features)
         self.reverses = bool(motion.reverses)
         self.free_offset = sensor.amplifier.offset is None
+
+
+@eqx.filter_jit
+def _responding(sensor: Sensor, motion: Motion, line: Line):
+    return sensor.scanned(line, motion), sensor.beyond(line, motion, FAR_M), _fade(line, motion)
+
+
+class FeatureModel(eqx.Module):
+    """The signal of features as `felt`: parameters by feature to (element, sample)."""
+
+    felt: Felt
+    features: dict[str, Feature]
+
+    def __init__(self, felt: Felt, features: Features):
+        self.felt, self.features = felt, dict(features)
+
+    @property
+    def line(self) -> Line:
+        """Where the traction lies."""
+        return self.felt.line
 
     @property
     def linear(self) -> tuple[str, ...]:
         """Names of the parameters that enter linearly."""
         named = [f"{n}.{part}" for n, f in self.features.items() for part in f.linear]
-        return (*named, "offset") if self.free_offset else tuple(named)
+        return (*named, "offset") if self.felt.free_offset else tuple(named)
 
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] on the line while sliding towards +x."""
         total = jnp.zeros((2, self.line.n))
         for name, feature in self.features.items():
             shape = feature.profile(params[name]).shares(self.line)
-            shape = shape * self.fade if feature.repeats else shape
+            shape = shape * self.felt.fade if feature.repeats else shape
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
         return total
 
+    @eqx.filter_jit
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
-        forward = self.traction(params)
+        felt, forward = self.felt, self.traction(params)
         turn = jnp.array([[1.0], [-1.0]])
-        if self.reverses:
-            signal = self.scanned(forward, turn * forward)
+        if felt.reverses:
+            signal = felt.scanned(forward, turn * forward)
         else:
-            signal = self.scanned(jnp.where(self.direction[0] < 0, turn, 1.0) * forward)
+            signal = felt.scanned(jnp.where(felt.direction[0] < 0, turn, 1.0) * forward)
         for name, feature in self.features.items():
             if feature.continues:
                 p, q = amplitudes(feature, params[name])
-                signal = signal + p * self.tail[:, 0] + q * self.direction * self.tail[:, 1]
-        return signal + params["offset"][:, None] if self.free_offset else signal
+                signal = signal + p * felt.tail[:, 0] + q * felt.direction[None] * felt.tail[:, 1]
+        return signal + params["offset"][:, None] if felt.free_offset else signal
 
 
 def amplitudes(feature: Feature, own: Mapping[str, Any]) -> tuple[Array, Array]:
@@ -150,7 +163,95 @@ class FeatureFit:
 
     def signal(self) -> Float[np.ndarray, "e sample"]:
         """The fitted signal."""
-        return np.asarray(self.model({} if self.fit is None else self.fit.value))
+        value = {} if self.fit is None else self.fit.value
+        return np.asarray(self.model(jax.tree.map(as_real, value)))
+
+
+class FeatureFitter:
+    """Fits features to signals of one sensor along one motion.
+
+    What does not depend on the signal is computed once, and the programs compiled for the first
+    signal serve all.
+    """
+
+    def __init__(self, sensor: Sensor, motion: Motion, solver: Solver | None = None):
+        self._felt, self._coarse = Felt(sensor, motion), _Coarse(sensor, motion)
+        self._solver = solver
+
+    def __call__(
+        self, features: Features, y: Float[np.ndarray, "e sample"], noise: Any
+    ) -> FeatureFit:
+        """As [`fit_features`][]."""
+        y = np.asarray(y, float)
+        parts: dict[str, Feature] = {}
+        found, priors = self._offset(y)
+        result, model = None, FeatureModel(self._felt, parts)
+        if found and not features:
+            result = fit(model, found, y, noise=noise, linear=model.linear, priors=priors)
+        for name, feature in features.items():
+            shapes, more = self._starts(y, parts, found, name, feature)
+            parts, priors = parts | {name: feature}, priors | more
+            model = FeatureModel(self._felt, parts)
+            settings = self._settings(model, noise, priors)
+            result = _best(model, [found | {name: shape} for shape in shapes], y, settings)
+            found = dict(result.value)
+        evidence = log_density(y, noise) if result is None else result.log_evidence
+        evidence = -np.inf if evidence is None else float(evidence)
+        read = {} if result is None else readable(model, result)
+        return FeatureFit(dict(features), result, model, read, evidence)
+
+    def many(
+        self, name: str, feature: Feature, ys: Float[np.ndarray, "draw e sample"], noise: Any
+    ) -> tuple[FeatureModel, list[Fit]]:
+        """One feature fitted to many signals of the same scene, side by side.
+
+        All start from where the search finds it in the first signal.
+        """
+        found, priors = self._offset(ys[0])
+        shapes, more = self._starts(ys[0], {}, {}, name, feature)
+        model = FeatureModel(self._felt, {name: feature})
+        settings = self._settings(model, noise, priors | more)
+        return model, fit_many(model, found | {name: shapes[0]}, ys, at_once=AT_ONCE, **settings)
+
+    def _offset(self, y: np.ndarray) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
+        """First value and prior of each element's constant, where it is not known."""
+        if not self._felt.free_offset:
+            return {}, {}
+        return {"offset": np.zeros(len(y))}, {"offset": (0.0, _reach(y))}
+
+    def _starts(self, y, parts: Features, found, name: str, feature: Feature):
+        """Parameters of one more feature to start from, and the priors of its amplitudes."""
+        shapes, strongest = self._coarse.search(y, parts, found, feature)
+        priors = {
+            f"{name}.{part}": (0.0, _reach(y) / top if top > 0 else 1.0)
+            for part, top in zip(feature.linear, strongest, strict=True)
+        }
+        return [shape | dict.fromkeys(feature.linear, 0.0) for shape in shapes], priors
+
+    def _settings(self, model: FeatureModel, noise: Any, priors) -> dict[str, Any]:
+        return {
+            "noise": noise,
+            "bounds": _bounds(model.features, self._coarse.stretch),
+            "linear": model.linear,
+            "priors": priors,
+            "solver": self._solver,
+        }
+
+
+def _best(model: FeatureModel, starts: list[dict[str, Any]], y, settings: dict[str, Any]) -> Fit:
+    """From the starts in order, until one explains the data to the noise."""
+    ends: list[Fit] = []
+    for start in starts:
+        ends.append(fit(model, start, y, **settings))
+        if ends[-1].converged and _explains(ends[-1]):
+            break
+    return min(ends, key=lambda end: end.stats["cost"])
+
+
+def _explains(end: Fit) -> bool:
+    """Whether what is left of the data is as small as noise is."""
+    freedom = end.stats["degrees_of_freedom"]
+    return bool(2 * end.stats["cost"] <= freedom + ENOUGH * np.sqrt(2 * freedom))
 
 
 def fit_features(
@@ -167,46 +268,10 @@ def fit_features(
     - Features of a sum are found one after the other, each beside those found before, and then
       fitted together. No feature at all is a candidate too.
 
-    Raises `BadInput` where the data and the motion disagree.
+    For several candidates or signals a [`FeatureFitter`][] is faster. Raises `BadInput` where the
+    data and the motion disagree.
     """
-    y = np.asarray(y, float)
-    stretch = stretch_of(sensor, motion)
-    coarse = _Coarse(sensor, motion, y)
-    parts: dict[str, Feature] = {}
-    found: dict[str, Any] = {}
-    priors: dict[str, tuple[float, float]] = {}
-    result, model = None, FeatureModel(sensor, motion, parts)
-    if model.free_offset:
-        found["offset"] = np.zeros(len(y))
-        priors["offset"] = (0.0, _reach(y))
-    if model.free_offset and not features:
-        result = fit(model, found, y, noise=noise, linear=model.linear, priors=priors)
-    for name, feature in features.items():
-        shapes, strongest = coarse.search(parts, found, name, feature, stretch)
-        parts = parts | {name: feature}
-        model = FeatureModel(sensor, motion, parts)
-        priors |= {
-            f"{name}.{part}": (0.0, _reach(y) / top if top > 0 else 1.0)
-            for part, top in zip(feature.linear, strongest, strict=True)
-        }
-        ends = [
-            fit(
-                model,
-                found | {name: shape | dict.fromkeys(feature.linear, 0.0)},
-                y,
-                noise=noise,
-                bounds=_bounds(parts, stretch),
-                linear=model.linear,
-                priors=priors,
-                solver=solver,
-            )
-            for shape in shapes
-        ]
-        result = min(ends, key=lambda end: end.stats["cost"])
-        found = dict(result.value)
-    evidence = log_density(y, noise) if result is None else result.log_evidence
-    read = {} if result is None else _readable(model, result)
-    return FeatureFit(dict(features), result, model, read, float(evidence or -np.inf))
+    return FeatureFitter(sensor, motion, solver)(features, y, noise)
 
 
 def _bounds(parts: Features, stretch: Stretch) -> dict[str, tuple[float, float]]:
@@ -229,27 +294,38 @@ def stretch_of(sensor: Sensor, motion: Motion) -> Stretch:
     return Stretch(float(x.min()), float(x.max()), float(sensor.depth_m))
 
 
+@dataclass(frozen=True)
+class _Bank:
+    """Signals of unit amplitudes (start, a, datum) for every shape tried, less each element's mean
+    where the offset is free; their Gram matrices (start, a, a), and the largest signal (a,)."""
+
+    tried: dict[str, np.ndarray]
+    signals: np.ndarray
+    gram: np.ndarray
+    strongest: list[float]
+
+
 class _Coarse:
     """The same signal on coarser samples and cells, for the search of a start."""
 
-    def __init__(self, sensor: Sensor, motion: Motion, y: np.ndarray):
+    def __init__(self, sensor: Sensor, motion: Motion):
         x = np.asarray(motion.position_m)
         moved = np.abs(np.diff(x))
         typical = float(np.median(moved[moved > 0])) if np.any(moved > 0) else 0.0
         wanted = float(sensor.depth_m) / COARSE_PER_DEPTH
-        block = int(np.clip(wanted / typical if typical else 1, 1, x.size // 8 or 1))
+        self.block = int(np.clip(wanted / typical if typical else 1, 1, x.size // 8 or 1))
+        columns = (motion.time_s, motion.position_m, motion.speed_m_per_s)
+        coarse = Motion(*(self._means(np.asarray(column)) for column in columns))
+        self.felt = Felt(sensor, coarse, COARSE_PER_DEPTH)
+        self.stretch = stretch_of(sensor, motion)
+        self._banks: dict[Feature, _Bank] = {}
 
-        def means(values):
-            values = np.asarray(values)
-            kept = values.shape[-1] // block * block
-            return values[..., :kept].reshape(*values.shape[:-1], -1, block).mean(axis=-1)
-
-        self.sensor = sensor
-        self.motion = Motion(*map(means, (motion.time_s, motion.position_m, motion.speed_m_per_s)))
-        self.y = means(np.nan_to_num(y))
+    def _means(self, values: np.ndarray) -> np.ndarray:
+        kept = values.shape[-1] // self.block * self.block
+        return values[..., :kept].reshape(*values.shape[:-1], -1, self.block).mean(axis=-1)
 
     def search(
-        self, parts: Features, found, name: str, feature: Feature, stretch: Stretch
+        self, y: np.ndarray, parts: Features, found, feature: Feature
     ) -> tuple[list[dict[str, float]], list[float]]:
         """The shapes of one more feature to start from, the best first, and the strongest signal of
         each of its unit amplitudes over all shapes tried.
@@ -257,41 +333,45 @@ class _Coarse:
         A bank of matched filters: for each shape tried, how much of what the features found so far
         leave (their shape and amplitudes kept) its best amplitudes explain.
         """
-        rest = self.y
+        rest = self._means(np.nan_to_num(y))
         if parts:
-            before = FeatureModel(self.sensor, self.motion, parts, COARSE_PER_DEPTH)
-            rest = rest - np.asarray(before(found))
-        model = FeatureModel(self.sensor, self.motion, {name: feature}, COARSE_PER_DEPTH)
-        tried = feature.starts(stretch)
-        bank = np.asarray(_responses(model, name, {k: as_real(v) for k, v in tried.items()}))
-        strongest = np.abs(bank).max(axis=(0, 2, 3)).tolist()
-        if model.free_offset:
-            rest = rest - rest.mean(axis=-1, keepdims=True)
-            bank = bank - bank.mean(axis=-1, keepdims=True)
-        bank = bank.reshape(*bank.shape[:2], -1)
-        gram = bank @ bank.swapaxes(1, 2)
+            rest = rest - np.asarray(FeatureModel(self.felt, parts)(found))
+        if feature not in self._banks:
+            self._banks[feature] = self._bank(feature)
+        bank = self._banks[feature]
+        told = bank.signals @ self._centred(rest).ravel()
+        explained = np.sum(told * np.linalg.solve(bank.gram, told[..., None])[..., 0], axis=-1)
+        return _apart(bank.tried, explained), bank.strongest
+
+    def _bank(self, feature: Feature) -> _Bank:
+        tried = feature.starts(self.stretch)
+        shapes = {part: as_real(values) for part, values in tried.items()}
+        signals = np.asarray(_responses(FeatureModel(self.felt, {"one": feature}), shapes))
+        strongest = np.abs(signals).max(axis=(0, 2, 3)).tolist()
+        signals = self._centred(signals).reshape(*signals.shape[:2], -1)
+        gram = signals @ signals.swapaxes(1, 2)
+        # Faintly damped, for shapes that the film hardly feels.
         gram = gram + 1e-9 * np.trace(gram.mean(axis=0)) * np.eye(gram.shape[-1]) + 1e-300
-        told = bank @ rest.ravel()
-        explained = np.einsum("sa,sa->s", told, np.linalg.solve(gram, told[..., None])[..., 0])
-        return _apart(tried, explained), strongest
+        return _Bank(tried, signals, gram, strongest)
+
+    def _centred(self, signals: np.ndarray) -> np.ndarray:
+        """Less each element's mean, where its offset is free."""
+        return signals - self.felt.free_offset * signals.mean(axis=-1, keepdims=True)
 
 
 @eqx.filter_jit
-def _responses(model: FeatureModel, name: str, shapes) -> Float[Array, "start a e sample"]:
-    """Signals of every unit amplitude of one feature, for each shape."""
-    linear = model.features[name].linear
-    rest = {"offset": jnp.zeros(model.tail.shape[0])} if model.free_offset else {}
+def _responses(model: FeatureModel, shapes) -> Float[Array, "start a e sample"]:
+    """Signals of every unit amplitude of the model's only feature, for each shape."""
+    ((name, feature),) = model.features.items()
+    elements = model.felt.tail.shape[0]
+    rest = {"offset": jnp.zeros(elements)} if model.felt.free_offset else {}
+
+    def of(shape, one: str):
+        own = {part: as_real(float(part == one)) for part in feature.linear}
+        return model({name: shape | own} | rest)
 
     def at(shape):
-        return jnp.stack(
-            [
-                model(
-                    {name: shape | {part: jnp.asarray(float(part == one)) for part in linear}}
-                    | rest
-                )
-                for one in linear
-            ]
-        )
+        return jnp.stack([of(shape, one) for one in feature.linear])
 
     return jax.lax.map(at, shapes, batch_size=64)
 
@@ -309,7 +389,7 @@ def _apart(tried: dict[str, np.ndarray], explained: np.ndarray) -> list[dict[str
     return [{part: float(values[at]) for part, values in tried.items()} for at in chosen]
 
 
-def _readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]:
+def readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]:
     """Each parameter as a user reads it."""
     read: dict[str, tuple[float, float]] = {}
     for name, feature in model.features.items():

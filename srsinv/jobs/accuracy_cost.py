@@ -1,4 +1,4 @@
-"""Error against time: the forward model and both inversions, with numpy and scipy beside them.
+"""Error against time: forward model, inversions and feature fit, with numpy and scipy beside them.
 
 Every measurement is a row: what was run (part, line, family, cells), how wrong it is and how long
 it took. Functions are compiled with their arrays as arguments, and give back the traction or the
@@ -25,6 +25,7 @@ from ..inverse.wiener import SpectralPrior
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
+from . import accuracy_cost_fit as fitting
 from . import build, peers
 from .analysis import deviation, timed
 from .simulate import Simulation, noisy_problem, simulation
@@ -52,17 +53,25 @@ def run(cfg: build.Config) -> Outcome:
         for (line, cells), (problem, truth) in problems.items():
             with stage(f"inversions, {line} line, {cells} cells"):
                 rows += _inversions(cfg["accuracy_cost"], priors, line, problem, truth)
-    baselines = {(row["part"], row["line"], row["family"], row["cells"]): row for row in rows}
-    for row in rows:
-        peer = baselines.get((row["part"], row["line"], row["peer"], row["cells"]))
-        row["against_peer"] = peer and row["time_s_steady"] / peer["time_s_steady"]
+        fits = fitting.rows_of(cfg)
+    _against_peers(rows, "cells")
+    _against_peers(fits, "setting")
+    *parts, how = _sections(cfg, rows)
     return Outcome(
-        "Accuracy against cost: forward model, Wiener and Tikhonov",
-        _metrics(rows),
-        _dataset(rows),
-        _sections(cfg, rows),
-        _summary(rows),
+        "Accuracy against cost: forward model, Wiener, Tikhonov and feature fit",
+        _metrics(rows) | fitting.metrics(fits),
+        _dataset(rows).merge(fitting.dataset(fits), combine_attrs="override"),
+        (*parts, *fitting.sections(cfg, fits), how),
+        _summary(rows, fits),
     )
+
+
+def _against_peers(rows: list[Row], size: str) -> None:
+    """Each row's time over that of its peer at the same size, None where there is no peer."""
+    baselines = {(row["part"], row["line"], row["family"], row[size]): row for row in rows}
+    for row in rows:
+        peer = baselines.get((row["part"], row["line"], row["peer"], row[size]))
+        row["against_peer"] = peer and row["time_s_steady"] / peer["time_s_steady"]
 
 
 def _check(settings: dict[str, Any]) -> None:
@@ -82,6 +91,7 @@ def _check(settings: dict[str, Any]) -> None:
         f"accuracy_cost.tolerances is {settings['tolerances']}: give numbers between {TIGHT:g} "
         "and 1.",
     )
+    fitting.check(settings["fit"])
 
 
 def _simulation(cfg: build.Config, line: str, cells: int) -> Simulation:
@@ -408,9 +418,12 @@ def _how(cfg: build.Config) -> tuple[tuple[str, str], ...]:
     )  # fmt: skip
 
 
-def _summary(rows: list[Row]) -> Table:
+def _summary(rows: list[Row], fits: list[Row]) -> Table:
     largest = {part: max(r["cells"] for r in rows if r["part"] == part) for part in
                dict.fromkeys(row["part"] for row in rows)}  # fmt: skip
+    swept = [row for row in fits if row["line"] == "tolerance"]
+    least = min(row["setting"] for row in swept)
+    tightest: list[Row] = [row | {"cells": "-"} for row in swept if row["setting"] == least]
     return Table(
         ("part", "line", "family", "cells", "error", "steady [ms]", "steady / peer's"),
         tuple(
@@ -419,8 +432,8 @@ def _summary(rows: list[Row]) -> Table:
                 1e3 * row["time_s_steady"],
                 "-" if row["against_peer"] is None else round(row["against_peer"], 2),
             )
-            for row in rows
-            if row["cells"] == largest[row["part"]]
+            for row in (*(r for r in rows if r["cells"] == largest[r["part"]]), *tightest)
         ),
-        "At the largest size of each part; the peer is numpy or scipy doing the same work.",
+        "At the largest size of each part, the fit at the tightest tolerance with its error in "
+        "standard errors; the peer is numpy or scipy doing the same work.",
     )  # fmt: skip

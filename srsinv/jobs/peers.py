@@ -1,8 +1,12 @@
-"""The forward model and both inversions by numpy and scipy alone: what ours are timed against."""
+"""Forward model, inversions and fit by numpy and scipy alone: what ours are timed against."""
+
+from typing import Any
 
 import numpy as np
+import scipy.optimize as so
 import scipy.sparse.linalg as sla
 
+from ..inverse.feature_fit import FeatureModel
 from ..inverse.prior import Prior
 from ..inverse.problem import Problem
 from ..inverse.tikhonov import DerivativePenalty
@@ -87,3 +91,85 @@ class NumpyNormal:
             M=sla.LinearOperator((size, size), precondition),
         )
         return value.reshape(shape)
+
+
+class NumpyStrip:
+    """The signal of a strip of pressure and shear along a scan, and scipy's fit of it.
+
+    The cells and the spline that shares an edge among them are those of ours, `transfer` (e, c, k)
+    and the interpolation (`index`, `weights`, `gain`) are handed over; parameters are position [m],
+    width [m], pressure and shear [Pa].
+    """
+
+    def __init__(self, model: FeatureModel, length: int):
+        field, sampling = model.felt.scanned.field, model.felt.scanned.sampling
+        self.x, self.cell = np.asarray(model.line.x), float(model.line.cell_m)
+        self.transfer, self.length = np.asarray(field.transfer), length
+        self.index, self.weights = np.asarray(sampling.index), np.asarray(sampling.weights)
+        self.gain = np.asarray(model.felt.scanned.gain)
+
+    def _signal(self, cells: np.ndarray) -> np.ndarray:
+        """Signals (e, c, sample) of each component alone with these shares of the cells (n,)."""
+        padded = np.pad(cells, 1, mode="edge")
+        cells = cells - (padded[2:] - 2 * cells + padded[:-2]) / 6
+        along = np.fft.irfft(self.transfer * np.fft.rfft(cells, self.length), self.length)
+        return self.gain * np.sum(self.weights * along[..., self.index], axis=-1)
+
+    def _edges(self, position: float, width: float) -> tuple[np.ndarray, np.ndarray]:
+        """How far, in cells, each cell is within the left edge and within the right one."""
+        away, half = (self.x - position) / self.cell, width / 2 / self.cell
+        return away + half, half - away
+
+    def __call__(self, parameters: np.ndarray) -> np.ndarray:
+        """The signal (e, sample)."""
+        left, right = self._edges(*parameters[:2])
+        return np.einsum("ecs,c->es", self._signal(_rise(left) + _rise(right) - 1), parameters[2:])
+
+    def jacobian(self, parameters: np.ndarray) -> np.ndarray:
+        """Its derivative (e, sample, parameter)."""
+        left, right = self._edges(*parameters[:2])
+        at_left, at_right = _bell(left) / self.cell, _bell(right) / self.cell
+        unit = self._signal(_rise(left) + _rise(right) - 1)
+        moves = (at_right - at_left, (at_left + at_right) / 2)
+        bent = [np.einsum("ecs,c->es", self._signal(move), parameters[2:]) for move in moves]
+        return np.stack([*bent, *np.moveaxis(unit, 1, 0)], axis=-1)
+
+    def fit(
+        self,
+        y: np.ndarray,
+        noise_rms: float,
+        start: np.ndarray,
+        bounds,
+        tolerance: float,
+        analytic: bool,
+    ) -> tuple[np.ndarray, float]:
+        """Parameters and half the sum of squares, by scipy from `start`; `bounds` as scipy's."""
+
+        def slope(z: np.ndarray) -> np.ndarray:
+            return self.jacobian(z).reshape(-1, 4) / noise_rms
+
+        jacobian: Any = slope if analytic else "2-point"
+        found = so.least_squares(
+            lambda z: ((self(z) - y) / noise_rms).ravel(),
+            start,
+            jac=jacobian,
+            bounds=bounds,
+            x_scale="jac",
+            xtol=tolerance,
+            ftol=tolerance,
+            gtol=tolerance,
+        )
+        return found.x, float(found.cost)
+
+
+def _bell(t: np.ndarray) -> np.ndarray:
+    """The quadratic B-spline."""
+    size = np.abs(t)
+    return np.where(size < 0.5, 0.75 - size**2, np.maximum(1.5 - size, 0) ** 2 / 2)
+
+
+def _rise(t: np.ndarray) -> np.ndarray:
+    """Its integral, from 0 to 1."""
+    t = np.clip(t, -1.5, 1.5)
+    tail = (1.5 - np.abs(t)) ** 3 / 6
+    return np.where(np.abs(t) < 0.5, 0.5 + 0.75 * t - t**3 / 3, np.where(t < 0, tail, 1 - tail))

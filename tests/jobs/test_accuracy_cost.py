@@ -11,7 +11,13 @@ from srsinv.__main__ import find_config_root
 from srsinv.errors import BadInput
 from srsinv.jobs.accuracy_cost import run
 
-SHORT = ["forward_cells=[64,256]", "inverse_cells=[64]", "repeats=1"]
+SHORT = [
+    "forward_cells=[64,256]",
+    "inverse_cells=[64]",
+    "repeats=1",
+    *(f"fit.{setting}" for setting in ("samples=64", "tolerances=[1e-8]", "starts=[2]",
+                                       "signals=2", "batches=[2]")),
+]  # fmt: skip
 # One method, to be quick, its weights given: no rule to run.
 METHOD = ["method=[tikhonov]", *(f"method.tikhonov.weight_{c}=1e-3" for c in "pq")]
 TOLERANCES = (1e-4, 1e-8)
@@ -68,6 +74,28 @@ def test_a_tighter_tolerance_is_closer(outcome, solver):
 def test_every_variable_has_units_and_every_time_is_positive(outcome):
     assert all("units" in outcome.dataset[name].attrs for name in outcome.dataset.variables)
     assert np.all(outcome.dataset["time_s_steady"] > 0)
+    assert np.all(outcome.dataset["fit_time_s_steady"] > 0)
+
+
+@pytest.mark.parametrize(
+    ("family", "most"),
+    [
+        ("optimistix", 1e-6),
+        ("optax_l_bfgs", 1e-3),
+        ("scipy_2_point", 1e-3),
+        ("scipy_analytic", 1e-3),
+    ],
+)
+def test_solvers_of_the_fit_meet_in_one_minimum_near_the_truth(outcome, family, most):
+    key = f"fit_tolerance_{family}_1e-08"
+    assert outcome.metrics[f"{key}_error"] < most  # of a standard error
+    assert outcome.metrics[f"{key}_error_cramer_rao"] < 3
+
+
+@pytest.mark.parametrize("sweep", ["starts", "batch"])
+def test_fits_are_timed_over_starts_and_together(outcome, sweep):
+    key = f"fit_{sweep}_optimistix_2"
+    assert outcome.metrics[f"{key}_time_s_steady"] < outcome.metrics[f"{key}_time_s_first"]
 
 
 @pytest.mark.parametrize(
@@ -77,6 +105,10 @@ def test_every_variable_has_units_and_every_time_is_positive(outcome):
         ("inverse_cells=[]", "inverse_cells"),
         ("repeats=0", "repeats"),
         ("tolerances=[0.0]", "tolerances"),
+        ("fit.tolerances=[]", "tolerances"),
+        ("fit.starts=[0]", "starts"),
+        ("fit.batches=[]", "batches"),
+        ("fit.signals=0", "signals"),
     ],
 )
 def test_bad_settings_are_refused(setting, named):

@@ -6,8 +6,15 @@ said in place of the figure. Components, methods and stresses keep their colours
 the next; truth is black. The same input gives the same picture.
 """
 
+from .compare import errors_against_noise as errors_against_noise
+from .compare import fit_cost as fit_cost
+from .compare import ranking as ranking
 from .cost import accuracy_cost as accuracy_cost
 from .cost import errors_and_time as errors_and_time
+from .coverage import bound_and_coverage as bound_and_coverage
+from .coverage import confusion as confusion
+from .coverage import evidence_margins as evidence_margins
+from .coverage import normalised_errors as normalised_errors
 from .estimates import averaging_kernel as averaging_kernel
 from .estimates import estimates as estimates
 from .feature import correlation as correlation

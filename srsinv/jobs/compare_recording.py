@@ -1,0 +1,349 @@
+"""The comparison on a recording: no truth, so the methods are judged by samples they did not see.
+
+The recording's cells are dealt into two halves, every other one to each: over a depth there are
+several cells, so that either half tells the same traction, with noise of its own. What a method
+finds from one half is held against the samples of the other.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import xarray
+
+from ..forward.film import SampleAverage
+from ..forward.scan import ConstantSpeed
+from ..inverse.problem import COMPONENTS, Problem
+from ..report import figures
+from ..report.outcome import Outcome, Section, Table
+from . import build, contest
+from .analysis import BAND_90, deviation, element_names, seen
+from .contest import Runs, Setting
+from .invert_recording import (
+    _assumed,
+    _block,
+    _load,
+    _nominal_Pa,
+    _on_line,
+    _spectrum,
+    _widest_spacing,
+    cell_signals,
+)
+from .recorded import sensor_of, white_rms
+
+CELLS_PER_DEPTH = 5  # each half then has a sample every 0.4 depths, where e^(-k z) is 4e-4
+WELL = 1.2  # mean square of the residual, in units of the noise, up to which noise explains it
+PARTS = ("all", "even cells", "odd cells")
+DRAWN = ("method", "part")
+
+
+def on_recording(cfg: build.Config) -> Outcome:
+    """Every contestant on the whole recording and on its two halves.
+
+    Raises `BadInput` for a recording that cannot be inverted, and for fewer than two contestants.
+    """
+    title, setting, unit, rows = _read(cfg)
+    whole = setting.problems[0]
+    runs = contest.run_all(contest.contestants(cfg, setting), setting.problems)
+    dataset = _dataset(title, setting, unit, runs)
+    summary = _summary(dataset)
+    return Outcome(
+        f"{title}: {', '.join(runs)} compared",
+        _metrics(dataset),
+        dataset,
+        _sections(cfg, dataset, runs, rows, whole, summary),
+        summary,
+    )
+
+
+def _read(cfg: build.Config) -> tuple[str, Setting, str, tuple[tuple[str, str], ...]]:
+    """The recording's name, its problem whole and in halves, its unit, and what was assumed."""
+    recording = _load(cfg)
+    ideal = sensor_of(cfg, recording)
+    depth, speed = float(ideal.depth_m), float(np.mean(recording.speed_m_per_s))
+    spacing = abs(speed) / recording.sample_rate_hz
+    if cfg["recording"]["cell_m"] is None:
+        cfg = {**cfg, "recording": {**cfg["recording"], "cell_m": depth / CELLS_PER_DEPTH}}
+    block = _block(cfg, recording, depth, spacing, 1 if build.friction(cfg) is not None else 2)
+    rms = white_rms(cfg, recording, depth, _widest_spacing(recording, spacing))
+    position, signal, samples = cell_signals(recording, ideal.amplifier, block, spacing)
+    line, data, observed = _on_line(position, signal, cfg, recording.sidecar, depth)
+    sensor = sensor_of(cfg, recording, (SampleAverage(block, spacing),) if block > 1 else ())
+    scan = ConstantSpeed(speed)
+    noise = _spectrum(cfg, line, scan, data, observed, rms / np.sqrt(samples))
+    offset = sensor.amplifier.offset
+    if offset is None:
+        noise = noise.at[0].set(jnp.inf)
+    else:
+        data = jnp.where(observed, data - offset, 0.0)
+    nominal = _nominal_Pa(recording)
+    problem = Problem(
+        line,
+        line.operator(sensor.signal(scan)),
+        data,
+        noise,
+        observed=observed,
+        known_mean_Pa=(0.0, None),
+        background_Pa=(nominal, None),
+        friction=build.friction(cfg),
+    )
+    rows = _assumed(cfg, recording, sensor, line, block, spacing, rms, nominal)
+    problems = [problem, *contest.halves(problem)]
+    return recording.name, Setting(sensor, speed, problems), recording.signal_unit, rows
+
+
+# --- numbers ---------------------------------------------------------------------------------
+
+
+def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) -> xarray.Dataset:
+    whole, even, odd = setting.problems
+    there = seen(whole)
+
+    def each(get) -> np.ndarray:
+        """(method, part, ...)"""
+        return np.asarray([[get(found) for found in one.found] for one in runs.values()])
+
+    value, stderr = each(lambda f: f.value), each(lambda f: f.stderr)
+    fitted = each(lambda f: f.fitted)
+    signal = np.where(contest.samples_there(whole), np.asarray(whole.data + whole.level), np.nan)
+    unseen = [
+        [contest.predicts(one.found[1], odd), contest.predicts(one.found[2], even)]
+        for one in runs.values()
+    ]
+    moved = deviation(value[:, 1], there) - deviation(value[:, 2], there)
+    along, samples = ("component", "x"), ("element", "x")
+    p = deviation(value[:, 0, 0], there)
+    apart = np.linalg.norm(p[:, None] - p[None], axis=-1)
+    variables = {
+        "signal": (samples, signal, unit),
+        "observed": (samples, contest.samples_there(whole).astype(np.int8), "1"),
+        "estimate": ((*DRAWN, *along), value, "Pa"),
+        "estimate_stderr": ((*DRAWN, *along), stderr, "Pa"),
+        "fitted_signal": ((*DRAWN, *samples), fitted, unit),
+        "whitened_residual": (
+            (*DRAWN, *samples), (signal - fitted) / contest.noise_rms(whole), "1"
+        ),
+        "misfit": (DRAWN, each(lambda f: f.misfit), "1"),
+        "unseen": (("method", "half"), unseen, "1"),
+        "rank": (("method", "half"), contest.ranks(np.asarray(unseen)), "1"),
+        "repeatability": (
+            ("method", "component"), np.sqrt(np.mean(moved**2, axis=-1)) / 2, "Pa"
+        ),
+        "stderr_rms": (
+            ("method", "component"), np.sqrt(np.mean(stderr[:, 0][..., there] ** 2, axis=-1)), "Pa"
+        ),
+        "peak_position": (
+            ("method", "component"),
+            np.asarray(whole.line.x)[there][np.argmax(value[:, 0][..., there], axis=-1)], "m",
+        ),
+        "difference_of_p": (
+            ("method", "other"), apart / (np.linalg.norm(p, axis=-1) + 1e-300)[None], "1"
+        ),
+        "converged": (DRAWN, each(lambda f: f.result == "converged").astype(np.int8), "1"),
+        "time_s_first": (("method",), [one.time_s_first for one in runs.values()], "s"),
+        "time_s_steady": (("method",), [one.time_s_steady for one in runs.values()], "s"),
+    }  # fmt: skip
+    coordinates = {
+        "x": ("x", np.asarray(whole.line.x), {"units": "m"}),
+        "part": ("part", list(PARTS), {"units": "1"}),
+        "component": ("component", list(COMPONENTS), {"units": "1"}),
+        "method": ("method", list(runs), {"units": "1"}),
+        "other": ("other", list(runs), {"units": "1"}),
+        "half": ("half", list(PARTS[1:]), {"units": "1"}),
+        "element": ("element", element_names(setting.sensor), {"units": "1"}),
+    }
+    return xarray.Dataset(
+        {name: (dims, np.asarray(values), {"units": units})
+         for name, (dims, values, units) in variables.items()},
+        coordinates,
+        {"title": title, "mean_unobserved": ",".join(COMPONENTS)},
+    )  # fmt: skip
+
+
+def _metrics(ds: xarray.Dataset) -> dict[str, Any]:
+    metrics: dict[str, Any] = {"cells": ds.sizes["x"]}
+    for m, name in enumerate(ds["method"].values):
+        key = str(name).lower().replace(" ", "_")
+        metrics[f"misfit_{key}"] = float(ds["misfit"].values[m, 0])
+        metrics[f"unseen_{key}"] = float(ds["unseen"].values[m].mean())
+        metrics[f"rank_mean_{key}"] = float(ds["rank"].values[m].mean())
+        metrics[f"converged_{key}"] = bool(ds["converged"].values[m].all())
+        metrics[f"time_s_first_{key}"] = float(ds["time_s_first"].values[m])
+        metrics[f"time_s_steady_{key}"] = float(ds["time_s_steady"].values[m])
+        for c, component in enumerate(COMPONENTS):
+            of = {
+                f"{component}_peak_position_m": "peak_position",
+                f"{component}_repeatability_Pa": "repeatability",
+                f"{component}_stderr_rms_Pa": "stderr_rms",
+            }
+            metrics |= {
+                f"{what}_{key}": float(ds[variable].values[m, c]) for what, variable in of.items()
+            }
+    return metrics
+
+
+# --- the page --------------------------------------------------------------------------------
+
+
+def _summary(ds: xarray.Dataset) -> Table:
+    unseen, rank = ds["unseen"].values, ds["rank"].values
+    rows = [
+        (
+            str(ds["method"].values[m]),
+            f"{rank[m].mean():.2g} ({rank[m].min():g} to {rank[m].max():g})",
+            float(unseen[m].mean()),
+            float(np.ptp(unseen[m]) / 2),
+            float(ds["misfit"].values[m, 0]),
+            *(1e3 * float(ds["peak_position"].values[m, c]) for c in range(2)),
+            1e3 * float(ds["time_s_steady"].values[m]),
+            float(ds["time_s_first"].values[m]),
+        )
+        for m in np.argsort(unseen.mean(axis=1), kind="stable")
+    ]
+    return Table(
+        ("method", "mean rank (range)", "unseen samples", "±", "seen samples",
+         "highest p at x [mm]", "highest q at x [mm]", "steady [ms]", "first call [s]"),
+        tuple(rows),
+        "Samples: mean square of what the method leaves of them, in units of the noise: 1 where "
+        "only noise is left. Unseen: fitted to one half of the cells, judged on the other, both "
+        "ways (±: half the difference).",
+    )  # fmt: skip
+
+
+def _repeat_table(ds: xarray.Dataset) -> Table:
+    rows = [
+        (
+            str(name), component, float(ds["repeatability"].values[m, c]),
+            float(ds["stderr_rms"].values[m, c]), BAND_90 * float(ds["stderr_rms"].values[m, c]),
+        )
+        for m, name in enumerate(ds["method"].values)
+        for c, component in enumerate(COMPONENTS)
+    ]  # fmt: skip
+    return Table(
+        ("method", "component", "half the halves' difference [Pa]", "standard error stated [Pa]",
+         "half-width of the 90 % band [Pa]"),
+        tuple(rows),
+        "Rms over the scan, of the deviation from the mean.",
+    )  # fmt: skip
+
+
+def _agreement_table(ds: xarray.Dataset) -> Table:
+    names = [str(name) for name in ds["method"].values]
+    values = ds["difference_of_p"].values
+    rows = [
+        (name, *("-" if m == o else f"{values[m, o]:.1%}" for o in range(len(names))))
+        for m, name in enumerate(names)
+    ]
+    return Table(
+        ("p by", *(f"against {name}" for name in names)),
+        tuple(rows),
+        "Norm of the difference over the scan, relative to the method that heads the column.",
+    )
+
+
+def _sections(cfg, ds, runs, rows, whole: Problem, summary) -> tuple[Section, ...]:
+    methods = [str(name) for name in ds["method"].values]
+    whole_of = ds.isel(part=0)
+    parts = [
+        Section(
+            "What is compared",
+            (
+                "A finger slid over a surface while its film elements were recorded. Each method "
+                "recovers the pressure p(x) and the shear q(x) from the same samples and the same "
+                "noise level. Nobody knows the truth here, so a method is judged by what it says "
+                "of samples that it was not given: every other cell is held back, and then the "
+                "other way around.",
+                *_told(ds, runs),
+            ),
+            tables=(summary,),
+        ),
+        Section(
+            "Recovered p and q",
+            (
+                "With 90 % bands, less the mean over the scan, which a rate signal does not show. "
+                "A feature fit's band is small because it stands on a few parameters: it is the "
+                "error if the surface is of that shape, and says nothing of whether it is.",
+            ),
+            {"estimates": lambda: figures.estimates(whole_of)},
+            {"estimates": "p and q by all methods over each other, from all samples."},
+            (_agreement_table(ds),),
+        ),
+        Section(
+            "What is left of the signal",
+            (
+                "The recorded signal with what each method explains of it, and what it leaves, in "
+                "units of the noise: a pattern there is something that the method cannot say.",
+            ),
+            {
+                "signals": lambda: figures.signals(whole_of),
+                "residual": lambda: figures.residual(whole_of),
+            },
+            {"signals": "Signal and fits.", "residual": "What is left, in units of the noise."},
+        ),
+        Section(
+            "Ranking",
+            ("By the unseen samples; two halves are two draws, and cannot give more than a first "
+             "impression of the spread.",),
+            {"ranking": lambda: figures.ranking(
+                ds["rank"].values[:, None], methods, ["unseen samples"], "Rank over the two halves"
+            )},
+            {"ranking": "Mean rank, with the best and the worst."},
+            (_pair_table(ds), _repeat_table(ds)),
+        ),
+    ]  # fmt: skip
+    if contest.FEATURE_FIT in runs:
+        parts.append(_feature_section(cfg, runs[contest.FEATURE_FIT]))
+    means = tuple((f"mean of {c}", words) for c, words in whole.mean_statement().items())
+    parts.append(Section("What was assumed", tables=(Table(("what", "value"), (*rows, *means)),)))
+    return tuple(parts)
+
+
+def _told(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
+    """What the residuals say, in words."""
+    said = []
+    for m, (name, one) in enumerate(runs.items()):
+        misfit, unseen = float(ds["misfit"].values[m, 0]), float(ds["unseen"].values[m].mean())
+        verdict = (
+            "noise alone explains what it leaves"
+            if unseen <= WELL
+            else "more than noise is left: what it assumes does not hold everywhere on this scan"
+        )
+        bad = [found.result for found in one.found if found.result != "converged"]
+        warning = f" Its result: {bad[0]}." if bad else ""
+        said.append(
+            f"{name}: {misfit:.3g} times the noise's power is left of the samples it saw, "
+            f"{unseen:.3g} of those it did not; {verdict}.{warning}"
+        )
+    return tuple(said)
+
+
+def _pair_table(ds: xarray.Dataset) -> Table:
+    names = [str(name) for name in ds["method"].values]
+    rows = tuple(
+        (
+            names[pair.better], names[pair.worse], f"{pair.difference:.3g} ± {pair.spread:.2g}",
+            f"{pair.wins} of 2", "told apart" if pair.apart else "not told apart",
+        )
+        for pair in contest.pairs(ds["unseen"].values)
+    )  # fmt: skip
+    return Table(
+        ("less left of unseen samples", "more left", "by", "halves in which it is so", "verdict"),
+        rows,
+        "In units of the noise's power, mean ± standard deviation over the halves; told apart by "
+        "Student's t at 95 %, which two halves seldom allow.",
+    )
+
+
+def _feature_section(cfg: build.Config, one: Runs) -> Section:
+    names = " + ".join(cfg["feature"]).replace("_", " ")
+    whole, *parts = [found.parameters for found in one.found]
+    rows = tuple(
+        (name, value, stderr, *(part[name][0] for part in parts))
+        for name, (value, stderr) in whole.items()
+    )
+    return Section(
+        "The fitted feature",
+        (f"{names}, in SI units: from all samples, and from either half.",),
+        tables=(Table(("parameter", "value", "standard error", *PARTS[1:]), rows),),
+    )

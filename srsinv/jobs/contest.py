@@ -1,0 +1,311 @@
+"""Who is compared: inversions and a feature fit, each from one problem to traction with a band.
+
+The feature fit is put on the line of the others: cell averages of the fitted features, with the
+standard errors that the parameters' covariance gives them to first order.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+import scipy.stats
+from jaxtyping import Array, Float
+
+from ..errors import refuse
+from ..forward.feature import Feature
+from ..forward.scan import Motion
+from ..forward.sensor import Sensor
+from ..grid import Line
+from ..inverse.feature_fit import FeatureFit, FeatureFitter, FeatureModel, amplitudes
+from ..inverse.nonlinear import Correlated, Solver
+from ..inverse.problem import Estimate, Problem
+from ..progress import stage
+from . import build
+from .analysis import seen
+
+FEATURE_FIT = "Feature fit"
+MISSING = 1e8  # of the noise's variance: where coloured noise has a sample that is not there
+SURE = 0.95  # probability at which two contestants are told apart
+
+
+@dataclass(frozen=True)
+class Found:
+    """What one contestant made of one problem, on the problem's line.
+
+    - `value` (2, n) [Pa]; `stderr` (2, n) [Pa]: of the deviation from the mean.
+    - `fitted` (e, n): the signal explained, NaN where the contestant says nothing.
+    - `misfit`: mean square of the residual in units of the noise, 1 where only noise is left.
+    - `parameters`: (value, standard error) by name, of a feature fit.
+    """
+
+    value: Float[np.ndarray, "2 n"]
+    stderr: Float[np.ndarray, "2 n"]
+    fitted: Float[np.ndarray, "e n"]
+    misfit: float
+    result: str
+    parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    log_evidence: float | None = None
+
+
+Contestant = Callable[[Problem], Found]
+
+
+@dataclass(frozen=True)
+class Inversion:
+    """Wiener's or Tikhonov's method."""
+
+    method: Callable[[Problem], Estimate]
+
+    def __call__(self, problem: Problem) -> Found:
+        estimate = jax.block_until_ready(self.method(problem))
+        return Found(
+            np.asarray(estimate.value),
+            np.asarray(estimate.stderr),
+            np.asarray(estimate.fitted + problem.level),
+            float(np.nanmean(np.asarray(estimate.whitened) ** 2)),
+            estimate.result,
+        )
+
+
+@dataclass(frozen=True)
+class FeatureContestant:
+    """Features fitted together, as a sum, to the samples that are there.
+
+    `cells`: those that the scan passed, in its order, of a line whose centres are `x_m` there.
+    """
+
+    features: dict[str, Feature]
+    sensor: Sensor
+    speed_m_per_s: float
+    cells: np.ndarray
+    x_m: np.ndarray
+    solver: Solver
+
+    @cached_property
+    def _fitter(self) -> FeatureFitter:
+        """Made in the first call, whose time it belongs to."""
+        x, speed = self.x_m, self.speed_m_per_s
+        return FeatureFitter(
+            self.sensor, Motion((x - x[0]) / speed, x, np.full(x.shape, speed)), self.solver
+        )
+
+    def __call__(self, problem: Problem) -> Found:
+        at = self.cells
+        y = np.asarray(problem.data + problem.level)[:, at]
+        found = self._fitter(self.features, y, _noise(problem, at))
+        value, stderr = _on_cells(found, problem, np.sign(self.speed_m_per_s))
+        fitted = np.full(problem.data.shape, np.nan)
+        fitted[:, at] = found.signal()
+        return Found(
+            value,
+            stderr,
+            fitted,
+            float(np.mean(_white(found) ** 2) * y.size / problem.samples),
+            found.result,
+            found.parameters,
+            found.log_evidence,
+        )
+
+
+def _passed(problem: Problem, speed_m_per_s: float) -> np.ndarray:
+    """The cells from the first to the last with a sample, in the order in which they are passed."""
+    there = np.flatnonzero(seen(problem))
+    cells = np.arange(there[0], there[-1] + 1)
+    return cells if speed_m_per_s > 0 else cells[::-1]
+
+
+def samples_there(problem: Problem) -> np.ndarray:
+    """Which samples (e, n) are there."""
+    if problem.observed is None:
+        return np.ones(problem.data.shape, bool)
+    return np.asarray(problem.observed)
+
+
+def noise_rms(problem: Problem) -> float:
+    """Standard deviation of a sample's noise, an unknown offset aside."""
+    return float(np.sqrt(np.mean(np.asarray(problem.noise)[1:])))
+
+
+def _noise(problem: Problem, at: np.ndarray):
+    """The noise of these samples, as a fit takes it."""
+    power = np.asarray(problem.noise)
+    power = np.where(np.isfinite(power), power, power[1])
+    there = samples_there(problem)[:, at]
+    if np.ptp(power) <= 1e-9 * power.max():
+        return np.where(there, np.sqrt(power[1]), np.inf)
+    toeplitz = scipy.linalg.toeplitz(np.fft.irfft(power, problem.line.n)[: at.size])
+    covariance = np.kron(np.eye(len(there)), toeplitz)
+    return Correlated(covariance + np.diag(np.where(there, 0.0, MISSING * toeplitz[0, 0]).ravel()))
+
+
+def _white(found: FeatureFit) -> np.ndarray:
+    if found.fit is None:
+        raise ValueError("a contest of features needs one feature at least")
+    return found.fit.whitened
+
+
+def _on_cells(found: FeatureFit, problem: Problem, direction: float):
+    """p and q (2, n) on the problem's cells, and the standard error of their deviation from the
+    mean where there are samples."""
+    if found.fit is None:
+        raise ValueError("a contest of features needs one feature at least")
+    there, n = np.flatnonzero(seen(problem)), problem.line.n
+    turn = jnp.array([[1.0], [direction]])
+
+    def deviation(params):
+        traction = turn * cell_traction(found.model, params, problem.line)
+        return jnp.ravel(traction - jnp.mean(traction[:, there], axis=-1, keepdims=True))
+
+    value = turn * cell_traction(found.model, found.fit.value, problem.line)
+    background = [0.0 if b is None else float(b) for b in problem.background_Pa]
+    stderr = found.fit.derive(deviation)[1]
+    return np.asarray(value) + np.reshape(background, (2, 1)), np.reshape(stderr, (2, n))
+
+
+def cell_traction(model: FeatureModel, params, line: Line) -> Float[Array, "2 n"]:
+    """Averages of p and q [Pa] over the cells of any line, while sliding towards +x."""
+    total = jnp.zeros((2, line.n))
+    for name, feature in model.features.items():
+        shape = feature.profile(params[name]).cell_average(line)
+        if feature.repeats:
+            shape = shape * jnp.interp(line.x, model.line.x, model.felt.fade)
+        total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape
+    return total
+
+
+# --- running ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all contestants are given; the first problem has all samples that any of them has."""
+
+    sensor: Sensor
+    speed_m_per_s: float
+    problems: list[Problem]
+
+
+@dataclass(frozen=True)
+class Runs:
+    """One contestant on many problems: what it found, the first call's time [s] and the median of
+    the further ones."""
+
+    found: list[Found]
+    time_s_first: float
+    time_s_steady: float
+
+
+def contestants(cfg: build.Config, setting: Setting) -> dict[str, Contestant]:
+    """The methods and the sum of features that the configuration names, by the page's names.
+
+    Raises `BadInput` for fewer than two.
+    """
+    named: dict[str, Contestant] = {}
+    if cfg.get("method"):
+        named |= {name: Inversion(method) for name, method in build.methods(cfg).items()}
+    if cfg.get("feature"):
+        named[FEATURE_FIT] = feature_contestant(build.features(cfg), cfg, setting)
+    refuse(
+        len(named) < 2,
+        f"Only {len(named)} contestants are named: give two at least, by "
+        "method=[wiener_evidence,tikhonov] and feature=[strip_load].",
+    )
+    return named
+
+
+def feature_contestant(
+    features: dict[str, Feature], cfg: build.Config, setting: Setting
+) -> FeatureContestant:
+    """These features with the setting's sensor and the configured solver."""
+    whole, speed = setting.problems[0], setting.speed_m_per_s
+    cells = _passed(whole, speed)
+    x_m = np.asarray(whole.line.x)[cells]
+    return FeatureContestant(features, setting.sensor, speed, cells, x_m, build.solver(cfg))
+
+
+def run_all(named: Mapping[str, Contestant], problems: Sequence[Problem]) -> dict[str, Runs]:
+    """Every contestant on every problem."""
+    runs = {}
+    for name, contestant in named.items():
+        with stage(f"{name}, {len(problems)} times"):
+            runs[name] = run(contestant, problems)
+    return runs
+
+
+def run(contestant: Contestant, problems: Sequence[Problem]) -> Runs:
+    """One after the other; the first call includes what compilation there is."""
+    found, times = [], []
+    for problem in problems:
+        start = time.perf_counter()
+        found.append(contestant(problem))
+        times.append(time.perf_counter() - start)
+    return Runs(found, times[0], float(np.median(times[1:] or times)))
+
+
+def halves(problem: Problem) -> tuple[Problem, Problem]:
+    """The same problem with the samples of every other cell: two draws of the noise."""
+    parity = np.arange(problem.line.n) % 2
+    there = samples_there(problem)
+
+    def kept(mask):
+        both = jnp.asarray(mask), jnp.where(mask, problem.data, 0.0)
+        is_none = {"is_leaf": lambda leaf: leaf is None}
+        return eqx.tree_at(lambda p: (p.observed, p.data), problem, both, **is_none)
+
+    return kept(there & (parity == 0)), kept(there & (parity == 1))
+
+
+def predicts(found: Found, problem: Problem) -> float:
+    """Mean square, in units of the noise, of what the found signal leaves of the problem's samples.
+
+    For samples that it was not fitted to: 1 and its own uncertainty where it says what is there.
+    """
+    rest = np.asarray(problem.data + problem.level) - found.fitted
+    rest = np.where(samples_there(problem), rest, np.nan)
+    if not np.isfinite(float(problem.noise[0])):
+        rest = rest - np.nanmean(rest, axis=-1, keepdims=True)
+    return float(np.nanmean(rest**2)) / noise_rms(problem) ** 2
+
+
+# --- ranking ---------------------------------------------------------------------------------
+
+
+def ranks(score: Float[np.ndarray, "method ... draw"]) -> Float[np.ndarray, "method ... draw"]:
+    """1 for the least score of each draw, and so on; equal scores share the mean of their ranks."""
+    return np.asarray(scipy.stats.rankdata(score, axis=0))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two contestants on the same draws: how much less the better one's score is.
+
+    `difference`, `spread`: mean and standard deviation over the draws; `wins`: how often it was
+    less; `apart`: whether the mean differs from 0 by Student's t at 95 %.
+    """
+
+    better: int
+    worse: int
+    difference: float
+    spread: float
+    wins: int
+    apart: bool
+
+
+def pairs(score: Float[np.ndarray, "method draw"]) -> list[Pair]:
+    """Every two contestants, the best first."""
+    order = np.argsort(score.mean(axis=1), kind="stable")
+    found = [(int(a), int(b)) for i, a in enumerate(order) for b in order[i + 1 :]]
+    return [_pair(a, b, score[b] - score[a]) for a, b in found]
+
+
+def _pair(a: int, b: int, more: Float[np.ndarray, " draw"]) -> Pair:
+    draws = more.size
+    spread = float(more.std(ddof=1)) if draws > 1 else np.inf
+    reach = scipy.stats.t.ppf((1 + SURE) / 2, max(draws - 1, 1)) * spread / np.sqrt(draws)
+    return Pair(a, b, float(more.mean()), spread, int(np.sum(more > 0)), bool(more.mean() > reach))

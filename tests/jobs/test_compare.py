@@ -1,0 +1,115 @@
+"""The comparison in a short form: who is ahead, what a band is worth, and what gives a fit away."""
+
+import numpy as np
+import pytest
+
+from srsinv.errors import BadInput
+from srsinv.jobs import contest
+from srsinv.jobs.fit_recording import EXAMPLE
+from tests.jobs.run import outcome as outcome_of
+
+QUICK = (
+    "experiment=compare",
+    "method=[tikhonov]",
+    *(f"method.tikhonov.weight_{c}=1e-7" for c in "pq"),  # no rule to run
+)
+SHORT = (
+    *QUICK,
+    "grid.cells=64",
+    "grid.length_m=0.012",
+    "grid.start_m=-0.006",
+    "compare.snr_db=[40.0]",
+    "compare.seeds=1",
+)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return outcome_of(*SHORT)
+
+
+def test_the_right_feature_is_ahead_and_near_the_truth(scene):
+    assert scene.metrics["rank_mean_feature_fit"] == 1.0
+    for component in "pq":
+        right = scene.metrics[f"error_{component}_feature_fit_40_dB"]
+        assert right < 0.01 < scene.metrics[f"error_{component}_tikhonov_40_dB"]
+
+
+def test_the_residual_gives_a_wrong_feature_away(scene):
+    assert scene.metrics["misfit_feature_fit_40_dB"] == pytest.approx(1, abs=0.25)
+    assert scene.metrics["misfit_wrong_feature_40_dB"] > 1.5
+    assert scene.metrics["error_overall_wrong_feature_40_dB"] > 0.05
+
+
+def test_a_feature_is_put_on_the_cells_as_the_truth_is(scene):
+    ds = scene.dataset
+    truth = ds["traction"].values
+    found = ds["estimate"].sel(snr=40.0).values[list(ds["method"].values).index("Feature fit"), 0]
+    # The signal is blind to the mean alone: the deviations agree cell by cell.
+    wrong = (found - truth) - (found - truth).mean(axis=-1, keepdims=True)
+    assert np.abs(wrong).max() < 0.05 * np.ptp(truth)
+
+
+def test_every_figure_draws_and_every_variable_has_units(scene):
+    assert all("units" in scene.dataset[name].attrs for name in scene.dataset.variables)
+    drawn = [draw() for section in scene.sections for draw in section.figures.values()]
+    assert len(drawn) == 5
+
+
+@pytest.mark.parametrize(
+    ("overrides", "named"),
+    [
+        (["compare.snr_db=[]"], "snr_db"),
+        (["compare.snr_db=[20.0,20.0]"], "snr_db"),
+        (["compare.seeds=0"], "seeds"),
+        (["feature=[]"], "contestants"),
+        (["scene.pressures.strip.pressure_Pa=0.0"], "uniform"),
+    ],
+)
+def test_bad_settings_are_refused(overrides, named):
+    with pytest.raises(BadInput, match=named):
+        outcome_of(*SHORT, *overrides)
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    return outcome_of(*QUICK, f"recording.path={EXAMPLE}", "recording.cell_m=0.0003")
+
+
+def test_a_feature_that_is_there_predicts_what_it_did_not_see(recorded):
+    assert recorded.metrics["unseen_feature_fit"] == pytest.approx(1, abs=0.25)
+    assert recorded.metrics["rank_mean_feature_fit"] == 1.0
+    assert recorded.metrics["converged_feature_fit"]
+
+
+def test_halves_repeat_as_well_as_the_band_states(recorded):
+    for component in "pq":
+        stated = recorded.metrics[f"{component}_stderr_rms_Pa_feature_fit"]
+        seen = recorded.metrics[f"{component}_repeatability_Pa_feature_fit"]
+        assert 0.1 * stated < seen < 4 * stated
+
+
+def test_a_recording_s_page_draws(recorded):
+    drawn = [draw() for section in recorded.sections for draw in section.figures.values()]
+    assert len(drawn) == 4
+
+
+def test_pairs_are_told_apart_by_their_spread():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=8)
+    score = np.stack([10 + noise, 11 + noise + 0.1 * rng.normal(size=8), 11 + rng.normal(size=8)])
+    found = {(pair.better, pair.worse): pair for pair in contest.pairs(score)}
+    # The same draws: a difference far below the scores' own spread shows.
+    assert found[0, 1].apart
+    assert found[0, 1].difference == pytest.approx(1, abs=0.1)
+    assert not next(p for key, p in found.items() if set(key) == {1, 2}).apart
+
+
+def test_one_draw_tells_nobody_apart():
+    assert not any(pair.apart for pair in contest.pairs(np.array([[1.0], [5.0]])))
+
+
+def test_equal_scores_share_a_rank():
+    np.testing.assert_array_equal(
+        contest.ranks(np.array([[1.0], [1.0], [2.0]]))[:, 0], [1.5, 1.5, 3]
+    )
