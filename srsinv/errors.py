@@ -1,5 +1,13 @@
 """What a user can get wrong, said in one sentence."""
 
+import math
+from collections.abc import Collection, Mapping
+from numbers import Real
+from typing import Any, TypeGuard
+
+LARGEST = 1e18  # no quantity here comes near, and float32 still holds its square
+_SHOWN = 80  # characters of a wrong value
+
 
 class BadInput(ValueError):
     """An input that cannot be used; its text is one sentence naming the value, the bound and the
@@ -13,3 +21,62 @@ def refuse(condition: bool, sentence: str) -> None:
     """
     if condition:
         raise BadInput(sentence)
+
+
+def number(
+    name: str,
+    value: Any,
+    wanted: str = "a number",
+    *,
+    above: float = -math.inf,
+    least: float = -math.inf,
+    most: float = math.inf,
+    below: float = math.inf,
+) -> Any:
+    """`value`, which is refused unless it is one finite number within the bounds.
+
+    `above` and `below` are themselves out of bounds, `least` and `most` are not; `wanted` says what
+    to give. A jax array passes unchecked: where it is traced its value is not known.
+    """
+    if hasattr(value, "aval"):
+        return value
+    plain = value.item() if getattr(value, "ndim", None) == 0 else value
+    fits = is_number(plain) and above < plain < below and least <= plain <= most
+    refuse(not fits, f"{name} is {shown(plain)}: give {wanted}.")
+    refuse(abs(plain) > LARGEST, f"{name} is {shown(plain)}: give {wanted}, up to {LARGEST:g}.")
+    return value
+
+
+def whole(name: str, value: Any, wanted: str, *, least: int, most: int = 2**31 - 1) -> int:
+    """`value`, which is refused unless it is one whole number from `least` to `most`."""
+    fits = is_number(value) and float(value).is_integer() and least <= value <= most
+    refuse(not fits, f"{name} is {shown(value)}: give {wanted}.")
+    return int(value)
+
+
+def choice(name: str, value: Any, options: Collection[str]) -> str:
+    """`value`, which is refused unless it is one of `options`."""
+    fits = isinstance(value, str) and value in options
+    refuse(not fits, f"{name} is {shown(value)}: give one of {', '.join(options)}.")
+    return value
+
+
+def mapping(name: str, value: Any, wanted: str = "a mapping of its keys") -> Mapping[str, Any]:
+    """`value`, which is refused unless it is a mapping."""
+    refuse(not isinstance(value, Mapping), f"{name} is {shown(value)}: give {wanted}.")
+    return value
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether `value` is one finite number, as float64 can hold it."""
+    try:
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def shown(value: Any) -> str:
+    """A wrong value as the configuration has it, cut short."""
+    word = value is None or isinstance(value, bool)
+    text = {None: "null", True: "true", False: "false"}[value] if word else repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -21,7 +21,7 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Array, Complex, Float
 
-from .errors import refuse
+from .errors import number, refuse
 
 
 def as_real(value) -> Float[Array, "..."]:
@@ -124,8 +124,8 @@ class Line(eqx.Module):
 
 def _checked(n: int, cell_m, start_m) -> tuple[int, Array, Array]:
     refuse(n < 3, f"A line of {n} cells is too short: it needs at least 3 cells or samples.")
-    if isinstance(cell_m, (int, float, np.floating)):
-        refuse(not 0 < cell_m < np.inf, f"cell_m is {cell_m}: it must be positive, in metres.")
+    number("cell_m", cell_m, "a positive width in metres", above=0)
+    number("start_m", start_m, "a position in metres")
     return int(n), as_real(cell_m), as_real(start_m)
 
 

@@ -9,10 +9,9 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import refuse
+from ..errors import is_number, number, refuse
 from ..grid import as_real
 
 
@@ -33,12 +32,8 @@ class Amplifier(eqx.Module):
 
 
 def _positive_resistance(value) -> Float[Array, ""]:
-    if isinstance(value, (int, float)):
-        refuse(
-            not 0 < value < np.inf,
-            f"amplifier.feedback_resistance_ohm is {value}: give a positive resistance in ohm.",
-        )
-    return as_real(value)
+    key, wanted = "amplifier.feedback_resistance_ohm", "a positive resistance in ohm"
+    return as_real(number(key, value, wanted, above=0))
 
 
 class CurrentAmplifier(Amplifier):
@@ -90,7 +85,8 @@ class SlowReadout(Amplifier):
     """A slow, DC-coupled readout of the charge itself: signal = gain Q + offset.
 
     Pressure sensors are read this way. `gain_per_C` is in signal units per coulomb; `offset` in
-    signal units, or None where it is not known: then the signal's mean says nothing.
+    signal units, or None where it is not known: then the signal's mean says nothing. Raises
+    `BadInput` for a gain of 0, and for what is not a number.
     """
 
     order: ClassVar[int] = 0
@@ -99,6 +95,14 @@ class SlowReadout(Amplifier):
     _offset: Float[Array, ""] | None
 
     def __init__(self, gain_per_C=1.0, offset=None):
+        wanted = "a number other than 0, in the signal's unit per coulomb"
+        number("amplifier.gain_per_C", gain_per_C, wanted)
+        refuse(
+            is_number(gain_per_C) and gain_per_C == 0,
+            f"amplifier.gain_per_C is {gain_per_C}: give {wanted}.",
+        )
+        if offset is not None:
+            number("amplifier.offset", offset, "a number in the signal's unit, or null")
         self.gain_per_C = as_real(gain_per_C)
         self._offset = None if offset is None else as_real(offset)
 

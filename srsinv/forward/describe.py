@@ -5,10 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadInput, refuse
+from ..errors import BadInput, choice, mapping, number, refuse, shown
 from .film import ORIENTATIONS_RAD, Film, LineEffect, Offset, Piezo, StripWidth
 
 EFFECTS = ("strip_width",)
+_LENGTH = "a positive length in metres"
+_PIEZO = ("d1", "d2", "d3")
 _ELEMENT_KEYS = {
     "orientation",
     "angle_deg",
@@ -21,7 +23,7 @@ _ELEMENT_KEYS = {
 
 
 def elements(
-    description: Mapping[str, Any], effects: Sequence[str], also: Sequence[LineEffect] = ()
+    description: Mapping[str, Any], effects: Any, also: Sequence[LineEffect] = ()
 ) -> tuple[Film, ...]:
     """The film elements of `description`.
 
@@ -33,6 +35,10 @@ def elements(
 
     Raises `BadInput` for what is missing, of the wrong type or out of range.
     """
+    refuse(
+        not isinstance(effects, list | tuple),
+        f"effects is {shown(effects)}: give a list, [] or any of {', '.join(EFFECTS)}.",
+    )
     for name in effects:
         refuse(
             name not in EFFECTS,
@@ -44,16 +50,18 @@ def elements(
             "No film element is known: give sensor.elements (orientation, strip_width_m, "
             "active_length_m), or a sidecar that lists them."
         )
+    refuse(
+        not isinstance(listed, Mapping | list | tuple),
+        f"sensor.elements is {shown(listed)}: give a mapping or a list of elements, each with "
+        "orientation, strip_width_m and active_length_m.",
+    )
     named = listed.items() if isinstance(listed, Mapping) else enumerate(listed)
     return tuple(_film(str(name), part, description, effects, also) for name, part in named)
 
 
 def _film(name: str, part: Any, description: Mapping[str, Any], effects, also) -> Film:
-    refuse(
-        not isinstance(part, Mapping),
-        f"sensor.elements.{name} is {part!r}: give a mapping with orientation, strip_width_m and "
-        "active_length_m.",
-    )
+    wanted = "a mapping with orientation, strip_width_m and active_length_m"
+    mapping(f"sensor.elements.{name}", part, wanted)
     unknown = sorted(set(part) - _ELEMENT_KEYS)
     refuse(
         bool(unknown),
@@ -61,7 +69,7 @@ def _film(name: str, part: Any, description: Mapping[str, Any], effects, also) -
         f"{', '.join(sorted(_ELEMENT_KEYS))}.",
     )
 
-    def number(key: str, default: float | None = None) -> float:
+    def known(key: str, wanted: str, default: float | None = None) -> float:
         choices = (part.get(key), description.get(key), default)
         value = next((v for v in choices if v is not None), None)
         if value is None:
@@ -69,36 +77,36 @@ def _film(name: str, part: Any, description: Mapping[str, Any], effects, also) -
                 f"No {key} is known for element {name}: give sensor.{key} or "
                 f"sensor.elements.{name}.{key}, in SI units."
             )
-        refuse(
-            isinstance(value, bool) or not isinstance(value, (int, float)),
-            f"sensor.elements.{name}.{key} is {value!r}: give a number.",
-        )
-        return float(value)
+        return float(number(f"sensor.elements.{name}.{key}", value, wanted))
 
-    width = number("strip_width_m")
+    width = known("strip_width_m", _LENGTH)
     along: list[LineEffect] = list(also)
     if "strip_width" in effects:
         along.append(StripWidth(width))
-    if offset := number("offset_m", 0.0):
+    if offset := known("offset_m", "a length in metres, of either sign", 0.0):
         along.append(Offset(offset))
     return Film(
-        depth_m=number("depth_m"),
+        depth_m=known("depth_m", _LENGTH),
         angle_rad=_angle(name, part),
         width_m=width,
-        length_m=number("active_length_m"),
-        piezo=Piezo(**(description.get("piezo_constants_C_per_N") or {})),
+        length_m=known("active_length_m", _LENGTH),
+        piezo=_piezo(description.get("piezo_constants_C_per_N")),
         effects=along,
-        strips=int(number("strips", 1.0)),
+        strips=known("strips", "a whole number from 1", 1.0),
     )
+
+
+def _piezo(given: Any) -> Piezo:
+    key = "sensor.piezo_constants_C_per_N"
+    constants = {} if given is None else mapping(key, given, "a mapping of d1, d2 and d3")
+    unknown = sorted(set(constants) - set(_PIEZO), key=str)
+    refuse(bool(unknown), f"{key} has no key {unknown and unknown[0]!r}: give d1, d2 and d3.")
+    return Piezo(**constants)
 
 
 def _angle(name: str, part: Mapping[str, Any]) -> float:
+    key = f"sensor.elements.{name}"
     if part.get("angle_deg") is not None:
-        return float(np.deg2rad(part["angle_deg"]))
-    orientation = part.get("orientation")
-    refuse(
-        orientation not in ORIENTATIONS_RAD,
-        f"sensor.elements.{name}.orientation is {orientation!r}: give one of "
-        f"{', '.join(ORIENTATIONS_RAD)}, or angle_deg.",
-    )
-    return ORIENTATIONS_RAD[str(orientation)]
+        return float(np.deg2rad(number(f"{key}.angle_deg", part["angle_deg"], "degrees, or null")))
+    orientation = choice(f"{key}.orientation", part.get("orientation"), ORIENTATIONS_RAD)
+    return ORIENTATIONS_RAD[orientation]

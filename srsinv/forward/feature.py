@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import numpy as np
 
-from ..errors import BadInput, refuse
+from ..errors import BadInput, is_number, number, refuse, shown
 from .traction import Bars, Hertz, LineLoad, Pressure, Scalar, Step, UniformStrip
 
 Range = tuple[float, float]
@@ -194,23 +194,16 @@ def _range_name(parameter: str) -> str:
 
 
 def _range(name: str, given: Any, limits: Range) -> Range:
-    pair = isinstance(given, list | tuple) and len(given) == 2 and all(map(_is_number, given))
+    pair = isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
     if not pair or not given[0] < given[1] or not (limits[0] < given[0] and given[1] < limits[1]):
         room = "" if limits[0] == -math.inf else f" between {limits[0]:g} and {limits[1]:g}"
         raise BadInput(
-            f"feature.{name} is {given!r}: give [least, greatest]{room} in SI units, or null to "
-            "look everywhere."
+            f"feature.{name} is {shown(given)}: give [least, greatest]{room} in SI units, or null "
+            "to look everywhere."
         )
     return float(given[0]), float(given[1])
 
 
 def _friction(given: Any) -> float | None:
-    refuse(
-        given is not None and not _is_number(given),
-        f"feature.friction is {given!r}: give a number, of either sign, or null to fit it.",
-    )
-    return None if given is None else float(given)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    wanted = "a number, of either sign, or null to fit it"
+    return None if given is None else float(number("feature.friction", given, wanted))

@@ -7,13 +7,14 @@ own: it multiplies the transfer, or spreads the exact kernel, and is absent wher
 
 import abc
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..errors import refuse
+from ..errors import number, whole
 from ..grid import as_real, sinc, spread_over
 
 Kernel = Callable[[Float[Array, " x"]], Float[Array, "c x"]]
@@ -89,7 +90,8 @@ class SampleAverage(LineEffect):
 class Piezo(eqx.Module):
     """Piezoelectric constants [C/N]: axis 1 drawn, 2 across, 3 through the thickness.
 
-    The defaults are uniaxial PVDF (manufacturer's values).
+    The defaults are uniaxial PVDF (manufacturer's values). Raises `BadInput` for what is not a
+    number.
     """
 
     d1: Float[Array, ""]
@@ -97,6 +99,8 @@ class Piezo(eqx.Module):
     d3: Float[Array, ""]
 
     def __init__(self, d1=23e-12, d2=3e-12, d3=-33e-12):
+        for name, value in (("d1", d1), ("d2", d2), ("d3", d3)):
+            number(f"sensor.piezo_constants_C_per_N.{name}", value, "a number in C/N")
         self.d1, self.d2, self.d3 = as_real(d1), as_real(d2), as_real(d3)
 
 
@@ -127,23 +131,21 @@ class Film(eqx.Module):
         length_m=8e-3,
         piezo: Piezo | None = None,
         effects: Sequence[LineEffect] = (),
-        strips: int = 1,
+        strips: Any = 1,
     ):
         for name, value in (
             ("depth_m", depth_m),
             ("strip_width_m", width_m),
             ("active_length_m", length_m),
         ):
-            if isinstance(value, (int, float)):
-                refuse(
-                    not 0 < value < np.inf,
-                    f"sensor {name} is {value}: give a positive length in metres.",
-                )
-        refuse(strips < 1, f"sensor strips is {strips}: an element has at least 1 strip.")
+            number(f"sensor {name}", value, "a positive length in metres", above=0)
+        number("sensor angle_rad", angle_rad, "an angle in radians")
+        wanted = "a whole number, as an element has at least 1 strip"
+        self.strips = whole("sensor strips", strips, wanted, least=1)
         self.depth_m, self.angle_rad = as_real(depth_m), as_real(angle_rad)
         self.width_m, self.length_m = as_real(width_m), as_real(length_m)
         self.piezo = Piezo() if piezo is None else piezo
-        self.effects, self.strips = tuple(effects), int(strips)
+        self.effects = tuple(effects)
 
     def charge_per_stress(self, poisson_ratio) -> Float[Array, "3"]:
         """Charge [C] per unit (sigma_x, sigma_z, tau_xz) [Pa], sigma_y in plane strain.

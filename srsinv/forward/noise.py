@@ -10,14 +10,14 @@ import abc
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from ..errors import refuse
+from ..errors import number
 from ..grid import Line, as_real
 from .scan import ConstantSpeed
 
 BOLTZMANN_J_PER_K = 1.380649e-23
+MOST_DB = 300  # beyond, float64 has no digit of the smaller one of signal and noise
 
 
 class Noise(eqx.Module):
@@ -31,9 +31,7 @@ class Noise(eqx.Module):
 
 
 def _not_negative(name: str, value) -> Float[Array, ""]:
-    if isinstance(value, (int, float)):
-        refuse(not 0 <= value < np.inf, f"noise {name} is {value}: it must be at least 0.")
-    return as_real(value)
+    return as_real(number(f"noise {name}", value, "a number that is at least 0", least=0))
 
 
 class White(Noise):
@@ -56,9 +54,8 @@ class SignalToNoise(Noise):
     snr_db: Float[Array, ""]
 
     def __init__(self, snr_db=40.0):
-        if isinstance(snr_db, (int, float)):
-            refuse(not np.isfinite(snr_db), f"noise snr_db is {snr_db}: give a finite number.")
-        self.snr_db = as_real(snr_db)
+        wanted = f"a finite number of decibels, from -{MOST_DB} to {MOST_DB}"
+        self.snr_db = as_real(number("noise snr_db", snr_db, wanted, least=-MOST_DB, most=MOST_DB))
 
     def spectrum(
         self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]

@@ -8,7 +8,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 from scipy.interpolate import BSpline, make_interp_spline
 
-from ..errors import refuse
+from ..errors import number, refuse
 from ..grid import Line, as_real
 
 MIN_SAMPLES = 3
@@ -24,12 +24,9 @@ class ConstantSpeed(eqx.Module):
     speed_m_per_s: Float[Array, ""]
 
     def __init__(self, speed_m_per_s=0.05):
-        if isinstance(speed_m_per_s, (int, float)):
-            refuse(
-                not np.isfinite(speed_m_per_s),
-                f"scan.speed_m_per_s is {speed_m_per_s}: give a finite speed in m/s.",
-            )
-        self.speed_m_per_s = as_real(speed_m_per_s)
+        self.speed_m_per_s = as_real(
+            number("scan.speed_m_per_s", speed_m_per_s, "a finite speed in m/s")
+        )
 
     @property
     def direction(self) -> Float[Array, ""]:
@@ -80,7 +77,7 @@ class Motion(eqx.Module):
         """
         speed = np.broadcast_to(speed_m_per_s, np.shape(speed_m_per_s) or np.shape(time_s))
         _check_columns(time_s=time_s, speed_m_per_s=speed)
-        refuse(not np.isfinite(start_m), f"scan.start_m is {start_m}: give a finite position in m.")
+        number("scan.start_m", start_m, "a finite position in m")
         travelled_m = _at_samples(_spline(time_s, speed, 3).antiderivative(), time_s)
         return cls(time_s, start_m + travelled_m, speed)
 

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..errors import number
 from ..grid import Line, as_real
 from .traction import FrictionStep, Pressure, Scalar
 
@@ -15,6 +16,8 @@ class Scene(eqx.Module):
 
     - `background_pressure_Pa` and `base_friction`: what is there without any feature.
     - `pressures`: added to the background; `frictions`: added to the base, of either sign.
+
+    Raises `BadInput` for a background or a base that is not a finite number.
     """
 
     background_pressure_Pa: Float[Array, ""]
@@ -29,6 +32,8 @@ class Scene(eqx.Module):
         pressures: Sequence[Pressure] = (),
         frictions: Sequence[FrictionStep] = (),
     ):
+        number("scene.background_pressure_Pa", background_pressure_Pa, "a pressure in Pa")
+        number("scene.base_friction", base_friction, "a number, of either sign")
         self.background_pressure_Pa = as_real(background_pressure_Pa)
         self.base_friction = as_real(base_friction)
         self.pressures, self.frictions = tuple(pressures), tuple(frictions)

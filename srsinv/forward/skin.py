@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Inexact
 
-from ..errors import refuse
+from ..errors import number
 from ..grid import as_real
 
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
@@ -33,12 +33,10 @@ class HalfSpace(eqx.Module):
     poisson_ratio: Float[Array, ""]
 
     def __init__(self, poisson_ratio=0.5):
-        if isinstance(poisson_ratio, (int, float)):
-            refuse(
-                not 0 <= poisson_ratio <= 0.5,
-                f"skin.poisson_ratio is {poisson_ratio}: it must lie between 0 and 0.5.",
-            )
-        self.poisson_ratio = as_real(poisson_ratio)
+        wanted = "a number between 0 and 0.5"
+        self.poisson_ratio = as_real(
+            number("skin.poisson_ratio", poisson_ratio, wanted, least=0, most=0.5)
+        )
 
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "3 2 k"]:
         """Stress [Pa/Pa] at `depth_m` per unit traction exp(ikx) (docs/physics.md, section 2)."""

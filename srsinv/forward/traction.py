@@ -4,21 +4,20 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import refuse
+from ..errors import number
 from ..grid import Line, as_real
 
 Scalar = float | Float[Array, ""]
 
 
 def _positive(name: str, value) -> Float[Array, ""]:
-    if isinstance(value, (int, float)):
-        refuse(
-            not 0 < value < np.inf, f"scene {name} is {value}: give a positive number, in SI units."
-        )
-    return as_real(value)
+    return as_real(number(f"scene {name}", value, "a positive number, in SI units", above=0))
+
+
+def _real(name: str, value) -> Float[Array, ""]:
+    return as_real(number(f"scene {name}", value, "a number, in SI units"))
 
 
 class Pressure(eqx.Module):
@@ -89,7 +88,8 @@ class PressedStrip(Pressure):
     edge_m: Float[Array, ""]
 
     def __init__(self, pressure_Pa, width_m, position_m, edge_m):
-        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+        self.pressure_Pa = _real("pressure_Pa", pressure_Pa)
+        self.position_m = _real("position_m", position_m)
         self.width_m, self.edge_m = _positive("width_m", width_m), _positive("edge_m", edge_m)
 
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -110,7 +110,8 @@ class UniformStrip(Edged):
     position_m: Float[Array, ""]
 
     def __init__(self, pressure_Pa, width_m, position_m: Scalar = 0.0):
-        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+        self.pressure_Pa = _real("pressure_Pa", pressure_Pa)
+        self.position_m = _real("position_m", position_m)
         self.width_m = _positive("width_m", width_m)
 
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -130,7 +131,8 @@ class Hertz(Pressure):
     position_m: Float[Array, ""]
 
     def __init__(self, pressure_Pa, half_width_m, position_m: Scalar = 0.0):
-        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+        self.pressure_Pa = _real("pressure_Pa", pressure_Pa)
+        self.position_m = _real("position_m", position_m)
         self.half_width_m = _positive("half_width_m", half_width_m)
 
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -150,7 +152,8 @@ class Sinusoid(Pressure):
     position_m: Float[Array, ""]
 
     def __init__(self, pressure_Pa, wavelength_m, position_m=0.0):
-        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+        self.pressure_Pa = _real("pressure_Pa", pressure_Pa)
+        self.position_m = _real("position_m", position_m)
         self.wavelength_m = _positive("wavelength_m", wavelength_m)
 
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -165,7 +168,8 @@ class LineLoad(Edged):
     position_m: Float[Array, ""]
 
     def __init__(self, load_N_per_m: Scalar, position_m: Scalar = 0.0):
-        self.load_N_per_m, self.position_m = as_real(load_N_per_m), as_real(position_m)
+        self.load_N_per_m = _real("load_N_per_m", load_N_per_m)
+        self.position_m = _real("position_m", position_m)
 
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         return self.load_N_per_m * jnp.heaviside(x - self.position_m, 0.5)
@@ -181,7 +185,8 @@ class Step(Edged):
     position_m: Float[Array, ""]
 
     def __init__(self, pressure_Pa: Scalar, position_m: Scalar = 0.0):
-        self.pressure_Pa, self.position_m = as_real(pressure_Pa), as_real(position_m)
+        self.pressure_Pa = _real("pressure_Pa", pressure_Pa)
+        self.position_m = _real("position_m", position_m)
 
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         return self.pressure_Pa * jnp.maximum(x - self.position_m, 0.0)
@@ -203,13 +208,11 @@ class Bars(Edged):
     phase_rad: Float[Array, ""]
 
     def __init__(self, pressure_Pa, pitch_m, duty: Scalar = 0.5, phase_rad: Scalar = 0.0):
-        if isinstance(duty, (int, float)):
-            refuse(
-                not 0 < duty < 1, f"scene duty is {duty}: give a number between 0 and 1, the bars' "
-                "part of the pitch.",
-            )  # fmt: skip
-        self.pressure_Pa, self.pitch_m = as_real(pressure_Pa), _positive("pitch_m", pitch_m)
-        self.duty, self.phase_rad = as_real(duty), as_real(phase_rad)
+        wanted = "a number between 0 and 1, the bars' part of the pitch"
+        self.duty = as_real(number("scene duty", duty, wanted, above=0, below=1))
+        self.pressure_Pa = _real("pressure_Pa", pressure_Pa)
+        self.pitch_m = _positive("pitch_m", pitch_m)
+        self.phase_rad = _real("phase_rad", phase_rad)
 
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         turns = x / self.pitch_m - self.phase_rad / (2 * jnp.pi) + self.duty / 2
@@ -233,7 +236,7 @@ class FrictionStep(eqx.Module):
     edge_m: Float[Array, ""]
 
     def __init__(self, change, position_m, edge_m):
-        self.change, self.position_m = as_real(change), as_real(position_m)
+        self.change, self.position_m = _real("change", change), _real("position_m", position_m)
         self.edge_m = _positive("edge_m", edge_m)
 
     def __call__(self, x: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -29,9 +29,11 @@ COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
 STARTS = 3  # the best of the search that are fitted from
 ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
 AT_ONCE = 1  # of many signals: side by side each waits for the slowest, and the FFTs gain nothing
+LEAST_SHARE = 1e-6  # of the strongest signal: what is felt less is not felt
 FAR_M = 1e3  # how far a step goes on
-# Prior standard deviation of an amplitude: the one whose strongest signal is so many times the
-# largest datum. Wide enough not to pull, and the same rule for every candidate.
+# Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
+# Wide enough not to pull. The same rule for every candidate and every shape: one for the pressure
+# itself would favour shapes that the film hardly feels, as these take any pressure.
 BEYOND_DATA = 30.0
 
 Features = Mapping[str, Feature]
@@ -161,6 +163,11 @@ class FeatureFit:
         """Whether the fit is an answer: "converged", or what went wrong."""
         return "converged" if self.fit is None else self.fit.result
 
+    @property
+    def explains(self) -> bool:
+        """Whether features leave no more of the data than the noise."""
+        return self.fit is not None and explains(self.fit)
+
     def signal(self) -> Float[np.ndarray, "e sample"]:
         """The fitted signal."""
         value = {} if self.fit is None else self.fit.value
@@ -178,10 +185,27 @@ class FeatureFitter:
         self._felt, self._coarse = Felt(sensor, motion), _Coarse(sensor, motion)
         self._solver = solver
 
+    def rank(
+        self, candidates: Sequence[Features], y: Float[np.ndarray, "e sample"], noise: Any
+    ) -> list[FeatureFit]:
+        """Every candidate fitted, for its evidence.
+
+        All are fitted from their best start, and only where none explains the data to the noise
+        from the others too.
+        """
+        fits = [self(features, y, noise, starts=1) for features in candidates]
+        if any(found.explains for found in fits):
+            return fits
+        return [self(features, y, noise) for features in candidates]
+
     def __call__(
-        self, features: Features, y: Float[np.ndarray, "e sample"], noise: Any
+        self,
+        features: Features,
+        y: Float[np.ndarray, "e sample"],
+        noise: Any,
+        starts: int = STARTS,
     ) -> FeatureFit:
-        """As [`fit_features`][]."""
+        """As [`fit_features`][], from so many of the best starts of each feature."""
         y = np.asarray(y, float)
         parts: dict[str, Feature] = {}
         found, priors = self._offset(y)
@@ -193,12 +217,24 @@ class FeatureFitter:
             parts, priors = parts | {name: feature}, priors | more
             model = FeatureModel(self._felt, parts)
             settings = self._settings(model, noise, priors)
-            result = _best(model, [found | {name: shape} for shape in shapes], y, settings)
+            first = [found | {name: shape} for shape in shapes[:starts]]
+            result = _best(model, first, y, settings)
             found = dict(result.value)
-        evidence = log_density(y, noise) if result is None else result.log_evidence
-        evidence = -np.inf if evidence is None else float(evidence)
         read = {} if result is None else readable(model, result)
-        return FeatureFit(dict(features), result, model, read, evidence)
+        evidence = self._evidence(y, noise, parts, result)
+        return FeatureFit(parts, result, model, read, evidence)
+
+    def _evidence(self, y: np.ndarray, noise: Any, features: Features, result: Fit | None) -> float:
+        """Log evidence, each amplitude's prior that of the shape found.
+
+        The fit had the one of the shape felt most; both are too wide to move it.
+        """
+        if result is None:
+            return log_density(y, noise)
+        if result.log_evidence is None:
+            return -np.inf
+        shares = (self._coarse.share(f, result.value[name]) for name, f in features.items())
+        return float(result.log_evidence + sum(np.log(share).sum() for share in shares))
 
     def many(
         self, name: str, feature: Feature, ys: Float[np.ndarray, "draw e sample"], noise: Any
@@ -243,15 +279,16 @@ def _best(model: FeatureModel, starts: list[dict[str, Any]], y, settings: dict[s
     ends: list[Fit] = []
     for start in starts:
         ends.append(fit(model, start, y, **settings))
-        if ends[-1].converged and _explains(ends[-1]):
+        if explains(ends[-1]):
             break
     return min(ends, key=lambda end: end.stats["cost"])
 
 
-def _explains(end: Fit) -> bool:
-    """Whether what is left of the data is as small as noise is."""
+def explains(end: Fit) -> bool:
+    """Whether a fit leaves no more of the data than the noise."""
     freedom = end.stats["degrees_of_freedom"]
-    return bool(2 * end.stats["cost"] <= freedom + ENOUGH * np.sqrt(2 * freedom))
+    small = 2 * end.stats["cost"] <= freedom + ENOUGH * np.sqrt(2 * freedom)
+    return bool(end.converged and small)
 
 
 def fit_features(
@@ -336,17 +373,30 @@ class _Coarse:
         rest = self._means(np.nan_to_num(y))
         if parts:
             rest = rest - np.asarray(FeatureModel(self.felt, parts)(found))
-        if feature not in self._banks:
-            self._banks[feature] = self._bank(feature)
-        bank = self._banks[feature]
+        bank = self._known(feature)
         told = bank.signals @ self._centred(rest).ravel()
         explained = np.sum(told * np.linalg.solve(bank.gram, told[..., None])[..., 0], axis=-1)
         return _apart(bank.tried, explained), bank.strongest
 
+    def share(self, feature: Feature, own: Mapping[str, Any]) -> Float[np.ndarray, " a"]:
+        """How strong the signal of each unit amplitude is, beside that of the shape felt most."""
+        signals = self._responses(feature, {part: [own[part]] for part in feature.axes})
+        felt = np.abs(signals).max(axis=(0, 2, 3))
+        top = np.asarray(self._known(feature).strongest)
+        return np.maximum(felt / np.where(top > 0, top, 1.0), LEAST_SHARE)
+
+    def _known(self, feature: Feature) -> _Bank:
+        if feature not in self._banks:
+            self._banks[feature] = self._bank(feature)
+        return self._banks[feature]
+
+    def _responses(self, feature: Feature, shapes: Mapping[str, Any]) -> np.ndarray:
+        model = FeatureModel(self.felt, {"one": feature})
+        return np.asarray(_responses(model, {k: as_real(v) for k, v in shapes.items()}))
+
     def _bank(self, feature: Feature) -> _Bank:
         tried = feature.starts(self.stretch)
-        shapes = {part: as_real(values) for part, values in tried.items()}
-        signals = np.asarray(_responses(FeatureModel(self.felt, {"one": feature}), shapes))
+        signals = self._responses(feature, tried)
         strongest = np.abs(signals).max(axis=(0, 2, 3)).tolist()
         signals = self._centred(signals).reshape(*signals.shape[:2], -1)
         gram = signals @ signals.swapaxes(1, 2)

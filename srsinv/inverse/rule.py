@@ -5,7 +5,7 @@ serves every method and every path alike.
 """
 
 import abc
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from ..errors import refuse
+from ..errors import number
 from .prior import Score
 from .quadratic import Scorer
 
@@ -104,9 +104,8 @@ class Discrepancy(Rule):
     name: ClassVar[str] = "discrepancy principle"
     factor: float
 
-    def __init__(self, factor: float = 1.0):
-        refuse(not factor > 0, f"rule.factor is {factor}: it must be positive.")
-        self.factor = float(factor)
+    def __init__(self, factor: Any = 1.0):
+        self.factor = float(number("rule.factor", factor, "a positive number", above=0))
 
     def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
         low, high = box

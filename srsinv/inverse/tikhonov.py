@@ -1,16 +1,17 @@
 """Tikhonov's method: a penalty on the traction or its derivatives, its weight chosen by a rule."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import refuse
+from ..errors import choice, number, refuse, shown, whole
 from ..grid import Line, as_real
 from .prior import Prior
 from .problem import Estimate, Problem
-from .quadratic import Family, Scorer, check_tolerance, choose_path, solve
+from .quadratic import PATHS, Family, Scorer, choose_path, solve
 from .rule import Choice, GeneralisedCrossValidation, Rule
 
 
@@ -45,6 +46,13 @@ class Penalties(Family):
         return DerivativePenalty(10.0**log_weights, self.length_m, self.order)
 
 
+def _weight(name: str, value) -> Float[Array, ""] | None:
+    if value is None:
+        return None
+    wanted = "a positive weight in 1/Pa^2, or null to let the rule choose"
+    return as_real(number(f"method.tikhonov.{name}", value, wanted, above=0))
+
+
 class Tikhonov(eqx.Module):
     """Minimise |N^(-1/2) (m - G r)|^2 + sum_c lambda_c |(z d/dx)^order r_c|^2.
 
@@ -67,32 +75,28 @@ class Tikhonov(eqx.Module):
 
     def __init__(
         self,
-        order: int = 1,
+        order: Any = 1,
         weight_p=None,
         weight_q=None,
-        rule: Rule | None = None,
+        rule: Any = None,
         length_m=0.75e-3,
-        path: str = "auto",
-        tolerance: float = 1e-10,
+        path: Any = "auto",
+        tolerance: Any = 1e-10,
     ):
-        refuse(order not in (0, 1, 2), f"method.tikhonov.order is {order}: give 0, 1 or 2.")
-        for name, weight in (("weight_p", weight_p), ("weight_q", weight_q)):
-            if isinstance(weight, (int, float)):
-                refuse(
-                    not 0 < weight < np.inf,
-                    f"method.tikhonov.{name} is {weight}: give a positive weight in 1/Pa^2, or "
-                    f"null to let the rule choose.",
-                )
-        if isinstance(length_m, (int, float)):
-            refuse(
-                not 0 < length_m < np.inf,
-                f"method.tikhonov.length_m is {length_m}: give a positive length in metres.",
-            )
-        self.weight_p = None if weight_p is None else as_real(weight_p)
-        self.weight_q = None if weight_q is None else as_real(weight_q)
+        key = "method.tikhonov."
+        self.order = whole(f"{key}order", order, "0, 1 or 2", least=0, most=2)
+        self.weight_p, self.weight_q = _weight("weight_p", weight_p), _weight("weight_q", weight_q)
+        refuse(
+            rule is not None and not isinstance(rule, Rule),
+            f"{key}rule is {shown(rule)}: give a rule, such as rule=gcv.",
+        )
         self.rule = GeneralisedCrossValidation() if rule is None else rule
-        self.length_m, self.order = as_real(length_m), int(order)
-        self.path, self.tolerance = path, check_tolerance(tolerance)
+        self.length_m = as_real(
+            number(f"{key}length_m", length_m, "a positive length in metres", above=0)
+        )
+        self.path = choice(f"{key}path", path, PATHS)
+        wanted = "a positive number below 1"
+        self.tolerance = number(f"{key}tolerance", tolerance, wanted, above=0, below=1)
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate of p and q, with the weights that were given or chosen in its stats."""

@@ -1,18 +1,18 @@
 """The Wiener filter, the paper's (15): noise and traction spectra given."""
 
 import abc
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import refuse
+from ..errors import choice, number, refuse, shown
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
 from .prior import Prior
 from .problem import Estimate, Problem
-from .quadratic import Family, Scorer, check_tolerance, solve
+from .quadratic import PATHS, Family, Scorer, solve
 from .rule import Evidence
 
 
@@ -25,9 +25,7 @@ class TractionSpectrum(eqx.Module):
 
 
 def _positive(name: str, value) -> Float[Array, ""]:
-    if isinstance(value, (int, float)):
-        refuse(not 0 < value < np.inf, f"method {name} is {value}: give a positive number.")
-    return as_real(value)
+    return as_real(number(f"method {name}", value, "a positive number", above=0))
 
 
 class Exponential(TractionSpectrum):
@@ -104,7 +102,7 @@ class Wiener(eqx.Module):
       under which the data are most likely.
     - `path`, `tolerance`: see [`solve`][srsinv.inverse.quadratic.solve].
 
-    Raises `BadInput` for an unknown `scale`.
+    Raises `BadInput` for what is none of these.
     """
 
     p: TractionSpectrum
@@ -115,19 +113,17 @@ class Wiener(eqx.Module):
 
     def __init__(
         self,
-        p: TractionSpectrum | None = None,
-        q: TractionSpectrum | None = None,
-        scale: str = "given",
-        path: str = "auto",
-        tolerance: float = 1e-10,
+        p: Any = None,
+        q: Any = None,
+        scale: Any = "given",
+        path: Any = "auto",
+        tolerance: Any = 1e-10,
     ):
-        refuse(
-            scale not in ("given", "evidence"),
-            f"method.wiener.scale is {scale!r}: give 'given' or 'evidence'.",
-        )
-        self.p = Exponential() if p is None else p
-        self.q = Exponential() if q is None else q
-        self.scale, self.path, self.tolerance = scale, path, check_tolerance(tolerance)
+        self.p, self.q = _spectrum("p", p), _spectrum("q", q)
+        self.scale = choice("method.wiener.scale", scale, ("given", "evidence"))
+        self.path = choice("method.wiener.path", path, PATHS)
+        key, wanted = "method.wiener.tolerance", "a positive number below 1"
+        self.tolerance = number(key, tolerance, wanted, above=0, below=1)
 
     def __call__(self, problem: Problem) -> Estimate:
         """Posterior mean and standard error of p and q."""
@@ -142,6 +138,14 @@ class Wiener(eqx.Module):
             for c, s in zip("pq", power, strict=False)
         }
         return solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
+
+
+def _spectrum(name: str, given: Any) -> TractionSpectrum:
+    refuse(
+        given is not None and not isinstance(given, TractionSpectrum),
+        f"method.wiener.{name} is {shown(given)}: give a traction spectrum, such as Exponential.",
+    )
+    return Exponential() if given is None else given
 
 
 def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"], str]:

@@ -1,13 +1,15 @@
 """From a resolved configuration to the objects it names."""
 
+import inspect
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 import jax
-from hydra.utils import instantiate
+from hydra.errors import InstantiationException
+from hydra.utils import get_class, instantiate
 
-from ..errors import refuse
+from ..errors import BadInput, choice, mapping, number, refuse, shown, whole
 from ..forward.amplifier import Amplifier
 from ..forward.describe import EFFECTS as EFFECTS
 from ..forward.describe import elements
@@ -16,6 +18,8 @@ from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed
 from ..forward.scene import Scene
 from ..forward.sensor import Sensor
+from ..forward.skin import HalfSpace
+from ..forward.traction import FrictionStep, Pressure
 from ..grid import Line, Open, Periodic
 from ..inverse.nonlinear import Solver
 from ..inverse.tikhonov import Tikhonov
@@ -23,92 +27,162 @@ from ..inverse.wiener import Wiener
 
 Config = Mapping[str, Any]
 LINES = {"periodic": Periodic, "open": Open}
+MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 
 
 @contextmanager
 def precision(cfg: Config) -> Iterator[None]:
     """Work in float64 or float32, as `cfg["precision"]` says."""
     name = cfg["precision"]
-    refuse(name not in ("float64", "float32"), f"precision is {name!r}: give float64 or float32.")
+    refuse(
+        name not in ("float64", "float32"),
+        f"precision is {shown(name)}: give float64 or float32.",
+    )
     with jax.enable_x64(name == "float64"):
         yield
 
 
-def make(node: Any) -> Any:
-    """The object that a node's `_target_` names."""
-    return instantiate(node, _convert_="all")
+def part(cfg: Config, name: str) -> Mapping[str, Any]:
+    """The mapping `cfg[name]`; null stands for an empty one."""
+    node = cfg.get(name)
+    return {} if node is None else mapping(name, node)
 
 
-def line(cfg: Config, refinement: int = 1) -> Line:
+def make(node: Any, name: str = "this part", kind: Any = object) -> Any:
+    """The object of the class `kind` that a node's `_target_` names; refusals call it `name`."""
+    _check(node, name, kind)
+    try:
+        return instantiate(node, _convert_="all")
+    except InstantiationException as error:
+        if isinstance(error.__cause__, BadInput):
+            raise error.__cause__ from None
+        raise
+
+
+def _check(node: Any, name: str, kind: Any = object) -> None:
+    """Refuse a node that names no class of `kind`, or one that does not take the node's keys, and
+    likewise the nodes inside."""
+    target = mapping(name, node).get("_target_")
+    try:
+        made = get_class(str(target))
+    except (ImportError, ValueError, TypeError) as error:
+        raise BadInput(
+            f"{name}._target_ is {shown(target)}, which is no class: name one as "
+            "package.module.Class."
+        ) from error
+    refuse(
+        not issubclass(made, kind),
+        f"{name}._target_ is {target!r}, which cannot stand there: name one of the kind that the "
+        "project's own configurations have.",
+    )
+    known = inspect.signature(made).parameters
+    keys = {key for key in node if not key.startswith("_")}
+    listed = ", ".join(known) or "nothing"
+    if not any(each.kind is each.VAR_KEYWORD for each in known.values()):
+        unknown = sorted(keys - set(known))
+        refuse(
+            bool(unknown),
+            f"{name} has no key {unknown and unknown[0]!r}: {made.__name__} takes {listed}.",
+        )
+        needed = {key for key, each in known.items() if each.default is each.empty}
+        missing = sorted(needed - keys)
+        refuse(
+            bool(missing),
+            f"{name} lacks {missing and missing[0]!r}: {made.__name__} takes {listed}.",
+        )
+    for key in keys:
+        if isinstance(node[key], Mapping) and "_target_" in node[key]:
+            _check(node[key], f"{name}.{key}")
+
+
+def line(cfg: Config, refinement: Any = 1) -> Line:
     """The line of `grid`, its cells `refinement` times finer at the same first position."""
-    grid = cfg["grid"]
+    grid = part(cfg, "grid")
+    kind = LINES[choice("grid.line", grid.get("line"), LINES)]
+    wanted = f"a whole number from 3 (fewer samples are too few) to {MOST_CELLS}"
+    cells = whole("grid.cells", grid.get("cells"), wanted, least=3, most=MOST_CELLS)
+    length = number("grid.length_m", grid.get("length_m"), "a positive length in metres", above=0)
+    start = number("grid.start_m", grid.get("start_m"), "a position in metres")
+    cells *= whole("grid.refinement", refinement, "a whole number from 1", least=1)
     refuse(
-        grid["line"] not in LINES,
-        f"grid.line is {grid['line']!r}: give one of {', '.join(LINES)}.",
+        cells > MOST_CELLS,
+        f"grid.refinement is {refinement}, which makes {cells} cells: give one that makes at most "
+        f"{MOST_CELLS}.",
     )
-    refuse(
-        not (isinstance(grid["cells"], int) and grid["cells"] >= 3),
-        f"grid.cells is {grid['cells']}: there are too few samples, give a whole number from 3.",
-    )
-    refuse(
-        not grid["length_m"] > 0, f"grid.length_m is {grid['length_m']}: give a positive length."
-    )
-    refuse(
-        not (isinstance(refinement, int) and refinement >= 1),
-        f"grid.refinement is {refinement}: give a whole number from 1.",
-    )
-    cells = grid["cells"] * refinement
-    return LINES[grid["line"]](cells, grid["length_m"] / cells, grid["start_m"])
+    return kind(cells, length / cells, start)
 
 
 def scene(cfg: Config) -> Scene:
     """The scene, its named pressures and frictions in order."""
-    node = dict(cfg["scene"])
-    for part in ("pressures", "frictions"):
-        node[part] = list(node[part].values())
-    return make(node)
+    node = dict(part(cfg, "scene"))
+    for name, kind in (("pressures", Pressure), ("frictions", FrictionStep)):
+        named = {} if node.get(name) is None else mapping(f"scene.{name}", node[name])
+        for key, each in named.items():
+            _check(each, f"scene.{name}.{key}", kind)
+        node[name] = list(named.values())
+    return make(node, "scene", Scene)
 
 
 def sensor(cfg: Config) -> Sensor:
     """Film elements in the skin, with the effects that are named, read by the amplifier."""
-    films = elements(cfg["sensor"], cfg["effects"])
-    return Sensor(films, skin=make(cfg["skin"]), amplifier=amplifier(cfg))
+    films = elements(part(cfg, "sensor"), cfg["effects"])
+    return Sensor(films, skin=make(cfg["skin"], "skin", HalfSpace), amplifier=amplifier(cfg))
 
 
 def amplifier(cfg: Config) -> Amplifier:
     """The amplifier; one from a recording has to be told its resistor."""
-    node = cfg["amplifier"]
+    node = part(cfg, "amplifier")
     refuse(
         node.get("feedback_resistance_ohm", 0) is None,
         "No feedback resistance is known: give amplifier.feedback_resistance_ohm in ohm.",
     )
-    return make(node)
+    return make(node, "amplifier", Amplifier)
 
 
 def scan(cfg: Config) -> ConstantSpeed:
     """How the finger moves."""
+    node = part(cfg, "scan")
     refuse(
-        cfg["scan"]["speed_m_per_s"] is None, "No speed is known: give scan.speed_m_per_s in m/s."
+        node.get("speed_m_per_s", 0) is None, "No speed is known: give scan.speed_m_per_s in m/s."
     )
-    return make(cfg["scan"])
+    return make(node, "scan", ConstantSpeed)
+
+
+def friction(cfg: Config) -> float | None:
+    """mu in q = mu p; None keeps p and q apart."""
+    given = cfg["friction"]
+    wanted = "a number, of either sign, or null to keep p and q apart"
+    return None if given is None else float(number("friction", given, wanted))
+
+
+def random_key(cfg: Config) -> jax.Array:
+    """The key of all random numbers."""
+    wanted = "a whole number from 0 to 2147483647"
+    return jax.random.key(whole("seed", cfg["seed"], wanted, least=0))
 
 
 def noises(cfg: Config) -> tuple[Noise, ...]:
     """The named causes of noise."""
-    return tuple(make(node) for node in cfg["noise"].values())
+    named = part(cfg, "noise")
+    return tuple(make(node, f"noise.{name}", Noise) for name, node in named.items())
 
 
 def features(cfg: Config) -> dict[str, Feature]:
     """The named features of traction: their sum is what is looked for."""
-    return {name: make(node) for name, node in (cfg.get("feature") or {}).items()}
+    named = part(cfg, "feature")
+    return {name: make(node, f"feature.{name}", Feature) for name, node in named.items()}
 
 
 def solver(cfg: Config) -> Solver:
     """What minimises a fit's sum of squares."""
-    return make(cfg["solver"])
+    return make(cfg["solver"], "solver", Solver)
 
 
 def methods(cfg: Config) -> dict[str, Wiener | Tikhonov]:
     """The methods by the names that the page calls them."""
-    refuse(not cfg["method"], "No method is named: give method=[wiener,tikhonov] or one of them.")
-    return {name.replace("_", " ").capitalize(): make(node) for name, node in cfg["method"].items()}
+    named = part(cfg, "method")
+    refuse(not named, "No method is named: give method=[wiener,tikhonov] or one of them.")
+    return {
+        name.replace("_", " ").capitalize(): make(node, f"method.{name}", Wiener | Tikhonov)
+        for name, node in named.items()
+    }

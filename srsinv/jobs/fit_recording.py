@@ -10,12 +10,18 @@ import numpy as np
 import xarray
 from jaxtyping import Float
 
-from ..errors import refuse
+from ..errors import refuse, shown
 from ..forward.noise import total_spectrum
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Periodic
-from ..inverse.feature_fit import FeatureFit, FeatureFitter, probabilities, traction_band
+from ..inverse.feature_fit import (
+    CELLS_PER_DEPTH,
+    FeatureFit,
+    FeatureFitter,
+    probabilities,
+    traction_band,
+)
 from ..inverse.nonlinear import Spectrum, whitener
 from ..inverse.problem import COMPONENTS
 from ..progress import stage
@@ -26,6 +32,7 @@ from . import build
 from .analysis import element_names
 from .recorded import (
     STEADY,
+    check_cells,
     coloured_noises,
     elements_named,
     load_even,
@@ -56,10 +63,13 @@ class Measured:
 
 def measured(cfg: build.Config) -> Measured:
     """The recording that the configuration names, or the bundled example."""
-    settings = dict(cfg["recording"])
-    settings["path"] = settings["path"] or str(EXAMPLE)
+    settings = dict(build.part(cfg, "recording"))
+    settings["path"] = settings.get("path") or str(EXAMPLE)
     recording = load_even(settings, elements_named(cfg))
     sensor, motion = sensor_of(cfg, recording), motion_of(recording)
+    check_cells(
+        recording.name, float(np.ptp(motion.position_m)), float(sensor.depth_m) / CELLS_PER_DEPTH
+    )
     spacing = float(np.max(np.abs(recording.speed_m_per_s))) / recording.sample_rate_hz
     rms = white_rms(cfg, recording, float(sensor.depth_m), spacing)
     offset = sensor.amplifier.offset
@@ -88,11 +98,13 @@ def _noise(cfg: build.Config, recording: Recording, y, rms: float) -> Any:
 def run(cfg: build.Config) -> Outcome:
     """The job: fit every candidate, rank them, report the most probable one."""
     with build.precision(cfg):
-        data = measured(cfg)
-        named, choose = build.features(cfg), cfg["fit"]["choose"]
+        named, solver = build.features(cfg), build.solver(cfg)
+        choose = build.part(cfg, "fit").get("choose")
         refuse(not named, "No feature is named: give feature=[strip_load] or a sum of several.")
+        refuse(not isinstance(choose, bool), f"fit.choose is {shown(choose)}: give true or false.")
+        data = measured(cfg)
         sums = [{name: feature} for name, feature in named.items()] if choose else [named]
-        fitter = FeatureFitter(data.sensor, data.motion, build.solver(cfg))
+        fitter = FeatureFitter(data.sensor, data.motion, solver)
         fits, times = [], []
         for features in [{}, *sums]:
             with stage(f"fitting {' + '.join(features) or 'nothing'}"):

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import refuse
+from ..errors import number, refuse
 from ..forward.amplifier import Amplifier
 from ..forward.film import SampleAverage
 from ..forward.noise import total_spectrum
@@ -19,7 +19,15 @@ from ..report.outcome import Outcome
 from . import build
 from .analysis import Case
 from .analysis import run as analyse
-from .recorded import STEADY, coloured_noises, elements_named, load_even, sensor_of, white_rms
+from .recorded import (
+    STEADY,
+    check_cells,
+    coloured_noises,
+    elements_named,
+    load_even,
+    sensor_of,
+    white_rms,
+)
 
 CELLS_PER_DEPTH = 8  # e^(-k z) leaves nothing beyond: at the cells' last wavenumber it is e^(-25)
 MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
@@ -31,17 +39,18 @@ FEW = 0.25  # of the median: a cell that tells less than this has twice the nois
 def run(cfg: build.Config) -> Outcome:
     """The job: load, put on a line of cells, invert, report."""
     with build.precision(cfg):
+        methods, friction = build.methods(cfg), build.friction(cfg)
         recording = _load(cfg)
-        facts = recording.sidecar
+        nominal = _nominal_Pa(recording)
         ideal = sensor_of(cfg, recording)
         depth = float(ideal.depth_m)
         speed = float(np.mean(recording.speed_m_per_s))
         spacing = abs(speed) / recording.sample_rate_hz
-        unknowns = 1 if cfg["friction"] is not None else 2
+        unknowns = 1 if friction is not None else 2
         block = _block(cfg, recording, depth, spacing, unknowns)
         noise_rms = white_rms(cfg, recording, depth, _widest_spacing(recording, spacing))
         position, signal, samples = cell_signals(recording, ideal.amplifier, block, spacing)
-        line, data, observed = _on_line(position, signal, cfg, facts, depth)
+        line, data, observed = _on_line(position, signal, cfg, recording.sidecar, depth)
         average = (SampleAverage(block, spacing),) if block > 1 else ()
         sensor = sensor_of(cfg, recording, average)
         scan = ConstantSpeed(speed)
@@ -51,7 +60,6 @@ def run(cfg: build.Config) -> Outcome:
             noise = noise.at[0].set(jnp.inf)
         else:
             data = jnp.where(observed, data - offset, 0.0)
-        nominal = facts.get("nominal_pressure_Pa")
         problem = Problem(
             line,
             line.operator(sensor.signal(scan)),
@@ -60,14 +68,14 @@ def run(cfg: build.Config) -> Outcome:
             observed=observed,
             known_mean_Pa=(0.0, None),
             background_Pa=(nominal, None),
-            friction=cfg["friction"],
+            friction=friction,
         )
         case = Case(
             title=f"{recording.name}: {', '.join(cfg['method'])}",
             problem=problem,
             sensor=sensor,
             speed_m_per_s=speed,
-            methods=build.methods(cfg),
+            methods=methods,
             signal_unit=recording.signal_unit,
             assumed=_assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal),
             time_steady=False,
@@ -87,15 +95,20 @@ def _load(cfg: build.Config) -> Recording:
     return recording
 
 
+def _nominal_Pa(recording: Recording) -> float | None:
+    given = recording.sidecar.get("nominal_pressure_Pa")
+    wanted = "a pressure in Pa that is at least 0, or null where it is not known"
+    key = f"{recording.name}: nominal_pressure_Pa"
+    return None if given is None else float(number(key, given, wanted, least=0))
+
+
 def _block(
     cfg: build.Config, recording: Recording, depth: float, spacing: float, unknowns: int
 ) -> int:
     """How many samples are averaged into one cell."""
     wanted = cfg["recording"].get("cell_m")
-    refuse(
-        wanted is not None and not wanted > 0,
-        f"recording.cell_m is {wanted}: give a positive width in metres.",
-    )
+    if wanted is not None:
+        number("recording.cell_m", wanted, "a positive width in metres", above=0)
     length = spacing * recording.time_s.size + 2 * MARGIN_DEPTHS * depth
     least = length * unknowns / DIRECT_LIMIT if wanted is None else 0.0
     cell = max(depth / CELLS_PER_DEPTH, least) if wanted is None else wanted
@@ -188,6 +201,7 @@ def _on_line(x, signal, cfg: build.Config, facts: dict[str, Any], depth: float):
     cell = (x[-1] - x[0]) / (x.size - 1)
     margin = MARGIN_DEPTHS * depth
     window = facts.get("contact_window_m") or [x[0] - margin, x[-1] + margin]
+    check_cells(f"contact_window_m is {window}", window[1] - window[0], cell)
     before = max(0, int(np.floor((x[0] - cell / 2 - window[0]) / cell)))
     after = max(0, int(np.floor((window[1] - x[-1] - cell / 2) / cell)))
     line = Open(before + x.size + after, cell, x[0] - before * cell)

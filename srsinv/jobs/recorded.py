@@ -1,17 +1,19 @@
 """A recording as the jobs want it: even samples, its sensor, its motion and its white noise."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..errors import refuse
+from ..errors import choice, mapping, number, refuse, shown
 from ..forward.describe import elements
 from ..forward.film import LineEffect
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
+from ..forward.skin import HalfSpace
 from ..recording import Recording, load, merge
 from . import build
 
@@ -20,9 +22,14 @@ JITTER = 0.2  # of the sampling interval: beyond it there is a gap
 ROUNDED = 0.25  # of an interval: time stamps nearer to even ones than this are only rounded
 ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
 OF_A_JOB = ("cell_m",)  # keys of `recording` that say nothing about the file
+MOTION = {
+    "sample_rate_hz": "a positive number in Hz",
+    "speed_m_per_s": "a speed in m/s",
+    "scan_start_m": "a position in metres",
+}
 
 
-def load_steady(settings: Mapping[str, Any], known: Mapping[str, Any]) -> Recording:
+def load_steady(settings: Any, known: Mapping[str, Any]) -> Recording:
     """[`load_even`][] for what takes the speed as constant: raises `BadInput` where it varies."""
     recording = load_even(settings, known)
     refuse(
@@ -33,15 +40,25 @@ def load_steady(settings: Mapping[str, Any], known: Mapping[str, Any]) -> Record
     return recording
 
 
-def load_even(settings: Mapping[str, Any], known: Mapping[str, Any]) -> Recording:
+def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
     """The recording that `settings`, the configuration's `recording`, names, at even times.
 
     `known` are further facts of the command line, beside the sidecar's. Raises `BadInput` for a
     file that cannot be read, a speed that is 0 throughout, and uneven times.
     """
-    facts = {key: value for key, value in settings.items() if key not in OF_A_JOB}
-    path, missing = facts.pop("path"), facts.pop("missing", "refuse")
+    named = mapping("recording", settings)
+    facts = {key: value for key, value in named.items() if key not in OF_A_JOB}
+    path, missing = facts.pop("path", None), facts.pop("missing", "refuse")
     refuse(path is None, "No recording is named: give recording.path=FILE.")
+    for key, file in (("path", path), ("sidecar", facts.get("sidecar"))):
+        refuse(
+            file is not None and not isinstance(file, str | os.PathLike),
+            f"recording.{key} is {shown(file)}: give the name of a file.",
+        )
+    for key, wanted in MOTION.items():
+        if (given := facts.get(key)) is not None:
+            number(f"recording.{key}", given, wanted)
+    choice("recording.missing", missing, ("refuse", "allow"))
     recording = load(path, missing=missing, **_given(facts | dict(known)))
     refuse(
         not np.any(recording.speed_m_per_s),
@@ -79,7 +96,7 @@ def _given(known: dict[str, Any]) -> dict[str, Any]:
 
 def elements_named(cfg: build.Config) -> dict[str, Any]:
     """The film elements that the configuration names, as a fact beside the sidecar's."""
-    named = cfg["sensor"]["elements"]
+    named = build.part(cfg, "sensor").get("elements")
     return {"sensor": {"elements": list(named.values()) if isinstance(named, dict) else named}}
 
 
@@ -90,7 +107,7 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
     are not as many elements as signal columns.
     """
     facts = recording.sidecar
-    description = merge(facts.get("sensor", {}), cfg["sensor"])
+    description = merge(facts.get("sensor") or {}, build.part(cfg, "sensor"))
     films = elements(description, cfg["effects"], also)
     refuse(
         len(films) != len(recording.channels),
@@ -99,13 +116,15 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
     )
     return Sensor(
         films,
-        skin=build.make(merge({"poisson_ratio": 0.5} | _skin(facts), cfg["skin"])),
+        skin=build.make(
+            merge({"poisson_ratio": 0.5} | _skin(facts), build.part(cfg, "skin")), "skin", HalfSpace
+        ),
         amplifier=build.amplifier(_amplifier(cfg, description)),
     )
 
 
 def _skin(facts: dict[str, Any]) -> dict[str, Any]:
-    skin = facts.get("skin", {})
+    skin = facts.get("skin") or {}
     model = skin.get("model", "half_space")
     refuse(
         model != "half_space",
@@ -116,10 +135,21 @@ def _skin(facts: dict[str, Any]) -> dict[str, Any]:
 
 def _amplifier(cfg: build.Config, description: dict[str, Any]) -> dict[str, Any]:
     resistance = description.get("feedback_resistance_ohm")
-    node = dict(cfg["amplifier"])
+    node = dict(build.part(cfg, "amplifier"))
     if node.get("feedback_resistance_ohm", 0) is None:
         node["feedback_resistance_ohm"] = resistance
     return {"amplifier": node}
+
+
+def check_cells(name: str, length_m: float, cell_m: float) -> None:
+    """Refuse a line that no machine holds: something is in another unit than it is taken to be."""
+    cells = length_m / cell_m
+    refuse(
+        not cells <= build.MOST_CELLS,
+        f"{name}: the {length_m:.4g} m in cells of {cell_m:.4g} m are {cells:.4g} cells, more than "
+        f"{build.MOST_CELLS}: check recording.speed_m_per_s, recording.sample_rate_hz, "
+        "sensor.depth_m and recording.contact_window_m, and their units.",
+    )
 
 
 def motion_of(recording: Recording) -> Motion:
@@ -132,8 +162,8 @@ def motion_of(recording: Recording) -> Motion:
 
 def coloured_noises(cfg: build.Config) -> tuple[Noise, ...]:
     """The named causes of noise but the white one, which the recording itself shows."""
-    others = {name: node for name, node in cfg["noise"].items() if name != "white"}
-    noises = tuple(build.make(node) for node in others.values())
+    others = {name: node for name, node in build.part(cfg, "noise").items() if name != "white"}
+    noises = build.noises({"noise": others})
     for noise in noises:
         refuse(
             isinstance(noise, SignalToNoise),
@@ -148,9 +178,10 @@ def white_rms(cfg: build.Config, recording: Recording, depth: float, spacing: fl
 
     The median of the periodogram over the upper wavenumbers, which a few lines do not move.
     """
-    white = cfg["noise"].get("white")
-    if white is not None and white["rms"] is not None:
-        return float(white["rms"])
+    white = build.part(build.part(cfg, "noise"), "white")
+    if (given := white.get("rms")) is not None:
+        wanted = "a positive number in the signal's unit, or null to take it from the recording"
+        return float(number("noise.white.rms", given, wanted, above=0))
     signal = np.nan_to_num(recording.signal)
     n = signal.shape[-1]
     taper = np.hanning(n)

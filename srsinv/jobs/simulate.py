@@ -3,7 +3,6 @@
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -53,7 +52,7 @@ class Simulation(eqx.Module):
 
 def simulation(cfg: build.Config) -> Simulation:
     """The simulation that a configuration describes."""
-    refinement = cfg["grid"]["refinement"]
+    refinement: Any = build.part(cfg, "grid").get("refinement")
     sensor, scan = build.sensor(cfg), build.scan(cfg)
     refuse(
         float(sensor.amplifier.gain(scan.speed_m_per_s)) == 0.0,
@@ -66,7 +65,7 @@ def simulation(cfg: build.Config) -> Simulation:
         scan,
         build.line(cfg),
         build.line(cfg, refinement),
-        refinement,
+        int(refinement),
     )
 
 
@@ -92,16 +91,15 @@ def noisy_problem(sim: Simulation, noises: tuple[Noise, ...], key, friction=None
 def run(cfg: build.Config) -> Outcome:
     """The job: simulate, invert, compare."""
     with build.precision(cfg):
-        sim = simulation(cfg)
-        key = jax.random.key(cfg["seed"])
-        problem = noisy_problem(sim, build.noises(cfg), key, cfg["friction"])
+        sim, methods, noises = simulation(cfg), build.methods(cfg), build.noises(cfg)
+        problem = noisy_problem(sim, noises, build.random_key(cfg), build.friction(cfg))
         names = ", ".join(cfg["method"])
         case = Case(
             title=f"Simulated scene, {len(sim.sensor.elements)} film elements: {names}",
             problem=problem,
             sensor=sim.sensor,
             speed_m_per_s=float(sim.scan.speed_m_per_s),
-            methods=build.methods(cfg),
+            methods=methods,
             signal_unit=sim.sensor.amplifier.unit,
             stages=stages(sim),
             assumed=assumed(cfg, sim),

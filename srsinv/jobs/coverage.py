@@ -1,0 +1,319 @@
+"""Is the feature fit as good as it can be, and as good as it says? Many draws of the noise tell.
+
+For each feature its truth is simulated once on finer cells, and every draw of the noise is fitted.
+The errors are set against the Cramer-Rao bound at the truth and against the fit's own standard
+errors.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+import xarray
+from jaxtyping import Float
+from scipy.special import ndtri
+
+from ..errors import number, refuse, whole
+from ..forward.feature import Feature
+from ..grid import half_spectrum_weights
+from ..inverse import feature_fit
+from ..inverse.feature_fit import FeatureFitter, readable, stretch_of
+from ..progress import stage
+from ..report import figures
+from ..report.outcome import Outcome, Section, Table
+from . import build
+from .simulated_features import (
+    CELLS_PER_DEPTH,
+    Bench,
+    bench,
+    known_noise,
+    named,
+    parameters,
+    unit_of,
+)
+
+LEVELS = (0.68, 0.90, 0.95)
+STEP = 1e-3  # of the depth, of the amplitude, of one: for the bound's differences
+LEAST_DRAWS = 8
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One parameter of one feature over all draws, in its SI unit."""
+
+    feature: str
+    name: str
+    truth: float
+    bound: float
+    value: Float[np.ndarray, " draw"]
+    stderr: Float[np.ndarray, " draw"]
+
+    @property
+    def label(self) -> str:
+        """Feature and parameter."""
+        return f"{self.feature}_{self.name}"
+
+    @property
+    def error(self) -> Float[np.ndarray, " draw"]:
+        """Deviation from the truth, of a phase within half a turn."""
+        error = self.value - self.truth
+        return np.angle(np.exp(1j * error)) if self.name.endswith("_rad") else error
+
+    @property
+    def bias(self) -> float:
+        """The mean error."""
+        return float(self.error.mean())
+
+    @property
+    def rmse(self) -> float:
+        """The root mean squared error."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+    @property
+    def normalised(self) -> Float[np.ndarray, " draw"]:
+        """Errors in units of the standard error that came with them."""
+        return self.error / self.stderr
+
+    def coverage(self, level: float) -> float:
+        """The share of draws whose central interval of this level holds the truth."""
+        return float(np.mean(np.abs(self.normalised) <= ndtri((1 + level) / 2)))
+
+
+@dataclass(frozen=True)
+class Found:
+    """One feature's quantities, and how many of its fits converged."""
+
+    quantities: tuple[Quantity, ...]
+    converged: int
+    snr_db: float
+
+
+def run(cfg: build.Config) -> Outcome:
+    """The job: simulate, fit every draw, compare."""
+    with build.precision(cfg):
+        settings = cfg["coverage"]
+        wanted = f"a whole number from {LEAST_DRAWS}"
+        draws = whole("coverage.draws", settings["draws"], wanted, least=LEAST_DRAWS)
+        features = build.features(cfg)
+        refuse(not features, "No feature is named: give feature=[strip_load] or several.")
+        on = bench(cfg, "coverage")
+        truths = {name: _truth(settings, on, name, f) for name, f in features.items()}
+        fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
+        keys = jax.random.split(jax.random.key(cfg["seed"]), len(features))
+        found = {}
+        for key, (name, feature) in zip(keys, features.items(), strict=True):
+            with stage(f"fitting {draws} draws of {name}"):
+                found[name] = _judged(on, fitter, name, feature, truths[name], key, draws)
+    rows = [quantity for each in found.values() for quantity in each.quantities]
+    worst = max(quantity.rmse / quantity.bound for quantity in rows)
+    return Outcome(
+        f"Feature fit over {draws} draws: error at most {worst:.3f} times the Cramer-Rao bound",
+        _metrics(found, draws),
+        _dataset(rows),
+        _sections(cfg, on, found, rows, draws),
+        _table(rows),
+    )
+
+
+def _truth(settings, on: Bench, name: str, feature: Feature) -> Mapping[str, float]:
+    """What is simulated, checked against where the fit looks."""
+    truth = named("coverage.truth", settings["truth"], name, feature)
+    ranges = feature.ranges(stretch_of(on.sensor, on.motion))
+    for part, value in truth.items():
+        key = f"coverage.truth.{name}.{part}"
+        number(key, value)
+        low, high = ranges.get(part, (-np.inf, np.inf))
+        refuse(
+            not low < value < high,
+            f"{key} is {value}, but it is looked for from {low:.4g} to {high:.4g}: put it between.",
+        )
+    amplitude = feature.amplitude
+    refuse(
+        truth[amplitude] == 0,
+        f"coverage.truth.{name}.{amplitude} is 0: there is nothing to fit, give another value.",
+    )
+    refuse(
+        feature.friction is not None and feature.friction != truth["friction"],
+        f"feature.{name}.friction is {feature.friction}, but coverage.truth.{name}.friction is "
+        f"{truth['friction']}: give the same, or feature.{name}.friction=null.",
+    )
+    return truth
+
+
+def _judged(
+    on: Bench, fitter: FeatureFitter, name: str, feature: Feature, truth, key, draws: int
+) -> Found:
+    clean = on.signal(name, feature, parameters(feature, truth))
+    rms = float(np.sqrt(np.mean(clean**2)))
+    power = on.power(rms)
+    ys = clean + on.noise(key, power, draws)
+    model, fits = fitter.many(name, feature, ys, known_noise(power))
+    read = [readable(model, fit) for fit in fits]
+    bounds = cramer_rao(on, name, feature, truth, power)
+    quantities = tuple(
+        Quantity(
+            name,
+            part,
+            float(truth[part]),
+            bound,
+            np.array([each[part][0] for each in read]),
+            np.array([each[part][1] for each in read]),
+        )
+        for part, bound in bounds.items()
+    )
+    noise_rms = np.sqrt(half_spectrum_weights(on.shape[1]) @ power)
+    snr_db = float(20 * np.log10(rms / noise_rms))
+    return Found(quantities, sum(fit.converged for fit in fits), snr_db)
+
+
+def cramer_rao(
+    on: Bench, name: str, feature: Feature, truth: Mapping[str, float], power: np.ndarray
+) -> dict[str, float]:
+    """The least standard deviation of each parameter, friction among them where it is fitted.
+
+    From central differences of the simulation at the truth and the noise's spectrum `power` (k,),
+    apart from the fit, its cells and its derivatives.
+    """
+    free = [part for part in truth if part != "friction" or feature.friction is None]
+
+    def size(part: str) -> float:
+        if part == feature.amplitude:
+            return abs(truth[part])
+        return float(on.sensor.depth_m) if part.endswith("_m") else 1.0
+
+    def slope(part: str) -> np.ndarray:
+        step = STEP * size(part)
+        ends = (parameters(feature, {**truth, part: truth[part] + s * step}) for s in (1, -1))
+        above, below = (on.signal(name, feature, own) for own in ends)
+        change = np.fft.rfft((above - below) / (2 * step))
+        return np.fft.irfft(change / np.sqrt(power), on.shape[1]).ravel()
+
+    columns = [slope(part) for part in free]
+    if on.fine.free_offset:
+        columns += list(np.repeat(np.eye(on.shape[0]), on.shape[1], axis=1) / np.sqrt(power[0]))
+    jacobian = np.array(columns)
+    length = np.linalg.norm(jacobian, axis=1)
+    covariance = np.linalg.inv(jacobian @ jacobian.T / np.outer(length, length))
+    bounds = np.sqrt(np.diagonal(covariance)) / length
+    return {part: float(bound) for part, bound in zip(free, bounds, strict=False)}
+
+
+# --- what is shown ---------------------------------------------------------------------------
+
+
+def _metrics(found: dict[str, Found], draws: int) -> dict[str, Any]:
+    metrics: dict[str, Any] = {"draws": draws}
+    for name, each in found.items():
+        metrics[f"{name}_converged"] = each.converged
+        metrics[f"{name}_snr_db"] = each.snr_db
+        for quantity in each.quantities:
+            label = quantity.label
+            metrics |= {
+                f"{name}_bias_{quantity.name}": quantity.bias,
+                f"{name}_rmse_{quantity.name}": quantity.rmse,
+                f"{name}_bound_{quantity.name}": quantity.bound,
+                f"{label}_rmse_over_crb": quantity.rmse / quantity.bound,
+                f"{label}_stderr_over_crb": float(quantity.stderr.mean()) / quantity.bound,
+            }
+            for level in LEVELS:
+                metrics[f"{label}_coverage_{100 * level:.0f}"] = quantity.coverage(level)
+    return metrics
+
+
+def _dataset(rows: list[Quantity]) -> xarray.Dataset:
+    variables: dict[str, Any] = {
+        "normalised_error": (("quantity", "draw"), [row.normalised for row in rows]),
+        "rmse_over_crb": (("quantity",), [row.rmse / row.bound for row in rows]),
+        "stderr_over_crb": (("quantity",), [row.stderr.mean() / row.bound for row in rows]),
+        "coverage": (
+            ("quantity", "level"),
+            [[row.coverage(level) for level in LEVELS] for row in rows],
+        ),
+    }
+    variables = {name: (*each, {"units": "1"}) for name, each in variables.items()}
+    for row in rows:
+        unit = {"units": unit_of(row.name)}
+        variables |= {
+            row.label: (("draw",), row.value, unit),
+            f"{row.label}_stderr": (("draw",), row.stderr, unit),
+            f"{row.label}_truth": ((), row.truth, unit),
+            f"{row.label}_bound": ((), row.bound, unit),
+        }
+    return xarray.Dataset(
+        variables,
+        {
+            "quantity": ("quantity", [row.label for row in rows], {"units": "1"}),
+            "feature": ("quantity", [row.feature for row in rows], {"units": "1"}),
+            "parameter": ("quantity", [row.name for row in rows], {"units": "1"}),
+            "level": ("level", list(LEVELS), {"units": "1"}),
+        },
+        {"title": "Coverage of the feature fit"},
+    )
+
+
+def _table(rows: list[Quantity]) -> Table:
+    shares = (f"inside {100 * level:.0f} %" for level in LEVELS)
+    return Table(
+        ("feature", "parameter", "truth", "unit", "bias", "rmse", "Cramer-Rao bound",
+         "rmse / bound", "standard error / bound", *(f"{share} [%]" for share in shares)),
+        tuple(
+            (
+                row.feature, row.name, row.truth, unit_of(row.name), row.bias, row.rmse, row.bound,
+                round(row.rmse / row.bound, 3), round(float(row.stderr.mean()) / row.bound, 3),
+                *(round(100 * row.coverage(level), 1) for level in LEVELS),
+            )
+            for row in rows
+        ),
+    )  # fmt: skip
+
+
+def _sections(
+    cfg: build.Config, on: Bench, found: dict[str, Found], rows: list[Quantity], draws: int
+) -> tuple[Section, ...]:
+    data = _dataset(rows)
+    binomial = 100 * np.sqrt(0.9 * 0.1 / draws)
+    lost = {name: draws - each.converged for name, each in found.items()}
+    return (
+        Section(
+            "Error against the bound, and intervals against their word",
+            (
+                "No unbiased estimate of these parameters from these data has a smaller standard "
+                "deviation than the Cramer-Rao bound; it is computed from the simulation at the "
+                "truth, apart from the fit.",
+                f"With {draws} draws the share inside a 90 % interval scatters by "
+                f"{binomial:.2g} % (one standard deviation), and a root mean squared error by "
+                f"{100 / np.sqrt(2 * draws):.2g} %.",
+                f"Fits that did not converge: {sum(lost.values())} of {draws * len(found)}.",
+            ),
+            {"bound_and_coverage": lambda: figures.bound_and_coverage(data)},
+            {
+                "bound_and_coverage": "Bands: two standard deviations of what so many draws show "
+                "of a fit that is exactly right."
+            },
+            (_table(rows),),
+        ),
+        Section(
+            "Errors in units of their own standard error",
+            ("They follow the unit normal where the standard errors are right.",),
+            {"normalised_errors": lambda: figures.normalised_errors(data)},
+        ),
+        Section("What was assumed", tables=(Table(("what", "value"), _assumed(cfg, on, found)),)),
+    )
+
+
+def _assumed(cfg: build.Config, on: Bench, found: dict[str, Found]) -> tuple[tuple[str, str], ...]:
+    elements, samples = on.shape
+    x = np.asarray(on.motion.position_m)
+    ratios = ", ".join(f"{name} {each.snr_db:.3g} dB" for name, each in found.items())
+    return (
+        ("scan", f"{samples} samples of {elements} elements, "
+         f"{1e6 * abs(x[1] - x[0]):.4g} um apart, at {float(on.scan.speed_m_per_s):.4g} m/s"),
+        ("film depth", f"{1e3 * float(on.sensor.depth_m):.4g} mm"),
+        ("simulation", f"{CELLS_PER_DEPTH} cells in a depth, where the fit has "
+         f"{feature_fit.CELLS_PER_DEPTH}"),
+        ("noise", f"{', '.join(cfg['noise'])}, its spectrum known to the fit: {ratios}"),
+        ("start", "where the search puts the feature in the first draw, for all draws"),
+        ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
+    )  # fmt: skip

@@ -1,0 +1,261 @@
+"""Is the right feature chosen? Random features and noise alone, each explained by every candidate.
+
+Every draw has its own shape, sign, friction and noise, simulated on finer cells. All the named
+features, and "nothing there", are fitted to it and ranked by their evidence.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+import xarray
+from jaxtyping import Float, Int
+
+from ..errors import BadInput, is_number, refuse, shown, whole
+from ..forward.feature import Feature
+from ..inverse.feature_fit import FeatureFitter
+from ..progress import stage
+from ..report import figures
+from ..report.outcome import Outcome, Section, Table
+from . import build
+from .simulated_features import (
+    Bench,
+    bench,
+    known_noise,
+    named,
+    parameters,
+    unit_of,
+)
+
+NOTHING = "nothing"
+WILSON_90 = 1.6448536269514722  # the unit normal's 95 % point: a central interval of 90 %
+
+Ranges = dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """Log evidence of every candidate (c,) for the draws of every truth (t,), and the time taken.
+
+    Truths are the candidates, "nothing" the last of both.
+    """
+
+    candidates: tuple[str, ...]
+    log_evidence: Float[np.ndarray, "t draw c"]
+    drawn: dict[str, dict[str, np.ndarray]]
+    time_s: Float[np.ndarray, "t draw"]
+
+    @property
+    def chosen(self) -> Int[np.ndarray, "t c"]:
+        """How often each candidate is the most probable."""
+        best = self.log_evidence.argmax(axis=-1)
+        return np.array([np.bincount(row, minlength=len(self.candidates)) for row in best])
+
+    @property
+    def margin(self) -> Float[np.ndarray, "t draw"]:
+        """The log evidence of what is there, less that of the best other."""
+        size = len(self.candidates)
+        own = np.arange(size)
+        true = self.log_evidence[own, :, own]
+        others = np.where(np.eye(size, dtype=bool)[:, None], -np.inf, self.log_evidence)
+        return true - others.max(axis=-1)
+
+    @property
+    def right(self) -> Int[np.ndarray, " t"]:
+        """In how many draws of each truth it was chosen."""
+        return np.diagonal(self.chosen)
+
+
+def run(cfg: build.Config) -> Outcome:
+    """The job: draw, fit every candidate, count."""
+    with build.precision(cfg):
+        settings = cfg["ranking"]
+        draws = whole("ranking.draws", settings["draws"], "a whole number from 1", least=1)
+        features = build.features(cfg)
+        refuse(len(features) < 2, "A ranking needs candidates: name at least two in feature=[...].")
+        on = bench(cfg, "ranking")
+        ranges = {name: _ranges(settings, name, f) for name, f in features.items()}
+        fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
+        found = _ranked(cfg, on, fitter, features, ranges, draws)
+    right, total = int(found.right[:-1].sum()), draws * len(features)
+    return Outcome(
+        f"The right feature in {right} of {total} draws, nothing in {found.right[-1]} of {draws} "
+        "of noise",
+        _metrics(found),
+        _dataset(found),
+        _sections(cfg, on, found),
+        _table(found),
+    )
+
+
+def wilson(right: int, total: int) -> tuple[float, float]:
+    """Wilson's central 90 % interval of a share (1927)."""
+    share, z2 = right / total, WILSON_90**2 / total
+    middle = (share + z2 / 2) / (1 + z2)
+    half = WILSON_90 / (1 + z2) * np.sqrt(share * (1 - share) / total + z2 / (4 * total))
+    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
+
+
+def _ranges(settings, name: str, feature: Feature) -> Ranges:
+    """Between what each parameter is drawn."""
+    ranges: Ranges = {}
+    for part, pair in named("ranking.drawn", settings["drawn"], name, feature).items():
+        is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and all(map(is_number, pair))
+        if not is_pair or pair[0] > pair[1]:
+            raise BadInput(
+                f"ranking.drawn.{name}.{part} is {shown(pair)}: give [least, greatest] in SI units."
+            )
+        ranges[part] = float(pair[0]), float(pair[1])
+    least = ranges[feature.amplitude][0]
+    refuse(
+        not least > 0,
+        f"ranking.drawn.{name}.{feature.amplitude} begins at {least}: give sizes above 0, either "
+        "sign is drawn.",
+    )
+    refuse(
+        feature.friction is not None,
+        f"feature.{name}.friction is {feature.friction}, but ranking draws the friction: leave it "
+        "null.",
+    )
+    return ranges
+
+
+def _drawn(rng: np.random.Generator, feature: Feature, ranges: Ranges) -> dict[str, float]:
+    own = {part: float(rng.uniform(*pair)) for part, pair in ranges.items()}
+    return own | {feature.amplitude: float(rng.choice([-1.0, 1.0])) * own[feature.amplitude]}
+
+
+def _ranked(
+    cfg: build.Config,
+    on: Bench,
+    fitter: FeatureFitter,
+    features: dict[str, Feature],
+    ranges: dict[str, Ranges],
+    draws: int,
+) -> Ranked:
+    candidates = {name: {name: feature} for name, feature in features.items()} | {NOTHING: {}}
+    rng = np.random.default_rng(cfg["seed"])
+    keys = jax.random.split(jax.random.key(cfg["seed"]), (len(candidates), draws))
+    drawn = {
+        name: [_drawn(rng, f, ranges[name]) for _ in range(draws)] for name, f in features.items()
+    }
+    first = next(iter(features))
+    evidence = np.zeros((len(candidates), draws, len(candidates)))
+    time_s = np.zeros((len(candidates), draws))
+    for t, truth in enumerate(candidates):
+        with stage(f"ranking {draws} draws of {truth}"):
+            for i in range(draws):
+                # Noise alone is as strong as beside the first feature; its level does not matter.
+                there = first if truth == NOTHING else truth
+                own = parameters(features[there], drawn[there][i])
+                clean = on.signal(there, features[there], own)
+                power = on.power(float(np.sqrt(np.mean(clean**2))))
+                y = on.noise(keys[t, i], power, 1)[0] + (truth != NOTHING) * clean
+                begun = time.perf_counter()
+                noise = known_noise(power)
+                fits = fitter.rank(list(candidates.values()), y, noise)
+                evidence[t, i] = [fit.log_evidence for fit in fits]
+                time_s[t, i] = time.perf_counter() - begun
+    columns = {
+        name: {part: np.array([own[part] for own in rows]) for part in rows[0]}
+        for name, rows in drawn.items()
+    }
+    return Ranked(tuple(candidates), evidence, columns, time_s)
+
+
+# --- what is shown ---------------------------------------------------------------------------
+
+
+def _metrics(found: Ranked) -> dict[str, Any]:
+    draws = found.margin.shape[1]
+    features = int(found.right[:-1].sum()), draws * (len(found.candidates) - 1)
+    metrics: dict[str, Any] = {"draws": draws, "share_right": features[0] / features[1]}
+    metrics["share_right_low_90"], metrics["share_right_high_90"] = wilson(*features)
+    for name, right, margin in zip(found.candidates, found.right, found.margin, strict=True):
+        low, high = wilson(int(right), draws)
+        metrics |= {
+            f"{name}_share_right": float(right) / draws,
+            f"{name}_share_right_low_90": low,
+            f"{name}_share_right_high_90": high,
+            f"{name}_margin_mean": float(margin.mean()),
+            f"{name}_margin_least": float(margin.min()),
+        }
+    steady = found.time_s.ravel()[1:] if found.time_s.size > 1 else found.time_s.ravel()
+    metrics["time_s_first"] = float(found.time_s[0, 0])
+    metrics["time_s_steady"] = float(np.median(steady))
+    return metrics
+
+
+def _dataset(found: Ranked) -> xarray.Dataset:
+    one, names = {"units": "1"}, list(found.candidates)
+    variables: dict[str, Any] = {
+        "log_evidence": (("truth", "draw", "candidate"), found.log_evidence, one),
+        "chosen": (("truth", "candidate"), found.chosen, one),
+        "margin": (("truth", "draw"), found.margin, one),
+    }
+    for name, columns in found.drawn.items():
+        for part, values in columns.items():
+            variables[f"{name}_{part}"] = ("draw", values, {"units": unit_of(part)})
+    return xarray.Dataset(
+        variables,
+        {"truth": ("truth", names, one), "candidate": ("candidate", names, one)},
+        {"title": "Ranking of features by evidence"},
+    )
+
+
+def _table(found: Ranked) -> Table:
+    draws = found.margin.shape[1]
+    rows = []
+    for name, right, margin in zip(found.candidates, found.right, found.margin, strict=True):
+        low, high = (100 * end for end in wilson(int(right), draws))
+        rows.append(
+            (name.replace("_", " "), int(right), draws, round(100 * right / draws, 1),
+             f"{low:.1f} to {high:.1f}", float(margin.mean()), float(margin.min()))
+        )  # fmt: skip
+    return Table(
+        ("there", "chosen", "of draws", "share [%]", "90 % interval [%]",
+         "mean log evidence margin", "least"),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def _sections(cfg: build.Config, on: Bench, found: Ranked) -> tuple[Section, ...]:
+    data = _dataset(found)
+    drawn = tuple(
+        (name.replace("_", " "), ", ".join(
+            f"{part} {values.min():.3g} to {values.max():.3g}" for part, values in columns.items()))
+        for name, columns in found.drawn.items()
+    )  # fmt: skip
+    elements, samples = on.shape
+    return (
+        Section(
+            "What was chosen",
+            (
+                "Every candidate is fitted to every draw, and the one of the greatest evidence is "
+                "chosen: the probability of the data with all parameters integrated out, the same "
+                "rule for the priors of all.",
+            ),
+            {
+                "confusion": lambda: figures.confusion(data),
+                "evidence_margins": lambda: figures.evidence_margins(data),
+            },
+            tables=(_table(found),),
+        ),
+        Section("What was drawn", tables=(Table(("feature", "from and to"), drawn),)),
+        Section(
+            "What was assumed",
+            tables=(
+                Table(
+                    ("what", "value"),
+                    (
+                        ("scan", f"{samples} samples of {elements} elements at "
+                         f"{float(on.scan.speed_m_per_s):.4g} m/s"),
+                        ("noise", f"{', '.join(cfg['noise'])}, its spectrum known to the fit"),
+                        ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
+                    ),
+                ),
+            ),
+        ),
+    )  # fmt: skip

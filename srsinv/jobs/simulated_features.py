@@ -1,0 +1,117 @@
+"""Signals of known features along one constant scan, for jobs that judge the feature fit.
+
+They are simulated on cells several times finer than those of the fit.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import BadInput, number, refuse, shown
+from ..forward.feature import Feature
+from ..forward.noise import Noise, total_spectrum
+from ..forward.noise import draw as draw_noise
+from ..forward.scan import ConstantSpeed, Motion
+from ..forward.sensor import Sensor
+from ..grid import Periodic
+from ..inverse.feature_fit import FeatureModel, Felt
+from ..inverse.nonlinear import Spectrum
+from . import build
+
+CELLS_PER_DEPTH = 256
+UNITS = {"N_per_m": "N/m", "Pa": "Pa", "rad": "rad", "m": "m"}
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A sensor along a constant scan of `samples` evenly in time, and what disturbs it."""
+
+    sensor: Sensor
+    scan: ConstantSpeed
+    motion: Motion
+    noises: tuple[Noise, ...]
+    fine: Felt
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(element, sample)."""
+        return len(self.sensor.elements), int(self.motion.time_s.size)
+
+    def signal(self, name: str, feature: Feature, own: Mapping[str, Any]) -> np.ndarray:
+        """The noise-free signal (element, sample) of one feature."""
+        offset = {"offset": jnp.zeros(self.shape[0])} if self.fine.free_offset else {}
+        return np.asarray(FeatureModel(self.fine, {name: feature})({name: dict(own)} | offset))
+
+    def power(self, rms: float) -> Float[np.ndarray, " k"]:
+        """The noise's power per sample, given the rms of the noise-free signal."""
+        spacing = jnp.abs(self.motion.position_m[1] - self.motion.position_m[0])
+        line = Periodic(self.shape[1], spacing)
+        power = np.asarray(total_spectrum(self.noises, line, self.scan, jnp.asarray(rms)))
+        refuse(
+            not bool(np.all(power > 0)),
+            "There is no noise to judge a fit by: name one above zero, such as noise=[snr].",
+        )
+        return power
+
+    def noise(self, key, power: np.ndarray, draws: int) -> Float[np.ndarray, "draw e sample"]:
+        """Independent draws of the noise."""
+        keys = jax.random.split(key, draws)
+        drawn = jax.vmap(lambda each: draw_noise(each, jnp.asarray(power), *self.shape))(keys)
+        return np.asarray(drawn)
+
+
+def bench(cfg: build.Config, job: str) -> Bench:
+    """The scan of a configuration, from one end of its grid to the other, sampled as `job` says."""
+    sensor, scan = build.sensor(cfg), build.scan(cfg)
+    speed, grid = float(scan.speed_m_per_s), cfg["grid"]
+    key, wanted = f"{job}.sample_rate_hz", "the samples per second, above 0"
+    rate = float(number(key, cfg[job]["sample_rate_hz"], wanted, above=0))
+    refuse(
+        speed == 0,
+        "scan.speed_m_per_s is 0: a touch at rest scans no feature, give a speed.",
+    )
+    length, depth = build.line(cfg).n * float(build.line(cfg).cell_m), float(sensor.depth_m)
+    step = abs(speed) / rate
+    refuse(
+        not 2 * step <= depth <= length / 4,
+        f"The scan of {length:.4g} m has samples {step:.4g} m apart: with film {depth:.4g} m deep "
+        f"give a {key} with at least two in a depth, and a grid.length_m of four depths.",
+    )
+    time = np.arange(int(length / step) + 1) / rate
+    start = grid["start_m"] + (length if speed < 0 else 0.0)
+    motion = Motion.from_speed(time, speed, start)
+    return Bench(sensor, scan, motion, build.noises(cfg), Felt(sensor, motion, CELLS_PER_DEPTH))
+
+
+def known_noise(power: np.ndarray) -> Any:
+    """The noise as the fit takes it: one standard deviation where it is white."""
+    white = np.ptp(power) <= 1e-12 * power.max()
+    return float(np.sqrt(power[0])) if white else Spectrum(power)
+
+
+def parameters(feature: Feature, given: Mapping[str, float]) -> dict[str, float]:
+    """What a model takes, from the shape, the amplitude and the friction."""
+    own = {name: given[name] for name in (*feature.axes, feature.amplitude)}
+    if feature.friction is None:
+        own[feature.shear] = given["friction"] * given[feature.amplitude]
+    return own
+
+
+def named(key: str, given: Any, name: str, feature: Feature) -> Mapping[str, Any]:
+    """The mapping at `key`, refused where it does not hold just the feature's parameters."""
+    wanted = (*feature.axes, feature.amplitude, "friction")
+    held = given.get(name) if isinstance(given, Mapping) else None
+    if not isinstance(held, Mapping) or set(held) != set(wanted):
+        have = ", ".join(map(str, held)) if isinstance(held, Mapping) else shown(held)
+        raise BadInput(f"{key}.{name} has {have}: give {', '.join(wanted)}.")
+    return held
+
+
+def unit_of(name: str) -> str:
+    """The SI unit at the end of a parameter's name."""
+    return next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "1")

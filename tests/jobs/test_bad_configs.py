@@ -1,0 +1,318 @@
+"""Every number and every choice of the jobs' configurations, set to what it cannot be.
+
+Each case is refused in one sentence that names the key and the value, before anything is computed:
+what computes is replaced by what says that it was reached.
+"""
+
+import copy
+import math
+import re
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.utils import get_method
+from omegaconf import OmegaConf
+
+from srsinv.__main__ import find_config_root
+from srsinv.errors import BadInput
+from srsinv.recording import Recording, save
+from tests.jobs.run import command
+
+FILE = "recording.path=tiny.csv"
+OVERRIDES = {
+    "simulate": ("grid.cells=16", "rule=discrepancy"),
+    "invert_recording": ("experiment=invert_recording", FILE, "noise=[white,sliding]"),
+    "fit_recording": (
+        "experiment=fit_recording",
+        "feature=[strip_load,hertz_load,line_load,step_load,grating]",
+    ),
+    "fit_fabricslide": (
+        "experiment=fit_fabricslide",
+        FILE,
+        "recording.channels=[voltage_0_V,voltage_1_V]",
+        "feature.pitch_range_m=[0.0003,0.0008]",
+    ),
+    "inspect_recording": ("experiment=inspect_recording", FILE),
+}
+COMPUTING = {
+    "simulate": "noisy_problem",
+    "invert_recording": "total_spectrum",
+    "fit_recording": "FeatureFitter",
+    "fit_fabricslide": "fit_pitch",
+    "inspect_recording": "_dataset",
+}
+# What each job reads of its configuration, and no other job before it reads in the same way.
+READ = {
+    "simulate": "scene skin sensor amplifier scan noise method seed grid",
+    "invert_recording": "skin sensor amplifier noise recording",
+    "fit_recording": "feature solver",
+    "fit_fabricslide": "fit_fabricslide",
+    "inspect_recording": "recording",
+}
+
+
+class Reached(Exception):
+    """The configuration was taken, and computing began."""
+
+
+@cache
+def composed(job: str) -> dict[str, Any]:
+    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
+        cfg = compose("config", list(OVERRIDES[job]))
+    return OmegaConf.to_container(cfg, resolve=True)
+
+
+def leaves(node: Any, prefix: str = ""):
+    if isinstance(node, dict):
+        for name, value in node.items():
+            yield from leaves(value, f"{prefix}{name}.")
+    else:
+        yield prefix[:-1], node
+
+
+WRONG = ("loud", [0.5, 0.5, 0.5], math.nan, math.inf, 1e300, True, {"value": 1.0})
+NO_NUMBERS = {"elements", "piezo_constants_C_per_N", "path", "sidecar", "channels", "time_unit",
+              "signal_unit"}  # fmt: skip
+EITHER_SIGN = re.compile(
+    r"pressure_Pa|background_pressure_Pa|.*friction|change|.*position_m|.*start_m|offset_m|d[123]"
+    r"|snr_db|angle_deg|speed_m_per_s|polarity"
+)
+FROM_ZERO = re.compile(r"order|poisson_ratio|seed|fraction|correlation_m|nominal_pressure_Pa")
+# What cannot be elsewhere, and is taken here: (job, keys, value, why).
+TAKEN = (
+    ("simulate", r"sensor\.strips", None, "one strip"),
+    ("simulate", r"sensor\.elements\.\w+\.offset_m", None, "no offset"),
+    ("invert_recording", r"recording\.gain", 1e300, "any unit; the noise is refused as too small"),
+    (".*_recording", r"recording\.(gain|polarity)", [0.5, 0.5, 0.5], "a number for each channel"),
+    ("inspect_recording", r"recording\.(gain|sample_rate_hz)", 1e300, "a look computes nothing"),
+    ("fit_recording", r"solver\.max_steps", True, "one step"),
+)
+# Parts of a kind with another one.
+ALIKE = re.compile(r"scene\.frictions\.back.*|sensor\.elements\.upright.*|method\.wiener\.q.*")
+# A first look at a file uses no physics: what it does not need it hands on to the sidecar.
+UNUSED_BY_INSPECTION = re.compile(
+    r"recording\.(nominal_pressure_Pa|cell_m|.*_m_per_s|scan_start_m)"
+)
+
+
+def numbers(job: str):
+    """The keys of the job that hold a number, or may."""
+    read = READ[job].split()
+    for key, value in leaves({name: composed(job)[name] for name in read}):
+        last = key.rpartition(".")[2]
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if ALIKE.fullmatch(key) or (
+            job == "inspect_recording" and UNUSED_BY_INSPECTION.fullmatch(key)
+        ):
+            continue
+        if is_number or (value is None and last not in NO_NUMBERS):
+            yield key, last, value
+
+
+def is_taken(job: str, key: str, value: Any) -> bool:
+    return any(
+        re.fullmatch(jobs, job) and re.fullmatch(keys, key) and repr(value) == repr(taken)
+        for jobs, keys, taken, _ in TAKEN
+    )
+
+
+def wrong_numbers():
+    """Every key with what it cannot be: its own bound, and by turns three of what no key can."""
+    for job in READ:
+        for at, (key, last, value) in enumerate(numbers(job)):
+            wrong = [WRONG[(at + turn) % len(WRONG)] for turn in (0, 2, 4)]
+            if value is not None:
+                wrong.append(None)
+            if not EITHER_SIGN.fullmatch(last):
+                wrong += [-1.0] if FROM_ZERO.fullmatch(last) else [-1.0, 0]
+            yield job, key, [each for each in wrong if not is_taken(job, key, each)]
+
+
+def described(value: Any) -> re.Pattern[str]:
+    """How a sentence may write a value: as it is, or the part of it that is wrong."""
+    words = [repr(value)]
+    if value is None or value is True:
+        words += ["null", "true", "No "]
+    elif isinstance(value, str):
+        words += [value, value.rpartition(".")[2]]
+    elif isinstance(value, list):
+        words += map(repr, value)
+    return re.compile("|".join(map(re.escape, words)))
+
+
+def run(cfg: dict[str, Any]):
+    """The job as far as its first computing."""
+    get_method(cfg["job"])(cfg)
+
+
+def reached(*_, **__):
+    raise Reached
+
+
+def changed(job: str, key: str, value: Any) -> dict[str, Any]:
+    cfg = copy.deepcopy(composed(job))
+    *above, last = key.split(".")
+    node = cfg
+    for name in above:
+        node = node[name]
+    node[last] = value
+    return cfg
+
+
+@pytest.fixture(autouse=True, scope="module")
+def folder(tmp_path_factory):
+    """The current folder, with one small recording; and nothing computes."""
+    folder = tmp_path_factory.mktemp("here")
+    time_s = 1e-3 * np.arange(60)
+    signal = np.stack([np.sin(3e2 * time_s), np.cos(5e2 * time_s)])
+    element = {"strip_width_m": 7e-4, "active_length_m": 8e-3}
+    sensor = {
+        "depth_m": 7.5e-4,
+        "feedback_resistance_ohm": 1e6,
+        "elements": [
+            {"orientation": name} | element for name in ("1_to_x_3_to_z", "1_to_z_3_to_x")
+        ],
+    }
+    recording = Recording(
+        signal, time_s, 0.05 + 0 * time_s, ("voltage_0_V", "voltage_1_V"), {"sensor": sensor}
+    )
+    save(recording, folder / "tiny.csv")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for job, function in COMPUTING.items():
+            patch.setattr(f"srsinv.jobs.{job}.{function}", reached)
+        yield folder
+
+
+def name(part: Any) -> str:
+    return part if isinstance(part, str) else "wrong"
+
+
+def refusal(job: str, key: str, value: Any) -> str:
+    with pytest.raises(BadInput) as refused:
+        run(changed(job, key, value))
+    sentence = str(refused.value)
+    assert "\n" not in sentence
+    assert not re.search(r"\.\s+[A-Z]", sentence), sentence
+    return sentence
+
+
+@pytest.mark.parametrize(
+    ("job", "key", "values"),
+    list(wrong_numbers()),
+    ids=name,
+)
+def test_a_number_that_cannot_be(job, key, values):
+    for value in values:
+        sentence = refusal(job, key, value)
+        assert key.rpartition(".")[2] in sentence, value
+        assert described(value).search(sentence), sentence
+
+
+UNORDERED = (0.5, "wide", [0.5], [0.6, 0.5], [0.1, math.nan], ["a", "b"], {"least": 0.1})
+NO_CHOICE = ("nope", 3, ["nope"], None, {"name": "nope"})
+NO_CLASS = ("srsinv.forward.Nope", "srsinv.jobs.simulate.run", "srsinv.grid.Periodic", None, 3)
+NO_MAPPING = (3, [1.0, 2.0])
+# Each of the keys with each of the values.
+OTHERS = (
+    ("fit_recording", "feature.strip_load.position_range_m feature.grating.phase_range_rad",
+     UNORDERED),
+    ("fit_recording", "feature.hertz_load.half_width_range_m feature.grating.pitch_range_m "
+     "feature.grating.duty_range", (*UNORDERED, [-0.5, 0.5])),
+    ("fit_fabricslide", "feature.pitch_range_m",
+     (None, 4e-4, [4e-4], [8e-4, 3e-4], [0.0, 8e-4], ["a", 8e-4], [3e-4, 1.0], [1e-9, 8e-4])),
+    ("invert_recording", "recording.contact_window_m",
+     (0.5, "all", [0.0], [0.01, 0.0], [0.0, math.inf], [-1e12, 1e12], {"start": 0})),
+    ("invert_recording", "recording.sidecar", (3, ["a.json"])),
+    ("invert_recording", "recording.channels", (3, {"a": 1}, [])),
+    ("fit_recording", "recording.path", (3, ["a.csv"], {"file": "a.csv"})),
+    ("simulate", "effects", (None, "strip_width", 3, [3], ["nope"])),
+    ("simulate", "friction", ("rough", [0.4], math.nan, math.inf, True, {"mu": 0.4})),
+    ("simulate", "precision grid.line sensor.elements.along.orientation method.wiener.scale "
+     "method.wiener.path method.tikhonov.path", NO_CHOICE),
+    ("invert_recording", "recording.missing", NO_CHOICE),
+    ("fit_recording", "fit.choose", NO_CHOICE),
+    ("simulate", "scene._target_ scene.pressures.strip._target_ skin._target_ scan._target_ "
+     "method.tikhonov._target_ method.wiener.p._target_ method.tikhonov.rule._target_", NO_CLASS),
+    ("invert_recording", "noise.sliding._target_", NO_CLASS),
+    ("fit_recording", "feature.grating._target_ solver._target_ amplifier._target_", NO_CLASS),
+    ("simulate", "grid scene scene.pressures scene.frictions.up skin scan amplifier noise "
+     "noise.snr sensor sensor.elements sensor.elements.along sensor.piezo_constants_C_per_N method "
+     "method.wiener method.wiener.p method.tikhonov.rule", NO_MAPPING),
+    ("invert_recording", "recording noise.white skin sensor", NO_MAPPING),
+    ("fit_recording", "fit feature feature.grating solver", NO_MAPPING),
+)  # fmt: skip
+EACH_OTHER = [(job, key, values) for job, keys, values in OTHERS for key in keys.split()]
+
+
+@pytest.mark.parametrize(("job", "key", "values"), EACH_OTHER, ids=name)
+def test_a_choice_a_range_or_a_structure_that_cannot_be(job, key, values):
+    for value in values:
+        sentence = refusal(job, key, value)
+        assert key.removesuffix("._target_").rpartition(".")[2] in sentence, value
+        assert described(value).search(sentence), sentence
+
+
+RIGHT = [
+    *((job, "precision", "float64") for job in READ),
+    ("simulate", "sensor.strips", None),
+    ("simulate", "sensor.elements.along.offset_m", None),
+    ("simulate", "sensor.elements.along.angle_deg", -30),
+    ("simulate", "sensor.elements.along.depth_m", 1),
+    ("simulate", "scan.speed_m_per_s", -0.05),
+    ("simulate", "method.tikhonov.weight_p", 1e-9),
+    ("simulate", "noise", None),
+    ("simulate", "scene.pressures", {}),
+    ("simulate", "effects", []),
+    ("simulate", "friction", -0.4),
+    ("simulate", "grid.cells", 64.0),
+    ("invert_recording", "recording.polarity", [-1, 1]),
+    ("invert_recording", "recording.contact_window_m", [-0.001, 0.004]),
+    ("invert_recording", "recording.nominal_pressure_Pa", 0),
+    ("invert_recording", "recording.speed_m_per_s", -0.02),
+    ("fit_recording", "feature.strip_load.width_range_m", [1e-4, 0.01]),
+    ("fit_recording", "noise.white.rms", 1e-7),
+    ("fit_recording", "solver.max_steps", True),
+    ("inspect_recording", "recording.sample_rate_hz", 1e300),
+]
+
+
+@pytest.mark.parametrize(("job", "key", "value"), RIGHT, ids=str)
+def test_what_is_right_is_computed(job, key, value):
+    with pytest.raises(Reached):
+        run(changed(job, key, value))
+
+
+COMMANDS = {
+    "word": ("scene.base_friction=rough", r"'scene\.base_friction' takes a number, not 'rough'"),
+    "list": ("seed=[1,2]", r"seed is \[1, 2\]: give a whole number"),
+    "null": ("noise.snr.snr_db=null", r"noise snr_db is null: give a finite number"),
+    "nan": ("grid.start_m=nan", r"grid\.start_m is nan: give a position"),
+    "huge": ("grid.cells=100000000000", r"grid\.cells is 100000000000: give a whole number from 3"),
+    "too fine": ("grid.refinement=1000000", r"grid\.refinement is 1000000, which makes 1024000000"),
+    "truth": ("method.tikhonov.order=true", r"'method\.tikhonov\.order' takes a number, not True"),
+    "part": ("sensor.elements=null", r"No film element is known: give sensor\.elements"),
+    "mapping": ("seed={a:1}", r"'seed' takes a number, not \{'a': 1\}"),
+    "number for a mapping": ("scan={speed_m_per_s:[1]}", r"scan\.speed_m_per_s is \[1\]"),
+    "new noise": ("+noise.hum={hz:50}", r"noise\.hum\._target_ is null, which is no class"),
+    "no class": ("skin._target_=srsinv.Skin", r"skin\._target_ is 'srsinv\.Skin', which is no"),
+    "wrong class": ("skin._target_=srsinv.grid.Open", r"skin\._target_ is .*, which cannot stand"),
+    "unknown key": ("+scan.speed=1", r"no key 'scan\.speed'; 'scan' has .*speed_m_per_s"),
+    "unknown choice": ("amplifier=loud", r"no amplifier 'loud'; there are .*current"),
+    "no choice": ("scan=null", r"'scan=null' chooses nothing; .*sliding"),
+    "section": ("grid=null", r"grid\.line is null: give one of periodic, open"),
+}
+
+
+@pytest.mark.parametrize(("override", "sentence"), COMMANDS.values(), ids=COMMANDS)
+def test_the_command_refuses_with_code_2_and_leaves_nothing(folder, capsys, override, sentence):
+    before = sorted(folder.rglob("*"))
+    assert command("run", override) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert re.fullmatch(r"srsinv: .*\n", captured.err)
+    assert re.search(sentence, captured.err)
+    assert sorted(folder.rglob("*")) == before

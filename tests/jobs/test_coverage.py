@@ -1,0 +1,102 @@
+"""The short form of the feature fit's coverage: what its numbers must say, and what is refused."""
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from srsinv.__main__ import find_config_root
+from srsinv.errors import BadInput
+from srsinv.forward.feature import StripFeature
+from srsinv.jobs import coverage
+from srsinv.jobs.simulated_features import bench
+from srsinv.report import figures
+from tests.jobs.run import outcome
+
+DRAWS = 16
+SHORT = (
+    "experiment=coverage",
+    "grid.length_m=0.012",
+    "grid.start_m=-0.006",
+    f"coverage.draws={DRAWS}",
+)
+PARAMETERS = ("position_m", "load_N_per_m", "friction")
+
+
+@pytest.fixture(scope="module")
+def coloured():
+    return outcome(*SHORT, "feature=[line_load]", "noise=[snr,sliding]")
+
+
+def test_every_parameter_is_judged(coloured):
+    """16 draws: a root mean squared error scatters by 18 %."""
+    metrics = coloured.metrics
+    assert metrics["line_load_converged"] == DRAWS
+    assert 36 < metrics["line_load_snr_db"] < 40  # sliding noise comes on top of 40 dB
+    for name in PARAMETERS:
+        label = f"line_load_{name}"
+        assert 0.45 < metrics[f"{label}_rmse_over_crb"] < 1.6
+        assert metrics[f"{label}_stderr_over_crb"] == pytest.approx(1, abs=0.02)
+        assert metrics[f"{label}_coverage_68"] <= metrics[f"{label}_coverage_95"]
+        assert metrics[f"{label}_coverage_95"] > 0.7
+
+
+def test_numbers_are_those_of_the_dataset(coloured):
+    data, metrics = coloured.dataset, coloured.metrics
+    assert all("units" in data[name].attrs for name in data.variables)
+    assert data["line_load_load_N_per_m"].attrs["units"] == "N/m"
+    error = data["line_load_position_m"].values - float(data["line_load_position_m_truth"])
+    assert metrics["line_load_rmse_position_m"] == pytest.approx(np.sqrt(np.mean(error**2)))
+    normal = error / data["line_load_position_m_stderr"].values
+    assert metrics["line_load_position_m_coverage_90"] == np.mean(np.abs(normal) < 1.6448536)
+
+
+@pytest.mark.parametrize("draw", [figures.bound_and_coverage, figures.normalised_errors])
+def test_figures(coloured, draw):
+    axes = draw(coloured.dataset).axes
+    assert axes[0].lines or axes[0].patches
+
+
+def test_a_phase_is_wrong_by_half_a_turn_at_most():
+    value = np.array([3.1, -3.1, 3.0])
+    phase = coverage.Quantity("grating", "phase_rad", 3.1, 0.1, value, np.full(3, 0.05))
+    np.testing.assert_allclose(phase.error, [0, 2 * np.pi - 6.2, -0.1], atol=1e-12)
+    assert phase.coverage(0.68) == pytest.approx(1 / 3)
+
+
+REFUSED = {
+    "draws": ("coverage.draws=3", "coverage.draws", "8"),
+    "no_features": ("feature=[]", "No feature", "feature=[strip_load]"),
+    "rate": ("coverage.sample_rate_hz=0", "sample_rate_hz", "above 0"),
+    "slow": ("coverage.sample_rate_hz=50", "sample_rate_hz", "two in a depth"),
+    "still": ("scan.speed_m_per_s=0.0", "scan.speed_m_per_s", "speed"),
+    "silent": ("noise=[]", "no noise", "noise=[snr]"),
+    "outside": ("coverage.truth.line_load.position_m=0.1", "position_m is 0.1", "-0.006"),
+    "nothing": ("coverage.truth.line_load.load_N_per_m=0", "load_N_per_m", "another value"),
+    "word": ("coverage.truth.line_load.friction=some", "friction", "number"),
+    "missing": ("coverage.truth.line_load=null", "line_load", "position_m, load_N_per_m, friction"),
+    "known": ("feature.line_load.friction=0.1", "friction", "0.1"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_in_one_sentence(name):
+    override, *words = REFUSED[name]
+    given = ("feature=[line_load]",) if not override.startswith("feature=") else ()
+    with pytest.raises(BadInput) as refusal:
+        outcome(*SHORT, *given, override)
+    sentence = str(refusal.value)
+    assert all(word in sentence for word in words), sentence
+    assert sentence.endswith(".")
+
+
+def test_known_friction_is_no_parameter():
+    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
+        cfg = OmegaConf.to_container(compose("config", list(SHORT)), resolve=True)
+    on = bench(cfg, "coverage")
+    truth = {"position_m": 1e-3, "width_m": 3e-3, "pressure_Pa": 5e3, "friction": 0.4}
+    power = np.full(on.shape[1] // 2 + 1, 1e-12)
+    free = coverage.cramer_rao(on, "strip", StripFeature(), truth, power)
+    known = coverage.cramer_rao(on, "strip", StripFeature(friction=0.4), truth, power)
+    assert set(free) - set(known) == {"friction"}
+    assert all(known[part] <= free[part] for part in known)

@@ -1,0 +1,95 @@
+"""The short form of the ranking: what is counted, and what is refused."""
+
+import numpy as np
+import pytest
+
+from srsinv.errors import BadInput
+from srsinv.jobs import ranking
+from srsinv.report import figures
+from tests.jobs.run import outcome
+
+SHORT = (
+    "experiment=ranking",
+    "feature=[line_load,step_load]",
+    "grid.length_m=0.012",
+    "grid.start_m=-0.006",
+    "ranking.draws=2",
+    "ranking.drawn.line_load.position_m=[-0.003,0.003]",
+    "ranking.drawn.step_load.position_m=[-0.003,0.003]",
+)
+CANDIDATES = ["line_load", "step_load", "nothing"]
+
+
+@pytest.fixture(scope="module")
+def ranked():
+    return outcome(*SHORT)
+
+
+def test_all_is_told_apart(ranked):
+    metrics = ranked.metrics
+    assert metrics["share_right"] == 1.0
+    for name in CANDIDATES:
+        assert metrics[f"{name}_share_right"] == 1.0
+        assert metrics[f"{name}_margin_least"] > 0
+    assert metrics["line_load_margin_mean"] > 100
+
+
+def test_what_was_drawn_is_in_the_dataset(ranked):
+    data = ranked.dataset
+    assert list(data["candidate"].values) == CANDIDATES
+    np.testing.assert_array_equal(data["chosen"].values, 2 * np.eye(3))
+    assert all("units" in data[name].attrs for name in data.variables)
+    assert np.all(np.abs(data["line_load_position_m"]) <= 3e-3)
+    load = np.abs(data["line_load_load_N_per_m"])
+    assert np.all((load >= 5) & (load <= 20))
+
+
+@pytest.mark.parametrize("draw", [figures.confusion, figures.evidence_margins])
+def test_figures(ranked, draw):
+    assert [label.get_text() for label in draw(ranked.dataset).axes[0].get_yticklabels()] == [
+        name.replace("_", " ") for name in CANDIDATES
+    ]
+
+
+@pytest.mark.parametrize(
+    ("right", "total", "low", "high"),
+    # Of Wilson's equation |share - p| = z sqrt(p (1 - p)/n), its roots by hand.
+    [(40, 40, 0.9366, 1.0), (0, 10, 0.0, 0.2129), (38, 40, 0.8580, 0.9836)],
+)
+def test_wilson(right, total, low, high):
+    assert ranking.wilson(right, total) == pytest.approx((low, high), abs=2e-4)
+
+
+@pytest.mark.parametrize(("right", "total"), [(3, 10), (95, 100), (1, 2)])
+def test_wilson_solves_its_equation(right, total):
+    for p in ranking.wilson(right, total):
+        distance = abs(right / total - p) / np.sqrt(p * (1 - p) / total)
+        assert distance == pytest.approx(1.6448536)
+
+
+def test_margin_and_choice():
+    log_evidence = np.array([[[3.0, 1.0], [0.0, 4.0]], [[2.0, 5.0], [-np.inf, 0.0]]])
+    found = ranking.Ranked(("line", "nothing"), log_evidence, {}, np.ones((2, 2)))
+    np.testing.assert_array_equal(found.chosen, [[1, 1], [0, 2]])
+    np.testing.assert_array_equal(found.margin, [[2, -4], [3, np.inf]])
+
+
+REFUSED = {
+    "draws": ("ranking.draws=0", "ranking.draws", "from 1"),
+    "alone": ("feature=[line_load]", "at least two"),
+    "rate": ("ranking.sample_rate_hz=fast", "sample_rate_hz", "above 0"),
+    "backwards": ("ranking.drawn.line_load.friction=[1,0]", "friction", "[least, greatest]"),
+    "sign": ("ranking.drawn.step_load.pressure_Pa=[-1,1]", "pressure_Pa", "either sign"),
+    "missing": ("ranking.drawn.step_load=null", "step_load", "position_m, pressure_Pa, friction"),
+    "known": ("feature.step_load.friction=0.1", "friction", "null"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_in_one_sentence(name):
+    override, *words = REFUSED[name]
+    with pytest.raises(BadInput) as refusal:
+        outcome(*SHORT, override)
+    sentence = str(refusal.value)
+    assert all(word in sentence for word in words), sentence
+    assert sentence.endswith(".")
