@@ -118,13 +118,30 @@ def test_found_where_nothing_is_said(name):
     assert_found(found.parameters, TRUTHS[name], 2e-4)
 
 
+OFFSET = np.array([0.3, -0.7])  # of the slow readout, unknown to the fit
+
+
 @pytest.mark.parametrize("sign", [-1, 1])
-@pytest.mark.parametrize("motion", ["varying", "reversing"])
-def test_friction_of_either_sign_along_any_motion(motion, sign):
+@pytest.mark.parametrize(("sensor", "motion"), [("two", "varying"), ("slow", "reversing")])
+def test_friction_of_either_sign_along_any_motion(sensor, motion, sign):
     truth = TRUTHS["strip"] | {"friction": 0.5 * sign}
-    y = simulated("strip", motion=motion, truth=truth)
-    found = fitter(motion=motion)({"strip": FEATURES["strip"]}, y, 1e-3 * rms(y))
-    assert_found(found.parameters, truth, 2e-4)
+    offset = OFFSET if sensor == "slow" else None
+    y = simulated("strip", sensor, motion, truth, offset=offset)
+    noise = 1e-3 * rms(y - y.mean(axis=1, keepdims=True))
+    found = fitter(sensor, motion)({"strip": FEATURES["strip"]}, y, noise)
+    assert_found(found.parameters, truth, 5e-4)
+    if offset is not None:
+        np.testing.assert_allclose(found.fit.value["offset"], offset, atol=2 * noise)
+
+
+def test_a_constant_is_no_feature():
+    """Where the offset is not known."""
+    y = np.repeat(OFFSET[:, None], SAMPLES, axis=1)
+    noise = 1e-2
+    y = y + noise * np.random.default_rng(2).normal(size=y.shape)
+    found = fitter("slow", "reversing").rank([{}, {"strip": FEATURES["strip"]}], y, noise)
+    assert found[0].log_evidence > found[1].log_evidence + 3
+    np.testing.assert_allclose(found[0].fit.value["offset"], OFFSET, atol=4e-3)
 
 
 def test_one_element_and_known_friction():
@@ -133,16 +150,6 @@ def test_one_element_and_known_friction():
     found = fitter("one")({"strip": known}, y, 1e-3 * rms(y))
     truth = {part: value for part, value in TRUTHS["strip"].items() if part != "friction"}
     assert_found(found.parameters, truth, 2e-4)
-
-
-def test_a_slow_readout_of_unknown_offset():
-    offset = np.array([0.3, -0.7])
-    y = simulated("strip", "slow", offset=offset)
-    noise = 1e-3 * rms(y - offset[:, None])
-    found = fitter("slow")({"strip": FEATURES["strip"]}, y, noise)
-    assert_found(found.parameters, TRUTHS["strip"], 5e-4)
-    np.testing.assert_allclose(found.fit.value["offset"], offset, atol=2 * noise)
-    assert fitter("slow")({}, y, noise).log_evidence < found.log_evidence
 
 
 def test_a_sum_of_two():
