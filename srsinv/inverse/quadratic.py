@@ -51,12 +51,6 @@ def solve(problem: Problem, prior: Prior, path: str = "auto", tolerance: float =
     return _estimate(problem, solution, result, stats)
 
 
-def check_tolerance(tolerance: float) -> float:
-    """The relative tolerance of the iterative path, a positive number."""
-    refuse(not tolerance > 0, f"method tolerance is {tolerance}: it must be positive.")
-    return float(tolerance)
-
-
 def choose_path(problem: Problem, path: str) -> str:
     """The path that `path` names for this problem."""
     refuse(path not in PATHS, f"path is {path!r}: give one of {', '.join(PATHS)}.")

@@ -3,7 +3,6 @@
 Method, and why its standard errors are what they are: [`srsinv.inverse.lines`][].
 """
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 import xarray
 from jaxtyping import Float
 
-from ..errors import refuse
+from ..errors import is_number, refuse
 from ..inverse.lines import (
     LEAST_PERIODS,
     Line,
@@ -121,7 +120,7 @@ def _settings(cfg: build.Config, name: str, x_m: np.ndarray) -> Settings:
     given, ends = cfg["fit_fabricslide"], cfg["feature"]["pitch_range_m"]
     key, example = f"feature.pitch_range_m is {ends}", "such as [0.015,0.03]"
     refuse(
-        not (isinstance(ends, list | tuple) and len(ends) == 2 and all(map(_is_number, ends))),
+        not (isinstance(ends, list | tuple) and len(ends) == 2 and all(map(is_number, ends))),
         f"{key}: give two numbers, the shortest and the longest pitch in metres, {example}.",
     )
     refuse(
@@ -145,15 +144,11 @@ def _settings(cfg: build.Config, name: str, x_m: np.ndarray) -> Settings:
         f"fit_fabricslide.harmonics is {harmonics}: give a whole number from 1.",
     )
     refuse(
-        not (_is_number(false_alarm) and 0 < false_alarm < 1),
+        not (is_number(false_alarm) and 0 < false_alarm < 1),
         f"fit_fabricslide.false_alarm is {false_alarm}: give a number between 0 and 1.",
     )
     resolved = int(ends[0] / (2 * step))
     return Settings((float(ends[0]), float(ends[1])), min(harmonics, resolved), false_alarm)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _mm(value_m: float, stderr_m: float) -> str:

@@ -2,16 +2,14 @@
 
 import datetime
 import json
-import math
 import re
 from collections.abc import Callable, Mapping
-from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
 
 import yaml
 
-from srsinv.errors import BadInput, refuse
+from srsinv.errors import BadInput, is_number, refuse
 
 SUFFIXES = (".json", ".yaml", ".yml")
 _TEXTS = ("time_unit", "signal_unit")
@@ -134,7 +132,7 @@ def check_sidecar(name: str, facts: Mapping[str, Any]) -> None:
     scalars = {key: facts.get(key) for key in _SCALARS}
     scalars["sensor.depth_m"] = sensor.get("depth_m")
     for key, value in scalars.items():
-        _expect(name, key, value, value is None or _is_number(value), "one number")
+        _expect(name, key, value, value is None or is_number(value), "one number")
     for key in ("sample_rate_hz", "sensor.depth_m"):
         value = scalars[key]
         _expect(name, key, value, value is None or value > 0, "a number above 0")
@@ -154,7 +152,7 @@ def _check_each(
     """A fact that is one number, or one for each channel."""
     value = facts.get(key)
     for each in value if isinstance(value, list | tuple) else [value]:
-        _expect(name, key, each, each is None or (_is_number(each) and right(each)), expected)
+        _expect(name, key, each, each is None or (is_number(each) and right(each)), expected)
 
 
 def check_elements(name: str, facts: Mapping[str, Any], channels: tuple[str, ...]) -> None:
@@ -178,22 +176,15 @@ def _check_numbers(name: str, key: str, value: Any, *, has_unit: bool) -> None:
     elif isinstance(value, list | tuple):
         items = [(f"{key}[{index}]", "", item) for index, item in enumerate(value)]
     else:
-        right = not has_unit or value is None or _is_number(value)
+        right = not has_unit or value is None or is_number(value)
         _expect(name, key, value, right, "a finite number (such as 7.5e-4)")
         return
     for path, part, item in items:
         _check_numbers(name, path, item, has_unit=has_unit or bool(_HAS_UNIT.search(part)))
 
 
-def _is_number(value: Any) -> bool:
-    try:
-        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:  # a whole number beyond float64
-        return False
-
-
 def _is_interval(value: Any) -> bool:
-    pair = isinstance(value, list | tuple) and len(value) == 2 and all(map(_is_number, value))
+    pair = isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value))
     return pair and value[0] < value[1]
 
 
