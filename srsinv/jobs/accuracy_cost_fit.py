@@ -37,7 +37,7 @@ NEAR = {"position_m": 6e-4, "width_m": -1e-3}  # where the one start of a solver
 WHERE: dict[str, Any] = {"position_range_m": [-SCAN_M / 2, SCAN_M / 2]}
 SHAPE = ("position_m", "width_m")
 PART = "feature fit"
-OURS: dict[str, Callable[[float | None], Solver]] = {
+OURS: dict[str, Callable[..., Solver]] = {
     "optimistix": Optimistix,
     "optax L-BFGS": OptaxLBFGS,
     "jaxopt LBFGSB": JaxoptLBFGSB,

@@ -8,29 +8,16 @@ finds from one half is held against the samples of the other.
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import xarray
 
-from ..forward.film import SampleAverage
-from ..forward.scan import ConstantSpeed
 from ..inverse.problem import COMPONENTS, Problem
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build, contest
 from .analysis import BAND_90, deviation, element_names, seen
+from .cells import pose
 from .contest import Runs, Setting
-from .invert_recording import (
-    _assumed,
-    _block,
-    _load,
-    _nominal_Pa,
-    _on_line,
-    _spectrum,
-    _widest_spacing,
-    cell_signals,
-)
-from .recorded import sensor_of, white_rms
 
 CELLS_PER_DEPTH = 5  # each half then has a sample every 0.4 depths, where e^(-k z) is 4e-4
 WELL = 1.2  # mean square of the residual, in units of the noise, up to which noise explains it
@@ -43,54 +30,19 @@ def on_recording(cfg: build.Config) -> Outcome:
 
     Raises `BadInput` for a recording that cannot be inverted, and for fewer than two contestants.
     """
-    title, setting, unit, rows = _read(cfg)
-    whole = setting.problems[0]
+    posed = pose(cfg, CELLS_PER_DEPTH)
+    title, whole = posed.recording.name, posed.problem
+    setting = Setting(posed.sensor, posed.speed_m_per_s, [whole, *contest.halves(whole)])
     runs = contest.run_all(contest.contestants(cfg, setting), setting.problems)
-    dataset = _dataset(title, setting, unit, runs)
+    dataset = _dataset(title, setting, posed.recording.signal_unit, runs)
     summary = _summary(dataset)
     return Outcome(
         f"{title}: {', '.join(runs)} compared",
         _metrics(dataset),
         dataset,
-        _sections(cfg, dataset, runs, rows, whole, summary),
+        _sections(cfg, dataset, runs, posed.assumed, whole, summary),
         summary,
     )
-
-
-def _read(cfg: build.Config) -> tuple[str, Setting, str, tuple[tuple[str, str], ...]]:
-    """The recording's name, its problem whole and in halves, its unit, and what was assumed."""
-    recording = _load(cfg)
-    ideal = sensor_of(cfg, recording)
-    depth, speed = float(ideal.depth_m), float(np.mean(recording.speed_m_per_s))
-    spacing = abs(speed) / recording.sample_rate_hz
-    if cfg["recording"]["cell_m"] is None:
-        cfg = {**cfg, "recording": {**cfg["recording"], "cell_m": depth / CELLS_PER_DEPTH}}
-    block = _block(cfg, recording, depth, spacing, 1 if build.friction(cfg) is not None else 2)
-    rms = white_rms(cfg, recording, depth, _widest_spacing(recording, spacing))
-    position, signal, samples = cell_signals(recording, ideal.amplifier, block, spacing)
-    line, data, observed = _on_line(position, signal, cfg, recording.sidecar, depth)
-    sensor = sensor_of(cfg, recording, (SampleAverage(block, spacing),) if block > 1 else ())
-    scan = ConstantSpeed(speed)
-    noise = _spectrum(cfg, line, scan, data, observed, rms / np.sqrt(samples))
-    offset = sensor.amplifier.offset
-    if offset is None:
-        noise = noise.at[0].set(jnp.inf)
-    else:
-        data = jnp.where(observed, data - offset, 0.0)
-    nominal = _nominal_Pa(recording)
-    problem = Problem(
-        line,
-        line.operator(sensor.signal(scan)),
-        data,
-        noise,
-        observed=observed,
-        known_mean_Pa=(0.0, None),
-        background_Pa=(nominal, None),
-        friction=build.friction(cfg),
-    )
-    rows = _assumed(cfg, recording, sensor, line, block, spacing, rms, nominal)
-    problems = [problem, *contest.halves(problem)]
-    return recording.name, Setting(sensor, speed, problems), recording.signal_unit, rows
 
 
 # --- numbers ---------------------------------------------------------------------------------

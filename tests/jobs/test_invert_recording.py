@@ -15,7 +15,7 @@ from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import PressedStrip
 from srsinv.grid import Open
-from srsinv.jobs.invert_recording import cell_signals
+from srsinv.jobs.cells import cell_signals
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, outcome
 from tests.shared import SHARED, needs_shared

@@ -1,33 +1,17 @@
 """The one place that knows jaxopt, which is no longer maintained and says so when imported."""
 
 import warnings
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 
-from ._solvers import (
-    Minimum,
-    Residual,
-    Solver,
-    check_settings,
-    relative,
-    scaled_cost,
-    unit_of,
-)
+from ._solvers import LimitedMemory, Minimum, Residual, relative, scaled_cost, unit_of
 
 
-class JaxoptLBFGSB(Solver):
+class JaxoptLBFGSB(LimitedMemory):
     """Limited-memory BFGS with bounds of jaxopt: gradients only, no Jacobian."""
 
     name: ClassVar[str] = "jaxopt LBFGSB"
-    tolerance: float | None = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
-    memory: int = eqx.field(static=True)
-
-    def __init__(self, tolerance: Any = None, max_steps: Any = 2000, memory: Any = 20):
-        check_settings(self.name, tolerance, max_steps=max_steps, memory=memory)
-        self.tolerance, self.max_steps, self.memory = tolerance, max_steps, memory
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
         with warnings.catch_warnings():

@@ -12,7 +12,7 @@ import optax
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from ...errors import refuse
+from ...errors import number, whole
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 
 Residual = Callable[[Float[Array, " m"]], Float[Array, " n"]]
@@ -42,16 +42,17 @@ class Solver(eqx.Module):
         """The minimum reached from z0 (m,)."""
 
 
-def check_settings(name: str, tolerance: Any, **counts: Any) -> None:
-    """Refuse a tolerance, or a number of steps and the like, that cannot be."""
-    within = isinstance(tolerance, int | float) and 0 < tolerance < 1
-    refuse(
-        tolerance is not None and not within,
-        f"solver.tolerance is {tolerance!r} for {name}: give a number between 0 and 1, or null.",
-    )
-    for key, count in counts.items():
-        whole = isinstance(count, int) and count > 0
-        refuse(not whole, f"solver.{key} is {count!r} for {name}: give a whole number from 1.")
+def known_tolerance(value: Any) -> float | None:
+    """`value`, which is refused unless it is between 0 and 1, or None."""
+    if value is None:
+        return None
+    wanted = "a number between 0 and 1, or null for what the precision allows"
+    return float(number("solver.tolerance", value, wanted, above=0, below=1))
+
+
+def known_count(name: str, value: Any) -> int:
+    """`value`, the key `name`, which is refused unless it is a whole number from 1."""
+    return whole(f"solver.{name}", value, "a whole number from 1", least=1)
 
 
 def relative(tolerance: float | None, dtype) -> float:
@@ -69,8 +70,8 @@ class Optimistix(Solver):
     max_steps: int = eqx.field(static=True)
 
     def __init__(self, tolerance: Any = None, max_steps: Any = 2000):
-        check_settings(self.name, tolerance, max_steps=max_steps)
-        self.tolerance, self.max_steps = tolerance, max_steps
+        self.tolerance = known_tolerance(tolerance)
+        self.max_steps = known_count("max_steps", max_steps)
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
         rtol = relative(self.tolerance, z0.dtype)
@@ -82,7 +83,20 @@ class Optimistix(Solver):
         return Minimum(solution.value, jnp.asarray(solution.stats["num_steps"]), done)
 
 
-class OptaxLBFGS(Solver):
+class LimitedMemory(Solver):
+    """A solver by gradients alone that remembers its last `memory` steps."""
+
+    tolerance: float | None = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+    memory: int = eqx.field(static=True)
+
+    def __init__(self, tolerance: Any = None, max_steps: Any = 2000, memory: Any = 20):
+        self.tolerance = known_tolerance(tolerance)
+        self.max_steps = known_count("max_steps", max_steps)
+        self.memory = known_count("memory", memory)
+
+
+class OptaxLBFGS(LimitedMemory):
     """Limited-memory BFGS of optax: gradients only, no Jacobian. Bounds by a change of variables.
 
     A variable between two bounds is their middle plus half their distance times a sine, one with a
@@ -90,13 +104,6 @@ class OptaxLBFGS(Solver):
     """
 
     name: ClassVar[str] = "optax L-BFGS"
-    tolerance: float | None = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
-    memory: int = eqx.field(static=True)
-
-    def __init__(self, tolerance: Any = None, max_steps: Any = 2000, memory: Any = 20):
-        check_settings(self.name, tolerance, max_steps=max_steps, memory=memory)
-        self.tolerance, self.max_steps, self.memory = tolerance, max_steps, memory
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
         tolerance = relative(self.tolerance, z0.dtype)

@@ -1,0 +1,269 @@
+"""A recording put on a line of cells: the problem that its inversion solves."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import number, refuse
+from ..forward.amplifier import Amplifier
+from ..forward.film import SampleAverage
+from ..forward.noise import total_spectrum
+from ..forward.scan import ConstantSpeed
+from ..forward.sensor import Sensor
+from ..grid import Open, as_real
+from ..inverse.problem import Problem
+from ..inverse.quadratic import DIRECT_LIMIT
+from ..recording import Recording
+from . import build
+from .recorded import (
+    STEADY,
+    check_cells,
+    coloured_noises,
+    elements_named,
+    load_even,
+    sensor_of,
+    white_rms,
+)
+
+CELLS_PER_DEPTH = 8  # e^(-k z) leaves nothing beyond: at the cells' last wavenumber it is e^(-25)
+MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
+TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
+LEAST_CELLS = 3  # as a line needs
+FEW = 0.25  # of the median: a cell that tells less than this has twice the noise of the others
+
+
+@dataclass(frozen=True)
+class Posed:
+    """A recording and the problem of inverting it; `assumed` says in words what was taken."""
+
+    recording: Recording
+    sensor: Sensor
+    speed_m_per_s: float
+    problem: Problem
+    assumed: tuple[tuple[str, str], ...]
+
+
+def pose(cfg: build.Config, cells_per_depth: int | None = None) -> Posed:
+    """The recording that the configuration names, on an open line over its contact window.
+
+    Cells are `recording.cell_m` wide; where that is null `cells_per_depth` are in a depth, or, by
+    default, 8 and as many fewer as a direct solution can hold. Raises `BadInput` for a recording
+    that cannot be inverted.
+    """
+    friction = build.friction(cfg)
+    recording = _load(cfg)
+    nominal = _nominal_Pa(recording)
+    ideal = sensor_of(cfg, recording)
+    depth = float(ideal.depth_m)
+    speed = float(np.mean(recording.speed_m_per_s))
+    spacing = abs(speed) / recording.sample_rate_hz
+    cell = _cell_m(cfg)
+    if cell is None and cells_per_depth is not None:
+        cell = depth / cells_per_depth
+    block = _block(cell, recording, depth, spacing, 1 if friction is not None else 2)
+    noise_rms = white_rms(cfg, recording, depth, _widest_spacing(recording, spacing))
+    position, signal, samples = cell_signals(recording, ideal.amplifier, block, spacing)
+    line, data, observed = _on_line(position, signal, recording.sidecar, depth)
+    average = (SampleAverage(block, spacing),) if block > 1 else ()
+    sensor = sensor_of(cfg, recording, average)
+    scan = ConstantSpeed(speed)
+    noise = _spectrum(cfg, line, scan, data, observed, noise_rms / np.sqrt(samples))
+    offset = sensor.amplifier.offset
+    if offset is None:
+        noise = noise.at[0].set(jnp.inf)
+    else:
+        data = jnp.where(observed, data - offset, 0.0)
+    problem = Problem(
+        line,
+        line.operator(sensor.signal(scan)),
+        data,
+        noise,
+        observed=observed,
+        known_mean_Pa=(0.0, None),
+        background_Pa=(nominal, None),
+        friction=friction,
+    )
+    assumed = _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal)
+    return Posed(recording, sensor, speed, problem, assumed)
+
+
+def _load(cfg: build.Config) -> Recording:
+    recording = load_even(cfg["recording"], elements_named(cfg))
+    least, greatest = recording.speed_m_per_s.min(), recording.speed_m_per_s.max()
+    refuse(
+        min(greatest, -least) > TURNED * max(greatest, -least),
+        f"{recording.name}: the motion reverses (its speed goes from {least:.4g} to "
+        f"{greatest:.4g} m/s), and friction with it, so that no one traction explains all of it: "
+        "cut the recording where it turns.",
+    )
+    return recording
+
+
+def _nominal_Pa(recording: Recording) -> float | None:
+    given = recording.sidecar.get("nominal_pressure_Pa")
+    wanted = "a pressure in Pa that is at least 0, or null where it is not known"
+    key = f"{recording.name}: nominal_pressure_Pa"
+    return None if given is None else float(number(key, given, wanted, least=0))
+
+
+def _cell_m(cfg: build.Config) -> float | None:
+    wanted = cfg["recording"].get("cell_m")
+    if wanted is None:
+        return None
+    return float(number("recording.cell_m", wanted, "a positive width in metres", above=0))
+
+
+def _block(
+    wanted: float | None, recording: Recording, depth: float, spacing: float, unknowns: int
+) -> int:
+    """How many samples are averaged into one cell, `wanted` metres wide where that is given."""
+    length = spacing * recording.time_s.size + 2 * MARGIN_DEPTHS * depth
+    cell = max(depth / CELLS_PER_DEPTH, length * unknowns / DIRECT_LIMIT)
+    return int(np.clip(round((wanted or cell) / spacing), 1, recording.time_s.size // 3))
+
+
+def cell_signals(
+    recording: Recording, amplifier: Amplifier, block: int, spacing: float
+) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "e cell"], float]:
+    """Position [m] and signal of cells of block * spacing, the signal NaN where it is missing, and
+    how many samples at the mean speed a cell is worth.
+
+    At constant speed a cell is a block of samples and has their mean.
+    """
+    if recording.is_constant_speed(STEADY):
+        blocks = recording.block_average(block)
+        return blocks.position_m, blocks.signal, float(block)
+    return _fitted_cells(recording, amplifier, block * spacing)
+
+
+def _fitted_cells(
+    recording: Recording, amplifier: Amplifier, cell: float
+) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "e cell"], float]:
+    """Cells of a speed that varies: in each the signal at the mean speed that explains its samples
+    best.
+
+    A sample is v = a s + white noise, a = gain(u) / gain(mean u): u over its mean for a rate
+    signal. Least squares give s = sum(a v) / sum(a^2) with the noise's variance over sum(a^2), and
+    nothing is divided by a small u. A cell where sum(a^2) is far below the median is missing (a
+    standstill, a hole); the median stands for the others.
+
+    What a cell of whole samples tells is off its centre by up to half a spacing, which on a clean
+    recording is more than the noise. So a sample counts in each cell by the part of its way, from
+    middle to middle between neighbours, that lies there; and s, which belongs where the samples
+    weigh, is interpolated to the centres: beside a standstill that is not the same.
+    """
+    speed, mean = recording.speed_m_per_s, recording.speed_m_per_s.mean()
+    a = np.asarray(amplifier.gain(as_real(speed)) / amplifier.gain(as_real(mean)))
+    x = np.maximum.accumulate(np.sign(mean) * recording.position_m)
+    middles = np.concatenate(
+        [[1.5 * x[0] - x[1] / 2], (x[1:] + x[:-1]) / 2, [1.5 * x[-1] - x[-2] / 2]]
+    )
+    edges = _cell_edges(recording, middles, cell)
+
+    def totals(values: Float[np.ndarray, "row sample"]) -> Float[np.ndarray, "row cell"]:
+        sums = np.pad(np.cumsum(values, axis=-1), ((0, 0), (1, 0)))
+        return np.diff([np.interp(edges, middles, row) for row in sums])
+
+    there = np.isfinite(recording.signal)
+    weight = np.where(there, a**2, 0.0)
+    typical = float(np.median(totals(a[None] ** 2)))
+    told = totals(weight)
+    told = np.where(told >= FEW * typical, told, np.nan)
+    fitted = totals(np.where(there, a * recording.signal, 0.0)) / told
+    centres = edges[:-1] + cell / 2
+    rows = zip(totals(weight * x) / told, fitted, strict=True)
+    signal = np.stack([_interpolated(centres, *row) for row in rows])
+    return np.sign(mean) * centres, signal, typical
+
+
+def _cell_edges(
+    recording: Recording, middles: Float[np.ndarray, " middle"], cell: float
+) -> Float[np.ndarray, " edge"]:
+    length = middles[-1] - middles[0]
+    refuse(
+        length < LEAST_CELLS * cell,
+        f"{recording.name}: the scan is {length:.4g} m long, less than {LEAST_CELLS} cells of "
+        f"{cell:.4g} m: check the positions' unit, or give a smaller recording.cell_m.",
+    )
+    return middles[0] + cell * np.arange(int(length / cell) + 1)
+
+
+def _interpolated(
+    centres: Float[np.ndarray, " cell"],
+    at: Float[np.ndarray, " cell"],
+    values: Float[np.ndarray, " cell"],
+) -> Float[np.ndarray, " cell"]:
+    """The values, told at `at`, at the centres of the same cells; NaN stays."""
+    known = np.isfinite(values)
+    moved = np.full(centres.shape, np.nan)
+    if known.any():
+        moved[known] = np.interp(centres[known], at[known], values[known])
+    return moved
+
+
+def _on_line(x, signal, facts: dict[str, Any], depth: float):
+    """The open line over the contact window, the signal on its cells, and where there is one."""
+    if x[-1] < x[0]:
+        x, signal = x[::-1], signal[:, ::-1]
+    cell = (x[-1] - x[0]) / (x.size - 1)
+    margin = MARGIN_DEPTHS * depth
+    window = facts.get("contact_window_m") or [x[0] - margin, x[-1] + margin]
+    check_cells(f"contact_window_m is {window}", window[1] - window[0], cell)
+    before = max(0, int(np.floor((x[0] - cell / 2 - window[0]) / cell)))
+    after = max(0, int(np.floor((window[1] - x[-1] - cell / 2) / cell)))
+    line = Open(before + x.size + after, cell, x[0] - before * cell)
+    padded = np.pad(signal, ((0, 0), (before, after)), constant_values=np.nan)
+    observed = np.isfinite(padded)
+    return line, jnp.asarray(np.where(observed, padded, 0.0)), observed
+
+
+def _widest_spacing(recording: Recording, spacing: float) -> float:
+    """Metres between samples where the motion is fastest: a frequency that is above the cut-off
+    there is so everywhere."""
+    if recording.is_constant_speed(STEADY):
+        return spacing
+    return float(np.max(np.abs(recording.speed_m_per_s))) / recording.sample_rate_hz
+
+
+def _spectrum(cfg, line, scan, data, observed, white_rms: float):
+    """Noise power per block; white noise is what the recording shows, other causes as named."""
+    noises = coloured_noises(cfg)
+    signal_rms = jnp.sqrt(jnp.sum(data**2) / np.sum(observed))
+    return total_spectrum(noises, line, scan, signal_rms) + white_rms**2
+
+
+def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal):
+    unit = recording.signal_unit
+    off = [name for name in build.EFFECTS if name not in cfg["effects"]]
+    return (
+        ("recording", f"{recording.name}, {recording.time_s.size} samples {1e6 * spacing:.4g} um "
+         f"apart"),
+        ("cells", f"{line.n} of {1e6 * float(line.cell_m):.4g} um, "
+         + _filled_with(recording, block)),
+        ("line", "open: p and q are deviations from a uniform background, zero outside the window"),
+        ("window", f"{1e3 * float(line.x[0]):.4g} to {1e3 * float(line.x[-1]):.4g} mm; beyond the "
+         "scan's ends the traction is estimated from what can still be felt there"),
+        ("nominal pressure", "not known" if nominal is None else f"{nominal:.4g} Pa"),
+        ("skin", f"half space, Poisson's ratio {float(sensor.skin.poisson_ratio):.4g}"),
+        ("amplifier", type(sensor.amplifier).__name__),
+        ("noise", f"white, {noise_rms:.3g} {unit} per sample, "
+         + ("given" if (cfg["noise"].get("white") or {}).get("rms") is not None
+            else "from the highest wavenumbers of the recording")),
+        ("effects on", ", ".join(cfg["effects"]) or "none"),
+        ("effects off", ", ".join(off) or "none"),
+        ("p and q", "apart" if cfg["friction"] is None else f"q = {cfg['friction']} p"),
+    )  # fmt: skip
+
+
+def _filled_with(recording: Recording, block: int) -> str:
+    if recording.is_constant_speed(STEADY):
+        return f"each with the mean of {block} samples (as the model has it, too)"
+    speed = recording.speed_m_per_s
+    return (
+        f"each with the signal at the mean speed of {speed.mean():.4g} m/s that explains its "
+        f"samples best (the speed goes from {speed.min():.4g} to {speed.max():.4g} m/s); cells "
+        "passed too fast or too slowly to tell are missing"
+    )
