@@ -45,7 +45,8 @@ def whiten(problem: Problem) -> Whitened:
         rows = rows - jnp.where(free_offset, one[:, None] * share[None, :], 0.0)
         return rows[:, :-2], rows[:, -2]
 
-    model, data = jax.vmap(one)(columns, problem.data, there)
+    # Not side by side: batched LAPACK on a CPU can wait for itself (see `nonlinear`).
+    model, data = jax.lax.map(lambda each: one(*each), (columns, problem.data, there))
     return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
 
 

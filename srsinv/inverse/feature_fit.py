@@ -28,7 +28,6 @@ MARGIN_DEPTHS = 16  # beyond the scan, in which what repeats fades out
 COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
 STARTS = 3  # the best of the search that are fitted from
 ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
-AT_ONCE = 1  # of many signals: side by side each waits for the slowest, and the FFTs gain nothing
 LEAST_SHARE = 1e-6  # of the strongest signal: what is felt less is not felt
 FAR_M = 1e3  # how far a step goes on
 # Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
@@ -239,7 +238,7 @@ class FeatureFitter:
     def many(
         self, name: str, feature: Feature, ys: Float[np.ndarray, "draw e sample"], noise: Any
     ) -> tuple[FeatureModel, list[Fit]]:
-        """One feature fitted to many signals of the same scene, side by side.
+        """One feature fitted to many signals of the same scene.
 
         All start from where the search finds it in the first signal.
         """
@@ -247,7 +246,7 @@ class FeatureFitter:
         shapes, more = self._starts(ys[0], {}, {}, name, feature)
         model = FeatureModel(self._felt, {name: feature})
         settings = self._settings(model, noise, priors | more)
-        return model, fit_many(model, found | {name: shapes[0]}, ys, at_once=AT_ONCE, **settings)
+        return model, fit_many(model, found | {name: shapes[0]}, ys, **settings)
 
     def _offset(self, y: np.ndarray) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
         """First value and prior of each element's constant, where it is not known."""

@@ -19,7 +19,7 @@ class JaxoptLBFGSB(LimitedMemory):
             from jaxopt import LBFGSB
 
         unit = unit_of(residual, z0)
-        cost, _ = scaled_cost(residual, z0)
+        cost, scale = scaled_cost(residual, z0)
         tolerance = relative(self.tolerance, z0.dtype)
         method = LBFGSB(
             lambda s: cost(unit * s), tol=tolerance, maxiter=self.max_steps,
@@ -27,4 +27,6 @@ class JaxoptLBFGSB(LimitedMemory):
         )  # fmt: skip
         s, state = method.run(z0 / unit, bounds=(lower / unit, upper / unit))
         # Back in its own unit a variable can end a rounding beyond its bound.
-        return Minimum(jnp.clip(unit * s, lower, upper), state.iter_num, state.error <= tolerance)
+        point = jnp.clip(unit * s, lower, upper)
+        done = state.error <= tolerance
+        return Minimum(point, cost(point) * scale / 2, scale / 2, state.iter_num, done)

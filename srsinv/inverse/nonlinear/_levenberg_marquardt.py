@@ -25,6 +25,7 @@ FIRST_DAMPING = 1e-3
 LEAST_DAMPING, MOST_DAMPING = 1e-18, 1e18
 ACCEPTED = 1e-4  # share of the predicted fall that a step has to bring
 BENT = 0.75  # the bend's second derivative, beside p, up to which a step is tried
+LOST = 10  # roundings of a residual, or of a cost, within which two are the same
 REMEMBERED = 0.5  # of D from one accepted point to the next
 
 
@@ -42,6 +43,7 @@ class _State(eqx.Module):
     trial: Float[Array, " m"]
     predicted: Float[Array, ""]
     point: _Point
+    begun: Float[Array, ""]
     damping: Float[Array, ""]
     growth: Float[Array, ""]
     first: Bool[Array, ""]
@@ -76,6 +78,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             trial=jnp.clip(y, self.lower, self.upper),
             predicted=zero,
             point=nothing,
+            begun=zero,
             damping=zero + FIRST_DAMPING,
             growth=zero + 2,
             first=jnp.array(True),
@@ -90,7 +93,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         residual, push = jax.linearize(residual_at, state.trial)
         cost = 0.5 * jnp.vdot(residual, residual)
         gain = state.point.cost - cost
-        accept = state.first | (gain > ACCEPTED * state.predicted) | (state.ready & (gain >= 0))
+        # The last step may fall by less than the cost's own rounding.
+        harmless = gain >= -LOST * jnp.finfo(cost.dtype).eps * cost
+        accept = state.first | (gain > ACCEPTED * state.predicted) | (state.ready & harmless)
         y = jnp.where(accept, state.trial, y)
         point = jax.lax.cond(
             accept,
@@ -98,6 +103,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             lambda: state.point,
         )
         damping, growth = _damping(state, gain, accept)
+        begun = jnp.where(state.first, cost, state.begun)
         held = self._held(y, point)
         step = _step(point, point.c, held, damping)
         straight = self._cut(y, step)
@@ -105,13 +111,14 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         # Of the whole step: one that the box cuts short is no sign of a minimum.
         ready = self._converged(y, point, held, step, _predicted(point, step))
         ready = ready | (accept & (jnp.abs(gain) <= self._ftol * point.cost))
-        bend, tight = _bend(residual_at, y, straight, point, held, damping)
+        bend, tight = _bend(residual_at, y, straight, point, held, damping, begun)
         # A cut step can lead uphill; with more damping it follows the projected gradient.
         tight = tight & (predicted > 0)
         state = _State(
             trial=y + self._cut(y, straight + bend),
             predicted=jnp.where(tight, predicted, jnp.inf),  # else it will not be accepted
             point=point,
+            begun=begun,
             damping=damping,
             growth=growth,
             first=jnp.array(False),
@@ -185,14 +192,20 @@ def _predicted(point: _Point, p) -> Float[Array, ""]:
     return -(jnp.vdot(point.c, change) + 0.5 * jnp.vdot(change, change))
 
 
-def _bend(residual_at, y, p, point: _Point, held, damping):
-    """Half the acceleration along p, and whether it is small beside p."""
+def _bend(residual_at, y, p, point: _Point, held, damping, begun):
+    """Half the acceleration along p, and whether it is small beside p.
 
-    def rate(y):
-        return jax.jvp(residual_at, (y,), (p,))[1]
-
-    second = _at_least(y.size, jax.jvp(rate, (y,), (p,))[1])
-    acceleration = _step(point, point.q.T @ second, held, damping)
+    From one more residual a part of the way along, which takes a fraction of what the exact second
+    derivative does, to run and to compile. What may be rounding of the residual that the search
+    began with, `begun` half its square, is no bend.
+    """
+    eps = float(jnp.finfo(y.dtype).eps)
+    part = eps ** (1 / 6)  # between what rounding and what the third derivative spoil
+    there = _at_least(y.size, residual_at(y + part * p))
+    off = point.q.T @ there - point.c - part * (point.root @ p)
+    lost = jnp.linalg.norm(off) <= LOST * eps * jnp.sqrt(2 * begun)
+    second = jnp.where(lost, 0.0, 2 / part**2 * off)
+    acceleration = _step(point, second, held, damping)
     acceleration = jnp.where(jnp.isfinite(acceleration), acceleration, 0.0)
     scale = _positive(point.scale)
     tight = jnp.linalg.norm(scale * acceleration) <= BENT * jnp.linalg.norm(scale * p)

@@ -15,8 +15,6 @@ from ._noise import Whitener
 from ._parameters import Layout
 from ._solvers import Minimum, Solver
 
-AT_ONCE = 64  # starting points whose cost is computed at one time, to spare memory
-
 
 class Misfit(eqx.Module):
     """What is minimised, as a function of the free parameters z (m,).
@@ -39,13 +37,14 @@ class Misfit(eqx.Module):
         """The parameters as the model takes them."""
         return self.layout.tree(self.row.at[np.asarray(self.layout.free)].set(z))
 
-    def white(self, z: Float[Array, " m"]) -> Float[Array, " n"]:
-        """The residual in units of the noise."""
-        return self.whiten(self.y - self.model(self.tree(z))) / self.scale
+    def white(self, z: Float[Array, " m"]) -> tuple[Float[Array, " n"], Float[Array, "..."]]:
+        """The residual in units of the noise, and as it is."""
+        residual = self.y - self.model(self.tree(z))
+        return self.whiten(residual) / self.scale, residual
 
     def terms(self, z: Float[Array, " m"]) -> Float[Array, " terms"]:
         """What is squared and summed."""
-        data = self.loss.root(self.white(z))
+        data = self.loss.root(self.white(z)[0])
         if self.prior_mean is None or self.prior_weight is None:
             return data
         return jnp.concatenate([data, (z - self.prior_mean) * self.prior_weight])
@@ -145,43 +144,51 @@ def _search(misfit: Misfit, solver: Solver, starts, lower, upper, polished: int)
     if misfit.layout.linear and not isinstance(misfit.loss, Squares):
         # A robust loss has no closed form: its linear parameters start from least squares.
         plain = Split(dataclasses.replace(misfit, loss=Squares()))
-        starts = jax.vmap(lambda z: plain.whole(plain.searched(z)))(starts)
+        starts = jax.lax.map(lambda z: plain.whole(plain.searched(z)), starts)
         together = dataclasses.replace(misfit.layout, linear=())
         split = Split(dataclasses.replace(misfit, layout=together))
 
     def cost(v):
-        value = 0.5 * jnp.sum(split.terms(v) ** 2)
-        return jnp.where(jnp.isnan(value), jnp.inf, value)
+        return _known(0.5 * jnp.sum(split.terms(v) ** 2))
 
     v0 = split.searched(starts)
     box = split.searched(lower), split.searched(upper)
-    start_costs = jax.lax.map(cost, v0, batch_size=AT_ONCE)
+    start_costs = None
     if len(v0) > polished:
+        start_costs = jax.lax.map(cost, v0)
         v0 = v0[jax.lax.top_k(-start_costs, polished)[1]]
-    best, costs = _minima(split, solver, v0, box, cost)
+    ends = _minima(split, solver, v0, box, cost)
+    costs = _known(ends.cost)
+    at = jnp.argmin(costs)
+    best = jax.tree.map(lambda leaf: leaf[at], ends)
     z = split.whole(best.point)
-    white, push = jax.linearize(misfit.white, z)
+    white, push, residual = jax.linearize(misfit.white, z, has_aux=True)
     return Found(
         z=z,
         white=white,
         jacobian=jax.vmap(push, out_axes=1)(jnp.eye(z.size, dtype=z.dtype)),
-        residual=misfit.y - misfit.model(misfit.tree(z)),
+        residual=residual,
         costs=costs,
-        start_costs=start_costs,
+        start_costs=_known(ends.start_cost) if start_costs is None else start_costs,
         iterations=best.iterations,
         done=best.done,
     )
 
 
-def _minima(split: Split, solver: Solver, v0, box, cost) -> tuple[Minimum, Array]:
-    """The best minimum, and the cost at each end; nothing is searched where all is linear."""
+def _minima(split: Split, solver: Solver, v0, box, cost) -> Minimum:
+    """The end of the search from each start; nothing is searched where all is linear."""
     if v0.shape[1] == 0:
-        at = Minimum(v0[0], jnp.array(0), jnp.array(True))
-        return at, cost(v0[0])[None]
-    if len(v0) == 1:
+        at = cost(v0[0])
+        only = Minimum(v0[0], at, at, jnp.array(0), jnp.array(True))
+    elif len(v0) == 1:
         only = solver(split.terms, v0[0], *box)
-        return only, cost(only.point)[None]
-    ends = jax.vmap(lambda v: solver(split.terms, v, *box))(v0)
-    costs = jax.vmap(cost)(ends.point)
-    best = jnp.argmin(costs)
-    return jax.tree.map(lambda leaf: leaf[best], ends), costs
+    else:
+        # One after the other: side by side each waits for the slowest, and jaxlib's batched LAPACK
+        # can wait for itself on a CPU (seen with 0.10.2: all workers inside, none left to work).
+        return jax.lax.map(lambda v: solver(split.terms, v, *box), v0)
+    return jax.tree.map(lambda leaf: leaf[None], only)
+
+
+def _known(cost):
+    """Infinite where it is not a number."""
+    return jnp.where(jnp.isnan(cost), jnp.inf, cost)

@@ -19,9 +19,12 @@ Residual = Callable[[Float[Array, " m"]], Float[Array, " n"]]
 
 
 class Minimum(eqx.Module):
-    """Where a solver stopped: the point (m,), its iterations, and whether it says it is done."""
+    """Where a solver stopped: the point (m,), half the sum of squares there and where it began, its
+    iterations, and whether it says it is done."""
 
     point: Float[Array, " m"]
+    cost: Float[Array, ""]
+    start_cost: Float[Array, ""]
     iterations: Int[Array, ""]
     done: Bool[Array, ""]
 
@@ -80,7 +83,9 @@ class Optimistix(Solver):
             lambda z, _: residual(z), method, z0, max_steps=self.max_steps, throw=False
         )
         done = solution.result == optx.RESULTS.successful
-        return Minimum(solution.value, jnp.asarray(solution.stats["num_steps"]), done)
+        steps = jnp.asarray(solution.stats["num_steps"])
+        state = solution.state
+        return Minimum(solution.value, state.point.cost, state.begun, steps, done)
 
 
 class LimitedMemory(Solver):
@@ -135,7 +140,7 @@ class OptaxLBFGS(LimitedMemory):
         carry = s0, optimiser.init(s0), jnp.array(False), jnp.array(0)
         s, _, done, count = jax.lax.while_loop(going, step, carry)
         point = jnp.clip(unit * to_box(s), lower, upper)
-        return Minimum(point, count, done & jnp.isfinite(scale))
+        return Minimum(point, cost(point) * scale / 2, scale / 2, count, done & jnp.isfinite(scale))
 
 
 def unit_of(residual: Residual, z0) -> Float[Array, " m"]:

@@ -7,10 +7,10 @@ the next; truth is black. The same input gives the same picture.
 """
 
 from .compare import errors_against_noise as errors_against_noise
-from .compare import fit_cost as fit_cost
 from .compare import ranking as ranking
 from .cost import accuracy_cost as accuracy_cost
 from .cost import errors_and_time as errors_and_time
+from .cost import fit_counts as fit_counts
 from .coverage import bound_and_coverage as bound_and_coverage
 from .coverage import confusion as confusion
 from .coverage import evidence_margins as evidence_margins

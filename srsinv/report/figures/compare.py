@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .cost import Row, accuracy_cost
 from .style import TRUTH, grid_of_axes, legend_below, method_lines, styled
 
 
@@ -59,14 +58,6 @@ def ranking(
         axes.grid(axis="y", visible=False)
     grid[0, 0].set_yticks(place, list(methods))
     figure.suptitle(caption)
-    return figure
-
-
-def fit_cost(rows: Sequence[Row], title: str) -> Figure:
-    """Like [`accuracy_cost`][], of fits: the error is a distance in standard errors."""
-    figure = accuracy_cost(rows, title)
-    figure.axes[0].set_ylabel("distance to the minimum [standard errors]")
-    figure.axes[0].set_title("Lower left is better; tolerances at the ends of each line")
     return figure
 
 

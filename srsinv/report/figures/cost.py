@@ -59,11 +59,13 @@ def errors_and_time(rows: Sequence[Row]) -> Figure:
 
 
 @styled
-def accuracy_cost(rows: Sequence[Row], title: str) -> Figure:
+def accuracy_cost(
+    rows: Sequence[Row], title: str, error: str = "relative error [1]", ends: str = "sizes"
+) -> Figure:
     """Error against steady time, one line for each family, from its smallest size to its largest.
 
-    `rows`: mappings with `family`, `label`, `size`, `error` [1] and `time_s` [s]. The label (the
-    size where it is empty) is written at both ends of a family's line.
+    `rows`: mappings with `family`, `label`, `size`, `error` and `time_s` [s]. The label (the size
+    where it is empty) is written at both ends of a family's line; `ends` says what it is.
     """
     figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
     axes = figure.subplots()
@@ -73,11 +75,44 @@ def accuracy_cost(rows: Sequence[Row], title: str) -> Figure:
             (row for row in rows if str(row["family"]) == family), key=lambda row: row["size"]
         )
         _family(axes, members, family, i)
-    axes.set(xscale="log", yscale="log", xlabel="steady time [s]", ylabel="relative error [1]")
+    axes.set(xscale="log", yscale="log", xlabel="steady time [s]", ylabel=error)
     axes.margins(0.08)
-    axes.set_title("Lower left is better; sizes at the ends of each line")
+    axes.set_title(f"Lower left is better; {ends} at the ends of each line")
     axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), borderaxespad=0.0)
     figure.suptitle(title)
+    return figure
+
+
+@styled
+def fit_counts(starts: Sequence[Row], together: Sequence[Row]) -> Figure:
+    """How often a fit finds the minimum and how long it takes, over the number of starts, and its
+    time over the number of signals fitted together.
+
+    Rows have `family`, `count`, `found` [1] and `time_s` [s], for each signal.
+    """
+    figure, grid = grid_of_axes(1, 3, 3.4)
+    found, time, batch = grid[0]
+    for axes, rows, quantity, factor in (
+        (found, starts, "found", 100.0), (time, starts, "time_s", 1e3),
+        (batch, together, "time_s", 1e3),
+    ):  # fmt: skip
+        families = list(dict.fromkeys(str(row["family"]) for row in rows))
+        for i, family in enumerate(families):
+            members = [row for row in rows if str(row["family"]) == family]
+            counts = [row["count"] for row in members]
+            values = [factor * row[quantity] for row in members]
+            axes.plot(counts, values, color=PALETTE[i], marker=_MARKERS[i], label=family)
+        counts = sorted({row["count"] for row in rows})
+        axes.set_xscale("log", base=2)
+        axes.set_xticks(counts, [str(count) for count in counts])
+        axes.minorticks_off()
+    found.set(title="Minimum found", xlabel="starts", ylabel="share of the signals [%]")
+    found.set_ylim(-4, 104)
+    time.set(title="Time", xlabel="starts", ylabel="steady time [ms per signal]", yscale="log")
+    batch.set(title="Time, one start", xlabel="signals in one call", ylim=(0, None))
+    batch.set_ylabel("steady time [ms per signal]")
+    figure.suptitle("Feature fit: what more starts bring, and what they and many signals cost")
+    legend_below(figure, grid[0])
     return figure
 
 
