@@ -15,6 +15,8 @@ from ._noise import Whitener
 from ._parameters import Layout
 from ._solvers import Minimum, Solver
 
+NEAREST = 2  # neighbours of a start for each parameter that is searched
+
 
 class Misfit(eqx.Module):
     """What is minimised, as a function of the free parameters z (m,).
@@ -156,7 +158,7 @@ def _search(misfit: Misfit, solver: Solver, starts, lower, upper, polished: int)
     start_costs = None
     if len(v0) > polished:
         start_costs = jax.lax.map(cost, v0)
-        v0 = v0[jax.lax.top_k(-start_costs, polished)[1]]
+        v0 = v0[_promising(v0, start_costs)[:polished]]
     ends = _minima(split, solver, v0, box, cost)
     costs = _known(ends.cost)
     at = jnp.argmin(costs)
@@ -187,6 +189,22 @@ def _minima(split: Split, solver: Solver, v0, box, cost) -> Minimum:
         # can wait for itself on a CPU (seen with 0.10.2: all workers inside, none left to work).
         return jax.lax.map(lambda v: solver(split.terms, v, *box), v0)
     return jax.tree.map(lambda leaf: leaf[None], only)
+
+
+def _promising(v: Float[Array, "s v"], costs: Float[Array, " s"]) -> Int[Array, " s"]:
+    """Starts in the order in which to search from them: first those with no better one among their
+    nearest, so that one wide valley does not take all (the topograph of Torn and Viitanen, 1992).
+    """
+    span = jnp.max(v, axis=0) - jnp.min(v, axis=0)
+    unit = v / jnp.where(span > 0, span, 1.0)
+    count = min(NEAREST * v.shape[1], len(v) - 1)
+
+    def is_least(i):
+        away = jnp.sum((unit - unit[i]) ** 2, axis=-1).at[i].set(jnp.inf)
+        return jnp.all(costs[i] <= costs[jax.lax.top_k(-away, count)[1]])
+
+    least = jax.lax.map(is_least, jnp.arange(len(v))) & jnp.isfinite(costs)
+    return jnp.lexsort((costs, ~least))
 
 
 def _known(cost):

@@ -55,6 +55,22 @@ def test_global_minimum(starts):
     assert again.stats == found.stats
 
 
+def test_a_wide_valley_does_not_take_all_starts():
+    """Its points are all lower than the only one beside the narrow valley, which is the deeper."""
+
+    def residual(p):
+        wide = 0.7 * jnp.exp(-(((p["x"] + 0.5) / 0.4) ** 2))
+        narrow = jnp.exp(-(((p["x"] - 0.8) / 0.03) ** 2))
+        return jnp.stack([1 - wide - narrow])
+
+    starts = {"x": np.linspace(-0.93, 0.92, 38)}  # 0.82 is the nearest, at 0.36
+    bounds = {"x": (-1.0, 1.0)}
+    found = srsinv.fit(
+        residual, {"x": -1.0}, np.zeros(1), noise=1.0, bounds=bounds, starts=starts, polished=2
+    )
+    np.testing.assert_allclose(found.value["x"], 0.8, atol=1e-3)
+
+
 # --- solvers -----------------------------------------------------------------------------------
 
 
