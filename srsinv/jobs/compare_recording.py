@@ -35,13 +35,12 @@ def on_recording(cfg: build.Config) -> Outcome:
     setting = Setting(posed.sensor, posed.speed_m_per_s, [whole, *contest.halves(whole)])
     runs = contest.run_all(contest.contestants(cfg, setting), setting.problems)
     dataset = _dataset(title, setting, posed.recording.signal_unit, runs)
-    summary = _summary(dataset)
     return Outcome(
         f"{title}: {', '.join(runs)} compared",
         _metrics(dataset),
         dataset,
-        _sections(cfg, dataset, runs, posed.assumed, whole, summary),
-        summary,
+        _sections(cfg, dataset, runs, posed.assumed, whole),
+        _summary(dataset),
     )
 
 
@@ -194,7 +193,7 @@ def _agreement_table(ds: xarray.Dataset) -> Table:
     )
 
 
-def _sections(cfg, ds, runs, rows, whole: Problem, summary) -> tuple[Section, ...]:
+def _sections(cfg, ds, runs, rows, whole: Problem) -> tuple[Section, ...]:
     methods = [str(name) for name in ds["method"].values]
     whole_of = ds.isel(part=0)
     parts = [
@@ -208,7 +207,6 @@ def _sections(cfg, ds, runs, rows, whole: Problem, summary) -> tuple[Section, ..
                 "other way around.",
                 *_told(ds, runs),
             ),
-            tables=(summary,),
         ),
         Section(
             "Recovered p and q",
@@ -256,11 +254,14 @@ def _told(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
     said = []
     for m, (name, one) in enumerate(runs.items()):
         misfit, unseen = float(ds["misfit"].values[m, 0]), float(ds["unseen"].values[m].mean())
-        verdict = (
-            "noise alone explains what it leaves"
-            if unseen <= WELL
-            else "more than noise is left: what it assumes does not hold everywhere on this scan"
-        )
+        if unseen <= WELL:
+            verdict = "noise alone explains what it leaves"
+        elif misfit <= WELL:
+            verdict = "what is more than noise there is its error with half of the samples"
+        else:
+            verdict = (
+                "more than noise is left: what it assumes does not hold everywhere on this scan"
+            )
         bad = [found.result for found in one.found if found.result != "converged"]
         warning = f" Its result: {bad[0]}." if bad else ""
         said.append(

@@ -54,15 +54,14 @@ def on_scene(cfg: build.Config) -> Outcome:
     wrong = None
     if settings["wrong_feature"] is not None:
         features = {"wrong": build.make(settings["wrong_feature"])}
-        alone = {"wrong": contest.feature_contestant(features, cfg, setting)}
+        alone = {"A feature that is not there": contest.feature_contestant(features, cfg, setting)}
         wrong = _dataset(cfg, sim, setting, contest.run_all(alone, problems))
-    summary = _summary(dataset)
     return Outcome(
         f"{', '.join(runs)} compared on a simulated scene",
         _metrics(dataset) | _wrong_metrics(wrong),
         dataset,
-        _sections(cfg, sim, dataset, wrong, runs, summary),
-        summary,
+        _sections(cfg, sim, dataset, wrong, runs),
+        _summary(dataset),
     )
 
 
@@ -332,7 +331,7 @@ def _wrong_table(ds: xarray.Dataset, wrong: xarray.Dataset) -> Table:
     )  # fmt: skip
 
 
-def _sections(cfg, sim, ds, wrong, runs, summary) -> tuple[Section, ...]:
+def _sections(cfg, sim, ds, wrong, runs) -> tuple[Section, ...]:
     methods = [str(name) for name in ds["method"].values]
     levels = [f"{level:g} dB" for level in ds["snr"].values]
     seeds = ds.sizes["seed"]
@@ -354,7 +353,7 @@ def _sections(cfg, sim, ds, wrong, runs, summary) -> tuple[Section, ...]:
                 ds["rank"].values, methods, levels, "Rank at each signal-to-noise ratio"
             )},
             {"ranking": f"Mean rank over {seeds} draws, with the best and the worst."},
-            (summary, _pair_table(ds)),
+            (_pair_table(ds),),
         ),
         Section(
             "Errors and bands",
@@ -372,7 +371,8 @@ def _sections(cfg, sim, ds, wrong, runs, summary) -> tuple[Section, ...]:
             {"errors_against_noise": lambda: figures.errors_against_noise(
                 ds["snr"].values, ds["error"].values, ds["coverage"].values, methods, COMPONENTS
             )},
-            tables=(_coverage_table(ds),),
+            {"errors_against_noise": "Relative error and coverage over the signal-to-noise ratio."},
+            (_coverage_table(ds),),
         ),
         Section(
             "Recovered p and q",
