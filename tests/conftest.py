@@ -5,11 +5,16 @@ The hook stays for the whole session: it works on each module of the package as 
 """
 
 import os
+from pathlib import Path
 
 from jaxtyping import install_import_hook
 
 # Compiling is most of the tests' time, and small sizes gain nothing from the last optimisations.
 os.environ.setdefault("XLA_FLAGS", "--xla_llvm_disable_expensive_passes=true")
+# What one worker, or an earlier run, has compiled serves the others.
+ROOT = Path(__file__).resolve().parents[1]
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
 ROOMS = ("grid", "forward", "inverse", "jobs", "recording", "report.figures")
 install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
