@@ -296,7 +296,7 @@ def _is_affine(misfit: Misfit, z):
     def at(reach):
         return misfit.model(misfit.tree(z.at[places].set(reach * size)))
 
-    zero, one, two = jax.vmap(at)(jnp.array([0.0, 1.0, 2.5], size.dtype))
+    zero, one, two = jax.lax.map(at, jnp.array([0.0, 1.0, 2.5], size.dtype))
     bent = jnp.linalg.norm(two - zero - 2.5 * (one - zero))
     eps = jnp.finfo(size.dtype).eps
     straight = bent <= eps**0.5 * (jnp.linalg.norm(two - zero) + eps**0.5 * jnp.linalg.norm(zero))
