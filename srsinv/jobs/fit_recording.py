@@ -212,9 +212,15 @@ def _sections(cfg, data: Measured, fits, best: FeatureFit, times, ds) -> tuple[S
              "while sliding towards +x. The band is 90 %: noise alone, if the feature is of this "
              "kind.",),
             {"traction": lambda: figures.feature_traction(ds)},
-            tables=(_parameter_table(best),),
+            {"traction": "p and q along the surface, of the parameters above."},
         ),
-        Section("Identifiability", tuple(_identifiability(best)), _correlation_figure(best, ds)),
+        Section(
+            "Identifiability",
+            tuple(_identifiability(best)),
+            _correlation_figure(best, ds),
+            {"correlation": "Correlation of the parameters' errors: near 1 or -1 a pair is told "
+             "together rather than apart."},
+        ),
         Section(
             "Which feature",
             ("The evidence is the probability of the data under a candidate, all of its parameters "
