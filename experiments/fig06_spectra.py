@@ -1,6 +1,5 @@
 """The paper's Fig. 6: what one element passes, where noise takes over, the filter between them."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray
@@ -25,7 +24,7 @@ def run(cfg: build.Config) -> Outcome:
         elements = len(sim.sensor.elements)
         refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
         refuse(cfg["friction"] is None, "friction is null: give mu of q = mu p, such as 0.4.")
-        noises, key = build.noises(cfg), jax.random.key(cfg["seed"])
+        noises, key = build.noises(cfg), build.random_key(cfg)
         problem = noisy_problem(sim, noises, key, cfg["friction"])
         k, noise = np.asarray(sim.line.k), np.asarray(problem.noise)
         gain = np.abs(np.asarray(problem.forward.circulant().transfer[0, 0]))

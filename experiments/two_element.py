@@ -30,7 +30,7 @@ def run(cfg: build.Config) -> Outcome:
         f"two_element.shown_deg is {shown}: give some of two_element.angles_deg, {angles}.",
     )
     refuse(settings["seeds"] < 1, f"two_element.seeds is {settings['seeds']}: give at least 1.")
-    keys = [jax.random.key(cfg["seed"] + i) for i in range(settings["seeds"])]
+    keys = [jax.random.key(build.seed(cfg) + i) for i in range(settings["seeds"])]
     with build.precision(cfg):
         sim, methods, noises = simulation(cfg), build.methods(cfg), build.noises(cfg)
         elements = len(sim.sensor.elements)

@@ -162,7 +162,7 @@ Problems = dict[tuple[str, int], tuple[Problem, np.ndarray]]
 
 def _problems(cfg: build.Config) -> Problems:
     """The noisy problem and its true traction, by line and number of cells."""
-    noises, key = build.noises(cfg), jax.random.key(cfg["seed"])
+    noises, key = build.noises(cfg), build.random_key(cfg)
     problems = {}
     for cells in cfg["accuracy_cost"]["inverse_cells"]:
         for line in build.LINES:

@@ -126,7 +126,7 @@ def _task(cfg: build.Config, settings: Mapping[str, Any]) -> Task:
         FeatureModel(Felt(sensor, motion, n * CELLS_PER_DEPTH), {"strip": StripFeature(**WHERE)})
         for n in (1, FINER)
     )
-    rng = np.random.default_rng(cfg["seed"])
+    rng = np.random.default_rng(build.seed(cfg))
     positions = rng.uniform(*POSITIONS_M, max(settings["signals"], *settings["batches"]))
     truth = np.array([[at, *TRUE.values()] for at in positions])
     clean = np.asarray(jax.jit(jax.vmap(lambda z: fine(_tree(z))))(truth))
@@ -152,7 +152,7 @@ def _task(cfg: build.Config, settings: Mapping[str, Any]) -> Task:
     covariance = [f.covariance[np.ix_(order, order)] for f in fits]
     return Task(
         model,
-        NumpyStrip(model, model.felt.scanned.field.length),
+        NumpyStrip(model),
         bounds,
         ys,
         noise_rms,

@@ -155,10 +155,14 @@ def friction(cfg: Config) -> float | None:
     return None if given is None else float(number("friction", given, wanted))
 
 
+def seed(cfg: Config) -> int:
+    """What all random numbers start from."""
+    return whole("seed", cfg["seed"], "a whole number from 0 to 2147483647", least=0)
+
+
 def random_key(cfg: Config) -> jax.Array:
     """The key of all random numbers."""
-    wanted = "a whole number from 0 to 2147483647"
-    return jax.random.key(whole("seed", cfg["seed"], wanted, least=0))
+    return jax.random.key(seed(cfg))
 
 
 def noises(cfg: Config) -> tuple[Noise, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 import xarray
 from jaxtyping import Float
 
-from ..errors import refuse
+from ..errors import is_number, refuse
 from ..forward.noise import SignalToNoise
 from ..inverse.problem import COMPONENTS
 from ..recording import merge
@@ -17,7 +17,7 @@ from ..report.outcome import Outcome, Section, Table
 from . import build, contest
 from .analysis import BAND_90, deviation, element_names, seen
 from .contest import Runs, Setting
-from .recorded import coloured_noises
+from .recorded import amplifier_node, coloured_noises
 from .simulate import Simulation, assumed, noisy_problem, simulation
 
 DRAWN = ("method", "snr", "seed")
@@ -42,7 +42,7 @@ def on_scene(cfg: build.Config) -> Outcome:
         noisy_problem(
             sim,
             (SignalToNoise(level), *others),
-            jax.random.key(cfg["seed"] + i),
+            jax.random.key(build.seed(cfg) + i),
             build.friction(cfg),
         )
         for level in settings["snr_db"]
@@ -67,7 +67,7 @@ def on_scene(cfg: build.Config) -> Outcome:
 
 def _check(settings: Mapping[str, Any]) -> None:
     levels, seeds = settings["snr_db"], settings["seeds"]
-    numbers = isinstance(levels, list) and all(isinstance(v, int | float) for v in levels)
+    numbers = isinstance(levels, list) and all(map(is_number, levels))
     refuse(
         not numbers or not levels or len(set(levels)) < len(levels),
         f"compare.snr_db is {levels}: give one number or more in dB, each once, as [20,40].",
@@ -81,11 +81,8 @@ def _check(settings: Mapping[str, Any]) -> None:
 def _complete(cfg: build.Config) -> dict[str, Any]:
     """The configuration with what a recording's sidecar would say of the sensor."""
     sensor = merge(cfg["compare"]["scene_sensor"], cfg["sensor"])
-    amplifier = dict(cfg["amplifier"])
-    if amplifier.get("feedback_resistance_ohm", 0) is None:
-        amplifier["feedback_resistance_ohm"] = sensor["feedback_resistance_ohm"]
     skin = merge({"poisson_ratio": 0.5}, cfg["skin"])
-    return {**cfg, "sensor": sensor, "amplifier": amplifier, "skin": skin}
+    return {**cfg, "sensor": sensor, "skin": skin, **amplifier_node(cfg, sensor)}
 
 
 # --- numbers ---------------------------------------------------------------------------------
@@ -138,7 +135,7 @@ def _dataset(
     coordinates = {
         "x": ("x", np.asarray(sim.line.x), {"units": "m"}),
         "snr": ("snr", [float(level) for level in levels], {"units": "dB"}),
-        "seed": ("seed", cfg["seed"] + np.arange(seeds), {"units": "1"}),
+        "seed": ("seed", build.seed(cfg) + np.arange(seeds), {"units": "1"}),
         "component": ("component", list(COMPONENTS), {"units": "1"}),
         "method": ("method", list(runs), {"units": "1"}),
         "element": ("element", element_names(sim.sensor), {"units": "1"}),

@@ -22,8 +22,8 @@ from ..forward.feature import Feature
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Line
-from ..inverse.feature_fit import FeatureFit, FeatureFitter, FeatureModel, amplitudes
-from ..inverse.nonlinear import Correlated, Solver
+from ..inverse.feature_fit import FeatureFitter, FeatureModel, amplitudes
+from ..inverse.nonlinear import Correlated, Fit, Solver
 from ..inverse.problem import Estimate, Problem
 from ..progress import stage
 from . import build
@@ -99,14 +99,16 @@ class FeatureContestant:
         at = self.cells
         y = np.asarray(problem.data + problem.level)[:, at]
         found = self._fitter(self.features, y, _noise(problem, at))
-        value, stderr = _on_cells(found, problem, np.sign(self.speed_m_per_s))
+        if found.fit is None:
+            raise ValueError("a contest of features needs one feature at least")
+        value, stderr = _on_cells(found.model, found.fit, problem, np.sign(self.speed_m_per_s))
         fitted = np.full(problem.data.shape, np.nan)
         fitted[:, at] = found.signal()
         return Found(
             value,
             stderr,
             fitted,
-            float(np.mean(_white(found) ** 2) * y.size / problem.samples),
+            float(np.mean(found.fit.whitened**2) * y.size / problem.samples),
             found.result,
             found.parameters,
             found.log_evidence,
@@ -144,27 +146,19 @@ def _noise(problem: Problem, at: np.ndarray):
     return Correlated(covariance + np.diag(np.where(there, 0.0, MISSING * toeplitz[0, 0]).ravel()))
 
 
-def _white(found: FeatureFit) -> np.ndarray:
-    if found.fit is None:
-        raise ValueError("a contest of features needs one feature at least")
-    return found.fit.whitened
-
-
-def _on_cells(found: FeatureFit, problem: Problem, direction: float):
+def _on_cells(model: FeatureModel, fit: Fit, problem: Problem, direction: float):
     """p and q (2, n) on the problem's cells, and the standard error of their deviation from the
     mean where there are samples."""
-    if found.fit is None:
-        raise ValueError("a contest of features needs one feature at least")
     there, n = np.flatnonzero(seen(problem)), problem.line.n
     turn = jnp.array([[1.0], [direction]])
 
     def deviation(params):
-        traction = turn * cell_traction(found.model, params, problem.line)
+        traction = turn * cell_traction(model, params, problem.line)
         return jnp.ravel(traction - jnp.mean(traction[:, there], axis=-1, keepdims=True))
 
-    value = turn * cell_traction(found.model, found.fit.value, problem.line)
+    value = turn * cell_traction(model, fit.value, problem.line)
     background = [0.0 if b is None else float(b) for b in problem.background_Pa]
-    stderr = found.fit.derive(deviation)[1]
+    stderr = fit.derive(deviation)[1]
     return np.asarray(value) + np.reshape(background, (2, 1)), np.reshape(stderr, (2, n))
 
 

@@ -100,20 +100,21 @@ def run(cfg: build.Config) -> Outcome:
         refuse(not features, "No feature is named: give feature=[strip_load] or several.")
         on = bench(cfg, "coverage")
         truths = {name: _truth(settings, on, name, f) for name, f in features.items()}
+        keys = jax.random.split(build.random_key(cfg), len(features))
         fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
-        keys = jax.random.split(jax.random.key(cfg["seed"]), len(features))
         found = {}
         for key, (name, feature) in zip(keys, features.items(), strict=True):
             with stage(f"fitting {draws} draws of {name}"):
                 found[name] = _judged(on, fitter, name, feature, truths[name], key, draws)
     rows = [quantity for each in found.values() for quantity in each.quantities]
+    data, table = _dataset(rows), _table(rows)
     worst = max(quantity.rmse / quantity.bound for quantity in rows)
     return Outcome(
         f"Feature fit over {draws} draws: error at most {worst:.3f} times the Cramer-Rao bound",
         _metrics(found, draws),
-        _dataset(rows),
-        _sections(cfg, on, found, rows, draws),
-        _table(rows),
+        data,
+        _sections(cfg, on, found, data, table, draws),
+        table,
     )
 
 
@@ -270,9 +271,13 @@ def _table(rows: list[Quantity]) -> Table:
 
 
 def _sections(
-    cfg: build.Config, on: Bench, found: dict[str, Found], rows: list[Quantity], draws: int
+    cfg: build.Config,
+    on: Bench,
+    found: dict[str, Found],
+    data: xarray.Dataset,
+    table: Table,
+    draws: int,
 ) -> tuple[Section, ...]:
-    data = _dataset(rows)
     binomial = 100 * np.sqrt(0.9 * 0.1 / draws)
     lost = {name: draws - each.converged for name, each in found.items()}
     return (
@@ -292,7 +297,7 @@ def _sections(
                 "bound_and_coverage": "Bands: two standard deviations of what so many draws show "
                 "of a fit that is exactly right."
             },
-            (_table(rows),),
+            (table,),
         ),
         Section(
             "Errors in units of their own standard error",

@@ -101,10 +101,10 @@ class NumpyStrip:
     width [m], pressure and shear [Pa].
     """
 
-    def __init__(self, model: FeatureModel, length: int):
+    def __init__(self, model: FeatureModel):
         field, sampling = model.felt.scanned.field, model.felt.scanned.sampling
         self.x, self.cell = np.asarray(model.line.x), float(model.line.cell_m)
-        self.transfer, self.length = np.asarray(field.transfer), length
+        self.transfer, self.length = np.asarray(field.transfer), field.length
         self.index, self.weights = np.asarray(sampling.index), np.asarray(sampling.weights)
         self.gain = np.asarray(model.felt.scanned.gain)
 

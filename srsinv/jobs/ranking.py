@@ -12,6 +12,7 @@ import jax
 import numpy as np
 import xarray
 from jaxtyping import Float, Int
+from scipy.stats import binomtest
 
 from ..errors import BadInput, is_number, refuse, shown, whole
 from ..forward.feature import Feature
@@ -30,7 +31,6 @@ from .simulated_features import (
 )
 
 NOTHING = "nothing"
-WILSON_90 = 1.6448536269514722  # the unit normal's 95 % point: a central interval of 90 %
 
 Ranges = dict[str, tuple[float, float]]
 
@@ -80,22 +80,21 @@ def run(cfg: build.Config) -> Outcome:
         fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
         found = _ranked(cfg, on, fitter, features, ranges, draws)
     right, total = int(found.right[:-1].sum()), draws * len(features)
+    data, table = _dataset(found), _table(found)
     return Outcome(
         f"The right feature in {right} of {total} draws, nothing in {found.right[-1]} of {draws} "
         "of noise",
         _metrics(found),
-        _dataset(found),
-        _sections(cfg, on, found),
-        _table(found),
+        data,
+        _sections(cfg, on, found, data, table),
+        table,
     )
 
 
 def wilson(right: int, total: int) -> tuple[float, float]:
     """Wilson's central 90 % interval of a share (1927)."""
-    share, z2 = right / total, WILSON_90**2 / total
-    middle = (share + z2 / 2) / (1 + z2)
-    half = WILSON_90 / (1 + z2) * np.sqrt(share * (1 - share) / total + z2 / (4 * total))
-    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
+    interval = binomtest(right, total).proportion_ci(0.9, "wilson")
+    return float(interval.low), float(interval.high)
 
 
 def _ranges(settings, name: str, feature: Feature) -> Ranges:
@@ -136,8 +135,8 @@ def _ranked(
     draws: int,
 ) -> Ranked:
     candidates = {name: {name: feature} for name, feature in features.items()} | {NOTHING: {}}
-    rng = np.random.default_rng(cfg["seed"])
-    keys = jax.random.split(jax.random.key(cfg["seed"]), (len(candidates), draws))
+    rng = np.random.default_rng(build.seed(cfg))
+    keys = jax.random.split(build.random_key(cfg), (len(candidates), draws))
     drawn = {
         name: [_drawn(rng, f, ranges[name]) for _ in range(draws)] for name, f in features.items()
     }
@@ -221,8 +220,9 @@ def _table(found: Ranked) -> Table:
     )  # fmt: skip
 
 
-def _sections(cfg: build.Config, on: Bench, found: Ranked) -> tuple[Section, ...]:
-    data = _dataset(found)
+def _sections(
+    cfg: build.Config, on: Bench, found: Ranked, data: xarray.Dataset, table: Table
+) -> tuple[Section, ...]:
     drawn = tuple(
         (name.replace("_", " "), ", ".join(
             f"{part} {values.min():.3g} to {values.max():.3g}" for part, values in columns.items()))
@@ -241,7 +241,7 @@ def _sections(cfg: build.Config, on: Bench, found: Ranked) -> tuple[Section, ...
                 "confusion": lambda: figures.confusion(data),
                 "evidence_margins": lambda: figures.evidence_margins(data),
             },
-            tables=(_table(found),),
+            tables=(table,),
         ),
         Section("What was drawn", tables=(Table(("feature", "from and to"), drawn),)),
         Section(

@@ -119,7 +119,7 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
         skin=build.make(
             merge({"poisson_ratio": 0.5} | _skin(facts), build.part(cfg, "skin")), "skin", HalfSpace
         ),
-        amplifier=build.amplifier(_amplifier(cfg, description)),
+        amplifier=build.amplifier(amplifier_node(cfg, description)),
     )
 
 
@@ -133,7 +133,8 @@ def _skin(facts: dict[str, Any]) -> dict[str, Any]:
     return {"poisson_ratio": skin["poisson_ratio"]} if "poisson_ratio" in skin else {}
 
 
-def _amplifier(cfg: build.Config, description: dict[str, Any]) -> dict[str, Any]:
+def amplifier_node(cfg: build.Config, description: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration's `amplifier`, its resistor from the sensor's description where null."""
     resistance = description.get("feedback_resistance_ohm")
     node = dict(build.part(cfg, "amplifier"))
     if node.get("feedback_resistance_ohm", 0) is None:

@@ -30,6 +30,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open, as_real
 from srsinv.inverse.feature_fit import CELLS_PER_DEPTH, FeatureModel, Felt
+from tests.features import FEATURES
 from tests.forward.setups import fitted_order, largest_error
 from tests.reference import closed_forms as cf
 from tests.refusals import refused
@@ -52,13 +53,6 @@ MOTIONS = {
         -0.05 * (1 - 0.4 * np.cos(TURN * TIME)),
     ),
     "reversing": (-5e-3 * np.cos(TURN * TIME), 5e-3 * TURN * np.sin(TURN * TIME)),
-}
-FEATURES = {
-    "line": LineFeature(),
-    "strip": StripFeature(),
-    "hertz": HertzFeature(),
-    "step": StepFeature(),
-    "grating": GratingFeature(),
 }
 SHAPES = {
     "line": {"position_m": 3.1e-4},

@@ -9,10 +9,6 @@ import pytest
 
 from srsinv.forward.amplifier import SlowReadout
 from srsinv.forward.feature import (
-    GratingFeature,
-    HertzFeature,
-    LineFeature,
-    StepFeature,
     StripFeature,
 )
 from srsinv.forward.film import Film, StripWidth
@@ -27,17 +23,11 @@ from srsinv.inverse.feature_fit import (
     probabilities,
     readable,
 )
+from tests.features import FEATURES
 
 SAMPLES = 300
 TIME = np.arange(SAMPLES) / 1500
 TURN = 2 * np.pi / TIME[-1]
-FEATURES = {
-    "line": LineFeature(),
-    "strip": StripFeature(),
-    "hertz": HertzFeature(),
-    "step": StepFeature(),
-    "grating": GratingFeature(),
-}
 TRUTHS = {
     "line": {"position_m": 1.1e-3, "load_N_per_m": 10.0, "friction": -0.3},
     "strip": {"position_m": 0.7e-3, "width_m": 2.9e-3, "pressure_Pa": -4e3, "friction": 0.5},

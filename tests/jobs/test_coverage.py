@@ -66,6 +66,7 @@ def test_a_phase_is_wrong_by_half_a_turn_at_most():
 
 REFUSED = {
     "draws": ("coverage.draws=3", "coverage.draws", "8"),
+    "seed": ("seed=-1", "seed is -1", "whole number from 0"),
     "no_features": ("feature=[]", "No feature", "feature=[strip_load]"),
     "rate": ("coverage.sample_rate_hz=0", "sample_rate_hz", "above 0"),
     "slow": ("coverage.sample_rate_hz=50", "sample_rate_hz", "two in a depth"),

@@ -76,6 +76,7 @@ def test_margin_and_choice():
 
 REFUSED = {
     "draws": ("ranking.draws=0", "ranking.draws", "from 1"),
+    "seed": ("seed=0.5", "seed is 0.5", "whole number from 0"),
     "alone": ("feature=[line_load]", "at least two"),
     "rate": ("ranking.sample_rate_hz=fast", "sample_rate_hz", "above 0"),
     "backwards": ("ranking.drawn.line_load.friction=[1,0]", "friction", "[least, greatest]"),
