@@ -2,8 +2,8 @@
 
 A feature names the parameters of its shape and where to look for them; its traction is p =
 amplitude times a profile and q = mu p. The amplitude enters every signal linearly, and so does mu
-times it. (Features of the surface itself, with a height, act through contact: they are to give
-traction in the same form.)
+times it. (Features of the surface itself, with a height, act through contact: see
+`surface_feature`.)
 """
 
 import abc
@@ -57,7 +57,7 @@ def _pitches(within: Range, stretch: Stretch) -> np.ndarray:
     return 1 / np.linspace(low, high, max(3, math.ceil(2 * (high - low) * stretch.length_m) + 1))
 
 
-_POSITION = Axis(lambda s: (s.start_m, s.end_m), _every_half_depth)
+POSITION = Axis(lambda s: (s.start_m, s.end_m), _every_half_depth)
 # To the film a strip narrower than a tenth of its depth is a line.
 _WIDTH = Axis(lambda s: (0.1 * s.depth_m, s.length_m), _every_half_depth, (0.0, math.inf))
 _HALF_WIDTH = Axis(lambda s: (0.05 * s.depth_m, s.length_m / 2), _every_half_depth, (0.0, math.inf))
@@ -91,18 +91,7 @@ class Feature(eqx.Module):
 
     def __init__(self, friction: Any = None, **ranges: Any):
         self.friction = _friction(friction)
-        names = {_range_name(name): name for name in self.axes}
-        unknown = sorted(set(ranges) - set(names))
-        refuse(
-            bool(unknown),
-            f"feature has no key {unknown and unknown[0]!r}: {type(self).__name__} takes "
-            f"{', '.join(names)} and friction.",
-        )
-        self.searched = tuple(
-            (names[key], _range(key, given, self.axes[names[key]].limits))
-            for key, given in ranges.items()
-            if given is not None
-        )
+        self.searched = searched(type(self).__name__, self.axes, ranges, "friction")
 
     @property
     def linear(self) -> tuple[str, ...]:
@@ -111,8 +100,7 @@ class Feature(eqx.Module):
 
     def ranges(self, stretch: Stretch) -> dict[str, Range]:
         """Where each parameter of the shape is looked for."""
-        everywhere = {name: axis.default(stretch) for name, axis in self.axes.items()}
-        return everywhere | dict(self.searched)
+        return ranges(self.axes, self.searched, stretch)
 
     def starts(self, stretch: Stretch) -> dict[str, np.ndarray]:
         """Shapes to start from, one for each combination of tried values: (start,) by name."""
@@ -135,7 +123,7 @@ class LineFeature(Feature):
 
     amplitude: ClassVar[str] = "load_N_per_m"
     shear: ClassVar[str] = "shear_N_per_m"
-    axes: ClassVar[Mapping[str, Axis]] = {"position_m": _POSITION}
+    axes: ClassVar[Mapping[str, Axis]] = {"position_m": POSITION}
 
     def profile(self, shape: Shape) -> Pressure:
         return LineLoad(1.0, shape["position_m"])
@@ -144,7 +132,7 @@ class LineFeature(Feature):
 class StripFeature(Feature):
     """A uniform pressure on a strip."""
 
-    axes: ClassVar[Mapping[str, Axis]] = {"position_m": _POSITION, "width_m": _WIDTH}
+    axes: ClassVar[Mapping[str, Axis]] = {"position_m": POSITION, "width_m": _WIDTH}
 
     def profile(self, shape: Shape) -> Pressure:
         return UniformStrip(1.0, shape["width_m"], shape["position_m"])
@@ -153,7 +141,7 @@ class StripFeature(Feature):
 class HertzFeature(Feature):
     """The pressure under a cylinder, P sqrt(1 - (x - x0)^2/a^2), P its greatest value."""
 
-    axes: ClassVar[Mapping[str, Axis]] = {"position_m": _POSITION, "half_width_m": _HALF_WIDTH}
+    axes: ClassVar[Mapping[str, Axis]] = {"position_m": POSITION, "half_width_m": _HALF_WIDTH}
 
     def profile(self, shape: Shape) -> Pressure:
         return Hertz(1.0, shape["half_width_m"], shape["position_m"])
@@ -163,7 +151,7 @@ class StepFeature(Feature):
     """A pressure that begins at a place and goes on to the end."""
 
     continues: ClassVar[bool] = True
-    axes: ClassVar[Mapping[str, Axis]] = {"position_m": _POSITION}
+    axes: ClassVar[Mapping[str, Axis]] = {"position_m": POSITION}
 
     def profile(self, shape: Shape) -> Pressure:
         return Step(1.0, shape["position_m"])
@@ -187,7 +175,33 @@ class GratingFeature(Feature):
         return own | {"pressure_Pa": pressure, "duty": duty, "phase_rad": turned}
 
 
-def _range_name(parameter: str) -> str:
+def searched(
+    owner: str, axes: Mapping[str, Axis], given: Mapping[str, Any], also: str
+) -> tuple[tuple[str, Range], ...]:
+    """Where parameters are looked for, from `given`, ranges by their keys; refused where one is
+    none. `also`: the owner's other key."""
+    names = {range_name(name): name for name in axes}
+    unknown = sorted(set(given) - set(names))
+    refuse(
+        bool(unknown),
+        f"feature has no key {unknown and unknown[0]!r}: {owner} takes {', '.join(names)} and "
+        f"{also}.",
+    )
+    return tuple(
+        (names[key], _range(key, each, axes[names[key]].limits))
+        for key, each in given.items()
+        if each is not None
+    )
+
+
+def ranges(
+    axes: Mapping[str, Axis], known: tuple[tuple[str, Range], ...], stretch: Stretch
+) -> dict[str, Range]:
+    """Where each parameter is looked for: as given, else by default."""
+    return {name: axis.default(stretch) for name, axis in axes.items()} | dict(known)
+
+
+def range_name(parameter: str) -> str:
     """`width_m` is looked for within `width_range_m`."""
     stem, _, unit = parameter.rpartition("_")
     return f"{stem}_range_{unit}" if stem else f"{unit}_range"

@@ -1,5 +1,6 @@
 """What lies on the line: pressure and friction, and the window they are seen in."""
 
+import abc
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -8,11 +9,39 @@ from jaxtyping import Array, Float
 
 from ..errors import number
 from ..grid import Line, as_real
+from .contact import Contact, press
+from .skin import HalfSpace
+from .surface import Shape, Surface
 from .traction import FrictionStep, Pressure, Scalar
 
 
 class Scene(eqx.Module):
-    """Pressure features over a background, with Coulomb friction q = sign(u) mu(x) p.
+    """What the finger slides over, with Coulomb friction q = sign(u) mu(x) p."""
+
+    @abc.abstractmethod
+    def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:
+        """mu at the cell centres, for sliding along `direction` = sign(u)."""
+
+    @abc.abstractmethod
+    def background(self, direction: Scalar = 1.0) -> Float[Array, "2"]:
+        """(p, q) [Pa] far from every feature."""
+
+    @abc.abstractmethod
+    def pressure(self, line: Line) -> Float[Array, " n"]:
+        """Cell averages of p [Pa]."""
+
+    def traction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, "2 n"]:
+        """Cell averages of (p, q) [Pa], for sliding along `direction` = sign(u).
+
+        q is mu at the cell's centre times the cell average of p: second order in the cell where
+        mu is smooth, and exact where it is constant.
+        """
+        p = self.pressure(line)
+        return jnp.stack([p, direction * self.friction(line, direction) * p])
+
+
+class TractionScene(Scene):
+    """Features of pressure over a background.
 
     - `background_pressure_Pa` and `base_friction`: what is there without any feature.
     - `pressures`: added to the background; `frictions`: added to the base, of either sign.
@@ -38,21 +67,54 @@ class Scene(eqx.Module):
         self.base_friction = as_real(base_friction)
         self.pressures, self.frictions = tuple(pressures), tuple(frictions)
 
-    def friction(self, line: Line) -> Float[Array, " n"]:
-        """mu at the cell centres."""
+    def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:
+        del direction
         return self.base_friction + sum((f(line.x) for f in self.frictions), jnp.zeros(line.n))
 
     def background(self, direction: Scalar = 1.0) -> Float[Array, "2"]:
-        """(p, q) [Pa] far from every feature."""
         p = self.background_pressure_Pa
         return jnp.stack([p, direction * self.base_friction * p])
 
-    def traction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, "2 n"]:
-        """Cell averages of (p, q) [Pa], for sliding along `direction` = sign(u).
-
-        q is mu at the cell's centre times the cell average of p: second order in the cell where
-        mu is smooth, and exact where it is constant.
-        """
+    def pressure(self, line: Line) -> Float[Array, " n"]:
         p = sum((f.cell_average(line) for f in self.pressures), jnp.zeros(line.n))
-        p = p + self.background_pressure_Pa
-        return jnp.stack([p, direction * self.friction(line) * p])
+        return p + self.background_pressure_Pa
+
+
+class SurfaceScene(Scene):
+    """Shapes on a plate of friction `base_friction`, pressed on by a skin.
+
+    `nominal_pressure_Pa` is the mean over the line's window, with which the surface repeats.
+    Raises `BadInput` for a pressure that is not positive.
+    """
+
+    nominal_pressure_Pa: Float[Array, ""]
+    surface: Surface
+    skin: HalfSpace
+
+    def __init__(
+        self,
+        nominal_pressure_Pa,
+        surfaces: Sequence[Shape] = (),
+        base_friction: Scalar = 0.0,
+        skin: HalfSpace | None = None,
+    ):
+        wanted = "a positive pressure in Pa, the mean over the window"
+        number("scene.nominal_pressure_Pa", nominal_pressure_Pa, wanted, above=0)
+        self.nominal_pressure_Pa = as_real(nominal_pressure_Pa)
+        self.surface = Surface(surfaces, base_friction)
+        self.skin = HalfSpace() if skin is None else skin
+
+    def contact(self, line: Line) -> Contact:
+        """How the skin lies on the surface."""
+        return press(line, self.skin, self.surface.height(line), self.nominal_pressure_Pa)
+
+    def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:
+        forward, backward = (self.surface.friction(line, way) for way in (True, False))
+        return jnp.where(direction < 0, backward, forward)
+
+    def background(self, direction: Scalar = 1.0) -> Float[Array, "2"]:
+        p = self.nominal_pressure_Pa
+        return jnp.stack([p, direction * self.surface.base_friction * p])
+
+    def pressure(self, line: Line) -> Float[Array, " n"]:
+        return self.contact(line).pressure_Pa

@@ -26,17 +26,34 @@ def _rows(b0, b1, b2, b3) -> Array:
 class HalfSpace(eqx.Module):
     """A homogeneous elastic half space: no modulus enters the in-plane stress.
 
-    `poisson_ratio` sets sigma_y = nu (sigma_x + sigma_z) only; the paper's (4) is nu = 1/2.
-    Raises `BadInput` for a ratio outside [0, 1/2].
+    - `poisson_ratio` sets sigma_y = nu (sigma_x + sigma_z); the paper's (4) is nu = 1/2.
+    - `youngs_modulus_Pa` says how far the surface yields, for contact.
+
+    Raises `BadInput` for a ratio outside [0, 1/2] and a modulus that is not positive.
     """
 
     poisson_ratio: Float[Array, ""]
+    youngs_modulus_Pa: Float[Array, ""]
 
-    def __init__(self, poisson_ratio=0.5):
+    def __init__(self, poisson_ratio=0.5, youngs_modulus_Pa=7e5):
         wanted = "a number between 0 and 0.5"
         self.poisson_ratio = as_real(
             number("skin.poisson_ratio", poisson_ratio, wanted, least=0, most=0.5)
         )
+        wanted = "a positive modulus in Pa"
+        self.youngs_modulus_Pa = as_real(
+            number("skin.youngs_modulus_Pa", youngs_modulus_Pa, wanted, above=0)
+        )
+
+    @property
+    def contact_modulus_Pa(self) -> Float[Array, ""]:
+        """E* = E/(1 - nu^2)."""
+        return self.youngs_modulus_Pa / (1 - self.poisson_ratio**2)
+
+    def compliance(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
+        """The surface's displacement into the finger per unit pressure exp(ikx), 2/(E* |k|) [m/Pa],
+        for k > 0 (docs/physics.md, section 5)."""
+        return 2 / (self.contact_modulus_Pa * jnp.abs(k))
 
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "3 2 k"]:
         """Stress [Pa/Pa] at `depth_m` per unit traction exp(ikx) (docs/physics.md, section 2)."""

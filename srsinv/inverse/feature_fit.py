@@ -5,134 +5,29 @@ Friction is their ratio. Candidates are ranked by their evidence, the probabilit
 each with all its parameters integrated out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy.special import softmax
 
 from ..forward.feature import Feature, Stretch
 from ..forward.scan import Motion
-from ..forward.scanned import Scanned
 from ..forward.sensor import Sensor
-from ..grid import Line, Open, as_real
+from ..grid import as_real
+from .feature_model import FeatureModel, Features, Felt
+from .feature_search import STARTS, Coarse
 from .nonlinear import Fit, Solver, fit, fit_many, whitener
 
-CELLS_PER_DEPTH = 32  # the signal of an edge is then right to 1e-6 of its peak, of a line to 1e-5
-MARGIN_DEPTHS = 16  # beyond the scan, in which what repeats fades out
-COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
-STARTS = 3  # the best of the search that are fitted from
 ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
-LEAST_SHARE = 1e-6  # of the strongest signal: what is felt less is not felt
-FAR_M = 1e3  # how far a step goes on
 # Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
 # Wide enough not to pull. The same rule for every candidate and every shape: one for the pressure
 # itself would favour shapes that the film hardly feels, as these take any pressure.
 BEYOND_DATA = 30.0
-
-Features = Mapping[str, Feature]
-
-
-class Felt(eqx.Module):
-    """A sensor along a motion, on the open line that features' traction lies on.
-
-    `scanned` maps traction on `line` to the signal; `tail` (e, c, sample) is the signal of unit
-    traction on everything beyond the line's end, for what continues; `fade` (n,) takes out what
-    repeats towards the line's ends. With `free_offset` each element has an unknown constant.
-    """
-
-    scanned: Scanned
-    tail: Float[Array, "e c sample"]
-    fade: Float[Array, " n"]
-    line: Line
-    direction: Float[Array, " sample"]
-    reverses: bool = eqx.field(static=True)
-    free_offset: bool = eqx.field(static=True)
-
-    def __init__(self, sensor: Sensor, motion: Motion, cells_per_depth: int = CELLS_PER_DEPTH):
-        self.line = line_under(sensor, motion, cells_per_depth)
-        self.scanned, self.tail, self.fade = _responding(sensor, motion, self.line)
-        self.direction = motion.direction
-        self.reverses = bool(motion.reverses)
-        self.free_offset = sensor.amplifier.offset is None
-
-
-@eqx.filter_jit
-def _responding(sensor: Sensor, motion: Motion, line: Line):
-    return sensor.scanned(line, motion), sensor.beyond(line, motion, FAR_M), _fade(line, motion)
-
-
-class FeatureModel(eqx.Module):
-    """The signal of features as `felt`: parameters by feature to (element, sample)."""
-
-    felt: Felt
-    features: dict[str, Feature]
-
-    def __init__(self, felt: Felt, features: Features):
-        self.felt, self.features = felt, dict(features)
-
-    @property
-    def line(self) -> Line:
-        """Where the traction lies."""
-        return self.felt.line
-
-    @property
-    def linear(self) -> tuple[str, ...]:
-        """Names of the parameters that enter linearly."""
-        named = [f"{n}.{part}" for n, f in self.features.items() for part in f.linear]
-        return (*named, "offset") if self.felt.free_offset else tuple(named)
-
-    def traction(self, params: Any) -> Float[Array, "2 n"]:
-        """p and q [Pa] on the line while sliding towards +x."""
-        total = jnp.zeros((2, self.line.n))
-        for name, feature in self.features.items():
-            shape = feature.profile(params[name]).shares(self.line)
-            shape = shape * self.felt.fade if feature.repeats else shape
-            total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
-        return total
-
-    @eqx.filter_jit
-    def __call__(self, params: Any) -> Float[Array, "e sample"]:
-        felt, forward = self.felt, self.traction(params)
-        turn = jnp.array([[1.0], [-1.0]])
-        if felt.reverses:
-            signal = felt.scanned(forward, turn * forward)
-        else:
-            signal = felt.scanned(jnp.where(felt.direction[0] < 0, turn, 1.0) * forward)
-        for name, feature in self.features.items():
-            if feature.continues:
-                p, q = amplitudes(feature, params[name])
-                signal = signal + p * felt.tail[:, 0] + q * felt.direction[None] * felt.tail[:, 1]
-        return signal + params["offset"][:, None] if felt.free_offset else signal
-
-
-def amplitudes(feature: Feature, own: Mapping[str, Any]) -> tuple[Array, Array]:
-    """Of p and of q."""
-    p = jnp.asarray(own[feature.amplitude])
-    q = own[feature.shear] if feature.friction is None else feature.friction * p
-    return p, jnp.asarray(q)
-
-
-def line_under(sensor: Sensor, motion: Motion, cells_per_depth: int) -> Open:
-    """The open line that the features' traction lies on: fine cells, and a margin at both ends."""
-    depth = float(sensor.depth_m)
-    x = np.asarray(motion.position_m)
-    cell = depth / cells_per_depth
-    start = float(x.min()) - MARGIN_DEPTHS * depth
-    n = int(np.ceil((float(x.max()) + MARGIN_DEPTHS * depth - start) / cell)) + 1
-    return Open(n, cell, start)
-
-
-def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
-    """One over the scan and half its margins, falling to zero at the line's ends as a cosine."""
-    x, low, high = line.x, jnp.min(motion.position_m), jnp.max(motion.position_m)
-    beyond = jnp.maximum(low - x, x - high) / jnp.maximum(low - line.x[0], line.cell_m)
-    return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * beyond - 1, 0.0, 1.0)))
 
 
 @dataclass(frozen=True)
@@ -181,7 +76,7 @@ class FeatureFitter:
     """
 
     def __init__(self, sensor: Sensor, motion: Motion, solver: Solver | None = None):
-        self._felt, self._coarse = Felt(sensor, motion), _Coarse(sensor, motion)
+        self._felt, self._coarse = Felt(sensor, motion), Coarse(sensor, motion)
         self._solver = solver
 
     def rank(
@@ -322,120 +217,6 @@ def _reach(y) -> float:
     """What a prior amplitude's signal reaches: see `BEYOND_DATA`."""
     largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
     return BEYOND_DATA * largest if largest > 0 else 1.0
-
-
-def stretch_of(sensor: Sensor, motion: Motion) -> Stretch:
-    """Where the motion has been."""
-    x = np.asarray(motion.position_m)
-    return Stretch(float(x.min()), float(x.max()), float(sensor.depth_m))
-
-
-@dataclass(frozen=True)
-class _Bank:
-    """Signals of unit amplitudes (start, a, datum) for every shape tried, less each element's mean
-    where the offset is free; their Gram matrices (start, a, a), and the largest signal (a,)."""
-
-    tried: dict[str, np.ndarray]
-    signals: np.ndarray
-    gram: np.ndarray
-    strongest: list[float]
-
-
-class _Coarse:
-    """The same signal on coarser samples and cells, for the search of a start."""
-
-    def __init__(self, sensor: Sensor, motion: Motion):
-        x = np.asarray(motion.position_m)
-        moved = np.abs(np.diff(x))
-        typical = float(np.median(moved[moved > 0])) if np.any(moved > 0) else 0.0
-        wanted = float(sensor.depth_m) / COARSE_PER_DEPTH
-        self.block = int(np.clip(wanted / typical if typical else 1, 1, x.size // 8 or 1))
-        columns = (motion.time_s, motion.position_m, motion.speed_m_per_s)
-        coarse = Motion(*(self._means(np.asarray(column)) for column in columns))
-        self.felt = Felt(sensor, coarse, COARSE_PER_DEPTH)
-        self.stretch = stretch_of(sensor, motion)
-        self._banks: dict[Feature, _Bank] = {}
-
-    def _means(self, values: np.ndarray) -> np.ndarray:
-        kept = values.shape[-1] // self.block * self.block
-        return values[..., :kept].reshape(*values.shape[:-1], -1, self.block).mean(axis=-1)
-
-    def search(
-        self, y: np.ndarray, parts: Features, found, feature: Feature
-    ) -> tuple[list[dict[str, float]], list[float]]:
-        """The shapes of one more feature to start from, the best first, and the strongest signal of
-        each of its unit amplitudes over all shapes tried.
-
-        A bank of matched filters: for each shape tried, how much of what the features found so far
-        leave (their shape and amplitudes kept) its best amplitudes explain.
-        """
-        rest = self._means(np.nan_to_num(y))
-        if parts:
-            rest = rest - np.asarray(FeatureModel(self.felt, parts)(found))
-        bank = self._known(feature)
-        told = bank.signals @ self._centred(rest).ravel()
-        explained = np.sum(told * np.linalg.solve(bank.gram, told[..., None])[..., 0], axis=-1)
-        return _apart(bank.tried, explained), bank.strongest
-
-    def share(self, feature: Feature, own: Mapping[str, Any]) -> Float[np.ndarray, " a"]:
-        """How strong the signal of each unit amplitude is, beside that of the shape felt most."""
-        signals = self._responses(feature, {part: [own[part]] for part in feature.axes})
-        felt = np.abs(signals).max(axis=(0, 2, 3))
-        top = np.asarray(self._known(feature).strongest)
-        return np.maximum(felt / np.where(top > 0, top, 1.0), LEAST_SHARE)
-
-    def _known(self, feature: Feature) -> _Bank:
-        if feature not in self._banks:
-            self._banks[feature] = self._bank(feature)
-        return self._banks[feature]
-
-    def _responses(self, feature: Feature, shapes: Mapping[str, Any]) -> np.ndarray:
-        model = FeatureModel(self.felt, {"one": feature})
-        return np.asarray(_responses(model, {k: as_real(v) for k, v in shapes.items()}))
-
-    def _bank(self, feature: Feature) -> _Bank:
-        tried = feature.starts(self.stretch)
-        signals = self._responses(feature, tried)
-        strongest = np.abs(signals).max(axis=(0, 2, 3)).tolist()
-        signals = self._centred(signals).reshape(*signals.shape[:2], -1)
-        gram = signals @ signals.swapaxes(1, 2)
-        # Faintly damped, for shapes that the film hardly feels.
-        gram = gram + 1e-9 * np.trace(gram.mean(axis=0)) * np.eye(gram.shape[-1]) + 1e-300
-        return _Bank(tried, signals, gram, strongest)
-
-    def _centred(self, signals: np.ndarray) -> np.ndarray:
-        """Less each element's mean, where its offset is free."""
-        return signals - self.felt.free_offset * signals.mean(axis=-1, keepdims=True)
-
-
-@eqx.filter_jit
-def _responses(model: FeatureModel, shapes) -> Float[Array, "start a e sample"]:
-    """Signals of every unit amplitude of the model's only feature, for each shape."""
-    ((name, feature),) = model.features.items()
-    elements = model.felt.tail.shape[0]
-    rest = {"offset": jnp.zeros(elements)} if model.felt.free_offset else {}
-
-    def of(shape, one: str):
-        own = {part: as_real(float(part == one)) for part in feature.linear}
-        return model({name: shape | own} | rest)
-
-    def at(shape):
-        return jnp.stack([of(shape, one) for one in feature.linear])
-
-    return jax.lax.map(at, shapes, batch_size=64)
-
-
-def _apart(tried: dict[str, np.ndarray], explained: np.ndarray) -> list[dict[str, float]]:
-    """The best shapes tried that are not neighbours on the grid."""
-    places = np.stack([np.unique(v, return_inverse=True)[1] for v in tried.values()], axis=1)
-    chosen: list[int] = []
-    for at in np.argsort(-explained):
-        near = [np.abs(places[at] - places[other]).max() <= 1 for other in chosen]
-        if not any(near):
-            chosen.append(int(at))
-        if len(chosen) == STARTS:
-            break
-    return [{part: float(values[at]) for part, values in tried.items()} for at in chosen]
 
 
 def readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ..errors import refuse
 from ..forward.feature import StripFeature
 from ..forward.scan import Motion
-from ..inverse.feature_fit import FeatureModel, Felt
+from ..inverse.feature_model import FeatureModel, Felt
 from ..inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix, Solver, fit, fit_many
 from ..progress import stage
 from ..report import figures

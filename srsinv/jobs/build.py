@@ -19,11 +19,14 @@ from ..forward.scan import ConstantSpeed
 from ..forward.scene import Scene
 from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
+from ..forward.surface import Shape
+from ..forward.surface_feature import SurfaceFeature
 from ..forward.traction import FrictionStep, Pressure
 from ..grid import Line, Open, Periodic
 from ..inverse.nonlinear import Solver
 from ..inverse.tikhonov import Tikhonov
 from ..inverse.wiener import Wiener
+from ..recording import load_profile
 
 Config = Mapping[str, Any]
 LINES = {"periodic": Periodic, "open": Open}
@@ -62,18 +65,11 @@ def make(node: Any, name: str = "this part", kind: Any = object) -> Any:
 def _check(node: Any, name: str, kind: Any = object) -> None:
     """Refuse a node that names no class of `kind`, or one that does not take the node's keys, and
     likewise the nodes inside."""
-    target = mapping(name, node).get("_target_")
-    try:
-        made = get_class(str(target))
-    except (ImportError, ValueError, TypeError) as error:
-        raise BadInput(
-            f"{name}._target_ is {shown(target)}, which is no class: name one as "
-            "package.module.Class."
-        ) from error
+    made = _class_of(node, name)
     refuse(
         not issubclass(made, kind),
-        f"{name}._target_ is {target!r}, which cannot stand there: name one of the kind that the "
-        "project's own configurations have.",
+        f"{name}._target_ is {node['_target_']!r}, which cannot stand there: name one of the kind "
+        "that the project's own configurations have.",
     )
     known = inspect.signature(made).parameters
     keys = {key for key in node if not key.startswith("_")}
@@ -95,6 +91,17 @@ def _check(node: Any, name: str, kind: Any = object) -> None:
             _check(node[key], f"{name}.{key}")
 
 
+def _class_of(node: Any, name: str) -> type:
+    target = mapping(name, node).get("_target_")
+    try:
+        return get_class(str(target))
+    except (ImportError, ValueError, TypeError) as error:
+        raise BadInput(
+            f"{name}._target_ is {shown(target)}, which is no class: name one as "
+            "package.module.Class."
+        ) from error
+
+
 def line(cfg: Config, refinement: Any = 1) -> Line:
     """The line of `grid`, its cells `refinement` times finer at the same first position."""
     grid = part(cfg, "grid")
@@ -113,14 +120,27 @@ def line(cfg: Config, refinement: Any = 1) -> Line:
 
 
 def scene(cfg: Config) -> Scene:
-    """The scene, its named pressures and frictions in order."""
+    """The scene, what it names in order; one with a surface is pressed on by the skin."""
     node = dict(part(cfg, "scene"))
-    for name, kind in (("pressures", Pressure), ("frictions", FrictionStep)):
-        named = {} if node.get(name) is None else mapping(f"scene.{name}", node[name])
-        for key, each in named.items():
-            _check(each, f"scene.{name}.{key}", kind)
-        node[name] = list(named.values())
+    kinds = {"pressures": Pressure, "frictions": FrictionStep, "surfaces": Shape}
+    for name in kinds.keys() & node.keys():
+        named = {} if node[name] is None else mapping(f"scene.{name}", node[name])
+        listed = {f"scene.{name}.{key}": _profile_read(each) for key, each in named.items()}
+        for key, each in listed.items():
+            _check(each, key, kinds[name])
+        node[name] = list(listed.values())
+    if "surfaces" in node:
+        _check(cfg["skin"], "skin", HalfSpace)
+        node["skin"] = cfg["skin"]
     return make(node, "scene", Scene)
+
+
+def _profile_read(node: Any) -> Any:
+    """A measured profile's node with the columns of the file that it names."""
+    if not isinstance(node, Mapping) or "path" not in node:
+        return node
+    rest = {key: value for key, value in node.items() if key != "path"}
+    return rest | load_profile(node["path"])
 
 
 def sensor(cfg: Config) -> Sensor:
@@ -175,6 +195,24 @@ def features(cfg: Config) -> dict[str, Feature]:
     """The named features of traction: their sum is what is looked for."""
     named = part(cfg, "feature")
     return {name: make(node, f"feature.{name}", Feature) for name, node in named.items()}
+
+
+def surface_features(cfg: Config) -> dict[str, SurfaceFeature]:
+    """The named features of a surface, where there are some: their sum is what is looked for."""
+    named = part(cfg, "feature")
+    on_surface = [name for name, node in named.items() if _is_surface(f"feature.{name}", node)]
+    if not on_surface:
+        return {}
+    refuse(
+        len(on_surface) < len(named),
+        f"feature names {', '.join(named)}: features of a surface ({', '.join(on_surface)}) act "
+        "through contact and those of traction do not, so that no sum holds both: name one kind.",
+    )
+    return {name: make(node, f"feature.{name}", SurfaceFeature) for name, node in named.items()}
+
+
+def _is_surface(name: str, node: Any) -> bool:
+    return issubclass(_class_of(node, name), SurfaceFeature)
 
 
 def solver(cfg: Config) -> Solver:

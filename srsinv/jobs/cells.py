@@ -19,17 +19,19 @@ from ..inverse.quadratic import DIRECT_LIMIT
 from ..recording import Recording
 from . import build
 from .recorded import (
+    MARGIN_DEPTHS,
     STEADY,
     check_cells,
     coloured_noises,
+    contact_window,
     elements_named,
     load_even,
+    nominal_pressure,
     sensor_of,
     white_rms,
 )
 
 CELLS_PER_DEPTH = 8  # e^(-k z) leaves nothing beyond: at the cells' last wavenumber it is e^(-25)
-MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
 LEAST_CELLS = 3  # as a line needs
 FEW = 0.25  # of the median: a cell that tells less than this has twice the noise of the others
@@ -55,7 +57,7 @@ def pose(cfg: build.Config, cells_per_depth: int | None = None) -> Posed:
     """
     friction = build.friction(cfg)
     recording = _load(cfg)
-    nominal = _nominal_Pa(recording)
+    nominal = nominal_pressure(recording)
     ideal = sensor_of(cfg, recording)
     depth = float(ideal.depth_m)
     speed = float(np.mean(recording.speed_m_per_s))
@@ -100,13 +102,6 @@ def _load(cfg: build.Config) -> Recording:
         "cut the recording where it turns.",
     )
     return recording
-
-
-def _nominal_Pa(recording: Recording) -> float | None:
-    given = recording.sidecar.get("nominal_pressure_Pa")
-    wanted = "a pressure in Pa that is at least 0, or null where it is not known"
-    key = f"{recording.name}: nominal_pressure_Pa"
-    return None if given is None else float(number(key, given, wanted, least=0))
 
 
 def _cell_m(cfg: build.Config) -> float | None:
@@ -209,11 +204,10 @@ def _on_line(x, signal, facts: dict[str, Any], depth: float):
     if x[-1] < x[0]:
         x, signal = x[::-1], signal[:, ::-1]
     cell = (x[-1] - x[0]) / (x.size - 1)
-    margin = MARGIN_DEPTHS * depth
-    window = facts.get("contact_window_m") or [x[0] - margin, x[-1] + margin]
-    check_cells(f"contact_window_m is {window}", window[1] - window[0], cell)
-    before = max(0, int(np.floor((x[0] - cell / 2 - window[0]) / cell)))
-    after = max(0, int(np.floor((window[1] - x[-1] - cell / 2) / cell)))
+    window = contact_window(facts, x, depth)
+    check_cells(f"contact_window_m is {window}", window.length_m, cell)
+    before = max(0, int(np.floor((x[0] - cell / 2 - window.start_m) / cell)))
+    after = max(0, int(np.floor((window.end_m - x[-1] - cell / 2) / cell)))
     line = Open(before + x.size + after, cell, x[0] - before * cell)
     padded = np.pad(signal, ((0, 0), (before, after)), constant_values=np.nan)
     observed = np.isfinite(padded)

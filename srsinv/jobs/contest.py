@@ -22,7 +22,8 @@ from ..forward.feature import Feature
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Line
-from ..inverse.feature_fit import FeatureFitter, FeatureModel, amplitudes
+from ..inverse.feature_fit import FeatureFitter
+from ..inverse.feature_model import FeatureModel, amplitudes
 from ..inverse.nonlinear import Correlated, Fit, Solver
 from ..inverse.problem import Estimate, Problem
 from ..progress import stage

@@ -18,8 +18,9 @@ from scipy.special import ndtri
 from ..errors import number, refuse, whole
 from ..forward.feature import Feature
 from ..grid import half_spectrum_weights
-from ..inverse import feature_fit
-from ..inverse.feature_fit import FeatureFitter, readable, stretch_of
+from ..inverse import feature_model
+from ..inverse.feature_fit import FeatureFitter, readable
+from ..inverse.feature_model import stretch_of
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
@@ -317,7 +318,7 @@ def _assumed(cfg: build.Config, on: Bench, found: dict[str, Found]) -> tuple[tup
          f"{1e6 * abs(x[1] - x[0]):.4g} um apart, at {float(on.scan.speed_m_per_s):.4g} m/s"),
         ("film depth", f"{1e3 * float(on.sensor.depth_m):.4g} mm"),
         ("simulation", f"{CELLS_PER_DEPTH} cells in a depth, where the fit has "
-         f"{feature_fit.CELLS_PER_DEPTH}"),
+         f"{feature_model.CELLS_PER_DEPTH}"),
         ("noise", f"{', '.join(cfg['noise'])}, its spectrum known to the fit: {ratios}"),
         ("start", "where the search puts the feature in the first draw, for all draws"),
         ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),

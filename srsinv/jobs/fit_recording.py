@@ -1,7 +1,11 @@
-"""Fit features of traction to a recording: where, how wide, how strong, with what friction."""
+"""Fit features to a recording: where, how wide, how high or strong, with what friction.
+
+Features of traction, or features of a surface that act through contact.
+"""
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +14,19 @@ import numpy as np
 import xarray
 from jaxtyping import Float
 
-from ..errors import refuse, shown
+from ..errors import mapping, number, refuse, shown
 from ..forward.noise import total_spectrum
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
+from ..forward.surface_feature import SurfaceFeature
 from ..grid import Periodic
-from ..inverse.feature_fit import (
-    CELLS_PER_DEPTH,
-    FeatureFit,
-    FeatureFitter,
-    probabilities,
-    traction_band,
-)
+from ..inverse.feature_fit import FeatureFit, FeatureFitter, probabilities, traction_band
+from ..inverse.feature_model import CELLS_PER_DEPTH
 from ..inverse.nonlinear import Spectrum, whitener
 from ..inverse.problem import COMPONENTS
+from ..inverse.sliding_noise import Levels
+from ..inverse.surface_fit import PROFILES, SurfaceFitter, surface_band
+from ..inverse.surface_model import SurfaceFeatures, SurfaceModel, cell_for, checked_pressure
 from ..progress import stage
 from ..recording import Recording
 from ..report import figures
@@ -34,9 +37,11 @@ from .recorded import (
     STEADY,
     check_cells,
     coloured_noises,
+    contact_window,
     elements_named,
     load_even,
     motion_of,
+    nominal_pressure,
     sensor_of,
     white_rms,
 )
@@ -95,31 +100,149 @@ def _noise(cfg: build.Config, recording: Recording, y, rms: float) -> Any:
     return Spectrum(np.asarray(coloured) + rms**2)
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """Features fitted, with the noise as it was taken, and the seconds that it took.
+
+    `levels`: of the noise, where it comes from what the fit leaves.
+    """
+
+    fit: FeatureFit
+    noise: Any
+    levels: Levels | None
+    time_s: float
+
+
 def run(cfg: build.Config) -> Outcome:
     """The job: fit every candidate, rank them, report the most probable one."""
     with build.precision(cfg):
-        named, solver = build.features(cfg), build.solver(cfg)
-        choose = build.part(cfg, "fit").get("choose")
+        settings = _settings(cfg)
+        surfaces = build.surface_features(cfg)
+        named = surfaces or build.features(cfg)
         refuse(not named, "No feature is named: give feature=[strip_load] or a sum of several.")
-        refuse(not isinstance(choose, bool), f"fit.choose is {shown(choose)}: give true or false.")
         data = measured(cfg)
-        sums = [{name: feature} for name, feature in named.items()] if choose else [named]
-        fitter = FeatureFitter(data.sensor, data.motion, solver)
-        fits, times = [], []
-        for features in [{}, *sums]:
-            with stage(f"fitting {' + '.join(features) or 'nothing'}"):
-                start = time.perf_counter()
-                fits.append(fitter(features, data.y, data.noise))
-                times.append(time.perf_counter() - start)
-        best = max(fits, key=lambda fit: fit.log_evidence) if choose else fits[-1]
+        if surfaces:
+            one = surface_fitter(cfg, data, surfaces, settings)
+        else:
+            _refuse_surface_only(settings)
+            one = _traction_fitter(cfg, data)
+        sums = [{n: feature} for n, feature in named.items()] if settings["choose"] else [named]
+        # The one looked for first: its programs serve all.
+        candidates = [_timed(one, features) for features in [*sums, {}]]
+        candidates = [candidates[-1], *candidates[:-1]]
+        if settings["choose"]:
+            best = max(candidates, key=lambda candidate: candidate.fit.log_evidence)
+        else:
+            best = candidates[-1]
+        data = replace(data, noise=best.noise)
+        if best.levels is not None:
+            data = replace(data, noise_rms=float(np.sqrt(np.mean(best.levels.white**2))))
         dataset = _dataset(data, best)
         return Outcome(
-            _title(data, best),
-            _metrics(data, fits, best, times),
+            _title(data, best.fit),
+            _metrics(data, candidates, best),
             dataset,
-            _sections(cfg, data, fits, best, times, dataset),
-            _parameter_table(best),
+            _sections(cfg, data, candidates, best, dataset),
+            _parameter_table(best.fit),
         )
+
+
+def _settings(cfg: build.Config) -> Mapping[str, Any]:
+    given = build.part(cfg, "fit")
+    known = {"choose": False, "free": None, "start": None}
+    unknown = sorted(set(given) - set(known))
+    refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: {', '.join(known)}.")
+    choose = given.get("choose", False)
+    refuse(not isinstance(choose, bool), f"fit.choose is {shown(choose)}: give true or false.")
+    return known | dict(given)
+
+
+def _refuse_surface_only(settings: Mapping[str, Any]) -> None:
+    for key in ("free", "start"):
+        refuse(
+            bool(settings[key]),
+            f"fit.{key} is {shown(settings[key])}: it is for features of a surface (ridge, tape, "
+            "step_up, step_down); leave it out.",
+        )
+
+
+def _timed(one: Callable[[Any], Candidate], features: Any) -> Candidate:
+    with stage(f"fitting {' + '.join(features) or 'nothing'}"):
+        start = time.perf_counter()
+        found = one(features)
+        return replace(found, time_s=time.perf_counter() - start)
+
+
+def _traction_fitter(cfg: build.Config, data: Measured) -> Callable[[Any], Candidate]:
+    fitter = FeatureFitter(data.sensor, data.motion, build.solver(cfg))
+
+    def one(features) -> Candidate:
+        return Candidate(fitter(features, data.y, data.noise), data.noise, None, 0.0)
+
+    return one
+
+
+def surface_fitter(
+    cfg: build.Config, data: Measured, features: SurfaceFeatures, settings: Mapping[str, Any]
+) -> Callable[[Any], Candidate]:
+    """What fits features of a surface, its edges as the sidecar has them."""
+    facts = data.recording.sidecar
+    pressure = checked_pressure(nominal_pressure(data.recording))
+    features = {name: _with_edge(name, each, facts) for name, each in features.items()}
+    window = contact_window(facts, data.motion.position_m, float(data.sensor.depth_m))
+    cell = cell_for(features, float(data.sensor.depth_m))
+    check_cells(data.recording.name, window.length_m, cell)
+    fitter = SurfaceFitter(
+        data.sensor, data.motion, features, window, pressure,
+        _names("fit.free", settings["free"]), build.solver(cfg),
+    )  # fmt: skip
+    start = _start(settings["start"], features)
+    white_given = build.part(build.part(cfg, "noise"), "white").get("rms") is not None
+    known = data.noise if white_given or coloured_noises(cfg) else None
+
+    def one(chosen) -> Candidate:
+        found = fitter({name: features[name] for name in chosen}, data.y, known, start)
+        noise = known
+        if found.levels is not None:
+            position = np.asarray(data.motion.position_m)
+            noise = found.levels.whitener(position, np.isfinite(data.y))
+        return Candidate(found.found, noise, found.levels, 0.0)
+
+    return one
+
+
+def _with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
+    if feature.edge_length_m is not None:
+        return feature
+    known = build.part(facts, "feature").get("edge_length_m")
+    refuse(
+        known is None,
+        f"The length over which the edges of {name} rise is not known, and the data cannot tell it "
+        f"from the width: give feature.{name}.edge_length_m, or feature.edge_length_m in the "
+        "sidecar.",
+    )
+    return feature.with_edge(known)
+
+
+def _names(key: str, given: Any) -> tuple[str, ...]:
+    listed = [] if given is None else [given] if isinstance(given, str) else given
+    right = isinstance(listed, list | tuple) and all(isinstance(each, str) for each in listed)
+    refuse(not right, f"{key} is {shown(given)}: give a list of parameters' names.")
+    return tuple(listed)
+
+
+def _start(given: Any, features: SurfaceFeatures) -> dict[str, float]:
+    """Values to start from, by the names that results have."""
+    start = {} if given is None else dict(mapping("fit.start", given))
+    several = len(features) > 1
+    own = [f"{n}_{a}" if several else a for n, f in features.items() for a in f.axes]
+    for name, value in start.items():
+        refuse(
+            name not in own,
+            f"fit.start names {name!r}, which is not searched for: name any of {', '.join(own)}.",
+        )
+        number(f"fit.start.{name}", value, "a number, in SI units, or leave it out")
+    return start
 
 
 def _title(data: Measured, best: FeatureFit) -> str:
@@ -129,15 +252,21 @@ def _title(data: Measured, best: FeatureFit) -> str:
 # --- numbers ---------------------------------------------------------------------------------
 
 
-def _metrics(data: Measured, fits, best: FeatureFit, times) -> dict[str, Any]:
+def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> dict[str, Any]:
+    fits, best = [candidate.fit for candidate in candidates], chosen.fit
     share = probabilities(fits)
     metrics: dict[str, Any] = {
         "feature": best.name,
         "samples": int(np.isfinite(data.y).sum()),
         f"noise_rms_{data.recording.signal_unit}": data.noise_rms,
-        "time_s_first": float(sum(times)),
+        "time_s_first": float(sum(candidate.time_s for candidate in candidates)),
         "result": best.result,
     }
+    if chosen.levels is not None:
+        metrics |= {
+            f"noise_sliding_rms_{data.recording.signal_unit}": chosen.levels.sliding,
+            "noise_sliding_correlation_m": chosen.levels.correlation_m,
+        }
     for name, (value, stderr) in best.parameters.items():
         metrics |= {name: value, f"{name}_stderr": stderr}
     for fit, probability in zip(fits, share, strict=True):
@@ -154,24 +283,30 @@ def _metrics(data: Measured, fits, best: FeatureFit, times) -> dict[str, Any]:
     return metrics
 
 
-def _dataset(data: Measured, best: FeatureFit) -> xarray.Dataset:
-    unit, motion = data.recording.signal_unit, data.motion
-    model = best.model
-    r, band = traction_band(best)
-    left = data.y - best.signal()
-    along = ("element", "sample")
+def _dataset(data: Measured, chosen: Candidate) -> xarray.Dataset:
+    best, unit, motion = chosen.fit, data.recording.signal_unit, data.motion
+    fitted = _fitted(data, best)
+    along, over = ("element", "sample"), ("component", "x")
     variables = {
         "time": (("sample",), np.asarray(motion.time_s), "s"),
         "position": (("sample",), np.asarray(motion.position_m), "m"),
         "speed": (("sample",), np.asarray(motion.speed_m_per_s), "m/s"),
         "signal": (along, data.y, unit),
-        "fitted_signal": (along, best.signal(), unit),
-        "whitened_residual": (along, _whitened(data, left), "1"),
-        "estimate": (("component", "x"), r, "Pa"),
-        "estimate_stderr": (("component", "x"), band, "Pa"),
+        "fitted_signal": (along, fitted, unit),
+        "whitened_residual": (along, _whitened(data, data.y - fitted), "1"),
     }
+    if isinstance(best.model, SurfaceModel):
+        profiles, bands = surface_band(best)
+        for name, value, band in zip(PROFILES, profiles[2:], bands[2:], strict=True):
+            units = "1" if name == "friction" else "m"
+            variables[name] = (("x",), value, units)
+            variables[f"{name}_stderr"] = (("x",), band, units)
+        r, band = profiles[:2], bands[:2]
+    else:
+        r, band = traction_band(best)
+    variables |= {"estimate": (over, r, "Pa"), "estimate_stderr": (over, band, "Pa")}
     coordinates = {
-        "x": (("x",), np.asarray(model.line.x), {"units": "m"}),
+        "x": (("x",), np.asarray(best.model.line.x), {"units": "m"}),
         "component": (("component",), list(COMPONENTS), {"units": "1"}),
         "element": (("element",), element_names(data.sensor), {"units": "1"}),
     }
@@ -187,6 +322,13 @@ def _dataset(data: Measured, best: FeatureFit) -> xarray.Dataset:
     )
 
 
+def _fitted(data: Measured, best: FeatureFit) -> np.ndarray:
+    """The fitted signal; what the fit already has where no sample is missing."""
+    if best.fit is not None and bool(np.isfinite(best.fit.residual).all()):
+        return data.y - best.fit.residual
+    return best.signal()
+
+
 def _whitened(data: Measured, left: np.ndarray) -> np.ndarray:
     """The residual over the noise, nan where no sample is."""
     whiten, _ = whitener(data.noise, left.shape)
@@ -197,7 +339,8 @@ def _whitened(data: Measured, left: np.ndarray) -> np.ndarray:
 # --- the page --------------------------------------------------------------------------------
 
 
-def _sections(cfg, data: Measured, fits, best: FeatureFit, times, ds) -> tuple[Section, ...]:
+def _sections(cfg, data: Measured, candidates, chosen: Candidate, ds) -> tuple[Section, ...]:
+    best = chosen.fit
     return (
         Section(
             "Signal and fit",
@@ -214,6 +357,7 @@ def _sections(cfg, data: Measured, fits, best: FeatureFit, times, ds) -> tuple[S
             {"traction": lambda: figures.feature_traction(ds)},
             {"traction": "p and q along the surface, of the parameters above."},
         ),
+        *_contact_section(ds),
         Section(
             "Identifiability",
             tuple(_identifiability(best)),
@@ -226,9 +370,29 @@ def _sections(cfg, data: Measured, fits, best: FeatureFit, times, ds) -> tuple[S
             ("The evidence is the probability of the data under a candidate, all of its parameters "
              "integrated out (Laplace's method), so that more parameters have to earn their place. "
              "All candidates are taken as equally probable beforehand.",),
-            tables=(_ranking(fits, times),),
+            tables=(_ranking(candidates),),
         ),
-        Section("What was assumed", (), tables=(Table(("what", "value"), _assumed(cfg, data)),)),
+        Section(
+            "What was assumed",
+            (),
+            tables=(Table(("what", "value"), _assumed(cfg, data, chosen)),),
+        ),
+    )  # fmt: skip
+
+
+def _contact_section(ds: xarray.Dataset) -> tuple[Section, ...]:
+    """How the skin lies on a fitted surface."""
+    if "gap" not in ds:
+        return ()
+    return (
+        Section(
+            "Contact",
+            ("The fitted surface, and the skin pressed onto it: pressure and shear follow from the "
+             "height by contact of the skin, taken as a half space, and by the friction.",),
+            {"contact": lambda: figures.contact(ds)},
+            {"contact": "Heights are positive into the finger. Where the skin lies on the surface "
+             "it is pressed; beside an edge it may lift off."},
+        ),
     )  # fmt: skip
 
 
@@ -296,7 +460,8 @@ def _to_error(value: float, stderr: float) -> str:
     return f"{value:.{int(np.clip(digits, 2, 12))}g}"
 
 
-def _ranking(fits, times) -> Table:
+def _ranking(candidates: list[Candidate]) -> Table:
+    fits, times = [c.fit for c in candidates], [c.time_s for c in candidates]
     share = probabilities(fits)
     order = np.argsort(-share, kind="stable")
     top = max(fit.log_evidence for fit in fits)
@@ -316,7 +481,7 @@ def _ranking(fits, times) -> Table:
     )  # fmt: skip
 
 
-def _assumed(cfg: build.Config, data: Measured) -> tuple[tuple[str, str], ...]:
+def _assumed(cfg: build.Config, data: Measured, chosen: Candidate) -> tuple[tuple[str, str], ...]:
     recording, unit = data.recording, data.recording.signal_unit
     speed = recording.speed_m_per_s
     steady = recording.is_constant_speed(STEADY)
@@ -328,13 +493,41 @@ def _assumed(cfg: build.Config, data: Measured) -> tuple[tuple[str, str], ...]:
          f"{recording.sample_rate_hz:.6g} Hz"),
         ("motion", f"{speed.mean():.4g} m/s, constant" if steady
          else f"measured, {speed.min():.4g} to {speed.max():.4g} m/s"),
-        ("traction", "features over a uniform background, on an open line"),
+        *_ground(data, chosen.fit),
         ("skin", f"half space, Poisson's ratio {float(data.sensor.skin.poisson_ratio):.4g}"),
         ("amplifier", type(data.sensor.amplifier).__name__),
         ("noise", f"white, {data.noise_rms:.3g} {unit} per sample, "
-         + ("given" if given else "from the highest wavenumbers of the recording")
-         + "".join(f"; {name}" for name in causes)),
+         + _noise_source(chosen, given, unit) + "".join(f"; {name}" for name in causes)),
         ("effects on", ", ".join(cfg["effects"]) or "none"),
         ("effects off", ", ".join(off) or "none"),
         ("solver", str(cfg["solver"]["_target_"]).rpartition(".")[2]),
+    )  # fmt: skip
+
+
+def _noise_source(chosen: Candidate, given: bool, unit: str) -> str:
+    levels = chosen.levels
+    if levels is None:
+        return "given" if given else "from the highest wavenumbers of the recording"
+    return (
+        f"and {levels.sliding:.3g} {unit} correlated over {1e3 * levels.correlation_m:.3g} mm "
+        "along the motion, both from what the fit leaves"
+    )
+
+
+def _ground(data: Measured, best: FeatureFit) -> tuple[tuple[str, str], ...]:
+    """What the features stand on."""
+    model = best.model
+    if not isinstance(model, SurfaceModel):
+        return (("traction", "features over a uniform background, on an open line"),)
+    line = model.line
+    cells = f"{line.n} cells of {1e6 * float(line.cell_m):.3g} um"
+    edges = ", ".join(f"{1e6 * f.edge_length_m:.3g} um" for f in model.features.values())
+    skin = data.sensor.skin
+    return (
+        ("surface", f"repeats with the contact window, {1e3 * float(line.cell_m * line.n):.4g} mm "
+         f"in {cells}; beyond it the plate"),
+        ("nominal pressure", f"{data.recording.sidecar.get('nominal_pressure_Pa'):.4g} Pa, the "
+         "mean over the window"),
+        ("edges", f"rise over {edges}" if edges else "none"),
+        ("Young's modulus", f"{float(skin.youngs_modulus_Pa):.4g} Pa"),
     )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.optimize as so
 import scipy.sparse.linalg as sla
 
-from ..inverse.feature_fit import FeatureModel
+from ..inverse.feature_model import FeatureModel
 from ..inverse.prior import Prior
 from ..inverse.problem import Problem
 from ..inverse.tikhonov import DerivativePenalty

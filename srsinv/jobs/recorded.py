@@ -14,6 +14,7 @@ from ..forward.noise import Noise, SignalToNoise
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
+from ..inverse.surface_model import Window
 from ..recording import Recording, load, merge
 from . import build
 
@@ -22,6 +23,8 @@ JITTER = 0.2  # of the sampling interval: beyond it there is a gap
 ROUNDED = 0.25  # of an interval: time stamps nearer to even ones than this are only rounded
 ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
 OF_A_JOB = ("cell_m",)  # keys of `recording` that say nothing about the file
+MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
+SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # where neither sidecar nor command says
 MOTION = {
     "sample_rate_hz": "a positive number in Hz",
     "speed_m_per_s": "a speed in m/s",
@@ -116,9 +119,7 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
     )
     return Sensor(
         films,
-        skin=build.make(
-            merge({"poisson_ratio": 0.5} | _skin(facts), build.part(cfg, "skin")), "skin", HalfSpace
-        ),
+        skin=build.make(merge(SKIN | _skin(facts), build.part(cfg, "skin")), "skin", HalfSpace),
         amplifier=build.amplifier(amplifier_node(cfg, description)),
     )
 
@@ -130,7 +131,7 @@ def _skin(facts: dict[str, Any]) -> dict[str, Any]:
         model != "half_space",
         f"The sidecar's skin.model is {model!r}: only half_space is known here.",
     )
-    return {"poisson_ratio": skin["poisson_ratio"]} if "poisson_ratio" in skin else {}
+    return {key: skin[key] for key in SKIN.keys() & skin.keys()}
 
 
 def amplifier_node(cfg: build.Config, description: Mapping[str, Any]) -> dict[str, Any]:
@@ -159,6 +160,23 @@ def motion_of(recording: Recording) -> Motion:
     if recording.measured_position_m is not None:
         return Motion(time_s, recording.measured_position_m, speed)
     return Motion.from_speed(time_s, speed, float(recording.position_m[0]))
+
+
+def nominal_pressure(recording: Recording) -> float | None:
+    """The mean pressure over the contact window [Pa], where it is known."""
+    given = recording.sidecar.get("nominal_pressure_Pa")
+    wanted = "a pressure in Pa that is at least 0, or null where it is not known"
+    key = f"{recording.name}: nominal_pressure_Pa"
+    return None if given is None else float(number(key, given, wanted, least=0))
+
+
+def contact_window(facts: Mapping[str, Any], position_m, depth_m: float) -> Window:
+    """What the surface repeats with: as known, else the scan and a margin beyond its ends."""
+    given = facts.get("contact_window_m")
+    if given:
+        return Window(float(given[0]), float(given[1]))
+    margin = MARGIN_DEPTHS * depth_m
+    return Window(float(np.min(position_m)) - margin, float(np.max(position_m)) + margin)
 
 
 def coloured_noises(cfg: build.Config) -> tuple[Noise, ...]:

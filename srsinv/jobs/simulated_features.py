@@ -19,7 +19,7 @@ from ..forward.noise import draw as draw_noise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Periodic
-from ..inverse.feature_fit import FeatureModel, Felt
+from ..inverse.feature_model import FeatureModel, Felt
 from ..inverse.nonlinear import Spectrum
 from . import build
 

@@ -4,3 +4,4 @@ from ._read import load as load
 from ._recording import Recording as Recording
 from ._sidecar import merge as merge
 from ._write import save as save
+from .profile import load_profile as load_profile

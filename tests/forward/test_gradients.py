@@ -14,7 +14,7 @@ import pytest
 from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent, SlowReadout
 from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripWidth
 from srsinv.forward.scan import ConstantSpeed
-from srsinv.forward.scene import Scene
+from srsinv.forward.scene import TractionScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import FrictionStep, PressedStrip
@@ -64,7 +64,7 @@ def voltage(line, factors, added):
     scan = ConstantSpeed(v["speed_m_per_s"])
     strip = PressedStrip(v["pressure_Pa"], v["feature_width_m"], v["position_m"], v["edge_m"])
     step = FrictionStep(v["change"], v["step_position_m"], v["step_edge_m"])
-    scene = Scene(v["background_pressure_Pa"], v["base_friction"], [strip], [step])
+    scene = TractionScene(v["background_pressure_Pa"], v["base_friction"], [strip], [step])
     traction = scene.traction(grid, scan.direction) + 1e3 * added
     return grid.operator(sensor.signal(scan))(traction)
 

@@ -8,7 +8,7 @@ import pytest
 
 from srsinv.forward.film import Film, Offset, StripWidth
 from srsinv.forward.scan import ConstantSpeed
-from srsinv.forward.scene import Scene
+from srsinv.forward.scene import TractionScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import Hertz
@@ -101,7 +101,7 @@ def under_hertz(line, places):
     sensor = Sensor([Film(DEPTH, 0.5)], HalfSpace(NU))
 
     def one(place):
-        r = Scene(0.0, MU, [Hertz(1.0, HALF_WIDTH, place)]).traction(line)
+        r = TractionScene(0.0, MU, [Hertz(1.0, HALF_WIDTH, place)]).traction(line)
         voltage = line.operator(sensor.signal(SCAN))(r)[0]
         return line.operator(sensor.stress())(r)[:3], voltage
 
@@ -171,7 +171,7 @@ def test_both_lines_agree_far_from_the_ends():
     """Two discretisations of the same smooth traction, on a window sixty depths wide."""
     n, cell = 512, 45e-3 / 512
     both = [kind(n, cell, -22.5e-3) for kind in (Periodic, Open)]
-    scene = Scene(0.0, 0.0, [Hertz(1.0, HALF_WIDTH, 0.0)])
+    scene = TractionScene(0.0, 0.0, [Hertz(1.0, HALF_WIDTH, 0.0)])
     sensor = Sensor([Film(DEPTH, 0.0)])
     solve = eqx.filter_jit(lambda line: line.operator(sensor.signal(SCAN))(scene.traction(line)))
     one, other = (solve(line)[0] for line in both)

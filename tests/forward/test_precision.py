@@ -8,7 +8,7 @@ import pytest
 from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent
 from srsinv.forward.noise import Johnson, SignalToNoise, Sliding, White, draw, total_spectrum
 from srsinv.forward.scan import ConstantSpeed
-from srsinv.forward.scene import Scene
+from srsinv.forward.scene import TractionScene
 from srsinv.forward.traction import FrictionStep, PressedStrip, Sinusoid
 from srsinv.grid import Open, Periodic
 from tests.forward.setups import full_sensor, largest_error
@@ -19,7 +19,7 @@ LINES = {"periodic": Periodic, "open": Open}
 def run(kind):
     """Traction, operators, signals, noise spectrum and noise, everything built anew."""
     line, scan = LINES[kind](64, 1e-4, -3e-3), ConstantSpeed(0.05)
-    scene = Scene(
+    scene = TractionScene(
         100.0,
         0.5,
         [PressedStrip(2e3, 1.5e-3, 0.3e-3, 0.2e-3), Sinusoid(50.0, 0.9e-3)],

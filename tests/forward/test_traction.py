@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from srsinv.forward.scene import Scene
+from srsinv.forward.scene import TractionScene
 from srsinv.forward.traction import FrictionStep, Hertz, PressedStrip, Sinusoid, UniformStrip
 from srsinv.grid import Open, Periodic, as_real
 
@@ -101,7 +101,7 @@ def test_gradients_are_finite_with_edges_on_cell_edges(name):
 def test_friction_step(edge):
     """Base far before the step, half of the change on it, all of it far behind."""
     line = Open(3, 2e-3, -2e-3)
-    scene = Scene(0.0, 0.4, (), [FrictionStep(-0.3, 0.0, edge)])
+    scene = TractionScene(0.0, 0.4, (), [FrictionStep(-0.3, 0.0, edge)])
     friction = eqx.filter_jit(scene.friction)(line)
     np.testing.assert_allclose(friction, [0.4, 0.25, 0.1], atol=1e-8, rtol=0)
 
@@ -111,7 +111,7 @@ def test_scene_traction(direction):
     """q = sign(u) mu p on top of a background that is there without any feature."""
     steps = [FrictionStep(0.3, 0.2e-3, 0.3e-3), FrictionStep(-0.1, -0.5e-3, 0.3e-3)]
     features = [UniformStrip(2e3, 1.4e-3), Hertz(1e3, 0.5e-3, 0.4e-3)]
-    scene = Scene(150.0, 0.4, features, steps)
+    scene = TractionScene(150.0, 0.4, features, steps)
     (p, q), friction, background = jax.device_get(
         eqx.filter_jit(lambda s, d: (s.traction(LINE, d), s.friction(LINE), s.background(d)))(
             scene, as_real(direction)
@@ -127,4 +127,4 @@ def test_scene_traction(direction):
 
 
 def test_an_empty_scene_is_no_traction():
-    np.testing.assert_array_equal(Scene().traction(Periodic(8, 1e-3)), np.zeros((2, 8)))
+    np.testing.assert_array_equal(TractionScene().traction(Periodic(8, 1e-3)), np.zeros((2, 8)))

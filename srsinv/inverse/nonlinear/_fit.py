@@ -17,7 +17,7 @@ from ._noise import whitener
 from ._parameters import Parameters, flat_mapping, parameters, real, starting_points
 from ._search import Found, Misfit, search, search_many
 from ._solvers import Optimistix, Solver
-from ._uncertainty import CONVERGED, Spread, log_evidence, nothing_known, offset, spread
+from ._uncertainty import Spread, log_evidence, nothing_known, offset, spread
 
 POLISHED = 8  # of many starts, so many of the best are searched from
 SCALES = 8  # rounds in which an unknown noise level is sought where the minimum depends on it
@@ -444,7 +444,7 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 def _result(finite, distance, terms, misfit: Misfit, ends: Found, solver: Solver, eps) -> str:
     if not finite:
         return "not finite: the model or its derivative is nan or infinite where the search stopped"
-    if distance <= CONVERGED or _nothing_left(terms, misfit, ends, eps):
+    if distance <= solver.near_enough or _nothing_left(terms, misfit, ends, eps):
         return "converged"
     if not bool(ends.done):
         return f"not converged: {solver.name} reached its {solver.max_steps} steps"

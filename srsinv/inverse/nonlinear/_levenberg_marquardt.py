@@ -54,7 +54,8 @@ class _State(eqx.Module):
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """Least squares over lower <= y <= upper, for `optimistix.least_squares` on vectors y (m,).
 
-    It ends when a step is below `rtol` of y, when the cosine between the residual and every free
+    Where the residual's derivative jumps, a second one is none: `bends` is then False. It ends when
+    a step is below `rtol` of y, when the cosine between the residual and every free
     column of the Jacobian is below it, or when its square bounds the fall of the cost; the last
     step is still taken where it does no harm.
     """
@@ -62,6 +63,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     lower: Float[Array, " m"]
     upper: Float[Array, " m"]
     rtol: float
+    bends: bool = True
     atol: float = 0.0
     norm: Callable[[Any], Array] = optx.two_norm
 
@@ -111,7 +113,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         # Of the whole step: one that the box cuts short is no sign of a minimum.
         ready = self._converged(y, point, held, step, _predicted(point, step))
         ready = ready | (accept & (jnp.abs(gain) <= self._ftol * point.cost))
-        bend, tight = _bend(residual_at, y, straight, point, held, damping, begun)
+        if self.bends:
+            bend, tight = _bend(residual_at, y, straight, point, held, damping, begun)
+        else:
+            bend, tight = jnp.zeros_like(straight), jnp.array(True)
         # A cut step can lead uphill; with more damping it follows the projected gradient.
         tight = tight & (predicted > 0)
         state = _State(

@@ -92,6 +92,89 @@ class Spectrum(Whitener):
         return np.ones(shape, bool)
 
 
+class Sliding(Whitener):
+    """White noise and one that is correlated along the motion as exp(-|dx|/correlation_m).
+
+    Rows are independent. Samples may lie unevenly in x, or be missing: the correlated part is an
+    Ornstein-Uhlenbeck process along the path, and a Kalman filter gives each sample's prediction
+    from those before it, exactly. Where the motion turns back the noise is taken as new.
+
+    Raises `BadInput` for a level or a length that is not positive.
+    """
+
+    take: Float[Array, "e sample"]
+    stderr: Float[Array, "e sample"]
+    keep: Float[Array, "place e block"]
+    passed: Float[Array, "place e block"]
+    handed: Float[Array, "block e"]
+
+    def __init__(self, position_m, white, sliding, correlation_m):
+        """`position_m` (sample,); `white` (e, sample), infinite where a sample is left out;
+        `sliding` and `correlation_m`: the correlated part's standard deviation and length."""
+        white = real(white, "The white noise must be one standard deviation for each of the data.")
+        for name, value in (("sliding", sliding), ("correlation_m", correlation_m)):
+            refuse(not value > 0, f"The noise's {name} is {value!r}: give a number above 0.")
+        refuse(not bool((white > 0).all()), "The white noise holds a level that is not above 0.")
+        step = np.abs(np.diff(np.asarray(position_m, float), append=np.inf)) / correlation_m
+        decay, renewed = np.exp(-step), -np.expm1(-2 * step)
+        keep, take, stderr = np.zeros_like(white), np.zeros_like(white), np.zeros_like(white)
+        expected = np.full(len(white), float(sliding) ** 2)
+        for i in range(white.shape[1]):
+            total = expected + white[:, i] ** 2
+            gain = np.where(np.isfinite(total), expected / total, 0.0)
+            keep[:, i], take[:, i] = decay[i] * (1 - gain), decay[i] * gain
+            stderr[:, i] = np.sqrt(total)
+            expected = decay[i] ** 2 * (1 - gain) * expected + renewed[i] * float(sliding) ** 2
+        self.take, self.stderr = as_real(take), as_real(stderr)
+        # In about sqrt(n) blocks side by side, with what each place and each block passes on.
+        blocked = _by_place(keep, np)
+        through = np.cumprod(blocked, axis=0)
+        self.keep, self.handed = as_real(blocked), as_real(through[-1].T)
+        self.passed = as_real(np.concatenate([np.ones_like(through[:1]), through[:-1]]))
+
+    def __call__(self, residual: Float[Array, "e sample"]) -> Float[Array, " n"]:
+        there = jnp.isfinite(self.stderr)
+        known = jnp.where(there, residual, 0.0)
+
+        predicted = self._followed(self.take * known)
+        white = (known - predicted) / jnp.where(there, self.stderr, 1.0)
+        return jnp.ravel(jnp.where(there, white, 0.0))
+
+    def _followed(self, push: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
+        """c_i of c_(i+1) = keep_i c_i + push_i, from c_0 = 0: in every block from nothing, and then
+        what each hands on."""
+
+        def follow(carry, at):
+            return at[0] * carry + at[1], carry
+
+        pushed = _by_place(push, jnp)
+        ends, within = jax.lax.scan(follow, jnp.zeros_like(pushed[0]), (self.keep, pushed))
+        _, before = jax.lax.scan(follow, jnp.zeros_like(ends[:, 0]), (self.handed, ends.T))
+        total = within + self.passed * before.T[None]
+        return total.transpose(1, 2, 0).reshape(len(push), -1)[:, : push.shape[1]]
+
+    def log_volume(self, shape: tuple[int, ...]) -> float:
+        del shape
+        stderr = np.asarray(self.stderr)
+        return float(np.sum(np.log(stderr[np.isfinite(stderr)])))
+
+    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+        refuse(
+            self.stderr.shape != shape,
+            f"The noise is for data of shape {self.stderr.shape}, but they have {shape}.",
+        )
+        return np.isfinite(np.asarray(self.stderr))
+
+
+def _by_place(values: Any, xp: Any) -> Any:
+    """Rows (e, n), filled up with zeros, as (place in a block, e, block)."""
+    elements, n = values.shape
+    length = int(np.ceil(np.sqrt(n)))
+    blocks = -(-n // length)
+    padded = xp.pad(values, ((0, 0), (0, blocks * length - n)))
+    return padded.reshape(elements, blocks, length).transpose(2, 0, 1)
+
+
 class Correlated(Whitener):
     """Noise of a full covariance matrix (n, n) over the data in a row.
 

@@ -14,6 +14,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...errors import number, whole
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
+from ._uncertainty import CONVERGED
+
+# Beside a derivative's jumps: the standard errors within which they let a minimum be found.
+ROUGH = 100.0
 
 Residual = Callable[[Float[Array, " m"]], Float[Array, " n"]]
 
@@ -44,6 +48,16 @@ class Solver(eqx.Module):
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
         """The minimum reached from z0 (m,)."""
 
+    @property
+    def near_enough(self) -> float:
+        """Within how many standard errors of the linearised minimum a search has converged."""
+        return CONVERGED
+
+    def tolerating(self, rounding: float) -> "Solver":
+        """The same for a residual that is smooth only beyond this share of its size."""
+        del rounding
+        return self
+
 
 def known_tolerance(value: Any) -> float | None:
     """`value`, which is refused unless it is between 0 and 1, or None."""
@@ -66,19 +80,39 @@ def relative(tolerance: float | None, dtype) -> float:
 
 
 class Optimistix(Solver):
-    """Levenberg and Marquardt's method inside the bounds, on optimistix: the default."""
+    """Levenberg and Marquardt's method inside the bounds, on optimistix: the default.
+
+    `rounding` [1]: the share of a residual within which its derivative jumps; None where it is
+    smooth.
+    """
 
     name: ClassVar[str] = "optimistix"
     tolerance: float | None = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
+    rounding: float | None = eqx.field(static=True)
 
-    def __init__(self, tolerance: Any = None, max_steps: Any = 2000):
+    def __init__(self, tolerance: Any = None, max_steps: Any = 2000, rounding: Any = None):
         self.tolerance = known_tolerance(tolerance)
         self.max_steps = known_count("max_steps", max_steps)
+        wanted = "a number between 0 and 1, or null for a smooth model"
+        self.rounding = (
+            None
+            if rounding is None
+            else float(number("solver.rounding", rounding, wanted, above=0, below=1))
+        )
+
+    @property
+    def near_enough(self) -> float:
+        return max(CONVERGED, ROUGH * (self.rounding or 0.0))
+
+    def tolerating(self, rounding: float) -> "Solver":
+        # Its square, by which the cost is off there, is as near as a minimum can be told.
+        tolerance = rounding**2 if self.tolerance is None else self.tolerance
+        return Optimistix(tolerance, self.max_steps, self.rounding or rounding)
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
         rtol = relative(self.tolerance, z0.dtype)
-        method = BoundedLevenbergMarquardt(lower=lower, upper=upper, rtol=rtol)
+        method = BoundedLevenbergMarquardt(lower, upper, rtol, bends=self.rounding is None)
         solution = optx.least_squares(
             lambda z, _: residual(z), method, z0, max_steps=self.max_steps, throw=False
         )

@@ -8,6 +8,7 @@ the next; truth is black. The same input gives the same picture.
 
 from .compare import errors_against_noise as errors_against_noise
 from .compare import ranking as ranking
+from .contact import contact as contact
 from .cost import accuracy_cost as accuracy_cost
 from .cost import errors_and_time as errors_and_time
 from .cost import fit_counts as fit_counts

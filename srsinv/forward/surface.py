@@ -1,0 +1,423 @@
+"""Surfaces: height h(x), positive into the finger, and local friction at edges.
+
+A surface is a sum of shapes on a smooth plate with a base friction. Edges may have a friction of
+their own over a short zone, mu(x) = base + (edge - base) exp(-((x - x_edge)/l)^2); the leading edge
+is the one met first (docs/physics.md, section 5).
+"""
+
+import abc
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from ..errors import number, refuse, whole
+from ..grid import Line, as_real, wavenumbers
+from .traction import Scalar
+
+
+def _real(name: str, value) -> Float[Array, ""]:
+    return as_real(number(f"surface {name}", value, "a number, in SI units"))
+
+
+def _positive(name: str, value) -> Float[Array, ""]:
+    return as_real(number(f"surface {name}", value, "a positive number, in SI units", above=0))
+
+
+def _not_negative(name: str, value) -> Float[Array, ""]:
+    return as_real(number(f"surface {name}", value, "a length in metres, 0 or more", least=0))
+
+
+def _friction(name: str, value) -> Float[Array, ""] | None:
+    wanted = "a number, of either sign, or null for that of the plate"
+    return None if value is None else as_real(number(f"surface {name}", value, wanted))
+
+
+class EdgeFriction(eqx.Module):
+    """The friction of an edge at `position_m`, instead of the base's, over about `length_m`."""
+
+    position_m: Float[Array, ""]
+    friction: Float[Array, ""]
+    length_m: Float[Array, ""]
+
+    def weight(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
+        """How much of its friction stands in for the base's: exp(-((x - x_edge)/l)^2)."""
+        return jnp.exp(-(((x - self.position_m) / self.length_m) ** 2))
+
+
+class Shape(eqx.Module):
+    """One shape on a surface."""
+
+    @abc.abstractmethod
+    def height(self, line: Line) -> Float[Array, " n"]:
+        """Height [m] at the cell centres."""
+
+    def edges(self, forward: bool) -> tuple[EdgeFriction, ...]:
+        """Edges with a friction of their own, `forward` for sliding towards +x."""
+        del forward
+        return ()
+
+
+def rise(x: Float[Array, " n"], edge_length_m: Float[Array, ""]) -> Float[Array, " n"]:
+    """From 0 to 1 about x = 0, tanh over `edge_length_m`; a vertical edge where that is 0."""
+    sharp = edge_length_m <= 0
+    smooth = jnp.tanh(x / jnp.where(sharp, 1.0, edge_length_m))
+    return 0.5 * (1 + jnp.where(sharp, jnp.sign(x), smooth))
+
+
+def _raised(x, height, width, position, edge_length) -> Float[Array, " n"]:
+    """H/2 [tanh((x - x0 + W/2)/e) - tanh((x - x0 - W/2)/e)]."""
+    left, right = x - position + width / 2, x - position - width / 2
+    return height * (rise(left, edge_length) - rise(right, edge_length))
+
+
+class Ridge(Shape):
+    """A raised strip (of negative height a groove), its friction that of the plate."""
+
+    height_m: Float[Array, ""]
+    width_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+    edge_length_m: Float[Array, ""]
+
+    def __init__(self, height_m, width_m, position_m: Scalar = 0.0, edge_length_m: Scalar = 1e-5):
+        self.height_m, self.position_m = (
+            _real("height_m", height_m),
+            _real("position_m", position_m),
+        )
+        self.width_m = _positive("width_m", width_m)
+        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        return _raised(line.x, self.height_m, self.width_m, self.position_m, self.edge_length_m)
+
+
+class Tape(Shape):
+    """A raised strip whose leading and trailing edges have a friction of their own.
+
+    `friction_zone_length_m` is the length l of both; a friction of None is that of the plate.
+    """
+
+    height_m: Float[Array, ""]
+    width_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+    edge_length_m: Float[Array, ""]
+    leading_edge_friction: Float[Array, ""] | None
+    trailing_edge_friction: Float[Array, ""] | None
+    friction_zone_length_m: Float[Array, ""]
+
+    def __init__(
+        self,
+        height_m,
+        width_m,
+        position_m: Scalar = 0.0,
+        edge_length_m: Scalar = 2e-5,
+        leading_edge_friction: Any = None,
+        trailing_edge_friction: Any = None,
+        friction_zone_length_m: Scalar = 0.6e-3,
+    ):
+        self.height_m, self.position_m = (
+            _real("height_m", height_m),
+            _real("position_m", position_m),
+        )
+        self.width_m = _positive("width_m", width_m)
+        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
+        self.leading_edge_friction = _friction("leading_edge_friction", leading_edge_friction)
+        self.trailing_edge_friction = _friction("trailing_edge_friction", trailing_edge_friction)
+        self.friction_zone_length_m = _positive("friction_zone_length_m", friction_zone_length_m)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        return _raised(line.x, self.height_m, self.width_m, self.position_m, self.edge_length_m)
+
+    def edges(self, forward: bool) -> tuple[EdgeFriction, ...]:
+        left, right = self.position_m - self.width_m / 2, self.position_m + self.width_m / 2
+        places = (left, right) if forward else (right, left)
+        frictions = (self.leading_edge_friction, self.trailing_edge_friction)
+        return tuple(
+            EdgeFriction(place, friction, self.friction_zone_length_m)
+            for place, friction in zip(places, frictions, strict=True)
+            if friction is not None
+        )
+
+
+class _Step(Shape):
+    """One edge, its other one at the seam of the window, where the surface comes back."""
+
+    height_m: eqx.AbstractVar[Float[Array, ""]]
+    position_m: eqx.AbstractVar[Float[Array, ""]]
+    edge_length_m: eqx.AbstractVar[Float[Array, ""]]
+    edge_friction: eqx.AbstractVar[Float[Array, ""] | None]
+    friction_zone_length_m: eqx.AbstractVar[Float[Array, ""]]
+
+    def edges(self, forward: bool) -> tuple[EdgeFriction, ...]:
+        del forward
+        if self.edge_friction is None:
+            return ()
+        return (EdgeFriction(self.position_m, self.edge_friction, self.friction_zone_length_m),)
+
+
+class StepUp(_Step):
+    """Higher from `position_m` on, up to the end of the window."""
+
+    height_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+    edge_length_m: Float[Array, ""]
+    edge_friction: Float[Array, ""] | None
+    friction_zone_length_m: Float[Array, ""]
+
+    def __init__(
+        self,
+        height_m,
+        position_m: Scalar = 0.0,
+        edge_length_m: Scalar = 2e-5,
+        edge_friction: Any = None,
+        friction_zone_length_m: Scalar = 0.6e-3,
+    ):
+        self.height_m, self.position_m = (
+            _real("height_m", height_m),
+            _real("position_m", position_m),
+        )
+        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
+        self.edge_friction = _friction("edge_friction", edge_friction)
+        self.friction_zone_length_m = _positive("friction_zone_length_m", friction_zone_length_m)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        return self.height_m * _from(line, self.position_m, self.edge_length_m)
+
+
+class StepDown(_Step):
+    """Higher from the beginning of the window to `position_m`, and lower from there on."""
+
+    height_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+    edge_length_m: Float[Array, ""]
+    edge_friction: Float[Array, ""] | None
+    friction_zone_length_m: Float[Array, ""]
+
+    def __init__(
+        self,
+        height_m,
+        position_m: Scalar = 0.0,
+        edge_length_m: Scalar = 2e-5,
+        edge_friction: Any = None,
+        friction_zone_length_m: Scalar = 0.6e-3,
+    ):
+        self.height_m, self.position_m = (
+            _real("height_m", height_m),
+            _real("position_m", position_m),
+        )
+        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
+        self.edge_friction = _friction("edge_friction", edge_friction)
+        self.friction_zone_length_m = _positive("friction_zone_length_m", friction_zone_length_m)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        return self.height_m * (1 - _from(line, self.position_m, self.edge_length_m))
+
+
+def _from(line: Line, position, edge_length) -> Float[Array, " n"]:
+    """One from `position` to the window's end, both edges alike."""
+    start, end = line.x[0] - line.cell_m / 2, line.x[-1] + line.cell_m / 2
+    seam = rise(line.x - start, edge_length) - rise(line.x - end, edge_length)
+    return rise(line.x - position, edge_length) + seam - 1
+
+
+class Ridges(Shape):
+    """Ridges on a pitch, as many as the window holds; one stands at `position_m`.
+
+    With a window of whole pitches the surface is periodic.
+    """
+
+    height_m: Float[Array, ""]
+    width_m: Float[Array, ""]
+    pitch_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+    edge_length_m: Float[Array, ""]
+
+    def __init__(
+        self,
+        height_m,
+        width_m,
+        pitch_m,
+        position_m: Scalar = 0.0,
+        edge_length_m: Scalar = 1e-5,
+    ):
+        self.height_m, self.position_m = (
+            _real("height_m", height_m),
+            _real("position_m", position_m),
+        )
+        self.width_m, self.pitch_m = _positive("width_m", width_m), _positive("pitch_m", pitch_m)
+        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        from_ridge = (line.x - self.position_m) / self.pitch_m
+        # From the nearest ridge; the neighbours' edges reach over where e is not small.
+        x = (from_ridge - jnp.round(from_ridge)) * self.pitch_m
+        return sum(
+            (
+                _raised(x, self.height_m, self.width_m, turn * self.pitch_m, self.edge_length_m)
+                for turn in (-1, 0, 1)
+            ),
+            jnp.zeros(line.n),
+        )
+
+
+class Cylinder(Shape):
+    """A cylinder across the sliding direction: h = sqrt(R^2 - (x - x0)^2) - R, and flat beyond."""
+
+    radius_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+
+    def __init__(self, radius_m, position_m: Scalar = 0.0):
+        self.radius_m = _positive("radius_m", radius_m)
+        self.position_m = _real("position_m", position_m)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        square = (line.x - self.position_m) ** 2
+        above = square < self.radius_m**2
+        # R - sqrt(R^2 - x^2) = x^2/(R + sqrt(R^2 - x^2)) keeps its digits for a large radius.
+        root = jnp.sqrt(jnp.where(above, self.radius_m**2 - square, 1.0))
+        return -jnp.where(above, square / (self.radius_m + root), self.radius_m)
+
+
+class Bump(Shape):
+    """A smooth bump, H exp(-(x - x0)^2/(2 s^2))."""
+
+    height_m: Float[Array, ""]
+    sigma_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+
+    def __init__(self, height_m, sigma_m, position_m: Scalar = 0.0):
+        self.height_m, self.position_m = (
+            _real("height_m", height_m),
+            _real("position_m", position_m),
+        )
+        self.sigma_m = _positive("sigma_m", sigma_m)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        return self.height_m * jnp.exp(-(((line.x - self.position_m) / self.sigma_m) ** 2) / 2)
+
+
+class SineWave(Shape):
+    """h = H cos(2 pi (x - x0)/L)."""
+
+    height_m: Float[Array, ""]
+    wavelength_m: Float[Array, ""]
+    position_m: Float[Array, ""]
+
+    def __init__(self, height_m, wavelength_m, position_m: Scalar = 0.0):
+        self.height_m, self.position_m = (
+            _real("height_m", height_m),
+            _real("position_m", position_m),
+        )
+        self.wavelength_m = _positive("wavelength_m", wavelength_m)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        k = 2 * jnp.pi / self.wavelength_m
+        return self.height_m * jnp.cos(k * (line.x - self.position_m))
+
+
+class Rough(Shape):
+    """A random texture of rms height, Gaussian, periodic with the window.
+
+    Its power spectrum is flat up to the roll-off wavenumber 2 pi/`longest_m` and falls as
+    k^-(1 + 2 H) from there to 2 pi/`shortest_m`, H the `hurst` exponent: a self-affine profile. The
+    same `seed` gives the same waves on every line that holds the same window, however fine.
+    """
+
+    rms_m: Float[Array, ""]
+    longest_m: Float[Array, ""]
+    shortest_m: Float[Array, ""]
+    hurst: Float[Array, ""]
+    seed: int = eqx.field(static=True)
+
+    def __init__(self, rms_m, longest_m, shortest_m, hurst: Scalar = 0.8, seed: Any = 0):
+        self.rms_m = _not_negative("rms_m", rms_m)
+        self.longest_m = _positive("longest_m", longest_m)
+        wanted = "a positive length in metres, not above longest_m"
+        known = longest_m if not isinstance(longest_m, Tracer) else None
+        self.shortest_m = as_real(
+            number("surface shortest_m", shortest_m, wanted, above=0, most=known)
+        )
+        self.hurst = as_real(
+            number("surface hurst", hurst, "a number from 0 to 1", least=0, most=1)
+        )
+        self.seed = whole("surface seed", seed, "a whole number, 0 or more", least=0)
+
+    def power(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
+        """The spectrum, up to a factor."""
+        roll_off, cut_off = 2 * jnp.pi / self.longest_m, 2 * jnp.pi / self.shortest_m
+        fall = (jnp.maximum(k, roll_off) / roll_off) ** -(1 + 2 * self.hurst)
+        return jnp.where((k > 0) & (k <= cut_off), fall, 0.0)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        k = wavenumbers(line.n, line.cell_m)
+        # Wave by wave from its own key, so that a finer line adds waves and changes none; the last
+        # one of an even line stands for two and is left out.
+        keys = jax.vmap(jax.random.fold_in, (None, 0))(
+            jax.random.key(self.seed), np.arange(k.size, dtype=np.uint32)
+        )
+        parts = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys)
+        inside = np.arange(k.size) < (line.n + 1) // 2
+        power = jnp.where(inside, self.power(k), 0.0)
+        amplitude = jnp.sqrt(jnp.where(power > 0, power, 1.0)) * (power > 0)
+        wave = amplitude * (parts[:, 0] + 1j * parts[:, 1])
+        # Half a cell lies between the window's start and the first cell.
+        wave = wave * jnp.exp(0.5j * k * line.cell_m)
+        height = jnp.fft.irfft(wave, line.n) * line.n
+        expected = jnp.sqrt(4 * jnp.sum(power))
+        return self.rms_m * height / jnp.where(expected > 0, expected, 1.0)
+
+
+class Profile(Shape):
+    """A measured profile: heights (sample,) at increasing positions, straight lines between them,
+    and level beyond its ends."""
+
+    position_m: Float[Array, " sample"]
+    profile_m: Float[Array, " sample"]
+
+    def __init__(self, position_m, profile_m):
+        x, h = np.asarray(position_m, float), np.asarray(profile_m, float)
+        refuse(
+            x.ndim != 1 or x.shape != h.shape or x.size < 2,
+            f"surface profile has positions of shape {x.shape} and heights of shape {h.shape}: "
+            "give two columns of the same length, at least 2 samples.",
+        )
+        refuse(
+            not (np.isfinite(x).all() and np.isfinite(h).all()),
+            "surface profile holds values that are not finite: correct or leave them out.",
+        )
+        refuse(
+            bool((np.diff(x) <= 0).any()),
+            "surface profile: the positions must increase strictly: sort them and leave out "
+            "repetitions.",
+        )
+        self.position_m, self.profile_m = as_real(x), as_real(h)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        return jnp.interp(line.x, self.position_m, self.profile_m)
+
+
+class Surface(eqx.Module):
+    """The sum of shapes on a plate of friction `base_friction`."""
+
+    shapes: tuple[Shape, ...]
+    base_friction: Float[Array, ""]
+
+    def __init__(self, shapes: Sequence[Shape] = (), base_friction: Scalar = 0.0):
+        self.shapes = tuple(shapes)
+        self.base_friction = _real("base_friction", base_friction)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        """Height [m] at the cell centres."""
+        return sum((shape.height(line) for shape in self.shapes), jnp.zeros(line.n))
+
+    def friction(self, line: Line, forward: bool = True) -> Float[Array, " n"]:
+        """mu at the cell centres, `forward` for sliding towards +x."""
+        mu = jnp.full(line.n, self.base_friction)
+        for edge in (edge for shape in self.shapes for edge in shape.edges(forward)):
+            mu = mu + (edge.friction - self.base_friction) * edge.weight(line.x)
+        return mu

@@ -1,0 +1,143 @@
+"""Features of a surface: families of shapes, to be looked for in a signal through contact.
+
+A feature names its parameters and where to look for them. Frictions enter the signal linearly,
+heights and lengths do not.
+"""
+
+import abc
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import equinox as eqx
+import numpy as np
+
+from ..errors import number
+from .feature import POSITION, Axis, Range, Stretch, range_name, ranges, searched
+from .surface import Ridge, Shape, StepDown, StepUp, Tape
+from .traction import Scalar
+
+LEAST_HEIGHT_M, GREATEST_HEIGHT_M = 1e-7, 1e-3
+HEIGHTS = 7  # tried: the signal goes from linear in the height to independent of it
+
+
+def _heights(within: Range, stretch: Stretch) -> np.ndarray:
+    """By equal factors; over zero, both signs."""
+    del stretch
+    low, high = within
+    if low >= 0 or high <= 0:
+        least, most = sorted((abs(low), abs(high)))
+        tried = np.geomspace(max(least, most / 1e3), most, HEIGHTS + 2)[1:-1]
+        return tried if high > 0 else -tried
+    ends = (_heights((0.0, end), stretch) for end in (abs(low), high))
+    below, above = ends
+    return np.concatenate([-below, above])
+
+
+def _widths(within: Range, stretch: Stretch) -> np.ndarray:
+    """So near that every edge is within a quarter of a depth of a tried one."""
+    low, high = within
+    even = np.arange(1, int(2 * high / stretch.depth_m) + 1) * stretch.depth_m / 2
+    narrow = stretch.depth_m * np.array([0.12, 0.25])
+    tried = np.concatenate([narrow, even])
+    inside = tried[(tried > low) & (tried < high)]
+    return inside if inside.size else np.array([np.sqrt(low * high)])
+
+
+def _middle(within: Range, stretch: Stretch) -> np.ndarray:
+    del stretch
+    return np.array([np.sqrt(max(within[0], 1e-2 * within[1]) * within[1])])
+
+
+HEIGHT = Axis(lambda _: (LEAST_HEIGHT_M, GREATEST_HEIGHT_M), _heights)
+WIDTH = Axis(lambda s: (0.02 * s.depth_m, s.length_m), _widths, (0.0, np.inf))
+ZONE = Axis(lambda s: (0.1 * s.depth_m, 4 * s.depth_m), _middle, (0.0, np.inf))
+
+
+class SurfaceFeature(eqx.Module):
+    """A family of shapes.
+
+    - `searched`: where a parameter is looked for, (name, (least, greatest)), for those that are not
+      looked for everywhere.
+    - `edge_length_m`: over which its edges rise; None where the recording's sidecar is to say.
+
+    `frictions` are the names of what enters linearly beside the plate's friction. Built from
+    `edge_length_m` and, for each parameter, `height_range_m`, `width_range_m` and so on. Raises
+    `BadInput` for a range that is none, or not of the feature's parameters.
+    """
+
+    axes: ClassVar[Mapping[str, Axis]]
+    frictions: ClassVar[tuple[str, ...]] = ()
+    searched: tuple[tuple[str, Range], ...] = eqx.field(static=True)
+    edge_length_m: float | None = eqx.field(static=True)
+
+    def __init__(self, edge_length_m: Any = None, **given: Any):
+        if edge_length_m is not None:
+            wanted = "a positive length in metres, or null to take it from the sidecar"
+            edge_length_m = float(number("feature.edge_length_m", edge_length_m, wanted, above=0))
+        self.edge_length_m = edge_length_m
+        self.searched = searched(type(self).__name__, self.axes, given, "edge_length_m")
+
+    def ranges(self, stretch: Stretch) -> dict[str, Range]:
+        """Where each parameter that is not a friction is looked for."""
+        return ranges(self.axes, self.searched, stretch)
+
+    def with_edge(self, edge_length_m: Any) -> "SurfaceFeature":
+        """The same with edges that rise over this length."""
+        given = {range_name(name): list(within) for name, within in self.searched}
+        return type(self)(edge_length_m, **given)
+
+    @abc.abstractmethod
+    def shape(self, own: Mapping[str, Scalar]) -> Shape:
+        """The shape of these parameters: those of `axes`, of `frictions`, and `edge_length_m`."""
+
+
+class RidgeFeature(SurfaceFeature):
+    """A raised strip."""
+
+    axes: ClassVar[Mapping[str, Axis]] = {
+        "height_m": HEIGHT,
+        "width_m": WIDTH,
+        "position_m": POSITION,
+    }
+
+    def shape(self, own: Mapping[str, Scalar]) -> Shape:
+        return Ridge(**own)
+
+
+class TapeFeature(SurfaceFeature):
+    """A raised strip whose two edges have a friction of their own."""
+
+    axes: ClassVar[Mapping[str, Axis]] = {
+        "height_m": HEIGHT,
+        "width_m": WIDTH,
+        "position_m": POSITION,
+        "friction_zone_length_m": ZONE,
+    }
+    frictions: ClassVar[tuple[str, ...]] = ("leading_edge_friction", "trailing_edge_friction")
+
+    def shape(self, own: Mapping[str, Scalar]) -> Shape:
+        return Tape(**own)
+
+
+class StepUpFeature(SurfaceFeature):
+    """A step up, to the end of the window, its edge with a friction of its own."""
+
+    axes: ClassVar[Mapping[str, Axis]] = {
+        "height_m": HEIGHT,
+        "position_m": POSITION,
+        "friction_zone_length_m": ZONE,
+    }
+    frictions: ClassVar[tuple[str, ...]] = ("edge_friction",)
+
+    def shape(self, own: Mapping[str, Scalar]) -> Shape:
+        return StepUp(**own)
+
+
+class StepDownFeature(SurfaceFeature):
+    """A step down, from the beginning of the window, its edge with a friction of its own."""
+
+    axes: ClassVar[Mapping[str, Axis]] = StepUpFeature.axes
+    frictions: ClassVar[tuple[str, ...]] = ("edge_friction",)
+
+    def shape(self, own: Mapping[str, Scalar]) -> Shape:
+        return StepDown(**own)

@@ -1,0 +1,242 @@
+"""Features of a surface fitted to a signal: how high, how wide, where, with what friction.
+
+Between height and signal stands contact. Frictions enter linearly and are solved out; heights and
+lengths are searched from a bank of shapes. The noise is what the fit leaves.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import number, refuse
+from ..forward.feature import Stretch
+from ..forward.scan import Motion
+from ..forward.sensor import Sensor
+from .feature_fit import FeatureFit, log_density
+from .feature_model import stretch_of
+from .nonlinear import Fit, Optimistix, Solver, fit
+from .sliding_noise import Levels, estimate, first_levels
+from .surface_model import Rubbed, SurfaceFeatures, SurfaceModel, Window, cell_for
+from .surface_search import SurfaceSearch
+
+GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
+PROFILES = ("height", "gap", "friction")  # beside p and q, in the order of the model's
+ROUNDS = 4  # of fitting, and estimating the noise from what is left
+# Prior standard deviation of a friction: far beyond any, so as not to pull.
+ANY_FRICTION = 10.0
+REACH = {  # where what is known is looked for once it is freed, as factors
+    "edge_length_m": 20.0,
+    "depth_m": 3.0,
+    "gain": 10.0,
+    "nominal_pressure_Pa": 10.0,
+}
+KNOWN = tuple(REACH)
+# Share of the signal within which it jumps in its derivative: cells touch and part one by one.
+ROUNDING = 1e-4
+
+
+@dataclass(frozen=True)
+class SurfaceFit:
+    """Features fitted, and the noise's levels where they come from what the fit leaves."""
+
+    found: FeatureFit
+    levels: Levels | None
+
+
+class SurfaceFitter:
+    """Fits features of a surface to signals of one sensor along one motion.
+
+    - `window`: what the surface repeats with; `nominal_pressure_Pa`: the mean pressure over it.
+    - `also`: what is to be found beside heights, lengths and frictions, of `KNOWN`.
+
+    What does not depend on the signal is computed once, and the programs compiled for the first
+    signal serve all. Raises `BadInput` for a window that does not hold the scan, and for names that
+    are not known.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        motion: Motion,
+        features: SurfaceFeatures,
+        window: Window,
+        nominal_pressure_Pa: float,
+        also: Sequence[str] = (),
+        solver: Solver | None = None,
+    ):
+        for name in also:
+            refuse(
+                name not in KNOWN and not _is_parameter(features, name),
+                f"fit.free names {name!r}: beside the features' own parameters it can name "
+                f"{', '.join(KNOWN)}.",
+            )
+        self._depth_m = float(sensor.depth_m)
+        self._stretch: Stretch = stretch_of(sensor, motion)
+        self._pressure, self._also = nominal_pressure_Pa, tuple(n for n in also if n in KNOWN)
+        self._rubbed = Rubbed(sensor, motion, window, cell_for(features, self._depth_m))
+        self._search = SurfaceSearch(self._rubbed, window, self._stretch)
+        self._solver = (solver or Optimistix()).tolerating(ROUNDING)
+        self._models: dict[tuple[str, ...], SurfaceModel] = {}
+
+    def __call__(
+        self,
+        features: SurfaceFeatures,
+        y: Float[np.ndarray, "e sample"],
+        noise: Any = None,
+        start: Mapping[str, float] | None = None,
+    ) -> SurfaceFit:
+        """The features' parameters under which they explain `y` best.
+
+        - `noise`: as [`nonlinear.fit`][] takes it; None: estimated from what is left, in rounds.
+        - `start`: values to start from, by the parameters' names as in the result.
+
+        Features of a sum are found one after the other, and then fitted together.
+        """
+        y, levels = np.asarray(y, float), None
+        if noise is None:
+            levels = first_levels(y, self._depth_m)
+        white = first_levels(y, self._depth_m).white
+        parts: dict[str, Any] = {}
+        result, params = None, self._plain(len(y))
+        for name, feature in features.items():
+            given = _own(start or {}, name, features)
+            known = {
+                "nominal_pressure_Pa": self._pressure,
+                "edge_length_m": feature.edge_length_m,
+            }
+            shapes = self._search.starts(y, white, (parts, params), feature, known, given)
+            parts = parts | {name: feature}
+            fixed = dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_length_m}
+            model = self._model(parts)
+            using = self._noise(levels, y) if noise is None else noise
+            ends: list[Fit] = []
+            for shape in shapes:
+                ends.append(self._fit(model, params | {name: shape | fixed}, y, using))
+                if ends[-1].stats["chi2_per_freedom"] < GOOD_ENOUGH:
+                    break
+            result = min(ends, key=lambda end: end.stats["cost"])
+            params = dict(result.value)
+        if result is None:
+            using = self._noise(estimate(y, *self._scale), y) if noise is None else noise
+            return SurfaceFit(
+                FeatureFit({}, None, self._model({}), {}, log_density(y, using)), levels
+            )
+        if levels is not None:
+            result, levels = self._settled(self._model(parts), result, y, levels)
+        model = self._model(parts)
+        found = FeatureFit(
+            dict(features), result, model, readable(model, result), _evidence(result)
+        )
+        return SurfaceFit(found, levels)
+
+    @property
+    def _scale(self):
+        return self._rubbed.motion.position_m, self._depth_m
+
+    def _settled(self, model, result: Fit, y, levels: Levels) -> tuple[Fit, Levels]:
+        """Fit and noise in turn, until the noise no longer changes."""
+        for _ in range(ROUNDS):
+            last, levels = levels, estimate(result.residual, *self._scale)
+            result = self._fit(model, dict(result.value), y, self._noise(levels, y))
+            if not levels.far_from(last):
+                break
+        return result, levels
+
+    def _noise(self, levels: Levels, y):
+        return levels.whitener(np.asarray(self._rubbed.motion.position_m), np.isfinite(y))
+
+    def _plain(self, elements: int) -> dict[str, Any]:
+        """The plate alone."""
+        params = {"base_friction": 0.0, "nominal_pressure_Pa": self._pressure, "gain": 1.0}
+        if "depth_m" in self._also:
+            params["depth_m"] = self._depth_m
+        if self._rubbed.free_offset:
+            params["offset"] = np.zeros(elements)
+        return params
+
+    def _model(self, parts) -> SurfaceModel:
+        key = tuple(parts)
+        if key not in self._models:
+            self._models[key] = SurfaceModel(self._rubbed, parts)
+        return self._models[key]
+
+    def _fit(self, model: SurfaceModel, start: dict[str, Any], y, noise) -> Fit:
+        bounds: dict[str, tuple[float, float]] = {}
+        for name, feature in model.features.items():
+            for part, within in feature.ranges(self._stretch).items():
+                bounds[f"{name}.{part}"] = within
+            if "edge_length_m" in self._also:
+                bounds[f"{name}.edge_length_m"] = _about("edge_length_m", feature.edge_length_m)
+        whole = {"depth_m": self._depth_m, "gain": 1.0, "nominal_pressure_Pa": self._pressure}
+        bounds |= {name: _about(name, whole[name]) for name in self._also if name in whole}
+        free = [*bounds, *model.linear]
+        priors = {name: (0.0, ANY_FRICTION) for name in model.linear if name != "offset"}
+        if self._rubbed.free_offset:
+            priors["offset"] = (0.0, 30 * float(np.nanmax(np.abs(y))) + 1e-300)
+        return fit(
+            model,
+            start,
+            y,
+            noise=noise,
+            bounds=bounds,
+            free=free,
+            linear=model.linear,
+            priors=priors,
+            solver=self._solver,
+        )
+
+
+def _about(name: str, value: float) -> tuple[float, float]:
+    return value / REACH[name], value * REACH[name]
+
+
+def _is_parameter(features: SurfaceFeatures, name: str) -> bool:
+    return name == "base_friction" or any(
+        name in (*feature.axes, *feature.frictions) for feature in features.values()
+    )
+
+
+def _own(start: Mapping[str, float], name: str, features: SurfaceFeatures) -> dict[str, float]:
+    """What of the start is this feature's."""
+    prefix = f"{name}_" if len(features) > 1 else ""
+    own = {}
+    for part in features[name].axes:
+        if prefix + part in start:
+            given = start[prefix + part]
+            own[part] = float(number(f"fit.start.{prefix}{part}", given, "a number, in SI units"))
+    return own
+
+
+def _evidence(result: Fit) -> float:
+    return -np.inf if result.log_evidence is None else float(result.log_evidence)
+
+
+def readable(model: SurfaceModel, result: Fit) -> dict[str, tuple[float, float]]:
+    """Each parameter that was free as a user reads it, with its standard error."""
+    read: dict[str, tuple[float, float]] = {}
+    for name, feature in model.features.items():
+        prefix = f"{name}_" if len(model.features) > 1 else ""
+        own, spread = result.value[name], result.stderr[name]
+        for part in (*feature.axes, *feature.frictions, "edge_length_m"):
+            if f"{name}.{part}" in result.names:
+                read[prefix + part] = float(own[part]), float(spread[part])
+    for part in ("base_friction", *KNOWN):
+        if part in result.names:
+            read[part] = float(result.value[part]), float(result.stderr[part])
+    return read
+
+
+def surface_band(
+    found: FeatureFit,
+) -> tuple[Float[np.ndarray, "5 n"], Float[np.ndarray, "5 n"]]:
+    """p and q [Pa], height and gap [m] and friction along the model's line, and their standard
+    errors to first order."""
+    n = found.model.line.n
+    if found.fit is None:
+        return np.zeros((5, n)), np.zeros((5, n))
+    value, stderr = found.fit.derive(lambda params: jnp.ravel(found.model.profiles(params)))
+    return value.reshape(5, n), stderr.reshape(5, n)

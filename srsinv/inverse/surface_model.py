@@ -1,0 +1,196 @@
+"""The signal of features of a surface, pressed on and slid over: parameters to voltage."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import scipy.fft
+from jaxtyping import Array, Float
+
+from ..errors import number, refuse
+from ..forward.contact import Contact, press
+from ..forward.scan import Motion
+from ..forward.scanned import Scanned
+from ..forward.sensor import Sensor
+from ..forward.surface import Surface
+from ..forward.surface_feature import SurfaceFeature
+from ..grid import Line, Open, Periodic, as_real
+
+SurfaceFeatures = Mapping[str, SurfaceFeature]
+
+CELLS_PER_EDGE = 5  # the contact beside an edge is then right to some 1e-4 of the signal
+CELLS_PER_DEPTH = 64  # at least, whatever the edges
+BLOCK = 256  # cells come in multiples of it: the contact starts on so much wider cells
+
+
+@dataclass(frozen=True)
+class Window:
+    """The stretch that the surface repeats with."""
+
+    start_m: float
+    end_m: float
+
+    @property
+    def length_m(self) -> float:
+        """Its length."""
+        return self.end_m - self.start_m
+
+
+class Rubbed(eqx.Module):
+    """A sensor along a motion over a surface that repeats with `window`.
+
+    `line` has the window's cells. Beyond an open one the traction is that of the plate, which a
+    rate does not feel; on a periodic one, quicker to set up, everything repeats. `ways`: whether
+    the sensor slides towards +x, and towards -x.
+    """
+
+    sensor: Sensor
+    motion: Motion
+    line: Line
+    scanned: Scanned
+    ways: tuple[bool, ...] = eqx.field(static=True)
+    free_offset: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        motion: Motion,
+        window: Window,
+        cell_m: float,
+        kind: type[Open] | type[Periodic] = Open,
+    ):
+        x = np.asarray(motion.position_m)
+        refuse(
+            not (window.start_m <= x.min() and x.max() <= window.end_m),
+            f"The contact window from {window.start_m:.6g} m to {window.end_m:.6g} m does not hold "
+            f"the scan from {x.min():.6g} m to {x.max():.6g} m: give recording.contact_window_m "
+            "as [start, end] around it.",
+        )
+        blocks = int(np.ceil(window.length_m / cell_m / BLOCK))
+        n = BLOCK * int(scipy.fft.next_fast_len(max(blocks, 1), real=True))
+        cell = window.length_m / n
+        self.sensor, self.motion = sensor, motion
+        self.line = kind(n, cell, window.start_m + cell / 2)
+        self.scanned = _scanned(sensor, motion, self.line)
+        onwards = np.asarray(motion.direction) >= 0
+        self.ways = tuple(way for way in (True, False) if bool(np.any(onwards == way)))
+        self.free_offset = sensor.amplifier.offset is None
+
+    def at_depth(self, depth_m: Any) -> Scanned:
+        """The signal of every sample with the film at another depth."""
+        films = self.sensor.elements
+        moved = depth_m - self.sensor.depth_m
+        deeper = eqx.tree_at(
+            lambda s: [film.depth_m for film in s.elements],
+            self.sensor,
+            [film.depth_m + moved for film in films],
+        )
+        return deeper.scanned(self.line, self.motion)
+
+
+@eqx.filter_jit
+def _scanned(sensor: Sensor, motion: Motion, line: Line) -> Scanned:
+    return sensor.scanned(line, motion)
+
+
+def cell_for(features: SurfaceFeatures, depth_m: float) -> float:
+    """How wide the cells may be."""
+    edges = [feature.edge_length_m for feature in features.values() if feature.edge_length_m]
+    return min([depth_m / CELLS_PER_DEPTH, *(edge / CELLS_PER_EDGE for edge in edges)])
+
+
+class SurfaceModel(eqx.Module):
+    """The signal of `features` as `rubbed`: parameters to (element, sample).
+
+    Parameters are a tree: each feature's by its name, `base_friction`, `nominal_pressure_Pa`,
+    `gain` (a factor on the signal), where the film's depth is to be found `depth_m`, and where each
+    element has an unknown constant `offset`.
+    """
+
+    rubbed: Rubbed
+    features: dict[str, SurfaceFeature]
+
+    def __init__(self, rubbed: Rubbed, features: SurfaceFeatures):
+        self.rubbed, self.features = rubbed, dict(features)
+
+    @property
+    def line(self) -> Line:
+        """Where the traction lies."""
+        return self.rubbed.line
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the parameters that enter linearly."""
+        own = [f"{name}.{each}" for name, f in self.features.items() for each in f.frictions]
+        return ("base_friction", *own, *(("offset",) if self.rubbed.free_offset else ()))
+
+    def surface(self, params: Any) -> Surface:
+        """The surface of these parameters."""
+        shapes = [feature.shape(params[name]) for name, feature in self.features.items()]
+        return Surface(shapes, params["base_friction"])
+
+    def contact(self, params: Any) -> Contact:
+        """How the skin lies on it."""
+        height = self.surface(params).height(self.line)
+        return press(self.line, self.rubbed.sensor.skin, height, params["nominal_pressure_Pa"])
+
+    def traction(self, params: Any) -> Float[Array, "2 n"]:
+        """p and q [Pa] beyond those on the bare plate, while sliding towards +x."""
+        return self._tractions(params, (True,))[0]
+
+    def profiles(self, params: Any) -> Float[Array, "5 n"]:
+        """p and q as [`traction`][] has them, height and gap [m] and friction, along the line."""
+        surface, contact = self.surface(params), self.contact(params)
+        mu, nominal = surface.friction(self.line), params["nominal_pressure_Pa"]
+        p = contact.pressure_Pa - nominal
+        q = mu * contact.pressure_Pa - surface.base_friction * nominal
+        return jnp.stack([p, q, surface.height(self.line), contact.gap_m, mu])
+
+    def _tractions(self, params: Any, ways: tuple[bool, ...]) -> list[Float[Array, "2 n"]]:
+        surface, nominal = self.surface(params), params["nominal_pressure_Pa"]
+        pressure = self.contact(params).pressure_Pa
+
+        def sliding(forward: bool):
+            shear = surface.friction(self.line, forward) * pressure
+            shear = shear - surface.base_friction * nominal
+            return jnp.stack([pressure - nominal, shear if forward else -shear])
+
+        return [sliding(forward) for forward in ways]
+
+    @eqx.filter_jit
+    def __call__(self, params: Any) -> Float[Array, "e sample"]:
+        rubbed = self.rubbed
+        scanned = rubbed.at_depth(params["depth_m"]) if "depth_m" in params else rubbed.scanned
+        signal = params["gain"] * scanned(*self._tractions(params, rubbed.ways))
+        return signal + params["offset"][:, None] if rubbed.free_offset else signal
+
+    @eqx.filter_jit
+    def fields(self, params: Any) -> Float[Array, "part way e n"]:
+        """What the amplifier reads along the line, before its gain over time: of no friction at
+        all, then of one unit more of each parameter that is linear, in their order."""
+        names = [name for name in self.linear if name != "offset"]
+
+        def of(one: str | None):
+            own = dict(params) | {"base_friction": as_real(one == "base_friction")}
+            for name, feature in self.features.items():
+                units = {f: as_real(one == f"{name}.{f}") for f in feature.frictions}
+                own[name] = dict(own[name]) | units
+            ways = self._tractions(own, self.rubbed.ways)
+            return jnp.stack([self.rubbed.scanned.field(traction) for traction in ways])
+
+        bare = of(None)
+        return jnp.stack([bare, *(of(name) - bare for name in names)])
+
+
+def checked_pressure(given: Any) -> float:
+    """The nominal pressure, refused where none is known."""
+    refuse(
+        given is None,
+        "No nominal pressure is known, which a surface is pressed on with: give "
+        "recording.nominal_pressure_Pa, the mean over the contact window.",
+    )
+    wanted = "a positive pressure in Pa"
+    return float(number("recording.nominal_pressure_Pa", given, wanted, above=0))
