@@ -6,7 +6,7 @@ the window, and the mean pressure is given; the skin as a whole moves freely. Th
     gap = w + const - h >= 0,  p >= 0,  p gap = 0,  mean p = nominal.
 
 At nu = 1/2 shear does not move the surface normally (no Dundurs coupling), so that friction leaves
-p alone (docs/physics.md, section 5).
+p alone (docs/physics.md, section 10).
 """
 
 from typing import NamedTuple
@@ -14,6 +14,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
@@ -79,7 +80,7 @@ def press(
     number("nominal_pressure_Pa", nominal_pressure_Pa, wanted, above=0)
     if not isinstance(height_m, Tracer):
         refuse(
-            not bool(jnp.isfinite(height_m).all()),
+            not bool(np.isfinite(height_m).all()),
             "The surface's height is not finite everywhere: check its numbers, in metres.",
         )
     compliance = cell_compliance(line, skin)
@@ -219,11 +220,10 @@ def _iterate(height, nominal, compliance, start, most: int):
             lambda: _times(compliance, deviation),
         )
         gap, residual = _gap(height, nominal, moved, deviation)
-        conjugate = ~jnp.any(lifted & touching)
+        # A direction that lost cells would carry a net force.
         return _State(
-            deviation, moved, gap, residual, active, evenly, direction, norm, conjugate,
-            at.steps + 1,
-        )  # fmt: skip
+            deviation, moved, gap, residual, active, evenly, direction, norm, whole, at.steps + 1
+        )
 
     zero, none = jnp.zeros((), height.dtype), jnp.zeros_like(height)
     moved = _times(compliance, start)

@@ -81,12 +81,15 @@ def _film(name: str, part: Any, description: Mapping[str, Any], effects, also) -
 
     width = known("strip_width_m", _LENGTH)
     along: list[LineEffect] = list(also)
+    depth = known("depth_m", _LENGTH)
     if "strip_width" in effects:
-        along.append(StripWidth(width))
+        # Lengths out of range are the film's to refuse.
+        fits = min(width, depth) > 0
+        along.append(StripWidth.at_depth(width, depth) if fits else StripWidth(width))
     if offset := known("offset_m", "a length in metres, of either sign", 0.0):
         along.append(Offset(offset))
     return Film(
-        depth_m=known("depth_m", _LENGTH),
+        depth_m=depth,
         angle_rad=_angle(name, part),
         width_m=width,
         length_m=known("active_length_m", _LENGTH),

@@ -38,17 +38,26 @@ class StripWidth(LineEffect):
     """The strip's charge is the mean over its width: sin(kw/2)/(kw/2), blind at k = 2 pi n / w."""
 
     width_m: Float[Array, ""]
+    nodes: int = eqx.field(static=True)
 
-    def __init__(self, width_m):
-        self.width_m = as_real(width_m)
+    def __init__(self, width_m, nodes: int = 64):
+        self.width_m, self.nodes = as_real(width_m), nodes
+
+    @classmethod
+    def at_depth(cls, width_m: float, depth_m: float) -> "StripWidth":
+        """With as many nodes as round-off needs for a film at this depth."""
+        # The kernel is analytic within a depth of the real axis, so that Gauss's rule converges as
+        # r^(-2 nodes), r the sum of the half axes of the ellipse up to there.
+        ratio = 2 * depth_m / width_m
+        nodes = np.log(1 / np.finfo(float).eps) / (2 * np.arcsinh(ratio))
+        return cls(width_m, int(np.clip(np.ceil(nodes) + 2, 8, 256)))
 
     def transfer(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
         return sinc(k * self.width_m / 2)
 
     def spread(self, kernel: Kernel) -> Kernel:
-        # The kernel is analytic within a depth of the real axis, so Gauss's rule converges
-        # geometrically: round-off up to a width of ten depths with 64 nodes.
-        nodes, weights = np.polynomial.legendre.leggauss(64)
+        # 64 nodes are enough for a width of up to ten depths.
+        nodes, weights = np.polynomial.legendre.leggauss(self.nodes)
         return spread_over(kernel, self.width_m / 2 * nodes, weights / 2)
 
 

@@ -52,7 +52,7 @@ class HalfSpace(eqx.Module):
 
     def compliance(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
         """The surface's displacement into the finger per unit pressure exp(ikx), 2/(E* |k|) [m/Pa],
-        for k > 0 (docs/physics.md, section 5)."""
+        for k > 0 (docs/physics.md, section 10)."""
         return 2 / (self.contact_modulus_Pa * jnp.abs(k))
 
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "3 2 k"]:

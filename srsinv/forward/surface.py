@@ -2,7 +2,7 @@
 
 A surface is a sum of shapes on a smooth plate with a base friction. Edges may have a friction of
 their own over a short zone, mu(x) = base + (edge - base) exp(-((x - x_edge)/l)^2); the leading edge
-is the one met first (docs/physics.md, section 5).
+is the one met first (docs/physics.md, section 10).
 """
 
 import abc
@@ -221,8 +221,8 @@ class StepDown(_Step):
 def _from(line: Line, position, edge_length) -> Float[Array, " n"]:
     """One from `position` to the window's end, both edges alike."""
     start, end = line.x[0] - line.cell_m / 2, line.x[-1] + line.cell_m / 2
-    seam = rise(line.x - start, edge_length) - rise(line.x - end, edge_length)
-    return rise(line.x - position, edge_length) + seam - 1
+    seam = 1 - rise(line.x - start, edge_length) - rise(line.x - end, edge_length)
+    return rise(line.x - position, edge_length) + seam
 
 
 class Ridges(Shape):

@@ -5,7 +5,7 @@ Friction is their ratio. Candidates are ranked by their evidence, the probabilit
 each with all its parameters integrated out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,10 +18,12 @@ from scipy.special import softmax
 from ..forward.feature import Feature, Stretch
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
+from ..forward.surface_feature import SurfaceFeature
 from ..grid import as_real
 from .feature_model import FeatureModel, Features, Felt
 from .feature_search import STARTS, Coarse
 from .nonlinear import Fit, Solver, fit, fit_many, whitener
+from .surface_model import SurfaceModel
 
 ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
 # Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
@@ -37,13 +39,14 @@ class FeatureFit:
     - `features`: by name; none for "nothing there". `fit`: the fit below, None where there was
       nothing to fit. `model`: parameters to signal and traction.
     - `parameters`: what a user reads, (value, standard error) by name: the shape, the amplitude and
-      the friction of each feature; names begin with the feature's where there are several.
+      the friction of each feature, of a surface the height and the frictions; names begin with the
+      feature's where there are several.
     - `log_evidence`: log probability density of the data under the candidate.
     """
 
-    features: dict[str, Feature]
+    features: Mapping[str, Feature | SurfaceFeature]
     fit: Fit | None
-    model: FeatureModel
+    model: FeatureModel | SurfaceModel
     parameters: dict[str, tuple[float, float]]
     log_evidence: float
 

@@ -1,8 +1,8 @@
-"""How much noise there is, from what a fit leaves: a white part and one that is correlated in x.
+"""How much noise there is, from what a fit leaves: a white part and one correlated along the path.
 
 The correlated part, from sliding, has the covariance s^2 exp(-|dx|/l) along the motion
-(docs/physics.md, section 9). The levels are those of greatest likelihood, each element with its own
-white noise and all with the same sliding noise.
+(docs/physics.md, section 10). The levels are those of greatest likelihood, with white noise of its
+own in each element and the same sliding noise in all.
 """
 
 from dataclasses import dataclass

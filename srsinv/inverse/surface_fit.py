@@ -4,8 +4,9 @@ Between height and signal stands contact. Frictions enter linearly and are solve
 lengths are searched from a bank of shapes. The noise is what the fit leaves.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from ..errors import number, refuse
 from ..forward.feature import Stretch
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
+from ..grid import Line
 from .feature_fit import FeatureFit, log_density
 from .feature_model import stretch_of
 from .nonlinear import Fit, Optimistix, Solver, fit
@@ -25,6 +27,7 @@ from .surface_search import SurfaceSearch
 
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
 PROFILES = ("height", "gap", "friction")  # beside p and q, in the order of the model's
+LEAST_EDGE = 2.0  # cells: the sharpest edge that is looked for
 ROUNDS = 4  # of fitting, and estimating the noise from what is left
 # Prior standard deviation of a friction: far beyond any, so as not to pull.
 ANY_FRICTION = 10.0
@@ -92,7 +95,8 @@ class SurfaceFitter:
         """The features' parameters under which they explain `y` best.
 
         - `noise`: as [`nonlinear.fit`][] takes it; None: estimated from what is left, in rounds.
-        - `start`: values to start from, by the parameters' names as in the result.
+        - `start`: values to start from, by the parameters' names as in the result; where they lead
+          nowhere, the search's are tried too.
 
         Features of a sum are found one after the other, and then fitted together.
         """
@@ -108,13 +112,13 @@ class SurfaceFitter:
                 "nominal_pressure_Pa": self._pressure,
                 "edge_length_m": feature.edge_length_m,
             }
-            shapes = self._search.starts(y, white, (parts, params), feature, known, given)
+            search = partial(self._search.starts, y, white, (parts, params), feature, known)
             parts = parts | {name: feature}
             fixed = dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_length_m}
             model = self._model(parts)
             using = self._noise(levels, y) if noise is None else noise
             ends: list[Fit] = []
-            for shape in shapes:
+            for shape in _in_turn(search, given):
                 ends.append(self._fit(model, params | {name: shape | fixed}, y, using))
                 if ends[-1].stats["chi2_per_freedom"] < GOOD_ENOUGH:
                     break
@@ -132,6 +136,11 @@ class SurfaceFitter:
             dict(features), result, model, readable(model, result), _evidence(result)
         )
         return SurfaceFit(found, levels)
+
+    @property
+    def line(self) -> Line:
+        """The cells of the contact."""
+        return self._rubbed.line
 
     @property
     def _scale(self):
@@ -170,7 +179,10 @@ class SurfaceFitter:
             for part, within in feature.ranges(self._stretch).items():
                 bounds[f"{name}.{part}"] = within
             if "edge_length_m" in self._also:
-                bounds[f"{name}.edge_length_m"] = _about("edge_length_m", feature.edge_length_m)
+                # Sharper ones no cell resolves, nor its derivative.
+                low, high = _about("edge_length_m", feature.edge_length_m)
+                low = max(low, LEAST_EDGE * float(model.line.cell_m))
+                bounds[f"{name}.edge_length_m"] = low, high
         whole = {"depth_m": self._depth_m, "gain": 1.0, "nominal_pressure_Pa": self._pressure}
         bounds |= {name: _about(name, whole[name]) for name in self._also if name in whole}
         free = [*bounds, *model.linear]
@@ -187,7 +199,15 @@ class SurfaceFitter:
             linear=model.linear,
             priors=priors,
             solver=self._solver,
+            steps=model.steps,
         )
+
+
+def _in_turn(search: Callable[[Mapping[str, float]], list[Any]], given: Mapping[str, float]):
+    """Shapes to start from: what is given with the rest searched for, then all searched for."""
+    yield from search(given)
+    if given:
+        yield from search({})
 
 
 def _about(name: str, value: float) -> tuple[float, float]:
@@ -238,5 +258,7 @@ def surface_band(
     n = found.model.line.n
     if found.fit is None:
         return np.zeros((5, n)), np.zeros((5, n))
-    value, stderr = found.fit.derive(lambda params: jnp.ravel(found.model.profiles(params)))
+    model = found.model
+    assert isinstance(model, SurfaceModel)
+    value, stderr = found.fit.derive(lambda params: jnp.ravel(model.profiles(params)), model.steps)
     return value.reshape(5, n), stderr.reshape(5, n)

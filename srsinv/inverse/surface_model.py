@@ -23,6 +23,7 @@ SurfaceFeatures = Mapping[str, SurfaceFeature]
 
 CELLS_PER_EDGE = 5  # the contact beside an edge is then right to some 1e-4 of the signal
 CELLS_PER_DEPTH = 64  # at least, whatever the edges
+MOVES = {"position_m", "width_m"}  # parameters that move edges
 BLOCK = 256  # cells come in multiples of it: the contact starts on so much wider cells
 
 
@@ -143,15 +144,19 @@ class SurfaceModel(eqx.Module):
 
     def profiles(self, params: Any) -> Float[Array, "5 n"]:
         """p and q as [`traction`][] has them, height and gap [m] and friction, along the line."""
-        surface, contact = self.surface(params), self.contact(params)
-        mu, nominal = surface.friction(self.line), params["nominal_pressure_Pa"]
-        p = contact.pressure_Pa - nominal
-        q = mu * contact.pressure_Pa - surface.base_friction * nominal
-        return jnp.stack([p, q, surface.height(self.line), contact.gap_m, mu])
+        surface = self.surface(params)
+        contact, height = self.contact(params), surface.height(self.line)
+        (p, q), *_ = self._sliding(params, contact, (True,))
+        return jnp.stack([p, q, height, contact.gap_m, surface.friction(self.line)])
 
     def _tractions(self, params: Any, ways: tuple[bool, ...]) -> list[Float[Array, "2 n"]]:
+        return self._sliding(params, self.contact(params), ways)
+
+    def _sliding(
+        self, params: Any, contact: Contact, ways: tuple[bool, ...]
+    ) -> list[Float[Array, "2 n"]]:
         surface, nominal = self.surface(params), params["nominal_pressure_Pa"]
-        pressure = self.contact(params).pressure_Pa
+        pressure = contact.pressure_Pa
 
         def sliding(forward: bool):
             shear = surface.friction(self.line, forward) * pressure
@@ -159,6 +164,22 @@ class SurfaceModel(eqx.Module):
             return jnp.stack([pressure - nominal, shear if forward else -shear])
 
         return [sliding(forward) for forward in ways]
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """Steps for central differences in the parameters that move edges, by name.
+
+        As an edge moves, so does the skin's contact on its steep flank, and the pressure's
+        derivative is singular there: on a contact set that stays it depends on where the edge lies
+        within its cell, by a tenth where cells are a fifth of the edge. It is steady over whole
+        cells, by which both ends of a width move at these steps.
+        """
+        step = 2 * float(self.line.cell_m)
+        return {
+            f"{name}.{part}": step
+            for name, feature in self.features.items()
+            for part in MOVES & feature.axes.keys()
+        }
 
     @eqx.filter_jit
     def __call__(self, params: Any) -> Float[Array, "e sample"]:

@@ -1,33 +1,29 @@
 """Is the feature fit as good as it can be, and as good as it says? Many draws of the noise tell.
 
-For each feature its truth is simulated once on finer cells, and every draw of the noise is fitted.
-The errors are set against the Cramer-Rao bound at the truth and against the fit's own standard
-errors.
+For each feature its truth is simulated on finer cells, and every draw of the noise is fitted. The
+errors are set against the Cramer-Rao bound at the truth and against the fit's own standard errors.
+A scene with a surface is a feature of height and friction, else features of traction are fitted.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import jax
 import numpy as np
 import xarray
-from jaxtyping import Float
-from scipy.special import ndtri
 
 from ..errors import number, refuse, whole
 from ..forward.feature import Feature
-from ..grid import half_spectrum_weights
-from ..inverse import feature_model
 from ..inverse.feature_fit import FeatureFitter, readable
 from ..inverse.feature_model import stretch_of
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
-from . import build
+from . import build, coverage_surface
+from .judged import LEVELS, Found, Quantity, bounds_of, ratio_dB
 from .simulated_features import (
-    CELLS_PER_DEPTH,
     Bench,
+    TractionBench,
     bench,
     known_noise,
     named,
@@ -35,78 +31,18 @@ from .simulated_features import (
     unit_of,
 )
 
-LEVELS = (0.68, 0.90, 0.95)
-STEP = 1e-3  # of the depth, of the amplitude, of one: for the bound's differences
-LEAST_DRAWS = 8
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """One parameter of one feature over all draws, in its SI unit."""
-
-    feature: str
-    name: str
-    truth: float
-    bound: float
-    value: Float[np.ndarray, " draw"]
-    stderr: Float[np.ndarray, " draw"]
-
-    @property
-    def label(self) -> str:
-        """Feature and parameter."""
-        return f"{self.feature}_{self.name}"
-
-    @property
-    def error(self) -> Float[np.ndarray, " draw"]:
-        """Deviation from the truth, of a phase within half a turn."""
-        error = self.value - self.truth
-        return np.angle(np.exp(1j * error)) if self.name.endswith("_rad") else error
-
-    @property
-    def bias(self) -> float:
-        """The mean error."""
-        return float(self.error.mean())
-
-    @property
-    def rmse(self) -> float:
-        """The root mean squared error."""
-        return float(np.sqrt(np.mean(self.error**2)))
-
-    @property
-    def normalised(self) -> Float[np.ndarray, " draw"]:
-        """Errors in units of the standard error that came with them."""
-        return self.error / self.stderr
-
-    def coverage(self, level: float) -> float:
-        """The share of draws whose central interval of this level holds the truth."""
-        return float(np.mean(np.abs(self.normalised) <= ndtri((1 + level) / 2)))
-
-
-@dataclass(frozen=True)
-class Found:
-    """One feature's quantities, and how many of its fits converged."""
-
-    quantities: tuple[Quantity, ...]
-    converged: int
-    snr_db: float
+DRAWS, DRAWS_OF_A_SURFACE, LEAST_DRAWS = 400, 200, 8
 
 
 def run(cfg: build.Config) -> Outcome:
     """The job: simulate, fit every draw, compare."""
     with build.precision(cfg):
-        settings = cfg["coverage"]
-        wanted = f"a whole number from {LEAST_DRAWS}"
-        draws = whole("coverage.draws", settings["draws"], wanted, least=LEAST_DRAWS)
-        features = build.features(cfg)
-        refuse(not features, "No feature is named: give feature=[strip_load] or several.")
-        on = bench(cfg, "coverage")
-        truths = {name: _truth(settings, on, name, f) for name, f in features.items()}
-        keys = jax.random.split(build.random_key(cfg), len(features))
-        fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
-        found = {}
-        for key, (name, feature) in zip(keys, features.items(), strict=True):
-            with stage(f"fitting {draws} draws of {name}"):
-                found[name] = _judged(on, fitter, name, feature, truths[name], key, draws)
+        settings, on_surface = cfg["coverage"], "surfaces" in build.part(cfg, "scene")
+        draws = _draws(settings, on_surface)
+        if on_surface:
+            on, found = coverage_surface.judged(cfg, draws)
+        else:
+            on, found = _each(cfg, settings, draws)
     rows = [quantity for each in found.values() for quantity in each.quantities]
     data, table = _dataset(rows), _table(rows)
     worst = max(quantity.rmse / quantity.bound for quantity in rows)
@@ -119,7 +55,32 @@ def run(cfg: build.Config) -> Outcome:
     )
 
 
-def _truth(settings, on: Bench, name: str, feature: Feature) -> Mapping[str, float]:
+def _draws(settings: Mapping[str, Any], on_surface: bool) -> int:
+    given = settings["draws"]
+    if given is None:
+        return DRAWS_OF_A_SURFACE if on_surface else DRAWS
+    wanted = f"a whole number from {LEAST_DRAWS}"
+    return whole("coverage.draws", given, wanted, least=LEAST_DRAWS)
+
+
+def _each(
+    cfg: build.Config, settings: Mapping[str, Any], draws: int
+) -> tuple[TractionBench, dict[str, Found]]:
+    """Every feature of traction that is named."""
+    features = build.features(cfg)
+    refuse(not features, "No feature is named: give feature=[strip_load] or several.")
+    on = bench(cfg, "coverage")
+    truths = {name: _truth(settings, on, name, f) for name, f in features.items()}
+    keys = jax.random.split(build.random_key(cfg), len(features))
+    fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
+    found = {}
+    for key, (name, feature) in zip(keys, features.items(), strict=True):
+        with stage(f"fitting {draws} draws of {name}"):
+            found[name] = _judged(on, fitter, name, feature, truths[name], key, draws)
+    return on, found
+
+
+def _truth(settings, on: TractionBench, name: str, feature: Feature) -> Mapping[str, float]:
     """What is simulated, checked against where the fit looks."""
     truth = named("coverage.truth", settings["truth"], name, feature)
     ranges = feature.ranges(stretch_of(on.sensor, on.motion))
@@ -145,7 +106,7 @@ def _truth(settings, on: Bench, name: str, feature: Feature) -> Mapping[str, flo
 
 
 def _judged(
-    on: Bench, fitter: FeatureFitter, name: str, feature: Feature, truth, key, draws: int
+    on: TractionBench, fitter: FeatureFitter, name: str, feature: Feature, truth, key, draws: int
 ) -> Found:
     clean = on.signal(name, feature, parameters(feature, truth))
     rms = float(np.sqrt(np.mean(clean**2)))
@@ -165,19 +126,14 @@ def _judged(
         )
         for part, bound in bounds.items()
     )
-    noise_rms = np.sqrt(half_spectrum_weights(on.shape[1]) @ power)
-    snr_db = float(20 * np.log10(rms / noise_rms))
-    return Found(quantities, sum(fit.converged for fit in fits), snr_db)
+    ratio = ratio_dB(rms, power, on.shape[1])
+    return Found(quantities, sum(fit.converged for fit in fits), ratio)
 
 
 def cramer_rao(
-    on: Bench, name: str, feature: Feature, truth: Mapping[str, float], power: np.ndarray
+    on: TractionBench, name: str, feature: Feature, truth: Mapping[str, float], power: np.ndarray
 ) -> dict[str, float]:
-    """The least standard deviation of each parameter, friction among them where it is fitted.
-
-    From central differences of the simulation at the truth and the noise's spectrum `power` (k,),
-    apart from the fit, its cells and its derivatives.
-    """
+    """The least standard deviation of each parameter, friction among them where it is fitted."""
     free = [part for part in truth if part != "friction" or feature.friction is None]
 
     def size(part: str) -> float:
@@ -185,21 +141,10 @@ def cramer_rao(
             return abs(truth[part])
         return float(on.sensor.depth_m) if part.endswith("_m") else 1.0
 
-    def slope(part: str) -> np.ndarray:
-        step = STEP * size(part)
-        ends = (parameters(feature, {**truth, part: truth[part] + s * step}) for s in (1, -1))
-        above, below = (on.signal(name, feature, own) for own in ends)
-        change = np.fft.rfft((above - below) / (2 * step))
-        return np.fft.irfft(change / np.sqrt(power), on.shape[1]).ravel()
+    def signal(given: Mapping[str, float]) -> np.ndarray:
+        return on.signal(name, feature, parameters(feature, given))
 
-    columns = [slope(part) for part in free]
-    if on.fine.free_offset:
-        columns += list(np.repeat(np.eye(on.shape[0]), on.shape[1], axis=1) / np.sqrt(power[0]))
-    jacobian = np.array(columns)
-    length = np.linalg.norm(jacobian, axis=1)
-    covariance = np.linalg.inv(jacobian @ jacobian.T / np.outer(length, length))
-    bounds = np.sqrt(np.diagonal(covariance)) / length
-    return {part: float(bound) for part, bound in zip(free, bounds, strict=False)}
+    return bounds_of(on, signal, truth, {part: size(part) for part in free}, power)
 
 
 # --- what is shown ---------------------------------------------------------------------------
@@ -317,9 +262,8 @@ def _assumed(cfg: build.Config, on: Bench, found: dict[str, Found]) -> tuple[tup
         ("scan", f"{samples} samples of {elements} elements, "
          f"{1e6 * abs(x[1] - x[0]):.4g} um apart, at {float(on.scan.speed_m_per_s):.4g} m/s"),
         ("film depth", f"{1e3 * float(on.sensor.depth_m):.4g} mm"),
-        ("simulation", f"{CELLS_PER_DEPTH} cells in a depth, where the fit has "
-         f"{feature_model.CELLS_PER_DEPTH}"),
-        ("noise", f"{', '.join(cfg['noise'])}, its spectrum known to the fit: {ratios}"),
-        ("start", "where the search puts the feature in the first draw, for all draws"),
+        ("simulation", on.cells),
+        ("noise", f"{', '.join(cfg['noise'])}, {on.known}: {ratios}"),
+        ("start", on.start),
         ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
     )  # fmt: skip

@@ -3,9 +3,10 @@
 They are simulated on cells several times finer than those of the fit.
 """
 
+import abc
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ from ..forward.noise import draw as draw_noise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Periodic
+from ..inverse.feature_model import CELLS_PER_DEPTH as FIT_CELLS_PER_DEPTH
 from ..inverse.feature_model import FeatureModel, Felt
 from ..inverse.nonlinear import Spectrum
 from . import build
@@ -28,24 +30,33 @@ UNITS = {"N_per_m": "N/m", "Pa": "Pa", "rad": "rad", "m": "m"}
 
 
 @dataclass(frozen=True)
-class Bench:
-    """A sensor along a constant scan of `samples` evenly in time, and what disturbs it."""
+class Bench(abc.ABC):
+    """A sensor along a constant scan of samples evenly in time, and what disturbs it.
 
+    `known`, `start`: in words, what the fit knows of the noise, and where it starts.
+    """
+
+    known: ClassVar[str]
+    start: ClassVar[str]
     sensor: Sensor
     scan: ConstantSpeed
     motion: Motion
     noises: tuple[Noise, ...]
-    fine: Felt
 
     @property
     def shape(self) -> tuple[int, int]:
         """(element, sample)."""
         return len(self.sensor.elements), int(self.motion.time_s.size)
 
-    def signal(self, name: str, feature: Feature, own: Mapping[str, Any]) -> np.ndarray:
-        """The noise-free signal (element, sample) of one feature."""
-        offset = {"offset": jnp.zeros(self.shape[0])} if self.fine.free_offset else {}
-        return np.asarray(FeatureModel(self.fine, {name: feature})({name: dict(own)} | offset))
+    @property
+    def free_offset(self) -> bool:
+        """Whether each element has an unknown constant."""
+        return self.sensor.amplifier.offset is None
+
+    @property
+    @abc.abstractmethod
+    def cells(self) -> str:
+        """In words, how fine the simulation is."""
 
     def power(self, rms: float) -> Float[np.ndarray, " k"]:
         """The noise's power per sample, given the rms of the noise-free signal."""
@@ -65,27 +76,52 @@ class Bench:
         return np.asarray(drawn)
 
 
-def bench(cfg: build.Config, job: str) -> Bench:
+@dataclass(frozen=True)
+class TractionBench(Bench):
+    """For features of traction, simulated on fine cells."""
+
+    fine: Felt
+    known: ClassVar[str] = "its spectrum known to the fit"
+    start: ClassVar[str] = "where the search puts the feature in the first draw, for all draws"
+
+    @property
+    def cells(self) -> str:
+        return f"{CELLS_PER_DEPTH} cells in a depth, where the fit has {FIT_CELLS_PER_DEPTH}"
+
+    def signal(self, name: str, feature: Feature, own: Mapping[str, Any]) -> np.ndarray:
+        """The noise-free signal (element, sample) of one feature."""
+        offset = {"offset": jnp.zeros(self.shape[0])} if self.fine.free_offset else {}
+        return np.asarray(FeatureModel(self.fine, {name: feature})({name: dict(own)} | offset))
+
+
+def bench(cfg: build.Config, job: str) -> TractionBench:
     """The scan of a configuration, from one end of its grid to the other, sampled as `job` says."""
+    length = build.line(cfg).n * float(build.line(cfg).cell_m)
     sensor, scan = build.sensor(cfg), build.scan(cfg)
-    speed, grid = float(scan.speed_m_per_s), cfg["grid"]
+    motion = evenly(cfg, job, sensor, scan, (cfg["grid"]["start_m"], length))
+    noises = build.noises(cfg)
+    return TractionBench(sensor, scan, motion, noises, Felt(sensor, motion, CELLS_PER_DEPTH))
+
+
+def evenly(
+    cfg: build.Config, job: str, sensor: Sensor, scan: ConstantSpeed, stretch: tuple[float, float]
+) -> Motion:
+    """The motion over `stretch`, (start, length), sampled as `job` says."""
+    speed, (start, length) = float(scan.speed_m_per_s), stretch
     key, wanted = f"{job}.sample_rate_hz", "the samples per second, above 0"
     rate = float(number(key, cfg[job]["sample_rate_hz"], wanted, above=0))
     refuse(
         speed == 0,
         "scan.speed_m_per_s is 0: a touch at rest scans no feature, give a speed.",
     )
-    length, depth = build.line(cfg).n * float(build.line(cfg).cell_m), float(sensor.depth_m)
-    step = abs(speed) / rate
+    step, depth = abs(speed) / rate, float(sensor.depth_m)
     refuse(
         not 2 * step <= depth <= length / 4,
         f"The scan of {length:.4g} m has samples {step:.4g} m apart: with film {depth:.4g} m deep "
-        f"give a {key} with at least two in a depth, and a grid.length_m of four depths.",
+        f"give a {key} with at least two in a depth, and a scan of at least four depths.",
     )
     time = np.arange(int(length / step) + 1) / rate
-    start = grid["start_m"] + (length if speed < 0 else 0.0)
-    motion = Motion.from_speed(time, speed, start)
-    return Bench(sensor, scan, motion, build.noises(cfg), Felt(sensor, motion, CELLS_PER_DEPTH))
+    return Motion.from_speed(time, speed, start + (length if speed < 0 else 0.0))
 
 
 def known_noise(power: np.ndarray) -> Any:

@@ -8,6 +8,7 @@ from omegaconf import OmegaConf
 from srsinv.__main__ import find_config_root
 from srsinv.forward.feature import StripFeature
 from srsinv.jobs import coverage
+from srsinv.jobs.judged import Quantity
 from srsinv.jobs.simulated_features import bench
 from srsinv.report import figures
 from tests.jobs.run import outcome
@@ -59,7 +60,7 @@ def test_figures(coloured, draw):
 
 def test_a_phase_is_wrong_by_half_a_turn_at_most():
     value = np.array([3.1, -3.1, 3.0])
-    phase = coverage.Quantity("grating", "phase_rad", 3.1, 0.1, value, np.full(3, 0.05))
+    phase = Quantity("grating", "phase_rad", 3.1, 0.1, value, np.full(3, 0.05))
     np.testing.assert_allclose(phase.error, [0, 2 * np.pi - 6.2, -0.1], atol=1e-12)
     assert phase.coverage(0.68) == pytest.approx(1 / 3)
 

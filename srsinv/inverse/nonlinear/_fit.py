@@ -70,21 +70,39 @@ class Fit:
         """Whether the result is an answer."""
         return self.result == "converged"
 
-    def derive(self, function: Callable[[Tree], Any]) -> tuple[Any, Any]:
+    def derive(
+        self, function: Callable[[Tree], Any], steps: Mapping[str, float] | None = None
+    ) -> tuple[Any, Any]:
         """A function of the parameters, and its standard error to first order (the delta method).
 
-        `function` maps the tree of parameters to a number or an array (k,). Infinite standard
-        errors where the data do not determine it.
+        `function` maps the tree of parameters to a number or an array (k,). With `steps` its
+        gradient is taken by central differences: over these steps where a parameter is named, else
+        over its standard error. Infinite standard errors where the data do not determine it.
         """
 
         def of(z):
             return jnp.asarray(function(self._misfit.tree(z)))
 
         # Compiled whole: operation by operation takes seconds where a traction is derived.
-        value, gradient = jax.jit(lambda z: (of(z), jax.jacfwd(of)(z)))(as_real(self._z))
+        if steps is None:
+            value, gradient = jax.jit(lambda z: (of(z), jax.jacfwd(of)(z)))(as_real(self._z))
+        else:
+            value, gradient = self._differences(jax.jit(of), steps)
         along = np.atleast_2d(np.asarray(gradient))
         stderr = self._spread.along(along)
         return (value[()], stderr[0]) if np.ndim(value) == 0 else (np.asarray(value), stderr)
+
+    def _differences(self, of: Callable[[Any], Any], steps: Mapping[str, float]):
+        """The function's value, and its gradient (k, m)."""
+        own = self._spread.stderr()
+        columns = []
+        for i, name in enumerate(self.names):
+            fallback = own[i] if 0 < own[i] < np.inf else 1e-3 * max(abs(self._z[i]), 1e-9)
+            off = np.zeros(self._z.size)
+            off[i] = step = steps.get(name, fallback)
+            above, below = (np.asarray(of(as_real(self._z + sign * off))) for sign in (1, -1))
+            columns.append((above - below) / (2 * step))
+        return of(as_real(self._z)), np.stack(columns, axis=-1)
 
 
 def fit(
@@ -101,6 +119,7 @@ def fit(
     loss: Loss | str = "squares",
     solver: Solver | None = None,
     polished: int = POLISHED,
+    steps: Mapping[str, float] | None = None,
 ) -> Fit:
     """The parameters under which `model` explains the data `y` best, and how well they are known.
 
@@ -119,6 +138,8 @@ def fit(
       out (variable projection).
     - `loss`: "squares", "huber", "soft_l1", "cauchy", or a [`Loss`][] with its threshold.
     - `solver`: [`Optimistix`][] (default), [`OptaxLBFGS`][], [`JaxoptLBFGSB`][].
+    - `steps`: `{name: step}` for parameters whose derivative jumps with their place between cells:
+      for the standard errors it is then the central difference over this step.
 
     Standard errors are those of the linearised problem: (J^T N^-1 J)^-1, with a robust loss Huber's
     M-estimator form. Raises `BadInput` for what disagrees or is out of range.
@@ -138,6 +159,7 @@ def fit(
             ends = search(misfit, *settings)
             if settled:
                 break
+    ends = _differenced(misfit, ends, steps or {})
     return _described(misfit, found, ends, level_known, solver)
 
 
@@ -319,6 +341,25 @@ def _level(misfit: Misfit, ends: Found) -> float:
     return float(max(level, np.finfo(float).tiny ** 0.5))
 
 
+def _differenced(misfit: Misfit, ends: Found, steps: Mapping[str, float]) -> Found:
+    """What was found, with central differences in the Jacobian's columns of these parameters."""
+    names = misfit.layout.free_names
+    for name, step in steps.items():
+        refuse(not step > 0, f"The step of {name} is {step!r}: give a number above 0.")
+        if name not in names:
+            continue
+        at = names.index(name)
+        above, below = (_white_at(misfit, ends.z.at[at].add(s * step)) for s in (1, -1))
+        column = (above - below) / (2 * step)
+        ends = dataclasses.replace(ends, jacobian=ends.jacobian.at[:, at].set(column))
+    return ends
+
+
+@eqx.filter_jit
+def _white_at(misfit: Misfit, z):
+    return misfit.white(z)[0]
+
+
 # --- saying what was found -------------------------------------------------------------------
 
 
@@ -326,7 +367,7 @@ def _described(
     misfit: Misfit, found: Parameters, ends: Found, level_known: bool, solver: Solver
 ) -> Fit:
     layout, z = misfit.layout, np.asarray(ends.z, float)
-    eps = float(np.finfo(np.asarray(ends.z).dtype).eps)
+    eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.lost)
     terms, jacobian = _terms(misfit, ends)
     free = np.asarray(layout.free)
     with np.errstate(all="ignore"):

@@ -114,7 +114,10 @@ class Sliding(Whitener):
         white = real(white, "The white noise must be one standard deviation for each of the data.")
         for name, value in (("sliding", sliding), ("correlation_m", correlation_m)):
             refuse(not value > 0, f"The noise's {name} is {value!r}: give a number above 0.")
-        refuse(not bool((white > 0).all()), "The white noise holds a level that is not above 0.")
+        refuse(
+            not bool((white > 0).all()),
+            "The white noise holds a level that is not above 0: give positive ones.",
+        )
         step = np.abs(np.diff(np.asarray(position_m, float), append=np.inf)) / correlation_m
         decay, renewed = np.exp(-step), -np.expm1(-2 * step)
         keep, take, stderr = np.zeros_like(white), np.zeros_like(white), np.zeros_like(white)

@@ -18,6 +18,7 @@ from ._uncertainty import CONVERGED
 
 # Beside a derivative's jumps: the standard errors within which they let a minimum be found.
 ROUGH = 100.0
+EXACT = 1e-6  # of the jumps of a derivative: what is lost of it between two of them
 
 Residual = Callable[[Float[Array, " m"]], Float[Array, " n"]]
 
@@ -52,6 +53,11 @@ class Solver(eqx.Module):
     def near_enough(self) -> float:
         """Within how many standard errors of the linearised minimum a search has converged."""
         return CONVERGED
+
+    @property
+    def lost(self) -> float:
+        """What of a derivative counts as rounding, where that is more than the precision's."""
+        return 0.0
 
     def tolerating(self, rounding: float) -> "Solver":
         """The same for a residual that is smooth only beyond this share of its size."""
@@ -104,6 +110,10 @@ class Optimistix(Solver):
     @property
     def near_enough(self) -> float:
         return max(CONVERGED, ROUGH * (self.rounding or 0.0))
+
+    @property
+    def lost(self) -> float:
+        return EXACT * (self.rounding or 0.0)
 
     def tolerating(self, rounding: float) -> "Solver":
         # Its square, by which the cost is off there, is as near as a minimum can be told.

@@ -1,0 +1,406 @@
+"""The paper's Fig. 12: ridges 6.5 um high, their signal beside the noise, what averaging shows."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray
+
+from srsinv.errors import number, refuse, whole
+from srsinv.forward.film import Film
+from srsinv.forward.noise import draw, total_spectrum
+from srsinv.forward.scan import ConstantSpeed
+from srsinv.forward.scanned import Sampling
+from srsinv.forward.scene import SurfaceScene
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.surface import Ridges
+from srsinv.grid import Line, Periodic
+from srsinv.inverse import detection, lines
+from srsinv.jobs import build
+from srsinv.report.figures import ridges as figures
+from srsinv.report.outcome import Outcome, Section, Table
+
+PAPER_M = {"6.5 um": 6.5e-6, "0.65 um": 0.65e-6}  # seen; and expected to be
+KEPT = 20  # samples of a ridge; their means hold all but 0.4 % of its wave
+OVERSAMPLING = 4  # of the spectrum
+CONTACT_LOADS = (0.8, 0.95)  # of the closed form's, where the gap between ridges is looked at
+
+
+class Setup(NamedTuple):
+    """What is slid over what, on the line of whole pitches."""
+
+    line: Line
+    scene: SurfaceScene
+    ridges: Ridges
+    sensor: Sensor
+    scan: ConstantSpeed
+
+    @property
+    def pitch_m(self) -> float:
+        return float(self.ridges.pitch_m)
+
+
+class Pressed(NamedTuple):
+    """For each point, the amplitude (point, 2) [V] of the wave at the pitch, of the sensor's film
+    and of the wide one; pressure and gap (point, n); and whether all converged."""
+
+    size: np.ndarray
+    pressure: np.ndarray
+    gap: np.ndarray
+    converged: bool
+
+
+def run(cfg: build.Config) -> Outcome:
+    """The pitch from a noisy signal, and what the signal's size says of the paper's words.
+
+    Raises `BadInput` for another surface than ridges, a window that does not hold whole pitches,
+    and more than one film element.
+    """
+    settings = cfg["fig12_ridges"]
+    needed = detection.needed_wave(settings["false_alarm"], settings["detection"])
+    with build.precision(cfg):
+        setup = _setup(cfg)
+        samples, noises = _samples(settings, setup), build.noises(cfg)
+        heights, pressures = _heights(settings), _pressures(settings)
+        nominal, height = setup.scene.nominal_pressure_Pa, setup.ridges.height_m
+        load_closed = _closed_form_load(setup)
+        loads = load_closed * np.asarray(CONTACT_LOADS)
+        pressed = _pressed(setup, _wide(cfg), [
+            *((each, nominal) for each in heights),
+            *((height, each) for each in pressures),
+            *((height, each / setup.pitch_m) for each in loads),
+            (height, nominal),
+        ])  # fmt: skip
+        signal, spectrum, data = _signals(setup, samples, noises, pressed, build.random_key(cfg))
+        x, rate = np.asarray(samples.x), settings["sample_rate_hz"]
+
+    by_height, by_pressure = np.split(pressed.size[: -1 - loads.size, 0], [heights.size])
+    amplitude, blind = pressed.size[-1]
+    load = _load_between(setup, loads, pressed.gap[-1 - loads.size : -1])
+    speed = float(setup.scan.speed_m_per_s)
+    tone_hz, per_ridge = speed / setup.pitch_m, rate * setup.pitch_m / speed
+    found = _pitch(x, data, per_ridge, settings["pitch_range_m"])
+    k = np.fft.rfftfreq(x.size, x[1] - x[0])
+    level = np.sqrt(np.interp(1 / setup.pitch_m, k, spectrum))  # white noise as strong as here
+    noise, in_band = np.sqrt(np.mean(spectrum)), level * np.sqrt(2 * tone_hz / (rate / 2))
+    strength = amplitude / np.sqrt(2) / level  # d' is this times the root of the samples
+    counts = np.geomspace(1, settings["most_ridges"], 121)
+    least_amplitude = needed * level * np.sqrt(2 / (counts * per_ridge))
+    least_height = _inverse(least_amplitude, by_height, heights)
+    paper = {name: float(np.interp(h, heights, by_height)) for name, h in PAPER_M.items()}
+    length = {
+        name: setup.pitch_m / per_ridge * 2 * (needed * level / size) ** 2
+        for name, size in paper.items()
+    }
+    floor = np.sqrt(6) * setup.pitch_m**2 * level / (np.pi * amplitude * np.ptp(x) * x.size**0.5)
+    metrics = {
+        "pitch_m": found.pitch_m,
+        "pitch_m_stderr": found.stderr_m,
+        "pitch_m_stderr_bound": floor,
+        "pitch_error": found.pitch_m / setup.pitch_m - 1,
+        "amplitude_V": amplitude,
+        "amplitude_blind_strip_V": blind,
+        "amplitude_most_V": by_pressure.max(),
+        "amplitude_most_at_Pa": pressures[by_pressure.argmax()],
+        "noise_rms_V": noise,
+        "noise_rms_in_band_V": in_band,
+        "band_hz": 2 * tone_hz,
+        "snr_per_sample": amplitude / np.sqrt(2) / noise,
+        "snr_in_band": amplitude / np.sqrt(2) / in_band,
+        "strength_over_scan": strength * np.sqrt(x.size),
+        "strength_needed": needed,
+        "short_of_distinct": settings["distinct"] * noise / amplitude,
+        "short_of_distinct_in_band": settings["distinct"] * in_band / amplitude,
+        "least_height_over_scan_m": np.interp(settings["ridges"], counts, least_height),
+        "averaging_length_6.5um_m": length["6.5 um"],
+        "averaging_length_0.65um_m": length["0.65 um"],
+        "load_to_touch_between_N_per_m": load,
+        "load_to_touch_between_closed_form_N_per_m": load_closed,
+        "load_per_ridge_N_per_m": float(nominal) * setup.pitch_m,
+        "contact_converged": pressed.converged,
+    }
+    metrics: dict[str, Any] = {
+        k: v if isinstance(v, bool) else float(v) for k, v in metrics.items()
+    }
+    seen = _seen(x, data, spectrum, setup, settings["false_alarm"])
+    dataset = xarray.Dataset(
+        {
+            "height": ("x", np.asarray(setup.scene.surface.height(setup.line)), {"units": "m"}),
+            "gap": ("x", pressed.gap[-1], {"units": "m"}),
+            "pressure": ("x", pressed.pressure[-1], {"units": "Pa"}),
+            "signal": ("position", signal, {"units": "V"}),
+            "data": ("position", data, {"units": "V"}),
+            "data_in_band": ("position", _low_passed(data, 2 / per_ridge), {"units": "V"}),
+            "data_amplitude": ("frequency", seen[1], {"units": "V"}),
+            "amplitude_by_chance": ("frequency", seen[2], {"units": "V"}),
+            "amplitude_by_height": ("ridge_height", by_height, {"units": "V"}),
+            "amplitude_by_pressure": ("nominal_pressure", by_pressure, {"units": "V"}),
+            "least_height": ("averaging_length", least_height, {"units": "m"}),
+        },
+        {
+            "x": ("x", np.asarray(setup.line.x), {"units": "m"}),
+            "position": ("position", x, {"units": "m"}),
+            "frequency": ("frequency", seen[0], {"units": "Hz"}),
+            "ridge_height": ("ridge_height", heights, {"units": "m"}),
+            "nominal_pressure": ("nominal_pressure", pressures, {"units": "Pa"}),
+            "averaging_length": ("averaging_length", counts * setup.pitch_m, {"units": "m"}),
+        },
+    )
+    return Outcome(
+        f"Ridges {1e6 * float(height):.3g} µm high on a pitch of {1e3 * setup.pitch_m:.3g} mm",
+        metrics,
+        dataset,
+        _sections(dataset, metrics, cfg, setup),
+        _summary(metrics, settings),
+    )
+
+
+def _setup(cfg: build.Config) -> Setup:
+    line, sensor = build.line(cfg), build.sensor(cfg)
+    scene: Any = build.scene(cfg)
+    shapes: Any = scene.surface.shapes if isinstance(scene, SurfaceScene) else ()
+    refuse(
+        len(shapes) != 1 or not isinstance(shapes[0], Ridges),
+        "The scene is not one set of ridges: use scene=ridges.",
+    )
+    elements = len(sensor.elements)
+    refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
+    pitches = line.n * float(line.cell_m) / float(shapes[0].pitch_m)
+    refuse(
+        not isinstance(line, Periodic) or abs(pitches - round(pitches)) > 1e-6 or pitches < 0.5,
+        f"The window holds {pitches:.4g} pitches: give grid.line=periodic and as grid.length_m a "
+        "whole number of pitches.",
+    )
+    scan = build.scan(cfg)
+    speed = float(scan.speed_m_per_s)
+    refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
+    return Setup(line, scene, shapes[0], sensor, scan)
+
+
+def _heights(settings) -> np.ndarray:
+    name, wanted = "fig12_ridges.height_range_m", "[least, greatest], positive and increasing"
+    low, high = settings["height_range_m"]
+    low = number(name, low, wanted, above=0)
+    number(name, high, wanted, above=low)
+    wanted = "a whole number from 3"
+    count = whole("fig12_ridges.heights", settings["heights"], wanted, least=3)
+    return np.geomspace(low, high, count)
+
+
+def _pressures(settings) -> np.ndarray:
+    given, wanted = settings["pressures_Pa"], "a list of positive pressures in Pa"
+    refuse(not given, f"fig12_ridges.pressures_Pa is empty: give {wanted}.")
+    return np.array([number("fig12_ridges.pressures_Pa", p, wanted, above=0) for p in given], float)
+
+
+def _samples(settings, setup: Setup) -> Periodic:
+    """Where the samples are taken, over whole ridges."""
+    speed = float(setup.scan.speed_m_per_s)
+    rate = number(
+        "fig12_ridges.sample_rate_hz",
+        settings["sample_rate_hz"],
+        "a number in Hz that makes at least four samples for each ridge",
+        least=4 * speed / setup.pitch_m,
+    )
+    ridges = whole("fig12_ridges.ridges", settings["ridges"], "a whole number from 5", least=5)
+    return Periodic(round(ridges * setup.pitch_m * rate / speed), speed / rate, 0.0)
+
+
+def _signals(setup: Setup, samples: Periodic, noises, pressed: Pressed, key):
+    """At the samples: the signal, the noise's power at their wavenumbers, and both together."""
+    field = setup.line.operator(setup.sensor.signal(setup.scan))
+    traction = _traction(setup, setup.scene, jnp.asarray(pressed.pressure[-1]))
+    signal = jax.jit(lambda t: Sampling(setup.line, samples.x)(field(t)))(traction)
+    rms = jnp.sqrt(jnp.mean(signal**2))
+    spectrum = total_spectrum(noises, samples, setup.scan, rms)
+    refuse(not bool(jnp.all(spectrum > 0)), "There is no noise: give noise=[johnson].")
+    data = signal + draw(key, spectrum, 1, samples.n)
+    return np.asarray(signal[0]), np.asarray(spectrum), np.asarray(data[0])
+
+
+def _traction(setup: Setup, scene: SurfaceScene, pressure):
+    friction = scene.friction(setup.line, setup.scan.direction)
+    return jnp.stack([pressure, setup.scan.direction * friction * pressure])
+
+
+def _pressed(setup: Setup, wide: Film, points) -> Pressed:
+    """The skin pressed on ridges, for points (height, nominal pressure)."""
+    both = Sensor((*setup.sensor.elements, wide), setup.sensor.skin, setup.sensor.amplifier)
+    field = setup.line.operator(both.signal(setup.scan))
+    wave = round(setup.line.n * float(setup.line.cell_m) / setup.pitch_m)
+
+    def one(given):
+        scene = _changed(setup.scene, *given)
+        contact = scene.contact(setup.line)
+        signal = field(_traction(setup, scene, contact.pressure_Pa))
+        size = 2 * jnp.abs(jnp.fft.rfft(signal)[:, wave]) / setup.line.n
+        return size, contact.pressure_Pa, contact.gap_m, contact.converged
+
+    press = jax.jit(lambda given: jax.lax.map(one, given))
+    size, pressure, gap, right = (np.asarray(v) for v in press(jnp.asarray(points, float)))
+    return Pressed(size, pressure, gap, bool(right.all()))
+
+
+def _changed(scene: SurfaceScene, height, pressure) -> SurfaceScene:
+    return eqx.tree_at(
+        lambda s: (s.surface.shapes[0].height_m, s.nominal_pressure_Pa), scene, (height, pressure)
+    )
+
+
+def _wide(cfg: build.Config) -> Film:
+    """The element with the wide strip."""
+    width: Any = cfg["fig12_ridges"]["blind_strip_width_m"]
+    (element,) = cfg["sensor"]["elements"].values()
+    wide = dict(element) | {"strip_width_m": width}
+    sensor = dict(cfg["sensor"]) | {"elements": {"wide": wide}}
+    return build.sensor(dict(cfg) | {"sensor": sensor}).elements[0]
+
+
+def _closed_form_load(setup: Setup) -> float:
+    """Load per ridge [N/m] at which the skin reaches the plate between flat ridges: P = pi E* H /
+    (2 arccosh(1/sin(pi a/L)))."""
+    ridges, skin = setup.ridges, setup.scene.skin
+    half = np.sin(np.pi * float(ridges.width_m) / 2 / setup.pitch_m)
+    plane = float(skin.youngs_modulus_Pa) / (1 - float(skin.poisson_ratio) ** 2)
+    return float(np.pi * plane * float(ridges.height_m) / (2 * np.arccosh(1 / half)))
+
+
+def _load_between(setup: Setup, loads, gaps) -> float:
+    """The same by contact: where the line through two gaps between ridges reaches zero."""
+    from_ridge = np.asarray((setup.line.x - setup.ridges.position_m) % setup.pitch_m)
+    between = gaps[:, np.abs(from_ridge - setup.pitch_m / 2).argmin()]
+    slope = (between[1] - between[0]) / (loads[1] - loads[0])
+    return float(loads[1] - between[1] / slope)
+
+
+def _pitch(x, data, per_ridge: float, range_m) -> lines.Pitch:
+    """From means over so many samples that a ridge keeps `KEPT` of them."""
+    block = max(int(per_ridge / KEPT), 1)
+    n = x.size // block * block
+    x, data = (each[:n].reshape(-1, block).mean(axis=1) for each in (x, data))
+    return lines.scan_pitch(x, data[None], lines.drift(x, 2 * range_m[1]), tuple(range_m), 1)
+
+
+def _seen(x, data, spectrum, setup: Setup, false_alarm: float):
+    """Frequency [Hz] up to the fifth harmonic, amplitude [V] of the tapered data there, and what
+    the noise alone reaches anywhere in this band with probability `false_alarm`."""
+    taper, bins, step = np.hanning(x.size), OVERSAMPLING * x.size, x[1] - x[0]
+    per_m = np.fft.rfftfreq(bins, step)
+    kept = (per_m > 0.1 / setup.pitch_m) & (per_m <= 5.5 / setup.pitch_m)
+    amplitude = 2 / taper.sum() * np.abs(np.fft.rfft(data * taper, bins)[kept])
+    power = np.interp(per_m[kept], np.fft.rfftfreq(x.size, step), spectrum) * np.sum(taper**2)
+    trials = x.size * step * np.ptp(per_m[kept])  # independent waves; |.|^2 is exponential
+    chance = 2 / taper.sum() * np.sqrt(power * np.log(trials / false_alarm))
+    return abs(float(setup.scan.speed_m_per_s)) * per_m[kept], amplitude, chance
+
+
+def _low_passed(data, cycles_per_sample: float) -> np.ndarray:
+    wave = np.fft.rfft(data)
+    wave[np.fft.rfftfreq(data.size) > cycles_per_sample] = 0
+    return np.fft.irfft(wave, data.size)
+
+
+def _inverse(wanted, amplitudes, heights) -> np.ndarray:
+    """The height of each amplitude; NaN where no height gives it."""
+    rising = np.maximum.accumulate(amplitudes)
+    log = np.interp(np.log(wanted), np.log(rising), np.log(heights), left=np.nan, right=np.nan)
+    return np.exp(log)
+
+
+def _summary(m, settings) -> Table:
+    return Table(
+        ("ridges", "value"),
+        (
+            ("pitch [mm]", 1e3 * m["pitch_m"]),
+            ("its standard error [mm]", 1e3 * m["pitch_m_stderr"]),
+            ("signal at the pitch, amplitude [µV]", 1e6 * m["amplitude_V"]),
+            ("the same, strip as wide as the pitch [µV]", 1e6 * m["amplitude_blind_strip_V"]),
+            ("noise, wide band, rms [µV]", 1e6 * m["noise_rms_V"]),
+            (f"noise up to {m['band_hz']:.3g} Hz, rms [µV]", 1e6 * m["noise_rms_in_band_V"]),
+            ("signal over noise, per sample", m["snr_per_sample"]),
+            (f"d' over {settings['ridges']} ridges", m["strength_over_scan"]),
+            ("least height found over them [µm]", 1e6 * m["least_height_over_scan_m"]),
+            ("averaging needed at 6.5 µm [mm]", 1e3 * m["averaging_length_6.5um_m"]),
+            ("averaging needed at 0.65 µm [mm]", 1e3 * m["averaging_length_0.65um_m"]),
+        ),
+    )
+
+
+def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: Setup) -> tuple[Section, ...]:
+    settings = cfg["fig12_ridges"]
+    micro = {name: 1e6 * m[f"{name}_V"] for name in
+             ("amplitude", "noise_rms", "noise_rms_in_band", "amplitude_blind_strip",
+              "amplitude_most")}  # fmt: skip
+    drawn = PAPER_M.values()
+    return (
+        Section(
+            "Contact",
+            ("The skin reaches the plate between ridges at "
+             f"{m['load_to_touch_between_N_per_m']:.3g} "
+             f"N/m per ridge (a flat ridge's closed form: "
+             f"{m['load_to_touch_between_closed_form_N_per_m']:.3g}); here each pitch carries "
+             f"{m['load_per_ridge_N_per_m']:.3g} N/m.",),
+            {"contact": lambda: figures.contact(ds, setup.pitch_m)},
+            {"contact": "The ridges stand out by many times the nominal pressure, but the film "
+             "is deeper than the pitch: e^-kz leaves a thousandth of the wave."},
+        ),
+        Section(
+            "The signal and the pitch",
+            (f"The model's signal at the pitch has an amplitude of {micro['amplitude']:.3g} µV. "
+             f"The resistor's noise is {micro['noise_rms']:.3g} µV rms over the whole band: "
+             f"{m['snr_per_sample']:.2g} in each sample. Up to {m['band_hz']:.3g} Hz, twice the "
+             f"ridges' frequency, it is {micro['noise_rms_in_band']:.2g} µV. Over "
+             f"{settings['ridges']} ridges d' is {m['strength_over_scan']:.3g}: the pitch comes "
+             f"out as {1e3 * m['pitch_m']:.4f} ± {1e3 * m['pitch_m_stderr']:.4f} mm (Cramer-Rao "
+             f"bound of one wave in this noise: {1e3 * m['pitch_m_stderr_bound']:.4f}).",
+             f"A strip {1e3 * settings['blind_strip_width_m']:.3g} mm wide gives "
+             f"{micro['amplitude_blind_strip']:.1g} µV: it averages over its width, and over a "
+             "whole pitch the average does not change."),
+            {"signal": lambda: figures.signal(ds, setup.pitch_m, m["band_hz"])},
+            {"signal": f"Dashed in the spectrum: what noise alone reaches anywhere in it with "
+             f"probability {settings['false_alarm']:g}."},
+        ),
+        Section(
+            "How high a ridge has to be",
+            (f"A wave of known pitch is found with probability {settings['detection']:g} at a "
+             f"false-alarm rate of {settings['false_alarm']:g} if d' = {m['strength_needed']:.3g}: "
+             f"for 6.5 µm after {1e3 * m['averaging_length_6.5um_m']:.3g} mm of sliding, for "
+             f"0.65 µm after {1e3 * m['averaging_length_0.65um_m']:.3g} mm.",),
+            {"size": lambda: figures.size(ds, drawn, float(setup.scene.nominal_pressure_Pa)),
+             "detection": lambda: figures.detection(ds, drawn)},
+            {"size": "Where the skin lies on the plate everywhere the signal is linear in the "
+             "height; beside higher ridges it lifts off, and the signal grows faster. At a given "
+             "height it is largest where the skin is about to reach the plate.",
+             "detection": "Amplitudes average down as one over the root of the length."},
+        ),
+        Section(
+            "Beside the paper",
+            ("The paper calls its peaks at 6.5 µm \"large, distinct\" and expects ridges a tenth "
+             "as high to be detectable. For peaks that stand "
+             f"{settings['distinct']:g} rms of noise out of the trace, this model's signal is "
+             f"{m['short_of_distinct']:.3g} times too small in the whole band, and "
+             f"{m['short_of_distinct_in_band']:.2g} times after a low-pass filter at "
+             f"{m['band_hz']:.3g} Hz. The load does not make up for it: at "
+             f"{1e-3 * m['amplitude_most_at_Pa']:.3g} kPa, the best of those tried, the amplitude "
+             f"is {micro['amplitude_most']:.3g} µV.",
+             "Averaging does: what is expected of a tenth of the height holds in this model for "
+             f"a periodic texture and a slide of {m['averaging_length_0.65um_m']:.2g} m. Peaks "
+             "that show at once have to come from what smooth sliding over a half space leaves "
+             "out, such as stick and slip at the ridges, or from a film less deep."),
+        ),
+        Section(
+            "What was assumed",
+            (f"Half space in plane strain, E = {float(setup.scene.skin.youngs_modulus_Pa):.3g} Pa; "
+             f"contact without adhesion, {'' if m['contact_converged'] else 'NOT '}converged"
+             f", nominal pressure {float(setup.scene.nominal_pressure_Pa):g} Pa; q = "
+             f"{float(setup.scene.surface.base_friction):g} p; endless ridges across the motion.",
+             f"Film {1e3 * float(setup.sensor.depth_m):.3g} mm deep, "
+             f"{setup.sensor.elements[0].strips} laminated strips "
+             f"{1e3 * float(setup.sensor.elements[0].width_m):.3g} mm wide; "
+             f"{float(setup.scan.speed_m_per_s):g} m/s; {settings['sample_rate_hz']:g} samples per "
+             f"second, noise {', '.join(cfg['noise'])}, nothing of the amplifier's own; seed "
+             f"{cfg['seed']}. Effects on: {', '.join(cfg['effects']) or 'none'}.",),
+        ),
+    )  # fmt: skip

@@ -1,0 +1,199 @@
+"""Tape on a smooth plate, its leading edge catching the skin: the paper's Fig. 13."""
+
+import numpy as np
+import xarray
+from scipy.interpolate import CubicSpline
+
+from srsinv.errors import BadInput, number, refuse
+from srsinv.forward.scan import Motion
+from srsinv.forward.surface import Surface, Tape
+from srsinv.inverse.problem import COMPONENTS
+from srsinv.inverse.surface_fit import SurfaceFitter
+from srsinv.inverse.surface_model import Window
+from srsinv.jobs import build
+from srsinv.jobs.analysis import element_names
+from srsinv.jobs.pressed import Pressed, resolved
+from srsinv.jobs.simulate import simulation
+from srsinv.progress import stage
+from srsinv.report.figures import tape as draw
+from srsinv.report.outcome import Outcome, Section, Table
+
+EDGES = ("leading", "trailing")
+CASES = ("as it is", "base friction alone", "no friction")
+
+
+def run(cfg: build.Config) -> Outcome:
+    """Signal, recovered p and q, each edge's antisymmetry and the fitted frictions.
+
+    Raises `BadInput` for a scene that is not one tape, a feature that is not one of it, and edges
+    whose surroundings reach beyond the tape's middle.
+    """
+    with build.precision(cfg):
+        sim, method = simulation(cfg), _only("method", build.methods(cfg))
+        feature = _only("feature", build.surface_features(cfg))
+        pressed = Pressed(sim)
+        tape = _only("scene.surfaces", dict(enumerate(pressed.surface.shapes)))
+        if not isinstance(tape, Tape):
+            raise BadInput("scene is not one tape: use scene=tape.")
+        around = number("fig13_tape.around_edge_m", cfg["fig13_tape"]["around_edge_m"],
+                        "a positive length, up to half the tape's width",
+                        above=0, most=float(tape.width_m) / 2)  # fmt: skip
+        problem = pressed.problem(build.noises(cfg), build.random_key(cfg))
+        with stage("inverting"):
+            estimate = method(problem)
+        with stage("fitting the tape"):
+            fitted = _fit(pressed, feature, problem).found
+        base = float(pressed.surface.base_friction)
+        signals = [pressed.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
+        truth = pressed.traction()
+
+    x, way = np.asarray(sim.line.x), float(sim.scan.direction)
+    places = float(tape.position_m) + way * float(tape.width_m) / 2 * np.array([-1.0, 1.0])
+    from_edge = np.linspace(-around, around, 257)
+    felt = np.stack([*signals, problem.data])  # (case, element, x); the last one with noise
+    near = CubicSpline(x, felt, axis=-1)(places[:, None] + from_edge).swapaxes(1, 2)
+    even, odd = (near + near[..., ::-1]) / 2, (near - near[..., ::-1]) / 2
+    index = np.sqrt(np.sum(even**2, axis=(2, 3)) / np.sum(odd**2, axis=(2, 3)))  # (case, edge)
+
+    of_case = dict(zip(("", "_base_friction", "_frictionless", "_with_noise"), index, strict=True))
+    metrics = {
+        f"antisymmetry_{edge}{case}": float(value)
+        for case, values in of_case.items()
+        for edge, value in zip(EDGES, values, strict=True)
+    }
+    metrics |= {
+        "pressure_min_Pa": float(pressed.contact.pressure_Pa.min()),
+        "pressure_max_Pa": float(pressed.contact.pressure_Pa.max()),
+        "contact": pressed.contact.result,
+        "recovery": estimate.result,
+        "fit": fitted.result,
+        "chi2_per_freedom": fitted.fit.stats["chi2_per_freedom"] if fitted.fit else None,
+    }
+    true = {name: getattr(tape, name, None) for name in fitted.parameters}
+    true = {name: base if value is None else float(value) for name, value in true.items()}
+    for name, (value, stderr) in fitted.parameters.items():
+        metrics |= {name: value, f"{name}_stderr": stderr, f"{name}_true": true[name]}
+    along = ("component", "x")
+    parts = ("case", "edge", "element", "from_edge")
+    unit = sim.sensor.amplifier.unit
+    variables = {
+        "signal": (("case", "element", "x"), felt, unit),
+        "even": (parts, even, unit),
+        "odd": (parts, odd, unit),
+        "antisymmetry": (("case", "edge"), index, "1"),
+        "traction": (along, truth, "Pa"),
+        "traction_resolved": (along, resolved(truth, estimate, problem.forward.is_circular), "Pa"),
+        "estimate": (along, np.asarray(estimate.value), "Pa"),
+        "estimate_stderr": (along, np.asarray(estimate.stderr), "Pa"),
+        "edge_position": (("edge",), places, "m"),
+    }
+    coordinates = {
+        "case": ((*CASES, "with noise"), "1"),
+        "edge": (EDGES, "1"),
+        "element": (element_names(sim.sensor), "1"),
+        "component": (COMPONENTS, "1"),
+        "x": (x, "m"),
+        "from_edge": (from_edge, "m"),
+    }
+    dataset = xarray.Dataset(
+        {name: (dims, values, {"units": u}) for name, (dims, values, u) in variables.items()},
+        {name: (name, list(values), {"units": u}) for name, (values, u) in coordinates.items()},
+        {"speed_direction": way},
+    )
+    table = Table(
+        ("", "leading edge", "trailing edge"),
+        (*((f"antisymmetry, {case}", *map(float, row))
+           for case, row in zip(dataset["case"].values, index, strict=True)),
+         *_friction_rows(fitted.parameters, true)),
+        "Antisymmetry: rms of the signal's even over its odd part about the edge.",
+    )  # fmt: skip
+    return Outcome(
+        "Tape on a plate: a leading edge that catches", metrics, dataset,
+        _sections(dataset, cfg, metrics, fitted.parameters, true, around), table,
+    )  # fmt: skip
+
+
+def _only(name: str, named: dict):
+    """The one value of a mapping."""
+    refuse(len(named) != 1, f"{name} names {len(named)}: give one, that of a tape.")
+    return next(iter(named.values()))
+
+
+def _fit(pressed, feature, problem):
+    """The tape's parameters from the signal along x(t); white noise is known, any other kind is
+    estimated from what is left."""
+    sim, line, scene = pressed.sim, pressed.sim.line, pressed.scene
+    start = float(line.x[0] - sim.fine.cell_m / 2)
+    window = Window(start, start + line.n * float(line.cell_m))
+    in_time = slice(None, None, 1 if float(sim.scan.direction) > 0 else -1)
+    time, x = np.sort(np.asarray(sim.scan.time_s(line))), np.asarray(line.x)[in_time]
+    motion = Motion(time, x, np.full(line.n, float(sim.scan.speed_m_per_s)))
+    features = {"tape": feature}
+    fitter = SurfaceFitter(sim.sensor, motion, features, window, float(scene.nominal_pressure_Pa))
+    level = np.sqrt(np.asarray(problem.noise)[1:])
+    noise = float(level[0]) if np.allclose(level, level[0]) else None
+    return fitter(features, np.asarray(problem.data)[:, in_time], noise)
+
+
+def _friction_rows(found, true):
+    for what, pick in (("fitted friction", lambda name: f"{found[name][0]:.4f}"),
+                       ("its standard error", lambda name: f"{found[name][1]:.4f}"),
+                       ("true friction", lambda name: f"{true[name]:.4f}")):  # fmt: skip
+        yield (what, *(pick(f"{edge}_edge_friction") for edge in EDGES))
+
+
+def _sections(ds, cfg, metrics, found, true, around) -> tuple[Section, ...]:
+    lead, trail = (metrics[f"antisymmetry_{edge}"] for edge in EDGES)
+    free = [metrics[f"antisymmetry_{edge}_frictionless"] for edge in EDGES]
+    rows = tuple((name, value, stderr, true[name], f"{(value - true[name]) / stderr:+.1f}")
+                 for name, (value, stderr) in found.items())  # fmt: skip
+    return (
+        Section(
+            "Signal",
+            ("The tape's edges press hardest, and the leading one drags on the skin besides.",),
+            {"tape_signals": lambda: draw.signals(ds)},
+            {"tape_signals": "Without friction the signal is odd about the tape's middle, so that "
+             "both edges show the same; friction adds what is even, and they differ."},
+        ),
+        Section(
+            "Antisymmetry of an edge",
+            (f"Within {1e3 * around:g} mm of an edge the signal is split into an even and an odd "
+             "part about it. A line of pressure gives a charge that is even, and a rate that is "
+             "odd; a line of shear an odd charge and an even rate. The index is the rms of the "
+             "rate's even part, which is the charge's antisymmetric one, over that of its odd "
+             "part, over both elements.",
+             f"Leading {lead:.3g}, trailing {trail:.3g}; without friction {free[0]:.6g} and "
+             f"{free[1]:.6g}, equal by mirror symmetry."),
+            {"tape_symmetry": lambda: draw.symmetry(ds)},
+            {"tape_symmetry": "Signals without noise. Even and odd parts of each element with "
+             "friction (full) and without (dashed). A step of pressure alone is mostly even. "
+             "Shear takes the odd part away at the leading edge and adds to it at the trailing "
+             "one; the catch makes the leading edge's even part larger."},
+        ),
+        Section(
+            "Recovered p and q",
+            ("Deviations from the background, from the noisy signal.",),
+            {"tape_traction": lambda: draw.traction(ds)},
+            {"tape_traction": "The truth has peaks at the edges a few micrometres wide, which the "
+             "film's depth rounds: dotted is the truth as the method's averaging kernels would "
+             "show it without noise. The band of 90 % is of noise and of the assumed spectra, "
+             "which know of no such peaks."},
+        ),
+        Section(
+            "Fitted frictions",
+            (f"The tape fitted to the same signal through contact and friction: {metrics['fit']}, "
+             f"chi-square per degree of freedom {metrics['chi2_per_freedom']:.4g}.",),
+            tables=(Table(("parameter", "fitted", "standard error", "true",
+                           "off, in standard errors"), rows),),
+        ),
+        Section(
+            "What was assumed",
+            ("Half space; Coulomb friction with a zone of its own at each edge; "
+             f"{cfg['grid']['line']} line; noise: {', '.join(cfg['noise'])}; effects on: "
+             f"{', '.join(cfg['effects']) or 'none'}. The data come from cells "
+             f"{cfg['grid']['refinement']} times finer than those of the estimate. The fit knows "
+             "the load, the skin and the length over which the edges rise, nothing else.",
+             f"The pressure is nowhere below {metrics['pressure_min_Pa']:.3g} Pa: contact "
+             f"{metrics['contact']}."),
+        ),
+    )  # fmt: skip

@@ -1,0 +1,262 @@
+"""Rough surfaces slid over: their spectra from the signal, and told apart by them."""
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray
+
+from srsinv.errors import BadInput, mapping, number, refuse, whole
+from srsinv.forward.noise import draw as draw_noise
+from srsinv.forward.noise import total_spectrum
+from srsinv.forward.skin import HalfSpace
+from srsinv.forward.surface import Rough
+from srsinv.inverse.texture import Bands, expected_power, nearest, tapered_power
+from srsinv.jobs import build
+from srsinv.jobs.pressed import pressed_on
+from srsinv.progress import stage
+from srsinv.report.figures import textures as draw
+from srsinv.report.outcome import Outcome, Section, Table
+
+CONTACTS = ("full", "light")
+TOLD = {  # by which contact's stretches, and by what they are compared with
+    "pressed full, linear law": (0, "law"),
+    "pressed lightly, linear law": (1, "law"),
+    "pressed lightly, learned": (1, "learned"),
+}
+
+
+def run(cfg: build.Config) -> Outcome:
+    """Spectra of the heights by dividing the signal's by the sensor's, and a confusion matrix.
+
+    Raises `BadInput` for surfaces that are not rough, a friction that is not known, more than one
+    element, and numbers out of range.
+    """
+    given = cfg["textures"]
+    named = mapping("textures.surfaces", given["surfaces"])
+    refuse(len(named) < 2, f"textures.surfaces names {len(named)}: give two or more rough ones.")
+    draws, learning, bands = (
+        whole(f"textures.{key}", given[key], "a whole number from 1", least=1)
+        for key in ("draws", "learning_draws", "bands")
+    )
+    pressures = [
+        number(f"textures.{key}", given[key], "a positive pressure in Pa", above=0)
+        for key in ("pressure_Pa", "light_pressure_Pa")
+    ]
+    with build.precision(cfg):
+        surfaces = {
+            name: build.make(node, f"textures.surfaces.{name}", Rough)
+            for name, node in named.items()
+        }
+        felt = _Felt(cfg)
+        samples = int(number(
+            "textures.stretch_m", given["stretch_m"], "a positive length within the line",
+            above=4 * felt.cell_m, most=felt.line.n * felt.cell_m,
+        ) / felt.cell_m)  # fmt: skip
+        with stage("sliding over the textures"):
+            signals, share = felt.signals(surfaces, pressures, draws + learning, build.seed(cfg))
+        truth = np.stack([felt.density(surface) for surface in surfaces.values()])
+
+    # Whole windows: the density of heights [m^3] in bands of wavenumber, by the linear law.
+    spectra = Bands(felt.k, felt.gain, felt.noise, felt.blind_from, bands)
+    power = np.abs(np.fft.rfft(signals)) ** 2 / felt.line.n  # (contact, texture, draw, k)
+    found, low, high = spectra.density(power[:, :, :draws])  # (contact, texture, draw, band)
+    expected = spectra.average(truth)  # (texture, band)
+    usable = spectra.usable(power[0, :, :draws].mean(axis=1))  # (texture, band)
+    refuse(
+        not usable.any(axis=-1).all(),
+        f"The noise hides {', '.join(np.array(list(surfaces))[~usable.any(axis=-1)])} at every "
+        "wavenumber: give rougher surfaces in textures.surfaces, or less noise.",
+    )
+    inside = ((low[0] <= expected[:, None]) & (expected[:, None] <= high[0]))[
+        np.broadcast_to(usable[:, None], low[0].shape)
+    ]
+    mean = spectra.density(power[:, :, :draws].mean(axis=2))[0]  # (contact, texture, band)
+    weights = usable * spectra.sum(felt.gain)
+    ratio = np.sum(weights * mean, axis=-1) / np.sum(weights * expected, axis=-1)
+
+    # Short stretches: to the nearest of the known spectra.
+    pieces = tapered_power(signals, samples)
+    references = {"law": expected_power(felt.gain * truth + felt.noise, felt.line.n, samples)}
+    references["learned"] = pieces[1, :, draws:].mean(axis=1)
+    chosen = np.stack([
+        _counted(nearest(pieces[contact, :, :draws], references[kind]))
+        for contact, kind in TOLD.values()
+    ])  # fmt: skip
+    accuracy = np.trace(chosen, axis1=1, axis2=2) / chosen.sum(axis=(1, 2))
+
+    names = list(surfaces)
+    limits = np.stack([spectra.limits(row) for row in usable])  # (texture, end)
+    metrics: dict[str, Any] = {"draws": draws, "stretch_m": samples * felt.cell_m}
+    for told, value in zip(("", "_light_linear_law", "_light_learned"), accuracy, strict=True):
+        metrics[f"accuracy{told}"] = float(value)
+    metrics["coverage_90"] = float(inside.mean())
+    for t, name in enumerate(names):
+        metrics[f"limit_wavenumber_{name}_rad_per_m"] = float(limits[t, 1])
+        metrics[f"limit_wavelength_{name}_m"] = float(2 * np.pi / limits[t, 1])
+        for c, contact in enumerate(CONTACTS):
+            metrics[f"height_power_ratio_{contact}_{name}"] = float(ratio[c, t])
+            metrics[f"contact_share_{contact}_{name}"] = float(share[c, t])
+    of = ("contact", "texture", "band")
+    variables = {
+        "height_density": (of, found[:, :, 0], "m^3"),
+        "height_density_low": (of, low[:, :, 0], "m^3"),
+        "height_density_high": (of, high[:, :, 0], "m^3"),
+        "height_density_mean": (of, mean, "m^3"),
+        "height_density_expected": (("texture", "band"), expected, "m^3"),
+        "height_density_true": (("texture", "wavenumber"), truth, "m^3"),
+        "usable": (("texture", "band"), usable.astype(np.int8), "1"),
+        "limits": (("texture", "end"), limits, "rad/m"),
+        "signal": (("contact", "texture", "x"), signals[:, :, 0], felt.unit),
+        "signal_power": ((*of[:2], "wavenumber"), power[:, :, 0], f"({felt.unit})^2"),
+        "noise_power": (("wavenumber",), felt.noise, f"({felt.unit})^2"),
+        "contact_share": (("contact", "texture"), share, "1"),
+        "chosen": (("told_by", "truth", "candidate"), chosen, "1"),
+        "accuracy": (("told_by",), accuracy, "1"),
+    }
+    coordinates = {
+        "contact": (list(CONTACTS), "1"),
+        "texture": (names, "1"),
+        "truth": (names, "1"),
+        "candidate": (names, "1"),
+        "told_by": (list(TOLD), "1"),
+        "x": (np.asarray(felt.line.x), "m"),
+        "wavenumber": (felt.k, "rad/m"),
+        "band": (spectra.middle, "rad/m"),
+        "end": (["longest", "shortest"], "1"),
+    }
+    dataset = xarray.Dataset(
+        {name: (dims, values, {"units": u}) for name, (dims, values, u) in variables.items()},
+        {name: (name, values, {"units": u}) for name, (values, u) in coordinates.items()},
+    )
+    rows = tuple((name, f"{2e3 * np.pi / limits[t, 1]:.3g}",
+                  f"{share[0, t]:.0%}", ratio[0, t], f"{share[1, t]:.0%}", ratio[1, t])
+                 for t, name in enumerate(names))  # fmt: skip
+    table = Table(
+        ("texture", "shortest wavelength [mm]", "touches, full", "power over true, full",
+         "touches, light", "power over true, light"),
+        rows,
+        "; ".join(f"right, {told}: {a:.0%}" for told, a in zip(TOLD, accuracy, strict=True)) + ".",
+    )  # fmt: skip
+    return Outcome(
+        "Textures by the spectrum of their signal", metrics, dataset,
+        _sections(dataset, cfg, metrics), table,
+    )  # fmt: skip
+
+
+class _Felt:
+    """The sensor on a line, q = mu p known: signals of surfaces, and what spectra they have."""
+
+    def __init__(self, cfg: build.Config):
+        self.sensor, self.scan, self.noises = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
+        elements, mu = len(self.sensor.elements), build.friction(cfg)
+        refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
+        if mu is None:
+            raise BadInput("friction is null: give mu of q = mu p, such as 0.4.")
+        self.refinement = int(build.part(cfg, "grid")["refinement"])
+        self.line, self.fine = build.line(cfg), build.line(cfg, self.refinement)
+        refuse(
+            not isinstance(self.line, build.Periodic),
+            "grid.line is open: a texture has no end, use grid.line=periodic.",
+        )
+        self.skin: HalfSpace = build.make(cfg["skin"], "skin", HalfSpace)
+        self.cell_m, self.k = float(self.line.cell_m), np.asarray(self.line.k)
+        self.unit = self.sensor.amplifier.unit
+        stage = self.sensor.signal(self.scan)
+        transfer = np.asarray(stage.transfer(self.line.k))[0]
+        # Signal power per sample of a unit density of height, all in contact.
+        stiffness = np.asarray(self.skin.contact_modulus_Pa) * self.k / 2
+        self.gain = np.abs((transfer[0] + mu * transfer[1]) * stiffness) ** 2 / self.cell_m
+        # Up to the strip's first blind wavelength, and well within the sampling.
+        widths = [float(film.width_m) for film in self.sensor.elements]
+        self.blind_from = min(2 * np.pi / max(widths), 0.9 * self.k[-1])
+        operator = self.fine.operator(stage)
+
+        @eqx.filter_jit
+        def felt(height, nominal):
+            p = pressed_on(self.fine, self.skin, height, nominal).pressure_Pa
+            signal = operator(jnp.stack([p, mu * p]))[0, :: self.refinement]
+            return signal, jnp.mean(p > 0)
+
+        self._felt = felt
+
+    def signals(self, surfaces, pressures, draws: int, seed: int):
+        """Noisy signals (contact, texture, draw, x), each of its own realisation and noise, and
+        the share that touches (contact, texture)."""
+        seeds = np.random.SeedSequence(seed).generate_state(len(surfaces) * draws) >> 1
+        seeds = seeds.reshape(len(surfaces), draws)
+        heights = [
+            [dataclasses.replace(surface, seed=int(s)).height(self.fine) for s in row]
+            for surface, row in zip(surfaces.values(), seeds, strict=True)
+        ]
+        felt = [
+            [[self._felt(h, jnp.asarray(p)) for h in row] for row in heights] for p in pressures
+        ]
+        clean = np.array([[[signal for signal, _ in row] for row in each] for each in felt])
+        share = np.array([[[touch for _, touch in row] for row in each] for each in felt])
+        spectrum = total_spectrum(
+            self.noises, self.line, self.scan, jnp.sqrt(jnp.mean(jnp.asarray(clean[0]) ** 2))
+        )
+        self.noise = np.asarray(spectrum)
+        flat = clean.reshape(-1, self.line.n)
+        noise = draw_noise(jax.random.key(seed), spectrum, *flat.shape)
+        return clean + np.asarray(noise).reshape(clean.shape), share.mean(axis=-1)
+
+    def density(self, surface: Rough) -> np.ndarray:
+        """The surface's spectral density of height [m^3] at the line's wavenumbers."""
+        k = jnp.arange(1, (self.fine.n + 1) // 2) * self.line.k[1]
+        level = surface.rms_m**2 * self.line.n * self.cell_m / (2 * jnp.sum(surface.power(k)))
+        return np.asarray(level * surface.power(self.line.k))
+
+
+def _counted(chosen: np.ndarray) -> np.ndarray:
+    """How many draws (texture, draw) went to each texture."""
+    return np.stack([np.bincount(row, minlength=len(chosen)) for row in chosen])
+
+
+def _sections(ds: xarray.Dataset, cfg: build.Config, metrics) -> tuple[Section, ...]:
+    given = cfg["textures"]
+    full, light = (f"{1e-3 * given[key]:g} kPa" for key in ("pressure_Pa", "light_pressure_Pa"))
+    return (
+        Section(
+            "Signals",
+            (f"Each texture under {full}, where the skin touches everywhere or nearly, and under "
+             f"{light}, where it touches the summits.",),
+            {"texture_signals": lambda: draw.signals(ds)},
+            {"texture_signals": "One realisation of each texture, with noise."},
+        ),
+        Section(
+            "Spectra of the heights",
+            ("The signal's power less that of the noise, over the sensor's gain squared, is the "
+             "power of p; in full contact p(k) = E* |k| h(k)/2, so that the heights' follows. "
+             "Averaged over bands of wavenumber; the band of 90 % is chi-square's, two degrees of "
+             f"freedom for each wave. Over all draws it covers {metrics['coverage_90']:.0%}.",
+             "Beyond the limits the noise is more than the signal: a rate feels little of long "
+             "waves, and the depth takes away short ones. Bands end at the wavelength of the "
+             "strip's width, to which it is blind.",
+             "Where the skin touches the summits alone the law does not hold: the recovered power "
+             "is too low, by the ratios in the table."),
+            {"texture_spectra": lambda: draw.spectra(ds)},
+            {"texture_spectra": "Bars: one recording and its 90 % band, full contact. Diamonds: "
+             "the same law under light pressure, mean over the draws."},
+        ),
+        Section(
+            "Told apart",
+            (f"Stretches of {1e3 * metrics['stretch_m']:.3g} mm, each of a new realisation with "
+             "new noise, under a Hann window, go to the texture under whose spectrum they are most "
+             "likely (Whittle's likelihood). Spectra come from the linear law and the known "
+             "texture, or were learned from other stretches under the same pressure.",),
+            {"texture_confusion": lambda: draw.confusion(ds)},
+            {"texture_confusion": "Rows: what was there; columns: what was chosen."},
+        ),
+        Section(
+            "What was assumed",
+            (f"Half space; q = {cfg['friction']} p everywhere, known; periodic line, the data "
+             f"from cells {cfg['grid']['refinement']} times finer; noise: "
+             f"{', '.join(cfg['noise'])}, its power known; effects on: "
+             f"{', '.join(cfg['effects']) or 'none'}.",),
+        ),
+    )  # fmt: skip

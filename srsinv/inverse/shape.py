@@ -1,0 +1,64 @@
+"""The profile that the skin is pressed on, from the pressure: contact the other way round.
+
+Where the skin touches, its displacement is the surface's height up to a constant, and at nu = 1/2
+pressure alone displaces it, w(k) = compliance(k) p(k) (docs/physics.md, section 5). Between, w is
+the skin over the gap. The compliance falls as 1/|k|: errors of long waves grow most.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..forward.contact import cell_compliance
+from ..forward.skin import HalfSpace
+from ..grid import Line
+from .problem import Estimate
+
+
+@eqx.filter_jit
+def shape_under(
+    line: Line, skin: HalfSpace, pressure_Pa: Float[Array, "*rows n"]
+) -> Float[Array, "*rows n"]:
+    """The skin's displacement [m] at the cell centres, its mean zero, under cell averages of p.
+
+    What [`press`][srsinv.forward.contact.press] solves for p: everything repeats with the window.
+    """
+    spectrum = cell_compliance(line, skin) * jnp.fft.rfft(pressure_Pa)
+    return jnp.fft.irfft(spectrum, line.n)
+
+
+def shape_band(
+    line: Line, skin: HalfSpace, estimate: Estimate, touching: Bool[Array, " n"]
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """The displacement [m] under the estimate's p, less its mean over the cells that touch, and its
+    standard error.
+
+    p enters linearly, so that the error is the estimate's own covariance carried through, exactly.
+    """
+    return _band(line, skin, estimate.value[0], estimate.covariance, jnp.asarray(touching))
+
+
+@eqx.filter_jit
+def _band(line: Line, skin: HalfSpace, pressure, covariance, touching):
+    share = touching / jnp.maximum(jnp.sum(touching), 1)
+    w = shape_under(line, skin, pressure)
+    if covariance.ndim == 3:
+        own, shared = _stationary(line, skin, covariance[0, 0].real, share)
+    else:
+        own, shared = _whole(line, skin, covariance[: line.n, : line.n], share)
+    # Of w less its mean: var w - 2 cov(w, mean) + var mean.
+    variance = own - 2 * shared + share @ shared
+    return w - share @ w, jnp.sqrt(jnp.maximum(variance, 0.0))
+
+
+def _stationary(line: Line, skin: HalfSpace, power: Float[Array, " k"], share):
+    """Variance of w and its covariance with the mean, p's errors having the spectrum `power`."""
+    spectrum = cell_compliance(line, skin) ** 2 * power
+    own = jnp.fft.irfft(spectrum, line.n)[0]
+    return jnp.full(line.n, own), jnp.fft.irfft(spectrum * jnp.fft.rfft(share), line.n)
+
+
+def _whole(line: Line, skin: HalfSpace, covariance: Float[Array, "n n"], share):
+    """The same from the covariance between all cells."""
+    carried = shape_under(line, skin, shape_under(line, skin, covariance).T)
+    return jnp.diagonal(carried), carried @ share

@@ -1,0 +1,159 @@
+"""Coverage of the fit of a surface's feature: recordings simulated on finer cells, each fitted.
+
+Every recording has its own noise and its own place of the feature, so that edges fall anywhere
+within the cells; the noise is estimated from what each fit leaves.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..errors import is_number, refuse, shown
+from ..forward.scene import SurfaceScene
+from ..forward.surface import Ridge, Shape, StepDown, StepUp, Tape
+from ..forward.surface_feature import (
+    RidgeFeature,
+    StepDownFeature,
+    StepUpFeature,
+    SurfaceFeature,
+    TapeFeature,
+)
+from ..grid import as_real
+from ..inverse.surface_fit import SurfaceFitter
+from ..inverse.surface_model import MOVES, Rubbed, SurfaceModel, Window, cell_for
+from ..progress import stage
+from . import build
+from .judged import STEP, Found, Quantity, bounds_of, ratio_dB
+from .recorded import MARGIN_DEPTHS, check_cells
+from .simulated_features import Bench, evenly
+
+FINER = 2.5  # times as many cells as the fit has, and in no simple ratio to them
+MOVED_M = 0.5e-3  # how far the feature stands from its place, at most
+FEATURES: Mapping[type[Shape], type[SurfaceFeature]] = {
+    Ridge: RidgeFeature,
+    Tape: TapeFeature,
+    StepUp: StepUpFeature,
+    StepDown: StepDownFeature,
+}
+
+
+@dataclass(frozen=True)
+class SurfaceBench(Bench):
+    """For one feature of a surface, simulated on fine cells; `fit_cells` are the fit's."""
+
+    name: str
+    model: SurfaceModel
+    rest: Mapping[str, Any]
+    edge_length_m: float
+    fit_cells: int
+    known: ClassVar[str] = "estimated by the fit"
+    start: ClassVar[str] = "by search in the first recording, from its result in the others"
+
+    @property
+    def cells(self) -> str:
+        return f"{self.model.line.n} cells in the window, where the fit has {self.fit_cells}"
+
+    def signal(self, truth: Mapping[str, float]) -> np.ndarray:
+        """The noise-free signal (element, sample) of the feature's parameters and the friction."""
+        own = {part: as_real(value) for part, value in truth.items() if part != "base_friction"}
+        own["edge_length_m"] = as_real(self.edge_length_m)
+        base = as_real(truth["base_friction"])
+        return np.asarray(self.model(dict(self.rest) | {self.name: own, "base_friction": base}))
+
+
+def judged(cfg: build.Config, draws: int) -> tuple[SurfaceBench, dict[str, Found]]:
+    """The scene's feature fitted to so many recordings."""
+    name, feature, truth, scene = _scene(cfg)
+    sensor, scan = build.sensor(cfg), build.scan(cfg)
+    depth = float(sensor.depth_m)
+    window = _window(cfg)
+    margin = MARGIN_DEPTHS * depth
+    stretch = (window.start_m + margin, window.length_m - 2 * margin)
+    motion = evenly(cfg, "coverage", sensor, scan, stretch)
+    cell = cell_for({name: feature}, depth)
+    check_cells("coverage.window_m", window.length_m, cell / FINER)
+    pressure = float(scene.nominal_pressure_Pa)
+    fitter = SurfaceFitter(
+        sensor, motion, {name: feature}, window, pressure, solver=build.solver(cfg)
+    )
+    fine = SurfaceModel(Rubbed(sensor, motion, window, cell / FINER), {name: feature})
+    rest = {"nominal_pressure_Pa": as_real(pressure), "gain": as_real(1.0)}
+    if sensor.amplifier.offset is None:
+        rest["offset"] = jnp.zeros(len(sensor.elements))
+    edge = float(feature.edge_length_m or 0.0)
+    fit_cells = fitter.line.n
+    noises = build.noises(cfg)
+    on = SurfaceBench(sensor, scan, motion, noises, name, fine, rest, edge, fit_cells)
+    clean = on.signal(truth)
+    rms = float(np.sqrt(np.mean(clean**2)))
+    power = on.power(rms)
+    key, place = jax.random.split(build.random_key(cfg))
+    moved = np.asarray(jax.random.uniform(place, (draws,), minval=-MOVED_M, maxval=MOVED_M))
+    noise = on.noise(key, power, draws)
+    read, converged, start = [], 0, None
+    with stage(f"fitting {draws} recordings of {name}"):
+        for off, added in zip(moved, noise, strict=True):
+            shifted = {**truth, "position_m": truth["position_m"] + float(off)}
+            found = fitter({name: feature}, on.signal(shifted) + added, start=start).found
+            own = dict(found.parameters)
+            start = start or {part: own[part][0] for part in feature.axes}
+            own["position_m"] = own["position_m"][0] - float(off), own["position_m"][1]
+            read.append(own)
+            converged += found.result == "converged"
+    sizes = {part: _size(part, truth, depth, float(fine.line.cell_m)) for part in truth}
+    bounds = bounds_of(on, on.signal, truth, sizes, power)
+    quantities = tuple(
+        Quantity(
+            name, part, float(truth[part]), bound,
+            np.array([each[part][0] for each in read]),
+            np.array([each[part][1] for each in read]),
+        )
+        for part, bound in bounds.items()
+    )  # fmt: skip
+    ratio = ratio_dB(rms, power, on.shape[1])
+    return on, {name: Found(quantities, converged, ratio)}
+
+
+def _size(part: str, truth: Mapping[str, float], depth: float, cell: float) -> float:
+    """What a step of the bound's differences is measured by; edges move by whole cells."""
+    if part == "height_m":
+        return 10 * abs(truth[part])
+    if part in MOVES:
+        return 4 * cell / STEP
+    return depth if part.endswith("_m") else 1.0
+
+
+def _scene(cfg: build.Config) -> tuple[str, SurfaceFeature, dict[str, float], SurfaceScene]:
+    """The scene's only shape as a feature to be fitted, and its parameters."""
+    scene = build.scene(cfg)
+    names = list(build.part(cfg, "scene")["surfaces"] or ())
+    shapes = scene.surface.shapes if isinstance(scene, SurfaceScene) else ()
+    kinds = ", ".join(kind.__name__ for kind in FEATURES)
+    refuse(
+        not isinstance(scene, SurfaceScene) or len(shapes) != 1 or type(shapes[0]) not in FEATURES,
+        f"The scene has {len(shapes)} surfaces ({', '.join(names)}): coverage takes one that can "
+        f"be fitted ({kinds}), such as scene=ridge.",
+    )
+    assert isinstance(scene, SurfaceScene)
+    shape, base = shapes[0], float(scene.surface.base_friction)
+    kind = FEATURES[type(shape)]
+    feature = kind(float(shape.edge_length_m))
+    truth = {part: float(getattr(shape, part)) for part in feature.axes}
+    for part in feature.frictions:
+        own = getattr(shape, part)
+        truth[part] = base if own is None else float(own)
+    return names[0], feature, truth | {"base_friction": base}, scene
+
+
+def _window(cfg: build.Config) -> Window:
+    given = cfg["coverage"]["window_m"]
+    pair = isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
+    refuse(
+        not pair or not given[0] < given[1],
+        f"coverage.window_m is {shown(given)}: give [start, end] in metres.",
+    )
+    return Window(float(given[0]), float(given[1]))

@@ -1,0 +1,110 @@
+"""A surface pressed on once, and what a sensor feels of it with any friction: at nu = 1/2 friction
+does not change the pressure."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import BadInput
+from ..forward.contact import Contact, press
+from ..forward.noise import Noise, draw, total_spectrum
+from ..forward.scene import SurfaceScene
+from ..forward.surface import Surface
+from ..grid import Line
+from ..inverse.problem import Estimate, Problem
+from .simulate import Simulation
+
+pressed_on = eqx.filter_jit(press)  # one program for all surfaces on a line
+
+
+class Pressed(eqx.Module):
+    """A simulation of a surface, its contact solved on the finer line.
+
+    Tractions are cell averages (2, n) less the background, as those of the simulation. Raises
+    `BadInput` for a scene without a surface.
+    """
+
+    sim: Simulation
+    scene: SurfaceScene
+    contact: Contact
+
+    def __init__(self, sim: Simulation):
+        scene = sim.scene
+        if not isinstance(scene, SurfaceScene):
+            kind = type(scene).__name__
+            raise BadInput(f"scene is a {kind}: name one of a surface, such as scene=ridge.")
+        self.sim, self.scene = sim, scene
+        height = scene.surface.height(sim.fine)
+        self.contact = pressed_on(sim.fine, scene.skin, height, scene.nominal_pressure_Pa)
+
+    @property
+    def surface(self) -> Surface:
+        """What the skin is pressed on."""
+        return self.scene.surface
+
+    @eqx.filter_jit
+    def fine_traction(self, surface: Surface | None = None) -> Float[Array, "2 fine"]:
+        """p and q on the finer line, with the friction of `surface` in place of its own."""
+        sim, of = self.sim, self.surface if surface is None else surface
+        p, direction = self.contact.pressure_Pa, sim.scan.direction
+        ways = [of.friction(sim.fine, way) for way in (True, False)]
+        q = direction * jnp.where(direction < 0, ways[1], ways[0]) * p
+        level = self.scene.nominal_pressure_Pa * jnp.stack([1.0, direction * of.base_friction])
+        # On the periodic line nothing is taken out: its background is zero.
+        return jnp.stack([p, q]) - jnp.where(jnp.any(sim.background), level, 0.0)[:, None]
+
+    def traction(self, surface: Surface | None = None) -> np.ndarray:
+        """The same averaged over the cells of the line of the estimate."""
+        return cell_averages(self.fine_traction(surface), self.sim.refinement)
+
+    @eqx.filter_jit
+    def signal(self, surface: Surface | None = None) -> Float[Array, "e n"]:
+        """The signal without noise at the line's positions."""
+        stage = self.sim.sensor.signal(self.sim.scan)
+        felt = self.sim.fine.operator(stage)(self.fine_traction(surface))
+        return felt[:, :: self.sim.refinement]
+
+    def problem(self, noises: tuple[Noise, ...], key, friction=None) -> Problem:
+        """The signal with noise, and what inverts it; the mean pressure is known as the load."""
+        sim, signal = self.sim, self.signal()
+        spectrum = total_spectrum(noises, sim.line, sim.scan, jnp.sqrt(jnp.mean(signal**2)))
+        free = sim.sensor.amplifier.offset is None
+        return Problem(
+            sim.line,
+            _operator(sim.line, sim.sensor.signal(sim.scan)),
+            signal + draw(key, spectrum, *signal.shape),
+            spectrum.at[0].set(jnp.inf) if free else spectrum,
+            known_mean_Pa=(jnp.mean(self.fine_traction()[0]), None),
+            friction=friction,
+        )
+
+
+def cell_averages(values, refinement: int) -> np.ndarray:
+    """Averages over cells `refinement` times wider (..., n), around every so many cells' centre.
+
+    Everything repeats with the window.
+    """
+    values, half = np.asarray(values), refinement // 2
+    weights = np.ones(2 * half + 1)
+    if refinement % 2 == 0:
+        weights[[0, -1]] = 0.5  # the outermost cells are cut in two
+    shifted = [w * np.roll(values, half - i, axis=-1) for i, w in enumerate(weights)]
+    return np.sum(shifted, axis=0)[..., ::refinement] / refinement
+
+
+@eqx.filter_jit
+def _operator(line: Line, stage):
+    return line.operator(stage)
+
+
+def resolved(
+    truth: Float[np.ndarray, "2 n"], estimate: Estimate, circular: bool
+) -> Float[np.ndarray, "2 n"]:
+    """The truth as the averaging kernels of an estimate of p and q show it, without any noise."""
+    n = truth.shape[-1]
+    size = n if circular else 2 * n
+    kernels = np.fft.rfft(np.asarray(estimate.averaging), size)
+    shown = np.fft.irfft(np.einsum("ijk,jk->ik", kernels, np.fft.rfft(truth, size)), size)
+    # A kernel has its middle at cell n // 2.
+    return np.roll(shown, -(n // 2), axis=-1)[:, :n]

@@ -1,0 +1,270 @@
+"""Contact against its closed forms, its conditions, and its derivatives against differences."""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from srsinv.forward.contact import Contact, cell_compliance, press
+from srsinv.forward.skin import HalfSpace
+from srsinv.forward.surface import Cylinder, Ridge, Rough, SineWave, Surface, Tape
+from srsinv.grid import Periodic
+from tests.reference import contacts
+from tests.refusals import refused
+
+LENGTH = 0.02
+SKIN = HalfSpace()
+MODULUS = 7e5 / 0.75
+pressed = eqx.filter_jit(press)
+
+
+def window(n, length=LENGTH, shift=0.0):
+    cell = length / n
+    return Periodic(n, cell, -length / 2 + (0.5 + shift) * cell)
+
+
+def check(contact: Contact, line, height, nominal, size=1e-8):
+    """Equilibrium, signs, complementarity and the skin's own displacement."""
+    p, gap, span = np.asarray(contact.pressure_Pa), np.asarray(contact.gap_m), np.ptp(height)
+    assert contact.result == "converged"
+    assert np.mean(p) == pytest.approx(nominal, rel=1e-10)
+    assert np.all(p >= 0)
+    assert np.min(gap) >= -size * span
+    assert np.max(np.abs(p * gap)) <= size * nominal * span
+    k = np.asarray(line.k)
+    answer = np.fft.rfft(gap + np.asarray(height))[1:-1]
+    elastic = 2 / (MODULUS * k[1:-1]) / np.sinc(k[1:-1] * float(line.cell_m) / 2 / np.pi)
+    # The transform rounds beside the height that was added.
+    rounding = 1e-15 * span * p.size
+    np.testing.assert_allclose(
+        answer,
+        elastic * np.fft.rfft(p)[1:-1],
+        rtol=1e-8,
+        atol=1e-8 * np.abs(answer).max() + rounding,
+    )
+
+
+def westergaard_error(n, share, shift):
+    depth, line = 1e-5, window(n, shift=shift)
+    full = contacts.westergaard_full(depth, LENGTH, MODULUS)
+    wave = SineWave(depth, LENGTH, 0.0).height(line)
+    found = pressed(line, SKIN, wave, share * full)
+    load = partial(contacts.westergaard_load, length=LENGTH, nominal=share * full, share=share)
+    exact = contacts.cell_averages(load, np.asarray(line.x), float(line.cell_m))
+    assert found.result == "converged"
+    return np.linalg.norm(np.asarray(found.pressure_Pa) - exact) / np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_westergaard_at_every_place_within_a_cell(share):
+    sizes = {1024: 1.1e-3, 4096: 2.6e-4, 16384: 7e-5}
+    errors = [
+        np.median([westergaard_error(n, share, turn / 12) for turn in range(12)]) for n in sizes
+    ]
+    assert all(error <= goal for error, goal in zip(errors, sizes.values(), strict=True)), errors
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_westergaard_converges_at_first_order(share):
+    """As the edge of contact is known to a cell: in the root mean square over places within one,
+    which so few places tell to some per cent."""
+    coarse, fine = (
+        np.sqrt(np.mean([westergaard_error(n, share, turn / 12) ** 2 for turn in range(12)]))
+        for n in (4096, 32768)
+    )
+    assert np.log(coarse / fine) / np.log(8) >= 0.95
+
+
+def test_full_contact_is_the_direct_formula():
+    line, depth = window(1024), 1e-5
+    k, full = 2 * np.pi / LENGTH, contacts.westergaard_full(1e-5, LENGTH, MODULUS)
+    found = pressed(line, SKIN, SineWave(depth, LENGTH, 1e-3).height(line), 1.5 * full)
+    average = np.sinc(k * float(line.cell_m) / 2 / np.pi)
+    wave = full * average * np.cos(k * (np.asarray(line.x) - 1e-3))
+    np.testing.assert_allclose(found.pressure_Pa, 1.5 * full + wave, rtol=1e-12)
+    assert float(found.iterations) == 0
+
+
+def test_a_cylinder_is_hertz():
+    """Half the width and the greatest pressure, in a window far wider than the contact."""
+    line, radius = window(8192, 0.2), 0.01
+    load = 5.0
+    found = pressed(line, SKIN, Cylinder(radius).height(line), load / 0.2)
+    p, cell = np.asarray(found.pressure_Pa), float(line.cell_m)
+    a = contacts.hertz_half_width(load, radius, MODULUS)
+    # The outermost cells are touched in part: the load's second moment knows, a^2/4 for Hertz.
+    moment = np.sum(p * np.asarray(line.x) ** 2) / np.sum(p) - cell**2 / 12
+    assert 2 * np.sqrt(moment) == pytest.approx(a, rel=5e-3)
+    assert np.sum(found.touching) * cell / 2 == pytest.approx(a, abs=cell)
+    assert p.max() == pytest.approx(2 * load / (np.pi * a), rel=5e-3)
+
+
+HARD = {
+    "ridge": (Ridge(25e-6, 0.9e-3), 3e4),
+    "tape": (Tape(50e-6, 0.012), 2e4),
+    "groove": (Ridge(-25e-6, 0.9e-3), 3e4),
+    "vertical": (Ridge(25e-6, 0.9e-3, 0.0, 0.0), 3e4),
+    "light": (Ridge(25e-6, 0.9e-3), 1e-6),
+    "heavy": (Ridge(25e-6, 0.9e-3), 1e12),
+    "tall": (Ridge(1e-3, 0.9e-3), 3e4),
+    "picometre": (Ridge(1e-12, 0.9e-3), 3e4),
+    "narrow": (Ridge(25e-6, 2e-6), 3e4),
+    "rough": (Rough(5e-6, 3e-3, 2e-5, 0.3, 7), 2e4),
+    "rough, lightly": (Rough(20e-6, 3e-3, 2e-5, 0.3, 7), 50.0),
+    "beside the window": (Ridge(25e-6, 0.9e-3, 0.05), 3e4),
+}
+
+
+@pytest.mark.parametrize(("shape", "nominal"), HARD.values(), ids=HARD)
+def test_hard_profiles(shape, nominal):
+    line = window(2048)
+    height = np.asarray(shape.height(line))
+    contact = pressed(line, SKIN, jnp.asarray(height), nominal)
+    if np.ptp(height) == 0:
+        np.testing.assert_allclose(contact.pressure_Pa, nominal)
+    else:
+        check(contact, line, height, nominal)
+
+
+def test_a_flat_surface_is_pressed_evenly():
+    contact = pressed(window(256), SKIN, jnp.zeros(256), 1e4)
+    np.testing.assert_array_equal(contact.pressure_Pa, 1e4)
+    np.testing.assert_array_equal(contact.gap_m, 0.0)
+
+
+def test_a_quarter_of_a_million_points():
+    line = window(2**18)
+    height = Ridge(25e-6, 0.9e-3, 0.0012, 1e-5).height(line)
+    contact = pressed(line, SKIN, height, 3e4)
+    check(contact, line, np.asarray(height), 3e4)
+    assert float(contact.iterations) < 60
+
+
+def test_odd_lengths_and_single_precision():
+    line = window(1003)
+    height = Ridge(25e-6, 0.9e-3).height(line)
+    double = pressed(line, SKIN, height, 3e4)
+    assert double.result == "converged"
+    with jax.enable_x64(False):
+        small = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), (line, SKIN, height, 3e4))
+        single = pressed(*small)
+        assert single.pressure_Pa.dtype == jnp.float32
+        assert single.result == "converged"
+    error = np.asarray(single.pressure_Pa) - np.asarray(double.pressure_Pa)
+    assert np.linalg.norm(error) < 2e-3 * np.linalg.norm(double.pressure_Pa)
+
+
+# --- invariances -----------------------------------------------------------------------------
+
+
+def test_it_scales_and_shifts_as_elasticity_does():
+    """Height, modulus and pressure by one factor; a shift by whole cells; a mirror."""
+    line = window(512)
+    height = Rough(5e-6, 3e-3, 2e-4, 0.8, 1).height(line)
+    one = pressed(line, SKIN, height, 500.0)
+    assert 0.02 < np.mean(one.touching) < 0.98
+    stiff = pressed(line, HalfSpace(0.5, 7e5 * 8), height, 4000.0)
+    np.testing.assert_allclose(stiff.pressure_Pa, 8 * one.pressure_Pa, atol=1e-5)
+    high = pressed(line, SKIN, 8 * height, 4000.0)
+    np.testing.assert_allclose(high.pressure_Pa, 8 * one.pressure_Pa, atol=1e-5)
+    rolled = pressed(line, SKIN, jnp.roll(height, 37), 500.0)
+    np.testing.assert_allclose(rolled.pressure_Pa, np.roll(one.pressure_Pa, 37), atol=1e-5)
+    mirrored = pressed(line, SKIN, height[::-1], 500.0)
+    np.testing.assert_allclose(mirrored.pressure_Pa, one.pressure_Pa[::-1], atol=1e-5)
+
+
+def test_more_load_touches_more():
+    line = window(1024)
+    height = Rough(5e-6, 3e-3, 1e-4, 0.8, 3).height(line)
+    areas = [float(np.mean(pressed(line, SKIN, height, p).touching)) for p in 10.0 ** np.arange(6)]
+    assert areas == sorted(areas)
+    assert areas[0] < 0.1
+    assert areas[-1] == 1.0
+
+
+# --- derivatives -----------------------------------------------------------------------------
+
+UNITS = {"height_m": 25e-6, "width_m": 0.9e-3, "nominal_pressure_Pa": 3e4, "modulus_Pa": 7e5}
+
+
+def pressure(relative, line):
+    """p over its mean, of a ridge whose parameters are so many times those above."""
+    height, width, nominal, modulus = (
+        r * unit for r, unit in zip(relative, UNITS.values(), strict=True)
+    )
+    shape = Ridge(height, width, 0.3e-3, 4e-5)
+    skin = HalfSpace(0.5, modulus)
+    return press(line, skin, shape.height(line), nominal).pressure_Pa / 3e4
+
+
+LINE = window(1024)
+forward = jax.jit(jax.jacfwd(partial(pressure, line=LINE)))
+value = jax.jit(partial(pressure, line=LINE))
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_derivatives_are_the_differences_where_the_contact_stays(name):
+    at, step = list(UNITS).index(name), 1e-6
+    one = jnp.ones(4)
+    above, below = (value(one.at[at].add(s * step)) for s in (1, -1))
+    np.testing.assert_array_equal(above > 0, below > 0)
+    differences = (above - below) / (2 * step)
+    error = np.linalg.norm(forward(one)[:, at] - differences)
+    assert error <= 1e-4 * np.linalg.norm(differences)
+
+
+def test_reverse_is_the_transpose_of_forward_also_under_vmap():
+    weight = jnp.sin(3e3 * LINE.x)
+    points = jnp.ones((3, 4)) * jnp.array([[1.0], [0.7], [1.4]])
+    reverse = jax.jit(jax.vmap(jax.grad(lambda r: weight @ pressure(r, LINE))))(points)
+    for point, gradient in zip(points, reverse, strict=True):
+        np.testing.assert_allclose(gradient, weight @ forward(point), rtol=1e-10)
+
+
+@pytest.mark.parametrize(("shape", "nominal"), HARD.values(), ids=HARD)
+def test_derivatives_are_finite(shape, nominal):
+    line = window(512)
+
+    def total(height, nominal, modulus):
+        contact = press(line, HalfSpace(0.5, modulus), height, nominal)
+        return jnp.sum(jnp.sin(500 * line.x) * contact.pressure_Pa) + jnp.sum(contact.gap_m)
+
+    inputs = shape.height(line), jnp.asarray(nominal), jnp.asarray(7e5)
+    for gradient in finite_gradient(total, *inputs):
+        assert np.all(np.isfinite(gradient))
+
+
+def finite_gradient(total, *inputs):
+    return jax.jit(jax.grad(total, argnums=tuple(range(len(inputs)))))(*inputs)
+
+
+def test_no_pressure_is_refused_and_traced_it_is_no_contact():
+    line = window(64)
+    height = Ridge(25e-6, 2e-3).height(line)
+    for nominal in (0.0, -1.0, np.nan, np.inf):
+        refused(lambda nominal=nominal: press(line, SKIN, height, nominal), "nominal_pressure_Pa")
+    refused(lambda: press(line, SKIN, height.at[3].set(jnp.nan), 1e4), "height", "finite")
+    slope = jax.jit(jax.value_and_grad(lambda p: jnp.sum(press(line, SKIN, height, p).pressure_Pa)))
+    force, derivative = slope(jnp.asarray(0.0))
+    assert force == 0.0
+    assert np.isfinite(derivative)
+
+
+def test_two_overlapping_ridges():
+    """Their heights add, where they overlap too."""
+    line = window(1024)
+    pair = Surface([Ridge(20e-6, 1e-3, -0.2e-3), Ridge(20e-6, 1e-3, 0.2e-3)])
+    height = pair.height(line)
+    assert float(height.max()) == pytest.approx(40e-6, rel=1e-9)
+    check(pressed(line, SKIN, height, 2e4), line, np.asarray(height), 2e4)
+
+
+def test_the_compliance_of_cells_is_that_of_points_at_long_waves():
+    compliance = np.asarray(cell_compliance(LINE, SKIN))
+    k = np.asarray(LINE.k)
+    assert compliance[0] == 0
+    assert compliance[1] == pytest.approx(2 / (MODULUS * k[1]), rel=1e-5)
+    assert compliance[-1] == pytest.approx(np.pi / (MODULUS * k[-1]), rel=1e-12)

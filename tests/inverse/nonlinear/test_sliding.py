@@ -1,0 +1,92 @@
+"""Noise that is correlated along the motion: its whitener, and its levels from a residual."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from srsinv.inverse.nonlinear import Sliding, fit
+from srsinv.inverse.sliding_noise import estimate
+from tests.refusals import refused
+
+LENGTH = 2e-4
+RNG = np.random.default_rng(5)
+X = np.cumsum(RNG.uniform(0.1, 2.0, 157)) * 1e-5
+WHITE = np.stack([np.full(157, 1.0), np.full(157, 2.0)])
+WHITE[0, 5] = np.inf
+
+
+def covariance(row):
+    away = np.abs(X[:, None] - X[None])
+    return 0.49 * np.exp(-away / LENGTH) + np.diag(np.where(np.isfinite(row), row, 0.0) ** 2)
+
+
+@pytest.mark.parametrize("element", [0, 1])
+def test_it_makes_its_own_noise_white(element):
+    """W N W^T = 1 over the samples that are seen, and the volume is the determinant's."""
+    noise = Sliding(X, WHITE, 0.7, LENGTH)
+    basis = np.zeros((157, 2, 157))
+    basis[np.arange(157), element, np.arange(157)] = 1.0
+    rows = np.array([np.asarray(noise(jnp.asarray(b))).reshape(2, -1)[element] for b in basis]).T
+    seen = np.isfinite(WHITE[element])
+    white = rows[np.ix_(seen, seen)] @ covariance(WHITE[element])[np.ix_(seen, seen)]
+    white = white @ rows[np.ix_(seen, seen)].T
+    np.testing.assert_allclose(white, np.eye(seen.sum()), atol=1e-12)
+    assert not rows[~seen].any()
+
+
+def test_its_volume_and_count():
+    noise = Sliding(X, WHITE, 0.7, LENGTH)
+    seen = [np.isfinite(row) for row in WHITE]
+    exact = sum(
+        np.linalg.slogdet(covariance(row)[np.ix_(s, s)])[1] / 2
+        for row, s in zip(WHITE, seen, strict=True)
+    )
+    assert noise.log_volume(WHITE.shape) == pytest.approx(exact, rel=1e-12)
+    assert noise.count(WHITE.shape) == 2 * 157 - 1
+
+
+def test_a_fit_weighs_with_it_as_with_the_full_matrix():
+    """A constant under it: its value and standard error by generalised least squares."""
+    y = RNG.normal(size=(1, 157))
+    noise = Sliding(X, WHITE[1:], 0.7, LENGTH)
+    found = fit(lambda p: p["level"] + jnp.zeros((1, 157)), {"level": 0.0}, y, noise=noise)
+    inverse = np.linalg.inv(covariance(WHITE[1]))
+    weight = inverse.sum()
+    assert found.stderr["level"] == pytest.approx(weight**-0.5, rel=1e-9)
+    assert found.value["level"] == pytest.approx((inverse @ y[0]).sum() / weight, rel=1e-7)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_levels_come_back_from_the_noise(uneven):
+    """Within what so many samples tell: the correlated part's are some hundred correlation lengths,
+    worth 7 % of its level and 15 % of its length."""
+    n = 6000
+    step = RNG.uniform(0.2, 1.8, n) * 5e-6 if uneven else np.full(n, 5e-6)
+    x = np.cumsum(step)
+    white, sliding = np.array([1e-6, 1.5e-6]), 0.5e-6
+    drive = RNG.normal(size=(2, n))
+    decay = np.exp(-np.diff(x, prepend=x[0]) / LENGTH)
+    slow = np.zeros((2, n))
+    slow[:, 0] = drive[:, 0]
+    for i in range(1, n):
+        slow[:, i] = decay[i] * slow[:, i - 1] + np.sqrt(1 - decay[i] ** 2) * drive[:, i]
+    y = sliding * slow + white[:, None] * RNG.normal(size=(2, n))
+    y[0, 100:120] = np.nan
+    found = estimate(y, x, 7.5e-4)
+    np.testing.assert_allclose(found.white, white, rtol=0.04)
+    assert found.sliding == pytest.approx(sliding, rel=0.25)
+    assert found.correlation_m == pytest.approx(LENGTH, rel=0.6)
+
+
+def test_white_noise_alone_leaves_no_sliding():
+    y = 1e-6 * RNG.normal(size=(2, 3000))
+    found = estimate(y, np.arange(3000) * 5e-6, 7.5e-4)
+    np.testing.assert_allclose(found.white, 1e-6, rtol=0.06)
+    assert found.sliding < 0.3e-6
+
+
+def test_refusals():
+    refused(lambda: Sliding(X, WHITE, 0.0, LENGTH), "sliding", "above 0")
+    refused(lambda: Sliding(X, WHITE, 1.0, -1.0), "correlation_m", "above 0")
+    refused(lambda: Sliding(X, np.zeros((2, 157)), 1.0, LENGTH), "level", "above 0")
+    refused(lambda: Sliding(X, WHITE, 1.0, LENGTH).seen((3, 5)), "shape", "(3, 5)")

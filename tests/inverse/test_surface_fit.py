@@ -1,0 +1,188 @@
+"""Features of a surface fitted: derivatives, truths found from nothing, what cannot be told."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from srsinv.forward.amplifier import CurrentAmplifier
+from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.scan import Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.skin import HalfSpace
+from srsinv.forward.surface_feature import RidgeFeature, StepUpFeature, TapeFeature
+from srsinv.inverse.surface_fit import SurfaceFitter
+from srsinv.inverse.surface_model import Rubbed, SurfaceModel, Window
+from tests.refusals import refused
+
+EDGE, NOMINAL = 4e-5, 2e4
+WINDOW = Window(-0.009, 0.009)
+TIME = np.arange(241) / 1200
+STRIP = StripWidth.at_depth(0.7e-3, 0.75e-3)
+SENSOR = Sensor(
+    [Film(0.75e-3, angle, effects=[STRIP]) for angle in (0.0, np.pi / 2)],
+    HalfSpace(),
+    CurrentAmplifier(1e6),
+)
+ONWARDS = Motion.from_speed(TIME, 0.03 * (1 + 0.3 * np.sin(40 * TIME)), -0.003)
+BACK = Motion.from_speed(TIME, -0.03, 0.003)
+PLATE = {"nominal_pressure_Pa": NOMINAL, "gain": 1.0}
+RIDGE = {"height_m": 3e-5, "width_m": 0.8e-3, "position_m": 0.4e-3}
+TAPE = {
+    "height_m": 5e-5, "width_m": 3.1e-3, "position_m": 0.2e-3, "friction_zone_length_m": 5e-4,
+    "leading_edge_friction": 1.1, "trailing_edge_friction": 0.2,
+}  # fmt: skip
+
+
+def fine(feature, motion):
+    """The model on cells in no simple ratio to the fit's."""
+    return SurfaceModel(Rubbed(SENSOR, motion, WINDOW, EDGE / 13), {"it": feature})
+
+
+def tree(own, base):
+    params = PLATE | {"base_friction": base, "it": own | {"edge_length_m": EDGE}}
+    return jax.tree.map(jnp.asarray, params)
+
+
+def noisy(signal, seed):
+    """White and sliding noise, the latter over 0.2 mm at a constant step in time."""
+    rng = np.random.default_rng(seed)
+    rms = np.sqrt(np.mean(signal**2))
+    slow = rng.normal(size=signal.shape)
+    for i in range(1, signal.shape[1]):
+        slow[:, i] = 0.88 * slow[:, i - 1] + np.sqrt(1 - 0.88**2) * slow[:, i]
+    return signal + rms * (0.01 * rng.normal(size=signal.shape) + 0.005 * slow)
+
+
+def fitter(feature, motion, also=()):
+    return SurfaceFitter(SENSOR, motion, {"it": feature}, WINDOW, NOMINAL, also)
+
+
+@pytest.fixture(scope="module")
+def ridges():
+    return fitter(RidgeFeature(EDGE), ONWARDS)
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return fine(RidgeFeature(EDGE), ONWARDS)
+
+
+CASES = {
+    "ridge": (RIDGE, 0.4),
+    "negative friction": (RIDGE | {"height_m": 1.2e-5, "position_m": -0.7e-3}, -0.35),
+    "narrow": (RIDGE | {"width_m": 0.35e-3}, 0.1),
+}
+
+
+@pytest.mark.parametrize(("own", "base"), CASES.values(), ids=CASES)
+def test_a_ridge_is_found_from_nothing_and_from_a_bad_start(ridges, simulated, own, base):
+    y = noisy(np.asarray(simulated(tree(own, base))), 3)
+    truth = own | {"base_friction": base}
+    found = ridges({"it": RidgeFeature(EDGE)}, y)
+    assert found.found.result == "converged"
+    for name, (value, stderr) in found.found.parameters.items():
+        assert abs(value - truth[name]) < 4 * stderr, name
+    bad = {
+        "height_m": 1.5 * own["height_m"],
+        "width_m": 0.5 * own["width_m"],
+        "position_m": own["position_m"] + 0.5e-3,
+    }
+    again = ridges({"it": RidgeFeature(EDGE)}, y, start=bad).found
+    for name, (value, stderr) in found.found.parameters.items():
+        assert abs(again.parameters[name][0] - value) < 0.05 * stderr, name
+
+
+def test_the_noise_is_what_the_fit_leaves(ridges, simulated):
+    signal = np.asarray(simulated(tree(RIDGE, 0.4)))
+    levels = ridges({"it": RidgeFeature(EDGE)}, noisy(signal, 5)).levels
+    rms = np.sqrt(np.mean(signal**2))
+    # 241 samples of each element: 5 % of the white level, a third of the sliding noise's.
+    np.testing.assert_allclose(levels.white, 0.01 * rms, rtol=0.25)
+    assert 0.2 * 0.005 * rms < levels.sliding < 2.5 * 0.005 * rms
+
+
+def test_standard_errors_are_the_bound(ridges, simulated):
+    """At known white noise, against central differences of the finer simulation."""
+    signal = np.asarray(simulated(tree(RIDGE, 0.4)))
+    rms = 0.01 * np.sqrt(np.mean(signal**2))
+    found = ridges({"it": RidgeFeature(EDGE)}, signal, noise=rms).found
+    cell = float(simulated.line.cell_m)
+    steps = {"height_m": 3e-7, "width_m": 4 * cell, "position_m": 2 * cell}
+    columns = []
+    for name, step in steps.items():
+        above, below = (tree(RIDGE | {name: RIDGE[name] + s * step}, 0.4) for s in (1, -1))
+        columns.append(np.ravel(simulated(above) - simulated(below)) / (2 * step))
+    columns.append(np.ravel(simulated(tree(RIDGE, 1.4)) - simulated(tree(RIDGE, 0.4))))
+    jacobian = np.stack(columns, axis=1)
+    size = np.linalg.norm(jacobian, axis=0)
+    bound = rms * np.sqrt(np.diag(np.linalg.inv((jacobian / size).T @ (jacobian / size)))) / size
+    stated = [stderr for _, stderr in found.parameters.values()]
+    np.testing.assert_allclose(stated, bound, rtol=0.03)
+
+
+def test_derivatives_of_the_signal_are_differences_in_both_modes():
+    """To 1e-4 where the contact stays: steps that move no cell in or out of it."""
+    model = SurfaceModel(Rubbed(SENSOR, ONWARDS, WINDOW, 2e-5), {"it": RidgeFeature(EDGE)})
+    units = {"height_m": 1e-11, "width_m": 1e-11, "position_m": 1e-11, "nominal": 1e-2}
+
+    def own(values):
+        it = dict(zip(RIDGE, values[:3], strict=True))
+        return tree(it, 0.4) | {"nominal_pressure_Pa": values[3]}
+
+    at = jnp.array([*RIDGE.values(), NOMINAL])
+    signal, jacobian = jax.jit(lambda v: (model(own(v)), jax.jacfwd(lambda w: model(own(w)))(v)))(
+        at
+    )
+    weight = jnp.cos(jnp.arange(signal.size) / 9).reshape(signal.shape)
+    back = jax.jit(jax.grad(lambda values: jnp.sum(weight * model(own(values)))))(at)
+    np.testing.assert_allclose(back, jnp.tensordot(weight, jacobian, 2), rtol=1e-9)
+    touching = model.contact(own(at)).touching
+    for i, step in enumerate(units.values()):
+        ends = [own(at.at[i].add(s * step)) for s in (1, -1)]
+        for end in ends:
+            np.testing.assert_array_equal(model.contact(end).touching, touching)
+        change = (model(ends[0]) - model(ends[1])) / (2 * step)
+        error = np.linalg.norm(jacobian[..., i] - change)
+        assert error < 1e-4 * np.linalg.norm(change), i
+
+
+def test_sliding_back_the_leading_edge_is_the_other_one():
+    model = fine(TapeFeature(EDGE), BACK)
+    y = noisy(np.asarray(model(tree(TAPE, 0.35))), 7)
+    found = fitter(TapeFeature(EDGE), BACK)({"it": TapeFeature(EDGE)}, y).found
+    assert found.result == "converged"
+    for name, truth in (TAPE | {"base_friction": 0.35}).items():
+        value, stderr = found.parameters[name]
+        assert abs(value - truth) < 4 * stderr, name
+    assert found.parameters["leading_edge_friction"][1] < 0.05
+
+
+def test_gain_pressure_and_height_cannot_be_told_apart(simulated):
+    """Twice the pressure and the height at half the gain is the same signal."""
+    y = noisy(np.asarray(simulated(tree(RIDGE, 0.4))), 11)
+    together = fitter(RidgeFeature(EDGE), ONWARDS, ["gain", "nominal_pressure_Pa"])
+    found = together({"it": RidgeFeature(EDGE)}, y).found
+    (direction,) = found.fit.undetermined
+    assert set(direction) == {"gain", "nominal_pressure_Pa", "it.height_m"}
+    assert np.isinf(found.parameters["height_m"][1])
+    width, stderr = found.parameters["width_m"]
+    assert abs(width - RIDGE["width_m"]) < 4 * stderr
+
+
+def test_noise_alone_prefers_nothing(ridges):
+    y = 1e-6 * np.random.default_rng(2).normal(size=(2, TIME.size))
+    ridge, nothing = ridges({"it": RidgeFeature(EDGE)}, y), ridges({}, y)
+    assert nothing.found.log_evidence > ridge.found.log_evidence
+
+
+def test_refusals(ridges):
+    away = Window(0.0, 0.01)
+    make = partial(SurfaceFitter, SENSOR, ONWARDS, {"it": RidgeFeature(EDGE)})
+    refused(lambda: make(away, NOMINAL), "contact window", "recording.contact_window_m")
+    refused(lambda: make(WINDOW, NOMINAL, ["speed"]), "fit.free", "'speed'", "gain")
+    refused(lambda: RidgeFeature(edge_length_m=0.0), "edge_length_m", "positive")
+    refused(lambda: RidgeFeature(width_range_m=[-1.0, 1.0]), "width_range_m")
+    refused(lambda: StepUpFeature(width_range_m=[1e-3, 2e-3]), "StepUpFeature", "width_range_m")

@@ -1,0 +1,171 @@
+"""Surfaces through contact, in short forms: the paper's tape, textures, the profile under p."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from srsinv.errors import BadInput
+from srsinv.forward.film import Film
+from srsinv.forward.scan import ConstantSpeed
+from srsinv.forward.scene import SurfaceScene
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.surface import Tape
+from srsinv.grid import Periodic
+from srsinv.jobs.pressed import Pressed, cell_averages
+from srsinv.jobs.simulate import Simulation
+from tests.jobs.run import outcome
+
+SHORT = {
+    "fig13_tape": ("grid.cells=256", "grid.refinement=24",
+                   "scene.surfaces.tape.edge_length_m=4e-5"),
+    "textures": ("textures.draws=12", "textures.learning_draws=12"),
+    "shape_from_traction": ("grid.cells=512",),
+}  # fmt: skip
+
+
+def run(name, *overrides):
+    """The outcome of an experiment in its short form."""
+    return outcome(f"experiment={name}", *SHORT[name], *overrides)
+
+
+@pytest.fixture(scope="module")
+def outcomes():
+    return {name: run(name) for name in SHORT}
+
+
+def test_the_caught_edge_stands_out(outcomes):
+    found = outcomes["fig13_tape"].metrics
+    assert found["antisymmetry_leading"] > 3 * found["antisymmetry_trailing"]
+    # The plate's own friction tells the edges apart too; the catch adds to that.
+    assert found["antisymmetry_leading"] > 1.2 * found["antisymmetry_leading_base_friction"]
+    for edge in ("leading", "trailing"):
+        noisy = found[f"antisymmetry_{edge}_with_noise"]
+        assert noisy == pytest.approx(found[f"antisymmetry_{edge}"], rel=0.05)
+
+
+def test_edges_are_alike_without_friction(outcomes):
+    found = outcomes["fig13_tape"].metrics
+    leading, trailing = (
+        found[f"antisymmetry_{edge}_frictionless"] for edge in ("leading", "trailing")
+    )
+    assert leading == pytest.approx(trailing, rel=1e-6)
+
+
+def test_contact_only_pushes(outcomes):
+    found = outcomes["fig13_tape"].metrics
+    assert found["contact"] == "converged"
+    assert 0 <= found["pressure_min_Pa"] < found["pressure_max_Pa"]
+
+
+def test_tape_is_fitted(outcomes):
+    found = outcomes["fig13_tape"].metrics
+    assert found["fit"] == "converged"
+    assert found["chi2_per_freedom"] == pytest.approx(1.0, abs=0.25)
+    for name in ("leading_edge_friction", "trailing_edge_friction", "base_friction", "height_m",
+                 "width_m", "position_m"):  # fmt: skip
+        error = abs(found[name] - found[f"{name}_true"])
+        assert error < 4 * found[f"{name}_stderr"], name
+    assert found["leading_edge_friction_stderr"] < 0.01
+
+
+def _pressed(speed_m_per_s: float) -> Pressed:
+    """A tape pressed on, periodic, slid over at this speed."""
+    tape = Tape(50e-6, 0.008, edge_length_m=4e-5, leading_edge_friction=1.1)
+    scene = SurfaceScene(2e4, [tape], 0.35)
+    sensor = Sensor([Film(), Film(angle_rad=np.pi / 2)])
+    line, fine = Periodic(128, 0.02 / 128, -0.01), Periodic(768, 0.02 / 768, -0.01)
+    return Pressed(Simulation(scene, sensor, ConstantSpeed(speed_m_per_s), line, fine, 6))
+
+
+def test_sliding_back_is_the_mirror_image():
+    """The other edge leads, and a film feels the same later as sooner."""
+    there, back = (_pressed(speed).signal() for speed in (0.05, -0.05))
+    mirrored = -np.arange(128) % 128  # x = 0 is a cell's centre
+    np.testing.assert_allclose(
+        back[:, mirrored], there, rtol=0, atol=1e-7 * float(jnp.abs(there).max())
+    )
+
+
+def test_what_is_pressed_once_is_what_the_simulation_feels():
+    pressed = _pressed(0.05)
+    sim = pressed.sim
+    expected = sim.sampled(sim.sensor.signal(sim.scan))
+    np.testing.assert_allclose(
+        pressed.signal(), expected, rtol=0, atol=1e-9 * float(jnp.abs(expected).max())
+    )
+    fine = np.asarray(sim.traction(sim.fine))
+    np.testing.assert_allclose(pressed.fine_traction(), fine, rtol=1e-9, atol=1e-4)
+    np.testing.assert_allclose(pressed.traction().mean(axis=-1), fine.mean(axis=-1))
+
+
+@pytest.mark.parametrize("refinement", [1, 3, 4])
+def test_cell_averages_are_about_the_wide_cells_centres(refinement):
+    x = np.arange(12 * refinement) / refinement
+    wave = np.cos(2 * np.pi * x / 12)
+    found = cell_averages(wave, refinement)
+    share = found[0]  # by how much averaging lowers a wave
+    assert 0.95 < share <= 1
+    np.testing.assert_allclose(found, share * np.cos(2 * np.pi * np.arange(12) / 12), atol=1e-12)
+
+
+def test_textures_are_told_apart_when_pressed_fully(outcomes):
+    found = outcomes["textures"].metrics
+    assert found["accuracy"] > 0.8
+    assert found["accuracy_light_linear_law"] < 0.5
+
+
+def test_spectra_lie_in_their_bands(outcomes):
+    found, ds = outcomes["textures"].metrics, outcomes["textures"].dataset
+    assert found["coverage_90"] == pytest.approx(0.9, abs=0.05)
+    usable = ds["usable"].values == 1
+    assert usable.sum(axis=1).min() >= 4
+    for t, name in enumerate(ds["texture"].values):
+        assert found[f"contact_share_full_{name}"] > 0.99
+        assert found[f"height_power_ratio_full_{name}"] == pytest.approx(1.0, abs=0.3)
+        assert found[f"height_power_ratio_light_{name}"] < 0.6
+        # Long waves of the mean over the draws: its scatter is that of all of them.
+        first = np.flatnonzero(usable[t])[1:4]
+        ratio = (ds["height_density_mean"] / ds["height_density_expected"]).values[0, t, first]
+        assert np.all((ratio > 0.4) & (ratio < 2.0))
+
+
+@pytest.mark.parametrize(("name", "rms_m"), [("ridge", 2e-6), ("cylinder", 1e-6)])
+def test_profiles_come_back(outcomes, name, rms_m):
+    found = outcomes["shape_from_traction"].metrics
+    assert found[f"contact_{name}"] == found[f"recovery_{name}"] == "converged"
+    assert found[f"rms_error_m_{name}"] < rms_m < 0.1 * found[f"height_range_m_{name}"]
+    assert found[f"rms_exact_pressure_m_{name}"] < 0.2 * found[f"rms_error_m_{name}"]
+    assert found[f"coverage_{name}"] > 0.5
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_page_is_whole(outcomes, name):
+    found = outcomes[name]
+    assert all("units" in variable.attrs for variable in found.dataset.variables.values())
+    assert found.sections[-1].heading == "What was assumed"
+    for section in found.sections:
+        assert set(section.captions) == set(section.figures)
+        for draw in section.figures.values():
+            assert any(axes.lines or axes.images for axes in draw().axes)
+
+
+@pytest.mark.parametrize(
+    ("name", "override", "words"),
+    [
+        ("fig13_tape", "scene=ridge", "scene is not one tape"),
+        ("fig13_tape", "scene=strip", "name one of a surface"),
+        ("fig13_tape", "fig13_tape.around_edge_m=0.008", "around_edge_m is 0.008"),
+        ("textures", "sensor=two_element", "has 2 elements"),
+        ("textures", "friction=null", "friction is null"),
+        ("textures", "grid.line=open", "grid.line is open"),
+        ("textures", "textures.draws=0", "textures.draws is 0"),
+        ("textures", "textures.stretch_m=0.05", "textures.stretch_m is 0.05"),
+        ("shape_from_traction", "shape_from_traction.scenes=null", "scenes is null"),
+        ("shape_from_traction", "method=[wiener,tikhonov]", "names 2"),
+    ],
+)
+def test_refused(name, override, words):
+    overrides = [o for o in SHORT[name] if not (override.startswith("scene=") and "scene" in o)]
+    overrides += ["feature.tape.edge_length_m=2e-5"] * override.startswith("scene=")
+    with pytest.raises(BadInput, match=words):
+        outcome(f"experiment={name}", *overrides, override)
