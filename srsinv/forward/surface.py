@@ -338,9 +338,9 @@ class Rough(Shape):
         self.rms_m = _not_negative("rms_m", rms_m)
         self.longest_m = _positive("longest_m", longest_m)
         wanted = "a positive length in metres, not above longest_m"
-        known = longest_m if not isinstance(longest_m, Tracer) else None
+        most = float("inf") if isinstance(longest_m, Tracer) else float(longest_m)
         self.shortest_m = as_real(
-            number("surface shortest_m", shortest_m, wanted, above=0, most=known)
+            number("surface shortest_m", shortest_m, wanted, above=0, most=most)
         )
         self.hurst = as_real(
             number("surface hurst", hurst, "a number from 0 to 1", least=0, most=1)

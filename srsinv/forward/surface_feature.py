@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import numpy as np
 
-from ..errors import number
+from ..errors import BadInput, number
 from .feature import POSITION, Axis, Range, Stretch, range_name, ranges, searched
 from .surface import Ridge, Shape, StepDown, StepUp, Tape
 from .traction import Scalar
@@ -22,7 +22,6 @@ HEIGHTS = 7  # tried: the signal goes from linear in the height to independent o
 
 def _heights(within: Range, stretch: Stretch) -> np.ndarray:
     """By equal factors; over zero, both signs."""
-    del stretch
     low, high = within
     if low >= 0 or high <= 0:
         least, most = sorted((abs(low), abs(high)))
@@ -85,6 +84,17 @@ class SurfaceFeature(eqx.Module):
         """The same with edges that rise over this length."""
         given = {range_name(name): list(within) for name, within in self.searched}
         return type(self)(edge_length_m, **given)
+
+    @property
+    def edge_m(self) -> float:
+        """The edge length; raises `BadInput` where it is not known."""
+        if self.edge_length_m is None:
+            raise BadInput(
+                "The length over which edges rise is not known, and the data cannot tell it from "
+                "the width: give the feature's edge_length_m, or feature.edge_length_m in the "
+                "sidecar."
+            )
+        return self.edge_length_m
 
     @abc.abstractmethod
     def shape(self, own: Mapping[str, Scalar]) -> Shape:

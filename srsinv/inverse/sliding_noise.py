@@ -9,11 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg.lapack import dpttrf, dpttrs
+from scipy.linalg import get_lapack_funcs
 from scipy.optimize import minimize
 
 from .nonlinear import Sliding
 
+# Of symmetric, positive definite, tridiagonal matrices.
+_FACTOR, _SOLVE = get_lapack_funcs(("pttrf", "pttrs"), dtype=float)
 LEAST_STEP = 1e-6  # of the correlation length: samples nearer than that are as good as one
 LEAST_SHARE = 1e-4  # of the white noise: less sliding noise than that is none
 RANGE = 50.0  # the correlation length lies within this factor of the film's depth
@@ -87,11 +89,11 @@ class _Row:
         middle[:-1] += decay**2 / renewed
         middle[1:] += decay**2 / renewed
         beside = -decay / renewed
-        diagonal, ratio, _ = dpttrf(white**2 * middle + sliding**2, white**2 * beside)
+        diagonal, ratio, _ = _FACTOR(white**2 * middle + sliding**2, white**2 * beside)
         pulled = middle * self.values
         pulled[:-1] += beside * self.values[1:]
         pulled[1:] += beside * self.values[:-1]
-        solved, _ = dpttrs(diagonal, ratio, pulled)
+        solved, _ = _SOLVE(diagonal, ratio, pulled)
         log_volume = np.sum(np.log(diagonal)) + np.sum(np.log(renewed))
         return 0.5 * float(self.values @ solved + log_volume)
 

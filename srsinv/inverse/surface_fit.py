@@ -100,23 +100,18 @@ class SurfaceFitter:
 
         Features of a sum are found one after the other, and then fitted together.
         """
-        y, levels = np.asarray(y, float), None
-        if noise is None:
-            levels = first_levels(y, self._depth_m)
-        white = first_levels(y, self._depth_m).white
+        y = np.asarray(y, float)
+        first = first_levels(y, self._depth_m)
+        using = self._noise(first, y) if noise is None else noise
         parts: dict[str, Any] = {}
         result, params = None, self._plain(len(y))
         for name, feature in features.items():
             given = _own(start or {}, name, features)
-            known = {
-                "nominal_pressure_Pa": self._pressure,
-                "edge_length_m": feature.edge_length_m,
-            }
-            search = partial(self._search.starts, y, white, (parts, params), feature, known)
+            known = {"nominal_pressure_Pa": self._pressure, "edge_length_m": feature.edge_m}
+            search = partial(self._search.starts, y, first.white, (parts, params), feature, known)
             parts = parts | {name: feature}
-            fixed = dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_length_m}
+            fixed = dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_m}
             model = self._model(parts)
-            using = self._noise(levels, y) if noise is None else noise
             ends: list[Fit] = []
             for shape in _in_turn(search, given):
                 ends.append(self._fit(model, params | {name: shape | fixed}, y, using))
@@ -125,13 +120,13 @@ class SurfaceFitter:
             result = min(ends, key=lambda end: end.stats["cost"])
             params = dict(result.value)
         if result is None:
-            using = self._noise(estimate(y, *self._scale), y) if noise is None else noise
-            return SurfaceFit(
-                FeatureFit({}, None, self._model({}), {}, log_density(y, using)), levels
-            )
-        if levels is not None:
-            result, levels = self._settled(self._model(parts), result, y, levels)
-        model = self._model(parts)
+            levels = estimate(y, *self._scale) if noise is None else None
+            using = noise if levels is None else self._noise(levels, y)
+            nothing = FeatureFit({}, None, self._model({}), {}, log_density(y, using))
+            return SurfaceFit(nothing, levels)
+        model, levels = self._model(parts), None
+        if noise is None:
+            result, levels = self._settled(model, result, y, first)
         found = FeatureFit(
             dict(features), result, model, readable(model, result), _evidence(result)
         )
@@ -160,11 +155,15 @@ class SurfaceFitter:
 
     def _plain(self, elements: int) -> dict[str, Any]:
         """The plate alone."""
-        params = {"base_friction": 0.0, "nominal_pressure_Pa": self._pressure, "gain": 1.0}
+        params: dict[str, Any] = {
+            "base_friction": 0.0,
+            "nominal_pressure_Pa": self._pressure,
+            "gain": 1.0,
+        }
         if "depth_m" in self._also:
             params["depth_m"] = self._depth_m
         if self._rubbed.free_offset:
-            params["offset"] = np.zeros(elements)
+            params |= {"offset": np.zeros(elements)}
         return params
 
     def _model(self, parts) -> SurfaceModel:
@@ -180,7 +179,7 @@ class SurfaceFitter:
                 bounds[f"{name}.{part}"] = within
             if "edge_length_m" in self._also:
                 # Sharper ones no cell resolves, nor its derivative.
-                low, high = _about("edge_length_m", feature.edge_length_m)
+                low, high = _about("edge_length_m", feature.edge_m)
                 low = max(low, LEAST_EDGE * float(model.line.cell_m))
                 bounds[f"{name}.edge_length_m"] = low, high
         whole = {"depth_m": self._depth_m, "gain": 1.0, "nominal_pressure_Pa": self._pressure}

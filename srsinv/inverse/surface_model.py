@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ from ..grid import Line, Open, Periodic, as_real
 SurfaceFeatures = Mapping[str, SurfaceFeature]
 
 CELLS_PER_EDGE = 5  # the contact beside an edge is then right to some 1e-4 of the signal
-CELLS_PER_DEPTH = 64  # at least, whatever the edges
+CELLS_PER_DEPTH = 256  # at least: edges jump by cells, which has to be less than is felt
 MOVES = {"position_m", "width_m"}  # parameters that move edges
 BLOCK = 256  # cells come in multiples of it: the contact starts on so much wider cells
 
@@ -71,7 +71,7 @@ class Rubbed(eqx.Module):
             "as [start, end] around it.",
         )
         blocks = int(np.ceil(window.length_m / cell_m / BLOCK))
-        n = BLOCK * int(scipy.fft.next_fast_len(max(blocks, 1), real=True))
+        n = BLOCK * int(cast(int, scipy.fft.next_fast_len(max(blocks, 1), real=True)))
         cell = window.length_m / n
         self.sensor, self.motion = sensor, motion
         self.line = kind(n, cell, window.start_m + cell / 2)

@@ -102,6 +102,7 @@ class FeatureContestant:
         found = self._fitter(self.features, y, _noise(problem, at))
         if found.fit is None:
             raise ValueError("a contest of features needs one feature at least")
+        assert isinstance(found.model, FeatureModel)
         value, stderr = _on_cells(found.model, found.fit, problem, np.sign(self.speed_m_per_s))
         fitted = np.full(problem.data.shape, np.nan)
         fitted[:, at] = found.signal()

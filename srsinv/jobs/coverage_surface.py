@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..errors import is_number, refuse, shown
+from ..errors import BadInput, is_number, refuse, shown
 from ..forward.scene import SurfaceScene
 from ..forward.surface import Ridge, Shape, StepDown, StepUp, Tape
 from ..forward.surface_feature import (
@@ -84,7 +84,7 @@ def judged(cfg: build.Config, draws: int) -> tuple[SurfaceBench, dict[str, Found
     rest = {"nominal_pressure_Pa": as_real(pressure), "gain": as_real(1.0)}
     if sensor.amplifier.offset is None:
         rest["offset"] = jnp.zeros(len(sensor.elements))
-    edge = float(feature.edge_length_m or 0.0)
+    edge = feature.edge_m
     fit_cells = fitter.line.n
     noises = build.noises(cfg)
     on = SurfaceBench(sensor, scan, motion, noises, name, fine, rest, edge, fit_cells)
@@ -133,14 +133,13 @@ def _scene(cfg: build.Config) -> tuple[str, SurfaceFeature, dict[str, float], Su
     names = list(build.part(cfg, "scene")["surfaces"] or ())
     shapes = scene.surface.shapes if isinstance(scene, SurfaceScene) else ()
     kinds = ", ".join(kind.__name__ for kind in FEATURES)
-    refuse(
-        not isinstance(scene, SurfaceScene) or len(shapes) != 1 or type(shapes[0]) not in FEATURES,
-        f"The scene has {len(shapes)} surfaces ({', '.join(names)}): coverage takes one that can "
-        f"be fitted ({kinds}), such as scene=ridge.",
-    )
-    assert isinstance(scene, SurfaceScene)
-    shape, base = shapes[0], float(scene.surface.base_friction)
-    kind = FEATURES[type(shape)]
+    if not isinstance(scene, SurfaceScene) or len(shapes) != 1 or type(shapes[0]) not in FEATURES:
+        raise BadInput(
+            f"The scene has {len(shapes)} surfaces ({', '.join(names)}): coverage takes one that "
+            f"can be fitted ({kinds}), such as scene=ridge."
+        )
+    shape: Any = shapes[0]
+    base, kind = float(scene.surface.base_friction), FEATURES[type(shape)]
     feature = kind(float(shape.edge_length_m))
     truth = {part: float(getattr(shape, part)) for part in feature.axes}
     for part in feature.frictions:

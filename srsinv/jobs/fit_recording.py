@@ -5,43 +5,38 @@ Features of traction, or features of a surface that act through contact.
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import xarray
-from jaxtyping import Float
 
-from ..errors import mapping, number, refuse, shown
+from ..errors import refuse, shown
 from ..forward.noise import total_spectrum
-from ..forward.scan import ConstantSpeed, Motion
-from ..forward.sensor import Sensor
-from ..forward.surface_feature import SurfaceFeature
+from ..forward.scan import ConstantSpeed
 from ..grid import Periodic
 from ..inverse.feature_fit import FeatureFit, FeatureFitter, probabilities, traction_band
 from ..inverse.feature_model import CELLS_PER_DEPTH
 from ..inverse.nonlinear import Spectrum, whitener
 from ..inverse.problem import COMPONENTS
-from ..inverse.sliding_noise import Levels
-from ..inverse.surface_fit import PROFILES, SurfaceFitter, surface_band
-from ..inverse.surface_model import SurfaceFeatures, SurfaceModel, cell_for, checked_pressure
+from ..inverse.surface_fit import PROFILES, surface_band
+from ..inverse.surface_model import SurfaceModel
 from ..progress import stage
 from ..recording import Recording
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
 from .analysis import element_names
+from .fit_surface import Candidate, Measured, contact_section, ground, surface_fitter
 from .recorded import (
     STEADY,
     check_cells,
     coloured_noises,
-    contact_window,
     elements_named,
     load_even,
     motion_of,
-    nominal_pressure,
     sensor_of,
     white_rms,
 )
@@ -49,21 +44,6 @@ from .recorded import (
 EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
 GOOD_CHI2 = 1.2  # beyond, the residual is not the noise alone and the page says so
 STRONG = 0.95  # a correlation that the page names
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A recording with all that a fit needs of it: `y` and `noise` as [`nonlinear.fit`][] has them.
-
-    `noise_rms` is the white noise per sample.
-    """
-
-    recording: Recording
-    sensor: Sensor
-    motion: Motion
-    y: Float[np.ndarray, "e sample"]
-    noise: Any
-    noise_rms: float
 
 
 def measured(cfg: build.Config) -> Measured:
@@ -98,19 +78,6 @@ def _noise(cfg: build.Config, recording: Recording, y, rms: float) -> Any:
     signal_rms = jnp.sqrt(jnp.mean(jnp.asarray(y) ** 2))
     coloured = total_spectrum(causes, line, ConstantSpeed(speed), signal_rms)
     return Spectrum(np.asarray(coloured) + rms**2)
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """Features fitted, with the noise as it was taken, and the seconds that it took.
-
-    `levels`: of the noise, where it comes from what the fit leaves.
-    """
-
-    fit: FeatureFit
-    noise: Any
-    levels: Levels | None
-    time_s: float
 
 
 def run(cfg: build.Config) -> Outcome:
@@ -180,69 +147,6 @@ def _traction_fitter(cfg: build.Config, data: Measured) -> Callable[[Any], Candi
         return Candidate(fitter(features, data.y, data.noise), data.noise, None, 0.0)
 
     return one
-
-
-def surface_fitter(
-    cfg: build.Config, data: Measured, features: SurfaceFeatures, settings: Mapping[str, Any]
-) -> Callable[[Any], Candidate]:
-    """What fits features of a surface, its edges as the sidecar has them."""
-    facts = data.recording.sidecar
-    pressure = checked_pressure(nominal_pressure(data.recording))
-    features = {name: _with_edge(name, each, facts) for name, each in features.items()}
-    window = contact_window(facts, data.motion.position_m, float(data.sensor.depth_m))
-    cell = cell_for(features, float(data.sensor.depth_m))
-    check_cells(data.recording.name, window.length_m, cell)
-    fitter = SurfaceFitter(
-        data.sensor, data.motion, features, window, pressure,
-        _names("fit.free", settings["free"]), build.solver(cfg),
-    )  # fmt: skip
-    start = _start(settings["start"], features)
-    white_given = build.part(build.part(cfg, "noise"), "white").get("rms") is not None
-    known = data.noise if white_given or coloured_noises(cfg) else None
-
-    def one(chosen) -> Candidate:
-        found = fitter({name: features[name] for name in chosen}, data.y, known, start)
-        noise = known
-        if found.levels is not None:
-            position = np.asarray(data.motion.position_m)
-            noise = found.levels.whitener(position, np.isfinite(data.y))
-        return Candidate(found.found, noise, found.levels, 0.0)
-
-    return one
-
-
-def _with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
-    if feature.edge_length_m is not None:
-        return feature
-    known = build.part(facts, "feature").get("edge_length_m")
-    refuse(
-        known is None,
-        f"The length over which the edges of {name} rise is not known, and the data cannot tell it "
-        f"from the width: give feature.{name}.edge_length_m, or feature.edge_length_m in the "
-        "sidecar.",
-    )
-    return feature.with_edge(known)
-
-
-def _names(key: str, given: Any) -> tuple[str, ...]:
-    listed = [] if given is None else [given] if isinstance(given, str) else given
-    right = isinstance(listed, list | tuple) and all(isinstance(each, str) for each in listed)
-    refuse(not right, f"{key} is {shown(given)}: give a list of parameters' names.")
-    return tuple(listed)
-
-
-def _start(given: Any, features: SurfaceFeatures) -> dict[str, float]:
-    """Values to start from, by the names that results have."""
-    start = {} if given is None else dict(mapping("fit.start", given))
-    several = len(features) > 1
-    own = [f"{n}_{a}" if several else a for n, f in features.items() for a in f.axes]
-    for name, value in start.items():
-        refuse(
-            name not in own,
-            f"fit.start names {name!r}, which is not searched for: name any of {', '.join(own)}.",
-        )
-        number(f"fit.start.{name}", value, "a number, in SI units, or leave it out")
-    return start
 
 
 def _title(data: Measured, best: FeatureFit) -> str:
@@ -357,7 +261,7 @@ def _sections(cfg, data: Measured, candidates, chosen: Candidate, ds) -> tuple[S
             {"traction": lambda: figures.feature_traction(ds)},
             {"traction": "p and q along the surface, of the parameters above."},
         ),
-        *_contact_section(ds),
+        *contact_section(ds),
         Section(
             "Identifiability",
             tuple(_identifiability(best)),
@@ -376,22 +280,6 @@ def _sections(cfg, data: Measured, candidates, chosen: Candidate, ds) -> tuple[S
             "What was assumed",
             (),
             tables=(Table(("what", "value"), _assumed(cfg, data, chosen)),),
-        ),
-    )  # fmt: skip
-
-
-def _contact_section(ds: xarray.Dataset) -> tuple[Section, ...]:
-    """How the skin lies on a fitted surface."""
-    if "gap" not in ds:
-        return ()
-    return (
-        Section(
-            "Contact",
-            ("The fitted surface, and the skin pressed onto it: pressure and shear follow from the "
-             "height by contact of the skin, taken as a half space, and by the friction.",),
-            {"contact": lambda: figures.contact(ds)},
-            {"contact": "Heights are positive into the finger. Where the skin lies on the surface "
-             "it is pressed; beside an edge it may lift off."},
         ),
     )  # fmt: skip
 
@@ -493,7 +381,7 @@ def _assumed(cfg: build.Config, data: Measured, chosen: Candidate) -> tuple[tupl
          f"{recording.sample_rate_hz:.6g} Hz"),
         ("motion", f"{speed.mean():.4g} m/s, constant" if steady
          else f"measured, {speed.min():.4g} to {speed.max():.4g} m/s"),
-        *_ground(data, chosen.fit),
+        *ground(data, chosen.fit),
         ("skin", f"half space, Poisson's ratio {float(data.sensor.skin.poisson_ratio):.4g}"),
         ("amplifier", type(data.sensor.amplifier).__name__),
         ("noise", f"white, {data.noise_rms:.3g} {unit} per sample, "
@@ -512,22 +400,3 @@ def _noise_source(chosen: Candidate, given: bool, unit: str) -> str:
         f"and {levels.sliding:.3g} {unit} correlated over {1e3 * levels.correlation_m:.3g} mm "
         "along the motion, both from what the fit leaves"
     )
-
-
-def _ground(data: Measured, best: FeatureFit) -> tuple[tuple[str, str], ...]:
-    """What the features stand on."""
-    model = best.model
-    if not isinstance(model, SurfaceModel):
-        return (("traction", "features over a uniform background, on an open line"),)
-    line = model.line
-    cells = f"{line.n} cells of {1e6 * float(line.cell_m):.3g} um"
-    edges = ", ".join(f"{1e6 * f.edge_length_m:.3g} um" for f in model.features.values())
-    skin = data.sensor.skin
-    return (
-        ("surface", f"repeats with the contact window, {1e3 * float(line.cell_m * line.n):.4g} mm "
-         f"in {cells}; beyond it the plate"),
-        ("nominal pressure", f"{data.recording.sidecar.get('nominal_pressure_Pa'):.4g} Pa, the "
-         "mean over the window"),
-        ("edges", f"rise over {edges}" if edges else "none"),
-        ("Young's modulus", f"{float(skin.youngs_modulus_Pa):.4g} Pa"),
-    )  # fmt: skip

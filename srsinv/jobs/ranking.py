@@ -22,7 +22,7 @@ from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
 from .simulated_features import (
-    Bench,
+    TractionBench,
     bench,
     known_noise,
     named,
@@ -128,7 +128,7 @@ def _drawn(rng: np.random.Generator, feature: Feature, ranges: Ranges) -> dict[s
 
 def _ranked(
     cfg: build.Config,
-    on: Bench,
+    on: TractionBench,
     fitter: FeatureFitter,
     features: dict[str, Feature],
     ranges: dict[str, Ranges],
@@ -221,7 +221,7 @@ def _table(found: Ranked) -> Table:
 
 
 def _sections(
-    cfg: build.Config, on: Bench, found: Ranked, data: xarray.Dataset, table: Table
+    cfg: build.Config, on: TractionBench, found: Ranked, data: xarray.Dataset, table: Table
 ) -> tuple[Section, ...]:
     drawn = tuple(
         (name.replace("_", " "), ", ".join(

@@ -122,7 +122,8 @@ class Optimistix(Solver):
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
         rtol = relative(self.tolerance, z0.dtype)
-        method = BoundedLevenbergMarquardt(lower, upper, rtol, bends=self.rounding is None)
+        bends = self.rounding is None
+        method = BoundedLevenbergMarquardt(lower=lower, upper=upper, rtol=rtol, bends=bends)
         solution = optx.least_squares(
             lambda z, _: residual(z), method, z0, max_steps=self.max_steps, throw=False
         )
