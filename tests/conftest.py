@@ -4,9 +4,11 @@ that checks every shape and type annotation of the rooms that hold arrays as the
 The hook stays for the whole session: it works on each module of the package as that is imported.
 """
 
+import gc
 import os
 from pathlib import Path
 
+import pytest
 from jaxtyping import install_import_hook
 
 # Compiling is most of the tests' time, and small sizes gain nothing from the last optimisations.
@@ -20,3 +22,18 @@ ROOMS = ("grid", "forward", "inverse", "jobs", "recording", "report.figures")
 install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
 
 import srsinv  # noqa: E402, F401
+
+MAPS = Path("/proc/self/maps")
+MOST_MAPS = 15_000
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_programs():
+    """Lets go of what was compiled before it is too much: every program maps some memory, and Linux
+    gives a process 65530 maps, beyond which compiling crashes."""
+    yield
+    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
+        import jax
+
+        jax.clear_caches()
+        gc.collect()
