@@ -137,7 +137,9 @@ def _touching(nominal, deviation):
     return deviation > -nominal
 
 
+# Compiled as a whole: step by step, called eagerly, every loop would be compiled anew.
 @jax.custom_jvp
+@jax.jit
 def _pressed(height, nominal, compliance):
     """The pressure's deviation from its mean, and the number of iterations.
 
@@ -263,6 +265,7 @@ def _pressed_jvp(primals, tangents):
     return (deviation, iterations), (even + free, jnp.zeros_like(iterations))
 
 
+@jax.jit
 def _solve_on(touching, compliance, wanted):
     """What has no net force on the contact set and gives `wanted` there, up to a constant."""
     count = jnp.maximum(jnp.sum(touching), 1)

@@ -96,11 +96,11 @@ class SurfaceSearch:
         fields = np.asarray(_fields(model, {k: as_real(v) for k, v in shapes.items()}, rest))
         fields = fields / white[:, None]
         gain, way = np.asarray(self._coarse.scanned.gain), self._ways()
+        position, start, cell = np.asarray(motion.position_m), float(line.x[0]), float(line.cell_m)
+        white_y = self._centred(white_y).ravel()
         misfit = np.empty((len(fields), places.size))
         for i, place in enumerate(places):
-            at = (np.asarray(motion.position_m) - place + middle - float(line.x[0])) / float(
-                line.cell_m
-            )
+            at = (position - place + middle - start) / cell
             first = np.floor(at).astype(int)
             share = (at - first)[:, None, None, None]
             # Advanced indices come first: (sample, shape, part, e).
@@ -111,7 +111,7 @@ class SurfaceSearch:
             if self._coarse.free_offset:
                 parts = parts - parts.mean(axis=-1, keepdims=True)
             parts = parts.reshape(*parts.shape[:2], -1)
-            left = self._centred(white_y).ravel() - parts[:, 0]
+            left = white_y - parts[:, 0]
             basis = parts[:, 1:]
             gram = basis @ basis.swapaxes(1, 2)
             size = np.trace(gram, axis1=1, axis2=2)[:, None, None]

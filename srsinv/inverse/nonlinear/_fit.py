@@ -1,7 +1,7 @@
 """The general nonlinear fit: any differentiable model to data, with what the data do not tell."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -115,7 +115,7 @@ def fit(
     free: Any = None,
     priors: Mapping[str, tuple[Any, Any]] | None = None,
     starts: Any = None,
-    linear: Iterable[str] = (),
+    linear: Collection[str] = (),
     loss: Loss | str = "squares",
     solver: Solver | None = None,
     polished: int = POLISHED,
@@ -135,7 +135,8 @@ def fit(
     - `starts`: further points to start from: `{name: values}` along a leading axis, or a number of
       points spread over the bounds. The `polished` best of all are searched from.
     - `linear`: names of parameters that enter the model linearly: they need no start and are solved
-      out (variable projection).
+      out (variable projection). Whether they do is tried, unless they are those that the model
+      itself names, as its attribute `linear`.
     - `loss`: "squares", "huber", "soft_l1", "cauchy", or a [`Loss`][] with its threshold.
     - `solver`: [`Optimistix`][] (default), [`OptaxLBFGS`][], [`JaxoptLBFGSB`][].
     - `steps`: `{name: step}` for parameters whose derivative jumps with their place between cells:
@@ -147,7 +148,7 @@ def fit(
     found = parameters(initial, bounds, free, linear)
     misfit, level_known = _misfit(model, found, _data(y), noise, priors, loss)
     points = starting_points(starts, found)
-    _check_linear(misfit, points)
+    _check_linear(misfit, points, linear)
     solver = _checked(solver, polished=polished)
     settings = solver, points, as_real(found.lower), as_real(found.upper), polished
     ends = search(misfit, *settings)
@@ -173,7 +174,7 @@ def fit_many(
     free: Any = None,
     priors: Mapping[str, tuple[Any, Any]] | None = None,
     starts: Any = None,
-    linear: Iterable[str] = (),
+    linear: Collection[str] = (),
     solver: Solver | None = None,
     polished: int = POLISHED,
     at_once: int = 1,
@@ -194,7 +195,7 @@ def fit_many(
     misfit, level_known = _misfit(model, found, ys[0], noise, priors, "squares")
     ys = as_real(_filled(ys, misfit.whiten.seen(ys.shape[1:])))
     points = starting_points(starts, found)
-    _check_linear(misfit, points)
+    _check_linear(misfit, points, linear)
     solver = _checked(solver, polished=polished, at_once=at_once)
     box = as_real(found.lower), as_real(found.upper)
     at_once = min(at_once, len(ys))
@@ -296,10 +297,12 @@ def _priors(layout, priors) -> tuple[Any, Any]:
     return as_real(mean[free]), as_real(1 / stderr[free])
 
 
-def _check_linear(misfit: Misfit, points) -> None:
-    """Refuse a parameter that is called linear and is not."""
+def _check_linear(misfit: Misfit, points, linear: Collection[str]) -> None:
+    """Refuse a parameter that is called linear and is not; a model that says so is believed, as
+    trying compiles it once more."""
     layout = misfit.layout
-    if not layout.linear:
+    said = getattr(misfit.model, "linear", ())
+    if not linear or (isinstance(said, tuple) and set(linear) <= set(said)):
         return
     names = ", ".join(layout.names[i] for i in layout.linear[:4])
     if not bool(_is_affine(misfit, points[0])):

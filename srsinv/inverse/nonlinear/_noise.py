@@ -146,13 +146,9 @@ class Sliding(Whitener):
     def _followed(self, push: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
         """c_i of c_(i+1) = keep_i c_i + push_i, from c_0 = 0: in every block from nothing, and then
         what each hands on."""
-
-        def follow(carry, at):
-            return at[0] * carry + at[1], carry
-
         pushed = _by_place(push, jnp)
-        ends, within = jax.lax.scan(follow, jnp.zeros_like(pushed[0]), (self.keep, pushed))
-        _, before = jax.lax.scan(follow, jnp.zeros_like(ends[:, 0]), (self.handed, ends.T))
+        ends, within = jax.lax.scan(_follow, jnp.zeros_like(pushed[0]), (self.keep, pushed))
+        _, before = jax.lax.scan(_follow, jnp.zeros_like(ends[:, 0]), (self.handed, ends.T))
         total = within + self.passed * before.T[None]
         return total.transpose(1, 2, 0).reshape(len(push), -1)[:, : push.shape[1]]
 
@@ -167,6 +163,11 @@ class Sliding(Whitener):
             f"The noise is for data of shape {self.stderr.shape}, but they have {shape}.",
         )
         return np.isfinite(np.asarray(self.stderr))
+
+
+def _follow(carry, at):
+    # Not within the method: as the same function it is compiled once where it is called eagerly.
+    return at[0] * carry + at[1], carry
 
 
 def _by_place(values: Any, xp: Any) -> Any:

@@ -1,6 +1,6 @@
 """Parameters as a tree of arrays on one side, as named numbers in a row on the other."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -148,7 +148,7 @@ class Parameters:
     upper: np.ndarray
 
 
-def parameters(initial: Tree, bounds: Any, free: Any, linear: Iterable[str]) -> Parameters:
+def parameters(initial: Tree, bounds: Any, free: Any, linear: Collection[str]) -> Parameters:
     """Read what a user gives; raises `BadInput` for what disagrees."""
     layout, first = _layout(initial)
     chosen = _free(layout, free)

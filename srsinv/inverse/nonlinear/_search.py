@@ -52,10 +52,21 @@ class Misfit(eqx.Module):
         return jnp.concatenate([data, (z - self.prior_mean) * self.prior_weight])
 
 
+class Linearised(eqx.Module):
+    """Free parameters `z` (m,), the whitened residual `white` (n,) there, its derivative `jacobian`
+    (n, m), and the `residual` like the data."""
+
+    z: Float[Array, " m"]
+    white: Float[Array, " n"]
+    jacobian: Float[Array, "n m"]
+    residual: Float[Array, "..."]
+
+
 class Split(eqx.Module):
     """Variable projection: the linear parameters are the best ones for the others.
 
-    Golub and Pereyra (1973). Their derivative comes from differentiating the small factorisation.
+    Golub and Pereyra (1973), with the derivative of Kaufman (1975): what the linear parameters
+    cannot take up of the model's own. The cost's gradient is exact with it.
     """
 
     misfit: Misfit
@@ -73,16 +84,59 @@ class Split(eqx.Module):
 
     def whole(self, v: Float[Array, " v"]) -> Float[Array, " m"]:
         """All free parameters, the linear ones solved for."""
-        return self._solved(v)[0]
+        return self.solved(v)[0]
 
     def terms(self, v: Float[Array, " v"]) -> Float[Array, " terms"]:
         """What is left of the terms."""
-        return self._solved(v)[1]
+        if not len(self._places[1]):
+            return self.misfit.terms(self._from(v))
+        return _left(v, split=self)
 
-    def _solved(self, v) -> tuple[Array, Array]:
+    def linearised(self, v: Float[Array, " v"]) -> Linearised:
+        """The whole problem at the best linear parameters.
+
+        By two rounds of one program, in place of one that solves for these parameters and one that
+        differentiates at them: a model takes longer to compile than to run.
+        """
+        linear = self._places[1]
+
+        def improved(z, _):
+            found = self._linearised(z)
+            terms, jacobian = self._with_priors(found)
+            return z.at[linear].add(_least_squares(jacobian[:, linear], -terms)), found
+
+        if not len(linear):
+            return self._linearised(self._from(v))
+        return jax.tree.map(
+            lambda leaf: leaf[-1], jax.lax.scan(improved, self._from(v), length=2)[1]
+        )
+
+    def projected(self, v: Float[Array, " v"]) -> tuple[Array, Array]:
+        """`terms`, and their derivative (terms, v) after Kaufman."""
         searched, linear = self._places
-        m = len(searched) + len(linear)
-        start = jnp.zeros(m, v.dtype).at[searched].set(v)
+        terms, jacobian = self._with_priors(self.linearised(v))
+        own, basis = jacobian[:, searched], jacobian[:, linear]
+        return terms, own - basis @ _least_squares(basis, own)
+
+    def _from(self, v: Float[Array, " v"]) -> Float[Array, " m"]:
+        searched, linear = self._places
+        return jnp.zeros(len(searched) + len(linear), v.dtype).at[searched].set(v)
+
+    def _linearised(self, z: Float[Array, " m"]) -> Linearised:
+        white, push, residual = jax.linearize(self.misfit.white, z, has_aux=True)
+        jacobian = jax.vmap(push, out_axes=1)(jnp.eye(z.size, dtype=z.dtype))
+        return Linearised(z, white, jacobian, residual)
+
+    def _with_priors(self, at: Linearised) -> tuple[Array, Array]:
+        weight, mean = self.misfit.prior_weight, self.misfit.prior_mean
+        if weight is None or mean is None:
+            return at.white, at.jacobian
+        terms = jnp.concatenate([at.white, (at.z - mean) * weight])
+        return terms, jnp.concatenate([at.jacobian, jnp.diag(weight)])
+
+    def solved(self, v: Float[Array, " v"]) -> tuple[Array, Array]:
+        """`whole` and `terms`."""
+        linear, start = self._places[1], self._from(v)
         if not len(linear):
             return start, self.misfit.terms(start)
 
@@ -95,30 +149,35 @@ class Split(eqx.Module):
         return start.at[linear].set(c), rest + basis @ c
 
 
-def _least_squares(basis, target):
-    """argmin |basis c - target|, its columns scaled and faintly damped: finite, and smooth, where
-    a column vanishes (a feature beside the scan)."""
-    # The square root's guard keeps the derivative finite for a column of zeros.
-    square = jnp.sum(basis**2, axis=0)
-    norm = jnp.sqrt(jnp.where(square > 0, square, 1.0))
-    size = basis.shape[1]
+@eqx.filter_custom_jvp
+def _left(v: Float[Array, " v"], split: Split) -> Float[Array, " terms"]:
+    return split.solved(v)[1]
+
+
+@_left.def_jvp
+def _left_jvp(primals, tangents, split: Split):
+    terms, jacobian = split.projected(*primals)
+    return terms, jacobian @ tangents[0]
+
+
+def _least_squares(basis: Float[Array, "n m"], target: Float[Array, "n *k"]):
+    """argmin |basis c - target| (m, *k), its columns scaled and faintly damped: finite where a
+    column vanishes (a feature beside the scan)."""
+    norm = jnp.linalg.norm(basis, axis=0)
+    norm = jnp.where(norm > 0, norm, 1.0)
+    size, wanted = basis.shape[1], target.reshape(len(target), -1)
     damping = jnp.finfo(basis.dtype).eps ** 0.6 * jnp.eye(size, dtype=basis.dtype)
-    q, r = jnp.linalg.qr(jnp.concatenate([basis / norm, damping]))
-    right = q.T @ jnp.concatenate([target, jnp.zeros(size, basis.dtype)])
-    return jax.scipy.linalg.solve_triangular(r, right) / norm
+    rows = jnp.concatenate([basis / norm, wanted], axis=1)
+    below = jnp.concatenate([damping, jnp.zeros((size, wanted.shape[1]), basis.dtype)], axis=1)
+    factor = jnp.linalg.qr(jnp.concatenate([rows, below]), mode="r")[:size]
+    c = jax.scipy.linalg.solve_triangular(factor[:, :size], factor[:, size:]) / norm[:, None]
+    return c.reshape(size, *target.shape[1:])
 
 
-class Found(eqx.Module):
-    """The best minimum, with what its uncertainty is computed from.
+class Found(Linearised):
+    """The best minimum, the problem linearised there, as its uncertainty is computed from it; the
+    `costs` (s,) at the ends of the searches, and the `start_costs` of every start."""
 
-    `z` (m,), `white` (n,) the whitened residual and `jacobian` (n, m) its derivative; `residual`
-    like the data; `costs` (s,) at the ends of the searches, `start_costs` of every start.
-    """
-
-    z: Float[Array, " m"]
-    white: Float[Array, " n"]
-    jacobian: Float[Array, "n m"]
-    residual: Float[Array, "..."]
     costs: Float[Array, " s"]
     start_costs: Float[Array, " starts"]
     iterations: Int[Array, ""]
@@ -163,13 +222,8 @@ def _search(misfit: Misfit, solver: Solver, starts, lower, upper, polished: int)
     costs = _known(ends.cost)
     at = jnp.argmin(costs)
     best = jax.tree.map(lambda leaf: leaf[at], ends)
-    z = split.whole(best.point)
-    white, push, residual = jax.linearize(misfit.white, z, has_aux=True)
     return Found(
-        z=z,
-        white=white,
-        jacobian=jax.vmap(push, out_axes=1)(jnp.eye(z.size, dtype=z.dtype)),
-        residual=residual,
+        **vars(split.linearised(best.point)),
         costs=costs,
         start_costs=_known(ends.start_cost) if start_costs is None else start_costs,
         iterations=best.iterations,
