@@ -96,20 +96,22 @@ class Split(eqx.Module):
         """The whole problem at the best linear parameters.
 
         By two rounds of one program, in place of one that solves for these parameters and one that
-        differentiates at them: a model takes longer to compile than to run.
+        differentiates at them: a model takes longer to compile than to run. The first round asks
+        for the linear parameters' derivatives only.
         """
-        linear = self._places[1]
+        searched, linear = self._places
 
-        def improved(z, _):
-            found = self._linearised(z)
+        def improved(z, asked):
+            found = self._linearised(z, asked)
             terms, jacobian = self._with_priors(found)
             return z.at[linear].add(_least_squares(jacobian[:, linear], -terms)), found
 
+        start = self._from(v)
+        every = jnp.ones_like(start)
         if not len(linear):
-            return self._linearised(self._from(v))
-        return jax.tree.map(
-            lambda leaf: leaf[-1], jax.lax.scan(improved, self._from(v), length=2)[1]
-        )
+            return self._linearised(start, every)
+        asked = jnp.stack([every.at[searched].set(0.0), every])
+        return jax.tree.map(lambda leaf: leaf[-1], jax.lax.scan(improved, start, asked)[1])
 
     def projected(self, v: Float[Array, " v"]) -> tuple[Array, Array]:
         """`terms`, and their derivative (terms, v) after Kaufman."""
@@ -122,10 +124,10 @@ class Split(eqx.Module):
         searched, linear = self._places
         return jnp.zeros(len(searched) + len(linear), v.dtype).at[searched].set(v)
 
-    def _linearised(self, z: Float[Array, " m"]) -> Linearised:
+    def _linearised(self, z: Float[Array, " m"], asked: Float[Array, " m"]) -> Linearised:
+        """At z, with zeros for the derivatives that are not `asked` for (0 or 1)."""
         white, push, residual = jax.linearize(self.misfit.white, z, has_aux=True)
-        jacobian = jax.vmap(push, out_axes=1)(jnp.eye(z.size, dtype=z.dtype))
-        return Linearised(z, white, jacobian, residual)
+        return Linearised(z, white, jax.vmap(push, out_axes=1)(jnp.diag(asked)), residual)
 
     def _with_priors(self, at: Linearised) -> tuple[Array, Array]:
         weight, mean = self.misfit.prior_weight, self.misfit.prior_mean
