@@ -42,6 +42,7 @@ from .recorded import (
 )
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
+MUCH_SLIDING = 0.1  # of the signal's rms
 GOOD_CHI2 = 1.2  # beyond, the residual is not the noise alone and the page says so
 STRONG = 0.95  # a correlation that the page names
 
@@ -248,7 +249,7 @@ def _sections(cfg, data: Measured, candidates, chosen: Candidate, ds) -> tuple[S
     return (
         Section(
             "Signal and fit",
-            (_verdict(best),),
+            (_verdict(data, chosen),),
             {"fit": lambda: figures.feature_signals(ds)},
             {"fit": "What was recorded, what the fitted feature makes of it, and what is left, in "
              "standard deviations of the noise."},
@@ -288,7 +289,8 @@ def _correlation_figure(best: FeatureFit, ds):
     return {} if best.fit is None else {"correlation": lambda: figures.correlation(ds)}
 
 
-def _verdict(best: FeatureFit) -> str:
+def _verdict(data: Measured, chosen: Candidate) -> str:
+    best, levels = chosen.fit, chosen.levels
     if best.fit is None:
         return "Nothing was fitted: the data are taken as noise alone."
     chi2 = best.fit.stats["chi2_per_freedom"]
@@ -299,6 +301,14 @@ def _verdict(best: FeatureFit) -> str:
             f"Chi-square per degree of freedom is {chi2:.3g}: the residual is more than the noise "
             "named below, so that the feature is not quite of this kind or the noise is not all; "
             "the standard errors hold for that noise alone and are too small."
+        )
+    share = 0.0 if levels is None else levels.sliding / float(np.sqrt(np.nanmean(data.y**2)))
+    if share > MUCH_SLIDING:
+        return (
+            f"The noise, estimated from what the fit leaves, has a correlated part of {share:.0%} "
+            "of the signal: more than sliding makes, so that the feature is hardly of this kind "
+            "or stands beside others. A groove is looked for where its negative height is allowed "
+            "(feature.ridge.height_range_m)."
         )
     return f"Chi-square per degree of freedom is {chi2:.3g}: what is left is noise."
 
