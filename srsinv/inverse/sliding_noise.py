@@ -1,8 +1,8 @@
 """How much noise there is, from what a fit leaves: a white part and one correlated along the path.
 
 The correlated part, from sliding, has the covariance s^2 exp(-|dx|/l) along the motion
-(docs/physics.md, section 10). The levels are those of greatest likelihood, with white noise of its
-own in each element and the same sliding noise in all.
+(docs/physics.md, section 10). The levels are those of greatest restricted likelihood (Patterson and
+Thompson 1971), with white noise of its own in each element and the same sliding noise in all.
 """
 
 from dataclasses import dataclass
@@ -17,6 +17,8 @@ from .nonlinear import Sliding
 # Of symmetric, positive definite, tridiagonal matrices.
 _FACTOR, _SOLVE = get_lapack_funcs(("pttrf", "pttrs"), dtype=float)
 LEAST_STEP = 1e-6  # of the correlation length: samples nearer than that are as good as one
+LEAST_START = 0.03  # of the white noise: from none at all no search would find some
+ALIKE = 1e-6  # directions whose difference is less than that share are one
 LEAST_SHARE = 1e-4  # of the white noise: less sliding noise than that is none
 RANGE = 50.0  # the correlation length lies within this factor of the film's depth
 MOST_WHITE = 1e3  # times what the residual's differences say
@@ -49,53 +51,83 @@ def first_levels(y: Float[np.ndarray, "e sample"], depth_m: float) -> Levels:
     return Levels(white, float(0.3 * white.mean()), 0.3 * depth_m)
 
 
-def estimate(residual: Float[np.ndarray, "e sample"], position_m, depth_m: float) -> Levels:
-    """The levels under which the residual (nan where missing) is the most likely."""
-    first = first_levels(residual, depth_m)
-    size = float(first.white.mean())
-    rows = [_Row(position_m, each) for each in residual / size]
-    start = np.log([*(first.white / size), 0.3, 0.3 * depth_m])
+def estimate(
+    residual: Float[np.ndarray, "e sample"],
+    position_m,
+    depth_m: float,
+    fitted: Float[np.ndarray, "e sample m"] | None = None,
+    start: Levels | None = None,
+) -> Levels:
+    """The levels under which the residual (nan where missing) is the most likely.
+
+    - `fitted`: the fit's derivatives. Along them noise has been taken out of the residual, slow
+      noise most of all: what is likely is then asked of all other directions only.
+    - `start`: levels to begin with.
+    """
+    start = first_levels(residual, depth_m) if start is None else start
+    size = float(start.white.mean())
+    taken = np.zeros((*residual.shape, 0)) if fitted is None else _directions(fitted, residual)
+    rows = [_Row(position_m, *each) for each in zip(residual / size, taken, strict=True)]
+    first = [*(start.white / size), max(start.sliding / size, LEAST_START), start.correlation_m]
 
     def minus_log_likelihood(logs) -> float:
         *white, sliding, correlation = np.exp(logs)
-        return sum(
-            row.minus_log_likelihood(w, sliding, correlation)
-            for row, w in zip(rows, white, strict=True)
+        each = [row.products(w, sliding, correlation) for row, w in zip(rows, white, strict=True)]
+        product, log_volume = (sum(parts) for parts in zip(*each, strict=True))
+        told, inner = product[1:, 0], product[1:, 1:]
+        refitted = told @ np.linalg.solve(inner, told) if told.size else 0.0
+        return 0.5 * float(
+            product[0, 0] - refitted + log_volume + np.linalg.slogdet(inner).logabsdet
         )
 
-    bounds = [(s - np.log(MOST_WHITE), s + np.log(MOST_WHITE)) for s in start[:-2]]
+    bounds = [(s - np.log(MOST_WHITE), s + np.log(MOST_WHITE)) for s in np.log(first[:-2])]
     spread = float(np.nanmax(np.abs(residual))) / size
     bounds.append((np.log(LEAST_SHARE), np.log(max(spread, 10 * LEAST_SHARE))))
     bounds.append((np.log(depth_m / RANGE), np.log(depth_m * RANGE)))
-    best = minimize(minus_log_likelihood, start, method="L-BFGS-B", bounds=bounds)
+    best = minimize(minus_log_likelihood, np.log(first), method="L-BFGS-B", bounds=bounds)
     *white, sliding, correlation = np.exp(best.x)
     return Levels(size * np.array(white), float(size * sliding), float(correlation))
 
 
-class _Row:
-    """One element's residual where it is seen, along the path."""
+def _directions(fitted, residual) -> Float[np.ndarray, "e sample k"]:
+    """An orthonormal basis of the derivatives where data are seen: columns that are not independent
+    are no direction more."""
+    known = np.isfinite(residual)[..., None] & np.isfinite(fitted)
+    columns = np.where(known, fitted, 0.0).reshape(residual.size, -1)
+    length = np.linalg.norm(columns, axis=0)
+    basis, strength, _ = np.linalg.svd(
+        columns[:, length > 0] / length[length > 0], full_matrices=False
+    )
+    basis = basis[:, strength > ALIKE * strength.max(initial=0.0)]
+    return basis.reshape(*residual.shape, -1)
 
-    def __init__(self, position_m, residual):
+
+class _Row:
+    """One element's residual and the directions taken out of it, where it is seen on the path."""
+
+    def __init__(self, position_m, residual, taken):
         seen = np.isfinite(residual)
-        self.values = residual[seen]
+        self.values = np.column_stack([residual[seen], taken[seen]])
         self.steps = np.abs(np.diff(np.asarray(position_m, float)[seen]))
 
-    def minus_log_likelihood(self, white: float, sliding: float, correlation: float) -> float:
-        """In the number of samples' time: an Ornstein-Uhlenbeck process has the tridiagonal
-        precision Q/s^2, and w^2 + s^2 Q^-1 = (w^2 Q + s^2) Q^-1."""
+    def products(self, white: float, sliding: float, correlation: float):
+        """The columns' products V^T N^-1 V, and log |N|, in the number of samples' time.
+
+        An Ornstein-Uhlenbeck process has the tridiagonal precision Q/s^2, and
+        w^2 + s^2 Q^-1 = (w^2 Q + s^2) Q^-1.
+        """
         step = np.maximum(self.steps / correlation, LEAST_STEP)
         decay, renewed = np.exp(-step), -np.expm1(-2 * step)
-        middle = np.ones(self.values.size)
+        middle = np.ones(len(self.values))
         middle[:-1] += decay**2 / renewed
         middle[1:] += decay**2 / renewed
         beside = -decay / renewed
         diagonal, ratio, _ = _FACTOR(white**2 * middle + sliding**2, white**2 * beside)
-        pulled = middle * self.values
-        pulled[:-1] += beside * self.values[1:]
-        pulled[1:] += beside * self.values[:-1]
+        pulled = middle[:, None] * self.values
+        pulled[:-1] += beside[:, None] * self.values[1:]
+        pulled[1:] += beside[:, None] * self.values[:-1]
         solved, _ = _SOLVE(diagonal, ratio, pulled)
-        log_volume = np.sum(np.log(diagonal)) + np.sum(np.log(renewed))
-        return 0.5 * float(self.values @ solved + log_volume)
+        return self.values.T @ solved, float(np.sum(np.log(diagonal)) + np.sum(np.log(renewed)))
 
 
 def _from_differences(y: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, " e"]:

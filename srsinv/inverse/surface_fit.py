@@ -144,7 +144,8 @@ class SurfaceFitter:
     def _settled(self, model, result: Fit, y, levels: Levels) -> tuple[Fit, Levels]:
         """Fit and noise in turn, until the noise no longer changes."""
         for _ in range(ROUNDS):
-            last, levels = levels, estimate(result.residual, *self._scale)
+            last, fitted = levels, self._noise(levels, y).coloured(result.jacobian)
+            levels = estimate(result.residual, *self._scale, fitted, last)
             result = self._fit(model, dict(result.value), y, self._noise(levels, y))
             if not levels.far_from(last):
                 break

@@ -37,7 +37,7 @@ class Fit:
     - `names` (m,): the free parameters in a row; `covariance`, `correlation` (m, m) in that order,
       nan beside what is not determined.
     - `residual`: data - model, like the data, nan where they are left out; `whitened`: the same in
-      units of the noise, in a row, 0 there.
+      units of the noise, in a row, 0 there. `jacobian` (n, m): the derivative of `whitened`.
     - `noise_rms`: the noise's level where it was not given, else None.
     - `result`: "converged", or what went wrong; `at_bound`: who stands on a bound. Standard errors
       there are those without the bound.
@@ -55,6 +55,7 @@ class Fit:
     correlation: np.ndarray
     residual: np.ndarray
     whitened: np.ndarray
+    jacobian: np.ndarray
     noise_rms: float | None
     result: str
     at_bound: tuple[str, ...]
@@ -409,6 +410,7 @@ def _described(
         correlation=_correlation(covariance),
         residual=np.where(misfit.whiten.seen(misfit.y.shape), ends.residual, np.nan),
         whitened=np.asarray(ends.white),
+        jacobian=np.asarray(ends.jacobian),
         noise_rms=None if level_known else _rms(misfit, ends, freedom),
         result=_result(finite, distance, terms, misfit, ends, solver, eps),
         at_bound=tuple(layout.free_names[i] for i in np.flatnonzero(low | high)),

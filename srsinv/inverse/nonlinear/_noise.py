@@ -152,6 +152,18 @@ class Sliding(Whitener):
         total = within + self.passed * before.T[None]
         return total.transpose(1, 2, 0).reshape(len(push), -1)[:, : push.shape[1]]
 
+    def coloured(self, white: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "e sample m"]:
+        """What it makes the columns of `white` of; nothing where no sample is seen."""
+        elements, n = self.stderr.shape
+        stderr, take = (np.asarray(each)[..., None] for each in (self.stderr, self.take))
+        keep = np.asarray(self.keep).transpose(1, 2, 0).reshape(elements, -1, 1)
+        made = np.where(np.isfinite(stderr), stderr, 0.0) * white.reshape(elements, n, -1)
+        predicted = np.zeros_like(made[:, 0])
+        for i in range(n):
+            made[:, i] += np.isfinite(stderr[:, i]) * predicted
+            predicted = keep[:, i] * predicted + take[:, i] * made[:, i]
+        return made
+
     def log_volume(self, shape: tuple[int, ...]) -> float:
         del shape
         stderr = np.asarray(self.stderr)
