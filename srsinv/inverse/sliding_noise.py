@@ -73,12 +73,11 @@ def estimate(
     def minus_log_likelihood(logs) -> float:
         *white, sliding, correlation = np.exp(logs)
         each = [row.products(w, sliding, correlation) for row, w in zip(rows, white, strict=True)]
-        product, log_volume = (sum(parts) for parts in zip(*each, strict=True))
+        product = np.sum([products for products, _ in each], axis=0)
         told, inner = product[1:, 0], product[1:, 1:]
-        refitted = told @ np.linalg.solve(inner, told) if told.size else 0.0
-        return 0.5 * float(
-            product[0, 0] - refitted + log_volume + np.linalg.slogdet(inner).logabsdet
-        )
+        refitted = told @ np.linalg.solve(inner, told)
+        log_volume = sum(volume for _, volume in each) + np.linalg.slogdet(inner)[1]
+        return 0.5 * float(product[0, 0] - refitted + log_volume)
 
     bounds = [(s - np.log(MOST_WHITE), s + np.log(MOST_WHITE)) for s in np.log(first[:-2])]
     spread = float(np.nanmax(np.abs(residual))) / size

@@ -20,3 +20,14 @@ def outcome(*overrides: str) -> Outcome:
     with initialize_config_dir(str(find_config_root()), version_base="1.3"):
         cfg = compose("config", list(overrides))
     return get_method(cfg.job)(OmegaConf.to_container(cfg, resolve=True))
+
+
+def check_page(found: Outcome) -> None:
+    """Every variable with its unit, every figure with a caption and something drawn, the
+    assumptions last."""
+    assert all("units" in variable.attrs for variable in found.dataset.variables.values())
+    assert found.sections[-1].heading == "What was assumed"
+    for section in found.sections:
+        assert set(section.captions) == set(section.figures)
+        for draw in section.figures.values():
+            assert any(axes.lines or axes.images for axes in draw().axes)

@@ -9,6 +9,7 @@ from omegaconf import OmegaConf
 
 from experiments import fig05_orientation, fig06_spectra, two_element
 from srsinv.errors import BadInput
+from tests.jobs.run import check_page
 
 JOBS = {job.__name__.rpartition(".")[2]: job for job in (fig05_orientation, fig06_spectra,
                                                          two_element)}  # fmt: skip
@@ -81,13 +82,7 @@ def test_error_grows_as_the_angle_shrinks(outcomes, method, component):
 
 @pytest.mark.parametrize("name", JOBS)
 def test_page_is_whole(outcomes, name):
-    found = outcomes[name]
-    assert all("units" in variable.attrs for variable in found.dataset.variables.values())
-    assert found.sections[-1].heading == "What was assumed"
-    for section in found.sections:
-        assert set(section.captions) == set(section.figures)
-        for draw in section.figures.values():
-            assert any(axes.lines for axes in draw().axes)
+    check_page(outcomes[name])
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from srsinv.forward.surface import Tape
 from srsinv.grid import Periodic
 from srsinv.jobs.pressed import Pressed, cell_averages
 from srsinv.jobs.simulate import Simulation
-from tests.jobs.run import outcome
+from tests.jobs.run import check_page, outcome
 
 SHORT = {
     "fig13_tape": ("grid.cells=256", "grid.refinement=24",
@@ -140,13 +140,7 @@ def test_profiles_come_back(outcomes, name, rms_m):
 
 @pytest.mark.parametrize("name", SHORT)
 def test_page_is_whole(outcomes, name):
-    found = outcomes[name]
-    assert all("units" in variable.attrs for variable in found.dataset.variables.values())
-    assert found.sections[-1].heading == "What was assumed"
-    for section in found.sections:
-        assert set(section.captions) == set(section.figures)
-        for draw in section.figures.values():
-            assert any(axes.lines or axes.images for axes in draw().axes)
+    check_page(outcomes[name])
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ...errors import BadInput, refuse
+from ...errors import refuse
 from ...grid import as_real
-from ._loss import Loss, Squares, loss_of
-from ._noise import whitener
-from ._parameters import Parameters, flat_mapping, parameters, real, starting_points
+from ._loss import Loss, Squares
+from ._parameters import Parameters, Tree, parameters, starting_points
+from ._request import check_linear, checked_data, checked_solver, filled, misfit_of
 from ._search import Found, Misfit, search, search_many
-from ._solvers import Optimistix, Solver
+from ._solvers import Solver
 from ._uncertainty import Spread, log_evidence, nothing_known, offset, spread
 
 POLISHED = 8  # of many starts, so many of the best are searched from
@@ -24,8 +24,6 @@ SCALES = 8  # rounds in which an unknown noise level is sought where the minimum
 AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter stands on it
 SAME = 1e-8  # relative difference of two costs up to which they are one minimum
 NORMAL_MAD = 1.4826022185056018  # a normal's standard deviation over its median deviation
-
-Tree = Any
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,10 +145,10 @@ def fit(
     M-estimator form. Raises `BadInput` for what disagrees or is out of range.
     """
     found = parameters(initial, bounds, free, linear)
-    misfit, level_known = _misfit(model, found, _data(y), noise, priors, loss)
+    misfit, level_known = misfit_of(model, found, checked_data(y), noise, priors, loss)
     points = starting_points(starts, found)
-    _check_linear(misfit, points, linear)
-    solver = _checked(solver, polished=polished)
+    check_linear(misfit, points, linear)
+    solver = checked_solver(solver, polished=polished)
     settings = solver, points, as_real(found.lower), as_real(found.upper), polished
     ends = search(misfit, *settings)
     if not level_known and (misfit.prior_mean is not None or _is_robust(misfit)):
@@ -187,17 +185,17 @@ def fit_many(
     only, and without priors where the noise is not known.
     """
     found = parameters(initial, bounds, free, linear)
-    ys = _data(ys)
+    ys = checked_data(ys)
     refuse(ys.ndim < 2 or not len(ys), "fit_many takes data with a leading axis: (batch, ...).")
     refuse(
         noise is None and bool(priors),
         "fit_many cannot weigh priors against noise that is not known: give noise, or use fit.",
     )
-    misfit, level_known = _misfit(model, found, ys[0], noise, priors, "squares")
-    ys = as_real(_filled(ys, misfit.whiten.seen(ys.shape[1:])))
+    misfit, level_known = misfit_of(model, found, ys[0], noise, priors, "squares")
+    ys = as_real(filled(ys, misfit.whiten.seen(ys.shape[1:])))
     points = starting_points(starts, found)
-    _check_linear(misfit, points, linear)
-    solver = _checked(solver, polished=polished, at_once=at_once)
+    check_linear(misfit, points, linear)
+    solver = checked_solver(solver, polished=polished, at_once=at_once)
     box = as_real(found.lower), as_real(found.upper)
     at_once = min(at_once, len(ys))
     # Filled up to whole rounds: what is left over would be compiled a second time.
@@ -210,124 +208,6 @@ def fit_many(
         mine = dataclasses.replace(misfit, y=y)
         fits.append(_described(mine, found, ends, level_known, solver))
     return fits
-
-
-# --- reading the request ---------------------------------------------------------------------
-
-
-def _checked(solver: Solver | None, **counts: int) -> Solver:
-    for name, count in counts.items():
-        whole = isinstance(count, int) and count > 0
-        refuse(not whole, f"{name} is {count!r}: give a whole number from 1.")
-    solver = Optimistix() if solver is None else solver
-    if not isinstance(solver, Solver):
-        raise BadInput(f"solver is {solver!r}: give Optimistix(), OptaxLBFGS() or JaxoptLBFGSB().")
-    return solver
-
-
-def _data(y) -> np.ndarray:
-    sentence = f"The data are no array of real numbers but {type(y).__name__}: give one."
-    return np.atleast_1d(real(y, sentence))
-
-
-def _filled(data: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """The data with numbers wherever they do not count."""
-    bad = seen & ~np.isfinite(data)
-    refuse(
-        bool(bad.any()),
-        f"The data hold {int(bad.sum())} values that are nan or infinite: leave them out by an "
-        "infinite noise there, or correct them.",
-    )
-    return np.where(seen, data, 0.0)
-
-
-def _misfit(model, found: Parameters, data, noise, priors, loss) -> tuple[Misfit, bool]:
-    whiten, seen = whitener(noise, data.shape)
-    data = _filled(data, seen)
-    refuse(not whiten.count(data.shape), "All of the data are left out: there is nothing to fit.")
-    layout = found.layout
-    mean, weight = _priors(layout, priors)
-    misfit = Misfit(
-        model, layout, as_real(found.first), as_real(data), whiten,
-        as_real(1.0), mean, weight, loss_of(loss),
-    )  # fmt: skip
-    _check_model(model, layout.tree(misfit.row), data.shape)
-    return misfit, noise is not None
-
-
-def _check_model(model, tree: Tree, shape: tuple[int, ...]) -> None:
-    if not callable(model):  # what jax holds takes long to put into words
-        raise BadInput(f"The model is {model!r}: give a function of the parameters.")
-    try:
-        made = jax.eval_shape(lambda params: model(params), tree)
-    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
-        raise BadInput(
-            "The model takes a parameter out of jax, by numpy, float() or an if: compute with "
-            "jax.numpy alone, so that it can be differentiated."
-        ) from error
-    got = getattr(made, "shape", type(made).__name__)
-    refuse(
-        got != shape, f"The model gives {got} where the data have shape {shape}: they must agree."
-    )
-    refuse(
-        jnp.issubdtype(made.dtype, jnp.complexfloating),
-        "The model gives complex numbers: give their real and imaginary parts side by side.",
-    )
-
-
-def _priors(layout, priors) -> tuple[Any, Any]:
-    if not priors:
-        return None, None
-    remedy = "give (mean, standard deviation above 0)"
-    refuse(not isinstance(priors, Mapping), f"priors is {priors!r}: {remedy} by name.")
-    pairs = flat_mapping(priors)
-    for name, pair in pairs.items():
-        is_pair = isinstance(pair, list | tuple) and len(pair) == 2
-        refuse(not is_pair, f"The prior of {name} is {pair!r}: {remedy}.")
-    mean = layout.row_of("The prior's mean", {name: pair[0] for name, pair in pairs.items()}, 0.0)
-    stderr = layout.row_of(
-        "The prior's standard deviation", {name: pair[1] for name, pair in pairs.items()}, np.inf
-    )
-    wrong = ~np.isfinite(mean) | ~(stderr > 0)
-    i = int(np.argmax(wrong))
-    refuse(
-        bool(wrong.any()),
-        f"The prior of {layout.names[i]} is ({mean[i]:g}, {stderr[i]:g}): {remedy}.",
-    )
-    free = list(layout.free)
-    return as_real(mean[free]), as_real(1 / stderr[free])
-
-
-def _check_linear(misfit: Misfit, points, linear: Collection[str]) -> None:
-    """Refuse a parameter that is called linear and is not; a model that says so is believed, as
-    trying compiles it once more."""
-    layout = misfit.layout
-    said = getattr(misfit.model, "linear", ())
-    if not linear or (isinstance(said, tuple) and set(linear) <= set(said)):
-        return
-    names = ", ".join(layout.names[i] for i in layout.linear[:4])
-    if not bool(_is_affine(misfit, points[0])):
-        refuse(
-            True,
-            f"The model is not linear in {names}: leave out of linear what multiplies or bends "
-            "another of them.",
-        )
-
-
-@eqx.filter_jit
-def _is_affine(misfit: Misfit, z):
-    places = np.array([i for i, at in enumerate(misfit.layout.free) if at in misfit.layout.linear])
-    size = jnp.maximum(jnp.abs(z[places]), 1.0)
-
-    def at(reach):
-        return misfit.model(misfit.tree(z.at[places].set(reach * size)))
-
-    zero, one, two = jax.lax.map(at, jnp.array([0.0, 1.0, 2.5], size.dtype))
-    bent = jnp.linalg.norm(two - zero - 2.5 * (one - zero))
-    eps = jnp.finfo(size.dtype).eps
-    straight = bent <= eps**0.5 * (jnp.linalg.norm(two - zero) + eps**0.5 * jnp.linalg.norm(zero))
-    # Where it is not finite the search will say so.
-    return straight | ~jnp.isfinite(two).all()
 
 
 def _is_robust(misfit: Misfit) -> bool:
