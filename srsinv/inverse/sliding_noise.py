@@ -16,6 +16,7 @@ from .nonlinear import Sliding
 
 # Of symmetric, positive definite, tridiagonal matrices.
 _FACTOR, _SOLVE = get_lapack_funcs(("pttrf", "pttrs"), dtype=float)
+NOTICED = 0.03  # relative difference of a standard error, which itself is known no better
 LEAST_STEP = 1e-6  # of the correlation length: samples nearer than that are as good as one
 LEAST_START = 0.03  # of the white noise: from none at all no search would find some
 ALIKE = 1e-6  # directions whose difference is less than that share are one
@@ -38,11 +39,15 @@ class Levels:
         white = np.where(seen, self.white[:, None], np.inf)
         return Sliding(position_m, white, self.sliding, self.correlation_m)
 
-    def far_from(self, other: "Levels") -> bool:
-        """Whether a fit would notice the difference."""
-        ours, theirs = (np.append(each.white, each.sliding) for each in (self, other))
-        floor = LEAST_SHARE * ours.max()
-        return bool(np.any(np.abs(np.log((ours + floor) / (theirs + floor))) > 0.03))
+    def far_from(self, other: "Levels", step_m: float) -> bool:
+        """Whether a fit to samples `step_m` apart would notice the difference: that of the noise at
+        short waves, or at waves longer than the correlation."""
+        ours, theirs = (np.append(each.white, each._long_waves(step_m)) for each in (self, other))
+        return bool(np.any(np.abs(np.log(ours / theirs)) > NOTICED))
+
+    def _long_waves(self, step_m: float) -> Float[np.ndarray, " e"]:
+        """The white noise that would have the density of all noise at long waves."""
+        return np.sqrt(self.white**2 + 2 * self.sliding**2 * self.correlation_m / step_m)
 
 
 def first_levels(y: Float[np.ndarray, "e sample"], depth_m: float) -> Levels:

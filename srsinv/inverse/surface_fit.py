@@ -143,11 +143,12 @@ class SurfaceFitter:
 
     def _settled(self, model, result: Fit, y, levels: Levels) -> tuple[Fit, Levels]:
         """Fit and noise in turn, until the noise no longer changes."""
+        step = float(np.median(np.abs(np.diff(self._rubbed.motion.position_m))))
         for _ in range(ROUNDS):
             last, fitted = levels, self._noise(levels, y).coloured(result.jacobian)
             levels = estimate(result.residual, *self._scale, fitted, last)
             result = self._fit(model, dict(result.value), y, self._noise(levels, y))
-            if not levels.far_from(last):
+            if not levels.far_from(last, max(step, 1e-9 * self._depth_m)):
                 break
         return result, levels
 

@@ -25,6 +25,7 @@ from ..forward.surface_feature import (
 from ..grid import as_real
 from ..inverse.surface_fit import SurfaceFitter
 from ..inverse.surface_model import MOVES, Rubbed, SurfaceModel, Window, cell_for
+from ..inverse.surface_search import PLACE
 from ..progress import stage
 from . import build
 from .judged import STEP, Found, Quantity, bounds_of, ratio_dB
@@ -51,7 +52,7 @@ class SurfaceBench(Bench):
     edge_length_m: float
     fit_cells: int
     known: ClassVar[str] = "estimated by the fit"
-    start: ClassVar[str] = "by search in the first recording, from its result in the others"
+    start: ClassVar[str] = "by search in the first recording, of the place alone in the others"
 
     @property
     def cells(self) -> str:
@@ -100,7 +101,7 @@ def judged(cfg: build.Config, draws: int) -> tuple[SurfaceBench, dict[str, Found
             shifted = {**truth, "position_m": truth["position_m"] + float(off)}
             found = fitter({name: feature}, on.signal(shifted) + added, start=start).found
             own = dict(found.parameters)
-            start = start or {part: own[part][0] for part in feature.axes}
+            start = start or {part: own[part][0] for part in feature.axes if part != PLACE}
             own["position_m"] = own["position_m"][0] - float(off), own["position_m"][1]
             read.append(own)
             converged += found.result == "converged"
