@@ -74,6 +74,11 @@ def noisy_problem(sim: Simulation, noises: tuple[Noise, ...], key, friction=None
     signal = sim.sampled(sim.sensor.signal(sim.scan))
     rms = jnp.sqrt(jnp.mean(signal**2))
     spectrum = total_spectrum(noises, sim.line, sim.scan, rms)
+    refuse(
+        bool(noises) and not bool(jnp.any(spectrum > 0)) and not bool(rms > 0),
+        "The scene gives no signal at all, nor noise that is set by its ratio to the signal: put "
+        "something uneven within the window, or name noise of its own, noise=[white] or [johnson].",
+    )
     data = signal + draw(key, spectrum, *signal.shape)
     mean_p = jnp.mean(sim.traction(sim.line)[0])
     offset = sim.sensor.amplifier.offset

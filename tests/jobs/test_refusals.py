@@ -108,6 +108,10 @@ REFUSALS = {
         ("noise.snr.snr_db=loud",),
         r"'noise\.snr\.snr_db' takes a number, not 'loud'; it is 40\.0",
     ),
+    "no signal": (
+        (*TINY, "scene=ridge", "scene.surfaces.ridge.height_m=0"),
+        r"gives no signal at all.* noise=\[white\]",
+    ),
     "friction of one element": (
         (*TINY, "sensor=one_element"),
         r"One element cannot tell p from q: give friction",
