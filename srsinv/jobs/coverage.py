@@ -249,6 +249,10 @@ def _sections(
             "Errors in units of their own standard error",
             ("They follow the unit normal where the standard errors are right.",),
             {"normalised_errors": lambda: figures.normalised_errors(data)},
+            {
+                "normalised_errors": "Each parameter's errors over all draws, each over the "
+                "standard error that its own fit gave."
+            },
         ),
         Section("What was assumed", tables=(Table(("what", "value"), _assumed(cfg, on, found)),)),
     )

@@ -11,7 +11,7 @@ from srsinv.jobs import coverage
 from srsinv.jobs.judged import Quantity
 from srsinv.jobs.simulated_features import bench
 from srsinv.report import figures
-from tests.jobs.run import outcome
+from tests.jobs.run import check_page, outcome
 from tests.refusals import refused
 
 DRAWS = 16
@@ -111,6 +111,10 @@ def surface():
         "scene=ridge",
         f"coverage.draws={RECORDINGS}",
     )
+
+
+def test_page_is_whole(surface):
+    check_page(surface)
 
 
 @pytest.mark.parametrize("part", ["height_m", "width_m", "position_m", "base_friction"])
