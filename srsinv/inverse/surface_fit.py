@@ -95,8 +95,9 @@ class SurfaceFitter:
         """The features' parameters under which they explain `y` best.
 
         - `noise`: as [`nonlinear.fit`][] takes it; None: estimated from what is left, in rounds.
-        - `start`: values to start from, by the parameters' names as in the result; where they lead
-          nowhere, the search's are tried too.
+        - `start`: values to start from, by the parameters' names as in the result: all of a
+          feature's, taken where they explain the data better than what a search finds, or some of
+          them, and the rest is looked for.
 
         Features of a sum are found one after the other, and then fitted together.
         """
@@ -113,7 +114,7 @@ class SurfaceFitter:
             fixed = dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_m}
             model = self._model(parts)
             ends: list[Fit] = []
-            for shape in _in_turn(search, given):
+            for shape in _in_turn(search, given, feature.axes.keys() <= given.keys()):
                 ends.append(self._fit(model, params | {name: shape | fixed}, y, using))
                 if ends[-1].stats["chi2_per_freedom"] < GOOD_ENOUGH:
                     break
@@ -204,10 +205,12 @@ class SurfaceFitter:
         )
 
 
-def _in_turn(search: Callable[[Mapping[str, float]], list[Any]], given: Mapping[str, float]):
-    """Shapes to start from: what is given with the rest searched for, then all searched for."""
+def _in_turn(
+    search: Callable[[Mapping[str, float]], list[Any]], given: Mapping[str, float], whole: bool
+):
+    """Shapes to start from: with what is given, then, where that is a part only, without it."""
     yield from search(given)
-    if given:
+    if given and not whole:
         yield from search({})
 
 

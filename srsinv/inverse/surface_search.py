@@ -51,28 +51,37 @@ class SurfaceSearch:
 
         - `y`, `white`: the data and their white noise; `found`: features found before, and all of
           their parameters; `known`: `nominal_pressure_Pa` and the feature's `edge_length_m`;
-        - `start`: what is given by the user, of the feature's `axes`.
+        - `start`: what is given by the user, of the feature's `axes`: a part of them is kept, and
+          the rest looked for; all of them are one start more.
         """
+        whole = feature.axes.keys() <= start.keys()
         tried = {
-            name: np.array([start[name]]) if name in start else axis.tried(within, self._stretch)
+            name: np.array([start[name]])
+            if name in start and not whole
+            else axis.tried(within, self._stretch)
             for (name, axis), within in zip(
                 feature.axes.items(), feature.ranges(self._stretch).values(), strict=True
             )
         }
-        if all(values.size == 1 for values in tried.values()):
-            return [{name: float(values[0]) for name, values in tried.items()}]
         rest = self._blocks.means(np.nan_to_num(y))
         if found[0]:
             rest = rest - self.signal(*found)
         places = tried.pop(PLACE)
         shapes = np.array(list(itertools.product(*tried.values()))).reshape(-1, len(tried))
+        if whole:
+            shapes = np.vstack([shapes, [start[name] for name in tried]])
+            places = np.append(places, start[PLACE])
+        # Filled up to whole rounds: what is left over would be compiled a second time.
+        rounds = -(-len(shapes) // AT_ONCE)
+        size = -(-len(shapes) // rounds)
+        filled = shapes[np.minimum(np.arange(rounds * size), len(shapes) - 1)]
         misfit = np.concatenate(
             [
                 self._misfits(rest / white[:, None], white, feature, names_to(tried, some), places,
                               known)
-                for some in np.array_split(shapes, -(-len(shapes) // AT_ONCE))
+                for some in np.split(filled, rounds)
             ]
-        )  # fmt: skip
+        )[: len(shapes)]  # fmt: skip
         rows = [np.repeat(column, places.size) for column in shapes.T]
         rows.append(np.tile(places, len(shapes)))
         names = [*tried, PLACE]
