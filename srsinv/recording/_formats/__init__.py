@@ -75,6 +75,6 @@ def _check_file(path: Path) -> None:
         there = [p.name for p in path.parent.glob("*.*") if p.is_file()]
         there = [name for name in there if Path(name).suffix.lower() in READERS]
         near = difflib.get_close_matches(path.name, there, n=1)
-        hint = f"did you mean {near[0]}?" if near else "check its path"
+        hint = f"did you mean {near[0]}?" if near else "check recording.path=..."
         raise BadInput(f"{path}: there is no such file: {hint}")
     refuse(path.stat().st_size == 0, f"{path.name}: the file is empty: record or copy it again.")
