@@ -105,7 +105,7 @@ def check_linear(misfit: Misfit, points, linear: Collection[str]) -> None:
     trying compiles it once more."""
     layout = misfit.layout
     said = getattr(misfit.model, "linear", ())
-    if not linear or (isinstance(said, tuple) and set(linear) <= set(said)):
+    if not layout.linear or (isinstance(said, tuple) and set(linear) <= set(said)):
         return
     names = ", ".join(layout.names[i] for i in layout.linear[:4])
     if not bool(_is_affine(misfit, points[0])):
