@@ -10,13 +10,13 @@ import numpy as np
 import xarray
 
 from srsinv.errors import BadInput, mapping, number, refuse, whole
+from srsinv.forward.contact import press
 from srsinv.forward.noise import draw as draw_noise
 from srsinv.forward.noise import total_spectrum
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Rough
 from srsinv.inverse.texture import Bands, expected_power, nearest, tapered_power
 from srsinv.jobs import build
-from srsinv.jobs.pressed import pressed_on
 from srsinv.progress import stage
 from srsinv.report.figures import textures as draw
 from srsinv.report.outcome import Outcome, Section, Table
@@ -177,7 +177,7 @@ class _Felt:
 
         @eqx.filter_jit
         def felt(height, nominal):
-            p = pressed_on(self.fine, self.skin, height, nominal).pressure_Pa
+            p = press(self.fine, self.skin, height, nominal).pressure_Pa
             signal = operator(jnp.stack([p, mu * p]))[0, :: self.refinement]
             return signal, jnp.mean(p > 0)
 

@@ -42,6 +42,7 @@ class Convolution(eqx.Module):
     length: int = eqx.field(static=True)
     feels_uniform: bool = eqx.field(static=True, default=True)
 
+    @eqx.filter_jit
     def __call__(self, r: Float[Array, "c n"]) -> Float[Array, "e n"]:
         """y (e, n) for r (c, n)."""
         spectrum = jnp.fft.rfft(r, self.length)
@@ -49,6 +50,7 @@ class Convolution(eqx.Module):
         total = sum(self.transfer[:, c] * spectrum[c][None] for c in range(self.transfer.shape[1]))
         return jnp.fft.irfft(total, self.length)[:, : self.n]
 
+    @eqx.filter_jit
     def adjoint(self, y: Float[Array, "e n"]) -> Float[Array, "c n"]:
         """The transpose: <y, self(r)> = <self.adjoint(y), r>."""
         spectrum = jnp.fft.rfft(y, self.length)
@@ -59,8 +61,10 @@ class Convolution(eqx.Module):
 
     def circulant(self) -> "Convolution":
         """The circular convolution nearest to this one: itself, or its n most central lags."""
-        if self.is_circular:
-            return self
+        return self if self.is_circular else self._wrapped()
+
+    @eqx.filter_jit
+    def _wrapped(self) -> "Convolution":
         kernel = jnp.fft.irfft(self.transfer, self.length)
         ahead = self.n // 2 + 1
         wrapped = jnp.concatenate(
@@ -143,6 +147,7 @@ class Periodic(Line):
     def __init__(self, n: int, cell_m, start_m=0.0):
         self.n, self.cell_m, self.start_m = _checked(n, cell_m, start_m)
 
+    @eqx.filter_jit
     def operator(self, stage: Stage) -> Convolution:
         k = self.k
         transfer = stage.transfer(k) / sinc(k * self.cell_m / 2)[None, None]
@@ -170,6 +175,7 @@ class Open(Line):
     def __init__(self, n: int, cell_m, start_m=0.0):
         self.n, self.cell_m, self.start_m = _checked(n, cell_m, start_m)
 
+    @eqx.filter_jit
     def operator(self, stage: Stage) -> Convolution:
         length = int(cast(int, scipy.fft.next_fast_len(2 * self.n, real=True)))
         lag = np.arange(length)
@@ -183,6 +189,7 @@ class Open(Line):
         return jnp.diff(r, order, axis=-1) if order else r
 
 
+@eqx.filter_jit
 def wavenumbers(n: int, spacing_m) -> Float[Array, " k"]:
     """Wavenumbers [rad/m] of the half spectrum of n samples `spacing_m` apart."""
     return 2 * jnp.pi * jnp.arange(n // 2 + 1) / (n * as_real(spacing_m))

@@ -85,14 +85,22 @@ def press(
         )
     compliance = cell_compliance(line, skin)
     nominal = as_real(nominal_pressure_Pa)
+    pressure, gap, residual, iterations = _solved(height_m, nominal, compliance)
+    return Contact(pressure, gap, residual, iterations, _tolerance(height_m.dtype))
+
+
+# Compiled as a whole: step by step, called eagerly, every loop would be compiled anew.
+@jax.jit
+def _solved(height_m, nominal, compliance):
+    """Pressure, gap, residual and iterations."""
     height = height_m - jnp.mean(height_m)
     deviation, iterations = _pressed(height, nominal, compliance)
     gap, residual = _gap(height, nominal, _times(compliance, deviation), deviation)
     # Cells out of contact hold -nominal: their pressure is zero to the last digit.
-    pressure = jnp.maximum(nominal, 0.0) + deviation
-    return Contact(pressure, gap, residual, iterations, _tolerance(height.dtype))
+    return jnp.maximum(nominal, 0.0) + deviation, gap, residual, iterations
 
 
+@eqx.filter_jit
 def cell_compliance(line: Line, skin: HalfSpace) -> Float[Array, " k"]:
     """Displacement at the cell centres under cell averages of pressure [m/Pa], at line.k.
 
@@ -137,9 +145,7 @@ def _touching(nominal, deviation):
     return deviation > -nominal
 
 
-# Compiled as a whole: step by step, called eagerly, every loop would be compiled anew.
 @jax.custom_jvp
-@jax.jit
 def _pressed(height, nominal, compliance):
     """The pressure's deviation from its mean, and the number of iterations.
 
@@ -265,7 +271,6 @@ def _pressed_jvp(primals, tangents):
     return (deviation, iterations), (even + free, jnp.zeros_like(iterations))
 
 
-@jax.jit
 def _solve_on(touching, compliance, wanted):
     """What has no net force on the contact set and gives `wanted` there, up to a constant."""
     count = jnp.maximum(jnp.sum(touching), 1)

@@ -114,10 +114,16 @@ def total_spectrum(
     noises: tuple[Noise, ...], line: Line, scan: ConstantSpeed, signal_rms
 ) -> Float[Array, " k"]:
     """The sum of independent causes; zero where none is named."""
+    return _total(noises, line, scan, as_real(signal_rms))
+
+
+@eqx.filter_jit
+def _total(noises, line: Line, scan: ConstantSpeed, signal_rms) -> Float[Array, " k"]:
     spectra = [noise.spectrum(line, scan, signal_rms) for noise in noises]
     return sum(spectra, jnp.zeros(line.k.shape))
 
 
+@eqx.filter_jit
 def draw(
     key: PRNGKeyArray, spectrum: Float[Array, " k"], elements: int, n: int
 ) -> Float[Array, "e n"]:

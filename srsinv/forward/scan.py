@@ -101,14 +101,19 @@ class Motion(eqx.Module):
         At a standstill friction keeps the sign of the motion before, and ahead of the first motion
         it has the sign of that. Zero where nothing ever moves.
         """
-        sign = jnp.sign(self.speed_m_per_s)
-        moved = jax.lax.cummax(jnp.where(sign != 0, jnp.arange(sign.size), -1))
-        return sign[jnp.where(moved < 0, jnp.argmax(sign != 0), moved)]
+        return _kept_sign(self.speed_m_per_s)
 
     @property
     def reverses(self) -> Bool[Array, ""]:
         """Whether the sensor slides both ways."""
         return jnp.any(self.speed_m_per_s > 0) & jnp.any(self.speed_m_per_s < 0)
+
+
+@jax.jit
+def _kept_sign(speed: Float[Array, " sample"]) -> Float[Array, " sample"]:
+    sign = jnp.sign(speed)
+    moved = jax.lax.cummax(jnp.where(sign != 0, jnp.arange(sign.size), -1))
+    return sign[jnp.where(moved < 0, jnp.argmax(sign != 0), moved)]
 
 
 def _check_columns(**columns) -> None:

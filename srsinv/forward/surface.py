@@ -411,10 +411,12 @@ class Surface(eqx.Module):
         self.shapes = tuple(shapes)
         self.base_friction = _real("base_friction", base_friction)
 
+    @eqx.filter_jit
     def height(self, line: Line) -> Float[Array, " n"]:
         """Height [m] at the cell centres."""
         return sum((shape.height(line) for shape in self.shapes), jnp.zeros(line.n))
 
+    @eqx.filter_jit
     def friction(self, line: Line, forward: bool = True) -> Float[Array, " n"]:
         """mu at the cell centres, `forward` for sliding towards +x."""
         mu = jnp.full(line.n, self.base_friction)

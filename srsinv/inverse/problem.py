@@ -75,11 +75,10 @@ class Problem(eqx.Module):
         self.observed = observed
         self.known_mean_Pa = _pair(known_mean_Pa)
         self.background_Pa = _pair(background_Pa)
-        self.centred = self._centred()
-        means = [jnp.zeros(()) if mean is None else mean for mean in self.known_mean_Pa]
-        self.level = forward(jnp.tile(jnp.stack(means[: self.unknowns])[:, None], (1, line.n)))
-        data = data - self.level
-        self.data = data if observed is None else jnp.where(observed, data, 0.0)
+        self.centred = _centred(forward, noise, self._known)
+        self.level, self.data = _less_means(
+            forward, data, observed, self.known_mean_Pa[: self.unknowns]
+        )
 
     @property
     def unknowns(self) -> int:
@@ -96,6 +95,7 @@ class Problem(eqx.Module):
         """How many samples are there, over all elements."""
         return int(self.data.size if self.observed is None else np.sum(np.asarray(self.observed)))
 
+    @eqx.filter_jit
     def free_offset(self, y: Float[Array, "e n"]) -> Float[Array, "e 1"]:
         """The mean of y over the samples that are there, where the signal's offset is not known
         and takes it up; else zero."""
@@ -110,20 +110,11 @@ class Problem(eqx.Module):
 
         Its gain at k = 0 must be there, and not the same as another unknown's up to a factor.
         """
-        gain = self.forward.transfer[..., 0]
-        largest = jnp.max(jnp.abs(self.forward.transfer))
-        size = jnp.linalg.norm(jnp.abs(gain), axis=0)
-        told = self.forward.feels_uniform & (size > FAINT * largest) & jnp.isfinite(self.noise[0])
-        unit = jnp.where(told, gain / jnp.where(told, size, 1.0), 0.0)
-        overlap = jnp.abs(unit.conj().T @ unit) - jnp.eye(self.unknowns)
-        known = jnp.asarray([mean is not None for mean in self.known_mean_Pa[: self.unknowns]])
-        alike = jnp.any((overlap > 1 - FAINT**2) & ~known[:, None], axis=0)
-        return told & ~alike
+        return _told(self.forward, self.noise, self._known)
 
-    def _centred(self) -> Bool[Array, " c"]:
-        known = jnp.asarray([mean is not None for mean in self.known_mean_Pa[: self.unknowns]])
-        # On an open line the window's ends show a little of every mean.
-        return known | (~self.mean_is_told & self.forward.is_circular)
+    @property
+    def _known(self) -> tuple[bool, ...]:
+        return tuple(mean is not None for mean in self.known_mean_Pa[: self.unknowns])
 
     def mean_statement(self) -> dict[str, str]:
         """For p and q, in words, where the mean of the estimate comes from."""
@@ -142,6 +133,34 @@ class Problem(eqx.Module):
         if self.forward.is_circular:
             return "unobserved: the signal is blind to it; the estimate is the deviation from it"
         return "weakly observed: only what the window's ends show of it"
+
+
+@eqx.filter_jit
+def _told(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, " c"]:
+    """For each unknown, whether its gain at k = 0 is there, and not another one's."""
+    gain = forward.transfer[..., 0]
+    largest = jnp.max(jnp.abs(forward.transfer))
+    size = jnp.linalg.norm(jnp.abs(gain), axis=0)
+    told = forward.feels_uniform & (size > FAINT * largest) & jnp.isfinite(noise[0])
+    unit = jnp.where(told, gain / jnp.where(told, size, 1.0), 0.0)
+    overlap = jnp.abs(unit.conj().T @ unit) - jnp.eye(len(known))
+    alike = jnp.any((overlap > 1 - FAINT**2) & ~np.array(known)[:, None], axis=0)
+    return told & ~alike
+
+
+@eqx.filter_jit
+def _centred(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, " c"]:
+    # On an open line the window's ends show a little of every mean.
+    return jnp.asarray(known) | (~_told(forward, noise, known) & forward.is_circular)
+
+
+@eqx.filter_jit
+def _less_means(forward: Convolution, data, observed, means):
+    """The signal of the known means, and the data without it, zero where none are."""
+    each = jnp.stack([jnp.zeros(()) if mean is None else mean for mean in means])
+    level = forward(jnp.tile(each[:, None], (1, data.shape[-1])))
+    data = data - level
+    return level, data if observed is None else jnp.where(observed, data, 0.0)
 
 
 def _pair(values: Sequence[float | Array | None]):

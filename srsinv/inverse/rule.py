@@ -80,6 +80,7 @@ class GeneralisedCrossValidation(_Minimise):
 
     name: ClassVar[str] = "generalised cross validation"
 
+    @eqx.filter_jit
     def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
         left = jnp.maximum(1 - score.freedom / samples, 1e-12)
         return score.residual / samples / left**2

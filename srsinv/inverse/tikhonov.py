@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..errors import choice, number, refuse, shown, whole
@@ -127,14 +128,20 @@ class Tikhonov(eqx.Module):
 
     def _box(self, problem: Problem, given) -> Float[Array, "2 c"]:
         """Ends of log10 weight: from far below to above all that the signal says per mode."""
-        gain = jnp.abs(problem.forward.circulant().transfer * problem.whitener) ** 2
-        most = jnp.log10(jnp.max(jnp.sum(gain, axis=0), axis=-1))
         # Normal equations square the condition number, so there round-off sets the lower end.
         below = 12.0
         if choose_path(problem, self.path) != "spectral":
-            below = min(below, -4.0 - float(jnp.log10(jnp.finfo(gain.dtype).eps)))
-        low, high = most - below, most + 4
-        fixed = [jnp.nan if weight is None else jnp.log10(weight) for weight in given]
-        fixed = jnp.stack([jnp.asarray(f) for f in fixed])
-        free = jnp.isnan(fixed)
-        return jnp.stack([jnp.where(free, low, fixed), jnp.where(free, high, fixed)])
+            below = min(below, -4.0 - float(np.log10(jnp.finfo(problem.data.dtype).eps)))
+        return _ends(problem, given, below)
+
+
+@eqx.filter_jit
+def _ends(problem: Problem, given, below: float) -> Float[Array, "2 c"]:
+    gain = jnp.abs(problem.forward.circulant().transfer * problem.whitener) ** 2
+    most = jnp.log10(jnp.max(jnp.sum(gain, axis=0), axis=-1))
+
+    def end(free):
+        pairs = zip(free, given, strict=True)
+        return jnp.stack([each if w is None else jnp.log10(w) for each, w in pairs])
+
+    return jnp.stack([end(most - below), end(most + 4)])

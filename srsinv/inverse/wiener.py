@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..errors import choice, number, refuse, shown
@@ -127,15 +128,15 @@ class Wiener(eqx.Module):
 
     def __call__(self, problem: Problem) -> Estimate:
         """Posterior mean and standard error of p and q."""
-        power = jnp.stack([s.power(problem) for s in (self.p, self.q)[: problem.unknowns]])
+        power = _powers(problem, (self.p, self.q)[: problem.unknowns])
         stats: dict = {"method": "wiener", "scale": self.scale}
         if self.scale == "evidence":
             scale, result = _likely_scale(problem, power, self.path)
             power = scale[:, None] * power
             stats["scale_rule"] = result
         stats |= {
-            f"rms_{c}_Pa": float(jnp.sqrt(half_spectrum_weights(problem.line.n) @ s))
-            for c, s in zip("pq", power, strict=False)
+            f"rms_{c}_Pa": float(np.sqrt(half_spectrum_weights(problem.line.n) @ s))
+            for c, s in zip("pq", np.asarray(power), strict=False)
         }
         return solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
 
@@ -148,13 +149,24 @@ def _spectrum(name: str, given: Any) -> TractionSpectrum:
     return Exponential() if given is None else given
 
 
+@eqx.filter_jit
+def _powers(problem: Problem, spectra: tuple[TractionSpectrum, ...]) -> Float[Array, "c k"]:
+    return jnp.stack([spectrum.power(problem) for spectrum in spectra])
+
+
 def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"], str]:
     """The factors on the powers that maximise the evidence, six decades about the data's level."""
-    gain = jnp.max(jnp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))
-    there = 1.0 if problem.observed is None else problem.observed
-    left = problem.data - problem.free_offset(problem.data)
-    data = jnp.sum(there * left**2) / problem.samples
-    middle = jnp.log10(data / gain / jnp.mean(power, axis=-1))
+    middle = _log_scale(problem, power, problem.samples)
     box = jnp.stack([middle - 6, middle + 6])
     choice = Evidence().choose(Scorer(ScaledSpectra(power), problem, path), box)
     return 10.0**choice.log_weights, choice.result
+
+
+@eqx.filter_jit
+def _log_scale(problem: Problem, power, samples: int) -> Float[Array, " c"]:
+    """log10 of the factors under which each component alone would make the data's power."""
+    gain = jnp.max(jnp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))
+    there = 1.0 if problem.observed is None else problem.observed
+    left = problem.data - problem.free_offset(problem.data)
+    data = jnp.sum(there * left**2) / samples
+    return jnp.log10(data / gain / jnp.mean(power, axis=-1))

@@ -77,7 +77,7 @@ def pose(cfg: build.Config, cells_per_depth: int | None = None) -> Posed:
     if offset is None:
         noise = noise.at[0].set(jnp.inf)
     else:
-        data = jnp.where(observed, data - offset, 0.0)
+        data = np.where(observed, data - np.asarray(offset), 0.0)
     problem = Problem(
         line,
         line.operator(sensor.signal(scan)),
@@ -211,7 +211,7 @@ def _on_line(x, signal, facts: dict[str, Any], depth: float):
     line = Open(before + x.size + after, cell, x[0] - before * cell)
     padded = np.pad(signal, ((0, 0), (before, after)), constant_values=np.nan)
     observed = np.isfinite(padded)
-    return line, jnp.asarray(np.where(observed, padded, 0.0)), observed
+    return line, np.where(observed, padded, 0.0), observed
 
 
 def _widest_spacing(recording: Recording, spacing: float) -> float:
@@ -225,7 +225,7 @@ def _widest_spacing(recording: Recording, spacing: float) -> float:
 def _spectrum(cfg, line, scan, data, observed, white_rms: float):
     """Noise power per block; white noise is what the recording shows, other causes as named."""
     noises = coloured_noises(cfg)
-    signal_rms = jnp.sqrt(jnp.sum(data**2) / np.sum(observed))
+    signal_rms = np.sqrt(np.sum(data**2) / np.sum(observed))
     return total_spectrum(noises, line, scan, signal_rms) + white_rms**2
 
 

@@ -8,14 +8,11 @@ from jaxtyping import Array, Float
 
 from ..errors import BadInput
 from ..forward.contact import Contact, press
-from ..forward.noise import Noise, draw, total_spectrum
+from ..forward.noise import Noise
 from ..forward.scene import SurfaceScene
 from ..forward.surface import Surface
-from ..grid import Line
 from ..inverse.problem import Estimate, Problem
-from .simulate import Simulation
-
-pressed_on = eqx.filter_jit(press)  # one program for all surfaces on a line
+from .simulate import Simulation, problem_of
 
 
 class Pressed(eqx.Module):
@@ -36,7 +33,7 @@ class Pressed(eqx.Module):
             raise BadInput(f"scene is a {kind}: name one of a surface, such as scene=ridge.")
         self.sim, self.scene = sim, scene
         height = scene.surface.height(sim.fine)
-        self.contact = pressed_on(sim.fine, scene.skin, height, scene.nominal_pressure_Pa)
+        self.contact = press(sim.fine, scene.skin, height, scene.nominal_pressure_Pa)
 
     @property
     def surface(self) -> Surface:
@@ -67,17 +64,8 @@ class Pressed(eqx.Module):
 
     def problem(self, noises: tuple[Noise, ...], key, friction=None) -> Problem:
         """The signal with noise, and what inverts it; the mean pressure is known as the load."""
-        sim, signal = self.sim, self.signal()
-        spectrum = total_spectrum(noises, sim.line, sim.scan, jnp.sqrt(jnp.mean(signal**2)))
-        free = sim.sensor.amplifier.offset is None
-        return Problem(
-            sim.line,
-            _operator(sim.line, sim.sensor.signal(sim.scan)),
-            signal + draw(key, spectrum, *signal.shape),
-            spectrum.at[0].set(jnp.inf) if free else spectrum,
-            known_mean_Pa=(jnp.mean(self.fine_traction()[0]), None),
-            friction=friction,
-        )
+        mean_p = jnp.mean(self.fine_traction()[0])
+        return problem_of(self.sim, self.signal(), mean_p, noises, key, friction)
 
 
 def cell_averages(values, refinement: int) -> np.ndarray:
@@ -91,11 +79,6 @@ def cell_averages(values, refinement: int) -> np.ndarray:
         weights[[0, -1]] = 0.5  # the outermost cells are cut in two
     shifted = [w * np.roll(values, half - i, axis=-1) for i, w in enumerate(weights)]
     return np.sum(shifted, axis=0)[..., ::refinement] / refinement
-
-
-@eqx.filter_jit
-def _operator(line: Line, stage):
-    return line.operator(stage)
 
 
 def resolved(

@@ -39,6 +39,7 @@ class Simulation(eqx.Module):
         open_line = not isinstance(self.line, build.Periodic)
         return open_line * self.scene.background(self.scan.direction)[:, None]
 
+    @eqx.filter_jit
     def traction(self, line: Line):
         """Cell averages of p and q (2, n) on `line`, less the background."""
         return self.scene.traction(line, self.scan.direction) - self.background
@@ -72,25 +73,38 @@ def simulation(cfg: build.Config) -> Simulation:
 def noisy_problem(sim: Simulation, noises: tuple[Noise, ...], key, friction=None) -> Problem:
     """The simulated signal with noise, its traction's mean pressure known as the load."""
     signal = sim.sampled(sim.sensor.signal(sim.scan))
-    rms = jnp.sqrt(jnp.mean(signal**2))
-    spectrum = total_spectrum(noises, sim.line, sim.scan, rms)
+    return problem_of(sim, signal, jnp.mean(sim.traction(sim.line)[0]), noises, key, friction)
+
+
+def problem_of(
+    sim: Simulation, signal, mean_p_Pa, noises: tuple[Noise, ...], key, friction=None
+) -> Problem:
+    """The signal without noise, (e, n) at the line's positions, with noise and what inverts it."""
+    free_offset = sim.sensor.amplifier.offset is None
+    data, noise, empty = _with_noise(noises, sim.line, sim.scan, signal, key, free_offset)
     refuse(
-        bool(noises) and not bool(jnp.any(spectrum > 0)) and not bool(rms > 0),
+        bool(noises) and bool(empty),
         "The scene gives no signal at all, nor noise that is set by its ratio to the signal: put "
         "something uneven within the window, or name noise of its own, noise=[white] or [johnson].",
     )
-    data = signal + draw(key, spectrum, *signal.shape)
-    mean_p = jnp.mean(sim.traction(sim.line)[0])
-    offset = sim.sensor.amplifier.offset
-    noise = spectrum if offset is not None else spectrum.at[0].set(jnp.inf)
     return Problem(
         sim.line,
         sim.line.operator(sim.sensor.signal(sim.scan)),
         data,
         noise,
-        known_mean_Pa=(mean_p, None),
+        known_mean_Pa=(mean_p_Pa, None),
         friction=friction,
     )
+
+
+@eqx.filter_jit
+def _with_noise(noises: tuple[Noise, ...], line: Line, scan, signal, key, free_offset: bool):
+    """The data, the noise's spectrum, and whether there is neither signal nor noise."""
+    rms = jnp.sqrt(jnp.mean(signal**2))
+    spectrum = total_spectrum(noises, line, scan, rms)
+    data = signal + draw(key, spectrum, *signal.shape)
+    noise = spectrum.at[0].set(jnp.inf) if free_offset else spectrum
+    return data, noise, ~jnp.any(spectrum > 0) & ~(rms > 0)
 
 
 def run(cfg: build.Config) -> Outcome:

@@ -233,15 +233,18 @@ def _differenced(misfit: Misfit, ends: Found, steps: Mapping[str, float]) -> Fou
         if name not in names:
             continue
         at = names.index(name)
-        above, below = (_white_at(misfit, ends.z.at[at].add(s * step)) for s in (1, -1))
-        column = (above - below) / (2 * step)
-        ends = dataclasses.replace(ends, jacobian=ends.jacobian.at[:, at].set(column))
+        off = np.zeros(ends.z.size)
+        off[at] = step
+        above, below = (_white_at(misfit, ends.z, as_real(sign * off)) for sign in (1, -1))
+        jacobian = np.array(ends.jacobian)
+        jacobian[:, at] = (np.asarray(above) - np.asarray(below)) / (2 * step)
+        ends = dataclasses.replace(ends, jacobian=jnp.asarray(jacobian))
     return ends
 
 
 @eqx.filter_jit
-def _white_at(misfit: Misfit, z):
-    return misfit.white(z)[0]
+def _white_at(misfit: Misfit, z, off):
+    return misfit.white(z + off)[0]
 
 
 # --- saying what was found -------------------------------------------------------------------
@@ -324,8 +327,15 @@ def _rms(misfit: Misfit, ends: Found, freedom: int) -> float:
 
 def _terms(misfit: Misfit, ends: Found) -> tuple[np.ndarray, np.ndarray]:
     """What is squared, and its derivative."""
-    root, slope = jax.jvp(misfit.loss.root, (ends.white,), (jnp.ones_like(ends.white),))
-    return _with_priors(misfit, ends, np.asarray(root), np.asarray(slope[:, None] * ends.jacobian))
+    root, slope = _rooted(misfit.loss, ends.white)
+    jacobian = np.asarray(slope)[:, None] * np.asarray(ends.jacobian)
+    return _with_priors(misfit, ends, np.asarray(root), jacobian)
+
+
+@eqx.filter_jit
+def _rooted(loss: Loss, white):
+    """The loss's root, and its slope."""
+    return jax.jvp(loss.root, (white,), (jnp.ones_like(white),))
 
 
 def _rows(misfit: Misfit, ends: Found) -> np.ndarray:

@@ -25,6 +25,7 @@ class Loss(eqx.Module):
     def root(self, r: Rows) -> Rows:
         """t(r), of the sign of r."""
 
+    @eqx.filter_jit
     def influence(self, r: Rows) -> tuple[Rows, Rows]:
         """rho' and rho''."""
 
