@@ -75,6 +75,19 @@ def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
     return Solution(value, stderr, covariance, averaging), steps[0], jnp.all(fine)
 
 
+@eqx.filter_jit
+def condition(problem: Problem, prior: Prior) -> Float[Array, ""]:
+    """About the condition number: of what the signal tells best to what the prior alone holds.
+
+    Where samples are missing, or an open line ends, some traction is held by the prior alone. How
+    firmly is taken from the mean over its wavenumbers.
+    """
+    gain = jnp.abs(problem.forward.circulant().transfer * problem.whitener) ** 2
+    told = jnp.max(jnp.sum(gain, axis=0))
+    held = jnp.mean(prior.root(problem.line) ** 2, axis=-1)
+    return (told + jnp.max(held)) / jnp.maximum(jnp.min(held), jnp.finfo(held.dtype).tiny)
+
+
 def _conjugate_gradients(normal: NormalEquations, right: Array, tolerance):
     # The solver's tolerances are absolute, so the equations are scaled to numbers about one.
     tiny = jnp.finfo(right.dtype).tiny
