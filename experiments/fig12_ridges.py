@@ -52,6 +52,42 @@ class Pressed(NamedTuple):
     converged: bool
 
 
+class Simulated(NamedTuple):
+    """What is felt of the ridges.
+
+    At the samples `x` (sample,): `signal`, `data` with noise [V], and the noise's power `spectrum`;
+    `per_ridge` of them lie on a pitch. Amplitude [V] of the wave at the pitch: of the scene's film
+    and of the `blind` wide one, `by_height` over `heights` [m] and `by_pressure` over `pressures`
+    [Pa]. Load [N/m] of a ridge at which the skin reaches the plate: by contact, and by the closed
+    form.
+    """
+
+    x: np.ndarray
+    signal: np.ndarray
+    spectrum: np.ndarray
+    data: np.ndarray
+    per_ridge: float
+    heights: np.ndarray
+    by_height: np.ndarray
+    pressures: np.ndarray
+    by_pressure: np.ndarray
+    amplitude: float
+    blind: float
+    load: float
+    load_closed: float
+    pressed: Pressed
+
+
+class Limits(NamedTuple):
+    """White noise as strong as at the pitch, `level` [V], and what it allows: the `needed` d', and
+    the `least_height` [m] that is found over `counts` of ridges."""
+
+    level: float
+    needed: float
+    counts: np.ndarray
+    least_height: np.ndarray
+
+
 def run(cfg: build.Config) -> Outcome:
     """The pitch from a noisy signal, and what the signal's size says of the paper's words.
 
@@ -62,98 +98,131 @@ def run(cfg: build.Config) -> Outcome:
     needed = detection.needed_wave(settings["false_alarm"], settings["detection"])
     with build.precision(cfg):
         setup = _setup(cfg)
-        samples, noises = _samples(settings, setup), build.noises(cfg)
-        heights, pressures = _heights(settings), _pressures(settings)
-        nominal, height = setup.scene.nominal_pressure_Pa, setup.ridges.height_m
-        load_closed = _closed_form_load(setup)
-        loads = load_closed * np.asarray(CONTACT_LOADS)
-        pressed = _pressed(setup, _wide(cfg), [
-            *((each, nominal) for each in heights),
-            *((height, each) for each in pressures),
-            *((height, each / setup.pitch_m) for each in loads),
-            (height, nominal),
-        ])  # fmt: skip
-        signal, spectrum, data = _signals(setup, samples, noises, pressed, build.random_key(cfg))
-        x, rate = np.asarray(samples.x), settings["sample_rate_hz"]
+        felt = _simulated(cfg, setup)
+    limits = _limits(settings, setup, felt, needed)
+    metrics = _metrics(settings, setup, felt, limits)
+    dataset = _dataset(settings, setup, felt, limits)
+    height = 1e6 * float(setup.ridges.height_m)
+    return Outcome(
+        f"Ridges {height:.3g} µm high on a pitch of {1e3 * setup.pitch_m:.3g} mm",
+        metrics,
+        dataset,
+        _sections(dataset, metrics, cfg, setup),
+        _summary(metrics, settings),
+    )
 
+
+def _simulated(cfg: build.Config, setup: Setup) -> Simulated:
+    settings = cfg["fig12_ridges"]
+    samples, noises = _samples(settings, setup), build.noises(cfg)
+    heights, pressures = _heights(settings), _pressures(settings)
+    nominal, height = setup.scene.nominal_pressure_Pa, setup.ridges.height_m
+    load_closed = _closed_form_load(setup)
+    loads = load_closed * np.asarray(CONTACT_LOADS)
+    pressed = _pressed(setup, _wide(cfg), [
+        *((each, nominal) for each in heights),
+        *((height, each) for each in pressures),
+        *((height, each / setup.pitch_m) for each in loads),
+        (height, nominal),
+    ])  # fmt: skip
+    signal, spectrum, data = _signals(setup, samples, noises, pressed, build.random_key(cfg))
     by_height, by_pressure = np.split(pressed.size[: -1 - loads.size, 0], [heights.size])
     amplitude, blind = pressed.size[-1]
-    load = _load_between(setup, loads, pressed.gap[-1 - loads.size : -1])
-    speed = float(setup.scan.speed_m_per_s)
-    tone_hz, per_ridge = speed / setup.pitch_m, rate * setup.pitch_m / speed
-    found = _pitch(x, data, per_ridge, settings["pitch_range_m"])
-    k = np.fft.rfftfreq(x.size, x[1] - x[0])
-    level = np.sqrt(np.interp(1 / setup.pitch_m, k, spectrum))  # white noise as strong as here
-    noise, in_band = np.sqrt(np.mean(spectrum)), level * np.sqrt(2 * tone_hz / (rate / 2))
-    strength = amplitude / np.sqrt(2) / level  # d' is this times the root of the samples
+    return Simulated(
+        x=np.asarray(samples.x),
+        signal=signal,
+        spectrum=spectrum,
+        data=data,
+        per_ridge=settings["sample_rate_hz"] * setup.pitch_m / float(setup.scan.speed_m_per_s),
+        heights=heights,
+        by_height=by_height,
+        pressures=pressures,
+        by_pressure=by_pressure,
+        amplitude=amplitude,
+        blind=blind,
+        load=_load_between(setup, loads, pressed.gap[-1 - loads.size : -1]),
+        load_closed=load_closed,
+        pressed=pressed,
+    )
+
+
+def _limits(settings, setup: Setup, felt: Simulated, needed: float) -> Limits:
+    k = np.fft.rfftfreq(felt.x.size, felt.x[1] - felt.x[0])
+    level = np.sqrt(np.interp(1 / setup.pitch_m, k, felt.spectrum))
     counts = np.geomspace(1, settings["most_ridges"], 121)
-    least_amplitude = needed * level * np.sqrt(2 / (counts * per_ridge))
-    least_height = _inverse(least_amplitude, by_height, heights)
-    paper = {name: float(np.interp(h, heights, by_height)) for name, h in PAPER_M.items()}
-    length = {
-        name: setup.pitch_m / per_ridge * 2 * (needed * level / size) ** 2
-        for name, size in paper.items()
-    }
-    floor = np.sqrt(6) * setup.pitch_m**2 * level / (np.pi * amplitude * np.ptp(x) * x.size**0.5)
+    least_amplitude = needed * level * np.sqrt(2 / (counts * felt.per_ridge))
+    least_height = _inverse(least_amplitude, felt.by_height, felt.heights)
+    return Limits(level, needed, counts, least_height)
+
+
+def _metrics(settings, setup: Setup, felt: Simulated, limits: Limits) -> dict[str, Any]:
+    pitch, level, amplitude = setup.pitch_m, limits.level, felt.amplitude
+    found = _pitch(felt.x, felt.data, felt.per_ridge, settings["pitch_range_m"])
+    tone_hz = float(setup.scan.speed_m_per_s) / pitch
+    noise = np.sqrt(np.mean(felt.spectrum))
+    in_band = level * np.sqrt(4 * tone_hz / settings["sample_rate_hz"])
+    strength = amplitude / np.sqrt(2) / level  # d' is this times the root of the samples
+    span = np.ptp(felt.x) * felt.x.size**0.5
     metrics = {
         "pitch_m": found.pitch_m,
         "pitch_m_stderr": found.stderr_m,
-        "pitch_m_stderr_bound": floor,
-        "pitch_error": found.pitch_m / setup.pitch_m - 1,
+        "pitch_m_stderr_bound": np.sqrt(6) * pitch**2 * level / (np.pi * amplitude * span),
+        "pitch_error": found.pitch_m / pitch - 1,
         "amplitude_V": amplitude,
-        "amplitude_blind_strip_V": blind,
-        "amplitude_most_V": by_pressure.max(),
-        "amplitude_most_at_Pa": pressures[by_pressure.argmax()],
+        "amplitude_blind_strip_V": felt.blind,
+        "amplitude_most_V": felt.by_pressure.max(),
+        "amplitude_most_at_Pa": felt.pressures[felt.by_pressure.argmax()],
         "noise_rms_V": noise,
         "noise_rms_in_band_V": in_band,
         "band_hz": 2 * tone_hz,
         "snr_per_sample": amplitude / np.sqrt(2) / noise,
         "snr_in_band": amplitude / np.sqrt(2) / in_band,
-        "strength_over_scan": strength * np.sqrt(x.size),
-        "strength_needed": needed,
+        "strength_over_scan": strength * np.sqrt(felt.x.size),
+        "strength_needed": limits.needed,
         "short_of_distinct": settings["distinct"] * noise / amplitude,
         "short_of_distinct_in_band": settings["distinct"] * in_band / amplitude,
-        "least_height_over_scan_m": np.interp(settings["ridges"], counts, least_height),
-        "averaging_length_6.5um_m": length["6.5 um"],
-        "averaging_length_0.65um_m": length["0.65 um"],
-        "load_to_touch_between_N_per_m": load,
-        "load_to_touch_between_closed_form_N_per_m": load_closed,
-        "load_per_ridge_N_per_m": float(nominal) * setup.pitch_m,
-        "contact_converged": pressed.converged,
+        "least_height_over_scan_m": np.interp(
+            settings["ridges"], limits.counts, limits.least_height
+        ),
     }
-    metrics: dict[str, Any] = {
-        k: v if isinstance(v, bool) else float(v) for k, v in metrics.items()
+    for name, height in PAPER_M.items():
+        size = np.interp(height, felt.heights, felt.by_height)
+        length = pitch / felt.per_ridge * 2 * (limits.needed * level / size) ** 2
+        metrics[f"averaging_length_{name.replace(' ', '')}_m"] = length
+    metrics |= {
+        "load_to_touch_between_N_per_m": felt.load,
+        "load_to_touch_between_closed_form_N_per_m": felt.load_closed,
+        "load_per_ridge_N_per_m": float(setup.scene.nominal_pressure_Pa) * pitch,
     }
-    seen = _seen(x, data, spectrum, setup, settings["false_alarm"])
-    dataset = xarray.Dataset(
+    known = {name: float(value) for name, value in metrics.items()}
+    return known | {"contact_converged": felt.pressed.converged}
+
+
+def _dataset(settings, setup: Setup, felt: Simulated, limits: Limits) -> xarray.Dataset:
+    seen = _seen(felt.x, felt.data, felt.spectrum, setup, settings["false_alarm"])
+    in_band, lengths = _low_passed(felt.data, 2 / felt.per_ridge), limits.counts * setup.pitch_m
+    return xarray.Dataset(
         {
             "height": ("x", np.asarray(setup.scene.surface.height(setup.line)), {"units": "m"}),
-            "gap": ("x", pressed.gap[-1], {"units": "m"}),
-            "pressure": ("x", pressed.pressure[-1], {"units": "Pa"}),
-            "signal": ("position", signal, {"units": "V"}),
-            "data": ("position", data, {"units": "V"}),
-            "data_in_band": ("position", _low_passed(data, 2 / per_ridge), {"units": "V"}),
+            "gap": ("x", felt.pressed.gap[-1], {"units": "m"}),
+            "pressure": ("x", felt.pressed.pressure[-1], {"units": "Pa"}),
+            "signal": ("position", felt.signal, {"units": "V"}),
+            "data": ("position", felt.data, {"units": "V"}),
+            "data_in_band": ("position", in_band, {"units": "V"}),
             "data_amplitude": ("frequency", seen[1], {"units": "V"}),
             "amplitude_by_chance": ("frequency", seen[2], {"units": "V"}),
-            "amplitude_by_height": ("ridge_height", by_height, {"units": "V"}),
-            "amplitude_by_pressure": ("nominal_pressure", by_pressure, {"units": "V"}),
-            "least_height": ("averaging_length", least_height, {"units": "m"}),
+            "amplitude_by_height": ("ridge_height", felt.by_height, {"units": "V"}),
+            "amplitude_by_pressure": ("nominal_pressure", felt.by_pressure, {"units": "V"}),
+            "least_height": ("averaging_length", limits.least_height, {"units": "m"}),
         },
         {
             "x": ("x", np.asarray(setup.line.x), {"units": "m"}),
-            "position": ("position", x, {"units": "m"}),
+            "position": ("position", felt.x, {"units": "m"}),
             "frequency": ("frequency", seen[0], {"units": "Hz"}),
-            "ridge_height": ("ridge_height", heights, {"units": "m"}),
-            "nominal_pressure": ("nominal_pressure", pressures, {"units": "Pa"}),
-            "averaging_length": ("averaging_length", counts * setup.pitch_m, {"units": "m"}),
+            "ridge_height": ("ridge_height", felt.heights, {"units": "m"}),
+            "nominal_pressure": ("nominal_pressure", felt.pressures, {"units": "Pa"}),
+            "averaging_length": ("averaging_length", lengths, {"units": "m"}),
         },
-    )
-    return Outcome(
-        f"Ridges {1e6 * float(height):.3g} µm high on a pitch of {1e3 * setup.pitch_m:.3g} mm",
-        metrics,
-        dataset,
-        _sections(dataset, metrics, cfg, setup),
-        _summary(metrics, settings),
     )
 
 

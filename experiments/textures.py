@@ -1,7 +1,7 @@
 """Rough surfaces slid over: their spectra from the signal, and told apart by them."""
 
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -29,16 +29,73 @@ TOLD = {  # by which contact's stretches, and by what they are compared with
 }
 
 
+class Slid(NamedTuple):
+    """Each texture slid over: noisy `signals` (contact, texture, draw, x), those after `draws`
+    to learn from; the `share` that touches (contact, texture); and the true density of heights,
+    `truth` (texture, k) [m^3]."""
+
+    felt: "_Felt"
+    names: list[str]
+    signals: np.ndarray
+    share: np.ndarray
+    truth: np.ndarray
+    draws: int
+    samples: int
+
+
+class Spectra(NamedTuple):
+    """Densities of height [m^3] in bands of wavenumber, by the linear law.
+
+    `found`, with its band of 90 % from `low` to `high` (contact, texture, draw, band); `mean` of
+    the draws (contact, texture, band); `expected`, and whether it is `usable` (texture, band), with
+    its `limits` (texture, end) [rad/m]. `ratio` (contact, texture): power found over the true one.
+    """
+
+    middle: np.ndarray
+    power: np.ndarray
+    found: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    mean: np.ndarray
+    expected: np.ndarray
+    usable: np.ndarray
+    limits: np.ndarray
+    ratio: np.ndarray
+
+    @property
+    def coverage(self) -> float:
+        """How often the band in full contact holds what is expected."""
+        expected = self.expected[:, None]
+        inside = (self.low[0] <= expected) & (expected <= self.high[0])
+        return float(inside[np.broadcast_to(self.usable[:, None], inside.shape)].mean())
+
+
 def run(cfg: build.Config) -> Outcome:
     """Spectra of the heights by dividing the signal's by the sensor's, and a confusion matrix.
 
     Raises `BadInput` for surfaces that are not rough, a friction that is not known, more than one
     element, and numbers out of range.
     """
+    with build.precision(cfg):
+        slid = _slid(cfg)
+    spectra = _spectra(slid, cfg["textures"]["bands"])
+    chosen = _chosen(slid)
+    metrics = _metrics(slid, spectra, chosen)
+    dataset = _dataset(slid, spectra, chosen)
+    return Outcome(
+        "Textures by the spectrum of their signal",
+        metrics,
+        dataset,
+        _sections(dataset, cfg, metrics),
+        _table(slid, spectra, chosen),
+    )
+
+
+def _slid(cfg: build.Config) -> Slid:
     given = cfg["textures"]
     named = mapping("textures.surfaces", given["surfaces"])
     refuse(len(named) < 2, f"textures.surfaces names {len(named)}: give two or more rough ones.")
-    draws, learning, bands = (
+    draws, learning, _ = (
         whole(f"textures.{key}", given[key], "a whole number from 1", least=1)
         for key in ("draws", "learning_draws", "bands")
     )
@@ -46,104 +103,134 @@ def run(cfg: build.Config) -> Outcome:
         number(f"textures.{key}", given[key], "a positive pressure in Pa", above=0)
         for key in ("pressure_Pa", "light_pressure_Pa")
     ]
-    with build.precision(cfg):
-        surfaces = {
-            name: build.make(node, f"textures.surfaces.{name}", Rough)
-            for name, node in named.items()
-        }
-        felt = _Felt(cfg)
-        samples = int(number(
-            "textures.stretch_m", given["stretch_m"], "a positive length within the line",
-            above=4 * felt.cell_m, most=felt.line.n * felt.cell_m,
-        ) / felt.cell_m)  # fmt: skip
-        with stage("sliding over the textures"):
-            signals, share = felt.signals(surfaces, pressures, draws + learning, build.seed(cfg))
-        truth = np.stack([felt.density(surface) for surface in surfaces.values()])
+    surfaces = {
+        name: build.make(node, f"textures.surfaces.{name}", Rough) for name, node in named.items()
+    }
+    felt = _Felt(cfg)
+    stretch = number(
+        "textures.stretch_m",
+        given["stretch_m"],
+        "a positive length within the line",
+        above=4 * felt.cell_m,
+        most=felt.line.n * felt.cell_m,
+    )
+    with stage("sliding over the textures"):
+        signals, share = felt.signals(surfaces, pressures, draws + learning, build.seed(cfg))
+    truth = np.stack([felt.density(surface) for surface in surfaces.values()])
+    return Slid(felt, list(surfaces), signals, share, truth, draws, int(stretch / felt.cell_m))
 
-    # Whole windows: the density of heights [m^3] in bands of wavenumber, by the linear law.
-    spectra = Bands(felt.k, felt.gain, felt.noise, felt.blind_from, bands)
-    power = np.abs(np.fft.rfft(signals)) ** 2 / felt.line.n  # (contact, texture, draw, k)
-    found, low, high = spectra.density(power[:, :, :draws])  # (contact, texture, draw, band)
-    expected = spectra.average(truth)  # (texture, band)
-    usable = spectra.usable(power[0, :, :draws].mean(axis=1))  # (texture, band)
+
+def _spectra(slid: Slid, count: int) -> Spectra:
+    """From whole windows."""
+    felt, draws = slid.felt, slid.draws
+    bands = Bands(felt.k, felt.gain, felt.noise, felt.blind_from, count)
+    power = np.abs(np.fft.rfft(slid.signals)) ** 2 / felt.line.n
+    expected = bands.average(slid.truth)
+    usable = bands.usable(power[0, :, :draws].mean(axis=1))
+    hidden = ~usable.any(axis=-1)
     refuse(
-        not usable.any(axis=-1).all(),
-        f"The noise hides {', '.join(np.array(list(surfaces))[~usable.any(axis=-1)])} at every "
+        bool(hidden.any()),
+        f"The noise hides {', '.join(np.array(slid.names)[hidden])} at every "
         "wavenumber: give rougher surfaces in textures.surfaces, or less noise.",
     )
-    inside = ((low[0] <= expected[:, None]) & (expected[:, None] <= high[0]))[
-        np.broadcast_to(usable[:, None], low[0].shape)
-    ]
-    mean = spectra.density(power[:, :, :draws].mean(axis=2))[0]  # (contact, texture, band)
-    weights = usable * spectra.sum(felt.gain)
-    ratio = np.sum(weights * mean, axis=-1) / np.sum(weights * expected, axis=-1)
+    mean = bands.density(power[:, :, :draws].mean(axis=2))[0]
+    weights = usable * bands.sum(felt.gain)
+    found, low, high = bands.density(power[:, :, :draws])
+    return Spectra(
+        middle=bands.middle,
+        power=power,
+        found=found,
+        low=low,
+        high=high,
+        mean=mean,
+        expected=expected,
+        usable=usable,
+        limits=np.stack([bands.limits(row) for row in usable]),
+        ratio=np.sum(weights * mean, axis=-1) / np.sum(weights * expected, axis=-1),
+    )
 
-    # Short stretches: to the nearest of the known spectra.
-    pieces = tapered_power(signals, samples)
-    references = {"law": expected_power(felt.gain * truth + felt.noise, felt.line.n, samples)}
-    references["learned"] = pieces[1, :, draws:].mean(axis=1)
-    chosen = np.stack([
+
+def _chosen(slid: Slid) -> np.ndarray:
+    """From short stretches: how many went to the nearest of the known spectra (told, texture,
+    texture)."""
+    felt, draws = slid.felt, slid.draws
+    pieces = tapered_power(slid.signals, slid.samples)
+    law = expected_power(felt.gain * slid.truth + felt.noise, felt.line.n, slid.samples)
+    references = {"law": law, "learned": pieces[1, :, draws:].mean(axis=1)}
+    return np.stack([
         _counted(nearest(pieces[contact, :, :draws], references[kind]))
         for contact, kind in TOLD.values()
     ])  # fmt: skip
-    accuracy = np.trace(chosen, axis1=1, axis2=2) / chosen.sum(axis=(1, 2))
 
-    names = list(surfaces)
-    limits = np.stack([spectra.limits(row) for row in usable])  # (texture, end)
-    metrics: dict[str, Any] = {"draws": draws, "stretch_m": samples * felt.cell_m}
-    for told, value in zip(("", "_light_linear_law", "_light_learned"), accuracy, strict=True):
+
+def _accuracy(chosen: np.ndarray) -> np.ndarray:
+    return np.trace(chosen, axis1=1, axis2=2) / chosen.sum(axis=(1, 2))
+
+
+def _metrics(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> dict[str, Any]:
+    metrics: dict[str, Any] = {"draws": slid.draws, "stretch_m": slid.samples * slid.felt.cell_m}
+    kinds = ("", "_light_linear_law", "_light_learned")
+    for told, value in zip(kinds, _accuracy(chosen), strict=True):
         metrics[f"accuracy{told}"] = float(value)
-    metrics["coverage_90"] = float(inside.mean())
-    for t, name in enumerate(names):
-        metrics[f"limit_wavenumber_{name}_rad_per_m"] = float(limits[t, 1])
-        metrics[f"limit_wavelength_{name}_m"] = float(2 * np.pi / limits[t, 1])
+    metrics["coverage_90"] = spectra.coverage
+    for t, name in enumerate(slid.names):
+        shortest = float(spectra.limits[t, 1])
+        metrics[f"limit_wavenumber_{name}_rad_per_m"] = shortest
+        metrics[f"limit_wavelength_{name}_m"] = 2 * np.pi / shortest
         for c, contact in enumerate(CONTACTS):
-            metrics[f"height_power_ratio_{contact}_{name}"] = float(ratio[c, t])
-            metrics[f"contact_share_{contact}_{name}"] = float(share[c, t])
-    of = ("contact", "texture", "band")
+            metrics[f"height_power_ratio_{contact}_{name}"] = float(spectra.ratio[c, t])
+            metrics[f"contact_share_{contact}_{name}"] = float(slid.share[c, t])
+    return metrics
+
+
+def _dataset(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> xarray.Dataset:
+    felt, of = slid.felt, ("contact", "texture", "band")
     variables = {
-        "height_density": (of, found[:, :, 0], "m^3"),
-        "height_density_low": (of, low[:, :, 0], "m^3"),
-        "height_density_high": (of, high[:, :, 0], "m^3"),
-        "height_density_mean": (of, mean, "m^3"),
-        "height_density_expected": (("texture", "band"), expected, "m^3"),
-        "height_density_true": (("texture", "wavenumber"), truth, "m^3"),
-        "usable": (("texture", "band"), usable.astype(np.int8), "1"),
-        "limits": (("texture", "end"), limits, "rad/m"),
-        "signal": (("contact", "texture", "x"), signals[:, :, 0], felt.unit),
-        "signal_power": ((*of[:2], "wavenumber"), power[:, :, 0], f"({felt.unit})^2"),
+        "height_density": (of, spectra.found[:, :, 0], "m^3"),
+        "height_density_low": (of, spectra.low[:, :, 0], "m^3"),
+        "height_density_high": (of, spectra.high[:, :, 0], "m^3"),
+        "height_density_mean": (of, spectra.mean, "m^3"),
+        "height_density_expected": (("texture", "band"), spectra.expected, "m^3"),
+        "height_density_true": (("texture", "wavenumber"), slid.truth, "m^3"),
+        "usable": (("texture", "band"), spectra.usable.astype(np.int8), "1"),
+        "limits": (("texture", "end"), spectra.limits, "rad/m"),
+        "signal": (("contact", "texture", "x"), slid.signals[:, :, 0], felt.unit),
+        "signal_power": ((*of[:2], "wavenumber"), spectra.power[:, :, 0], f"({felt.unit})^2"),
         "noise_power": (("wavenumber",), felt.noise, f"({felt.unit})^2"),
-        "contact_share": (("contact", "texture"), share, "1"),
+        "contact_share": (("contact", "texture"), slid.share, "1"),
         "chosen": (("told_by", "truth", "candidate"), chosen, "1"),
-        "accuracy": (("told_by",), accuracy, "1"),
+        "accuracy": (("told_by",), _accuracy(chosen), "1"),
     }
     coordinates = {
         "contact": (list(CONTACTS), "1"),
-        "texture": (names, "1"),
-        "truth": (names, "1"),
-        "candidate": (names, "1"),
+        "texture": (slid.names, "1"),
+        "truth": (slid.names, "1"),
+        "candidate": (slid.names, "1"),
         "told_by": (list(TOLD), "1"),
         "x": (np.asarray(felt.line.x), "m"),
         "wavenumber": (felt.k, "rad/m"),
         "band": (spectra.middle, "rad/m"),
         "end": (["longest", "shortest"], "1"),
     }
-    dataset = xarray.Dataset(
+    return xarray.Dataset(
         {name: (dims, values, {"units": u}) for name, (dims, values, u) in variables.items()},
         {name: (name, values, {"units": u}) for name, (values, u) in coordinates.items()},
     )
-    rows = tuple((name, f"{2e3 * np.pi / limits[t, 1]:.3g}",
-                  f"{share[0, t]:.0%}", ratio[0, t], f"{share[1, t]:.0%}", ratio[1, t])
-                 for t, name in enumerate(names))  # fmt: skip
-    table = Table(
+
+
+def _table(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> Table:
+    right = zip(TOLD, _accuracy(chosen), strict=True)
+    return Table(
         ("texture", "shortest wavelength [mm]", "touches, full", "power over true, full",
          "touches, light", "power over true, light"),
-        rows,
-        "; ".join(f"right, {told}: {a:.0%}" for told, a in zip(TOLD, accuracy, strict=True)) + ".",
-    )  # fmt: skip
-    return Outcome(
-        "Textures by the spectrum of their signal", metrics, dataset,
-        _sections(dataset, cfg, metrics), table,
+        tuple(
+            (name, f"{2e3 * np.pi / limit:.3g}", f"{full:.0%}", found, f"{light:.0%}", lost)
+            for name, limit, full, found, light, lost in zip(
+                slid.names, spectra.limits[:, 1], slid.share[0], spectra.ratio[0], slid.share[1],
+                spectra.ratio[1], strict=True,
+            )
+        ),
+        "; ".join(f"right, {told}: {share:.0%}" for told, share in right) + ".",
     )  # fmt: skip
 
 
