@@ -75,13 +75,7 @@ def run(cfg: build.Config) -> Outcome:
         }
         here = limits(base)
 
-    floors = (heights[0], distances[0])
-    exponents = {
-        f"{limit}_against_{name}_exponent": _exponent(axes[name], found[name][i], floor)
-        for i, (limit, floor) in enumerate(zip(LIMITS, floors, strict=False))
-        for name in AXES
-    }
-    metrics = {
+    metrics: dict[str, Any] = {
         "least_height_m": here[0],
         "narrowest_pair_m": here[1],
         "wavelength_kept_m": here[2],
@@ -89,15 +83,8 @@ def run(cfg: build.Config) -> Outcome:
         "noise_rms_V": noise,
         "strength_needed": needed,
         "contact_converged": pressed.converged,
-    } | {
-        f"{limit}_at_{end}_{name}_m": found[name][i, j]
-        for i, limit in enumerate(LIMITS[:2])
-        for name in AXES
-        for end, j in (("least", 0), ("most", -1))
-    }
-    metrics: dict[str, Any] = {
-        k: v if isinstance(v, bool) else float(v) for k, v in (metrics | exponents).items()
-    }
+    } | _along(axes, found, (heights[0], distances[0]))
+    metrics = {k: v if isinstance(v, bool) else float(v) for k, v in metrics.items()}
     dataset = xarray.Dataset(
         {
             f"{limit}_against_{name}": (name, found[name][i], {"units": "m"})
@@ -112,15 +99,35 @@ def run(cfg: build.Config) -> Outcome:
         metrics,
         dataset,
         _sections(dataset, metrics, cfg, dict(zip(AXES, base, strict=True))),
-        Table(
-            ("varied", "from", "to", "least height [µm]", "", "narrowest pair [mm]", ""),
-            tuple(
-                (f"{name} [{unit}]", axes[name][0], axes[name][-1],
-                 *(1e6 * found[name][0, [0, -1]]), *(1e3 * found[name][1, [0, -1]]))
-                for name, (_, unit) in AXES.items()
-            ),
-            "Each limit at both ends of the range.",
+        _ends_table(axes, found),
+    )
+
+
+def _along(axes, found, floors) -> dict[str, Any]:
+    """Each limit at both ends of each axis, and the power of the axis that it follows above the
+    least height and distance that were looked at, `floors`."""
+    ends = {
+        f"{limit}_at_{end}_{name}_m": found[name][i, j]
+        for i, limit in enumerate(LIMITS[:2])
+        for name in AXES
+        for end, j in (("least", 0), ("most", -1))
+    }
+    return ends | {
+        f"{limit}_against_{name}_exponent": _exponent(axes[name], found[name][i], floor)
+        for i, (limit, floor) in enumerate(zip(LIMITS, floors, strict=False))
+        for name in AXES
+    }
+
+
+def _ends_table(axes, found) -> Table:
+    return Table(
+        ("varied", "from", "to", "least height [µm]", "", "narrowest pair [mm]", ""),
+        tuple(
+            (f"{name} [{unit}]", axes[name][0], axes[name][-1],
+             *(1e6 * found[name][0, [0, -1]]), *(1e3 * found[name][1, [0, -1]]))
+            for name, (_, unit) in AXES.items()
         ),
+        "Each limit at both ends of the range.",
     )  # fmt: skip
 
 

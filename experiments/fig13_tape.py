@@ -1,5 +1,7 @@
 """Tape on a smooth plate, its leading edge catching the skin: the paper's Fig. 13."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 import xarray
 from scipy.interpolate import CubicSpline
@@ -7,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from srsinv.errors import BadInput, number, refuse
 from srsinv.forward.scan import Motion
 from srsinv.forward.surface import Surface, Tape
-from srsinv.inverse.problem import COMPONENTS
+from srsinv.inverse.problem import COMPONENTS, Estimate, Problem
 from srsinv.inverse.surface_fit import SurfaceFitter
 from srsinv.inverse.surface_model import Window
 from srsinv.jobs import build
@@ -20,6 +22,21 @@ from srsinv.report.outcome import Outcome, Section, Table
 
 EDGES = ("leading", "trailing")
 CASES = ("as it is", "base friction alone", "no friction")
+
+
+class Edges(NamedTuple):
+    """Signals about the tape's edges.
+
+    `felt` (case, element, x); at `from_edge` [m] their `even` and `odd` parts about the edges'
+    `places` [m] (case, edge, element, from_edge); `ratio` (case, edge), rms of even over odd.
+    """
+
+    felt: np.ndarray
+    places: np.ndarray
+    from_edge: np.ndarray
+    even: np.ndarray
+    odd: np.ndarray
+    ratio: np.ndarray
 
 
 def run(cfg: build.Config) -> Outcome:
@@ -43,22 +60,47 @@ def run(cfg: build.Config) -> Outcome:
             estimate = method(problem)
         with stage("fitting the tape"):
             fitted = _fit(pressed, feature, problem).found
-        base = float(pressed.surface.base_friction)
-        signals = [pressed.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
-        truth = pressed.traction()
+        edges = _edges(pressed, tape, problem, around)
+        dataset = _dataset(pressed, problem, estimate, edges)
+    base = float(pressed.surface.base_friction)
+    true = {name: getattr(tape, name, None) for name in fitted.parameters}
+    true = {name: base if value is None else float(value) for name, value in true.items()}
+    metrics = _metrics(pressed, estimate, fitted, edges, true)
+    cases = zip(dataset["case"].values, edges.ratio, strict=True)
+    table = Table(
+        ("", "leading edge", "trailing edge"),
+        (
+            *((f"antisymmetry, {case}", *map(float, row)) for case, row in cases),
+            *_friction_rows(fitted.parameters, true),
+        ),
+        "Antisymmetry: rms of the signal's even over its odd part about the edge.",
+    )
+    return Outcome(
+        "Tape on a plate: a leading edge that catches", metrics, dataset,
+        _sections(dataset, cfg, metrics, fitted.parameters, true, around), table,
+    )  # fmt: skip
 
-    x, way = np.asarray(sim.line.x), float(sim.scan.direction)
-    places = float(tape.position_m) + way * float(tape.width_m) / 2 * np.array([-1.0, 1.0])
+
+def _edges(pressed: Pressed, tape: Tape, problem: Problem, around: float) -> Edges:
+    """With the frictions as they are, with the base's alone, with none, and with noise."""
+    sim, base = pressed.sim, float(pressed.surface.base_friction)
+    signals = [pressed.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
+    felt = np.stack([*signals, problem.data])
+    half = float(sim.scan.direction) * float(tape.width_m) / 2
+    places = float(tape.position_m) + half * np.array([-1.0, 1.0])
     from_edge = np.linspace(-around, around, 257)
-    felt = np.stack([*signals, problem.data])  # (case, element, x); the last one with noise
-    near = CubicSpline(x, felt, axis=-1)(places[:, None] + from_edge).swapaxes(1, 2)
+    along = CubicSpline(np.asarray(sim.line.x), felt, axis=-1)
+    near = along(places[:, None] + from_edge).swapaxes(1, 2)
     even, odd = (near + near[..., ::-1]) / 2, (near - near[..., ::-1]) / 2
-    index = np.sqrt(np.sum(even**2, axis=(2, 3)) / np.sum(odd**2, axis=(2, 3)))  # (case, edge)
+    ratio = np.sqrt(np.sum(even**2, axis=(2, 3)) / np.sum(odd**2, axis=(2, 3)))
+    return Edges(felt, places, from_edge, even, odd, ratio)
 
-    of_case = dict(zip(("", "_base_friction", "_frictionless", "_with_noise"), index, strict=True))
-    metrics = {
+
+def _metrics(pressed, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
+    cases = ("", "_base_friction", "_frictionless", "_with_noise")
+    metrics: dict[str, Any] = {
         f"antisymmetry_{edge}{case}": float(value)
-        for case, values in of_case.items()
+        for case, values in zip(cases, edges.ratio, strict=True)
         for edge, value in zip(EDGES, values, strict=True)
     }
     metrics |= {
@@ -69,48 +111,39 @@ def run(cfg: build.Config) -> Outcome:
         "fit": fitted.result,
         "chi2_per_freedom": fitted.fit.stats["chi2_per_freedom"] if fitted.fit else None,
     }
-    true = {name: getattr(tape, name, None) for name in fitted.parameters}
-    true = {name: base if value is None else float(value) for name, value in true.items()}
     for name, (value, stderr) in fitted.parameters.items():
         metrics |= {name: value, f"{name}_stderr": stderr, f"{name}_true": true[name]}
-    along = ("component", "x")
-    parts = ("case", "edge", "element", "from_edge")
+    return metrics
+
+
+def _dataset(pressed: Pressed, problem: Problem, estimate: Estimate, edges: Edges):
+    sim, truth = pressed.sim, pressed.traction()
+    along, parts = ("component", "x"), ("case", "edge", "element", "from_edge")
     unit = sim.sensor.amplifier.unit
     variables = {
-        "signal": (("case", "element", "x"), felt, unit),
-        "even": (parts, even, unit),
-        "odd": (parts, odd, unit),
-        "antisymmetry": (("case", "edge"), index, "1"),
+        "signal": (("case", "element", "x"), edges.felt, unit),
+        "even": (parts, edges.even, unit),
+        "odd": (parts, edges.odd, unit),
+        "antisymmetry": (("case", "edge"), edges.ratio, "1"),
         "traction": (along, truth, "Pa"),
         "traction_resolved": (along, resolved(truth, estimate, problem.forward.is_circular), "Pa"),
         "estimate": (along, np.asarray(estimate.value), "Pa"),
         "estimate_stderr": (along, np.asarray(estimate.stderr), "Pa"),
-        "edge_position": (("edge",), places, "m"),
+        "edge_position": (("edge",), edges.places, "m"),
     }
     coordinates = {
         "case": ((*CASES, "with noise"), "1"),
         "edge": (EDGES, "1"),
         "element": (element_names(sim.sensor), "1"),
         "component": (COMPONENTS, "1"),
-        "x": (x, "m"),
-        "from_edge": (from_edge, "m"),
+        "x": (np.asarray(sim.line.x), "m"),
+        "from_edge": (edges.from_edge, "m"),
     }
-    dataset = xarray.Dataset(
+    return xarray.Dataset(
         {name: (dims, values, {"units": u}) for name, (dims, values, u) in variables.items()},
         {name: (name, list(values), {"units": u}) for name, (values, u) in coordinates.items()},
-        {"speed_direction": way},
+        {"speed_direction": float(sim.scan.direction)},
     )
-    table = Table(
-        ("", "leading edge", "trailing edge"),
-        (*((f"antisymmetry, {case}", *map(float, row))
-           for case, row in zip(dataset["case"].values, index, strict=True)),
-         *_friction_rows(fitted.parameters, true)),
-        "Antisymmetry: rms of the signal's even over its odd part about the edge.",
-    )  # fmt: skip
-    return Outcome(
-        "Tape on a plate: a leading edge that catches", metrics, dataset,
-        _sections(dataset, cfg, metrics, fitted.parameters, true, around), table,
-    )  # fmt: skip
 
 
 def _only(name: str, named: dict):
