@@ -10,7 +10,7 @@ import xarray
 
 from srsinv.errors import number, refuse, whole
 from srsinv.forward.film import Film
-from srsinv.forward.noise import draw, total_spectrum
+from srsinv.forward.noise import with_noise
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scanned import Sampling
 from srsinv.forward.scene import SurfaceScene
@@ -282,10 +282,8 @@ def _signals(setup: Setup, samples: Periodic, noises, pressed: Pressed, key):
     field = setup.line.operator(setup.sensor.signal(setup.scan))
     traction = _traction(setup, setup.scene, jnp.asarray(pressed.pressure[-1]))
     signal = jax.jit(lambda t: Sampling(setup.line, samples.x)(field(t)))(traction)
-    rms = jnp.sqrt(jnp.mean(signal**2))
-    spectrum = total_spectrum(noises, samples, setup.scan, rms)
+    data, spectrum, _ = with_noise(noises, samples, setup.scan, signal, key)
     refuse(not bool(jnp.all(spectrum > 0)), "There is no noise: give noise=[johnson].")
-    data = signal + draw(key, spectrum, 1, samples.n)
     return np.asarray(signal[0]), np.asarray(spectrum), np.asarray(data[0])
 
 

@@ -124,6 +124,21 @@ def _total(noises, line: Line, scan: ConstantSpeed, signal_rms) -> Float[Array, 
 
 
 @eqx.filter_jit
+def with_noise(
+    noises: tuple[Noise, ...],
+    line: Line,
+    scan: ConstantSpeed,
+    signal: Float[Array, "e n"],
+    key: PRNGKeyArray,
+) -> tuple[Float[Array, "e n"], Float[Array, " k"], Float[Array, ""]]:
+    """The signal with noise, the noise's power at line.k, and the signal's rms, which some causes
+    go by."""
+    rms = jnp.sqrt(jnp.mean(signal**2))
+    spectrum = total_spectrum(noises, line, scan, rms)
+    return signal + draw(key, spectrum, *signal.shape), spectrum, rms
+
+
+@eqx.filter_jit
 def draw(
     key: PRNGKeyArray, spectrum: Float[Array, " k"], elements: int, n: int
 ) -> Float[Array, "e n"]:

@@ -82,8 +82,7 @@ def condition(problem: Problem, prior: Prior) -> Float[Array, ""]:
     Where samples are missing, or an open line ends, some traction is held by the prior alone. How
     firmly is taken from the mean over its wavenumbers.
     """
-    gain = jnp.abs(problem.forward.circulant().transfer * problem.whitener) ** 2
-    told = jnp.max(jnp.sum(gain, axis=0))
+    told = jnp.max(problem.information)
     held = jnp.mean(prior.root(problem.line) ** 2, axis=-1)
     return (told + jnp.max(held)) / jnp.maximum(jnp.min(held), jnp.finfo(held.dtype).tiny)
 

@@ -86,6 +86,18 @@ class Problem(eqx.Module):
         return self.forward.transfer.shape[1]
 
     @property
+    def separable(self) -> bool:
+        """Whether each wavenumber can be treated alone: a periodic line with every sample there."""
+        return self.forward.is_circular and self.observed is None
+
+    @property
+    def information(self) -> Float[Array, "c k"]:
+        """What the signal tells of each component at line.k, sum over elements of |G|^2/N
+        [1/Pa^2], of the nearest periodic problem."""
+        gain = jnp.abs(self.forward.circulant().transfer * self.whitener) ** 2
+        return jnp.sum(gain, axis=0)
+
+    @property
     def whitener(self) -> Float[Array, " k"]:
         """N^(-1/2) at line.k."""
         return 1 / jnp.sqrt(self.noise)

@@ -46,10 +46,9 @@ def solve(problem: Problem, prior: Prior, path: str = "auto", tolerance: float =
         solution, steps, fine = iterative.solve(problem, prior, jnp.asarray(tolerance))
         stats |= {"iterations": int(steps), "tolerance": tolerance}
         stats["standard_error"] = "of the nearest periodic problem, with every sample there"
-        whole = problem.forward.is_circular and problem.observed is None
         if not bool(fine):
             result = f"not converged: the limit of {int(steps)} iterations was reached"
-        elif not whole:
+        elif not problem.separable:
             # The residual says little of directions that hardly count in it.
             stats["condition"] = float(iterative.condition(problem, prior))
             result = _trusted(stats["condition"], TRUSTED_ITERATIVE / eps**0.5)
@@ -65,7 +64,7 @@ def _trusted(condition: float, most: float) -> str:
 def choose_path(problem: Problem, path: str) -> str:
     """The path that `path` names for this problem."""
     refuse(path not in PATHS, f"path is {path!r}: give one of {', '.join(PATHS)}.")
-    whole = problem.forward.is_circular and problem.observed is None
+    whole = problem.separable
     size = problem.unknowns * problem.line.n
     if path == "auto":
         path = "spectral" if whole else "direct" if size <= DIRECT_LIMIT else "iterative"
@@ -105,9 +104,8 @@ class Scorer(eqx.Module):
     def __init__(self, family: Family, problem: Problem, path: str):
         """Raises `BadInput` where the iterative path would have to score gaps or an open line."""
         path = choose_path(problem, path)
-        whole = problem.forward.is_circular and problem.observed is None
         refuse(
-            path == "iterative" and not whole,
+            path == "iterative" and not problem.separable,
             "path=iterative on an open line or with missing samples needs its weights given: set "
             "them, or use path=direct (with wider cells where there are too many).",
         )
@@ -128,10 +126,9 @@ def _scores(scorer: Scorer, log_weights: Float[Array, "b c"]) -> Score:
 
 
 def _estimate(problem: Problem, solution: Solution, result: str, stats: dict) -> Estimate:
-    finite, *arrays = _shown(problem, solution)
+    finite, value, stderr, fitted, whitened = _shown(problem, solution)
     if not bool(finite):
         result = "the solution is not finite"
-    value, stderr, fitted, whitened = arrays
     return Estimate(
         value, stderr, solution.covariance, fitted, whitened, solution.averaging, result, stats
     )

@@ -137,8 +137,7 @@ class Tikhonov(eqx.Module):
 
 @eqx.filter_jit
 def _ends(problem: Problem, given, below: float) -> Float[Array, "2 c"]:
-    gain = jnp.abs(problem.forward.circulant().transfer * problem.whitener) ** 2
-    most = jnp.log10(jnp.max(jnp.sum(gain, axis=0), axis=-1))
+    most = jnp.log10(jnp.max(problem.information, axis=-1))
 
     def end(free):
         pairs = zip(free, given, strict=True)

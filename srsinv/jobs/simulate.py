@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..errors import refuse
-from ..forward.noise import Noise, draw, total_spectrum
+from ..forward.noise import Noise, with_noise
 from ..forward.scan import ConstantSpeed
 from ..forward.scene import Scene
 from ..forward.sensor import Sensor
@@ -80,31 +80,21 @@ def problem_of(
     sim: Simulation, signal, mean_p_Pa, noises: tuple[Noise, ...], key, friction=None
 ) -> Problem:
     """The signal without noise, (e, n) at the line's positions, with noise and what inverts it."""
-    free_offset = sim.sensor.amplifier.offset is None
-    data, noise, empty = _with_noise(noises, sim.line, sim.scan, signal, key, free_offset)
+    data, spectrum, rms = with_noise(noises, sim.line, sim.scan, signal, key)
     refuse(
-        bool(noises) and bool(empty),
+        bool(noises) and not bool(jnp.any(spectrum > 0)) and not bool(rms > 0),
         "The scene gives no signal at all, nor noise that is set by its ratio to the signal: put "
         "something uneven within the window, or name noise of its own, noise=[white] or [johnson].",
     )
+    free_offset = sim.sensor.amplifier.offset is None
     return Problem(
         sim.line,
         sim.line.operator(sim.sensor.signal(sim.scan)),
         data,
-        noise,
+        spectrum.at[0].set(jnp.inf) if free_offset else spectrum,
         known_mean_Pa=(mean_p_Pa, None),
         friction=friction,
     )
-
-
-@eqx.filter_jit
-def _with_noise(noises: tuple[Noise, ...], line: Line, scan, signal, key, free_offset: bool):
-    """The data, the noise's spectrum, and whether there is neither signal nor noise."""
-    rms = jnp.sqrt(jnp.mean(signal**2))
-    spectrum = total_spectrum(noises, line, scan, rms)
-    data = signal + draw(key, spectrum, *signal.shape)
-    noise = spectrum.at[0].set(jnp.inf) if free_offset else spectrum
-    return data, noise, ~jnp.any(spectrum > 0) & ~(rms > 0)
 
 
 def run(cfg: build.Config) -> Outcome:

@@ -159,7 +159,8 @@ def fit(
             ends = search(misfit, *settings)
             if settled:
                 break
-    ends = _differenced(misfit, ends, steps or {})
+    if steps:
+        ends = _differenced(misfit, ends, steps)
     return _described(misfit, found, ends, level_known, solver)
 
 
@@ -227,7 +228,7 @@ def _level(misfit: Misfit, ends: Found) -> float:
 
 def _differenced(misfit: Misfit, ends: Found, steps: Mapping[str, float]) -> Found:
     """What was found, with central differences in the Jacobian's columns of these parameters."""
-    names = misfit.layout.free_names
+    names, jacobian = misfit.layout.free_names, np.array(ends.jacobian)
     for name, step in steps.items():
         refuse(not step > 0, f"The step of {name} is {step!r}: give a number above 0.")
         if name not in names:
@@ -236,10 +237,8 @@ def _differenced(misfit: Misfit, ends: Found, steps: Mapping[str, float]) -> Fou
         off = np.zeros(ends.z.size)
         off[at] = step
         above, below = (_white_at(misfit, ends.z, as_real(sign * off)) for sign in (1, -1))
-        jacobian = np.array(ends.jacobian)
         jacobian[:, at] = (np.asarray(above) - np.asarray(below)) / (2 * step)
-        ends = dataclasses.replace(ends, jacobian=jnp.asarray(jacobian))
-    return ends
+    return dataclasses.replace(ends, jacobian=jnp.asarray(jacobian))
 
 
 @eqx.filter_jit
