@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..errors import number, refuse
 from ..grid import Line, as_real, sinc
-from .skin import HalfSpace
+from .skin import Skin
 
 COARSER = 16  # the start comes from cells so many times wider
 COARSEST = 2048  # cells: below, a coarse start gains nothing, and costs compilation
@@ -63,9 +63,7 @@ class Contact(eqx.Module):
         )
 
 
-def press(
-    line: Line, skin: HalfSpace, height_m: Float[Array, " n"], nominal_pressure_Pa
-) -> Contact:
+def press(line: Line, skin: Skin, height_m: Float[Array, " n"], nominal_pressure_Pa) -> Contact:
     """The profile `height_m` (n,) at the cell centres, pressed into `skin` with a mean pressure.
 
     Projected conjugate gradients after Polonsky and Keer (1999), preconditioned on the contact set
@@ -101,7 +99,7 @@ def _solved(height_m, nominal, compliance):
 
 
 @eqx.filter_jit
-def cell_compliance(line: Line, skin: HalfSpace) -> Float[Array, " k"]:
+def cell_compliance(line: Line, skin: Skin) -> Float[Array, " k"]:
     """Displacement at the cell centres under cell averages of pressure [m/Pa], at line.k.
 
     The pressure is the band-limited function with these averages, as on a periodic line. Nothing

@@ -156,17 +156,17 @@ class Film(eqx.Module):
         self.piezo = Piezo() if piezo is None else piezo
         self.effects = tuple(effects)
 
-    def charge_per_stress(self, poisson_ratio) -> Float[Array, "3"]:
-        """Charge [C] per unit (sigma_x, sigma_z, tau_xz) [Pa], sigma_y in plane strain.
+    def charge_per_stress(self) -> Float[Array, "4"]:
+        """Charge [C] per unit (sigma_x, sigma_z, tau_xz, sigma_y) [Pa].
 
         The film's axes turned by theta: S11 = sx c^2 + sz s^2 + 2 t s c, S33 with s and c
         exchanged and the shear's sign turned.
         """
         c, s = jnp.cos(self.angle_rad), jnp.sin(self.angle_rad)
-        d1, d2, d3 = self.piezo.d1, self.piezo.d2 * poisson_ratio, self.piezo.d3
+        d1, d2, d3 = self.piezo.d1, self.piezo.d2, self.piezo.d3
         area = self.strips * self.width_m * self.length_m
         return area * jnp.stack(
-            [d1 * c**2 + d3 * s**2 + d2, d1 * s**2 + d3 * c**2 + d2, 2 * s * c * (d1 - d3)]
+            [d1 * c**2 + d3 * s**2, d1 * s**2 + d3 * c**2, 2 * s * c * (d1 - d3), d2]
         )
 
     def along_line(self, transfer: Complex[Array, "c k"], k) -> Complex[Array, "c k"]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..errors import number
 from ..grid import Line, as_real
 from .contact import Contact, press
-from .skin import HalfSpace
+from .skin import HalfSpace, Skin
 from .surface import Shape, Surface
 from .traction import FrictionStep, Pressure, Scalar
 
@@ -89,14 +89,14 @@ class SurfaceScene(Scene):
 
     nominal_pressure_Pa: Float[Array, ""]
     surface: Surface
-    skin: HalfSpace
+    skin: Skin
 
     def __init__(
         self,
         nominal_pressure_Pa,
         surfaces: Sequence[Shape] = (),
         base_friction: Scalar = 0.0,
-        skin: HalfSpace | None = None,
+        skin: Skin | None = None,
     ):
         wanted = "a positive pressure in Pa, the mean over the window"
         number("scene.nominal_pressure_Pa", nominal_pressure_Pa, wanted, above=0)

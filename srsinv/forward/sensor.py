@@ -12,13 +12,13 @@ from .amplifier import Amplifier, CurrentAmplifier
 from .film import Film
 from .scan import ConstantSpeed, Motion
 from .scanned import Sampling, Scanned
-from .skin import HalfSpace
+from .skin import HalfSpace, Skin
 
 
 class FilmSignal(Stage):
     """gain * d^order/dx^order of every element's charge, from traction (p, q)."""
 
-    skin: HalfSpace
+    skin: Skin
     elements: tuple[Film, ...]
     gain: Float[Array, ""]
     order: int = eqx.field(static=True)
@@ -29,7 +29,7 @@ class FilmSignal(Stage):
 
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
         def one(film: Film):
-            weights = film.charge_per_stress(self.skin.poisson_ratio)
+            weights = film.charge_per_stress()
             charge = jnp.tensordot(weights, self.skin.transfer(k, film.depth_m), 1)
             return film.along_line(charge, k)
 
@@ -42,7 +42,7 @@ class FilmSignal(Stage):
         respond = self.skin.strip_slope if self.order else self.skin.strip_response
 
         def one(film: Film):
-            weights = film.charge_per_stress(self.skin.poisson_ratio)
+            weights = film.charge_per_stress()
             kernel = film.along_kernel(
                 lambda x: jnp.tensordot(weights, respond(x, film.depth_m, cell_m), 1)
             )
@@ -54,7 +54,7 @@ class FilmSignal(Stage):
 class FilmStress(Stage):
     """sigma_x, sigma_z, tau_xz, sigma_y [Pa] at every element's depth: rows element by element."""
 
-    skin: HalfSpace
+    skin: Skin
     elements: tuple[Film, ...]
 
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
@@ -66,7 +66,7 @@ class FilmStress(Stage):
         return self._rows(lambda film: self.skin.strip_response(x, film.depth_m, cell_m))
 
     def _rows(self, stress) -> Array:
-        return jnp.concatenate([self.skin.with_sigma_y(stress(film)) for film in self.elements])
+        return jnp.concatenate([stress(film) for film in self.elements])
 
 
 class Sensor(eqx.Module):
@@ -76,14 +76,14 @@ class Sensor(eqx.Module):
     `line.operator(sensor.signal(scan))`. Raises `BadInput` when there is no element.
     """
 
-    skin: HalfSpace
+    skin: Skin
     elements: tuple[Film, ...]
     amplifier: Amplifier
 
     def __init__(
         self,
         elements: Sequence[Film],
-        skin: HalfSpace | None = None,
+        skin: Skin | None = None,
         amplifier: Amplifier | None = None,
     ):
         refuse(not elements, "The sensor has 0 film elements: give at least 1 in sensor.elements.")

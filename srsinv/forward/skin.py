@@ -1,9 +1,11 @@
-"""Subsurface stress of an elastic half space in plane strain under traction on its surface.
+"""Subsurface stress of a skin in plane strain under traction on its surface.
 
 Frame and signs as in docs/physics.md: x along the sliding direction, z into the finger, tension
 positive, p > 0 pushes into the finger, q > 0 acts along +x on the finger. Rows are always
-(sigma_x, sigma_z, tau_xz), columns the traction components (p, q).
+(sigma_x, sigma_z, tau_xz, sigma_y), columns the traction components (p, q).
 """
+
+import abc
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,15 +17,43 @@ from ..grid import as_real
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
 
 
-def _rows(b0, b1, b2, b3) -> Array:
-    """The stress matrix (3, 2, ...) from the four functions c t^m of a line load.
+class Skin(eqx.Module):
+    """What lies between the surface that is felt and the film: its stress, and how far it yields.
 
-    sigma_x = c (t^2, t^3), sigma_z = c (1, t), tau_xz = c (t, t^2), with t = x/z.
+    Stress is that at `depth_m` in Pa per Pa of traction (p, q); x [m] is the film's position from
+    the middle of the load.
     """
-    return jnp.stack([jnp.stack([b2, b3]), jnp.stack([b0, b1]), jnp.stack([b1, b2])])
+
+    @property
+    @abc.abstractmethod
+    def words(self) -> str:
+        """What the skin is, for the page."""
+
+    @abc.abstractmethod
+    def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
+        """Stress under unit traction exp(ikx), k [rad/m] of either sign or 0."""
+
+    @abc.abstractmethod
+    def strip_response(
+        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
+    ) -> Float[Array, "4 2 x"]:
+        """Stress under unit uniform traction on |x'| < width_m/2."""
+
+    @abc.abstractmethod
+    def strip_slope(
+        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
+    ) -> Float[Array, "4 2 x"]:
+        """d/dx of [`strip_response`][], in 1/m."""
+
+    @abc.abstractmethod
+    def compliance(self, k: Float[Array, " k"]) -> Inexact[Array, " k"]:
+        """The surface's displacement into the finger per unit pressure exp(ikx) [m/Pa], k > 0.
+
+        Complex where the skin answers a moving load with a lag.
+        """
 
 
-class HalfSpace(eqx.Module):
+class HalfSpace(Skin):
     """A homogeneous elastic half space: no modulus enters the in-plane stress.
 
     - `poisson_ratio` sets sigma_y = nu (sigma_x + sigma_z); the paper's (4) is nu = 1/2.
@@ -46,6 +76,10 @@ class HalfSpace(eqx.Module):
         )
 
     @property
+    def words(self) -> str:
+        return f"half space, Poisson's ratio {float(self.poisson_ratio):.4g}"
+
+    @property
     def contact_modulus_Pa(self) -> Float[Array, ""]:
         """E* = E/(1 - nu^2)."""
         return self.youngs_modulus_Pa / (1 - self.poisson_ratio**2)
@@ -55,12 +89,12 @@ class HalfSpace(eqx.Module):
         for k > 0 (docs/physics.md, section 10)."""
         return 2 / (self.contact_modulus_Pa * jnp.abs(k))
 
-    def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "3 2 k"]:
+    def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
         """Stress [Pa/Pa] at `depth_m` per unit traction exp(ikx) (docs/physics.md, section 2)."""
         kappa = jnp.abs(k) * depth_m
         decay = jnp.exp(-kappa)
         odd = 1j * jnp.sign(k) * decay
-        return _rows(
+        return self._rows(
             -(1 + kappa) * decay + 0j,
             odd * kappa,
             -(1 - kappa) * decay + 0j,
@@ -69,7 +103,7 @@ class HalfSpace(eqx.Module):
 
     def strip_response(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
-    ) -> Float[Array, "3 2 x"]:
+    ) -> Float[Array, "4 2 x"]:
         """Stress [Pa/Pa] at (x, depth_m) under unit uniform traction on |x'| < width_m/2.
 
         The differences of the antiderivatives of c t^m are written so that the result is exact to
@@ -91,7 +125,7 @@ class HalfSpace(eqx.Module):
             jnp.log1p(jnp.where(right, rise * r2, 0.0)),
             -jnp.log1p(jnp.where(right, 0.0, -rise * r1)),
         )
-        return _rows(
+        return self._rows(
             -(arctan + fraction) / jnp.pi,
             reciprocal / jnp.pi,
             -(arctan - fraction) / jnp.pi,
@@ -100,7 +134,7 @@ class HalfSpace(eqx.Module):
 
     def strip_slope(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
-    ) -> Float[Array, "3 2 x"]:
+    ) -> Float[Array, "4 2 x"]:
         """d/dx of [`strip_response`][], in 1/m: line loads at the strip's two ends."""
         t1, t2 = (x + width_m / 2) / depth_m, (x - width_m / 2) / depth_m
         r1, r2 = 1 / (1 + t1**2), 1 / (1 + t2**2)
@@ -112,8 +146,14 @@ class HalfSpace(eqx.Module):
         d2 = (s1 * r2 + r1 * s2) * (r1 * r2 - a1 * a2)
         d3 = r1 * r2 * (a1 * r2 + s1 * s2 + r1 * a2) + 2 * (s1 * s2) ** 2 - s1 * s2 * a1 * a2
         scale = -2 * width_m / (jnp.pi * depth_m**2)
-        return scale * _rows(d0, d1, d2, d3)
+        return scale * self._rows(d0, d1, d2, d3)
 
-    def with_sigma_y(self, stress: Inexact[Array, "3 ..."]) -> Inexact[Array, "4 ..."]:
-        """Append sigma_y = nu (sigma_x + sigma_z), plane strain; the paper's (4) for nu = 1/2."""
-        return jnp.concatenate([stress, self.poisson_ratio * (stress[:1] + stress[1:2])])
+    def _rows(self, b0, b1, b2, b3) -> Array:
+        """The stress matrix (4, 2, ...) from the four functions c t^m of a line load.
+
+        sigma_x = c (t^2, t^3), sigma_z = c (1, t), tau_xz = c (t, t^2), with t = x/z, and in plane
+        strain sigma_y = nu (sigma_x + sigma_z); the paper's (4) for nu = 1/2.
+        """
+        across = self.poisson_ratio * jnp.stack([b2 + b0, b3 + b1])
+        in_plane = jnp.stack([jnp.stack([b2, b3]), jnp.stack([b0, b1]), jnp.stack([b1, b2])])
+        return jnp.concatenate([in_plane, across[None]])

@@ -10,14 +10,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..forward.contact import cell_compliance
-from ..forward.skin import HalfSpace
+from ..forward.skin import Skin
 from ..grid import Line
 from .problem import Estimate
 
 
 @eqx.filter_jit
 def shape_under(
-    line: Line, skin: HalfSpace, pressure_Pa: Float[Array, "*rows n"]
+    line: Line, skin: Skin, pressure_Pa: Float[Array, "*rows n"]
 ) -> Float[Array, "*rows n"]:
     """The skin's displacement [m] at the cell centres, its mean zero, under cell averages of p.
 
@@ -28,7 +28,7 @@ def shape_under(
 
 
 def shape_band(
-    line: Line, skin: HalfSpace, estimate: Estimate, touching: Bool[Array, " n"]
+    line: Line, skin: Skin, estimate: Estimate, touching: Bool[Array, " n"]
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """The displacement [m] under the estimate's p, less its mean over the cells that touch, and its
     standard error.
@@ -39,7 +39,7 @@ def shape_band(
 
 
 @eqx.filter_jit
-def _band(line: Line, skin: HalfSpace, pressure, covariance, touching):
+def _band(line: Line, skin: Skin, pressure, covariance, touching):
     share = touching / jnp.maximum(jnp.sum(touching), 1)
     w = shape_under(line, skin, pressure)
     if covariance.ndim == 3:
@@ -51,14 +51,14 @@ def _band(line: Line, skin: HalfSpace, pressure, covariance, touching):
     return w - share @ w, jnp.sqrt(jnp.maximum(variance, 0.0))
 
 
-def _stationary(line: Line, skin: HalfSpace, power: Float[Array, " k"], share):
+def _stationary(line: Line, skin: Skin, power: Float[Array, " k"], share):
     """Variance of w and its covariance with the mean, p's errors having the spectrum `power`."""
     spectrum = cell_compliance(line, skin) ** 2 * power
     own = jnp.fft.irfft(spectrum, line.n)[0]
     return jnp.full(line.n, own), jnp.fft.irfft(spectrum * jnp.fft.rfft(share), line.n)
 
 
-def _whole(line: Line, skin: HalfSpace, covariance: Float[Array, "n n"], share):
+def _whole(line: Line, skin: Skin, covariance: Float[Array, "n n"], share):
     """The same from the covariance between all cells."""
     carried = shape_under(line, skin, shape_under(line, skin, covariance).T)
     return jnp.diagonal(carried), carried @ share

@@ -241,7 +241,7 @@ def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal):
         ("window", f"{1e3 * float(line.x[0]):.4g} to {1e3 * float(line.x[-1]):.4g} mm; beyond the "
          "scan's ends the traction is estimated from what can still be felt there"),
         ("nominal pressure", "not known" if nominal is None else f"{nominal:.4g} Pa"),
-        ("skin", f"half space, Poisson's ratio {float(sensor.skin.poisson_ratio):.4g}"),
+        ("skin", sensor.skin.words),
         ("amplifier", type(sensor.amplifier).__name__),
         ("noise", f"white, {noise_rms:.3g} {unit} per sample, "
          + ("given" if (cfg["noise"].get("white") or {}).get("rms") is not None

@@ -392,7 +392,7 @@ def _assumed(cfg: build.Config, data: Measured, chosen: Candidate) -> tuple[tupl
         ("motion", f"{speed.mean():.4g} m/s, constant" if steady
          else f"measured, {speed.min():.4g} to {speed.max():.4g} m/s"),
         *ground(data, chosen.fit),
-        ("skin", f"half space, Poisson's ratio {float(data.sensor.skin.poisson_ratio):.4g}"),
+        ("skin", data.sensor.skin.words),
         ("amplifier", type(data.sensor.amplifier).__name__),
         ("noise", f"white, {data.noise_rms:.3g} {unit} per sample, "
          + _noise_source(chosen, given, unit) + "".join(f"; {name}" for name in causes)),

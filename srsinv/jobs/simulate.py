@@ -148,7 +148,7 @@ def assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
     return (
         ("line", f"{cfg['grid']['line']}: {kinds[cfg['grid']['line']]}"),
         ("cells", f"{line.n} of {cell_um:.4g} um; simulated on cells {sim.refinement} times finer"),
-        ("skin", f"half space, Poisson's ratio {float(sim.sensor.skin.poisson_ratio):.4g}"),
+        ("skin", sim.sensor.skin.words),
         ("speed", f"{float(sim.scan.speed_m_per_s):.4g} m/s, constant"),
         ("amplifier", type(sim.sensor.amplifier).__name__),
         ("noise", ", ".join(cfg["noise"]) or "none"),

@@ -25,7 +25,7 @@ FAR = DEPTH * np.array([-200.0, -90, -31, -12, 11.0, 29, 88, 190])
 
 
 def asked(function, x, width):
-    return np.asarray(function(jnp.asarray(x), jnp.asarray(DEPTH), jnp.asarray(width)))
+    return np.asarray(function(jnp.asarray(x), jnp.asarray(DEPTH), jnp.asarray(width)))[:3]
 
 
 @pytest.mark.parametrize("width", [0.01 * DEPTH, 0.3 * DEPTH, DEPTH, 4 * DEPTH])
@@ -77,7 +77,7 @@ def test_transfer_against_the_reference_table():
     expected = np.array(
         [[column(f"{stress}_{load}") for load in "pq"] for stress in ("sx", "sz", "txz")]
     )
-    ours = np.asarray(TRANSFER(jnp.asarray(k), jnp.asarray(stack["depth_m"])))
+    ours = np.asarray(TRANSFER(jnp.asarray(k), jnp.asarray(stack["depth_m"])))[:3]
     np.testing.assert_allclose(ours, expected, rtol=1e-12, atol=0)
 
 
@@ -86,4 +86,4 @@ def test_transfer_is_even_and_odd_about_zero():
     k = jnp.asarray([-2e3, -40.0, 0.0, 40.0, 2e3])
     transfer = np.asarray(TRANSFER(k, jnp.asarray(DEPTH)))
     np.testing.assert_array_equal(transfer[..., ::-1].conj(), transfer)
-    np.testing.assert_array_equal(transfer[..., 2], [[-1, 0], [-1, 0], [0, -1]])
+    np.testing.assert_array_equal(transfer[..., 2], [[-1, 0], [-1, 0], [0, -1], [-1, 0]])
