@@ -7,7 +7,7 @@ import xarray
 from srsinv.errors import refuse
 from srsinv.inverse.wiener import Wiener
 from srsinv.jobs import build
-from srsinv.jobs.simulate import noisy_problem, simulation
+from srsinv.jobs.simulation import noisy_problem, simulation
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
 
@@ -24,8 +24,8 @@ def run(cfg: build.Config) -> Outcome:
         elements = len(sim.sensor.elements)
         refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
         refuse(cfg["friction"] is None, "friction is null: give mu of q = mu p, such as 0.4.")
-        noises, key = build.noises(cfg), build.random_key(cfg)
-        problem = noisy_problem(sim, noises, key, cfg["friction"])
+        key = build.random_key(cfg)
+        problem = noisy_problem(sim, key, cfg["friction"])
         k, noise = np.asarray(sim.line.k), np.asarray(problem.noise)
         gain = np.abs(np.asarray(problem.forward.circulant().transfer[0, 0]))
         others = [name for name, method in methods.items() if not isinstance(method, Wiener)]

@@ -330,7 +330,8 @@ def _closed_form_load(setup: Setup) -> float:
     (2 arccosh(1/sin(pi a/L)))."""
     ridges, skin = setup.ridges, setup.scene.skin
     half = np.sin(np.pi * float(ridges.width_m) / 2 / setup.pitch_m)
-    plane = float(skin.youngs_modulus_Pa) / (1 - float(skin.poisson_ratio) ** 2)
+    k = 2 * np.pi / setup.pitch_m
+    plane = 2 / (k * float(np.abs(skin.compliance(jnp.asarray([k]))[0])))  # E* of a half space
     return float(np.pi * plane * float(ridges.height_m) / (2 * np.arccosh(1 / half)))
 
 
@@ -459,7 +460,7 @@ def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: Setup) -> tuple[S
         ),
         Section(
             "What was assumed",
-            (f"Half space in plane strain, E = {float(setup.scene.skin.youngs_modulus_Pa):.3g} Pa; "
+            (f"Plane strain, {setup.scene.skin.words}; "
              f"contact without adhesion, {'' if m['contact_converged'] else 'NOT '}converged"
              f", nominal pressure {float(setup.scene.nominal_pressure_Pa):g} Pa; q = "
              f"{float(setup.scene.surface.base_friction):g} p; endless ridges across the motion.",

@@ -15,7 +15,7 @@ from srsinv.inverse.surface_model import Window
 from srsinv.jobs import build
 from srsinv.jobs.analysis import element_names
 from srsinv.jobs.pressed import Pressed, resolved
-from srsinv.jobs.simulate import simulation
+from srsinv.jobs.simulation import simulation
 from srsinv.progress import stage
 from srsinv.report.figures import tape as draw
 from srsinv.report.outcome import Outcome, Section, Table
@@ -55,7 +55,7 @@ def run(cfg: build.Config) -> Outcome:
         around = number("fig13_tape.around_edge_m", cfg["fig13_tape"]["around_edge_m"],
                         "a positive length, up to half the tape's width",
                         above=0, most=float(tape.width_m) / 2)  # fmt: skip
-        problem = pressed.problem(build.noises(cfg), build.random_key(cfg))
+        problem = pressed.problem(build.random_key(cfg))
         with stage("inverting"):
             estimate = method(problem)
         with stage("fitting the tape"):

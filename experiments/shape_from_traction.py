@@ -11,7 +11,7 @@ from srsinv.inverse.shape import shape_band, shape_under
 from srsinv.jobs import build
 from srsinv.jobs.analysis import BAND_90
 from srsinv.jobs.pressed import Pressed, resolved
-from srsinv.jobs.simulate import simulation
+from srsinv.jobs.simulation import simulation
 from srsinv.progress import stage
 from srsinv.report.figures import shape as draw
 from srsinv.report.outcome import Outcome, Section, Table
@@ -58,7 +58,7 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
     with stage(f"recovering the profile: {name}"):
         sim = simulation({**cfg, "scene": node})
         pressed = Pressed(sim)
-        problem = pressed.problem(build.noises(cfg), build.random_key(cfg))
+        problem = pressed.problem(build.random_key(cfg))
         estimate = method(problem)
         line, skin, p = sim.line, pressed.scene.skin, pressed.traction()
         touching = np.asarray(pressed.contact.touching)[:: sim.refinement]

@@ -9,7 +9,7 @@ import xarray
 from srsinv.errors import refuse
 from srsinv.jobs import build
 from srsinv.jobs.analysis import deviation
-from srsinv.jobs.simulate import noisy_problem, simulation
+from srsinv.jobs.simulation import noisy_problem, simulation
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.figures import curves
@@ -32,18 +32,18 @@ def run(cfg: build.Config) -> Outcome:
     refuse(settings["seeds"] < 1, f"two_element.seeds is {settings['seeds']}: give at least 1.")
     keys = [jax.random.key(build.seed(cfg) + i) for i in range(settings["seeds"])]
     with build.precision(cfg):
-        sim, methods, noises = simulation(cfg), build.methods(cfg), build.noises(cfg)
+        sim, methods = simulation(cfg), build.methods(cfg)
         elements = len(sim.sensor.elements)
         refuse(elements != 2, f"sensor has {elements} elements: give 2, use sensor=two_element.")
         truth = np.asarray(sim.traction(sim.line))
         first = sim.sensor.elements[0].angle_rad
         with stage("sweeping the angle between two elements"):
             swept = [
-                _estimates(_turned(sim, first + jnp.deg2rad(angle)), methods, noises, keys)
+                _estimates(_turned(sim, first + jnp.deg2rad(angle)), methods, keys)
                 for angle in angles
             ]
         alone = eqx.tree_at(lambda s: s.sensor.elements, sim, sim.sensor.elements[:1])
-        one = _estimates(alone, methods, noises, keys, mu)
+        one = _estimates(alone, methods, keys, mu)
 
     # (angle, method, seed, component, x) to (method, component, angle, seed)
     error = np.moveaxis(_relative(np.stack([e[0] for e in swept]), truth), (1, 3, 0), (0, 1, 2))
@@ -103,9 +103,9 @@ def _turned(sim, angle_rad):
     return eqx.tree_at(lambda s: s.sensor.elements[1].angle_rad, sim, angle_rad)
 
 
-def _estimates(sim, methods, noises, keys, friction=None) -> tuple[np.ndarray, np.ndarray]:
+def _estimates(sim, methods, keys, friction=None) -> tuple[np.ndarray, np.ndarray]:
     """Values and standard errors (method, seed, component, x) [Pa]."""
-    problems = [noisy_problem(sim, noises, key, friction) for key in keys]
+    problems = [noisy_problem(sim, key, friction) for key in keys]
     found = [[method(problem) for problem in problems] for method in methods.values()]
     value, stderr = ([[getattr(e, k) for e in row] for row in found] for k in ("value", "stderr"))
     return np.asarray(value), np.asarray(stderr)

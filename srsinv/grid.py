@@ -23,6 +23,8 @@ from jaxtyping import Array, Complex, Float
 
 from .errors import number, refuse
 
+Scalar = float | Float[Array, ""]
+
 
 def as_real(value) -> Float[Array, "..."]:
     """A physical number as an array of the working precision, so that jit traces it."""

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..errors import is_number, number, refuse
-from ..grid import as_real
+from ..grid import Scalar, as_real
 
 
 class Amplifier(eqx.Module):
@@ -94,7 +94,7 @@ class SlowReadout(Amplifier):
     gain_per_C: Float[Array, ""]
     _offset: Float[Array, ""] | None
 
-    def __init__(self, gain_per_C=1.0, offset=None):
+    def __init__(self, gain_per_C: Scalar = 1.0, offset=None):
         wanted = "a number other than 0, in the signal's unit per coulomb"
         number("amplifier.gain_per_C", gain_per_C, wanted)
         refuse(

@@ -1,14 +1,13 @@
 """A sensor from its description: the mapping that configurations and sidecars write alike."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..errors import BadInput, choice, mapping, number, refuse, shown
-from .film import ORIENTATIONS_RAD, Film, LineEffect, Offset, Piezo, StripWidth
+from .film import ORIENTATIONS_RAD, Film, Piezo
 
-EFFECTS = ("strip_width",)
 _LENGTH = "a positive length in metres"
 _PIEZO = ("d1", "d2", "d3")
 _ELEMENT_KEYS = {
@@ -22,28 +21,16 @@ _ELEMENT_KEYS = {
 }
 
 
-def elements(
-    description: Mapping[str, Any], effects: Any, also: Sequence[LineEffect] = ()
-) -> tuple[Film, ...]:
-    """The film elements of `description`.
+def elements(description: Mapping[str, Any]) -> tuple[Film, ...]:
+    """The film elements of `description`, without any effect.
 
-    - `description`: `depth_m`, `piezo_constants_C_per_N` {d1, d2, d3}, `strips` and `elements`, a
-      list or a mapping by name, each with `orientation` ("1_to_x_3_to_z", "1_to_z_3_to_x") or
-      `angle_deg`, `strip_width_m`, `active_length_m`, `offset_m`, and its own `depth_m` or `strips`
-      where they differ.
-    - `effects`: which named effects act ("strip_width"); `also`: effects that every element gets.
+    `depth_m`, `piezo_constants_C_per_N` {d1, d2, d3}, `strips` and `elements`, a list or a mapping
+    by name, each with `orientation` ("1_to_x_3_to_z", "1_to_z_3_to_x") or `angle_deg`,
+    `strip_width_m`, `active_length_m`, `offset_m`, and its own `depth_m` or `strips` where they
+    differ.
 
     Raises `BadInput` for what is missing, of the wrong type or out of range.
     """
-    refuse(
-        not isinstance(effects, list | tuple),
-        f"effects is {shown(effects)}: give a list, [] or any of {', '.join(EFFECTS)}.",
-    )
-    for name in effects:
-        refuse(
-            name not in EFFECTS,
-            f"There is no effect {name!r}: effects holds any of {', '.join(EFFECTS)}.",
-        )
     listed = description.get("elements")
     if not listed:
         raise BadInput(
@@ -56,10 +43,10 @@ def elements(
         "orientation, strip_width_m and active_length_m.",
     )
     named = listed.items() if isinstance(listed, Mapping) else enumerate(listed)
-    return tuple(_film(str(name), part, description, effects, also) for name, part in named)
+    return tuple(_film(str(name), part, description) for name, part in named)
 
 
-def _film(name: str, part: Any, description: Mapping[str, Any], effects, also) -> Film:
+def _film(name: str, part: Any, description: Mapping[str, Any]) -> Film:
     wanted = "a mapping with orientation, strip_width_m and active_length_m"
     mapping(f"sensor.elements.{name}", part, wanted)
     unknown = sorted(set(part) - _ELEMENT_KEYS)
@@ -79,23 +66,14 @@ def _film(name: str, part: Any, description: Mapping[str, Any], effects, also) -
             )
         return float(number(f"sensor.elements.{name}.{key}", value, wanted))
 
-    width = known("strip_width_m", _LENGTH)
-    along: list[LineEffect] = list(also)
-    depth = known("depth_m", _LENGTH)
-    if "strip_width" in effects:
-        # Lengths out of range are the film's to refuse.
-        fits = min(width, depth) > 0
-        along.append(StripWidth.at_depth(width, depth) if fits else StripWidth(width))
-    if offset := known("offset_m", "a length in metres, of either sign", 0.0):
-        along.append(Offset(offset))
     return Film(
-        depth_m=depth,
+        depth_m=known("depth_m", _LENGTH),
         angle_rad=_angle(name, part),
-        width_m=width,
+        width_m=known("strip_width_m", _LENGTH),
         length_m=known("active_length_m", _LENGTH),
         piezo=_piezo(description.get("piezo_constants_C_per_N")),
-        effects=along,
         strips=known("strips", "a whole number from 1", 1.0),
+        offset_m=known("offset_m", "a length in metres, of either sign", 0.0),
     )
 
 

@@ -17,7 +17,8 @@ import equinox as eqx
 import numpy as np
 
 from ..errors import BadInput, is_number, number, refuse, shown
-from .traction import Bars, Hertz, LineLoad, Pressure, Scalar, Step, UniformStrip
+from ..grid import Scalar
+from .traction import Bars, Hertz, LineLoad, Pressure, Step, UniformStrip
 
 Range = tuple[float, float]
 Shape = Mapping[str, Scalar]

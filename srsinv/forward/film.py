@@ -6,6 +6,7 @@ own: it multiplies the transfer, or spreads the exact kernel, and is absent wher
 """
 
 import abc
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -118,8 +119,9 @@ class Film(eqx.Module):
 
     - `depth_m`: below the skin's surface; `angle_rad`: axis 1 turned from +x toward +z.
     - `width_m` x `length_m`: electrode area of one strip; `strips`: how many are laminated
-      (their charges add).
-    - `effects`: what acts along the line; empty for an ideal thin strip at the origin.
+      (their charges add). `offset_m`: where it sits beside the sensor's origin.
+    - `effects`: what acts along the line; empty for an ideal thin strip at the origin, whatever its
+      width and offset are.
 
     Raises `BadInput` for a depth, width, length or number of strips that is not positive.
     """
@@ -131,6 +133,7 @@ class Film(eqx.Module):
     piezo: Piezo
     effects: tuple[LineEffect, ...]
     strips: int = eqx.field(static=True)
+    offset_m: Float[Array, ""]
 
     def __init__(
         self,
@@ -141,6 +144,7 @@ class Film(eqx.Module):
         piezo: Piezo | None = None,
         effects: Sequence[LineEffect] = (),
         strips: Any = 1,
+        offset_m=0.0,
     ):
         for name, value in (
             ("depth_m", depth_m),
@@ -149,12 +153,17 @@ class Film(eqx.Module):
         ):
             number(f"sensor {name}", value, "a positive length in metres", above=0)
         number("sensor angle_rad", angle_rad, "an angle in radians")
+        number("sensor offset_m", offset_m, "a length in metres, of either sign")
         wanted = "a whole number, as an element has at least 1 strip"
         self.strips = whole("sensor strips", strips, wanted, least=1)
         self.depth_m, self.angle_rad = as_real(depth_m), as_real(angle_rad)
         self.width_m, self.length_m = as_real(width_m), as_real(length_m)
         self.piezo = Piezo() if piezo is None else piezo
-        self.effects = tuple(effects)
+        self.effects, self.offset_m = tuple(effects), as_real(offset_m)
+
+    def with_effect(self, effect: LineEffect) -> "Film":
+        """The same film with one more effect along the line."""
+        return dataclasses.replace(self, effects=(*self.effects, effect))
 
     def charge_per_stress(self) -> Float[Array, "4"]:
         """Charge [C] per unit (sigma_x, sigma_z, tau_xz, sigma_y) [Pa].

@@ -2,7 +2,7 @@
 
 A spectrum (k,) here is the expected squared modulus of the noise's discrete Fourier transform over
 n, in signal units squared: white noise of rms s has the constant spectrum s^2, and the mean over
-all wavenumbers is the variance. Elements are independent.
+all wavenumbers is the variance. Elements are independent, but for a cause that brings its own draw.
 """
 
 import abc
@@ -28,6 +28,21 @@ class Noise(eqx.Module):
         self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
     ) -> Float[Array, " k"]:
         """Power per sample at line.k, given the noise-free signal's rms over all elements."""
+
+
+class Drawn(Noise):
+    """A cause that is not Gaussian, or not independent from element to element, and brings its own
+    draw. Its spectrum is then the mean over the elements."""
+
+    @abc.abstractmethod
+    def draw(
+        self,
+        key: PRNGKeyArray,
+        line: Line,
+        scan: ConstantSpeed,
+        signal_rms: Float[Array, ""],
+    ) -> Float[Array, "e n"]:
+        """Noise (element, n) that has the spectrum, periodic over the line's n samples."""
 
 
 def _not_negative(name: str, value) -> Float[Array, ""]:
@@ -134,8 +149,13 @@ def with_noise(
     """The signal with noise, the noise's power at line.k, and the signal's rms, which some causes
     go by."""
     rms = jnp.sqrt(jnp.mean(signal**2))
-    spectrum = total_spectrum(noises, line, scan, rms)
-    return signal + draw(key, spectrum, *signal.shape), spectrum, rms
+    gaussian = tuple(noise for noise in noises if not isinstance(noise, Drawn))
+    spectrum = total_spectrum(gaussian, line, scan, rms)
+    noisy = signal + draw(key, spectrum, *signal.shape)
+    for at, noise in enumerate(noise for noise in noises if isinstance(noise, Drawn)):
+        noisy = noisy + noise.draw(jax.random.fold_in(key, at), line, scan, rms)
+        spectrum = spectrum + noise.spectrum(line, scan, rms)
+    return noisy, spectrum, rms
 
 
 @eqx.filter_jit

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from ..errors import refuse
 from ..grid import Convolution, Line, Periodic, as_real
+from .filter import Filter, filtered, filtered_adjoint
 
 POINTS = 8
 AT_THE_END = 1e-3  # of a cell: a position this far beyond an end is there but for round-off
@@ -44,7 +45,7 @@ class Sampling(eqx.Module):
             first = jnp.clip(first, 0, line.n - points)
         index = first.astype(int)[:, None] + np.arange(points)[None]
         self.index = index % line.n if wraps else index
-        self.weights = _lagrange(at - first, points)
+        self.weights = lagrange(at - first, points)
         self.n = line.n
 
     def __call__(self, signal: Float[Array, "e n"]) -> Float[Array, "e sample"]:
@@ -63,6 +64,8 @@ class Scanned(eqx.Module):
     - `field`: the `order`-th derivative of charge along x on the line, order 1 for a rate signal.
     - `gain`, `direction` (sample,): the amplifier's factor, R_f u(t) for a rate signal, and
       sign(u), kept through a standstill.
+    - `filters`: what the electronics then do in time, the samples being `interval_s` apart; before
+      the first sample the signal was what it is there.
 
     Coulomb friction turns with the motion, q = sign(u) mu p. In this idealisation the shear jumps
     at the instant of reversal and sends an impulse of current; no sample stands at that instant,
@@ -73,6 +76,8 @@ class Scanned(eqx.Module):
     sampling: Sampling
     gain: Float[Array, " sample"]
     direction: Float[Array, " sample"]
+    filters: tuple[Filter, ...] = ()
+    interval_s: Float[Array, ""] | None = None
 
     def __call__(
         self, forward: Float[Array, "c n"], backward: Float[Array, "c n"] | None = None
@@ -87,21 +92,27 @@ class Scanned(eqx.Module):
         if backward is not None:
             turned = self.sampling(self.field(backward))
             signal = jnp.where(self.direction[None] < 0, turned, signal)
-        return self.gain[None] * signal
+        return filtered(self.filters, self.gain[None] * signal, self.interval_s)
 
     def adjoint(self, y: Float[Array, "e sample"]) -> Float[Array, "c n"]:
         """The transpose for one traction all along: <y, self(r)> = <self.adjoint(y), r>."""
-        return self.field.adjoint(self.sampling.adjoint(self.gain[None] * y))
+        y = filtered_adjoint(self.filters, y, self.interval_s)
+        return self._before_filters(y)
 
     def adjoint_each_way(
         self, y: Float[Array, "e sample"]
     ) -> tuple[Float[Array, "c n"], Float[Array, "c n"]]:
         """The transpose for two tractions: <y, self(f, b)> = <a, f> + <c, b> with (a, c) this."""
+        y = filtered_adjoint(self.filters, y, self.interval_s)
         turned = self.direction[None] < 0
-        return self.adjoint(jnp.where(turned, 0.0, y)), self.adjoint(jnp.where(turned, y, 0.0))
+        ahead = self._before_filters(jnp.where(turned, 0.0, y))
+        return ahead, self._before_filters(jnp.where(turned, y, 0.0))
+
+    def _before_filters(self, y: Float[Array, "e sample"]) -> Float[Array, "c n"]:
+        return self.field.adjoint(self.sampling.adjoint(self.gain[None] * y))
 
 
-def _lagrange(t: Float[Array, " sample"], points: int) -> Float[Array, "sample point"]:
+def lagrange(t: Float[Array, " sample"], points: int) -> Float[Array, "sample point"]:
     """Weights at t of samples at 0, 1, ..., points - 1.
 
     As products, which have neither 0/0 nor an infinite gradient at a sample.

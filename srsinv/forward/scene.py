@@ -8,11 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..errors import number
-from ..grid import Line, as_real
+from ..grid import Line, Scalar, as_real
 from .contact import Contact, press
 from .skin import HalfSpace, Skin
 from .surface import Shape, Surface
-from .traction import FrictionStep, Pressure, Scalar
+from .traction import FrictionStep, Pressure
 
 
 class Scene(eqx.Module):

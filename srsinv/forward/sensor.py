@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
@@ -10,6 +11,7 @@ from ..errors import refuse
 from ..grid import Line, Stage, as_real
 from .amplifier import Amplifier, CurrentAmplifier
 from .film import Film
+from .filter import Filter, even_interval, filtered
 from .scan import ConstantSpeed, Motion
 from .scanned import Sampling, Scanned
 from .skin import HalfSpace, Skin
@@ -70,7 +72,7 @@ class FilmStress(Stage):
 
 
 class Sensor(eqx.Module):
-    """Film elements in a skin, read by one kind of amplifier.
+    """Film elements in a skin, read by one kind of amplifier, then by `filters` in their order.
 
     Its stages map traction (2, n) to signals (element, n) on any line:
     `line.operator(sensor.signal(scan))`. Raises `BadInput` when there is no element.
@@ -79,17 +81,20 @@ class Sensor(eqx.Module):
     skin: Skin
     elements: tuple[Film, ...]
     amplifier: Amplifier
+    filters: tuple[Filter, ...]
 
     def __init__(
         self,
         elements: Sequence[Film],
         skin: Skin | None = None,
         amplifier: Amplifier | None = None,
+        filters: Sequence[Filter] = (),
     ):
         refuse(not elements, "The sensor has 0 film elements: give at least 1 in sensor.elements.")
         self.elements = tuple(elements)
         self.skin = HalfSpace() if skin is None else skin
         self.amplifier = CurrentAmplifier() if amplifier is None else amplifier
+        self.filters = tuple(filters)
 
     @property
     def depth_m(self) -> Float[Array, ""]:
@@ -111,7 +116,7 @@ class Sensor(eqx.Module):
     def signal(self, scan: ConstantSpeed) -> FilmSignal:
         """The recorded signal less its offset, in the amplifier's unit."""
         gain = self.amplifier.gain(scan.speed_m_per_s)
-        return FilmSignal(self.skin, self.elements, gain, self.amplifier.order)
+        return FilmSignal(self.skin, self._lagging(scan), gain, self.amplifier.order)
 
     def beyond(self, line: Line, motion: Motion, reach_m: float) -> Float[Array, "e c sample"]:
         """The signal along a motion of unit traction from the line's end on, over `reach_m` [m]."""
@@ -119,18 +124,34 @@ class Sensor(eqx.Module):
         end = line.x[-1] + line.cell_m / 2
         away = motion.position_m - (end + reach_m / 2)
         gain = self.amplifier.gain(motion.speed_m_per_s)
-        return gain[None, None] * field.cell_response(away, as_real(reach_m))
+        tail = gain[None, None] * field.cell_response(away, as_real(reach_m))
+        interval = self._interval_s(motion)
+        return jax.vmap(lambda each: filtered(self.filters, each, interval))(tail)
 
     def scanned(self, line: Line, motion: Motion) -> Scanned:
         """The recorded signal less its offset, at every sample of a measured motion.
 
-        Raises `BadInput` for an amplifier that needs a constant speed, and for a motion beyond the
-        ends of an open line.
+        Raises `BadInput` for an amplifier that needs a constant speed, for a motion beyond the ends
+        of an open line, and with filters for samples that are not evenly spaced.
         """
         gain = self.amplifier.gain(motion.speed_m_per_s)
         sampling = Sampling(line, motion.position_m)
-        return Scanned(line.operator(self._field()), sampling, gain, motion.direction)
+        field, interval = line.operator(self._field()), self._interval_s(motion)
+        return Scanned(field, sampling, gain, motion.direction, self.filters, interval)
 
     def _field(self) -> FilmSignal:
         """What the amplifier reads of the charge, before its gain."""
         return FilmSignal(self.skin, self.elements, as_real(1.0), self.amplifier.order)
+
+    def _lagging(self, scan: ConstantSpeed) -> tuple[Film, ...]:
+        """The elements as read through the filters, which at constant speed act along the line."""
+
+        def one(film: Film) -> Film:
+            for each in self.filters:
+                film = film.with_effect(each.along(scan.speed_m_per_s, film.depth_m))
+            return film
+
+        return tuple(one(film) for film in self.elements)
+
+    def _interval_s(self, motion: Motion) -> Float[Array, ""] | None:
+        return even_interval(motion.time_s) if self.filters else None

@@ -13,6 +13,7 @@ from jaxtyping import Array, Complex, Float, Inexact
 
 from ..errors import number
 from ..grid import as_real
+from .antiplane import Antiplane, AntiplaneHalfSpace
 
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
 
@@ -52,6 +53,11 @@ class Skin(eqx.Module):
         Complex where the skin answers a moving load with a lag.
         """
 
+    @property
+    @abc.abstractmethod
+    def antiplane(self) -> Antiplane:
+        """The stress under shear along features that cross the sliding direction."""
+
 
 class HalfSpace(Skin):
     """A homogeneous elastic half space: no modulus enters the in-plane stress.
@@ -77,7 +83,12 @@ class HalfSpace(Skin):
 
     @property
     def words(self) -> str:
-        return f"half space, Poisson's ratio {float(self.poisson_ratio):.4g}"
+        modulus, nu = float(self.youngs_modulus_Pa), float(self.poisson_ratio)
+        return f"half space of {modulus:.4g} Pa, Poisson's ratio {nu:.4g}"
+
+    @property
+    def antiplane(self) -> AntiplaneHalfSpace:
+        return AntiplaneHalfSpace()
 
     @property
     def contact_modulus_Pa(self) -> Float[Array, ""]:

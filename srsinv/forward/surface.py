@@ -17,8 +17,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ..errors import number, refuse, whole
-from ..grid import Line, as_real, wavenumbers
-from .traction import Scalar
+from ..grid import Line, Scalar, as_real, wavenumbers
 
 
 def _real(name: str, value) -> Float[Array, ""]:

@@ -12,9 +12,9 @@ import equinox as eqx
 import numpy as np
 
 from ..errors import BadInput, number
+from ..grid import Scalar
 from .feature import POSITION, Axis, Range, Stretch, range_name, ranges, searched
 from .surface import Ridge, Shape, StepDown, StepUp, Tape
-from .traction import Scalar
 
 LEAST_HEIGHT_M, GREATEST_HEIGHT_M = 1e-7, 1e-3
 HEIGHTS = 7  # tried: the signal goes from linear in the height to independent of it

@@ -7,9 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..errors import number
-from ..grid import Line, as_real
-
-Scalar = float | Float[Array, ""]
+from ..grid import Line, Scalar, as_real
 
 
 def _positive(name: str, value) -> Float[Array, ""]:

@@ -53,7 +53,8 @@ def _band(line: Line, skin: Skin, pressure, covariance, touching):
 
 def _stationary(line: Line, skin: Skin, power: Float[Array, " k"], share):
     """Variance of w and its covariance with the mean, p's errors having the spectrum `power`."""
-    spectrum = cell_compliance(line, skin) ** 2 * power
+    compliance = cell_compliance(line, skin)
+    spectrum = (compliance * compliance.conj()).real * power
     own = jnp.fft.irfft(spectrum, line.n)[0]
     return jnp.full(line.n, own), jnp.fft.irfft(spectrum * jnp.fft.rfft(share), line.n)
 

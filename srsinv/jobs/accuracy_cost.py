@@ -28,7 +28,7 @@ from ..report.outcome import Outcome, Section, Table
 from . import accuracy_cost_fit as fitting
 from . import build, peers
 from .analysis import deviation, timed
-from .simulate import Simulation, noisy_problem, simulation
+from .simulation import Simulation, noisy_problem, simulation
 
 REFERENCE = 8  # the forward reference's cells are so many times finer than the finest tried
 DIRECT_CELLS = 512  # beyond, the dense factors take longer than all the rest
@@ -162,12 +162,12 @@ Problems = dict[tuple[str, int], tuple[Problem, np.ndarray]]
 
 def _problems(cfg: build.Config) -> Problems:
     """The noisy problem and its true traction, by line and number of cells."""
-    noises, key = build.noises(cfg), build.random_key(cfg)
+    key = build.random_key(cfg)
     problems = {}
     for cells in cfg["accuracy_cost"]["inverse_cells"]:
         for line in build.LINES:
             sim = _simulation(cfg, line, cells)
-            problem = noisy_problem(sim, noises, key, cfg["friction"])
+            problem = noisy_problem(sim, key, cfg["friction"])
             truth = np.asarray(sim.traction(sim.line))[: problem.unknowns]
             problems[line, cells] = problem, _centred(truth)
     return problems

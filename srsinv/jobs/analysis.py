@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from ..forward.effects._decide import Verdict
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
 from ..inverse.problem import COMPONENTS, Estimate, Problem
@@ -27,7 +28,8 @@ class Case:
     - `problem`: what is inverted; `sensor`: with which sensor; `methods`: by name.
     - `stages`: (dims, values, units) of what the simulation knows, by variable name; the truth is
       `traction`. Empty for a recording.
-    - `assumed`: rows (what, value) of the page's last section.
+    - `assumed`: rows (what, value) of the page's last section; `verdicts`: which effects the scene
+      called for, where it was asked.
     """
 
     title: str
@@ -38,6 +40,7 @@ class Case:
     signal_unit: str = "V"
     stages: Mapping[str, tuple[tuple[str, ...], Any, str]] = field(default_factory=dict)
     assumed: tuple[tuple[str, str], ...] = ()
+    verdicts: tuple[Verdict, ...] = ()
     time_steady: bool = True
 
 
@@ -121,6 +124,9 @@ def _metrics(case: Case, estimates: Mapping[str, Estimate], rows) -> dict[str, A
     noise_rms = float(np.sqrt(np.mean(finite)))
     metrics[f"noise_rms_{case.signal_unit.replace(' ', '_')}"] = noise_rms
     metrics["snr_dB"] = float(20 * np.log10(max(np.std(signal) / noise_rms, 1e-30)))
+    for verdict in case.verdicts:
+        metrics[f"effect_bound_{verdict.name}"] = verdict.share
+        metrics[f"effect_on_{verdict.name}"] = verdict.on
     for row, (name, estimate) in zip(rows, estimates.items(), strict=True):
         key = name.lower().replace(" ", "_")
         said = row | dict(estimate.stats)
@@ -207,7 +213,7 @@ def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
         "element_angle": (("element",), [float(f.angle_rad) for f in films], "rad"),
         "element_width": (("element",), [float(f.width_m) for f in films], "m"),
         "element_length": (("element",), [float(f.length_m) for f in films], "m"),
-        "element_offset": (("element",), [_offset_m(f) for f in films], "m"),
+        "element_offset": (("element",), [float(f.offset_m) for f in films], "m"),
     } | dict(case.stages)
     coordinates = {
         "x": (("x",), np.asarray(problem.line.x), {"units": "m"}),
@@ -242,11 +248,6 @@ def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
             "mean_unobserved": ",".join(unobserved),
         },
     )
-
-
-def _offset_m(film) -> float:
-    offsets = [float(e.offset_m) for e in film.effects if hasattr(e, "offset_m")]
-    return sum(offsets, 0.0)
 
 
 def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:
@@ -328,6 +329,12 @@ def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section,
         parts.append(
             Section("Stress at the film", (words,), {"stress": lambda: figures.stress(ds)})
         )
+    if "recorded_signal" in ds:
+        words = (
+            "What the recorder takes along the real motion. The samples of each cell are then put "
+            "together to the signal at the mean speed; those taken while sliding back are left out."
+        )
+        parts.append(Section("As recorded", (words,), {"record": lambda: figures.record(ds)}))
     parts += [
         Section(
             "Current and voltage" if "current" in ds else "Signal",
@@ -359,6 +366,7 @@ def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section,
             {"errors_and_time": lambda: figures.errors_and_time(rows)},
             tables=(_summary(case, rows),),
         ),
+        *_verdict_section(case.verdicts),
         Section(
             "What was assumed",
             (),
@@ -369,6 +377,21 @@ def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section,
         ),
     ]  # fmt: skip
     return tuple(parts)
+
+
+def _verdict_section(verdicts: tuple[Verdict, ...]) -> tuple[Section, ...]:
+    """Every effect that was decided on."""
+    if not verdicts:
+        return ()
+    rows = tuple((v.name, v.share, "on" if v.on else "off", 1e3 * v.time_s) for v in verdicts)
+    return (
+        Section(
+            "Effects that this scene calls for",
+            ("A bound on what each effect changes, found without simulating it: rms change over "
+             "rms signal. Those off change, taken together, no more than the tolerance.",),
+            tables=(Table(("effect", "bound", "", "time of the bound [ms]"), rows),),
+        ),
+    )  # fmt: skip
 
 
 def _mean_words(problem: Problem):

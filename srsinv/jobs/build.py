@@ -11,13 +11,16 @@ from hydra.utils import get_class, instantiate
 
 from ..errors import BadInput, choice, mapping, number, refuse, shown, whole
 from ..forward.amplifier import Amplifier
-from ..forward.describe import EFFECTS as EFFECTS
 from ..forward.describe import elements
+from ..forward.effects import NAMES
+from ..forward.effects._decide import Verdict, decide
+from ..forward.effects._effect import Effect
 from ..forward.feature import Feature
 from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed
 from ..forward.scene import Scene
 from ..forward.sensor import Sensor
+from ..forward.setup import Setup
 from ..forward.skin import HalfSpace
 from ..forward.surface import Shape
 from ..forward.surface_feature import SurfaceFeature
@@ -119,8 +122,89 @@ def line(cfg: Config, refinement: Any = 1) -> Line:
     return kind(cells, length / cells, start)
 
 
+def setup(cfg: Config) -> Setup:
+    """All that is measured with what, with the effects that are named."""
+    whole = _bare(cfg)
+    for effect in effects(cfg).values():
+        whole = effect.added(whole)
+    return whole
+
+
 def scene(cfg: Config) -> Scene:
-    """The scene, what it names in order; one with a surface is pressed on by the skin."""
+    """The scene, for a job that takes effects of the sensor alone."""
+    found = _felt(cfg).scene
+    assert found is not None
+    return found
+
+
+def sensor(cfg: Config) -> Sensor:
+    """Film elements in their skin, read by the amplifier, for a job that takes effects of the
+    sensor alone."""
+    return _felt(cfg).sensor
+
+
+def with_effects(cfg: Config, felt: Setup) -> Setup:
+    """A setup of a sensor with the named effects, which have to be of the sensor."""
+    for name, effect in effects(cfg).items():
+        refuse(
+            not effect.of_sensor,
+            f"effects names {name}, which acts on a simulated scene and its recording; this job "
+            "takes effects of the sensor alone: leave it out.",
+        )
+        felt = effect.added(felt)
+    return felt
+
+
+def effects(cfg: Config) -> dict[str, Effect]:
+    """The named effects, in the order in which they are added."""
+    named = part(cfg, "effects")
+    for name in named:
+        refuse(
+            name not in NAMES,
+            f"There is no effect {name!r}: effects holds any of {', '.join(NAMES)}.",
+        )
+    made = {name: make(node, f"effects.{name}", Effect) for name, node in named.items()}
+    return dict(sorted(made.items(), key=lambda each: (each[1].order, each[0])))
+
+
+def decided(cfg: Config) -> tuple[Config, tuple[Verdict, ...]]:
+    """The configuration with those effects alone that its scene calls for, and the verdicts.
+
+    Without `effects=auto` all that are named are called for, and nothing is decided.
+    """
+    if "tolerance" not in cfg:
+        return cfg, ()
+    wanted = "a positive number, as a part of the signal's rms"
+    tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
+    verdicts = decide(_bare(cfg), line(cfg), effects(cfg), tolerance)
+    on = {verdict.name for verdict in verdicts if verdict.on}
+    named = part(cfg, "effects")
+    kept = {name: node for name, node in named.items() if name in on}
+    return {**cfg, "effects": kept}, verdicts
+
+
+def effects_rows(cfg: Config) -> tuple[tuple[str, str], ...]:
+    """Rows of a page: which effects are on and off."""
+    on = part(cfg, "effects")
+    off = [name for name in NAMES if name not in on]
+    return (("effects on", ", ".join(on) or "none"), ("effects off", ", ".join(off) or "none"))
+
+
+def _bare(cfg: Config) -> Setup:
+    return Setup(_scene(cfg), _sensor(cfg), scan(cfg), noises(cfg))
+
+
+def _felt(cfg: Config) -> Setup:
+    return with_effects(cfg, _bare(cfg))
+
+
+def _sensor(cfg: Config) -> Sensor:
+    films = elements(part(cfg, "sensor"))
+    return Sensor(films, skin=make(cfg["skin"], "skin", HalfSpace), amplifier=amplifier(cfg))
+
+
+def _scene(cfg: Config) -> Scene:
+    """The scene, what it names in order; one with a surface is pressed on by the half space."""
     node = dict(part(cfg, "scene"))
     kinds = {"pressures": Pressure, "frictions": FrictionStep, "surfaces": Shape}
     for name in kinds.keys() & node.keys():
@@ -141,12 +225,6 @@ def _profile_read(node: Any) -> Any:
         return node
     rest = {key: value for key, value in node.items() if key != "path"}
     return rest | load_profile(node["path"])
-
-
-def sensor(cfg: Config) -> Sensor:
-    """Film elements in the skin, with the effects that are named, read by the amplifier."""
-    films = elements(part(cfg, "sensor"), cfg["effects"])
-    return Sensor(films, skin=make(cfg["skin"], "skin", HalfSpace), amplifier=amplifier(cfg))
 
 
 def amplifier(cfg: Config) -> Amplifier:

@@ -137,41 +137,56 @@ def cell_signals(
 def _fitted_cells(
     recording: Recording, amplifier: Amplifier, cell: float
 ) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "e cell"], float]:
-    """Cells of a speed that varies: in each the signal at the mean speed that explains its samples
-    best.
+    """Cells of a speed that varies, along the way that the recording goes."""
+    speed, mean = recording.speed_m_per_s, recording.speed_m_per_s.mean()
+    a = np.asarray(amplifier.gain(as_real(speed)) / amplifier.gain(as_real(mean)))
+    x = np.maximum.accumulate(np.sign(mean) * recording.position_m)
+    middles = _middles(x)
+    edges = _cell_edges(recording, middles, cell)
+    signal, typical = fitted_on(edges, x, a, recording.signal)
+    return np.sign(mean) * (edges[:-1] + cell / 2), signal, typical
 
-    A sample is v = a s + white noise, a = gain(u) / gain(mean u): u over its mean for a rate
-    signal. Least squares give s = sum(a v) / sum(a^2) with the noise's variance over sum(a^2), and
-    nothing is divided by a small u. A cell where sum(a^2) is far below the median is missing (a
-    standstill, a hole); the median stands for the others.
+
+def fitted_on(
+    edges: Float[np.ndarray, " edge"],
+    x: Float[np.ndarray, " sample"],
+    a: Float[np.ndarray, " sample"],
+    signal: Float[np.ndarray, "e sample"],
+) -> tuple[Float[np.ndarray, "e cell"], float]:
+    """The signal at the mean speed that explains best the samples of each cell, and how many
+    samples at that speed a cell is worth; NaN where too few tell.
+
+    A sample at x, which never falls, is v = a s + white noise, a = gain(u) / gain(mean u): u over
+    its mean for a rate signal. Least squares give s = sum(a v) / sum(a^2) with the noise's variance
+    over sum(a^2), and nothing is divided by a small u. A cell where sum(a^2) is far below the
+    median is missing (a standstill, a hole); the median stands for the others.
 
     What a cell of whole samples tells is off its centre by up to half a spacing, which on a clean
     recording is more than the noise. So a sample counts in each cell by the part of its way, from
     middle to middle between neighbours, that lies there; and s, which belongs where the samples
     weigh, is interpolated to the centres: beside a standstill that is not the same.
     """
-    speed, mean = recording.speed_m_per_s, recording.speed_m_per_s.mean()
-    a = np.asarray(amplifier.gain(as_real(speed)) / amplifier.gain(as_real(mean)))
-    x = np.maximum.accumulate(np.sign(mean) * recording.position_m)
-    middles = np.concatenate(
-        [[1.5 * x[0] - x[1] / 2], (x[1:] + x[:-1]) / 2, [1.5 * x[-1] - x[-2] / 2]]
-    )
-    edges = _cell_edges(recording, middles, cell)
+    middles = _middles(x)
 
     def totals(values: Float[np.ndarray, "row sample"]) -> Float[np.ndarray, "row cell"]:
         sums = np.pad(np.cumsum(values, axis=-1), ((0, 0), (1, 0)))
         return np.diff([np.interp(edges, middles, row) for row in sums])
 
-    there = np.isfinite(recording.signal)
+    there = np.isfinite(signal)
     weight = np.where(there, a**2, 0.0)
     typical = float(np.median(totals(a[None] ** 2)))
     told = totals(weight)
     told = np.where(told >= FEW * typical, told, np.nan)
-    fitted = totals(np.where(there, a * recording.signal, 0.0)) / told
-    centres = edges[:-1] + cell / 2
+    fitted = totals(np.where(there, a * signal, 0.0)) / told
+    centres = (edges[:-1] + edges[1:]) / 2
     rows = zip(totals(weight * x) / told, fitted, strict=True)
-    signal = np.stack([_interpolated(centres, *row) for row in rows])
-    return np.sign(mean) * centres, signal, typical
+    return np.stack([_interpolated(centres, *row) for row in rows]), typical
+
+
+def _middles(x: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " middle"]:
+    return np.concatenate(
+        [[1.5 * x[0] - x[1] / 2], (x[1:] + x[:-1]) / 2, [1.5 * x[-1] - x[-2] / 2]]
+    )
 
 
 def _cell_edges(
@@ -231,7 +246,6 @@ def _spectrum(cfg, line, scan, data, observed, white_rms: float):
 
 def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal):
     unit = recording.signal_unit
-    off = [name for name in build.EFFECTS if name not in cfg["effects"]]
     return (
         ("recording", f"{recording.name}, {recording.time_s.size} samples {1e6 * spacing:.4g} um "
          f"apart"),
@@ -246,8 +260,7 @@ def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal):
         ("noise", f"white, {noise_rms:.3g} {unit} per sample, "
          + ("given" if (cfg["noise"].get("white") or {}).get("rms") is not None
             else "from the highest wavenumbers of the recording")),
-        ("effects on", ", ".join(cfg["effects"]) or "none"),
-        ("effects off", ", ".join(off) or "none"),
+        *build.effects_rows(cfg),
         ("p and q", "apart" if cfg["friction"] is None else f"q = {cfg['friction']} p"),
     )  # fmt: skip
 

@@ -18,7 +18,8 @@ from . import build, contest
 from .analysis import BAND_90, deviation, element_names, seen
 from .contest import Runs, Setting
 from .recorded import amplifier_node, coloured_noises
-from .simulate import Simulation, assumed, noisy_problem, simulation
+from .simulate import assumed
+from .simulation import Simulation, noisy_problem, simulation
 
 DRAWN = ("method", "snr", "seed")
 
@@ -30,7 +31,7 @@ def on_scene(cfg: build.Config) -> Outcome:
     """
     settings = cfg["compare"]
     _check(settings)
-    cfg = _complete(cfg)
+    cfg, _ = build.decided(_complete(cfg))
     sim = simulation(cfg)
     refuse(
         not np.any(np.ptp(np.asarray(sim.traction(sim.line)), axis=-1)),
@@ -40,8 +41,7 @@ def on_scene(cfg: build.Config) -> Outcome:
     others = coloured_noises(cfg)
     problems = [
         noisy_problem(
-            sim,
-            (SignalToNoise(level), *others),
+            sim.with_noises((SignalToNoise(level), *others)),
             jax.random.key(build.seed(cfg) + i),
             build.friction(cfg),
         )

@@ -384,7 +384,6 @@ def _assumed(cfg: build.Config, data: Measured, chosen: Candidate) -> tuple[tupl
     speed = recording.speed_m_per_s
     steady = recording.is_constant_speed(STEADY)
     given = (cfg["noise"].get("white") or {}).get("rms") is not None
-    off = [name for name in build.EFFECTS if name not in cfg["effects"]]
     causes = [name for name in cfg["noise"] if name != "white"]
     return (
         ("recording", f"{recording.name}, {recording.time_s.size} samples at "
@@ -396,8 +395,7 @@ def _assumed(cfg: build.Config, data: Measured, chosen: Candidate) -> tuple[tupl
         ("amplifier", type(data.sensor.amplifier).__name__),
         ("noise", f"white, {data.noise_rms:.3g} {unit} per sample, "
          + _noise_source(chosen, given, unit) + "".join(f"; {name}" for name in causes)),
-        ("effects on", ", ".join(cfg["effects"]) or "none"),
-        ("effects off", ", ".join(off) or "none"),
+        *build.effects_rows(cfg),
         ("solver", str(cfg["solver"]["_target_"]).rpartition(".")[2]),
     )  # fmt: skip
 

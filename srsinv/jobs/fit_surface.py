@@ -138,12 +138,10 @@ def ground(data: Measured, best: FeatureFit) -> tuple[tuple[str, str], ...]:
     line = model.line
     cells = f"{line.n} cells of {1e6 * float(line.cell_m):.3g} um"
     edges = ", ".join(f"{1e6 * f.edge_m:.3g} um" for f in model.features.values())
-    skin = data.sensor.skin
     return (
         ("surface", f"repeats with the contact window, {1e3 * float(line.cell_m * line.n):.4g} mm "
          f"in {cells}; beyond it the plate"),
         ("nominal pressure", f"{data.recording.sidecar.get('nominal_pressure_Pa'):.4g} Pa, the "
          "mean over the window"),
         ("edges", f"rise over {edges}" if edges else "none"),
-        ("Young's modulus", f"{float(skin.youngs_modulus_Pa):.4g} Pa"),
     )  # fmt: skip

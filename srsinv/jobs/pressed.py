@@ -6,13 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import BadInput
+from ..errors import BadInput, refuse
 from ..forward.contact import Contact, press
-from ..forward.noise import Noise
 from ..forward.scene import SurfaceScene
 from ..forward.surface import Surface
 from ..inverse.problem import Estimate, Problem
-from .simulate import Simulation, problem_of
+from .simulation import Simulation, problem_of
 
 
 class Pressed(eqx.Module):
@@ -31,6 +30,11 @@ class Pressed(eqx.Module):
         if not isinstance(scene, SurfaceScene):
             kind = type(scene).__name__
             raise BadInput(f"scene is a {kind}: name one of a surface, such as scene=ridge.")
+        refuse(
+            sim.setup.recorder.goes_by_time,
+            "effects names what acts in time (sampling, a speed that varies, a load that drifts), "
+            "and this job takes one sample a cell at constant speed: leave it out.",
+        )
         self.sim, self.scene = sim, scene
         height = scene.surface.height(sim.fine)
         self.contact = press(sim.fine, scene.skin, height, scene.nominal_pressure_Pa)
@@ -62,10 +66,10 @@ class Pressed(eqx.Module):
         felt = self.sim.fine.operator(stage)(self.fine_traction(surface))
         return felt[:, :: self.sim.refinement]
 
-    def problem(self, noises: tuple[Noise, ...], key, friction=None) -> Problem:
+    def problem(self, key, friction=None) -> Problem:
         """The signal with noise, and what inverts it; the mean pressure is known as the load."""
         mean_p = jnp.mean(self.fine_traction()[0])
-        return problem_of(self.sim, self.signal(), mean_p, noises, key, friction)
+        return problem_of(self.sim, self.signal(), mean_p, key, friction)
 
 
 def cell_averages(values, refinement: int) -> np.ndarray:

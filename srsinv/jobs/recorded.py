@@ -11,8 +11,9 @@ from ..errors import choice, mapping, number, refuse, shown
 from ..forward.describe import elements
 from ..forward.film import LineEffect
 from ..forward.noise import Noise, SignalToNoise
-from ..forward.scan import Motion
+from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
+from ..forward.setup import Setup
 from ..forward.skin import HalfSpace
 from ..inverse.surface_model import Window
 from ..recording import Recording, load, merge
@@ -111,17 +112,19 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
     """
     facts = recording.sidecar
     description = merge(facts.get("sensor") or {}, build.part(cfg, "sensor"))
-    films = elements(description, cfg["effects"], also)
+    films = elements(description)
     refuse(
         len(films) != len(recording.channels),
         f"{recording.name}: {len(recording.channels)} signal columns but {len(films)} film "
         "elements: name as many in recording.channels as the sensor has elements.",
     )
-    return Sensor(
-        films,
-        skin=build.make(merge(SKIN | _skin(facts), build.part(cfg, "skin")), "skin", HalfSpace),
-        amplifier=build.amplifier(amplifier_node(cfg, description)),
-    )
+    skin = build.make(merge(SKIN | _skin(facts), build.part(cfg, "skin")), "skin", HalfSpace)
+    bare = Sensor(films, skin, build.amplifier(amplifier_node(cfg, description)))
+    speed = ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
+    felt = build.with_effects(cfg, Setup(None, bare, speed))
+    for effect in also:
+        felt = felt.with_films(lambda film, effect=effect: film.with_effect(effect))
+    return felt.sensor
 
 
 def _skin(facts: dict[str, Any]) -> dict[str, Any]:

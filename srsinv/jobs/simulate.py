@@ -2,106 +2,22 @@
 
 from typing import Any
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
-from ..errors import refuse
-from ..forward.noise import Noise, with_noise
-from ..forward.scan import ConstantSpeed
-from ..forward.scene import Scene
-from ..forward.sensor import Sensor
-from ..grid import Line
-from ..inverse.problem import Problem
 from ..report.outcome import Outcome
 from . import build
 from .analysis import Case
 from .analysis import run as analyse
-
-
-class Simulation(eqx.Module):
-    """A scene felt by a sensor, on a line and on one that is `refinement` times finer.
-
-    The signal comes from the finer line, so that what inverts it is not what made it. On the open
-    line the traction is the deviation from the background, which has no end to feel.
-    """
-
-    scene: Scene
-    sensor: Sensor
-    scan: ConstantSpeed
-    line: Line
-    fine: Line
-    refinement: int = eqx.field(static=True)
-
-    @property
-    def background(self):
-        """What is taken out of the traction (2, 1) [Pa]: nothing on the periodic line."""
-        open_line = not isinstance(self.line, build.Periodic)
-        return open_line * self.scene.background(self.scan.direction)[:, None]
-
-    @eqx.filter_jit
-    def traction(self, line: Line):
-        """Cell averages of p and q (2, n) on `line`, less the background."""
-        return self.scene.traction(line, self.scan.direction) - self.background
-
-    @eqx.filter_jit
-    def sampled(self, stage):
-        """A stage's signals (e, n) at the coarse line's positions, computed on the fine one."""
-        signal = self.fine.operator(stage)(self.traction(self.fine))
-        return signal[:, :: self.refinement]
-
-
-def simulation(cfg: build.Config) -> Simulation:
-    """The simulation that a configuration describes."""
-    refinement: Any = build.part(cfg, "grid").get("refinement")
-    sensor, scan = build.sensor(cfg), build.scan(cfg)
-    refuse(
-        float(sensor.amplifier.gain(scan.speed_m_per_s)) == 0.0,
-        f"scan.speed_m_per_s is {float(scan.speed_m_per_s)}: a static touch gives no rate signal, "
-        "give a speed, or a gain.",
-    )
-    return Simulation(
-        build.scene(cfg),
-        sensor,
-        scan,
-        build.line(cfg),
-        build.line(cfg, refinement),
-        int(refinement),
-    )
-
-
-def noisy_problem(sim: Simulation, noises: tuple[Noise, ...], key, friction=None) -> Problem:
-    """The simulated signal with noise, its traction's mean pressure known as the load."""
-    signal = sim.sampled(sim.sensor.signal(sim.scan))
-    return problem_of(sim, signal, jnp.mean(sim.traction(sim.line)[0]), noises, key, friction)
-
-
-def problem_of(
-    sim: Simulation, signal, mean_p_Pa, noises: tuple[Noise, ...], key, friction=None
-) -> Problem:
-    """The signal without noise, (e, n) at the line's positions, with noise and what inverts it."""
-    data, spectrum, rms = with_noise(noises, sim.line, sim.scan, signal, key)
-    refuse(
-        bool(noises) and not bool(jnp.any(spectrum > 0)) and not bool(rms > 0),
-        "The scene gives no signal at all, nor noise that is set by its ratio to the signal: put "
-        "something uneven within the window, or name noise of its own, noise=[white] or [johnson].",
-    )
-    free_offset = sim.sensor.amplifier.offset is None
-    return Problem(
-        sim.line,
-        sim.line.operator(sim.sensor.signal(sim.scan)),
-        data,
-        spectrum.at[0].set(jnp.inf) if free_offset else spectrum,
-        known_mean_Pa=(mean_p_Pa, None),
-        friction=friction,
-    )
+from .simulation import Simulation, noisy_problem, recorded, simulation
 
 
 def run(cfg: build.Config) -> Outcome:
     """The job: simulate, invert, compare."""
     with build.precision(cfg):
-        sim, methods, noises = simulation(cfg), build.methods(cfg), build.noises(cfg)
-        problem = noisy_problem(sim, noises, build.random_key(cfg), build.friction(cfg))
+        methods = build.methods(cfg)
+        cfg, verdicts = build.decided(cfg)
+        sim = simulation(cfg)
+        problem = noisy_problem(sim, build.random_key(cfg), build.friction(cfg))
         names = ", ".join(cfg["method"])
         case = Case(
             title=f"Simulated scene, {len(sim.sensor.elements)} film elements: {names}",
@@ -110,8 +26,9 @@ def run(cfg: build.Config) -> Outcome:
             speed_m_per_s=float(sim.scan.speed_m_per_s),
             methods=methods,
             signal_unit=sim.sensor.amplifier.unit,
-            stages=stages(sim),
+            stages=stages(sim) | as_recorded(sim, build.random_key(cfg)),
             assumed=assumed(cfg, sim),
+            verdicts=verdicts,
         )
         return analyse(case)
 
@@ -135,11 +52,23 @@ def stages(sim: Simulation) -> dict[str, tuple[tuple[str, ...], Any, str]]:
     }
 
 
+def as_recorded(sim: Simulation, key) -> dict[str, tuple[tuple[str, ...], Any, str]]:
+    """What is recorded in time, where samples differ from those of the line at constant speed."""
+    if not sim.setup.recorder.goes_by_time:
+        return {}
+    record = recorded(sim, key)
+    along, motion = ("sample",), record.motion
+    return {
+        "recorded_signal": (("element", *along), record.signal, sim.sensor.amplifier.unit),
+        "sample_time": (along, np.asarray(motion.time_s), "s"),
+        "sample_position": (along, np.asarray(motion.position_m), "m"),
+        "sample_speed": (along, np.asarray(motion.speed_m_per_s), "m/s"),
+    }
+
+
 def assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
     """Rows of the page's last section."""
     line = sim.line
-    effects = cfg["effects"]
-    off = [name for name in build.EFFECTS if name not in effects]
     cell_um = 1e6 * float(line.cell_m)
     kinds = {
         "periodic": "everything repeats with the window",
@@ -149,11 +78,15 @@ def assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
         ("line", f"{cfg['grid']['line']}: {kinds[cfg['grid']['line']]}"),
         ("cells", f"{line.n} of {cell_um:.4g} um; simulated on cells {sim.refinement} times finer"),
         ("skin", sim.sensor.skin.words),
-        ("speed", f"{float(sim.scan.speed_m_per_s):.4g} m/s, constant"),
+        ("speed", f"{float(sim.scan.speed_m_per_s):.4g} m/s, {_how(sim)}"),
         ("amplifier", type(sim.sensor.amplifier).__name__),
         ("noise", ", ".join(cfg["noise"]) or "none"),
-        ("effects on", ", ".join(effects) or "none"),
-        ("effects off", ", ".join(off) or "none"),
+        *build.effects_rows(cfg),
         ("p and q", "apart" if cfg["friction"] is None else f"q = {cfg['friction']} p"),
         ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
     )
+
+
+def _how(sim: Simulation) -> str:
+    paces = [type(pace).__name__.lower() for pace in sim.setup.recorder.paces]
+    return f"with {', '.join(paces)}" if paces else "constant"

@@ -16,6 +16,8 @@ from .coverage import bound_and_coverage as bound_and_coverage
 from .coverage import confusion as confusion
 from .coverage import evidence_margins as evidence_margins
 from .coverage import normalised_errors as normalised_errors
+from .curves import levels as levels
+from .curves import stacked as stacked
 from .estimates import averaging_kernel as averaging_kernel
 from .estimates import estimates as estimates
 from .feature import correlation as correlation
@@ -34,6 +36,8 @@ from .panels import Panel as Panel
 from .panels import panels as panels
 from .panels import stress as stress
 from .panels import traction as traction
+from .record import record as record
+from .record import with_and_without as with_and_without
 from .scene import scene as scene
 from .spectra import filter_spectra as filter_spectra
 from .spectra import spectra as spectra

@@ -1,12 +1,12 @@
 """Curves over something else than x, in the look of the page."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from .style import colours, grid_of_axes, legend_beside, styled
+from .style import LINE_STYLES, colours, grid_of_axes, legend_below, legend_beside, styled
 
 
 @styled
@@ -55,4 +55,39 @@ def with_spread(
         axes.set(title=title, ylabel=ylabel, yscale="log")
         legend_beside(axes)
     grid[-1, 0].set_xlabel(xlabel)
+    return picture
+
+
+@styled
+def stacked(
+    x: np.ndarray,
+    panels: Mapping[str, Mapping[str, np.ndarray]],
+    xlabel: str,
+    ylabel: str,
+) -> Figure:
+    """Panels by title, of curves (x,) by label, over one logarithmic x; the labels are shared."""
+    picture, grid = grid_of_axes(len(panels), 1, 1.9, sharex=True)
+    for axes, (title, lines) in zip(grid[:, 0], panels.items(), strict=True):
+        for i, (name, colour) in enumerate(colours(lines).items()):
+            style = LINE_STYLES[i % len(LINE_STYLES)]
+            axes.plot(x, lines[name], style, color=colour, label=name)
+        axes.set(title=title, ylabel=ylabel, xscale="log")
+    grid[-1, 0].set_xlabel(xlabel)
+    legend_below(picture, [grid[0, 0]])
+    return picture
+
+
+@styled
+def levels(names: Sequence[str], series: Mapping[str, np.ndarray], ylabel: str) -> Figure:
+    """Positive values (name,) by label as marks over names, on a logarithmic axis; a label that
+    ends with a number has that number as a dashed level of its own."""
+    picture, grid = grid_of_axes(1, 1, 3.4)
+    axes = grid[0, 0]
+    for label, colour in colours(series).items():
+        values = np.where(series[label] > 0, series[label], np.nan)
+        axes.plot(names, values, "o", color=colour, label=label)
+        axes.axhline(float(label.split()[-1]), color=colour, linestyle="--", linewidth=1.0)
+    axes.set(ylabel=ylabel, yscale="log")
+    axes.tick_params(axis="x", rotation=30)
+    legend_beside(axes)
     return picture

@@ -1,0 +1,243 @@
+"""The pressure under a rigid profile pressed into an elastic skin: compliance real and positive.
+
+Pressure is held as its deviation from the nominal one, so that features far smaller than the load
+keep their digits. Heights [m] have no mean; `compliance` [m/Pa] is that of cells, zero at k = 0.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Inexact
+
+COARSER = 16  # the start comes from cells so many times wider
+COARSEST = 2048  # cells: below, a coarse start gains nothing, and costs compilation
+COARSE_STEPS = 60  # of the start on coarser cells, which need not converge
+MOST_STEPS = 1000
+DERIVATIVE_STEPS = 500
+
+
+def least_error(dtype) -> float:
+    """What the gap's error over the profile's height has to reach."""
+    return max(1e-10, 40 * float(jnp.finfo(dtype).eps))
+
+
+def times(spectrum: Inexact[Array, " k"], values: Float[Array, " n"]) -> Float[Array, " n"]:
+    """`values` (n,) convolved with the kernel of this half spectrum."""
+    return jnp.fft.irfft(spectrum * jnp.fft.rfft(values), values.size)
+
+
+def _stiffness(compliance: Float[Array, " k"]) -> Float[Array, " k"]:
+    """1/compliance, with something of the size of the longest wave's at k = 0."""
+    inverse = 1 / jnp.where(compliance > 0, compliance, 1.0)
+    return jnp.where(compliance > 0, inverse, inverse[1] / 2)
+
+
+def gap_and_error(height, nominal, moved, deviation):
+    """The gap, zero on average where the skin touches, and its error over the profile's height."""
+    touching = touches(nominal, deviation)
+    gap = moved - height
+    gap = gap - jnp.sum(jnp.where(touching, gap, 0.0)) / jnp.maximum(jnp.sum(touching), 1)
+    # Weighed by the pressure, so that p gap is small beside the load too.
+    weight = jnp.maximum(1.0, 1.0 + deviation / jnp.where(nominal > 0, nominal, 1.0))
+    wrong = jnp.max(jnp.where(touching, weight * jnp.abs(gap), jnp.maximum(-gap, 0.0)))
+    span = jnp.ptp(height)
+    return gap, jax.lax.stop_gradient(
+        jnp.where(span > 0, wrong / jnp.where(span > 0, span, 1), 0.0)
+    )
+
+
+def touches(nominal, deviation):
+    """Where the pressure is not zero."""
+    return deviation > -nominal
+
+
+@jax.custom_jvp
+def pressed(height, nominal, compliance):
+    """The pressure's deviation from its mean, and the number of iterations.
+
+    As a deviation, so that features far smaller than the load keep their digits.
+    """
+    full = times(_stiffness(compliance).at[0].set(0.0), height)
+    is_full = jnp.all(full > -nominal)
+    return jax.lax.cond(
+        is_full,
+        lambda: (full, jnp.zeros((), height.dtype)),
+        lambda: _partial(height, nominal, compliance, MOST_STEPS),
+    )
+
+
+def _partial(height, nominal, compliance, most: int):
+    """Partial contact, from the solution on wider cells."""
+    n = height.size
+    if n % COARSER == 0 and n // COARSER >= COARSEST:
+        coarse = jnp.mean(height.reshape(-1, COARSER), axis=1)
+        lower = compliance[: coarse.size // 2 + 1]
+        start = jnp.repeat(_partial(coarse, nominal, lower, COARSE_STEPS)[0], COARSER)
+    else:
+        start = jnp.zeros_like(height)
+    return iterate(height, nominal, compliance, start, most, least_error(height.dtype))
+
+
+class _State(NamedTuple):
+    deviation: Float[Array, " n"]
+    moved: Float[Array, " n"]
+    gap: Float[Array, " n"]
+    residual: Float[Array, ""]
+    active: Bool[Array, " n"]
+    evenly: Float[Array, " n"]
+    direction: Float[Array, " n"]
+    norm: Float[Array, ""]
+    conjugate: Bool[Array, ""]
+    steps: Float[Array, ""]
+
+
+def iterate(height, nominal, compliance, start, most: int, tolerance):
+    """The deviation and the number of steps, from the deviation `start`: each step is one of
+    conjugate gradients on the cells that touch or overlap.
+
+    A state holds the deviation, the displacement `moved` under it, the gap and its error; `evenly`
+    is the preconditioned unit load on the `active` cells. What costs Fourier transforms is only
+    done again where cells came or went.
+    """
+    stiffness = _stiffness(compliance)
+
+    def on(active, values):
+        return jnp.where(active, times(stiffness, values), 0.0)
+
+    def going(at: _State):
+        return (at.residual > tolerance) & (at.steps < most)
+
+    def step(at: _State) -> _State:
+        touching = touches(nominal, at.deviation)
+        entering = ~touching & (at.gap < 0)
+        active = touching | entering
+        evenly = jax.lax.cond(
+            jnp.all(active == at.active),
+            lambda: at.evenly,
+            lambda: on(active, active.astype(height.dtype)),
+        )
+        rest = jnp.where(active, at.gap, 0.0)
+        z = _balanced(on(active, rest), evenly)
+        norm = rest @ z
+        keep = at.conjugate & ~jnp.any(entering)
+        beta = jnp.where(keep, norm / jnp.where(at.norm > 0, at.norm, 1.0), 0.0)
+        direction = jnp.where(active, z + beta * at.direction, 0.0)
+        answer = times(compliance, direction)
+        bent = direction @ answer
+        length = (rest @ direction) / jnp.where(bent > 0, bent, 1.0)
+        free = at.deviation - length * direction
+        lifted = active & (free <= -nominal)
+        whole = ~jnp.any(lifted)
+        deviation = jnp.where(whole, free, _cut(free, active, nominal))
+        moved = jax.lax.cond(
+            whole,
+            lambda: at.moved - length * answer,
+            lambda: times(compliance, deviation),
+        )
+        gap, residual = gap_and_error(height, nominal, moved, deviation)
+        # A direction that lost cells would carry a net force.
+        return _State(
+            deviation, moved, gap, residual, active, evenly, direction, norm, whole, at.steps + 1
+        )
+
+    zero, none = jnp.zeros((), height.dtype), jnp.zeros_like(height)
+    moved = times(compliance, start)
+    gap, residual = gap_and_error(height, nominal, moved, start)
+    active = jnp.zeros(height.shape, bool)
+    first = _State(start, moved, gap, residual, active, none, none, zero, jnp.array(False), zero)
+    end = jax.lax.while_loop(going, step, first)
+    return end.deviation, end.steps
+
+
+def _cut(deviation, active, nominal):
+    """Without the cells that pull, which are let go, and with the same load on the rest."""
+    pressure = jnp.where(active, jnp.maximum(nominal + deviation, 0.0), 0.0)
+    mean = jnp.mean(pressure)
+    return nominal / jnp.where(mean > 0, mean, 1.0) * pressure - nominal
+
+
+def _balanced(values, evenly):
+    """`values` with no net force, what is missing spread as `evenly`."""
+    total = jnp.sum(evenly)
+    return values - jnp.sum(values) / jnp.where(total != 0, total, 1.0) * evenly
+
+
+@pressed.defjvp
+def _pressed_jvp(primals, tangents):
+    deviation, iterations = pressed(*primals)
+    change = derivative(primals, tangents, deviation, _solve_on)
+    return (deviation, iterations), (change, jnp.zeros_like(iterations))
+
+
+def derivative(primals, tangents, deviation, solve_on):
+    """The implicit function theorem on the contact set, which to first order does not move: the
+    pressure vanishes at its edge. There gap = 0 gives C dp + const = dh - dC p.
+
+    `solve_on(touching, compliance, wanted)` is the pressure without net force on the contact set
+    that displaces it by `wanted`, up to a constant.
+    """
+    _, nominal, compliance = primals
+    d_height, d_nominal, d_compliance = tangents
+    touching = touches(nominal, deviation)
+    share = jnp.where(touching, 1.0, 0.0) / jnp.maximum(jnp.mean(touching), 1 / touching.size)
+    # The load changes evenly over the contact, and what balances has no net force.
+    even = d_nominal * (share - 1)
+    wanted = d_height - times(d_compliance, deviation) - times(compliance, even)
+    return even + solve_on(touching, compliance, wanted)
+
+
+def _solve_on(touching, compliance, wanted):
+    project, response, precondition = on_contact(touching, compliance)
+
+    def solve(_, right):
+        return gradients(response, precondition, right)
+
+    return project(jax.lax.custom_linear_solve(response, project(wanted), solve, symmetric=True))
+
+
+def on_contact(touching, compliance):
+    """Three maps of values (n,): onto what has no net force on the contact set, the displacement
+    under that as far as it is no constant there, and nearly the inverse of that displacement."""
+    count = jnp.maximum(jnp.sum(touching), 1)
+
+    def project(values):
+        inside = jnp.where(touching, values, 0.0)
+        return jnp.where(touching, inside - jnp.sum(inside) / count, 0.0)
+
+    def response(values):
+        # What is not in the range answers too, faintly and in the same unit, so that the system is
+        # regular and its rounding no larger than the rest's.
+        inside = project(values)
+        return project(times(compliance, inside)) + compliance[-1] * (values - inside)
+
+    def on(values):
+        return jnp.where(touching, times(_stiffness(compliance), values), 0.0)
+
+    evenly = on(touching.astype(compliance.dtype))
+    return project, response, lambda values: _balanced(on(values), evenly)
+
+
+def gradients(response, precondition, right, share=None):
+    """Preconditioned conjugate gradients, in the range of the preconditioner, until the error is
+    `share` of the first, by default a few round-offs."""
+    share = 8 * jnp.finfo(right.dtype).eps if share is None else share
+
+    def going(at):
+        return (at[3] > target) & (at[4] < DERIVATIVE_STEPS)
+
+    def step(at):
+        found, rest, direction, norm, steps = at
+        pushed = response(direction)
+        bent = direction @ pushed
+        length = norm / jnp.where(bent > 0, bent, 1.0)
+        found, rest = found + length * direction, rest - length * pushed
+        z = precondition(rest)
+        new = rest @ z
+        return found, rest, z + new / jnp.where(norm > 0, norm, 1.0) * direction, new, steps + 1
+
+    z = precondition(right)
+    first = right @ z
+    target = share**2 * first
+    start = (jnp.zeros_like(right), right, z, first, 0)
+    return jax.lax.while_loop(going, step, start)[0]

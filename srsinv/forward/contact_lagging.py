@@ -1,0 +1,142 @@
+"""The pressure under a rigid profile pressed into a skin that lags: complex compliance, Re C > 0.
+
+The displacement is real, and still falls uniquely from the pressure, but C(-k) is the conjugate of
+C(k): the operator is not symmetric, and conjugate gradients do not hold. It is an elastic skin of
+compliance |C|, pressed on a height that its own lag has changed:
+
+    |C| p + const - t >= 0 in contact with p,  t = h + (|C| - C) p.
+
+Taken as it stands, this recursion for t fails where the lag is large. Reflected (Peaceman and
+Rachford 1955), t' = h + r (h + 2 |C| p - t) with r = (|C| - C)/(|C| + C), it has the same end and
+comes closer by |r| = tan(lag/2) < 1 each time in the elastic energy's norm, whatever the cells:
+reflections of monotone operators expand nothing (Lions and Mercier 1979). The same holds for the
+linear system behind a derivative.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from .contact_elastic import (
+    derivative,
+    gap_and_error,
+    gradients,
+    iterate,
+    least_error,
+    on_contact,
+    times,
+)
+
+MOST_ROUNDS = 1000
+ROUND_STEPS = 40  # of one elastic contact, which need not converge before the last
+SHARE = 0.2  # of what a round takes off the error: an elastic contact's own error
+
+
+def _turned(compliance: Complex[Array, " k"]) -> Complex[Array, " k"]:
+    """(|C| - C)/(|C| + C), imaginary: minus the tangent of half the phase. Nothing at k = 0."""
+    total = jnp.abs(compliance) + compliance.real
+    return -1j * compliance.imag / jnp.where(total > 0, total, 1.0)
+
+
+def _share(turned: Complex[Array, " k"]) -> Float[Array, ""]:
+    """The share of the error that an elastic solution may leave, so that rounds still converge."""
+    return SHARE * (1 - jnp.max(jnp.abs(turned)))
+
+
+@jax.custom_jvp
+def pressed(height, nominal, compliance):
+    """The pressure's deviation from its mean, and the number of steps of all elastic contacts."""
+    there = jnp.abs(compliance) > 0
+    stiffness = jnp.where(there, 1 / jnp.where(there, compliance, 1.0), 0.0)
+    full = times(stiffness, height)
+    return jax.lax.cond(
+        jnp.all(full > -nominal),
+        lambda: (full, jnp.zeros((), height.dtype)),
+        lambda: _rounds(height, nominal, compliance),
+    )
+
+
+class _State(NamedTuple):
+    target: Float[Array, " n"]
+    deviation: Float[Array, " n"]
+    residual: Float[Array, ""]
+    steps: Float[Array, ""]
+    rounds: Float[Array, ""]
+
+
+def _rounds(height, nominal, compliance):
+    """Partial contact: elastic ones on `target`, each started from the one before."""
+    size, turned = jnp.abs(compliance), _turned(compliance)
+    # Half of what is asked for, so that rounding elsewhere does not say otherwise.
+    goal = least_error(height.dtype) / 2
+    share, span = _share(turned), jnp.ptp(height)
+
+    def going(at: _State):
+        return (at.residual > goal) & (at.rounds < MOST_ROUNDS) & (nominal > 0)
+
+    def step(at: _State) -> _State:
+        # The elastic contact's own error is over the target's height.
+        wide = jnp.maximum(jnp.ptp(at.target), span)
+        per_target = span / jnp.where(wide > 0, wide, 1.0)
+        enough = share * per_target * jnp.maximum(at.residual, goal)
+        deviation, steps = iterate(at.target, nominal, size, at.deviation, ROUND_STEPS, enough)
+        _, residual = gap_and_error(height, nominal, times(compliance, deviation), deviation)
+        reflected = height + 2 * times(size, deviation) - at.target
+        target = height + times(turned, reflected)
+        return _State(target, deviation, residual, at.steps + steps, at.rounds + 1)
+
+    zero = jnp.zeros((), height.dtype)
+    first = _State(height, jnp.zeros_like(height), jnp.full_like(zero, jnp.inf), zero, zero)
+    end = jax.lax.while_loop(going, step, first)
+    return end.deviation, end.steps
+
+
+@pressed.defjvp
+def _pressed_jvp(primals, tangents):
+    deviation, iterations = pressed(*primals)
+    change = derivative(primals, tangents, deviation, _solve_on)
+    return (deviation, iterations), (change, jnp.zeros_like(iterations))
+
+
+def _solve_on(touching, compliance, wanted):
+    elastic = on_contact(touching, jnp.abs(compliance))
+    project, response, _ = elastic
+
+    def lagging(values):
+        late = compliance - jnp.abs(compliance)
+        return response(values) + project(times(late, project(values)))
+
+    # The transpose of a convolution is that with the mirrored kernel: the conjugate spectrum.
+    solve, solve_transpose = (
+        partial(_solve, elastic=elastic, compliance=c) for c in (compliance, compliance.conj())
+    )
+    return project(jax.lax.custom_linear_solve(lagging, project(wanted), solve, solve_transpose))
+
+
+def _solve(lagging, right, elastic, compliance):
+    """The pressure (n,) on the contact set with `lagging`(pressure) = `right`, in rounds too."""
+    project, response, precondition = elastic
+    size, turned = jnp.abs(compliance), _turned(compliance)
+    share, eps = _share(turned), jnp.finfo(right.dtype).eps
+
+    def norm(values):
+        return values @ precondition(values)
+
+    def going(at):
+        return (at[2] > enough) & (at[3] < MOST_ROUNDS)
+
+    def step(at):
+        target, found, _, rounds = at
+        missing = project(target) - response(found)
+        found = found + gradients(response, precondition, missing, share)
+        target = right + times(turned, right + 2 * times(size, found) - target)
+        return target, found, norm(right - lagging(found)), rounds + 1
+
+    first = norm(right)
+    # The rounding of n random displacements, in the norm of the pressures that make them.
+    enough = (8 * eps) ** 2 * right.size * first
+    start = (right, jnp.zeros_like(right), first, 0)
+    return jax.lax.while_loop(going, step, start)[1]

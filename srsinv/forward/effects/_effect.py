@@ -1,0 +1,42 @@
+"""What an effect is: something that can be added to a setup, and bounded without doing so."""
+
+import abc
+from enum import IntEnum
+from typing import ClassVar
+
+import equinox as eqx
+
+from ..setup import Setup
+from ._glance import Glance
+
+
+class Order(IntEnum):
+    """When an effect is added: from the film outwards, as later ones act on what is there."""
+
+    FILM = 0
+    SKIN = 1
+    DIRECTION = 2
+    SLIDING = 3
+    ELECTRONICS = 4
+    MOTION = 5
+    LOAD = 6
+    RECORD = 7
+
+
+class Effect(eqx.Module):
+    """Something that acts beside the ideal sensor.
+
+    `order`: when it is added. `of_sensor`: whether it belongs to the sensor and its skin, so that
+    recordings are inverted with it too; else to a simulated scene and its recording.
+    """
+
+    order: ClassVar[Order]
+    of_sensor: ClassVar[bool]
+
+    @abc.abstractmethod
+    def added(self, setup: Setup) -> Setup:
+        """The setup with this effect."""
+
+    @abc.abstractmethod
+    def share(self, glance: Glance) -> float:
+        """A bound on how much of the signal it changes: rms change over rms signal."""

@@ -1,0 +1,27 @@
+"""An amplifier that runs into its rails."""
+
+from typing import ClassVar
+
+from ..converter import Clipping as Rails
+from ..setup import Setup
+from ._effect import Effect, Order
+from ._glance import Glance
+
+
+class Clipping(Effect):
+    """No sample is beyond `limit`, in signal units, and what stands there tells nothing more.
+    Raises `BadInput` for a limit that is not positive."""
+
+    order: ClassVar[Order] = Order.RECORD
+    of_sensor: ClassVar[bool] = False
+    converter: Rails
+
+    def __init__(self, limit):
+        self.converter = Rails(limit)
+
+    def added(self, setup: Setup) -> Setup:
+        # The rails come before the converter's levels, whatever is named first.
+        return setup.recording(converters=(self.converter, *setup.recorder.converters))
+
+    def share(self, glance: Glance) -> float:
+        return glance.beyond(float(self.converter.limit))

@@ -1,0 +1,29 @@
+"""Elements that sit beside the sensor's origin: x(t) + offset_m, a factor exp(i k offset)."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from .. import film
+from ..setup import Setup
+from ._effect import Effect, Order
+from ._glance import Glance
+
+
+class ElementOffsets(Effect):
+    """Every element sits where the sensor says, `offset_m`; without it all sit at the origin."""
+
+    order: ClassVar[Order] = Order.FILM
+    of_sensor: ClassVar[bool] = True
+
+    def added(self, setup: Setup) -> Setup:
+        # An element at the origin keeps its program.
+        return setup.with_films(
+            lambda each: (
+                each.with_effect(film.Offset(each.offset_m)) if float(each.offset_m) else each
+            )
+        )
+
+    def share(self, glance: Glance) -> float:
+        offsets = np.array([float(each.offset_m) for each in glance.setup.sensor.elements])
+        return glance.share((np.exp(1j * np.outer(offsets, glance.k)) - 1) * glance.signal)

@@ -1,0 +1,45 @@
+"""Films mounted askew: every one turned by a further angle, so that it feels tau_xz too."""
+
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...errors import number
+from ...grid import as_real
+from ..setup import Setup
+from ._effect import Effect, Order
+from ._glance import Glance
+
+
+class FilmAngle(Effect):
+    """All films turned by `tilt_deg`, from +x toward +z, beyond their own orientation.
+
+    Raises `BadInput` for what is not a number.
+    """
+
+    order: ClassVar[Order] = Order.FILM
+    of_sensor: ClassVar[bool] = True
+    tilt_rad: Float[Array, ""]
+
+    def __init__(self, tilt_deg):
+        wanted = "an angle in degrees"
+        tilt = number("effects.film_angle.tilt_deg", tilt_deg, wanted, least=-360, most=360)
+        self.tilt_rad = as_real(tilt * np.pi / 180)
+
+    def added(self, setup: Setup) -> Setup:
+        return setup.with_films(
+            lambda each: dataclasses.replace(each, angle_rad=each.angle_rad + self.tilt_rad)
+        )
+
+    def share(self, glance: Glance) -> float:
+        # Half the difference of the weights of sigma_x and sigma_z, and half that of tau_xz, turn
+        # by twice the angle (docs/physics.md, section 3).
+        along, through, shear, across = glance.weights.T
+        half, turn = (along - through) / 2, 2 * float(self.tilt_rad)
+        less = half * (np.cos(turn) - 1) - shear / 2 * np.sin(turn)
+        more = half * np.sin(turn) + shear / 2 * (np.cos(turn) - 1)
+        change = np.stack([less, -less, 2 * more, 0 * across], axis=1)
+        charge = np.einsum("es,esck,ck->ek", change, glance.stress, glance.traction)
+        return glance.share(glance.read(charge))

@@ -1,0 +1,98 @@
+"""A skin of layers in place of the half space, on a rigid core or on a half space."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...errors import mapping, refuse, shown
+from ..layered import Layer, Layered
+from ..scene import SurfaceScene
+from ..setup import Setup
+from ..skin import HalfSpace
+from ._effect import Effect, Order
+from ._glance import Glance
+
+ECHO = 1.5  # at most 1.35 times the form below, over stacks of ratios from 0.01 to 100
+_KEYS = {"thickness_m", "youngs_modulus_Pa", "poisson_ratio"}
+
+
+class LayeredSkin(Effect):
+    """`layers` from the surface down, each a mapping of thickness_m, youngs_modulus_Pa and
+    poisson_ratio; by name or as a list.
+
+    A last layer of thickness null is a half space below; without one the last layer is bonded to a
+    rigid core. The layers take the place of the skin's own modulus and ratio, in the stress and in
+    contact. Raises `BadInput` for what no layer can be.
+    """
+
+    order: ClassVar[Order] = Order.SKIN
+    of_sensor: ClassVar[bool] = True
+    skin: Layered
+
+    def __init__(self, layers: Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]]):
+        named = _listed(layers)
+        self.skin = Layered([_layer(f"effects.layered_skin.layers.{n}", each) for n, each in named])
+
+    def added(self, setup: Setup) -> Setup:
+        for film in setup.sensor.elements:
+            self.skin.check_depth(film.depth_m)
+        return setup.with_skin(self.skin)
+
+    def share(self, glance: Glance) -> float:
+        # The half space's field, of order (1 + k H) e^{-kH} at an interface at depth H, comes back
+        # to the film over H - z and to the surface over H, by the contrast there.
+        films = glance.setup.sensor.elements
+        depth = np.array([float(film.depth_m) for film in films])[:, None]
+        k, change, pressed = glance.k[None], 0.0, 0.0
+        for height, contrast in self._interfaces():
+            echo = ECHO * contrast * (1 + 2 * k * height) ** 2
+            change = change + echo * np.exp(-2 * k * np.maximum(height - depth, 0.0))
+            pressed = pressed + echo * np.exp(-2 * k * height)
+        share = glance.share(change * np.abs(glance.read(glance.largest)))
+        if not isinstance(glance.setup.scene, SurfaceScene):
+            return share
+        # Pressed on a surface, the top layer's own modulus counts, and how all of them yield.
+        top, was = self.skin.layers[0], glance.setup.sensor.skin
+        assert isinstance(was, HalfSpace), "a look is without effects"
+        stiffness = [
+            float(each.youngs_modulus_Pa) / (1 - float(each.poisson_ratio) ** 2)
+            for each in (top, was)
+        ]
+        own = abs(stiffness[0] / stiffness[1] - 1)
+        return share + glance.share(pressed * np.abs(glance.signal)) + own
+
+    def _interfaces(self) -> list[tuple[float, float]]:
+        """Depth [m] of every interface, and how much its sides differ, at most 1."""
+        found, depth = [], 0.0
+        below = [*self.skin.layers[1:], None]
+        for upper, lower in zip(self.skin.layers, below, strict=True):
+            if upper.thickness_m is None:
+                break
+            depth += float(upper.thickness_m)
+            found.append((depth, 1.0 if lower is None else _contrast(upper, lower)))
+        return found
+
+
+def _contrast(upper: Layer, lower: Layer) -> float:
+    nus = [float(each.poisson_ratio) for each in (upper, lower)]
+    moduli = [float(each.youngs_modulus_Pa) for each in (upper, lower)]
+    shear = [modulus / (1 + nu) for modulus, nu in zip(moduli, nus, strict=True)]
+    return min(1.0, abs(shear[0] - shear[1]) / sum(shear) + abs(nus[0] - nus[1]))
+
+
+def _listed(layers: Any):
+    refuse(
+        not isinstance(layers, Mapping | list | tuple) or not layers,
+        f"effects.layered_skin.layers is {shown(layers)}: give a list of layers, or a mapping of "
+        "them by name, from the surface down.",
+    )
+    return layers.items() if isinstance(layers, Mapping) else enumerate(layers)
+
+
+def _layer(key: str, node: Any) -> Layer:
+    known = mapping(key, node, f"a mapping of {', '.join(sorted(_KEYS))}")
+    missing, unknown = sorted(_KEYS - set(known)), sorted(set(known) - _KEYS, key=str)
+    refuse(bool(unknown), f"{key} has no key {unknown and unknown[0]!r}: give {', '.join(_KEYS)}.")
+    refuse(bool(missing), f"{key} lacks {missing and missing[0]}: give it in SI units.")
+    return Layer(**known)

@@ -1,0 +1,30 @@
+"""A finger that slides back on its way, and on again."""
+
+from typing import ClassVar
+
+from ..pace import Reversal as Back
+from ..setup import Setup
+from ._effect import Effect, Order
+from ._glance import Glance
+from ._paced import moved_share, paced
+
+
+class Reversal(Effect):
+    """Backwards for `duration_s` from `at_s` on, turning over `ramp_s`; friction turns with it.
+    A duration of 0 is none. Raises `BadInput` as the pace does."""
+
+    order: ClassVar[Order] = Order.MOTION
+    of_sensor: ClassVar[bool] = False
+    pace: Back
+
+    def __init__(self, at_s, duration_s, ramp_s=0.01):
+        self.pace = Back(at_s, duration_s, ramp_s)
+
+    def added(self, setup: Setup) -> Setup:
+        return paced(setup, self.pace) if self.pace.stretch.duration_s else setup
+
+    def share(self, glance: Glance) -> float:
+        if not self.pace.stretch.duration_s:
+            return 0.0
+        lost = 2 * (self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
+        return 2.0 + moved_share(glance, abs(glance.speed_m_per_s) * lost)

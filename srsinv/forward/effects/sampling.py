@@ -1,0 +1,31 @@
+"""Sampling in time at a rate of the recorder's own, not once a cell."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import numpy as np
+
+from ...errors import number
+from ..setup import Setup
+from ._effect import Effect, Order
+from ._glance import Glance
+
+
+class Sampling(Effect):
+    """`rate_hz` samples a second. Raises `BadInput` for a rate that is not positive."""
+
+    order: ClassVar[Order] = Order.RECORD
+    of_sensor: ClassVar[bool] = False
+    rate_hz: float = eqx.field(static=True)
+
+    def __init__(self, rate_hz):
+        wanted = "a positive rate in Hz"
+        self.rate_hz = float(number("effects.sampling.rate_hz", rate_hz, wanted, above=0))
+
+    def added(self, setup: Setup) -> Setup:
+        return setup.recording(sample_rate_hz=self.rate_hz)
+
+    def share(self, glance: Glance) -> float:
+        # What is above half the rate comes back as something else; the rest is told in full.
+        folded = glance.k * abs(glance.speed_m_per_s) > np.pi * self.rate_hz
+        return 2 * glance.share(np.where(folded, glance.signal, 0.0))

@@ -1,0 +1,63 @@
+"""Stick-slip: patches of skin that stick and snap back, bursts of shear at random times."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from ...errors import number
+from ..setup import Setup
+from ..snap_back import SnapBack as Bursts
+from ._effect import Effect, Order
+from ._glance import Glance
+
+
+class SnapBack(Effect):
+    """Noise of bursts: `rate_hz` of them a second in a contact of `contact_m` around the film, each
+    on a patch of `patch_m`, of rms shear `shear_Pa` that decays over `decay_s`.
+
+    Raises `BadInput` for negative numbers, and lengths and times that are not positive.
+    """
+
+    order: ClassVar[Order] = Order.RECORD
+    of_sensor: ClassVar[bool] = False
+    rate_hz: float
+    shear_Pa: float
+    patch_m: float
+    decay_s: float
+    contact_m: float
+
+    def __init__(self, rate_hz, shear_Pa, patch_m, decay_s, contact_m):
+        def checked(name, value, above):
+            wanted = "a positive number, in SI units" if above else "a number from 0, in SI units"
+            bound = {"above": 0} if above else {"least": 0}
+            return float(number(f"effects.snap_back.{name}", value, wanted, **bound))
+
+        self.rate_hz, self.shear_Pa = (
+            checked("rate_hz", rate_hz, 0),
+            checked("shear_Pa", shear_Pa, 0),
+        )
+        self.patch_m, self.decay_s = checked("patch_m", patch_m, 1), checked("decay_s", decay_s, 1)
+        self.contact_m = checked("contact_m", contact_m, 1)
+
+    def added(self, setup: Setup) -> Setup:
+        bursts = Bursts.felt_by(
+            setup.sensor, self.rate_hz, self.shear_Pa, self.patch_m, self.decay_s, self.contact_m
+        )
+        return setup.but(noises=(*setup.noises, bursts))
+
+    def share(self, glance: Glance) -> float:
+        # Campbell: a mean of rate * decay/2 bursts at a time, each of the mean square charge that
+        # a patch gives over the contact; a difference of two samples has at most twice its rms.
+        line, k = glance.line, glance.k
+        patch = self.patch_m * np.sinc(k * self.patch_m / (2 * np.pi))
+        charge = np.einsum("es,esk->ek", glance.weights, glance.stress[:, :, 1]) * patch
+        # Parseval: the integral of the kernel's square along the line is that of |F|^2 over 2 pi.
+        square = np.mean(np.trapezoid(np.abs(charge) ** 2, k) / np.pi) / self.contact_m
+        rms = self.shear_Pa * np.sqrt(self.rate_hz * self.decay_s / 2 * square)
+        if glance.setup.sensor.amplifier.order:
+            rms = 2 * rms * abs(glance.gain / glance.speed_m_per_s) * float(
+                glance.setup.scan.sample_rate_hz(line)
+            )  # fmt: skip
+        else:
+            rms = rms * abs(glance.gain)
+        return float(rms / max(glance.rms(glance.signal), np.finfo(float).tiny))

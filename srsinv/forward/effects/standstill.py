@@ -1,0 +1,31 @@
+"""A finger that stops on its way, and goes on."""
+
+from typing import ClassVar
+
+from ..pace import Standstill as Rest
+from ..setup import Setup
+from ._effect import Effect, Order
+from ._glance import Glance
+from ._paced import moved_share, paced
+
+
+class Standstill(Effect):
+    """At rest for `duration_s` from `at_s` on, slowing down and speeding up over `ramp_s`. A
+    duration of 0 is none. Raises `BadInput` as the pace does."""
+
+    order: ClassVar[Order] = Order.MOTION
+    of_sensor: ClassVar[bool] = False
+    pace: Rest
+
+    def __init__(self, at_s, duration_s, ramp_s=0.01):
+        self.pace = Rest(at_s, duration_s, ramp_s)
+
+    def added(self, setup: Setup) -> Setup:
+        return paced(setup, self.pace) if self.pace.stretch.duration_s else setup
+
+    def share(self, glance: Glance) -> float:
+        # All that comes after it comes later.
+        lost = self.pace.stretch.duration_s + self.pace.stretch.ramp_s
+        if not self.pace.stretch.duration_s:
+            return 0.0
+        return 1.0 + moved_share(glance, abs(glance.speed_m_per_s) * lost)

@@ -1,0 +1,28 @@
+"""A strip's charge is the mean over its width along x, sin(kw/2)/(kw/2)."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from .. import film
+from ..setup import Setup
+from ._effect import Effect, Order
+from ._glance import Glance
+
+
+class StripWidth(Effect):
+    """Every element averages over the width that the sensor says (docs/physics.md, section 3)."""
+
+    order: ClassVar[Order] = Order.FILM
+    of_sensor: ClassVar[bool] = True
+
+    def added(self, setup: Setup) -> Setup:
+        return setup.with_films(
+            lambda each: each.with_effect(
+                film.StripWidth.at_depth(float(each.width_m), float(each.depth_m))
+            )
+        )
+
+    def share(self, glance: Glance) -> float:
+        widths = np.array([float(each.width_m) for each in glance.setup.sensor.elements])
+        return glance.share((np.sinc(np.outer(widths, glance.k) / (2 * np.pi)) - 1) * glance.signal)

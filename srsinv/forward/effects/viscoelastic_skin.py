@@ -1,0 +1,60 @@
+"""Rubber that relaxes while it slides: contact through E*(iku), a Prony series."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...errors import number, refuse, shown
+from ...grid import as_real
+from ..scan import Motion
+from ..scene import SurfaceScene
+from ..setup import Setup
+from ..viscoelastic import Viscoelastic
+from ._effect import Effect, Order
+from ._glance import Glance
+
+
+class ViscoelasticSkin(Effect):
+    """The skin's modulus grows with frequency by `fractions` of the relaxed one, each over its time
+    in `times_s`, all its layers alike.
+
+    Along a measured motion the steady sliding is taken at its mean speed. Raises `BadInput` for
+    lists of different lengths, negative fractions and times that are not positive.
+    """
+
+    order: ClassVar[Order] = Order.SLIDING
+    of_sensor: ClassVar[bool] = True
+    fractions: Float[Array, " term"]
+    times_s: Float[Array, " term"]
+
+    def __init__(self, fractions: Any, times_s: Any):
+        for name, values in (("fractions", fractions), ("times_s", times_s)):
+            key = f"effects.viscoelastic_skin.{name}"
+            listed = isinstance(values, list | tuple) and len(values) > 0
+            refuse(not listed, f"{key} is {shown(values)}: give a list of numbers, one a term.")
+            for value in values:
+                number(key, value, "positive numbers, one a term", above=0)
+        refuse(
+            len(fractions) != len(times_s),
+            f"effects.viscoelastic_skin has {len(fractions)} fractions and {len(times_s)} times_s: "
+            "give one of each for every term.",
+        )
+        self.fractions, self.times_s = as_real(fractions), as_real(times_s)
+
+    def added(self, setup: Setup) -> Setup:
+        scan = setup.scan
+        still = isinstance(scan, Motion)
+        speed = float(np.mean(scan.speed_m_per_s)) if still else scan.speed_m_per_s
+        skin = Viscoelastic(setup.sensor.skin, self.fractions, self.times_s, speed)
+        return setup.with_skin(skin)
+
+    def share(self, glance: Glance) -> float:
+        # Stress inside stays as it is; where a surface is pressed on, p goes as the modulus.
+        if not isinstance(glance.setup.scene, SurfaceScene):
+            return 0.0
+        turn = 1j * glance.k * glance.speed_m_per_s * np.asarray(self.times_s)[:, None]
+        stiffer = np.asarray(self.fractions) @ (turn / (1 + turn))
+        # In partial contact a change at one wavenumber is one at others: the largest counts.
+        whole = glance.share(stiffer[None] * glance.signal)
+        return max(whole, float(np.abs(stiffer).max()) if glance.lifts else whole)

@@ -1,0 +1,185 @@
+"""Straight features that cross the sliding direction at an angle.
+
+The features' normal xi makes the angle phi with the sliding direction x; eta runs along them. All
+that depends on place depends on xi alone, so that xi is the coordinate of the line. The stress is
+plane strain in (xi, z) and antiplane shear along eta, turned back into the sensor's frame
+(docs/physics.md, oblique features).
+"""
+
+import math
+from typing import TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float, Inexact
+
+from ..errors import BadInput, number
+from ..grid import as_real
+from .antiplane import Antiplane
+from .film import Film, Kernel, LineEffect, Offset, SampleAverage, StripWidth
+from .scan import ConstantSpeed, Motion
+from .sensor import Sensor
+from .skin import Skin
+
+Scan = TypeVar("Scan", ConstantSpeed, Motion)
+
+# Enough for a strip of 15 depths: Gauss's rule converges as in `StripWidth.at_depth`.
+LENGTH_NODES = 128
+QUARTER_RAD = math.pi / 2 + 1e-6  # a quarter turn, as single precision too rounds it
+
+
+def cosine(angle_rad: Float[Array, ""]) -> Float[Array, ""]:
+    """cos(phi), exactly 0 at a right angle."""
+    away = jnp.where(angle_rad < 0, -angle_rad, angle_rad)
+    return jnp.sin(jnp.pi / 2 - away)
+
+
+class TurnedSkin(Skin):
+    """A skin under features whose normal makes the angle `angle_rad` with x.
+
+    x of its methods is xi, across the features. Rows are stress in the sensor's frame (sigma_x,
+    sigma_z, tau_xz, sigma_y), columns (p, q) with q along x, the sliding direction. Contact is in
+    the (xi, z) plane, as under the skin itself.
+    """
+
+    skin: Skin
+    angle_rad: Float[Array, ""]
+
+    def __init__(self, skin: Skin, angle_rad):
+        self.skin = skin
+        self.angle_rad = as_real(number("angle_rad", angle_rad, "an angle in radians"))
+
+    @property
+    def words(self) -> str:
+        return f"{self.skin.words}, features turned by {math.degrees(self.angle_rad):.4g} degrees"
+
+    @property
+    def antiplane(self) -> Antiplane:
+        return self.skin.antiplane
+
+    def compliance(self, k: Float[Array, " k"]) -> Inexact[Array, " k"]:
+        return self.skin.compliance(k)
+
+    def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
+        plane = self.skin.transfer(k, depth_m)
+        return self._sliding(self._in_frame(plane, self.antiplane.transfer(k, depth_m)))
+
+    def strip_response(
+        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
+    ) -> Float[Array, "4 2 x"]:
+        return self._sliding(self.response_to_each(x, depth_m, width_m))
+
+    def strip_slope(
+        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
+    ) -> Float[Array, "4 2 x"]:
+        return self._sliding(self.slope_to_each(x, depth_m, width_m))
+
+    def response_to_each(
+        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
+    ) -> Float[Array, "4 3 x"]:
+        """As [`strip_response`][], for p and shear along xi and along eta apart."""
+        plane = self.skin.strip_response(x, depth_m, width_m)
+        return self._in_frame(plane, self.antiplane.strip_response(x, depth_m, width_m))
+
+    def slope_to_each(
+        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
+    ) -> Float[Array, "4 3 x"]:
+        """d/dx of [`response_to_each`][], in 1/m."""
+        plane = self.skin.strip_slope(x, depth_m, width_m)
+        return self._in_frame(plane, self.antiplane.strip_slope(x, depth_m, width_m))
+
+    def _in_frame(self, plane, antiplane) -> Array:
+        """Stress in the sensor's frame (4, 3, ...) under p, q_xi and q_eta."""
+        c, s = cosine(self.angle_rad), jnp.sin(self.angle_rad)
+        xi, z, xi_z, eta = plane
+        along = jnp.stack(
+            [c**2 * xi + s**2 * eta, z, c * xi_z, s**2 * xi + c**2 * eta]
+        )  # fmt: skip
+        twist = 2 * s * c * antiplane[0]
+        across = jnp.stack([-twist, jnp.zeros_like(twist), -s * antiplane[1], twist])
+        return jnp.concatenate([along, across[:, None]], axis=1)
+
+    def _sliding(self, each) -> Array:
+        """Under p, and under shear along x = cos(phi) xi - sin(phi) eta."""
+        c, s = cosine(self.angle_rad), jnp.sin(self.angle_rad)
+        return jnp.stack([each[:, 0], c * each[:, 1] - s * each[:, 2]], axis=1)
+
+
+class StripLength(LineEffect):
+    """The strip's charge is the mean over its length, which reaches over l sin(phi) along xi:
+    sin(a)/a with a = k l sin(phi)/2."""
+
+    reach_m: Float[Array, ""]
+    nodes: int = eqx.field(static=True)
+
+    def __init__(self, reach_m, nodes: int = LENGTH_NODES):
+        self.reach_m, self.nodes = as_real(reach_m), nodes
+
+    def transfer(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
+        return self._mean.transfer(k)
+
+    def spread(self, kernel: Kernel) -> Kernel:
+        return self._mean.spread(kernel)
+
+    @property
+    def _mean(self) -> StripWidth:
+        return StripWidth(self.reach_m, self.nodes)
+
+
+def turned(sensor: Sensor, angle_rad) -> Sensor:
+    """The sensor over features whose normal makes the angle phi with its x axis, its line along xi.
+
+    Lengths along x shrink to their cos(phi), and every strip gets its [`StripLength`][]. Raises
+    `BadInput` for an angle beyond a quarter turn, a skin that is no half space, and an effect along
+    the line that is not known to turn.
+    """
+    _check_angle(angle_rad)
+    return _turned(sensor, as_real(angle_rad))
+
+
+@eqx.filter_jit
+def _turned(sensor: Sensor, angle_rad: Float[Array, ""]) -> Sensor:
+    def one(film: Film) -> Film:
+        film = eqx.tree_at(lambda f: f.effects, film, turned_effects(film, angle_rad))
+        return film.with_effect(StripLength(film.length_m * jnp.sin(angle_rad)))
+
+    parts = TurnedSkin(sensor.skin, angle_rad), tuple(one(film) for film in sensor.elements)
+    return eqx.tree_at(lambda s: (s.skin, s.elements), sensor, parts)
+
+
+def turned_effects(film: Film, angle_rad: Float[Array, ""]) -> tuple[LineEffect, ...]:
+    """The film's effects along xi: each length along x times cos(phi)."""
+    c = cosine(angle_rad)
+
+    def one(effect: LineEffect) -> LineEffect:
+        match effect:
+            case StripWidth():
+                return StripWidth(c * effect.width_m, effect.nodes)
+            case Offset():
+                return Offset(c * effect.offset_m)
+            case SampleAverage():
+                return SampleAverage(effect.count, c * effect.spacing_m)
+        raise BadInput(
+            f"{type(effect).__name__} is not known to turn with oblique features: leave it out of "
+            "effects."
+        )
+
+    return tuple(one(effect) for effect in film.effects)
+
+
+def turned_scan(scan: Scan, angle_rad) -> Scan:
+    """The scan along xi, the features' normal: speeds and positions times cos(phi).
+
+    Up to a quarter turn, where it stands still, its direction is that along x, so that friction
+    enters as ever. Raises `BadInput` for an angle beyond.
+    """
+    _check_angle(angle_rad)
+    c = cosine(as_real(angle_rad))
+    if isinstance(scan, Motion):
+        return Motion(scan.time_s, c * scan.position_m, c * scan.speed_m_per_s)
+    return eqx.tree_at(lambda s: s.speed_m_per_s, scan, c * scan.speed_m_per_s)
+
+
+def _check_angle(angle_rad) -> None:
+    wanted = "an angle in radians between -pi/2 and pi/2, from x to the features' normal"
+    number("angle_rad", angle_rad, wanted, least=-QUARTER_RAD, most=QUARTER_RAD)

@@ -1,0 +1,220 @@
+"""How the real motion departs from a constant speed: ripple, standstill, reversal.
+
+A pace is a factor on the nominal speed, and paces multiply. The motion that follows is concrete,
+so that everything here is numpy in double precision.
+"""
+
+import abc
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+
+from ..errors import number, refuse
+from .scan import MIN_SAMPLES, Motion
+
+MOST_SAMPLES = 2**22
+NODES = 8  # of Gauss's rule between samples: to round-off for half a period of a ripple
+ARRIVED = 1e-12  # of the way: what is left then is rounding
+
+
+class Pace(eqx.Module):
+    """The speed's factor over time, smooth but for its bends. After the last bend it is never
+    negative, so that a motion arrives for good."""
+
+    @abc.abstractmethod
+    def factor(self, time_s: np.ndarray) -> np.ndarray:
+        """(sample,): what the nominal speed is multiplied by."""
+
+    @property
+    @abc.abstractmethod
+    def bends_s(self) -> tuple[float, ...]:
+        """Times at which the factor is not smooth, increasing."""
+
+    @property
+    @abc.abstractmethod
+    def frequency_limit_hz(self) -> float:
+        """The highest frequency of the factor where it is periodic, else 0."""
+
+
+class Ripple(Pace):
+    """1 + fraction cos(2 pi frequency t + phase): a drive that turns unevenly.
+
+    Raises `BadInput` for a fraction outside [0, 1], which would turn the motion back, and a
+    frequency that is not positive.
+    """
+
+    fraction: float
+    frequency_hz: float
+    phase_rad: float
+
+    def __init__(self, fraction, frequency_hz, phase_rad=0.0):
+        wanted = "a number between 0 and 1"
+        self.fraction = float(number("ripple.fraction", fraction, wanted, least=0, most=1))
+        wanted = "a positive frequency in Hz"
+        self.frequency_hz = float(number("ripple.frequency_hz", frequency_hz, wanted, above=0))
+        self.phase_rad = float(number("ripple.phase_rad", phase_rad, "an angle in radians"))
+
+    def factor(self, time_s: np.ndarray) -> np.ndarray:
+        turn = 2 * np.pi * self.frequency_hz
+        return 1 + self.fraction * np.cos(turn * time_s + self.phase_rad)
+
+    @property
+    def bends_s(self) -> tuple[float, ...]:
+        return ()
+
+    @property
+    def frequency_limit_hz(self) -> float:
+        return self.frequency_hz
+
+
+class _Stretch(eqx.Module):
+    """A stretch of time from `at_s` on: a ramp, `duration_s`, and a ramp back, each `ramp_s`."""
+
+    at_s: float
+    duration_s: float
+    ramp_s: float
+
+    def __init__(self, name: str, at_s, duration_s, ramp_s):
+        wanted = "a time in seconds that is at least 0"
+        self.at_s = float(number(f"{name}.at_s", at_s, wanted, least=0))
+        self.duration_s = float(number(f"{name}.duration_s", duration_s, wanted, least=0))
+        wanted = "a positive time in seconds, as no speed jumps"
+        self.ramp_s = float(number(f"{name}.ramp_s", ramp_s, wanted, above=0))
+
+    def share(self, time_s: np.ndarray) -> np.ndarray:
+        """From 0 outside to 1 within, by raised cosines."""
+        begun = np.clip((time_s - self.at_s) / self.ramp_s, 0, 1)
+        left = np.clip((self.bends_s[-1] - time_s) / self.ramp_s, 0, 1)
+        return (np.sin(np.pi / 2 * begun) * np.sin(np.pi / 2 * left)) ** 2
+
+    @property
+    def bends_s(self) -> tuple[float, ...]:
+        resting = self.at_s + self.ramp_s
+        leaving = resting + self.duration_s
+        return self.at_s, resting, leaving, leaving + self.ramp_s
+
+
+class Standstill(Pace):
+    """From `at_s` on the motion slows down over `ramp_s`, rests for `duration_s` and speeds up
+    again over `ramp_s`.
+
+    Raises `BadInput` for times below 0 and for a ramp that is not positive.
+    """
+
+    stretch: _Stretch
+
+    def __init__(self, at_s, duration_s, ramp_s):
+        self.stretch = _Stretch("standstill", at_s, duration_s, ramp_s)
+
+    def factor(self, time_s: np.ndarray) -> np.ndarray:
+        return 1 - self.stretch.share(time_s)
+
+    @property
+    def bends_s(self) -> tuple[float, ...]:
+        return self.stretch.bends_s
+
+    @property
+    def frequency_limit_hz(self) -> float:
+        return 0.0
+
+
+class Reversal(Pace):
+    """From `at_s` on the motion turns within `ramp_s`, slides back at the same speed for
+    `duration_s` and turns again within `ramp_s`.
+
+    Raises `BadInput` for times below 0 and for a ramp that is not positive.
+    """
+
+    stretch: _Stretch
+
+    def __init__(self, at_s, duration_s, ramp_s):
+        self.stretch = _Stretch("reversal", at_s, duration_s, ramp_s)
+
+    def factor(self, time_s: np.ndarray) -> np.ndarray:
+        return 1 - 2 * self.stretch.share(time_s)
+
+    @property
+    def bends_s(self) -> tuple[float, ...]:
+        return self.stretch.bends_s
+
+    @property
+    def frequency_limit_hz(self) -> float:
+        return 0.0
+
+
+def paced(start_m, length_m, speed_m_per_s, rate_hz, paces: Sequence[Pace] = ()) -> Motion:
+    """The motion at `speed_m_per_s` times every pace's factor, sampled `rate_hz` times a second.
+
+    It starts at `start_m`, at a negative speed at `start_m + length_m`, and ends with the first
+    sample that is beyond the other end for good. On the way back it may go beyond its start. The
+    position is the integral of the speed by Gauss's rule from sample to sample and from bend to
+    bend, exact to round-off.
+
+    Raises `BadInput` for values out of range, a speed of 0, which never arrives, a ripple that the
+    samples do not tell, and fewer samples than 3 or more than 2^22.
+    """
+    number("scan.start_m", start_m, "a finite position in m")
+    number("scan.length_m", length_m, "a positive length in metres", above=0)
+    number("scan.rate_hz", rate_hz, "a positive rate in samples per second", above=0)
+    wanted = "a speed in m/s other than 0, at which the motion arrives"
+    number("scan.speed_m_per_s", speed_m_per_s, wanted)
+    refuse(speed_m_per_s == 0, f"scan.speed_m_per_s is {speed_m_per_s}: give {wanted}.")
+    _refuse_untold(paces, rate_hz)
+    begin = start_m if speed_m_per_s > 0 else start_m + length_m
+    time, travelled = _until(length_m / abs(speed_m_per_s), rate_hz, paces)
+    position = begin + speed_m_per_s * travelled
+    return Motion(time, position, speed_m_per_s * _factor(time, paces))
+
+
+def _refuse_untold(paces: Sequence[Pace], rate_hz) -> None:
+    highest = max((pace.frequency_limit_hz for pace in paces), default=0.0)
+    refuse(
+        2 * highest >= rate_hz,
+        f"scan.rate_hz is {rate_hz}, too low for a speed ripple of {highest} Hz: give more than "
+        f"{2 * highest}.",
+    )
+
+
+def _factor(time: np.ndarray, paces: Sequence[Pace]) -> np.ndarray:
+    factor = np.ones_like(time)
+    for pace in paces:
+        factor *= pace.factor(time)
+    return factor
+
+
+def _until(way_s: float, rate_hz: float, paces: Sequence[Pace]) -> tuple[np.ndarray, np.ndarray]:
+    """Times (sample,) and the factor's integral [s] up to them, which ends beyond `way_s`."""
+    last_bend = max((bend for pace in paces for bend in pace.bends_s), default=0.0)
+    samples = min(rate_hz * (way_s + last_bend), MOST_SAMPLES - 2)
+    while True:
+        time = np.arange(int(samples) + 2) / rate_hz
+        travelled = _travelled(time, paces)
+        short = travelled < way_s * (1 - ARRIVED)
+        if time[-1] >= last_bend and not short[-1]:
+            break
+        refuse(
+            time.size == MOST_SAMPLES,
+            f"The motion has not arrived for good after {MOST_SAMPLES} samples, {time[-1]:.4g} s: "
+            "lower scan.rate_hz or scan.length_m, raise the speed, or let its paces end sooner.",
+        )
+        samples = min(2 * samples, MOST_SAMPLES - 2)
+    count = int(np.flatnonzero(short)[-1]) + 2
+    refuse(
+        count < MIN_SAMPLES,
+        f"scan.rate_hz is {rate_hz}, which gives {count} samples on the way: raise it until there "
+        f"are at least {MIN_SAMPLES}.",
+    )
+    return time[:count], travelled[:count]
+
+
+def _travelled(time: np.ndarray, paces: Sequence[Pace]) -> np.ndarray:
+    """The factor's integral from time 0 [s]."""
+    bends = [bend for pace in paces for bend in pace.bends_s if bend < time[-1]]
+    ends = np.union1d(time, bends)
+    middle, half = (ends[1:] + ends[:-1]) / 2, np.diff(ends) / 2
+    mean = np.zeros_like(middle)
+    for node, weight in zip(*np.polynomial.legendre.leggauss(NODES), strict=True):
+        mean += weight * _factor(middle + node * half, paces)
+    travelled = np.concatenate([[0.0], np.cumsum(half * mean)])
+    return travelled[np.searchsorted(ends, time)]

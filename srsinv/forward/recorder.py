@@ -1,0 +1,66 @@
+"""What makes numbers of the signal: when it is sampled on the way, and how samples are kept."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..grid import Line, Periodic, as_real
+from .converter import Converter
+from .drift import LoadDrift
+from .pace import Pace, paced
+from .scan import ConstantSpeed, Motion
+
+
+class Recorder(eqx.Module):
+    """The recording side of a setup; with nothing named it takes one sample a cell.
+
+    - `sample_rate_hz`: None for what the line's cells ask for; `paces`: how the motion departs from
+      constant speed; `drifts`: of the load.
+    - `converters`: what is done to every sample alone, in their order.
+    """
+
+    sample_rate_hz: float | None = eqx.field(static=True, default=None)
+    paces: tuple[Pace, ...] = ()
+    drifts: tuple[LoadDrift, ...] = ()
+    converters: tuple[Converter, ...] = ()
+
+    @property
+    def goes_by_time(self) -> bool:
+        """Whether samples differ from those of the line at constant speed."""
+        return self.sample_rate_hz is not None or bool(self.paces or self.drifts)
+
+    def motion(self, line: Line, fine: Line, scan: ConstantSpeed) -> Motion:
+        """The motion over all of `line`, sampled as asked, or once a cell of the finer line.
+
+        A periodic line is slid over from edge to edge; an open one from its first position to the
+        last of the finer one's.
+        """
+        rate = self.sample_rate_hz or float(scan.sample_rate_hz(fine))
+        speed, cell = float(scan.speed_m_per_s), float(line.cell_m)
+        if isinstance(line, Periodic):
+            start, length = float(line.start_m) - cell / 2, line.n * cell
+            return paced(start, length, speed, rate, self.paces)
+        length = float(fine.x[-1] - line.start_m)
+        motion = paced(float(line.start_m), length, speed, rate, self.paces)
+        # The last sample is beyond the end.
+        return jax.tree.map(lambda column: column[:-1], motion)
+
+    def kept(self, signal: Float[Array, "e n"]) -> Bool[Array, "e n"]:
+        """Which samples still tell the signal once they are converted."""
+        told = jnp.ones(signal.shape, bool)
+        for converter in self.converters:
+            told = told & converter.kept(signal)
+            signal = converter.converted(signal)
+        return told
+
+    def converted(self, signal: Float[Array, "e n"]) -> Float[Array, "e n"]:
+        """The samples as they are kept."""
+        for converter in self.converters:
+            signal = converter.converted(signal)
+        return signal
+
+    @property
+    def variance(self) -> Float[Array, ""]:
+        """Of the noise that the conversion adds, in signal units squared."""
+        return sum((c.variance() for c in self.converters), as_real(0.0))

@@ -1,0 +1,46 @@
+"""What is measured with what: the whole of a simulation but the grid it is computed on."""
+
+import dataclasses
+
+import equinox as eqx
+
+from .noise import Noise
+from .recorder import Recorder
+from .scan import ConstantSpeed
+from .scene import Scene, SurfaceScene
+from .sensor import Sensor
+from .skin import Skin
+
+
+class Setup(eqx.Module):
+    """A scene, the sensor that slides over it, and what is recorded of its signal.
+
+    Effects are added to it one by one (srsinv/forward/effects); one that is not added leaves no
+    trace. `scene` is None where only the sensor is asked for.
+    """
+
+    scene: Scene | None
+    sensor: Sensor
+    scan: ConstantSpeed
+    noises: tuple[Noise, ...] = ()
+    recorder: Recorder = Recorder()
+
+    def but(self, **changed) -> "Setup":
+        """The same setup with other parts."""
+        return dataclasses.replace(self, **changed)
+
+    def with_skin(self, skin: Skin) -> "Setup":
+        """With another skin, which the film lies in and which is pressed on the surface."""
+        scene = self.scene
+        if isinstance(scene, SurfaceScene):
+            scene = eqx.tree_at(lambda s: s.skin, scene, skin)
+        return self.but(scene=scene, sensor=eqx.tree_at(lambda s: s.skin, self.sensor, skin))
+
+    def with_films(self, change) -> "Setup":
+        """With `change` applied to every film element."""
+        films = tuple(change(film) for film in self.sensor.elements)
+        return self.but(sensor=dataclasses.replace(self.sensor, elements=films))
+
+    def recording(self, **changed) -> "Setup":
+        """With other parts of the recorder."""
+        return self.but(recorder=dataclasses.replace(self.recorder, **changed))

@@ -1,0 +1,164 @@
+"""Stick-slip: patches of skin that stick while the finger slides, and snap back.
+
+Each event is a jump of the shear on one patch, which stays where it is on the finger while it
+relaxes. What a film feels of it is the charge Q of a uniform shear on a strip of the patch's
+length: the recording is a shot noise (Campbell's theorem; Rice 1944, part I).
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, PRNGKeyArray
+
+from ..errors import number
+from ..grid import Line, as_real
+from .amplifier import Amplifier
+from .noise import Drawn, exponential_spectrum
+from .scan import ConstantSpeed
+from .sensor import FilmSignal, Sensor
+
+PANELS, NODES = 32, 16  # of Gauss's rule over the contact: to round-off up to 50 depths
+BLOCK = 128  # events drawn at once
+MOST_PER_S = 1e6
+
+
+class SnapBack(Drawn):
+    """Events at random times, `rate_hz` a second, at places uniform over the contact.
+
+    - `shear_Pa`: rms of a jump's amplitude, Gaussian with mean zero; it decays as exp(-t/decay_s).
+    - `patch_m`: a patch's length; `contact_m`: that of the contact, about the sensor's origin.
+    - `charge`, `amplifier`: what a load gives, and how it is read.
+
+    All elements feel the same events, and the spectrum is the mean over them. A sample of a rate
+    signal is the mean over the sampling interval before it, v_j = R_f (Q_j - Q_{j-1})/dt, one of an
+    amplifier of order 0 its gain times Q_j. Nothing happens at rest, nor without a contact.
+    The film's effects act as on a load, so that an average of neighbouring samples, which is one
+    over time, has no meaning here.
+
+    Raises `BadInput` for a rate, shear or contact below 0, more than 10^6 events a second, and a
+    patch or decay that is not positive.
+    """
+
+    charge: FilmSignal
+    amplifier: Amplifier
+    rate_hz: Float[Array, ""]
+    shear_Pa: Float[Array, ""]
+    patch_m: Float[Array, ""]
+    decay_s: Float[Array, ""]
+    contact_m: Float[Array, ""]
+
+    def __init__(
+        self,
+        charge: FilmSignal,
+        amplifier: Amplifier,
+        rate_hz,
+        shear_Pa,
+        patch_m,
+        decay_s,
+        contact_m,
+    ):
+        self.charge, self.amplifier = charge, amplifier
+        wanted = f"a number of events per second, from 0 to {MOST_PER_S:g}"
+        number("noise rate_hz", rate_hz, wanted, least=0, most=MOST_PER_S)
+        number("noise shear_Pa", shear_Pa, "a shear in Pa that is at least 0", least=0)
+        number("noise patch_m", patch_m, "a positive length in metres", above=0)
+        number("noise decay_s", decay_s, "a positive time in seconds", above=0)
+        number("noise contact_m", contact_m, "a length in metres that is at least 0", least=0)
+        self.rate_hz, self.shear_Pa = as_real(rate_hz), as_real(shear_Pa)
+        self.patch_m, self.decay_s = as_real(patch_m), as_real(decay_s)
+        self.contact_m = as_real(contact_m)
+
+    @classmethod
+    def felt_by(cls, sensor: Sensor, rate_hz, shear_Pa, patch_m, decay_s, contact_m) -> "SnapBack":
+        """The noise in what this sensor records."""
+        charge, amplifier = sensor.charge(), sensor.amplifier
+        return cls(charge, amplifier, rate_hz, shear_Pa, patch_m, decay_s, contact_m)
+
+    def spectrum(
+        self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
+    ) -> Float[Array, " k"]:
+        interval, per_s = self._interval_and_rate(line, scan)
+        relaxation_m = self.decay_s / interval * line.cell_m
+        held = exponential_spectrum(line.k, line.cell_m, relaxation_m)
+        power = per_s * self._mean_square(line, scan) * self.decay_s / 2 * held
+        # The squared modulus of the difference between neighbours.
+        return power * (2 * jnp.sin(line.k * line.cell_m / 2)) ** 2 if self._is_rate else power
+
+    def draw(
+        self, key: PRNGKeyArray, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
+    ) -> Float[Array, "e n"]:
+        """Events drawn one by one, their decay carried over from the last sample to the first.
+
+        Not differentiable in reverse: the number of events is random.
+        """
+        interval, per_s = self._interval_and_rate(line, scan)
+        ratio = interval / self.decay_s
+        fresh = self._fresh(key, line.n, per_s * line.n * interval, ratio)
+        signal = jnp.fft.irfft(self._relaxing(line, ratio)[None] * jnp.fft.rfft(fresh), line.n)
+        signal = self._reading(line, scan) * self.shear_Pa * signal
+        # The first sample in time is the last one along x where the finger slides backwards.
+        return jnp.where(scan.direction < 0, signal[:, ::-1], signal)
+
+    @property
+    def _is_rate(self) -> bool:
+        return self.amplifier.order > 0
+
+    def _interval_and_rate(
+        self, line: Line, scan: ConstantSpeed
+    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """The sampling interval [s], anything at rest, and the events per second that are felt."""
+        samples_per_s = scan.sample_rate_hz(line)
+        moves = samples_per_s > 0
+        interval = 1 / jnp.where(moves, samples_per_s, 1.0)
+        return interval, jnp.where(moves & (self.contact_m > 0), self.rate_hz, 0.0)
+
+    def _reading(self, line: Line, scan: ConstantSpeed) -> Float[Array, ""]:
+        """The factor on the charge, or on its difference between samples: R_f/dt."""
+        if not self._is_rate:
+            return self.amplifier.gain(scan.speed_m_per_s)
+        return self.amplifier.gain(jnp.abs(scan.speed_m_per_s)) / line.cell_m
+
+    def _response(self, place_m: Float[Array, " event"]) -> Float[Array, "e event"]:
+        """Every film's charge [C/Pa] per unit shear on patches at these places."""
+        return self.charge.cell_response(-place_m, self.patch_m)[:, 1]
+
+    def _mean_square(self, line: Line, scan: ConstantSpeed) -> Float[Array, ""]:
+        """Of a jump in the signal: over amplitudes, the contact and the elements."""
+        node, weight = np.polynomial.legendre.leggauss(NODES)
+        middle = 2 * np.arange(PANELS) + 1 - PANELS
+        places = ((middle[:, None] + node[None]) / PANELS).ravel()
+        response = self._response(self.contact_m / 2 * as_real(places))
+        # Squared as a signal: a charge's square is beyond single precision.
+        jump = self._reading(line, scan) * self.shear_Pa * response
+        return jnp.mean(jump**2 @ as_real(np.tile(weight, PANELS) / (2 * PANELS)))
+
+    def _fresh(
+        self, key: PRNGKeyArray, n: int, expected: Float[Array, ""], ratio: Float[Array, ""]
+    ) -> Float[Array, "e n"]:
+        """Per unit shear, the charge at every sample of the events since the one before, with
+        `ratio` the sampling interval over the decay."""
+        for_number, for_events = jax.random.split(key)
+        number_of_events = jax.random.poisson(for_number, expected)
+
+        def add(block, charge):
+            for_places, for_sizes = jax.random.split(jax.random.fold_in(for_events, block))
+            # One draw for three, as every draw is long to compile.
+            along, age, when = jax.random.uniform(for_places, (3, BLOCK))
+            place = self.contact_m * (along - 0.5)
+            amplitude = jax.random.normal(for_sizes, (BLOCK,)) * jnp.exp(-ratio * age)
+            sample = jnp.minimum(jnp.floor(when * n).astype(int), n - 1)
+            happens = block * BLOCK + jnp.arange(BLOCK) < number_of_events
+            jump = jnp.where(happens, amplitude, 0.0)[None] * self._response(place)
+            return charge.at[:, sample].add(jump)
+
+        blocks = (number_of_events + BLOCK - 1) // BLOCK
+        none = jnp.zeros((len(self.charge.elements), n))
+        return jax.lax.fori_loop(0, blocks, add, none)
+
+    def _relaxing(self, line: Line, ratio: Float[Array, ""]) -> Complex[Array, " k"]:
+        """From fresh charge to what is recorded of it, over the samples in time."""
+        half = line.k * line.cell_m / 2
+        difference = 2j * jnp.sin(half) * jnp.exp(-1j * half)
+        # 1 - exp(-ratio - ik cell), without cancelling where the decay is slow.
+        kept = -jnp.expm1(-ratio) + jnp.exp(-ratio) * difference
+        return (difference if self._is_rate else 1.0) / kept

@@ -1,0 +1,177 @@
+"""Which way a straight ridge runs, from the signal of one circle over it.
+
+A ridge that crosses the circle is met twice, at a = phi +- arccos(d/r): when tells its angle and
+its distance, how strongly the load and the friction. Both of these enter linearly.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import number, refuse
+from ..forward.circular import Circle, Circling
+from ..forward.sensor import Sensor
+from ..grid import as_real
+from .feature_search import apart
+from .nonlinear import Fit, fit
+
+COARSE_PER_DEPTH = 2  # samples of the search for a start
+TRIED_PER_DEPTH = 2  # places of the ridge that it tries
+COARSE_NODES = 2  # of the widths' quadrature
+FIT_NODES = 6  # right to 1e-7 for widths up to a depth, to 3e-5 for two
+LINEAR = ("load_N_per_m", "shear_N_per_m")
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """The ridge found.
+
+    - `parameters`: (value, standard error) of `angle_deg` (from x to the ridge's normal, from 0 to
+      180), `distance_m`, `load_N_per_m`, `width_m` and `friction`.
+    - `fit`: the fit below, and `signal` (e, sample) its signal.
+    """
+
+    parameters: Mapping[str, tuple[float, float]]
+    fit: Fit
+    signal: Float[np.ndarray, "e sample"]
+
+
+class RidgeModel(eqx.Module):
+    """Parameters of a ridge to its signal on a circle (element, sample)."""
+
+    circling: Circling
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the parameters that enter linearly."""
+        return LINEAR
+
+    @eqx.filter_jit
+    def __call__(self, params: Any) -> Float[Array, "e sample"]:
+        place = jnp.deg2rad(params["angle_deg"]), params["distance_m"], params["width_m"]
+        by_load, by_shear = self.circling.unit(*place, nodes=FIT_NODES)
+        return params["load_N_per_m"] * by_load + params["shear_N_per_m"] * by_shear
+
+
+class DirectionFinder:
+    """Finds the direction of a ridge in signals of one sensor on one circle.
+
+    `width_range_m`: where the ridge's width lies, by default from a tenth of the film's depth to
+    two depths: the film hardly tells it. What does not depend on the signal is computed once.
+    Raises `BadInput` for a range that is none, and a readout whose offset is not known.
+    """
+
+    def __init__(self, sensor: Sensor, circle: Circle, width_range_m: Range | None = None):
+        refuse(
+            sensor.amplifier.offset is None,
+            "The readout's offset is not known: give amplifier.offset, or use a rate signal.",
+        )
+        depth = float(sensor.depth_m)
+        self._widths = _checked(width_range_m or (0.1 * depth, 2 * depth))
+        self._model = RidgeModel(Circling(sensor, circle))
+        self._bank = _Bank(self._model.circling, float(np.mean(self._widths)))
+
+    def __call__(self, y: Float[np.ndarray, "e sample"], noise: Any = None) -> Direction:
+        """The ridge under which `y` is explained best.
+
+        `noise`: as [`nonlinear.fit`][] takes it; None: white, its level from the residual.
+        """
+        y = np.asarray(y, float)
+        circling = self._model.circling
+        shape = len(circling.sensor.elements), circling.circle.samples
+        refuse(
+            y.shape != shape,
+            f"The signal has the shape {y.shape}: give (element, sample) as the sensor and the "
+            f"circle have them, {shape}.",
+        )
+        places = self._bank.search(y)
+        width = float(np.mean(self._widths))
+        first = {"angle_deg": places[0][0], "distance_m": places[0][1], "width_m": width}
+        rest = np.asarray(places[1:])
+        starts = {"angle_deg": rest[:, 0], "distance_m": rest[:, 1]} if len(rest) else None
+        reach = 1.2 * float(circling.circle.radius_m)
+        found = fit(
+            self._model,
+            first | dict.fromkeys(LINEAR, 0.0),
+            y,
+            noise=noise,
+            bounds={"distance_m": (-reach, reach), "width_m": self._widths},
+            starts=starts,
+            linear=LINEAR,
+            polished=1,
+        )
+        signal = self._model(jax.tree.map(as_real, found.value))
+        return Direction(_readable(found), found, np.asarray(signal))
+
+
+def _checked(widths: Range) -> Range:
+    low, high = (number("width_range_m", each, "two widths in metres", above=0) for each in widths)
+    refuse(
+        not low < high,
+        f"width_range_m is [{low}, {high}]: give the lesser width first, and leave room between.",
+    )
+    return low, high
+
+
+def _readable(found: Fit) -> dict[str, tuple[float, float]]:
+    """Each parameter as a user reads it: of the two ways to write the ridge the one from 0 to 180
+    degrees."""
+    half_turns, angle = divmod(found.value["angle_deg"], 180.0)
+    side = -1.0 if half_turns % 2 else 1.0
+    value = found.value | {"angle_deg": angle, "distance_m": side * found.value["distance_m"]}
+    names = ("angle_deg", "distance_m", "load_N_per_m", "width_m")
+    read = {name: (float(value[name]), float(found.stderr[name])) for name in names}
+    mu, stderr = found.derive(lambda params: params["shear_N_per_m"] / params["load_N_per_m"])
+    return read | {"friction": (float(mu), float(stderr))}
+
+
+class _Bank:
+    """Signals of a ridge of one width at every angle and distance tried, on coarser samples."""
+
+    def __init__(self, circling: Circling, width_m: float):
+        circle, depth = circling.circle, float(circling.sensor.depth_m)
+        radius = float(circle.radius_m)
+        step = radius * float(circle.sweep_rad) / circle.samples
+        self._size = int(np.clip(depth / COARSE_PER_DEPTH / step, 1, circle.samples // 8))
+        self._tried = _tried(radius, depth / TRIED_PER_DEPTH)
+        coarse = Circling(circling.sensor, circle.coarser(self._size))
+        angles, distances = (as_real(column) for column in self._tried.T)
+        signals = np.asarray(_signals(coarse, angles, distances, as_real(width_m)))
+        self._signals = signals.reshape(*signals.shape[:2], -1)
+        gram = self._signals @ self._signals.swapaxes(1, 2)
+        # Faintly damped, for ridges beside the circle.
+        size = np.trace(gram.mean(axis=0))
+        self._gram = gram + 1e-9 * size * np.eye(len(LINEAR)) + 1e-300
+
+    def search(self, y: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, "start 2"]:
+        """Angles [deg] and distances [m] to start from, the best first: those under which the best
+        amplitudes explain most."""
+        kept = y.shape[1] // self._size * self._size
+        means = np.nan_to_num(y)[:, :kept].reshape(len(y), -1, self._size).mean(axis=-1)
+        told = self._signals @ means.ravel()
+        explained = np.sum(told * np.linalg.solve(self._gram, told[..., None])[..., 0], axis=-1)
+        chosen = self._tried[apart(list(self._tried.T), explained)]
+        return np.stack([np.rad2deg(chosen[:, 0]), chosen[:, 1]], axis=1)
+
+
+def _tried(radius_m: float, step_m: float) -> Float[np.ndarray, "start 2"]:
+    """Angles [rad] over half a turn and distances [m] over the circle, `step_m` apart on it."""
+    angles = np.arange(0, np.pi, step_m / radius_m)
+    distances = np.linspace(-radius_m, radius_m, 2 * int(np.ceil(radius_m / step_m)) + 1)
+    return np.stack(np.meshgrid(angles, distances, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@eqx.filter_jit
+def _signals(circling: Circling, angles, distances, width) -> Float[Array, "start 2 e sample"]:
+    def at(place):
+        angle, distance = place
+        return circling.unit(angle, distance, width, nodes=COARSE_NODES)
+
+    return jax.lax.map(at, (angles, distances), batch_size=64)

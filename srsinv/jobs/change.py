@@ -1,0 +1,117 @@
+"""What effects change of a scene's signal: the same instants with them and without."""
+
+import dataclasses
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..forward.noise import Drawn
+from ..forward.scan import Motion
+from ..grid import Line, Periodic
+from . import build
+from .simulation import Simulation, simulation
+
+
+class Felt(NamedTuple):
+    """A signal (e, sample) without noise but that of bursts, at `time_s` (sample,)."""
+
+    time_s: Float[np.ndarray, " sample"]
+    signal: Float[np.ndarray, "e sample"]
+
+
+def with_only(cfg: build.Config, names) -> dict[str, Any]:
+    """The configuration with these of its effects."""
+    named = build.part(cfg, "effects")
+    return {**cfg, "effects": {name: node for name, node in named.items() if name in names}}
+
+
+def merged(cfg: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """`cfg` with `changes` in depth; what names a class of its own replaces what was there."""
+    whole = dict(cfg)
+    for key, value in changes.items():
+        old, inside = whole.get(key), isinstance(value, Mapping) and "_target_" not in value
+        whole[key] = merged(old, value) if inside and isinstance(old, Mapping) else value
+    return whole
+
+
+def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Felt, Felt]:
+    """The signals of two simulations that differ by effects, at the same instants: those at which
+    `full` is sampled."""
+    if not full.setup.recorder.goes_by_time:
+        instants = np.asarray(full.scan.time_s(full.line))
+
+        def one(sim: Simulation) -> Felt:
+            return Felt(instants, _kept(sim, sim.line, _on_line(sim), key))
+
+        return one(full), one(less)
+    rate = full.setup.recorder.sample_rate_hz or float(full.scan.sample_rate_hz(full.fine))
+    motions = _motion(full, rate), _motion(less, rate)
+    common = min(motion.time_s.size for motion in motions)
+    samples = Periodic(common, abs(float(full.scan.speed_m_per_s)) / rate)
+
+    def along(sim: Simulation, motion: Motion) -> Felt:
+        signal = _kept(sim, samples, sim.along(motion)[:, :common], key)
+        return Felt(np.asarray(motions[0].time_s[:common]), signal)
+
+    return along(full, motions[0]), along(less, motions[1])
+
+
+def difference(one: Felt, other: Felt) -> float:
+    """Rms of the difference over the rms of the `other`."""
+    return float(np.linalg.norm(one.signal - other.signal) / np.linalg.norm(other.signal))
+
+
+def _on_line(sim: Simulation):
+    return sim.sampled(sim.sensor.signal(sim.scan))
+
+
+def _motion(sim: Simulation, rate_hz: float) -> Motion:
+    recorder = dataclasses.replace(sim.setup.recorder, sample_rate_hz=rate_hz)
+    return recorder.motion(sim.line, sim.fine, sim.scan)
+
+
+def _kept(sim: Simulation, line: Line, signal, key) -> Float[np.ndarray, "e sample"]:
+    """With bursts, converted."""
+    rms = jnp.sqrt(jnp.mean(signal**2))
+    for noise in sim.setup.noises:
+        if isinstance(noise, Drawn):
+            signal = signal + noise.draw(key, line, sim.scan, rms)
+    return np.asarray(sim.setup.recorder.converted(signal))
+
+
+class Cost(NamedTuple):
+    """Seconds: of the first call with all that is compiled for it, and steady."""
+
+    first_s: float
+    steady_s: float
+
+
+def cost(cfg: build.Config, key: jax.Array, repeats: int = 3) -> tuple[Simulation, Cost]:
+    """The simulation of `cfg`, and what its signal takes: nothing that was compiled before is
+    used."""
+
+    def once():
+        start = time.perf_counter()
+        sim = simulation(cfg)
+        felt(sim, key)
+        return sim, time.perf_counter() - start
+
+    jax.clear_caches()
+    sim, first = once()
+    return sim, Cost(first, min(once()[1] for _ in range(repeats)))
+
+
+def felt(sim: Simulation, key: jax.Array) -> Felt:
+    """The signal of a simulation at its own samples."""
+    recorder = sim.setup.recorder
+    if not recorder.goes_by_time:
+        return Felt(np.asarray(sim.scan.time_s(sim.line)), _kept(sim, sim.line, _on_line(sim), key))
+    motion = recorder.motion(sim.line, sim.fine, sim.scan)
+    rate = recorder.sample_rate_hz or float(sim.scan.sample_rate_hz(sim.fine))
+    samples = Periodic(motion.time_s.size, abs(float(sim.scan.speed_m_per_s)) / rate)
+    return Felt(np.asarray(motion.time_s), _kept(sim, samples, sim.along(motion), key))

@@ -1,0 +1,233 @@
+"""A scene felt by a sensor, on a grid: its signal, and the problem of inverting it."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from ..errors import refuse
+from ..forward.amplifier import SlowReadout
+from ..forward.film import StripWidth
+from ..forward.filter import even_interval, filtered
+from ..forward.noise import Noise, with_noise
+from ..forward.scan import ConstantSpeed, Motion
+from ..forward.scene import Scene
+from ..forward.sensor import Sensor
+from ..forward.setup import Setup
+from ..grid import Line, Periodic, as_real
+from ..inverse.problem import Problem
+from . import build
+from .cells import fitted_on
+
+LEAST_SAMPLES = 0.99  # a cell: with fewer, the cells would have to be guessed
+
+
+class Simulation(eqx.Module):
+    """A scene felt by a sensor, on a line and on one that is `refinement` times finer.
+
+    The signal comes from the finer line, so that what inverts it is not what made it. On the open
+    line the traction is the deviation from the background, which has no end to feel.
+    """
+
+    setup: Setup
+    line: Line
+    fine: Line
+    refinement: int = eqx.field(static=True)
+
+    def with_noises(self, noises: tuple[Noise, ...]) -> "Simulation":
+        """The same simulation with other noise."""
+        return dataclasses.replace(self, setup=self.setup.but(noises=noises))
+
+    @property
+    def scene(self) -> Scene:
+        """What is felt."""
+        assert self.setup.scene is not None
+        return self.setup.scene
+
+    @property
+    def sensor(self) -> Sensor:
+        """What feels it."""
+        return self.setup.sensor
+
+    @property
+    def scan(self) -> ConstantSpeed:
+        """How the sensor slides."""
+        return self.setup.scan
+
+    @property
+    def background(self):
+        """What is taken out of the traction (2, 1) [Pa]: nothing on the periodic line."""
+        return self._taken_out(self.scan.direction)
+
+    def _taken_out(self, direction):
+        open_line = not isinstance(self.line, Periodic)
+        return open_line * self.scene.background(direction)[:, None]
+
+    @eqx.filter_jit
+    def traction(self, line: Line):
+        """Cell averages of p and q (2, n) on `line`, less the background."""
+        return self._traction(line, self.scan.direction)
+
+    def _traction(self, line: Line, direction):
+        return self.scene.traction(line, direction) - self._taken_out(direction)
+
+    @eqx.filter_jit
+    def sampled(self, stage):
+        """A stage's signals (e, n) at the coarse line's positions, computed on the fine one."""
+        signal = self.fine.operator(stage)(self.traction(self.fine))
+        return signal[:, :: self.refinement]
+
+    def along(self, motion: Motion):
+        """The noise-free signal (element, sample) at the samples of a motion."""
+        return self._along(motion, bool(motion.reverses))
+
+    @eqx.filter_jit
+    def _along(self, motion: Motion, reverses: bool):
+        sensor, drifts = self.sensor, self.setup.recorder.drifts
+        forward = self._traction(self.fine, self.scan.direction)
+        ways = (forward,)
+        if reverses:
+            # The scan's own direction is that of a motion towards +x, or towards -x.
+            backward = self._traction(self.fine, -self.scan.direction)
+            towards = self.scan.direction > 0
+            ways = (
+                jnp.where(towards, forward, backward),
+                jnp.where(towards, backward, forward),
+            )
+        if not drifts:
+            return sensor.scanned(self.fine, motion)(*ways)
+        # The load scales the charge ahead of the filters, that of the uniform load with the rest.
+        ideal = dataclasses.replace(sensor, filters=())
+        signal, charge = ideal.scanned(self.fine, motion)(*ways), None
+        if sensor.amplifier.order:
+            readout = SlowReadout(sensor.amplifier.gain(as_real(1.0)))
+            slow = dataclasses.replace(ideal, amplifier=readout)
+            charge = slow.scanned(self.fine, motion)(*ways) + self._taken_out_charge(slow)
+        for drift in drifts:
+            signal = drift(motion.time_s, signal, charge)
+        interval = even_interval(motion.time_s) if sensor.filters else None
+        return filtered(sensor.filters, signal, interval)
+
+    def _taken_out_charge(self, slow: Sensor):
+        """What is read (e, 1) of the uniform traction that is taken out of the line's."""
+        transfer = slow.signal(self.scan).transfer(jnp.zeros(1))[..., 0].real
+        return transfer @ self.background
+
+
+def simulation(cfg: build.Config) -> Simulation:
+    """The simulation that a configuration describes."""
+    refinement: Any = build.part(cfg, "grid").get("refinement")
+    setup = build.setup(cfg)
+    refuse(
+        float(setup.sensor.amplifier.gain(setup.scan.speed_m_per_s)) == 0.0,
+        f"scan.speed_m_per_s is {cfg['scan']['speed_m_per_s']}, and the sensor does not move "
+        "across what it feels: a static touch gives no rate signal, give a speed, or a gain.",
+    )
+    return Simulation(setup, build.line(cfg), build.line(cfg, refinement), int(refinement))
+
+
+def noisy_problem(sim: Simulation, key, friction=None) -> Problem:
+    """The simulated signal with noise, its traction's mean pressure known as the load."""
+    mean_p_Pa = jnp.mean(sim.traction(sim.line)[0])
+    if sim.setup.recorder.goes_by_time:
+        return timed_problem(sim, mean_p_Pa, key, friction)
+    signal = sim.sampled(sim.sensor.signal(sim.scan))
+    return problem_of(sim, signal, mean_p_Pa, key, friction)
+
+
+def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> Problem:
+    """The signal without noise, (e, n) at the line's positions, with noise and what inverts it."""
+    data, spectrum, rms = with_noise(sim.setup.noises, sim.line, sim.scan, signal, key)
+    _refuse_nothing(sim.setup.noises, spectrum, rms)
+    recorder, observed = sim.setup.recorder, None
+    if recorder.converters:
+        told = np.asarray(recorder.kept(data))
+        observed = None if told.all() else told
+        data, spectrum = recorder.converted(data), spectrum + recorder.variance
+    return _posed(sim, sim.sensor, data, spectrum, observed, mean_p_Pa, friction)
+
+
+def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> Problem:
+    """The recorded samples with noise, put on the line's cells, and what inverts them.
+
+    What is sampled while sliding back, and at a standstill, is left out: friction is turned there.
+    """
+    record = recorded(sim, key)
+    direction = float(sim.scan.direction)
+    x = direction * np.asarray(record.motion.position_m)
+    gain = sim.sensor.amplifier.gain
+    a = np.asarray(gain(record.motion.speed_m_per_s) / gain(sim.scan.speed_m_per_s))
+    onwards = np.maximum.accumulate(x)
+    told = record.told & (onwards <= x)[None] & (np.asarray(record.motion.direction) == direction)
+    samples = np.where(told, record.signal, np.nan)
+    cell = float(sim.line.cell_m)
+    edges = np.sort(
+        direction * (float(sim.line.start_m) + cell * (np.arange(sim.line.n + 1) - 0.5))
+    )
+    signal, typical = fitted_on(edges, onwards, a, samples)
+    refuse(
+        typical < LEAST_SAMPLES,
+        f"There are {typical:.2g} samples for each of the {sim.line.n} cells, fewer than "
+        f"{LEAST_SAMPLES:g}: raise effects.sampling.rate_hz, or take fewer grid.cells.",
+    )
+    signal = signal if direction > 0 else signal[:, ::-1]
+    power = np.interp(sim.line.k, record.k, record.spectrum) / typical
+    # A cell has the mean of what is sampled on its way.
+    mean = [StripWidth.at_depth(cell, float(film.depth_m)) for film in sim.sensor.elements]
+    films = [film.with_effect(m) for film, m in zip(sim.sensor.elements, mean, strict=True)]
+    sensor = dataclasses.replace(sim.sensor, elements=films)
+    data, observed = jnp.nan_to_num(signal), np.isfinite(signal)
+    return _posed(sim, sensor, data, jnp.asarray(power), observed, mean_p_Pa, friction)
+
+
+class Record(NamedTuple):
+    """What is recorded in time: `signal` (e, sample), which of it is `told`, along `motion`.
+
+    `spectrum` (k,): the noise's power per sample at `k` of the mean speed.
+    """
+
+    motion: Motion
+    signal: np.ndarray
+    told: np.ndarray
+    k: np.ndarray
+    spectrum: np.ndarray
+
+
+def recorded(sim: Simulation, key) -> Record:
+    """The samples along the real motion with noise, converted as the recorder does."""
+    recorder = sim.setup.recorder
+    motion = recorder.motion(sim.line, sim.fine, sim.scan)
+    ideal = sim.along(motion)
+    rate = recorder.sample_rate_hz or float(sim.scan.sample_rate_hz(sim.fine))
+    spacing = abs(float(sim.scan.speed_m_per_s)) / rate
+    samples = Periodic(ideal.shape[1], spacing)
+    noisy, spectrum, rms = with_noise(sim.setup.noises, samples, sim.scan, ideal, key)
+    _refuse_nothing(sim.setup.noises, spectrum, rms)
+    signal, told = recorder.converted(noisy), recorder.kept(noisy)
+    spectrum = spectrum + recorder.variance
+    return Record(motion, *(np.asarray(each) for each in (signal, told, samples.k, spectrum)))
+
+
+def _posed(
+    sim: Simulation, sensor: Sensor, data, spectrum, observed, mean_p_Pa, friction
+) -> Problem:
+    free_offset = sensor.amplifier.offset is None
+    return Problem(
+        sim.line,
+        sim.line.operator(sensor.signal(sim.scan)),
+        data if observed is None else jnp.where(observed, data, 0.0),
+        spectrum.at[0].set(jnp.inf) if free_offset else spectrum,
+        observed=observed,
+        known_mean_Pa=(mean_p_Pa, None),
+        friction=friction,
+    )
+
+
+def _refuse_nothing(noises, spectrum, rms) -> None:
+    refuse(
+        bool(noises) and not bool(jnp.any(spectrum > 0)) and not bool(rms > 0),
+        "The scene gives no signal at all, nor noise that is set by its ratio to the signal: put "
+        "something uneven within the window, or name noise of its own, noise=[white] or [johnson].",
+    )

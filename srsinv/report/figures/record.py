@@ -1,0 +1,56 @@
+"""Signals in time: with something and without it, and a recording with its speed."""
+
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+
+from .style import (
+    GREY,
+    MM_PER_M,
+    TRUTH,
+    colours,
+    grid_of_axes,
+    legend_below,
+    names_of,
+    scale,
+    styled,
+    units_of,
+)
+
+
+@styled
+def with_and_without(time_s: np.ndarray, there: np.ndarray, bare: np.ndarray, unit: str) -> Figure:
+    """For each element (rows) the signals (element, sample) with something and without, and beside
+    them what it makes: the first less the second."""
+    figure, grid = grid_of_axes(len(there), 2, 1.7, sharex=True)
+    signals, made = scale(unit, there, bare), scale(unit, there - bare)
+    for e, (left, right) in enumerate(grid):
+        left.plot(time_s, signals.factor * bare[e], color=GREY, label="without")
+        left.plot(time_s, signals.factor * there[e], "--", color=colours(["with"])["with"],
+                  label="with")  # fmt: skip
+        right.plot(time_s, made.factor * (there[e] - bare[e]), color=TRUTH, label="difference")
+        left.set(ylabel=signals.label(f"element {e}"), xlim=(time_s[0], time_s[-1]))
+        right.set(ylabel=made.label("change"))
+    grid[0, 0].set_title("Signal")
+    grid[0, 1].set_title("What the effect makes of it")
+    for axes in grid[-1]:
+        axes.set_xlabel("time [s]")
+    legend_below(figure, grid.flat)
+    return figure
+
+
+@styled
+def record(dataset: xarray.Dataset) -> Figure:
+    """The recorded samples of every element, over the speed of sliding."""
+    figure, grid = grid_of_axes(2, 1, 2.0, sharex=True)
+    upper, lower = grid[:, 0]
+    time_s, signals = dataset["sample_time"].values, dataset["recorded_signal"].values
+    shown = scale(units_of(dataset["recorded_signal"]), signals)
+    names = names_of(dataset["element"])
+    for values, (name, colour) in zip(signals, colours(names).items(), strict=True):
+        upper.plot(time_s, shown.factor * values, color=colour, label=name)
+    lower.plot(time_s, MM_PER_M * dataset["sample_speed"].values, color=TRUTH)
+    upper.set(ylabel=shown.label("signal"), title="As recorded", xlim=(time_s[0], time_s[-1]))
+    lower.set(ylabel="speed [mm/s]", xlabel="time [s]")
+    legend_below(figure, [upper])
+    return figure

@@ -1,0 +1,412 @@
+"""Filters in time: against closed forms and scipy, along the line and along a motion."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.signal
+import scipy.special
+
+from srsinv.forward.amplifier import SlowReadout
+from srsinv.forward.film import Film, Offset
+from srsinv.forward.filter import Butterworth, FirstOrder
+from srsinv.forward.scan import ConstantSpeed, Motion
+from srsinv.forward.scanned import Sampling
+from srsinv.forward.sensor import Sensor
+from srsinv.grid import Open, Periodic, as_real
+from tests.forward.setups import fitted_order, largest_error
+from tests.refusals import refused
+
+DEPTH = 0.75e-3
+FILTERS = {
+    "first_order": FirstOrder(2e-3),
+    **{f"butterworth_{order}": Butterworth(80.0, order) for order in range(1, 9)},
+}
+FEW = ("first_order", "butterworth_3", "butterworth_8")
+
+
+def scipys(name) -> tuple[np.ndarray, np.ndarray]:
+    """Numerator and denominator in s T."""
+    if name == "first_order":
+        return np.ones(1), np.array([1.0, 1.0])
+    return scipy.signal.butter(FILTERS[name].order, 1.0, analog=True)
+
+
+def scale_of(name) -> float:
+    """T, written out."""
+    return 2e-3 if name == "first_order" else 1 / (2 * np.pi * 80.0)
+
+
+# The response.
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_response(name):
+    turn = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 25), -np.geomspace(1e-3, 1e3, 25)])
+    found = np.asarray(FILTERS[name].response(jnp.asarray(turn / scale_of(name))))
+    b, a = scipys(name)
+    assert found[0] == 1
+    np.testing.assert_allclose(found, scipy.signal.freqs(b, a, turn)[1], rtol=1e-12)
+    power = 1 / (1 + turn ** (2 * a.size - 2))
+    np.testing.assert_allclose(np.abs(found) ** 2, power, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_impulse_response(name):
+    since = np.linspace(0, 30, 61)
+    found = FILTERS[name].impulse_response(jnp.asarray(since * scale_of(name)))
+    expected = scipy.signal.impulse(scipys(name), T=since)[1]
+    assert largest_error(found * scale_of(name), expected) < 1e-12
+    assert not np.any(FILTERS[name].impulse_response(jnp.asarray([-1e-3, -1.0])))
+
+
+# Along the line.
+
+
+@eqx.filter_jit
+def spread(lag, x):
+    """What the lag makes of 1/(1 + (x/depth)^2), x in depths."""
+    return lag.spread(lambda at: 1 / (1 + (at / DEPTH)[None] ** 2))(x * DEPTH)[0]
+
+
+def along(filter, speed):
+    return filter.along(as_real(speed), as_real(DEPTH))
+
+
+def lagged_pole(x, ratio):
+    """Integral of e^-s Im 1/(x - ratio s - i): by its asymptotic series, or E1 (DLMF 6.2)."""
+    if ratio <= 1e-2:
+        n = np.arange(12)
+        terms = ratio**n * scipy.special.factorial(n) / (x[:, None] - 1j) ** (n + 1)
+        return terms.sum(axis=1).imag
+    a = (x - 1j) / ratio
+    return (-np.exp(-a) * scipy.special.exp1(-a) / ratio).imag
+
+
+@pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1e-2, 0.1, 0.7, 1.0, 5.0, 30.0])
+def test_first_order_along_the_line(ratio):
+    """The kernel's mean over what was met before, for u tau of so many depths; from behind for a
+    speed towards -x."""
+    x = np.linspace(-6, 40, 47)
+    filter = FirstOrder(ratio * DEPTH / 0.05)
+    expected = lagged_pole(x, ratio)
+    assert largest_error(spread(along(filter, 0.05), x), expected) < 1e-12
+    assert largest_error(spread(along(filter, -0.05), -x), expected) < 1e-12
+
+
+@pytest.mark.parametrize("ratio", [1e-3, 0.02, 0.6, 4.0])
+@pytest.mark.parametrize("name", ["butterworth_2", "butterworth_5", "butterworth_8"])
+def test_butterworth_along_the_line(name, ratio):
+    """Against scipy's state-space impulse response, integrated adaptively."""
+    x = np.linspace(-3, 12, 11)
+    a, b, c, _ = scipy.signal.tf2ss(*scipys(name))
+    values, vectors = np.linalg.eig(a)
+    weights = (c @ vectors)[0] * np.linalg.solve(vectors, b.astype(complex))[:, 0]
+
+    def integrand(s):
+        return np.real(np.exp(values * s) @ weights) / (1 + (x - ratio * s) ** 2)
+
+    end = 34 / -values.real.max()
+    points = np.arange(0, end, 2.0)
+    expected = scipy.integrate.quad_vec(integrand, 0, end, epsabs=1e-13, points=points)[0]
+    lag = along(FILTERS[name], ratio * DEPTH / scale_of(name))
+    assert largest_error(spread(lag, x), expected) < 1e-12
+
+
+def test_without_delay_nothing_happens():
+    x = np.linspace(-2, 3, 7)
+    filter, signal = FirstOrder(0.0), np.random.default_rng(2).normal(size=(2, 9))
+    assert largest_error(spread(along(filter, 0.05), x), 1 / (1 + x**2)) < 1e-13
+    assert not np.any(np.asarray(filter.response(jnp.asarray([0.0, 1e5]))) != 1)
+    assert not np.any(np.asarray(filter.impulse_response(jnp.asarray([0.0, 1e-3]))))
+    np.testing.assert_array_equal(filter.in_time(jnp.asarray(signal), as_real(1e-3)), signal)
+
+
+def test_a_high_cutoff_delays_by_its_time_alone():
+    """H = 1 - i omega T sum of -1/P to first order, so that the kernel is moved by so much."""
+    x = np.linspace(-2, 3, 7)
+    filter = Butterworth(1e5, 4)
+    moved = 0.05 / (2 * np.pi * 1e5) * 2 * (np.sin(np.pi / 8) + np.sin(3 * np.pi / 8)) / DEPTH
+    assert largest_error(spread(along(filter, 0.05), x), 1 / (1 + (x - moved) ** 2)) < 1e-7
+
+
+@pytest.mark.parametrize("speed", [0.05, -0.03])
+def test_the_open_lines_kernel_has_the_transfer_for_its_spectrum(speed):
+    """Kernels sampled eight times a depth, over a window so long that what wraps around, 1/x^3 of a
+    rate from p and 1/x^2 from q, is nothing."""
+    n, step = 16384, DEPTH / 8
+    elements = [Film(DEPTH, 0.4), Film(1.2 * DEPTH, 1.3)]
+    filters = (FirstOrder(1e-3), Butterworth(60.0, 3))
+
+    @eqx.filter_jit
+    def both(stage):
+        x = step * (jnp.arange(n) - n // 2)
+        kernel = jnp.roll(stage.cell_response(x, as_real(2e-4)), -(n // 2), axis=-1)
+        k = 2 * jnp.pi * jnp.arange(n // 2 + 1) / (n * step)
+        averaged = stage.transfer(k) * (2e-4 * jnp.sinc(k * 1e-4 / jnp.pi))[None, None]
+        return kernel, jnp.fft.irfft(averaged, n) / step
+
+    stage = Sensor(elements, filters=filters[:1]).signal(ConstantSpeed(speed))
+    found, expected = both(stage)
+    assert largest_error(found[:, 0], expected[:, 0]) < 1e-8
+    assert largest_error(found[:, 1], expected[:, 1]) < 1e-5
+    one, two = (
+        Sensor(elements, filters=each).signal(ConstantSpeed(speed)).transfer(jnp.asarray([300.0]))
+        for each in (filters[:1], filters)
+    )
+    factor = filters[1].response(jnp.asarray([300.0 * speed]))
+    np.testing.assert_allclose(two, one * factor[None, None], rtol=1e-13)
+
+
+def test_charge_and_current_are_those_before_the_filters():
+    r, scan = jnp.ones((2, 16)).at[:, 8:].set(0.0), ConstantSpeed(0.05)
+    line = Open(16, 1e-4)
+    plain, slow = Sensor([Film()]), Sensor([Film()], filters=[FirstOrder(1e-2)])
+    for stage in ("charge", "current"):
+        given = () if stage == "charge" else (scan,)
+        same = (line.operator(getattr(sensor, stage)(*given))(r) for sensor in (plain, slow))
+        np.testing.assert_array_equal(*same)
+    assert largest_error(*(line.operator(s.signal(scan))(r) for s in (slow, plain))) > 0.1
+
+
+def test_beyond_what_the_nodes_hold_the_kernel_is_nan():
+    """Traced, they are for a quarter of one."""
+    x, speeds = np.linspace(-2, 3, 7), jnp.asarray([0.2, 0.25, 0.27, -0.3]) * DEPTH / 2e-3
+
+    @jax.jit
+    def lagged(speed):
+        return spread(FirstOrder(2e-3).along(speed, as_real(DEPTH)), x)
+
+    found = np.stack([lagged(speed) for speed in speeds])
+    for row, ratio in zip(found, (0.2, 0.25), strict=False):
+        assert largest_error(row, lagged_pole(x, ratio)) < 1e-12
+    assert np.all(np.isnan(found[2:]))
+
+
+# Along a motion.
+
+
+@pytest.mark.parametrize("ratio", [0.0, 1e-9, 1e-5, 1e-3, 0.3, 3.0, 1e3, 1e6])
+def test_a_ramp_from_rest_is_exact(ratio):
+    """tau of so many intervals, the ramp beginning at the third sample."""
+    interval, start = 1e-4, 3
+    tau = ratio * interval
+    since = np.clip(np.arange(400) - start, 0, None) * interval
+    u = since / tau if tau else np.full(400, np.inf)
+    series = since * u / 2 * (1 - u / 3 * (1 - u / 4 * (1 - u / 5))) if ratio > 1e5 else None
+    expected = since + tau * np.expm1(-u) if series is None else series
+    expected = np.where(since > 0, expected, 0.0)
+    found = FirstOrder(tau).in_time(jnp.asarray([since, 2 * since]), as_real(interval))
+    assert np.abs(found[0] - expected).max() < 1e-13 * since.max()
+    np.testing.assert_array_equal(found[1], 2 * found[0])
+
+
+@pytest.mark.parametrize("per_interval", [0.05, 1.0, 40.0])
+@pytest.mark.parametrize("name", FEW)
+def test_in_time_against_scipy(name, per_interval):
+    """scipy's lsim, which takes a signal as linear between samples too, from rest."""
+    signal = np.random.default_rng(1).normal(size=300)
+    signal[0] = 0.0
+    interval = per_interval * scale_of(name)
+    found = FILTERS[name].in_time(jnp.asarray(signal)[None], as_real(interval))
+    time = per_interval * np.arange(signal.size)
+    expected = scipy.signal.lsim(scipys(name), signal, time)[1]
+    assert np.abs(found[0] - expected).max() < 1e-11 * np.abs(signal).max()
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_a_constant_stays(name):
+    signal = jnp.full((1, 50), 3.7)
+    np.testing.assert_array_equal(FILTERS[name].in_time(signal, as_real(1e-5)), signal)
+
+
+@pytest.mark.parametrize("speed", [0.05, -0.05])
+def test_along_a_steady_motion_it_becomes_that_of_constant_speed(speed):
+    """At second order in the sampling interval, once the beginning is forgotten."""
+    line = Periodic(96, 16e-3 / 96)
+    x = np.asarray(line.x)
+    p = sum(np.cos(2 * np.pi * m * x / 16e-3 + m) for m in (1, 3, 6))
+    traction = jnp.stack([jnp.asarray(p), 0.3 * jnp.asarray(p)])
+    filters = (FirstOrder(3e-3), Butterworth(150.0, 3))
+    sensor = Sensor([Film(), Film(angle_rad=1.3, effects=[Offset(2e-4)])], filters=filters)
+    steady = line.operator(sensor.signal(ConstantSpeed(speed)))(traction)
+
+    @eqx.filter_jit
+    def both(moving):
+        expected = Sampling(line, moving.position_m)(steady)
+        return sensor.scanned(line, moving)(traction), expected
+
+    samples, errors = np.array([301, 601]), []
+    for n in samples:
+        time = np.linspace(0, 0.64, n)
+        found, expected = both(Motion(time, speed * time, np.full(n, speed)))
+        errors.append(largest_error(found[:, n // 2 :], expected[:, n // 2 :]))
+    assert 1.9 < fitted_order(1 / samples, errors) < 2.1
+
+
+TIME_24 = 1e-3 * np.arange(24)
+MOVING = Motion.from_speed(1e-3 * np.arange(40), 0.05 * np.cos(0.08 * np.arange(40)))
+SENSOR = Sensor([Film(), Film(angle_rad=1.3)], filters=[FirstOrder(4e-3), Butterworth(90.0, 3)])
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_adjoint_of_a_filter(name):
+    s, y = jnp.asarray(np.random.default_rng(3).normal(size=(2, 2, 60)))
+    interval = as_real(7e-4)
+    there = jnp.vdot(y, FILTERS[name].in_time(s, interval))
+    back = jnp.vdot(FILTERS[name].in_time_adjoint(y, interval), s)
+    assert abs(there - back) < 1e-13 * 60
+
+
+def test_adjoint_along_a_motion():
+    line = Open(80, 1e-4, -2e-3)
+    draw = np.random.default_rng(5).normal
+    forward, backward = jnp.asarray(draw(size=(2, 2, line.n)))
+    y = jnp.asarray(draw(size=(2, 40)))
+
+    @eqx.filter_jit
+    def solve(line):
+        scanned = SENSOR.scanned(line, MOVING)
+        signals = scanned(forward), scanned(forward, backward)
+        return *signals, scanned.adjoint(y), scanned.adjoint_each_way(y)
+
+    one, both, adjoint, (ahead, back) = solve(line)
+    scale = np.linalg.norm(both) * np.linalg.norm(y)
+    assert abs(jnp.vdot(y, one) - jnp.vdot(adjoint, forward)) < 1e-12 * scale
+    pair = jnp.vdot(ahead, forward) + jnp.vdot(back, backward)
+    assert abs(jnp.vdot(y, both) - pair) < 1e-12 * scale
+    assert np.any(MOVING.direction < 0)
+
+
+def test_what_lies_beyond_the_line_is_filtered_too():
+    """A strip beyond the end, as part of the line and as beyond a shorter one."""
+    whole, part = Open(100, 1e-4, -2e-3), Open(70, 1e-4, -2e-3)
+
+    @eqx.filter_jit
+    def both():
+        strip = jnp.zeros((2, 100)).at[:, 70:].set(jnp.asarray([[1.0], [0.4]]))
+        tail = SENSOR.beyond(part, MOVING, 30e-4)
+        return SENSOR.scanned(whole, MOVING)(strip), tail[:, 0] + 0.4 * tail[:, 1]
+
+    # The line is sampled by polynomials of eighth order, of cells of a seventh of the depth.
+    assert largest_error(*both()) < 1e-5
+
+
+# Gradients.
+
+
+@pytest.mark.parametrize("kind", [Open, Periodic])
+def test_gradients(kind):
+    """In time constant, cutoff, depth and speed, of numbers from the signal at constant speed, for
+    each filter alone, and from that along a motion, for both."""
+    line = kind(24, 2.5e-4, -3e-3)
+    draw = np.random.default_rng(6).normal
+    r, weights = jnp.asarray(draw(size=(2, 24))), jnp.asarray(draw(size=(1, 24)))
+
+    def numbers(theta):
+        filters = (FirstOrder(3e-3 * theta[0]), Butterworth(90.0 * theta[1], 2))
+        scan = ConstantSpeed(0.05 * theta[2])
+        moving = Motion(
+            TIME_24, scan.speed_m_per_s * TIME_24 - 2.01e-3, jnp.full(24, 0.05) * theta[2]
+        )
+
+        def sensor(*given):
+            return Sensor([Film(DEPTH * theta[3], 0.5)], filters=given)
+
+        steady = [line.operator(sensor(each).signal(scan))(r) for each in filters]
+        signals = (*steady, sensor(*filters).scanned(line, moving)(r))
+        return 1e5 * jnp.stack([jnp.sum(signal * weights) for signal in signals])
+
+    step = 2e-3
+    values = jax.jit(numbers)
+    at = np.ones(4) + step * np.asarray([-2.0, -1, 1, 2])[:, None, None] * np.eye(4)
+    by_reach = np.stack([[values(theta) for theta in each] for each in at])
+    difference = np.tensordot([1, -8, 8, -1], by_reach, 1).T / (12 * step)
+    for mode in (jax.jacfwd, jax.jacrev):
+        found = np.asarray(jax.jit(mode(numbers))(jnp.ones(4)))
+        error = np.abs(found - difference).max(axis=1)
+        assert np.all(error < 1e-7 * np.abs(difference).max(axis=1)), found - difference
+    unmoved = np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0]], dtype=bool)
+    largest = np.abs(difference).max(axis=1)[:, None]
+    np.testing.assert_array_equal(np.abs(difference) < 1e-2 * largest, unmoved)
+
+
+@pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev], ids=["forward", "reverse"])
+def test_gradient_where_there_is_no_delay_yet(mode):
+    """In time the signal's slope, taken negative; along the line that of the kernel."""
+    signal = jnp.asarray(np.random.default_rng(7).normal(size=(1, 20)))
+    x = jnp.linspace(-2, 3, 7)
+
+    @jax.jit
+    def at_nothing(tau):
+        timed = mode(lambda t: FirstOrder(t).in_time(signal, as_real(1e-3)))(tau)
+        lag = mode(lambda t: spread(along(FirstOrder(t), 0.05), x))(tau)
+        late = mode(lambda t: FirstOrder(t).impulse_response(jnp.asarray([1e-3])))(tau)
+        return timed, lag, late
+
+    timed, lag, late = at_nothing(0.0)
+    assert largest_error(timed[:, 1:], -jnp.diff(signal) / 1e-3) < 1e-14
+    assert largest_error(lag, 2 * x / (1 + x**2) ** 2 * 0.05 / DEPTH) < 1e-11
+    assert np.all(np.isfinite(late))
+
+
+# Precision and refusals.
+
+
+def test_single_precision():
+    def run():
+        line, r = Open(64, 1e-4, -3e-3), jnp.ones((2, 64)).at[:, 30:].set(0.0)
+        films = (Film(), Film(angle_rad=1.3))
+        sensor = Sensor(
+            films, amplifier=SlowReadout(1e9), filters=[FirstOrder(3e-4), Butterworth(2e3, 3)]
+        )
+        moving = Motion(1e-3 * np.arange(40), 1e-4 * np.arange(40) - 2e-3, np.full(40, 0.1))
+        steady = line.operator(sensor.signal(ConstantSpeed(0.1)))(r)
+        scanned = eqx.filter_jit(sensor.scanned)(line, moving)
+        return jax.device_get((steady, scanned(r), scanned.adjoint(scanned(r))))
+
+    double = run()
+    with jax.enable_x64(False):
+        single = run()
+    for narrow, wide in zip(single, double, strict=True):
+        assert (narrow.dtype.name, wide.dtype.name) == ("float32", "float64")
+        assert largest_error(narrow, wide) < 64 * np.finfo(np.float32).eps
+
+
+def _uneven():
+    time = 1e-3 * np.arange(40)
+    time[7] += 2e-6
+    moving = Motion(time, np.linspace(0, 1e-3, 40), np.full(40, 0.02))
+    return SENSOR.scanned(Open(64, 1e-4), moving)
+
+
+REFUSED = {
+    "time_constant": (lambda: FirstOrder(-1e-3), "time_constant_s", "-0.001", "at least 0"),
+    "cutoff": (lambda: Butterworth(0.0), "cutoff_hz", "0.0", "positive"),
+    "endless_cutoff": (lambda: Butterworth(np.inf), "cutoff_hz", "inf", "positive"),
+    "no_order": (lambda: Butterworth(100.0, 0), "order", "0", "1 to 8"),
+    "high_order": (lambda: Butterworth(100.0, 9), "order", "9", "1 to 8"),
+    "half_order": (lambda: Butterworth(100.0, 2.5), "order", "2.5", "1 to 8"),
+    "uneven": (_uneven, "scan.time_s", "0.001002", "sample 7", "resample", "leave"),
+    "too_slow": (
+        lambda: Open(8, 1e-4).operator(
+            Sensor([Film()], filters=[FirstOrder(10.0)]).signal(ConstantSpeed(0.05))
+        ),
+        "1024 depths",
+        "65536",
+        "periodic line",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_in_one_sentence(name):
+    refused(*REFUSED[name])
+
+
+def test_a_periodic_line_takes_the_slowest_filter():
+    line, sensor = Periodic(8, 1e-4), Sensor([Film()], filters=[FirstOrder(10.0)])
+    r = jnp.asarray(np.random.default_rng(1).normal(size=(2, 8)))
+    assert np.all(np.isfinite(line.operator(sensor.signal(ConstantSpeed(0.05)))(r)))

@@ -1,0 +1,369 @@
+"""Layered skins against a shared table, a dense system, closed forms and plain quadrature."""
+
+import json
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from srsinv.forward.film import Film
+from srsinv.forward.layered import Layer, Layered
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.skin import HalfSpace
+from srsinv.grid import Open, Periodic
+from tests.forward.setups import largest_error
+from tests.reference import layered as dense
+from tests.refusals import refused
+from tests.shared import SHARED, needs_shared
+
+DEPTH = 0.75e-3
+FOAM = [(7e5, 0.5, 1.5e-3), (5e4, 0.3, 5e-3)]
+PLATE = [(2e6, 0.5, 0.5e-3), (4e4, 0.5, 1e-2)]
+ENDLESS = [(7e5, 0.5, 1e-3), (2e5, 0.45, None)]
+SOFT = [(5e4, 0.3, 0.5e-3), (2.5e6, 0.0, 2e-3), (3e5, 0.4, None)]
+STACKS = {"foam": FOAM, "plate": PLATE, "endless": ENDLESS, "soft": SOFT}
+
+
+def skin(layers) -> Layered:
+    """Always of four layers, the first one cut as often as needed: few programs to compile."""
+    layers = list(layers)
+    if layers[0][2] is None:
+        layers.insert(0, (*layers[0][:2], 1e-3))
+    while len(layers) < 4:
+        modulus, nu, thickness = layers[0]
+        layers[:1] = [(modulus, nu, thickness / 3), (modulus, nu, thickness * 2 / 3)]
+    return Layered([Layer(h, modulus, nu) for modulus, nu, h in layers])
+
+
+@eqx.filter_jit
+def _felt(skin, k, depth):
+    return skin.transfer(k, depth), skin.surface_displacement(k)
+
+
+def felt(layers, k, depth=DEPTH):
+    """Transfer (4, 2, k) and displacement (2, 2, k) at any k, always computed on sixteen."""
+    k = np.asarray(k, float)
+    padded = np.concatenate([k, np.full(-len(k) % 16, 1.0)]).reshape(-1, 16)
+    parts = [_felt(skin(layers), jnp.asarray(part), jnp.asarray(depth)) for part in padded]
+    return tuple(np.concatenate(one, axis=-1)[..., : len(k)] for one in zip(*parts, strict=True))
+
+
+STRIP = eqx.filter_jit(lambda skin, x, z, w: skin.strip_response(x, z, w))
+SLOPE = eqx.filter_jit(lambda skin, x, z, w: skin.strip_slope(x, z, w))
+
+
+def strip(function, layers, x, width, depth=DEPTH):
+    padded = np.resize(np.asarray(x, float), 16)
+    answer = function(skin(layers), jnp.asarray(padded), jnp.asarray(depth), jnp.asarray(width))
+    return np.asarray(answer)[..., : len(x)]
+
+
+@needs_shared
+def test_transfer_against_the_reference_table():
+    """From k h = 1e-6 to 150 and ratios of moduli of 1e-8 to 1e8."""
+    table = json.loads((SHARED / "reference" / "layered_transfer.json").read_text())
+    for stack in table["stacks"]:
+        layers = [
+            (one["youngs_modulus_Pa"], one["poisson_ratio"], one["thickness_m"])
+            for one in stack["layers"]
+        ]
+        k = np.array([row["k"] for row in stack["rows"]])
+        longest = max([stack["depth_m"], *(h for _, _, h in layers if h is not None)])
+        for ours, names in zip(
+            felt(layers, k, stack["depth_m"]),
+            (("sx", "sz", "txz"), ("surf_u", "surf_w")),
+            strict=True,
+        ):
+            theirs = np.array(
+                [
+                    [[complex(*row[f"{name}_{load}"]) for row in stack["rows"]] for load in "pq"]
+                    for name in names
+                ]
+            )
+            error, largest = np.abs(ours[: len(names)] - theirs), np.abs(theirs).max(0)
+            assert (error <= 1e-9 * largest[None] + 1e-290).all(), stack["name"]
+            exact = (k * longest <= 1)[None, None] & (np.abs(theirs) > 1e-100)
+            assert (error <= 1e-9 * np.abs(theirs))[exact].all(), stack["name"]
+
+
+@pytest.mark.parametrize("name", STACKS)
+def test_transfer_and_displacement_against_a_dense_system(name):
+    """With the film in every layer, and on an interface, where it belongs to the layer above."""
+    layers = STACKS[name]
+    k = np.array([60.0, 200.0, 700.0, 2000.0, 6000.0])
+    for depth in (0.3e-3, layers[0][2], layers[0][2] + 0.4e-3):
+        stress, displacement = felt(layers, k, depth)
+        for at, one in enumerate(k):
+            expected = dense.solve(layers, depth, one)
+            for ours, theirs in zip((stress[:3], displacement), expected, strict=True):
+                scale = np.abs(theirs).max(0)
+                assert (np.abs(ours[..., at] - theirs) < 1e-9 * scale[None]).all()
+    nu = layers[0][1]
+    stress = felt(layers, k, 0.3e-3)[0]
+    np.testing.assert_allclose(stress[3], nu * (stress[0] + stress[1]), rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.5])
+def test_compliance_of_one_layer_on_a_rigid_core(nu):
+    """The closed form, and for thin layers what is left of it: squeezing, and flow along the layer
+    as k^2 h^3/(3 G)."""
+    modulus, h = 3e5, 2e-3
+    kappa = np.geomspace(0.3, 300, 10)
+    free = 3 - 4 * nu
+    # All times exp(-2 kappa).
+    sinh, cosh = -np.expm1(-4 * kappa) / 2, (1 + np.exp(-4 * kappa)) / 2
+    decay = np.exp(-2 * kappa)
+    top = free * sinh - 2 * kappa * decay
+    bottom = free * cosh + (2 * kappa**2 + 5 - 12 * nu + 8 * nu**2) * decay
+    expected = 2 * (1 - nu**2) / modulus * h / kappa * top / bottom
+    ours = felt([(modulus, nu, h)], kappa / h)[1][1, 0]
+    np.testing.assert_allclose(ours.real, expected, rtol=1e-11)
+    thin = 1e-6
+    shear_modulus = modulus / (2 * (1 + nu))
+    limit = (1 - 2 * nu) / (2 * (1 - nu)) * h / shear_modulus + thin**2 * h / (3 * shear_modulus)
+    ours = felt([(modulus, nu, h)], [thin / h])[1]
+    np.testing.assert_allclose(ours[1, 0, 0], limit, rtol=1e-10)
+    np.testing.assert_allclose(ours[0, 1, 0], h / shear_modulus, rtol=1e-10)
+
+
+def test_one_material_is_the_half_space():
+    k = np.array([-2e3, -1.0, 0.0, 1e-3, 1.0, 50.0, 900.0, 6e3, 4e4, 3e5])
+    for nu in (0.0, 0.3, 0.5):
+        half = HalfSpace(nu, 3e5)
+        layers = [(3e5, nu, 1e-4), (3e5, nu, 2e-2), (3e5, nu, None)]
+        for depth in (0.6e-4, DEPTH, 0.03):
+            ours = felt(layers, k, depth)[0]
+            theirs = np.asarray(half.transfer(jnp.asarray(k), jnp.asarray(depth)))
+            scale = np.abs(theirs).max((0, 1))
+            assert (np.abs(ours - theirs) <= 1e-10 * scale[None, None]).all()
+        yields = felt(layers, k[3:])[1][1, 0].real
+        np.testing.assert_allclose(yields, half.compliance(jnp.asarray(k[3:])), rtol=1e-12)
+
+
+def test_a_thick_layer_hides_what_is_below():
+    k = np.array([2e3, 1e4])
+    thick = felt([(7e5, 0.4, 2e-2), (7e-3, 0.5, 1e-3)], k)
+    half = felt([(7e5, 0.4, None)], k)
+    for ours, theirs in zip(thick, half, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-14 * np.abs(theirs).max())
+
+
+def test_cutting_a_layer_changes_nothing():
+    k = np.geomspace(1e-2, 1e4, 12)
+    whole = [(7e5, 0.5, 1e-3), (5e4, 0.3, 5e-3), (1e5, 0.45, 1e-3)]
+    cut = [(7e5, 0.5, 1e-3), (5e4, 0.3, 1e-6), (5e4, 0.3, 5e-3 - 1e-6), (1e5, 0.45, 1e-3)]
+    for ours, theirs in zip(felt(cut, k, 3e-3), felt(whole, k, 3e-3), strict=True):
+        scale = np.abs(theirs).max(0)
+        assert (np.abs(ours - theirs) <= 1e-11 * scale[None]).all()
+
+
+@pytest.mark.parametrize("name", STACKS)
+def test_reciprocity(name):
+    """The work of p on the displacement by q is that of q on the displacement by p."""
+    displacement = felt(STACKS[name], np.geomspace(1e-3, 2e3, 16))[1]
+    scale = np.sqrt(np.abs(displacement[1, 0] * displacement[0, 1]))
+    assert (np.abs(displacement[0, 0] - displacement[1, 1].conj()) <= 1e-11 * scale).all()
+
+
+@pytest.mark.parametrize("name", STACKS)
+def test_limits_at_zero_and_the_symmetry_about_it(name):
+    stress = felt(STACKS[name], [-3.0, 0.0, 1e-7, 3.0])[0]
+    np.testing.assert_array_equal(stress[..., 0].conj(), stress[..., 3])
+    even = np.array([[1, 0], [1, 0], [0, 1], [1, 0]], bool)
+    np.testing.assert_allclose(stress[..., 1][even], stress[..., 2][even].real, rtol=1e-6)
+    assert (stress[..., 1][~even] == 0).all()
+    np.testing.assert_allclose([stress[1, 0, 1], stress[2, 1, 1]], -1, rtol=1e-12)
+
+
+def test_hard_stacks_stay_finite():
+    """Layers of all sizes, ratios of 1e8 both ways, k h to 1e4: the traction that arrives at the
+    film is never more than a stiff skin can gather, and the surface yields to what presses it."""
+    rng = np.random.default_rng(3)
+    for trial in range(12):
+        layers = [
+            (7e5 * 10.0 ** rng.integers(-8, 9), rng.choice([0.0, 0.3, 0.499999, 0.5]), h)
+            for h in 10 ** rng.uniform(-5, -2, 4)
+        ]
+        if trial % 2:
+            layers[-1] = (*layers[-1][:2], None)
+        total = sum(h for _, _, h in layers if h is not None)
+        k = np.geomspace(1e-6, 1e4, 16) / max(h for _, _, h in layers if h is not None)
+        stress, displacement = felt(layers, k, rng.uniform(0.05, 0.95) * total)
+        assert np.isfinite(stress).all()
+        assert np.isfinite(displacement).all()
+        assert (displacement[1, 0].real > 0).all()
+        assert (displacement[0, 1].real > 0).all()
+        # Elastic energy is positive for every mixture of p and q.
+        cross = np.abs(displacement[0, 0]) ** 2
+        assert (cross < displacement[1, 0].real * displacement[0, 1].real).all()
+
+
+def by_quadrature(layers, x, width, slope):
+    """The inverse Fourier integral of a strip's stress by Gauss's rule on short panels."""
+    longest = 3 / (abs(x) + width)
+    edges = [0.0, 1e-9]
+    while edges[-1] < 45 / DEPTH:
+        edges.append(edges[-1] + min(0.7 * edges[-1], longest))
+    node, weight = np.polynomial.legendre.leggauss(16)
+    half = np.diff(edges)[:, None] / 2
+    k, weight = (np.array(edges[:-1])[:, None] + half * (1 + node)).ravel(), (half * weight).ravel()
+    load = 2 * np.sin(k * width / 2) / k * np.exp(1j * k * x) * (1j * k if slope else 1)
+    transfer = np.asarray(LONG(skin(layers), jnp.asarray(np.resize(k, 2**15)), jnp.asarray(DEPTH)))
+    return ((transfer[..., : k.size] * load).real * weight).sum(-1) / np.pi
+
+
+LONG = eqx.filter_jit(lambda skin, k, depth: skin.transfer(k, depth))
+
+
+@pytest.mark.parametrize("name", STACKS)
+@pytest.mark.parametrize(("function", "slope"), [(STRIP, False), (SLOPE, True)])
+def test_strip_against_quadrature(name, function, slope):
+    x = np.array([0.0, 0.4e-3, -1.1e-3, 3.7e-3, 3.8e-3, -2e-2])
+    for width in (1e-4, 2e-3):
+        ours = strip(function, STACKS[name], x, width)
+        theirs = np.stack([by_quadrature(STACKS[name], at, width, slope) for at in x], axis=-1)
+        assert largest_error(ours, theirs) < 1e-8
+
+
+@pytest.mark.parametrize("width", [0.01 * DEPTH, DEPTH, 1e3])
+def test_strip_on_one_material_is_the_half_space(width):
+    end = width / 2
+    x = np.array([0.0, end, end - 1e-4, -end - 2e-3, end + 0.05, -end - 3])
+    layers, half = [(3e5, 0.3, 2e-3), (3e5, 0.3, None)], HalfSpace(0.3)
+    for function in (STRIP, SLOPE):
+        theirs = function(half, jnp.asarray(x), jnp.asarray(DEPTH), jnp.asarray(width))
+        assert largest_error(strip(function, layers, x, width), np.asarray(theirs)) < 1e-10
+
+
+def test_enormous_strip_is_uniform_traction():
+    """In its middle on a rigid core; outside it nothing. On a half space the shear's far tail is
+    that of the base: as if there were no layers."""
+    uniform = felt(PLATE, [0.0])[0][..., 0].real
+    inside = strip(STRIP, PLATE, [0.0, 30.0], 1e3)
+    np.testing.assert_allclose(inside, np.stack([uniform] * 2, -1), atol=1e-9)
+    np.testing.assert_allclose(strip(STRIP, PLATE, [700.0], 1e3), 0.0, atol=1e-9)
+    far = np.array([600.0, 900.0])
+    jump = felt(ENDLESS, [1e-9])[0][0, 1, 0].imag
+    expected = -jump / np.pi * np.log((far + 500) / (far - 500))
+    np.testing.assert_allclose(strip(STRIP, ENDLESS, far, 1e3)[0, 1], expected, rtol=1e-6)
+
+
+WEIGHTS = np.random.default_rng(1).normal(size=(4, 2, 1))
+
+
+@eqx.filter_jit
+def in_waves(args):
+    """One number made of the transfer and the displacement at every k."""
+    skin, k, depth = args
+    transfer, moved = skin.transfer(k, depth), skin.surface_displacement(k)
+    stress = jnp.sum(WEIGHTS * (transfer.real + transfer.imag))
+    return stress + 1e6 * jnp.sum(WEIGHTS[:2] * (moved.real + moved.imag))
+
+
+@eqx.filter_jit
+def in_strip(args):
+    skin, x, depth = args
+    return jnp.sum(WEIGHTS * skin.strip_response(x, depth, jnp.asarray(1e-3)))
+
+
+REVERSE = eqx.filter_jit(eqx.filter_value_and_grad(in_waves))
+
+
+def reverse(args, way):
+    gradient = jax.tree.leaves(REVERSE(args)[1])
+    return sum(jnp.sum(g * w) for g, w in zip(gradient, jax.tree.leaves(way), strict=True))
+
+
+@eqx.filter_jit
+def forward(args, way):
+    return eqx.filter_jvp(in_strip, (args,), (way,))[1]
+
+
+@pytest.mark.parametrize("depth", [0.3e-3, 2.2e-3], ids=["upper", "lower"])
+@pytest.mark.parametrize(
+    ("measure", "derive", "at"),
+    [(in_waves, reverse, [-400.0, 30.0, 800.0, 5e3]), (in_strip, forward, [1e-4, -2e-3])],
+    ids=["waves_reverse", "strip_forward"],
+)
+def test_gradient_against_differences(measure, derive, at, depth):
+    """In every number at once, along a random direction of relative changes."""
+    args = (skin(FOAM), jnp.asarray(at), jnp.asarray(depth))
+    rng = np.random.default_rng(2)
+    way = jax.tree.map(lambda leaf: leaf * rng.uniform(-1, 1, leaf.shape), args)
+
+    def moved(step):
+        return float(measure(jax.tree.map(lambda leaf, to: leaf + step * to, args, way)))
+
+    step = 1e-3
+    near, far = moved(step) - moved(-step), moved(2 * step) - moved(-2 * step)
+    slope = (8 * near - far) / (12 * step)
+    np.testing.assert_allclose(float(derive(args, way)), slope, rtol=1e-7)
+
+
+@pytest.mark.parametrize("layers", [FOAM, PLATE], ids=["foam", "plate"])
+def test_gradients_are_finite_at_the_hard_places(layers):
+    """At k h of 0 to 1e4, with the film on an interface and on the core."""
+    for depth in (layers[0][2], sum(h for _, _, h in layers)):
+        k = jnp.asarray([-1e-4, 0.0, 2e6, 1e7])
+        value, gradient = REVERSE((skin(layers), k, jnp.asarray(depth)))
+        assert np.isfinite(value)
+        assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient))
+
+
+def test_single_precision():
+    """To a few of its round-offs, from k = 0 to where nothing arrives."""
+    k, x = [0.0, 1e-3, 10.0, 300.0, 2e3, 1e5, 1e7], [0.0, 1e-3, -5e-3, 0.2]
+
+    def run():
+        return felt(FOAM, np.array([*k, *[1.0] * 9]))[0], strip(STRIP, FOAM, x, 1e-3)
+
+    double = run()
+    with jax.enable_x64(False):
+        single = run()
+    for wide, narrow in zip(double, single, strict=True):
+        assert narrow.dtype.itemsize * 2 == wide.dtype.itemsize
+        assert np.abs(narrow - wide).max() < 2e-5 * np.abs(wide).max()
+
+
+@pytest.mark.parametrize("line", [Periodic(32, 2e-4), Open(32, 2e-4)], ids=["periodic", "open"])
+def test_adjoint_on_a_line(line):
+    sensor = Sensor([Film()], skin(FOAM))
+
+    @eqx.filter_jit
+    def both(line, sensor, r, y):
+        operator = line.operator(sensor.charge())
+        return operator(r), operator.adjoint(y)
+
+    rng = np.random.default_rng(4)
+    r, y = rng.normal(size=(2, 32)), rng.normal(size=(1, 32))
+    forward, adjoint = both(line, sensor, jnp.asarray(r), jnp.asarray(y))
+    scale = np.linalg.norm(forward) * np.linalg.norm(y)
+    assert scale > 0
+    assert abs(np.vdot(y, forward) - np.vdot(adjoint, r)) < 1e-12 * scale
+
+
+def test_refusals():
+    layer = Layer(1e-3)
+    refused(lambda: Layered([]), "0 layers", "at least 1")
+    refused(lambda: Layered([Layer(), layer]), "Layer 1 of 2", "thickness_m", "half space")
+    refused(lambda: Layer(0.0), "thickness_m", "0.0", "positive")
+    refused(lambda: Layer(1e-3, -7e5), "youngs_modulus_Pa", "-700000.0", "positive")
+    refused(lambda: Layer(1e-3, 7e5, 0.6), "poisson_ratio", "0.6", "between 0 and 0.5")
+    deep = Layered([layer, Layer(2e-3)])
+    for asked in (
+        lambda: deep.check_depth(3.1e-3),
+        lambda: deep.transfer(jnp.ones(1), jnp.asarray(3.1e-3)),
+        lambda: deep.strip_response(jnp.ones(1), jnp.asarray(3.1e-3), jnp.asarray(1e-3)),
+    ):
+        refused(asked, "0.0031", "0.003 m", "rigid core")
+    deep.check_depth(3e-3)
+    Layered([layer, Layer()]).check_depth(1.0)
+
+
+def test_words():
+    words = Layered([Layer(1.5e-3), Layer(5e-3, 5e4, 0.3)]).words
+    assert words.startswith("1.5 mm of 7e+05 Pa (Poisson's ratio 0.5) on 5 mm of 5e+04 Pa")
+    assert words.endswith("on a rigid core")
+    assert Layered([Layer()]).words.startswith("a half space of 7e+05 Pa")

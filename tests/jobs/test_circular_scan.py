@@ -1,0 +1,45 @@
+"""The circle's experiment in a short form: what its numbers must say, and that its figures draw."""
+
+import numpy as np
+import pytest
+
+from srsinv.errors import BadInput
+from tests.jobs.run import check_page, outcome
+
+SHORT = (
+    "experiment=circular_scan",
+    "sensor=one_element",
+    "circular_scan.angles_deg=[10.0,90.0]",
+    "circular_scan.shown_deg=[90.0]",
+    "circular_scan.gain_angles=4",
+    "circular_scan.circle.radius_m=0.005",
+    "circular_scan.circle.samples=128",
+    "circular_scan.ridge.distance_m=0.001",
+)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return outcome(*SHORT)
+
+
+@pytest.mark.parametrize("angle", ["10", "90"])
+def test_direction(found, angle):
+    assert abs(found.metrics[f"direction_error_deg_at_{angle}"]) < 2
+
+
+def test_gain_falls_to_nothing(found):
+    gain = found.dataset["gain"].values
+    assert np.all(gain[:, 0] == 1)
+    assert np.all(np.diff(gain) < 0)
+    assert np.all(gain[:, -1] == 0)
+
+
+def test_page_is_whole(found):
+    check_page(found)
+
+
+@pytest.mark.parametrize("override", ["angles_deg=[]", "shown_deg=[45.0]"])
+def test_refused(override):
+    with pytest.raises(BadInput, match=f"{override.partition('=')[0]} is"):
+        outcome(*SHORT, f"circular_scan.{override}")

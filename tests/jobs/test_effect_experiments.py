@@ -1,0 +1,59 @@
+"""The experiments on effects in short forms."""
+
+import numpy as np
+import pytest
+
+from tests.jobs.run import check_page, outcome
+
+SHORT = {
+    "effects": ("grid.cells=128", "grid.refinement=2",
+                "effects=[film_angle,speed_ripple,clipping]"),
+    "effects_auto": ("grid.cells=128", "grid.refinement=2", "effects_auto.tolerances=[0.1,0.001]",
+                     "~effects_auto.scenes.hertz", "~effects_auto.scenes.short_wave",
+                     "~effects_auto.scenes.careful_bench", "~effects_auto.scenes.poor_bench",
+                     "~effects_auto.scenes.ridge", "~effects_auto.scenes.fast_ridge",
+                     "~effects_auto.scenes.ridges", "~effects_auto.scenes.tape",
+                     "~effects_auto.scenes.rough", "~effects_auto.scenes.long_wave",
+                     "~effects_auto.scenes.strip"),
+    "fig09_sliding_impulse": ("grid.cells=512", "fig09_sliding_impulse.passes=3"),
+    "model_error": ("grid.cells=128", "grid.refinement=2", "model_error.points=3"),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def outcomes():
+    return {name: outcome(f"experiment={name}", *short) for name, short in SHORT.items()}
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_page(outcomes, name):
+    check_page(outcomes[name])
+
+
+def test_each_effect_is_within_its_bound(outcomes):
+    found = outcomes["effects"].metrics
+    for name in ("film_angle", "speed_ripple", "clipping"):
+        assert 0.01 < found[f"change_{name}"] <= 1.05 * found[f"bound_{name}"], name
+
+
+def test_what_scenes_leave_out_is_within_the_tolerance(outcomes):
+    assert outcomes["effects_auto"].metrics["error_over_tolerance_max"] < 1
+    on = outcomes["effects_auto"].dataset["on"].values.sum(-1)[0]
+    assert 0 < on[0] < on[1] < 16
+
+
+def test_tilt_takes_of_the_leading_lobe_and_bursts_scatter_it(outcomes):
+    found = outcomes["fig09_sliding_impulse"].metrics
+    assert found["leading_lobe_ratio"] < 0.9 < 1.05 < found["trailing_lobe_ratio"]
+    assert found["leading_lobe_scatter"] > 0.02
+    assert 1e-4 < found["finest_wavelength_m"] < 3e-3
+
+
+def test_a_wrong_sensor_is_worse_than_the_right_one(outcomes):
+    found = outcomes["model_error"].metrics
+    for name in ("layered", "tilted", "deeper", "all_three"):
+        assert found[f"error_q_{name}"] > 1.2 * found["error_q_as_assumed"]
+    gain = outcomes["model_error"].dataset["gain"].sel(component_out="p", component_in="p")
+    # A long wave's p is recovered whole by the right sensor, and a deeper one's as well.
+    np.testing.assert_allclose(gain.sel(case=["as assumed", "deeper"])[:, 0], 1.0, atol=0.02)
+    assert abs(gain.sel(case="layered")[1] - 1) > 0.05
