@@ -109,3 +109,14 @@ def cell_compliance(line: Line, skin: Skin) -> Inexact[Array, " k"]:
         # The last wavenumber stands for +k and -k at once: only its real part can act.
         compliance = compliance.at[-1].set(compliance[-1].real)
     return compliance
+
+
+def refuse_both_ways(skin: Skin) -> None:
+    """Raise `BadInput` for a skin whose pressure differs with the way of sliding, which it is built
+    for."""
+    one = jax.eval_shape(skin.compliance, jnp.ones(1))
+    refuse(
+        jnp.issubdtype(one.dtype, jnp.complexfloating),
+        "The motion turns back, and a skin that relaxes is known in steady sliding one way: leave "
+        "out viscoelastic_skin, or what turns the motion back.",
+    )

@@ -13,7 +13,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Shaped
 
 from ..errors import number, whole
 from ..grid import as_real, sinc, spread_over
@@ -165,16 +165,17 @@ class Film(eqx.Module):
         """The same film with one more effect along the line."""
         return dataclasses.replace(self, effects=(*self.effects, effect))
 
-    def charge_per_stress(self) -> Float[Array, "4"]:
-        """Charge [C] per unit (sigma_x, sigma_z, tau_xz, sigma_y) [Pa].
+    def charge_per_stress(self, xp: Any = jnp) -> Shaped[Any, "4"]:
+        """Charge [C] per unit (sigma_x, sigma_z, tau_xz, sigma_y) [Pa], by `xp`: jax.numpy, or
+        numpy.
 
         The film's axes turned by theta: S11 = sx c^2 + sz s^2 + 2 t s c, S33 with s and c
         exchanged and the shear's sign turned.
         """
-        c, s = jnp.cos(self.angle_rad), jnp.sin(self.angle_rad)
+        c, s = xp.cos(self.angle_rad), xp.sin(self.angle_rad)
         d1, d2, d3 = self.piezo.d1, self.piezo.d2, self.piezo.d3
         area = self.strips * self.width_m * self.length_m
-        return area * jnp.stack(
+        return area * xp.stack(
             [d1 * c**2 + d3 * s**2, d1 * s**2 + d3 * c**2, 2 * s * c * (d1 - d3), d2]
         )
 

@@ -3,7 +3,7 @@
 Below, u_x = i s U, w, tau_xz = i s T and sigma_z = S with s = sign(k), so that U, w, T, S are real,
 and 1/|k| is the unit of length. C maps the tractions (T, S) of a face to its displacements (U, w):
 it is carried from the bottom up, layer by layer, in a form that neither overflows for thick layers
-nor cancels for thin ones (docs/physics.md).
+nor cancels for thin ones (docs/physics.md, section 11).
 """
 
 from collections.abc import Sequence

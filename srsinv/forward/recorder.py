@@ -16,19 +16,19 @@ class Recorder(eqx.Module):
     """The recording side of a setup; with nothing named it takes one sample a cell.
 
     - `sample_rate_hz`: None for what the line's cells ask for; `paces`: how the motion departs from
-      constant speed; `drifts`: of the load.
+      constant speed; `drift`: of the load.
     - `converters`: what is done to every sample alone, in their order.
     """
 
     sample_rate_hz: float | None = eqx.field(static=True, default=None)
     paces: tuple[Pace, ...] = ()
-    drifts: tuple[LoadDrift, ...] = ()
+    drift: LoadDrift | None = None
     converters: tuple[Converter, ...] = ()
 
     @property
     def goes_by_time(self) -> bool:
         """Whether samples differ from those of the line at constant speed."""
-        return self.sample_rate_hz is not None or bool(self.paces or self.drifts)
+        return self.sample_rate_hz is not None or bool(self.paces) or self.drift is not None
 
     def motion(self, line: Line, fine: Line, scan: ConstantSpeed) -> Motion:
         """The motion over all of `line`, sampled as asked, or once a cell of the finer line.

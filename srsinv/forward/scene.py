@@ -40,6 +40,17 @@ class Scene(eqx.Module):
         return jnp.stack([p, direction * self.friction(line, direction) * p])
 
 
+@eqx.filter_jit
+def deviation(scene: Scene, line: Line, direction: Scalar, periodic: bool) -> Float[Array, "2 n"]:
+    """The traction that a line holds: all of it on a periodic one, where it repeats; on an open one
+    what differs from the background, which has no end to feel.
+
+    One program of its own, as contact is long to compile and many ask for the same traction.
+    """
+    whole = scene.traction(line, direction)
+    return whole if periodic else whole - scene.background(direction)[:, None]
+
+
 class TractionScene(Scene):
     """Features of pressure over a background.
 

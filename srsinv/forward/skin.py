@@ -102,15 +102,7 @@ class HalfSpace(Skin):
 
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
         """Stress [Pa/Pa] at `depth_m` per unit traction exp(ikx) (docs/physics.md, section 2)."""
-        kappa = jnp.abs(k) * depth_m
-        decay = jnp.exp(-kappa)
-        odd = 1j * jnp.sign(k) * decay
-        return self._rows(
-            -(1 + kappa) * decay + 0j,
-            odd * kappa,
-            -(1 - kappa) * decay + 0j,
-            odd * (2 - kappa),
-        )
+        return half_space_stress(jnp, k, depth_m, self.poisson_ratio)
 
     def strip_response(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
@@ -160,11 +152,31 @@ class HalfSpace(Skin):
         return scale * self._rows(d0, d1, d2, d3)
 
     def _rows(self, b0, b1, b2, b3) -> Array:
-        """The stress matrix (4, 2, ...) from the four functions c t^m of a line load.
+        return _stress_rows(jnp, self.poisson_ratio, b0, b1, b2, b3)
 
-        sigma_x = c (t^2, t^3), sigma_z = c (1, t), tau_xz = c (t, t^2), with t = x/z, and in plane
-        strain sigma_y = nu (sigma_x + sigma_z); the paper's (4) for nu = 1/2.
-        """
-        across = self.poisson_ratio * jnp.stack([b2 + b0, b3 + b1])
-        in_plane = jnp.stack([jnp.stack([b2, b3]), jnp.stack([b0, b1]), jnp.stack([b1, b2])])
-        return jnp.concatenate([in_plane, across[None]])
+
+def half_space_stress(xp, k, depth_m, poisson_ratio):
+    """Stress (4, 2, k) under unit traction exp(ikx), by `xp`: jax.numpy, or numpy where a program
+    would take longer to compile than to run."""
+    kappa = xp.abs(k) * depth_m
+    decay = xp.exp(-kappa)
+    odd = 1j * xp.sign(k) * decay
+    return _stress_rows(
+        xp,
+        poisson_ratio,
+        -(1 + kappa) * decay + 0j,
+        odd * kappa,
+        -(1 - kappa) * decay + 0j,
+        odd * (2 - kappa),
+    )
+
+
+def _stress_rows(xp, poisson_ratio, b0, b1, b2, b3):
+    """The stress matrix (4, 2, ...) from the four functions c t^m of a line load.
+
+    sigma_x = c (t^2, t^3), sigma_z = c (1, t), tau_xz = c (t, t^2), with t = x/z, and in plane
+    strain sigma_y = nu (sigma_x + sigma_z); the paper's (4) for nu = 1/2.
+    """
+    across = poisson_ratio * xp.stack([b2 + b0, b3 + b1])
+    in_plane = xp.stack([xp.stack([b2, b3]), xp.stack([b0, b1]), xp.stack([b1, b2])])
+    return xp.concatenate([in_plane, across[None]])

@@ -11,7 +11,7 @@ import scipy.fft
 from jaxtyping import Array, Float
 
 from ..errors import number, refuse
-from ..forward.contact import Contact, press
+from ..forward.contact import Contact, press, refuse_both_ways
 from ..forward.scan import Motion
 from ..forward.scanned import Scanned
 from ..forward.sensor import Sensor
@@ -78,6 +78,8 @@ class Rubbed(eqx.Module):
         self.scanned = _scanned(sensor, motion, self.line)
         onwards = np.asarray(motion.direction) >= 0
         self.ways = tuple(way for way in (True, False) if bool(np.any(onwards == way)))
+        if len(self.ways) > 1:
+            refuse_both_ways(sensor.skin)
         self.free_offset = sensor.amplifier.offset is None
 
     def at_depth(self, depth_m: Any) -> Scanned:

@@ -123,10 +123,11 @@ def line(cfg: Config, refinement: Any = 1) -> Line:
 
 
 def setup(cfg: Config) -> Setup:
-    """All that is measured with what, with the effects that are named."""
-    whole = _bare(cfg)
-    for effect in effects(cfg).values():
-        whole = effect.added(whole)
+    """All that is measured with what, with the effects that are named or called for."""
+    whole, named = _bare(cfg), effects(cfg)
+    off = {verdict.name for verdict in _verdicts(cfg, whole, named) if not verdict.on}
+    for name, effect in named.items():
+        whole = whole if name in off else effect.added(whole)
     return whole
 
 
@@ -145,6 +146,11 @@ def sensor(cfg: Config) -> Sensor:
 
 def with_effects(cfg: Config, felt: Setup) -> Setup:
     """A setup of a sensor with the named effects, which have to be of the sensor."""
+    refuse(
+        "tolerance" in cfg,
+        "effects=auto decides by a simulated scene, which this job does not take: name the effects "
+        "of the sensor, as effects=[strip_width,layered_skin].",
+    )
     for name, effect in effects(cfg).items():
         refuse(
             not effect.of_sensor,
@@ -172,15 +178,20 @@ def decided(cfg: Config) -> tuple[Config, tuple[Verdict, ...]]:
 
     Without `effects=auto` all that are named are called for, and nothing is decided.
     """
+    verdicts = _verdicts(cfg, _bare(cfg), effects(cfg))
+    off = {verdict.name for verdict in verdicts if not verdict.on}
+    named = part(cfg, "effects")
+    rest = {key: value for key, value in cfg.items() if key != "tolerance"}
+    return {**rest, "effects": {n: node for n, node in named.items() if n not in off}}, verdicts
+
+
+def _verdicts(cfg: Config, bare: Setup, named: Mapping[str, Effect]) -> tuple[Verdict, ...]:
+    """What a scene that is asked says of every effect; nothing where it is not asked."""
     if "tolerance" not in cfg:
-        return cfg, ()
+        return ()
     wanted = "a positive number, as a part of the signal's rms"
     tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
-    verdicts = decide(_bare(cfg), line(cfg), effects(cfg), tolerance)
-    on = {verdict.name for verdict in verdicts if verdict.on}
-    named = part(cfg, "effects")
-    kept = {name: node for name, node in named.items() if name in on}
-    return {**cfg, "effects": kept}, verdicts
+    return decide(bare, line(cfg, part(cfg, "grid").get("refinement")), named, tolerance)
 
 
 def effects_rows(cfg: Config) -> tuple[tuple[str, str], ...]:

@@ -5,13 +5,14 @@ import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ..forward.noise import Drawn
-from ..forward.scan import Motion
+from ..forward.scan import ConstantSpeed, Motion
 from ..grid import Line, Periodic
 from . import build
 from .simulation import Simulation, simulation
@@ -77,11 +78,15 @@ def _motion(sim: Simulation, rate_hz: float) -> Motion:
 
 def _kept(sim: Simulation, line: Line, signal, key) -> Float[np.ndarray, "e sample"]:
     """With bursts, converted."""
-    rms = jnp.sqrt(jnp.mean(signal**2))
     for noise in sim.setup.noises:
         if isinstance(noise, Drawn):
-            signal = signal + noise.draw(key, line, sim.scan, rms)
+            signal = _with_bursts(noise, signal, line, sim.scan, key)
     return np.asarray(sim.setup.recorder.converted(signal))
+
+
+@eqx.filter_jit
+def _with_bursts(noise: Drawn, signal, line: Line, scan: ConstantSpeed, key):
+    return signal + noise.draw(key, line, scan, jnp.sqrt(jnp.mean(signal**2)))
 
 
 class Cost(NamedTuple):

@@ -11,7 +11,7 @@ from ..forward.contact import Contact, press
 from ..forward.scene import SurfaceScene
 from ..forward.surface import Surface
 from ..inverse.problem import Estimate, Problem
-from .simulation import Simulation, problem_of
+from .simulation import Simulation, problem_of, sampled
 
 
 class Pressed(eqx.Module):
@@ -59,12 +59,11 @@ class Pressed(eqx.Module):
         """The same averaged over the cells of the line of the estimate."""
         return cell_averages(self.fine_traction(surface), self.sim.refinement)
 
-    @eqx.filter_jit
     def signal(self, surface: Surface | None = None) -> Float[Array, "e n"]:
         """The signal without noise at the line's positions."""
-        stage = self.sim.sensor.signal(self.sim.scan)
-        felt = self.sim.fine.operator(stage)(self.fine_traction(surface))
-        return felt[:, :: self.sim.refinement]
+        sim = self.sim
+        stage = sim.sensor.signal(sim.scan)
+        return sampled(stage, sim.fine, self.fine_traction(surface), sim.refinement)
 
     def problem(self, key, friction=None) -> Problem:
         """The signal with noise, and what inverts it; the mean pressure is known as the load."""

@@ -9,14 +9,15 @@ import numpy as np
 
 from ..errors import refuse
 from ..forward.amplifier import SlowReadout
+from ..forward.contact import refuse_both_ways
 from ..forward.film import StripWidth
 from ..forward.filter import even_interval, filtered
 from ..forward.noise import Noise, with_noise
 from ..forward.scan import ConstantSpeed, Motion
-from ..forward.scene import Scene
+from ..forward.scene import Scene, deviation
 from ..forward.sensor import Sensor
 from ..forward.setup import Setup
-from ..grid import Line, Periodic, as_real
+from ..grid import Line, Periodic, Stage, as_real
 from ..inverse.problem import Problem
 from . import build
 from .cells import fitted_on
@@ -59,44 +60,36 @@ class Simulation(eqx.Module):
     @property
     def background(self):
         """What is taken out of the traction (2, 1) [Pa]: nothing on the periodic line."""
-        return self._taken_out(self.scan.direction)
+        taken_out = self.scene.background(self.scan.direction)[:, None]
+        return 0.0 * taken_out if self._periodic else taken_out
 
-    def _taken_out(self, direction):
-        open_line = not isinstance(self.line, Periodic)
-        return open_line * self.scene.background(direction)[:, None]
+    @property
+    def _periodic(self) -> bool:
+        return isinstance(self.line, Periodic)
 
-    @eqx.filter_jit
     def traction(self, line: Line):
         """Cell averages of p and q (2, n) on `line`, less the background."""
-        return self._traction(line, self.scan.direction)
+        return deviation(self.scene, line, self.scan.direction, self._periodic)
 
-    def _traction(self, line: Line, direction):
-        return self.scene.traction(line, direction) - self._taken_out(direction)
-
-    @eqx.filter_jit
-    def sampled(self, stage):
+    def sampled(self, stage: Stage):
         """A stage's signals (e, n) at the coarse line's positions, computed on the fine one."""
-        signal = self.fine.operator(stage)(self.traction(self.fine))
-        return signal[:, :: self.refinement]
+        return sampled(stage, self.fine, self.traction(self.fine), self.refinement)
 
     def along(self, motion: Motion):
         """The noise-free signal (element, sample) at the samples of a motion."""
-        return self._along(motion, bool(motion.reverses))
+        own = self.scan.direction
+        ways = (self.traction(self.fine),)
+        if bool(motion.reverses):
+            refuse_both_ways(self.sensor.skin)
+            back = deviation(self.scene, self.fine, -own, self._periodic)
+            # The scan's own direction is that of a motion towards +x, or towards -x.
+            ways = (*ways, back) if float(own) > 0 else (back, *ways)
+        return self._along(motion, ways)
 
     @eqx.filter_jit
-    def _along(self, motion: Motion, reverses: bool):
-        sensor, drifts = self.sensor, self.setup.recorder.drifts
-        forward = self._traction(self.fine, self.scan.direction)
-        ways = (forward,)
-        if reverses:
-            # The scan's own direction is that of a motion towards +x, or towards -x.
-            backward = self._traction(self.fine, -self.scan.direction)
-            towards = self.scan.direction > 0
-            ways = (
-                jnp.where(towards, forward, backward),
-                jnp.where(towards, backward, forward),
-            )
-        if not drifts:
+    def _along(self, motion: Motion, ways):
+        sensor, drift = self.sensor, self.setup.recorder.drift
+        if drift is None:
             return sensor.scanned(self.fine, motion)(*ways)
         # The load scales the charge ahead of the filters, that of the uniform load with the rest.
         ideal = dataclasses.replace(sensor, filters=())
@@ -105,8 +98,7 @@ class Simulation(eqx.Module):
             readout = SlowReadout(sensor.amplifier.gain(as_real(1.0)))
             slow = dataclasses.replace(ideal, amplifier=readout)
             charge = slow.scanned(self.fine, motion)(*ways) + self._taken_out_charge(slow)
-        for drift in drifts:
-            signal = drift(motion.time_s, signal, charge)
+        signal = drift(motion.time_s, signal, charge)
         interval = even_interval(motion.time_s) if sensor.filters else None
         return filtered(sensor.filters, signal, interval)
 
@@ -114,6 +106,12 @@ class Simulation(eqx.Module):
         """What is read (e, 1) of the uniform traction that is taken out of the line's."""
         transfer = slow.signal(self.scan).transfer(jnp.zeros(1))[..., 0].real
         return transfer @ self.background
+
+
+@eqx.filter_jit
+def sampled(stage: Stage, line: Line, traction, refinement: int):
+    """The stage's signals (e, n) under `traction` on `line`, at every so many positions."""
+    return line.operator(stage)(traction)[:, ::refinement]
 
 
 def simulation(cfg: build.Config) -> Simulation:

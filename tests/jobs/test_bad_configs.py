@@ -224,7 +224,7 @@ OTHERS = (
     ("invert_recording", "recording.sidecar", (3, ["a.json"])),
     ("invert_recording", "recording.channels", (3, {"a": 1}, [])),
     ("fit_recording", "recording.path", (3, ["a.csv"], {"file": "a.csv"})),
-    ("simulate", "effects", (None, "strip_width", 3, [3], ["nope"])),
+    ("simulate", "effects", ("strip_width", 3, [3], ["nope"])),
     ("simulate", "friction", ("rough", [0.4], math.nan, math.inf, True, {"mu": 0.4})),
     ("simulate", "precision grid.line sensor.elements.along.orientation method.wiener.scale "
      "method.wiener.path method.tikhonov.path", NO_CHOICE),
@@ -261,7 +261,8 @@ RIGHT = [
     ("simulate", "method.tikhonov.weight_p", 1e-9),
     ("simulate", "noise", None),
     ("simulate", "scene.pressures", {}),
-    ("simulate", "effects", []),
+    ("simulate", "effects", {}),
+    ("simulate", "effects", None),
     ("simulate", "friction", -0.4),
     ("simulate", "grid.cells", 64.0),
     ("invert_recording", "recording.polarity", [-1, 1]),

@@ -57,3 +57,16 @@ def test_a_wrong_sensor_is_worse_than_the_right_one(outcomes):
     # A long wave's p is recovered whole by the right sensor, and a deeper one's as well.
     np.testing.assert_allclose(gain.sel(case=["as assumed", "deeper"])[:, 0], 1.0, atol=0.02)
     assert abs(gain.sel(case="layered")[1] - 1) > 0.05
+
+
+@pytest.mark.parametrize("effect", ["layered_skin", "antialias_filter", "speed_ripple"])
+def test_a_sensor_is_inverted_with_the_effects_that_it_has(effect):
+    """As well as the ideal one; not so where the inversion does not know of them (model_error)."""
+    small = ("grid.cells=256", "grid.refinement=2", "method=wiener")
+    found, ideal = (
+        outcome(*small, f"effects=[{','.join(names)}]").metrics
+        for names in (("strip_width", effect), ("strip_width",))
+    )
+    assert found["result_wiener"] == "converged"
+    assert found["error_p_wiener"] < 1.3 * ideal["error_p_wiener"] < 0.13
+    assert found["error_q_wiener"] < 1.3 * ideal["error_q_wiener"] < 0.13

@@ -97,7 +97,25 @@ REFUSALS = {
         ("sensor.elements.along.orientation=sideways",),
         r"along\.orientation is 'sideways': give one of 1_to_x_3_to_z",
     ),
-    "effect": (("effects=[nope]",), r"no effect 'nope': effects holds any of strip_width"),
+    "effect": (("effects=[nope]",), r"no effects 'nope'; there are amplifier_bandwidth, "),
+    "tolerance": (("tolerance=0.1",), r"no key 'tolerance'"),
+    "no tolerance": (("effects=auto", "tolerance=0"), r"tolerance is 0: give a positive number"),
+    "auto of a recording": (
+        of("good.csv", "effects=auto"),
+        r"effects=auto decides by a simulated scene.*name the effects",
+    ),
+    "drift of a recording": (
+        of("good.csv", "effects=[load_drift]"),
+        r"effects names load_drift, which acts on a simulated scene.*leave it out",
+    ),
+    "too few samples": (
+        (*TINY, "effects=[sampling]", "effects.sampling.rate_hz=20"),
+        r"samples for each of the .* cells.*raise effects\.sampling\.rate_hz",
+    ),
+    "along the features": (
+        (*TINY, "effects=[oblique_features]", "effects.oblique_features.angle_deg=90"),
+        r"the sensor does not move across what it feels",
+    ),
     "precision": (("precision=float16",), r"precision is 'float16': give float64 or float32"),
     "spectral on open line": (
         ("grid.line=open", "grid.cells=64", "method=tikhonov", "method.tikhonov.path=spectral"),

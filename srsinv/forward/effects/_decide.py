@@ -1,12 +1,13 @@
 """Which effects a scene calls for: those whose share of its signal is not small."""
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ...grid import Line
 from ..setup import Setup
-from ._effect import Effect
+from ._effect import Effect, Factor, Rounding
 from ._glance import glance
 
 MARGIN = 1.25  # effects act on each other, and the look at them is on coarser cells
@@ -28,19 +29,35 @@ def decide(
 ) -> tuple[Verdict, ...]:
     """A verdict on every effect, for a `setup` without any; the largest share first.
 
-    Effects are left out from the smallest on, as long as the sum of their shares, and `MARGIN`, is
-    within `tolerance`: what is left out together then changes the signal by no more.
+    Effects are left out from the smallest on, as long as the sum of their shares, times `MARGIN`,
+    and what rounding makes of it, is within `tolerance`: what is left out together then changes the
+    signal by no more.
     """
     seen = glance(setup, line)
-    shares, times = {}, {}
+    factors = {n: each.factor(seen) for n, each in effects.items() if isinstance(each, Factor)}
+    every = seen.passed * math.prod(factors.values())
+    shares, grains, times = {}, {}, {}
     for name, effect in effects.items():
         start = time.perf_counter()
-        shares[name] = float(effect.share(seen))
+        others = math.prod(factor for n, factor in factors.items() if n != name)
+        beside = seen.beside(seen.passed * others, every)
+        shares[name] = float(effect.share(beside))
+        if isinstance(effect, Rounding):
+            grains[name] = effect.grain(beside)
         times[name] = time.perf_counter() - start
-    verdicts, left_out = [], 0.0
+    off = _left_out(shares, tolerance, 0.0)
+    if kept := set(grains) - off:
+        rest = {name: share for name, share in shares.items() if name not in kept}
+        off = _left_out(rest, tolerance, max(grains[name] for name in kept))
+    largest_first = sorted(shares, key=lambda each: -shares[each])
+    return tuple(Verdict(n, shares[n], n not in off, times[n]) for n in largest_first)
+
+
+def _left_out(shares: Mapping[str, float], tolerance: float, grain: float) -> set[str]:
+    off, total = set(), 0.0
     for name in sorted(shares, key=lambda each: shares[each]):
-        left_out += shares[name]
-        verdicts.append(
-            Verdict(name, shares[name], not MARGIN * left_out <= tolerance, times[name])
-        )
-    return tuple(reversed(verdicts))
+        total += MARGIN * shares[name]
+        if not total + math.sqrt(grain * total) <= tolerance:
+            break
+        off.add(name)
+    return off

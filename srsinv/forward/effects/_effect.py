@@ -5,6 +5,8 @@ from enum import IntEnum
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
+from jaxtyping import Complex, Float
 
 from ..setup import Setup
 from ._glance import Glance
@@ -40,3 +42,20 @@ class Effect(eqx.Module):
     @abc.abstractmethod
     def share(self, glance: Glance) -> float:
         """A bound on how much of the signal it changes: rms change over rms signal."""
+
+
+class Factor(Effect):
+    """An effect that multiplies the signal's spectrum, and so takes of what others change, too."""
+
+    @abc.abstractmethod
+    def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"] | Float[np.ndarray, "e k"]:
+        """What it multiplies the spectrum of every element by."""
+
+
+class Rounding(Effect):
+    """An effect that rounds samples, and makes a step of its own of a small change."""
+
+    @abc.abstractmethod
+    def grain(self, glance: Glance) -> float:
+        """The step over the signal's rms. Where a change of d turns a sample over, which it does
+        to d/step of them, it makes a step of it: rms sqrt(d step)."""

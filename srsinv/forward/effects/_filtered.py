@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from jaxtyping import Complex
 
 from ..filter import Filter
 from ..setup import Setup
@@ -15,8 +16,8 @@ def filtered(setup: Setup, by: Filter) -> Setup:
     return setup.but(sensor=dataclasses.replace(sensor, filters=(*sensor.filters, by)))
 
 
-def filtered_share(glance: Glance, by: Filter) -> float:
-    """How much of the signal a filter takes or delays."""
+def filter_factor(glance: Glance, by: Filter) -> Complex[np.ndarray, "e k"]:
+    """What a filter multiplies the signal's spectrum by."""
     turn = 1j * glance.k * glance.speed_m_per_s * float(by.time_scale_s)
     response = np.prod([-pole / (turn - pole) for pole in by.poles], axis=0)
-    return glance.share((response[None] - 1) * glance.signal)
+    return response[None] * np.ones_like(glance.passed)

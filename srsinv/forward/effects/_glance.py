@@ -1,18 +1,21 @@
 """A quick look at a scene: enough to bound what an effect would change, without simulating it.
 
-All is numpy, on one grid, with the half space's stress: one small program is compiled, whatever the
-effects are.
+All is numpy, on one grid, with the half space's stress: beside the traction, which a simulation
+needs too, next to nothing is compiled.
 """
 
+import dataclasses
 from dataclasses import dataclass, field
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
-from ...grid import Line, half_spectrum_weights
+from ...grid import Line, Periodic, half_spectrum_weights
+from ..scene import deviation
 from ..setup import Setup
+from ..skin import HalfSpace, half_space_stress
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,9 @@ class Glance:
     - `setup`, `line`: what is looked at, without any effect.
     - `k` (k,) [rad/m]; `traction` (2, k): spectrum of p and q [Pa]; `background_Pa` (2,).
     - `stress` (e, 4, 2, k): stress at the films per traction; `weights` (e, 4): charge per stress.
-    - `derivative` (k,), `gain`: of the readout, signal = gain * derivative * charge.
+    - `gain`: of the readout.
+    - `passed` (e, k): what other effects let pass of a change; `size`: the signal's rms with all of
+      them and the one that is looked at.
     """
 
     setup: Setup
@@ -33,13 +38,26 @@ class Glance:
     stress: Complex[np.ndarray, "e 4 2 k"]
     weights: Float[np.ndarray, "e 4"]
     gain: float
+    passed: Inexact[np.ndarray, "e k"]
     charge: Complex[np.ndarray, "e k"] = field(init=False)
     signal: Complex[np.ndarray, "e k"] = field(init=False)
+    size: float = 0.0
 
     def __post_init__(self):
         charge = np.einsum("es,esck,ck->ek", self.weights, self.stress, self.traction)
         object.__setattr__(self, "charge", charge)
         object.__setattr__(self, "signal", self.read(charge))
+        if not self.size:
+            size = self.rms(self.passed * self.signal)
+            object.__setattr__(self, "size", max(size, np.finfo(float).tiny))
+
+    def beside(
+        self, others: Inexact[np.ndarray, "e k"], every: Inexact[np.ndarray, "e k"]
+    ) -> "Glance":
+        """As seen beside other effects, which multiply the signal by `others`, and all together by
+        `every`."""
+        size = max(self.rms(every * self.signal), np.finfo(float).tiny)
+        return dataclasses.replace(self, passed=others, size=size)
 
     def read(self, charge: Inexact[np.ndarray, "e k"]) -> Complex[np.ndarray, "e k"]:
         """The signal's spectrum from that of the charge."""
@@ -69,13 +87,18 @@ class Glance:
 
     def share(self, change: Inexact[np.ndarray, "e k"]) -> float:
         """What part of the signal a change of this spectrum is, rms over rms."""
-        return self.rms(change) / max(self.rms(self.signal), np.finfo(float).tiny)
+        return self.rms(self.passed * change) / self.size
+
+    def anywhere(self, fraction: float) -> float:
+        """What part of the signal a change by this fraction of it is, at whatever wavenumber it
+        comes back: through partial contact, which is not linear."""
+        return fraction * self.rms(self.signal) / self.size
 
     def beyond(self, limit: float) -> float:
         """What part of the signal is beyond +-`limit`, rms over rms."""
-        over = np.maximum(np.abs(np.fft.irfft(self.signal, self.line.n)) - limit, 0.0)
-        size = self.rms(self.signal)
-        return float(np.sqrt(np.mean(over**2)) / max(size, np.finfo(float).tiny))
+        samples = np.fft.irfft(self.passed * self.signal, self.line.n)
+        over = np.maximum(np.abs(samples) - limit, 0.0)
+        return float(np.sqrt(np.mean(over**2)) / self.size)
 
     @property
     def lifts(self) -> bool:
@@ -85,23 +108,29 @@ class Glance:
 
 
 def glance(setup: Setup, line: Line) -> Glance:
-    """A look at `setup`, which has a scene, on `line`."""
-    k, traction, background, stress, weights, gain = map(np.asarray, _looked(setup, line))
-    return Glance(setup, line, k, np.fft.rfft(traction), background, stress, weights, float(gain))
+    """A look at `setup`, which has a scene, on `line`.
+
+    The traction's program is the one that a simulation on the same line has.
+    """
+    scene, sensor, direction = setup.scene, setup.sensor, setup.scan.direction
+    assert scene is not None
+    assert isinstance(sensor.skin, HalfSpace), "a look is without effects"
+    # All but the traction by numpy: what is run once takes longer to compile.
+    k, nu = np.asarray(line.k), np.asarray(sensor.skin.poisson_ratio)
+    films = [jax.tree.map(np.asarray, film) for film in sensor.elements]
+    stress = np.stack([half_space_stress(np, k, film.depth_m, nu) for film in films])
+    weights = np.stack([film.charge_per_stress(np) for film in films])
+    background, gain = map(np.asarray, _background_and_gain(setup))
+    periodic = isinstance(line, Periodic)
+    traction = np.asarray(deviation(scene, line, direction, periodic))
+    spectrum = np.fft.rfft(traction - background[:, None] if periodic else traction)
+    all_of_it = np.ones((len(films), k.size))
+    return Glance(setup, line, k, spectrum, background, stress, weights, float(gain), all_of_it)
 
 
 @eqx.filter_jit
-def _looked(setup: Setup, line: Line):
-    scene, sensor, scan = setup.scene, setup.sensor, setup.scan
+def _background_and_gain(setup: Setup):
+    scene, scan = setup.scene, setup.scan
     assert scene is not None
-    background = scene.background(scan.direction)
-    stress = [sensor.skin.transfer(line.k, film.depth_m) for film in sensor.elements]
-    weights = [film.charge_per_stress() for film in sensor.elements]
-    return (
-        line.k,
-        scene.traction(line, scan.direction) - background[:, None],
-        background,
-        jnp.stack(stress),
-        jnp.stack(weights),
-        sensor.amplifier.gain(scan.speed_m_per_s),
-    )
+    gain = setup.sensor.amplifier.gain(scan.speed_m_per_s)
+    return scene.background(scan.direction), gain

@@ -2,15 +2,18 @@
 
 from typing import ClassVar
 
+import numpy as np
+from jaxtyping import Complex
+
 from ...errors import number
 from ..filter import FirstOrder
 from ..setup import Setup
-from ._effect import Effect, Order
-from ._filtered import filtered, filtered_share
+from ._effect import Factor, Order
+from ._filtered import filter_factor, filtered
 from ._glance import Glance
 
 
-class AmplifierBandwidth(Effect):
+class AmplifierBandwidth(Factor):
     """A feedback resistor `resistance_ohm` beside the capacitance `capacitance_F` lags by their
     product. Raises `BadInput` for what is not positive."""
 
@@ -27,5 +30,8 @@ class AmplifierBandwidth(Effect):
     def added(self, setup: Setup) -> Setup:
         return filtered(setup, self.filter)
 
+    def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"]:
+        return filter_factor(glance, self.filter)
+
     def share(self, glance: Glance) -> float:
-        return filtered_share(glance, self.filter)
+        return glance.share((self.factor(glance) - 1) * glance.signal)

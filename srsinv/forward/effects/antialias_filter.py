@@ -2,14 +2,17 @@
 
 from typing import ClassVar
 
+import numpy as np
+from jaxtyping import Complex
+
 from ..filter import Butterworth
 from ..setup import Setup
-from ._effect import Effect, Order
-from ._filtered import filtered, filtered_share
+from ._effect import Factor, Order
+from ._filtered import filter_factor, filtered
 from ._glance import Glance
 
 
-class AntialiasFilter(Effect):
+class AntialiasFilter(Factor):
     """Half the power at `cutoff_hz`, 6 dB per octave and order above. Raises `BadInput` for a
     cut-off that is not positive and an order that is not from 1 to 8."""
 
@@ -23,5 +26,8 @@ class AntialiasFilter(Effect):
     def added(self, setup: Setup) -> Setup:
         return filtered(setup, self.filter)
 
+    def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"]:
+        return filter_factor(glance, self.filter)
+
     def share(self, glance: Glance) -> float:
-        return filtered_share(glance, self.filter)
+        return glance.share((self.factor(glance) - 1) * glance.signal)

@@ -3,14 +3,15 @@
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Complex
 
 from .. import film
 from ..setup import Setup
-from ._effect import Effect, Order
+from ._effect import Factor, Order
 from ._glance import Glance
 
 
-class ElementOffsets(Effect):
+class ElementOffsets(Factor):
     """Every element sits where the sensor says, `offset_m`; without it all sit at the origin."""
 
     order: ClassVar[Order] = Order.FILM
@@ -24,6 +25,9 @@ class ElementOffsets(Effect):
             )
         )
 
-    def share(self, glance: Glance) -> float:
+    def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"]:
         offsets = np.array([float(each.offset_m) for each in glance.setup.sensor.elements])
-        return glance.share((np.exp(1j * np.outer(offsets, glance.k)) - 1) * glance.signal)
+        return np.exp(1j * np.outer(offsets, glance.k))
+
+    def share(self, glance: Glance) -> float:
+        return glance.share((self.factor(glance) - 1) * glance.signal)

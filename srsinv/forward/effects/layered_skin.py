@@ -60,7 +60,10 @@ class LayeredSkin(Effect):
             for each in (top, was)
         ]
         own = abs(stiffness[0] / stiffness[1] - 1)
-        return share + glance.share(pressed * np.abs(glance.signal)) + own
+        changed = glance.share(pressed * np.abs(glance.signal))
+        if glance.lifts:
+            own, changed = glance.anywhere(own), max(changed, glance.anywhere(changed))
+        return share + changed + own
 
     def _interfaces(self) -> list[tuple[float, float]]:
         """Depth [m] of every interface, and how much its sides differ, at most 1."""

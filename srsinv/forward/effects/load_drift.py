@@ -22,7 +22,7 @@ class LoadDrift(Effect):
         self.drift = Drift(fraction, period_s)
 
     def added(self, setup: Setup) -> Setup:
-        return setup.recording(drifts=(*setup.recorder.drifts, self.drift))
+        return setup.recording(drift=self.drift)
 
     def share(self, glance: Glance) -> float:
         fraction = abs(float(self.drift.fraction))

@@ -9,11 +9,11 @@ from ...errors import number
 from ...grid import as_real
 from ..oblique import turned, turned_scan
 from ..setup import Setup
-from ._effect import Effect, Order
+from ._effect import Factor, Order
 from ._glance import Glance
 
 
-class ObliqueFeatures(Effect):
+class ObliqueFeatures(Factor):
     """The features' normal makes `angle_deg` with the sliding direction; the line runs along it.
 
     The film slides along the line at u cos(angle), averages over its length as sin(a)/a with
@@ -35,11 +35,14 @@ class ObliqueFeatures(Effect):
             scan=turned_scan(setup.scan, self.angle_rad),
         )
 
-    def share(self, glance: Glance) -> float:
-        angle = float(self.angle_rad)
-        c, s = np.sin(np.pi / 2 - abs(angle)), np.sin(abs(angle))
+    def factor(self, glance: Glance) -> Float[np.ndarray, "e k"]:
+        angle = abs(float(self.angle_rad))
         lengths = np.array([float(film.length_m) for film in glance.setup.sensor.elements])
-        over = np.sinc(glance.k[None] * lengths[:, None] * s / (2 * np.pi))
-        kept = (1 - c * over) * np.abs(glance.signal)
+        over = np.sinc(np.outer(lengths, glance.k) * np.sin(angle) / (2 * np.pi))
+        return np.sin(np.pi / 2 - angle) * over
+
+    def share(self, glance: Glance) -> float:
+        s = np.sin(abs(float(self.angle_rad)))
+        kept = (1 - self.factor(glance)) * np.abs(glance.signal)
         # Stress that turns into other components, by s^2 and s.
         return glance.share(kept) + glance.share(2 * s**2 * np.abs(glance.read(glance.largest)))

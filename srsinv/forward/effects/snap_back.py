@@ -15,7 +15,8 @@ class SnapBack(Effect):
     """Noise of bursts: `rate_hz` of them a second in a contact of `contact_m` around the film, each
     on a patch of `patch_m`, of rms shear `shear_Pa` that decays over `decay_s`.
 
-    Raises `BadInput` for negative numbers, and lengths and times that are not positive.
+    Raises `BadInput` for negative numbers, and lengths and times that are not
+    positive; a rate of 0 is none.
     """
 
     order: ClassVar[Order] = Order.RECORD
@@ -40,6 +41,8 @@ class SnapBack(Effect):
         self.contact_m = checked("contact_m", contact_m, 1)
 
     def added(self, setup: Setup) -> Setup:
+        if not self.rate_hz:
+            return setup
         bursts = Bursts.felt_by(
             setup.sensor, self.rate_hz, self.shear_Pa, self.patch_m, self.decay_s, self.contact_m
         )
@@ -48,16 +51,14 @@ class SnapBack(Effect):
     def share(self, glance: Glance) -> float:
         # Campbell: a mean of rate * decay/2 bursts at a time, each of the mean square charge that
         # a patch gives over the contact; a difference of two samples has at most twice its rms.
-        line, k = glance.line, glance.k
+        k = glance.k
         patch = self.patch_m * np.sinc(k * self.patch_m / (2 * np.pi))
         charge = np.einsum("es,esk->ek", glance.weights, glance.stress[:, :, 1]) * patch
         # Parseval: the integral of the kernel's square along the line is that of |F|^2 over 2 pi.
         square = np.mean(np.trapezoid(np.abs(charge) ** 2, k) / np.pi) / self.contact_m
         rms = self.shear_Pa * np.sqrt(self.rate_hz * self.decay_s / 2 * square)
         if glance.setup.sensor.amplifier.order:
-            rms = 2 * rms * abs(glance.gain / glance.speed_m_per_s) * float(
-                glance.setup.scan.sample_rate_hz(line)
-            )  # fmt: skip
+            rms = 2 * rms * abs(glance.gain) / float(glance.line.cell_m)
         else:
             rms = rms * abs(glance.gain)
-        return float(rms / max(glance.rms(glance.signal), np.finfo(float).tiny))
+        return float(rms / glance.size)

@@ -3,14 +3,15 @@
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
 from .. import film
 from ..setup import Setup
-from ._effect import Effect, Order
+from ._effect import Factor, Order
 from ._glance import Glance
 
 
-class StripWidth(Effect):
+class StripWidth(Factor):
     """Every element averages over the width that the sensor says (docs/physics.md, section 3)."""
 
     order: ClassVar[Order] = Order.FILM
@@ -23,6 +24,9 @@ class StripWidth(Effect):
             )
         )
 
-    def share(self, glance: Glance) -> float:
+    def factor(self, glance: Glance) -> Float[np.ndarray, "e k"]:
         widths = np.array([float(each.width_m) for each in glance.setup.sensor.elements])
-        return glance.share((np.sinc(np.outer(widths, glance.k) / (2 * np.pi)) - 1) * glance.signal)
+        return np.sinc(np.outer(widths, glance.k) / (2 * np.pi))
+
+    def share(self, glance: Glance) -> float:
+        return glance.share((self.factor(glance) - 1) * glance.signal)

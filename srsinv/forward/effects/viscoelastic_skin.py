@@ -55,6 +55,5 @@ class ViscoelasticSkin(Effect):
             return 0.0
         turn = 1j * glance.k * glance.speed_m_per_s * np.asarray(self.times_s)[:, None]
         stiffer = np.asarray(self.fractions) @ (turn / (1 + turn))
-        # In partial contact a change at one wavenumber is one at others: the largest counts.
-        whole = glance.share(stiffer[None] * glance.signal)
-        return max(whole, float(np.abs(stiffer).max()) if glance.lifts else whole)
+        share = glance.share(stiffer[None] * glance.signal)
+        return max(share, glance.anywhere(np.abs(stiffer).max())) if glance.lifts else share
