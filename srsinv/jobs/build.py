@@ -124,7 +124,7 @@ def line(cfg: Config, refinement: Any = 1) -> Line:
 
 def setup(cfg: Config) -> Setup:
     """All that is measured with what, with the effects that are named or called for."""
-    whole, named = _bare(cfg), effects(cfg)
+    whole, named = _bare(cfg).but(noises=noises(cfg)), effects(cfg)
     off = {verdict.name for verdict in _verdicts(cfg, whole, named) if not verdict.on}
     for name, effect in named.items():
         whole = whole if name in off else effect.added(whole)
@@ -169,6 +169,11 @@ def effects(cfg: Config) -> dict[str, Effect]:
             name not in NAMES,
             f"There is no effect {name!r}: effects holds any of {', '.join(NAMES)}.",
         )
+        refuse(
+            "_target_" not in mapping(f"effects.{name}", named[name]),
+            f"effects.{name} has settings, and {name} is not among the effects: name it in "
+            "effects=[...] too, or leave its settings out.",
+        )
     made = {name: make(node, f"effects.{name}", Effect) for name, node in named.items()}
     return dict(sorted(made.items(), key=lambda each: (each[1].order, each[0])))
 
@@ -202,7 +207,7 @@ def effects_rows(cfg: Config) -> tuple[tuple[str, str], ...]:
 
 
 def _bare(cfg: Config) -> Setup:
-    return Setup(_scene(cfg), _sensor(cfg), scan(cfg), noises(cfg))
+    return Setup(_scene(cfg), _sensor(cfg), scan(cfg))
 
 
 def _felt(cfg: Config) -> Setup:

@@ -32,7 +32,7 @@ def on_scene(cfg: build.Config) -> Outcome:
     settings = cfg["compare"]
     _check(settings)
     cfg, _ = build.decided(_complete(cfg))
-    sim = simulation(cfg)
+    sim = simulation({**cfg, "noise": {}})  # the levels' own noise comes with each draw
     refuse(
         not np.any(np.ptp(np.asarray(sim.traction(sim.line)), axis=-1)),
         "The scene is uniform, which a rate signal does not show: give it a pressure, as "

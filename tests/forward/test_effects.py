@@ -115,8 +115,8 @@ ACTING = {
     "amplifier_bandwidth": (("effects.amplifier_bandwidth.capacitance_F=1e-11",),),
     "antialias_filter": ((), ("effects.antialias_filter.cutoff_hz=5000",)),
     "sampling": ((),),
-    "quantisation": ((), ("effects.quantisation.bits=16",)),
-    "clipping": ((), ("effects.clipping.limit=1",)),
+    "quantisation": (("effects.quantisation.full_scale=1e-4",), ("effects.quantisation.bits=16",)),
+    "clipping": (("effects.clipping.limit=2e-5",), ("effects.clipping.limit=1",)),
     "speed_ripple": ((), ("effects.speed_ripple.fraction=0.001",)),
     "standstill": ((), ("effects.standstill.duration_s=0",)),
     "reversal": ((),),
@@ -165,6 +165,7 @@ def test_what_is_left_out_stays_within_the_tolerance():
 
 REFUSED = {
     "unknown": ({"nope": {}}, "no effect 'nope'"),
+    "settings alone": ({"film_angle": {"tilt_deg": 1}}, "film_angle is not among the effects"),
     "layers": (("layered_skin", {"layers": {}}), "give a list of layers"),
     "layer": (("layered_skin", {"layers": [{"thickness_m": 1e-3}]}), "lacks poisson_ratio"),
     "terms": (("viscoelastic_skin", {"fractions": [1.0]}), "1 fractions and 2 times_s"),

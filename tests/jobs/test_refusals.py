@@ -91,7 +91,7 @@ REFUSALS = {
     ),
     "too few cells": (("grid.cells=2",), r"grid\.cells is 2: .*give a whole number from 3"),
     "negative length": (("grid.length_m=-1",), r"grid\.length_m is -1: give a positive length"),
-    "speed 0": (("scan.speed_m_per_s=0",), r"speed_m_per_s is 0\.0: .*give a speed"),
+    "speed 0": (("scan.speed_m_per_s=0",), r"speed_m_per_s is 0, .*give a speed"),
     "unknown line": (("grid.line=closed",), r"grid\.line is 'closed': give one of periodic, open"),
     "orientation": (
         ("sensor.elements.along.orientation=sideways",),
@@ -109,7 +109,7 @@ REFUSALS = {
         r"effects names load_drift, which acts on a simulated scene.*leave it out",
     ),
     "too few samples": (
-        (*TINY, "effects=[sampling]", "effects.sampling.rate_hz=20"),
+        (*TINY, "effects=[sampling]", "effects.sampling.rate_hz=10"),
         r"samples for each of the .* cells.*raise effects\.sampling\.rate_hz",
     ),
     "along the features": (
