@@ -287,7 +287,7 @@ class TestHelp:
         text = capsys.readouterr().out
         assert re.search(r"^  shown +Shows the clone's own job\.$", text, re.MULTILINE)
         assert re.search(r"^  \(none\) +What the default run shows\.$", text, re.MULTILINE)
-        assert re.search(r"^  sensor +one, two$", text, re.MULTILINE)
+        assert re.search(r"^  sensor= +one, two$", text, re.MULTILINE)
 
     def test_hides_what_cannot_run(self, root, capsys):
         (root.parent / "experiments").rename(root.parent / "elsewhere")

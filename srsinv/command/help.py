@@ -66,7 +66,7 @@ def help_text(root: Path) -> str:
     """The whole help, ending with a newline."""
     shown = [(each.name, each.summary) for each in experiments(root) if each.runnable]
     default = [("(none)", _first_comment(root / "config.yaml"))]
-    choices = [(group, ", ".join(options)) for group, options in groups(root).items()]
+    choices = [(f"{group}=", ", ".join(options)) for group, options in groups(root).items()]
     parts = [_USAGE, _listing("experiments (experiment=NAME)", default + shown)]
     if choices:
         parts.append(_listing("groups (GROUP=OPTION)", choices))
