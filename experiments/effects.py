@@ -1,5 +1,6 @@
 """Each effect with it and without: what it changes of a scene's signal, and what it costs."""
 
+import importlib
 from typing import Any, NamedTuple
 
 import xarray
@@ -129,7 +130,5 @@ def _sections(cfg: build.Config, rows: list[Row], bare: Cost, unit: str) -> tupl
 
 def _words(name: str) -> str:
     """What the effect is, as its module says."""
-    import importlib
-
     module = importlib.import_module(f"srsinv.forward.effects.{name}")
     return (module.__doc__ or "").strip().split("\n")[0]

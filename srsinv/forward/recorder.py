@@ -30,13 +30,17 @@ class Recorder(eqx.Module):
         """Whether samples differ from those of the line at constant speed."""
         return self.sample_rate_hz is not None or bool(self.paces) or self.drift is not None
 
+    def rate_hz(self, fine: Line, scan: ConstantSpeed) -> float:
+        """Samples a second: as asked, or once a cell of the finer line."""
+        return self.sample_rate_hz or float(scan.sample_rate_hz(fine))
+
     def motion(self, line: Line, fine: Line, scan: ConstantSpeed) -> Motion:
         """The motion over all of `line`, sampled as asked, or once a cell of the finer line.
 
         A periodic line is slid over from edge to edge; an open one from its first position to the
         last of the finer one's.
         """
-        rate = self.sample_rate_hz or float(scan.sample_rate_hz(fine))
+        rate = self.rate_hz(fine, scan)
         speed, cell = float(scan.speed_m_per_s), float(line.cell_m)
         if isinstance(line, Periodic):
             start, length = float(line.start_m) - cell / 2, line.n * cell

@@ -50,7 +50,7 @@ def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Felt, Felt
             return Felt(instants, _kept(sim, sim.line, _on_line(sim), key))
 
         return one(full), one(less)
-    rate = full.setup.recorder.sample_rate_hz or float(full.scan.sample_rate_hz(full.fine))
+    rate = full.setup.recorder.rate_hz(full.fine, full.scan)
     motions = _motion(full, rate), _motion(less, rate)
     common = min(motion.time_s.size for motion in motions)
     samples = Periodic(common, abs(float(full.scan.speed_m_per_s)) / rate)
@@ -117,6 +117,6 @@ def felt(sim: Simulation, key: jax.Array) -> Felt:
     if not recorder.goes_by_time:
         return Felt(np.asarray(sim.scan.time_s(sim.line)), _kept(sim, sim.line, _on_line(sim), key))
     motion = recorder.motion(sim.line, sim.fine, sim.scan)
-    rate = recorder.sample_rate_hz or float(sim.scan.sample_rate_hz(sim.fine))
-    samples = Periodic(motion.time_s.size, abs(float(sim.scan.speed_m_per_s)) / rate)
+    spacing = abs(float(sim.scan.speed_m_per_s)) / recorder.rate_hz(sim.fine, sim.scan)
+    samples = Periodic(motion.time_s.size, spacing)
     return Felt(np.asarray(motion.time_s), _kept(sim, samples, sim.along(motion), key))

@@ -198,8 +198,7 @@ def recorded(sim: Simulation, key) -> Record:
     recorder = sim.setup.recorder
     motion = recorder.motion(sim.line, sim.fine, sim.scan)
     ideal = sim.along(motion)
-    rate = recorder.sample_rate_hz or float(sim.scan.sample_rate_hz(sim.fine))
-    spacing = abs(float(sim.scan.speed_m_per_s)) / rate
+    spacing = abs(float(sim.scan.speed_m_per_s)) / recorder.rate_hz(sim.fine, sim.scan)
     samples = Periodic(ideal.shape[1], spacing)
     noisy, spectrum, rms = with_noise(sim.setup.noises, samples, sim.scan, ideal, key)
     _refuse_nothing(sim.setup.noises, spectrum, rms)

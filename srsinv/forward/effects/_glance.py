@@ -75,11 +75,6 @@ class Glance:
         """Of the sliding."""
         return float(self.setup.scan.speed_m_per_s)
 
-    @property
-    def duration_s(self) -> float:
-        """How long the sliding over the line takes."""
-        return self.line.n * float(self.line.cell_m) / abs(self.speed_m_per_s)
-
     def rms(self, spectrum: Inexact[np.ndarray, "e k"]) -> float:
         """Root mean square over all elements and positions of a signal with this spectrum."""
         weights = half_spectrum_weights(self.line.n) / self.line.n

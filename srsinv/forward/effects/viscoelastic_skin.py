@@ -7,7 +7,6 @@ from jaxtyping import Array, Float
 
 from ...errors import number, refuse, shown
 from ...grid import as_real
-from ..scan import Motion
 from ..scene import SurfaceScene
 from ..setup import Setup
 from ..viscoelastic import Viscoelastic
@@ -43,9 +42,7 @@ class ViscoelasticSkin(Effect):
         self.fractions, self.times_s = as_real(fractions), as_real(times_s)
 
     def added(self, setup: Setup) -> Setup:
-        scan = setup.scan
-        still = isinstance(scan, Motion)
-        speed = float(np.mean(scan.speed_m_per_s)) if still else scan.speed_m_per_s
+        speed = setup.scan.speed_m_per_s
         skin = Viscoelastic(setup.sensor.skin, self.fractions, self.times_s, speed)
         return setup.with_skin(skin)
 
