@@ -12,7 +12,12 @@ import pytest
 from jaxtyping import install_import_hook
 
 # Compiling is most of the tests' time, and small sizes gain nothing from the last optimisations.
-os.environ.setdefault("XLA_FLAGS", "--xla_llvm_disable_expensive_passes=true")
+QUICK_TO_COMPILE = (
+    "--xla_llvm_disable_expensive_passes=true",
+    "--xla_cpu_use_fusion_emitters=false",
+    "--xla_cpu_parallel_codegen_split_count=1",
+)
+os.environ.setdefault("XLA_FLAGS", " ".join(QUICK_TO_COMPILE))
 # What one worker, or an earlier run, has compiled serves the others.
 ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))

@@ -80,10 +80,14 @@ class Scanned(eqx.Module):
     interval_s: Float[Array, ""] | None = None
 
     def __call__(
-        self, forward: Float[Array, "c n"], backward: Float[Array, "c n"] | None = None
+        self,
+        forward: Float[Array, "c n"],
+        backward: Float[Array, "c n"] | None = None,
+        beyond: Float[Array, "e sample"] | None = None,
     ) -> Float[Array, "e sample"]:
         """The signal under `forward`, the traction [Pa] while sliding towards +x, and `backward`,
-        the one while sliding towards -x.
+        the one while sliding towards -x; with `beyond`, what the amplifier reads of traction off
+        the line.
 
         Without `backward` the traction is the same all along: without friction, or where the
         motion does not reverse. Only one convolution is then in the program.
@@ -92,7 +96,9 @@ class Scanned(eqx.Module):
         if backward is not None:
             turned = self.sampling(self.field(backward))
             signal = jnp.where(self.direction[None] < 0, turned, signal)
-        return filtered(self.filters, self.gain[None] * signal, self.interval_s)
+        signal = self.gain[None] * signal
+        signal = signal if beyond is None else signal + beyond
+        return filtered(self.filters, signal, self.interval_s)
 
     def adjoint(self, y: Float[Array, "e sample"]) -> Float[Array, "c n"]:
         """The transpose for one traction all along: <y, self(r)> = <self.adjoint(y), r>."""

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
@@ -11,7 +10,7 @@ from ..errors import refuse
 from ..grid import Line, Stage, as_real
 from .amplifier import Amplifier, CurrentAmplifier
 from .film import Film
-from .filter import Filter, even_interval, filtered
+from .filter import Filter, even_interval
 from .scan import ConstantSpeed, Motion
 from .scanned import Sampling, Scanned
 from .skin import HalfSpace, Skin
@@ -119,14 +118,13 @@ class Sensor(eqx.Module):
         return FilmSignal(self.skin, self._lagging(scan), gain, self.amplifier.order)
 
     def beyond(self, line: Line, motion: Motion, reach_m: float) -> Float[Array, "e c sample"]:
-        """The signal along a motion of unit traction from the line's end on, over `reach_m` [m]."""
+        """The signal along a motion, ahead of the filters, of unit traction from the line's end on,
+        over `reach_m` [m]."""
         field = self._field()
         end = line.x[-1] + line.cell_m / 2
         away = motion.position_m - (end + reach_m / 2)
         gain = self.amplifier.gain(motion.speed_m_per_s)
-        tail = gain[None, None] * field.cell_response(away, as_real(reach_m))
-        interval = self._interval_s(motion)
-        return jax.vmap(lambda each: filtered(self.filters, each, interval))(tail)
+        return gain[None, None] * field.cell_response(away, as_real(reach_m))
 
     def scanned(self, line: Line, motion: Motion) -> Scanned:
         """The recorded signal less its offset, at every sample of a measured motion.

@@ -24,9 +24,10 @@ Features = Mapping[str, Feature]
 class Felt(eqx.Module):
     """A sensor along a motion, on the open line that features' traction lies on.
 
-    `scanned` maps traction on `line` to the signal; `tail` (e, c, sample) is the signal of unit
-    traction on everything beyond the line's end, for what continues; `fade` (n,) takes out what
-    repeats towards the line's ends. With `free_offset` each element has an unknown constant.
+    `scanned` maps traction on `line` to the signal; `tail` (e, c, sample) is the signal, ahead of
+    the filters, of unit traction on everything beyond the line's end, for what continues; `fade`
+    (n,) takes out what repeats towards the line's ends. With `free_offset` each element has an
+    unknown constant.
     """
 
     scanned: Scanned
@@ -82,16 +83,23 @@ class FeatureModel(eqx.Module):
     @eqx.filter_jit
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
         felt, forward = self.felt, self.traction(params)
-        turn = jnp.array([[1.0], [-1.0]])
+        turn, backward = jnp.array([[1.0], [-1.0]]), None
         if felt.reverses:
-            signal = felt.scanned(forward, turn * forward)
+            backward = turn * forward
         else:
-            signal = felt.scanned(jnp.where(felt.direction[0] < 0, turn, 1.0) * forward)
+            forward = jnp.where(felt.direction[0] < 0, turn, 1.0) * forward
+        signal = felt.scanned(forward, backward, self._beyond(params))
+        return signal + params["offset"][:, None] if felt.free_offset else signal
+
+    def _beyond(self, params: Any) -> Float[Array, "e sample"] | None:
+        """Of what continues beyond the line's end."""
+        tail, total = self.felt.tail, None
         for name, feature in self.features.items():
             if feature.continues:
                 p, q = amplitudes(feature, params[name])
-                signal = signal + p * felt.tail[:, 0] + q * felt.direction[None] * felt.tail[:, 1]
-        return signal + params["offset"][:, None] if felt.free_offset else signal
+                own = p * tail[:, 0] + q * self.felt.direction[None] * tail[:, 1]
+                total = own if total is None else total + own
+        return total
 
 
 def amplitudes(feature: Feature, own: Mapping[str, Any]) -> tuple[Array, Array]:

@@ -281,14 +281,18 @@ def test_adjoint_along_a_motion():
 
 
 def test_what_lies_beyond_the_line_is_filtered_too():
-    """A strip beyond the end, as part of the line and as beyond a shorter one."""
+    """A strip beyond the end, as part of the line and as beyond a shorter one; its shear turns
+    with the motion, ahead of the filters."""
     whole, part = Open(100, 1e-4, -2e-3), Open(70, 1e-4, -2e-3)
+    nothing = jnp.zeros((2, 70))
 
     @eqx.filter_jit
     def both():
         strip = jnp.zeros((2, 100)).at[:, 70:].set(jnp.asarray([[1.0], [0.4]]))
         tail = SENSOR.beyond(part, MOVING, 30e-4)
-        return SENSOR.scanned(whole, MOVING)(strip), tail[:, 0] + 0.4 * tail[:, 1]
+        turned = tail[:, 0] + 0.4 * MOVING.direction[None] * tail[:, 1]
+        expected = SENSOR.scanned(whole, MOVING)(strip, strip * jnp.asarray([[1.0], [-1.0]]))
+        return SENSOR.scanned(part, MOVING)(nothing, beyond=turned), expected
 
     # The line is sampled by polynomials of eighth order, of cells of a seventh of the depth.
     assert largest_error(*both()) < 1e-5

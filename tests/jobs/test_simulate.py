@@ -137,7 +137,7 @@ def test_sections_in_order(page):
 
 
 def test_page_is_self_contained(page):
-    assert "http" not in page
+    assert "://" not in page
     sources = re.findall(r"""\bsrc=["']?(.{5})""", page)
     assert len(sources) >= len(HEADINGS) - 1
     assert set(sources) == {"data:"}
