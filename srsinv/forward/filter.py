@@ -47,10 +47,10 @@ class Filter(eqx.Module):
     def poles(self) -> tuple[complex, ...]:
         """All poles times T, each once and of modulus 1; complex ones come in pairs."""
 
-    def response(self, omega_rad_per_s: Float[Array, " k"]) -> Complex[Array, " k"]:
-        """H = 1/prod_j (1 - i omega T/P_j)."""
-        turn = 1j * omega_rad_per_s * self.time_scale_s
-        total = jnp.ones_like(turn)
+    def response(self, omega_rad_per_s, xp: Any = jnp):
+        """H = 1/prod_j (1 - i omega T/P_j), (k,) at (k,), by `xp`: jax.numpy or numpy."""
+        turn = 1j * omega_rad_per_s * xp.asarray(self.time_scale_s)
+        total = xp.ones_like(turn)
         for pole in self.poles:
             total = total / (1 - turn / pole)
         return total

@@ -13,11 +13,13 @@ from jaxtyping import Array, Complex, Float, PRNGKeyArray
 from ..errors import number
 from ..grid import Line, as_real
 from .amplifier import Amplifier
+from .filter import Filter
 from .noise import Drawn, exponential_spectrum
 from .scan import ConstantSpeed
 from .sensor import FilmSignal, Sensor
 
 PANELS, NODES = 32, 16  # of Gauss's rule over the contact: to round-off up to 50 depths
+TERMS = 512  # of the films' response over the contact, in Chebyshev polynomials: likewise to 1e-9
 BLOCK = 128  # events drawn at once
 MOST_PER_S = 1e6
 
@@ -27,13 +29,13 @@ class SnapBack(Drawn):
 
     - `shear_Pa`: rms of a jump's amplitude, Gaussian with mean zero; it decays as exp(-t/decay_s).
     - `patch_m`: a patch's length; `contact_m`: that of the contact, about the sensor's origin.
-    - `charge`, `amplifier`: what a load gives, and how it is read.
+    - `charge`, `amplifier`, `filters`: what a load gives, how it is read, and what it then passes.
 
     All elements feel the same events, and the spectrum is the mean over them. A sample of a rate
     signal is the mean over the sampling interval before it, v_j = R_f (Q_j - Q_{j-1})/dt, one of an
-    amplifier of order 0 its gain times Q_j. Nothing happens at rest, nor without a contact.
-    The film's effects act as on a load, so that an average of neighbouring samples, which is one
-    over time, has no meaning here.
+    amplifier of order 0 its gain times Q_j. The filters act on these samples. Nothing happens at
+    rest, nor without a contact. The film's effects act as on a load, so that an average of
+    neighbouring samples, which is one over time, has no meaning here.
 
     Raises `BadInput` for a rate, shear or contact below 0, more than 10^6 events a second, and a
     patch or decay that is not positive.
@@ -41,6 +43,7 @@ class SnapBack(Drawn):
 
     charge: FilmSignal
     amplifier: Amplifier
+    filters: tuple[Filter, ...]
     rate_hz: Float[Array, ""]
     shear_Pa: Float[Array, ""]
     patch_m: Float[Array, ""]
@@ -51,13 +54,14 @@ class SnapBack(Drawn):
         self,
         charge: FilmSignal,
         amplifier: Amplifier,
+        filters: tuple[Filter, ...],
         rate_hz,
         shear_Pa,
         patch_m,
         decay_s,
         contact_m,
     ):
-        self.charge, self.amplifier = charge, amplifier
+        self.charge, self.amplifier, self.filters = charge, amplifier, filters
         wanted = f"a number of events per second, from 0 to {MOST_PER_S:g}"
         number("noise rate_hz", rate_hz, wanted, least=0, most=MOST_PER_S)
         number("noise shear_Pa", shear_Pa, "a shear in Pa that is at least 0", least=0)
@@ -71,8 +75,8 @@ class SnapBack(Drawn):
     @classmethod
     def felt_by(cls, sensor: Sensor, rate_hz, shear_Pa, patch_m, decay_s, contact_m) -> "SnapBack":
         """The noise in what this sensor records."""
-        charge, amplifier = sensor.charge(), sensor.amplifier
-        return cls(charge, amplifier, rate_hz, shear_Pa, patch_m, decay_s, contact_m)
+        felt = sensor.charge(), sensor.amplifier, sensor.filters
+        return cls(*felt, rate_hz, shear_Pa, patch_m, decay_s, contact_m)
 
     def spectrum(
         self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
@@ -81,6 +85,7 @@ class SnapBack(Drawn):
         relaxation_m = self.decay_s / interval * line.cell_m
         held = exponential_spectrum(line.k, line.cell_m, relaxation_m)
         power = per_s * self._mean_square(line, scan) * self.decay_s / 2 * held
+        power = power * jnp.abs(self._passed(line, interval)) ** 2
         # The squared modulus of the difference between neighbours.
         return power * (2 * jnp.sin(line.k * line.cell_m / 2)) ** 2 if self._is_rate else power
 
@@ -94,7 +99,8 @@ class SnapBack(Drawn):
         interval, per_s = self._interval_and_rate(line, scan)
         ratio = interval / self.decay_s
         fresh = self._fresh(key, line.n, per_s * line.n * interval, ratio)
-        signal = jnp.fft.irfft(self._relaxing(line, ratio)[None] * jnp.fft.rfft(fresh), line.n)
+        recorded = self._relaxing(line, ratio) * self._passed(line, interval)
+        signal = jnp.fft.irfft(recorded[None] * jnp.fft.rfft(fresh), line.n)
         signal = self._reading(line, scan) * self.shear_Pa * signal
         # The first sample in time is the last one along x where the finger slides backwards.
         return jnp.where(scan.direction < 0, signal[:, ::-1], signal)
@@ -118,9 +124,23 @@ class SnapBack(Drawn):
             return self.amplifier.gain(scan.speed_m_per_s)
         return self.amplifier.gain(jnp.abs(scan.speed_m_per_s)) / line.cell_m
 
+    def _passed(self, line: Line, interval: Float[Array, ""]) -> Complex[Array, " k"]:
+        """What the filters make of the samples, which come one an interval."""
+        passed = jnp.ones(line.k.shape, complex)
+        for each in self.filters:
+            passed = passed * each.response(line.k * line.cell_m / interval)
+        return passed
+
     def _response(self, place_m: Float[Array, " event"]) -> Float[Array, "e event"]:
         """Every film's charge [C/Pa] per unit shear on patches at these places."""
         return self.charge.cell_response(-place_m, self.patch_m)[:, 1]
+
+    def _over_contact(self) -> Float[Array, "e term"]:
+        """The response over the contact by Chebyshev polynomials: one event's is then a sum of
+        cosines, however much goes on in the skin."""
+        angle = np.pi * (np.arange(TERMS) + 0.5) / TERMS
+        response = self._response(self.contact_m / 2 * as_real(np.cos(angle)))
+        return (jax.scipy.fft.dct(response) / TERMS).at[:, 0].multiply(0.5)
 
     def _mean_square(self, line: Line, scan: ConstantSpeed) -> Float[Array, ""]:
         """Of a jump in the signal: over amplitudes, the contact and the elements."""
@@ -139,16 +159,18 @@ class SnapBack(Drawn):
         `ratio` the sampling interval over the decay."""
         for_number, for_events = jax.random.split(key)
         number_of_events = jax.random.poisson(for_number, expected)
+        over_contact, term = self._over_contact(), jnp.arange(TERMS)
 
         def add(block, charge):
             for_places, for_sizes = jax.random.split(jax.random.fold_in(for_events, block))
             # One draw for three, as every draw is long to compile.
             along, age, when = jax.random.uniform(for_places, (3, BLOCK))
-            place = self.contact_m * (along - 0.5)
+            # Places are uniform over the contact, from -1 to 1 in halves of it.
+            response = over_contact @ jnp.cos(term[:, None] * jnp.arccos(2 * along - 1)[None])
             amplitude = jax.random.normal(for_sizes, (BLOCK,)) * jnp.exp(-ratio * age)
             sample = jnp.minimum(jnp.floor(when * n).astype(int), n - 1)
             happens = block * BLOCK + jnp.arange(BLOCK) < number_of_events
-            jump = jnp.where(happens, amplitude, 0.0)[None] * self._response(place)
+            jump = jnp.where(happens, amplitude, 0.0)[None] * response
             return charge.at[:, sample].add(jump)
 
         blocks = (number_of_events + BLOCK - 1) // BLOCK

@@ -143,6 +143,29 @@ def test_it_changes_no_more_than_its_bound(name, settings):
     assert share < 1e-3 or difference(*felt) > share / 40
 
 
+LOUD = {
+    "strip_width": "sensor.elements.along.strip_width_m=0.0007",
+    "film_angle": "effects.film_angle.tilt_deg=1",
+    "layered_skin": "effects.layered_skin.layers.skin.thickness_m=0.002",
+    "antialias_filter": "effects.antialias_filter.cutoff_hz=500",
+    "clipping": "effects.clipping.limit=6e-5",
+}
+
+
+@pytest.mark.parametrize(("name", "setting"), LOUD.items(), ids=LOUD)
+def test_nor_beside_loud_bursts(name, setting):
+    """Which pass the film, the skin and the filters, and go beyond rails that the signal keeps."""
+    cfg = configuration(f"effects=[{name},snap_back]", "effects.snap_back.shear_Pa=2000", setting)
+    both, loud, bare = (
+        simulation(with_only(cfg, on)) for on in ((name, "snap_back"), ("snap_back",), ())
+    )
+    with_it, without = pair(both, loud, KEY)
+    assert difference(pair(both, bare, KEY)[1], with_it) > 0.5
+    verdicts = decide(bare.setup, bare.line, build.effects(cfg), 1e-3)
+    share = {verdict.name: verdict.share for verdict in verdicts}
+    assert 1e-3 < difference(without, with_it) <= share[name]
+
+
 def test_what_is_left_out_stays_within_the_tolerance():
     cfg = configuration("effects=auto", "effects.film_angle.tilt_deg=0.01",
                         "effects.speed_ripple.fraction=1e-4", "effects.load_drift.fraction=1e-4",

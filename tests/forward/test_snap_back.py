@@ -5,10 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.signal
 from scipy import stats
 
 from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent, SlowReadout
 from srsinv.forward.film import Film, Offset
+from srsinv.forward.filter import Butterworth, FirstOrder
 from srsinv.forward.noise import Johnson, Sliding, White, draw, with_noise
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
@@ -183,6 +185,17 @@ def test_more_events_than_a_block_holds():
     assert abs(power.mean() - expected) < 3.3 * power.std() / np.sqrt(power.size)
 
 
+@pytest.mark.parametrize(("depths", "error"), [(1e-6, 1e-12), (12, 1e-12), (50, 1e-8)])
+def test_the_polynomials_are_the_response(depths, error):
+    """At places all over a contact this long in depths of the shallower film."""
+    contact = depths * ELEMENTS[0][0]
+    coefficients = np.asarray(eqx.filter_jit(SnapBack._over_contact)(snap_back(contact_m=contact)))
+    at = np.linspace(-1, 1, 201)
+    expected = response(contact / 2 * at)
+    found = np.polynomial.chebyshev.chebval(at, coefficients.T)
+    assert np.abs(found - expected).max() < error * np.abs(expected).max()
+
+
 def test_rate_signal_is_the_difference_of_the_same_charge():
     rate = drawn(snap_back(), SCAN)
     charge = drawn(snap_back(amplifier="slow"), SCAN) / 3e9
@@ -223,6 +236,36 @@ def test_silence(name):
     noise, scan = SILENT[name]
     np.testing.assert_array_equal(spectrum_of(noise, LINE, scan), 0.0)
     np.testing.assert_array_equal(drawn(noise, scan), 0.0)
+
+
+# Behind filters
+
+FILTERS = (FirstOrder(4e-3), Butterworth(90.0, 3))
+FILTERED = Sensor(sensor().elements, HalfSpace(NU), AMPLIFIERS["current"], FILTERS)
+BEHIND = SnapBack.felt_by(FILTERED, RATE, SHEAR, PATCH, 5e-3, CONTACT)
+
+
+def test_spectrum_passes_the_filters():
+    """Their power response in closed form, at the frequencies of samples every 2 ms."""
+    omega = 2 * np.pi * np.arange(33) / (64 * DT)
+    power = 1 / (1 + (4e-3 * omega) ** 2) / (1 + (omega / (2 * np.pi * 90)) ** 6)
+    expected = np.asarray(spectrum_of(snap_back(), LINE, SCAN)) * power
+    found = np.asarray(spectrum_of(BEHIND, LINE, SCAN))
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("scan", [SCAN, BACKWARDS], ids=["forwards", "backwards"])
+def test_draws_come_later_in_time(scan):
+    """Along x the filtered draw is scipy's response times the same draw without filters, its phase
+    turned where the finger slides backwards."""
+    omega = 2 * np.pi * np.arange(33) / (64 * DT) * np.sign(float(scan.speed_m_per_s))
+    response = 1 / (1 + 4e-3j * omega)
+    response *= scipy.signal.freqs(*scipy.signal.butter(3, 2 * np.pi * 90, analog=True), omega)[1]
+    response[-1] = response[-1].real
+    bare = np.fft.rfft(drawn(snap_back(), scan))
+    expected = np.fft.irfft(bare * response, 64)
+    found = drawn(BEHIND, scan)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(found).max())
 
 
 # Together with the other causes

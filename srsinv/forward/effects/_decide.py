@@ -5,10 +5,12 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from ...grid import Line
 from ..setup import Setup
-from ._effect import Effect, Factor, Rounding
-from ._glance import glance
+from ._effect import Bursting, Effect, Factor, Order, Rounding
+from ._glance import Glance, glance
 
 MARGIN = 1.25  # effects act on each other, and the look at them is on coarser cells
 
@@ -36,12 +38,17 @@ def decide(
     seen = glance(setup, line)
     factors = {n: each.factor(seen) for n, each in effects.items() if isinstance(each, Factor)}
     every = seen.passed * math.prod(factors.values())
+    size = seen.size_within(every, min((each.rail for each in effects.values()), default=math.inf))
+    noises = [each.bursts(seen) for each in effects.values() if isinstance(each, Bursting)]
+    noises = [noise.but(size=size) for noise in noises]
+    peak = sum((noise.peak for noise in noises), 0.0)
     shares, grains, times = {}, {}, {}
     for name, effect in effects.items():
         start = time.perf_counter()
         others = math.prod(factor for n, factor in factors.items() if n != name)
-        beside = seen.beside(seen.passed * others, every)
-        shares[name] = float(effect.share(beside))
+        beside = seen.but(passed=seen.passed * others, size=size, peak=peak)
+        of_noise = sum(_of_noise(effect, noise) for noise in noises)
+        shares[name] = float(effect.share(beside) + of_noise)
         if isinstance(effect, Rounding):
             grains[name] = effect.grain(beside)
         times[name] = time.perf_counter() - start
@@ -51,6 +58,15 @@ def decide(
         off = _left_out(rest, tolerance, max(grains[name] for name in kept))
     largest_first = sorted(shares, key=lambda each: -shares[each])
     return tuple(Verdict(n, shares[n], n not in off, times[n]) for n in largest_first)
+
+
+def _of_noise(effect: Effect, noise: Glance) -> float:
+    """What an effect may change of the noise that another one adds."""
+    if effect.order <= Order.DIRECTION:
+        return effect.share(noise)
+    if isinstance(effect, Factor):  # in time, where the noise may have any spectrum
+        return float(np.abs(effect.factor(noise) - 1).max()) * noise.share(noise.signal)
+    return 0.0
 
 
 def _left_out(shares: Mapping[str, float], tolerance: float, grain: float) -> set[str]:

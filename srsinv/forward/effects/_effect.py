@@ -1,6 +1,7 @@
 """What an effect is: something that can be added to a setup, and bounded without doing so."""
 
 import abc
+import math
 from enum import IntEnum
 from typing import ClassVar
 
@@ -35,6 +36,11 @@ class Effect(eqx.Module):
     order: ClassVar[Order]
     of_sensor: ClassVar[bool]
 
+    @property
+    def rail(self) -> float:
+        """Beyond which, in signal units, it leaves nothing of a sample."""
+        return math.inf
+
     @abc.abstractmethod
     def added(self, setup: Setup) -> Setup:
         """The setup with this effect."""
@@ -50,6 +56,18 @@ class Factor(Effect):
     @abc.abstractmethod
     def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"] | Float[np.ndarray, "e k"]:
         """What it multiplies the spectrum of every element by."""
+
+
+class Bursting(Effect):
+    """An effect that adds noise of its own, which passes film, skin and electronics, too."""
+
+    @abc.abstractmethod
+    def bursts(self, glance: Glance) -> Glance:
+        """A look at the noise alone, its spectrum along the line that of what films feel."""
+
+    def share(self, glance: Glance) -> float:
+        noise = self.bursts(glance)
+        return noise.share(noise.signal)
 
 
 class Rounding(Effect):

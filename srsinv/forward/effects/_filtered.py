@@ -18,6 +18,4 @@ def filtered(setup: Setup, by: Filter) -> Setup:
 
 def filter_factor(glance: Glance, by: Filter) -> Complex[np.ndarray, "e k"]:
     """What a filter multiplies the signal's spectrum by."""
-    turn = 1j * glance.k * glance.speed_m_per_s * float(by.time_scale_s)
-    response = np.prod([-pole / (turn - pole) for pole in by.poles], axis=0)
-    return response[None] * np.ones_like(glance.passed)
+    return by.response(glance.k * glance.speed_m_per_s, np)[None] * np.ones_like(glance.passed)

@@ -5,6 +5,7 @@ needs too, next to nothing is compiled.
 """
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 
 import equinox as eqx
@@ -25,9 +26,9 @@ class Glance:
     - `setup`, `line`: what is looked at, without any effect.
     - `k` (k,) [rad/m]; `traction` (2, k): spectrum of p and q [Pa]; `background_Pa` (2,).
     - `stress` (e, 4, 2, k): stress at the films per traction; `weights` (e, 4): charge per stress.
-    - `gain`: of the readout.
+    - `gain`, `order`: of the readout.
     - `passed` (e, k): what other effects let pass of a change; `size`: the signal's rms with all of
-      them and the one that is looked at.
+      them and the one that is looked at; `peak`: how far noise may take a sample.
     """
 
     setup: Setup
@@ -38,31 +39,32 @@ class Glance:
     stress: Complex[np.ndarray, "e 4 2 k"]
     weights: Float[np.ndarray, "e 4"]
     gain: float
+    order: int
     passed: Inexact[np.ndarray, "e k"]
     charge: Complex[np.ndarray, "e k"] = field(init=False)
     signal: Complex[np.ndarray, "e k"] = field(init=False)
     size: float = 0.0
+    peak: float = 0.0
 
     def __post_init__(self):
         charge = np.einsum("es,esck,ck->ek", self.weights, self.stress, self.traction)
         object.__setattr__(self, "charge", charge)
         object.__setattr__(self, "signal", self.read(charge))
         if not self.size:
-            size = self.rms(self.passed * self.signal)
-            object.__setattr__(self, "size", max(size, np.finfo(float).tiny))
+            object.__setattr__(self, "size", self.size_within(self.passed, math.inf))
 
-    def beside(
-        self, others: Inexact[np.ndarray, "e k"], every: Inexact[np.ndarray, "e k"]
-    ) -> "Glance":
-        """As seen beside other effects, which multiply the signal by `others`, and all together by
-        `every`."""
-        size = max(self.rms(every * self.signal), np.finfo(float).tiny)
-        return dataclasses.replace(self, passed=others, size=size)
+    def but(self, **changed) -> "Glance":
+        """The same look with other parts."""
+        return dataclasses.replace(self, **changed)
+
+    def size_within(self, passed: Inexact[np.ndarray, "e k"], rail: float) -> float:
+        """Rms of the signal of which this passes, its samples cut at +-`rail`."""
+        samples = np.clip(np.fft.irfft(passed * self.signal, self.line.n), -rail, rail)
+        return max(float(np.sqrt(np.mean(samples**2))), np.finfo(float).tiny)
 
     def read(self, charge: Inexact[np.ndarray, "e k"]) -> Complex[np.ndarray, "e k"]:
         """The signal's spectrum from that of the charge."""
-        order = self.setup.sensor.amplifier.order
-        return self.gain * (1j * self.k) ** order * charge
+        return self.gain * (1j * self.k) ** self.order * charge
 
     @property
     def largest(self) -> Float[np.ndarray, "e k"]:
@@ -90,9 +92,9 @@ class Glance:
         return fraction * self.rms(self.signal) / self.size
 
     def beyond(self, limit: float) -> float:
-        """What part of the signal is beyond +-`limit`, rms over rms."""
+        """What part of the signal is beyond +-`limit`, rms over rms, noise at its peak added."""
         samples = np.fft.irfft(self.passed * self.signal, self.line.n)
-        over = np.maximum(np.abs(samples) - limit, 0.0)
+        over = np.maximum(np.abs(samples) + self.peak - limit, 0.0)
         return float(np.sqrt(np.mean(over**2)) / self.size)
 
     @property
@@ -120,7 +122,8 @@ def glance(setup: Setup, line: Line) -> Glance:
     traction = np.asarray(deviation(scene, line, direction, periodic))
     spectrum = np.fft.rfft(traction - background[:, None] if periodic else traction)
     all_of_it = np.ones((len(films), k.size))
-    return Glance(setup, line, k, spectrum, background, stress, weights, float(gain), all_of_it)
+    readout = float(gain), sensor.amplifier.order
+    return Glance(setup, line, k, spectrum, background, stress, weights, *readout, all_of_it)
 
 
 @eqx.filter_jit

@@ -23,5 +23,9 @@ class Clipping(Effect):
         # The rails come before the converter's levels, whatever is named first.
         return setup.recording(converters=(self.converter, *setup.recorder.converters))
 
+    @property
+    def rail(self) -> float:
+        return float(self.converter.limit)
+
     def share(self, glance: Glance) -> float:
-        return glance.beyond(float(self.converter.limit))
+        return glance.beyond(self.rail)

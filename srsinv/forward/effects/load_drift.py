@@ -26,7 +26,7 @@ class LoadDrift(Effect):
 
     def share(self, glance: Glance) -> float:
         fraction = abs(float(self.drift.fraction))
-        if not glance.setup.sensor.amplifier.order or not fraction:
+        if not glance.order or not fraction:
             return fraction
         # R_f d' Q, of all the charge there is: what the film feels of the mean load, too.
         per_second = fraction * 2 * np.pi / float(self.drift.period_s)

@@ -25,6 +25,10 @@ class Quantisation(Rounding):
     def grain(self, glance: Glance) -> float:
         return 2 * float(self.converter.full_scale) / 2**self.converter.bits / glance.size
 
+    @property
+    def rail(self) -> float:
+        return float(self.converter.full_scale)
+
     def share(self, glance: Glance) -> float:
         # Never more than half a step, which is what a signal below one step may lose.
-        return glance.beyond(float(self.converter.full_scale)) + self.grain(glance) / 2
+        return glance.beyond(self.rail) + self.grain(glance) / 2

@@ -7,11 +7,13 @@ import numpy as np
 from ...errors import number
 from ..setup import Setup
 from ..snap_back import SnapBack as Bursts
-from ._effect import Effect, Order
+from ._effect import Bursting, Order
 from ._glance import Glance
 
+PEAK = 5.0  # times its rms, which a Gaussian amplitude is beyond once in two million
 
-class SnapBack(Effect):
+
+class SnapBack(Bursting):
     """Noise of bursts: `rate_hz` of them a second in a contact of `contact_m` around the film, each
     on a patch of `patch_m`, of rms shear `shear_Pa` that decays over `decay_s`.
 
@@ -48,17 +50,25 @@ class SnapBack(Effect):
         )
         return setup.but(noises=(*setup.noises, bursts))
 
-    def share(self, glance: Glance) -> float:
+    def bursts(self, glance: Glance) -> Glance:
         # Campbell: a mean of rate * decay/2 bursts at a time, each of the mean square charge that
-        # a patch gives over the contact; a difference of two samples has at most twice its rms.
-        k = glance.k
-        patch = self.patch_m * np.sinc(k * self.patch_m / (2 * np.pi))
-        charge = np.einsum("es,esk->ek", glance.weights, glance.stress[:, :, 1]) * patch
-        # Parseval: the integral of the kernel's square along the line is that of |F|^2 over 2 pi.
-        square = np.mean(np.trapezoid(np.abs(charge) ** 2, k) / np.pi) / self.contact_m
-        rms = self.shear_Pa * np.sqrt(self.rate_hz * self.decay_s / 2 * square)
-        if glance.setup.sensor.amplifier.order:
-            rms = 2 * rms * abs(glance.gain) / float(glance.line.cell_m)
-        else:
-            rms = rms * abs(glance.gain)
-        return float(rms / glance.size)
+        # a patch gives over the contact; Parseval: the integral of a kernel's square along the line
+        # is that of |F|^2 over 2 pi.
+        patch = self.patch_m * np.sinc(glance.k * self.patch_m / (2 * np.pi))
+        shear = np.stack([0 * patch, patch]).astype(complex)
+        one = glance.but(
+            setup=glance.setup.but(scene=None), traction=shear, background_Pa=np.zeros(2),
+            gain=1.0, order=0, passed=np.ones_like(glance.passed),
+        )  # fmt: skip
+        square = np.mean(np.trapezoid(np.abs(one.charge) ** 2, glance.k) / np.pi) / self.contact_m
+        reading = abs(glance.gain) * self.shear_Pa
+        rms = reading * np.sqrt(self.rate_hz * self.decay_s / 2 * square)
+        if glance.order:
+            # Of the difference of two samples; twice, as they may come four times as often.
+            cell = float(glance.line.cell_m)
+            since = cell / max(abs(glance.speed_m_per_s) * self.decay_s, np.finfo(float).tiny)
+            reading, rms = reading / cell, rms * min(2.0, 2 * np.sqrt(-2 * np.expm1(-since))) / cell
+        at_most = np.trapezoid(np.abs(one.charge), glance.k).max() / np.pi
+        together = PEAK * np.sqrt(1 + self.rate_hz * self.decay_s)
+        scale = rms / max(one.rms(one.signal), np.finfo(float).tiny)
+        return one.but(traction=scale * shear, peak=float(together * reading * at_most))

@@ -29,6 +29,4 @@ class SpeedRipple(Effect):
         # A rate signal changes with the speed, and comes from where the sensor then is.
         fraction, frequency = self.pace.fraction, self.pace.frequency_hz
         away = fraction * abs(glance.speed_m_per_s) / (2 * np.pi * frequency)
-        return fraction * glance.setup.sensor.amplifier.order + (1 + fraction) * moved_share(
-            glance, away
-        )
+        return fraction * glance.order + (1 + fraction) * moved_share(glance, away)
