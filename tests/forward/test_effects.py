@@ -148,14 +148,14 @@ LOUD = {
     "film_angle": "effects.film_angle.tilt_deg=1",
     "layered_skin": "effects.layered_skin.layers.skin.thickness_m=0.002",
     "antialias_filter": "effects.antialias_filter.cutoff_hz=500",
-    "clipping": "effects.clipping.limit=6e-5",
+    "clipping": "effects.clipping.limit=5e-5",
 }
 
 
 @pytest.mark.parametrize(("name", "setting"), LOUD.items(), ids=LOUD)
 def test_nor_beside_loud_bursts(name, setting):
     """Which pass the film, the skin and the filters, and go beyond rails that the signal keeps."""
-    cfg = configuration(f"effects=[{name},snap_back]", "effects.snap_back.shear_Pa=2000", setting)
+    cfg = configuration(f"effects=[{name},snap_back]", "effects.snap_back.shear_Pa=5000", setting)
     both, loud, bare = (
         simulation(with_only(cfg, on)) for on in ((name, "snap_back"), ("snap_back",), ())
     )
