@@ -1,14 +1,18 @@
 """How the real motion departs from a constant speed: ripple, standstill, reversal.
 
-A pace is a factor on the nominal speed, and paces multiply. The motion that follows is concrete,
-so that everything here is numpy in double precision.
+A pace is a factor on the nominal speed, and paces multiply. How many samples a motion takes is
+concrete, and numpy finds it in double precision; at given times the motion is differentiable.
 """
 
 import abc
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
 
 from ..errors import number, refuse
 from .scan import MIN_SAMPLES, Motion
@@ -17,23 +21,25 @@ MOST_SAMPLES = 2**22
 NODES = 8  # of Gauss's rule between samples: to round-off for half a period of a ripple
 ARRIVED = 1e-12  # of the way: what is left then is rounding
 
+Number = float | Float[Array, ""]
+
 
 class Pace(eqx.Module):
     """The speed's factor over time, smooth but for its bends. After the last bend it is never
     negative, so that a motion arrives for good."""
 
     @abc.abstractmethod
-    def factor(self, time_s: np.ndarray) -> np.ndarray:
-        """(sample,): what the nominal speed is multiplied by."""
+    def factor(self, time_s, xp: Any = np):
+        """(sample,): what the nominal speed is multiplied by, by `xp`: numpy or jax.numpy."""
 
     @property
     @abc.abstractmethod
-    def bends_s(self) -> tuple[float, ...]:
+    def bends_s(self) -> tuple[Number, ...]:
         """Times at which the factor is not smooth, increasing."""
 
     @property
     @abc.abstractmethod
-    def frequency_limit_hz(self) -> float:
+    def frequency_limit_hz(self) -> Number:
         """The highest frequency of the factor where it is periodic, else 0."""
 
 
@@ -44,52 +50,52 @@ class Ripple(Pace):
     frequency that is not positive.
     """
 
-    fraction: float
-    frequency_hz: float
-    phase_rad: float
+    fraction: Number
+    frequency_hz: Number
+    phase_rad: Number
 
     def __init__(self, fraction, frequency_hz, phase_rad=0.0):
         wanted = "a number between 0 and 1"
-        self.fraction = float(number("ripple.fraction", fraction, wanted, least=0, most=1))
+        self.fraction = _plain(number("ripple.fraction", fraction, wanted, least=0, most=1))
         wanted = "a positive frequency in Hz"
-        self.frequency_hz = float(number("ripple.frequency_hz", frequency_hz, wanted, above=0))
-        self.phase_rad = float(number("ripple.phase_rad", phase_rad, "an angle in radians"))
+        self.frequency_hz = _plain(number("ripple.frequency_hz", frequency_hz, wanted, above=0))
+        self.phase_rad = _plain(number("ripple.phase_rad", phase_rad, "an angle in radians"))
 
-    def factor(self, time_s: np.ndarray) -> np.ndarray:
+    def factor(self, time_s, xp: Any = np):
         turn = 2 * np.pi * self.frequency_hz
-        return 1 + self.fraction * np.cos(turn * time_s + self.phase_rad)
+        return 1 + self.fraction * xp.cos(turn * time_s + self.phase_rad)
 
     @property
-    def bends_s(self) -> tuple[float, ...]:
+    def bends_s(self) -> tuple[Number, ...]:
         return ()
 
     @property
-    def frequency_limit_hz(self) -> float:
+    def frequency_limit_hz(self) -> Number:
         return self.frequency_hz
 
 
 class _Stretch(eqx.Module):
     """A stretch of time from `at_s` on: a ramp, `duration_s`, and a ramp back, each `ramp_s`."""
 
-    at_s: float
-    duration_s: float
-    ramp_s: float
+    at_s: Number
+    duration_s: Number
+    ramp_s: Number
 
     def __init__(self, name: str, at_s, duration_s, ramp_s):
         wanted = "a time in seconds that is at least 0"
-        self.at_s = float(number(f"{name}.at_s", at_s, wanted, least=0))
-        self.duration_s = float(number(f"{name}.duration_s", duration_s, wanted, least=0))
+        self.at_s = _plain(number(f"{name}.at_s", at_s, wanted, least=0))
+        self.duration_s = _plain(number(f"{name}.duration_s", duration_s, wanted, least=0))
         wanted = "a positive time in seconds, as no speed jumps"
-        self.ramp_s = float(number(f"{name}.ramp_s", ramp_s, wanted, above=0))
+        self.ramp_s = _plain(number(f"{name}.ramp_s", ramp_s, wanted, above=0))
 
-    def share(self, time_s: np.ndarray) -> np.ndarray:
+    def share(self, time_s, xp: Any):
         """From 0 outside to 1 within, by raised cosines."""
-        begun = np.clip((time_s - self.at_s) / self.ramp_s, 0, 1)
-        left = np.clip((self.bends_s[-1] - time_s) / self.ramp_s, 0, 1)
-        return (np.sin(np.pi / 2 * begun) * np.sin(np.pi / 2 * left)) ** 2
+        begun = xp.clip((time_s - self.at_s) / self.ramp_s, 0, 1)
+        left = xp.clip((self.bends_s[-1] - time_s) / self.ramp_s, 0, 1)
+        return (xp.sin(np.pi / 2 * begun) * xp.sin(np.pi / 2 * left)) ** 2
 
     @property
-    def bends_s(self) -> tuple[float, ...]:
+    def bends_s(self) -> tuple[Number, ...]:
         resting = self.at_s + self.ramp_s
         leaving = resting + self.duration_s
         return self.at_s, resting, leaving, leaving + self.ramp_s
@@ -107,11 +113,11 @@ class Standstill(Pace):
     def __init__(self, at_s, duration_s, ramp_s):
         self.stretch = _Stretch("standstill", at_s, duration_s, ramp_s)
 
-    def factor(self, time_s: np.ndarray) -> np.ndarray:
-        return 1 - self.stretch.share(time_s)
+    def factor(self, time_s, xp: Any = np):
+        return 1 - self.stretch.share(time_s, xp)
 
     @property
-    def bends_s(self) -> tuple[float, ...]:
+    def bends_s(self) -> tuple[Number, ...]:
         return self.stretch.bends_s
 
     @property
@@ -131,11 +137,11 @@ class Reversal(Pace):
     def __init__(self, at_s, duration_s, ramp_s):
         self.stretch = _Stretch("reversal", at_s, duration_s, ramp_s)
 
-    def factor(self, time_s: np.ndarray) -> np.ndarray:
-        return 1 - 2 * self.stretch.share(time_s)
+    def factor(self, time_s, xp: Any = np):
+        return 1 - 2 * self.stretch.share(time_s, xp)
 
     @property
-    def bends_s(self) -> tuple[float, ...]:
+    def bends_s(self) -> tuple[Number, ...]:
         return self.stretch.bends_s
 
     @property
@@ -167,6 +173,26 @@ def paced(start_m, length_m, speed_m_per_s, rate_hz, paces: Sequence[Pace] = ())
     return Motion(time, position, speed_m_per_s * _factor(time, paces))
 
 
+def at_times(
+    time_s: Float[Array, " sample"],
+    start_m: Number,
+    speed_m_per_s: Number,
+    paces: Sequence[Pace] = (),
+) -> Motion:
+    """The motion from `start_m` on, at times from 0 on: that of [`paced`][], to the rounding of the
+    precision worked in, and differentiable in every number but the times.
+
+    Raises `BadInput` for times that do not increase or are fewer than 3.
+    """
+    travelled = _travelled(time_s, paces, jnp)
+    speed = speed_m_per_s * _factor(time_s, paces, jnp)
+    return Motion(time_s, start_m + speed_m_per_s * travelled, speed)
+
+
+def _plain(value: Any) -> Number:
+    return value if isinstance(value, Tracer) else float(value)
+
+
 def _refuse_untold(paces: Sequence[Pace], rate_hz) -> None:
     highest = max((pace.frequency_limit_hz for pace in paces), default=0.0)
     refuse(
@@ -176,10 +202,10 @@ def _refuse_untold(paces: Sequence[Pace], rate_hz) -> None:
     )
 
 
-def _factor(time: np.ndarray, paces: Sequence[Pace]) -> np.ndarray:
-    factor = np.ones_like(time)
+def _factor(time, paces: Sequence[Pace], xp: Any = np):
+    factor = xp.ones_like(time)
     for pace in paces:
-        factor *= pace.factor(time)
+        factor = factor * pace.factor(time, xp)
     return factor
 
 
@@ -208,13 +234,13 @@ def _until(way_s: float, rate_hz: float, paces: Sequence[Pace]) -> tuple[np.ndar
     return time[:count], travelled[:count]
 
 
-def _travelled(time: np.ndarray, paces: Sequence[Pace]) -> np.ndarray:
-    """The factor's integral from time 0 [s]."""
-    bends = [bend for pace in paces for bend in pace.bends_s if bend < time[-1]]
-    ends = np.union1d(time, bends)
-    middle, half = (ends[1:] + ends[:-1]) / 2, np.diff(ends) / 2
-    mean = np.zeros_like(middle)
+def _travelled(time, paces: Sequence[Pace], xp: Any = np):
+    """The factor's integral from time 0 [s], of which all panels end at samples and bends."""
+    bends = [xp.minimum(bend, time[-1]) for pace in paces for bend in pace.bends_s]
+    ends = xp.sort(xp.concatenate([time, xp.asarray(bends, time.dtype)]))
+    middle, half = (ends[1:] + ends[:-1]) / 2, xp.diff(ends) / 2
+    mean = xp.zeros_like(middle)
     for node, weight in zip(*np.polynomial.legendre.leggauss(NODES), strict=True):
-        mean += weight * _factor(middle + node * half, paces)
-    travelled = np.concatenate([[0.0], np.cumsum(half * mean)])
-    return travelled[np.searchsorted(ends, time)]
+        mean = mean + weight * _factor(middle + node * half, paces, xp)
+    travelled = xp.concatenate([xp.zeros(1, time.dtype), xp.cumsum(half * mean)])
+    return travelled[xp.searchsorted(ends, time)]

@@ -82,9 +82,21 @@ def assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
         ("amplifier", type(sim.sensor.amplifier).__name__),
         ("noise", ", ".join(cfg["noise"]) or "none"),
         *build.effects_rows(cfg),
+        *_not_inverted(sim),
         ("p and q", "apart" if cfg["friction"] is None else f"q = {cfg['friction']} p"),
         ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
     )
+
+
+def _not_inverted(sim: Simulation) -> tuple[tuple[str, str], ...]:
+    """What acts on the signal but not in the model that inverts it, where there is something."""
+    recorder, lags = sim.setup.recorder, bool(sim.sensor.filters)
+    left = [
+        *(["the load's drift"] if recorder.drift else []),
+        *(["the filters' lag as the speed varies (that at constant speed is)"]
+          if recorder.paces and lags else []),
+    ]  # fmt: skip
+    return (("not in the inversion", ", ".join(left)),) if left else ()
 
 
 def _how(sim: Simulation) -> str:

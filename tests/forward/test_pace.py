@@ -3,11 +3,15 @@
 from itertools import pairwise
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from srsinv.forward.pace import Reversal, Ripple, Standstill, paced
+from srsinv.forward.film import Film
+from srsinv.forward.pace import Reversal, Ripple, Standstill, at_times, paced
+from srsinv.forward.sensor import Sensor
+from srsinv.grid import Open
 from tests.refusals import refused
 
 SPEED, LENGTH, START = 0.05, 0.02, -3e-3
@@ -132,6 +136,64 @@ def test_constant_speed_takes_its_time():
     motion = paced(0.0, 0.1, 0.05, 1000.0)
     assert motion.time_s.size == 2001
     assert float(motion.position_m[-1]) == pytest.approx(0.1, abs=1e-15)
+
+
+# Gradients: of a motion at given times, whose positions are those of the one that is counted out.
+
+THETA = np.array([0.4, 130.0, 1.0, 0.1, 0.05, 0.013, 0.2, 0.06, 0.0111, SPEED])
+
+
+def paces_of(theta):
+    return [Ripple(*theta[:3]), Standstill(*theta[3:6]), Reversal(*theta[6:9])]
+
+
+def test_gradients_of_the_motion():
+    """In all numbers of three paces and the speed, against differences of numpy's motion."""
+    first = paced(START, LENGTH, SPEED, 700.0, paces_of(THETA))
+    time = np.asarray(first.time_s)
+    weights = np.random.default_rng(4).normal(size=(2, time.size)) / [[SPEED], [50 * SPEED]]
+
+    def numbers(motion, count):
+        return [weights[0, :count] @ motion.position_m[:count],
+                weights[1, :count] @ motion.speed_m_per_s[:count]]  # fmt: skip
+
+    @jax.jit
+    def traced(theta):
+        motion = at_times(jnp.asarray(time), START, theta[9], paces_of(theta))
+        return motion.position_m, jnp.stack(numbers(motion, time.size))
+
+    np.testing.assert_allclose(traced(THETA)[0], first.position_m, rtol=0, atol=1e-15)
+    of_numbers = jax.jit(lambda theta: traced(theta)[1])
+    forward, reverse = jax.jit(lambda t: (jax.jacfwd(of_numbers)(t), jax.jacrev(of_numbers)(t)))(
+        THETA
+    )
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-9 * np.abs(forward).max())
+
+    def apart(theta):
+        motion = paced(START, 1.5 * LENGTH, theta[9], 700.0, paces_of(theta))
+        return np.array(numbers(motion, time.size))
+
+    steps = np.diag(1e-6 * THETA)
+    expected = [(apart(THETA + step) - apart(THETA - step)) / 2e-6 for step in steps]
+    scale = 1e-6 * np.abs(expected).max()
+    np.testing.assert_allclose(
+        np.asarray(forward) * THETA, np.transpose(expected), rtol=1e-6, atol=scale
+    )
+
+
+def test_gradient_of_a_signal_in_the_ripple():
+    """Through a sensor's signal at the positions and speeds of the motion."""
+    sensor, line = Sensor([Film()]), Open(64, 3e-4, -3e-3)
+    r = jnp.asarray(np.random.default_rng(5).normal(size=(2, 64)))
+    time = jnp.arange(80) / 300.0
+
+    @jax.jit
+    def signal(fraction):
+        return sensor.scanned(line, at_times(time, 0.0, SPEED, [Ripple(fraction, 20.0)]))(r)
+
+    found = jax.jit(jax.jacfwd(signal))(0.3)
+    expected = (signal(0.3 + 1e-5) - signal(0.3 - 1e-5)) / 2e-5
+    assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
 
 
 def test_single_precision():
