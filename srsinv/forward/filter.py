@@ -20,7 +20,7 @@ from jaxtyping import Array, Complex, Float
 from numpy.polynomial.legendre import leggauss, legvander
 
 from ..errors import number, refuse, whole
-from ..grid import as_real, spread_over
+from ..grid import Scalar, as_real, spread_over
 from .film import Kernel, LineEffect
 
 HIGHEST_ORDER = 8
@@ -39,7 +39,7 @@ class Filter(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def time_scale_s(self) -> Float[Array, ""]:
+    def time_scale_s(self) -> Scalar:
         """T [s], with which the poles scale."""
 
     @property
@@ -121,7 +121,7 @@ class FirstOrder(Filter):
         )
 
     @property
-    def time_scale_s(self) -> Float[Array, ""]:
+    def time_scale_s(self) -> Scalar:
         return self.time_constant_s
 
     @property
@@ -145,7 +145,7 @@ class Butterworth(Filter):
         self.order = whole("filter order", order, wanted, least=1, most=HIGHEST_ORDER)
 
     @property
-    def time_scale_s(self) -> Float[Array, ""]:
+    def time_scale_s(self) -> Scalar:
         return 1 / (2 * jnp.pi * self.cutoff_hz)
 
     @property

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..errors import number
 from ..grid import Line, Scalar, as_real
@@ -30,24 +30,42 @@ class Scene(eqx.Module):
     def pressure(self, line: Line) -> Float[Array, " n"]:
         """Cell averages of p [Pa]."""
 
-    def traction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, "2 n"]:
-        """Cell averages of (p, q) [Pa], for sliding along `direction` = sign(u).
+    def traction(
+        self, line: Line, direction: Scalar = 1.0, p: Float[Array, " n"] | None = None
+    ) -> Float[Array, "2 n"]:
+        """Cell averages of (p, q) [Pa], for sliding along `direction` = sign(u); `p` where the
+        pressure is known already.
 
         q is mu at the cell's centre times the cell average of p: second order in the cell where
         mu is smooth, and exact where it is constant.
         """
-        p = self.pressure(line)
+        p = self.pressure(line) if p is None else p
         return jnp.stack([p, direction * self.friction(line, direction) * p])
 
 
-@eqx.filter_jit
-def deviation(scene: Scene, line: Line, direction: Scalar, periodic: bool) -> Float[Array, "2 n"]:
+def deviation(
+    scene: Scene,
+    line: Line,
+    direction: Scalar,
+    periodic: bool,
+    p: Float[ArrayLike, " n"] | None = None,
+) -> Float[Array, "2 n"]:
     """The traction that a line holds: all of it on a periodic one, where it repeats; on an open one
-    what differs from the background, which has no end to feel.
+    what differs from the background, which has no end to feel. `p` where the pressure of a contact
+    is known already.
 
-    One program of its own, as contact is long to compile and many ask for the same traction.
+    Programs of their own, as many ask for the same traction; that of the contact, which is long to
+    compile, serves every elastic skin.
     """
-    whole = scene.traction(line, direction)
+    if isinstance(scene, SurfaceScene):
+        p = scene.pressure(line) if p is None else jnp.asarray(p)
+        scene = eqx.tree_at(lambda pressed: pressed.skin, scene, None)  # it has done its part
+    return _deviation(scene, line, direction, periodic, p)
+
+
+@eqx.filter_jit
+def _deviation(scene: Scene, line: Line, direction: Scalar, periodic: bool, p):
+    whole = scene.traction(line, direction, p)
     return whole if periodic else whole - scene.background(direction)[:, None]
 
 
@@ -117,7 +135,11 @@ class SurfaceScene(Scene):
 
     def contact(self, line: Line) -> Contact:
         """How the skin lies on the surface."""
-        return press(line, self.skin, self.surface.height(line), self.nominal_pressure_Pa)
+        return press(line, self.skin, self.height(line), self.nominal_pressure_Pa)
+
+    def height(self, line: Line) -> Float[Array, " n"]:
+        """Of the surface at the cell centres [m]: a program of its own, whatever the skin."""
+        return _height(self.surface, line)
 
     def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:
         forward, backward = (self.surface.friction(line, way) for way in (True, False))
@@ -129,3 +151,8 @@ class SurfaceScene(Scene):
 
     def pressure(self, line: Line) -> Float[Array, " n"]:
         return self.contact(line).pressure_Pa
+
+
+@eqx.filter_jit
+def _height(surface: Surface, line: Line) -> Float[Array, " n"]:
+    return surface.height(line)

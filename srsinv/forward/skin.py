@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Inexact
 
 from ..errors import number
-from ..grid import as_real
+from ..grid import Scalar, as_real
 from .antiplane import Antiplane, AntiplaneHalfSpace
 
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
@@ -91,7 +91,7 @@ class HalfSpace(Skin):
         return AntiplaneHalfSpace()
 
     @property
-    def contact_modulus_Pa(self) -> Float[Array, ""]:
+    def contact_modulus_Pa(self) -> Scalar:
         """E* = E/(1 - nu^2)."""
         return self.youngs_modulus_Pa / (1 - self.poisson_ratio**2)
 

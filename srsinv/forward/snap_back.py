@@ -5,9 +5,11 @@ relaxes. What a film feels of it is the charge Q of a uniform shear on a strip o
 length: the recording is a shot noise (Campbell's theorem; Rice 1944, part I).
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Complex, Float, PRNGKeyArray
 
 from ..errors import number
@@ -19,7 +21,8 @@ from .scan import ConstantSpeed
 from .sensor import FilmSignal, Sensor
 
 PANELS, NODES = 32, 16  # of Gauss's rule over the contact: to round-off up to 50 depths
-TERMS = 512  # of the films' response over the contact, in Chebyshev polynomials: likewise to 1e-9
+MOST_TERMS = 512  # of the films' response over the contact, in Chebyshev polynomials: likewise
+LOST = 1e-10  # of the response, by what terms there are where the contact is shorter
 BLOCK = 128  # events drawn at once
 MOST_PER_S = 1e6
 
@@ -49,6 +52,7 @@ class SnapBack(Drawn):
     patch_m: Float[Array, ""]
     decay_s: Float[Array, ""]
     contact_m: Float[Array, ""]
+    terms: int = eqx.field(static=True)
 
     def __init__(
         self,
@@ -71,6 +75,7 @@ class SnapBack(Drawn):
         self.rate_hz, self.shear_Pa = as_real(rate_hz), as_real(shear_Pa)
         self.patch_m, self.decay_s = as_real(patch_m), as_real(decay_s)
         self.contact_m = as_real(contact_m)
+        self.terms = _terms(contact_m, [film.depth_m for film in charge.elements])
 
     @classmethod
     def felt_by(cls, sensor: Sensor, rate_hz, shear_Pa, patch_m, decay_s, contact_m) -> "SnapBack":
@@ -138,9 +143,9 @@ class SnapBack(Drawn):
     def _over_contact(self) -> Float[Array, "e term"]:
         """The response over the contact by Chebyshev polynomials: one event's is then a sum of
         cosines, however much goes on in the skin."""
-        angle = np.pi * (np.arange(TERMS) + 0.5) / TERMS
+        angle = np.pi * (np.arange(self.terms) + 0.5) / self.terms
         response = self._response(self.contact_m / 2 * as_real(np.cos(angle)))
-        return (jax.scipy.fft.dct(response) / TERMS).at[:, 0].multiply(0.5)
+        return (jax.scipy.fft.dct(response) / self.terms).at[:, 0].multiply(0.5)
 
     def _mean_square(self, line: Line, scan: ConstantSpeed) -> Float[Array, ""]:
         """Of a jump in the signal: over amplitudes, the contact and the elements."""
@@ -159,7 +164,7 @@ class SnapBack(Drawn):
         `ratio` the sampling interval over the decay."""
         for_number, for_events = jax.random.split(key)
         number_of_events = jax.random.poisson(for_number, expected)
-        over_contact, term = self._over_contact(), jnp.arange(TERMS)
+        over_contact, term = self._over_contact(), jnp.arange(self.terms)
 
         def add(block, charge):
             for_places, for_sizes = jax.random.split(jax.random.fold_in(for_events, block))
@@ -184,3 +189,14 @@ class SnapBack(Drawn):
         # 1 - exp(-ratio - ik cell), without cancelling where the decay is slow.
         kept = -jnp.expm1(-ratio) + jnp.exp(-ratio) * difference
         return (difference if self._is_rate else 1.0) / kept
+
+
+def _terms(contact_m, depths_m) -> int:
+    """How many Chebyshev polynomials tell a response that is analytic within a depth of the real
+    axis: they converge as (s + sqrt(1 + s^2))^-terms, s the depth over half the contact. A power of
+    2, so that contacts that differ little share one program."""
+    if any(isinstance(value, Tracer) for value in (contact_m, *depths_m)):
+        return MOST_TERMS
+    half, depth = float(contact_m) / 2, min(float(depth) for depth in depths_m)
+    wanted = -np.log(LOST) / np.arcsinh(depth / half) if half > 0 else 1.0
+    return int(min(MOST_TERMS, 2 ** np.ceil(np.log2(max(wanted, 16.0)))))

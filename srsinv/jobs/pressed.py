@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..errors import BadInput, refuse
-from ..forward.contact import Contact, press
+from ..forward.contact import Contact
 from ..forward.scene import SurfaceScene
 from ..forward.surface import Surface
 from ..inverse.problem import Estimate, Problem
@@ -36,8 +36,7 @@ class Pressed(eqx.Module):
             "and this job takes one sample a cell at constant speed: leave it out.",
         )
         self.sim, self.scene = sim, scene
-        height = scene.surface.height(sim.fine)
-        self.contact = press(sim.fine, scene.skin, height, scene.nominal_pressure_Pa)
+        self.contact = scene.contact(sim.fine)
 
     @property
     def surface(self) -> Surface:

@@ -20,7 +20,7 @@ from srsinv.__main__ import find_config_root
 from srsinv.errors import BadInput
 from srsinv.forward.effects import NAMES
 from srsinv.forward.effects._decide import decide
-from srsinv.forward.effects._glance import glance
+from srsinv.forward.effects._glance import _pressure, glance
 from srsinv.forward.film import Film, StripWidth
 from srsinv.forward.sensor import Sensor
 from srsinv.jobs import build
@@ -141,6 +141,21 @@ def test_it_changes_no_more_than_its_bound(name, settings):
     assert difference(*felt) <= 1.05 * share
     # Nor is every effect called for whatever the scene.
     assert share < 1e-3 or difference(*felt) > share / 40
+
+
+@pytest.mark.parametrize("name", ["ridge", "tape", "rough"])
+def test_a_look_presses_as_contact_does(name):
+    """To a hundredth of the pressure's deviation behind the rubber over the film, |k| e^(-kz); a
+    profile that touches everywhere to round-off."""
+    sim = simulation(configuration("effects=[]", f"scene={name}"))
+    k = np.asarray(sim.line.k)
+    felt = k * np.exp(-k * 0.75e-3)
+    looked, solved = (
+        np.fft.rfft(each)
+        for each in (_pressure(sim.scene, sim.line, k), sim.scene.pressure(sim.line))
+    )
+    off = np.linalg.norm(felt * (looked - solved)) / np.linalg.norm(felt * solved)
+    assert off < (1e-2 if np.any(sim.scene.pressure(sim.line) == 0) else 1e-9)
 
 
 LOUD = {

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 from jaxtyping import Complex
 
@@ -18,4 +19,5 @@ def filtered(setup: Setup, by: Filter) -> Setup:
 
 def filter_factor(glance: Glance, by: Filter) -> Complex[np.ndarray, "e k"]:
     """What a filter multiplies the signal's spectrum by."""
+    by = jax.tree.map(float, by)
     return by.response(glance.k * glance.speed_m_per_s, np)[None] * np.ones_like(glance.passed)

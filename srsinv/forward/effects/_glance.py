@@ -1,7 +1,7 @@
 """A quick look at a scene: enough to bound what an effect would change, without simulating it.
 
-All is numpy, on one grid, with the half space's stress: beside the traction, which a simulation
-needs too, next to nothing is compiled.
+All is numpy, on one grid, with the half space's stress and contact: beside the traction or a
+surface's height, which a simulation needs too, next to nothing is compiled.
 """
 
 import dataclasses
@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
 from ...grid import Line, Periodic, half_spectrum_weights
-from ..scene import deviation
+from ..scene import SurfaceScene, deviation
 from ..setup import Setup
 from ..skin import HalfSpace, half_space_stress
+from ._contact import pressure_under
 
 
 @dataclass(frozen=True)
@@ -112,18 +113,28 @@ def glance(setup: Setup, line: Line) -> Glance:
     scene, sensor, direction = setup.scene, setup.sensor, setup.scan.direction
     assert scene is not None
     assert isinstance(sensor.skin, HalfSpace), "a look is without effects"
-    # All but the traction by numpy: what is run once takes longer to compile.
-    k, nu = np.asarray(line.k), np.asarray(sensor.skin.poisson_ratio)
+    # All that can be is numpy: what is run once takes longer to compile.
+    k = 2 * np.pi * np.fft.rfftfreq(line.n, np.asarray(line.cell_m))
+    nu = np.asarray(sensor.skin.poisson_ratio)
     films = [jax.tree.map(np.asarray, film) for film in sensor.elements]
     stress = np.stack([half_space_stress(np, k, film.depth_m, nu) for film in films])
     weights = np.stack([film.charge_per_stress(np) for film in films])
     background, gain = map(np.asarray, _background_and_gain(setup))
     periodic = isinstance(line, Periodic)
-    traction = np.asarray(deviation(scene, line, direction, periodic))
+    p = _pressure(scene, line, k) if isinstance(scene, SurfaceScene) else None
+    traction = np.asarray(deviation(scene, line, direction, periodic, p))
     spectrum = np.fft.rfft(traction - background[:, None] if periodic else traction)
     all_of_it = np.ones((len(films), k.size))
     readout = float(gain), sensor.amplifier.order
     return Glance(setup, line, k, spectrum, background, stress, weights, *readout, all_of_it)
+
+
+def _pressure(scene: SurfaceScene, line: Line, k) -> Float[np.ndarray, " n"]:
+    skin = jax.tree.map(float, scene.skin)
+    mean = np.sinc(k * np.asarray(line.cell_m) / (2 * np.pi))
+    at_centres = 2 / (skin.contact_modulus_Pa * k[1:] * mean[1:])
+    height = np.asarray(scene.height(line))
+    return pressure_under(height, float(scene.nominal_pressure_Pa), np.append(0.0, at_centres))
 
 
 @eqx.filter_jit
