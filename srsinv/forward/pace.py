@@ -15,13 +15,12 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ..errors import number, refuse
+from ..grid import Scalar
 from .scan import MIN_SAMPLES, Motion
 
 MOST_SAMPLES = 2**22
 NODES = 8  # of Gauss's rule between samples: to round-off for half a period of a ripple
 ARRIVED = 1e-12  # of the way: what is left then is rounding
-
-Number = float | Float[Array, ""]
 
 
 class Pace(eqx.Module):
@@ -34,12 +33,12 @@ class Pace(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def bends_s(self) -> tuple[Number, ...]:
+    def bends_s(self) -> tuple[Scalar, ...]:
         """Times at which the factor is not smooth, increasing."""
 
     @property
     @abc.abstractmethod
-    def frequency_limit_hz(self) -> Number:
+    def frequency_limit_hz(self) -> Scalar:
         """The highest frequency of the factor where it is periodic, else 0."""
 
 
@@ -50,9 +49,9 @@ class Ripple(Pace):
     frequency that is not positive.
     """
 
-    fraction: Number
-    frequency_hz: Number
-    phase_rad: Number
+    fraction: Scalar
+    frequency_hz: Scalar
+    phase_rad: Scalar
 
     def __init__(self, fraction, frequency_hz, phase_rad=0.0):
         wanted = "a number between 0 and 1"
@@ -66,20 +65,20 @@ class Ripple(Pace):
         return 1 + self.fraction * xp.cos(turn * time_s + self.phase_rad)
 
     @property
-    def bends_s(self) -> tuple[Number, ...]:
+    def bends_s(self) -> tuple[Scalar, ...]:
         return ()
 
     @property
-    def frequency_limit_hz(self) -> Number:
+    def frequency_limit_hz(self) -> Scalar:
         return self.frequency_hz
 
 
 class _Stretch(eqx.Module):
     """A stretch of time from `at_s` on: a ramp, `duration_s`, and a ramp back, each `ramp_s`."""
 
-    at_s: Number
-    duration_s: Number
-    ramp_s: Number
+    at_s: Scalar
+    duration_s: Scalar
+    ramp_s: Scalar
 
     def __init__(self, name: str, at_s, duration_s, ramp_s):
         wanted = "a time in seconds that is at least 0"
@@ -95,7 +94,7 @@ class _Stretch(eqx.Module):
         return (xp.sin(np.pi / 2 * begun) * xp.sin(np.pi / 2 * left)) ** 2
 
     @property
-    def bends_s(self) -> tuple[Number, ...]:
+    def bends_s(self) -> tuple[Scalar, ...]:
         resting = self.at_s + self.ramp_s
         leaving = resting + self.duration_s
         return self.at_s, resting, leaving, leaving + self.ramp_s
@@ -117,7 +116,7 @@ class Standstill(Pace):
         return 1 - self.stretch.share(time_s, xp)
 
     @property
-    def bends_s(self) -> tuple[Number, ...]:
+    def bends_s(self) -> tuple[Scalar, ...]:
         return self.stretch.bends_s
 
     @property
@@ -141,7 +140,7 @@ class Reversal(Pace):
         return 1 - 2 * self.stretch.share(time_s, xp)
 
     @property
-    def bends_s(self) -> tuple[Number, ...]:
+    def bends_s(self) -> tuple[Scalar, ...]:
         return self.stretch.bends_s
 
     @property
@@ -175,8 +174,8 @@ def paced(start_m, length_m, speed_m_per_s, rate_hz, paces: Sequence[Pace] = ())
 
 def at_times(
     time_s: Float[Array, " sample"],
-    start_m: Number,
-    speed_m_per_s: Number,
+    start_m: Scalar,
+    speed_m_per_s: Scalar,
     paces: Sequence[Pace] = (),
 ) -> Motion:
     """The motion from `start_m` on, at times from 0 on: that of [`paced`][], to the rounding of the
@@ -189,7 +188,7 @@ def at_times(
     return Motion(time_s, start_m + speed_m_per_s * travelled, speed)
 
 
-def _plain(value: Any) -> Number:
+def _plain(value: Any) -> Scalar:
     return value if isinstance(value, Tracer) else float(value)
 
 

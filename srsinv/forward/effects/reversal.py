@@ -26,5 +26,5 @@ class Reversal(Effect):
     def share(self, glance: Glance) -> float:
         if not self.pace.stretch.duration_s:
             return 0.0
-        lost = 2 * (self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
+        lost = 2 * float(self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
         return 2.0 + moved_share(glance, abs(glance.speed_m_per_s) * lost)

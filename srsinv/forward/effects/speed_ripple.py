@@ -27,6 +27,6 @@ class SpeedRipple(Effect):
 
     def share(self, glance: Glance) -> float:
         # A rate signal changes with the speed, and comes from where the sensor then is.
-        fraction, frequency = self.pace.fraction, self.pace.frequency_hz
+        fraction, frequency = float(self.pace.fraction), float(self.pace.frequency_hz)
         away = fraction * abs(glance.speed_m_per_s) / (2 * np.pi * frequency)
         return fraction * glance.order + (1 + fraction) * moved_share(glance, away)

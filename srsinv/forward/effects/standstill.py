@@ -25,7 +25,7 @@ class Standstill(Effect):
 
     def share(self, glance: Glance) -> float:
         # All that comes after it comes later.
-        lost = self.pace.stretch.duration_s + self.pace.stretch.ramp_s
+        lost = float(self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
         if not self.pace.stretch.duration_s:
             return 0.0
         return 1.0 + moved_share(glance, abs(glance.speed_m_per_s) * lost)
