@@ -18,11 +18,14 @@ from omegaconf import OmegaConf
 import srsinv
 from srsinv.__main__ import find_config_root
 from srsinv.errors import BadInput
+from srsinv.forward.contact import press
 from srsinv.forward.effects import NAMES
+from srsinv.forward.effects._contact import pressure_under
 from srsinv.forward.effects._decide import decide
 from srsinv.forward.effects._glance import _pressure, glance
 from srsinv.forward.film import Film, StripWidth
 from srsinv.forward.sensor import Sensor
+from srsinv.forward.skin import HalfSpace
 from srsinv.jobs import build
 from srsinv.jobs.change import difference, pair, with_only
 from srsinv.jobs.simulation import Simulation, simulation
@@ -156,6 +159,20 @@ def test_a_look_presses_as_contact_does(name):
     )
     off = np.linalg.norm(felt * (looked - solved)) / np.linalg.norm(felt * solved)
     assert off < (1e-2 if np.any(sim.scene.pressure(sim.line) == 0) else 1e-9)
+
+
+def test_a_look_presses_grazing_profiles():
+    """Spikes of one cell, of which next to nothing touches; the load is kept."""
+    sim = simulation(configuration("effects=[]", "scene=ridge"))
+    k, height = np.asarray(sim.line.k), np.zeros(sim.line.n)
+    height[[40, 90]] = 1e-4, 2e-4
+    compliance = np.append(0.0, 2 / (9.3e5 * k[1:]))
+    for load in (1e-6, 1.0, 1e3):
+        p = pressure_under(height, load, compliance)
+        solved = press(sim.line, HalfSpace(), jnp.asarray(height), load).pressure_Pa
+        assert p.mean() == pytest.approx(load, rel=1e-12)
+        assert np.all(p >= 0)
+        assert np.abs(p - solved).max() < 0.05 * p.max()
 
 
 LOUD = {

@@ -41,7 +41,9 @@ def pressure_under(
         way = np.where(touching, gap + goes_on * square / last * way, 0.0)
         answer = moved(way)
         answer -= answer[touching].mean()
-        length = float(gap @ way) / float(answer @ way)
+        bent = float(answer @ way)
+        # A single cell that touches has nowhere to go by itself.
+        length = float(gap @ way) / bent if bent > 0 else stiffness[-1]
         p = np.maximum(p - length * way, 0.0)
         entering = (p == 0) & (gap < 0)
         p[entering] -= length * gap[entering]

@@ -12,7 +12,7 @@ from ..setup import Setup
 from ._effect import Bursting, Effect, Factor, Order, Rounding
 from ._glance import Glance, glance
 
-MARGIN = 1.25  # effects act on each other, and the look at them is on coarser cells
+MARGIN = 1.25  # effects act on each other, and a look presses to a hundredth
 
 
 @dataclass(frozen=True)
