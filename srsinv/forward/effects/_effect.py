@@ -57,6 +57,9 @@ class Factor(Effect):
     def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"] | Float[np.ndarray, "e k"]:
         """What it multiplies the spectrum of every element by."""
 
+    def share(self, glance: Glance) -> float:
+        return glance.share((self.factor(glance) - 1) * glance.signal)
+
 
 class Bursting(Effect):
     """An effect that adds noise of its own, which passes film, skin and electronics, too."""

@@ -1,6 +1,7 @@
 """What the two filters have in common."""
 
 import dataclasses
+from typing import ClassVar
 
 import jax
 import numpy as np
@@ -8,16 +9,21 @@ from jaxtyping import Complex
 
 from ..filter import Filter
 from ..setup import Setup
+from ._effect import Factor, Order
 from ._glance import Glance
 
 
-def filtered(setup: Setup, by: Filter) -> Setup:
-    """The setup with one more filter behind the amplifier."""
-    sensor = setup.sensor
-    return setup.but(sensor=dataclasses.replace(sensor, filters=(*sensor.filters, by)))
+class Filtered(Factor):
+    """One more filter behind the amplifier."""
 
+    order: ClassVar[Order] = Order.ELECTRONICS
+    of_sensor: ClassVar[bool] = True
+    filter: Filter
 
-def filter_factor(glance: Glance, by: Filter) -> Complex[np.ndarray, "e k"]:
-    """What a filter multiplies the signal's spectrum by."""
-    by = jax.tree.map(float, by)
-    return by.response(glance.k * glance.speed_m_per_s, np)[None] * np.ones_like(glance.passed)
+    def added(self, setup: Setup) -> Setup:
+        sensor = setup.sensor
+        return setup.but(sensor=dataclasses.replace(sensor, filters=(*sensor.filters, self.filter)))
+
+    def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"]:
+        by = jax.tree.map(float, self.filter)
+        return by.response(glance.k * glance.speed_m_per_s, np)[None] * np.ones_like(glance.passed)

@@ -28,6 +28,3 @@ class ElementOffsets(Factor):
     def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"]:
         offsets = np.array([float(each.offset_m) for each in glance.setup.sensor.elements])
         return np.exp(1j * np.outer(offsets, glance.k))
-
-    def share(self, glance: Glance) -> float:
-        return glance.share((self.factor(glance) - 1) * glance.signal)

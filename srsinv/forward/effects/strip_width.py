@@ -27,6 +27,3 @@ class StripWidth(Factor):
     def factor(self, glance: Glance) -> Float[np.ndarray, "e k"]:
         widths = np.array([float(each.width_m) for each in glance.setup.sensor.elements])
         return np.sinc(np.outer(widths, glance.k) / (2 * np.pi))
-
-    def share(self, glance: Glance) -> float:
-        return glance.share((self.factor(glance) - 1) * glance.signal)
