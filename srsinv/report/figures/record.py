@@ -17,11 +17,13 @@ from .style import (
     units_of,
 )
 
+FELT = 0.02  # of a signal's peak: below, figures of a single feature show nothing
+
 
 @styled
 def with_and_without(time_s: np.ndarray, there: np.ndarray, bare: np.ndarray, unit: str) -> Figure:
     """For each element (rows) the signals (element, sample) with something and without, and beside
-    them what it makes: the first less the second."""
+    them what it makes: the first less the second. Shown is where there is a signal."""
     figure, grid = grid_of_axes(len(there), 2, 1.7, sharex=True)
     signals, made = scale(unit, there, bare), scale(unit, there - bare)
     for e, (left, right) in enumerate(grid):
@@ -29,7 +31,7 @@ def with_and_without(time_s: np.ndarray, there: np.ndarray, bare: np.ndarray, un
         left.plot(time_s, signals.factor * there[e], "--", color=colours(["with"])["with"],
                   label="with")  # fmt: skip
         right.plot(time_s, made.factor * (there[e] - bare[e]), color=TRUTH, label="difference")
-        left.set(ylabel=signals.label(f"element {e}"), xlim=(time_s[0], time_s[-1]))
+        left.set(ylabel=signals.label(f"element {e}"), xlim=_felt_s(time_s, there, bare))
         right.set(ylabel=made.label("change"))
     grid[0, 0].set_title("Signal")
     grid[0, 1].set_title("What the effect makes of it")
@@ -37,6 +39,14 @@ def with_and_without(time_s: np.ndarray, there: np.ndarray, bare: np.ndarray, un
         axes.set_xlabel("time [s]")
     legend_below(figure, grid.flat)
     return figure
+
+
+def _felt_s(time_s: np.ndarray, *signals: np.ndarray) -> tuple[float, float]:
+    """From when to when any signal (element, sample) is above `FELT` of its peak, and a margin."""
+    size = np.abs(np.concatenate(signals)).max(axis=0)
+    felt = time_s[size >= FELT * size.max()]
+    margin = 0.3 * (felt[-1] - felt[0]) + (time_s[-1] - time_s[0]) / 50
+    return max(felt[0] - margin, time_s[0]), min(felt[-1] + margin, time_s[-1])
 
 
 @styled
