@@ -8,6 +8,7 @@ import xarray
 from srsinv.errors import refuse
 from srsinv.jobs import build
 from srsinv.jobs.change import Cost, cost, difference, merged, pair
+from srsinv.jobs.simulation import decided
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -57,7 +58,7 @@ def run(cfg: build.Config) -> Outcome:
                 done = {}
                 for tolerance in tolerances:
                     asked = {**own, "tolerance": tolerance}
-                    kept, verdicts = build.decided(asked)
+                    kept, verdicts = decided(asked)
                     on = tuple(sorted(kept["effects"]))
                     if on not in done:
                         less, alone = cost(kept, key)

@@ -181,11 +181,22 @@ def at_times(
     """The motion from `start_m` on, at times from 0 on: that of [`paced`][], to the rounding of the
     precision worked in, and differentiable in every number but the times.
 
-    Raises `BadInput` for times that do not increase or are fewer than 3.
+    Raises `BadInput` for times that do not increase, are fewer than 3, or begin before 0.
     """
+    if not isinstance(time_s, Tracer):
+        first = float(np.asarray(time_s)[0])
+        refuse(first < 0, f"The motion begins at {first:.6g} s: give times from 0 on.")
     travelled = _travelled(time_s, paces, jnp)
     speed = speed_m_per_s * _factor(time_s, paces, jnp)
     return Motion(time_s, start_m + speed_m_per_s * travelled, speed)
+
+
+def denser(motion: Motion, times: int, speed_m_per_s: float, paces: Sequence[Pace] = ()) -> Motion:
+    """The motion of [`paced`][] at a mean of `speed_m_per_s`, with `times` as many samples."""
+    last = motion.time_s.size - 1
+    time = np.linspace(0.0, float(motion.time_s[-1]), last * times + 1)
+    position = float(motion.position_m[0]) + speed_m_per_s * _travelled(time, paces)
+    return Motion(time, position, speed_m_per_s * _factor(time, paces))
 
 
 def _plain(value: Any) -> Scalar:
@@ -236,7 +247,7 @@ def _until(way_s: float, rate_hz: float, paces: Sequence[Pace]) -> tuple[np.ndar
 def _travelled(time, paces: Sequence[Pace], xp: Any = np):
     """The factor's integral from time 0 [s], of which all panels end at samples and bends."""
     bends = [xp.minimum(bend, time[-1]) for pace in paces for bend in pace.bends_s]
-    ends = xp.sort(xp.concatenate([time, xp.asarray(bends, time.dtype)]))
+    ends = xp.sort(xp.concatenate([time, xp.asarray([0.0, *bends], time.dtype)]))
     middle, half = (ends[1:] + ends[:-1]) / 2, xp.diff(ends) / 2
     mean = xp.zeros_like(middle)
     for node, weight in zip(*np.polynomial.legendre.leggauss(NODES), strict=True):

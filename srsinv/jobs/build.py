@@ -13,7 +13,6 @@ from ..errors import BadInput, choice, mapping, number, refuse, shown, whole
 from ..forward.amplifier import Amplifier
 from ..forward.describe import elements
 from ..forward.effects import NAMES
-from ..forward.effects._decide import Verdict, decide
 from ..forward.effects._effect import Effect
 from ..forward.feature import Feature
 from ..forward.noise import Noise
@@ -123,12 +122,16 @@ def line(cfg: Config, refinement: Any = 1) -> Line:
 
 
 def setup(cfg: Config) -> Setup:
-    """All that is measured with what, with the effects that are named or called for."""
-    whole, named = _bare(cfg).but(noises=noises(cfg)), effects(cfg)
-    off = {verdict.name for verdict in _verdicts(cfg, whole, named) if not verdict.on}
-    for name, effect in named.items():
-        whole = whole if name in off else effect.added(whole)
+    """All that is measured with what, with the effects that are named."""
+    whole = bare(cfg).but(noises=noises(cfg))
+    for effect in effects(cfg).values():
+        whole = effect.added(whole)
     return whole
+
+
+def bare(cfg: Config) -> Setup:
+    """What is measured with what, without noise and effects."""
+    return Setup(_scene(cfg), _sensor(cfg), scan(cfg))
 
 
 def scene(cfg: Config) -> Scene:
@@ -178,27 +181,6 @@ def effects(cfg: Config) -> dict[str, Effect]:
     return dict(sorted(made.items(), key=lambda each: (each[1].order, each[0])))
 
 
-def decided(cfg: Config) -> tuple[Config, tuple[Verdict, ...]]:
-    """The configuration with those effects alone that its scene calls for, and the verdicts.
-
-    Without `effects=auto` all that are named are called for, and nothing is decided.
-    """
-    verdicts = _verdicts(cfg, _bare(cfg), effects(cfg))
-    off = {verdict.name for verdict in verdicts if not verdict.on}
-    named = part(cfg, "effects")
-    rest = {key: value for key, value in cfg.items() if key != "tolerance"}
-    return {**rest, "effects": {n: node for n, node in named.items() if n not in off}}, verdicts
-
-
-def _verdicts(cfg: Config, bare: Setup, named: Mapping[str, Effect]) -> tuple[Verdict, ...]:
-    """What a scene that is asked says of every effect; nothing where it is not asked."""
-    if "tolerance" not in cfg:
-        return ()
-    wanted = "a positive number, as a part of the signal's rms"
-    tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
-    return decide(bare, line(cfg, part(cfg, "grid").get("refinement")), named, tolerance)
-
-
 def effects_rows(cfg: Config) -> tuple[tuple[str, str], ...]:
     """Rows of a page: which effects are on and off."""
     on = part(cfg, "effects")
@@ -206,12 +188,8 @@ def effects_rows(cfg: Config) -> tuple[tuple[str, str], ...]:
     return (("effects on", ", ".join(on) or "none"), ("effects off", ", ".join(off) or "none"))
 
 
-def _bare(cfg: Config) -> Setup:
-    return Setup(_scene(cfg), _sensor(cfg), scan(cfg))
-
-
 def _felt(cfg: Config) -> Setup:
-    return with_effects(cfg, _bare(cfg))
+    return with_effects(cfg, bare(cfg))
 
 
 def _sensor(cfg: Config) -> Sensor:

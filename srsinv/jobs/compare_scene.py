@@ -19,7 +19,7 @@ from .analysis import BAND_90, deviation, element_names, seen
 from .contest import Runs, Setting
 from .recorded import amplifier_node, coloured_noises
 from .simulate import assumed
-from .simulation import Simulation, noisy_problem, simulation
+from .simulation import Simulation, decided, noisy_problem, simulation
 
 DRAWN = ("method", "snr", "seed")
 
@@ -31,7 +31,7 @@ def on_scene(cfg: build.Config) -> Outcome:
     """
     settings = cfg["compare"]
     _check(settings)
-    cfg, _ = build.decided(_complete(cfg))
+    cfg, _ = decided(_complete(cfg))
     sim = simulation({**cfg, "noise": {}})  # the levels' own noise comes with each draw
     refuse(
         not np.any(np.ptp(np.asarray(sim.traction(sim.line)), axis=-1)),

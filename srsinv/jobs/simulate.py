@@ -8,14 +8,14 @@ from ..report.outcome import Outcome
 from . import build
 from .analysis import Case
 from .analysis import run as analyse
-from .simulation import Simulation, noisy_problem, recorded, simulation
+from .simulation import Simulation, decided, noisy_problem, recorded, simulation
 
 
 def run(cfg: build.Config) -> Outcome:
     """The job: simulate, invert, compare."""
     with build.precision(cfg):
         methods = build.methods(cfg)
-        cfg, verdicts = build.decided(cfg)
+        cfg, verdicts = decided(cfg)
         sim = simulation(cfg)
         problem = noisy_problem(sim, build.random_key(cfg), build.friction(cfg))
         names = ", ".join(cfg["method"])

@@ -7,12 +7,14 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..errors import refuse
+from ..errors import number, refuse
 from ..forward.amplifier import SlowReadout
 from ..forward.contact import refuse_both_ways
+from ..forward.effects._decide import Verdict, decide
 from ..forward.film import StripWidth
 from ..forward.filter import even_interval, filtered
 from ..forward.noise import Noise, with_noise
+from ..forward.pace import denser
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.scene import Scene, deviation
 from ..forward.sensor import Sensor
@@ -22,6 +24,7 @@ from ..inverse.problem import Problem
 from . import build
 from .cells import fitted_on
 
+SAME_RATE = 1e-6  # by which rates differ that only rounding tells apart
 LEAST_SAMPLES = 0.99  # a cell: with fewer, the cells would have to be guessed
 
 
@@ -76,7 +79,13 @@ class Simulation(eqx.Module):
         return sampled(stage, self.fine, self.traction(self.fine), self.refinement)
 
     def along(self, motion: Motion):
-        """The noise-free signal (element, sample) at the samples of a motion."""
+        """The noise-free signal (element, sample) at the samples of the recorder's motion.
+
+        Filters come before the sampling: they act on samples as dense as the finer line's cells.
+        """
+        if self.sensor.filters and (times := self._denser(motion)) > 1:
+            speed, paces = float(self.scan.speed_m_per_s), self.setup.recorder.paces
+            return self.along(denser(motion, times, speed, paces))[:, ::times]
         own = self.scan.direction
         ways = (self.traction(self.fine),)
         if bool(motion.reverses):
@@ -85,6 +94,11 @@ class Simulation(eqx.Module):
             # The scan's own direction is that of a motion towards +x, or towards -x.
             ways = (*ways, back) if float(own) > 0 else (back, *ways)
         return self._along(motion, ways)
+
+    def _denser(self, motion: Motion) -> int:
+        """How many times as many samples the finer line's cells ask for."""
+        rate = (motion.time_s.size - 1) / float(motion.time_s[-1] - motion.time_s[0])
+        return int(np.ceil(float(self.scan.sample_rate_hz(self.fine)) / rate * (1 - SAME_RATE)))
 
     @eqx.filter_jit
     def _along(self, motion: Motion, ways):
@@ -115,7 +129,36 @@ def sampled(stage: Stage, line: Line, traction, refinement: int):
 
 
 def simulation(cfg: build.Config) -> Simulation:
-    """The simulation that a configuration describes."""
+    """The simulation that a configuration describes, with the effects that are named or called
+    for."""
+    return _as_named(decided(cfg)[0])
+
+
+def decided(cfg: build.Config) -> tuple[build.Config, tuple[Verdict, ...]]:
+    """The configuration with those effects alone that its scene calls for, and the verdicts.
+
+    Without `effects=auto` all that are named are called for, and nothing is decided.
+    """
+    if "tolerance" not in cfg:
+        return cfg, ()
+    wanted = "a positive number, as a part of the signal's rms"
+    tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
+    named = build.part(cfg, "effects")
+    rest = {key: value for key, value in cfg.items() if key != "tolerance"}
+
+    def only(names) -> dict[str, Any]:
+        return {**rest, "effects": {n: node for n, node in named.items() if n in names}}
+
+    def signal(names) -> np.ndarray:
+        sim = _as_named(only(names))
+        return np.asarray(sim.sampled(sim.sensor.signal(sim.scan)))
+
+    fine = build.line(cfg, build.part(cfg, "grid").get("refinement"))
+    verdicts = decide(build.bare(cfg), fine, build.effects(cfg), tolerance, signal)
+    return only({verdict.name for verdict in verdicts if verdict.on}), verdicts
+
+
+def _as_named(cfg: build.Config) -> Simulation:
     refinement: Any = build.part(cfg, "grid").get("refinement")
     setup = build.setup(cfg)
     refuse(

@@ -27,8 +27,8 @@ from srsinv.forward.film import Film, StripWidth
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.jobs import build
-from srsinv.jobs.change import difference, pair, with_only
-from srsinv.jobs.simulation import Simulation, simulation
+from srsinv.jobs.change import difference, felt, pair, with_only
+from srsinv.jobs.simulation import Simulation, decided, simulation
 
 SMALL = ("grid.cells=256", "grid.refinement=2", "noise=[]")
 KEY = jax.random.key(0)
@@ -204,16 +204,59 @@ def test_what_is_left_out_stays_within_the_tolerance():
                         "effects.standstill.duration_s=0", "effects.reversal.duration_s=0",
                         "effects.quantisation.bits=20", "effects.clipping.limit=1",
                         "effects.oblique_features.angle_deg=0")  # fmt: skip
-    full = simulation(cfg)
-    bare = simulation(with_only(cfg, ()))
-    counts = []
+    cfg.pop("tolerance")
+    full, counts = simulation(cfg), []
     for tolerance in (0.2, 1e-2, 1e-4):
-        verdicts = decide(bare.setup, bare.line, build.effects(cfg), tolerance)
+        _, verdicts = decided({**cfg, "tolerance": tolerance})
         assert sum(v.share for v in verdicts if not v.on) <= tolerance
         on = {v.name for v in verdicts if v.on}
         counts.append(len(on))
         assert difference(*reversed(pair(full, simulation(with_only(cfg, on)), KEY))) < tolerance
     assert 0 < counts[0] < counts[1] < counts[2] < len(NAMES)
+
+
+SOFT = "effects.layered_skin.layers.skin.youngs_modulus_Pa=3e4"
+STIFF = "effects.layered_skin.layers.skin.youngs_modulus_Pa=7e7"
+ALTERED = {
+    "levels too coarse for a soft skin's signal": (
+        "layered_skin,quantisation", "scene=ridge", SOFT, "effects.quantisation.bits=12",
+        "effects.quantisation.full_scale=1e-3"),
+    "bursts louder than a soft skin's signal": (
+        "layered_skin,snap_back", "scene=ridge", SOFT, "effects.snap_back.shear_Pa=1"),
+    "rails that only a stiff skin reaches": (
+        "layered_skin,clipping", "scene=ridge", STIFF, "effects.clipping.limit=6e-4"),
+    "rails that only a raised load reaches": (
+        "load_drift,clipping", "scene=sinusoid", "effects.load_drift.fraction=0.9",
+        "effects.load_drift.period_s=2", "effects.clipping.limit=3.6e-5"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ALTERED.values(), ids=ALTERED)
+def test_what_stays_on_is_in_the_signal_that_the_rest_is_weighed_by(case):
+    names, *settings = case
+    cfg = configuration(f"effects=[{names}]", *settings)
+    full = simulation(cfg)
+    for tolerance in (0.1, 0.003):
+        kept, verdicts = decided({**cfg, "tolerance": tolerance})
+        less, whole = reversed(pair(full, simulation(kept), KEY))
+        assert difference(less, whole) < tolerance
+    # The large one is on, and called for the other, by itself far below.
+    assert {v.name for v in verdicts if v.on} == set(names.split(","))
+
+
+def test_filters_come_before_the_sampling():
+    """Samples taken seldom are every seventh of those taken often, whatever passes half their rate;
+    the finer line's cells, met 640 times a second, ask for seven times the slow rate."""
+    common = ("effects=[sampling,antialias_filter,speed_ripple]", "scene=ridge",
+              "effects.antialias_filter.cutoff_hz=120")  # fmt: skip
+    often, seldom = (
+        felt(simulation(configuration(*common, f"effects.sampling.rate_hz={rate}")), KEY)
+        for rate in (700, 100)
+    )
+    n = min(seldom.time_s.size, often.time_s[::7].size)
+    np.testing.assert_allclose(seldom.time_s[:n], often.time_s[::7][:n], rtol=1e-12)
+    off = np.abs(seldom.signal[:, :n] - often.signal[:, ::7][:, :n]).max()
+    assert off < 1e-9 * np.abs(often.signal).max()
 
 
 # --- refusals ---------------------------------------------------------------------------------

@@ -181,6 +181,14 @@ def test_gradients_of_the_motion():
     )
 
 
+def test_times_may_begin_later():
+    late = jnp.asarray([0.13, 0.19, 0.3])
+    whole = at_times(jnp.concatenate([jnp.zeros(1), late]), START, SPEED, [STOP, BACK])
+    found = at_times(late, START, SPEED, [STOP, BACK])
+    np.testing.assert_allclose(found.position_m, whole.position_m[1:], rtol=0, atol=1e-9)
+    refused(lambda: at_times(late - 0.2, START, SPEED), "begins at -0.07", "from 0")
+
+
 def test_gradient_of_a_signal_in_the_ripple():
     """Through a sensor's signal at the positions and speeds of the motion."""
     sensor, line = Sensor([Film()]), Open(64, 3e-4, -3e-3)

@@ -94,7 +94,9 @@ def test_gradients_are_finite_with_edges_on_cell_edges(name):
     jacobians = jax.jit(lambda leaves: (jax.jacfwd(averages)(leaves), jax.jacrev(averages)(leaves)))
     forward, reverse = jacobians(jnp.stack(leaves))
     assert np.isfinite(forward).all()
-    np.testing.assert_allclose(forward, reverse, rtol=1e-9, atol=1e-9 * np.abs(forward).max())
+    # At the end of Hertz's contact they are sqrt(1 - t^2) of a t that is 1 but for its rounding.
+    close = 2 * np.finfo(float).eps ** 0.5
+    np.testing.assert_allclose(forward, reverse, rtol=close, atol=close * np.abs(forward).max())
 
 
 @pytest.mark.parametrize("edge", [0.2e-3, 1e-9])

@@ -41,6 +41,11 @@ class Effect(eqx.Module):
         """Beyond which, in signal units, it leaves nothing of a sample."""
         return math.inf
 
+    @property
+    def swing(self) -> float:
+        """By how much it may raise the signal for a while."""
+        return 1.0
+
     @abc.abstractmethod
     def added(self, setup: Setup) -> Setup:
         """The setup with this effect."""
@@ -51,7 +56,12 @@ class Effect(eqx.Module):
 
 
 class Factor(Effect):
-    """An effect that multiplies the signal's spectrum, and so takes of what others change, too."""
+    """An effect that multiplies the signal's spectrum, and so takes of what others change, too.
+
+    `is_exact`: whether it does nothing else.
+    """
+
+    is_exact: ClassVar[bool] = True
 
     @abc.abstractmethod
     def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"] | Float[np.ndarray, "e k"]:
@@ -71,6 +81,12 @@ class Bursting(Effect):
     def share(self, glance: Glance) -> float:
         noise = self.bursts(glance)
         return noise.share(noise.signal)
+
+
+class Resampling(Effect):
+    """An effect that sets the recorder's own rate."""
+
+    rate_hz: eqx.AbstractVar[float]
 
 
 class Rounding(Effect):

@@ -19,6 +19,8 @@ from ..setup import Setup
 from ..skin import HalfSpace, half_space_stress
 from ._contact import pressure_under
 
+TINY = np.finfo(float).tiny
+
 
 @dataclass(frozen=True)
 class Glance:
@@ -29,7 +31,10 @@ class Glance:
     - `stress` (e, 4, 2, k): stress at the films per traction; `weights` (e, 4): charge per stress.
     - `gain`, `order`: of the readout.
     - `passed` (e, k): what other effects let pass of a change; `size`: the signal's rms with all of
-      them and the one that is looked at; `peak`: how far noise may take a sample.
+      them and the one that is looked at; `peak`: how far noise may take a sample; `swing`: by what
+      factor others may raise it.
+    - `interval_s`: the shortest between samples. `measured` (e, k): the signal's spectrum, where
+      more is known than the half space's.
     """
 
     setup: Setup
@@ -42,15 +47,19 @@ class Glance:
     gain: float
     order: int
     passed: Inexact[np.ndarray, "e k"]
+    interval_s: float
     charge: Complex[np.ndarray, "e k"] = field(init=False)
     signal: Complex[np.ndarray, "e k"] = field(init=False)
+    measured: Complex[np.ndarray, "e k"] | None = None
     size: float = 0.0
     peak: float = 0.0
+    swing: float = 1.0
 
     def __post_init__(self):
         charge = np.einsum("es,esck,ck->ek", self.weights, self.stress, self.traction)
         object.__setattr__(self, "charge", charge)
-        object.__setattr__(self, "signal", self.read(charge))
+        signal = self.read(charge) if self.measured is None else self.measured
+        object.__setattr__(self, "signal", signal)
         if not self.size:
             object.__setattr__(self, "size", self.size_within(self.passed, math.inf))
 
@@ -58,10 +67,24 @@ class Glance:
         """The same look with other parts."""
         return dataclasses.replace(self, **changed)
 
+    def heard(
+        self, signal: Float[np.ndarray, "e n"], passed: Inexact[np.ndarray, "e k"]
+    ) -> "Glance":
+        """A look at the signal (e, n) with effects of which the factors let this pass: traction is
+        raised as the signal is."""
+        some = np.fft.rfft(signal) * (self.line.n / signal.shape[1])
+        measured = np.zeros_like(self.signal)
+        measured[:, : some.shape[1]] = some
+        raised = max(1.0, self.rms(measured) / max(self.rms(passed * self.signal), TINY))
+        background = raised * self.background_Pa
+        return self.but(
+            traction=raised * self.traction, background_Pa=background, measured=measured
+        )
+
     def size_within(self, passed: Inexact[np.ndarray, "e k"], rail: float) -> float:
         """Rms of the signal of which this passes, its samples cut at +-`rail`."""
         samples = np.clip(np.fft.irfft(passed * self.signal, self.line.n), -rail, rail)
-        return max(float(np.sqrt(np.mean(samples**2))), np.finfo(float).tiny)
+        return max(float(np.sqrt(np.mean(samples**2))), TINY)
 
     def read(self, charge: Inexact[np.ndarray, "e k"]) -> Complex[np.ndarray, "e k"]:
         """The signal's spectrum from that of the charge."""
@@ -95,7 +118,7 @@ class Glance:
     def beyond(self, limit: float) -> float:
         """What part of the signal is beyond +-`limit`, rms over rms, noise at its peak added."""
         samples = np.fft.irfft(self.passed * self.signal, self.line.n)
-        over = np.maximum(np.abs(samples) + self.peak - limit, 0.0)
+        over = np.maximum(self.swing * np.abs(samples) + self.peak - limit, 0.0)
         return float(np.sqrt(np.mean(over**2)) / self.size)
 
     @property
@@ -126,7 +149,10 @@ def glance(setup: Setup, line: Line) -> Glance:
     spectrum = np.fft.rfft(traction - background[:, None] if periodic else traction)
     all_of_it = np.ones((len(films), k.size))
     readout = float(gain), sensor.amplifier.order
-    return Glance(setup, line, k, spectrum, background, stress, weights, *readout, all_of_it)
+    interval = float(line.cell_m) / max(abs(float(setup.scan.speed_m_per_s)), TINY)
+    return Glance(
+        setup, line, k, spectrum, background, stress, weights, *readout, all_of_it, interval
+    )
 
 
 def _pressure(scene: SurfaceScene, line: Line, k) -> Float[np.ndarray, " n"]:

@@ -24,6 +24,10 @@ class LoadDrift(Effect):
     def added(self, setup: Setup) -> Setup:
         return setup.recording(drift=self.drift)
 
+    @property
+    def swing(self) -> float:
+        return 1 + abs(float(self.drift.fraction))
+
     def share(self, glance: Glance) -> float:
         fraction = abs(float(self.drift.fraction))
         if not glance.order or not fraction:

@@ -21,6 +21,7 @@ class ObliqueFeatures(Factor):
     """
 
     order: ClassVar[Order] = Order.DIRECTION
+    is_exact: ClassVar[bool] = False
     of_sensor: ClassVar[bool] = False
     angle_rad: Float[Array, ""]
 

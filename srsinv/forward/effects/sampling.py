@@ -7,11 +7,11 @@ import numpy as np
 
 from ...errors import number
 from ..setup import Setup
-from ._effect import Effect, Order
+from ._effect import Order, Resampling
 from ._glance import Glance
 
 
-class Sampling(Effect):
+class Sampling(Resampling):
     """`rate_hz` samples a second. Raises `BadInput` for a rate that is not positive."""
 
     order: ClassVar[Order] = Order.RECORD

@@ -57,18 +57,18 @@ class SnapBack(Bursting):
         patch = self.patch_m * np.sinc(glance.k * self.patch_m / (2 * np.pi))
         shear = np.stack([0 * patch, patch]).astype(complex)
         one = glance.but(
-            setup=glance.setup.but(scene=None), traction=shear, background_Pa=np.zeros(2),
-            gain=1.0, order=0, passed=np.ones_like(glance.passed),
+            measured=None, setup=glance.setup.but(scene=None), traction=shear,
+            background_Pa=np.zeros(2), gain=1.0, order=0, passed=np.ones_like(glance.passed),
         )  # fmt: skip
         square = np.mean(np.trapezoid(np.abs(one.charge) ** 2, glance.k) / np.pi) / self.contact_m
         reading = abs(glance.gain) * self.shear_Pa
         rms = reading * np.sqrt(self.rate_hz * self.decay_s / 2 * square)
         if glance.order:
-            # Of the difference of two samples; twice, as they may come four times as often.
-            cell = float(glance.line.cell_m)
-            since = cell / max(abs(glance.speed_m_per_s) * self.decay_s, np.finfo(float).tiny)
-            reading, rms = reading / cell, rms * min(2.0, 2 * np.sqrt(-2 * np.expm1(-since))) / cell
+            # Of the difference of two samples, over what is slid between them.
+            between = abs(glance.speed_m_per_s) * glance.interval_s
+            rms = rms * np.sqrt(-2 * np.expm1(-glance.interval_s / self.decay_s)) / between
+            reading = reading / between
         at_most = np.trapezoid(np.abs(one.charge), glance.k).max() / np.pi
-        together = PEAK * np.sqrt(1 + self.rate_hz * self.decay_s)
+        together = PEAK * np.sqrt(1 + self.rate_hz * self.decay_s) if self.rate_hz else 0.0
         scale = rms / max(one.rms(one.signal), np.finfo(float).tiny)
         return one.but(traction=scale * shear, peak=float(together * reading * at_most))

@@ -25,6 +25,10 @@ class SpeedRipple(Effect):
     def added(self, setup: Setup) -> Setup:
         return paced(setup, self.pace)
 
+    @property
+    def swing(self) -> float:
+        return 1 + float(self.pace.fraction)
+
     def share(self, glance: Glance) -> float:
         # A rate signal changes with the speed, and comes from where the sensor then is.
         fraction, frequency = float(self.pace.fraction), float(self.pace.frequency_hz)
