@@ -222,9 +222,9 @@ ALTERED = {
         "layered_skin,quantisation", "scene=ridge", SOFT, "effects.quantisation.bits=12",
         "effects.quantisation.full_scale=1e-3"),
     "bursts louder than a soft skin's signal": (
-        "layered_skin,snap_back", "scene=ridge", SOFT, "effects.snap_back.shear_Pa=1"),
+        "layered_skin,snap_back", "scene=ridge", SOFT, "effects.snap_back.shear_Pa=10"),
     "rails that only a stiff skin reaches": (
-        "layered_skin,clipping", "scene=ridge", STIFF, "effects.clipping.limit=6e-4"),
+        "layered_skin,clipping", "scene=ridge", STIFF, "effects.clipping.limit=4.6e-4"),
     "rails that only a raised load reaches": (
         "load_drift,clipping", "scene=sinusoid", "effects.load_drift.fraction=0.9",
         "effects.load_drift.period_s=2", "effects.clipping.limit=3.6e-5"),
