@@ -99,7 +99,7 @@ def _weigh(
     peak = sum((noise.peak for noise in noises), 0.0)
     seen = seen.but(size=(1 - unsure) * size, peak=peak, swing=swing)
     shares, times = {}, {}
-    for name in judged:
+    for name in (n for n in effects if n in judged):  # a set has no order of its own
         start = time.perf_counter()
         others = (factor for n, factor in factors.items() if n != name)
         beside = seen.but(passed=math.prod(others, start=seen.passed))
