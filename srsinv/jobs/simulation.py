@@ -143,6 +143,8 @@ def decided(cfg: build.Config) -> tuple[build.Config, tuple[Verdict, ...]]:
         return cfg, ()
     wanted = "a positive number, as a part of the signal's rms"
     tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
+    bare = build.bare(cfg)
+    _refuse_static(cfg, bare)
     named = build.part(cfg, "effects")
     rest = {key: value for key, value in cfg.items() if key != "tolerance"}
 
@@ -154,19 +156,23 @@ def decided(cfg: build.Config) -> tuple[build.Config, tuple[Verdict, ...]]:
         return np.asarray(sim.sampled(sim.sensor.signal(sim.scan)))
 
     fine = build.line(cfg, build.part(cfg, "grid").get("refinement"))
-    verdicts = decide(build.bare(cfg), fine, build.effects(cfg), tolerance, signal)
+    verdicts = decide(bare, fine, build.effects(cfg), tolerance, signal)
     return only({verdict.name for verdict in verdicts if verdict.on}), verdicts
 
 
 def _as_named(cfg: build.Config) -> Simulation:
     refinement: Any = build.part(cfg, "grid").get("refinement")
     setup = build.setup(cfg)
+    _refuse_static(cfg, setup)
+    return Simulation(setup, build.line(cfg), build.line(cfg, refinement), int(refinement))
+
+
+def _refuse_static(cfg: build.Config, setup: Setup) -> None:
     refuse(
         float(setup.sensor.amplifier.gain(setup.scan.speed_m_per_s)) == 0.0,
         f"scan.speed_m_per_s is {cfg['scan']['speed_m_per_s']}, and the sensor does not move "
         "across what it feels: a static touch gives no rate signal, give a speed, or a gain.",
     )
-    return Simulation(setup, build.line(cfg), build.line(cfg, refinement), int(refinement))
 
 
 def noisy_problem(sim: Simulation, key, friction=None) -> Problem:

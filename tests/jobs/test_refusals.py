@@ -99,6 +99,10 @@ REFUSALS = {
     ),
     "effect": (("effects=[nope]",), r"no effects 'nope'; there are amplifier_bandwidth, "),
     "tolerance": (("tolerance=0.1",), r"no key 'tolerance'"),
+    "static, with effects to decide on": (
+        ("effects=auto", "scan.speed_m_per_s=0"),
+        r"a static touch gives no rate signal",
+    ),
     "no tolerance": (("effects=auto", "tolerance=0"), r"tolerance is 0: give a positive number"),
     "auto of a recording": (
         of("good.csv", "effects=auto"),

@@ -11,7 +11,7 @@ import numpy as np
 from ...grid import Line
 from ..setup import Setup
 from ._effect import Bursting, Effect, Factor, Order, Resampling, Rounding
-from ._glance import Glance, glance
+from ._glance import TINY, Glance, glance
 
 MARGIN = 1.25  # effects act on each other, and a look presses to a hundredth
 SURE = 0.1  # of the signal: what effects that stay on may change of it before it is asked for
@@ -131,7 +131,8 @@ def _of_noise(effect: Effect, noise: Glance) -> float:
     if effect.order <= Order.DIRECTION:
         return effect.share(noise)
     if isinstance(effect, Factor):  # in time, where the noise may have any spectrum
-        faster = max(1.0, np.pi / (noise.interval_s * noise.speed_m_per_s * noise.k[-1]))
+        slid = abs(noise.speed_m_per_s) * noise.interval_s * noise.k[-1]
+        faster = max(1.0, np.pi / max(slid, TINY))
         response = effect.factor(noise.but(k=faster * noise.k))
         return float(np.abs(response - 1).max()) * noise.share(noise.signal)
     return 0.0
