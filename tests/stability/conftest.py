@@ -1,0 +1,47 @@
+"""The hard cases of a test file, its GROUPS, one after the other in both precisions as `hard`; and
+at the end of a run how many there were and which came nearest to its bound."""
+
+import pytest
+
+from tests.stability.matrix import measured, rows
+
+MARGIN = "margin"
+
+
+def pytest_generate_tests(metafunc):
+    if "hard" in metafunc.fixturenames:
+        cases = rows(metafunc.module.GROUPS)
+        metafunc.parametrize("hard", list(cases.values()), ids=list(cases), indirect=True)
+
+
+@pytest.fixture
+def hard(request, margin):
+    """What one case measured."""
+    found = measured(*request.param)
+    margin(found.error, found.bound)
+    return found
+
+
+@pytest.fixture
+def margin(request):
+    """Notes the error and the bound of a hard case for the summary at the end."""
+
+    def note(error, bound):
+        request.node.user_properties.append((MARGIN, [float(error), float(bound)]))
+
+    return note
+
+
+def pytest_terminal_summary(terminalreporter):
+    noted = [
+        (report.nodeid.split("::")[-1], *value)
+        for report in terminalreporter.getreports("passed")
+        for name, value in report.user_properties
+        if name == MARGIN
+    ]
+    if noted:
+        name, error, bound = max(noted, key=lambda each: each[1] / each[2])
+        margin = f"{bound / error:.1f}" if error else "infinite"
+        terminalreporter.write_line(
+            f"{len(noted)} hard cases hold; worst margin {margin}: {name} ({error:.1e} of {bound:.1e})"
+        )
