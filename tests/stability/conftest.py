@@ -43,5 +43,6 @@ def pytest_terminal_summary(terminalreporter):
         name, error, bound = max(noted, key=lambda each: each[1] / each[2])
         margin = f"{bound / error:.1f}" if error else "infinite"
         terminalreporter.write_line(
-            f"{len(noted)} hard cases hold; worst margin {margin}: {name} ({error:.1e} of {bound:.1e})"
+            f"{len(noted)} hard cases hold; the worst margin is {margin}, of {name} "
+            f"({error:.1e} of {bound:.1e})"
         )
