@@ -82,10 +82,10 @@ def _centre(matrix: Float[Array, "m m"], centred: Bool[Array, " c"]) -> Float[Ar
 
 
 @jax.jit
-def solve(problem: Problem, prior: Prior, white: Whitened) -> tuple[Solution, Float[Array, ""]]:
-    """Posterior of the traction, its covariance (c n, c n) whole, and the precision's condition.
+def solve(problem: Problem, prior: Prior, white: Whitened) -> Solution:
+    """Posterior of the traction, its covariance (c n, c n) whole.
 
-    The condition number is that of the 1-norm.
+    The condition number is that of the precision, in the 1-norm.
     """
     n, unknowns = problem.line.n, problem.unknowns
     posterior = _posterior(problem, prior, white)
@@ -93,14 +93,16 @@ def solve(problem: Problem, prior: Prior, white: Whitened) -> tuple[Solution, Fl
     value = covariance @ (white.model.T @ white.data)
     variance = jnp.maximum(_variance(problem, covariance), 0.0)
     middle = jnp.arange(unknowns) * n + n // 2
-    averaging = covariance @ (white.model.T @ white.model[:, middle])
-    solution = Solution(
+    information = white.model.T @ white.model
+    averaging = covariance @ information[:, middle]
+    return Solution(
         value.reshape(unknowns, n),
         jnp.sqrt(variance).reshape(unknowns, n),
         covariance,
         averaging.reshape(unknowns, n, unknowns).swapaxes(1, 2),
+        jnp.sum((covariance * information).reshape(unknowns, -1), axis=-1),
+        posterior.norm * jnp.max(jnp.sum(jnp.abs(covariance), axis=0)),
     )
-    return solution, posterior.norm * jnp.max(jnp.sum(jnp.abs(covariance), axis=0))
 
 
 def _variance(problem: Problem, covariance: Float[Array, "m m"]) -> Float[Array, " m"]:

@@ -72,11 +72,12 @@ def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
     if not problem.forward.is_circular:  # of the deviation from the mean, as on the direct path
         factor = factor._replace(inverse=factor.inverse.at[..., 0].set(0.0))
     stderr = spectral.stationary_stderr(factor, n)
-    return Solution(value, stderr, covariance, averaging), steps[0], jnp.all(fine)
+    told = n * jnp.einsum("ccn->cn", averaging)[:, n // 2]  # as in the middle cell
+    size = _condition(problem, prior)
+    return Solution(value, stderr, covariance, averaging, told, size), steps[0], jnp.all(fine)
 
 
-@eqx.filter_jit
-def condition(problem: Problem, prior: Prior) -> Float[Array, ""]:
+def _condition(problem: Problem, prior: Prior) -> Float[Array, ""]:
     """About the condition number: of what the signal tells best to what the prior alone holds.
 
     Where samples are missing, or an open line ends, some traction is held by the prior alone. How

@@ -35,9 +35,15 @@ class Score(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """The traction's deviation from its known mean, as a path finds it."""
+    """The traction's deviation from its known mean, as a path finds it.
+
+    - `told`: how many numbers of each component the signal tells, the trace of its resolution.
+    - `condition`: the condition number of what the path solves.
+    """
 
     value: Float[Array, "c n"]
     stderr: Float[Array, "c n"]
     covariance: Array
     averaging: Float[Array, "c c n"]
+    told: Float[Array, " c"]
+    condition: Float[Array, ""]

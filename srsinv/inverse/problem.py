@@ -241,8 +241,9 @@ class Estimate(eqx.Module):
       where its mean is in the signal, else of its deviation from the mean (on an open line: over
       the stretch with samples).
     - `covariance`: (c, c, k) per wavenumber on the spectral path, (c n, c n) on the iterative one.
-    - `result`: "converged", or what did not work; `stats`: numbers of the solution (iterations,
-      weights, degrees of freedom).
+    - `result`: "converged", or what did not work; `doubts`: sentences on what speaks against the
+      bands (see doubt.py); `stats`: numbers of the solution (iterations, weights, and `told_p`,
+      `told_q`, how many numbers of each the signal tells).
     - `fitted` (e, n): the signal explained; `whitened` (e, n): residual over the noise, NaN where
       no sample is.
     - `averaging` (c, c, n): the estimate's response to a unit traction in the middle cell; the
@@ -256,6 +257,7 @@ class Estimate(eqx.Module):
     whitened: Float[Array, "e n"]
     averaging: Float[Array, "c c n"]
     result: str = eqx.field(static=True)
+    doubts: tuple[str, ...] = eqx.field(static=True)
     stats: dict[str, Any] = eqx.field(static=True)
 
     def with_stats(self, stats: dict[str, Any]) -> "Estimate":

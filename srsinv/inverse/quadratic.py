@@ -7,17 +7,18 @@
 """
 
 import abc
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..errors import refuse
-from . import direct, iterative, spectral
+from . import direct, doubt, iterative, spectral
 from .prior import Prior, Score, Solution
-from .problem import Estimate, Problem
+from .problem import COMPONENTS, Estimate, Problem
 
 DIRECT_LIMIT = 4096
 # Condition numbers up to which a solution is an answer. Of Cholesky's: beyond these, errors of 1 %
@@ -39,9 +40,8 @@ def solve(problem: Problem, prior: Prior, path: str = "auto", tolerance: float =
     if path == "spectral":
         solution = spectral.solve(problem, prior)
     elif path == "direct":
-        solution, condition = direct.solve(problem, prior, direct.whiten(problem))
-        stats["condition"] = float(condition)
-        result = _trusted(stats["condition"], TRUSTED[problem.data.dtype.name])
+        solution = direct.solve(problem, prior, direct.whiten(problem))
+        result = _trusted(solution, TRUSTED[problem.data.dtype.name])
     else:
         tolerance = max(tolerance, 100 * eps)  # round-off allows no less
         solution, steps, fine = iterative.solve(problem, prior, jnp.asarray(tolerance))
@@ -51,12 +51,13 @@ def solve(problem: Problem, prior: Prior, path: str = "auto", tolerance: float =
             result = f"not converged: the limit of {int(steps)} iterations was reached"
         elif not problem.separable:
             # The residual says little of directions that hardly count in it.
-            stats["condition"] = float(iterative.condition(problem, prior))
-            result = _trusted(stats["condition"], TRUSTED_ITERATIVE / eps**0.5)
-    return _estimate(problem, solution, result, stats)
+            result = _trusted(solution, TRUSTED_ITERATIVE / eps**0.5)
+    stats["condition"] = float(solution.condition)
+    return _estimate(problem, prior, solution, result, stats)
 
 
-def _trusted(condition: float, most: float) -> str:
+def _trusted(solution: Solution, most: float) -> str:
+    condition = float(solution.condition)
     if condition < most:
         return "converged"
     return f"ill-conditioned ({condition:.0e}): give larger weights"
@@ -126,22 +127,62 @@ def _scores(scorer: Scorer, log_weights: Float[Array, "b c"]) -> Score:
     return jax.lax.map(lambda logs: direct.score(problem, scorer.family(logs), white), log_weights)
 
 
-def _estimate(problem: Problem, solution: Solution, result: str, stats: dict) -> Estimate:
-    finite, value, stderr, fitted, whitened = _shown(problem, solution)
-    if not bool(finite):
+def _estimate(
+    problem: Problem, prior: Prior, solution: Solution, result: str, stats: dict
+) -> Estimate:
+    shown = _shown(problem, prior, solution)
+    if not bool(shown.finite):
         result = "the solution is not finite"
+    names, told = COMPONENTS[: problem.unknowns], np.asarray(solution.told, float)
+    stats |= {f"told_{name}": float(t) for name, t in zip(names, told, strict=True)}
     return Estimate(
-        value, stderr, solution.covariance, fitted, whitened, solution.averaging, result, stats
+        shown.value,
+        shown.stderr,
+        solution.covariance,
+        shown.fitted,
+        shown.whitened,
+        solution.averaging,
+        result,
+        _doubts(problem, told, shown),
+        stats,
     )
 
 
+def _doubts(problem: Problem, told: np.ndarray, shown: "_Shown") -> tuple[str, ...]:
+    squares, noise = np.asarray(shown.over_prior, float), np.asarray(problem.noise)
+    each = list(zip(COMPONENTS[: problem.unknowns], told, squares, strict=True))
+    largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.level))))
+    offsets = 0 if np.isfinite(noise[0]) else problem.data.shape[0]
+    left = problem.samples - offsets - told.sum()
+    # With samples missing, what is whitened over the gaps as zeros is so for white noise alone.
+    whitened = problem.observed is None or not np.ptp(noise[1:])
+    return (
+        *(s for name, t, _ in each for s in doubt.prior_alone(name, t, problem.line.n)),
+        *(s for name, t, over in each for s in doubt.beyond_prior(name, over, t)),
+        *(doubt.beyond_noise(float(shown.over_noise), left) if whitened else ()),
+        *doubt.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
+    )
+
+
+class _Shown(NamedTuple):
+    """What an estimate shows of a solution: of p and q, the signal explained, the whitened
+    residual; and the squares of the latter and of the traction in units of its prior."""
+
+    finite: Bool[Array, ""]
+    value: Float[Array, "2 n"]
+    stderr: Float[Array, "2 n"]
+    fitted: Float[Array, "e n"]
+    whitened: Float[Array, "e n"]
+    over_noise: Float[Array, ""]
+    over_prior: Float[Array, " c"]
+
+
 @eqx.filter_jit
-def _shown(problem: Problem, solution: Solution):
-    """Whether the solution is finite; value and standard error of p and q, the signal explained and
-    the whitened residual."""
+def _shown(problem: Problem, prior: Prior, solution: Solution) -> _Shown:
     fitted = problem.forward(solution.value)
     value, stderr = solution.value, solution.stderr
     finite = jnp.all(jnp.isfinite(value)) & jnp.all(jnp.isfinite(stderr))
+    over_prior = jnp.sum(value * prior.apply(problem.line, value), axis=-1)
     pairs = zip(problem.known_mean_Pa, problem.background_Pa, strict=True)
     zero = jnp.zeros((), value.dtype)
     means = [sum((m for m in pair if m is not None), zero) for pair in pairs]
@@ -149,12 +190,15 @@ def _shown(problem: Problem, solution: Solution):
         value = jnp.concatenate([value, problem.friction * value])
         stderr = jnp.concatenate([stderr, jnp.abs(problem.friction) * stderr])
         means[1] = problem.friction * means[0]
-    return (
+    whitened = _whitened(problem, problem.data - fitted)
+    return _Shown(
         finite,
         value + jnp.stack(means)[:, None],
         stderr,
         fitted + problem.level + problem.free_offset(problem.data - fitted),
-        _whitened(problem, problem.data - fitted),
+        whitened,
+        jnp.nansum(whitened**2),
+        over_prior,
     )
 
 

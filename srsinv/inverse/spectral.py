@@ -24,11 +24,15 @@ class Factor(NamedTuple):
     q: Complex[Array, "m c k"]
     inverse: Complex[Array, "c c k"]
     determined: Bool[Array, "c k"]
+    condition: Float[Array, ""]
 
 
 @jax.jit
 def solve(problem: Problem, prior: Prior) -> Solution:
-    """Posterior of the traction on a periodic line with every sample there."""
+    """Posterior of the traction on a periodic line with every sample there.
+
+    The condition number is that of the rows, over all wavenumbers, in Frobenius' norm.
+    """
     n, elements = problem.line.n, problem.data.shape[0]
     factor = factorise(problem, prior)
     top = factor.q[:elements].conj()
@@ -42,6 +46,8 @@ def solve(problem: Problem, prior: Prior) -> Solution:
         stationary_stderr(factor, n),
         covariance,
         jnp.roll(jnp.fft.irfft(resolution, n), n // 2, axis=-1),
+        n * jnp.einsum("iik,k->i", resolution, half_spectrum_weights(n)).real,
+        factor.condition,
     )
 
 
@@ -107,8 +113,12 @@ def _gram_schmidt(rows: Complex[Array, "m c k"]) -> Factor:
         for i in range(j):
             total = sum((inverse[i][m] * r[m][j] for m in range(i, j)), zero)
             inverse[i][j] = -total * inverse[j][j]
+    whole = jnp.stack([jnp.stack(row) for row in inverse])
     return Factor(
-        jnp.stack(columns, axis=1),
-        jnp.stack([jnp.stack(row) for row in inverse]),
-        jnp.stack(determined),
+        jnp.stack(columns, axis=1), whole, jnp.stack(determined), _size(rows) * _size(whole)
     )
+
+
+def _size(matrices: Complex[Array, "a b k"]) -> Float[Array, ""]:
+    """The largest Frobenius norm over the wavenumbers; no derivative is asked of it."""
+    return jax.lax.stop_gradient(jnp.max(jnp.linalg.norm(matrices, axis=(0, 1))))

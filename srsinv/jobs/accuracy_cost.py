@@ -269,7 +269,7 @@ def _spectral(problem: Problem, prior: Prior):
 
 
 def _direct(problem: Problem, prior: Prior):
-    return direct.solve(problem, prior, direct.whiten(problem))[0].value
+    return direct.solve(problem, prior, direct.whiten(problem)).value
 
 
 def _iterative(problem: Problem, prior: Prior, tolerance):

@@ -100,7 +100,7 @@ def deviation(values: np.ndarray, there: np.ndarray) -> np.ndarray:
 
 
 def _judge(name: str, case: Case, estimate: Estimate) -> dict[str, Any]:
-    row: dict[str, Any] = {"method": name, "result": estimate.result}
+    row: dict[str, Any] = {"method": name, "result": estimate.result, "doubts": estimate.doubts}
     row |= {f"{what}_{c}": None for what in ("error", "coverage") for c in COMPONENTS}
     if "traction" not in case.stages:
         return row
@@ -129,7 +129,7 @@ def _metrics(case: Case, estimates: Mapping[str, Estimate], rows) -> dict[str, A
         metrics[f"effect_on_{verdict.name}"] = verdict.on
     for row, (name, estimate) in zip(rows, estimates.items(), strict=True):
         key = name.lower().replace(" ", "_")
-        said = row | dict(estimate.stats)
+        said = row | dict(estimate.stats) | {"doubts": " ".join(estimate.doubts) or "none"}
         metrics |= {f"{what}_{key}": value for what, value in said.items() if what != "method"}
     return metrics
 
@@ -284,7 +284,7 @@ def _against_truth(rows) -> Table:
                 cell(row["coverage_q"], "{:.0%}"),
                 row["time_s_first"],
                 1e3 * row["time_s_steady"],
-                row["result"],
+                _result(row),
             )
             for row in rows
         ),
@@ -303,7 +303,7 @@ def _as_found(rows) -> Table:
                 1e3 * row["p_peak_position_m"],
                 "-" if row["p_line_wavelength_m"] is None else 1e3 * row["p_line_wavelength_m"],
                 row["time_s_first"],
-                row["result"],
+                _result(row),
             )
             for row in rows
         ),
@@ -344,7 +344,7 @@ def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section,
         ),
         Section(
             "Recovered p and q",
-            tuple(_mean_words(case.problem)),
+            (*_mean_words(case.problem), *_doubt_words(estimates)),
             {"estimates": lambda: figures.estimates(ds)},
         ),
         Section(
@@ -401,6 +401,15 @@ def _mean_words(problem: Problem):
     )
     for component, words in problem.mean_statement().items():
         yield f"Mean of {component}: {words}."
+
+
+def _doubt_words(estimates: Mapping[str, Estimate]):
+    for name, estimate in estimates.items():
+        yield from (f"In doubt, {name}: {sentence}" for sentence in estimate.doubts)
+
+
+def _result(row) -> str:
+    return f"{row['result']}; in doubt" if row["doubts"] else row["result"]
 
 
 def _cutoff_table(ds: xarray.Dataset) -> Table:

@@ -47,7 +47,7 @@ def solve_all(path, problem, prior, data):
         each = eqx.tree_at(lambda problem: problem.data, problem, data)
         if path == "spectral":
             return spectral.solve(each, prior).value
-        return direct.solve(each, prior, direct.whiten(each))[0].value
+        return direct.solve(each, prior, direct.whiten(each)).value
 
     return jax.vmap(one)(data)
 

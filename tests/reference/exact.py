@@ -13,7 +13,11 @@ mp.mp.dps = 60
 
 def stress(k, depth) -> mp.matrix:
     """sigma_x, sigma_z, tau_xz (3, 2) at the depth under unit p and unit q exp(ikx), any real k."""
-    k, depth = mp.mpf(float(k)), mp.mpf(float(depth))
+    return stress_at(mp.mpf(float(k)), mp.mpf(float(depth)))
+
+
+def stress_at(k, depth) -> mp.matrix:
+    """The same of mpmath's own numbers."""
     size, sign = abs(k), mp.sign(k) if k else mp.mpf(1)
     decay = mp.exp(-size * depth)
     # sigma_x = f'', sigma_z = -k^2 f, tau_xz = -ik f', times k^2 so that k = 0 is a limit. With

@@ -1,0 +1,270 @@
+"""Where each inversion's edge is: hard cases through every method, in both precisions."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray
+
+from srsinv.errors import BadInput, choice, mapping, refuse
+from srsinv.inverse.problem import COMPONENTS, Problem
+from srsinv.jobs import build
+from srsinv.jobs.analysis import deviation, seen
+from srsinv.jobs.change import merged
+from srsinv.jobs.simulation import noisy_problem, simulation
+from srsinv.progress import stage
+from srsinv.report.figures.matrix import matrices
+from srsinv.report.outcome import Outcome, Section, Table
+
+PRECISIONS = ("float64", "float32")
+CODES = ("sure", "doubted", "warned", "refused")
+SURE = 3.0  # standard errors: an rms error beyond is no chance where no word is said
+
+
+class Cell(NamedTuple):
+    """One case by one method in one precision.
+
+    - `error` (c,): of p and q, norm over that of the truth, means taken out; `over_band` (c,): the
+      error's rms in standard errors. NaN where there is no answer, or no truth to compare with.
+    - `result`: the method's result, or why it refused; `doubts`: what it says against its bands.
+    """
+
+    error: np.ndarray
+    over_band: np.ndarray
+    condition: float
+    result: str
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def code(self) -> str:
+        """What the answer is called: sure, in doubt, warned of, refused."""
+        if np.isnan(self.condition):
+            return "refused"
+        if self.result != "converged":
+            return "warned"
+        return "doubted" if self.doubts else "sure"
+
+    @property
+    def misleads(self) -> bool:
+        """Whether an error beyond the band comes without a word."""
+        return self.code == "sure" and bool(np.any(self.over_band > SURE))
+
+
+def run(cfg: build.Config) -> Outcome:
+    """Every case by every method in every precision.
+
+    Raises `BadInput` for a precision that is none, and for no case or method.
+    """
+    settings, methods = build.part(cfg, "hard_cases"), list(build.methods(cfg))
+    cases = build.part(settings, "cases")
+    refuse(not cases, "hard_cases.cases is empty: give a case by name, none: {hard: nothing}.")
+    precisions = [choice("hard_cases.precisions", p, PRECISIONS) for p in settings["precisions"]]
+    cells = {}
+    for name, changes in cases.items():
+        hard = dict(mapping(f"hard_cases.cases.{name}", changes))
+        label = str(hard.pop("hard", name))
+        with stage(f"hard case: {label}"):
+            for precision in precisions:
+                own = {**merged(cfg, hard), "precision": precision}
+                cells[label, precision] = _row(own)
+    labels = list(dict.fromkeys(label for label, _ in cells))
+    found = {p: [cells[label, p] for label in labels] for p in precisions}
+    dataset = _dataset(found, labels, methods)
+    table = _table(found, labels, methods)
+    return Outcome(
+        f"{len(labels)} hard cases through {len(methods)} methods",
+        _metrics(found, labels, methods),
+        dataset,
+        _sections(dataset, found, labels, methods, table),
+        table,
+    )
+
+
+def _row(cfg: build.Config) -> list[Cell]:
+    """One case by every method."""
+    with build.precision(cfg):
+        methods = build.methods(cfg).values()
+        try:
+            sim = simulation(cfg)
+            problem = noisy_problem(sim, build.random_key(cfg), build.friction(cfg))
+        except BadInput as refused:
+            return [_refused(str(refused)) for _ in methods]
+        truth = np.asarray(sim.traction(sim.line))
+        return [_cell(method, problem, truth) for method in methods]
+
+
+def _refused(sentence: str) -> Cell:
+    nothing = np.full(len(COMPONENTS), np.nan)
+    return Cell(nothing, nothing, np.nan, sentence)
+
+
+def _cell(method: Any, problem: Problem, truth: np.ndarray) -> Cell:
+    try:
+        estimate = method(problem)
+    except BadInput as refused:
+        return _refused(str(refused))
+    there = seen(problem)
+    wanted = deviation(truth, there)
+    wrong = deviation(estimate.value, there) - wanted
+    size = np.linalg.norm(wanted, axis=-1)
+    stderr = np.asarray(estimate.stderr, float)[:, there]
+    share = np.abs(wrong) / np.where(stderr > 0, stderr, np.nan)
+    return Cell(
+        np.linalg.norm(wrong, axis=-1) / np.where(size > 0, size, np.nan),
+        np.sqrt(np.mean(share**2, axis=-1)),
+        estimate.stats["condition"],
+        estimate.result,
+        estimate.doubts,
+    )
+
+
+Found = Mapping[str, list[list[Cell]]]  # by precision: (case, method)
+
+
+def _each(found: Found, get) -> np.ndarray:
+    """(precision, case, method, ...)."""
+    return np.array([[[get(cell) for cell in row] for row in rows] for rows in found.values()])
+
+
+def _dataset(found: Found, labels, methods) -> xarray.Dataset:
+    along = ("precision", "case", "method")
+    return xarray.Dataset(
+        {
+            "error": ((*along, "component"), _each(found, lambda c: c.error), {"units": "1"}),
+            "error_over_band": (
+                (*along, "component"), _each(found, lambda c: c.over_band), {"units": "1"}
+            ),
+            "condition": (along, _each(found, lambda c: c.condition), {"units": "1"}),
+            "code": (along, _each(found, lambda c: c.code), {"units": "1"}),
+            "result": (along, _each(found, lambda c: c.result), {"units": "1"}),
+            "doubts": (along, _each(found, lambda c: " ".join(c.doubts)), {"units": "1"}),
+        },
+        {
+            "precision": ("precision", list(found), {"units": "1"}),
+            "case": ("case", labels, {"units": "1"}),
+            "method": ("method", methods, {"units": "1"}),
+            "component": ("component", list(COMPONENTS), {"units": "1"}),
+        },
+    )  # fmt: skip
+
+
+def _metrics(found: Found, labels, methods) -> dict[str, Any]:
+    metrics: dict[str, Any] = {"cases": len(labels), "methods": len(methods)}
+    for precision, rows in found.items():
+        cells = [cell for row in rows for cell in row]
+        for code in CODES:
+            metrics[f"{code}_{precision}"] = sum(cell.code == code for cell in cells)
+        metrics[f"sure_and_wrong_{precision}"] = sum(cell.misleads for cell in cells)
+        metrics[f"finite_{precision}"] = all(
+            cell.code in ("refused", "warned") or np.isfinite(cell.condition) for cell in cells
+        )
+    return metrics
+
+
+def _table(found: Found, labels, methods) -> Table:
+    rows = []
+    for precision, cases in found.items():
+        for m, method in enumerate(methods):
+            cells = [row[m] for row in cases]
+            told = [float(np.nanmax(c.over_band)) for c in cells if np.isfinite(c.over_band).any()]
+            counts = (sum(cell.code == code for cell in cells) for code in CODES)
+            wrong = sum(cell.misleads for cell in cells)
+            rows.append((precision, method, *counts, wrong, max(told, default=float("nan"))))
+    heads = ("precision", "method", *CODES, "sure and wrong", "largest error over its band")
+    return Table(
+        heads,
+        tuple(rows),
+        f"Of {len(labels)} cases. Sure: converged, and nothing speaks against it; doubted: "
+        "converged, with a sentence on what speaks against its bands; warned: another result; "
+        f"wrong: an error of p or q beyond {SURE:g} standard errors rms.",
+    )
+
+
+def _sections(ds: xarray.Dataset, found: Found, labels, methods, table) -> tuple[Section, ...]:
+    marks = {"sure": "", "doubted": "?", "warned": "!", "refused": "-"}
+    codes = ds["code"].values
+
+    def panels(values, pattern) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """By precision."""
+        return {
+            precision: (
+                values[i],
+                np.array([
+                    [_word(v, pattern) + marks[code] for v, code in zip(row, named, strict=True)]
+                    for row, named in zip(values[i], codes[i], strict=True)
+                ]),
+            )
+            for i, precision in enumerate(found)
+        }  # fmt: skip
+
+    def error(component: str):
+        values = 100 * ds["error"].sel(component=component).values
+        shown = panels(values, "{:.2g}")
+        return matrices(shown, labels, methods, f"error of {component} [%]", (1.0, 1e3))
+
+    def over_band():
+        shown = panels(_worst(ds["error_over_band"].values), "{:.1f}")
+        label = "rms error of p or q, the larger, over its standard error"
+        return matrices(shown, labels, methods, label, (0.1, 1e2))
+
+    def condition():
+        shown = panels(ds["condition"].values, "{:.0e}")
+        return matrices(shown, labels, methods, "condition number", (1.0, 1e16))
+
+    key = (
+        "A question mark: converged, with a doubt on its bands; an exclamation mark: another "
+        "result; a dash: refused. The words are in the last table."
+    )
+    return (
+        Section(
+            "Errors",
+            ("Relative, of the deviation from the mean. A large error is no instability where the "
+             "signal does not tell: the band then has to be as wide.",),
+            {"error_p": lambda: error("p"), "error_q": lambda: error("q")},
+            {"error_p": key, "error_q": key},
+        ),
+        Section(
+            "Errors over their bands",
+            ("About one or less is honest; much above one without a mark would be a number that "
+             "looks sure and is not.",),
+            {"over_band": over_band},
+            {"over_band": key},
+            (table,),
+        ),
+        Section(
+            "Condition numbers",
+            ("Of what each path solves: the stacked rows of model and prior at each wavenumber "
+             "(spectral), the posterior precision, which squares them (direct), and about that of "
+             "conjugate gradients (iterative).",),
+            {"condition": condition},
+            {"condition": key},
+        ),
+        Section("Words", (), tables=(_words(found, labels, methods),)),
+        Section(
+            "What was assumed",
+            ("The cases stand in the configuration, hard_cases.cases: each is what it changes of "
+             "the scene in plain view, one draw of the noise.",),
+        ),
+    )  # fmt: skip
+
+
+def _worst(values: np.ndarray) -> np.ndarray:
+    """The larger of p's and q's, NaN where neither is known."""
+    return np.where(np.isnan(values).all(-1), np.nan, np.max(np.nan_to_num(values), axis=-1))
+
+
+def _word(value: float, pattern: str) -> str:
+    return "" if np.isnan(value) else pattern.format(value).replace("e+0", "e").replace("e+", "e")
+
+
+def _words(found: Found, labels, methods) -> Table:
+    """What was said, each sentence once for each case."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for precision, rows in found.items():
+        for label, row in zip(labels, rows, strict=True):
+            for method, cell in zip(methods, row, strict=True):
+                words = cell.doubts if cell.result == "converged" else (cell.result, *cell.doubts)
+                for word in words:
+                    said.setdefault((label, word), []).append(f"{method} ({precision})")
+    rows = [(label, ", ".join(by), word) for (label, word), by in said.items()]
+    return Table(("case", "by", "in words"), tuple(rows))
