@@ -52,13 +52,17 @@ def _responding(sensor: Sensor, motion: Motion, line: Line):
 
 
 class FeatureModel(eqx.Module):
-    """The signal of features as `felt`: parameters by feature to (element, sample)."""
+    """The signal of features as `felt`: parameters by feature to (element, sample).
+
+    Where they are looked for is no part of it: one program serves every range.
+    """
 
     felt: Felt
     features: dict[str, Feature]
 
     def __init__(self, felt: Felt, features: Features):
-        self.felt, self.features = felt, dict(features)
+        self.felt = felt
+        self.features = {name: feature.anywhere for name, feature in features.items()}
 
     @property
     def line(self) -> Line:
