@@ -1,12 +1,13 @@
 """A thousand runs in one process: no memory kept, nothing compiled anew, nothing that is no number.
 
-A run is a scene simulated from its configuration, with noise, and inverted. Every number of the
-configuration changes from run to run; what is compiled belongs to shapes and to choices.
+A run is a scene simulated from its configuration, with noise, and inverted; the general fit has its
+turn too. Every number of the configuration changes after a few runs, which differ in their noise;
+what is compiled belongs to shapes and to choices.
 """
 
 import gc
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,17 @@ from omegaconf import OmegaConf
 
 import srsinv
 from srsinv.__main__ import find_config_root
+from srsinv.forward.feature import LineFeature
+from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.scan import Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.inverse.feature_fit import Ratio
+from srsinv.inverse.feature_model import FeatureModel, Felt
 from srsinv.jobs import build
 from srsinv.jobs.simulation import noisy_problem, simulation
 
 RUNS, WARM = 1000, 200
+EACH = 8  # runs of the same numbers with other noise
 MOST_GROWTH_BYTES = 16 * 2**20  # 20 kB a run: less than any compiled program takes
 COMPILED = "/jax/core/compile/backend_compile_duration"
 GRID = ("grid.cells=32", "grid.refinement=2", "grid.length_m=0.012", "grid.start_m=-0.006")
@@ -94,12 +102,18 @@ def changed(node: Any, random: np.random.Generator, key: str = "") -> Any:
     return node * float(random.uniform(0.97, 1.0 if key == "poisson_ratio" else 1.03))
 
 
-def inverted(cfg: Mapping[str, Any]) -> list[np.ndarray]:
-    """What every method finds of a simulated signal."""
+def inverting(cfg: Mapping[str, Any]) -> Callable[[int], list[np.ndarray]]:
+    """What every method finds of a simulated signal, by the noise's seed."""
     with build.precision(cfg):
-        problem = noisy_problem(simulation(cfg), build.random_key(cfg), build.friction(cfg))
-        found = [method(problem) for method in build.methods(cfg).values()]
-        return [np.asarray(v) for each in found for v in (each.value, each.stderr, each.fitted)]
+        sim, methods = simulation(cfg), build.methods(cfg).values()
+
+    def inverted(seed: int) -> list[np.ndarray]:
+        with build.precision(cfg):
+            problem = noisy_problem(sim, jax.random.key(seed), build.friction(cfg))
+            found = [method(problem) for method in methods]
+            return [np.asarray(v) for each in found for v in (each.value, each.stderr, each.fitted)]
+
+    return inverted
 
 
 def decay(params):
@@ -107,8 +121,9 @@ def decay(params):
     return params["height"] * jnp.exp(-params["rate"] * FITTED) + params["rest"]
 
 
-def fitted(random: np.random.Generator) -> list[np.ndarray]:
+def fitted(seed: int) -> list[np.ndarray]:
     """What the general fit finds: other data, starts, bounds, priors and noise each time."""
+    random = np.random.default_rng(seed)
     height, rate, rest, sigma, most = random.uniform(0.9, 1.1, 5) * (2.0, 3.0, 0.5, 0.01, 50.0)
     y = height * np.exp(-rate * FITTED) + rest + sigma * random.normal(size=FITTED.size)
     found = srsinv.fit(
@@ -120,7 +135,8 @@ def fitted(random: np.random.Generator) -> list[np.ndarray]:
         priors={"rest": (0.9 * rest, rest)},
     )
     assert found.converged
-    return [np.array(list(tree.values())) for tree in (found.value, found.stderr)]
+    ratio = found.derive(Ratio(("height",), ("rate",)))
+    return [*(np.array(list(tree.values())) for tree in (found.value, found.stderr)), ratio]
 
 
 def resident_bytes() -> int:
@@ -139,20 +155,46 @@ def test_a_thousand_runs(compilations, margin):
     """Memory stays, and nothing is compiled after the first run of each scene."""
     random = np.random.default_rng(0)
     scenes = {name: configuration(overrides) for name, (_, overrides) in SCENES.items()}
-    works = [lambda cfg=cfg: inverted(changed(cfg, random)) for cfg in scenes.values()]
-    works = dict(zip([*scenes, "fit"], [*works, lambda: fitted(random)], strict=True))
-    names = list(works)
-    for work in works.values():
-        work()
+    for cfg in scenes.values():
+        inverting(cfg)(0)
+    fitted(0)
     compilations.taken()
-    held, arrays = 0, 0
+    turns = [*scenes, *["fit", "strip"] * 3]  # the quick ones more often
+    held, arrays, work = 0, 0, fitted
     for run in range(RUNS):
         if run == WARM:
             held, arrays = resident_bytes(), len(jax.live_arrays())
-        name = names[run % len(names)]
-        found = works[name]()
+        name = turns[run // EACH % len(turns)]
+        if run % EACH == 0:
+            work = fitted if name == "fit" else inverting(changed(scenes[name], random))
+        found = work(run)
         assert all(np.isfinite(values).all() for values in found), (name, run)
         assert not (again := compilations.taken()), (name, run, again)
     margin(resident_bytes() - held, MOST_GROWTH_BYTES)
     assert resident_bytes() - held < MOST_GROWTH_BYTES
     assert len(jax.live_arrays()) <= arrays
+
+
+def test_a_count_of_compilations(compilations):
+    """What is compiled is seen: a number that is part of a program is compiled anew."""
+    for share in (0.25, 0.5):
+        jax.jit(lambda x, share=share: x * share)(np.ones(3))
+    assert len(compilations.taken()) == 2
+
+
+def test_a_feature_is_compiled_once(compilations):
+    """Its signal, whatever its numbers, the strip's width and where it would be looked for."""
+
+    def signal(i):
+        film = Film(7.5e-4, effects=(StripWidth.at_depth(7e-4 + 2e-5 * i, 7.5e-4),))
+        motion = Motion.from_speed(np.arange(40) / 500, 0.06, 1e-5 * i)
+        feature = LineFeature(position_range_m=[-1e-3, 1e-3 + 1e-5 * i])
+        model = FeatureModel(Felt(Sensor([film]), motion, 8), {"line": feature})
+        own = {"position_m": 2e-3, "load_N_per_m": 10.0 + i, "shear_N_per_m": -2.0}
+        return np.asarray(model({"line": own}))
+
+    assert np.isfinite(signal(0)).all()
+    assert compilations.taken()
+    for i in range(1, 4):
+        assert np.isfinite(signal(i)).all()
+        assert not compilations.taken()
