@@ -54,9 +54,8 @@ def ended(process) -> int | None:
 
 
 def seen(folder: Path) -> set[str]:
-    """What someone who looks for results finds there: every file but hidden ones, and `.hydra`."""
-    files = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
-    return {name for name in files if not name.startswith(".") or name.startswith(".hydra/")}
+    """Every file that is there, hidden or not."""
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
 
 
 def check_whole(path: Path) -> None:
