@@ -164,9 +164,7 @@ class FeatureFitter:
         }
         return [shape | dict.fromkeys(feature.linear, 0.0) for shape in shapes], priors
 
-    def _settings(
-        self, parts: Features, model: FeatureModel, noise: Any, priors
-    ) -> dict[str, Any]:
+    def _settings(self, parts: Features, model: FeatureModel, noise: Any, priors) -> dict[str, Any]:
         return {
             "noise": noise,
             "bounds": _bounds(parts, self._coarse.stretch),
