@@ -99,6 +99,11 @@ class Feature(eqx.Module):
         """The names of what enters a signal linearly."""
         return (self.amplitude,) if self.friction is not None else (self.amplitude, self.shear)
 
+    @property
+    def anywhere(self) -> "Feature":
+        """The same family, looked for everywhere."""
+        return type(self)(self.friction)
+
     def ranges(self, stretch: Stretch) -> dict[str, Range]:
         """Where each parameter of the shape is looked for."""
         return ranges(self.axes, self.searched, stretch)

@@ -46,12 +46,13 @@ class StripWidth(LineEffect):
 
     @classmethod
     def at_depth(cls, width_m: float, depth_m: float) -> "StripWidth":
-        """With as many nodes as round-off needs for a film at this depth."""
+        """With as many nodes as round-off needs for a film at this depth, or more: 8, 16, ... 256,
+        so that a change of the numbers seldom asks for another program."""
         # The kernel is analytic within a depth of the real axis, so that Gauss's rule converges as
         # r^(-2 nodes), r the sum of the half axes of the ellipse up to there.
         ratio = 2 * depth_m / width_m
         nodes = np.log(1 / np.finfo(float).eps) / (2 * np.arcsinh(ratio))
-        return cls(width_m, int(np.clip(np.ceil(nodes) + 2, 8, 256)))
+        return cls(width_m, int(np.clip(2 ** np.ceil(np.log2(nodes + 2)), 8, 256)))
 
     def transfer(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
         return sinc(k * self.width_m / 2)

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, UInt32
 
 from ..errors import number, refuse, whole
 from ..grid import Line, Scalar, as_real, wavenumbers
@@ -331,7 +331,7 @@ class Rough(Shape):
     longest_m: Float[Array, ""]
     shortest_m: Float[Array, ""]
     hurst: Float[Array, ""]
-    seed: int = eqx.field(static=True)
+    seed: UInt32[Array, ""]
 
     def __init__(self, rms_m, longest_m, shortest_m, hurst: Scalar = 0.8, seed: Any = 0):
         self.rms_m = _not_negative("rms_m", rms_m)
@@ -344,7 +344,8 @@ class Rough(Shape):
         self.hurst = as_real(
             number("surface hurst", hurst, "a number from 0 to 1", least=0, most=1)
         )
-        self.seed = whole("surface seed", seed, "a whole number, 0 or more", least=0)
+        wanted = "a whole number, 0 or more"
+        self.seed = jnp.asarray(whole("surface seed", seed, wanted, least=0), "uint32")
 
     def power(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
         """The spectrum, up to a factor."""

@@ -18,6 +18,7 @@ from ..errors import number, refuse
 from ..forward.circular import Circle, Circling
 from ..forward.sensor import Sensor
 from ..grid import as_real
+from .feature_fit import Ratio
 from .feature_search import apart
 from .nonlinear import Fit, fit
 
@@ -128,7 +129,7 @@ def _readable(found: Fit) -> dict[str, tuple[float, float]]:
     value = found.value | {"angle_deg": angle, "distance_m": side * found.value["distance_m"]}
     names = ("angle_deg", "distance_m", "load_N_per_m", "width_m")
     read = {name: (float(value[name]), float(found.stderr[name])) for name in names}
-    mu, stderr = found.derive(lambda params: params["shear_N_per_m"] / params["load_N_per_m"])
+    mu, stderr = found.derive(Ratio(("shear_N_per_m",), ("load_N_per_m",)))
     return read | {"friction": (float(mu), float(stderr))}
 
 

@@ -7,12 +7,15 @@ each with all its parameters integrated out.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import getitem
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from scipy.special import softmax
 
 from ..forward.feature import Feature, Stretch
@@ -113,7 +116,7 @@ class FeatureFitter:
             shapes, more = self._starts(y, parts, found, name, feature)
             parts, priors = parts | {name: feature}, priors | more
             model = FeatureModel(self._felt, parts)
-            settings = self._settings(model, noise, priors)
+            settings = self._settings(parts, model, noise, priors)
             first = [found | {name: shape} for shape in shapes[:starts]]
             result = _best(model, first, y, settings)
             found = dict(result.value)
@@ -143,7 +146,7 @@ class FeatureFitter:
         found, priors = self._offset(ys[0])
         shapes, more = self._starts(ys[0], {}, {}, name, feature)
         model = FeatureModel(self._felt, {name: feature})
-        settings = self._settings(model, noise, priors | more)
+        settings = self._settings({name: feature}, model, noise, priors | more)
         return model, fit_many(model, found | {name: shapes[0]}, ys, **settings)
 
     def _offset(self, y: np.ndarray) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
@@ -161,10 +164,10 @@ class FeatureFitter:
         }
         return [shape | dict.fromkeys(feature.linear, 0.0) for shape in shapes], priors
 
-    def _settings(self, model: FeatureModel, noise: Any, priors) -> dict[str, Any]:
+    def _settings(self, parts: Features, model: FeatureModel, noise: Any, priors) -> dict[str, Any]:
         return {
             "noise": noise,
-            "bounds": _bounds(model.features, self._coarse.stretch),
+            "bounds": _bounds(parts, self._coarse.stretch),
             "linear": model.linear,
             "priors": priors,
             "solver": self._solver,
@@ -236,11 +239,20 @@ def readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]
     return read
 
 
+class Ratio(eqx.Module):
+    """One parameter over another, each by its keys."""
+
+    above: tuple[str, ...] = eqx.field(static=True)
+    below: tuple[str, ...] = eqx.field(static=True)
+
+    def __call__(self, params: Any) -> Float[Array, ""]:
+        above, below = (reduce(getitem, keys, params) for keys in (self.above, self.below))
+        return above / below
+
+
 def friction_of(result: Fit, name: str, feature: Feature) -> tuple[float, float]:
     """mu, the ratio of the two amplitudes, and its standard error to first order."""
-    value, stderr = result.derive(
-        lambda params: params[name][feature.shear] / params[name][feature.amplitude]
-    )
+    value, stderr = result.derive(Ratio((name, feature.shear), (name, feature.amplitude)))
     return float(value), float(stderr)
 
 

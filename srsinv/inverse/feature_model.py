@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,7 +13,7 @@ from ..forward.feature import Feature, Stretch
 from ..forward.scan import Motion
 from ..forward.scanned import Scanned
 from ..forward.sensor import Sensor
-from ..grid import Line, Open
+from ..grid import Line, Open, as_real
 
 CELLS_PER_DEPTH = 32  # the signal of an edge is then right to 1e-6 of its peak, of a line to 1e-5
 MARGIN_DEPTHS = 16  # beyond the scan, in which what repeats fades out
@@ -52,13 +53,17 @@ def _responding(sensor: Sensor, motion: Motion, line: Line):
 
 
 class FeatureModel(eqx.Module):
-    """The signal of features as `felt`: parameters by feature to (element, sample)."""
+    """The signal of features as `felt`: parameters by feature to (element, sample).
+
+    Where they are looked for is no part of it: one program serves every range.
+    """
 
     felt: Felt
     features: dict[str, Feature]
 
     def __init__(self, felt: Felt, features: Features):
-        self.felt, self.features = felt, dict(features)
+        self.felt = felt
+        self.features = {name: feature.anywhere for name, feature in features.items()}
 
     @property
     def line(self) -> Line:
@@ -80,8 +85,11 @@ class FeatureModel(eqx.Module):
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
         return total
 
-    @eqx.filter_jit
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
+        return self._signal(jax.tree.map(as_real, params))  # Python's numbers would be compiled in
+
+    @eqx.filter_jit
+    def _signal(self, params: Any) -> Float[Array, "e sample"]:
         felt, forward = self.felt, self.traction(params)
         turn, backward = jnp.array([[1.0], [-1.0]]), None
         if felt.reverses:

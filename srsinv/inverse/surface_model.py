@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.fft
@@ -183,8 +184,11 @@ class SurfaceModel(eqx.Module):
             for part in MOVES & feature.axes.keys()
         }
 
-    @eqx.filter_jit
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
+        return self._signal(jax.tree.map(as_real, params))  # Python's numbers would be compiled in
+
+    @eqx.filter_jit
+    def _signal(self, params: Any) -> Float[Array, "e sample"]:
         rubbed = self.rubbed
         scanned = rubbed.at_depth(params["depth_m"]) if "depth_m" in params else rubbed.scanned
         signal = params["gain"] * scanned(*self._tractions(params, rubbed.ways))

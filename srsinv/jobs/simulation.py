@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import number, refuse
 from ..forward.amplifier import SlowReadout
 from ..forward.contact import refuse_both_ways
+from ..forward.drift import LoadDrift
 from ..forward.effects._decide import Verdict, decide
 from ..forward.film import StripWidth
 from ..forward.filter import even_interval, filtered
@@ -93,33 +94,39 @@ class Simulation(eqx.Module):
             back = deviation(self.scene, self.fine, -own, self._periodic)
             # The scan's own direction is that of a motion towards +x, or towards -x.
             ways = (*ways, back) if float(own) > 0 else (back, *ways)
-        return self._along(motion, ways)
+        return _along(self.sensor, self.setup.recorder.drift, self.scan, self.fine, motion, ways,
+                      self.background)  # fmt: skip
 
     def _denser(self, motion: Motion) -> int:
         """How many times as many samples the finer line's cells ask for."""
         rate = (motion.time_s.size - 1) / float(motion.time_s[-1] - motion.time_s[0])
         return int(np.ceil(float(self.scan.sample_rate_hz(self.fine)) / rate * (1 - SAME_RATE)))
 
-    @eqx.filter_jit
-    def _along(self, motion: Motion, ways):
-        sensor, drift = self.sensor, self.setup.recorder.drift
-        if drift is None:
-            return sensor.scanned(self.fine, motion)(*ways)
-        # The load scales the charge ahead of the filters, that of the uniform load with the rest.
-        ideal = dataclasses.replace(sensor, filters=())
-        signal, charge = ideal.scanned(self.fine, motion)(*ways), None
-        if sensor.amplifier.order:
-            readout = SlowReadout(sensor.amplifier.gain(as_real(1.0)))
-            slow = dataclasses.replace(ideal, amplifier=readout)
-            charge = slow.scanned(self.fine, motion)(*ways) + self._taken_out_charge(slow)
-        signal = drift(motion.time_s, signal, charge)
-        interval = even_interval(motion.time_s) if sensor.filters else None
-        return filtered(sensor.filters, signal, interval)
 
-    def _taken_out_charge(self, slow: Sensor):
-        """What is read (e, 1) of the uniform traction that is taken out of the line's."""
-        transfer = slow.signal(self.scan).transfer(jnp.zeros(1))[..., 0].real
-        return transfer @ self.background
+@eqx.filter_jit
+def _along(
+    sensor: Sensor,
+    drift: LoadDrift | None,
+    scan: ConstantSpeed,
+    line: Line,
+    motion: Motion,
+    ways,
+    background,
+):
+    """The signal (element, sample) of the traction on `line`, one for each way that it slides."""
+    if drift is None:
+        return sensor.scanned(line, motion)(*ways)
+    # The load scales the charge ahead of the filters, that of the uniform load with the rest.
+    ideal = dataclasses.replace(sensor, filters=())
+    signal, charge = ideal.scanned(line, motion)(*ways), None
+    if sensor.amplifier.order:
+        readout = SlowReadout(sensor.amplifier.gain(as_real(1.0)))
+        slow = dataclasses.replace(ideal, amplifier=readout)
+        uniform = slow.signal(scan).transfer(jnp.zeros(1))[..., 0].real
+        charge = slow.scanned(line, motion)(*ways) + uniform @ background
+    signal = drift(motion.time_s, signal, charge)
+    interval = even_interval(motion.time_s) if sensor.filters else None
+    return filtered(sensor.filters, signal, interval)
 
 
 @eqx.filter_jit

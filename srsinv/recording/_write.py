@@ -1,6 +1,7 @@
 """From a `Recording` to a file that `load` gives back bit by bit."""
 
 import csv
+import glob
 import json
 import math
 import os
@@ -92,11 +93,27 @@ def _motion(recording: Recording) -> dict[str, tuple[np.ndarray, str]]:
 def _whole(path: Path) -> Iterator[Path]:
     """A scratch file in the folder of `path` that takes its place once it is written."""
     scratch = path.with_name(f".{path.name}.{os.getpid()}")
+    for left_over in path.parent.glob(f".{glob.escape(path.name)}.*"):
+        if not _runs(left_over.suffix[1:]):
+            left_over.unlink(missing_ok=True)
     try:
         yield scratch
         os.replace(scratch, path)
     finally:
         scratch.unlink(missing_ok=True)
+
+
+def _runs(process: str) -> bool:
+    """Whether a process of this number may be running; one that was killed is not."""
+    if os.name != "posix" or not process.isdigit():
+        return True
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 _WRITERS = {".csv": _save_csv, ".nc": _save_netcdf}

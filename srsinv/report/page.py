@@ -4,6 +4,7 @@ The same outcome gives the same bytes: no date, no random name, no version of a 
 """
 
 import base64
+import glob
 import json
 import math
 import os
@@ -32,10 +33,10 @@ def write(
     """Write `metrics.json`, `result.nc`, `report.html`, `figures/*.png`, `.hydra/` and the
     outcome's own files to `folder`.
 
-    Every file appears whole or not at all, `metrics.json` last; those of an earlier run are
-    replaced. `hydra_files` maps the names in `.hydra` to their text, `command` is what the page
-    says was run. Raises `ValueError` for a variable without `units`, `TypeError` for a metric
-    that is not a plain value.
+    Every file appears whole or not at all, in an empty folder all at once, else `metrics.json`
+    last; those of an earlier run are replaced. `hydra_files` maps the names in `.hydra` to their
+    text, `command` is what the page says was run. Raises `ValueError` for a variable without
+    `units`, `TypeError` for a metric that is not a plain value.
     """
     with _staged(folder) as stage:
         for name, text in hydra_files.items():
@@ -59,16 +60,30 @@ def metrics_json(metrics: Mapping[str, Any]) -> str:
 @contextmanager
 def _staged(folder: Path) -> Iterator[Path]:
     folder.mkdir(parents=True, exist_ok=True)
-    stage = Path(tempfile.mkdtemp(prefix=".writing-", dir=folder))
+    folder = folder.resolve()
+    # Beside the folder, which a run that is killed then leaves empty, where that is possible.
+    beside = os.access(folder.parent, os.W_OK) and not folder.is_mount()
+    home, prefix = (folder.parent, f".{folder.name}.writing-") if beside else (folder, ".writing-")
+    for left_over in home.glob(f"{glob.escape(prefix)}*"):  # by a run that was killed
+        shutil.rmtree(left_over, ignore_errors=True)
+    stage = Path(tempfile.mkdtemp(prefix=prefix, dir=home))
     try:
         yield stage
-        files = [path for path in stage.rglob("*") if path.is_file()]
-        for path in sorted(files, key=lambda path: (path.name == "metrics.json", path)):
-            target = folder / path.relative_to(stage)
-            target.parent.mkdir(exist_ok=True)
-            os.replace(path, target)
+        stage.chmod(folder.stat().st_mode)
+        try:
+            os.rename(stage, folder)  # all files at once, where there are none yet
+        except OSError:
+            _replace(stage, folder)
     finally:
-        shutil.rmtree(stage)
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _replace(stage: Path, folder: Path) -> None:
+    files = [path for path in stage.rglob("*") if path.is_file()]
+    for path in sorted(files, key=lambda path: (path.name == "metrics.json", path)):
+        target = folder / path.relative_to(stage)
+        target.parent.mkdir(exist_ok=True)
+        os.replace(path, target)
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -13,7 +13,7 @@ from jaxtyping import Array
 from ...errors import refuse
 from ...grid import as_real
 from ._loss import Loss, Squares
-from ._parameters import Parameters, Tree, parameters, starting_points
+from ._parameters import Layout, Parameters, Tree, parameters, starting_points
 from ._request import check_linear, checked_data, checked_solver, filled, misfit_of
 from ._search import Found, Misfit, search, search_many
 from ._solvers import Solver
@@ -76,7 +76,8 @@ class Fit:
 
         `function` maps the tree of parameters to a number or an array (k,). With `steps` its
         gradient is taken by central differences: over these steps where a parameter is named, else
-        over its standard error. Infinite standard errors where the data do not determine it.
+        over its standard error. Infinite standard errors where the data do not determine it. It is
+        compiled at each call, once for all where it is an equinox module.
         """
 
         def of(z):
@@ -84,7 +85,9 @@ class Fit:
 
         # Compiled whole: operation by operation takes seconds where a traction is derived.
         if steps is None:
-            value, gradient = jax.jit(lambda z: (of(z), jax.jacfwd(of)(z)))(as_real(self._z))
+            slope = _shared_slope if isinstance(function, eqx.Module) else eqx.filter_jit(_slope)
+            misfit = self._misfit
+            value, gradient = slope(function, misfit.layout, misfit.row, as_real(self._z))
         else:
             value, gradient = self._differences(jax.jit(of), steps)
         along = np.atleast_2d(np.asarray(gradient))
@@ -244,6 +247,18 @@ def _differenced(misfit: Misfit, ends: Found, steps: Mapping[str, float]) -> Fou
 @eqx.filter_jit
 def _white_at(misfit: Misfit, z, off):
     return misfit.white(z + off)[0]
+
+
+def _slope(function, layout: Layout, row, z):
+    """A function of the parameters, and its derivative by the free ones."""
+
+    def of(z):
+        return jnp.asarray(function(layout.tree(row.at[np.asarray(layout.free)].set(z))))
+
+    return of(z), jax.jacfwd(of)(z)
+
+
+_shared_slope = eqx.filter_jit(_slope)
 
 
 # --- saying what was found -------------------------------------------------------------------

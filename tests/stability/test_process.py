@@ -1,0 +1,200 @@
+"""A thousand runs in one process: no memory kept, nothing compiled anew, nothing that is no number.
+
+A run is a scene simulated from its configuration, with noise, and inverted; the general fit has its
+turn too. Every number of the configuration changes after a few runs, which differ in their noise;
+what is compiled belongs to shapes and to choices.
+"""
+
+import gc
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+import srsinv
+from srsinv.__main__ import find_config_root
+from srsinv.forward.feature import LineFeature
+from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.scan import Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.inverse.feature_fit import Ratio
+from srsinv.inverse.feature_model import FeatureModel, Felt
+from srsinv.jobs import build
+from srsinv.jobs.simulation import noisy_problem, simulation
+
+RUNS, WARM = 1000, 200
+EACH = 8  # runs of the same numbers with other noise
+MOST_GROWTH_BYTES = 16 * 2**20  # 20 kB a run: less than any compiled program takes
+COMPILED = "/jax/core/compile/backend_compile_duration"
+GRID = ("grid.cells=32", "grid.refinement=2", "grid.length_m=0.012", "grid.start_m=-0.006")
+# (name, what is special, overrides)
+SCENES = {
+    "strip": ("two elements, spectral path", "method=[wiener]"),
+    "ridge": ("contact", "scene=ridge method=[wiener]"),
+    "rough": ("contact, another texture each time", "scene=rough method=[wiener_paper]"),
+    "tape": (
+        "layers, converters",
+        "scene=tape method=[wiener] "
+        "effects=[strip_width,film_angle,layered_skin,quantisation,clipping]",
+    ),
+    "open": ("open line, direct path", "scene=strip grid.line=open method=[wiener]"),
+    "chosen": ("a weight chosen", "scene=sinusoid amplifier=slow method=[tikhonov]"),
+    "single": (
+        "likely scale, noise of three causes, in float32",
+        "scene=hertz sensor=one_element friction=0.3 method=[wiener_evidence] precision=float32 "
+        "noise=[johnson,sliding,white]",
+    ),
+}
+# What sets a shape: how many there are of something.
+COUNTS = {"cells", "refinement", "bits", "strips", "order"}
+FITTED = np.linspace(0.0, 1.0, 24)
+
+
+class Compilations:
+    """The programs compiled since the last look."""
+
+    def __init__(self):
+        self.names = []
+        jax.monitoring.register_event_duration_secs_listener(self._note)
+
+    def _note(self, event, duration, **about):
+        del duration
+        if event == COMPILED:
+            self.names.append(about.get("fun_name", "one"))
+
+    def taken(self) -> list[str]:
+        names, self.names = self.names, []
+        return names
+
+
+@pytest.fixture
+def compilations():
+    counter = Compilations()
+    yield counter
+    jax.monitoring.unregister_event_duration_listener(counter._note)
+
+
+def configuration(overrides: str) -> dict[str, Any]:
+    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
+        cfg = compose("config", [*GRID, *overrides.split()])
+    found = OmegaConf.to_container(cfg, resolve=True)
+    assert isinstance(found, dict)
+    return {str(key): value for key, value in found.items()}
+
+
+def changed(node: Any, random: np.random.Generator, key: str = "") -> Any:
+    """Every number within 3 % of what it is; seeds anew."""
+    if isinstance(node, Mapping):
+        return {name: changed(value, random, name) for name, value in node.items()}
+    if isinstance(node, list):
+        return [changed(value, random, key) for value in node]
+    if key == "seed":
+        return int(random.integers(1000))
+    if not isinstance(node, int | float) or isinstance(node, bool) or key in COUNTS:
+        return node
+    return node * float(random.uniform(0.97, 1.0 if key == "poisson_ratio" else 1.03))
+
+
+def inverting(cfg: Mapping[str, Any]) -> Callable[[int], list[np.ndarray]]:
+    """What every method finds of a simulated signal, by the noise's seed."""
+    with build.precision(cfg):
+        sim, methods = simulation(cfg), build.methods(cfg).values()
+
+    def inverted(seed: int) -> list[np.ndarray]:
+        with build.precision(cfg):
+            problem = noisy_problem(sim, jax.random.key(seed), build.friction(cfg))
+            found = [method(problem) for method in methods]
+            return [np.asarray(v) for each in found for v in (each.value, each.stderr, each.fitted)]
+
+    return inverted
+
+
+def decay(params):
+    """A model of the general fit."""
+    return params["height"] * jnp.exp(-params["rate"] * FITTED) + params["rest"]
+
+
+def fitted(seed: int) -> list[np.ndarray]:
+    """What the general fit finds: other data, starts, bounds, priors and noise each time."""
+    random = np.random.default_rng(seed)
+    height, rate, rest, sigma, most = random.uniform(0.9, 1.1, 5) * (2.0, 3.0, 0.5, 0.01, 50.0)
+    y = height * np.exp(-rate * FITTED) + rest + sigma * random.normal(size=FITTED.size)
+    found = srsinv.fit(
+        decay,
+        {"height": 0.9 * height, "rate": 0.8 * rate, "rest": 0.0},
+        y,
+        noise=sigma,
+        bounds={"rate": (0.1 * rate, most)},
+        priors={"rest": (0.9 * rest, rest)},
+    )
+    assert found.converged
+    ratio = found.derive(Ratio(("height",), ("rate",)))
+    return [*(np.array(list(tree.values())) for tree in (found.value, found.stderr)), ratio]
+
+
+def resident_bytes() -> int:
+    """Memory held by this process."""
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+needs_statm = pytest.mark.skipif(
+    not Path("/proc/self/statm").exists(), reason="needs Linux's /proc"
+)
+
+
+@needs_statm
+def test_a_thousand_runs(compilations, margin):
+    """Memory stays, and nothing is compiled after the first run of each scene."""
+    random = np.random.default_rng(0)
+    scenes = {name: configuration(overrides) for name, (_, overrides) in SCENES.items()}
+    for cfg in scenes.values():
+        inverting(cfg)(0)
+    fitted(0)
+    compilations.taken()
+    turns = [*scenes, *["fit", "strip"] * 3]  # the quick ones more often
+    held, arrays, work = 0, 0, fitted
+    for run in range(RUNS):
+        if run == WARM:
+            held, arrays = resident_bytes(), len(jax.live_arrays())
+        name = turns[run // EACH % len(turns)]
+        if run % EACH == 0:
+            work = fitted if name == "fit" else inverting(changed(scenes[name], random))
+        found = work(run)
+        assert all(np.isfinite(values).all() for values in found), (name, run)
+        assert not (again := compilations.taken()), (name, run, again)
+    margin(resident_bytes() - held, MOST_GROWTH_BYTES)
+    assert resident_bytes() - held < MOST_GROWTH_BYTES
+    assert len(jax.live_arrays()) <= arrays
+
+
+def test_a_count_of_compilations(compilations):
+    """What is compiled is seen: a number that is part of a program is compiled anew."""
+    for share in (0.25, 0.5):
+        jax.jit(lambda x, share=share: x * share)(np.ones(3))
+    assert len(compilations.taken()) == 2
+
+
+def test_a_feature_is_compiled_once(compilations):
+    """Its signal, whatever its numbers, the strip's width and where it would be looked for."""
+
+    def signal(i):
+        film = Film(7.5e-4, effects=(StripWidth.at_depth(7e-4 + 2e-5 * i, 7.5e-4),))
+        motion = Motion.from_speed(np.arange(40) / 500, 0.06, 1e-5 * i)
+        feature = LineFeature(position_range_m=[-1e-3, 1e-3 + 1e-5 * i])
+        model = FeatureModel(Felt(Sensor([film]), motion, 8), {"line": feature})
+        own = {"position_m": 2e-3, "load_N_per_m": 10.0 + i, "shear_N_per_m": -2.0}
+        return np.asarray(model({"line": own}))
+
+    assert np.isfinite(signal(0)).all()
+    assert compilations.taken()
+    for i in range(1, 4):
+        assert np.isfinite(signal(i)).all()
+        assert not compilations.taken()
