@@ -80,18 +80,19 @@ def spectral(gain, noise, precision, data) -> tuple[np.ndarray, np.ndarray]:
 
 
 def conditioned(gain, noise, power, data, there) -> tuple[np.ndarray, np.ndarray]:
-    """The same from the samples that are `there` (e, n): S G^T (G S G^T + N)^-1, `power[k][c]` S."""
+    """The same from the samples `there` (e, n): S G^T (G S G^T + N)^-1 m, `power[k][c]` is S."""
     elements, n = np.shape(data)
     unknowns = len(gain[0][0])
 
+    turn = [mp.expjpi(mp.mpf(2 * j) / n) for j in range(n)]
+    halves = [1 if j == 0 or 2 * j == n else 2 for j in range(n // 2 + 1)]
+
     def kernel(spectrum):
         """(n,): the circular kernel of a half spectrum."""
-        turn = [mp.expjpi(mp.mpf(2 * j) / n) for j in range(n)]
-        weights = [1 if j == 0 or 2 * j == n else 2 for j in range(n // 2 + 1)]
+        pairs = list(zip(halves, spectrum, strict=True))
         return [
             mp.fsum(w * (g * turn[j * x % n]).real for j, (w, g) in enumerate(pairs)) / n
             for x in range(n)
-            for pairs in [list(zip(weights, spectrum, strict=True))]
         ]
 
     ks = range(n // 2 + 1)
