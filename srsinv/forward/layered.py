@@ -346,7 +346,8 @@ def _waves(eta: Float[Array, "n k"]) -> _Waves:
     short = jnp.minimum(within, SHORT)
     series = sum(short ** (2 * n + 1) * (2 * n / factorial(2 * n + 1)) for n in range(1, 9))
     excess = jnp.where(within < SHORT, series * jnp.exp(-short), within * cosh - sinh)
-    hides = eta > -1.4 * jnp.log(precision.eps)
+    # A reflection is at most of the order of eta^2 exp(-2 eta).
+    hides = eta > -0.75 * jnp.log(precision.eps)
     return _Waves(cosh, sinh, within * sinh, excess, jnp.exp(-eta), hides)
 
 

@@ -22,7 +22,7 @@ _WAVE = [
 
 def stress(k, depth) -> mp.matrix:
     """sigma_x, sigma_z, tau_xz (3, 2) at the depth under unit p and unit q exp(ikx), any real k."""
-    k, depth = mp.mpf(float(k)), mp.mpf(float(depth))
+    k, depth = _many(k), _many(depth)
     decay = mp.exp(-abs(k) * depth)
     out = mp.matrix(3, 2)
     for row in range(3):
@@ -35,14 +35,18 @@ def stress(k, depth) -> mp.matrix:
     return out
 
 
-def strip(x, depth, width, slope=False) -> list:
-    """sigma_x, sigma_z, tau_xz (3, 2) at (x, depth) under 1 Pa on |x| < width/2; d/dx of it [1/m].
+def strip(x, depth, width, slope=False, over=0.0) -> list:
+    """sigma_x, sigma_z, tau_xz (3, 2) at (x, depth) under 1 Pa on |x| < width/2; d/dx of it [1/m];
+    either as the mean over the length `over` about x.
 
     The waves k > 0 of a traction p add up to F(zeta) = i/pi W(zeta), W = integral of
     p(x')/(zeta - x') dx' and zeta = x + iz; a factor of k is -i d/d zeta, and the waves k < 0 are
     the conjugates.
     """
-    return _superposed(_cauchy(x, depth, width), depth, slope)
+    depth = _many(depth)
+    found = _cauchy(x, depth, width, over)[1 if slope else 0 :]
+    wave, derived = (1j / mp.pi * part for part in found[:2])
+    return [[mp.re(c * wave - 1j * d * depth * derived) for c, d in row] for row in _WAVE]
 
 
 def antiplane(k, depth) -> list:
@@ -50,7 +54,7 @@ def antiplane(k, depth) -> list:
 
     G v = q exp(-|k| z)/|k| is harmonic with tau_etaz = G dv/dz = -q on the surface.
     """
-    k, depth = mp.mpf(float(k)), mp.mpf(float(depth))
+    k, depth = _many(k), _many(depth)
     decay = mp.exp(-abs(k) * depth)
     return [1j * mp.sign(k) * decay, -decay + 0j]
 
@@ -61,17 +65,28 @@ def antiplane_strip(x, depth, width, slope=False) -> list:
     return [mp.re(1j * wave), mp.re(-wave)]
 
 
-def _cauchy(x, depth, width) -> tuple:
-    """W of 1 Pa on |x| < width/2, and its first two derivatives."""
-    zeta, half = mp.mpc(float(x), float(depth)), mp.mpf(float(width)) / 2
-    left, right = zeta + half, zeta - half
-    return mp.log(left) - mp.log(right), 1 / left - 1 / right, 1 / right**2 - 1 / left**2
+def _cauchy(x, depth, width, over=0.0) -> list:
+    """W of 1 Pa on |x| < width/2, and its first two derivatives; means over `over`."""
+    zeta, half, over = mp.mpc(_many(x), _many(depth)), _many(width) / 2, _many(over)
+    # Each is the derivative of the one ahead.
+    parts = (
+        lambda at: at * mp.log(at) - at,
+        mp.log,
+        lambda at: 1 / at,
+        lambda at: -1 / at**2,
+    )
+
+    def loaded(part, at):
+        return part(at + half) - part(at - half)
+
+    if not over:
+        return [loaded(part, zeta) for part in parts[1:]]
+    ahead, behind = zeta + over / 2, zeta - over / 2
+    return [(loaded(part, ahead) - loaded(part, behind)) / over for part in parts[:3]]
 
 
-def _superposed(cauchy, depth, slope) -> list:
-    depth = mp.mpf(float(depth))
-    wave, derived = (1j / mp.pi * part for part in cauchy[1 if slope else 0 :][:2])
-    return [[mp.re(c * wave - 1j * d * depth * derived) for c, d in row] for row in _WAVE]
+def _many(number) -> mp.mpf:
+    return number if isinstance(number, mp.mpf) else mp.mpf(float(number))
 
 
 def as_float(values) -> np.ndarray:

@@ -98,9 +98,25 @@ def measured(group: Group, i: int, precision: str) -> Hard:
     )
 
 
+def errors(group: Group, precision: str) -> list[float]:
+    """The error of every case, from one program that derives nothing."""
+    with jax.enable_x64(precision == "float64"):
+        found = jax.device_get(jax.jit(_over(group, group.model))(_stacked(group, precision)))
+    tiny = float(np.finfo(precision).tiny)
+    wanted = [_parts(group.reference(_rounded(case.numbers, precision))) for case in group.cases]
+    return [
+        max(
+            _error(part[i], np.asarray(want), tiny)
+            for part, want in zip(_parts(found), each, strict=True)
+        )
+        for i, each in enumerate(wanted)
+    ]
+
+
 def _error(ours: np.ndarray, wanted: np.ndarray, tiny: float) -> float:
+    """Over the largest value; what is less than the smallest normal number may count as nothing."""
     size = np.max(np.abs(wanted), initial=tiny)
-    return float(np.max(np.abs(ours - wanted), initial=0.0) / size)
+    return float(np.max(np.abs(ours - wanted) - tiny, initial=0.0) / size)
 
 
 def _parts(value) -> tuple:
@@ -115,13 +131,19 @@ def _rounded(numbers: Mapping[str, Any], precision: str) -> dict[str, np.ndarray
 def _solved(group: Group, precision: str):
     """Values, derivatives forward and in reverse of all cases."""
     with jax.enable_x64(precision == "float64"):
-        stacked = {
-            name: jnp.stack([jnp.asarray(case.numbers[name], precision) for case in group.cases])
-            for name in group.cases[0].numbers
-        }
-        one = _derived(group)
-        over = jax.vmap(one) if group.side_by_side else lambda each: jax.lax.map(one, each)
-        return jax.device_get(jax.jit(over)(stacked))
+        one = _over(group, _derived(group))
+        return jax.device_get(jax.jit(one)(_stacked(group, precision)))
+
+
+def _over(group: Group, one):
+    return jax.vmap(one) if group.side_by_side else lambda each: jax.lax.map(one, each)
+
+
+def _stacked(group: Group, precision: str):
+    return {
+        name: jnp.stack([jnp.asarray(case.numbers[name], precision) for case in group.cases])
+        for name in group.cases[0].numbers
+    }
 
 
 def _derived(group: Group):

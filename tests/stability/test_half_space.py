@@ -55,11 +55,7 @@ def wave(name, hard, k, depth_m, nu=0.5, count=8.0):
 def deep(kz, nu):
     """Nothing but waves about as short as kz says: each counts against the others alone."""
     name, hard = f"kz {kz:g}, nu {nu:g}", "exp(-kz) is next to nothing, or nothing"
-    found = wave(name, hard, SIDES * kz / DEPTH_M, DEPTH_M, nu, 4 * kz)
-    # What is less than the smallest normal number may count as nothing.
-    lost = [2 * kz * np.exp(-kz) / np.finfo(precision).tiny for precision in PRECISIONS]
-    lost = [each if each < 1 else 0.0 for each in lost]
-    return found._replace(bounds=tuple(map(max, found.bounds, lost)))
+    return wave(name, hard, SIDES * kz / DEPTH_M, DEPTH_M, nu, 4 * kz)
 
 
 def strip(slope):
