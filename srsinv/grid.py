@@ -198,8 +198,14 @@ def wavenumbers(n: int, spacing_m) -> Float[Array, " k"]:
 
 
 def sinc(a: Float[Array, "..."]) -> Float[Array, "..."]:
-    """sin(a)/a, with its value and its derivative at a = 0."""
-    return jnp.sinc(a / jnp.pi)
+    """sin(a)/a, with its value and its derivatives at and about a = 0."""
+    # (cos a - sin(a)/a)/a, the closed form's derivative, cancels for small a: there a series.
+    small = jnp.abs(a) < 1
+    square, series = jnp.where(small, a, 0.0) ** 2, 1.0
+    for n in range(9, 0, -1):
+        series = 1 - square * series / (2 * n * (2 * n + 1))
+    safe = jnp.where(small, 1.0, a)
+    return jnp.where(small, series, jnp.sin(safe) / safe)
 
 
 def half_spectrum_weights(n: int) -> np.ndarray:

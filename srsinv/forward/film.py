@@ -15,10 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Shaped
 
-from ..errors import number, whole
+from ..errors import number, refuse, whole
 from ..grid import as_real, sinc, spread_over
 
 Kernel = Callable[[Float[Array, " x"]], Float[Array, "c x"]]
+
+PANEL_DEPTHS = 20  # widest panel of a strip's mean
+MOST_PANELS = 350
 
 ORIENTATIONS_RAD = {"1_to_x_3_to_z": 0.0, "1_to_z_3_to_x": np.pi / 2}
 
@@ -36,13 +39,18 @@ class LineEffect(eqx.Module):
 
 
 class StripWidth(LineEffect):
-    """The strip's charge is the mean over its width: sin(kw/2)/(kw/2), blind at k = 2 pi n / w."""
+    """The strip's charge is the mean over its width: sin(kw/2)/(kw/2), blind at k = 2 pi n / w.
+
+    On the open line by Gauss's rule of `nodes` nodes on each of `panels` equal panels; there it
+    raises `BadInput` for a strip wider than about 7000 depths.
+    """
 
     width_m: Float[Array, ""]
     nodes: int = eqx.field(static=True)
+    panels: int = eqx.field(static=True)
 
-    def __init__(self, width_m, nodes: int = 64):
-        self.width_m, self.nodes = as_real(width_m), nodes
+    def __init__(self, width_m, nodes: int = 64, panels: int = 1):
+        self.width_m, self.nodes, self.panels = as_real(width_m), nodes, panels
 
     @classmethod
     def at_depth(cls, width_m: float, depth_m: float) -> "StripWidth":
@@ -50,17 +58,28 @@ class StripWidth(LineEffect):
         so that a change of the numbers seldom asks for another program."""
         # The kernel is analytic within a depth of the real axis, so that Gauss's rule converges as
         # r^(-2 nodes), r the sum of the half axes of the ellipse up to there.
-        ratio = 2 * depth_m / width_m
+        panels = max(1, int(np.ceil(width_m / (PANEL_DEPTHS * depth_m))))
+        ratio = 2 * depth_m / (width_m / panels)
         nodes = np.log(1 / np.finfo(float).eps) / (2 * np.arcsinh(ratio))
-        return cls(width_m, int(np.clip(2 ** np.ceil(np.log2(nodes + 2)), 8, 256)))
+        # One panel has 8, 16, ... nodes, at most 256 as it is PANEL_DEPTHS long.
+        return cls(width_m, int(2 ** np.ceil(np.log2(max(nodes + 2, 8)))), panels)
 
     def transfer(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
         return sinc(k * self.width_m / 2)
 
     def spread(self, kernel: Kernel) -> Kernel:
+        refuse(
+            self.panels > MOST_PANELS,
+            f"A strip or a cell is wider than {(self.panels - 1) * PANEL_DEPTHS:g} depths of the "
+            f"film, and the mean over it on the open line takes up to {MOST_PANELS * PANEL_DEPTHS} "
+            "depths: give a smaller width, a deeper film or a periodic line.",
+        )
         # 64 nodes are enough for a width of up to ten depths.
         nodes, weights = np.polynomial.legendre.leggauss(self.nodes)
-        return spread_over(kernel, self.width_m / 2 * nodes, weights / 2)
+        middle = 2 * np.arange(self.panels)[:, None] + 1 - self.panels
+        places = ((middle + nodes) / self.panels).ravel()
+        weights = np.tile(weights, self.panels) / (2 * self.panels)
+        return spread_over(kernel, self.width_m / 2 * places, weights)
 
 
 class Offset(LineEffect):

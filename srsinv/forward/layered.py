@@ -24,6 +24,7 @@ from .kernel_table import KAPPA, integral_over_x, kernel
 from .skin import HalfSpace, Skin
 
 SHORT = 0.5  # |k| h below which eta cosh(eta) - sinh(eta) is a series
+THIN = 0.13  # exp(-|k| h) above which a layer counts as thin
 LONGEST = 1e-30  # rad/m, for k = 0
 
 Matrix = tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, " k"], Float[Array, " k"]]
@@ -144,10 +145,10 @@ class Layered(Skin):
     @eqx.filter_jit
     def _transfer(self, k, depth_m) -> Array:
         parts = _Parts(self.layers, depth_m)
-        _, film, down = parts.up(_never_zero(k))
+        _, moved, down = parts.up(_never_zero(k))
         nu, softness = parts.film_of(parts.poisson_ratio), parts.film_of(parts.softness)
         shear_t, shear_s, normal_t, normal_s = down
-        stretch_t, stretch_s, _, _ = _times(film, down)
+        stretch_t, stretch_s, _, _ = moved
 
         def rows(stretch, shear, normal):
             along = (nu * normal - 2 * stretch / softness) / (1 - nu)
@@ -279,15 +280,16 @@ class _Parts(eqx.Module):
         return jnp.sum(jnp.where(self.at_film, values, 0.0))
 
     def up(self, wavenumber: Float[Array, " k"]) -> tuple[Matrix, Matrix, Matrix]:
-        """C at the surface and at the film, and the map of (T, S) from the surface to the film, for
-        wavenumbers > 0."""
+        """C at the surface, and the film's displacements (U, w) and tractions (T, S) under those on
+        the surface, for wavenumbers > 0."""
 
         def part(carry, one):
-            compliance, film, down = carry
-            nu, softness, waves, at_film = one
-            compliance, onto = _through(compliance, nu, softness, waves)
-            film = _either(at_film, compliance, film)
-            return (compliance, film, _either(at_film, same, _times(down, onto))), None
+            compliance, moved, down = carry
+            nu, softness, waves, at_film, film_below = one
+            compliance, across, onto = _through(compliance, nu, softness, waves)
+            moved = _either(film_below, across, _times(moved, onto))
+            moved = _either(at_film, compliance, moved)
+            return (compliance, moved, _either(at_film, same, _times(down, onto))), None
 
         zero = jnp.zeros_like(wavenumber)
         same = zero + 1, zero, zero, zero + 1
@@ -296,7 +298,8 @@ class _Parts(eqx.Module):
         base = _endless(nu[0], softness[0], zero) if self.endless else rigid
         # Outside the loop, which is then quick to compile.
         waves = _waves(self.thickness_m[:, None] * wavenumber[None])
-        each = nu, softness, waves, self.at_film
+        film_below = jnp.concatenate([np.array([False]), self.at_film[:-1]])
+        each = nu, softness, waves, self.at_film, film_below
         return jax.lax.scan(part, (base, rigid, same), each)[0]
 
     def up_across(
@@ -346,12 +349,14 @@ def _waves(eta: Float[Array, "n k"]) -> _Waves:
     short = jnp.minimum(within, SHORT)
     series = sum(short ** (2 * n + 1) * (2 * n / factorial(2 * n + 1)) for n in range(1, 9))
     excess = jnp.where(within < SHORT, series * jnp.exp(-short), within * cosh - sinh)
-    hides = eta > -1.4 * jnp.log(precision.eps)
+    # A reflection is at most of the order of eta^2 exp(-2 eta).
+    hides = eta > -0.75 * jnp.log(precision.eps)
     return _Waves(cosh, sinh, within * sinh, excess, jnp.exp(-eta), hides)
 
 
-def _through(compliance: Matrix, nu, softness, waves: _Waves) -> tuple[Matrix, Matrix]:
-    """C on top of a part from that at its bottom, and the map of (T, S) from its top to its bottom.
+def _through(compliance: Matrix, nu, softness, waves: _Waves) -> tuple[Matrix, Matrix, Matrix]:
+    """C on top of a part from that at its bottom; (U, w) and (T, S) at its bottom under (T, S) on
+    its top.
 
     From exp(-M eta), which solves d(U, w, T, S)/d eta = M (U, w, T, S), as (M^2 - 1)^2 = 0.
     """
@@ -361,10 +366,22 @@ def _through(compliance: Matrix, nu, softness, waves: _Waves) -> tuple[Matrix, M
     ut = _scaled(softness, (-sinh - f, -e, e, (nu - 0.5) / (1 - nu) * sinh + f))
     tu = _scaled(4 / softness, (-a * sinh - f, -e, e, f))
     tt = cosh + 2 * e, (2 * a - 1) * sinh + 2 * f, -sinh - 2 * f, cosh - 2 * e
-    inverse = _inverse(_plus(_times(tu, compliance), tt))
-    on_top = _times(_plus(_times(uu, compliance), ut), inverse)
-    on_top = _either(waves.hides, _endless(nu, softness, cosh), on_top)
-    return on_top, _scaled(waves.decay, inverse)
+    # (T, S) at the top from that at the bottom. Where what lies below is softer than a thin part,
+    # the large terms of its determinant cancel: there it is det(C) times that of tu + tt K, K the
+    # inverse of C.
+    to_top = _plus(_times(tu, compliance), tt)
+    soft = abs(to_top[0] - tt[0]) + abs(to_top[3] - tt[3]) > tt[0] + tt[3]
+    soft = soft & (waves.decay > THIN)
+    one, zero = jnp.ones_like(cosh), jnp.zeros_like(cosh)
+    given = _either(soft, compliance, (one, zero, zero, one))
+    stiffness = _inverse(given)
+    loaded = _either(soft, _plus(tu, _times(tt, stiffness)), to_top)
+    moved = _either(soft, _plus(uu, _times(ut, stiffness)), _plus(_times(uu, compliance), ut))
+    inverse = _inverse(loaded)
+    on_top = _either(waves.hides, _endless(nu, softness, cosh), _times(moved, inverse))
+    onto = _scaled(1 / (_determinant(loaded) * _determinant(given)), _adjugate(to_top))
+    across = _either(soft, inverse, _times(compliance, onto))
+    return on_top, _scaled(waves.decay, across), _scaled(waves.decay, onto)
 
 
 def _endless(nu, softness, like: Float[Array, " k"]) -> Matrix:
@@ -399,8 +416,15 @@ def _either(first, a: Matrix, b: Matrix) -> Matrix:
 
 
 def _inverse(a: Matrix) -> Matrix:
-    a11, a12, a21, a22 = a
-    return _scaled(1 / (a11 * a22 - a12 * a21), (a22, -a12, -a21, a11))
+    return _scaled(1 / _determinant(a), _adjugate(a))
+
+
+def _determinant(a: Matrix):
+    return a[0] * a[3] - a[1] * a[2]
+
+
+def _adjugate(a: Matrix) -> Matrix:
+    return a[3], -a[1], -a[2], a[0]
 
 
 def _never_zero(k):

@@ -154,7 +154,7 @@ def turned_effects(film: Film, angle_rad: Float[Array, ""]) -> tuple[LineEffect,
     def one(effect: LineEffect) -> LineEffect:
         match effect:
             case StripWidth():
-                return StripWidth(c * effect.width_m, effect.nodes)
+                return StripWidth(c * effect.width_m, effect.nodes, effect.panels)
             case Offset():
                 return Offset(c * effect.offset_m)
             case SampleAverage():

@@ -83,7 +83,8 @@ class SpectralPrior(Prior):
         return 1 / jnp.sqrt(self.power)
 
     def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
-        return jnp.fft.irfft(jnp.fft.rfft(r) / self.power, line.n)
+        # By its root, as the derivative of 1/S is 1/S^2, which overflows long before S does.
+        return jnp.fft.irfft(jnp.fft.rfft(r) * self.root(line) ** 2, line.n)
 
 
 class ScaledSpectra(Family):

@@ -21,7 +21,7 @@ def gains(n, cell, depth, angles, widths, lengths, speed, resistance) -> list[li
     found = []
     for j in range(n // 2 + 1):
         k = 2 * mp.pi * j / (n * cell)
-        stress = exact.stress_at(k, depth)
+        stress = exact.stress(k, depth)
         rows = []
         for angle, width, length in zip(angles, widths, lengths, strict=True):
             c, s = mp.cos(mp.mpf(float(angle))), mp.sin(mp.mpf(float(angle)))

@@ -34,9 +34,11 @@ class Case(NamedTuple):
 
 
 def over_largest(ours: np.ndarray, wanted: np.ndarray, _) -> float:
-    """The largest error over the reference's largest value."""
-    size = max(np.max(np.abs(wanted), initial=0.0), np.finfo(ours.dtype).tiny)
-    return float(np.max(np.abs(ours - wanted), initial=0.0) / size)
+    """The largest error over the reference's largest value; what is less than the smallest normal
+    number may count as nothing."""
+    tiny = float(np.finfo(ours.dtype).tiny)
+    size = np.max(np.abs(wanted), initial=tiny)
+    return float(np.max(np.abs(ours - wanted) - tiny, initial=0.0) / size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +46,9 @@ class Group:
     """Cases of one model.
 
     - `model(numbers)`: an array, by differentiable jax operations; every number is a traced array.
-    - `reference(numbers)`: the same array, independently; the numbers are as the precision worked
-      in rounds them, in numpy's float64.
+      Or a tuple of arrays, each of which is measured against its own largest value.
+    - `reference(numbers)`: the same, independently; the numbers are as the precision worked in
+      rounds them, in numpy's float64.
     - `fixed`: numbers that are not differentiated, where a derivative means nothing.
     - `side_by_side`: whether the cases may be mapped by vmap; one after the other where LAPACK is
       used (jaxlib's batched one can wait for itself on a CPU).
@@ -90,21 +93,39 @@ def rows(groups: tuple[Group, ...]) -> dict[str, tuple[Group, int, str]]:
 def measured(group: Group, i: int, precision: str) -> Hard:
     """What the case number `i` gives."""
     case, found = group.cases[i], _solved(group, precision)
-    value, pushed, pulled = ({k: v[i] for k, v in part.items()} for part in found)
+    pushed, pulled = ({k: v[i] for k, v in part.items()} for part in found[1:])
     given = _rounded(case.numbers, precision)
-    wanted = np.asarray(group.reference(given))
-    ours, tiny = value["value"], np.finfo(precision).tiny
+    wanted = [np.asarray(part) for part in _parts(group.reference(given))]
+    ours, tiny = [part[i] for part in found[0]], np.finfo(precision).tiny
     forward, backward = float(pushed["along"]), float(sum(np.sum(v) for v in pulled.values()))
     terms = float(pushed["size"]) + sum(float(np.sum(np.abs(v))) for v in pulled.values())
     slopes = [pushed["slope"], *pulled.values()]
     return Hard(
-        finite=bool(np.all(np.isfinite(ours))),
+        finite=all(bool(np.all(np.isfinite(part))) for part in ours),
         slopes_finite=all(bool(np.all(np.isfinite(v))) for v in slopes),
         disagreement=abs(forward - backward) / max(terms, float(tiny)),
         most_disagreement=AGREEMENT[precision],
-        error=group.error(ours, wanted, given),
+        error=max(group.error(*each, given) for each in zip(ours, wanted, strict=True)),
         bound=case.bounds[PRECISIONS.index(precision)],
     )
+
+
+def errors(group: Group, precision: str) -> list[float]:
+    """The error of every case, from one program that derives nothing."""
+    with jax.enable_x64(precision == "float64"):
+        found = jax.device_get(jax.jit(_over(group, group.model))(_stacked(group, precision)))
+    given = [_rounded(case.numbers, precision) for case in group.cases]
+    return [
+        max(
+            group.error(part[i], np.asarray(wanted), numbers)
+            for part, wanted in zip(_parts(found), _parts(group.reference(numbers)), strict=True)
+        )
+        for i, numbers in enumerate(given)
+    ]
+
+
+def _parts(value) -> tuple:
+    return value if isinstance(value, tuple) else (value,)
 
 
 def _rounded(numbers: Mapping[str, Any], precision: str) -> dict[str, np.ndarray]:
@@ -115,15 +136,20 @@ def _rounded(numbers: Mapping[str, Any], precision: str) -> dict[str, np.ndarray
 @cache
 def _solved(group: Group, precision: str):
     """Values, derivatives forward and in reverse of all cases."""
-    given = [_rounded(case.numbers, precision) for case in group.cases]
     with jax.enable_x64(precision == "float64"):
-        stacked = {
-            name: jnp.asarray(np.stack([one[name] for one in given]), precision)
-            for name in given[0]
-        }
-        one = _derived(group)
-        over = jax.vmap(one) if group.side_by_side else lambda each: jax.lax.map(one, each)
-        return jax.device_get(jax.jit(over)(stacked))
+        one = _over(group, _derived(group))
+        return jax.device_get(jax.jit(one)(_stacked(group, precision)))
+
+
+def _over(group: Group, one):
+    return jax.vmap(one) if group.side_by_side else lambda each: jax.lax.map(one, each)
+
+
+def _stacked(group: Group, precision: str):
+    given = [_rounded(case.numbers, precision) for case in group.cases]
+    return {
+        name: jnp.asarray(np.stack([one[name] for one in given]), precision) for name in given[0]
+    }
 
 
 def _derived(group: Group):
@@ -131,7 +157,7 @@ def _derived(group: Group):
         free = {name: v for name, v in numbers.items() if name not in group.fixed}
 
         def model(free):
-            return group.model({**numbers, **free})
+            return _parts(group.model({**numbers, **free}))
 
         # Every number changes by about its own size, or by about one where it is zero, and the
         # values are weighed by numbers about one over the largest of them: both without a pattern.
@@ -142,16 +168,24 @@ def _derived(group: Group):
         }
         value, slope = jax.jvp(model, (free,), (turns,))
         _, pull = jax.vjp(model, free)
-        largest = jnp.max(jnp.abs(value))
-        weights = jax.random.uniform(keys[-1], value.shape, value.dtype, -1.0, 1.0)
-        weights = weights / jnp.where(largest > 0, largest, 1.0)
+        weights = tuple(
+            _weights(jax.random.fold_in(keys[-1], at), part) for at, part in enumerate(value)
+        )
         (pulled,) = pull(weights)
         back = {name: pulled[name] * turns[name] for name in free}
-        forward = {
-            "slope": slope,
-            "along": jnp.sum(weights * slope),
-            "size": jnp.sum(jnp.abs(weights * slope)),
-        }
-        return {"value": value}, forward, back
+        weighed = jnp.concatenate(
+            [(w * part).ravel() for w, part in zip(weights, slope, strict=True)]
+        )
+        return (
+            value,
+            {"slope": weighed, "along": weighed.sum(), "size": jnp.abs(weighed).sum()},
+            back,
+        )
 
     return one
+
+
+def _weights(key, value):
+    largest = jnp.max(jnp.abs(value))
+    weights = jax.random.uniform(key, value.shape, value.dtype, -1.0, 1.0)
+    return weights / jnp.where(largest > jnp.finfo(value.dtype).tiny, largest, 1.0)

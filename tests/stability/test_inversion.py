@@ -103,15 +103,21 @@ def apart(ours, wanted, v):
     """The largest error, in units of what a change of data and model by one part in one makes.
 
     Data that change by a share of their size move the value by at most that share of |data|/noise
-    standard errors; a model that does moves the standard error by that share of the condition, the
-    largest gain times the standard error over the noise.
+    standard errors. A model that does moves the standard error by that share of the condition, the
+    largest gain times the standard error over the noise, and the value by as much again times the
+    residual.
     """
     (value, stderr), (exact_value, exact_stderr) = ours, wanted
-    band = exact_stderr.max(-1)
-    strength = np.linalg.norm(v["data_V"]) / v["noise_V"] + np.finfo(float).tiny
-    gain = np.abs(exact.as_float(gains_of(v, np.shape(v["data_V"])[-1]))).max()
-    of_value = np.abs(value - exact_value).max(-1) / (np.abs(exact_value).max(-1) + band * strength)
-    of_band = np.abs(stderr / exact_stderr - 1).max(-1) / (1 + gain * band / v["noise_V"])
+    band, n = exact_stderr.max(-1), np.shape(v["data_V"])[-1]
+    gain = exact.as_float(gains_of(v, n))
+    condition = 1 + np.abs(gain).max() * band / v["noise_V"]
+    fitted = np.fft.irfft(np.einsum("kec,ck->ek", gain, np.fft.rfft(exact_value)), n)
+    data, residual = (np.linalg.norm(s) / v["noise_V"] for s in (v["data_V"], v["data_V"] - fitted))
+    moved = (
+        np.abs(exact_value).max(-1) + band * (data + condition * residual) + np.finfo(float).tiny
+    )
+    of_value = np.abs(value - exact_value).max(-1) / moved
+    of_band = np.abs(stderr / exact_stderr - 1).max(-1) / condition
     return float(np.max([of_value, of_band]))
 
 
