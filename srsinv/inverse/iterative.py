@@ -23,13 +23,13 @@ class NormalEquations(eqx.Module):
     factor: spectral.Factor
 
     def __call__(self, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
-        r = self._centre(r)
+        r = self.centre(r)
         problem = self.problem
-        return self.right_side(problem.forward(r)) + self._centre(self.prior.apply(problem.line, r))
+        return self.right_side(problem.forward(r)) + self.centre(self.prior.apply(problem.line, r))
 
     def right_side(self, y: Float[Array, "e n"]) -> Float[Array, "c n"]:
         """G^T N^-1 y."""
-        return self._centre(self.problem.forward.adjoint(self._weigh(y)))
+        return self.centre(self.problem.forward.adjoint(self._weigh(y)))
 
     def precondition(self, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
         """The posterior covariance of the nearest periodic problem, applied to r."""
@@ -40,9 +40,10 @@ class NormalEquations(eqx.Module):
         spectrum = jnp.fft.rfft(r)
         step = jnp.einsum("ijk,ljk,lk->ik", inverse, inverse.conj(), spectrum)
         step = jnp.where(self.factor.determined, step, largest * spectrum)
-        return self._centre(jnp.fft.irfft(step, self.problem.line.n))
+        return self.centre(jnp.fft.irfft(step, self.problem.line.n))
 
-    def _centre(self, r: Array) -> Array:
+    def centre(self, r: Array) -> Array:
+        """r without the means that are not solved for."""
         mean = r.mean(axis=-1, keepdims=True)
         return r - jnp.where(self.problem.centred[:, None], mean, 0.0)
 
@@ -89,19 +90,29 @@ def _condition(problem: Problem, prior: Prior) -> Float[Array, ""]:
 
 
 def _conjugate_gradients(normal: NormalEquations, right: Array, tolerance):
-    # The solver's tolerances are absolute, so the equations are scaled to numbers about one.
+    # The solver's tolerances are absolute, so the equations are scaled to numbers about one. Scales
+    # and preconditioner do not move the solution, which has no derivative by way of them.
     tiny = jnp.finfo(right.dtype).tiny
-    unit = jnp.maximum(jnp.max(jnp.abs(normal.precondition(right))), tiny)
-    size = jnp.maximum(jnp.max(jnp.abs(right)), tiny)
+    fixed = jax.tree.map(jax.lax.stop_gradient, normal)
+    size = jnp.maximum(jnp.max(jnp.abs(jax.lax.stop_gradient(right))), tiny)
+    unit = jnp.maximum(jnp.max(jnp.abs(fixed.precondition(jax.lax.stop_gradient(right)))), tiny)
     structure = jax.eval_shape(lambda: right)
+
+    def fixed_means(u):
+        # Means that are not solved for answer by themselves: the equations are regular for any
+        # right side, such as that behind a derivative.
+        return u - fixed.centre(u)
+
     tag = lx.positive_semidefinite_tag
     solution = lx.linear_solve(
-        lx.FunctionLinearOperator(lambda u: normal(u * unit) / size, structure, tag),
+        lx.FunctionLinearOperator(
+            lambda u: normal(u * unit) / size + fixed_means(u), structure, tag
+        ),
         right / size,
         lx.CG(rtol=tolerance, atol=tolerance, max_steps=20 * right.shape[-1]),
         options={
             "preconditioner": lx.FunctionLinearOperator(
-                lambda u: normal.precondition(u * size) / unit, structure, tag
+                lambda u: fixed.precondition(u * size) / unit + fixed_means(u), structure, tag
             )
         },
         throw=False,
