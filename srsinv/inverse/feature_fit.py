@@ -25,7 +25,6 @@ from .feature_search import STARTS, Coarse
 from .nonlinear import Fit, Solver, fit, fit_many, whitener
 from .surface_model import SurfaceModel
 
-ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
 # Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
 # Wide enough not to pull. The same rule for every candidate and every shape: one for the pressure
 # itself would favour shapes that the film hardly feels, as these take any pressure.
@@ -183,9 +182,7 @@ def _best(model: FeatureModel, starts: list[dict[str, Any]], y, settings: dict[s
 
 def explains(end: Fit) -> bool:
     """Whether a fit leaves no more of the data than the noise."""
-    freedom = end.stats["degrees_of_freedom"]
-    small = 2 * end.stats["cost"] <= freedom + ENOUGH * np.sqrt(2 * freedom)
-    return bool(end.converged and small)
+    return bool(end.converged and end.explains)
 
 
 def fit_features(
