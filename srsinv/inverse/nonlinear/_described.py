@@ -74,6 +74,21 @@ class Fit:
             return None
         return bool(2 * self.stats["cost"] <= freedom + ENOUGH * np.sqrt(2 * max(freedom, 1)))
 
+    @property
+    def prior_stderr(self) -> dict[str, float]:
+        """Standard deviations of the priors, infinite where there is none."""
+        weight = self._misfit.prior_weight
+        known = np.zeros(len(self.names)) if weight is None else np.asarray(weight, float)
+        return {n: 1 / w if w > 0 else np.inf for n, w in zip(self.names, known, strict=True)}
+
+    def whitened_signal(self) -> np.ndarray:
+        """The fitted signal in units of the noise, in a row like `whitened`."""
+        misfit = self._misfit
+        seen = misfit.whiten.seen(misfit.y.shape)
+        signal = np.where(seen, np.asarray(misfit.y) - self.residual, 0.0)
+        unit = 1.0 if self.noise_rms is None else float(misfit.scale)
+        return np.asarray(misfit.whiten(as_real(signal)), float) / unit
+
     def derive(
         self, function: Callable[[Tree], Any], steps: Mapping[str, float] | None = None
     ) -> tuple[Any, Any]:
