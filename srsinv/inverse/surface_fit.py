@@ -191,7 +191,8 @@ class SurfaceFitter:
         free = [*bounds, *model.linear]
         priors = {name: (0.0, ANY_FRICTION) for name in model.linear if name != "offset"}
         if self._rubbed.free_offset:
-            priors["offset"] = (0.0, 30 * float(np.nanmax(np.abs(y))) + 1e-300)
+            largest = float(np.nanmax(np.abs(y)))
+            priors["offset"] = (0.0, 30 * largest if largest > 0 else 1.0)
         return fit(
             model,
             start,
