@@ -27,8 +27,8 @@ from .feature_model import FeatureModel, Features, Felt
 from .feature_search import STARTS, Coarse
 from .nonlinear import Fit, Solver, fit, fit_many, whitener
 from .surface_model import SurfaceModel
+from .told import beyond_bounds, untold
 
-ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
 # Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
 # Wide enough not to pull. The same rule for every candidate and every shape: one for the pressure
 # itself would favour shapes that the film hardly feels, as these take any pressure.
@@ -67,6 +67,11 @@ class FeatureFit:
     def explains(self) -> bool:
         """Whether features leave no more of the data than the noise."""
         return self.fit is not None and explains(self.fit)
+
+    @property
+    def untold(self) -> tuple[str, ...]:
+        """Features that the data do not tell from nothing."""
+        return () if self.fit is None else untold(self.features, self.fit)
 
     def signal(self) -> Float[np.ndarray, "e sample"]:
         """The fitted signal."""
@@ -186,9 +191,7 @@ def _best(model: FeatureModel, starts: list[dict[str, Any]], y, settings: dict[s
 
 def explains(end: Fit) -> bool:
     """Whether a fit leaves no more of the data than the noise."""
-    freedom = end.stats["degrees_of_freedom"]
-    small = 2 * end.stats["cost"] <= freedom + ENOUGH * np.sqrt(2 * freedom)
-    return bool(end.converged and small)
+    return bool(end.converged and end.explains)
 
 
 def fit_features(
@@ -226,16 +229,32 @@ def _reach(y) -> float:
 
 
 def readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]:
-    """Each parameter as a user reads it."""
+    """Each parameter as a user reads it.
+
+    Its error is infinite where the linearised one would look sure and is not: of the shape and the
+    friction of a feature that the data do not tell from nothing (its strength has the prior's, as
+    it could stand where the film hardly feels it); of a strength that such a one of the same kind
+    could share; of what stands on a bound, and what goes with it.
+    """
     read: dict[str, tuple[float, float]] = {}
+    missed, beyond = untold(model.features, result), beyond_bounds(result)
     for name, feature in model.features.items():
         prefix = f"{name}_" if len(model.features) > 1 else ""
-        own, spread = result.value[name], result.stderr[name]
+        own, spread = result.value[name], dict(result.stderr[name])
+        unsure = {part for part in own if f"{name}.{part}" in beyond}
+        if name in missed:
+            unsure |= {*feature.axes, "friction"}
+            spread[feature.amplitude] = result.prior_stderr[f"{name}.{feature.amplitude}"]
+        if f"{name}.position_m" in result.at_bound:  # of the scan, beyond which it may stand
+            unsure.add("friction")
+        if any(type(model.features[other]) is type(feature) for other in missed if other != name):
+            unsure.add(feature.amplitude)
         listed = {part: float(own[part]) for part in (*feature.axes, feature.amplitude)}
         for part, value in feature.plain(listed).items():
-            read[prefix + part] = value, float(spread[part])
+            read[prefix + part] = value, np.inf if part in unsure else float(spread[part])
         if feature.friction is None and own[feature.amplitude] != 0:
-            read[f"{prefix}friction"] = friction_of(result, name, feature)
+            mu, stderr = friction_of(result, name, feature)
+            read[f"{prefix}friction"] = mu, np.inf if "friction" in unsure else stderr
     return read
 
 

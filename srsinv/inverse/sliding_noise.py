@@ -52,7 +52,8 @@ class Levels:
 
 def first_levels(y: Float[np.ndarray, "e sample"], depth_m: float) -> Levels:
     """To begin with: the white noise that the samples' differences show, and little sliding."""
-    white = np.maximum(_from_differences(y), 1e-9 * np.nanmax(np.abs(y)) + 1e-300)
+    white = np.maximum(_from_differences(y), 1e-9 * np.nanmax(np.abs(y)))
+    white = np.where(white > 0, white, 1.0)  # of zeros any level is as good
     return Levels(white, float(0.3 * white.mean()), 0.3 * depth_m)
 
 

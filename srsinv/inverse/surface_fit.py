@@ -24,6 +24,7 @@ from .nonlinear import Fit, Optimistix, Solver, fit
 from .sliding_noise import Levels, estimate, first_levels
 from .surface_model import Rubbed, SurfaceFeatures, SurfaceModel, Window, cell_for
 from .surface_search import SurfaceSearch
+from .told import beyond_bounds, untold
 
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
 PROFILES = ("height", "gap", "friction")  # beside p and q, in the order of the model's
@@ -190,7 +191,8 @@ class SurfaceFitter:
         free = [*bounds, *model.linear]
         priors = {name: (0.0, ANY_FRICTION) for name in model.linear if name != "offset"}
         if self._rubbed.free_offset:
-            priors["offset"] = (0.0, 30 * float(np.nanmax(np.abs(y))) + 1e-300)
+            largest = float(np.nanmax(np.abs(y)))
+            priors["offset"] = (0.0, 30 * largest if largest > 0 else 1.0)
         return fit(
             model,
             start,
@@ -240,17 +242,23 @@ def _evidence(result: Fit) -> float:
 
 
 def readable(model: SurfaceModel, result: Fit) -> dict[str, tuple[float, float]]:
-    """Each parameter that was free as a user reads it, with its standard error."""
+    """Each parameter that was free as a user reads it, with its standard error: infinite for what
+    stands on a bound and what goes with it, and for all where the data do not tell the features
+    from the bare plate."""
     read: dict[str, tuple[float, float]] = {}
+    beyond = beyond_bounds(result)
+    unsure = frozenset(result.names) if untold(model.features, result) else beyond
     for name, feature in model.features.items():
         prefix = f"{name}_" if len(model.features) > 1 else ""
         own, spread = result.value[name], result.stderr[name]
         for part in (*feature.axes, *feature.frictions, "edge_length_m"):
             if f"{name}.{part}" in result.names:
-                read[prefix + part] = float(own[part]), float(spread[part])
+                error = np.inf if f"{name}.{part}" in unsure else float(spread[part])
+                read[prefix + part] = float(own[part]), error
     for part in ("base_friction", *KNOWN):
         if part in result.names:
-            read[part] = float(result.value[part]), float(result.stderr[part])
+            error = np.inf if part in unsure else float(result.stderr[part])
+            read[part] = float(result.value[part]), error
     return read
 
 

@@ -57,6 +57,11 @@ def measured(cfg: build.Config) -> Measured:
         recording.name, float(np.ptp(motion.position_m)), float(sensor.depth_m) / CELLS_PER_DEPTH
     )
     spacing = float(np.max(np.abs(recording.speed_m_per_s))) / recording.sample_rate_hz
+    refuse(
+        bool(np.all(np.nanmax(recording.signal, axis=-1) == np.nanmin(recording.signal, axis=-1))),
+        f"{recording.name}: every sample of a channel is the same (at the recorder's rail, or not "
+        "connected), so that there is nothing to fit: record it again within the range.",
+    )
     rms = white_rms(cfg, recording, float(sensor.depth_m), spacing)
     offset = sensor.amplifier.offset
     y = recording.signal - (0.0 if offset is None else float(offset))
@@ -184,6 +189,7 @@ def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> 
             "iterations": best.fit.stats["iterations"],
             "at_bound": ", ".join(best.fit.at_bound),
             "undetermined": "; ".join(_direction(d) for d in best.fit.undetermined),
+            "not_told_from_nothing": ", ".join(best.untold),
         }
     return metrics
 
@@ -249,7 +255,7 @@ def _sections(cfg, data: Measured, candidates, chosen: Candidate, ds) -> tuple[S
     return (
         Section(
             "Signal and fit",
-            (_verdict(data, chosen),),
+            (_verdict(data, chosen), *_absent(best)),
             {"fit": lambda: figures.feature_signals(ds)},
             {"fit": "What was recorded, what the fitted feature makes of it, and what is left, in "
              "standard deviations of the noise."},
@@ -257,8 +263,8 @@ def _sections(cfg, data: Measured, candidates, chosen: Candidate, ds) -> tuple[S
         Section(
             "Traction",
             ("Pressure p and shear q of the fitted feature, as deviations from what is around it, "
-             "while sliding towards +x. The band is 90 %: noise alone, if the feature is of this "
-             "kind.",),
+             "while sliding towards +x. The band is 90 %: noise alone, if the feature is there "
+             "and of this kind.",),
             {"traction": lambda: figures.feature_traction(ds)},
             {"traction": "p and q along the surface, of the parameters above."},
         ),
@@ -313,6 +319,16 @@ def _verdict(data: Measured, chosen: Candidate) -> str:
     return f"Chi-square per degree of freedom is {chi2:.3g}: what is left is noise."
 
 
+def _absent(best: FeatureFit):
+    """What may not be there at all."""
+    for name in best.untold:
+        yield (
+            f"The data do not tell {name.replace('_', ' ')} from nothing: noise alone, looked "
+            "through everywhere, makes as much. Its place, width and friction are those of noise, "
+            "and their standard errors are infinite; its strength has the prior's."
+        )
+
+
 def _identifiability(best: FeatureFit):
     if best.fit is None:
         return
@@ -330,8 +346,11 @@ def _identifiability(best: FeatureFit):
                     f"correlated by {correlation[i, j]:.3f}."
                 )
     if best.fit.at_bound:
-        yield f"On a bound of its range: {', '.join(best.fit.at_bound)}."
-    if not best.fit.undetermined:
+        yield (
+            f"On a bound of its range: {', '.join(best.fit.at_bound)}. The data would have it "
+            "beyond, so that its standard error, and those of what goes with it, are infinite."
+        )
+    if not (best.fit.undetermined or best.fit.at_bound or best.untold):
         yield "The data determine every parameter."
 
 

@@ -21,6 +21,8 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
+from ._lengths import lengths
+
 FIRST_DAMPING = 1e-3
 LEAST_DAMPING, MOST_DAMPING = 1e-18, 1e18
 ACCEPTED = 1e-4  # share of the predicted fall that a step has to bring
@@ -153,9 +155,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return jnp.clip(y + p, self.lower, self.upper) - y
 
     def _converged(self, y, point: _Point, held, p, predicted) -> Bool[Array, ""]:
-        gradient = jnp.where(held, 0.0, point.root.T @ point.c)
-        length = jnp.linalg.norm(point.root, axis=0) * jnp.sqrt(2 * point.cost)
-        cosine = jnp.max(jnp.abs(gradient) / jnp.where(length > 0, length, 1.0), initial=0.0)
+        unit = point.root / _positive(lengths(point.root))
+        left = jnp.sqrt(2 * point.cost)
+        cosines = jnp.abs(unit.T @ point.c) / jnp.where(left > 0, left, 1.0)
+        cosine = jnp.max(jnp.where(held, 0.0, cosines), initial=0.0)
         scale = jnp.where(held, 0.0, _positive(point.scale))
         small = self.norm(scale * p) <= self.rtol * self.norm(scale * y)
         return (cosine <= self.rtol) | small | (predicted <= self._ftol * point.cost)
@@ -164,10 +167,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 def _linearised(residual, cost, push, m: int, scale) -> _Point:
     """The point's factors."""
     jacobian = jax.vmap(push, out_axes=1)(jnp.eye(m, dtype=residual.dtype))
-    q, root = jnp.linalg.qr(_at_least(m, jacobian))
-    columns = jnp.linalg.norm(jacobian, axis=0)
+    columns = lengths(jacobian)
+    unit = _positive(columns)
+    q, root = jnp.linalg.qr(_at_least(m, jacobian / unit))
     return _Point(
-        cost, q, root, q.T @ _at_least(m, residual), jnp.maximum(REMEMBERED * scale, columns)
+        cost, q, root * unit, q.T @ _at_least(m, residual), jnp.maximum(REMEMBERED * scale, columns)
     )
 
 

@@ -71,7 +71,8 @@ class SoftL1(Loss):
     threshold: float = eqx.field(static=True, default=1.345, converter=_checked)
 
     def root(self, r: Rows) -> Rows:
-        return r * jnp.sqrt(2 / (1 + jnp.sqrt(1 + (r / self.threshold) ** 2)))
+        # hypot, as the square of a value like 1e30 would be infinite, and its weight nothing.
+        return r * jnp.sqrt(2 / (1 + jnp.hypot(1.0, r / self.threshold)))
 
 
 class Cauchy(Loss):
@@ -80,10 +81,14 @@ class Cauchy(Loss):
     threshold: float = eqx.field(static=True, default=2.385, converter=_checked)
 
     def root(self, r: Rows) -> Rows:
-        w = (r / self.threshold) ** 2
-        small = w < 1e-4
-        exact = jnp.log1p(jnp.where(small, 1.0, w)) / jnp.where(small, 1.0, w)
-        return r * jnp.sqrt(jnp.where(small, 1 - w / 2 + w**2 / 3, exact))
+        size = jnp.abs(r) / self.threshold
+        small, far = size < 1e-2, size > 1e9  # where one more is less than rounding
+        w = jnp.where(small, size, 0.0) ** 2
+        series = 1 - w / 2 + w**2 / 3
+        middle = jnp.log1p(jnp.where(small | far, 1.0, size) ** 2)
+        log = jnp.where(far, 2 * jnp.log(jnp.where(far, size, 1.0)), middle)
+        grown = jnp.sign(r) * self.threshold * jnp.sqrt(log)
+        return jnp.where(small, r * jnp.sqrt(series), grown)
 
 
 LOSSES = {"squares": Squares, "huber": Huber, "soft_l1": SoftL1, "cauchy": Cauchy}

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ._lengths import lengths
 from ._loss import Loss, Squares
 from ._noise import Whitener
 from ._parameters import Layout
@@ -34,6 +35,11 @@ class Misfit(eqx.Module):
     prior_mean: Float[Array, " m"] | None
     prior_weight: Float[Array, " m"] | None
     loss: Loss
+
+    @property
+    def is_robust(self) -> bool:
+        """Whether outliers count less than their square."""
+        return not isinstance(self.loss, Squares)
 
     def tree(self, z: Float[Array, " m"]) -> Any:
         """The parameters as the model takes them."""
@@ -165,10 +171,10 @@ def _left_jvp(primals, tangents, split: Split):
 def _least_squares(basis: Float[Array, "n m"], target: Float[Array, "n *k"]):
     """argmin |basis c - target| (m, *k), its columns scaled and faintly damped: finite where a
     column vanishes (a feature beside the scan)."""
-    norm = jnp.linalg.norm(basis, axis=0)
+    norm = lengths(basis)
     norm = jnp.where(norm > 0, norm, 1.0)
     size, wanted = basis.shape[1], target.reshape(len(target), -1)
-    damping = jnp.finfo(basis.dtype).eps ** 0.6 * jnp.eye(size, dtype=basis.dtype)
+    damping = jnp.finfo(basis.dtype).eps ** 0.8 * jnp.eye(size, dtype=basis.dtype)
     rows = jnp.concatenate([basis / norm, wanted], axis=1)
     below = jnp.concatenate([damping, jnp.zeros((size, wanted.shape[1]), basis.dtype)], axis=1)
     factor = jnp.linalg.qr(jnp.concatenate([rows, below]), mode="r")[:size]

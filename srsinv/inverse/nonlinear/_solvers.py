@@ -13,6 +13,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from ...errors import number, whole
+from ._lengths import lengths
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._uncertainty import CONVERGED
 
@@ -38,7 +39,7 @@ class Solver(eqx.Module):
     """min |residual(z)|^2 over lower <= z <= upper, from z0; pure, for jit and vmap.
 
     `tolerance` [1] is relative, of the step and of the gradient; None takes 1e-10 in float64 and
-    1e-4 in float32. `max_steps` bounds the iterations.
+    1e-5 in float32. `max_steps` bounds the iterations.
     """
 
     name: ClassVar[str]
@@ -82,7 +83,7 @@ def relative(tolerance: float | None, dtype) -> float:
     """The tolerance, or what the precision allows."""
     if tolerance is not None:
         return tolerance
-    return 1e-10 if np.finfo(dtype).eps < 1e-12 else 1e-4
+    return 1e-10 if np.finfo(dtype).eps < 1e-12 else 1e-5
 
 
 class Optimistix(Solver):
@@ -189,10 +190,11 @@ class OptaxLBFGS(LimitedMemory):
 
 
 def unit_of(residual: Residual, z0) -> Float[Array, " m"]:
-    """What to measure each variable in: one over the norm of its column of the Jacobian at z0."""
-    columns = jnp.linalg.norm(jax.jacfwd(residual)(z0), axis=0)
+    """What to measure each variable in: a move that changes the residual by its length at z0, so
+    that gradients and steps are numbers about one there whatever the data's unit."""
+    columns, start = lengths(jax.jacfwd(residual)(z0)), lengths(residual(z0))
     usable = jnp.isfinite(columns) & (columns > 0)
-    return 1 / jnp.where(usable, columns, 1.0)
+    return jnp.where(start > 0, start, 1.0) / jnp.where(usable, columns, 1.0)
 
 
 def scaled_cost(residual: Residual, z0):
@@ -211,7 +213,8 @@ def _box(lower, upper):
     """From free variables s to the box, and back."""
     below, above = jnp.isfinite(lower), jnp.isfinite(upper)
     low, high = jnp.where(below, lower, 0.0), jnp.where(above, upper, 0.0)
-    middle, half = (low + high) / 2, jnp.where(high > low, (high - low) / 2, 1.0)
+    # Bounds that the precision cannot tell apart leave no room, not one of 1.
+    middle, half = (low + high) / 2, jnp.where(below & above, (high - low) / 2, 1.0)
 
     def to_box(s):
         rise = jnp.sqrt(1 + s**2) - 1
@@ -225,7 +228,8 @@ def _box(lower, upper):
             return jnp.sqrt((jnp.maximum(distance, 1e-3) + 1) ** 2 - 1)
 
         # Off the bound itself, where the change of variables is flat.
-        between = jnp.arcsin(jnp.clip((z - middle) / half, -0.999, 0.999))
+        share = (z - middle) / jnp.where(half > 0, half, 1.0)
+        between = jnp.arcsin(jnp.clip(share, -0.999, 0.999))
         between = jnp.where(below & above, between, z)
         one_sided = jnp.where(below & ~above, away(z - low), away(high - z))
         return jnp.where(below ^ above, one_sided, between)

@@ -93,23 +93,25 @@ def nothing_known(m: int) -> Spread:
 
 def offset(
     jacobian: np.ndarray, terms: np.ndarray, held: np.ndarray, eps: float, least: float
-) -> float:
+) -> tuple[float, float]:
     """How far a point is from the minimum of the problem linearised there.
 
-    The length of the residual's part along the Jacobian's columns, bounds that hold left out, in
-    units of its rms across them or of `least`, the greater, per root parameter.
+    The length of the residual's part along the Jacobian's columns, bounds that hold left out, per
+    root parameter: in units of its rms across them or of `least`, the greater, and as it is.
     """
     columns = np.linalg.norm(jacobian, axis=0)
     moving = ~held & (columns > 0)
     if not moving.any():
-        return 0.0
+        return 0.0, 0.0
     u, s, _ = np.linalg.svd(jacobian[:, moving] / columns[moving], full_matrices=False)
     along = u[:, s > LOST * eps * s[0]].T @ terms
     across = max(terms @ terms - along @ along, 0.0)
     freedom = len(terms) - len(along)
     rms = max(np.sqrt(across / freedom) if freedom > 0 else 0.0, least)
     distance = np.linalg.norm(along) / np.sqrt(max(len(along), 1))
-    return float(distance / rms) if rms > 0 else (0.0 if distance == 0 else np.inf)
+    if rms > 0:
+        return float(distance / rms), float(distance)
+    return (0.0 if distance == 0 else np.inf), float(distance)
 
 
 def log_evidence(

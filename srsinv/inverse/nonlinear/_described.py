@@ -1,0 +1,299 @@
+"""What a fit found, and how a minimum is put into its words."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...grid import as_real
+from ._loss import Loss
+from ._parameters import Layout, Parameters, Tree
+from ._search import Found, Misfit
+from ._solvers import Solver
+from ._uncertainty import Spread, log_evidence, nothing_known, offset, spread
+
+ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
+AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter stands on it
+SAME = 1e-8  # relative difference of two costs up to which they are one minimum
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """What a fit found.
+
+    - `value`, `stderr`: trees like the parameters; the standard error is 0 for what was not free
+      and infinite for what the data do not determine.
+    - `names` (m,): the free parameters in a row; `covariance`, `correlation` (m, m) in that order,
+      nan beside what is not determined.
+    - `residual`: data - model, like the data, nan where they are left out; `whitened`: the same in
+      units of the noise, in a row, 0 there. `jacobian` (n, m): the derivative of `whitened`.
+    - `noise_rms`: the noise's level where it was not given, else None.
+    - `result`: "converged", or what went wrong; `at_bound`: who stands on a bound. Standard errors
+      there are those without the bound.
+    - `undetermined`: directions along which the data do not notice a move, each a mapping of names
+      to moves.
+    - `log_evidence`: the log marginal likelihood (Laplace), where the noise and proper priors for
+      all free parameters are given, else None.
+    - `stats`: cost (half the sum of squares), chi2 per degree of freedom, iterations, starts.
+    """
+
+    value: Tree
+    stderr: Tree
+    names: tuple[str, ...]
+    covariance: np.ndarray
+    correlation: np.ndarray
+    residual: np.ndarray
+    whitened: np.ndarray
+    jacobian: np.ndarray
+    noise_rms: float | None
+    result: str
+    at_bound: tuple[str, ...]
+    undetermined: tuple[dict[str, float], ...]
+    log_evidence: float | None
+    stats: dict[str, Any]
+    _misfit: Misfit
+    _z: np.ndarray
+    _spread: Spread
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search ended in a minimum. It may be one of several: see `explains`."""
+        return self.result == "converged"
+
+    @property
+    def explains(self) -> bool | None:
+        """Whether no more is left of the data than the noise, by chi squared; None where the noise
+        was not known. Where it is False the standard errors, which are those of the noise, are too
+        small: the model is another, or the minimum, or some data are outliers."""
+        freedom = self.stats["degrees_of_freedom"]
+        if self.noise_rms is not None:
+            return None
+        return bool(2 * self.stats["cost"] <= freedom + ENOUGH * np.sqrt(2 * max(freedom, 1)))
+
+    @property
+    def prior_stderr(self) -> dict[str, float]:
+        """Standard deviations of the priors, infinite where there is none."""
+        weight = self._misfit.prior_weight
+        known = np.zeros(len(self.names)) if weight is None else np.asarray(weight, float)
+        return {n: 1 / w if w > 0 else np.inf for n, w in zip(self.names, known, strict=True)}
+
+    def whitened_signal(self) -> np.ndarray:
+        """The fitted signal in units of the noise, in a row like `whitened`."""
+        misfit = self._misfit
+        seen = misfit.whiten.seen(misfit.y.shape)
+        signal = np.where(seen, np.asarray(misfit.y) - self.residual, 0.0)
+        unit = 1.0 if self.noise_rms is None else float(misfit.scale)
+        return np.asarray(misfit.whiten(as_real(signal)), float) / unit
+
+    def derive(
+        self, function: Callable[[Tree], Any], steps: Mapping[str, float] | None = None
+    ) -> tuple[Any, Any]:
+        """A function of the parameters, and its standard error to first order (the delta method).
+
+        `function` maps the tree of parameters to a number or an array (k,). With `steps` its
+        gradient is taken by central differences: over these steps where a parameter is named, else
+        over its standard error. Infinite standard errors where the data do not determine it. It is
+        compiled at each call, once for all where it is an equinox module.
+        """
+
+        def of(z):
+            return jnp.asarray(function(self._misfit.tree(z)))
+
+        # Compiled whole: operation by operation takes seconds where a traction is derived.
+        if steps is None:
+            slope = _shared_slope if isinstance(function, eqx.Module) else eqx.filter_jit(_slope)
+            misfit = self._misfit
+            value, gradient = slope(function, misfit.layout, misfit.row, as_real(self._z))
+        else:
+            value, gradient = self._differences(jax.jit(of), steps)
+        along = np.atleast_2d(np.asarray(gradient))
+        stderr = self._spread.along(along)
+        return (value[()], stderr[0]) if np.ndim(value) == 0 else (np.asarray(value), stderr)
+
+    def _differences(self, of: Callable[[Any], Any], steps: Mapping[str, float]):
+        """The function's value, and its gradient (k, m)."""
+        own = self._spread.stderr()
+        columns = []
+        for i, name in enumerate(self.names):
+            fallback = own[i] if 0 < own[i] < np.inf else 1e-3 * max(abs(self._z[i]), 1e-9)
+            off = np.zeros(self._z.size)
+            off[i] = step = steps.get(name, fallback)
+            above, below = (np.asarray(of(as_real(self._z + sign * off))) for sign in (1, -1))
+            columns.append((above - below) / (2 * step))
+        return of(as_real(self._z)), np.stack(columns, axis=-1)
+
+
+def _slope(function, layout: Layout, row, z):
+    """A function of the parameters, and its derivative by the free ones."""
+
+    def of(z):
+        return jnp.asarray(function(layout.tree(row.at[np.asarray(layout.free)].set(z))))
+
+    return of(z), jax.jacfwd(of)(z)
+
+
+_shared_slope = eqx.filter_jit(_slope)
+
+
+def described(
+    misfit: Misfit, found: Parameters, ends: Found, level_known: bool, solver: Solver
+) -> Fit:
+    """All that a minimum says."""
+    layout, z = misfit.layout, np.asarray(ends.z, float)
+    eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.lost)
+    terms, jacobian = _terms(misfit, ends)
+    free = np.asarray(layout.free)
+    with np.errstate(all="ignore"):
+        gradient, squares = jacobian.T @ terms, np.sum(jacobian**2, axis=0)
+        cost = 0.5 * float(terms @ terms)
+    finite = bool(np.isfinite([*gradient, *squares, cost]).all())
+    known = spread(rows_of(misfit, ends), eps) if finite else nothing_known(z.size)
+    count = misfit.whiten.count(misfit.y.shape)
+    freedom = count - known.factor.shape[1]
+    level = _inflation(misfit, ends, level_known, freedom) if finite else 1.0
+    known = known.times(level)
+    # A solver that works in other variables reaches a bound up to rounding only.
+    near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1)) + 8 * eps * np.abs(z)
+    low, high = z - found.lower <= near, found.upper - z <= near
+    held = (low & (gradient >= 0)) | (high & (gradient <= 0))
+    least = 1.0 if level_known else 0.0  # of a noise that is known
+    distance, along = offset(jacobian, terms, held, eps, least) if finite else (np.inf, 0.0)
+    near_enough = max(solver.near_enough, 2 * np.sqrt(eps * count / z.size))
+    if 0 < level < along and distance > near_enough:
+        # Nothing is left but rounding, of which this much can still be a move.
+        known = known.times(along / level)
+    covariance, errors = known.covariance(), known.stderr()
+    row, stderr = np.asarray(misfit.row, float).copy(), np.zeros(len(layout.names))
+    row[free], stderr[free] = z, errors
+    costs = np.asarray(ends.costs)
+    weight = misfit.prior_weight
+    weight = np.zeros(z.size) if weight is None else np.asarray(weight, float)
+    sigma = np.where(weight > 0, 1 / np.where(weight > 0, weight, 1.0), np.inf)
+    # Back from the unit that stands for a noise that is not known.
+    is_unit = level_known or misfit.is_robust or misfit.prior_mean is not None
+    unit = 1.0 if is_unit else float(misfit.scale)
+    evidence = None
+    if level_known and finite and not misfit.is_robust:
+        volume = misfit.whiten.log_volume(misfit.y.shape) + count / 2 * np.log(2 * np.pi)
+        evidence = log_evidence(
+            terms, jacobian, volume, np.where(low, found.lower, np.where(high, found.upper, z)),
+            found.lower, found.upper, sigma,
+        )  # fmt: skip
+    return Fit(
+        value=layout.host_tree(row),
+        stderr=layout.host_tree(stderr),
+        names=layout.free_names,
+        covariance=covariance,
+        correlation=_correlation(covariance),
+        residual=np.where(misfit.whiten.seen(misfit.y.shape), ends.residual, np.nan),
+        whitened=unit * np.asarray(ends.white),
+        jacobian=unit * np.asarray(ends.jacobian),
+        noise_rms=None if level_known else _rms(misfit, ends, freedom),
+        result=_result(finite, distance, near_enough, terms, misfit, ends, solver, eps),
+        at_bound=tuple(layout.free_names[i] for i in np.flatnonzero(low | high)),
+        undetermined=known.directions(layout.free_names, z),
+        log_evidence=evidence,
+        stats={
+            "solver": solver.name,
+            "cost": unit**2 * cost,
+            "data": count,
+            "degrees_of_freedom": freedom,
+            "chi2_per_freedom": 2 * unit**2 * cost / freedom if freedom > 0 else None,
+            "iterations": int(ends.iterations),
+            "starts": int(ends.start_costs.size),
+            "searches": int(costs.size),
+            "searches_at_best": int(np.sum(costs <= costs.min() * (1 + SAME) + SAME**2)),
+            "distance_to_minimum": distance,
+        },
+        _misfit=misfit,
+        _z=z,
+        _spread=known,
+    )
+
+
+def _rms(misfit: Misfit, ends: Found, freedom: int) -> float:
+    """The level of the noise, where it is estimated."""
+    if misfit.is_robust:
+        return float(misfit.scale)
+    with np.errstate(over="ignore"):
+        white = np.asarray(ends.white, float)
+        return float(misfit.scale) * float(np.linalg.norm(white)) / np.sqrt(max(freedom, 1))
+
+
+def _terms(misfit: Misfit, ends: Found) -> tuple[np.ndarray, np.ndarray]:
+    """What is squared, and its derivative."""
+    root, slope = _rooted(misfit.loss, ends.white)
+    jacobian = np.asarray(slope)[:, None] * np.asarray(ends.jacobian)
+    return _with_priors(misfit, ends, np.asarray(root), jacobian)
+
+
+@eqx.filter_jit
+def _rooted(loss: Loss, white):
+    """The loss's root, and its slope."""
+    return jax.jvp(loss.root, (white,), (jnp.ones_like(white),))
+
+
+def rows_of(misfit: Misfit, ends: Found) -> np.ndarray:
+    """The derivative of the whitened residual and of the priors' terms."""
+    return _with_priors(misfit, ends, np.asarray(ends.white), np.asarray(ends.jacobian))[1]
+
+
+def _with_priors(misfit: Misfit, ends: Found, terms, jacobian) -> tuple[np.ndarray, np.ndarray]:
+    if misfit.prior_mean is None or misfit.prior_weight is None:
+        return terms.astype(float), jacobian.astype(float)
+    weight = np.asarray(misfit.prior_weight, float)
+    more = (np.asarray(ends.z) - np.asarray(misfit.prior_mean)) * weight
+    return np.concatenate([terms, more]), np.vstack([jacobian, np.diag(weight)])
+
+
+def _inflation(misfit: Misfit, ends: Found, level_known: bool, freedom: int) -> float:
+    """What the standard errors under unit noise are multiplied by.
+
+    One for least squares with known noise; the residual's rms where its level is not known; Huber's
+    ratio (1981, section 7.6) for a robust loss. Infinite where no datum is left over to tell it.
+    """
+    white = np.asarray(ends.white, float)
+    if misfit.is_robust:
+        seen = misfit.whiten.seen(misfit.y.shape).ravel()
+        influence, slope = (np.asarray(v)[seen] for v in misfit.loss.influence(ends.white))
+        mean = max(float(slope.mean()), 1e-12)
+        correction = 1 + ends.z.size / slope.size * float(slope.var()) / mean**2
+        return float(correction * np.sqrt(influence @ influence / max(freedom, 1)) / mean)
+    if level_known or misfit.prior_mean is not None:
+        return 1.0
+    return float(np.sqrt(white @ white / freedom)) if freedom > 0 else np.inf
+
+
+def _correlation(covariance: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        stderr = np.sqrt(np.diagonal(covariance))
+        correlation = covariance / np.outer(stderr, stderr)
+    correlation[np.diag_indices(len(stderr))] = 1.0
+    return correlation
+
+
+def _result(
+    finite, distance, near_enough, terms, misfit: Misfit, ends: Found, solver: Solver, eps
+) -> str:
+    if not finite:
+        return "not finite: the model or its derivative is nan or infinite where the search stopped"
+    if distance <= near_enough or _nothing_left(terms, misfit, ends, eps):
+        return "converged"
+    if not bool(ends.done):
+        return f"not converged: {solver.name} reached its {solver.max_steps} steps"
+    return (
+        f"not converged: {solver.name} stopped {distance:.2g} standard errors from the minimum of "
+        "the linearised problem"
+    )
+
+
+def _nothing_left(terms, misfit: Misfit, ends: Found, eps: float) -> bool:
+    """Whether the residual is rounding beside the data, or beside where the search began."""
+    data = np.linalg.norm(np.asarray(misfit.whiten(misfit.y), float)) / float(misfit.scale)
+    begun = np.asarray(ends.start_costs)
+    begun = np.sqrt(2 * np.max(begun, where=np.isfinite(begun), initial=0.0))
+    return bool(np.linalg.norm(terms) <= eps ** (2 / 3) * max(data, begun))

@@ -1,0 +1,57 @@
+"""What a fit of features tells, and what it does not: strengths that may be nothing, and parameters
+that stand on a bound. Their linearised errors look sure and are not."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..forward.feature import Feature
+from ..forward.surface_feature import SurfaceFeature
+from .nonlinear import Fit
+
+# Standard errors of a strength from nothing. Noise alone, looked through at every place and width,
+# makes features of up to four.
+TOLD = 5.0
+TRADED = 0.3  # of a correlation, from which a parameter goes where one on its bound would
+
+
+def untold(features: Mapping[str, Feature | SurfaceFeature], fit: Fit) -> tuple[str, ...]:
+    """Features that the data do not tell from nothing: their place, width and friction are then
+    those of noise."""
+    if not all(isinstance(feature, Feature) for feature in features.values()):
+        return () if _gain(fit) >= TOLD**2 else tuple(features)
+    return tuple(
+        name
+        for name, feature in features.items()
+        if isinstance(feature, Feature) and not _strength(name, feature, fit) >= TOLD
+    )
+
+
+def beyond_bounds(fit: Fit) -> frozenset[str]:
+    """Parameters that stand on a bound, and those that go with them: where the data would have them
+    lies beyond, and no error says how far."""
+    rows = [fit.names.index(name) for name in fit.at_bound]
+    with np.errstate(invalid="ignore"):
+        traded = np.any(np.abs(fit.correlation[rows]) > TRADED, axis=0)
+    return frozenset(np.array(fit.names, object)[traded]) | frozenset(fit.at_bound)
+
+
+def _strength(name: str, feature: Feature, fit: Fit) -> float:
+    """How far the amplitudes of p and q together are from nothing, in standard errors."""
+    at = [fit.names.index(f"{name}.{part}") for part in feature.linear]
+    value = np.array([fit.value[name][part] for part in feature.linear])
+    stderr = np.sqrt(np.diagonal(fit.covariance))[at]
+    if not np.all((stderr > 0) & np.isfinite(stderr)):
+        return np.inf if not np.any(stderr) and np.any(value) else 0.0
+    unit = value / stderr
+    return float(np.sqrt(unit @ np.linalg.pinv(fit.correlation[np.ix_(at, at)]) @ unit))
+
+
+def _gain(fit: Fit) -> float:
+    """By how much the features bring chi squared down, constants taken out."""
+    white = fit.whitened + fit.whitened_signal()
+    constant = [i for i, name in enumerate(fit.names) if name.startswith("offset")]
+    if constant:
+        basis, _ = np.linalg.qr(fit.jacobian[:, constant])
+        white = white - basis @ (basis.T @ white)
+    return float(white @ white - fit.whitened @ fit.whitened)

@@ -1,0 +1,306 @@
+"""Features fitted where the signal hardly holds them: the truth within the error, an infinite one,
+or a word that it is no answer; and what the page says of it."""
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import srsinv
+from srsinv.errors import BadInput
+from srsinv.forward.feature import LineFeature, StepFeature, StripFeature
+from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.scan import Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.inverse.feature_fit import FeatureFitter, FeatureModel, Felt
+from srsinv.recording import Recording, save
+from tests.jobs.run import command, outcome
+from tests.stability.matrix import PRECISIONS
+
+SAMPLES = 120
+TIME = np.arange(SAMPLES) / 600
+END_M = 6e-3
+DEPTH_M = 0.75e-3
+MU = 0.4
+FEATURES = {
+    "line": LineFeature(), "other": LineFeature(), "strip": StripFeature(), "step": StepFeature(),
+}  # fmt: skip
+STRIP = {"position_m": 0.7e-3, "width_m": 2.9e-3, "pressure_Pa": -4e3}
+LINE = {"position_m": 1.1e-3, "load_N_per_m": 10.0}
+STEP = {"position_m": -0.9e-3, "pressure_Pa": 3e3}
+DRAWN = np.random.default_rng(0).normal(size=(2, SAMPLES))
+SURE = 5  # standard errors from the truth at most
+SHARE = 0.01  # of noise in the signal of the plain features
+
+# What stays.
+LIMITS = [
+    ("a feature beyond the scan whose tail is felt, or data at the rail",
+     "a feature within the scan is fitted to what is no such feature; its errors are those of the "
+     "noise alone", "explains is False, and the page says that the errors are too small"),
+    ("a load beyond the scan, hardly felt",
+     "it is looked for within the scan, and its strength has the prior of features there",
+     "10 N/m at 3 mm beyond the end is 4.5 of the prior's standard deviations"),
+]  # fmt: skip
+
+
+class Bench(NamedTuple):
+    fitter: FeatureFitter
+    finer: Felt
+
+
+@cache
+def bench(precision):
+    """The fit, and a simulation on cells three times finer."""
+    del precision  # of the context: what is cached is of its own
+    motion = Motion.from_speed(TIME, 2 * END_M / TIME[-1], -END_M)
+    angles = (0.0, np.pi / 2)
+    sensor = Sensor([Film(DEPTH_M, angle, effects=(StripWidth(0.5e-3),)) for angle in angles])
+    return Bench(FeatureFitter(sensor, motion), Felt(sensor, motion, 96))
+
+
+@pytest.fixture(params=PRECISIONS)
+def precision(request):
+    with jax.enable_x64(request.param == "float64"):
+        yield request.param
+
+
+def felt(name, **own):
+    """The clean signal of a feature; always simulated in double precision."""
+    with jax.enable_x64(True):
+        feature = FEATURES[name]
+        own = own | {feature.shear: MU * own[feature.amplitude]}
+        model = FeatureModel(bench("float64").finer, {name: feature})
+        return np.asarray(model({name: {k: jnp.asarray(v) for k, v in own.items()}}))
+
+
+def rms(signal):
+    return float(np.sqrt(np.mean(signal**2)))
+
+
+def fitted(precision, names, y, noise):
+    return bench(precision).fitter({name: FEATURES[name] for name in names}, y, noise)
+
+
+def assert_honest(found, truth, margin):
+    """Finite values; an error of the truth, or no claim to one."""
+    values = np.array([value for value, _ in found.parameters.values()])
+    assert np.isfinite(values).all()
+    assert not np.isnan([stderr for _, stderr in found.parameters.values()]).any()
+    if found.result != "converged" or not found.explains:
+        return
+    read = found.parameters
+    error = max(abs(read[part][0] - true) / read[part][1] for part, true in truth.items())
+    margin(error, SURE)
+    assert error < SURE
+
+
+class Scene(NamedTuple):
+    """`told`: what must have a finite error, so that honesty is not silence."""
+
+    hard: str
+    name: str
+    truth: dict
+    told: tuple[str, ...]
+
+
+SCENES = {
+    "plain strip": Scene("nothing", "strip", STRIP, ("position_m", "width_m", "friction")),
+    "narrower than a cell": Scene(
+        "a line to the film, of any width up to a tenth of its depth",
+        "strip", STRIP | {"width_m": 2e-6, "pressure_Pa": 4e6}, ("position_m", "friction"),
+    ),
+    "wider than the scan": Scene(
+        "both edges outside", "strip", STRIP | {"width_m": 30e-3, "position_m": 0.0}, (),
+    ),
+    "line outside": Scene(
+        "felt by its tail", "line", {"position_m": 9e-3, "load_N_per_m": 5.0}, (),
+    ),
+    "line far outside": Scene("not felt", "line", LINE | {"position_m": 40e-3}, ()),
+    "step outside": Scene("felt by its tail", "step", STEP | {"position_m": 9e-3}, ()),
+    "step at the scan's end": Scene("half of it", "step", STEP | {"position_m": END_M - 2e-4}, ()),
+    "plain step": Scene("nothing", "step", STEP, ("position_m", "pressure_Pa", "friction")),
+}  # fmt: skip
+PLAIN = {"line": LINE, "strip": STRIP, "step": STEP}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scene(name, precision, margin):
+    scene = SCENES[name]
+    noise = SHARE * rms(felt(scene.name, **PLAIN[scene.name]))
+    if name == "narrower than a cell":
+        noise = SHARE * rms(felt(scene.name, **scene.truth))
+    y = felt(scene.name, **scene.truth) + noise * DRAWN
+    found = fitted(precision, [scene.name], y, noise)
+    assert_honest(found, scene.truth | {"friction": MU}, margin)
+    for part in scene.told:
+        assert found.parameters[part][1] < np.inf, part
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", PLAIN)
+def test_no_load(name, seed, precision):
+    """Noise alone: the strength is nothing within its prior, and nothing else is known."""
+    noise = SHARE * rms(felt(name, **PLAIN[name]))
+    y = noise * np.random.default_rng(seed).normal(size=DRAWN.shape)
+    found = fitted(precision, [name], y, noise)
+    assert found.untold == (name,)
+    amplitude = FEATURES[name].amplitude
+    for part, (value, stderr) in found.parameters.items():
+        assert np.isfinite(value)
+        if part == amplitude:
+            # The prior: thirty times the largest datum, of the shape that the film feels most.
+            assert abs(value) < 0.2 * stderr
+        else:
+            assert np.isposinf(stderr), part
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_a_signal_of_zeros(name, precision):
+    noise = SHARE * rms(felt(name, **PLAIN[name]))
+    found = fitted(precision, [name], np.zeros(DRAWN.shape), noise)
+    assert found.untold == (name,)
+    assert_honest(found, {FEATURES[name].amplitude: 0.0}, lambda *_: None)
+
+
+def test_two_on_one_spot(precision, margin):
+    """Found one after the other, the first takes both: each strength is told in their sum only."""
+    half = felt("line", **LINE)
+    noise = SHARE * rms(half)
+    found = fitted(precision, ["line", "other"], 2 * half + noise * DRAWN, noise)
+    truth = {f"{n}_{part}": v for n in ("line", "other") for part, v in LINE.items()}
+    assert found.explains
+    assert_honest(found, truth, margin)
+    total, stderr = found.fit.derive(
+        lambda params: params["line"]["load_N_per_m"] + params["other"]["load_N_per_m"]
+    )
+    assert abs(total - 20) < SURE * stderr < 1
+
+
+def test_two_begun_on_one_spot(precision):
+    """The direction in which one gives to the other is named, and the sum has its error."""
+    half = felt("line", **LINE)
+    noise = SHARE * rms(half)
+    pair = {"line": FEATURES["line"], "other": FEATURES["other"]}
+    fitter = bench(precision).fitter
+    model = FeatureModel(fitter._felt, pair)
+    shape = {"position_m": LINE["position_m"], "load_N_per_m": 0.0, "shear_N_per_m": 0.0}
+    found = srsinv.fit(
+        model, {"line": shape, "other": dict(shape)}, 2 * half + noise * DRAWN, noise=noise,
+        free=model.linear, linear=model.linear,
+    )  # fmt: skip
+    assert found.converged, found.result
+    named = {name for direction in found.undetermined for name in direction}
+    assert {"line.load_N_per_m", "other.load_N_per_m"} <= named
+    assert np.isposinf(found.stderr["line"]["load_N_per_m"])
+    total, stderr = found.derive(lambda p: p["line"]["load_N_per_m"] + p["other"]["load_N_per_m"])
+    assert abs(total - 20) < SURE * stderr < 1
+
+
+def test_begun_ten_widths_away(precision, margin):
+    """Alone, without the search for a start, it is not sure of a wrong place."""
+    y = felt("line", **LINE)
+    noise = SHARE * rms(y)
+    model = FeatureModel(bench(precision).fitter._felt, {"line": FEATURES["line"]})
+    away = {"position_m": LINE["position_m"] - 7e-3, "load_N_per_m": 0.0, "shear_N_per_m": 0.0}
+    found = srsinv.fit(model, {"line": away}, y + noise * DRAWN, noise=noise, linear=model.linear)
+    place, error = found.value["line"]["position_m"], found.stderr["line"]["position_m"]
+    if found.converged and found.explains:
+        margin(abs(place - LINE["position_m"]) / error, SURE)
+        assert abs(place - LINE["position_m"]) < SURE * error
+
+
+def test_a_missing_sample(precision, margin):
+    """Refused in one sentence, or left out where the noise says so."""
+    y = felt("line", **LINE)
+    noise = SHARE * rms(y)
+    y = y + noise * DRAWN
+    y[0, 70] = np.nan
+    with pytest.raises(BadInput, match=r"1 values .*infinite noise.*\.$"):
+        fitted(precision, ["line"], y, noise)
+    found = fitted(precision, ["line"], y, np.where(np.isnan(y), np.inf, noise))
+    assert found.explains
+    assert_honest(found, LINE | {"friction": MU}, margin)
+    assert np.isfinite([stderr for _, stderr in found.parameters.values()]).all()
+
+
+def test_an_outlier(precision):
+    """A million times the noise: it explains nothing else, and says so."""
+    y = felt("line", **LINE)
+    noise = SHARE * rms(y)
+    y = y + noise * DRAWN
+    y[0, 40] += 1e6 * noise
+    found = fitted(precision, ["line"], y, noise)
+    assert np.isfinite([value for value, _ in found.parameters.values()]).all()
+    assert not found.explains
+
+
+def test_fewer_samples_than_parameters(precision, margin):
+    """Two samples for four: the priors of the strengths make up for them, and nothing is told."""
+    y = felt("strip", **STRIP)
+    noise = np.full(y.shape, np.inf)
+    noise[0, 55], noise[1, 60] = 2 * [SHARE * rms(y)]
+    found = fitted(precision, ["strip"], y, noise)
+    assert_honest(found, STRIP | {"friction": MU}, margin)
+    assert np.isposinf([s for _, s in found.parameters.values()]).any()
+
+
+def test_clipped(precision):
+    """Every sample at the rail: what is fitted to it explains nothing."""
+    noise = SHARE * rms(felt("line", **LINE))
+    found = fitted(precision, ["line"], np.full(DRAWN.shape, 100 * noise), noise)
+    assert found.result != "converged" or not found.explains
+
+
+# --- the page -----------------------------------------------------------------------------------
+
+EXAMPLES = Path(srsinv.__file__).parent / "examples"
+SIDECAR = json.loads((EXAMPLES / "strip_two_element.json").read_text())
+COUNT = 240
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """The path of a recording of these signals, with the example's sensor."""
+
+    def of(signal):
+        recording = Recording(
+            signal, np.arange(COUNT) / 1000, np.full(COUNT, 0.05), ("voltage_0_V", "voltage_1_V"),
+            SIDECAR,
+        )  # fmt: skip
+        path = tmp_path / "recording.csv"
+        save(recording, path)
+        return f"recording.path={path}"
+
+    return of
+
+
+def words(found):
+    return " ".join(word for section in found.sections for word in section.paragraphs)
+
+
+def test_the_page_of_no_load(recorded):
+    """The words and the numbers of noise alone."""
+    noise = 1e-6 * np.random.default_rng(5).normal(size=(2, COUNT))
+    found = outcome("experiment=fit_recording", recorded(noise), "feature=[line_load]")
+    metrics = found.metrics
+    assert metrics["result"] == "converged"
+    assert metrics["not_told_from_nothing"] == "line_load"
+    assert np.isposinf([metrics["position_m_stderr"], metrics["friction_stderr"]]).all()
+    assert abs(metrics["load_N_per_m"]) < SURE * metrics["load_N_per_m_stderr"]
+    said = words(found)
+    assert "do not tell line load from nothing" in said
+    assert "determine every parameter" not in said
+
+
+def test_the_page_of_a_rail(recorded, tmp_path, capsys):
+    rail = recorded(np.full((2, COUNT), 5.0))
+    given = ("experiment=fit_recording", rail, "feature=[line_load]", "noise.white.rms=1e-3")
+    assert command(tmp_path / "run", *given) == 2
+    said = capsys.readouterr().err.strip()
+    assert "rail" in said
+    assert len(said.splitlines()) == 1
