@@ -13,6 +13,8 @@ import numpy as np
 LEAST_TOLD = 1.0  # numbers: with fewer, a component's estimate is its prior
 OVER_NOISE = 1.25  # in rms: bands so much too narrow cover 81 % in place of 90 %
 OVER_PRIOR = 2.0  # of a prior: edges alone make 1.5 where the bands still cover
+KEPT = 0.5  # of a wave's amplitude, from which on it counts as told
+FEW_MISSING = 0.05  # of the samples
 SIGNIFICANT = 5.0  # standard deviations of the root of a chi-square
 
 
@@ -23,6 +25,24 @@ def prior_alone(name: str, told: float, cells: int) -> Sequence[str]:
     return (
         f"The signal tells {told:.2g} of the {cells} numbers of {name}: what is shown of it is the "
         "prior, with the prior's band.",
+    )
+
+
+def shared_out(gain: np.ndarray, root: np.ndarray, cells: int) -> Sequence[str]:
+    """Of p and q felt through one mix alone.
+
+    `gain` (k, e, c) is the model over the noise, `root` (k, c) the prior's. Of the second singular
+    direction of each wavenumber the signal tells s^2/(s^2 + its prior precision) numbers.
+    """
+    _, s, v = np.linalg.svd(gain.astype(complex), full_matrices=False)
+    held = np.sum(np.abs(v[:, 1]) ** 2 * root.astype(float) ** 2, axis=-1)
+    square = s[:, 1] ** 2
+    told = cells * np.mean(square / np.maximum(square + held, np.finfo(float).tiny))
+    if told >= LEAST_TOLD:
+        return ()
+    return (
+        "The elements feel one mix of p and q alone, and how it is shared out is the prior's: "
+        f"the signal tells {told:.2g} numbers of their difference.",
     )
 
 
@@ -46,6 +66,40 @@ def beyond_noise(squares: float, freedom: float) -> Sequence[str]:
         f"The residual is {excess:.2g} times the noise, so that bands are too narrow: the model "
         "leaves out what acts on the signal, or the noise is larger than stated.",
     )
+
+
+def beyond_cells(name: str, resolution: float) -> Sequence[str]:
+    """Of a component of whose shortest wave the estimate keeps `resolution`."""
+    if not resolution > KEPT:
+        return ()
+    return (
+        f"The signal tells {name} down to waves of two cells, so that shorter ones are heard too, "
+        "and taken for longer ones: take narrower cells.",
+    )
+
+
+def missing(share: float, stderr_with_all: bool) -> Sequence[str]:
+    """Of samples of which `share` is missing, and standard errors that are perhaps those with every
+    sample there."""
+    words = []
+    if share > FEW_MISSING:
+        words.append(
+            f"{100 * share:.3g} % of the samples are missing: if their size took them out (rails), "
+            "what was strongest is not in the answer."
+        )
+    if share > 0 and stderr_with_all:
+        words.append(
+            "The band is that with every sample there, too narrow where some are missing: "
+            "path=direct gives their own."
+        )
+    return words
+
+
+def undetermined_weights(result: str) -> Sequence[str]:
+    """Of weights that a rule chose, or did not."""
+    if result in ("converged", "given"):
+        return ()
+    return (f"The band takes the weights as known, of which the rule says: {result}.",)
 
 
 def below_rounding(noise_rms: float, largest: float, dtype: np.dtype) -> Sequence[str]:

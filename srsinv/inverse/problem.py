@@ -263,3 +263,7 @@ class Estimate(eqx.Module):
     def with_stats(self, stats: dict[str, Any]) -> "Estimate":
         """The same estimate, saying more about how it was made."""
         return dataclasses.replace(self, stats=stats | self.stats)
+
+    def with_doubts(self, doubts: Sequence[str]) -> "Estimate":
+        """The same estimate with more that speaks against it."""
+        return dataclasses.replace(self, doubts=(*self.doubts, *doubts))

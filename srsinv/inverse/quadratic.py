@@ -25,6 +25,7 @@ DIRECT_LIMIT = 4096
 # and more were seen, some 70 times the condition's round-off. Of conjugate gradients', in units of
 # its root: beyond, a residual of 1e-10 was seen on values wrong by their own size.
 TRUSTED, TRUSTED_ITERATIVE = {"float64": 6e11, "float32": 1.7e4}, 0.3
+MOST_WAVES = 64  # that are looked at for a doubt
 PATHS = ("auto", "spectral", "direct", "iterative")
 
 
@@ -143,25 +144,46 @@ def _estimate(
         shown.whitened,
         solution.averaging,
         result,
-        _doubts(problem, told, shown),
+        _doubts(problem, prior, solution, shown, stats["path"]),
         stats,
     )
 
 
-def _doubts(problem: Problem, told: np.ndarray, shown: "_Shown") -> tuple[str, ...]:
-    squares, noise = np.asarray(shown.over_prior, float), np.asarray(problem.noise)
-    each = list(zip(COMPONENTS[: problem.unknowns], told, squares, strict=True))
+def _doubts(
+    problem: Problem, prior: Prior, solution: Solution, shown: "_Shown", path: str
+) -> tuple[str, ...]:
+    told, noise = np.asarray(solution.told, float), np.asarray(problem.noise)
+    averaging = np.einsum("ccn->cn", np.asarray(solution.averaging))
+    shortest = np.abs(np.fft.rfft(averaging))[:, -1]
+    squares = np.asarray(shown.over_prior, float)
+    columns = COMPONENTS[: problem.unknowns], told, squares, shortest
+    each = list(zip(*columns, strict=True))
     largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.level))))
     offsets = 0 if np.isfinite(noise[0]) else problem.data.shape[0]
     left = problem.samples - offsets - told.sum()
     # With samples missing, what is whitened over the gaps as zeros is so for white noise alone.
     whitened = problem.observed is None or not np.ptp(noise[1:])
+    shared = ()
+    if problem.unknowns > 1:
+        gain, root = (np.asarray(part)[..., 1:] for part in _felt(problem, prior))
+        step = -(-gain.shape[-1] // MOST_WAVES)
+        gain, root = np.moveaxis(gain[..., ::step], -1, 0), root[:, ::step].T
+        shared = doubt.shared_out(gain, root, problem.line.n)
     return (
-        *(s for name, t, _ in each for s in doubt.prior_alone(name, t, problem.line.n)),
-        *(s for name, t, over in each for s in doubt.beyond_prior(name, over, t)),
+        *shared,
+        *(s for name, t, _, _ in each for s in doubt.prior_alone(name, t, problem.line.n)),
+        *(s for name, t, over, _ in each for s in doubt.beyond_prior(name, over, t)),
+        *(s for name, _, _, kept in each for s in doubt.beyond_cells(name, kept)),
         *(doubt.beyond_noise(float(shown.over_noise), left) if whitened else ()),
         *doubt.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
+        *doubt.missing(1 - problem.samples / problem.data.size, path == "iterative"),
     )
+
+
+@eqx.filter_jit
+def _felt(problem: Problem, prior: Prior):
+    """The nearest periodic model over the noise (e, c, k), and the prior's root (c, k)."""
+    return problem.forward.circulant().transfer * problem.whitener, prior.root(problem.line)
 
 
 class _Shown(NamedTuple):

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..errors import choice, number, refuse, shown, whole
 from ..grid import Line, as_real
+from .doubt import undetermined_weights
 from .prior import Prior
 from .problem import Estimate, Problem
 from .quadratic import PATHS, Family, Scorer, choose_path, solve
@@ -114,7 +115,8 @@ class Tikhonov(eqx.Module):
         stats |= {
             f"weight_{c}_per_Pa2": float(w) for c, w in zip("pq", prior.weights, strict=False)
         }
-        return solve(problem, prior, self.path, self.tolerance).with_stats(stats)
+        found = solve(problem, prior, self.path, self.tolerance).with_stats(stats)
+        return found.with_doubts(undetermined_weights(choice.result))
 
     def _choose(self, problem: Problem, given) -> Choice:
         box = self._box(problem, given)

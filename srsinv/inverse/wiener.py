@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from ..errors import choice, number, refuse, shown
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
+from .doubt import undetermined_weights
 from .prior import Prior
 from .problem import Estimate, Problem
 from .quadratic import PATHS, Family, Scorer, solve
@@ -131,6 +132,7 @@ class Wiener(eqx.Module):
         """Posterior mean and standard error of p and q."""
         power = _powers(problem, (self.p, self.q)[: problem.unknowns])
         stats: dict = {"method": "wiener", "scale": self.scale}
+        result = "given"
         if self.scale == "evidence":
             scale, result = _likely_scale(problem, power, self.path)
             power = scale[:, None] * power
@@ -139,7 +141,8 @@ class Wiener(eqx.Module):
             f"rms_{c}_Pa": float(np.sqrt(half_spectrum_weights(problem.line.n) @ s))
             for c, s in zip("pq", np.asarray(power), strict=False)
         }
-        return solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
+        found = solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
+        return found.with_doubts(undetermined_weights(result))
 
 
 def _spectrum(name: str, given: Any) -> TractionSpectrum:
