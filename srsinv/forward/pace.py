@@ -248,8 +248,11 @@ def _until(way_s: float, rate_hz: float, paces: Sequence[Pace]) -> tuple[np.ndar
 def _travelled(time, paces: Sequence[Pace], xp: Any = np):
     """The factor's integral from time 0 [s], of which all panels end at samples and bends."""
     bends = [xp.minimum(bend, time[-1]) for pace in paces for bend in pace.bends_s]
-    ends = xp.concatenate([xp.asarray([0.0, *bends], time.dtype), time])
-    ends = xp.sort(ends) if bends else ends
+    zero = xp.zeros(1, time.dtype)
+    if bends:  # a sample comes before a bend at its time, whose derivative is not its own
+        ends = xp.sort(xp.concatenate([time, zero, xp.asarray(bends, time.dtype)]))
+    else:
+        ends = xp.concatenate([zero, time])
     middle, half = (ends[1:] + ends[:-1]) / 2, xp.diff(ends) / 2
     mean = xp.zeros_like(middle)
     for node, weight in zip(*np.polynomial.legendre.leggauss(NODES), strict=True):
@@ -258,5 +261,5 @@ def _travelled(time, paces: Sequence[Pace], xp: Any = np):
     travelled = running_sum(half * mean) if xp is np else xp.cumsum(half * mean)
     if not bends:  # every panel ends at a sample: millions need no search
         return travelled
-    travelled = xp.concatenate([xp.zeros(1, time.dtype), travelled])
+    travelled = xp.concatenate([zero, travelled])
     return travelled[xp.searchsorted(ends, time)]

@@ -98,7 +98,7 @@ class HalfSpace(Skin):
     def compliance(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
         """The surface's displacement into the finger per unit pressure exp(ikx), 2/(E* |k|) [m/Pa],
         for k > 0 (docs/physics.md, section 10)."""
-        # One by one: the square of a stiff skin's E* k, in the derivative, is beyond single precision.
+        # One by one: the square of a stiff E* k, in the derivative, is beyond single precision.
         return 2 / self.contact_modulus_Pa / jnp.abs(k)
 
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:

@@ -252,7 +252,8 @@ def test_stamps_that_rounding_repeats_are_refused():
     """At 1e9 s the next number is 1.2e-7 s off: samples at 20 MHz share their times."""
     time_s = 1e9 + np.arange(50) / 2e7
     found = timing(time_s)
-    assert found is not None and found.disorder
+    assert found is not None
+    assert found.disorder
     with pytest.raises(BadInput, match="must increase strictly"):
         Recording(np.zeros((1, 50)), time_s, np.full(50, 0.05), ("a",))
 
@@ -267,6 +268,7 @@ def test_repeated_positions_are_a_standstill(precision):
         speed, direction = np.asarray(moved.speed_m_per_s), np.asarray(moved.direction)
         still = Motion(time, np.full(400, 1e-3), np.zeros(400))
         nowhere = np.asarray(still.direction)
-    assert np.all(np.isfinite(speed)) and np.max(np.abs(speed[:300])) < 1e-9 * np.max(speed)
+    assert np.all(np.isfinite(speed))
+    assert np.max(np.abs(speed[:300])) < 1e-9 * np.max(speed)
     assert np.all(np.isin(direction, (-1.0, 1.0)))
     assert not nowhere.any()
