@@ -1,4 +1,4 @@
-"""Contact on a quarter of a million cells: the conditions of contact themselves are the reference."""
+"""Contact on a quarter of a million cells, against the conditions of contact themselves."""
 
 import jax
 import jax.numpy as jnp
