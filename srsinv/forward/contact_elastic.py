@@ -1,7 +1,8 @@
 """The pressure under a rigid profile pressed into an elastic skin: compliance real and positive.
 
 Pressure is held as its deviation from the nominal one, so that features far smaller than the load
-keep their digits. Heights [m] have no mean; `compliance` [m/Pa] is that of cells, zero at k = 0.
+keep their digits. Heights [m] are measured from the highest crest, so that a slight contact keeps
+its own; `compliance` [m/Pa] is that of cells, zero at k = 0.
 """
 
 from typing import NamedTuple
@@ -17,9 +18,14 @@ MOST_STEPS = 1000
 DERIVATIVE_STEPS = 500
 
 
+def rounding(dtype) -> float:
+    """What rounding may leave of the gap, over the displacement's range."""
+    return 40 * float(jnp.finfo(dtype).eps)
+
+
 def least_error(dtype) -> float:
-    """What the gap's error over the profile's height has to reach."""
-    return max(1e-10, 40 * float(jnp.finfo(dtype).eps))
+    """What the gap's error has to reach, in the measure of `gap_and_error`."""
+    return max(1e-10, rounding(dtype))
 
 
 def times(spectrum: Inexact[Array, " k"], values: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -34,17 +40,26 @@ def _stiffness(compliance: Float[Array, " k"]) -> Float[Array, " k"]:
 
 
 def gap_and_error(height, nominal, moved, deviation):
-    """The gap, zero on average where the skin touches, and its error over the profile's height."""
+    """The gap, zero on average where the skin touches, and its error: over the displacement's
+    range, and with the pressure over the nominal one, over the profile's height."""
     touching = touches(nominal, deviation)
     gap = moved - height
     gap = gap - jnp.sum(jnp.where(touching, gap, 0.0)) / jnp.maximum(jnp.sum(touching), 1)
-    # Weighed by the pressure, so that p gap is small beside the load too.
-    weight = jnp.maximum(1.0, 1.0 + deviation / jnp.where(nominal > 0, nominal, 1.0))
-    wrong = jnp.max(jnp.where(touching, weight * jnp.abs(gap), jnp.maximum(-gap, 0.0)))
-    span = jnp.ptp(height)
-    return gap, jax.lax.stop_gradient(
-        jnp.where(span > 0, wrong / jnp.where(span > 0, span, 1), 0.0)
-    )
+    off = jnp.where(touching, jnp.abs(gap), jnp.maximum(-gap, 0.0))
+    # A slight contact displaces far less than the profile is high.
+    span, reach = jnp.ptp(height), jnp.ptp(moved)
+    wrong = jnp.max(off) / _or_one(jnp.where(reach > 0, reach, span))
+    # So that p gap is small beside the load times the height too, as far as rounding lets it be
+    # under a high peak.
+    weight = jnp.where(touching, 1.0 + deviation / _or_one(nominal), 0.0)
+    share = rounding(gap.dtype) / least_error(gap.dtype)
+    work = jnp.max(weight * off) / _or_one(jnp.maximum(span, share * jnp.max(weight) * reach))
+    return gap, jax.lax.stop_gradient(jnp.where(span > 0, jnp.maximum(wrong, work), 0.0))
+
+
+def _or_one(value):
+    """The divisor `value`, one where it is not positive."""
+    return jnp.where(value > 0, value, 1.0)
 
 
 def touches(nominal, deviation):
@@ -180,7 +195,9 @@ def derivative(primals, tangents, deviation, solve_on):
     _, nominal, compliance = primals
     d_height, d_nominal, d_compliance = tangents
     touching = touches(nominal, deviation)
-    share = jnp.where(touching, 1.0, 0.0) / jnp.maximum(jnp.mean(touching), 1 / touching.size)
+    # In the pressure's own precision: the mean of truths is single in either.
+    inside = touching.astype(deviation.dtype)
+    share = inside / jnp.maximum(jnp.mean(inside), 1 / touching.size)
     # The load changes evenly over the contact, and what balances has no net force.
     even = d_nominal * (share - 1)
     wanted = d_height - times(d_compliance, deviation) - times(compliance, even)

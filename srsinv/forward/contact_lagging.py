@@ -60,36 +60,39 @@ def pressed(height, nominal, compliance):
 
 
 class _State(NamedTuple):
-    target: Float[Array, " n"]
+    lag: Float[Array, " n"]
     deviation: Float[Array, " n"]
     residual: Float[Array, ""]
+    enough: Float[Array, ""]
     steps: Float[Array, ""]
     rounds: Float[Array, ""]
 
 
 def _rounds(height, nominal, compliance):
-    """Partial contact: elastic ones on `target`, each started from the one before."""
+    """Partial contact: elastic ones on the target h + `lag`, each started from the one before."""
     size, turned = jnp.abs(compliance), _turned(compliance)
     # Half of what is asked for, so that rounding elsewhere does not say otherwise.
     goal = least_error(height.dtype) / 2
-    share, span = _share(turned), jnp.ptp(height)
+    share = _share(turned)
 
     def going(at: _State):
         return (at.residual > goal) & (at.rounds < MOST_ROUNDS) & (nominal > 0)
 
     def step(at: _State) -> _State:
-        # The elastic contact's own error is over the target's height.
-        wide = jnp.maximum(jnp.ptp(at.target), span)
-        per_target = span / jnp.where(wide > 0, wide, 1.0)
-        enough = share * per_target * jnp.maximum(at.residual, goal)
-        deviation, steps = iterate(at.target, nominal, size, at.deviation, ROUND_STEPS, enough)
-        _, residual = gap_and_error(height, nominal, times(compliance, deviation), deviation)
-        reflected = height + 2 * times(size, deviation) - at.target
-        target = height + times(turned, reflected)
-        return _State(target, deviation, residual, at.steps + steps, at.rounds + 1)
+        target = height + at.lag
+        deviation, steps = iterate(target, nominal, size, at.deviation, ROUND_STEPS, at.enough)
+        moved, elastic = times(compliance, deviation), times(size, deviation)
+        _, residual = gap_and_error(height, nominal, moved, deviation)
+        # The elastic contact's own error is over its own displacement.
+        reach, wide = jnp.ptp(moved), jnp.ptp(elastic)
+        per_elastic = reach / jnp.where(wide > 0, wide, 1.0)
+        enough = share * per_elastic * jnp.maximum(residual, goal)
+        # h + 2 |C| p - t without the height: what a slight contact adds to it is far smaller.
+        lag = times(turned, 2 * elastic - at.lag)
+        return _State(lag, deviation, residual, enough, at.steps + steps, at.rounds + 1)
 
-    zero = jnp.zeros((), height.dtype)
-    first = _State(height, jnp.zeros_like(height), jnp.full_like(zero, jnp.inf), zero, zero)
+    zero, none = jnp.zeros((), height.dtype), jnp.zeros_like(height)
+    first = _State(none, none, jnp.full_like(zero, jnp.inf), share, zero, zero)
     end = jax.lax.while_loop(going, step, first)
     return end.deviation, end.steps
 

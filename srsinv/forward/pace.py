@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 
 from ..errors import number, refuse
 from ..grid import Scalar
+from ..sums import running_sum
 from .scan import MIN_SAMPLES, Motion
 
 MOST_SAMPLES = 2**22
@@ -247,10 +248,18 @@ def _until(way_s: float, rate_hz: float, paces: Sequence[Pace]) -> tuple[np.ndar
 def _travelled(time, paces: Sequence[Pace], xp: Any = np):
     """The factor's integral from time 0 [s], of which all panels end at samples and bends."""
     bends = [xp.minimum(bend, time[-1]) for pace in paces for bend in pace.bends_s]
-    ends = xp.sort(xp.concatenate([time, xp.asarray([0.0, *bends], time.dtype)]))
+    zero = xp.zeros(1, time.dtype)
+    if bends:  # a sample comes before a bend at its time, whose derivative is not its own
+        ends = xp.sort(xp.concatenate([time, zero, xp.asarray(bends, time.dtype)]))
+    else:
+        ends = xp.concatenate([zero, time])
     middle, half = (ends[1:] + ends[:-1]) / 2, xp.diff(ends) / 2
     mean = xp.zeros_like(middle)
     for node, weight in zip(*np.polynomial.legendre.leggauss(NODES), strict=True):
         mean = mean + weight * _factor(middle + node * half, paces, xp)
-    travelled = xp.concatenate([xp.zeros(1, time.dtype), xp.cumsum(half * mean)])
+    # jax adds up in pairs of pairs by itself.
+    travelled = running_sum(half * mean) if xp is np else xp.cumsum(half * mean)
+    if not bends:  # every panel ends at a sample: millions need no search
+        return travelled
+    travelled = xp.concatenate([zero, travelled])
     return travelled[xp.searchsorted(ends, time)]

@@ -12,6 +12,7 @@ from ..errors import number, refuse
 from ..grid import Line, as_real
 
 MIN_SAMPLES = 3
+LOST = 1e-3  # of the shortest interval: what rounding the times may take off one
 
 
 class ConstantSpeed(eqx.Module):
@@ -49,7 +50,9 @@ class ConstantSpeed(eqx.Module):
 class Motion(eqx.Module):
     """Sliding as measured: where the sensor stands, x(t), and how fast it moves, u(t) = dx/dt.
 
-    - `time_s` (sample,): strictly increasing, from any origin, evenly spaced or not.
+    - `time_s` (sample,): strictly increasing, from any origin, evenly spaced or not. Kept from the
+      first sample on where the origin is so far off that the precision worked in would round the
+      intervals.
     - `position_m`, `speed_m_per_s` (sample,): both as measured. [`Motion.from_speed`][] and
       [`Motion.from_position`][] make one from the other.
 
@@ -64,7 +67,7 @@ class Motion(eqx.Module):
 
     def __init__(self, time_s, position_m, speed_m_per_s):
         _check_columns(time_s=time_s, position_m=position_m, speed_m_per_s=speed_m_per_s)
-        self.time_s, self.position_m = as_real(time_s), as_real(position_m)
+        self.time_s, self.position_m = _told_apart(time_s), as_real(position_m)
         self.speed_m_per_s = as_real(speed_m_per_s)
 
     @classmethod
@@ -150,6 +153,16 @@ def _check_columns(**columns) -> None:
             f"scan.time_s must increase strictly, but sample {at + 2} ({time[at + 1]} s) does not "
             f"come after sample {at + 1} ({time[at]} s): drop or reorder the samples.",
         )
+
+
+def _told_apart(time_s) -> Float[Array, " sample"]:
+    """The times in the precision worked in, in which a clock's 1e9 s would hide every interval."""
+    if isinstance(time_s, Tracer):
+        return as_real(time_s)
+    time = np.asarray(time_s, dtype=float)
+    interval, rounded = np.diff(time), time.astype(jnp.result_type(float)).astype(float)
+    off = np.max(np.abs(np.diff(rounded) - interval))
+    return as_real(time - time[0] if off > LOST * np.min(interval) else time_s)
 
 
 def _spline(time_s, values, degree: int) -> BSpline:

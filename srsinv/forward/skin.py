@@ -98,7 +98,8 @@ class HalfSpace(Skin):
     def compliance(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
         """The surface's displacement into the finger per unit pressure exp(ikx), 2/(E* |k|) [m/Pa],
         for k > 0 (docs/physics.md, section 10)."""
-        return 2 / (self.contact_modulus_Pa * jnp.abs(k))
+        # One by one: the square of a stiff E* k, in the derivative, is beyond single precision.
+        return 2 / self.contact_modulus_Pa / jnp.abs(k)
 
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
         """Stress [Pa/Pa] at `depth_m` per unit traction exp(ikx) (docs/physics.md, section 2)."""

@@ -12,7 +12,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Complex, Float, PRNGKeyArray
 
-from ..errors import number
+from ..errors import number, refuse
 from ..grid import Line, as_real
 from .amplifier import Amplifier
 from .filter import Filter
@@ -25,6 +25,7 @@ MOST_TERMS = 512  # of the films' response over the contact, in Chebyshev polyno
 LOST = 1e-10  # of the response, by what terms there are where the contact is shorter
 BLOCK = 128  # events drawn at once
 MOST_PER_S = 1e6
+MOST_DEPTHS = 200  # of contact: beyond, panels and terms miss what the shallowest film feels
 
 
 class SnapBack(Drawn):
@@ -40,8 +41,8 @@ class SnapBack(Drawn):
     rest, nor without a contact. The film's effects act as on a load, so that an average of
     neighbouring samples, which is one over time, has no meaning here.
 
-    Raises `BadInput` for a rate, shear or contact below 0, more than 10^6 events a second, and a
-    patch or decay that is not positive.
+    Raises `BadInput` for a rate, shear or contact below 0, more than 10^6 events a second, a patch
+    or decay that is not positive, and a contact of more than 200 depths of the shallowest film.
     """
 
     charge: FilmSignal
@@ -72,6 +73,7 @@ class SnapBack(Drawn):
         number("noise patch_m", patch_m, "a positive length in metres", above=0)
         number("noise decay_s", decay_s, "a positive time in seconds", above=0)
         number("noise contact_m", contact_m, "a length in metres that is at least 0", least=0)
+        _refuse_wide(contact_m, [film.depth_m for film in charge.elements])
         self.rate_hz, self.shear_Pa = as_real(rate_hz), as_real(shear_Pa)
         self.patch_m, self.decay_s = as_real(patch_m), as_real(decay_s)
         self.contact_m = as_real(contact_m)
@@ -189,6 +191,17 @@ class SnapBack(Drawn):
         # 1 - exp(-ratio - ik cell), without cancelling where the decay is slow.
         kept = -jnp.expm1(-ratio) + jnp.exp(-ratio) * difference
         return (difference if self._is_rate else 1.0) / kept
+
+
+def _refuse_wide(contact_m, depths_m) -> None:
+    if any(isinstance(value, Tracer) for value in (contact_m, *depths_m)):
+        return
+    most = MOST_DEPTHS * min(float(depth) for depth in depths_m)
+    refuse(
+        float(contact_m) > most,
+        f"noise contact_m is {float(contact_m):.6g}: give at most {most:.6g} m, {MOST_DEPTHS} "
+        "times the depth of the shallowest film.",
+    )
 
 
 def _terms(contact_m, depths_m) -> int:
