@@ -105,7 +105,7 @@ def _cell(method: Any, problem: Problem, truth: np.ndarray) -> Cell:
         return _refused(str(refused))
     there = seen(problem)
     wanted = deviation(truth, there)
-    wrong = deviation(estimate.value, there) - wanted
+    wrong = deviation(np.asarray(estimate.value), there) - wanted
     size = np.linalg.norm(wanted, axis=-1)
     stderr = np.asarray(estimate.stderr, float)[:, there]
     share = np.abs(wrong) / np.where(stderr > 0, stderr, np.nan)
@@ -203,7 +203,7 @@ def _sections(ds: xarray.Dataset, found: Found, labels, methods, table) -> tuple
         return matrices(shown, labels, methods, f"error of {component} [%]", (1.0, 1e3))
 
     def over_band():
-        shown = panels(_worst(ds["error_over_band"].values), "{:.1f}")
+        shown = panels(_worst(ds["error_over_band"].values), "{:.2g}")
         label = "rms error of p or q, the larger, over its standard error"
         return matrices(shown, labels, methods, label, (0.1, 1e2))
 

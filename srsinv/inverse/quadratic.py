@@ -154,7 +154,7 @@ def _doubts(
 ) -> tuple[str, ...]:
     told, noise = np.asarray(solution.told, float), np.asarray(problem.noise)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging))
-    shortest = np.abs(np.fft.rfft(averaging))[:, -1]
+    shortest = np.abs(np.fft.rfft(averaging.astype(float)))[:, -1]
     squares = np.asarray(shown.over_prior, float)
     columns = COMPONENTS[: problem.unknowns], told, squares, shortest
     each = list(zip(*columns, strict=True))
@@ -164,7 +164,7 @@ def _doubts(
     # With samples missing, what is whitened over the gaps as zeros is so for white noise alone.
     whitened = problem.observed is None or not np.ptp(noise[1:])
     shared = ()
-    if problem.unknowns > 1:
+    if problem.unknowns > 1 and told.sum() >= doubt.LEAST_TOLD:
         gain, root = (np.asarray(part)[..., 1:] for part in _felt(problem, prior))
         step = -(-gain.shape[-1] // MOST_WAVES)
         gain, root = np.moveaxis(gain[..., ::step], -1, 0), root[:, ::step].T
