@@ -31,19 +31,39 @@ def prior_alone(name: str, told: float, cells: int) -> Sequence[str]:
 def shared_out(gain: np.ndarray, root: np.ndarray, cells: int) -> Sequence[str]:
     """Of p and q felt through one mix alone.
 
-    `gain` (k, e, c) is the model over the noise, `root` (k, c) the prior's. Of the second singular
-    direction of each wavenumber the signal tells s^2/(s^2 + its prior precision) numbers.
+    `gain` (e, 2, k) is the model over the noise, `root` (2, k) the prior's. Of the second singular
+    direction v of each wavenumber the signal tells s^2/(s^2 + v^H P v) numbers.
     """
-    _, s, v = np.linalg.svd(gain.astype(complex), full_matrices=False)
-    held = np.sum(np.abs(v[:, 1]) ** 2 * root.astype(float) ** 2, axis=-1)
-    square = s[:, 1] ** 2
-    told = cells * np.mean(square / np.maximum(square + held, np.finfo(float).tiny))
+    small, of_p = _singular(gain.astype(complex))
+    held = of_p * root[0].astype(float) ** 2 + (1 - of_p) * root[1].astype(float) ** 2
+    told = cells * np.mean(small / np.maximum(small + held, np.finfo(float).tiny))
     if told >= LEAST_TOLD:
         return ()
     return (
         "The elements feel one mix of p and q alone, and how it is shared out is the prior's: "
         f"the signal tells {told:.2g} numbers of their difference.",
     )
+
+
+def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of (e, 2, k): the second singular value squared, and the share of p in its direction.
+
+    The product of both values is what is left of the smaller column beside the larger one, so that
+    it keeps its digits where both are nearly one.
+    """
+    squares = np.sum(np.abs(gain) ** 2, axis=0)
+    first = np.where(squares[0] >= squares[1], 0, 1)
+    a, b = (np.take_along_axis(gain, at[None, None], 1)[:, 0] for at in (first, 1 - first))
+    size, total = squares.max(axis=0), squares.sum(axis=0)
+    safe = np.where(size > 0, size, 1.0)
+    for _ in range(2):  # the second sweep restores the orthogonality that the first one loses
+        b = b - a * np.sum(a.conj() * b, axis=0) / safe
+    product = size * np.sum(np.abs(b) ** 2, axis=0)
+    large = (total + np.sqrt(np.maximum(total**2 - 4 * product, 0.0))) / 2
+    small = product / np.where(large > 0, large, 1.0)
+    between = large - small
+    of_p = np.where(between > 0, (large - squares[0]) / np.where(between > 0, between, 1.0), 0.5)
+    return small, np.clip(of_p, 0.0, 1.0)
 
 
 def beyond_prior(name: str, squares: float, told: float) -> Sequence[str]:
@@ -79,15 +99,15 @@ def beyond_cells(name: str, resolution: float) -> Sequence[str]:
 
 
 def missing(share: float, stderr_with_all: bool) -> Sequence[str]:
-    """Of samples of which `share` is missing, and standard errors that are perhaps those with every
-    sample there."""
+    """Of samples of which `share` is missing within the scan, and standard errors that are perhaps
+    those with every sample there."""
     words = []
     if share > FEW_MISSING:
         words.append(
             f"{100 * share:.3g} % of the samples are missing: if their size took them out (rails), "
             "what was strongest is not in the answer."
         )
-    if share > 0 and stderr_with_all:
+    if stderr_with_all:
         words.append(
             "The band is that with every sample there, too narrow where some are missing: "
             "path=direct gives their own."

@@ -69,11 +69,14 @@ def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
     right = jax.vmap(normal.right_side)(signals)
     found, steps, fine = jax.vmap(lambda b: _conjugate_gradients(normal, b, tolerance))(right)
     value, averaging = found[0], found[1:].swapaxes(0, 1)
+    # As of the nearest periodic problem, over the cells that have samples.
+    told = spectral.told_of(spectral.resolution_of(problem, factor), n)
+    if problem.observed is not None:
+        told = told * jnp.mean(jnp.any(problem.observed, axis=0))
     covariance = jnp.einsum("ijk,ljk->ilk", factor.inverse, factor.inverse.conj())
     if not problem.forward.is_circular:  # of the deviation from the mean, as on the direct path
         factor = factor._replace(inverse=factor.inverse.at[..., 0].set(0.0))
     stderr = spectral.stationary_stderr(factor, n)
-    told = n * jnp.einsum("ccn->cn", averaging)[:, n // 2]  # as in the middle cell
     size = _condition(problem, prior)
     return Solution(value, stderr, covariance, averaging, told, size), steps[0], jnp.all(fine)
 

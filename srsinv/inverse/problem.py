@@ -240,7 +240,8 @@ class Estimate(eqx.Module):
     - `value` (2, n): p and q [Pa]; `stderr` (2, n): posterior standard error [Pa] of the value
       where its mean is in the signal, else of its deviation from the mean (on an open line: over
       the stretch with samples).
-    - `covariance`: (c, c, k) per wavenumber on the spectral path, (c n, c n) on the iterative one.
+    - `covariance`: (c, c, k) per wavenumber on the spectral and the iterative path, (c n, c n) on
+      the direct one.
     - `result`: "converged", or what did not work; `doubts`: sentences on what speaks against the
       bands (see doubt.py); `stats`: numbers of the solution (iterations, weights, and `told_p`,
       `told_q`, how many numbers of each the signal tells).

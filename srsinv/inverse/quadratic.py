@@ -25,7 +25,6 @@ DIRECT_LIMIT = 4096
 # and more were seen, some 70 times the condition's round-off. Of conjugate gradients', in units of
 # its root: beyond, a residual of 1e-10 was seen on values wrong by their own size.
 TRUSTED, TRUSTED_ITERATIVE = {"float64": 6e11, "float32": 1.7e4}, 0.3
-MOST_WAVES = 64  # that are looked at for a doubt
 PATHS = ("auto", "spectral", "direct", "iterative")
 
 
@@ -166,8 +165,6 @@ def _doubts(
     shared = ()
     if problem.unknowns > 1 and told.sum() >= doubt.LEAST_TOLD:
         gain, root = (np.asarray(part)[..., 1:] for part in _felt(problem, prior))
-        step = -(-gain.shape[-1] // MOST_WAVES)
-        gain, root = np.moveaxis(gain[..., ::step], -1, 0), root[:, ::step].T
         shared = doubt.shared_out(gain, root, problem.line.n)
     return (
         *shared,
@@ -176,8 +173,17 @@ def _doubts(
         *(s for name, _, _, kept in each for s in doubt.beyond_cells(name, kept)),
         *(doubt.beyond_noise(float(shown.over_noise), left) if whitened else ()),
         *doubt.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
-        *doubt.missing(1 - problem.samples / problem.data.size, path == "iterative"),
+        *doubt.missing(_missing(problem), path == "iterative" and problem.observed is not None),
     )
+
+
+def _missing(problem: Problem) -> float:
+    """The share of samples missing between the first and the last cell that has any."""
+    if problem.observed is None:
+        return 0.0
+    there = np.asarray(problem.observed)
+    seen = np.flatnonzero(there.any(axis=0))
+    return float(1 - there[:, seen[0] : seen[-1] + 1].mean())
 
 
 @eqx.filter_jit

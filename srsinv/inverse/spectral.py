@@ -37,16 +37,15 @@ def solve(problem: Problem, prior: Prior) -> Solution:
     factor = factorise(problem, prior)
     top = factor.q[:elements].conj()
     data = problem.whitener * jnp.fft.rfft(problem.data)
-    forward = problem.forward.transfer * problem.whitener
     value = jnp.einsum("ijk,ejk,ek->ik", factor.inverse, top, data)
-    resolution = jnp.einsum("ijk,ejk,edk->idk", factor.inverse, top, forward)
+    resolution = resolution_of(problem, factor)
     covariance = jnp.einsum("ijk,ljk->ilk", factor.inverse, factor.inverse.conj())
     return Solution(
         jnp.fft.irfft(value, n),
         stationary_stderr(factor, n),
         covariance,
         jnp.roll(jnp.fft.irfft(resolution, n), n // 2, axis=-1),
-        n * jnp.einsum("iik,k->i", resolution, half_spectrum_weights(n)).real,
+        told_of(resolution, n),
         factor.condition,
     )
 
@@ -80,6 +79,18 @@ def factorise(problem: Problem, prior: Prior) -> Factor:
     rows = jnp.concatenate([forward, penalty.astype(forward.dtype)])
     keep = jnp.ones(rows.shape[1:], bool).at[:, 0].set(~problem.centred)
     return _gram_schmidt(jnp.where(keep, rows, 0.0))
+
+
+def resolution_of(problem: Problem, factor: Factor) -> Complex[Array, "c c k"]:
+    """What the estimate of the nearest periodic problem keeps of each wave."""
+    forward = problem.forward.circulant().transfer * problem.whitener
+    top = factor.q[: forward.shape[0]].conj()
+    return jnp.einsum("ijk,ejk,edk->idk", factor.inverse, top, forward)
+
+
+def told_of(resolution: Complex[Array, "c c k"], n: int) -> Float[Array, " c"]:
+    """How many numbers of each component that tells, its trace over n cells."""
+    return n * jnp.einsum("iik,k->i", resolution, half_spectrum_weights(n)).real
 
 
 def stationary_stderr(factor: Factor, n: int) -> Float[Array, "c n"]:

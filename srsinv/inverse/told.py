@@ -50,7 +50,7 @@ def _strength(name: str, feature: Feature, fit: Fit) -> float:
 def _gain(fit: Fit) -> float:
     """By how much the features bring chi squared down, constants taken out."""
     white = fit.whitened + fit.whitened_signal()
-    constant = [i for i, name in enumerate(fit.names) if name.startswith("offset")]
+    constant = [i for i, name in enumerate(fit.names) if name.partition("[")[0] == "offset"]
     if constant:
         basis, _ = np.linalg.qr(fit.jacobian[:, constant])
         white = white - basis @ (basis.T @ white)

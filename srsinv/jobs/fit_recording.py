@@ -59,7 +59,7 @@ def measured(cfg: build.Config) -> Measured:
     spacing = float(np.max(np.abs(recording.speed_m_per_s))) / recording.sample_rate_hz
     refuse(
         bool(np.all(np.nanmax(recording.signal, axis=-1) == np.nanmin(recording.signal, axis=-1))),
-        f"{recording.name}: every sample of a channel is the same (at the recorder's rail, or not "
+        f"{recording.name}: every channel has one value throughout (at the recorder's rail, or not "
         "connected), so that there is nothing to fit: record it again within the range.",
     )
     rms = white_rms(cfg, recording, float(sensor.depth_m), spacing)

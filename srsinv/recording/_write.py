@@ -6,13 +6,14 @@ import json
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from srsinv.errors import BadInput, refuse
+from srsinv.scratch import abandoned
 
 from ._recording import POSITION, SPEED, TIME, Recording
 
@@ -94,26 +95,14 @@ def _whole(path: Path) -> Iterator[Path]:
     """A scratch file in the folder of `path` that takes its place once it is written."""
     scratch = path.with_name(f".{path.name}.{os.getpid()}")
     for left_over in path.parent.glob(f".{glob.escape(path.name)}.*"):
-        if not _runs(left_over.suffix[1:]):
-            left_over.unlink(missing_ok=True)
+        if abandoned(left_over.suffix[1:]):
+            with suppress(OSError):  # another user's
+                left_over.unlink(missing_ok=True)
     try:
         yield scratch
         os.replace(scratch, path)
     finally:
         scratch.unlink(missing_ok=True)
-
-
-def _runs(process: str) -> bool:
-    """Whether a process of this number may be running; one that was killed is not."""
-    if os.name != "posix" or not process.isdigit():
-        return True
-    try:
-        os.kill(int(process), 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True
-    return True
 
 
 _WRITERS = {".csv": _save_csv, ".nc": _save_netcdf}

@@ -4,6 +4,7 @@ The same outcome gives the same bytes: no date, no random name, no version of a 
 """
 
 import base64
+import errno
 import glob
 import json
 import math
@@ -21,6 +22,7 @@ import xarray
 from matplotlib.figure import Figure
 
 from .. import __version__
+from ..scratch import abandoned
 from .outcome import Outcome, Section, Table
 from .text import format_value, is_numeric
 
@@ -62,11 +64,12 @@ def _staged(folder: Path) -> Iterator[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     folder = folder.resolve()
     # Beside the folder, which a run that is killed then leaves empty, where that is possible.
-    beside = os.access(folder.parent, os.W_OK) and not folder.is_mount()
+    beside = os.access(folder.parent, os.W_OK) and not folder.is_mount() and folder != Path.cwd()
     home, prefix = (folder.parent, f".{folder.name}.writing-") if beside else (folder, ".writing-")
     for left_over in home.glob(f"{glob.escape(prefix)}*"):  # by a run that was killed
-        shutil.rmtree(left_over, ignore_errors=True)
-    stage = Path(tempfile.mkdtemp(prefix=prefix, dir=home))
+        if abandoned(left_over.name[len(prefix) :].partition("-")[0]):
+            shutil.rmtree(left_over, ignore_errors=True)
+    stage = Path(tempfile.mkdtemp(prefix=f"{prefix}{os.getpid()}-", dir=home))
     try:
         yield stage
         stage.chmod(folder.stat().st_mode)
@@ -83,7 +86,15 @@ def _replace(stage: Path, folder: Path) -> None:
     for path in sorted(files, key=lambda path: (path.name == "metrics.json", path)):
         target = folder / path.relative_to(stage)
         target.parent.mkdir(exist_ok=True)
-        os.replace(path, target)
+        try:
+            os.replace(path, target)
+        except OSError as error:
+            if error.errno != errno.EXDEV:
+                raise
+            # A folder that is mounted there, though it does not look so: a copy takes its place.
+            copy = target.with_name(f".{target.name}.writing")
+            shutil.copyfile(path, copy)
+            os.replace(copy, target)
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from srsinv.forward.film import Film
+from srsinv.inverse import doubt
 from srsinv.inverse.rule import Discrepancy
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
@@ -39,19 +40,26 @@ CALLED = {
 @pytest.mark.parametrize("words", CALLED)
 def test_a_doubt_is_said_where_it_is_due(words):
     method, problem = CALLED[words]
-    assert any(doubt.startswith(words) for doubt in method(problem()).doubts)
+    assert any(each.startswith(words) for each in method(problem()).doubts)
 
 
 def test_waves_shorter_than_cells_are_doubted():
     doubts = WIENER(make_case(films=SHALLOW, noise_share=1e-4).problem).doubts
-    assert any("down to waves of two cells" in doubt for doubt in doubts)
+    assert any("down to waves of two cells" in each for each in doubts)
+
+
+def test_cells_beyond_the_scan_are_no_missing_samples():
+    there = np.ones((2, 48), bool)
+    there[:, :10] = there[:, -10:] = False
+    doubts = WIENER(make_case("open", noise_share=0.1, observed=there).problem).doubts
+    assert not any("samples are missing" in each for each in doubts)
 
 
 def test_missing_samples_are_doubted():
     problem = make_case("open", observed=gaps()).problem
     assert any("samples are missing" in doubt for doubt in WIENER(problem).doubts)
     iterative = Wiener(P, Q, path="iterative")(problem)
-    assert any("path=direct gives their own" in doubt for doubt in iterative.doubts)
+    assert any("path=direct gives their own" in each for each in iterative.doubts)
 
 
 def test_a_plain_case_is_not_doubted():
@@ -74,6 +82,25 @@ def test_draws_from_the_model_itself_are_hardly_ever_doubted(path):
         estimate = method(eqx.tree_at(lambda p: p.data, problem, jnp.asarray(data)))
         doubted += bool(estimate.doubts)
     assert doubted == 0
+
+
+def test_the_second_direction_is_that_of_a_singular_value_decomposition():
+    """To round-offs of the larger direction, for columns that are from far apart to nearly one."""
+    rng = np.random.default_rng(0)
+    gain = rng.normal(size=(3, 2, 60)) + 1j * rng.normal(size=(3, 2, 60))
+    gain[:, 1] = (1 + 1j) * gain[:, 0] + gain[:, 1] * np.logspace(-12, 3, 60)
+    small, of_p = doubt._singular(gain)
+    _, sizes, turned = np.linalg.svd(np.moveaxis(gain, -1, 0), full_matrices=False)
+    np.testing.assert_allclose(np.sqrt(small), sizes[:, 1], rtol=1e-9, atol=1e-15 * sizes.max())
+    np.testing.assert_allclose(of_p, np.abs(turned[:, 1, 0]) ** 2, atol=1e-13)
+
+
+def test_what_is_told_is_so_with_samples_missing():
+    """The iterative path's is that of the nearest periodic problem over the cells that are seen."""
+    problem = make_case(observed=gaps(), noise_share=0.1).problem
+    exact, near = (Wiener(P, Q, path=path)(problem).stats for path in ("direct", "iterative"))
+    for name in ("told_p", "told_q"):
+        assert near[name] == pytest.approx(exact[name], rel=0.25)
 
 
 @pytest.mark.parametrize("path", ["spectral", "direct", "iterative"])

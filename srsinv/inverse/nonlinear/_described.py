@@ -86,7 +86,9 @@ class Fit:
         misfit = self._misfit
         seen = misfit.whiten.seen(misfit.y.shape)
         signal = np.where(seen, np.asarray(misfit.y) - self.residual, 0.0)
-        unit = 1.0 if self.noise_rms is None else float(misfit.scale)
+        # Where the level alone is not known, neither is in units of it.
+        level_counts = misfit.is_robust or misfit.prior_mean is not None
+        unit = float(misfit.scale) if self.noise_rms is not None and level_counts else 1.0
         return np.asarray(misfit.whiten(as_real(signal)), float) / unit
 
     def derive(
