@@ -30,7 +30,7 @@ from srsinv.jobs import build
 from srsinv.jobs.simulation import noisy_problem, simulation
 
 RUNS, WARM = 1000, 200
-EACH = 8  # runs of the same numbers with other noise
+EACH = 16  # runs of the same numbers with other noise
 MOST_GROWTH_BYTES = 16 * 2**20  # 20 kB a run: less than any compiled program takes
 COMPILED = "/jax/core/compile/backend_compile_duration"
 GRID = ("grid.cells=32", "grid.refinement=2", "grid.length_m=0.012", "grid.start_m=-0.006")
