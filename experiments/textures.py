@@ -104,7 +104,7 @@ def _slid(cfg: build.Config) -> Slid:
         for key in ("pressure_Pa", "light_pressure_Pa")
     ]
     surfaces = {
-        name: build.make(node, f"textures.surfaces.{name}", Rough) for name, node in named.items()
+        name: build.make(node, f"textures.surfaces.{name}", "rough") for name, node in named.items()
     }
     felt = _Felt(cfg)
     stretch = number(
@@ -249,7 +249,7 @@ class _Felt:
             not isinstance(self.line, build.Periodic),
             "grid.line is open: a texture has no end, use grid.line=periodic.",
         )
-        self.skin: HalfSpace = build.make(cfg["skin"], "skin", HalfSpace)
+        self.skin: HalfSpace = build.make(cfg["skin"], "skin", "skin")
         self.cell_m, self.k = float(self.line.cell_m), np.asarray(self.line.k)
         self.unit = self.sensor.amplifier.unit
         stage = self.sensor.signal(self.scan)

@@ -8,6 +8,11 @@ the user has set in JAX_ENABLE_X64 is left as it is.
 import os
 import sys
 
+# `python -m srsinv` puts the current folder first on the import path, where a file named as one of
+# the standard library's modules would be run in its place. Only then is the first argument "-m".
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
+    del sys.path[0]
+
 if "JAX_ENABLE_X64" not in os.environ:
     os.environ["JAX_ENABLE_X64"] = "true"
     if "jax" in sys.modules:

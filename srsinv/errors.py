@@ -78,5 +78,8 @@ def is_number(value: Any) -> TypeGuard[float]:
 def shown(value: Any) -> str:
     """A wrong value as the configuration has it, cut short."""
     word = value is None or isinstance(value, bool)
-    text = {None: "null", True: "true", False: "false"}[value] if word else repr(value)
+    try:
+        text = {None: "null", True: "true", False: "false"}[value] if word else repr(value)
+    except (ValueError, RecursionError):  # a number of thousands of digits, or no end of brackets
+        return f"a {type(value).__name__} too long to show"
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

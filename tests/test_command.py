@@ -32,7 +32,7 @@ defaults:
   - override hydra/job_logging: none
   - override hydra/hydra_logging: none
 
-job: dummy_jobs.measure
+job: experiments.dummy.measure
 seed: 0
 loud: false
 recording: {path: null}
@@ -49,14 +49,14 @@ hydra:
 
 EXPERIMENTS = {
     "shown": "# Shows the clone's own job.\njob: experiments.shown.run\nseed: 7\n",
-    "constructed": "# Refuses.\njob: dummy_jobs.construct\n",
-    "faulty": "# Breaks.\njob: dummy_jobs.break_down\n",
+    "constructed": "# Refuses.\njob: experiments.dummy.construct\n",
+    "faulty": "# Breaks.\njob: experiments.dummy.break_down\n",
+    "packaged": "# Runs anywhere.\njob: srsinv.jobs.simulate.run\n",
     "lacking": "# Needs a value.\nneeded: ???\n",
     "dangling": "# Refers to nothing.\nseed: ${nothing.here}\n",
 }
 
 JOBS = """
-from hydra.utils import instantiate
 from srsinv.errors import BadInput, refuse
 from srsinv.report.outcome import Outcome, Section, Table
 import xarray
@@ -69,14 +69,18 @@ def measure(cfg):
     metrics = {"depth_m": depth_m, "seed": cfg["seed"]}
     return Outcome("A measurement", metrics, data, (), table)
 
-def reject(**_):
-    raise BadInput("gain is 0; give a gain above 0")
-
 def construct(cfg):
-    instantiate({"_target_": "dummy_jobs.reject"})
+    raise BadInput("gain is 0; give a gain above 0")
 
 def break_down(cfg):
     raise RuntimeError("a fault of ours")
+"""
+
+SHOWN = """
+from .dummy import measure
+
+def run(cfg):
+    return measure(cfg)
 """
 
 
@@ -96,15 +100,10 @@ def root(tmp_path, monkeypatch):
     for name, text in EXPERIMENTS.items():
         path = folders["configs"] / "experiment" / f"{name}.yaml"
         path.write_text(f"# @package _global_\n{text}")
-    (folders["experiments"] / "shown.py").write_text("from dummy_jobs import measure as run\n")
-    (tmp_path / "dummy_jobs.py").write_text(JOBS)
-    monkeypatch.syspath_prepend(tmp_path)
+    (folders["experiments"] / "shown.py").write_text(SHOWN)
+    (folders["experiments"] / "dummy.py").write_text(JOBS)
     monkeypatch.chdir(folders["away"])
-    yield folders["configs"]
-    for name in [
-        name for name in sys.modules if name.split(".")[0] in ("experiments", "dummy_jobs")
-    ]:
-        del sys.modules[name]
+    return folders["configs"]
 
 
 def files(folder="."):
@@ -193,9 +192,31 @@ REFUSALS = {
     "sensor@other=one": r"Could not override 'sensor@other'",
     "sensor.depth_m=-1": r"depth_m is -1, not above 0",
     "experiment=constructed": r"^srsinv: gain is 0; give a gain above 0$",
-    "job=nowhere.run": r"cannot find the job 'nowhere\.run' \(there is no module nowhere\)",
-    "job=dummy_jobs.absent": r"cannot find the job 'dummy_jobs\.absent'",
-    "hydra.run.dir=../dummy_jobs.py/a": r"cannot write to \.\./dummy_jobs\.py/a",
+    "job=3": r"job is 3, which is no function",
+    "job=nowhere.run": r"job is 'nowhere\.run', which is no function",
+    "job=os.system": r"job is 'os\.system', which is no function",
+    "job=experiments.dummy.absent": r"job is 'experiments\.dummy\.absent', which is no function",
+    "job=experiments.dummy.refuse": r"'experiments\.dummy\.refuse', which is no function",
+    "job=srsinv.errors.refuse": r"job is 'srsinv\.errors\.refuse', which is no function",
+    "hydra.run.dir=../experiments/dummy.py/a": r"cannot write to \.\./experiments/dummy\.py/a",
+    "+hydra.callbacks.x={_target_: os.system}": r"hydra\.callbacks names code",
+    "hydra.launcher._target_=os.system": r"hydra\.launcher would make 'os\.system': .*BasicLaunch",
+    "hydra.sweeper._target_=os.system": r"hydra\.sweeper would make 'os\.system'",
+    "hydra.searchpath=[pkg://json]": r"hydra\.searchpath is not for srsinv: .*--config-dir",
+    "hydra/job_logging=default": r"hydra\.job_logging sets up loggers",
+    "hydra.output_subdir=x": r"hydra\.output_subdir is not for srsinv",
+    "seed=-1": r"seed is -1: give a whole number",
+    "seed=1e400": r"seed is inf: give a whole number",
+    "seed=" + "[" * 3000: r"has 3005 characters in 3000 levels of brackets",
+    "seed=" + "1" * 200_000: r"has 200005 characters",
+    "recording.path=a\0b": r"characters that are no text",
+    "recording.path=a\udcff": r"characters that are no text",
+    "help": r"'help' is not key=value; type srsinv --help",
+    "version": r"'version' is not key=value; type srsinv --version",
+    "shown": r"'shown' is not key=value; type srsinv experiment=shown",
+    "--versio": r"unrecognized arguments: --versio",
+    "--multi": r"unrecognized arguments: --multi",
+    "--shell-completion": r"--shell-completion takes one of install=SHELL",
     "--bogus": r"unrecognized arguments: --bogus",
     "--config-name=other": r"--config-name is not for srsinv",
     "--config-dir=absent": r"--config-dir absent is not a folder",
@@ -229,8 +250,7 @@ class TestRefusals:
         ]
 
     def test_experiment_of_a_clone_without_the_clone(self, root, capsys):
-        (root.parent / "experiments" / "shown.py").unlink()
-        (root.parent / "experiments").rmdir()
+        (root.parent / "experiments").rename(root.parent / "elsewhere")
         assert main(["experiment=shown"], root) == 2
         assert "runs from a clone of the repository only" in one_sentence(capsys)
 
@@ -294,7 +314,7 @@ class TestHelp:
         assert main(["-h"], root) == 0
         text = capsys.readouterr().out
         assert "shown " not in text
-        assert "constructed" in text
+        assert "packaged" in text
 
     def test_of_the_real_command_is_quick_and_light(self, tmp_path):
         program = (

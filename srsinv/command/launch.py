@@ -4,13 +4,12 @@ Hydra composes, sweeps and launches. What it would leave behind when something i
 a sweep's record) is taken away again here, and its exit codes are ours.
 """
 
-import importlib
 import os
 import shlex
 import sys
 import traceback
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +27,9 @@ from hydra.core.utils import run_job
 from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from ..config import check_scalars, load_job
 from ..errors import BadInput, refuse
-from .help import experiments_folder
+from .hydra_settings import check_hydra_settings, check_search_path
 from .overrides import check, parse, refusing
 
 DONE, FAULT, REFUSED = 0, 1, 2
@@ -47,8 +47,12 @@ def launch(arguments: Sequence[str], root: Path) -> int:
     Raises `BadInput` for what cannot be composed; a job's own refusals are already said.
     """
     flags = _flags(arguments)
+    if flags.shell_completion:
+        return _complete(root, flags.overrides)
+    typed = parse(flags.overrides, root)
+    check_search_path(typed)
     flags.overrides = _with_config_folder(flags)
-    overrides = parse(flags.overrides)
+    overrides = parse(flags.overrides, root)
     with (
         refusing(),
         initialize_config_dir(str(root.resolve()), _run_name(overrides), version_base="1.3"),
@@ -59,6 +63,7 @@ def launch(arguments: Sequence[str], root: Path) -> int:
             return _show(hydra, flags)
         mode = RunMode.MULTIRUN if flags.multirun else RunMode.RUN
         config = hydra.compose_config("config", flags.overrides, run_mode=mode)
+        check_hydra_settings(config)
         folder = Path(config.hydra.sweep.dir if flags.multirun else config.hydra.run.dir)
         _check_folder(folder)
         context = HydraContext(config_loader=hydra.config_loader, callbacks=Callbacks(config))
@@ -76,9 +81,9 @@ class Task:
         """Run the job of a composed configuration; the exit code, with the reason printed."""
         try:
             self._run(config)
+        except BadInput as refusal:
+            return say(refusal)
         except Exception as error:
-            if refusal := _refusal_behind(error):
-                return say(refusal)
             traceback.print_exception(error)
             return FAULT
         return DONE
@@ -87,7 +92,8 @@ class Task:
         with refusing():
             settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
         settings = cast(dict[str, Any], settings)
-        job = _load_job(settings["job"], self.root)
+        check_scalars(settings)
+        job = load_job(settings["job"], self.root)
         outcome = job(settings)
 
         # After the job, whose module decides when jax and matplotlib are imported.
@@ -109,6 +115,7 @@ class Task:
 
 def _flags(arguments: Sequence[str]) -> Namespace:
     parser = get_args_parser()
+    parser.allow_abbrev = False
 
     def refuse_flag(message: str) -> NoReturn:
         raise BadInput(f"{message}; see srsinv --help and srsinv --hydra-help")
@@ -152,7 +159,7 @@ def _with_config_folder(flags: Namespace) -> list[str]:
 
 
 def _shows_only(flags: Namespace) -> bool:
-    return bool(flags.hydra_help or flags.cfg or flags.info or flags.shell_completion)
+    return bool(flags.hydra_help or flags.cfg or flags.info)
 
 
 def _show(hydra: Hydra, flags: Namespace) -> int:
@@ -161,10 +168,27 @@ def _show(hydra: Hydra, flags: Namespace) -> int:
         hydra.hydra_help("config", get_args_parser(), flags)
     elif flags.cfg:
         hydra.show_cfg("config", flags.overrides, flags.cfg, flags.package, flags.resolve)
-    elif flags.info:
-        hydra.show_info(flags.info, "config", flags.overrides)
     else:
-        hydra.shell_completion("config", flags.overrides)
+        hydra.show_info(flags.info, "config", flags.overrides)
+    return DONE
+
+
+def _complete(root: Path, words: list[str]) -> int:
+    """What a shell asks when Tab is pressed, or the lines that make it ask."""
+    commands = ("install", "uninstall", "query")
+    asked = [word for word in words if word.partition("=")[0] in commands and "=" in word]
+    refuse(
+        len(words) != 1 or not asked,
+        f"--shell-completion takes one of {'=SHELL, '.join(commands)}=SHELL, as install=bash.",
+    )
+    with (
+        refusing(),
+        initialize_config_dir(str(root.resolve()), "default", version_base="1.3"),
+    ):
+        try:
+            cast(Hydra, GlobalHydra.instance().hydra).shell_completion("config", words)
+        except ValueError as error:
+            raise BadInput(f"{' '.join(str(error).split())}; name one of those.") from error
     return DONE
 
 
@@ -233,29 +257,3 @@ def _no_empty_folders(folder: Path, inside: bool = False) -> Iterator[None]:
         for path in folders():
             if path not in before and not any(path.iterdir()):
                 path.rmdir()
-
-
-def _load_job(name: str, root: Path) -> Callable[[dict[str, Any]], Any]:
-    beside = experiments_folder(root)
-    if beside.is_dir() and str(beside.parent) not in sys.path:
-        sys.path.insert(0, str(beside.parent))
-    module, _, function = name.rpartition(".")
-    try:
-        return getattr(importlib.import_module(module), function)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-            raise  # the job is there; something that it imports is not
-        reason = f"there is no module {error.name}"
-    except (AttributeError, ValueError) as error:
-        reason = str(error)
-    raise BadInput(
-        f"cannot find the job '{name}' ({reason}); "
-        "name a function as package.module.function, or leave job as the experiment has it"
-    )
-
-
-def _refusal_behind(error: BaseException | None) -> BadInput | None:
-    """The refusal in a chain of causes: Hydra wraps what a constructor raises."""
-    while error is not None and not isinstance(error, BadInput):
-        error = error.__cause__
-    return error

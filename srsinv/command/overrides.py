@@ -7,6 +7,8 @@ to becomes one sentence in [`refusing`][].
 """
 
 import itertools
+import math
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,17 +20,25 @@ from typing import Any, cast
 from hydra._internal.hydra import Hydra
 from hydra.core.object_type import ObjectType
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override, QuotedString, Transformer
+from hydra.core.override_parser.types import (
+    Override,
+    QuotedString,
+    RangeSweep,
+    Transformer,
+)
 from hydra.errors import HydraException, OverrideParseException
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from yaml import YAMLError
 
-from ..errors import BadInput, refuse
+from ..errors import BadInput, refuse, shown
 from .help import experiments
 
 _ABSENT = object()
+DEEPEST = 20  # brackets within each other: Hydra's parser calls itself for each
+MOST_CHARACTERS = 100_000
+MOST_JOBS = 10_000  # of one sweep
 
 
 @contextmanager
@@ -46,13 +56,49 @@ def refusing() -> Iterator[None]:
         raise BadInput(f"cannot compose the configuration: {reason}") from error
 
 
-def parse(overrides: Sequence[str]) -> list[Override]:
-    """Hydra's own reading of `overrides`. Raises `BadInput`."""
+def parse(overrides: Sequence[str], root: Path) -> list[Override]:
+    """Hydra's own reading of `overrides`, with configurations in `root`. Raises `BadInput`."""
+    for override in overrides:
+        _check_readable(override)
+        _check_word(override, root)
     with refusing():
         parsed = OverridesParser.create().parse_overrides(list(overrides))
     for override in parsed:
         refuse(not override.key_or_group, _unreadable(_text(override)))
     return parsed
+
+
+def _check_readable(override: str) -> None:
+    """Refuse what Hydra's parser would not survive, or no file could hold."""
+    levels = itertools.accumulate((c in "([{") - (c in ")]}") for c in override)
+    deepest = max(levels, default=0)
+    refuse(
+        deepest > DEEPEST or len(override) > MOST_CHARACTERS,
+        f"{shown(override)} has {len(override)} characters in {deepest} levels of brackets: give "
+        f"at most {MOST_CHARACTERS} in {DEEPEST}, or a file of your own with --config-dir FOLDER.",
+    )
+    try:
+        readable = "\0" not in override and bool(override.encode())
+    except UnicodeEncodeError:
+        readable = False
+    refuse(
+        not readable and override != "",
+        f"{shown(override)} holds characters that are no text (UTF-8): rename what it names.",
+    )
+
+
+def _check_word(word: str, root: Path) -> None:
+    """Refuse a word that is no key=value, and say what to type where it is clear."""
+    if "=" in word or word.startswith("~"):
+        return
+    remedy = ""
+    if word in ("help", "version"):
+        remedy = f"type srsinv --{word}"
+    elif word in [each.name for each in experiments(root)]:
+        remedy = f"type srsinv experiment={word}"
+    elif Path(word).suffix and len(word) < 256 and os.path.lexists(word):
+        remedy = f"type srsinv experiment=inspect_recording recording.path={word}"
+    refuse(bool(remedy), f"'{word}' is not key=value; {remedy}")
 
 
 def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: bool) -> None:
@@ -63,6 +109,11 @@ def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: boo
             f"'{_text(override)}' gives several values; sweep over them with -m, "
             "or write a list as key=[a,b]",
         )
+    jobs = math.prod(map(_count, overrides))
+    refuse(
+        jobs > MOST_JOBS,
+        f"the sweep has {jobs:g} jobs: give values that make at most {MOST_JOBS}.",
+    )
     searchpath = [_text(o) for o in overrides if o.key_or_group == "hydra.searchpath"]
     choices, values = [], []
     for override in overrides:
@@ -134,6 +185,15 @@ def _values(override: Override) -> list[Any]:
     if not override.is_discrete_sweep():
         return []
     return list(override.sweep_iterator(Transformer.identity))
+
+
+def _count(override: Override) -> float:
+    """How many jobs an override makes of each that there would be without it."""
+    value = override.value()
+    if isinstance(value, RangeSweep):  # not listed: it may be endless
+        first, last, step = (float(v or 0) for v in (value.start, value.stop, value.step))
+        return max(math.ceil((last - first) / step), 0) if step else math.inf
+    return len(_values(override)) if override.is_discrete_sweep() else 1
 
 
 def _alternatives(override: Override) -> list[str]:

@@ -1,15 +1,13 @@
 """From a resolved configuration to the objects it names."""
 
-import inspect
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 import jax
-from hydra.errors import InstantiationException
-from hydra.utils import get_class, instantiate
 
-from ..errors import BadInput, choice, mapping, number, refuse, shown, whole
+from ..config import PARTS, Config, check, class_of, make, precision_name, seed
+from ..errors import choice, mapping, number, refuse, whole
 from ..forward.amplifier import Amplifier
 from ..forward.describe import elements
 from ..forward.effects import NAMES
@@ -20,17 +18,13 @@ from ..forward.scan import ConstantSpeed
 from ..forward.scene import Scene
 from ..forward.sensor import Sensor
 from ..forward.setup import Setup
-from ..forward.skin import HalfSpace
-from ..forward.surface import Shape
 from ..forward.surface_feature import SurfaceFeature
-from ..forward.traction import FrictionStep, Pressure
 from ..grid import Line, Open, Periodic
 from ..inverse.nonlinear import Solver
 from ..inverse.tikhonov import Tikhonov
 from ..inverse.wiener import Wiener
 from ..recording import load_profile
 
-Config = Mapping[str, Any]
 LINES = {"periodic": Periodic, "open": Open}
 MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 
@@ -38,12 +32,7 @@ MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 @contextmanager
 def precision(cfg: Config) -> Iterator[None]:
     """Work in float64 or float32, as `cfg["precision"]` says."""
-    name = cfg["precision"]
-    refuse(
-        name not in ("float64", "float32"),
-        f"precision is {shown(name)}: give float64 or float32.",
-    )
-    with jax.enable_x64(name == "float64"):
+    with jax.enable_x64(precision_name(cfg) == "float64"):
         yield
 
 
@@ -51,57 +40,6 @@ def part(cfg: Config, name: str) -> Mapping[str, Any]:
     """The mapping `cfg[name]`; null stands for an empty one."""
     node = cfg.get(name)
     return {} if node is None else mapping(name, node)
-
-
-def make(node: Any, name: str = "this part", kind: Any = object) -> Any:
-    """The object of the class `kind` that a node's `_target_` names; refusals call it `name`."""
-    _check(node, name, kind)
-    try:
-        return instantiate(node, _convert_="all")
-    except InstantiationException as error:
-        if isinstance(error.__cause__, BadInput):
-            raise error.__cause__ from None
-        raise
-
-
-def _check(node: Any, name: str, kind: Any = object) -> None:
-    """Refuse a node that names no class of `kind`, or one that does not take the node's keys, and
-    likewise the nodes inside."""
-    made = _class_of(node, name)
-    refuse(
-        not issubclass(made, kind),
-        f"{name}._target_ is {node['_target_']!r}, which cannot stand there: name one of the kind "
-        "that the project's own configurations have.",
-    )
-    known = inspect.signature(made).parameters
-    keys = {key for key in node if not key.startswith("_")}
-    listed = ", ".join(known) or "nothing"
-    if not any(each.kind is each.VAR_KEYWORD for each in known.values()):
-        unknown = sorted(keys - set(known))
-        refuse(
-            bool(unknown),
-            f"{name} has no key {unknown and unknown[0]!r}: {made.__name__} takes {listed}.",
-        )
-        needed = {key for key, each in known.items() if each.default is each.empty}
-        missing = sorted(needed - keys)
-        refuse(
-            bool(missing),
-            f"{name} lacks {missing and missing[0]!r}: {made.__name__} takes {listed}.",
-        )
-    for key in keys:
-        if isinstance(node[key], Mapping) and "_target_" in node[key]:
-            _check(node[key], f"{name}.{key}")
-
-
-def _class_of(node: Any, name: str) -> type:
-    target = mapping(name, node).get("_target_")
-    try:
-        return get_class(str(target))
-    except (ImportError, ValueError, TypeError) as error:
-        raise BadInput(
-            f"{name}._target_ is {shown(target)}, which is no class: name one as "
-            "package.module.Class."
-        ) from error
 
 
 def line(cfg: Config, refinement: Any = 1) -> Line:
@@ -177,7 +115,7 @@ def effects(cfg: Config) -> dict[str, Effect]:
             f"effects.{name} has settings, and {name} is not among the effects: name it in "
             "effects=[...] too, or leave its settings out.",
         )
-    made = {name: make(node, f"effects.{name}", Effect) for name, node in named.items()}
+    made = {name: make(node, f"effects.{name}", "effects") for name, node in named.items()}
     return dict(sorted(made.items(), key=lambda each: (each[1].order, each[0])))
 
 
@@ -194,23 +132,23 @@ def _felt(cfg: Config) -> Setup:
 
 def _sensor(cfg: Config) -> Sensor:
     films = elements(part(cfg, "sensor"))
-    return Sensor(films, skin=make(cfg["skin"], "skin", HalfSpace), amplifier=amplifier(cfg))
+    return Sensor(films, skin=make(cfg["skin"], "skin", "skin"), amplifier=amplifier(cfg))
 
 
 def _scene(cfg: Config) -> Scene:
     """The scene, what it names in order; one with a surface is pressed on by the half space."""
     node = dict(part(cfg, "scene"))
-    kinds = {"pressures": Pressure, "frictions": FrictionStep, "surfaces": Shape}
-    for name in kinds.keys() & node.keys():
+    kinds = ("pressures", "frictions", "surfaces")
+    for name in sorted({*kinds} & node.keys()):
         named = {} if node[name] is None else mapping(f"scene.{name}", node[name])
         listed = {f"scene.{name}.{key}": _profile_read(each) for key, each in named.items()}
         for key, each in listed.items():
-            _check(each, key, kinds[name])
+            check(each, key, PARTS[name])
         node[name] = list(listed.values())
     if "surfaces" in node:
-        _check(cfg["skin"], "skin", HalfSpace)
+        check(cfg["skin"], "skin", "skin")
         node["skin"] = cfg["skin"]
-    return make(node, "scene", Scene)
+    return make(node, "scene", "scene")
 
 
 def _profile_read(node: Any) -> Any:
@@ -228,7 +166,7 @@ def amplifier(cfg: Config) -> Amplifier:
         node.get("feedback_resistance_ohm", 0) is None,
         "No feedback resistance is known: give amplifier.feedback_resistance_ohm in ohm.",
     )
-    return make(node, "amplifier", Amplifier)
+    return make(node, "amplifier", "amplifier")
 
 
 def scan(cfg: Config) -> ConstantSpeed:
@@ -237,7 +175,7 @@ def scan(cfg: Config) -> ConstantSpeed:
     refuse(
         node.get("speed_m_per_s", 0) is None, "No speed is known: give scan.speed_m_per_s in m/s."
     )
-    return make(node, "scan", ConstantSpeed)
+    return make(node, "scan", "scan")
 
 
 def friction(cfg: Config) -> float | None:
@@ -245,11 +183,6 @@ def friction(cfg: Config) -> float | None:
     given = cfg["friction"]
     wanted = "a number, of either sign, or null to keep p and q apart"
     return None if given is None else float(number("friction", given, wanted))
-
-
-def seed(cfg: Config) -> int:
-    """What all random numbers start from."""
-    return whole("seed", cfg["seed"], "a whole number from 0 to 2147483647", least=0)
 
 
 def random_key(cfg: Config) -> jax.Array:
@@ -260,13 +193,13 @@ def random_key(cfg: Config) -> jax.Array:
 def noises(cfg: Config) -> tuple[Noise, ...]:
     """The named causes of noise."""
     named = part(cfg, "noise")
-    return tuple(make(node, f"noise.{name}", Noise) for name, node in named.items())
+    return tuple(make(node, f"noise.{name}", "noise") for name, node in named.items())
 
 
 def features(cfg: Config) -> dict[str, Feature]:
     """The named features of traction: their sum is what is looked for."""
     named = part(cfg, "feature")
-    return {name: make(node, f"feature.{name}", Feature) for name, node in named.items()}
+    return {name: make(node, f"feature.{name}", "traction_feature") for name, node in named.items()}
 
 
 def surface_features(cfg: Config) -> dict[str, SurfaceFeature]:
@@ -280,16 +213,16 @@ def surface_features(cfg: Config) -> dict[str, SurfaceFeature]:
         f"feature names {', '.join(named)}: features of a surface ({', '.join(on_surface)}) act "
         "through contact and those of traction do not, so that no sum holds both: name one kind.",
     )
-    return {name: make(node, f"feature.{name}", SurfaceFeature) for name, node in named.items()}
+    return {name: make(node, f"feature.{name}", "surface_feature") for name, node in named.items()}
 
 
 def _is_surface(name: str, node: Any) -> bool:
-    return issubclass(_class_of(node, name), SurfaceFeature)
+    return issubclass(class_of(node, name, "feature"), SurfaceFeature)
 
 
 def solver(cfg: Config) -> Solver:
     """What minimises a fit's sum of squares."""
-    return make(cfg["solver"], "solver", Solver)
+    return make(cfg["solver"], "solver", "solver")
 
 
 def methods(cfg: Config) -> dict[str, Wiener | Tikhonov]:
@@ -297,6 +230,6 @@ def methods(cfg: Config) -> dict[str, Wiener | Tikhonov]:
     named = part(cfg, "method")
     refuse(not named, "No method is named: give method=[wiener,tikhonov] or one of them.")
     return {
-        name.replace("_", " ").capitalize(): make(node, f"method.{name}", Wiener | Tikhonov)
+        name.replace("_", " ").capitalize(): make(node, f"method.{name}", "method")
         for name, node in named.items()
     }

@@ -53,7 +53,9 @@ def on_scene(cfg: build.Config) -> Outcome:
     dataset = _dataset(cfg, sim, setting, runs)
     wrong = None
     if settings["wrong_feature"] is not None:
-        features = {"wrong": build.make(settings["wrong_feature"])}
+        features = {
+            "wrong": build.make(settings["wrong_feature"], "compare.wrong_feature", "feature")
+        }
         alone = {"A feature that is not there": contest.feature_contestant(features, cfg, setting)}
         wrong = _dataset(cfg, sim, setting, contest.run_all(alone, problems))
     return Outcome(

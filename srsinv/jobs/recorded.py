@@ -14,7 +14,6 @@ from ..forward.noise import Noise, SignalToNoise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..forward.setup import Setup
-from ..forward.skin import HalfSpace
 from ..inverse.surface_model import Window
 from ..recording import Recording, load, merge
 from . import build
@@ -100,8 +99,7 @@ def _given(known: dict[str, Any]) -> dict[str, Any]:
 
 def elements_named(cfg: build.Config) -> dict[str, Any]:
     """The film elements that the configuration names, as a fact beside the sidecar's."""
-    named = build.part(cfg, "sensor").get("elements")
-    return {"sensor": {"elements": list(named.values()) if isinstance(named, dict) else named}}
+    return {"sensor": {"elements": build.part(cfg, "sensor").get("elements")}}
 
 
 def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect] = ()) -> Sensor:
@@ -118,7 +116,7 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
         f"{recording.name}: {len(recording.channels)} signal columns but {len(films)} film "
         "elements: name as many in recording.channels as the sensor has elements.",
     )
-    skin = build.make(merge(SKIN | _skin(facts), build.part(cfg, "skin")), "skin", HalfSpace)
+    skin = build.make(merge(SKIN | _skin(facts), build.part(cfg, "skin")), "skin", "skin")
     bare = Sensor(films, skin, build.amplifier(amplifier_node(cfg, description)))
     speed = ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
     felt = build.with_effects(cfg, Setup(None, bare, speed))

@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import make_interp_spline
 
-from srsinv.errors import BadInput, refuse
+from srsinv.errors import BadInput, choice, refuse, shown
 
 from ._formats import read_table
 from ._recording import POSITION, SPEED, TIME, Recording, check_samples, check_times
-from ._sidecar import check_elements, check_sidecar, merge, read_sidecar
+from ._schema import check_facts
+from ._sidecar import check_elements, merge, read_sidecar
 from ._table import Table, listing
 from ._units import BARE_TIMES, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, in_volts, unit_of_name
 
@@ -57,11 +58,8 @@ def load(
     the result; by default it is refused. Raises `BadInput` for everything that cannot be read as
     such a recording.
     """
-    path = Path(path).expanduser()
-    refuse(
-        missing not in ("refuse", "allow"),
-        f"{path.name}: recording.missing={missing!r} is not known: use refuse or allow.",
-    )
+    path = as_path("recording.path", path)
+    choice(f"{path.name}: recording.missing", missing, ("refuse", "allow"))
     table = read_table(path)
     facts = read_facts(path, table, sidecar, known)
     channels = choose_channels(table, facts)
@@ -87,27 +85,40 @@ def load(
     )
 
 
+def as_path(key: str, given: Any) -> Path:
+    """The file that `given` names. Raises `BadInput` for what is no name of one."""
+    fits = isinstance(given, str | os.PathLike) and "\0" not in str(given)
+    refuse(not fits, f"{key} is {shown(given)}: give the name of a file.")
+    try:
+        return Path(given).expanduser()
+    except RuntimeError as error:  # ~somebody who is not there
+        raise BadInput(f"{key} is {shown(given)}: {error}; write the folder out.") from error
+
+
 def read_facts(
     path: Path, table: Table, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What is known beside the columns: the file's own sidecar, the one beside it, and `known`."""
-    beside = read_sidecar(path, None if sidecar is None else Path(sidecar).expanduser())
-    facts = merge(merge(table.sidecar, beside), known)
-    check_sidecar(path.name, facts)
+    named = None if sidecar is None else as_path("recording.sidecar", sidecar)
+    facts = merge(merge(table.sidecar, read_sidecar(path, named)), _with_listed_elements(known))
+    check_facts(path.name, facts)
     return facts
+
+
+def _with_listed_elements(known: Mapping[str, Any]) -> dict[str, Any]:
+    """`known`, film elements that a configuration has by name in their order."""
+    sensor = known.get("sensor")
+    elements = sensor.get("elements") if isinstance(sensor, Mapping) else None
+    if not isinstance(sensor, Mapping) or not isinstance(elements, Mapping):
+        return dict(known)
+    return {**known, "sensor": {**sensor, "elements": list(elements.values())}}
 
 
 def choose_channels(table: Table, facts: Mapping[str, Any]) -> tuple[str, ...]:
     """The columns that are the signals, in order."""
     chosen = facts.get("channels")
     if chosen is not None:
-        listed = [chosen] if isinstance(chosen, str) else chosen
-        refuse(
-            not isinstance(listed, list | tuple) or not listed,
-            f"{table.name}: channels is {chosen!r} where a list of column names is expected: "
-            f"choose from {listing(table.columns)} by recording.channels=[...].",
-        )
-        return tuple(str(channel) for channel in listed)
+        return (chosen,) if isinstance(chosen, str) else tuple(chosen)
     # An unusable one too: it is refused, where leaving it out would go unseen.
     named = [*table.columns, *table.unusable]
     voltages = [(int(m[1]), c) for c in named if (m := _VOLTAGE.fullmatch(c))]

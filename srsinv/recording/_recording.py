@@ -9,6 +9,8 @@ import numpy as np
 from srsinv.errors import BadInput, refuse
 from srsinv.sums import running_sum
 
+from ._schema import check_facts
+
 MIN_SAMPLES = 3
 TIME, SPEED, POSITION = "time_s", "speed_m_per_s", "position_m"
 
@@ -21,13 +23,14 @@ class Recording:
     - `time_s`: (sample,), strictly increasing [s], from any origin.
     - `speed_m_per_s`: (sample,), sliding speed along x [m/s].
     - `channels`: the elements' names, in the order of `signal`'s rows.
-    - `sidecar`: what the experimenter knows, a plain nested dict with SI units in its keys.
+    - `sidecar`: what the experimenter knows, a nested dict with SI units in its keys (_schema.py).
     - `signal_unit`: "V", "counts" or another.
     - `name`: what messages and titles call it; the file's name when it was loaded.
     - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
 
     Raises `BadInput` for shapes that do not agree, fewer than 3 samples, times that do not increase
-    strictly, infinite values, NaN outside `signal`, and names that cannot head a column.
+    strictly, infinite values, NaN outside `signal`, names that cannot head a column, and facts that
+    a sidecar cannot state.
     """
 
     signal: np.ndarray
@@ -48,6 +51,7 @@ class Recording:
             object.__setattr__(self, key, values)
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "sidecar", copy.deepcopy(dict(self.sidecar)))
+        check_facts(self.name, self.sidecar)
         self._check_shapes()
         self._check_channels()
         self._check_values()

@@ -1,23 +1,35 @@
-"""The sidecar: what the experimenter knows about a recording, beside it as JSON or YAML."""
+"""The sidecar: what the experimenter knows about a recording, beside it as JSON or YAML.
 
-import datetime
+Both are read into text, numbers, truth values, null, lists and mappings, and nothing else: no
+tags, no aliases, no dates, no key twice. YAML is read by the rules of its version 1.2, in which
+1.0e7 is a number and 1_100 is text.
+"""
+
 import json
+import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 import yaml
 
-from srsinv.errors import BadInput, is_number, refuse
+from srsinv.errors import BadInput, refuse, shown
+
+from ._guard import read_bytes
 
 SUFFIXES = (".json", ".yaml", ".yml")
-_TEXTS = ("time_unit", "signal_unit")
-_MAPPINGS = ("sensor", "skin", "feature")
-_PIEZO = {"d1", "d2", "d3"}
-_SHOWN = 80  # characters of a wrong value
-_SCALARS = ("speed_m_per_s", "sample_rate_hz", "scan_length_m", "scan_start_m")
-_HAS_UNIT = re.compile(r"_(m|s|hz|Hz|rad|deg|ohm|Pa|V|N)$")
+MOST_BYTES = 2**18  # a thousand elements with all their keys take half of it
+DEEPEST = 20  # mappings and lists within each other
+MOST_VALUES = 50_000
+_INT = re.compile(r"[-+]?[0-9]{1,400}")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_WORDS = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def merge(sidecar: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
@@ -31,7 +43,7 @@ def merge(sidecar: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any
             below = merged.get(key)
             merged[key] = merge(below if isinstance(below, Mapping) else {}, value)
         elif value is not None:
-            merged[key] = value
+            merged[key] = list(value) if isinstance(value, tuple) else value
     return merged
 
 
@@ -42,7 +54,7 @@ def read_sidecar(recording: Path, given: Path | None) -> dict[str, Any]:
     stand beside the recording.
     """
     if given is None:
-        beside = [path for path in map(recording.with_suffix, SUFFIXES) if path.is_file()]
+        beside = [path for path in map(recording.with_suffix, SUFFIXES) if _stands(path)]
         refuse(
             len(beside) > 1,
             f"{recording.name}: there are {len(beside)} sidecars beside it, "
@@ -57,30 +69,40 @@ def read_sidecar(recording: Path, given: Path | None) -> dict[str, Any]:
     return _read(given)
 
 
-def _read(path: Path) -> dict[str, Any]:
-    return parse(path.name, _text(path), "JSON" if path.suffix.lower() == ".json" else "YAML")
-
-
-def _text(path: Path) -> str:
+def _stands(path: Path) -> bool:
+    """Whether anything has this name, a dangling link included."""
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise BadInput(
-            f"{path}: this sidecar cannot be read ({error.strerror}): check recording.sidecar=..."
-        ) from error
+        path.lstat()
+    except OSError:  # not there, or a name that is too long for a file
+        return False
+    return True
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        text = read_bytes(path, what="sidecar", most=MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise BadInput(f"{path.name}: this sidecar is not UTF-8 text: save it as such.") from error
+    return parse(path.name, text, "JSON" if path.suffix.lower() == ".json" else "YAML")
 
 
 def parse(name: str, text: str, kind: Literal["JSON", "YAML"]) -> dict[str, Any]:
-    """The mapping in `text`, in plain JSON types; `name` is what a refusal calls it."""
+    """The mapping in `text`, in JSON's types; `name` is what a refusal calls it.
+
+    Raises `BadInput` for text that is too long or nested too deeply, that repeats a key, or that is
+    no mapping.
+    """
     try:
+        refuse(
+            len(text) > MOST_BYTES,
+            f"longer than {MOST_BYTES} characters",
+        )
         content = _from_json(text) if kind == "JSON" else _from_yaml(text)
     except (ValueError, RecursionError, yaml.YAMLError) as error:
         raise BadInput(f"{name}: {_reason(error)}: correct the sidecar's {kind}.") from error
     refuse(
         not isinstance(content, dict),
-        f"{name}: the sidecar holds {str(content)[:40]!r} where a mapping of names to values is "
+        f"{name}: the sidecar holds {shown(content)} where a mapping of names to values is "
         "expected: write it as such.",
     )
     return content
@@ -90,112 +112,93 @@ def _from_json(text: str) -> Any:
     def no_constant(constant: str):
         raise ValueError(f"{constant} is not a JSON number")
 
-    return json.loads(text, parse_constant=no_constant)
+    return json.loads(text, parse_constant=no_constant, object_pairs_hook=_mapping)
+
+
+def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The pairs as a mapping. Raises `ValueError` for a key that stands twice."""
+    mapping = {}
+    for key, value in pairs:
+        if key in mapping:
+            raise ValueError(f"the key {shown(key)} stands twice")
+        mapping[key] = value
+    return mapping
 
 
 def _from_yaml(text: str) -> Any:
-    # An alias can grow into any amount of data, or refer to itself; a sidecar needs none.
-    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
+    """The value of one document, built from the parser's events, which need no recursion."""
+    events = yaml.parse(text, _Loader)
+    starts: list[tuple[Any, list[Any]]] = [(None, [])]  # what is open, and what it holds so far
+    documents = values = 0
+    for event in events:
+        documents += isinstance(event, yaml.DocumentStartEvent)
+        values += isinstance(event, yaml.NodeEvent)
+        _check_event(event, len(starts) - 1, documents, values)
+        if isinstance(event, yaml.ScalarEvent):
+            starts[-1][1].append(_scalar(event))
+        elif isinstance(event, yaml.CollectionStartEvent):
+            starts.append((event, []))
+        elif isinstance(event, yaml.CollectionEndEvent):
+            start, held = starts.pop()
+            is_mapping = isinstance(start, yaml.MappingStartEvent)
+            starts[-1][1].append(_mapping(list(_pairs(held))) if is_mapping else held)
+    return next(iter(starts[0][1]), None)
+
+
+def _check_event(event: Any, depth: int, documents: int, values: int) -> None:
+    """Raise `ValueError` for what no sidecar needs."""
+    if isinstance(event, yaml.AliasEvent):
+        # An alias can grow into any amount of data, or refer to itself.
         raise ValueError("aliases (*name) are not taken, only values written out")
-    return _plain(yaml.safe_load(text))
+    if getattr(event, "tag", None) not in (None, "!"):
+        raise ValueError(f"tags ({shown(event.tag)}) are not taken, only values written out")
+    if depth > DEEPEST or values > MOST_VALUES or documents > 1:
+        raise ValueError(
+            f"more than one document, {DEEPEST} levels or {MOST_VALUES} values, which no sidecar "
+            "needs"
+        )
 
 
-def _plain(value: Any) -> Any:
-    """YAML's wider types in JSON's, so that every sidecar can be saved."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    if isinstance(value, datetime.date):
-        return value.isoformat()
-    return value if isinstance(value, str | int | float | None) else str(value)
+def _pairs(held: list[Any]) -> Iterator[tuple[str, Any]]:
+    """Keys and values, which events give in turn. A key is what it would be as text."""
+    for key, value in zip(held[::2], held[1::2], strict=True):
+        if not isinstance(key, str | int | float | None):
+            raise ValueError("a key is not text")
+        yield key if isinstance(key, str) else json.dumps(key), value
+
+
+def _scalar(event: Any) -> Any:
+    """A scalar by YAML 1.2's core rules, decimal numbers alone; what is quoted is text."""
+    text = event.value
+    if not event.implicit[0]:
+        return text
+    if text in _WORDS:
+        return _WORDS[text]
+    if _INT.fullmatch(text):
+        return int(text)
+    if _FLOAT.fullmatch(text):
+        return float(text)
+    if text.lower().lstrip("+-") in (".inf", ".nan"):
+        return math.inf if "inf" in text.lower() else math.nan
+    return text
 
 
 def _reason(error: Exception) -> str:
     """A parser's complaint in one line, without the text that it quotes."""
+    if isinstance(error, RecursionError):
+        return f"nested more than {DEEPEST} deep"
     if isinstance(error, yaml.MarkedYAMLError) and error.problem and error.problem_mark:
         mark = error.problem_mark
         return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def check_sidecar(name: str, facts: Mapping[str, Any]) -> None:
-    """Refuse what cannot be right in `facts`, the merged sidecar of recording `name`."""
-    _check_numbers(name, "", facts, has_unit=False)
-    for key in _MAPPINGS:
-        part = facts.get(key)
-        _expect(name, key, part, part is None or isinstance(part, Mapping), "a mapping")
-    for key in _TEXTS:
-        value = facts.get(key)
-        _expect(name, key, value, value is None or isinstance(value, str), "one word")
-    sensor = facts.get("sensor") or {}
-    scalars = {key: facts.get(key) for key in _SCALARS}
-    scalars["sensor.depth_m"] = sensor.get("depth_m")
-    for key, value in scalars.items():
-        _expect(name, key, value, value is None or is_number(value), "one number")
-    for key in ("sample_rate_hz", "sensor.depth_m"):
-        value = scalars[key]
-        _expect(name, key, value, value is None or value > 0, "a number above 0")
-    piezo = sensor.get("piezo_constants_C_per_N")
-    right = piezo is None or (isinstance(piezo, Mapping) and set(piezo) <= _PIEZO)
-    _expect(name, "sensor.piezo_constants_C_per_N", piezo, right, "a mapping of d1, d2 and d3")
-    window = facts.get("contact_window_m")
-    right = window is None or _is_interval(window)
-    _expect(name, "contact_window_m", window, right, "[start, end] with start below end")
-    _check_each(name, facts, "polarity", lambda value: value in (1, -1), "1 or -1")
-    _check_each(name, facts, "gain", lambda value: value > 0, "a number above 0")
-
-
-def _check_each(
-    name: str, facts: Mapping[str, Any], key: str, right: Callable[[Any], bool], expected: str
-) -> None:
-    """A fact that is one number, or one for each channel."""
-    value = facts.get(key)
-    for each in value if isinstance(value, list | tuple) else [value]:
-        _expect(name, key, each, each is None or (is_number(each) and right(each)), expected)
-
-
 def check_elements(name: str, facts: Mapping[str, Any], channels: tuple[str, ...]) -> None:
     """Refuse a sidecar whose film elements are not as many as the channels read."""
     elements = (facts.get("sensor") or {}).get("elements")
-    if elements is None:
-        return
-    _expect(name, "sensor.elements", elements, isinstance(elements, list | tuple), "a list")
     refuse(
-        len(elements) != len(channels),
-        f"{name}: the sidecar's sensor.elements lists {len(elements)} but {len(channels)} signal "
-        f"columns are read ({', '.join(channels)}): give one element for each in the sidecar, or "
-        "choose columns by recording.channels=[...].",
+        elements is not None and len(elements) != len(channels),
+        f"{name}: the sidecar's sensor.elements lists {len(elements or ())} but {len(channels)} "
+        f"signal columns are read ({', '.join(channels)}): give one element for each in the "
+        "sidecar, or choose columns by recording.channels=[...].",
     )
-
-
-def _check_numbers(name: str, key: str, value: Any, *, has_unit: bool) -> None:
-    """A key that carries a unit holds finite numbers (YAML reads 7e-4 as text, for one)."""
-    if isinstance(value, Mapping):
-        items = [(f"{key}.{part}".lstrip("."), part, item) for part, item in value.items()]
-    elif isinstance(value, list | tuple):
-        items = [(f"{key}[{index}]", "", item) for index, item in enumerate(value)]
-    else:
-        right = not has_unit or value is None or is_number(value)
-        _expect(name, key, value, right, "a finite number (such as 7.5e-4)")
-        return
-    for path, part, item in items:
-        _check_numbers(name, path, item, has_unit=has_unit or bool(_HAS_UNIT.search(part)))
-
-
-def _is_interval(value: Any) -> bool:
-    pair = isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value))
-    return pair and value[0] < value[1]
-
-
-def _expect(name: str, key: str, value: Any, right: bool, expected: str) -> None:
-    refuse(
-        not right,
-        f"{name}: {key if key.isprintable() else repr(key)} is {_short(value)} where {expected} is "
-        "expected: correct it in the sidecar or on the command line.",
-    )
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -182,11 +182,11 @@ def test_template_keeps_what_is_known(tmp_path):
     path = write("csv", tmp_path)
     facts = {
         "gain": 10.0,
-        "sensor": {"depth_m": 1e-5, "rig": "b", "elements": [{"offset_m": 1e-5}, {}]},
+        "sensor": {"depth_m": 1e-5, "strips": 2, "elements": [{"offset_m": 1e-5}, {}]},
         "skin": {"model": "half_space"},
-        "who": "Zoë: #1",
+        "description": "Zoë: #1",
         "contact_window_m": [-1e-5, 1.0],
-        "feature": {"height_m": 1e-6},
+        "feature": {},
     }
     path.with_suffix(".yaml").write_text(yaml.safe_dump(facts))
     found = inspect(path, polarity=-1)

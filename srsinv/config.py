@@ -1,0 +1,232 @@
+"""From configuration to objects: what may be named, found by its own name and checked before use.
+
+A node `{_target_: package.module.Class, key: value, ...}` stands for an object. The class has to
+lie in an allowed namespace, to be found there under the very name that it was defined with, and to
+derive from the base of the slot that the node stands in; nodes inside, in mappings and in lists,
+are held to the same rule. What is checked is what is called: hydra's own `instantiate`, which would
+look the name up a second time and takes any callable, has no part in it.
+
+Nothing here imports jax: a base is looked up when a node of its kind is made.
+"""
+
+import importlib
+import importlib.util
+import inspect
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any
+
+from .errors import BadInput, mapping, refuse, shown, whole
+
+Config = Mapping[str, Any]
+PRECISIONS = ("float64", "float32")
+
+# The bases of each kind of part, by configuration group or by what a group's parts are made of.
+KINDS: Mapping[str, Sequence[str]] = {
+    "amplifier": ("srsinv.forward.amplifier.Amplifier",),
+    "effects": ("srsinv.forward.effects._effect.Effect",),
+    "feature": (
+        "srsinv.forward.feature.Feature",
+        "srsinv.forward.surface_feature.SurfaceFeature",
+    ),
+    "friction": ("srsinv.forward.traction.FrictionStep",),
+    "method": ("srsinv.inverse.wiener.Wiener", "srsinv.inverse.tikhonov.Tikhonov"),
+    "noise": ("srsinv.forward.noise.Noise",),
+    "pressure": ("srsinv.forward.traction.Pressure",),
+    "rough": ("srsinv.forward.surface.Rough",),
+    "rule": ("srsinv.inverse.rule.Rule",),
+    "scan": ("srsinv.forward.scan.ConstantSpeed",),
+    "scene": ("srsinv.forward.scene.Scene",),
+    "skin": ("srsinv.forward.skin.HalfSpace",),
+    "solver": ("srsinv.inverse.nonlinear._solvers.Solver",),
+    "spectrum": ("srsinv.inverse.wiener.TractionSpectrum",),
+    "surface": ("srsinv.forward.surface.Shape",),
+    "surface_feature": ("srsinv.forward.surface_feature.SurfaceFeature",),
+    "traction_feature": ("srsinv.forward.feature.Feature",),
+}
+# The kind of what stands under a key of another part, alone or in a list or mapping of several.
+PARTS: Mapping[str, str] = {
+    "frictions": "friction",
+    "p": "spectrum",
+    "pressures": "pressure",
+    "q": "spectrum",
+    "rule": "rule",
+    "skin": "skin",
+    "surfaces": "surface",
+}
+_TARGET = "_target_"
+_DEEPEST = 20  # parts, lists and mappings within each other
+
+
+def make(node: Any, name: str, kind: str) -> Any:
+    """The object of `kind` (a key of `KINDS`) that a node stands for; refusals call it `name`.
+
+    Raises `BadInput` for a node that names no class of the kind, or keys that the class does not
+    take, and what the class itself refuses.
+    """
+    check(node, name, kind)
+    return _made(node)
+
+
+def check(node: Any, name: str, kind: str) -> None:
+    """Refuse a node that [`make`][] could not make, and likewise the nodes inside."""
+    made = class_of(node, name, kind)
+    _check_keys(made, node, name)
+    for key, value in node.items():
+        if key != _TARGET:
+            _check_inside(value, f"{name}.{key}", PARTS.get(key))
+
+
+def class_of(node: Any, name: str, kind: str) -> type:
+    """The class that a node's `_target_` names. Raises `BadInput` where it is not of `kind`."""
+    target = mapping(name, node).get(_TARGET)
+    made = _definition(target)
+    refuse(
+        not inspect.isclass(made),
+        f"{name}.{_TARGET} is {shown(target)}, which is no class of srsinv or of the experiments: "
+        "name one as package.module.Class, where it is defined.",
+    )
+    assert isinstance(made, type)
+    bases = tuple(_definition(base) for base in KINDS[kind])
+    refuse(
+        not issubclass(made, bases),
+        f"{name}.{_TARGET} is {shown(target)}, which cannot stand there: name a class that derives "
+        f"from {' or '.join(KINDS[kind])}.",
+    )
+    return made
+
+
+def _check_keys(made: type, node: Mapping[str, Any], name: str) -> None:
+    """Refuse keys that a class does not take, or lacks; none of hydra's beside `_target_`."""
+    parameters = inspect.signature(made).parameters
+    known = {key: each for key, each in parameters.items() if each.kind is not each.VAR_KEYWORD}
+    takes_any = len(known) < len(parameters)
+    keys = [key for key in node if key != _TARGET]
+    listed = ", ".join(parameters) or "nothing"
+    unknown = [key for key in keys if key not in known and (not takes_any or _is_private(key))]
+    refuse(
+        bool(unknown),
+        f"{name} has no key {unknown and shown(unknown[0])}: {made.__name__} takes {listed}.",
+    )
+    needed = {key for key, each in known.items() if each.default is each.empty}
+    missing = sorted(needed - set(keys))
+    refuse(
+        bool(missing),
+        f"{name} lacks {missing and missing[0]!r}: {made.__name__} takes {listed}.",
+    )
+
+
+def _check_inside(value: Any, name: str, kind: str | None, depth: int = 1) -> None:
+    """Refuse nodes where no part is expected, and keys that begin with an underscore."""
+    refuse(depth > _DEEPEST, f"{name} lies more than {_DEEPEST} levels deep: give it flatter.")
+    if isinstance(value, list | tuple):
+        for index, each in enumerate(value):
+            _check_inside(each, f"{name}[{index}]", kind, depth + 1)
+    elif isinstance(value, Mapping) and kind is not None and _TARGET in value:
+        check(value, name, kind)
+    elif isinstance(value, Mapping):
+        for key, each in value.items():
+            refuse(
+                _is_private(key),
+                f"{name} has the key {shown(key)}, and no part is made there: leave it out.",
+            )
+            _check_inside(each, f"{name}.{key}", kind, depth + 1)
+
+
+def _is_private(key: Any) -> bool:
+    """Whether a key would speak to hydra, or is no name."""
+    return not isinstance(key, str) or key.startswith("_")
+
+
+def _made(value: Any) -> Any:
+    """A checked value with the objects that its nodes stand for."""
+    if isinstance(value, list | tuple):
+        return [_made(each) for each in value]
+    if not isinstance(value, Mapping):
+        return value
+    parts = {key: _made(each) for key, each in value.items() if key != _TARGET}
+    return _definition(value[_TARGET])(**parts) if _TARGET in value else parts
+
+
+def load_job(name: Any, root: Path) -> FunctionType:
+    """The function of `srsinv.jobs` or of the experiments beside the configuration folder `root`
+    that `job` names. Raises `BadInput` for anything else."""
+    import_experiments(root)
+    in_jobs = isinstance(name, str) and name.startswith(("srsinv.jobs.", "experiments."))
+    job = _definition(name) if in_jobs else None
+    if not isinstance(job, FunctionType):
+        raise BadInput(
+            f"job is {shown(name)}, which is no function of srsinv.jobs or of the experiments: "
+            "leave it as the experiment has it."
+        )
+    return job
+
+
+def import_experiments(root: Path) -> None:
+    """Make the folder `experiments` beside the configuration folder importable under that name,
+    and nothing else beside it."""
+    folder = str(root.resolve().parent / "experiments")
+    loaded = sys.modules.get("experiments")
+    if loaded is not None and folder in list(loaded.__path__):
+        return
+    for name in [name for name in sys.modules if name.partition(".")[0] == "experiments"]:
+        del sys.modules[name]
+    if Path(folder).is_dir():
+        package = ModuleType("experiments", "The experiments of a clone.")
+        package.__path__ = [folder]
+        package.__spec__ = importlib.util.spec_from_loader("experiments", None, is_package=True)
+        sys.modules["experiments"] = package
+
+
+def _definition(target: Any) -> Any:
+    """What is defined as `target` in a module of `srsinv` or of the experiments, else None.
+
+    Modules are found below these two packages only, and what a module has merely imported does not
+    count: the name has to be the one under which the thing was defined.
+    """
+    if not isinstance(target, str) or not target.isascii():
+        return None
+    parts = target.split(".")
+    if not all(part.isidentifier() for part in parts) or parts[0] not in _namespaces():
+        return None
+    found: Any = sys.modules[parts[0]]
+    for index, part in enumerate(parts[1:], 2):
+        path = ".".join(parts[:index])
+        if isinstance(found, ModuleType) and _is_module(found, path):
+            found = importlib.import_module(path)
+        elif isinstance(found, ModuleType | type):
+            found = vars(found).get(part)
+        else:
+            return None
+    own = (getattr(found, "__module__", None), getattr(found, "__qualname__", None))
+    return found if ".".join(map(str, own)) == target else None
+
+
+def _namespaces() -> tuple[str, ...]:
+    return ("srsinv", "experiments") if "experiments" in sys.modules else ("srsinv",)
+
+
+def _is_module(package: ModuleType, path: str) -> bool:
+    return hasattr(package, "__path__") and importlib.util.find_spec(path) is not None
+
+
+def check_scalars(cfg: Config) -> None:
+    """Refuse scalars that no job can work with, before what a job needs is imported."""
+    if "seed" in cfg:
+        seed(cfg)
+    if "precision" in cfg:
+        precision_name(cfg)
+
+
+def seed(cfg: Config) -> int:
+    """What all random numbers start from."""
+    return whole("seed", cfg["seed"], "a whole number from 0 to 2147483647", least=0)
+
+
+def precision_name(cfg: Config) -> str:
+    """The word for the working precision."""
+    name = cfg["precision"]
+    refuse(name not in PRECISIONS, f"precision is {shown(name)}: give float64 or float32.")
+    return name

@@ -1,0 +1,232 @@
+"""The facts that may stand beside a recording: every key, and what its value is.
+
+This is the one table of them. It is closed: a key that is not here is refused, a number is a number
+(a text never stands for one), and free text has a place in `description` alone. Facts come from
+files that nobody vouches for, so nothing here names a class or a function.
+"""
+
+import difflib
+from collections.abc import Callable, Collection, Mapping
+from typing import Annotated, Any, get_args
+
+from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError
+from pydantic_core import PydanticCustomError
+
+from srsinv.errors import BadInput, is_number, refuse, shown
+
+from ._units import PER_S
+
+LONGEST_NAME = 200  # characters of a name or a unit
+LONGEST_TEXT = 10_000  # characters of a description
+MOST_LISTED = 1_000  # elements or channels
+ORIENTATIONS = ("1_to_x_3_to_z", "1_to_z_3_to_x")
+
+
+def _wanted(expected: str, fits: Callable[[Any], bool]) -> PlainValidator:
+    """For a value that `fits`, which a refusal describes as `expected`; null: as if not given."""
+
+    def checked(value: Any) -> Any:
+        if value is not None and not fits(value):
+            raise PydanticCustomError("expected", "{expected}", {"expected": expected})
+        return value
+
+    return PlainValidator(checked)
+
+
+def _is_positive(value: Any) -> bool:
+    return is_number(value) and value > 0
+
+
+def _is_text(value: Any, most: int = LONGEST_NAME) -> bool:
+    """Printable text; a surrogate or a control character could be neither shown nor saved."""
+    return isinstance(value, str) and len(value) <= most and value.isprintable()
+
+
+def _is_interval(value: Any) -> bool:
+    pair = isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+    return pair and value[0] < value[1]
+
+
+def _is_channels(value: Any) -> bool:
+    if isinstance(value, list):
+        return 0 < len(value) <= MOST_LISTED and all(map(_is_text, value))
+    return _is_text(value)
+
+
+def _each(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    """One number, or one for each channel (null: as if not given)."""
+
+    def all_fit(value: Any) -> bool:
+        listed = value if isinstance(value, list) else [value]
+        return len(listed) <= MOST_LISTED and all(v is None or fits(v) for v in listed)
+
+    return all_fit
+
+
+def _one_of(*options: str) -> PlainValidator:
+    return _wanted(f"one of {', '.join(options)}", lambda v: isinstance(v, str) and v in options)
+
+
+Number = Annotated[float | None, _wanted("a finite number (such as 7.5e-4)", is_number)]
+Positive = Annotated[float | None, _wanted("a number above 0", _is_positive)]
+Strips = Annotated[
+    float | None,
+    _wanted("a whole number from 1", lambda v: is_number(v) and v >= 1 and v == int(v)),
+]
+Text = Annotated[
+    str | None, _wanted(f"text of at most {LONGEST_NAME} printable characters", _is_text)
+]
+Description = Annotated[
+    str | None,
+    _wanted(
+        f"text of at most {LONGEST_TEXT} characters",
+        lambda v: isinstance(v, str) and _is_text(" ".join(v.split()), LONGEST_TEXT),
+    ),
+]
+Interval = Annotated[list[float] | None, _wanted("[start, end], the start below", _is_interval)]
+Channels = Annotated[
+    list[str] | str | None,
+    _wanted(f"a list of column names, each of up to {LONGEST_NAME} characters", _is_channels),
+]
+Polarity = Annotated[
+    list[float | None] | float | None,
+    _wanted("1 or -1, or one for each channel", _each(lambda v: is_number(v) and v in (1, -1))),
+]
+Gain = Annotated[
+    list[float | None] | float | None,
+    _wanted("a number above 0, or one for each channel", _each(_is_positive)),
+]
+TimeUnit = Annotated[str | None, _one_of(*PER_S)]
+Orientation = Annotated[str | None, _one_of(*ORIENTATIONS)]
+SkinModel = Annotated[str | None, _one_of("half_space")]
+
+
+class Facts(BaseModel):
+    """A mapping with these keys and no others."""
+
+    model_config = ConfigDict(extra="forbid", protected_namespaces=())
+
+
+class PiezoFacts(Facts):
+    """Charge per stress [C/N]."""
+
+    d1: Number = None
+    d2: Number = None
+    d3: Number = None
+
+
+class ElementFacts(Facts):
+    """One film element."""
+
+    orientation: Orientation = None
+    angle_deg: Number = None
+    strip_width_m: Positive = None
+    active_length_m: Positive = None
+    offset_m: Number = None
+    depth_m: Positive = None
+    strips: Strips = None
+
+
+class SensorFacts(Facts):
+    """The film elements and what reads them."""
+
+    depth_m: Positive = None
+    feedback_resistance_ohm: Positive = None
+    piezo_constants_C_per_N: PiezoFacts | None = None
+    strips: Strips = None
+    elements: list[ElementFacts] | None = None
+
+
+class SkinFacts(Facts):
+    """The rubber above and around the film."""
+
+    model: SkinModel = None
+    youngs_modulus_Pa: Positive = None
+    poisson_ratio: Number = None
+
+
+class FeatureFacts(Facts):
+    """What is known of the surface's feature."""
+
+    edge_length_m: Positive = None
+
+
+class RecordingFacts(Facts):
+    """All that a sidecar or a caller may state about a recording."""
+
+    description: Description = None
+    channels: Channels = None
+    time_unit: TimeUnit = None
+    signal_unit: Text = None
+    polarity: Polarity = None
+    gain: Gain = None
+    sample_rate_hz: Positive = None
+    speed_m_per_s: Number = None
+    scan_start_m: Number = None
+    scan_length_m: Number = None
+    nominal_pressure_Pa: Number = None
+    contact_window_m: Interval = None
+    sensor: SensorFacts | None = None
+    skin: SkinFacts | None = None
+    feature: FeatureFacts | None = None
+
+
+def check_facts(name: str, facts: Mapping[str, Any]) -> None:
+    """Refuse facts about the recording `name` that the table does not have. Raises `BadInput`."""
+    _check_keys(name, facts)
+    try:
+        RecordingFacts.model_validate(facts)
+    except ValidationError as error:
+        first = min(error.errors(include_url=False), key=lambda each: len(each["loc"]))
+        raise BadInput(f"{name}: {_sentence(first)}") from None
+
+
+def _check_keys(name: str, value: Any) -> None:
+    """Refuse keys that are no printable text, wherever they are."""
+    if isinstance(value, list):
+        for each in value:
+            _check_keys(name, each)
+    elif isinstance(value, Mapping):
+        for key, each in value.items():
+            refuse(
+                not _is_text(key),
+                f"{name}: {shown(key)} cannot be a key: keys are text of at most {LONGEST_NAME} "
+                "printable characters.",
+            )
+            _check_keys(name, each)
+
+
+def _sentence(error: Any) -> str:
+    path = error["loc"]
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)[1:]
+    known = _keys_at(path[:-1])
+    if error["type"] == "extra_forbidden":
+        close = difflib.get_close_matches(str(path[-1]), known, 1)
+        nearest = f"the nearest is {close[0]}" if close else f"there are {', '.join(known)}"
+        return (
+            f"there is no key {shown(key)}: {nearest}; free text goes into description: correct it "
+            "in the sidecar or on the command line."
+        )
+    expected = error.get("ctx", {}).get("expected") or (
+        "a list" if error["type"] == "list_type" else f"a mapping ({', '.join(_keys_at(path))})"
+    )
+    return (
+        f"{key} is {shown(error['input'])} where {expected} is expected: correct it in the sidecar "
+        "or on the command line."
+    )
+
+
+def _keys_at(path: Collection[str | int]) -> list[str]:
+    """The keys that the table has at a place."""
+    facts: Any = RecordingFacts
+    for part in path:
+        if isinstance(part, str):
+            facts = _facts_in(facts.model_fields[part].annotation)
+    return list(facts.model_fields)
+
+
+def _facts_in(annotation: Any) -> Any:
+    """The table in an annotation such as `list[ElementFacts] | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, Facts):
+        return annotation
+    return next((found for each in get_args(annotation) if (found := _facts_in(each))), None)
