@@ -212,12 +212,18 @@ def _is_module(package: ModuleType, path: str) -> bool:
     return hasattr(package, "__path__") and importlib.util.find_spec(path) is not None
 
 
-def check_scalars(cfg: Config) -> None:
-    """Refuse scalars that no job can work with, before what a job needs is imported."""
+def check_early(cfg: Config) -> None:
+    """Refuse what can be told before anything heavy is imported: scalars that no job can work with,
+    and a recording whose file, sidecar or stated facts cannot be read."""
     if "seed" in cfg:
         seed(cfg)
     if "precision" in cfg:
         precision_name(cfg)
+    recording = cfg.get("recording")
+    if isinstance(recording, Mapping) and recording.get("path") is not None:
+        from .recording import check_readable
+
+        check_readable(recording)
 
 
 def seed(cfg: Config) -> int:

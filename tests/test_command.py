@@ -36,6 +36,7 @@ job: experiments.dummy.measure
 seed: 0
 loud: false
 recording: {path: null}
+note: null
 parts: {}
 
 hydra:
@@ -147,7 +148,7 @@ class TestRun:
 
     @pytest.mark.parametrize(
         "override",
-        ["+parts.extra={a: 1}", "++seed=3", "sensor={depth_m: 2}", "recording.path='a b'"],
+        ["+parts.extra={a: 1}", "++seed=3", "sensor={depth_m: 2}", "note='a b'"],
     )
     def test_overrides_that_fit(self, root, override):
         assert main([override], root) == 0

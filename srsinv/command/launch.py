@@ -27,7 +27,7 @@ from hydra.core.utils import run_job
 from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from ..config import check_scalars, load_job
+from ..config import check_early, load_job
 from ..errors import BadInput, refuse
 from .hydra_settings import check_hydra_settings, check_search_path
 from .overrides import check, parse, refusing
@@ -92,7 +92,7 @@ class Task:
         with refusing():
             settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
         settings = cast(dict[str, Any], settings)
-        check_scalars(settings)
+        check_early(settings)
         job = load_job(settings["job"], self.root)
         outcome = job(settings)
 

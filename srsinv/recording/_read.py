@@ -14,7 +14,7 @@ from srsinv.errors import BadInput, choice, refuse, shown
 
 from ._formats import read_table
 from ._recording import POSITION, SPEED, TIME, Recording, check_samples, check_times
-from ._schema import check_facts
+from ._schema import RecordingFacts, check_facts
 from ._sidecar import check_elements, merge, read_sidecar
 from ._table import Table, listing
 from ._units import BARE_TIMES, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, in_volts, unit_of_name
@@ -83,6 +83,14 @@ def load(
         name=path.name,
         measured_position_m=columns.get(POSITION),
     )
+
+
+def check_readable(settings: Mapping[str, Any]) -> None:
+    """Refuse settings of a recording (`path`, `sidecar` and facts) that name no readable table or
+    state what cannot be. Columns are not looked at: not every job needs the same ones."""
+    path = as_path("recording.path", settings["path"])
+    known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
+    read_facts(path, read_table(path), settings.get("sidecar"), known)
 
 
 def as_path(key: str, given: Any) -> Path:
