@@ -12,6 +12,7 @@ Nothing here imports jax: a base is looked up when a node of its kind is made.
 import importlib
 import importlib.util
 import inspect
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -151,15 +152,15 @@ def _made(value: Any) -> Any:
 
 
 def load_job(name: Any, root: Path) -> FunctionType:
-    """The function of `srsinv.jobs` or of the experiments beside the configuration folder `root`
-    that `job` names. Raises `BadInput` for anything else."""
+    """The function `run` of a module in `srsinv.jobs`, or in the experiments beside the
+    configuration folder `root`, that `job` names. Raises `BadInput` for anything else."""
     import_experiments(root)
-    in_jobs = isinstance(name, str) and name.startswith(("srsinv.jobs.", "experiments."))
-    job = _definition(name) if in_jobs else None
+    is_job = isinstance(name, str) and re.fullmatch(r"(srsinv\.jobs|experiments)\..+\.run", name)
+    job = _definition(name) if is_job else None
     if not isinstance(job, FunctionType):
         raise BadInput(
-            f"job is {shown(name)}, which is no function of srsinv.jobs or of the experiments: "
-            "leave it as the experiment has it."
+            f"job is {shown(name)}, which is no function run of a module in srsinv.jobs or in the "
+            "experiments: leave it as the experiment has it."
         )
     return job
 

@@ -4,7 +4,6 @@ that checks every shape and type annotation of the rooms that hold arrays as the
 The hook stays for the whole session: it works on each module of the package as that is imported.
 """
 
-import gc
 import os
 from pathlib import Path
 
@@ -28,18 +27,13 @@ ROOMS = ("grid", "forward", "inverse", "jobs", "recording", "report.figures")
 install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
 
 import srsinv  # noqa: E402, F401
+from srsinv.command.programs import release_programs  # noqa: E402
 
-MAPS = Path("/proc/self/maps")
 MOST_MAPS = 15_000
 
 
 @pytest.fixture(autouse=True, scope="module")
 def few_programs():
-    """Lets go of what was compiled before it is too much: every program maps some memory, and Linux
-    gives a process 65530 maps, beyond which compiling crashes."""
+    """Lets go of what was compiled before it is too much."""
     yield
-    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
-        import jax
-
-        jax.clear_caches()
-        gc.collect()
+    release_programs(MOST_MAPS)

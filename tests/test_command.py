@@ -32,7 +32,7 @@ defaults:
   - override hydra/job_logging: none
   - override hydra/hydra_logging: none
 
-job: experiments.dummy.measure
+job: experiments.measured.run
 seed: 0
 loud: false
 recording: {path: null}
@@ -50,39 +50,44 @@ hydra:
 
 EXPERIMENTS = {
     "shown": "# Shows the clone's own job.\njob: experiments.shown.run\nseed: 7\n",
-    "constructed": "# Refuses.\njob: experiments.dummy.construct\n",
-    "faulty": "# Breaks.\njob: experiments.dummy.break_down\n",
+    "constructed": "# Refuses.\njob: experiments.constructed.run\n",
+    "faulty": "# Breaks.\njob: experiments.faulty.run\n",
     "packaged": "# Runs anywhere.\njob: srsinv.jobs.simulate.run\n",
     "lacking": "# Needs a value.\nneeded: ???\n",
     "dangling": "# Refers to nothing.\nseed: ${nothing.here}\n",
 }
 
-JOBS = """
+JOBS = {
+    "measured": """
 from srsinv.errors import BadInput, refuse
 from srsinv.report.outcome import Outcome, Section, Table
 import xarray
 
-def measure(cfg):
+def run(cfg):
     depth_m = cfg["sensor"]["depth_m"]
     refuse(depth_m <= 0, f"depth_m is {depth_m}, not above 0; give a depth in metres")
     data = xarray.Dataset({"p": ("x", [1.0, 2.0], {"units": "Pa"})})
     table = Table(("method", "error"), (("wiener", 0.25),))
     metrics = {"depth_m": depth_m, "seed": cfg["seed"]}
     return Outcome("A measurement", metrics, data, (), table)
-
-def construct(cfg):
-    raise BadInput("gain is 0; give a gain above 0")
-
-def break_down(cfg):
-    raise RuntimeError("a fault of ours")
-"""
-
-SHOWN = """
-from .dummy import measure
+""",
+    "shown": """
+from . import measured
 
 def run(cfg):
-    return measure(cfg)
-"""
+    return measured.run(cfg)
+""",
+    "constructed": """
+from srsinv.errors import BadInput
+
+def run(cfg):
+    raise BadInput("gain is 0; give a gain above 0")
+""",
+    "faulty": """
+def run(cfg):
+    raise RuntimeError("a fault of ours")
+""",
+}
 
 
 @pytest.fixture
@@ -101,8 +106,8 @@ def root(tmp_path, monkeypatch):
     for name, text in EXPERIMENTS.items():
         path = folders["configs"] / "experiment" / f"{name}.yaml"
         path.write_text(f"# @package _global_\n{text}")
-    (folders["experiments"] / "shown.py").write_text(SHOWN)
-    (folders["experiments"] / "dummy.py").write_text(JOBS)
+    for name, text in JOBS.items():
+        (folders["experiments"] / f"{name}.py").write_text(text)
     monkeypatch.chdir(folders["away"])
     return folders["configs"]
 
@@ -196,10 +201,10 @@ REFUSALS = {
     "job=3": r"job is 3, which is no function",
     "job=nowhere.run": r"job is 'nowhere\.run', which is no function",
     "job=os.system": r"job is 'os\.system', which is no function",
-    "job=experiments.dummy.absent": r"job is 'experiments\.dummy\.absent', which is no function",
-    "job=experiments.dummy.refuse": r"'experiments\.dummy\.refuse', which is no function",
+    "job=experiments.absent.run": r"job is 'experiments\.absent\.run', which is no function",
+    "job=experiments.measured.refuse": r"'experiments\.measured\.refuse', which is no function",
     "job=srsinv.errors.refuse": r"job is 'srsinv\.errors\.refuse', which is no function",
-    "hydra.run.dir=../experiments/dummy.py/a": r"cannot write to \.\./experiments/dummy\.py/a",
+    "hydra.run.dir=../experiments/faulty.py/a": r"cannot write to \.\./experiments/faulty\.py/a",
     "+hydra.callbacks.x={_target_: os.system}": r"hydra\.callbacks names code",
     "hydra.launcher._target_=os.system": r"hydra\.launcher would make 'os\.system': .*BasicLaunch",
     "hydra.sweeper._target_=os.system": r"hydra\.sweeper would make 'os\.system'",

@@ -149,7 +149,7 @@ JOBS = {
     "experiments.elsewhere.run": False,
     "experiments": False,
     "srsinv.jobs.simulate": False,
-    "srsinv.jobs.simulate.refuse": False,
+    "srsinv.jobs.build.seed": False,  # a function that is no job
     "srsinv.errors.refuse": False,
     "os.system": False,
     "builtins.exec": False,
@@ -170,7 +170,7 @@ def test_a_job_is_a_function_of_the_jobs_or_the_experiments(tmp_path, name):
         job = load_job(name, tmp_path / "configs")
         assert f"{job.__module__}.{job.__qualname__}" == name
     else:
-        with pytest.raises(BadInput, match="which is no function of srsinv"):
+        with pytest.raises(BadInput, match="which is no function run of"):
             load_job(name, tmp_path / "configs")
 
 

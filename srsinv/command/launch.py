@@ -31,6 +31,7 @@ from ..config import check_early, load_job
 from ..errors import BadInput, refuse
 from .hydra_settings import check_hydra_settings, check_search_path
 from .overrides import check, parse, refusing
+from .programs import release_programs
 
 DONE, FAULT, REFUSED = 0, 1, 2
 
@@ -86,6 +87,8 @@ class Task:
         except Exception as error:
             traceback.print_exception(error)
             return FAULT
+        finally:
+            release_programs()
         return DONE
 
     def _run(self, config: DictConfig) -> None:
