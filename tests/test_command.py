@@ -225,6 +225,7 @@ REFUSALS = {
     "--shell-completion": r"--shell-completion takes one of install=SHELL",
     "--bogus": r"unrecognized arguments: --bogus",
     "--config-name=other": r"--config-name is not for srsinv",
+    "--config-dir=" + "a" * 300: r"--config-dir a+ is not a folder",
     "--config-dir=absent": r"--config-dir absent is not a folder",
 }
 

@@ -154,7 +154,7 @@ def _with_config_folder(flags: Namespace) -> list[str]:
     if flags.config_dir is None:
         return flags.overrides
     refuse(
-        not Path(flags.config_dir).is_dir(),
+        not os.path.isdir(flags.config_dir),  # False too for a name that no file system takes
         f"--config-dir {flags.config_dir} is not a folder; give one that holds groups of options",
     )
     path = str(Path(flags.config_dir).resolve()).replace("'", r"\'")

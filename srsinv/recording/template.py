@@ -1,9 +1,8 @@
 """A sidecar to fill in: what only the experimenter knows is blank, what the file shows is there."""
 
+import json
 from collections.abc import Mapping
 from typing import Any
-
-import yaml
 
 from ._units import BARE_TIMES
 from .inspection import UNKNOWN, Inspection
@@ -125,8 +124,5 @@ def _rest(facts: Mapping[str, Any], shown: set[str], indent: str) -> list[str]:
 
 
 def _inline(value: Any) -> str:
-    """A value as YAML on one line."""
-    text = yaml.safe_dump(
-        [value], default_flow_style=True, sort_keys=False, allow_unicode=True, width=float("inf")
-    )
-    return text.strip()[1:-1]
+    """A value as YAML on one line. JSON is YAML, and quotes all text: a column may be named 1e5."""
+    return json.dumps(value, ensure_ascii=False)

@@ -7,6 +7,7 @@ import yaml
 from srsinv.errors import BadInput
 from srsinv.recording import load
 from srsinv.recording._health import clipping, quantisation_step, spectrum, timing
+from srsinv.recording._sidecar import parse
 from srsinv.recording.inspection import inspect
 from srsinv.recording.template import blanks, sidecar_template
 from tests.recording.files import COLUMNS, FORMATS, SPEED, TIME_S, N, columns, write, write_csv
@@ -160,7 +161,7 @@ def test_template_of_a_bare_file_says_what_is_missing(tmp_path):
     path = tmp_path / "a: b.csv"
     write_csv(path, {"timestamp": 28 * np.arange(N), "channel1": range(N), "ch#2": range(N)})
     found = inspect(path)
-    template = yaml.safe_load(sidecar_template(found))
+    template = parse("template", sidecar_template(found), "YAML")
     assert (template["time_unit"], template["signal_unit"]) == ("ms", "counts")
     assert template["channels"] == ["channel1"]
     for key in blanks(found):
@@ -178,6 +179,14 @@ def test_template_of_a_bare_file_says_what_is_missing(tmp_path):
     np.testing.assert_allclose(load(path).time_s, 0.028 * np.arange(N), rtol=1e-14)
 
 
+def test_template_quotes_names_that_look_like_numbers(tmp_path):
+    path = tmp_path / "r.csv"
+    names = ["1e5", "null", "2024-05-01", "a: b", "0x1F"]
+    write_csv(path, {"time_s": TIME_S, "speed_m_per_s": TIME_S + 1} | dict.fromkeys(names, TIME_S))
+    path.with_suffix(".yaml").write_text(sidecar_template(inspect(path, channels=names)))
+    assert load(path).channels == tuple(names)
+
+
 def test_template_keeps_what_is_known(tmp_path):
     path = write("csv", tmp_path)
     facts = {
@@ -190,7 +199,7 @@ def test_template_keeps_what_is_known(tmp_path):
     }
     path.with_suffix(".yaml").write_text(yaml.safe_dump(facts))
     found = inspect(path, polarity=-1)
-    template = yaml.safe_load(sidecar_template(found))
+    template = parse("template", sidecar_template(found), "YAML")
     assert {key: template[key] for key in facts if key not in ("sensor", "feature")} == {
         key: facts[key] for key in facts if key not in ("sensor", "feature")
     }

@@ -217,7 +217,7 @@ def stretches_mm(x_m: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]
     """The stretches [mm] of the line whose cells `mask` picks, cell edge to cell edge."""
     half = (x_m[1] - x_m[0]) / 2
     return [
-        ((x_m[start] - half) * MM_PER_M, (x_m[stop - 1] + half) * MM_PER_M)
+        (float(x_m[start] - half) * MM_PER_M, float(x_m[stop - 1] + half) * MM_PER_M)
         for start, stop in runs(mask)
     ]
 
