@@ -511,7 +511,7 @@ ROWS = "time_s,speed_m_per_s,voltage_0_V\n0,1,1\n1,1,{}\n2,1,1\n3,1,1\n"
 REFUSED = {
     "no file": ("r.csv", near_miss, {}, ["no such file", "did you mean rr.csv"]),
     "no file nor a near one": ("r.nc", lambda path: None, {}, ["recording.path"]),
-    "a folder": ("r.csv", lambda path: path.mkdir(), {}, ["no such file", "recording.path"]),
+    "a folder": ("r.csv", lambda path: path.mkdir(), {}, ["a folder", "recording.path"]),
     "suffix": ("r.xlsx", text("x"), {}, ["'.xlsx'", ".csv", ".nc"]),
     "no suffix": ("recording", text("x"), {}, ["''", ".csv"]),
     "empty csv": ("r.csv", text(""), {}, ["is empty"]),

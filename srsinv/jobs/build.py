@@ -141,7 +141,8 @@ def _scene(cfg: Config) -> Scene:
     kinds = ("pressures", "frictions", "surfaces")
     for name in sorted({*kinds} & node.keys()):
         named = {} if node[name] is None else mapping(f"scene.{name}", node[name])
-        listed = {f"scene.{name}.{key}": _profile_read(each) for key, each in named.items()}
+        at = {f"scene.{name}.{key}": each for key, each in named.items()}
+        listed = {key: _profile_read(each, key) for key, each in at.items()}
         for key, each in listed.items():
             check(each, key, PARTS[name])
         node[name] = list(listed.values())
@@ -151,12 +152,12 @@ def _scene(cfg: Config) -> Scene:
     return make(node, "scene", "scene")
 
 
-def _profile_read(node: Any) -> Any:
-    """A measured profile's node with the columns of the file that it names."""
+def _profile_read(node: Any, at: str) -> Any:
+    """A measured profile's node, at key `at`, with the columns of the file that it names."""
     if not isinstance(node, Mapping) or "path" not in node:
         return node
     rest = {key: value for key, value in node.items() if key != "path"}
-    return rest | load_profile(node["path"])
+    return rest | load_profile(node["path"], f"{at}.path")
 
 
 def amplifier(cfg: Config) -> Amplifier:

@@ -1,15 +1,230 @@
-"""The one way to a file's bytes."""
+"""The one way in for files, data and sidecars alike.
 
+Only regular files are opened, never waited for; what a library's parser may read of one is bounded,
+so that no header, however wrong, costs more than the file's own size. The limits on what a file may
+hold are here as well.
+"""
+
+import difflib
+import io
+import os
+import re
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
-from srsinv.errors import BadInput
+from srsinv.errors import BadInput, refuse, shown
+
+MOST_SAMPLES = 10**8  # of all columns together: 0.8 GB as float64, and a few times that in use
+MOST_COLUMNS = 1_000
+LONGEST_NAME = 200  # characters of a column's name or unit
+LARGEST_FILE = 2**32  # bytes: MOST_SAMPLES numbers written to 17 digits, and half as much again
+_SHOWN = 60  # characters of a name within a sentence
+_COMPARED = 60  # characters of each of two names: the time it takes is their product
+_NEIGHBOURS = 1_000  # files of a folder that are looked at for one of a similar name
+# Control characters, line separators and halves of characters: nothing that can be printed.
+_BROKEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+
+
+def is_broken(text: str) -> bool:
+    """Whether a name or a path holds characters that no page and no terminal can show."""
+    return bool(_BROKEN.search(text))
+
+
+def quoted(name: str) -> str:
+    """A name as it is, or in quotes where it could be misread; a long one cut short."""
+    name = name if len(name) <= _SHOWN else f"{name[:_SHOWN]}…"
+    return name if name == name.strip() and name.isprintable() else ascii(name)
+
+
+def nearest(name: str, names: Iterable[str], cutoff: float = 0.6) -> str | None:
+    """The one of `names` that is most like `name`, or None where none is."""
+    beginnings = {each[:_COMPARED]: each for each in reversed(list(names))}
+    near = difflib.get_close_matches(name[:_COMPARED], list(beginnings)[::-1], 1, cutoff)
+    return beginnings[near[0]] if near else None
+
+
+def path_of(value: Any, key: str) -> Path:
+    """The path that `value`, given by configuration key `key`, names; `~` is the user's folder.
+
+    Raises `BadInput` for what is no path or could not be shown.
+    """
+    refuse(
+        not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes),
+        f"{key} is {shown(value)}: give the name of a file.",
+    )
+    text = os.fspath(value)
+    refuse(
+        not text or is_broken(text),
+        f"{key} is {_ascii(text)}: give the name of a file, in characters that can be printed.",
+    )
+    try:
+        return Path(text).expanduser()
+    except RuntimeError as error:
+        raise BadInput(f"{key} is {_ascii(text)}: there is no such user: give a path.") from error
+
+
+class DataFile(io.BufferedReader):
+    """A regular file that is read to the size it had when it was opened, and no further.
+
+    `limit` bounds what a parser may ask for, where it believes what the file says of itself.
+    """
+
+    def __init__(self, descriptor: int, path: Path):
+        super().__init__(io.FileIO(descriptor))
+        self.path = path
+        self.size = os.fstat(descriptor).st_size
+        self._reads_left: int | None = None
+        self._most_bytes = LARGEST_FILE
+
+    def limit(self, *, reads: int | None = None, most_bytes: int = LARGEST_FILE) -> None:
+        """From now on allow so many reads (None: any number), none of more than `most_bytes`."""
+        self._reads_left, self._most_bytes = reads, most_bytes
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """As of any file, except that a limit raises `ValueError`."""
+        left = max(self.size - self.tell(), 0)
+        size = left if size is None or size < 0 else min(size, left)
+        self._count(size)
+        return super().read(size)
+
+    def readinto(self, buffer: Any, /) -> int:
+        """As of any file, except that a limit raises `ValueError`."""
+        self._count(0)
+        return super().readinto(buffer)
+
+    def is_at_end(self) -> bool:
+        """Whether nothing follows, whatever size the file states."""
+        return not super().read(1)
+
+    def _count(self, size: int) -> None:
+        if size > self._most_bytes:
+            raise ValueError("asks for too much at once")
+        if self._reads_left is not None:
+            self._reads_left -= 1
+            if self._reads_left < 0:
+                raise ValueError("asks for too many small parts")
+
+
+@contextmanager
+def open_file(
+    path: Path, *, what: str = "file", key: str = "recording.path", most: int = LARGEST_FILE
+) -> Iterator[DataFile]:
+    """The file at `path`, which a refusal calls `what` and configuration key `key` names.
+
+    Raises `BadInput` for what is absent, no regular file, unreadable, empty or larger than `most`
+    bytes, and at the end for a file that changed while it was read.
+    """
+    with DataFile(_opened(path, what, key), path) as file:
+        before = os.fstat(file.fileno())
+        name = quoted(path.name)
+        refuse(before.st_size == 0, f"{name}: the {what} is empty: record or copy it again.")
+        refuse(
+            before.st_size > most,
+            f"{name}: the {what} is {before.st_size} bytes long, above the limit of {most}: write "
+            "it again, or in shorter parts.",
+        )
+        yield file
+        after = os.fstat(file.fileno())
+        refuse(
+            (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns),
+            f"{name}: the {what} changed while it was read: try again once it is written.",
+        )
 
 
 def read_bytes(path: Path, *, what: str, most: int) -> bytes:
-    """The content of `path`, which a refusal calls `what`. Raises `BadInput`."""
+    """All bytes of the file at `path`, which a refusal calls `what` ("sidecar").
+
+    Raises `BadInput` as [`open_file`][] does, its key being `recording.` and `what`.
+    """
+    with (
+        within_memory(path),
+        open_file(path, what=what, key=f"recording.{what}", most=most) as file,
+    ):
+        content = file.read()
+        refuse(
+            len(content) != file.size or not file.is_at_end(),
+            f"{quoted(path.name)}: the {what} does not hold as many bytes as it states: copy it "
+            "to a file of its own.",
+        )
+        return content
+
+
+@contextmanager
+def within_memory(path: Path) -> Iterator[None]:
+    """Refuse what takes more memory than there is, with the file's size and the limit."""
     try:
-        return path.read_bytes()
-    except OSError as error:
+        yield
+    except MemoryError as error:
+        size = path.stat().st_size
         raise BadInput(
-            f"{path}: this {what} cannot be read ({error.strerror}): check recording.{what}=..."
+            f"{quoted(path.name)}: {size} bytes of file ask for more memory than there is, though "
+            f"up to {MOST_SAMPLES} samples may be read: write it again, or in shorter parts."
         ) from error
+
+
+def _opened(path: Path, what: str, key: str) -> int:
+    """A descriptor of the regular file at `path`.
+
+    Looked at before it is opened, as to open a pipe or a device does something; and looked at again
+    by its descriptor, as another file may have taken the name in between.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+    try:
+        _check_kind(os.stat(path).st_mode, path, what, key)
+        descriptor = os.open(path, flags | getattr(os, "O_BINARY", 0))
+    except BadInput:
+        raise
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise BadInput(_no_such_file(path, what, key)) from error
+    except PermissionError as error:
+        raise BadInput(
+            f"{_shown(path)}: the {what} may not be read: change its permissions."
+        ) from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "no path of this system"
+        raise BadInput(
+            f"{_shown(path)}: the {what} cannot be opened ({reason.lower()}): check {key}=..."
+        ) from error
+    try:
+        _check_kind(os.fstat(descriptor).st_mode, path, what, key)
+    except BadInput:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _check_kind(mode: int, path: Path, what: str, key: str) -> None:
+    if not stat.S_ISREG(mode):
+        kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+        kind = kinds.get(stat.S_IFMT(mode), "a device")
+        raise BadInput(
+            f"{_shown(path)}: this is {kind} where the {what} is expected: name a regular file by "
+            f"{key}=..."
+        )
+
+
+def _no_such_file(path: Path, what: str, key: str) -> str:
+    try:
+        with os.scandir(path.parent) as entries:
+            names = [each.name for each in islice(entries, _NEIGHBOURS) if each.is_file()]
+    except OSError:
+        names = []
+    alike = [name for name in names if Path(name).suffix.lower() == path.suffix.lower()]
+    near = nearest(path.name, alike)
+    hint = f"did you mean {quoted(near)}?" if near else f"check {key}=..."
+    return f"{_shown(path)}: there is no such {what}: {hint}"
+
+
+def _shown(path: Path) -> str:
+    """A path as it is, its end alone where it is long."""
+    text = str(path)
+    text = text if len(text) <= LONGEST_NAME else f"…{text[-_SHOWN:]}"
+    return text if text.isprintable() else ascii(text)
+
+
+def _ascii(text: str) -> str:
+    return ascii(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}...")

@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import make_interp_spline
 
-from srsinv.errors import BadInput, choice, refuse, shown
+from srsinv.errors import BadInput, choice, refuse
 
 from ._formats import read_table
+from ._guard import path_of
 from ._recording import POSITION, SPEED, TIME, Recording, check_samples, check_times
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import check_elements, merge, read_sidecar
@@ -58,7 +59,7 @@ def load(
     the result; by default it is refused. Raises `BadInput` for everything that cannot be read as
     such a recording.
     """
-    path = as_path("recording.path", path)
+    path = path_of(path, "recording.path")
     choice(f"{path.name}: recording.missing", missing, ("refuse", "allow"))
     table = read_table(path)
     facts = read_facts(path, table, sidecar, known)
@@ -88,27 +89,17 @@ def load(
 def check_readable(settings: Mapping[str, Any]) -> None:
     """Refuse settings of a recording (`path`, `sidecar` and facts) that name no readable table or
     state what cannot be. Columns are not looked at: not every job needs the same ones."""
-    path = as_path("recording.path", settings["path"])
+    path = path_of(settings["path"], "recording.path")
     known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
     read_facts(path, read_table(path), settings.get("sidecar"), known)
-
-
-def as_path(key: str, given: Any) -> Path:
-    """The file that `given` names. Raises `BadInput` for what is no name of one."""
-    fits = isinstance(given, str | os.PathLike) and "\0" not in str(given)
-    refuse(not fits, f"{key} is {shown(given)}: give the name of a file.")
-    try:
-        return Path(given).expanduser()
-    except RuntimeError as error:  # ~somebody who is not there
-        raise BadInput(f"{key} is {shown(given)}: {error}; write the folder out.") from error
 
 
 def read_facts(
     path: Path, table: Table, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What is known beside the columns: the file's own sidecar, the one beside it, and `known`."""
-    named = None if sidecar is None else as_path("recording.sidecar", sidecar)
-    facts = merge(merge(table.sidecar, read_sidecar(path, named)), _with_listed_elements(known))
+    given = None if sidecar is None else path_of(sidecar, "recording.sidecar")
+    facts = merge(merge(table.sidecar, read_sidecar(path, given)), _with_listed_elements(known))
     check_facts(path.name, facts)
     return facts
 

@@ -14,11 +14,10 @@ from pydantic_core import PydanticCustomError
 
 from srsinv.errors import BadInput, is_number, refuse, shown
 
+from ._guard import LONGEST_NAME, MOST_COLUMNS
 from ._units import PER_S
 
-LONGEST_NAME = 200  # characters of a name or a unit
 LONGEST_TEXT = 10_000  # characters of a description
-MOST_LISTED = 1_000  # elements or channels
 ORIENTATIONS = ("1_to_x_3_to_z", "1_to_z_3_to_x")
 
 
@@ -49,7 +48,7 @@ def _is_interval(value: Any) -> bool:
 
 def _is_channels(value: Any) -> bool:
     if isinstance(value, list):
-        return 0 < len(value) <= MOST_LISTED and all(map(_is_text, value))
+        return 0 < len(value) <= MOST_COLUMNS and all(map(_is_text, value))
     return _is_text(value)
 
 
@@ -58,7 +57,7 @@ def _each(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
 
     def all_fit(value: Any) -> bool:
         listed = value if isinstance(value, list) else [value]
-        return len(listed) <= MOST_LISTED and all(v is None or fits(v) for v in listed)
+        return len(listed) <= MOST_COLUMNS and all(v is None or fits(v) for v in listed)
 
     return all_fit
 

@@ -1,7 +1,5 @@
 """A file's named columns, whatever its format."""
 
-import difflib
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,11 +7,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from srsinv.errors import BadInput, refuse
+from srsinv.errors import BadInput, refuse, shown
+
+from ._guard import LONGEST_NAME, MOST_COLUMNS, MOST_SAMPLES, is_broken, nearest, quoted
 
 _LISTED = 20
-# 2 GiB as float64: a damaged or hostile header may ask for any amount.
-LARGEST_FILE = 2**28
+_CELL = 40  # characters shown of a cell
 
 
 def listing(names: Iterable[str]) -> str:
@@ -24,25 +23,23 @@ def listing(names: Iterable[str]) -> str:
     return (shown or "none") + (f" and {more} more" if more > 0 else "")
 
 
-def quoted(name: str) -> str:
-    """A name as it is, or in quotes where it could be misread."""
-    return name if name == name.strip() and name.isprintable() else repr(name)
-
-
 @dataclass(frozen=True)
 class Table:
-    """The columns of one file, by name: text cells or 1-D arrays of real numbers.
+    """The columns of one file, by name: 1-D arrays of real numbers.
 
     `unusable` says of every other array why it is no column; `units` holds the file's own words;
     `sidecar` what the file itself carries of one; `signals` the columns that can be nothing else.
+    A column of text is NaN where its cell is empty and infinite where it holds no finite number,
+    and `texts` has the first such cell (empty where there is none).
     """
 
     name: str
-    columns: dict[str, list[str] | np.ndarray] = field(default_factory=dict)
+    columns: dict[str, np.ndarray] = field(default_factory=dict)
     unusable: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     sidecar: dict[str, Any] = field(default_factory=dict)
     signals: list[str] = field(default_factory=list)
+    texts: dict[str, str] = field(default_factory=dict)
 
     def __contains__(self, column: str) -> bool:
         return column in self.columns or column in self.unusable
@@ -57,23 +54,67 @@ class Table:
     ) -> None:
         """Take in the array that `read` gives; it is read only if it is a column.
 
-        Raises `BadInput` where the columns together would hold more than `LARGEST_FILE` values.
+        Raises `BadInput` for a name, a unit or a size beyond the limits, and `EOFError` where
+        `read` gives another number of values than `shape` states.
         """
         if len(shape) != 1:
-            self.unusable[name] = f"has shape {shape}"
+            self.leave_out(name, f"has shape {shown(tuple(shape))}")
         elif dtype.kind not in "iuf":
-            self.unusable[name] = f"holds values of type {dtype}"
+            self.leave_out(name, f"holds values of type {shown(str(dtype))[1:-1]}")
         else:
-            values = shape[0] + sum(len(column) for column in self.columns.values())
-            refuse(
-                values > LARGEST_FILE,
-                f"{self.name}: column {quoted(name)} states {shape[0]} samples, which brings the "
-                f"file above the limit of {LARGEST_FILE} values: write the file again, or in "
-                "shorter parts.",
-            )
-            self.columns[name] = read()
+            self.check_name(name)
+            self.check_size(name, shape[0])
+            values = read()
+            if values.shape != tuple(shape):
+                raise EOFError("not as many values as stated")
+            self.columns[name] = values
             if isinstance(unit, str) and unit:
+                self._check_text(f"the unit of column {quoted(name)}", unit)
                 self.units[name] = unit
+
+    def leave_out(self, name: str, reason: str) -> None:
+        """An array that is no column, and why. Raises `BadInput` as [`check_name`][] does."""
+        self.check_name(name)
+        self.unusable[name] = reason
+
+    def check_name(self, name: str) -> None:
+        """Refuse the next name where it cannot be used, stands there twice or is one too many."""
+        self._check_text("the column's name", name)
+        self.check_count(len(self.columns) + len(self.unusable) + 1)
+        refuse(
+            name in self,
+            f"{self.name}: column {shown(name)} appears twice: give every column its own name.",
+        )
+
+    def check_count(self, columns: int) -> None:
+        """Refuse more columns than can be."""
+        refuse(
+            columns > MOST_COLUMNS,
+            f"{self.name}: the file names {columns} columns or more, above the limit of "
+            f"{MOST_COLUMNS}: keep those of one scan.",
+        )
+
+    def check_size(self, name: str, samples: int) -> None:
+        """Refuse a column of so many samples where all together are too many."""
+        total = samples + sum(column.size for column in self.columns.values())
+        refuse(
+            total > MOST_SAMPLES,
+            f"{self.name}: column {quoted(name)} states {samples} samples, which brings the file "
+            f"above the limit of {MOST_SAMPLES} in all its columns: write the file again, or in "
+            "shorter parts.",
+        )
+
+    def _check_text(self, what: str, text: str) -> None:
+        refuse(
+            len(text) > LONGEST_NAME,
+            f"{self.name}: {what} is {len(text)} characters long, beginning with "
+            f"{text[:_CELL]!a}: give it at most {LONGEST_NAME}.",
+        )
+        refuse(
+            is_broken(text),
+            f"{self.name}: {what} is {text!a}, which cannot be printed: write it without "
+            "control characters.",
+        )
 
     def numbers(self, column: str, *, allow_missing: bool = False) -> Float[np.ndarray, " row"]:
         """Column `column` as float64 (row,); NaN where its cell is empty, if that is allowed.
@@ -85,7 +126,7 @@ class Table:
         values = self._cells(column)
         bad = ~np.isfinite(values) if not allow_missing else np.isinf(values)
         if bad.any():
-            self._refuse_cell(column, self.columns[column], int(bad.argmax()))
+            self._refuse_cell(column, int(bad.argmax()))
         return values
 
     def check_usable(self, column: str) -> None:
@@ -104,41 +145,25 @@ class Table:
         return np.where(np.isfinite(values), values, np.nan)
 
     def _cells(self, column: str) -> Float[np.ndarray, " row"]:
-        raw = self.columns[column]
-        values = np.array([_number(cell) for cell in raw]) if isinstance(raw, list) else raw
         # A number beyond float64's range becomes infinite, and is refused as such.
         with np.errstate(over="ignore", invalid="ignore"):
-            return values.astype(np.float64)
+            return self.columns[column].astype(np.float64)
 
     def _no_column(self, column: str) -> str:
-        near = difflib.get_close_matches(column, self.columns, n=1, cutoff=0.0)
-        nearest = f"the nearest is {quoted(near[0])}, and " if near else ""
+        near = nearest(column, self.columns, cutoff=0.0)
+        hint = f"the nearest is {quoted(near)}, and " if near else ""
         return (
-            f"{self.name}: there is no column {column!r}: {nearest}the columns are "
+            f"{self.name}: there is no column {shown(column)}: {hint}the columns are "
             f"{listing(self.columns)}: name one of them."
         )
 
-    def _refuse_cell(self, column: str, raw: list[str] | np.ndarray, row: int) -> None:
-        cell = str(raw[row]).strip()
-        found = f"holds {cell[:40]!r}, not a finite number" if cell else "is empty"
+    def _refuse_cell(self, column: str, row: int) -> None:
+        value = self.columns[column][row]
+        is_text = column in self.texts
+        cell = str(value) if not is_text else self.texts[column] if np.isinf(value) else ""
+        found = f"holds {cell[:_CELL]!r}, not a finite number" if cell else "is empty"
         raise BadInput(
             f"{self.name}: column {quoted(column)}, data row {row + 1} {found}: correct it or "
             "leave the row out, or, if this is a missing sample of a signal, leave the cell empty "
             "(NaN in an array) and set recording.missing=allow."
         )
-
-
-def is_number(cell: str) -> bool:
-    """Whether a cell holds a finite number."""
-    return math.isfinite(_number(cell))
-
-
-def _number(cell: str) -> float:
-    """The number in a cell: NaN only if the cell is empty, infinite if it holds no finite one."""
-    if not cell or cell.isspace():
-        return math.nan
-    try:
-        number = float(cell)
-    except ValueError:
-        return math.inf
-    return number if math.isfinite(number) else math.inf

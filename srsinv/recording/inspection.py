@@ -15,6 +15,7 @@ from jaxtyping import Float
 from srsinv.errors import BadInput, refuse
 
 from ._formats import read_table
+from ._guard import path_of
 from ._health import (
     SHORTEST,
     Clipping,
@@ -26,7 +27,7 @@ from ._health import (
     spectrum,
     timing,
 )
-from ._read import as_path, choose_channels, read_facts, stated_time_unit, time_column
+from ._read import choose_channels, read_facts, stated_time_unit, time_column
 from ._recording import SPEED
 from ._table import Table, listing
 from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, unit_of_name
@@ -117,7 +118,7 @@ def inspect(
     Raises `BadInput` for a file that cannot be read or has no column of numbers, for a sidecar that
     cannot be right, and for `channels` that are not there.
     """
-    path = as_path("recording.path", path)
+    path = path_of(path, "recording.path")
     table = read_table(path)
     facts = read_facts(path, table, sidecar, known)
     refuse(

@@ -1,29 +1,27 @@
 """A measured profile's way in from a file: heights along a line."""
 
 import os
-from pathlib import Path
-from typing import Any
 
-from srsinv.errors import refuse, shown
+from srsinv.errors import refuse
 
 from ._formats import read_table
+from ._guard import path_of
 from ._table import Table, listing
 from ._units import PER_M, POSITIONS, names
 
 HEIGHTS = names("height", PER_M)
 
 
-def load_profile(path: str | os.PathLike[str]) -> dict[str, Any]:
+def load_profile(
+    path: str | os.PathLike[str], key: str = "The profile's path"
+) -> dict[str, list[float]]:
     """`position_m` and `profile_m`, lists of numbers, from the file's columns.
 
     The file is of any format that recordings have, with a column `position_m` (or `_mm`, `_um`) and
-    one `height_m` (or `_mm`, `_um`). Raises `BadInput` for what cannot be read as such.
+    one `height_m` (or `_mm`, `_um`). `key` is what names the path in the configuration. Raises
+    `BadInput` for what cannot be read as such.
     """
-    refuse(
-        not isinstance(path, str | os.PathLike),
-        f"The profile's path is {shown(path)}: give the name of a file.",
-    )
-    table = read_table(Path(path).expanduser())
+    table = read_table(path_of(path, key), key)
     return {
         "position_m": _column(table, "position", POSITIONS),
         "profile_m": _column(table, "height", HEIGHTS),

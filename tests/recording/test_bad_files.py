@@ -220,7 +220,7 @@ def test_cut_short(tmp_path, format, share):
 @pytest.mark.parametrize("name", dict.fromkeys(name for name, _ in FORMATS.values()))
 def test_a_folder_in_place_of_the_file(tmp_path, name):
     (tmp_path / name).mkdir()
-    assert_refused(tmp_path / name, ["no such file", "recording.path"])
+    assert_refused(tmp_path / name, ["a folder", "recording.path"])
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is unreadable for root")

@@ -1,16 +1,16 @@
 """Files of named columns, one format a file, all as one `Table`.
 
-Nothing in a file is ever executed: no pickle, no object arrays, no MATLAB objects. What lies in
-another file is not followed.
+Nothing in a file is ever executed: no pickle, no object arrays, no MATLAB objects, no filter that
+is loaded. What lies in another file is not followed.
 """
 
-import difflib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 from srsinv.errors import BadInput, refuse
 
+from .._guard import DataFile, open_file, quoted, within_memory
 from .._table import Table
 from .hdf5 import read_hdf5
 from .matlab import read_matlab
@@ -20,7 +20,7 @@ from .tdms import read_tdms
 from .text import read_text
 from .wav import read_wav
 
-READERS: dict[str, Callable[[Path], Table]] = {
+READERS: dict[str, Callable[[DataFile], Table]] = {
     ".csv": read_text,
     ".txt": read_text,
     ".tsv": read_text,
@@ -34,47 +34,37 @@ READERS: dict[str, Callable[[Path], Table]] = {
 }
 
 
-def read_table(path: Path) -> Table:
-    """The table in `path`, by its suffix. Raises `BadInput` for a file that cannot be one."""
-    suffix = path.suffix.lower()
+def read_table(path: Path, key: str = "recording.path") -> Table:
+    """The table in `path`, by its suffix; `key` is what names the path in the configuration.
+
+    Raises `BadInput` for a file that cannot be one.
+    """
+    name, suffix = quoted(path.name), path.suffix.lower()
     refuse(
         suffix not in READERS,
-        f"{path.name}: a recording cannot be read from suffix {path.suffix!r}: use one of "
+        f"{name}: a recording cannot be read from suffix {path.suffix!r}: use one of "
         f"{', '.join(READERS)}.",
     )
-    _check_file(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            table = READERS[suffix](path)
-    except BadInput:
-        raise
-    except PermissionError as error:
-        raise BadInput(f"{path}: the file may not be read: change its permissions.") from error
-    except MemoryError as error:
-        raise BadInput(
-            f"{path.name}: the file asks for more memory than there is: write it again, or in "
-            "shorter parts."
-        ) from error
-    # On damaged bytes a library's parser raises whatever it stumbles over.
-    except Exception as error:
-        raise BadInput(
-            f"{path.name}: the file cannot be read as {suffix}, being cut short or of another "
-            "format: write it again, or give it the suffix of what it holds "
-            f"({', '.join(READERS)})."
-        ) from error
+    with within_memory(path), open_file(path, key=key) as file:
+        table = _parsed(file, name, suffix)
     refuse(
         not table.columns and not table.unusable,
-        f"{path.name}: there is no column in the file: write it again, a column for each quantity.",
+        f"{name}: there is no column in the file: write it again, a column for each quantity.",
     )
     return table
 
 
-def _check_file(path: Path) -> None:
-    if not path.is_file():
-        there = [p.name for p in path.parent.glob("*.*") if p.is_file()]
-        there = [name for name in there if Path(name).suffix.lower() in READERS]
-        near = difflib.get_close_matches(path.name, there, n=1)
-        hint = f"did you mean {near[0]}?" if near else "check recording.path=..."
-        raise BadInput(f"{path}: there is no such file: {hint}")
-    refuse(path.stat().st_size == 0, f"{path.name}: the file is empty: record or copy it again.")
+def _parsed(file: DataFile, name: str, suffix: str) -> Table:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return READERS[suffix](file)
+    except (BadInput, MemoryError):
+        raise
+    # On damaged bytes a library's parser raises whatever it stumbles over.
+    except Exception as error:
+        raise BadInput(
+            f"{name}: the file cannot be read as {suffix}, being cut short or of another "
+            "format: write it again, or give it the suffix of what it holds "
+            f"({', '.join(READERS)})."
+        ) from error

@@ -1,30 +1,45 @@
 """MATLAB: a column a row or column vector of numbers, in version 5 or 7.3 (which is HDF5)."""
 
-from pathlib import Path
-
 import h5py
 
-from .._table import Table, quoted
-from .hdf5 import members, take
+from .._guard import DataFile, quoted
+from .._table import Table
+from .hdf5 import attribute, leave_links_out, members, open_hdf5, take
 from .matlab5 import NUMERIC, read_matlab5, vector
 
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_FIRST_BLOCK = 512  # bytes; HDF5 begins at 0, at this or at a double of it
 
-def read_matlab(path: Path) -> Table:
+
+def read_matlab(file: DataFile) -> Table:
     """The vectors of a file; all else (structs, cells, objects, matrices) is no column."""
-    return _read_7_3(path) if h5py.is_hdf5(path) else read_matlab5(path)
+    return _read_7_3(file) if _is_hdf5(file) else read_matlab5(file)
 
 
-def _read_7_3(path: Path) -> Table:
-    table = Table(path.name)
-    with h5py.File(path, "r") as file:
-        for name in members(file, h5py.Group).keys() - {"#refs#", "#subsystem#"}:
-            table.unusable[name] = "is a MATLAB struct"
-        for name, dataset in members(file, h5py.Dataset).items():
-            kind = _text(dataset.attrs.get("MATLAB_class", "double"))
+def _is_hdf5(file: DataFile) -> bool:
+    at, found = 0, False
+    while at < file.size and not found:
+        file.seek(at)
+        found = file.read(len(_HDF5)) == _HDF5
+        at = max(_FIRST_BLOCK, 2 * at)
+    file.seek(0)
+    return found
+
+
+def _read_7_3(file: DataFile) -> Table:
+    table = Table(quoted(file.path.name))
+    with open_hdf5(file) as opened:
+        leave_links_out(table, opened)
+        for name in members(table, opened, h5py.Group):
+            if name not in ("#refs#", "#subsystem#"):
+                table.leave_out(name, "is a MATLAB struct")
+        for name, dataset in members(table, opened, h5py.Dataset).items():
+            kind = attribute(table, dataset, "MATLAB_class")
+            kind = "double" if kind is None else _text(kind)
             if kind not in NUMERIC or "MATLAB_object_decode" in dataset.attrs:
-                table.unusable[name] = f"is a MATLAB {quoted(kind)}"
-            elif dataset.attrs.get("MATLAB_empty", 0):
-                table.unusable[name] = "is empty"
+                table.leave_out(name, f"is a MATLAB {quoted(kind)}")
+            elif attribute(table, dataset, "MATLAB_empty"):
+                table.leave_out(name, "is empty")
             else:
                 take(table, name, dataset, vector(dataset.shape or ()))
     return table

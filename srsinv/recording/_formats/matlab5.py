@@ -4,14 +4,13 @@ Read here rather than by scipy, whose reader can take the whole process down on 
 builds structs and objects that are never wanted. Only the vectors' own bytes are looked at.
 """
 
-import io
 import math
 import struct
 import zlib
-from pathlib import Path
 
 import numpy as np
 
+from .._guard import DataFile, quoted
 from .._table import Table
 
 _HEADER = 128  # bytes, the last two of which say the byte order
@@ -28,24 +27,40 @@ _CLASSES = {
 NUMERIC = {name for number, name in _CLASSES.items() if 6 <= number <= 15}
 _COMPLEX, _LOGICAL = 0x800, 0x200
 _LONGEST = 4096  # bytes of a name or of dimensions
+_PIECE = 2**16  # compressed bytes that are read at once
+
+
+class _Part:
+    """The next bytes of a file, `size` of them and no more."""
+
+    def __init__(self, file: DataFile, size: int):
+        self._file, self._left = file, size
+
+    def read(self, size: int, /) -> bytes:
+        part = self._file.read(min(size, self._left))
+        self._left -= len(part)
+        return part
 
 
 class _Inflated:
     """Compressed bytes, inflated only as far as they are asked for."""
 
-    def __init__(self, data: bytes):
-        self._inflater, self._left = zlib.decompressobj(), data
+    def __init__(self, packed: _Part):
+        self._inflater, self._packed = zlib.decompressobj(), packed
 
     def read(self, size: int, /) -> bytes:
         parts = []
-        while size and (part := self._inflater.decompress(self._left, size)):
-            self._left = self._inflater.unconsumed_tail
+        while size and not self._inflater.eof:
+            packed = self._inflater.unconsumed_tail or self._packed.read(_PIECE)
+            part = self._inflater.decompress(packed, size)
+            if not packed and not part:
+                break
             parts.append(part)
             size -= len(part)
         return b"".join(parts)
 
 
-_Stream = io.BytesIO | _Inflated
+_Stream = _Part | _Inflated
 
 
 def vector(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -53,25 +68,26 @@ def vector(shape: tuple[int, ...]) -> tuple[int, ...]:
     return (max(shape),) if len(shape) == 2 and min(shape) == 1 else tuple(shape)
 
 
-def read_matlab5(path: Path) -> Table:
+def read_matlab5(file: DataFile) -> Table:
     """The vectors of numbers in the file."""
-    table = Table(path.name)
-    content = path.read_bytes()
-    order = _ORDERS[content[_HEADER - 2 : _HEADER]]
-    at = _HEADER
-    while at < len(content):
-        kind, size = struct.unpack_from(f"{order}II", content, at)
-        at += 8 + size
-        if at > len(content):
+    table = Table(quoted(file.path.name))
+    order = _ORDERS[file.read(_HEADER)[_HEADER - 2 :]]
+    end, count = _HEADER, 0
+    while end < file.size:
+        file.seek(end)
+        kind, size = struct.unpack(f"{order}II", file.read(8))
+        end += 8 + size
+        count += 1
+        table.check_count(count)
+        if end > file.size:
             raise EOFError("cut short")
-        data = content[at - size : at]
+        stream: _Stream = _Part(file, size)
         if kind == _COMPRESSED:
-            stream: _Stream = _Inflated(data)
+            stream = _Inflated(stream)
             kind, _ = struct.unpack(f"{order}II", _exactly(stream, 8))
-        else:
-            stream = io.BytesIO(data)
-        if kind == _MATRIX:
-            _take(table, stream, order)
+        if kind != _MATRIX:
+            raise ValueError("not a variable")
+        _take(table, stream, order)
     return table
 
 
@@ -85,9 +101,9 @@ def _take(table: Table, stream: _Stream, order: str) -> None:
     if not name:  # what belongs to functions and objects
         return
     if name_of_class not in NUMERIC:
-        table.unusable[name] = f"is a MATLAB {name_of_class}"
+        table.leave_out(name, f"is a MATLAB {name_of_class}")
     elif flags & (_COMPLEX | _LOGICAL):
-        table.unusable[name] = f"holds {'complex' if flags & _COMPLEX else 'logical'} values"
+        table.leave_out(name, f"holds {'complex' if flags & _COMPLEX else 'logical'} values")
     else:
 
         def read() -> np.ndarray:

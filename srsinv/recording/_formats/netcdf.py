@@ -1,36 +1,66 @@
-"""netCDF-4: a column a variable of the root, packed values unpacked."""
+"""netCDF-4: a column a variable of the root, packed values unpacked.
 
-from pathlib import Path
+Read as HDF5, so that nothing is built or followed beside the columns; xarray's own conventions
+unpack the values.
+"""
 
 import h5py
 import numpy as np
 import xarray as xr
+from xarray.conventions import decode_cf_variable
 
+from .._guard import DataFile, quoted
 from .._sidecar import parse
 from .._table import Table
-from .hdf5 import members
+from .hdf5 import attribute, check_chunks, leave_links_out, members, open_hdf5, why_no_column
+
+_PACKING = ("_FillValue", "missing_value", "scale_factor", "add_offset", "_Unsigned", "dtype")
+# How the format marks a dimension that is no variable, and a variable named as another's dimension.
+_ONLY_A_DIMENSION = b"This is a netCDF dimension but not a netCDF variable"
+_NOT_THE_DIMENSION = "_nc4_non_coord_"
 
 
-def read_netcdf(path: Path) -> Table:
+def read_netcdf(file: DataFile) -> Table:
     """The variables of the root with their `units`, and the sidecar in attribute `sidecar`."""
-    table = Table(path.name)
-    inside = _in_the_file(path)
-    # Where units say "seconds", xarray would turn the numbers into dates or durations.
-    with xr.open_dataset(
-        path, engine="h5netcdf", decode_times=False, decode_timedelta=False
-    ) as dataset:
-        for name, variable in dataset.variables.items():
-            if str(name) in inside:
-                read, unit = variable.to_numpy, variable.attrs.get("units")
-                table.take(str(name), variable.shape, np.dtype(variable.dtype), read, unit)
-            else:
-                table.unusable[str(name)] = "lies in another file"
-        sidecar = dataset.attrs.get("sidecar", "{}")
-        table.sidecar.update(parse(f"{path.name}, attribute sidecar", str(sidecar), "JSON"))
+    table = Table(quoted(file.path.name))
+    with open_hdf5(file) as opened:
+        leave_links_out(table, opened)
+        for name, dataset in members(table, opened, h5py.Dataset).items():
+            mark = attribute(table, dataset, "NAME")
+            if not (isinstance(mark, bytes) and mark.startswith(_ONLY_A_DIMENSION)):
+                _take(table, name.replace(_NOT_THE_DIMENSION, ""), dataset)
+        sidecar = _word(attribute(table, opened, "sidecar"))
+        if sidecar is not None:
+            table.sidecar.update(parse(f"{table.name}, attribute sidecar", str(sidecar), "JSON"))
     return table
 
 
-def _in_the_file(path: Path) -> set[str]:
-    with h5py.File(path, "r") as file:
-        own = members(file, h5py.Dataset)
-        return {name for name, each in own.items() if not (each.is_virtual or each.external)}
+def _take(table: Table, name: str, dataset: h5py.Dataset) -> None:
+    if reason := why_no_column(dataset):
+        table.leave_out(name, reason)
+        return
+    unit = _word(attribute(table, dataset, "units"))
+    if len(dataset.shape or ()) != 1 or dataset.dtype.kind not in "iuf":
+        table.take(name, dataset.shape or (), dataset.dtype, lambda: np.zeros(0), unit)
+        return
+    packing = {key: _word(attribute(table, dataset, key)) for key in _PACKING}
+    packing = {key: value for key, value in packing.items() if value is not None}
+
+    def unpacked(values: np.ndarray) -> xr.Variable:
+        variable = xr.Variable(("sample",), values, packing)
+        # Where units say "seconds", xarray would turn the numbers into dates or durations.
+        return decode_cf_variable(name, variable, decode_times=False, decode_timedelta=False)
+
+    def read() -> np.ndarray:
+        check_chunks(table, name, dataset)
+        return unpacked(dataset[...]).to_numpy()
+
+    dtype = np.dtype(unpacked(np.zeros(0, dataset.dtype)).dtype)
+    table.take(name, dataset.shape, dtype, read, unit)
+
+
+def _word(value: object) -> object:
+    """An attribute as netCDF means it: text as such, and one number not as an array of one."""
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.flat[0]
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value

@@ -2,52 +2,216 @@
 
 import csv
 import io
-from pathlib import Path
+import math
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
 
 from srsinv.errors import BadInput, refuse
 
-from .._table import Table, is_number
+from .._guard import DataFile, quoted
+from .._table import Table
 
 _DELIMITERS = ",;\t"
+LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
+_BLOCK = 2**20  # characters whose cells are turned into numbers together
+_TEXT = 80  # characters kept of a cell that is no number
 
 
-def read_text(path: Path) -> Table:
+def read_text(file: DataFile) -> Table:
     """The columns of a UTF-8 text; blank lines and lines of # before the header are skipped."""
-    text = path.read_text(encoding="utf-8-sig")
-    if "\0" in text:
-        raise ValueError("binary")
-    lines = iter(io.StringIO(text))
+    table = Table(quoted(file.path.name))
+    text = io.TextIOWrapper(file, encoding="utf-8-sig")
+    lines = _Lines(table.name, text)
     header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
     delimiter = next((mark for mark in header if mark in _DELIMITERS), ",")
     names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
-    _check_names(path.name, names)
-    # A blank line is the empty cell of a file of one column, and nothing at the end of any file.
-    rows = [row or [""] for row in csv.reader(lines, delimiter=delimiter)]
-    while rows and rows[-1] == [""]:
-        rows.pop()
-    _check_rows(path.name, len(names), rows)
-    cells = {name: [row[index] for row in rows] for index, name in enumerate(names) if name}
-    return Table(path.name, {**cells})
+    _check_names(table, names)
+    lines.begin_after(1)
+    columns = {index: _Column() for index, name in enumerate(names) if name}
+    for rows in _blocks(table, lines, delimiter, names):
+        cells = list(zip(*rows, strict=True))
+        for index, column in columns.items():
+            column.extend(cells[index])
+    for index, column in columns.items():
+        table.columns[names[index]] = column.numbers()
+        table.texts[names[index]] = column.text
+    text.detach()  # the file stays open
+    return table
 
 
-def _check_names(name: str, names: list[str]) -> None:
+class _Lines(Iterator[str]):
+    """Lines of a text, read in blocks.
+
+    Raises `BadInput` where the lines since the last row's end are longer than `LONGEST_ROW`: a row
+    may take several, where one of its cells does.
+    """
+
+    def __init__(self, name: str, text: io.TextIOWrapper):
+        self._name, self._text = name, text
+        self._begun, self._waiting = "", deque[str]()
+        self._rows, self._characters = 0, 0
+
+    def begin_after(self, rows: int) -> None:
+        """Another row begins, after so many."""
+        self._rows, self._characters = self._rows + rows, 0
+
+    def has_more_at_hand(self) -> bool:
+        """Whether a line waits that needs no reading."""
+        return bool(self._waiting)
+
+    def rows_at_hand(self) -> list[str]:
+        """All the lines that wait, if each is sure to be a row; else none."""
+        if not self._waiting:
+            self._fill()
+        lines = list(self._waiting)
+        if (
+            not lines
+            or "\n" in lines
+            or max(map(len, lines)) > LONGEST_ROW
+            or '"' in "".join(lines)
+        ):
+            return []
+        self._waiting.clear()
+        return lines
+
+    def __next__(self) -> str:
+        if not self._waiting:
+            self._fill()
+        if not self._waiting:
+            raise StopIteration
+        line = self._waiting.popleft()
+        self._characters += len(line)
+        if self._characters > LONGEST_ROW:
+            where = f"data row {self._rows}" if self._rows else "the header"
+            raise BadInput(
+                f"{self._name}: {where} is longer than {LONGEST_ROW} characters: write a row for "
+                "each sample, and close every quotation mark."
+            )
+        return line
+
+    def _fill(self) -> None:
+        """Have a line wait, unless the text is at its end."""
+        read = " "
+        while read and not self._waiting:
+            read = self._text.read(_BLOCK)
+            if "\0" in read:
+                raise ValueError("binary")
+            *lines, self._begun = (self._begun + read).split("\n")
+            self._waiting.extend(line + "\n" for line in lines)
+            # The last line needs no end; nor is one waited for that is too long already.
+            if self._begun and (not read or len(self._begun) > LONGEST_ROW):
+                self._waiting.append(self._begun)
+                self._begun = ""
+
+
+class _Column:
+    """A column's cells as numbers: NaN for one that is empty, infinite for no finite number."""
+
+    def __init__(self):
+        self._parts: list[np.ndarray] = []
+        self.text = ""  # of the first cell that holds no finite number
+
+    def extend(self, cells: tuple[str, ...]) -> None:
+        """Add the next cells."""
+        try:
+            values = np.fromiter(map(float, cells), np.float64, len(cells))
+        except ValueError:
+            values = np.full(1, np.nan)
+        if not np.isfinite(values).all():
+            values = np.fromiter(map(_number, cells), np.float64, len(cells))
+            if not self.text and np.isinf(values).any():
+                self.text = cells[int(np.isinf(values).argmax())].strip()[:_TEXT]
+        self._parts.append(values)
+
+    def numbers(self) -> Float[np.ndarray, " row"]:
+        """All cells, of which nothing is kept here."""
+        values = np.concatenate([np.zeros(0), *self._parts])
+        self._parts.clear()
+        return values
+
+
+def _blocks(
+    table: Table, lines: _Lines, delimiter: str, names: list[str]
+) -> Iterator[list[list[str]]]:
+    """Rows of as many cells as there are names, a block of them at a time.
+
+    A blank line is the empty cell of a file of one column, and nothing at the end of any file.
+    """
+    reader = csv.reader(lines, delimiter=delimiter)
+    done = blank = 0
+    while rows := _next_rows(lines, reader, delimiter):
+        at_end = 0
+        while rows and rows[-1] == [""]:
+            rows.pop()
+            at_end += 1
+        if rows or (blank + at_end > LONGEST_ROW and len(names) > 1):
+            held = ([[""]] * min(_BLOCK, blank - start) for start in range(0, blank, _BLOCK))
+            for part in (*held, rows):
+                done = _checked(table, part, names, done)
+                yield part
+            blank = 0
+        blank += at_end
+        table.check_size(names[0], done + blank)
+
+
+def _next_rows(lines: _Lines, reader: Iterator[list[str]], delimiter: str) -> list[list[str]]:
+    """The rows of the next lines, a blank line's being one empty cell; none at the end."""
+    if simple := lines.rows_at_hand():
+        lines.begin_after(len(simple))
+        return list(csv.reader(simple, delimiter=delimiter))
+    rows = []
+    for row in reader:
+        rows.append(row or [""])
+        lines.begin_after(1)
+        if not lines.has_more_at_hand():
+            break
+    return rows
+
+
+def _checked(table: Table, rows: list[list[str]], names: list[str], done: int) -> int:
+    """How many rows there are with these, after the first `done`."""
+    odd = next((index for index, row in enumerate(rows) if len(row) != len(names)), None)
+    if odd is not None:
+        raise BadInput(
+            f"{table.name}: data row {done + odd + 1} has {len(rows[odd])} cells where the header "
+            f"names {len(names)} columns: complete the row or leave it out."
+        )
+    done += len(rows)
+    table.check_size(names[0], done * len(names))
+    return done
+
+
+def _check_names(table: Table, names: list[str]) -> None:
+    table.check_count(len(names))
     named = [column for column in names if column]
     refuse(
         all(map(is_number, named)),
-        f"{name}: there is no header row: begin the file with the names of its columns, such as "
-        "time_s,speed_m_per_s,voltage_0_V.",
+        f"{table.name}: there is no header row: begin the file with the names of its columns, such "
+        "as time_s,speed_m_per_s,voltage_0_V.",
     )
-    twice = next((column for column in named if named.count(column) > 1), None)
-    refuse(
-        twice is not None,
-        f"{name}: column {twice!r} appears twice in the header: give every column its own name.",
-    )
-
-
-def _check_rows(name: str, columns: int, rows: list[list[str]]) -> None:
-    odd = next((index for index, row in enumerate(rows) if len(row) != columns), None)
-    if odd is not None:
-        raise BadInput(
-            f"{name}: data row {odd + 1} has {len(rows[odd])} cells where the header names "
-            f"{columns} columns: complete the row or leave it out."
+    for index, column in enumerate(named):
+        table.check_name(column)
+        refuse(
+            column in named[:index],
+            f"{table.name}: column {column!r} appears twice in the header: give every column its "
+            "own name.",
         )
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell holds a finite number."""
+    return math.isfinite(_number(cell))
+
+
+def _number(cell: str) -> float:
+    """The number in a cell: NaN only if the cell is empty, infinite if it holds no finite one."""
+    if not cell or cell.isspace():
+        return math.nan
+    try:
+        number = float(cell)
+    except ValueError:
+        return math.inf
+    return number if math.isfinite(number) else math.inf

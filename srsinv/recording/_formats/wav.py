@@ -1,34 +1,59 @@
 """WAV: a column a channel, at the file's own sample rate."""
 
+import struct
 import warnings
-from pathlib import Path
 
 import numpy as np
 import scipy.io.wavfile
 from jaxtyping import Float
 
+from .._guard import DataFile, quoted
 from .._table import Table
 
 UNIT = "full scale"
+_MOST_READS = 10_000  # of the file's parts, of which there are a handful
+_MOST_PARTS = 1_000
 
 
-def read_wav(path: Path) -> Table:
+def read_wav(file: DataFile) -> Table:
     """`channel_0`, `channel_1`, ... as fractions of full scale, with `sample_rate_hz`.
 
     What a full scale is in volts only the experimenter knows: it is the inverse of `gain`.
     """
+    table = Table(quoted(file.path.name))
+    channels, samples = _stated(file)
+    table.check_count(channels)
+    table.check_size("channel_0", samples * channels)
+    file.limit(reads=_MOST_READS)
     with warnings.catch_warnings():
         warnings.filterwarnings("error", "Reached EOF", scipy.io.wavfile.WavFileWarning)
-        rate_hz, samples = scipy.io.wavfile.read(path)
+        rate_hz, raw = scipy.io.wavfile.read(file)
     if rate_hz <= 0:
         raise ValueError("no sample rate")
-    table = Table(path.name, sidecar={"sample_rate_hz": int(rate_hz)})
-    scaled = _full_scale(samples if samples.ndim == 2 else samples[:, None])
+    table.sidecar["sample_rate_hz"] = int(rate_hz)
+    scaled = _full_scale(raw if raw.ndim == 2 else raw[:, None])
     for index, values in enumerate(scaled.T):
         name = f"channel_{index}"
         table.take(name, values.shape, values.dtype, values.copy, UNIT)
         table.signals.append(name)
     return table
+
+
+def _stated(file: DataFile) -> tuple[int, int]:
+    """How many channels the file states, and the most samples of each that it can hold."""
+    order = ">" if file.read(12)[:4] == b"RIFX" else "<"
+    channels = block = 0
+    for _ in range(_MOST_PARTS):
+        kind, size = struct.unpack(f"{order}4sI", file.read(8))
+        if kind == b"data":
+            samples = (file.size - file.tell()) // block
+            file.seek(0)
+            return channels, samples
+        at = file.tell()
+        if kind == b"fmt ":
+            _, channels, _, _, block = struct.unpack(f"{order}HHIIH", file.read(14))
+        file.seek(at + size + size % 2)
+    raise ValueError("no samples")
 
 
 def _full_scale(samples: np.ndarray) -> Float[np.ndarray, "sample channel"]:
