@@ -69,7 +69,9 @@ def _metrics(found: Inspection) -> dict[str, Any]:
         spectrum = signal.spectrum
         metrics |= {
             f"missing_{column.name}": column.missing,
-            f"rms_{unit}_{column.name}": float(np.sqrt(np.mean(present**2))),
+            f"rms_{unit}_{column.name}": (
+                float(np.sqrt(np.mean(present**2))) if present.size else None
+            ),
             f"extreme_fraction_{column.name}": signal.clipping.fraction,
             f"flat_stretches_{column.name}": len(signal.clipping.stretches),
             f"step_{unit}_{column.name}": signal.step,

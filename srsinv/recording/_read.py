@@ -14,7 +14,7 @@ from srsinv.errors import BadInput, choice, refuse
 
 from ._formats import read_table
 from ._guard import path_of
-from ._recording import POSITION, SPEED, TIME, Recording, check_samples, check_times
+from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import check_elements, merge, read_sidecar
 from ._table import Table, listing
@@ -73,6 +73,8 @@ def load(
     _check_lengths(table, columns)
     check_samples(path.name, samples)
     check_times(path.name, columns[TIME])
+    for column in {SPEED, POSITION} & columns.keys():
+        check_range(path.name, column, columns[column])
     names, signal, unit = _signal(table, facts, channels, [columns[c] for c in channels])
     return Recording(
         signal=signal,
@@ -140,7 +142,8 @@ def _time_s(
         f"{table.name}: there is no time column (time_s, time_ms or time_us) among the columns "
         f"{listing(table.columns)}: add one or give recording.sample_rate_hz=...",
     )
-    return np.arange(samples) / float(facts["sample_rate_hz"])
+    with np.errstate(over="ignore"):  # at so low a rate that the times are refused
+        return np.arange(samples) / float(facts["sample_rate_hz"])
 
 
 def time_column(table: Table) -> str | None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from srsinv.errors import BadInput, refuse
+from srsinv.errors import LARGEST, BadInput, refuse
 from srsinv.sums import running_sum
 
 from ._schema import check_facts
@@ -101,6 +101,8 @@ class Recording:
                 f"{self.name}: {column} is not finite at data row {bad.argmax() + 1}: "
                 "correct the value or leave the row out.",
             )
+        for column, values in named.items():
+            check_range(self.name, column, values)
         check_times(self.name, self.time_s)
 
     @property
@@ -155,7 +157,8 @@ class Recording:
         kept = samples // r * r
 
         def means(values: np.ndarray) -> np.ndarray:
-            return values[..., :kept].reshape(*values.shape[:-1], -1, r).mean(axis=-1)
+            with np.errstate(over="ignore"):  # the result is refused where it is infinite
+                return values[..., :kept].reshape(*values.shape[:-1], -1, r).mean(axis=-1)
 
         # A block stands at the middle of its samples, so the first no longer stands at the start.
         position_m = means(self.position_m)
@@ -209,14 +212,32 @@ def check_samples(name: str, samples: int) -> None:
     )
 
 
+def check_range(name: str, column: str, values: np.ndarray) -> None:
+    """Refuse times, speeds or positions (sample,) that are beyond `LARGEST` SI units."""
+    beyond = np.abs(values) > LARGEST
+    if beyond.any():
+        row = int(beyond.argmax())
+        raise BadInput(
+            f"{name}: {column} is {values[row]:g} at data row {row + 1}, beyond {LARGEST:g}: "
+            "correct the value or its unit, or leave the row out."
+        )
+
+
 def check_times(name: str, time_s: np.ndarray) -> None:
-    """Refuse times (sample,) [s] that do not increase strictly."""
-    with np.errstate(over="ignore"):  # times may lie a float64's whole range apart
-        stuck = np.flatnonzero(np.diff(time_s) <= 0)
+    """Refuse times (sample,) [s] that do not increase strictly, or hardly."""
+    check_range(name, TIME, time_s)
+    stuck = np.flatnonzero(np.diff(time_s) <= 0)
     if stuck.size:
         row = int(stuck[0]) + 1
         raise BadInput(
             f"{name}: time must increase strictly, but data row {row + 1} ({time_s[row]} s) does "
             f"not come after data row {row} ({time_s[row - 1]} s): drop or reorder the rows, or "
             "give recording.sample_rate_hz=... in place of the times."
+        )
+    close = np.flatnonzero(np.diff(time_s) < 1 / LARGEST)
+    if close.size:
+        row = int(close[0]) + 1
+        raise BadInput(
+            f"{name}: data row {row + 1} comes {time_s[row] - time_s[row - 1]:g} s after data row "
+            f"{row}, less than {1 / LARGEST:g} s: correct the times or their unit."
         )

@@ -1,5 +1,6 @@
 """A file's named columns, whatever its format."""
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -139,10 +140,11 @@ class Table:
         if column not in self.columns:
             raise BadInput(self._no_column(column))
 
-    def finite(self, column: str) -> Float[np.ndarray, " row"]:
-        """Column `column` as float64 (row,); NaN for every cell that is not a finite number."""
+    def finite(self, column: str, most: float = math.inf) -> Float[np.ndarray, " row"]:
+        """Column `column` as float64 (row,); NaN for every cell that is not a finite number of at
+        most this magnitude."""
         values = self._cells(column)
-        return np.where(np.isfinite(values), values, np.nan)
+        return np.where(np.isfinite(values) & (np.abs(values) <= most), values, np.nan)
 
     def _cells(self, column: str) -> Float[np.ndarray, " row"]:
         # A number beyond float64's range becomes infinite, and is refused as such.

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from srsinv.errors import BadInput, refuse
+from srsinv.errors import LARGEST, BadInput, refuse
 
 from ._formats import read_table
 from ._guard import path_of
@@ -63,7 +63,8 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """One signal (sample,), in V where its unit is one of voltage, NaN where a sample is missing.
+    """One signal (sample,), in V where its unit is one of voltage, NaN where a sample is missing or
+    beyond `LARGEST` of the column's unit.
 
     `polarity` and `gain` of the sidecar are not applied.
     """
@@ -186,19 +187,21 @@ def _column(table: Table, facts: Mapping[str, Any], name: str, signals: tuple[st
     if role == "signal" and name not in signals:
         role = "other"
     unit, reason = _unit(table, facts, name, role, present)
-    with np.errstate(over="ignore"):
-        return Column(
-            name,
-            role,
-            unit,
-            reason,
-            values.size,
-            values.size - present.size,
-            float(present.min()),
-            float(present.max()),
-            float(present.mean()),
-            float(np.sqrt(np.mean(present**2))),
-        )
+    # By a power of two, which rounds nothing: sums and squares may leave float64's range.
+    size = float(np.ldexp(0.5, np.frexp(np.max(np.abs(present)))[1]))
+    scaled = present / size if size > 0 else present
+    return Column(
+        name,
+        role,
+        unit,
+        reason,
+        values.size,
+        values.size - present.size,
+        float(present.min()),
+        float(present.max()),
+        size * float(scaled.mean()),
+        size * float(np.sqrt(np.mean(scaled**2))),
+    )
 
 
 def _unit(
@@ -228,7 +231,7 @@ def _time_unit(table: Table, facts: Mapping[str, Any], name: str) -> tuple[str, 
         source = "the column's name" if name in TIMES else "stated in the file"
         stated = name not in TIMES and facts.get("time_unit")
         return str(unit), "stated as time_unit" if stated else source
-    stamps = timing(table.finite(name))
+    stamps = timing(table.finite(name, LARGEST))
     if stamps is None:
         return UNKNOWN, "the stamps do not increase"
     tick = 1 / stamps.rate_hz
@@ -250,20 +253,20 @@ def _time(
     unit, reason = _time_unit(table, facts, name)
     if unit == UNKNOWN:
         return None, None, f"column {name}: {reason}"
-    return table.finite(name) / PER_S[unit], unit, f"column {name} in {unit} ({reason})"
+    return table.finite(name, LARGEST) / PER_S[unit], unit, f"column {name} in {unit} ({reason})"
 
 
 def _stated(table: Table, names: Mapping[str, int]) -> Float[np.ndarray, " _"] | None:
     """The first column of these names, in SI units."""
     column = next((name for name in names if name in table.columns), None)
-    return None if column is None else table.finite(column) / names[column]
+    return None if column is None else table.finite(column, LARGEST) / names[column]
 
 
 def _signals(
     table: Table, facts: Mapping[str, Any], names: tuple[str, ...], rate_hz: float | None
 ) -> dict[str, Signal]:
     found = {}
-    values = {name: table.finite(name) for name in names if name in table.columns}
+    values = {name: table.finite(name, LARGEST) for name in names if name in table.columns}
     # One for all, so that the spectra share their frequencies.
     sizes = [v.size for v in values.values() if v.size >= SHORTEST]
     segment = segment_length(min(sizes, default=SHORTEST))

@@ -24,6 +24,8 @@ from .style import (
 )
 
 _MOST_POINTS = 6000  # of one curve: more than the page has pixels
+_MOST_PANELS = 24  # signals that are drawn
+_MOST_GAPS = 200  # gaps that are shaded, the longest ones
 _TALL = 4  # signals that each get the full width
 _BLUE, _RED = PALETTE[0], PALETTE[1]
 
@@ -31,7 +33,7 @@ _BLUE, _RED = PALETTE[0], PALETTE[1]
 @styled
 def recorded_signals(dataset: xarray.Dataset) -> Figure:
     """Each signal over time; gaps of the times shaded, flat stretches at the extremes marked."""
-    names = names_of(dataset["signal"])
+    names = names_of(dataset["signal"])[:_MOST_PANELS]
     figure, panels = _panels(len(names), 1.7)
     for row, (axes, name) in enumerate(zip(panels, names, strict=True)):
         values = dataset["value"].values[row]
@@ -42,7 +44,7 @@ def recorded_signals(dataset: xarray.Dataset) -> Figure:
         axes.set_title(name)
         axes.set_ylabel(f"[{unit.unit}]")
     _label_below(figure, panels, _time_label(dataset))
-    figure.suptitle("The signals as recorded")
+    figure.suptitle(f"The signals as recorded{_of_how_many(dataset)}")
     legend_below(figure, panels)
     return figure
 
@@ -50,14 +52,14 @@ def recorded_signals(dataset: xarray.Dataset) -> Figure:
 @styled
 def noise_spectra(dataset: xarray.Dataset) -> Figure:
     """Amplitude density of each signal with its noise floor and its strongest lines."""
-    names = names_of(dataset["signal"])
+    names = names_of(dataset["signal"])[:_MOST_PANELS]
     figure, panels = _panels(len(names), 2.0)
     frequency = dataset["frequency"].values
     for row, (axes, name) in enumerate(zip(panels, names, strict=True)):
         density = dataset["density"].values[row]
         axes.set_title(name)
-        if not shown(density):
-            note(axes, "constant, or too short for a spectrum")
+        if not np.any(density > 0):
+            note(axes, "constant, too short for a spectrum, or too small to draw")
             continue
         unit = scale(str(dataset["signal_unit"].values[row]), density)
         axes.loglog(frequency, density * unit.factor, color=_BLUE, linewidth=1.0, label="density")
@@ -67,7 +69,9 @@ def noise_spectra(dataset: xarray.Dataset) -> Figure:
         per = "Hz" if units_of(dataset["frequency"]) == "Hz" else "(1/sample)"
         axes.set_ylabel(f"[{unit.unit}/√{per}]")
     _label_below(figure, panels, f"frequency [{units_of(dataset['frequency'])}]")
-    figure.suptitle("How much there is at which frequency: amplitude density")
+    figure.suptitle(
+        f"How much there is at which frequency: amplitude density{_of_how_many(dataset)}"
+    )
     legend_below(figure, panels)
     return figure
 
@@ -106,6 +110,11 @@ def _panels(count: int, height_in: float) -> tuple[Figure, list[Axes]]:
     return figure, panels[:count]
 
 
+def _of_how_many(dataset: xarray.Dataset) -> str:
+    count = dataset.sizes["signal"]
+    return f" (the first {_MOST_PANELS} of {count})" if count > _MOST_PANELS else ""
+
+
 def _label_below(figure: Figure, panels: list[Axes], label: str) -> None:
     """The label under the lowest panel of each column."""
     columns = 1 if len(panels) <= _TALL else 2
@@ -136,14 +145,17 @@ def _curve(axes: Axes, time: np.ndarray, values: np.ndarray, colour: str, label:
 def _flat(axes: Axes, dataset: xarray.Dataset, row: int, factor: float) -> None:
     flat = dataset["flat"].values[row].astype(bool)
     if flat.any():
-        time, values = dataset["time"].values[flat], dataset["value"].values[row][flat]
+        at = np.flatnonzero(flat)
+        at = at[:: math.ceil(at.size / _MOST_POINTS)]
+        time, values = dataset["time"].values[at], dataset["value"].values[row][at]
         look: dict[str, Any] = {"color": _RED, "markersize": 4, "zorder": 3}
         axes.plot(time, values * factor, "o", **look, label="flat at the extreme: clipped?")
 
 
 def _shade_gaps(axes: Axes, dataset: xarray.Dataset) -> None:
-    ends = zip(dataset["gap_start"].values, dataset["gap_end"].values, strict=True)
-    for i, (start, end) in enumerate(ends):
+    starts, ends = dataset["gap_start"].values, dataset["gap_end"].values
+    longest = np.sort(np.argsort(starts - ends, kind="stable")[:_MOST_GAPS])
+    for i, (start, end) in enumerate(zip(starts[longest], ends[longest], strict=True)):
         label = "gap in the times" if i == 0 else None
         # Over the curve, which joins the gap's ends.
         axes.axvspan(start, end, color=SHADE, linewidth=0, zorder=2.5, label=label)

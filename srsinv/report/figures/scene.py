@@ -7,6 +7,7 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .lettering import SIGN_CONVENTION
 from .style import (
     MM_PER_M,
     TRUTH,
@@ -221,7 +222,7 @@ def _signs(axes: Axes, reach: float) -> None:
         _arrow(axes, reach * np.array(start), reach * np.array(end), colour)
         axes.text(where[0] * reach, where[1] * reach, text, color=colour, va="center")
     axes.text(
-        0.97, 0.05, "tension is positive:\n" + r"$\sigma_z=-p,\ \tau_{xz}=-q$" + "\nat z = 0",
+        0.97, 0.05, "tension is positive:\n" + SIGN_CONVENTION + "\nat z = 0",
         transform=axes.transAxes, ha="right", va="bottom", fontsize=8.5,
     )  # fmt: skip
     axes.text(1.3 * reach, 0.12 * reach, "the finger's skin", ha="right", va="top", fontsize=8.5)

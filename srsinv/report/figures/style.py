@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from xarray import DataArray, Dataset
 
+from .lettering import SYMBOLS, show_as_written
+
 WIDTH_IN = 10.0
 MM_PER_M = 1e3
 NORMAL_90 = 1.645  # half the width of the standard normal's central 90 %
@@ -37,14 +39,6 @@ _NAMED = {
     "sigma_y": GREY,
 }
 LINE_STYLES = ("-", "--", ":", "-.")
-_SYMBOLS = {
-    "mu": r"$\mu$",
-    "sigma_x": r"$\sigma_x$",
-    "sigma_z": r"$\sigma_z$",
-    "tau_xz": r"$\tau_{xz}$",
-    "sigma_y": r"$\sigma_y$",
-}
-
 # Font sizes in points, not in words: words are looked up in the user's settings when saved.
 _POINTS = 10
 _LOOK = {
@@ -81,6 +75,7 @@ def styled(draw: Callable[_Inputs, Figure]) -> Callable[_Inputs, Figure]:
             for panel in (axes, *axes.child_axes):
                 # How many ticks there is room for is asked at saving, when the look is no more.
                 panel.tick_params(labelsize=_POINTS)
+        show_as_written(figure)
         return figure
 
     return under_style
@@ -88,7 +83,7 @@ def styled(draw: Callable[_Inputs, Figure]) -> Callable[_Inputs, Figure]:
 
 def symbol(name: str) -> str:
     """`name` as it is written on a figure."""
-    return _SYMBOLS.get(name, name)
+    return SYMBOLS.get(name, name)
 
 
 def colours(names: Iterable[str]) -> dict[str, str]:

@@ -1,0 +1,90 @@
+"""Text on a figure as it was written: a name from a file is never a formula.
+
+matplotlib takes what stands between two dollar signs for mathematics, and fails where it is none.
+Only the formulae below are meant as such.
+"""
+
+import functools
+import re
+from collections.abc import Iterator
+
+from matplotlib.artist import Artist
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.legend import Legend
+from matplotlib.text import Text
+from matplotlib.ticker import FixedLocator, FuncFormatter
+
+SYMBOLS = {
+    "mu": r"$\mu$",
+    "sigma_x": r"$\sigma_x$",
+    "sigma_z": r"$\sigma_z$",
+    "tau_xz": r"$\tau_{xz}$",
+    "sigma_y": r"$\sigma_y$",
+}
+SIGN_CONVENTION = r"$\sigma_z=-p,\ \tau_{xz}=-q$"
+_FORMULAE = re.compile("(" + "|".join(map(re.escape, (*SYMBOLS.values(), SIGN_CONVENTION))) + ")")
+_DOLLAR = re.compile(r"(?<!\\)\$")
+_LONGEST_LINE = 160  # characters, as many as the figure is wide
+_LONGEST_LABEL = 60  # of a legend or an axis, which the panels make room for
+_NO_GLYPH = "\ufffd"
+
+
+def show_as_written(figure: Figure) -> None:
+    """Have every text of the figure shown as it was given, cut short and without the characters
+    that the font lacks; the formulae of this module stay formulae."""
+    for text, longest in _texts(figure, _LONGEST_LINE):
+        words = _drawable(text.get_text(), longest)
+        has_formula = bool(_FORMULAE.search(words))
+        text.set_parse_math(has_formula)
+        text.set_text(_escaped(words) if has_formula else words)
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            _letter_ticks(axis)
+
+
+def _texts(artist: Artist, longest: int) -> Iterator[tuple[Text, int]]:
+    """The texts within an artist, each with its longest line; ticks have theirs at drawing only."""
+    for child in artist.get_children():
+        if isinstance(child, Text):
+            yield child, longest
+        elif isinstance(child, Axis):
+            yield child.label, longest
+        else:
+            yield from _texts(child, _LONGEST_LABEL if isinstance(child, Legend) else longest)
+
+
+def _letter_ticks(axis: Axis) -> None:
+    """Ticks that are named, not numbered."""
+    if not isinstance(axis.get_major_locator(), FixedLocator):
+        return
+    if not isinstance(axis.get_major_formatter(), FuncFormatter):
+        return
+    names = [label.get_text() for label in axis.get_ticklabels()]
+    lettered = [_escaped(_drawable(name, _LONGEST_LABEL)) for name in names]
+    if lettered != names:
+        axis.set_ticklabels(lettered)
+
+
+def _escaped(text: str) -> str:
+    """`text` with every dollar sign as such that is not part of one of the formulae."""
+    parts = _FORMULAE.split(text)
+    return "".join(part if i % 2 else _DOLLAR.sub(r"\\$", part) for i, part in enumerate(parts))
+
+
+def _drawable(text: str, longest: int) -> str:
+    """`text` in the font's characters, no line of it longer than `longest`."""
+    glyphs = _glyphs()
+    return "\n".join(
+        "".join(each if ord(each) in glyphs else _NO_GLYPH for each in line)
+        if len(line) <= longest
+        else _drawable(f"{line[: longest - 1]}…", longest)
+        for line in text.split("\n")
+    )
+
+
+@functools.cache
+def _glyphs() -> frozenset[int]:
+    """The characters of the font that figures are drawn with."""
+    return frozenset(get_font(findfont(FontProperties())).get_charmap())
