@@ -657,7 +657,7 @@ REFUSED = {
         "r.csv",
         table(COLUMNS),
         {"sidecar": "r.csv.yaml"},
-        ["cannot be read", "recording.sidecar"],
+        ["there is no such sidecar", "recording.sidecar"],
     ),
     "sidecar's suffix": (
         "r.csv",
@@ -678,7 +678,7 @@ REFUSED = {
     ),
     "YAML aliases": ("r.csv", beside("r.yaml", "a: &x [1]\nb: [*x, *x]"), {}, ["aliases"]),
     "sidecar a list": ("r.csv", beside("r.json", "[1]"), {}, ["r.json", "[1]", "mapping"]),
-    "sidecar empty": ("r.csv", beside("r.yaml", ""), {}, ["r.yaml", "null", "mapping"]),
+    "sidecar empty": ("r.csv", beside("r.yaml", ""), {}, ["r.yaml", "is empty"]),
     "embedded sidecar": (
         "r.nc",
         lambda path: write_nc(path, COLUMNS, sidecar="{"),
