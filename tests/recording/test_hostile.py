@@ -1,126 +1,171 @@
-"""A sidecar that asks for code to be run: the whole command refuses it, a canary stays as it was,
-and the process does nothing that it was not asked for by its user."""
+"""Files made to harm the reader: one sentence each, soon, in little memory, and never a crash."""
 
-import copy
+import functools
 import json
 import os
-import random
-import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-import xarray
-import yaml
 
-EXAMPLES = Path(__file__).parents[2] / "srsinv" / "examples"
+from srsinv.errors import BadInput
+from srsinv.recording import load, load_profile
+from srsinv.recording._guard import open_file, read_bytes
+from srsinv.recording.inspection import inspect
+from tests.recording.files import FORMATS, write
+from tests.recording.hostile import CASES, SLOW
+from tests.recording.test_bad_files import assert_one_sentence
+
 ROOT = Path(__file__).parents[2]
-FACTS = json.loads((EXAMPLES / "strip_two_element.json").read_text())
-CANARY = "canary"
-WRITE = f"open({CANARY!r}, 'w').close()"
-QUICK = 8  # of each format, beside the literal ones; the slow test takes all, and so many drawn:
-DRAWN = 60
+MOST_SECONDS, MOST_MB = 5.0, 500.0  # for reading a file twice, by `load` and by `inspect`
+QUICK = [case for case in CASES if case not in SLOW]
 
-# What a hostile part may look like.
-NODES = (
-    {"_target_": "builtins.eval", "_args_": [WRITE]},
-    {"_target_": "builtins.float", "_args_": [{"_target_": "builtins.exec", "_args_": [WRITE]}]},
-    {"_target_": "os.system", "command": f"rm {CANARY}"},
-    {"_target_": "os.unlink", "path": CANARY},
-    {"_target_": "subprocess.run", "args": ["rm", CANARY]},
-    {"_target_": "hydra.utils.get_method", "path": "os.system"},
-    {"_target_": "pathlib.Path.unlink", "self": CANARY},
-    {"_target_": "srsinv.recording._sidecar.Path", "_args_": [CANARY]},
-    {"_target_": "canary_module.Skin"},
-    {"_target_": "srsinv.forward.skin.HalfSpace", "poisson_ratio": 0.5},
-    {"_partial_": True, "_target_": "builtins.exec"},
-    "${oc.env:HOME}",
-    f"!!python/object/apply:os.system ['rm {CANARY}']",
-)
-PLACES = (
-    ("skin",), ("skin", "poisson_ratio"), ("skin", "_target_"), ("sensor",), ("sensor", "depth_m"),
-    ("sensor", "elements"), ("sensor", "elements", 0), ("sensor", "elements", 1, "offset_m"),
-    ("sensor", "elements", 0, "orientation"), ("sensor", "piezo_constants_C_per_N", "d1"),
-    ("sensor", "feedback_resistance_ohm"), ("gain",), ("polarity",), ("contact_window_m",),
-    ("nominal_pressure_Pa",), ("feature",), ("feature", "edge_length_m"), ("speed_m_per_s",),
-    ("sample_rate_hz",), ("channels",), ("signal_unit",), ("time_unit",), ("scan_start_m",),
-    ("method",), ("noise",), ("effects",), ("job",), ("hydra",), ("_target_",), ("skin", "model"),
-)  # fmt: skip
-LITERAL = {
-    "yaml": (
-        f"skin: !!python/object/apply:os.system ['rm {CANARY}']\n",
-        f"skin: {{poisson_ratio: !!python/object/new:subprocess.Popen [['rm', {CANARY}]]}}\n",
-        "a: &a [x, x]\nb: &b [*a, *a]\ngain: [*b, *b]\n",
-        "gain: 1\ngain: 2\n",
-        "gain: !!float '2'\n",
-        "--- {gain: 2}\n--- {gain: 3}\n",
-        "? [gain]\n: 2\n",
-        "gain: " + "[" * 5000,
-        "speed_m_per_s: 1_100\n",
-    ),
-    "json": (
-        '{"gain": 1, "gain": 2}',
-        '{"gain": ' + "[" * 100_000,
-        '{"gain": 1' + "0" * 10_000 + "}",
-        '{"description": "\\ud800"}',
-        '{"polarty": -1}',
-    ),
+
+def python(*arguments: object, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "error", "-m", *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=timeout_s)
+
+
+@functools.cache
+def results(folder: Path, *cases: str) -> dict[str, dict]:
+    done = python("tests.recording.hostile", folder, *cases)
+    return {each["case"]: each for each in map(json.loads, done.stdout.splitlines())}
+
+
+def check(case: str, found: dict[str, dict]) -> None:
+    assert case in found, "the process that read it crashed or hung"
+    name, _, words = CASES[case]
+    said, inspected = found[case]["said"]
+    assert said != "read"
+    assert_one_sentence(said, name if len(name) < 20 else "", *words)
+    assert inspected == "read" or inspected.isprintable()
+    assert found[case]["s"] < MOST_SECONDS
+    assert found[case]["MB"] < MOST_MB
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("hostile")
+
+
+@pytest.fixture(scope="module")
+def large(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("large")
+
+
+@pytest.mark.parametrize("case", QUICK)
+def test_one_sentence_soon_and_in_little_memory(folder, case):
+    check(case, results(folder, *QUICK))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", SLOW)
+def test_large_files_too(large, case):
+    check(case, results(large, *SLOW))
+
+
+# Paths: what is given -> words of the sentence
+
+PATHS = {
+    "x" * 300 + ".csv": ["file name too long"],
+    "folder/" * 2000 + "r.csv": ["file name too long"],
+    "r\0.csv": ["recording.path is 'r\\x00.csv'", "printed"],
+    "r\ud800.csv": ["recording.path is 'r\\ud800.csv'", "printed"],
+    "r\n.csv": ["recording.path is 'r\\n.csv'", "printed"],
+    "": ["recording.path is ''"],
+    "~nobody-of-this-name/r.csv": ["there is no such user"],
+    "r.csv/x.csv": ["no such file"],
+    "R.csv": ["did you mean r.csv?"],
 }
 
 
-def placed(place, node):
-    """The example's facts with a hostile part at a place."""
-    facts = copy.deepcopy(FACTS)
-    at = facts
-    for key in place[:-1]:
-        at = at[key] if isinstance(at, list) else at.setdefault(key, {})
-    at[place[-1]] = node
-    return facts
+@pytest.mark.parametrize("read", [load, inspect])
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: ascii(path)[:20])
+def test_paths(tmp_path, monkeypatch, path, read):
+    write("csv", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadInput) as caught:
+        read(path)
+    assert str(caught.value).isprintable()
+    for word in PATHS[path]:
+        assert word in str(caught.value)
 
 
-def hostile_texts(kind, is_quick):
-    """Every place and every node at least once, or a few of them."""
-    chosen = random.Random(kind)
-    drawn = [placed(chosen.choice(PLACES), chosen.choice(NODES)) for _ in range(DRAWN)]
-    each = [placed(place, NODES[i % len(NODES)]) for i, place in enumerate(PLACES)]
-    if is_quick:
-        drawn, each = [], chosen.sample(each, QUICK)
-    write = yaml.safe_dump if kind == "yaml" else json.dumps
-    return [*map(write, [*each, *drawn]), *LITERAL["yaml" if kind == "yaml" else "json"]]
+def test_a_profile_is_named_by_its_own_key(tmp_path):
+    with pytest.raises(BadInput, match=r"check scene\.surfaces\.skin\.path=\.\.\.") as caught:
+        load_profile(tmp_path / "absent.csv", "scene.surfaces.skin.path")
+    assert "recording" not in str(caught.value)
 
 
-def in_netcdf(path, text):
-    columns = {"time_s": range(9), "speed_m_per_s": [0.1] * 9, "voltage_0_V": [0.0, 1.0, 2.0] * 3}
-    variables = {name: ("sample", list(map(float, values))) for name, values in columns.items()}
-    xarray.Dataset(variables, attrs={"sidecar": text}).to_netcdf(path, engine="h5netcdf")
+# A file that changes, and bytes as such
 
 
-@pytest.mark.parametrize("is_quick", [True, pytest.param(False, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("kind", ["json", "yaml", "netcdf"])
-def test_hostile_sidecars(tmp_path, kind, is_quick):
-    (tmp_path / CANARY).write_text("alive")
-    (tmp_path / "canary_module.py").write_text(f"import os; os.unlink({CANARY!r})\n")
-    texts = hostile_texts(kind, is_quick)
-    for number, text in enumerate(texts):
-        if kind == "netcdf":
-            in_netcdf(tmp_path / f"r{number:03}.nc", text)
-        else:
-            shutil.copy(EXAMPLES / "strip_two_element.csv", tmp_path / f"r{number:03}.csv")
-            (tmp_path / f"r{number:03}.{kind}").write_text(text)
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    job = "inspect_recording" if kind == "yaml" else "invert_recording"
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.recording.hostile", str(tmp_path), job],
-        cwd=ROOT, env=os.environ | {"JAX_PLATFORMS": "cpu"}, capture_output=True, text=True,
-        check=False, timeout=300,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    found = json.loads(done.stdout)
-    assert len(found) == len(texts)
-    for name, code, said, caused in found:
-        text = texts[int(name[1:4])]
-        assert (code, caused) == (2, []), (text, said)
-        assert re.fullmatch(r"srsinv: .*\n", said), (text, said)
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+CHANGES = {
+    "appended to": lambda path: path.write_bytes(path.read_bytes() + b"1"),
+    "cut short": lambda path: os.truncate(path, 10),
+    "written again": lambda path: os.utime(path, (1, 1)),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_file_that_changes_while_it_is_read(tmp_path, change):
+    path = write("csv", tmp_path)
+
+    def read() -> None:
+        with open_file(path) as file:
+            file.read(1)
+            CHANGES[change](path)
+
+    with pytest.raises(BadInput, match="changed while it was read"):
+        read()
+
+
+def test_all_bytes_of_a_sidecar(tmp_path):
+    path = tmp_path / "r.json"
+    path.write_bytes(b"{}" * 50)
+    assert read_bytes(path, what="sidecar", most=100) == b"{}" * 50
+    with pytest.raises(BadInput) as caught:
+        read_bytes(path, what="sidecar", most=99)
+    assert_one_sentence(caught.value, "r.json: the sidecar is 100 bytes long", "limit of 99")
+    path.unlink()
+    with pytest.raises(BadInput, match=r"no such sidecar: check recording\.sidecar"):
+        read_bytes(path, what="sidecar", most=99)
+    os.mkfifo(path)
+    with pytest.raises(BadInput, match="a pipe where the sidecar is expected"):
+        read_bytes(path, what="sidecar", most=99)
+
+
+def test_too_little_memory_is_one_sentence(tmp_path, monkeypatch):
+    def exhausted(*_, **__):
+        raise MemoryError
+
+    path = write("csv", tmp_path)
+    monkeypatch.setattr("numpy.concatenate", exhausted)
+    with pytest.raises(BadInput) as caught:
+        load(path)
+    size = path.stat().st_size
+    assert_one_sentence(caught.value, f"r.csv: {size} bytes", "more memory", "100000000 samples")
+
+
+# Damaged bytes, each format in a process of its own, a file beside it untouched
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_damaged_files_are_read_or_refused(tmp_path, format):
+    beside = tmp_path / "canary.csv"
+    beside.write_text("alive")
+    done = python("tests.recording.fuzz", format, tmp_path, 0, 40)
+    assert done.returncode == 0, done.stdout[-200:] + done.stderr[-2000:]
+    assert done.stdout.count("\n") == 40
+    assert "unprintable" not in done.stdout
+    assert beside.read_text() == "alive"
+    assert {p.name for p in tmp_path.iterdir()} == {"canary.csv", FORMATS[format][0]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("format", FORMATS)
+def test_many_damaged_files_are_read_or_refused(tmp_path, format):
+    done = python("tests.recording.fuzz", format, tmp_path, 1000, 2000, timeout_s=300.0)
+    assert done.returncode == 0, done.stdout[-200:] + done.stderr[-2000:]
+    assert "unprintable" not in done.stdout

@@ -15,7 +15,7 @@ from h5py import h5pl, h5z  # pyright: ignore[reportAttributeAccessIssue]
 
 from srsinv.errors import BadInput, refuse
 
-from .._guard import DataFile, quoted
+from .._guard import DataFile, is_broken, quoted
 from .._table import Table, listing
 
 _Member = TypeVar("_Member", h5py.Dataset, h5py.Group)
@@ -147,6 +147,8 @@ def attribute(table: Table, holder: h5py.Dataset | h5py.File, name: str) -> Any:
 def members(table: Table, group: h5py.Group, kind: type[_Member]) -> dict[str, _Member]:
     """The members of `kind` in the file itself: a link may lead to another file, or nowhere."""
     table.check_count(len(group))
+    for name in filter(is_broken, _names(group)):
+        table.check_name(name)  # which refuses it
     own = {name: group[name] for name in _names(group) if not _is_link(group, name)}
     return {name: member for name, member in own.items() if isinstance(member, kind)}
 
@@ -159,7 +161,11 @@ def leave_links_out(table: Table, group: h5py.Group) -> None:
 
 
 def _names(group: h5py.Group) -> list[str]:
-    return [str(name) for name in group]
+    """The names in a group, with halves of characters for bytes that are no text."""
+    return [
+        name.decode("utf-8", "surrogateescape") if isinstance(name, bytes) else str(name)
+        for name in group
+    ]
 
 
 def _is_link(group: h5py.Group, name: str) -> bool:
@@ -198,4 +204,5 @@ def _has_dataset(group: h5py.Group) -> bool:
     return any(
         not _is_link(group, name) and isinstance(group[name], h5py.Dataset)
         for name in _names(group)
+        if not is_broken(name)
     )

@@ -48,19 +48,19 @@ class _Inflated:
     def __init__(self, packed: _Part):
         self._inflater, self._packed = zlib.decompressobj(), packed
 
-    def read(self, size: int, /) -> bytes:
-        parts = []
-        while size and not self._inflater.eof:
+    def read(self, size: int, /) -> bytearray:
+        data = bytearray()
+        while len(data) < size and not self._inflater.eof:
             packed = self._inflater.unconsumed_tail or self._packed.read(_PIECE)
-            part = self._inflater.decompress(packed, size)
+            part = self._inflater.decompress(packed, size - len(data))
             if not packed and not part:
                 break
-            parts.append(part)
-            size -= len(part)
-        return b"".join(parts)
+            data += part
+        return data
 
 
 _Stream = _Part | _Inflated
+_Bytes = bytes | bytearray
 
 
 def vector(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -116,7 +116,7 @@ def _take(table: Table, stream: _Stream, order: str) -> None:
         table.take(name, vector(tuple(shape)), np.dtype(np.float64), read)
 
 
-def _element(stream: _Stream, order: str, longest: int = _LONGEST) -> tuple[int, bytes]:
+def _element(stream: _Stream, order: str, longest: int = _LONGEST) -> tuple[int, _Bytes]:
     """The next part of a variable: its type and its bytes, of which a few stand in its tag."""
     (kind,) = struct.unpack(f"{order}I", _exactly(stream, 4))
     if kind >> 16:
@@ -129,7 +129,7 @@ def _element(stream: _Stream, order: str, longest: int = _LONGEST) -> tuple[int,
     return kind, data
 
 
-def _exactly(stream: _Stream, size: int) -> bytes:
+def _exactly(stream: _Stream, size: int) -> _Bytes:
     data = stream.read(size)
     if len(data) < size:
         raise EOFError("cut short")

@@ -16,7 +16,8 @@ from .._table import Table
 
 _DELIMITERS = ",;\t"
 LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
-_BLOCK = 2**20  # characters whose cells are turned into numbers together
+_BLOCK = 2**18  # characters whose cells are turned into numbers together
+_MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
 _TEXT = 80  # characters kept of a cell that is no number
 
 
@@ -85,12 +86,16 @@ class _Lines(Iterator[str]):
         line = self._waiting.popleft()
         self._characters += len(line)
         if self._characters > LONGEST_ROW:
-            where = f"data row {self._rows}" if self._rows else "the header"
-            raise BadInput(
-                f"{self._name}: {where} is longer than {LONGEST_ROW} characters: write a row for "
-                "each sample, and close every quotation mark."
-            )
+            raise self.too_long()
         return line
+
+    def too_long(self) -> BadInput:
+        """The refusal of the row that was begun last."""
+        where = f"data row {self._rows}" if self._rows else "the header"
+        return BadInput(
+            f"{self._name}: {where} is longer than {LONGEST_ROW} characters, or a cell of it half "
+            "as long: write a row for each sample, and close every quotation mark."
+        )
 
     def _fill(self) -> None:
         """Have a line wait, unless the text is at its end."""
@@ -147,9 +152,10 @@ def _blocks(
         while rows and rows[-1] == [""]:
             rows.pop()
             at_end += 1
-        if rows or (blank + at_end > LONGEST_ROW and len(names) > 1):
+        blank, at_end = (blank, at_end) if rows else (blank + at_end, 0)
+        if rows or (blank > _MOST_BLANK and len(names) > 1):
             held = ([[""]] * min(_BLOCK, blank - start) for start in range(0, blank, _BLOCK))
-            for part in (*held, rows):
+            for part in filter(None, (*held, rows)):
                 done = _checked(table, part, names, done)
                 yield part
             blank = 0
@@ -163,11 +169,14 @@ def _next_rows(lines: _Lines, reader: Iterator[list[str]], delimiter: str) -> li
         lines.begin_after(len(simple))
         return list(csv.reader(simple, delimiter=delimiter))
     rows = []
-    for row in reader:
-        rows.append(row or [""])
-        lines.begin_after(1)
-        if not lines.has_more_at_hand():
-            break
+    try:
+        for row in reader:
+            rows.append(row or [""])
+            lines.begin_after(1)
+            if not lines.has_more_at_hand():
+                break
+    except csv.Error as error:  # of a cell longer than csv takes
+        raise lines.too_long() from error
     return rows
 
 

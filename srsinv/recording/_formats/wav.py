@@ -40,18 +40,20 @@ def read_wav(file: DataFile) -> Table:
 
 
 def _stated(file: DataFile) -> tuple[int, int]:
-    """How many channels the file states, and the most samples of each that it can hold."""
-    order = ">" if file.read(12)[:4] == b"RIFX" else "<"
+    """How many channels the file states, and how many samples of each."""
+    kind = file.read(12)[:4]
+    order = ">" if kind == b"RIFX" else "<"
     channels = block = 0
     for _ in range(_MOST_PARTS):
-        kind, size = struct.unpack(f"{order}4sI", file.read(8))
-        if kind == b"data":
-            samples = (file.size - file.tell()) // block
-            file.seek(0)
-            return channels, samples
-        at = file.tell()
-        if kind == b"fmt ":
+        part, size = struct.unpack(f"{order}4sI", file.read(8))
+        at, left = file.tell(), file.size - file.tell()
+        if part == b"fmt ":
             _, channels, _, _, block = struct.unpack(f"{order}HHIIH", file.read(14))
+        elif part == b"data":
+            file.seek(0)
+            if size > left and kind != b"RF64":  # which states it elsewhere
+                raise EOFError("cut short")
+            return channels, min(size, left) // block
         file.seek(at + size + size % 2)
     raise ValueError("no samples")
 
