@@ -13,7 +13,7 @@ from srsinv.inverse.problem import COMPONENTS, Estimate, Problem
 from srsinv.inverse.surface_fit import SurfaceFitter
 from srsinv.inverse.surface_model import Window
 from srsinv.jobs import build
-from srsinv.jobs.analysis import element_names
+from srsinv.jobs.analysis import element_names, in_metrics, notes_on
 from srsinv.jobs.pressed import Pressed, resolved
 from srsinv.jobs.simulation import simulation
 from srsinv.progress import stage
@@ -74,6 +74,10 @@ def run(cfg: build.Config) -> Outcome:
             *_friction_rows(fitted.parameters, true),
         ),
         "Antisymmetry: rms of the signal's even over its odd part about the edge.",
+        notes_on(
+            {"method": name, "quality": each.quality, "reasons": each.reasons}
+            for name, each in (("The recovery", estimate), ("The fit", fitted))
+        ),
     )
     return Outcome(
         "Tape on a plate: a leading edge that catches", metrics, dataset,
@@ -109,7 +113,9 @@ def _metrics(pressed, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
         "contact": pressed.contact.result,
         "recovery": estimate.result,
         "fit": fitted.result,
-        "chi2_per_freedom": fitted.fit.stats["chi2_per_freedom"] if fitted.fit else None,
+        "chi2_per_freedom": fitted.chi2_per_freedom,
+        **{f"{what}_recovery": said for what, said in in_metrics(estimate).items()},
+        **{f"{what}_fit": said for what, said in in_metrics(fitted).items()},
     }
     for name, (value, stderr) in fitted.parameters.items():
         metrics |= {name: value, f"{name}_stderr": stderr, f"{name}_true": true[name]}
@@ -214,8 +220,9 @@ def _sections(ds, cfg, metrics, found, true, around) -> tuple[Section, ...]:
         ),
         Section(
             "Fitted frictions",
-            (f"The tape fitted to the same signal through contact and friction: {metrics['fit']}, "
-             f"chi-square per degree of freedom {metrics['chi2_per_freedom']:.4g}.",),
+            ("The tape fitted to the same signal through contact and friction: "
+             f"{metrics['quality_fit']}, chi-square per degree of freedom "
+             f"{metrics['chi2_per_freedom']:.4g}.",),
             tables=(Table(("parameter", "fitted", "standard error", "true",
                            "off, in standard errors"), rows),),
         ),

@@ -8,6 +8,7 @@ import xarray
 
 from srsinv.errors import BadInput, choice, mapping, refuse
 from srsinv.inverse.problem import COMPONENTS, Problem
+from srsinv.inverse.quality import Quality
 from srsinv.jobs import build
 from srsinv.jobs.analysis import deviation, seen
 from srsinv.jobs.change import merged
@@ -17,8 +18,8 @@ from srsinv.report.figures.matrix import matrices
 from srsinv.report.outcome import Outcome, Section, Table
 
 PRECISIONS = ("float64", "float32")
-CODES = ("sure", "doubted", "warned", "refused")
-SURE = 3.0  # standard errors: an rms error beyond is no chance where no word is said
+CODES = (*Quality, "refused")
+LARGEST_Z = 3.0  # standard errors: an rms error beyond is no chance where no word is said
 
 
 class Cell(NamedTuple):
@@ -26,28 +27,19 @@ class Cell(NamedTuple):
 
     - `error` (c,): of p and q, norm over that of the truth, means taken out; `over_band` (c,): the
       error's rms in standard errors. NaN where there is no answer, or no truth to compare with.
-    - `result`: the method's result, or why it refused; `doubts`: what it says against its bands.
+    - `quality`, `reasons`: what the method says of its answer; where it refused, "refused" and why.
     """
 
     error: np.ndarray
     over_band: np.ndarray
     condition: float
-    result: str
-    doubts: tuple[str, ...] = ()
+    quality: str
+    reasons: tuple[str, ...]
 
     @property
-    def code(self) -> str:
-        """What the answer is called: sure, in doubt, warned of, refused."""
-        if np.isnan(self.condition):
-            return "refused"
-        if self.result != "converged":
-            return "warned"
-        return "doubted" if self.doubts else "sure"
-
-    @property
-    def misleads(self) -> bool:
+    def is_silent_failure(self) -> bool:
         """Whether an error beyond the band comes without a word."""
-        return self.code == "sure" and bool(np.any(self.over_band > SURE))
+        return self.quality == Quality.GOOD and bool(np.any(self.over_band > LARGEST_Z))
 
 
 def run(cfg: build.Config) -> Outcome:
@@ -99,7 +91,7 @@ def _row(cfg: build.Config) -> list[Cell]:
 
 def _refused(sentence: str) -> Cell:
     nothing = np.full(len(COMPONENTS), np.nan)
-    return Cell(nothing, nothing, np.nan, sentence)
+    return Cell(nothing, nothing, np.nan, "refused", (sentence,))
 
 
 def _cell(method: Any, problem: Problem, truth: np.ndarray) -> Cell:
@@ -117,8 +109,8 @@ def _cell(method: Any, problem: Problem, truth: np.ndarray) -> Cell:
         np.linalg.norm(wrong, axis=-1) / np.where(size > 0, size, np.nan),
         np.sqrt(np.mean(share**2, axis=-1)),  # infinite where a wrong value has no error
         estimate.stats["condition"],
-        estimate.result,
-        estimate.doubts,
+        str(estimate.quality),
+        estimate.reasons,
     )
 
 
@@ -139,9 +131,8 @@ def _dataset(found: Found, labels, methods) -> xarray.Dataset:
                 (*along, "component"), _each(found, lambda c: c.over_band), {"units": "1"}
             ),
             "condition": (along, _each(found, lambda c: c.condition), {"units": "1"}),
-            "code": (along, _each(found, lambda c: c.code), {"units": "1"}),
-            "result": (along, _each(found, lambda c: c.result), {"units": "1"}),
-            "doubts": (along, _each(found, lambda c: " ".join(c.doubts)), {"units": "1"}),
+            "quality": (along, _each(found, lambda c: c.quality), {"units": "1"}),
+            "reasons": (along, _each(found, lambda c: " ".join(c.reasons)), {"units": "1"}),
         },
         {
             "precision": ("precision", list(found), {"units": "1"}),
@@ -157,8 +148,8 @@ def _metrics(found: Found, labels, methods) -> dict[str, Any]:
     for precision, rows in found.items():
         cells = [cell for row in rows for cell in row]
         for code in CODES:
-            metrics[f"{code}_{precision}"] = sum(cell.code == code for cell in cells)
-        metrics[f"sure_and_wrong_{precision}"] = sum(cell.misleads for cell in cells)
+            metrics[f"{code}_{precision}"] = sum(cell.quality == code for cell in cells)
+        metrics[f"silent_failures_{precision}"] = sum(cell.is_silent_failure for cell in cells)
     return metrics
 
 
@@ -168,22 +159,23 @@ def _table(found: Found, labels, methods) -> Table:
         for m, method in enumerate(methods):
             cells = [row[m] for row in cases]
             told = [float(np.nanmax(c.over_band)) for c in cells if np.isfinite(c.over_band).any()]
-            counts = (sum(cell.code == code for cell in cells) for code in CODES)
-            wrong = sum(cell.misleads for cell in cells)
+            counts = (sum(cell.quality == code for cell in cells) for code in CODES)
+            wrong = sum(cell.is_silent_failure for cell in cells)
             rows.append((precision, method, *counts, wrong, max(told, default=float("nan"))))
-    heads = ("precision", "method", *CODES, "sure and wrong", "largest error over its band")
+    heads = ("precision", "method", *CODES, "silent failures", "largest error over its band")
     return Table(
         heads,
         tuple(rows),
-        f"Of {len(labels)} cases. Sure: converged, and nothing speaks against it; doubted: "
-        "converged, with a sentence on what speaks against its bands; warned: another result; "
-        f"wrong: an error of p or q beyond {SURE:g} standard errors rms.",
+        f"Of {len(labels)} cases. Good: converged, and nothing speaks against it; doubtful: "
+        "converged, with a warning on its bands; failed: not converged, or a residual that no band "
+        "survives; refused: not tried. A silent failure is called good, and its error of p or q is "
+        f"beyond {LARGEST_Z:g} standard errors rms.",
     )
 
 
 def _sections(ds: xarray.Dataset, found: Found, labels, methods, table) -> tuple[Section, ...]:
-    marks = {"sure": "", "doubted": "?", "warned": "!", "refused": "-"}
-    codes = ds["code"].values
+    marks = dict(zip(CODES, ("", "?", "!", "-"), strict=True))
+    codes = ds["quality"].values
 
     def panels(values, pattern) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """By precision."""
@@ -213,8 +205,8 @@ def _sections(ds: xarray.Dataset, found: Found, labels, methods, table) -> tuple
         return matrices(shown, labels, methods, "condition number", (1.0, 1e16))
 
     key = (
-        "A question mark: converged, with a doubt on its bands; an exclamation mark: another "
-        "result; a dash: refused. The words are in the last table."
+        "A question mark: doubtful; an exclamation mark: failed; a dash: refused. The reasons are "
+        "in the last table."
     )
     return (
         Section(
@@ -226,8 +218,8 @@ def _sections(ds: xarray.Dataset, found: Found, labels, methods, table) -> tuple
         ),
         Section(
             "Errors over their bands",
-            ("About one or less is honest; much above one without a mark would be a number that "
-             "looks sure and is not.",),
+            ("About one or less is honest; much above one without a mark would be a silent "
+             "failure.",),
             {"over_band": over_band},
             {"over_band": key},
             (table,),
@@ -264,8 +256,7 @@ def _words(found: Found, labels, methods) -> Table:
     for precision, rows in found.items():
         for label, row in zip(labels, rows, strict=True):
             for method, cell in zip(methods, row, strict=True):
-                words = cell.doubts if cell.result == "converged" else (cell.result, *cell.doubts)
-                for word in words:
+                for word in cell.reasons:
                     said.setdefault((label, word), []).append(f"{method} ({precision})")
     rows = [(label, ", ".join(by), word) for (label, word), by in said.items()]
     return Table(("case", "by", "in words"), tuple(rows))

@@ -7,14 +7,17 @@ import numpy as np
 import xarray
 
 from srsinv.errors import mapping, refuse
+from srsinv.inverse.quality import Quality
 from srsinv.inverse.shape import shape_band, shape_under
 from srsinv.jobs import build
-from srsinv.jobs.analysis import BAND_90
+from srsinv.jobs.analysis import BAND_90, in_metrics
 from srsinv.jobs.pressed import Pressed, resolved
 from srsinv.jobs.simulation import simulation
 from srsinv.progress import stage
 from srsinv.report.figures import shape as draw
 from srsinv.report.outcome import Outcome, Section, Table
+
+_OF_THE_SCENE = ("contact", "recovery", "quality", "warnings")
 
 
 def run(cfg: build.Config) -> Outcome:
@@ -34,7 +37,7 @@ def run(cfg: build.Config) -> Outcome:
     rows = []
     for name, ds in found.items():
         metrics |= {f"{key}_{name}": value for key, value in _judge(ds).items()}
-        metrics |= {f"{key}_{name}": ds.attrs[key] for key in ("contact", "recovery")}
+        metrics |= {f"{key}_{name}": ds.attrs[key] for key in _OF_THE_SCENE}
         keys = ("height_range_m", "rms_error_m", "rms_unresolved_m", "rms_exact_pressure_m")
         sizes = (f"{1e6 * metrics[f'{key}_{name}']:.3g}" for key in keys)
         rows.append((name, *sizes, f"{metrics[f'coverage_{name}']:.0%}"))
@@ -46,6 +49,11 @@ def run(cfg: build.Config) -> Outcome:
          "90 % band covers"),
         tuple(rows),
         "Within the contact, less the mean over it.",
+        tuple(
+            f"{name}: {ds.attrs['quality']}. {ds.attrs['warnings']}"
+            for name, ds in found.items()
+            if ds.attrs["quality"] != Quality.GOOD
+        ),
     )  # fmt: skip
     return Outcome(
         "The profile inside the contact, from the recovered pressure",
@@ -92,7 +100,7 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
             "touching": ("x", touching.astype(np.int8), {"units": "1"}),
         },
         {"x": ("x", np.asarray(line.x), {"units": "m"})},
-        {"contact": pressed.contact.result, "recovery": estimate.result},
+        {"contact": pressed.contact.result, "recovery": estimate.result} | in_metrics(estimate),
     )
 
 

@@ -5,78 +5,28 @@ Friction is their ratio. Candidates are ranked by their evidence, the probabilit
 each with all its parameters integrated out.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import reduce
 from operator import getitem
 from typing import Any
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.special import softmax
 
 from ..forward.feature import Feature, Stretch
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
-from ..forward.surface_feature import SurfaceFeature
-from ..grid import as_real
 from .feature_model import FeatureModel, Features, Felt
+from .feature_result import FeatureFit, explains
 from .feature_search import STARTS, Coarse
-from .nonlinear import Fit, Solver, fit, fit_many, whitener
-from .surface_model import SurfaceModel
+from .nonlinear import Fit, Solver, fit, fit_many
 from .told import beyond_bounds, untold
 
 # Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
 # Wide enough not to pull. The same rule for every candidate and every shape: one for the pressure
 # itself would favour shapes that the film hardly feels, as these take any pressure.
 BEYOND_DATA = 30.0
-
-
-@dataclass(frozen=True)
-class FeatureFit:
-    """A candidate fitted.
-
-    - `features`: by name; none for "nothing there". `fit`: the fit below, None where there was
-      nothing to fit. `model`: parameters to signal and traction.
-    - `parameters`: what a user reads, (value, standard error) by name: the shape, the amplitude and
-      the friction of each feature, of a surface the height and the frictions; names begin with the
-      feature's where there are several.
-    - `log_evidence`: log probability density of the data under the candidate.
-    """
-
-    features: Mapping[str, Feature | SurfaceFeature]
-    fit: Fit | None
-    model: FeatureModel | SurfaceModel
-    parameters: dict[str, tuple[float, float]]
-    log_evidence: float
-
-    @property
-    def name(self) -> str:
-        """The features' names, joined."""
-        return " + ".join(self.features) or "nothing"
-
-    @property
-    def result(self) -> str:
-        """Whether the fit is an answer: "converged", or what went wrong."""
-        return "converged" if self.fit is None else self.fit.result
-
-    @property
-    def explains(self) -> bool:
-        """Whether features leave no more of the data than the noise."""
-        return self.fit is not None and explains(self.fit)
-
-    @property
-    def untold(self) -> tuple[str, ...]:
-        """Features that the data do not tell from nothing."""
-        return () if self.fit is None else untold(self.features, self.fit)
-
-    def signal(self) -> Float[np.ndarray, "e sample"]:
-        """The fitted signal."""
-        value = {} if self.fit is None else self.fit.value
-        return np.asarray(self.model(jax.tree.map(as_real, value)))
 
 
 class FeatureFitter:
@@ -125,17 +75,16 @@ class FeatureFitter:
             first = [found | {name: shape} for shape in shapes[:starts]]
             result = _best(model, first, y, settings)
             found = dict(result.value)
-        read = {} if result is None else readable(model, result)
-        evidence = self._evidence(y, noise, parts, result)
-        return FeatureFit(parts, result, model, read, evidence)
+        if result is None:
+            return FeatureFit.of_nothing(model, y, noise)
+        evidence = self._evidence(parts, result)
+        return FeatureFit.of(parts, result, model, readable(model, result), evidence)
 
-    def _evidence(self, y: np.ndarray, noise: Any, features: Features, result: Fit | None) -> float:
+    def _evidence(self, features: Features, result: Fit) -> float:
         """Log evidence, each amplitude's prior that of the shape found.
 
         The fit had the one of the shape felt most; both are too wide to move it.
         """
-        if result is None:
-            return log_density(y, noise)
         if result.log_evidence is None:
             return -np.inf
         shares = (self._coarse.share(f, result.value[name]) for name, f in features.items())
@@ -187,11 +136,6 @@ def _best(model: FeatureModel, starts: list[dict[str, Any]], y, settings: dict[s
         if explains(ends[-1]):
             break
     return min(ends, key=lambda end: end.stats["cost"])
-
-
-def explains(end: Fit) -> bool:
-    """Whether a fit leaves no more of the data than the noise."""
-    return bool(end.converged and end.explains)
 
 
 def fit_features(
@@ -273,27 +217,3 @@ def friction_of(result: Fit, name: str, feature: Feature) -> tuple[float, float]
     """mu, the ratio of the two amplitudes, and its standard error to first order."""
     value, stderr = result.derive(Ratio((name, feature.shear), (name, feature.amplitude)))
     return float(value), float(stderr)
-
-
-def traction_band(found: FeatureFit) -> tuple[np.ndarray, np.ndarray]:
-    """p and q (2, n) [Pa] on the model's line while sliding towards +x, and their standard error
-    to first order."""
-    n = found.model.line.n
-    if found.fit is None:
-        return np.zeros((2, n)), np.zeros((2, n))
-    value, stderr = found.fit.derive(lambda params: jnp.ravel(found.model.traction(params)))
-    return value.reshape(2, n), stderr.reshape(2, n)
-
-
-def log_density(y, noise: Any) -> float:
-    """The log probability density of data that are noise alone."""
-    data = np.asarray(y, float)
-    white, seen = whitener(noise, data.shape)
-    rest = np.asarray(white(as_real(np.where(seen, data, 0.0))))
-    volume = white.log_volume(data.shape) + white.count(data.shape) / 2 * np.log(2 * np.pi)
-    return float(-0.5 * rest @ rest - volume)
-
-
-def probabilities(candidates: Sequence[FeatureFit]) -> np.ndarray:
-    """Of each candidate (c,), all taken as equally probable beforehand."""
-    return np.asarray(softmax([candidate.log_evidence for candidate in candidates]))

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from ..errors import refuse
 from ..grid import Convolution, Line, as_real
+from .quality import Quality, quality, reasons
 
 COMPONENTS = ("p", "q")
 FAINT = 1e-3  # a gain at k = 0 below this share of the largest tells nothing of a mean
@@ -242,9 +243,11 @@ class Estimate(eqx.Module):
       the stretch with samples).
     - `covariance`: (c, c, k) per wavenumber on the spectral and the iterative path, (c n, c n) on
       the direct one.
-    - `result`: "converged", or what did not work; `doubts`: sentences on what speaks against the
-      bands (see doubt.py); `stats`: numbers of the solution (iterations, weights, and `told_p`,
-      `told_q`, how many numbers of each the signal tells).
+    - `result`: "converged", or what did not work; `warnings`: sentences on what speaks against the
+      bands (see diagnostics.py); `quality`: what the estimate is worth.
+    - `stats`: numbers of the solution (iterations, weights, `told_p`, `told_q`, how many numbers of
+      each the signal tells, and `chi2_per_freedom` of the residual's `degrees_of_freedom`, None
+      where coloured noise has gaps).
     - `fitted` (e, n): the signal explained; `whitened` (e, n): residual over the noise, NaN where
       no sample is.
     - `averaging` (c, c, n): the estimate's response to a unit traction in the middle cell; the
@@ -258,13 +261,24 @@ class Estimate(eqx.Module):
     whitened: Float[Array, "e n"]
     averaging: Float[Array, "c c n"]
     result: str = eqx.field(static=True)
-    doubts: tuple[str, ...] = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True)
     stats: dict[str, Any] = eqx.field(static=True)
 
     def with_stats(self, stats: dict[str, Any]) -> "Estimate":
         """The same estimate, saying more about how it was made."""
         return dataclasses.replace(self, stats=stats | self.stats)
 
-    def with_doubts(self, doubts: Sequence[str]) -> "Estimate":
+    def with_warnings(self, warnings: Sequence[str]) -> "Estimate":
         """The same estimate with more that speaks against it."""
-        return dataclasses.replace(self, doubts=(*self.doubts, *doubts))
+        return dataclasses.replace(self, warnings=(*self.warnings, *warnings))
+
+    @property
+    def quality(self) -> Quality:
+        """Good, doubtful or failed."""
+        chi2, freedom = self.stats.get("chi2_per_freedom"), self.stats.get("degrees_of_freedom")
+        return quality(self.result, chi2, self.warnings, np.inf if freedom is None else freedom)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the quality is not good, as sentences."""
+        return reasons(self.result, self.warnings)

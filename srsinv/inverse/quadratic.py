@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..errors import refuse
-from . import direct, doubt, iterative, spectral
+from . import diagnostics, direct, iterative, spectral
 from .prior import Prior, Score, Solution
 from .problem import COMPONENTS, Estimate, Problem
 
@@ -135,6 +135,7 @@ def _estimate(
         result = "the solution is not finite"
     names, told = COMPONENTS[: problem.unknowns], np.asarray(solution.told, float)
     stats |= {f"told_{name}": float(t) for name, t in zip(names, told, strict=True)}
+    stats |= _chi2(problem, told, float(shown.over_noise))
     return Estimate(
         shown.value,
         shown.stderr,
@@ -143,13 +144,29 @@ def _estimate(
         shown.whitened,
         solution.averaging,
         result,
-        _doubts(problem, prior, solution, shown, stats["path"]),
+        _warnings(problem, prior, solution, shown, stats),
         stats,
     )
 
 
-def _doubts(
-    problem: Problem, prior: Prior, solution: Solution, shown: "_Shown", path: str
+def _chi2(
+    problem: Problem, told: Float[np.ndarray, " c"], squares: float
+) -> dict[str, float | None]:
+    """Chi-square of the residual per degree of freedom; None where it says nothing."""
+    noise = np.asarray(problem.noise)
+    offsets = 0 if np.isfinite(noise[0]) else problem.data.shape[0]
+    freedom = float(problem.samples - offsets - told.sum())
+    # With samples missing, what is whitened over the gaps as zeros is so for white noise alone.
+    whitened = problem.observed is None or not np.ptp(noise[1:])
+    known = whitened and freedom >= 1
+    return {
+        "chi2_per_freedom": squares / freedom if known else None,
+        "degrees_of_freedom": freedom,
+    }
+
+
+def _warnings(
+    problem: Problem, prior: Prior, solution: Solution, shown: "_Shown", stats: dict
 ) -> tuple[str, ...]:
     told, noise = np.asarray(solution.told, float), np.asarray(problem.noise)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging))
@@ -158,22 +175,19 @@ def _doubts(
     columns = COMPONENTS[: problem.unknowns], told, squares, shortest
     each = list(zip(*columns, strict=True))
     largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.level))))
-    offsets = 0 if np.isfinite(noise[0]) else problem.data.shape[0]
-    left = problem.samples - offsets - told.sum()
-    # With samples missing, what is whitened over the gaps as zeros is so for white noise alone.
-    whitened = problem.observed is None or not np.ptp(noise[1:])
-    shared = ()
-    if problem.unknowns > 1 and told.sum() >= doubt.LEAST_TOLD:
+    shared, n = (), problem.line.n
+    if problem.unknowns > 1 and told.sum() >= diagnostics.LEAST_TOLD:
         gain, root = (np.asarray(part)[..., 1:] for part in _felt(problem, prior))
-        shared = doubt.shared_out(gain, root, problem.line.n)
+        shared = diagnostics.shared_out(gain, root, n)
+    gaps = stats["path"] == "iterative" and problem.observed is not None
     return (
         *shared,
-        *(s for name, t, _, _ in each for s in doubt.prior_alone(name, t, problem.line.n)),
-        *(s for name, t, over, _ in each for s in doubt.beyond_prior(name, over, t)),
-        *(s for name, _, _, kept in each for s in doubt.beyond_cells(name, kept)),
-        *(doubt.beyond_noise(float(shown.over_noise), left) if whitened else ()),
-        *doubt.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
-        *doubt.missing(_missing(problem), path == "iterative" and problem.observed is not None),
+        *(s for name, t, _, _ in each for s in diagnostics.prior_alone(name, t, n)),
+        *(s for name, t, over, _ in each for s in diagnostics.beyond_prior(name, over, t)),
+        *(s for name, _, _, kept in each for s in diagnostics.beyond_cells(name, kept)),
+        *diagnostics.beyond_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
+        *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
+        *diagnostics.missing(_missing(problem), gaps),
     )
 
 

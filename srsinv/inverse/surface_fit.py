@@ -18,9 +18,11 @@ from ..forward.feature import Stretch
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Line
-from .feature_fit import FeatureFit, log_density
+from .diagnostics import sliding_noise
 from .feature_model import stretch_of
+from .feature_result import FeatureFit
 from .nonlinear import Fit, Optimistix, Solver, fit
+from .quality import Quality
 from .sliding_noise import Levels, estimate, first_levels
 from .surface_model import Rubbed, SurfaceFeatures, SurfaceModel, Window, cell_for
 from .surface_search import SurfaceSearch
@@ -124,14 +126,12 @@ class SurfaceFitter:
         if result is None:
             levels = estimate(y, *self._scale) if noise is None else None
             using = noise if levels is None else self._noise(levels, y)
-            nothing = FeatureFit({}, None, self._model({}), {}, log_density(y, using))
-            return SurfaceFit(nothing, levels)
+            return SurfaceFit(FeatureFit.of_nothing(self._model({}), y, using), levels)
         model, levels = self._model(parts), None
         if noise is None:
             result, levels = self._settled(model, result, y, first)
-        found = FeatureFit(
-            dict(features), result, model, readable(model, result), _evidence(result)
-        )
+        read, against = readable(model, result), _against(levels, y)
+        found = FeatureFit.of(dict(features), result, model, read, _evidence(result), against)
         return SurfaceFit(found, levels)
 
     @property
@@ -237,6 +237,13 @@ def _own(start: Mapping[str, float], name: str, features: SurfaceFeatures) -> di
     return own
 
 
+def _against(levels: Levels | None, y: Float[np.ndarray, "e sample"]) -> tuple[str, ...]:
+    """What speaks against noise that was estimated from what the fit leaves."""
+    if levels is None:
+        return ()
+    return tuple(sliding_noise(levels.sliding / float(np.sqrt(np.nanmean(y**2)))))
+
+
 def _evidence(result: Fit) -> float:
     return -np.inf if result.log_evidence is None else float(result.log_evidence)
 
@@ -266,11 +273,13 @@ def surface_band(
     found: FeatureFit,
 ) -> tuple[Float[np.ndarray, "5 n"], Float[np.ndarray, "5 n"]]:
     """p and q [Pa], height and gap [m] and friction along the model's line, and their standard
-    errors to first order."""
+    errors to first order, infinite where the fit failed."""
     n = found.model.line.n
     if found.fit is None:
         return np.zeros((5, n)), np.zeros((5, n))
     model = found.model
     assert isinstance(model, SurfaceModel)
     value, stderr = found.fit.derive(lambda params: jnp.ravel(model.profiles(params)), model.steps)
+    if found.quality is Quality.FAILED:
+        stderr = np.full_like(stderr, np.inf)
     return value.reshape(5, n), stderr.reshape(5, n)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ..errors import choice, number, refuse, shown, whole
 from ..grid import Line, as_real
-from .doubt import undetermined_weights
+from .diagnostics import undetermined_weights
 from .prior import Prior
 from .problem import Estimate, Problem
 from .quadratic import PATHS, Family, Scorer, choose_path, solve
@@ -116,7 +116,7 @@ class Tikhonov(eqx.Module):
             f"weight_{c}_per_Pa2": float(w) for c, w in zip("pq", prior.weights, strict=False)
         }
         found = solve(problem, prior, self.path, self.tolerance).with_stats(stats)
-        return found.with_doubts(undetermined_weights(choice.result))
+        return found.with_warnings(undetermined_weights(choice.result))
 
     def _choose(self, problem: Problem, given) -> Choice:
         box = self._box(problem, given)

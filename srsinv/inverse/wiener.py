@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ..errors import choice, number, refuse, shown
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
-from .doubt import undetermined_weights
+from .diagnostics import undetermined_weights
 from .prior import Prior
 from .problem import Estimate, Problem
 from .quadratic import PATHS, Family, Scorer, solve
@@ -142,7 +142,7 @@ class Wiener(eqx.Module):
             for c, s in zip("pq", np.asarray(power), strict=False)
         }
         found = solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
-        return found.with_doubts(undetermined_weights(result))
+        return found.with_warnings(undetermined_weights(result))
 
 
 def _spectrum(name: str, given: Any) -> TractionSpectrum:

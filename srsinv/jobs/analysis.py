@@ -1,7 +1,7 @@
 """What every job with an inversion does: run the methods, gather every stage, lay out the page."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,10 +14,13 @@ from ..forward.effects._decide import Verdict
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
 from ..inverse.problem import COMPONENTS, Estimate, Problem
+from ..inverse.quality import Quality
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 
+_VERBS = {Quality.DOUBTFUL: "is doubtful", Quality.FAILED: "failed, and is no answer"}
+_IN_WORDS = ("method", "reasons")
 BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standard errors
 
 
@@ -100,7 +103,12 @@ def deviation(values: np.ndarray, there: np.ndarray) -> np.ndarray:
 
 
 def _judge(name: str, case: Case, estimate: Estimate) -> dict[str, Any]:
-    row: dict[str, Any] = {"method": name, "result": estimate.result, "doubts": estimate.doubts}
+    row: dict[str, Any] = {
+        "method": name,
+        "result": estimate.result,
+        "quality": estimate.quality,
+        "reasons": estimate.reasons,
+    }
     row |= {f"{what}_{c}": None for what in ("error", "coverage") for c in COMPONENTS}
     if "traction" not in case.stages:
         return row
@@ -129,8 +137,8 @@ def _metrics(case: Case, estimates: Mapping[str, Estimate], rows) -> dict[str, A
         metrics[f"effect_on_{verdict.name}"] = verdict.on
     for row, (name, estimate) in zip(rows, estimates.items(), strict=True):
         key = name.lower().replace(" ", "_")
-        said = row | dict(estimate.stats) | {"doubts": " ".join(estimate.doubts) or "none"}
-        metrics |= {f"{what}_{key}": value for what, value in said.items() if what != "method"}
+        said = row | dict(estimate.stats) | in_metrics(estimate)
+        metrics |= {f"{what}_{key}": said[what] for what in said if what not in _IN_WORDS}
     return metrics
 
 
@@ -161,6 +169,20 @@ def strongest_line_m(x: np.ndarray, values: np.ndarray) -> float | None:
     band = frequency >= 2.5 / (x[-1] - x[0])
     top = int(np.argmax(np.where(band, power, -1.0)))
     return float(1 / frequency[top])
+
+
+def in_metrics(found: Any) -> dict[str, str]:
+    """What an estimate or a fit is worth, as values of `metrics.json`."""
+    return {"quality": str(found.quality), "warnings": " ".join(found.warnings) or "none"}
+
+
+def notes_on(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+    """What speaks against the answers of rows (`method`, `quality`, `reasons`), by method."""
+    return tuple(
+        f"{row['method']} {_VERBS[row['quality']]}: {' '.join(row['reasons'])}"
+        for row in rows
+        if row["reasons"]
+    )
 
 
 # --- every stage, as arrays ------------------------------------------------------------------
@@ -200,7 +222,8 @@ def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
         "signal": (("element", "x"), np.where(there, np.asarray(problem.data), np.nan), unit),
         "observed": (("element", "x"), there.astype(np.int8), "1"),
         "estimate": (("method", "component", "x"), stacked(lambda e: e.value), "Pa"),
-        "estimate_stderr": (("method", "component", "x"), stacked(lambda e: e.stderr), "Pa"),
+        "estimate_stderr": (("method", "component", "x"), stacked(_stderr), "Pa"),
+        "quality": (("method",), [str(e.quality) for e in estimates.values()], "1"),
         "fitted_signal": (("method", "element", "x"), stacked(lambda e: e.fitted), unit),
         "whitened_residual": (("method", "element", "x"), stacked(lambda e: e.whitened), "1"),
         "sensor_gain": (("element", "component", "wavenumber"), gain, f"{unit}/Pa"),
@@ -250,6 +273,13 @@ def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
     )
 
 
+def _stderr(estimate: Estimate) -> np.ndarray:
+    """Standard errors (2, n) [Pa], infinite where no band holds."""
+    if estimate.quality is Quality.FAILED:
+        return np.full(estimate.stderr.shape, np.inf)
+    return np.asarray(estimate.stderr)
+
+
 def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:
     """Where the resolution (..., k) falls through one half for the last time, NaN if nowhere."""
     high = resolution[..., :-1] >= 0.5
@@ -274,7 +304,7 @@ def _against_truth(rows) -> Table:
 
     return Table(
         ("method", "error of p", "error of q", "90 % band covers p", "covers q", "first call [s]",
-         "steady [ms]", "result"),
+         "steady [ms]", "quality"),
         tuple(
             (
                 row["method"],
@@ -284,31 +314,38 @@ def _against_truth(rows) -> Table:
                 cell(row["coverage_q"], "{:.0%}"),
                 row["time_s_first"],
                 1e3 * row["time_s_steady"],
-                _result(row),
+                str(row["quality"]),
             )
             for row in rows
         ),
         "Relative errors of the deviation from the mean; the first call includes compilation.",
+        notes_on(rows),
     )  # fmt: skip
 
 
 def _as_found(rows) -> Table:
     return Table(
         ("method", "highest p [Pa]", "at x [mm]", "strongest line of p [mm]", "first call [s]",
-         "result"),
+         "quality"),
         tuple(
             (
                 row["method"],
-                row["p_peak_Pa"],
-                1e3 * row["p_peak_position_m"],
-                "-" if row["p_line_wavelength_m"] is None else 1e3 * row["p_line_wavelength_m"],
+                *(_or_none(row, *what) for what in (("p_peak_Pa", 1), ("p_peak_position_m", 1e3),
+                                                    ("p_line_wavelength_m", 1e3))),
                 row["time_s_first"],
-                _result(row),
+                str(row["quality"]),
             )
             for row in rows
         ),
         "The first call includes compilation.",
+        notes_on(rows),
     )  # fmt: skip
+
+
+def _or_none(row: Mapping[str, Any], name: str, factor: float) -> float | str:
+    """A number found, where the method gave an answer with one."""
+    value = row[name]
+    return "-" if value is None or row["quality"] is Quality.FAILED else factor * value
 
 
 def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section, ...]:
@@ -344,7 +381,7 @@ def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section,
         ),
         Section(
             "Recovered p and q",
-            (*_mean_words(case.problem), *_doubt_words(estimates)),
+            (*notes_on(rows), *_mean_words(case.problem)),
             {"estimates": lambda: figures.estimates(ds)},
         ),
         Section(
@@ -403,15 +440,6 @@ def _mean_words(problem: Problem):
         yield f"Mean of {component}: {words}."
 
 
-def _doubt_words(estimates: Mapping[str, Estimate]):
-    for name, estimate in estimates.items():
-        yield from (f"In doubt, {name}: {sentence}" for sentence in estimate.doubts)
-
-
-def _result(row) -> str:
-    return f"{row['result']}; in doubt" if row["doubts"] else row["result"]
-
-
 def _cutoff_table(ds: xarray.Dataset) -> Table:
     rows = []
     for method in ds["method"].values:
@@ -424,4 +452,5 @@ def _cutoff_table(ds: xarray.Dataset) -> Table:
 
 def _stats_table(name: str, estimate: Estimate) -> Table:
     rows = [(key.replace("_", " "), value) for key, value in estimate.stats.items()]
-    return Table((name, "value"), (("result", estimate.result), *rows))
+    own = (("result", estimate.result), ("quality", str(estimate.quality)))
+    return Table((name, "value"), (*own, *rows))

@@ -15,7 +15,7 @@ from ..inverse.problem import COMPONENTS, Problem
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build, contest
-from .analysis import BAND_90, deviation, element_names, seen
+from .analysis import BAND_90, deviation, element_names, in_metrics, notes_on, seen
 from .cells import pose
 from .contest import Runs, Setting
 
@@ -37,10 +37,10 @@ def on_recording(cfg: build.Config) -> Outcome:
     dataset = _dataset(title, setting, posed.recording.signal_unit, runs)
     return Outcome(
         f"{title}: {', '.join(runs)} compared",
-        _metrics(dataset),
+        _metrics(dataset, runs),
         dataset,
         _sections(cfg, dataset, runs, posed.assumed, whole),
-        _summary(dataset),
+        _summary(dataset, runs),
     )
 
 
@@ -55,7 +55,7 @@ def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) 
         """(method, part, ...)"""
         return np.asarray([[get(found) for found in one.found] for one in runs.values()])
 
-    value, stderr = each(lambda f: f.value), each(lambda f: f.stderr)
+    value, stderr = each(lambda f: f.value), each(contest.stderr_that_holds)
     fitted = each(lambda f: f.fitted)
     signal = np.where(contest.samples_there(whole), np.asarray(whole.data + whole.level), np.nan)
     unseen = [
@@ -92,6 +92,7 @@ def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) 
             ("method", "other"), apart / (np.linalg.norm(p, axis=-1) + 1e-300)[None], "1"
         ),
         "converged": (DRAWN, each(lambda f: f.result == "converged").astype(np.int8), "1"),
+        "quality": (DRAWN, each(lambda f: str(f.quality)), "1"),
         "time_s_first": (("method",), [one.time_s_first for one in runs.values()], "s"),
         "time_s_steady": (("method",), [one.time_s_steady for one in runs.values()], "s"),
     }  # fmt: skip
@@ -112,10 +113,11 @@ def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) 
     )  # fmt: skip
 
 
-def _metrics(ds: xarray.Dataset) -> dict[str, Any]:
+def _metrics(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> dict[str, Any]:
     metrics: dict[str, Any] = {"cells": ds.sizes["x"]}
-    for m, name in enumerate(ds["method"].values):
-        key = str(name).lower().replace(" ", "_")
+    for m, (name, one) in enumerate(runs.items()):
+        key = name.lower().replace(" ", "_")
+        metrics |= {f"{what}_{key}": said for what, said in in_metrics(one.found[0]).items()}
         metrics[f"misfit_{key}"] = float(ds["misfit"].values[m, 0])
         metrics[f"unseen_{key}"] = float(ds["unseen"].values[m].mean())
         metrics[f"rank_mean_{key}"] = float(ds["rank"].values[m].mean())
@@ -137,7 +139,7 @@ def _metrics(ds: xarray.Dataset) -> dict[str, Any]:
 # --- the page --------------------------------------------------------------------------------
 
 
-def _summary(ds: xarray.Dataset) -> Table:
+def _summary(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
     unseen, rank = ds["unseen"].values, ds["rank"].values
     rows = [
         (
@@ -149,17 +151,29 @@ def _summary(ds: xarray.Dataset) -> Table:
             *(1e3 * float(ds["peak_position"].values[m, c]) for c in range(2)),
             1e3 * float(ds["time_s_steady"].values[m]),
             float(ds["time_s_first"].values[m]),
+            str(ds["quality"].values[m, 0]),
         )
         for m in np.argsort(unseen.mean(axis=1), kind="stable")
     ]
     return Table(
         ("method", "mean rank (range)", "unseen samples", "±", "seen samples",
-         "highest p at x [mm]", "highest q at x [mm]", "steady [ms]", "first call [s]"),
+         "highest p at x [mm]", "highest q at x [mm]", "steady [ms]", "first call [s]",
+         "quality"),
         tuple(rows),
         "Samples: mean square of what the method leaves of them, in units of the noise: 1 where "
         "only noise is left. Unseen: fitted to one half of the cells, judged on the other, both "
         "ways (±: half the difference).",
+        notes_on(_worth(runs)),
     )  # fmt: skip
+
+
+def _worth(runs: Mapping[str, Runs]) -> list[dict[str, Any]]:
+    """What each method's answer from all samples is worth."""
+    wholes = {name: one.found[0] for name, one in runs.items()}
+    return [
+        {"method": name, "quality": found.quality, "reasons": found.reasons}
+        for name, found in wholes.items()
+    ]
 
 
 def _repeat_table(ds: xarray.Dataset) -> Table:
@@ -211,6 +225,7 @@ def _sections(cfg, ds, runs, rows, whole: Problem) -> tuple[Section, ...]:
         Section(
             "Recovered p and q",
             (
+                *notes_on(_worth(runs)),
                 "With 90 % bands, less the mean over the scan, which a rate signal does not show. "
                 "A feature fit's band is small because it stands on a few parameters: it is the "
                 "error if the surface is of that shape, and says nothing of whether it is.",
@@ -262,8 +277,8 @@ def _told(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
             verdict = (
                 "more than noise is left: what it assumes does not hold everywhere on this scan"
             )
-        bad = [found.result for found in one.found if found.result != "converged"]
-        warning = f" Its result: {bad[0]}." if bad else ""
+        bad = [found.result for found in one.found[1:] if found.result != "converged"]
+        warning = f" From one half of the samples: {bad[0]}." if bad else ""
         said.append(
             f"{name}: {misfit:.3g} times the noise's power is left of the samples it saw, "
             f"{unseen:.3g} of those it did not; {verdict}.{warning}"

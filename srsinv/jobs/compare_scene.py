@@ -11,6 +11,7 @@ from jaxtyping import Float
 from ..errors import is_number, refuse
 from ..forward.noise import SignalToNoise
 from ..inverse.problem import COMPONENTS
+from ..inverse.quality import Quality
 from ..recording import merge
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
@@ -127,6 +128,7 @@ def _dataset(
         "coverage": ((*DRAWN, "component"), inside, "1"),
         "misfit": (DRAWN, each(lambda f: f.misfit), "1"),
         "converged": (DRAWN, each(lambda f: f.result == "converged").astype(np.int8), "1"),
+        "quality": (DRAWN, each(lambda f: str(f.quality)), "1"),
         "log_evidence": (
             DRAWN, each(lambda f: np.nan if f.log_evidence is None else f.log_evidence), "1"
         ),
@@ -179,6 +181,9 @@ def _metrics(ds: xarray.Dataset) -> dict[str, Any]:
             at = f"{key}_{level:g}_dB"
             metrics[f"rank_mean_{at}"] = float(ds["rank"].values[m, s].mean())
             metrics[f"misfit_{at}"] = float(ds["misfit"].values[m, s].mean())
+            quality = ds["quality"].values[m, s]
+            for each in (Quality.DOUBTFUL, Quality.FAILED):
+                metrics[f"{each}_{at}"] = int(np.sum(quality == each))
             metrics[f"not_converged_{at}"] = int((1 - ds["converged"].values[m, s]).sum())
             for c, component in enumerate(COMPONENTS):
                 error = ds["error"].values[m, s, :, c]
@@ -241,23 +246,36 @@ def _summary(ds: xarray.Dataset) -> Table:
     )
 
 
-def _coverage_table(ds: xarray.Dataset) -> Table:
+def _coverage_table(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
+    seeds = ds.sizes["seed"]
+    said = tuple(
+        f"{name}, {level:g} dB, draw {i + 1}: {' '.join(found.reasons)}"
+        for name, one in runs.items()
+        for s, level in enumerate(ds["snr"].values)
+        for i, found in _first_not_good(one.found[s * seeds : (s + 1) * seeds])
+    )
     rows = [
         (
             str(name),
             f"{level:g}",
             *(_percent(ds["coverage"].values[m, s, :, c]) for c in range(2)),
             float(ds["misfit"].values[m, s].mean()),
-            f"{int(ds['converged'].values[m, s].sum())} of {ds.sizes['seed']}",
+            *(int(np.sum(ds["quality"].values[m, s] == each)) for each in Quality),
         )
         for m, name in enumerate(ds["method"].values)
         for s, level in enumerate(ds["snr"].values)
     ]
     return Table(
         ("method", "SNR [dB]", "band covers p", "band covers q", "residual / noise, squared",
-         "converged"),
+         *Quality),
         tuple(rows),
+        "Of how many draws the method itself calls its answer good, doubtful or failed.",
+        said,
     )  # fmt: skip
+
+
+def _first_not_good(draws: list[contest.Found]) -> list[tuple[int, contest.Found]]:
+    return [(i, found) for i, found in enumerate(draws) if found.reasons][:1]
 
 
 def _pair_table(ds: xarray.Dataset) -> Table:
@@ -371,7 +389,7 @@ def _sections(cfg, sim, ds, wrong, runs) -> tuple[Section, ...]:
                 ds["snr"].values, ds["error"].values, ds["coverage"].values, methods, COMPONENTS
             )},
             {"errors_against_noise": "Relative error and coverage over the signal-to-noise ratio."},
-            (_coverage_table(ds),),
+            (_coverage_table(ds, runs),),
         ),
         Section(
             "Recovered p and q",

@@ -26,6 +26,7 @@ from ..inverse.feature_fit import FeatureFitter
 from ..inverse.feature_model import FeatureModel, amplitudes
 from ..inverse.nonlinear import Correlated, Fit, Solver
 from ..inverse.problem import Estimate, Problem
+from ..inverse.quality import Quality
 from ..progress import stage
 from . import build
 from .analysis import seen
@@ -42,6 +43,7 @@ class Found:
     - `value` (2, n) [Pa]; `stderr` (2, n) [Pa]: of the deviation from the mean.
     - `fitted` (e, n): the signal explained, NaN where the contestant says nothing.
     - `misfit`: mean square of the residual in units of the noise, 1 where only noise is left.
+    - `quality`, `warnings`, `reasons`: what it is worth, as the method itself says.
     - `parameters`: (value, standard error) by name, of a feature fit.
     """
 
@@ -50,8 +52,17 @@ class Found:
     fitted: Float[np.ndarray, "e n"]
     misfit: float
     result: str
+    quality: Quality
+    warnings: tuple[str, ...]
+    reasons: tuple[str, ...]
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     log_evidence: float | None = None
+
+
+def stderr_that_holds(found: Found) -> Float[np.ndarray, "2 n"]:
+    """Standard errors as stated, infinite where the answer failed."""
+    failed = found.quality is Quality.FAILED
+    return np.full_like(found.stderr, np.inf) if failed else found.stderr
 
 
 Contestant = Callable[[Problem], Found]
@@ -71,6 +82,9 @@ class Inversion:
             np.asarray(estimate.fitted + problem.level),
             float(np.nanmean(np.asarray(estimate.whitened) ** 2)),
             estimate.result,
+            estimate.quality,
+            estimate.warnings,
+            estimate.reasons,
         )
 
 
@@ -112,6 +126,9 @@ class FeatureContestant:
             fitted,
             float(np.mean(found.fit.whitened**2) * y.size / problem.samples),
             found.result,
+            found.quality,
+            found.warnings,
+            found.reasons,
             found.parameters,
             found.log_evidence,
         )

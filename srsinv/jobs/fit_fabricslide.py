@@ -21,11 +21,13 @@ from ..inverse.lines import (
     find_lines,
     fit_pitch,
 )
+from ..inverse.quality import Quality, quality, reasons
 from ..progress import stage
 from ..recording import Recording
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
+from .analysis import in_metrics
 from .recorded import load_steady
 
 LONGEST_LINE = 0.25  # of the scan: what repeats less often cannot be told from drift
@@ -68,6 +70,21 @@ class Found:
             return "no line of feature.pitch_range_m stands out from noise"
         return self.pitch.result
 
+    @property
+    def quality(self) -> Quality:
+        """Good or failed: the standard error is the scan's own, whatever the noise is."""
+        return quality(self.result, None, self.warnings)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the pitch: nothing that is not in its result."""
+        return ()
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the quality is not good, as sentences."""
+        return reasons(self.result, self.warnings)
+
 
 def run(cfg: build.Config) -> Outcome:
     """The job: load, fit the pitch, look for other lines, report."""
@@ -89,12 +106,19 @@ def run(cfg: build.Config) -> Outcome:
             )
     found = Found(recording, x_m, signal, settings, slow.shape[1] - 1, pitch, *alone, others)
     return Outcome(
-        f"{recording.name}: a pitch of {_mm(pitch.pitch_m, pitch.stderr_m)}",
+        _title(found),
         _metrics(found),
         _dataset(found),
         _sections(found),
         _summary(found),
     )
+
+
+def _title(found: Found) -> str:
+    name, pitch = found.recording.name, found.pitch
+    if found.quality is Quality.FAILED:
+        return f"{name}: no pitch found"
+    return f"{name}: a pitch of {_mm(pitch.pitch_m, pitch.stderr_m)}"
 
 
 def _along_x(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
@@ -169,6 +193,7 @@ def _metrics(found: Found) -> dict[str, Any]:
         "pitch_false_alarm": found.false_alarm,
         "pitch_channel_spread_m": float(np.std(found.channels)),
         "result": found.result,
+        **in_metrics(found),
         "harmonics": found.settings.harmonics,
         "periods": pitch.shifts.shift_m.size,
         "drift_degree": found.degree,
@@ -222,17 +247,18 @@ def _dataset(found: Found) -> xarray.Dataset:
 
 
 def _summary(found: Found) -> Table:
-    pitch = found.pitch
+    pitch, failed = found.pitch, found.quality is Quality.FAILED
     lines = ", ".join(_mm(line.wavelength_m, line.stderr_m) for line in found.others.lines)
     return Table(
         ("what", "value"),
         (
-            ("pitch", _mm(pitch.pitch_m, pitch.stderr_m)),
-            ("result", found.result),
+            ("pitch", "-" if failed else _mm(pitch.pitch_m, pitch.stderr_m)),
+            ("quality", str(found.quality)),
             ("spread of the channels' own pitches", f"{MM * np.std(found.channels):.3g} mm"),
             ("periods seen", pitch.shifts.shift_m.size),
             ("other significant lines, strongest first", lines or "none"),
         ),
+        notes=found.reasons,
     )
 
 
@@ -271,7 +297,8 @@ def _pitch_section(found: Found, data: xarray.Dataset) -> Section:
         "Pitch",
         (
             f"All {len(found.recording.channels)} channels together give "
-            f"{_mm(pitch.pitch_m, pitch.stderr_m)} ({found.result}).",
+            f"{_mm(pitch.pitch_m, pitch.stderr_m)} ({found.quality}).",
+            *found.reasons,
             "The standard error comes from the scan itself: each of the "
             f"{pitch.shifts.shift_m.size} periods is one reading of how far the pattern of all "
             "channels lies from the fit, and the scatter of these readings about a straight line "

@@ -17,10 +17,13 @@ from ..errors import refuse, shown
 from ..forward.noise import total_spectrum
 from ..forward.scan import ConstantSpeed
 from ..grid import Periodic
-from ..inverse.feature_fit import FeatureFit, FeatureFitter, probabilities, traction_band
+from ..inverse.diagnostics import direction_in_words
+from ..inverse.feature_fit import FeatureFitter
 from ..inverse.feature_model import CELLS_PER_DEPTH
+from ..inverse.feature_result import FeatureFit, probabilities, traction_band
 from ..inverse.nonlinear import Spectrum, whitener
 from ..inverse.problem import COMPONENTS
+from ..inverse.quality import Quality
 from ..inverse.surface_fit import PROFILES, surface_band
 from ..inverse.surface_model import SurfaceModel
 from ..progress import stage
@@ -28,7 +31,7 @@ from ..recording import Recording
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
-from .analysis import element_names
+from .analysis import element_names, in_metrics
 from .fit_surface import Candidate, Measured, contact_section, ground, surface_fitter
 from .recorded import (
     STEADY,
@@ -42,9 +45,12 @@ from .recorded import (
 )
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
-MUCH_SLIDING = 0.1  # of the signal's rms
-GOOD_CHI2 = 1.2  # beyond, the residual is not the noise alone and the page says so
 STRONG = 0.95  # a correlation that the page names
+_WORTH = {
+    Quality.GOOD: "good: what is left is noise.",
+    Quality.DOUBTFUL: "doubtful, for the reasons below.",
+    Quality.FAILED: "failed: these numbers are no answer, for the reasons below.",
+}
 
 
 def measured(cfg: build.Config) -> Measured:
@@ -156,7 +162,8 @@ def _traction_fitter(cfg: build.Config, data: Measured) -> Callable[[Any], Candi
 
 
 def _title(data: Measured, best: FeatureFit) -> str:
-    return f"{data.recording.name}: {best.name.replace('_', ' ')}"
+    failed = " (failed)" if best.quality is Quality.FAILED else ""
+    return f"{data.recording.name}: {best.name.replace('_', ' ')}{failed}"
 
 
 # --- numbers ---------------------------------------------------------------------------------
@@ -171,6 +178,8 @@ def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> 
         f"noise_rms_{data.recording.signal_unit}": data.noise_rms,
         "time_s_first": float(sum(candidate.time_s for candidate in candidates)),
         "result": best.result,
+        "chi2_per_freedom": best.chi2_per_freedom,
+        **in_metrics(best),
     }
     if chosen.levels is not None:
         metrics |= {
@@ -185,10 +194,9 @@ def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> 
         metrics |= {f"probability_{key}": float(probability)}
     if best.fit is not None:
         metrics |= {
-            "chi2_per_freedom": best.fit.stats["chi2_per_freedom"],
             "iterations": best.fit.stats["iterations"],
             "at_bound": ", ".join(best.fit.at_bound),
-            "undetermined": "; ".join(_direction(d) for d in best.fit.undetermined),
+            "undetermined": "; ".join(direction_in_words(d) for d in best.fit.undetermined),
             "not_told_from_nothing": ", ".join(best.untold),
         }
     return metrics
@@ -229,7 +237,7 @@ def _dataset(data: Measured, chosen: Candidate) -> xarray.Dataset:
     return xarray.Dataset(
         {k: (dims, np.asarray(v), {"units": units}) for k, (dims, v, units) in variables.items()},
         coordinates,
-        {"title": _title(data, best), "signal_unit": unit},
+        {"title": _title(data, best), "signal_unit": unit, "quality": str(best.quality)},
     )
 
 
@@ -255,7 +263,7 @@ def _sections(cfg, data: Measured, candidates, chosen: Candidate, ds) -> tuple[S
     return (
         Section(
             "Signal and fit",
-            (_verdict(data, chosen), *_absent(best)),
+            _verdict(chosen),
             {"fit": lambda: figures.feature_signals(ds)},
             {"fit": "What was recorded, what the fitted feature makes of it, and what is left, in "
              "standard deviations of the noise."},
@@ -295,48 +303,18 @@ def _correlation_figure(best: FeatureFit, ds):
     return {} if best.fit is None else {"correlation": lambda: figures.correlation(ds)}
 
 
-def _verdict(data: Measured, chosen: Candidate) -> str:
-    best, levels = chosen.fit, chosen.levels
-    if best.fit is None:
-        return "Nothing was fitted: the data are taken as noise alone."
-    chi2 = best.fit.stats["chi2_per_freedom"]
-    if best.result != "converged":
-        return f"The fit is no answer: {best.result}."
-    if chi2 > GOOD_CHI2:
-        return (
-            f"Chi-square per degree of freedom is {chi2:.3g}: the residual is more than the noise "
-            "named below, so that the feature is not quite of this kind or the noise is not all; "
-            "the standard errors hold for that noise alone and are too small."
-        )
-    share = 0.0 if levels is None else levels.sliding / float(np.sqrt(np.nanmean(data.y**2)))
-    if share > MUCH_SLIDING:
-        return (
-            f"The noise, estimated from what the fit leaves, has a correlated part of {share:.0%} "
-            "of the signal: more than sliding makes, so that the feature is hardly of this kind "
-            "or stands beside others. A groove is looked for where its negative height is allowed "
-            "(feature.ridge.height_range_m)."
-        )
-    return f"Chi-square per degree of freedom is {chi2:.3g}: what is left is noise."
-
-
-def _absent(best: FeatureFit):
-    """What may not be there at all."""
-    for name in best.untold:
-        yield (
-            f"The data do not tell {name.replace('_', ' ')} from nothing: noise alone, looked "
-            "through everywhere, makes as much. Its place, width and friction are those of noise, "
-            "and their standard errors are infinite; its strength has the prior's."
-        )
+def _verdict(chosen: Candidate) -> tuple[str, ...]:
+    """What the fit is worth, and what speaks against it."""
+    best = chosen.fit
+    chi2 = best.chi2_per_freedom
+    left = "" if chi2 is None else f" Chi-square per degree of freedom is {chi2:.3g}."
+    what = "Nothing was fitted: the data are taken as noise alone. " if best.fit is None else ""
+    return (f"{what}{_WORTH[best.quality].capitalize()}{left}", *best.reasons)
 
 
 def _identifiability(best: FeatureFit):
     if best.fit is None:
         return
-    for direction in best.fit.undetermined:
-        yield (
-            f"The data do not determine the direction ({_direction(direction)}): the parameters "
-            "can move along it and the signal does not change. Their standard errors are infinite."
-        )
     names, correlation = best.fit.names, best.fit.correlation
     for i in range(len(names)):
         for j in range(i):
@@ -345,28 +323,29 @@ def _identifiability(best: FeatureFit):
                     f"{names[j]} and {names[i]} are hard to tell apart: their errors are "
                     f"correlated by {correlation[i, j]:.3f}."
                 )
-    if best.fit.at_bound:
-        yield (
-            f"On a bound of its range: {', '.join(best.fit.at_bound)}. The data would have it "
-            "beyond, so that its standard error, and those of what goes with it, are infinite."
-        )
-    if not (best.fit.undetermined or best.fit.at_bound or best.untold):
+    if best.fit.undetermined or best.fit.at_bound or best.untold:
+        yield "The data do not determine every parameter: see the first part."
+    else:
         yield "The data determine every parameter."
-
-
-def _direction(direction: dict[str, float]) -> str:
-    return ", ".join(f"{name} {move:+.3g}" for name, move in direction.items())
 
 
 def _parameter_table(best: FeatureFit) -> Table:
     return Table(
         ("parameter", "value", "standard error", "relative"),
         tuple(
-            (name, _to_error(value, stderr), stderr, f"{abs(stderr / value):.2%}" if value else "-")
+            (name, _to_error(value, stderr), *_errors(value, stderr))
             for name, (value, stderr) in best.parameters.items()
         ),
-        f"{best.name.replace('_', ' ')}: {best.result}; SI units as in the names.",
+        f"{best.name.replace('_', ' ')}, {_WORTH[best.quality]} SI units as in the names.",
+        best.reasons,
     )
+
+
+def _errors(value: float, stderr: float) -> tuple[float | str, str]:
+    """A standard error, and relative to its value."""
+    if not np.isfinite(stderr):
+        return "not known", "-"
+    return stderr, f"{abs(stderr / value):.2%}" if value else "-"
 
 
 def _to_error(value: float, stderr: float) -> str:
@@ -384,13 +363,13 @@ def _ranking(candidates: list[Candidate]) -> Table:
     top = max(fit.log_evidence for fit in fits)
     return Table(
         ("candidate", "probability", "log evidence below the best", "chi2 per freedom",
-         "first call [s]", "result"),
+         "first call [s]", "quality"),
         tuple(
             (
                 fits[i].name.replace("_", " "), f"{share[i]:.3g}",
                 top - fits[i].log_evidence,
-                "-" if fits[i].fit is None else fits[i].fit.stats["chi2_per_freedom"],
-                times[i], fits[i].result,
+                "-" if fits[i].chi2_per_freedom is None else fits[i].chi2_per_freedom,
+                times[i], str(fits[i].quality),
             )
             for i in order
         ),

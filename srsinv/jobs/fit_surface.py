@@ -12,7 +12,7 @@ from ..errors import mapping, number, refuse, shown
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..forward.surface_feature import SurfaceFeature
-from ..inverse.feature_fit import FeatureFit
+from ..inverse.feature_result import FeatureFit
 from ..inverse.sliding_noise import Levels
 from ..inverse.surface_fit import SurfaceFitter
 from ..inverse.surface_model import SurfaceFeatures, SurfaceModel, cell_for, checked_pressure

@@ -12,12 +12,13 @@ class Table:
     """Rows under column headings, as printed and as shown on the page.
 
     Cells are strings or numbers; numbers are shown to three or four significant digits, by one
-    formatter for the terminal and the page alike.
+    formatter for the terminal and the page alike. `notes` are sentences that stand below.
     """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str | float | int, ...], ...]
     caption: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

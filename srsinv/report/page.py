@@ -22,6 +22,7 @@ import xarray
 from matplotlib.figure import Figure
 
 from .. import __version__
+from ..aliases import with_old_names
 from ..scratch import abandoned
 from .outcome import Outcome, Section, Table
 from .text import format_value, is_numeric
@@ -54,8 +55,9 @@ def write(
 
 
 def metrics_json(metrics: Mapping[str, Any]) -> str:
-    """`metrics` as JSON with sorted keys; what is not finite becomes null."""
-    plain = {key: _plain(key, value) for key, value in metrics.items()}
+    """`metrics` as JSON with sorted keys, old names beside new ones; what is not finite becomes
+    null."""
+    plain = {key: _plain(key, value) for key, value in with_old_names(metrics).items()}
     return json.dumps(plain, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
@@ -166,6 +168,7 @@ def _table(table: Table) -> dict[str, Any]:
     numeric = numeric or [False] * len(table.columns)
     return {
         "caption": table.caption,
+        "notes": table.notes,
         "columns": list(zip(table.columns, numeric, strict=True)),
         "rows": [
             [(format_value(cell), isinstance(cell, Real)) for cell in row] for row in table.rows

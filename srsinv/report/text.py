@@ -50,7 +50,7 @@ def print_table(table: Table) -> None:
     for row in table.rows:
         drawn.add_row(*(Text(format_value(cell)) for cell in row))
     if console.is_terminal:
-        console.print(Text(table.caption), drawn)
+        console.print(Text(table.caption), drawn, *map(Text, table.notes))
         return
     roomy = console.options.update(max_width=10_000)
     console.width = Measurement.get(console, roomy, drawn).maximum
@@ -58,7 +58,7 @@ def print_table(table: Table) -> None:
         console.print(drawn)
     # Markdown's box has blank lines around the table.
     plain = (line.rstrip() for line in lines.get().splitlines())
-    print(*filter(None, (table.caption, *plain)), sep="\n")
+    print(*filter(None, (table.caption, *plain, *table.notes)), sep="\n")
 
 
 def _digits(number: float) -> str:

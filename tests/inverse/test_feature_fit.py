@@ -20,9 +20,9 @@ from srsinv.inverse.feature_fit import (
     Felt,
     fit_features,
     friction_of,
-    probabilities,
     readable,
 )
+from srsinv.inverse.feature_result import probabilities
 from tests.features import FEATURES
 
 SAMPLES = 300

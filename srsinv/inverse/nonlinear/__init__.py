@@ -1,6 +1,6 @@
 """The general nonlinear fit under every fit of features: `srsinv.fit`."""
 
-from ._described import Fit as Fit
+from ._answer import Fit as Fit
 from ._fit import fit as fit
 from ._fit import fit_many as fit_many
 from ._jaxopt import JaxoptLBFGSB as JaxoptLBFGSB

@@ -1,144 +1,19 @@
-"""What a fit found, and how a minimum is put into its words."""
-
-import dataclasses
-from collections.abc import Callable, Mapping
-from typing import Any
+"""How a minimum becomes a fit."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...grid import as_real
+from ._answer import Fit
 from ._loss import Loss
-from ._parameters import Layout, Parameters, Tree
+from ._parameters import Parameters
 from ._search import Found, Misfit
 from ._solvers import Solver
-from ._uncertainty import Spread, log_evidence, nothing_known, offset, spread
+from ._uncertainty import log_evidence, nothing_known, offset, spread
 
-ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
 AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter stands on it
 SAME = 1e-8  # relative difference of two costs up to which they are one minimum
-
-
-@dataclasses.dataclass(frozen=True)
-class Fit:
-    """What a fit found.
-
-    - `value`, `stderr`: trees like the parameters; the standard error is 0 for what was not free
-      and infinite for what the data do not determine.
-    - `names` (m,): the free parameters in a row; `covariance`, `correlation` (m, m) in that order,
-      nan beside what is not determined.
-    - `residual`: data - model, like the data, nan where they are left out; `whitened`: the same in
-      units of the noise, in a row, 0 there. `jacobian` (n, m): the derivative of `whitened`.
-    - `noise_rms`: the noise's level where it was not given, else None.
-    - `result`: "converged", or what went wrong; `at_bound`: who stands on a bound. Standard errors
-      there are those without the bound.
-    - `undetermined`: directions along which the data do not notice a move, each a mapping of names
-      to moves.
-    - `log_evidence`: the log marginal likelihood (Laplace), where the noise and proper priors for
-      all free parameters are given, else None.
-    - `stats`: cost (half the sum of squares), chi2 per degree of freedom, iterations, starts.
-    """
-
-    value: Tree
-    stderr: Tree
-    names: tuple[str, ...]
-    covariance: np.ndarray
-    correlation: np.ndarray
-    residual: np.ndarray
-    whitened: np.ndarray
-    jacobian: np.ndarray
-    noise_rms: float | None
-    result: str
-    at_bound: tuple[str, ...]
-    undetermined: tuple[dict[str, float], ...]
-    log_evidence: float | None
-    stats: dict[str, Any]
-    _misfit: Misfit
-    _z: np.ndarray
-    _spread: Spread
-
-    @property
-    def converged(self) -> bool:
-        """Whether the search ended in a minimum. It may be one of several: see `explains`."""
-        return self.result == "converged"
-
-    @property
-    def explains(self) -> bool | None:
-        """Whether no more is left of the data than the noise, by chi squared; None where the noise
-        was not known. Where it is False the standard errors, which are those of the noise, are too
-        small: the model is another, or the minimum, or some data are outliers."""
-        freedom = self.stats["degrees_of_freedom"]
-        if self.noise_rms is not None:
-            return None
-        return bool(2 * self.stats["cost"] <= freedom + ENOUGH * np.sqrt(2 * max(freedom, 1)))
-
-    @property
-    def prior_stderr(self) -> dict[str, float]:
-        """Standard deviations of the priors, infinite where there is none."""
-        weight = self._misfit.prior_weight
-        known = np.zeros(len(self.names)) if weight is None else np.asarray(weight, float)
-        return {n: 1 / w if w > 0 else np.inf for n, w in zip(self.names, known, strict=True)}
-
-    def whitened_signal(self) -> np.ndarray:
-        """The fitted signal in units of the noise, in a row like `whitened`."""
-        misfit = self._misfit
-        seen = misfit.whiten.seen(misfit.y.shape)
-        signal = np.where(seen, np.asarray(misfit.y) - self.residual, 0.0)
-        # Where the level alone is not known, neither is in units of it.
-        level_counts = misfit.is_robust or misfit.prior_mean is not None
-        unit = float(misfit.scale) if self.noise_rms is not None and level_counts else 1.0
-        return np.asarray(misfit.whiten(as_real(signal)), float) / unit
-
-    def derive(
-        self, function: Callable[[Tree], Any], steps: Mapping[str, float] | None = None
-    ) -> tuple[Any, Any]:
-        """A function of the parameters, and its standard error to first order (the delta method).
-
-        `function` maps the tree of parameters to a number or an array (k,). With `steps` its
-        gradient is taken by central differences: over these steps where a parameter is named, else
-        over its standard error. Infinite standard errors where the data do not determine it. It is
-        compiled at each call, once for all where it is an equinox module.
-        """
-
-        def of(z):
-            return jnp.asarray(function(self._misfit.tree(z)))
-
-        # Compiled whole: operation by operation takes seconds where a traction is derived.
-        if steps is None:
-            slope = _shared_slope if isinstance(function, eqx.Module) else eqx.filter_jit(_slope)
-            misfit = self._misfit
-            value, gradient = slope(function, misfit.layout, misfit.row, as_real(self._z))
-        else:
-            value, gradient = self._differences(jax.jit(of), steps)
-        along = np.atleast_2d(np.asarray(gradient))
-        stderr = self._spread.along(along)
-        return (value[()], stderr[0]) if np.ndim(value) == 0 else (np.asarray(value), stderr)
-
-    def _differences(self, of: Callable[[Any], Any], steps: Mapping[str, float]):
-        """The function's value, and its gradient (k, m)."""
-        own = self._spread.stderr()
-        columns = []
-        for i, name in enumerate(self.names):
-            fallback = own[i] if 0 < own[i] < np.inf else 1e-3 * max(abs(self._z[i]), 1e-9)
-            off = np.zeros(self._z.size)
-            off[i] = step = steps.get(name, fallback)
-            above, below = (np.asarray(of(as_real(self._z + sign * off))) for sign in (1, -1))
-            columns.append((above - below) / (2 * step))
-        return of(as_real(self._z)), np.stack(columns, axis=-1)
-
-
-def _slope(function, layout: Layout, row, z):
-    """A function of the parameters, and its derivative by the free ones."""
-
-    def of(z):
-        return jnp.asarray(function(layout.tree(row.at[np.asarray(layout.free)].set(z))))
-
-    return of(z), jax.jacfwd(of)(z)
-
-
-_shared_slope = eqx.filter_jit(_slope)
 
 
 def described(

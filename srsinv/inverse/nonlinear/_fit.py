@@ -12,7 +12,8 @@ from jaxtyping import Array
 
 from ...errors import refuse
 from ...grid import as_real
-from ._described import Fit, described
+from ._answer import Fit
+from ._described import described
 from ._loss import Loss
 from ._parameters import Tree, parameters, starting_points
 from ._request import check_linear, checked_data, checked_solver, data_unit, filled, misfit_of

@@ -70,6 +70,7 @@ def feature_traction(dataset: xarray.Dataset) -> Figure:
     for axes, name in zip(grid[:, 0], components, strict=True):
         value = dataset["estimate"].sel(component=name).values[inside]
         half = NORMAL_90 * dataset["estimate_stderr"].sel(component=name).values[inside]
+        half = np.where(np.isfinite(half), half, np.nan)
         unit = pressure_scale(units_of(dataset["estimate"]), value)
         colour = colours([name])[name]
         low, high = (value - half) * unit.factor, (value + half) * unit.factor
@@ -85,7 +86,8 @@ def feature_traction(dataset: xarray.Dataset) -> Figure:
     grid[0, 0].set_title("Pressure, positive into the finger")
     grid[-1, 0].set_title("Shear, positive along +x on the finger")
     grid[-1, 0].set(xlabel="position x [mm]", xlim=(at[0], at[-1]))
-    figure.suptitle("Traction of the fitted feature, above its surroundings")
+    failed = " (the fit failed)" if dataset.attrs.get("quality") == "failed" else ""
+    figure.suptitle(f"Traction of the fitted feature, above its surroundings{failed}")
     return figure
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from srsinv.forward.film import Film
-from srsinv.inverse import doubt
+from srsinv.inverse import diagnostics
 from srsinv.inverse.rule import Discrepancy
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
@@ -23,7 +23,7 @@ def louder(problem, factor):
     return eqx.tree_at(lambda p: p.noise, problem, problem.noise * factor**2)
 
 
-# Doubt by its first words: a method, and a problem that calls for it and nothing else.
+# Warning by its first words: a method, and a problem that calls for it and nothing else.
 CALLED = {
     "The signal tells": (WIENER, lambda: louder(make_case().problem, 1e5)),
     "The elements feel one mix": (WIENER, lambda: make_case(films=SAME).problem),
@@ -38,40 +38,64 @@ CALLED = {
 
 
 @pytest.mark.parametrize("words", CALLED)
-def test_a_doubt_is_said_where_it_is_due(words):
+def test_a_warning_is_given_where_it_is_due(words):
     method, problem = CALLED[words]
-    assert any(each.startswith(words) for each in method(problem()).doubts)
+    assert any(each.startswith(words) for each in method(problem()).warnings)
 
 
-def test_waves_shorter_than_cells_are_doubted():
-    doubts = WIENER(make_case(films=SHALLOW, noise_share=1e-4).problem).doubts
-    assert any("down to waves of two cells" in each for each in doubts)
+# Stated noise over the true one: how many warnings of the residual, and what the estimate is worth.
+STATED = {1.0: (0, "good"), 0.9: (0, "good"), 0.6: (1, "doubtful"), 0.3: (1, "failed")}
+
+
+@pytest.mark.parametrize("share", STATED)
+@pytest.mark.parametrize("method", [WIENER, Tikhonov(1)], ids=["wiener", "tikhonov"])
+def test_noise_that_is_stated_too_small(method, share):
+    """Bands of 0.6 of their width cover 68 % in place of 90 %, of 0.3 a good third."""
+    estimate = method(louder(make_case(noise_share=0.1).problem, share))
+    warnings, worth = STATED[share]
+    assert sum(each.startswith("The residual is") for each in estimate.warnings) == warnings
+    assert estimate.quality == worth
+    assert (estimate.reasons == ()) == (worth == "good")
+
+
+def test_an_estimate_that_did_not_converge_failed():
+    estimate = Wiener(P, Q, path="iterative", tolerance=1e-12)(
+        louder(make_case("open", observed=gaps()).problem, 1e-6)
+    )
+    assert estimate.result != "converged"
+    assert estimate.quality == "failed"
+    assert estimate.result in estimate.reasons[0]
+
+
+def test_waves_shorter_than_cells_are_warned_of():
+    warnings = WIENER(make_case(films=SHALLOW, noise_share=1e-4).problem).warnings
+    assert any("down to waves of two cells" in each for each in warnings)
 
 
 def test_cells_beyond_the_scan_are_no_missing_samples():
     there = np.ones((2, 48), bool)
     there[:, :10] = there[:, -10:] = False
-    doubts = WIENER(make_case("open", noise_share=0.1, observed=there).problem).doubts
-    assert not any("samples are missing" in each for each in doubts)
+    warnings = WIENER(make_case("open", noise_share=0.1, observed=there).problem).warnings
+    assert not any("samples are missing" in each for each in warnings)
 
 
-def test_missing_samples_are_doubted():
+def test_missing_samples_are_warned_of():
     problem = make_case("open", observed=gaps()).problem
-    assert any("samples are missing" in doubt for doubt in WIENER(problem).doubts)
+    assert any("samples are missing" in each for each in WIENER(problem).warnings)
     iterative = Wiener(P, Q, path="iterative")(problem)
-    assert any("path=direct gives their own" in each for each in iterative.doubts)
+    assert any("path=direct gives their own" in each for each in iterative.warnings)
 
 
-def test_a_plain_case_is_not_doubted():
-    assert WIENER(make_case(noise_share=0.1).problem).doubts == ()
+def test_a_plain_case_has_no_warnings():
+    assert WIENER(make_case(noise_share=0.1).problem).warnings == ()
 
 
 @pytest.mark.parametrize("path", ["spectral", "direct"])
-def test_draws_from_the_model_itself_are_hardly_ever_doubted(path):
+def test_draws_from_the_model_itself_are_hardly_ever_warned_of(path):
     """Traction from the prior and noise as stated: five standard deviations are no chance."""
     case = make_case(noise_share=0.1)
     problem, rng = case.problem, np.random.default_rng(5)
-    method, doubted = Wiener(P, Q, path=path), 0
+    method, warned = Wiener(P, Q, path=path), 0
     power = np.stack([np.asarray(each.power(problem)) for each in (P, Q)])
     for _ in range(20):
         white = np.fft.rfft(rng.normal(size=(2, problem.line.n)))
@@ -80,8 +104,8 @@ def test_draws_from_the_model_itself_are_hardly_ever_doubted(path):
         signal = np.asarray(problem.forward(jnp.asarray(truth)))
         data = signal + case.sigma * rng.normal(size=signal.shape)
         estimate = method(eqx.tree_at(lambda p: p.data, problem, jnp.asarray(data)))
-        doubted += bool(estimate.doubts)
-    assert doubted == 0
+        warned += bool(estimate.warnings)
+    assert warned == 0
 
 
 def test_the_second_direction_is_that_of_a_singular_value_decomposition():
@@ -89,7 +113,7 @@ def test_the_second_direction_is_that_of_a_singular_value_decomposition():
     rng = np.random.default_rng(0)
     gain = rng.normal(size=(3, 2, 60)) + 1j * rng.normal(size=(3, 2, 60))
     gain[:, 1] = (1 + 1j) * gain[:, 0] + gain[:, 1] * np.logspace(-12, 3, 60)
-    small, of_p = doubt._singular(gain)
+    small, of_p = diagnostics._singular(gain)
     _, sizes, turned = np.linalg.svd(np.moveaxis(gain, -1, 0), full_matrices=False)
     np.testing.assert_allclose(np.sqrt(small), sizes[:, 1], rtol=1e-9, atol=1e-15 * sizes.max())
     np.testing.assert_allclose(of_p, np.abs(turned[:, 1, 0]) ** 2, atol=1e-13)

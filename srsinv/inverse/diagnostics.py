@@ -1,21 +1,26 @@
-"""What speaks against the bands of an estimate: where the answer is the prior alone, and where data
-and model disagree.
+"""Checks of whether the credible intervals of estimates and fits are valid: each gives warnings,
+as sentences, or nothing.
 
 Under the model, the squares of the whitened residual add up to the samples less the numbers that
 were fitted, and those of the traction in units of its prior to the numbers fitted of it: both are
 chi-square. Bands hold what the model allows, and are too narrow where these do not.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from .quality import is_excess
+
 LEAST_TOLD = 1.0  # numbers: with fewer, a component's estimate is its prior
-OVER_NOISE = 1.25  # in rms: bands so much too narrow cover 81 % in place of 90 %
+# Of an inversion, in rms: bands so much too narrow cover 81 % in place of 90 %. Its noise and
+# degrees of freedom (a trace over the window) are rougher than a fit's.
+OVER_NOISE = 1.25
+GOOD_CHI2 = 1.2  # of a fit, per degree of freedom: bands so much too narrow cover 87 %
 OVER_PRIOR = 2.0  # of a prior: edges alone make 1.5 where the bands still cover
 KEPT = 0.5  # of a wave's amplitude, from which on it counts as told
 FEW_MISSING = 0.05  # of the samples
-SIGNIFICANT = 5.0  # standard deviations of the root of a chi-square
+MUCH_SLIDING = 0.1  # of the signal's rms: sliding makes less
 
 
 def prior_alone(name: str, told: float, cells: int) -> Sequence[str]:
@@ -68,23 +73,24 @@ def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def beyond_prior(name: str, squares: float, told: float) -> Sequence[str]:
     """Of a component whose squares in units of the prior are to be `told`."""
-    excess = _excess(squares, told, OVER_PRIOR)
-    if not excess:
+    if not (told >= LEAST_TOLD and is_excess(squares / told, told, OVER_PRIOR)):
         return ()
+    excess = float(np.sqrt(squares / told))
     return (
         f"{name} is {excess:.2g} times as strong as its prior allows, so that its band is too "
         "narrow: take a wider prior (a larger rms_Pa or scale=evidence, a smaller weight).",
     )
 
 
-def beyond_noise(squares: float, freedom: float) -> Sequence[str]:
-    """Of a whitened residual whose squares are to be `freedom`."""
-    excess = _excess(squares, freedom, OVER_NOISE)
-    if not excess:
+def beyond_noise(
+    chi2_per_dof: float | None, degrees_of_freedom: float | int, most_rms: float = OVER_NOISE
+) -> Sequence[str]:
+    """Of a whitened residual with this chi-square, None where the noise is not known."""
+    if chi2_per_dof is None or not is_excess(chi2_per_dof, degrees_of_freedom, most_rms):
         return ()
     return (
-        f"The residual is {excess:.2g} times the noise, so that bands are too narrow: the model "
-        "leaves out what acts on the signal, or the noise is larger than stated.",
+        f"The residual is {np.sqrt(chi2_per_dof):.2g} times the noise, so that bands are too "
+        "narrow: the model leaves out what acts on the signal, or the noise is larger than stated.",
     )
 
 
@@ -132,10 +138,57 @@ def below_rounding(noise_rms: float, largest: float, dtype: np.dtype) -> Sequenc
     )
 
 
-def _excess(squares: float, freedom: float, most: float) -> float:
-    """The root of squares over freedom where it is above `most`, and no chance, else 0."""
-    if not freedom >= LEAST_TOLD:
-        return 0.0
-    ratio = float(np.sqrt(squares / freedom))
-    chance = 1 + SIGNIFICANT / np.sqrt(2 * freedom)
-    return ratio if ratio > max(most, chance) else 0.0
+# --- of fits -----------------------------------------------------------------------------------
+
+
+def of_fit(
+    chi2_per_dof: float | None,
+    degrees_of_freedom: float | int,
+    at_bound: Sequence[str],
+    undetermined: Sequence[Mapping[str, float]],
+) -> tuple[str, ...]:
+    """Of a nonlinear fit: its residual, and parameters whose standard errors say nothing."""
+    return (
+        *beyond_noise(chi2_per_dof, degrees_of_freedom, np.sqrt(GOOD_CHI2)),
+        *(
+            f"The data do not determine the direction ({direction_in_words(each)}): the parameters "
+            "can move along it and the signal does not change."
+            for each in undetermined
+        ),
+        *_on_bounds(at_bound),
+    )
+
+
+def direction_in_words(direction: Mapping[str, float]) -> str:
+    """A direction in the space of the parameters, as moves by name."""
+    return ", ".join(f"{name} {move:+.3g}" for name, move in direction.items())
+
+
+def _on_bounds(names: Sequence[str]) -> Sequence[str]:
+    if not names:
+        return ()
+    return (
+        f"On a bound of its range: {', '.join(names)}. The data would have it beyond, so that no "
+        "standard error of it, or of what goes with it, holds.",
+    )
+
+
+def undetected(name: str) -> str:
+    """Of a feature that may not be there at all."""
+    return (
+        f"The data do not tell {name.replace('_', ' ')} from nothing: noise alone, searched "
+        "everywhere, makes as much. Its place, width and friction are those of noise, and their "
+        "standard errors are infinite; its strength has the prior's."
+    )
+
+
+def sliding_noise(share: float) -> Sequence[str]:
+    """Of noise estimated from what a fit leaves, whose correlated part is `share` of the signal."""
+    if not share > MUCH_SLIDING:
+        return ()
+    return (
+        f"The noise, estimated from what the fit leaves, has a correlated part of {share:.0%} of "
+        "the signal: more than sliding makes, so that the feature is hardly of this kind or stands "
+        "beside others. A groove is looked for where its negative height is allowed "
+        "(feature.ridge.height_range_m).",
+    )

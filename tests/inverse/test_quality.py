@@ -1,0 +1,102 @@
+"""What an answer is worth: the rule, and what its threshold stands for."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import srsinv
+from srsinv.inverse.quality import quality, reasons
+
+N = 400
+RNG = np.random.default_rng(3)
+X = np.linspace(0.0, 1.0, N)
+NOISE = RNG.normal(size=N)
+
+# status, chi-square per degree of freedom, warnings, degrees of freedom, what that is worth
+CASES = {
+    "noise is all that is left": ("converged", 1.0, (), 1000, "good"),
+    "the noise is not known": ("converged", None, (), 1000, "good"),
+    "a warning": ("converged", 1.0, ("samples are missing",), 1000, "doubtful"),
+    "beyond the noise": ("converged", 4.0, ("beyond the noise",), 1000, "doubtful"),
+    "far beyond the noise": ("converged", 7.0, ("beyond the noise",), 1000, "failed"),
+    "nothing that a band survives": ("converged", 978_422.0, (), 1000, "failed"),
+    "not a number": ("converged", np.nan, (), 1000, "failed"),
+    "one number, by chance": ("converged", 15.0, (), 1, "good"),
+    "one number, no chance": ("converged", 40.0, (), 1, "failed"),
+    "no number left": ("converged", 1e9, (), 0, "good"),
+    "stopped": ("not converged: 10 steps", 1.0, (), 1000, "failed"),
+    "stopped, with a warning": ("ill-conditioned", None, ("x",), 1000, "failed"),
+}
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_quality(case):
+    *given, worth = case
+    assert quality(*given) == worth
+
+
+def test_reasons_name_the_status_and_the_warnings():
+    assert reasons("converged", ()) == ()
+    assert reasons("converged", ("a.",)) == ("a.",)
+    stopped, *rest = reasons("not finite", ("a.",))
+    assert "not finite" in stopped
+    assert rest == ["a."]
+
+
+def test_a_band_that_covers_less_than_half_has_failed():
+    """Where errors are those of a noise s times the stated one, on either side of one half."""
+
+    def covered(s):
+        return 2 * scipy.stats.norm.cdf(scipy.stats.norm.ppf(0.95) / s) - 1
+
+    for s in np.linspace(1.0, 4.0, 61):
+        failed = quality("converged", s**2, (), 1e9) == "failed"
+        assert failed == (covered(s) < 0.5) or abs(covered(s) - 0.5) < 1e-3
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 5, 10, 100, 10_000])
+def test_chance_alone_hardly_ever_fails(freedom):
+    """Less than once in 50,000 answers, by the chi-square distribution itself."""
+    values = np.geomspace(1.0, 1e3, 2000)
+    least = next(c for c in values if quality("converged", c, (), freedom) == "failed")
+    assert scipy.stats.chi2.sf(least * freedom, freedom) < 2e-5
+
+
+def line(params):
+    return params["a"] + params["b"] * X
+
+
+# What is added to a straight line with noise, over the noise's rms; which bounds; what it is worth
+FITS = {
+    "a line": (0.0, None, "good", ()),
+    "a line with a bend": (1.8, None, "doubtful", ("The residual is",)),
+    "no line at all": (30.0, None, "failed", ("The residual is",)),
+    "on a bound": (0.0, {"b": (5.0, 9.0)}, "doubtful", ("On a bound",)),
+}
+
+
+@pytest.mark.parametrize("case", FITS.values(), ids=FITS)
+def test_a_fit_says_what_it_is_worth(case):
+    bend, bounds, worth, words = case
+    y = 1.0 + 2.0 * X + 0.02 * (NOISE + bend * np.sin(20 * X))
+    if bounds is not None:
+        y = y + 2.99 * X  # so that the bound is near, and the residual small
+    found = srsinv.fit(line, {"a": 0.0, "b": 6.0}, y, noise=0.02, bounds=bounds)
+    assert found.result == "converged"
+    assert found.quality == worth
+    assert len(found.warnings) == len(words)
+    assert all(said.startswith(word) for said, word in zip(found.warnings, words, strict=True))
+    assert found.reasons == found.warnings
+
+
+def test_a_noise_that_is_not_known_makes_no_failure():
+    y = 1.0 + 2.0 * X + np.sin(20 * X)
+    assert srsinv.fit(line, {"a": 0.0, "b": 1.0}, y).quality == "good"
+
+
+def test_a_direction_that_the_data_do_not_determine_is_a_warning():
+    found = srsinv.fit(
+        lambda params: line(params) + params["c"], {"a": 0.0, "b": 1.0, "c": 0.0}, X, noise=0.1
+    )
+    assert found.quality == "doubtful"
+    assert any("do not determine" in said for said in found.warnings)
