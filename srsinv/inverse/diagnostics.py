@@ -78,7 +78,7 @@ def beyond_prior(name: str, squares: float, told: float) -> Sequence[str]:
     excess = float(np.sqrt(squares / told))
     return (
         f"{name} is {excess:.2g} times as strong as its prior allows, so that its band is too "
-        "narrow: take a wider prior (a larger rms_Pa or scale=evidence, a smaller weight).",
+        "narrow: take a wider prior (a larger rms or scale=evidence, a smaller weight).",
     )
 
 

@@ -29,6 +29,7 @@ class Case:
     """One inversion to make and to report.
 
     - `problem`: what is inverted; `sensor`: with which sensor; `methods`: by name.
+    - `traction_unit`: "Pa", or "1" for p and q that are relative.
     - `stages`: (dims, values, units) of what the simulation knows, by variable name; the truth is
       `traction`. Empty for a recording.
     - `assumed`: rows (what, value) of the page's last section; `verdicts`: which effects the scene
@@ -41,6 +42,7 @@ class Case:
     speed_m_per_s: float
     methods: Mapping[str, Callable[[Problem], Estimate]]
     signal_unit: str = "V"
+    traction_unit: str = "Pa"
     stages: Mapping[str, tuple[tuple[str, ...], Any, str]] = field(default_factory=dict)
     assumed: tuple[tuple[str, str], ...] = ()
     verdicts: tuple[Verdict, ...] = ()
@@ -138,8 +140,16 @@ def _metrics(case: Case, estimates: Mapping[str, Estimate], rows) -> dict[str, A
     for row, (name, estimate) in zip(rows, estimates.items(), strict=True):
         key = name.lower().replace(" ", "_")
         said = row | dict(estimate.stats) | in_metrics(estimate)
-        metrics |= {f"{what}_{key}": said[what] for what in said if what not in _IN_WORDS}
+        named = {what: _named(case, what) for what in said if what not in _IN_WORDS}
+        metrics |= {f"{new}_{key}": said[what] for what, new in named.items()}
     return metrics
+
+
+def _named(case: Case, key: str) -> str:
+    """A number's name, without Pa where p and q have no unit."""
+    if case.traction_unit == "Pa":
+        return key
+    return key.replace("_per_Pa2", "_relative").replace("_Pa", "_relative")
 
 
 def _features(case: Case, estimate: Estimate) -> dict[str, float | None]:
@@ -190,7 +200,7 @@ def notes_on(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
 
 def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
     problem, sensor = case.problem, case.sensor
-    n, unit = problem.line.n, case.signal_unit
+    n, unit, pressure = problem.line.n, case.signal_unit, case.traction_unit
     there = (
         np.ones(problem.data.shape, bool)
         if problem.observed is None
@@ -221,12 +231,12 @@ def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
     variables = {
         "signal": (("element", "x"), np.where(there, np.asarray(problem.data), np.nan), unit),
         "observed": (("element", "x"), there.astype(np.int8), "1"),
-        "estimate": (("method", "component", "x"), stacked(lambda e: e.value), "Pa"),
-        "estimate_stderr": (("method", "component", "x"), stacked(_stderr), "Pa"),
+        "estimate": (("method", "component", "x"), stacked(lambda e: e.value), pressure),
+        "estimate_stderr": (("method", "component", "x"), stacked(_stderr), pressure),
         "quality": (("method",), [str(e.quality) for e in estimates.values()], "1"),
         "fitted_signal": (("method", "element", "x"), stacked(lambda e: e.fitted), unit),
         "whitened_residual": (("method", "element", "x"), stacked(lambda e: e.whitened), "1"),
-        "sensor_gain": (("element", "component", "wavenumber"), gain, f"{unit}/Pa"),
+        "sensor_gain": (("element", "component", "wavenumber"), gain, f"{unit}/{pressure}"),
         "signal_power": (("element", "wavenumber"), np.abs(window) ** 2 / n, f"({unit})^2"),
         "noise_power": (("wavenumber",), np.asarray(problem.noise), f"({unit})^2"),
         "resolution": (("method", "component", "wavenumber"), both(resolution), "1"),
@@ -295,7 +305,7 @@ def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:
 
 
 def _summary(case: Case, rows) -> Table:
-    return _against_truth(rows) if "traction" in case.stages else _as_found(rows)
+    return _against_truth(rows) if "traction" in case.stages else _as_found(case, rows)
 
 
 def _against_truth(rows) -> Table:
@@ -323,14 +333,15 @@ def _against_truth(rows) -> Table:
     )  # fmt: skip
 
 
-def _as_found(rows) -> Table:
+def _as_found(case: Case, rows) -> Table:
+    unit = "Pa" if case.traction_unit == "Pa" else "relative"
     return Table(
-        ("method", "highest p [Pa]", "at x [mm]", "strongest line of p [mm]", "first call [s]",
+        ("method", f"highest p [{unit}]", "at x [mm]", "strongest line of p [mm]", "first call [s]",
          "quality"),
         tuple(
             (
                 row["method"],
-                *(_or_none(row, *what) for what in (("p_peak_Pa", 1), ("p_peak_position_m", 1e3),
+                *(_or_none(row, *what) for what in (("p_peak_Pa", 1.0), ("p_peak_position_m", 1e3),
                                                     ("p_line_wavelength_m", 1e3))),
                 row["time_s_first"],
                 str(row["quality"]),
@@ -409,7 +420,7 @@ def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section,
             (),
             tables=(
                 Table(("what", "value"), case.assumed),
-                *(_stats_table(name, e) for name, e in estimates.items()),
+                *(_stats_table(case, name, e) for name, e in estimates.items()),
             ),
         ),
     ]  # fmt: skip
@@ -450,7 +461,7 @@ def _cutoff_table(ds: xarray.Dataset) -> Table:
     return Table(("method", "component", "cut-off [rad/m]", "wavelength [mm]"), tuple(rows))
 
 
-def _stats_table(name: str, estimate: Estimate) -> Table:
-    rows = [(key.replace("_", " "), value) for key, value in estimate.stats.items()]
+def _stats_table(case: Case, name: str, estimate: Estimate) -> Table:
+    rows = [(_named(case, key).replace("_", " "), value) for key, value in estimate.stats.items()]
     own = (("result", estimate.result), ("quality", str(estimate.quality)))
     return Table((name, "value"), (*own, *rows))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import number, refuse
+from ..errors import choice, number, refuse
 from ..forward.amplifier import Amplifier
 from ..forward.film import SampleAverage
 from ..forward.noise import total_spectrum
@@ -17,17 +17,17 @@ from ..grid import Open, as_real
 from ..inverse.problem import Problem
 from ..inverse.quadratic import DIRECT_LIMIT
 from ..recording import Recording
+from ..recording.even import STEADY, check_volts, load_even
 from . import build
 from .recorded import (
     MARGIN_DEPTHS,
-    STEADY,
     check_cells,
     coloured_noises,
     contact_window,
     elements_named,
-    load_even,
     nominal_pressure,
     sensor_of,
+    times_rows,
     white_rms,
 )
 
@@ -39,12 +39,14 @@ FEW = 0.25  # of the median: a cell that tells less than this has twice the nois
 
 @dataclass(frozen=True)
 class Posed:
-    """A recording and the problem of inverting it; `assumed` says in words what was taken."""
+    """A recording and the problem of inverting it, p and q in `traction_unit`; `assumed` says in
+    words what was taken."""
 
     recording: Recording
     sensor: Sensor
     speed_m_per_s: float
     problem: Problem
+    traction_unit: str
     assumed: tuple[tuple[str, str], ...]
 
 
@@ -57,6 +59,7 @@ def pose(cfg: build.Config, cells_per_depth: int | None = None) -> Posed:
     """
     friction = build.friction(cfg)
     recording = _load(cfg)
+    unit = _traction_unit(cfg, recording)
     nominal = nominal_pressure(recording)
     ideal = sensor_of(cfg, recording)
     depth = float(ideal.depth_m)
@@ -88,8 +91,23 @@ def pose(cfg: build.Config, cells_per_depth: int | None = None) -> Posed:
         background_Pa=(nominal, None),
         friction=friction,
     )
-    assumed = _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal)
-    return Posed(recording, sensor, speed, problem, assumed)
+    assumed = _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal, unit)
+    return Posed(recording, sensor, speed, problem, unit, assumed)
+
+
+def _traction_unit(cfg: build.Config, recording: Recording) -> str:
+    """The unit of p and q: Pa, or "1" where nothing is known of the sensor's or the amplifier's
+    gain and they are relative."""
+    wanted = choice("traction_unit", cfg.get("traction_unit", "Pa"), ("Pa", "relative"))
+    if wanted == "Pa":
+        check_volts(recording)
+        return "Pa"
+    refuse(
+        recording.sidecar.get("nominal_pressure_Pa") is not None,
+        f"{recording.name}: nominal_pressure_Pa is given, and traction_unit=relative makes p a "
+        "number without a unit: leave one of them out.",
+    )
+    return "1"
 
 
 def _load(cfg: build.Config) -> Recording:
@@ -126,9 +144,9 @@ def cell_signals(
     """Position [m] and signal of cells of block * spacing, the signal NaN where it is missing, and
     how many samples at the mean speed a cell is worth.
 
-    At constant speed a cell is a block of samples and has their mean.
+    At constant speed a cell is a block of samples and has their mean, where none is missing.
     """
-    if recording.is_constant_speed(STEADY):
+    if recording.is_constant_speed(STEADY) and np.isfinite(recording.signal).all():
         blocks = recording.block_average(block)
         return blocks.position_m, blocks.signal, float(block)
     return _fitted_cells(recording, amplifier, block * spacing)
@@ -159,7 +177,8 @@ def fitted_on(
     A sample at x, which never falls, is v = a s + white noise, a = gain(u) / gain(mean u): u over
     its mean for a rate signal. Least squares give s = sum(a v) / sum(a^2) with the noise's variance
     over sum(a^2), and nothing is divided by a small u. A cell where sum(a^2) is far below the
-    median is missing (a standstill, a hole); the median stands for the others.
+    median is missing (a standstill, a hole); the median stands for the others, less the part of
+    their samples that is missing.
 
     What a cell of whole samples tells is off its centre by up to half a spacing, which on a clean
     recording is more than the noise. So a sample counts in each cell by the part of its way, from
@@ -174,9 +193,12 @@ def fitted_on(
 
     there = np.isfinite(signal)
     weight = np.where(there, a**2, 0.0)
-    typical = float(np.median(totals(a[None] ** 2)))
+    whole = totals(a[None] ** 2)
+    typical = float(np.median(whole))
     told = totals(weight)
     told = np.where(told >= FEW * typical, told, np.nan)
+    there_of = (told / whole)[np.isfinite(told)]
+    typical *= float(np.median(there_of)) if there_of.size else 1.0
     fitted = totals(np.where(there, a * signal, 0.0)) / told
     centres = (edges[:-1] + edges[1:]) / 2
     rows = zip(totals(weight * x) / told, fitted, strict=True)
@@ -206,11 +228,19 @@ def _interpolated(
     at: Float[np.ndarray, " cell"],
     values: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
-    """The values, told at `at`, at the centres of the same cells; NaN stays."""
-    known = np.isfinite(values)
-    moved = np.full(centres.shape, np.nan)
-    if known.any():
-        moved[known] = np.interp(centres[known], at[known], values[known])
+    """The values, told at `at`, at the centres of the same cells; NaN stays.
+
+    Beside a hole by the slope on its other side: one drawn across the hole is not that of its edge.
+    """
+    moved = values.copy()
+    beyond = np.where(centres > at, 1, -1)
+    for i in np.flatnonzero(np.isfinite(values) & (centres != at)):
+        j = i + beyond[i]
+        if not 0 <= j < values.size:  # at the scan's ends the value stands for the cell
+            continue
+        j = j if np.isfinite(values[j]) else max(i - beyond[i], 0)
+        if j != i and j < values.size and np.isfinite(values[j]):
+            moved[i] += (values[j] - values[i]) * (centres[i] - at[i]) / (at[j] - at[i])
     return moved
 
 
@@ -244,11 +274,12 @@ def _spectrum(cfg, line, scan, data, observed, white_rms: float):
     return total_spectrum(noises, line, scan, signal_rms) + white_rms**2
 
 
-def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal):
+def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal, traction_unit):
     unit = recording.signal_unit
     return (
         ("recording", f"{recording.name}, {recording.time_s.size} samples {1e6 * spacing:.4g} um "
          f"apart"),
+        *times_rows(cfg, recording),
         ("cells", f"{line.n} of {1e6 * float(line.cell_m):.4g} um, "
          + _filled_with(recording, block)),
         ("line", "open: p and q are deviations from a uniform background, zero outside the window"),
@@ -262,11 +293,20 @@ def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal):
             else "from the highest wavenumbers of the recording")),
         *build.effects_rows(cfg),
         ("p and q", "apart" if cfg["friction"] is None else f"q = {cfg['friction']} p"),
+        *((("unit of p and q", "relative: the signal's unit over the sensor's assumed gain, which "
+            "nobody measured"),) if traction_unit == "1" else ()),
     )  # fmt: skip
 
 
 def _filled_with(recording: Recording, block: int) -> str:
-    if recording.is_constant_speed(STEADY):
+    """How cells come from samples, in words."""
+    steady = recording.is_constant_speed(STEADY)
+    if steady and not np.isfinite(recording.signal).all():
+        return (
+            f"each with the mean of those of {block} samples that are there; cells with less than "
+            f"{FEW:.0%} of them are missing"
+        )
+    if steady:
         return f"each with the mean of {block} samples (as the model has it, too)"
     speed = recording.speed_m_per_s
     return (

@@ -24,11 +24,11 @@ from ..inverse.lines import (
 from ..inverse.quality import Quality, quality, reasons
 from ..progress import stage
 from ..recording import Recording
+from ..recording.even import load_steady
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
 from .analysis import in_metrics
-from .recorded import load_steady
 
 LONGEST_LINE = 0.25  # of the scan: what repeats less often cannot be told from drift
 HIGHEST_FRACTION = 6  # of a line that another is called: beyond, some fraction always fits

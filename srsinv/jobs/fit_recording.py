@@ -28,19 +28,19 @@ from ..inverse.surface_fit import PROFILES, surface_band
 from ..inverse.surface_model import SurfaceModel
 from ..progress import stage
 from ..recording import Recording
+from ..recording.even import STEADY, check_volts, load_even
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
 from .analysis import element_names, in_metrics
 from .fit_surface import Candidate, Measured, contact_section, ground, surface_fitter
 from .recorded import (
-    STEADY,
     check_cells,
     coloured_noises,
     elements_named,
-    load_even,
     motion_of,
     sensor_of,
+    times_rows,
     white_rms,
 )
 
@@ -58,6 +58,7 @@ def measured(cfg: build.Config) -> Measured:
     settings = dict(build.part(cfg, "recording"))
     settings["path"] = settings.get("path") or str(EXAMPLE)
     recording = load_even(settings, elements_named(cfg))
+    check_volts(recording)
     sensor, motion = sensor_of(cfg, recording), motion_of(recording)
     check_cells(
         recording.name, float(np.ptp(motion.position_m)), float(sensor.depth_m) / CELLS_PER_DEPTH
@@ -386,6 +387,7 @@ def _assumed(cfg: build.Config, data: Measured, chosen: Candidate) -> tuple[tupl
     return (
         ("recording", f"{recording.name}, {recording.time_s.size} samples at "
          f"{recording.sample_rate_hz:.6g} Hz"),
+        *times_rows(cfg, recording),
         ("motion", f"{speed.mean():.4g} m/s, constant" if steady
          else f"measured, {speed.min():.4g} to {speed.max():.4g} m/s"),
         *ground(data, chosen.fit),

@@ -16,7 +16,7 @@ from ..report.outcome import Outcome, Section, Table
 
 _NONE = "–"
 _SHOWN_GAPS = 20
-_NOT_FACTS = ("path", "missing", "cell_m", "sidecar")
+_NOT_FACTS = ("path", "missing", "times", "cell_m", "sidecar")
 
 
 def run(cfg: Mapping[str, Any]) -> Outcome:

@@ -19,6 +19,7 @@ def run(cfg: build.Config) -> Outcome:
                 speed_m_per_s=posed.speed_m_per_s,
                 methods=methods,
                 signal_unit=posed.recording.signal_unit,
+                traction_unit=posed.traction_unit,
                 assumed=posed.assumed,
                 time_steady=False,
             )

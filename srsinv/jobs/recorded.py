@@ -1,13 +1,11 @@
-"""A recording as the jobs want it: even samples, its sensor, its motion and its white noise."""
+"""What jobs take from a recording at even times: its sensor, its motion and its white noise."""
 
-import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..errors import choice, mapping, number, refuse, shown
+from ..errors import number, refuse
 from ..forward.describe import elements
 from ..forward.film import LineEffect
 from ..forward.noise import Noise, SignalToNoise
@@ -15,86 +13,12 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..forward.setup import Setup
 from ..inverse.surface_model import Window
-from ..recording import Recording, load, merge
+from ..recording import Recording, merge
+from ..recording.noise import white_level
 from . import build
 
-STEADY = 1e-3  # how far a speed may stray from its mean and still be taken as constant
-JITTER = 0.2  # of the sampling interval: beyond it there is a gap
-ROUNDED = 0.25  # of an interval: time stamps nearer to even ones than this are only rounded
-ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
-OF_A_JOB = ("cell_m",)  # keys of `recording` that say nothing about the file
 MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
 SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # where neither sidecar nor command says
-MOTION = {
-    "sample_rate_hz": "a positive number in Hz",
-    "speed_m_per_s": "a speed in m/s",
-    "scan_start_m": "a position in metres",
-}
-
-
-def load_steady(settings: Any, known: Mapping[str, Any]) -> Recording:
-    """[`load_even`][] for what takes the speed as constant: raises `BadInput` where it varies."""
-    recording = load_even(settings, known)
-    refuse(
-        not recording.is_constant_speed(STEADY),
-        f"{recording.name}: the speed varies by more than {STEADY:.1%} of its mean, and this job "
-        "takes it as constant: give recording.speed_m_per_s=... to do so all the same.",
-    )
-    return recording
-
-
-def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
-    """The recording that `settings`, the configuration's `recording`, names, at even times.
-
-    `known` are further facts of the command line, beside the sidecar's. Raises `BadInput` for a
-    file that cannot be read, a speed that is 0 throughout, and uneven times.
-    """
-    named = mapping("recording", settings)
-    facts = {key: value for key, value in named.items() if key not in OF_A_JOB}
-    path, missing = facts.pop("path", None), facts.pop("missing", "refuse")
-    refuse(path is None, "No recording is named: give recording.path=FILE.")
-    for key, file in (("path", path), ("sidecar", facts.get("sidecar"))):
-        refuse(
-            file is not None and not isinstance(file, str | os.PathLike),
-            f"recording.{key} is {shown(file)}: give the name of a file.",
-        )
-    for key, wanted in MOTION.items():
-        if (given := facts.get(key)) is not None:
-            number(f"recording.{key}", given, wanted)
-    choice("recording.missing", missing, ("refuse", "allow"))
-    recording = load(path, missing=missing, **_given(facts | dict(known)))
-    refuse(
-        not np.any(recording.speed_m_per_s),
-        f"{recording.name}: the speed is 0, so no surface passes the sensor: give "
-        "recording.speed_m_per_s=... in m/s.",
-    )
-    jitter = recording.sampling_jitter
-    refuse(
-        jitter > JITTER,
-        f"{recording.name}: the sampling interval varies by {jitter:.0%}, more than {JITTER:.0%}: "
-        "give recording.sample_rate_hz=... or cut the recording at the gap.",
-    )
-    return _uniform(recording)
-
-
-def _uniform(recording: Recording) -> Recording:
-    """The recording at even times.
-
-    Stamps that are off by less than a quarter of an interval are only rounded, and are replaced:
-    interpolating would colour the noise, which the rules take as white. Else the signal is
-    interpolated.
-    """
-    time_s = recording.time_s
-    even = np.linspace(time_s[0], time_s[-1], time_s.size)
-    if np.max(np.abs(time_s - even)) < ROUNDED / recording.sample_rate_hz:
-        return replace(recording, time_s=even)
-    return recording.resample_uniform()
-
-
-def _given(known: dict[str, Any]) -> dict[str, Any]:
-    """What the command line gives, in depth: null means not given."""
-    trimmed = {k: _given(v) if isinstance(v, dict) else v for k, v in known.items()}
-    return {k: v for k, v in trimmed.items() if v is not None and v != {}}
 
 
 def elements_named(cfg: build.Config) -> dict[str, Any]:
@@ -155,6 +79,25 @@ def check_cells(name: str, length_m: float, cell_m: float) -> None:
     )
 
 
+def times_rows(cfg: build.Config, recording: Recording) -> tuple[tuple[str, str], ...]:
+    """Rows of a page: samples that are missing, and times that were left out."""
+    rows = []
+    if recording.lost_rows:
+        rows.append((
+            "lost rows",
+            f"{recording.lost_rows} at {recording.gaps} places, by the time stamps: missing "
+            "samples, speed and measured position interpolated there",
+        ))  # fmt: skip
+    missing = np.isnan(recording.signal)
+    empty = int(missing.sum()) - recording.lost_rows * len(recording.channels)
+    if empty > 0:
+        rows.append(("other missing samples", f"{empty} of {missing.size}"))
+    if build.part(cfg, "recording").get("times") == "ignore":
+        rate = f"{recording.sample_rate_hz:.6g} Hz"
+        rows.append(("times", f"the file's left out: rows taken as even at {rate}, none lost"))
+    return tuple(rows)
+
+
 def motion_of(recording: Recording) -> Motion:
     """How the sensor moved: along the measured positions, else by the integral of the speed."""
     time_s, speed = recording.time_s, recording.speed_m_per_s
@@ -194,27 +137,15 @@ def coloured_noises(cfg: build.Config) -> tuple[Noise, ...]:
 
 
 def white_rms(cfg: build.Config, recording: Recording, depth: float, spacing: float) -> float:
-    """The white noise per sample: given, or the level where the skin lets nothing through.
-
-    The median of the periodogram over the upper wavenumbers, which a few lines do not move.
-    """
+    """The white noise per sample: given, or the level where the skin lets nothing through."""
     white = build.part(build.part(cfg, "noise"), "white")
     if (given := white.get("rms")) is not None:
         wanted = "a positive number in the signal's unit, or null to take it from the recording"
         return float(number("noise.white.rms", given, wanted, above=0))
-    signal = np.nan_to_num(recording.signal)
-    n = signal.shape[-1]
-    taper = np.hanning(n)
-    slope = np.linspace(-1, 1, n)
-    left = signal - signal.mean(axis=-1, keepdims=True)
-    left = left - (left @ slope / (slope @ slope))[:, None] * slope
-    power = np.abs(np.fft.rfft(left * taper)) ** 2 / np.sum(taper**2)
-    k = 2 * np.pi * np.fft.rfftfreq(n, spacing)
-    noise_only = k > min(ABOVE_CUTOFF / depth, 0.75 * k[-1])
-    level = np.median(power[:, noise_only]) / np.log(2)
+    level = white_level(recording.signal, depth, spacing)
     refuse(
         not level > 0,
         f"{recording.name}: no noise can be told from the signal (it is constant, or rounded): "
         "give noise.white.rms=... in the signal's unit.",
     )
-    return float(np.sqrt(level))
+    return level

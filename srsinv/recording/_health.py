@@ -1,4 +1,4 @@
-"""What a signal and its times show of the wiring: gaps, clipping, rounding and noise."""
+"""What a signal shows of the wiring: clipping, rounding and noise."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,7 @@ import scipy.ndimage
 import scipy.signal
 from jaxtyping import Float
 
-GAP = 1.5  # of the usual interval: beyond it a sample is lost
 FLAT = 3  # equal samples in a row at a signal's extreme that count as one flat stretch
-_TINY = 1e-100  # no interval, and the inverse of none
 _ROUNDING = 1e-3  # of a step: how far from whole steps rounded values may lie
 _MOST_STEPS = 2**24  # a range of more steps is that of printed digits, not of a converter
 SHORTEST = 16  # samples: below it a spectrum says nothing
@@ -19,59 +17,6 @@ _AROUND = 31  # frequencies whose median is a line's surroundings
 _STANDS_OUT = 10.0  # times the surrounding power
 _LINES = 5
 _HANN_BINS = 1.5  # equivalent noise bandwidth of the window
-
-
-@dataclass(frozen=True)
-class Gap:
-    """A longer interval than usual: after which data row, when, for how long, how many lost."""
-
-    row: int
-    start_s: float
-    length_s: float
-    lost: int
-
-
-@dataclass(frozen=True)
-class Timing:
-    """How evenly samples were taken.
-
-    - `rate_hz`: one over the mean interval, gaps aside.
-    - `jitter_rms`, `jitter_largest`: departures from that interval, as fractions of it, gaps aside.
-    - `disorder`: data rows whose time does not come after that of the row before.
-    """
-
-    rate_hz: float
-    jitter_rms: float
-    jitter_largest: float
-    gaps: tuple[Gap, ...]
-    disorder: tuple[int, ...]
-
-
-def timing(time_s: Float[np.ndarray, " sample"]) -> Timing | None:
-    """The timing of the stamps [s], NaN where one is missing; None where none follows another, or
-    they lie a float64's whole range apart."""
-    with np.errstate(over="ignore"):
-        step_s = np.diff(time_s)
-    forward = step_s[step_s > _TINY]
-    if not forward.size or np.max(forward) > 1 / _TINY:
-        return None
-    usual_s = float(np.median(forward))
-    regular = forward[forward <= GAP * usual_s]
-    mean_s = float(np.mean(regular))
-    departure = (regular - mean_s) / mean_s
-    gaps = tuple(
-        Gap(
-            row + 1, float(time_s[row]), float(step_s[row]), max(1, round(step_s[row] / mean_s) - 1)
-        )
-        for row in np.flatnonzero(step_s > GAP * usual_s).tolist()
-    )
-    return Timing(
-        rate_hz=1 / mean_s,
-        jitter_rms=float(np.sqrt(np.mean(departure**2))),
-        jitter_largest=float(np.max(np.abs(departure))),
-        gaps=gaps,
-        disorder=tuple((np.flatnonzero(step_s <= 0) + 2).tolist()),
-    )
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from scipy.interpolate import make_interp_spline
 
 from srsinv.errors import BadInput, choice, refuse
 
+from ._even_times import check_rate
 from ._formats import read_table
 from ._guard import path_of
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
@@ -24,13 +25,16 @@ _VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)})")
 # What these say of the file is in the Recording's own fields once it is read.
 _LAYOUT = ("time_unit", "channels", "signal_unit", "polarity", "gain")
 _QUINTIC = 5
+MISSING = ("refuse", "allow")  # what becomes of an empty cell, the default first
+TIMES_OF_ROWS = ("use", "ignore")  # what becomes of a column of times
 
 
 def load(
     path: str | os.PathLike[str],
     *,
     sidecar: str | os.PathLike[str] | None = None,
-    missing: str = "refuse",
+    missing: str = MISSING[0],
+    times: str = TIMES_OF_ROWS[0],
     **known: Any,
 ) -> Recording:
     """The recording in `path`: CSV (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5), netCDF (.nc), MATLAB
@@ -38,7 +42,8 @@ def load(
 
     Columns (1-D, of equal length; in MATLAB row or column vectors):
     - time: `time_s`, `time_ms` or `time_us`; or `time`, `timestamp` or `t` with the file's own unit
-      or `time_unit`; or none, with `sample_rate_hz`, which WAV and TDMS may hold themselves.
+      or `time_unit`; or none, with `sample_rate_hz`, which WAV and TDMS may hold themselves. Beside
+      times, `sample_rate_hz` has to agree with them, and changes nothing.
     - speed: `speed_m_per_s` or `speed_mm_per_s`; or none, with a position or the number
       `speed_m_per_s`.
     - position: `position_m`, `position_mm` or `position_um`, or none. Without a speed column the
@@ -49,25 +54,29 @@ def load(
 
     `sidecar` names a JSON or YAML mapping of further facts; without it NAME.json, NAME.yaml or
     NAME.yml beside the file is read if it is there. `known` holds facts too (None: not given) and
-    wins over the sidecar, in depth, and over the file's times, speed and position.
+    wins over the sidecar, in depth, and over the file's speed and position.
 
     A signal's unit is `signal_unit`, or the file's own, or that of its column's name, or else
     "counts"; what is in mV or uV comes in V. It is multiplied by `polarity` (1 or -1) and divided
-    by `gain`, each one number or one for each channel.
+    by `gain`, each one number or one for each channel; a gain is so many of the signal's unit per
+    volt, so that the result is in V whatever that unit is.
 
     `missing="allow"` takes an empty cell of a signal (NaN in an array) for a missing sample, NaN in
-    the result; by default it is refused. Raises `BadInput` for everything that cannot be read as
-    such a recording.
+    the result; by default it is refused. `times="ignore"` leaves a column of times out, for stamps
+    that are wrong: the rows are taken as even at `sample_rate_hz`, none lost. Raises `BadInput` for
+    everything that cannot be read as such a recording.
     """
     path = path_of(path, "recording.path")
-    choice(f"{path.name}: recording.missing", missing, ("refuse", "allow"))
+    choice(f"{path.name}: recording.missing", missing, MISSING)
+    choice(f"{path.name}: recording.times", times, TIMES_OF_ROWS)
     table = read_table(path)
     facts = read_facts(path, table, sidecar, known)
     channels = choose_channels(table, facts)
     check_elements(path.name, facts, channels)
     columns = {c: table.numbers(c, allow_missing=missing == "allow") for c in channels}
     samples = columns[channels[0]].size
-    columns[TIME] = _time_s(table, facts, known, samples)
+    column = time_column(table) if times == "use" else None
+    columns[TIME] = _time_s(table, facts, column, samples)
     if known.get(SPEED) is None:
         columns |= _motion(table)
     _check_lengths(table, columns)
@@ -75,6 +84,8 @@ def load(
     check_times(path.name, columns[TIME])
     for column in {SPEED, POSITION} & columns.keys():
         check_range(path.name, column, columns[column])
+    if column is not None:
+        check_rate(path.name, columns[TIME], facts.get("sample_rate_hz"))
     names, signal, unit = _signal(table, facts, channels, [columns[c] for c in channels])
     return Recording(
         signal=signal,
@@ -132,11 +143,15 @@ def choose_channels(table: Table, facts: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _time_s(
-    table: Table, facts: Mapping[str, Any], known: Mapping[str, Any], samples: int
+    table: Table, facts: Mapping[str, Any], column: str | None, samples: int
 ) -> Float[np.ndarray, " sample"]:
-    column = time_column(table)
-    if column is not None and known.get("sample_rate_hz") is None:
+    if column is not None:
         return table.numbers(column) / PER_S[_time_unit(table, facts, column)]
+    refuse(
+        facts.get("sample_rate_hz") is None and time_column(table) is not None,
+        f"{table.name}: recording.times=ignore leaves the times out: give "
+        "recording.sample_rate_hz=...",
+    )
     refuse(
         facts.get("sample_rate_hz") is None,
         f"{table.name}: there is no time column (time_s, time_ms or time_us) among the columns "
@@ -231,9 +246,12 @@ def _signal(
     per_unit = np.array([PER_V.get(unit, 1) for unit in stated])
     gain = _per_channel(table.name, facts, "gain", len(channels))
     polarity = _per_channel(table.name, facts, "polarity", len(channels))
+    converted = np.isfinite(gain)
+    gain, polarity = np.where(converted, gain, 1.0), np.nan_to_num(polarity, nan=1.0)
     with np.errstate(over="ignore"):
         signal = np.stack(values) / per_unit[:, None] * polarity[:, None] / gain[:, None]
-    units = {"V" if unit in PER_V else unit for unit in stated}
+    is_volt = [unit in PER_V or bool(by) for unit, by in zip(stated, converted, strict=True)]
+    units = {"V" if volt else unit for unit, volt in zip(stated, is_volt, strict=True)}
     return names, signal, units.pop() if len(units) == 1 else "counts"
 
 
@@ -245,13 +263,12 @@ def signal_unit(table: Table, facts: Mapping[str, Any], column: str) -> str | No
 def _per_channel(
     name: str, facts: Mapping[str, Any], key: str, channels: int
 ) -> Float[np.ndarray, " element"]:
-    """A fact that is one number, or one for each channel; 1 where it is not given."""
-    value = facts.get(key)
-    given = 1.0 if value is None else value
+    """A fact that is one number, or one for each channel; NaN where it is not given."""
+    given = facts.get(key)
     listed = given if isinstance(given, list | tuple) else [given] * channels
     refuse(
         len(listed) != channels,
         f"{name}: {key} lists {len(listed)} numbers for {channels} signal columns: give one number "
         "for all, or one for each.",
     )
-    return np.array([1.0 if number is None else float(number) for number in listed])
+    return np.array([np.nan if number is None else float(number) for number in listed])

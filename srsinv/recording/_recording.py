@@ -27,6 +27,8 @@ class Recording:
     - `signal_unit`: "V", "counts" or another.
     - `name`: what messages and titles call it; the file's name when it was loaded.
     - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
+    - `lost_rows`, `gaps`: how many rows the times show to be lost, at how many places; they are
+      missing samples.
 
     Raises `BadInput` for shapes that do not agree, fewer than 3 samples, times that do not increase
     strictly, infinite values, NaN outside `signal`, names that cannot head a column, and facts that
@@ -41,6 +43,8 @@ class Recording:
     signal_unit: str = "V"
     name: str = "recording"
     measured_position_m: np.ndarray | None = None
+    lost_rows: int = 0
+    gaps: int = 0
 
     def __post_init__(self):
         for key in ("signal", TIME, SPEED, "measured_position_m"):
@@ -232,7 +236,7 @@ def check_times(name: str, time_s: np.ndarray) -> None:
         raise BadInput(
             f"{name}: time must increase strictly, but data row {row + 1} ({time_s[row]} s) does "
             f"not come after data row {row} ({time_s[row - 1]} s): drop or reorder the rows, or "
-            "give recording.sample_rate_hz=... in place of the times."
+            "write the times with more digits where rounding made them equal."
         )
     close = np.flatnonzero(np.diff(time_s) < 1 / LARGEST)
     if close.size:

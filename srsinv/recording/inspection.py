@@ -20,16 +20,15 @@ from ._health import (
     SHORTEST,
     Clipping,
     Spectrum,
-    Timing,
     clipping,
     quantisation_step,
     segment_length,
     spectrum,
-    timing,
 )
 from ._read import choose_channels, read_facts, stated_time_unit, time_column
 from ._recording import SPEED
 from ._table import Table, listing
+from ._timing import Timing, timing
 from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, unit_of_name
 
 Role = Literal["time", "speed", "position", "signal", "other"]
@@ -134,7 +133,7 @@ def inspect(
     time_s, unit, source = _time(table, facts)
     stamps = None if time_s is None else timing(time_s)
     stated_hz = facts.get("sample_rate_hz")
-    if stamps is not None and known.get("sample_rate_hz") is None:
+    if stamps is not None:
         rate_hz = stamps.rate_hz
     else:
         rate_hz = None if stated_hz is None else float(stated_hz)

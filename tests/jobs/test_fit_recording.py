@@ -54,6 +54,7 @@ def test_every_stage_of_the_fit_is_in_the_result(example):
 def noise_only(tmp_path_factory):
     """A recording of noise alone, with the example's sensor."""
     sidecar = json.loads((EXAMPLES / "strip_two_element.json").read_text())
+    sidecar |= {"sample_rate_hz": 1000}
     n = 400
     noise = 1e-6 * np.random.default_rng(5).standard_normal((2, n))
     recording = Recording(

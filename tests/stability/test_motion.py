@@ -19,7 +19,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Periodic
 from srsinv.recording import Recording
-from srsinv.recording._health import timing
+from srsinv.recording._timing import timing
 from tests.reference import closed_forms, exact
 from tests.stability.matrix import PRECISIONS, Case, Group
 

@@ -1,0 +1,117 @@
+"""How evenly samples were taken: the interval, its jitter, and gaps where samples were lost.
+
+The one place where gaps are found.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+GAP = 1.5  # of the interval: beyond it a sample is lost
+JITTER = 0.2  # of the interval: beyond it a signal is too coarse to be interpolated to even times
+# Half a last digit, and what the line through the stamps is off by, as a share of the last digit.
+HALF_A_DIGIT = 0.55
+# Which of the intervals in order of length is the usual one: the median, and where those near it
+# are not even, as when half of the rows are lost, one among the shortest.
+USUAL = (0.5, 0.1)
+_DIGITS_S = tuple(10.0**-digit for digit in range(10))
+_TINY = 1e-100  # no interval, and the inverse of none
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A longer interval than usual: after which data row, when, for how long, how many lost."""
+
+    row: int
+    start_s: float
+    length_s: float
+    lost: int
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How evenly samples were taken.
+
+    - `rate_hz`: one over the mean interval, gaps aside.
+    - `jitter_rms`, `jitter_largest`: departures from that interval, as fractions of it, gaps aside.
+    - `is_even`: whether the stamps are near even times, gaps aside, or only rounded from them.
+    - `disorder`: data rows whose time does not come after that of the row before.
+    """
+
+    rate_hz: float
+    jitter_rms: float
+    jitter_largest: float
+    is_even: bool
+    gaps: tuple[Gap, ...]
+    disorder: tuple[int, ...]
+
+    def rows(self, samples: int) -> Int[np.ndarray, " sample"]:
+        """Where each data row stands, from 0, had none been lost."""
+        step = np.ones(samples, int)
+        step[0] = 0
+        for gap in self.gaps:
+            step[gap.row] += gap.lost
+        return np.cumsum(step)
+
+
+def timing(time_s: Float[np.ndarray, " sample"]) -> Timing | None:
+    """The timing of the stamps [s], NaN where one is missing; None where none follows another, or
+    they lie a float64's whole range apart."""
+    with np.errstate(over="ignore"):
+        step_s = np.diff(time_s)
+    forward = step_s[step_s > _TINY]
+    if not forward.size or np.max(forward) > 1 / _TINY:
+        return None
+    first, *others = (_timing(time_s, step_s, float(np.quantile(forward, q))) for q in USUAL)
+    return next((each for each in (first, *others) if each.is_even), first)
+
+
+def _timing(
+    time_s: Float[np.ndarray, " sample"], step_s: Float[np.ndarray, " interval"], usual_s: float
+) -> Timing:
+    forward = step_s[step_s > _TINY]
+    # By the mean: the median of stamps in whole milliseconds is a whole one.
+    usual_s = float(np.mean(forward[forward <= GAP * usual_s]))
+    regular = forward[forward <= GAP * usual_s]
+    mean_s = float(np.mean(regular))
+    departure = (regular - mean_s) / mean_s
+    gaps = tuple(
+        Gap(
+            row + 1, float(time_s[row]), float(step_s[row]), max(1, round(step_s[row] / mean_s) - 1)
+        )
+        for row in np.flatnonzero(step_s > GAP * mean_s).tolist()
+    )
+    found = Timing(
+        rate_hz=1 / mean_s,
+        jitter_rms=float(np.sqrt(np.mean(departure**2))),
+        jitter_largest=float(np.max(np.abs(departure))),
+        is_even=bool(np.max(np.abs(departure)) <= JITTER),
+        gaps=gaps,
+        disorder=tuple((np.flatnonzero(step_s <= 0) + 2).tolist()),
+    )
+    if found.is_even or found.disorder or not np.isfinite(time_s).all():
+        return found
+    return replace(found, is_even=line_through(time_s, found.rows(time_s.size))[1])
+
+
+def line_through(
+    time_s: Float[np.ndarray, " sample"], row: Int[np.ndarray, " sample"]
+) -> tuple[Float[np.ndarray, " n"], bool]:
+    """Times of all rows from 0 to the last along the line through the stamps, and whether the
+    stamps' last digit explains what they are off by."""
+    since_s, from_middle = time_s - time_s[0], row - row.mean()
+    slope_s = float(from_middle @ since_s / (from_middle @ from_middle))
+    line_s = since_s.mean() + slope_s * (np.arange(int(row[-1]) + 1) - row.mean())
+    off_s = float(np.max(np.abs(since_s - line_s[row])))
+    return time_s[0] + line_s, off_s <= HALF_A_DIGIT * resolution_s(time_s)
+
+
+def resolution_s(time_s: Float[np.ndarray, " sample"]) -> float:
+    """The power of ten [s] that all stamps are whole multiples of: what they were rounded to."""
+    for digit in _DIGITS_S:
+        whole = time_s / digit
+        off = np.abs(whole - np.round(whole))
+        if np.all(off <= 1e-6 + 8 * np.finfo(float).eps * np.abs(whole)):
+            return digit
+    return 0.0

@@ -1,0 +1,127 @@
+"""A recording as the jobs want it: at even times, lost rows as missing samples (without jax)."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from srsinv.errors import choice, mapping, number, refuse, shown
+
+from ._even_times import EvenTimes, even_times
+from ._read import MISSING, TIMES_OF_ROWS, load
+from ._recording import Recording
+
+STEADY = 1e-3  # how far a speed may stray from its mean and still be taken as constant
+VOLTS = ("V", "V m")  # what amplifiers give: a voltage, or its integral along x
+OF_A_JOB = ("cell_m",)  # keys of `recording` that say nothing about the file
+MOTION = {
+    "sample_rate_hz": "a positive number in Hz",
+    "speed_m_per_s": "a speed in m/s",
+    "scan_start_m": "a position in metres",
+}
+
+
+def load_steady(settings: Any, known: Mapping[str, Any]) -> Recording:
+    """[`load_even`][] for what takes the speed as constant: raises `BadInput` where it varies."""
+    recording = load_even(settings, known)
+    refuse(
+        not recording.is_constant_speed(STEADY),
+        f"{recording.name}: the speed varies by more than {STEADY:.1%} of its mean, and this job "
+        "takes it as constant: give recording.speed_m_per_s=... to do so all the same.",
+    )
+    return recording
+
+
+def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
+    """The recording that `settings`, the configuration's `recording`, names, at even times.
+
+    `known` are further facts of the command line, beside the sidecar's. Rows that the time stamps
+    show to be lost are missing samples. Raises `BadInput` for a file that cannot be read, a speed
+    that is 0 throughout, and times that cannot be put on even ones.
+    """
+    named = mapping("recording", settings)
+    facts = {key: value for key, value in named.items() if key not in OF_A_JOB}
+    path, missing = facts.pop("path", None), facts.pop("missing", None)
+    times = facts.pop("times", None)
+    refuse(path is None, "No recording is named: give recording.path=FILE.")
+    for key, file in (("path", path), ("sidecar", facts.get("sidecar"))):
+        refuse(
+            file is not None and not isinstance(file, str | os.PathLike),
+            f"recording.{key} is {shown(file)}: give the name of a file.",
+        )
+    for key, wanted in MOTION.items():
+        if (given := facts.get(key)) is not None:
+            number(f"recording.{key}", given, wanted)
+    missing = choice("recording.missing", MISSING[0] if missing is None else missing, MISSING)
+    times = choice("recording.times", TIMES_OF_ROWS[0] if times is None else times, TIMES_OF_ROWS)
+    recording = load(path, missing=missing, times=times, **_given(facts | dict(known)))
+    refuse(
+        not np.any(recording.speed_m_per_s),
+        f"{recording.name}: the speed is 0, so no surface passes the sensor: give "
+        "recording.speed_m_per_s=... in m/s.",
+    )
+    return on_even_times(recording)
+
+
+def check_volts(recording: Recording) -> None:
+    """Refuse a signal from which nothing in Pa can follow: one that is in no unit of voltage."""
+    unit = recording.signal_unit
+    refuse(
+        unit not in VOLTS,
+        f"{recording.name}: the signal is in {unit}, which nothing converts to V, so that no "
+        f"pressure in Pa follows: give recording.gain, how many {unit} a volt is, or "
+        "recording.signal_unit (V, mV or uV) where the numbers are voltages; for positions and "
+        "wavelengths alone use experiment=invert_recording traction_unit=relative.",
+    )
+
+
+def _given(known: dict[str, Any]) -> dict[str, Any]:
+    """What the command line gives, in depth: null means not given."""
+    trimmed = {k: _given(v) if isinstance(v, dict) else v for k, v in known.items()}
+    return {k: v for k, v in trimmed.items() if v is not None and v != {}}
+
+
+def on_even_times(recording: Recording) -> Recording:
+    """The recording at even times, a missing sample for every row that its time stamps show to be
+    lost; speed and measured position are interpolated there.
+
+    Stamps that are off by less than a quarter of an interval, or than half their last digit, are
+    only rounded, and are replaced: interpolating would colour the noise, which the rules take as
+    white. Else the signal is interpolated. Raises `BadInput` for intervals that vary too much.
+    """
+    even = even_times(recording.name, recording.time_s, recording.sidecar.get("sample_rate_hz"))
+    if even.is_rounded and not even.lost_rows:
+        return replace(recording, time_s=even.time_s)
+    if not even.lost_rows:
+        return recording.resample_uniform()
+    signal = _placed(recording, even) if even.is_rounded else _interpolated(recording, even)
+    # Where the rows themselves stand, so that each keeps the speed and position of its own.
+    at = even.row if even.is_rounded else recording.time_s
+    every = np.arange(even.time_s.size) if even.is_rounded else even.time_s
+    position_m = recording.measured_position_m
+    return replace(
+        recording,
+        signal=signal,
+        time_s=even.time_s,
+        speed_m_per_s=np.interp(every, at, recording.speed_m_per_s),
+        measured_position_m=None if position_m is None else np.interp(every, at, position_m),
+        lost_rows=even.lost_rows,
+        gaps=even.gaps,
+    )
+
+
+def _placed(recording: Recording, even: EvenTimes) -> np.ndarray:
+    signal = np.full((len(recording.channels), even.time_s.size), np.nan)
+    signal[:, even.row] = recording.signal
+    return signal
+
+
+def _interpolated(recording: Recording, even: EvenTimes) -> np.ndarray:
+    """The signal drawn from the rows before and after, where none is lost between them."""
+    time_s = recording.time_s
+    before = np.clip(np.searchsorted(time_s, even.time_s, side="right") - 1, 0, time_s.size - 2)
+    is_between = (even.time_s > time_s[before]) & (even.time_s < time_s[before + 1])
+    signal = np.stack([np.interp(even.time_s, time_s, row) for row in recording.signal])
+    return np.where(even.is_gap[before] & is_between, np.nan, signal)

@@ -1,0 +1,97 @@
+"""The white noise of a signal, where the skin lets nothing else through (without jax).
+
+The median of the periodogram over the upper wavenumbers, which a few lines do not move. Where
+samples are missing, short gaps are filled by a cubic spline, so that the signal has no jumps; long
+ones part the signal into stretches, each with its trend out and its own taper. What that makes of
+white noise depends on the pattern of what is missing (a spline follows noise and has less of it),
+and is found by doing the same to white noise of level one on the same pattern.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import make_interp_spline
+
+ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
+LONG_GAP = 8  # samples: shorter gaps are filled, so that single losses leave the signal whole
+SHORT_STRETCH = 32  # samples: of a shorter one hardly a wavenumber is above the signal's
+CUBIC = 3
+DRAWN = 2**20  # samples of white noise drawn in all, so that its own scatter is below 1 %
+MOST_DRAWS = 24
+
+
+def white_level(
+    signal: Float[np.ndarray, "element sample"], depth_m: float, spacing_m: float
+) -> float:
+    """Standard deviation of the white noise per sample, one for all elements; NaN is missing.
+
+    `depth_m` of the film nearest to the skin, `spacing_m` from sample to sample, of at least 3. 0
+    where the signal is constant or rounded, and where hardly any sample is there.
+    """
+    if np.isfinite(signal).all():
+        return float(np.sqrt(np.median(_upper(signal, depth_m, spacing_m)) / np.log(2)))
+    n = signal.shape[-1]
+    stretches = [list(_stretches(row)) for row in np.isfinite(signal)]
+    found = _median(signal, stretches, depth_m, spacing_m)
+    if not found > 0:
+        return 0.0
+    rng = np.random.default_rng(0)
+    draws = int(np.clip(DRAWN // n, 1, MOST_DRAWS))
+    of_white = [
+        _median(np.where(np.isfinite(signal), rng.normal(size=signal.shape), np.nan),
+                stretches, depth_m, spacing_m)
+        for _ in range(draws)
+    ]  # fmt: skip
+    return float(np.sqrt(found / np.mean(of_white)))
+
+
+def _stretches(there: np.ndarray) -> Iterator[slice]:
+    """Where one element has samples, long gaps left out; all of it where they leave nothing."""
+    at = np.flatnonzero(there)
+    if not at.size:
+        return
+    cuts = np.flatnonzero(np.diff(at) > LONG_GAP + 1)
+    starts, stops = at[np.append(0, cuts + 1)], at[np.append(cuts, at.size - 1)] + 1
+    long = [
+        slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True) if b - a >= SHORT_STRETCH
+    ]
+    yield from long or [slice(int(at[0]), int(at[-1]) + 1)]
+
+
+def _median(signal, stretches: list[list[slice]], depth_m: float, spacing_m: float) -> float:
+    """Of the periodograms of all stretches together."""
+    powers = [
+        _upper(_filled(row[stretch])[None], depth_m, spacing_m).ravel()
+        for row, parts in zip(signal, stretches, strict=True)
+        for stretch in parts
+        if np.isfinite(row[stretch]).sum() > CUBIC
+    ]
+    return float(np.median(np.concatenate(powers))) if powers else 0.0
+
+
+def _filled(values: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
+    """With what is missing drawn from its neighbours: along a straight line in long gaps, where a
+    spline would swing."""
+    there = np.isfinite(values)
+    if there.all():
+        return values
+    at, every = np.flatnonzero(there), np.arange(values.size)
+    smooth = bool(np.max(np.diff(at)) <= LONG_GAP + 1)
+    spline = make_interp_spline(at, values[there], CUBIC if smooth else 1)
+    return np.where(there, values, spline(every))
+
+
+def _upper(
+    signal: Float[np.ndarray, "element sample"], depth_m: float, spacing_m: float
+) -> Float[np.ndarray, "element k"]:
+    """The periodogram at wavenumbers where there is noise only, of mean 1 for white noise of level
+    one: trend out, Hann taper."""
+    n = signal.shape[-1]
+    taper = np.hanning(n)
+    slope = np.linspace(-1, 1, n)
+    left = signal - signal.mean(axis=-1, keepdims=True)
+    left = left - (left @ slope / (slope @ slope))[:, None] * slope
+    power = np.abs(np.fft.rfft(left * taper)) ** 2 / np.sum(taper**2)
+    k = 2 * np.pi * np.fft.rfftfreq(n, spacing_m)
+    return power[:, k > min(ABOVE_CUTOFF / depth_m, 0.75 * k[-1])]

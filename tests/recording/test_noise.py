@@ -1,0 +1,54 @@
+"""The white noise of a signal, whatever is missing of it."""
+
+import numpy as np
+import pytest
+
+from srsinv.recording.noise import white_level
+
+N, DEPTH_M, SPACING_M = 2000, 7.5e-4, 1e-5
+AT = np.arange(N)
+RNG = np.random.default_rng(0)
+# Which samples are missing, and how far the mean of eight estimates may be off.
+MISSING = {
+    "none": (AT < 0, 0.02),
+    "one": (AT == 700, 0.02),
+    "1 %": (RNG.random(N) < 0.01, 0.02),
+    "10 %": (RNG.random(N) < 0.1, 0.02),
+    "50 %": (RNG.random(N) < 0.5, 0.03),
+    "one in ten": (AT % 10 == 0, 0.02),
+    "every other": (AT % 2 == 0, 0.03),
+    "a quarter at once": ((AT > 500) & (AT < 1000), 0.02),
+    "ten at a time": ((AT // 10) % 2 == 0, 0.03),
+    "twenty bursts, half": ((AT // 50) % 2 == 0, 0.03),
+    "the ends": ((AT < 300) | (AT > 1800), 0.02),
+}
+
+
+def scan(level, rng):
+    """What two elements feel of a ridge, and white noise of a sixtieth."""
+    x = (AT - N / 2) * SPACING_M / DEPTH_M
+    felt = np.exp(-(x**2) / 2) * np.stack([np.sin(x), np.cos(x)]) + x / 20
+    return level * (60 * felt + rng.normal(size=(2, N)))
+
+
+@pytest.mark.parametrize("name", MISSING)
+def test_white_noise_is_found_whatever_is_missing(name):
+    (missing, most), level = MISSING[name], 1e-6
+    rng = np.random.default_rng(1)
+    found = [
+        white_level(np.where(missing, np.nan, scan(level, rng)), DEPTH_M, SPACING_M)
+        for _ in range(8)
+    ]
+    assert np.mean(found) == pytest.approx(level, rel=most)
+
+
+def test_elements_may_miss_samples_of_their_own():
+    rng = np.random.default_rng(2)
+    missing = np.stack([MISSING["50 %"][0], MISSING["a quarter at once"][0]])
+    found = white_level(np.where(missing, np.nan, scan(2.0, rng)), DEPTH_M, SPACING_M)
+    assert found == pytest.approx(2.0, rel=0.08)
+
+
+@pytest.mark.parametrize("signal", [np.zeros((1, N)), np.full((1, N), np.nan)])
+def test_no_noise_where_nothing_varies(signal):
+    assert white_level(signal, DEPTH_M, SPACING_M) == 0
