@@ -1,7 +1,8 @@
 """The one command: `srsinv experiment=NAME key=value ...`, in Hydra's grammar.
 
 Exit codes: 0 done, 1 a fault of the program (with its traceback), 2 an input that cannot be used
-(one sentence on standard error, nothing left behind).
+(one sentence on standard error, nothing left behind), 130, 143 or 129 stopped by SIGINT, SIGTERM or
+SIGHUP (the same).
 """
 
 import os
@@ -9,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from .command.interrupts import stoppable
 from .errors import BadInput
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -22,6 +24,7 @@ def find_config_root() -> Path:
     raise FileNotFoundError(f"no configs/config.yaml in or beside {_PACKAGE}")
 
 
+@stoppable
 def main(argv: Sequence[str] | None = None, config_root: Path | None = None) -> int:
     """Run the command on `argv` (default: the process's own) and return its exit code.
 

@@ -18,8 +18,9 @@ from matplotlib.figure import Figure
 from srsinv.__main__ import find_config_root, main
 from srsinv.progress import stage
 from srsinv.report.outcome import Outcome, Section, Table
-from srsinv.report.page import metrics_json, write
+from srsinv.report.page import metrics_json, render
 from srsinv.report.text import format_value, print_table
+from srsinv.run_folder import claim
 
 CONFIG = """\
 # What the default run shows.
@@ -120,6 +121,7 @@ RESULTS = {
     "metrics.json",
     "result.nc",
     "report.html",
+    "run.json",
     ".hydra/config.yaml",
     ".hydra/overrides.yaml",
     ".hydra/hydra.yaml",
@@ -148,7 +150,7 @@ class TestRun:
         pages = []
         for folder in ("a", "b"):
             assert main([f"hydra.run.dir={folder}"], root) == 0
-            pages.append([Path(folder, name).read_bytes() for name in sorted(RESULTS)[3:5]])
+            pages.append([Path(folder, name).read_bytes() for name in sorted(RESULTS)[3:]])
         assert pages[0] == pages[1]
 
     @pytest.mark.parametrize(
@@ -284,7 +286,12 @@ class TestSweep:
     def test_a_refused_job_leaves_the_others(self, root, capsys):
         assert main(["-m", "sensor.depth_m=1,-1,2"], root) == 2
         assert "depth_m is -1" in capsys.readouterr().err
-        assert sorted(os.listdir("outputs/default/sweep")) == ["0", "2", "multirun.yaml"]
+        assert sorted(os.listdir("outputs/default/sweep")) == [
+            "0",
+            "2",
+            "multirun.yaml",
+            "run.json",
+        ]
 
     @pytest.mark.parametrize(
         ("arguments", "code"),
@@ -382,6 +389,11 @@ def outcome(**changes):
     return Outcome(**(parts | changes))
 
 
+def write(made, folder, record, command="srsinv"):
+    with claim(folder) as workspace:
+        workspace.replace(render(made, record, command), command, 0)
+
+
 class TestPage:
     def test_is_escaped_self_contained_and_in_order(self, tmp_path):
         write(outcome(), tmp_path / "run", {"config.yaml": "a: 1\n"}, "srsinv a='<b>'")
@@ -423,12 +435,13 @@ class TestPage:
         ],
     )
     def test_all_or_nothing(self, tmp_path, changes, error, text):
-        write(outcome(), tmp_path, {})
-        before = {name: (tmp_path / name).read_bytes() for name in files(tmp_path)}
+        folder = tmp_path / "run"
+        write(outcome(), folder, {})
+        before = {name: (folder / name).read_bytes() for name in files(folder)}
         with pytest.raises(error, match=text):
-            write(outcome(title="Later", **changes), tmp_path, {})
-        assert {name: (tmp_path / name).read_bytes() for name in files(tmp_path)} == before
-        assert not list(tmp_path.glob(".writing-*"))
+            write(outcome(title="Later", **changes), folder, {})
+        assert {name: (folder / name).read_bytes() for name in files(folder)} == before
+        assert os.listdir(tmp_path) == ["run"]
 
 
 def test_metrics_are_sorted_and_finite():

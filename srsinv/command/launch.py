@@ -1,7 +1,6 @@
 """One run or a sweep: compose, run the job that the configuration names, write what it found.
 
-Hydra composes, sweeps and launches. What it would leave behind when something is refused (folders,
-a sweep's record) is taken away again here, and its exit codes are ours.
+Hydra composes, sweeps and launches; its exit codes are ours.
 """
 
 import os
@@ -9,9 +8,8 @@ import shlex
 import sys
 import traceback
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
@@ -22,18 +20,19 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.types import Override
-from hydra.core.plugins import Plugins
-from hydra.core.utils import run_job
 from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from ..config import check_early, load_job
 from ..errors import BadInput, refuse
+from ..run_folder import claim
+from .folders import DONE, FAULT, REFUSED, run, sweep
 from .hydra_settings import check_hydra_settings, check_search_path
+from .interrupts import apart
 from .overrides import check, parse, refusing
 from .programs import release_programs
 
-DONE, FAULT, REFUSED = 0, 1, 2
+_PLACES = ("hydra.run.dir", "hydra.sweep.dir")
 
 
 def say(refusal: BadInput) -> int:
@@ -65,23 +64,41 @@ def launch(arguments: Sequence[str], root: Path) -> int:
         mode = RunMode.MULTIRUN if flags.multirun else RunMode.RUN
         config = hydra.compose_config("config", flags.overrides, run_mode=mode)
         check_hydra_settings(config)
-        folder = Path(config.hydra.sweep.dir if flags.multirun else config.hydra.run.dir)
-        _check_folder(folder)
         context = HydraContext(config_loader=hydra.config_loader, callbacks=Callbacks(config))
-        start = _sweep if flags.multirun else _run
-        return start(context, Task(root), config, folder)
+        task = Task(root, ("--config-dir", flags.config_dir) if flags.config_dir else ())
+        if not flags.multirun:
+            return run(context, task, config)
+        command = task.command(["-m", *config.hydra.overrides.task])
+        return sweep(context, task, config, command, task.written)
 
 
 @dataclass(frozen=True)
 class Task:
-    """What Hydra launches, here or in another process: one job and its results."""
+    """What Hydra launches, here or in another process: one job and its results.
+
+    - `root`: the folder of configurations.
+    - `flags`: those of the command that say where configurations come from.
+    - `written`: the folders written so far, in this process.
+    """
 
     root: Path
+    flags: tuple[str, ...]
+    written: set[Path] = field(default_factory=set)
 
     def __call__(self, config: DictConfig) -> int:
         """Run the job of a composed configuration; the exit code, with the reason printed."""
+        folder = Path(HydraConfig.get().runtime.output_dir)
         try:
-            self._run(config)
+            with claim(folder) as workspace:
+                refuse(
+                    workspace.folder in self.written,
+                    f"{folder} holds an earlier run of this sweep; give each its own folder with "
+                    "hydra.sweep.subdir, which is the job's number unless given",
+                )
+                outcome, files, command, seed = apart(lambda: self._run(config))
+                workspace.replace(files, command, seed)
+                self.written.add(workspace.folder)
+            _show_outcome(outcome, folder)
         except BadInput as refusal:
             return say(refusal)
         except Exception as error:
@@ -91,7 +108,12 @@ class Task:
             release_programs()
         return DONE
 
-    def _run(self, config: DictConfig) -> None:
+    def command(self, overrides: Sequence[str]) -> str:
+        """What was typed."""
+        return shlex.join(["srsinv", *self.flags, *overrides])
+
+    def _run(self, config: DictConfig) -> tuple[Any, dict[str, bytes], str, Any]:
+        """What the job found, and the files, the command and the seed of its run."""
         with refusing():
             settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
         settings = cast(dict[str, Any], settings)
@@ -100,20 +122,36 @@ class Task:
         outcome = job(settings)
 
         # After the job, whose module decides when jax and matplotlib are imported.
-        from ..report.page import write
-        from ..report.text import print_table
+        from ..report.page import render
 
-        hydra = HydraConfig.get()
-        folder = Path(hydra.runtime.output_dir)
-        command = shlex.join(["srsinv", *hydra.overrides.task])
-        record = {
-            "config.yaml": OmegaConf.to_yaml(config),
-            "overrides.yaml": OmegaConf.to_yaml(hydra.overrides.task),
-            "hydra.yaml": OmegaConf.to_yaml(HydraConfig.instance().cfg),
-        }
-        write(outcome, folder, record, command)
-        print_table(outcome.summary)
-        print(f"{folder / 'report.html'}\n{folder}", flush=True)
+        command = self.command(HydraConfig.get().overrides.task)
+        return outcome, render(outcome, _record(config), command), command, settings.get("seed")
+
+
+def _record(config: DictConfig) -> dict[str, str]:
+    """The configuration of a run as text, by the names that Hydra gives its parts.
+
+    Where the run stands, by default a folder named after the time, is left out: the same run
+    elsewhere is the same.
+    """
+    whole = OmegaConf.to_container(HydraConfig.instance().cfg, enum_to_str=True)
+    hydra = cast(dict[str, Any], whole)["hydra"]
+    hydra["run"]["dir"] = hydra["sweep"]["dir"] = None
+    hydra["runtime"] |= {"output_dir": None, "cwd": None}
+    typed = hydra["overrides"]["hydra"]
+    hydra["overrides"]["hydra"] = [o for o in typed if o.split("=")[0] not in _PLACES]
+    return {
+        "config.yaml": OmegaConf.to_yaml(config),
+        "overrides.yaml": OmegaConf.to_yaml(HydraConfig.get().overrides.task),
+        "hydra.yaml": OmegaConf.to_yaml({"hydra": hydra}),
+    }
+
+
+def _show_outcome(outcome: Any, folder: Path) -> None:
+    from ..report.text import print_table
+
+    print_table(outcome.summary)
+    print(f"{folder / 'report.html'}\n{folder}", flush=True)
 
 
 def _flags(arguments: Sequence[str]) -> Namespace:
@@ -193,70 +231,3 @@ def _complete(root: Path, words: list[str]) -> int:
         except ValueError as error:
             raise BadInput(f"{' '.join(str(error).split())}; name one of those.") from error
     return DONE
-
-
-def _check_folder(folder: Path) -> None:
-    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    refuse(
-        not (existing.is_dir() and os.access(existing, os.W_OK)),
-        f"cannot write to {folder}: {existing} is not a folder that can be written to; "
-        "choose another with hydra.run.dir=FOLDER (hydra.sweep.dir with -m)",
-    )
-
-
-def _run(context: HydraContext, task: Task, config: DictConfig, folder: Path) -> int:
-    with _no_empty_folders(folder):
-        return run_job(
-            hydra_context=context,
-            task_function=task,
-            config=config,
-            job_dir_key="hydra.run.dir",
-            job_subdir_key=None,
-        ).return_value
-
-
-def _sweep(context: HydraContext, task: Task, config: DictConfig, folder: Path) -> int:
-    """Every job runs, whatever became of those before; a fault outranks a refusal."""
-    sweeper = Plugins.instance().instantiate_sweeper(
-        config=config, hydra_context=context, task_function=task
-    )
-    codes = [FAULT]
-    with _no_empty_folders(folder, inside=True), _no_lonely_record(folder / "multirun.yaml", codes):
-        batches = sweeper.sweep([*config.hydra.overrides.task])
-        codes[:] = [job.return_value for batch in batches for job in batch]
-    if DONE in codes:
-        print(folder.absolute(), flush=True)
-    return next((code for code in (FAULT, REFUSED) if code in codes), DONE)
-
-
-@contextmanager
-def _no_lonely_record(record: Path, codes: list[int]) -> Iterator[None]:
-    """Put the sweeper's `record` back as it was unless one of the jobs was done."""
-    before = record.read_bytes() if record.is_file() else None
-    try:
-        yield
-    finally:
-        if DONE not in codes:
-            if before is not None:
-                record.write_bytes(before)
-            else:
-                record.unlink(missing_ok=True)
-
-
-@contextmanager
-def _no_empty_folders(folder: Path, inside: bool = False) -> Iterator[None]:
-    """Remove the folders made for `folder`, and `inside` it, that are still empty at the end."""
-    folder = folder.absolute()
-
-    def folders() -> Iterator[Path]:
-        if inside:
-            yield from sorted((path for path in folder.rglob("*") if path.is_dir()), reverse=True)
-        yield from (path for path in (folder, *folder.parents) if path.is_dir())
-
-    before = set(folders())
-    try:
-        yield
-    finally:
-        for path in folders():
-            if path not in before and not any(path.iterdir()):
-                path.rmdir()

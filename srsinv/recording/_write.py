@@ -2,9 +2,11 @@
 
 import csv
 import glob
+import io
 import json
 import math
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,18 +14,21 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from srsinv import lease
 from srsinv.errors import BadInput, refuse
-from srsinv.scratch import abandoned
 
 from ._recording import POSITION, SPEED, TIME, Recording
+from ._sidecar import SUFFIXES
 
 
 def save(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write `recording` to NAME.csv with NAME.json beside it, or to NAME.nc, which holds both.
 
     A missing sample is an empty cell, or NaN. A signal in mV is written as such, and `load` gives
-    it in V. Each file appears whole or not at all. Raises `BadInput` for another suffix, a sidecar
-    that JSON cannot hold, and a place that cannot be written to.
+    it in V. Each file appears whole or not at all, the sidecar first. An earlier NAME.nc is
+    replaced; NAME.csv only where NAME.json says the same, as another sidecar may be somebody's work
+    and would be read with the wrong data if this ended half-way. Raises `BadInput` for that,
+    another suffix, a sidecar that JSON cannot hold, and a place that cannot be written to.
     """
     path = Path(path).expanduser()
     writer = _WRITERS.get(path.suffix.lower())
@@ -38,7 +43,7 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
     except OSError as error:
         raise BadInput(
             f"{path}: the file cannot be written ({error.strerror or 'write error'}): give a path "
-            "in a folder that is there and can be written to."
+            "in a folder that is there, can be written to and has room."
         ) from error
 
 
@@ -54,15 +59,45 @@ def _sidecar_text(recording: Recording, path: Path) -> str:
 
 
 def _save_csv(recording: Recording, path: Path, sidecar: str) -> None:
-    with _whole(path.with_suffix(".json")) as scratch:
-        scratch.write_text(sidecar + "\n", encoding="utf-8")
+    beside, facts = path.with_suffix(".json"), f"{sidecar}\n".encode()
+    is_new = _check_sidecars(path, facts)
     motion = {column: values for column, (values, _) in _motion(recording).items()}
     columns = np.vstack([*motion.values(), recording.signal])
-    with _whole(path) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*motion, *recording.channels])
-        for row in columns.T.tolist():
-            writer.writerow(["" if math.isnan(value) else repr(value) for value in row])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*motion, *recording.channels])
+    for row in columns.T.tolist():
+        writer.writerow(["" if math.isnan(value) else repr(value) for value in row])
+    with _scratch(path, text.getvalue().encode()) as data, _scratch(beside, facts) as known:
+        if is_new:
+            os.replace(known, beside)
+        try:
+            os.replace(data, path)
+        except OSError:
+            if is_new:
+                beside.unlink()
+            raise
+
+
+def _check_sidecars(path: Path, facts: bytes) -> bool:
+    """Whether there is no sidecar yet; refused where one says something else, or where data stand
+    without one, which `save` has not written."""
+    other = next((p for s in SUFFIXES[1:] if os.path.lexists(p := path.with_suffix(s))), None)
+    beside = path.with_suffix(".json")
+    is_new = not os.path.lexists(beside)
+    if not is_new and (not beside.is_file() or beside.read_bytes() != facts):
+        other = beside
+    refuse(
+        other is not None,
+        f"{path}: there is another sidecar, {other and other.name}, which would be lost or taken "
+        "for this recording's: choose another name, or move it away.",
+    )
+    refuse(
+        is_new and os.path.lexists(path),
+        f"{path}: there are data already, without the {beside.name} of a recording saved before: "
+        "choose another name, or move them away.",
+    )
+    return is_new
 
 
 def _save_netcdf(recording: Recording, path: Path, sidecar: str) -> None:
@@ -78,8 +113,9 @@ def _save_netcdf(recording: Recording, path: Path, sidecar: str) -> None:
     }
     for channel, signal in zip(recording.channels, recording.signal, strict=True):
         columns[channel] = ("sample", signal, {"units": recording.signal_unit})
-    with _whole(path) as scratch:
-        xr.Dataset(columns, attrs={"sidecar": sidecar}).to_netcdf(scratch, engine="h5netcdf")
+    dataset = xr.Dataset(columns, attrs={"sidecar": sidecar})
+    with _scratch(path, bytes(dataset.to_netcdf(engine="h5netcdf"))) as scratch:
+        os.replace(scratch, path)
 
 
 def _motion(recording: Recording) -> dict[str, tuple[np.ndarray, str]]:
@@ -91,18 +127,23 @@ def _motion(recording: Recording) -> dict[str, tuple[np.ndarray, str]]:
 
 
 @contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """A scratch file in the folder of `path` that takes its place once it is written."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}")
-    for left_over in path.parent.glob(f".{glob.escape(path.name)}.*"):
-        if abandoned(left_over.suffix[1:]):
-            with suppress(OSError):  # another user's
-                left_over.unlink(missing_ok=True)
-    try:
-        yield scratch
-        os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
+def _scratch(path: Path, data: bytes) -> Iterator[Path]:
+    """A file of `data` beside `path`, to take its place; it is gone at the end, and so are those
+    that killed processes left."""
+    for left_over in path.parent.glob(f".{glob.escape(path.name)}.*.srsinv"):
+        with suppress(OSError):  # another user's
+            if (lock := lease.take(left_over)) is not None:
+                with lock:
+                    left_over.unlink(missing_ok=True)
+    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.srsinv")
+    if (lock := lease.take(scratch)) is None:  # somebody who clears up was quicker
+        raise BlockingIOError(f"{scratch} is locked")
+    with lock:
+        try:
+            scratch.write_bytes(data)
+            yield scratch
+        finally:
+            scratch.unlink(missing_ok=True)
 
 
 _WRITERS = {".csv": _save_csv, ".nc": _save_netcdf}

@@ -1,18 +1,13 @@
-"""A run's folder: numbers, arrays, figures and one page that needs nothing beside itself.
+"""The files of a run: numbers, arrays, figures and one page that needs nothing beside itself.
 
 The same outcome gives the same bytes: no date, no random name, no version of a drawing library.
 """
 
 import base64
-import errno
-import glob
+import io
 import json
 import math
-import os
-import shutil
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -23,35 +18,36 @@ from matplotlib.figure import Figure
 
 from .. import __version__
 from ..aliases import with_old_names
-from ..scratch import abandoned
 from .outcome import Outcome, Section, Table
 from .text import format_value, is_numeric
 
 _DPI = 110
 
 
-def write(
-    outcome: Outcome, folder: Path, hydra_files: Mapping[str, str], command: str = "srsinv"
-) -> None:
-    """Write `metrics.json`, `result.nc`, `report.html`, `figures/*.png`, `.hydra/` and the
-    outcome's own files to `folder`.
+def render(
+    outcome: Outcome, record: Mapping[str, str], command: str = "srsinv"
+) -> dict[str, bytes]:
+    """The files of a run's folder by their names in it: `metrics.json`, `result.nc`, `report.html`,
+    `figures/*.png`, `.hydra/` and the outcome's own.
 
-    Every file appears whole or not at all, in an empty folder all at once, else `metrics.json`
-    last; those of an earlier run are replaced. `hydra_files` maps the names in `.hydra` to their
-    text, `command` is what the page says was run. Raises `ValueError` for a variable without
-    `units`, `TypeError` for a metric that is not a plain value.
+    Nothing is written: all is made in memory, where no full disk can cut it short. `record` maps
+    the names in `.hydra` to their text, `command` is what the page says was run. Raises
+    `ValueError` for a variable without `units`, `TypeError` for a metric that is not a plain value.
     """
-    with _staged(folder) as stage:
-        for name, text in hydra_files.items():
-            _write_text(stage / ".hydra" / name, text)
-        for name, text in outcome.files.items():
-            _write_text(stage / name, text)
-        _write_text(stage / "metrics.json", metrics_json(outcome.metrics))
-        _write_dataset(outcome.dataset, stage / "result.nc")
-        for section in outcome.sections:
-            for stem, draw in section.figures.items():
-                _write_figure(draw(), stage / "figures" / f"{stem}.png")
-        _write_text(stage / "report.html", _page(outcome, stage / "figures", command))
+    figures = {
+        stem: _png(draw()) for section in outcome.sections for stem, draw in section.figures.items()
+    }
+    texts = {
+        **{f".hydra/{name}": text for name, text in record.items()},
+        **outcome.files,
+        "metrics.json": metrics_json(outcome.metrics),
+        "report.html": _page(outcome, figures, command),
+    }
+    return {
+        **{name: text.encode() for name, text in texts.items()},
+        "result.nc": _netcdf(outcome.dataset),
+        **{f"figures/{stem}.png": image for stem, image in figures.items()},
+    }
 
 
 def metrics_json(metrics: Mapping[str, Any]) -> str:
@@ -61,61 +57,20 @@ def metrics_json(metrics: Mapping[str, Any]) -> str:
     return json.dumps(plain, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-@contextmanager
-def _staged(folder: Path) -> Iterator[Path]:
-    folder.mkdir(parents=True, exist_ok=True)
-    folder = folder.resolve()
-    # Beside the folder, which a run that is killed then leaves empty, where that is possible.
-    beside = os.access(folder.parent, os.W_OK) and not folder.is_mount() and folder != Path.cwd()
-    home, prefix = (folder.parent, f".{folder.name}.writing-") if beside else (folder, ".writing-")
-    for left_over in home.glob(f"{glob.escape(prefix)}*"):  # by a run that was killed
-        if abandoned(left_over.name[len(prefix) :].partition("-")[0]):
-            shutil.rmtree(left_over, ignore_errors=True)
-    stage = Path(tempfile.mkdtemp(prefix=f"{prefix}{os.getpid()}-", dir=home))
-    try:
-        yield stage
-        stage.chmod(folder.stat().st_mode)
-        try:
-            os.rename(stage, folder)  # all files at once, where there are none yet
-        except OSError:
-            _replace(stage, folder)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
-
-
-def _replace(stage: Path, folder: Path) -> None:
-    files = [path for path in stage.rglob("*") if path.is_file()]
-    for path in sorted(files, key=lambda path: (path.name == "metrics.json", path)):
-        target = folder / path.relative_to(stage)
-        target.parent.mkdir(exist_ok=True)
-        try:
-            os.replace(path, target)
-        except OSError as error:
-            if error.errno != errno.EXDEV:
-                raise
-            # A folder that is mounted there, though it does not look so: a copy takes its place.
-            copy = target.with_name(f".{target.name}.writing")
-            shutil.copyfile(path, copy)
-            os.replace(copy, target)
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(text, encoding="utf-8", newline="\n")
-
-
-def _write_dataset(dataset: xarray.Dataset, path: Path) -> None:
+def _netcdf(dataset: xarray.Dataset) -> bytes:
     bare = [str(name) for name, values in dataset.variables.items() if "units" not in values.attrs]
     if bare:
         raise ValueError(f"variables without units in the result: {', '.join(bare)}")
-    dataset.to_netcdf(path, engine="h5netcdf")
+    return bytes(dataset.to_netcdf(engine="h5netcdf"))
 
 
-def _write_figure(figure: Figure, path: Path) -> None:
-    path.parent.mkdir(exist_ok=True)
+def _png(figure: Figure) -> bytes:
+    image = io.BytesIO()
     figure.savefig(
-        path, dpi=_DPI, bbox_inches="tight", facecolor="white", metadata={"Software": None}
-    )
+        image, format="png", dpi=_DPI, bbox_inches="tight", facecolor="white",
+        metadata={"Software": None},
+    )  # fmt: skip
+    return image.getvalue()
 
 
 def _plain(key: str, value: object) -> object:
@@ -128,7 +83,7 @@ def _plain(key: str, value: object) -> object:
     raise TypeError(f"metric {key} is {type(value).__name__}, not a plain value")
 
 
-def _page(outcome: Outcome, figures: Path, command: str) -> str:
+def _page(outcome: Outcome, figures: Mapping[str, bytes], command: str) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -148,13 +103,13 @@ def _page(outcome: Outcome, figures: Path, command: str) -> str:
     )
 
 
-def _section(section: Section, figures: Path) -> dict[str, Any]:
+def _section(section: Section, figures: Mapping[str, bytes]) -> dict[str, Any]:
     return {
         "heading": section.heading,
         "paragraphs": section.paragraphs,
         "figures": [
             {
-                "source": _data_address(figures / f"{stem}.png"),
+                "source": _data_address(figures[stem]),
                 "caption": section.captions.get(stem, stem.replace("_", " ")),
             }
             for stem in section.figures
@@ -176,5 +131,5 @@ def _table(table: Table) -> dict[str, Any]:
     }
 
 
-def _data_address(path: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+def _data_address(image: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(image).decode("ascii")

@@ -1,8 +1,12 @@
 """What is run in a process of its own, and ends before its work is done."""
 
 import contextlib
+import json
 import os
-from collections.abc import Mapping
+import resource
+import signal
+import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,33 +17,86 @@ from matplotlib.figure import Figure
 from srsinv.__main__ import main
 from srsinv.recording import Recording, save
 from srsinv.report.outcome import Outcome, Section, Table
-from srsinv.report.page import write
+from srsinv.run_folder import claim
 
-RECORD = ("config.yaml", "overrides.yaml", "hydra.yaml")
-# (class or module, its method): what puts bytes or a name on the disk.
-WRITERS = {
-    "text": (Path, "write_text"),
-    "netcdf": (xarray.Dataset, "to_netcdf"),
-    "figure": (Figure, "savefig"),
-    "rename": (os, "rename"),
-    "replace": (os, "replace"),
+PAGE = (
+    "metrics.json", "result.nc", "report.html", "figures/signal.png", "notes.yaml",
+    ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml",
+)  # fmt: skip
+# What changes the disk besides writing, and what of that a full one can refuse.
+CHANGES = {
+    "exit": ("mkdir", "rename", "replace", "unlink", "rmdir", "chmod"),
+    "raise": ("mkdir", "rename", "replace"),
 }
 
+CONFIG = """\
+defaults:
+  - _self_
+  - override hydra/job_logging: none
+  - override hydra/hydra_logging: none
+job: experiments.quick.run
+value: 2.0
+seed: 0
+wait_for: null
+hydra:
+  output_subdir: null
+  run: {dir: "outputs/${hydra.job.name}/${now:%H-%M-%S_%f}"}
+  sweep: {dir: outputs/sweep, subdir: "${hydra.job.num}"}
+"""
+JOB = """\
+from tests.stability import killed
 
-def command(root: Path, folder: Path) -> None:
-    """One run of the command with the configuration in `root`, quietly."""
-    silent()
-    os._exit(main([f"hydra.run.dir={folder}"], root))
+def run(settings):
+    return killed.job(settings)
+"""
+
+
+def make_root(folder: Path) -> Path:
+    """A configuration folder, with a quick job beside it."""
+    for path, text in (("configs/config.yaml", CONFIG), ("experiments/quick.py", JOB)):
+        (folder / path).parent.mkdir(parents=True)
+        (folder / path).write_text(text, encoding="utf-8")
+    return folder / "configs"
+
+
+def command(root: Path, here: Path, arguments: Sequence[str], words: Path | None = None) -> None:
+    """The command in the folder `here`; what it says on standard error goes to the file `words`."""
+    silent(words)
+    os.chdir(here)
+    os._exit(main([*arguments], root))
+
+
+def limited(root: Path, here: Path, arguments: Sequence[str], words: Path, size: int) -> None:
+    """The command, which may write no file of more than `size` bytes."""
+    words.touch()
+    silent(words)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+    os.chdir(here)
+    os._exit(main([*arguments], root))
 
 
 def job(settings: Mapping[str, Any]) -> Outcome:
-    """What the command runs."""
+    """What the command runs: it says that it has begun, and waits to be let on."""
+    if settings["wait_for"] is not None:
+        begun = Path(settings["wait_for"])
+        begun.with_suffix(".begun").touch()
+        while not begun.exists():
+            time.sleep(0.01)
     return outcome(settings["value"])
 
 
 def page(folder: Path, value: float) -> None:
-    """A page with every kind of file."""
-    write(outcome(value), folder, dict.fromkeys(RECORD, "a: 1\n"))
+    """A run's folder, with every name that the command gives a file and next to nothing in them."""
+    files = dict.fromkeys(PAGE, f"of {value}".encode())
+    files["metrics.json"] = json.dumps({"value": value}).encode()
+    with claim(folder) as workspace:
+        workspace.replace(files, "srsinv", 0)
+
+
+def page_here(folder: Path, value: float) -> None:
+    """The same in the current folder."""
+    os.chdir(folder)
+    page(Path("."), value)
 
 
 def recording(path: Path, value: float) -> None:
@@ -47,33 +104,43 @@ def recording(path: Path, value: float) -> None:
     save(made(value), path)
 
 
-def breaking(work: str, where: Path, value: float, writer: str, after: int, how: str) -> None:
-    """`work`, whose writer fails at the call after so many: as the disk does (`raise`), or with the
-    whole process (`exit`), when half of the bytes are written."""
+WORK = {"page": page, "page_here": page_here, "recording": recording}
+
+
+def breaking(work: str, where: Path, value: float, last: int, how: str) -> None:
+    """`work`, which comes as far as its change number `last` on the disk: that one fails as on a
+    full disk (`raise`), or the process is killed before it (`exit`). Writes are cut in half.
+
+    The exit code is 0 where there are fewer changes, 9 killed, 3 failed, 4 done nevertheless.
+    """
     silent()
-    owner, name = WRITERS[writer]
-    original, calls = getattr(owner, name), []
+    done = []
 
-    def broken(self, *arguments, **settings):
-        calls.append(self)
-        if len(calls) <= after:
-            return original(self, *arguments, **settings)
-        target = Path(self) if writer == "text" else Path(arguments[0]) if arguments else None
-        if writer in ("text", "netcdf", "figure") and target is not None:
-            target.write_bytes(b"half of what was to be wr")
-        if how == "exit":
-            os._exit(9)
-        raise OSError(28, "No space left on device")
+    def broken(original, cut=None):
+        def call(*arguments, **settings):
+            done.append(None)
+            if len(done) - 1 != last:
+                return original(*arguments, **settings)
+            if cut:
+                cut(*arguments)
+            if how == "exit":
+                os._exit(9)
+            raise OSError(28, "No space left on device")
 
-    setattr(owner, name, broken)
+        return call
+
+    def half(path, data):
+        write(path, data[: len(data) // 2])
+
+    write = Path.write_bytes
+    setattr(Path, "write_bytes", broken(write, half))  # noqa: B010
+    for name in CHANGES[how]:
+        setattr(os, name, broken(getattr(os, name)))
     try:
         WORK[work](where, value)
     except Exception:
         os._exit(3)
-    os._exit(0)
-
-
-WORK = {"page": page, "recording": recording}
+    os._exit(0 if len(done) <= last else 4)
 
 
 def outcome(value: float) -> Outcome:
@@ -97,13 +164,17 @@ def made(value: float) -> Recording:
         time_s=np.arange(10) / 100,
         speed_m_per_s=np.full(10, 0.05),
         channels=("one",),
-        sidecar={"value": value},
+        sidecar={"description": "a test"},
     )
 
 
-def silent() -> None:
-    """Nothing printed: what breaks here breaks on purpose."""
+def silent(words: Path | None = None) -> None:
+    """Nothing printed, or standard error in a file: what breaks here breaks on purpose."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # as a shell would start it
+        signal.signal(number, signal.default_int_handler)
     with contextlib.suppress(OSError):
         sink = os.open(os.devnull, os.O_WRONLY)
         os.dup2(sink, 1)
+        if words is not None:
+            sink = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(sink, 2)

@@ -1,0 +1,58 @@
+"""Leases: a lock on a file, held by whoever is at work and let go by the system when that one ends.
+
+Unlike a process's number, a lock means the same in every container and, over NFS, on every host.
+"""
+
+import os
+from pathlib import Path
+from typing import BinaryIO
+
+from .errors import BadInput
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+
+def take(path: Path) -> BinaryIO | None:
+    """The file at `path`, made if it is not there, locked until it is closed; None where another
+    holds it.
+
+    Whoever is done removes the file before closing it. Raises `BadInput` where the file system has
+    no locks, `OSError` where the file cannot be opened.
+    """
+    while True:
+        file = path.open("ab")
+        try:
+            if not _lock(file, path):
+                file.close()
+                return None
+            if _is_at(file, path):
+                return file
+        except BaseException:
+            file.close()
+            raise
+        file.close()  # its last holder has removed it since it was opened
+
+
+def _lock(file: BinaryIO, path: Path) -> bool:
+    try:
+        if fcntl is None:
+            raise OSError(0, "this system has none")
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        raise BadInput(
+            f"cannot lock a file in {path.parent} ({error.strerror}), without which two processes "
+            "could mix what they write there: choose a folder on another file system."
+        ) from error
+    return True
+
+
+def _is_at(file: BinaryIO, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,143 @@
+"""What a run's folder holds: its manifest `run.json`, and what is there that no run wrote."""
+
+import hashlib
+import json
+import os
+import re
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from srsinv import __version__
+from srsinv.errors import BadInput
+
+from ._names import WORKSPACE, is_workspace
+
+MANIFEST = "run.json"
+# Runs of versions that wrote no manifest: what they are known by, and what they wrote.
+_OLDER_SIGNS = (".hydra/config.yaml", "metrics.json")
+_OLDER_FILES = re.compile(
+    r"metrics\.json|result\.nc|report\.html|figures/[^/]+\.png"
+    r"|\.hydra/(config|overrides|hydra)\.yaml"
+)
+_KEYS = {"command", "files", "seed", "version"}
+_MOST_BYTES = 2**24  # of a manifest: a hundred thousand files
+
+Listing = Mapping[str, str]  # name within the folder, with slashes, to SHA-256
+
+
+def listing(files: Mapping[str, bytes]) -> Listing:
+    """The SHA-256 of each content, by name."""
+    return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+
+
+def manifest(files: Listing, command: str, seed: Any) -> bytes:
+    """The manifest of a run: the version, the command, the seed and every file's SHA-256.
+
+    The same files, command and seed give the same bytes.
+    """
+    return _text({"command": command, "files": files, "seed": seed, "version": __version__})
+
+
+def listed(folder: Path) -> Listing | None:
+    """The files that a run wrote to `folder`: as its manifest lists them or, of a run older than
+    manifests, as they are there; None where no run of srsinv has been."""
+    if (found := read(folder)) is not None:
+        return found
+    if not all(_is_file(folder / sign) for sign in _OLDER_SIGNS) or _is_there(folder / MANIFEST):
+        return None
+    names = (
+        name for name, _ in _walk(folder, {"figures", ".hydra"}) if _OLDER_FILES.fullmatch(name)
+    )
+    return {name: _sha256(folder / name) for name in names if _is_file(folder / name)}
+
+
+def read(folder: Path) -> Listing | None:
+    """What the manifest in `folder` lists; None where there is none that srsinv wrote."""
+    path = folder / MANIFEST
+    if not _is_file(path) or path.stat().st_size > _MOST_BYTES:
+        return None
+    text = path.read_bytes()
+    try:
+        found = json.loads(text)
+        ours = isinstance(found, dict) and found.keys() == _KEYS and _text(found) == text
+    except (ValueError, RecursionError):
+        return None
+    files = found["files"] if ours else None
+    return files if isinstance(files, dict) and all(map(_is_name, files)) else None
+
+
+def strangers(folder: Path, *listings: Listing) -> Iterator[str]:
+    """The names of what is in `folder` and was not written by the runs of these listings, changed
+    files included, in order; a folder's name ends with a slash and stands for all in it."""
+    names = {name for listing in listings for name in listing}
+    folders = {str(above) for name in names for above in PurePosixPath(name).parents}
+    for name, is_folder in _walk(folder, folders):
+        if is_folder:
+            if name not in folders:
+                yield f"{name}/"
+        elif name == MANIFEST:
+            if read(folder) is None:
+                yield name
+        elif not any(has(folder, name, each.get(name)) for each in listings):
+            yield name
+
+
+def has(folder: Path, name: str, sha256: str | None) -> bool:
+    """Whether `folder` has a regular file of this name and this SHA-256."""
+    return sha256 is not None and _is_file(folder / name) and _sha256(folder / name) == sha256
+
+
+def check_ours(folder: Path, *listings: Listing) -> None:
+    """Raise `BadInput` for the first of the `strangers` in `folder`."""
+    name = next(strangers(folder, *listings), None)
+    if name is None:
+        return
+    known = any(name in listing for listing in listings)
+    what = "which was changed since a run wrote it" if known else "which no run of srsinv wrote"
+    raise BadInput(
+        f"cannot write to {folder}: it holds {name}, {what}; choose another folder with "
+        "hydra.run.dir=FOLDER (hydra.sweep.dir with -m), or move that file away"
+    )
+
+
+def _text(content: dict[str, Any]) -> bytes:
+    return f"{json.dumps(content, sort_keys=True, indent=2)}\n".encode()
+
+
+def _walk(folder: Path, entered: set[str], above: str = "") -> Iterator[tuple[str, bool]]:
+    """Name, and whether it is a folder, of all in `folder` but its workspace; links are not
+    followed, and only the folders `entered` are looked into."""
+    with os.scandir(folder / above) as entries:
+        found = sorted(entries, key=lambda entry: entry.name)
+    for entry in found:
+        name, is_folder = f"{above}{entry.name}", entry.is_dir(follow_symlinks=False)
+        if name == WORKSPACE and is_workspace(folder / name):
+            continue
+        yield name, is_folder
+        if is_folder and name in entered:
+            yield from _walk(folder, entered, f"{name}/")
+
+
+def _is_name(name: str) -> bool:
+    """Whether a name stays within its folder, however it was meant."""
+    parts = PurePosixPath(name).parts
+    return name == "/".join(parts) != MANIFEST and ".." not in parts and "\0" not in name
+
+
+def _is_there(path: Path) -> bool:
+    return os.path.lexists(path)
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is a regular file at `path` itself, not at the end of a link."""
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

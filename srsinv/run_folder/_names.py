@@ -1,0 +1,28 @@
+"""What a run at work calls its workspace, and what it has in there."""
+
+import os
+from pathlib import Path
+
+WORKSPACE = ".srsinv"  # inside the run's folder; beside it, the end of the name
+LOCK, NEW, OLD, TRASH = "lock", "new", "old", "trash"
+CONTENTS = {LOCK, NEW, OLD, TRASH}
+
+
+def workspaces(place: Path) -> tuple[Path, Path]:
+    """Where the workspace of a folder may be: beside it or, failing that, inside."""
+    return place.parent / f".{place.name}{WORKSPACE}", place / WORKSPACE
+
+
+def is_workspace(path: Path) -> bool:
+    """Whether `path` is a folder with nothing in it but what a run at work has there."""
+    try:
+        return not path.is_symlink() and {*os.listdir(path)} <= CONTENTS
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+
+
+def is_empty(folder: Path) -> bool:
+    """Whether there is no such folder, or nothing in it but a workspace."""
+    return not folder.exists() or all(
+        path.name == WORKSPACE and is_workspace(path) for path in folder.iterdir()
+    )

@@ -1,0 +1,60 @@
+"""Where a run's folder is, and what stands against writing there, in one sentence."""
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from srsinv.errors import BadInput, refuse, shown
+
+REMEDY = "choose another with hydra.run.dir=FOLDER (hydra.sweep.dir with -m)"
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_LONGEST = 200  # characters of a path that is shown as it is
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Turn an `OSError` inside (a full disk, a name too long) into `BadInput`."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        remedy = f"make room there or {REMEDY}" if error.errno in _FULL else REMEDY
+        raise BadInput(f"cannot write to {named(folder)} ({reason}); {remedy}") from error
+
+
+def locate(folder: Path) -> Path:
+    """`folder` without links. Raises `BadInput` where it cannot be made or written to."""
+    with writing(folder):
+        try:
+            str(folder).encode()
+            place = existing = Path(os.path.realpath(folder))
+        except ValueError as error:
+            raise BadInput(
+                f"cannot write to {named(folder)}, which no file can be called; {REMEDY}"
+            ) from error
+        while not _exists(existing):
+            existing = existing.parent
+        for part in place.relative_to(existing).parts:
+            _exists(existing / part)  # or its name is too long
+    refuse(
+        not (existing.is_dir() and os.access(existing, os.R_OK | os.W_OK | os.X_OK)),
+        f"cannot write to {named(folder)}: {named(existing)} is not a folder that can be written "
+        f"to; {REMEDY}",
+    )
+    return place
+
+
+def _exists(path: Path) -> bool:
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
+
+
+def named(path: Path) -> str:
+    """A path as a sentence shows it."""
+    text = str(path)
+    return text if text.isprintable() and len(text) <= _LONGEST else shown(text)
