@@ -1,9 +1,10 @@
 """One run or a sweep through Hydra, in folders that stay as they were where nothing is done."""
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from hydra.core.plugins import Plugins
 from hydra.core.utils import run_job
@@ -54,6 +55,12 @@ def sweep(
     Raises `BadInput` for a folder that it cannot have.
     """
     folder = Path(config.hydra.sweep.dir)
+    typed = cast(dict[str, Any], OmegaConf.to_container(config.hydra.sweep))
+    refuse(
+        os.path.normpath(str(typed["subdir"])) == ".",
+        f"hydra.sweep.subdir is {typed['subdir']!r}, the sweep's own folder; leave it out, and "
+        "each run has one by its number",
+    )
     _check_sweep(folder)
     sweeper = Plugins.instance().instantiate_sweeper(
         config=config, hydra_context=context, task_function=task
@@ -73,17 +80,13 @@ def sweep(
 
 
 def _check_sweep(folder: Path) -> None:
-    """Raise `BadInput` unless the folder can be written to and the files in it, if any, are an
-    earlier sweep's; the folders in it are for its runs to check."""
+    """Raise `BadInput` unless the folder can be written to and is empty or an earlier sweep's, in
+    which folders are for the runs to check."""
     place = locate(folder)
     with writing(folder):
-        if not place.exists():
-            return
-        ours = _earlier_sweep(place)
-        names = strangers(place, ours or {})
-        name = next((name for name in names if not name.endswith("/")), None)
-    if name is None and ours is None and listed(place) is not None:
-        name = MANIFEST
+        ours = _earlier_sweep(place) if place.exists() else {}
+        names = strangers(place, ours or {}) if place.exists() else ()
+        name = next((name for name in names if ours is None or not name.endswith("/")), None)
     if name is not None:
         raise BadInput(
             f"cannot sweep into {folder}: it holds {name}, which no sweep of srsinv wrote or which "

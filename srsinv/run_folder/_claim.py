@@ -47,7 +47,7 @@ def hold(folder: Path) -> Iterator[Workspace]:
     finally:
         try:
             with writing(folder):
-                for path in workspaces(place):
+                for path in filter(is_workspace, workspaces(place)):
                     Workspace(place, path).recover()
                     with suppress(OSError):  # its lock is in it
                         path.rmdir()

@@ -73,14 +73,13 @@ def strangers(folder: Path, *listings: Listing) -> Iterator[str]:
     files included, in order; a folder's name ends with a slash and stands for all in it."""
     names = {name for listing in listings for name in listing}
     folders = {str(above) for name in names for above in PurePosixPath(name).parents}
+    if _is_there(folder / MANIFEST) and read(folder) is None:
+        yield MANIFEST  # first, as it is why nothing else is known
     for name, is_folder in _walk(folder, folders):
         if is_folder:
             if name not in folders:
                 yield f"{name}/"
-        elif name == MANIFEST:
-            if read(folder) is None:
-                yield name
-        elif not any(has(folder, name, each.get(name)) for each in listings):
+        elif name != MANIFEST and not any(has(folder, name, each.get(name)) for each in listings):
             yield name
 
 

@@ -17,7 +17,7 @@ def is_workspace(path: Path) -> bool:
     """Whether `path` is a folder with nothing in it but what a run at work has there."""
     try:
         return not path.is_symlink() and {*os.listdir(path)} <= CONTENTS
-    except (FileNotFoundError, NotADirectoryError):
+    except OSError:
         return False
 
 

@@ -39,6 +39,10 @@ def locate(folder: Path) -> Path:
         for part in place.relative_to(existing).parts:
             _exists(existing / part)  # or its name is too long
     refuse(
+        place != existing and folder.is_symlink(),
+        f"cannot write to {named(folder)}, which is a link to nothing; {REMEDY}",
+    )
+    refuse(
         not (existing.is_dir() and os.access(existing, os.R_OK | os.W_OK | os.X_OK)),
         f"cannot write to {named(folder)}: {named(existing)} is not a folder that can be written "
         f"to; {REMEDY}",
