@@ -11,7 +11,7 @@ from hydra.core.utils import run_job
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
-from ..errors import BadInput
+from ..errors import BadInput, refuse
 from ..run_folder import (
     MANIFEST,
     check,
