@@ -435,6 +435,32 @@ def test_a_broken_save_leaves_the_old_file(tmp_path, name, monkeypatch):
     assert [file for file in os.listdir(tmp_path) if file.startswith(".")] == []
 
 
+# (what stands there already, the file named in the refusal)
+TAKEN = {
+    "another recording's sidecar": ({"out.json": '{"gain": 100}'}, "out.json"),
+    "the same, with data": ({"out.json": '{"gain": 100}', "out.csv": "time_s\n"}, "out.json"),
+    "data alone": ({"out.csv": "time_s,voltage_0_V\n"}, "out.json"),
+    "a sidecar in YAML": ({"out.yaml": "gain: 100\n"}, "out.yaml"),
+    "the other name of it": ({"out.yml": "gain: 100\n", "out.csv": "a\n"}, "out.yml"),
+}
+
+
+@pytest.mark.parametrize(("there", "named"), TAKEN.values(), ids=TAKEN)
+def test_save_leaves_what_it_did_not_write(tmp_path, there, named):
+    for name, text in there.items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(BadInput) as caught:
+        save(recording(), tmp_path / "out.csv")
+    assert_one_sentence(caught.value, "out.csv", named, "choose another name")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == there
+
+
+def test_save_replaces_a_recording_of_the_same_facts(tmp_path):
+    for factor in (1, 2):
+        save(recording(signal=SIGNAL * factor), tmp_path / "out.csv")
+    assert same(load(tmp_path / "out.csv").signal, SIGNAL * 2)
+
+
 # What is refused
 
 

@@ -3,6 +3,8 @@
 import json
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,7 @@ from srsinv.errors import BadInput
 from srsinv.run_folder import MANIFEST, check, claim
 from tests.stability import killed
 
+REPOSITORY = Path(__file__).parents[1]
 REMEDY = "choose another"
 
 
@@ -264,6 +267,25 @@ PLACES = {
 }  # fmt: skip
 
 
+class TestOutput:
+    @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+    def test_that_cannot_be_printed(self, root, tmp_path):
+        """The run is there all the same."""
+        program = "import sys; from srsinv.__main__ import *; sys.exit(main(sys.argv[2:], "
+        program += "Path(sys.argv[1])))"
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                [sys.executable, "-c", program, root, "hydra.run.dir=a"],
+                stdout=full, stderr=subprocess.PIPE, text=True,
+                env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
+            )  # fmt: skip
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        assert line.startswith("srsinv: cannot print what was found (No space left")
+        check(Path("a"))
+        assert Path("a", MANIFEST).is_file()
+
+
 class TestPlaces:
     @pytest.mark.parametrize("flags", [[], ["-m"]])
     @pytest.mark.parametrize(("typed", "make", "words"), PLACES.values(), ids=PLACES)
@@ -297,6 +319,10 @@ class TestPlaces:
 
 def sweep(root, *arguments):
     return main(["-m", "hydra.sweep.dir=sweep", *arguments], root)
+
+
+def a_run(_):
+    killed.page(Path("sweep"), 1.0)
 
 
 class TestSweeps:

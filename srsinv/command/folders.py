@@ -55,11 +55,11 @@ def sweep(
     Raises `BadInput` for a folder that it cannot have.
     """
     folder = Path(config.hydra.sweep.dir)
-    typed = cast(dict[str, Any], OmegaConf.to_container(config.hydra.sweep))
+    inside = cast(dict[str, Any], OmegaConf.to_container(config.hydra.sweep))["subdir"]  # as typed
     refuse(
-        os.path.normpath(str(typed["subdir"])) == ".",
-        f"hydra.sweep.subdir is {typed['subdir']!r}, the sweep's own folder; leave it out, and "
-        "each run has one by its number",
+        os.path.normpath(str(inside)) == ".",
+        f"hydra.sweep.subdir is {inside!r}, the sweep's own folder; leave it out, and each run has "
+        "one by its number",
     )
     _check_sweep(folder)
     sweeper = Plugins.instance().instantiate_sweeper(

@@ -150,8 +150,14 @@ def _record(config: DictConfig) -> dict[str, str]:
 def _show_outcome(outcome: Any, folder: Path) -> None:
     from ..report.text import print_table
 
-    print_table(outcome.summary)
-    print(f"{folder / 'report.html'}\n{folder}", flush=True)
+    try:
+        print_table(outcome.summary)
+        print(f"{folder / 'report.html'}\n{folder}", flush=True)
+    except OSError as error:  # a full disk, or a pipe that nobody reads
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python tries again when it ends
+        raise BadInput(
+            f"cannot print what was found ({error.strerror}); it is in {folder}"
+        ) from error
 
 
 def _flags(arguments: Sequence[str]) -> Namespace:

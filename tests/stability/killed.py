@@ -23,6 +23,7 @@ PAGE = (
     "metrics.json", "result.nc", "report.html", "figures/signal.png", "notes.yaml",
     ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml",
 )  # fmt: skip
+NOBODY = 65534
 # What changes the disk besides writing, and what of that a full one can refuse.
 CHANGES = {
     "exit": ("mkdir", "rename", "replace", "unlink", "rmdir", "chmod"),
@@ -99,12 +100,25 @@ def page_here(folder: Path, value: float) -> None:
     page(Path("."), value)
 
 
+def page_as_nobody(folder: Path, value: float) -> None:
+    """The same by a user whom permissions bind."""
+    if os.getuid() == 0:
+        os.setgid(NOBODY)
+        os.setuid(NOBODY)
+    page(folder, value)
+
+
 def recording(path: Path, value: float) -> None:
     """A recording of ten samples."""
     save(made(value), path)
 
 
-WORK = {"page": page, "page_here": page_here, "recording": recording}
+WORK = {
+    "page": page,
+    "page_here": page_here,
+    "page_as_nobody": page_as_nobody,
+    "recording": recording,
+}
 
 
 def breaking(work: str, where: Path, value: float, last: int, how: str) -> None:

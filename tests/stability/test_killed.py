@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -219,6 +220,29 @@ def test_a_folder_that_is_mounted(fork, tmp_path, kind):
         assert len(PAGE) < last < MOST_CHANGES
     finally:
         subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_folder_whose_parent_takes_no_files(fork):
+    """Its workspace is inside, whichever change is the last."""
+    with tempfile.TemporaryDirectory() as above:
+        folder = Path(above) / "closed" / "run"
+        folder.mkdir(parents=True)
+        if os.getuid() == 0:
+            os.chown(folder, killed.NOBODY, killed.NOBODY)
+        Path(above).chmod(0o755)
+        folder.parent.chmod(0o555)
+        try:
+            last, code = 0, None
+            while code != 0 and last < MOST_CHANGES:
+                at = (folder, last + 3.0, last, "exit")
+                code = ended(fork(killed.breaking, "page_as_nobody", *at))
+                assert ended(fork(killed.breaking, "page_as_nobody", *at[:2], 999, "exit")) == 0
+                assert value(folder) == last + 3.0
+                assert os.listdir(folder.parent) == ["run"]
+                last += 1
+            assert len(PAGE) < last < MOST_CHANGES
+        finally:
+            folder.parent.chmod(0o755)
 
 
 def test_two_runs_in_one_folder(fork, root, tmp_path):
