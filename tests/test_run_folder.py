@@ -168,6 +168,12 @@ class TestForeignFiles:
         assert snapshot(folder) == before
         assert os.listdir(tmp_path) == ["run"]
 
+    def test_a_folder_that_goes_while_the_job_runs(self, tmp_path):
+        with claim(tmp_path / "run") as workspace:
+            (tmp_path / "run").rmdir()
+            workspace.replace({"metrics.json": b"2"}, "srsinv", 0)
+        assert (tmp_path / "run" / "metrics.json").read_bytes() == b"2"
+
     def test_a_sidecar_that_was_filled_in(self, tmp_path, monkeypatch, capsys):
         """Beside the recording, as the page tells to, and in the folder of the inspection."""
         write("scan.csv", "time_s,voltage_0_V\n")(tmp_path)

@@ -73,8 +73,11 @@ def _take_workspace(place: Path) -> tuple[Workspace, BinaryIO]:
     beside, inside = workspaces(place)
     try:
         if not place.is_mount():
-            with suppress(OSError):  # nothing can be made beside it, or the name is too long
+            try:
                 taken.append((beside, _lock(beside, place)))
+            except OSError:  # nothing can be made beside it, or the name is too long
+                if is_workspace(beside):  # another user's
+                    raise
         if not taken or inside.exists():
             taken.append((inside, _lock(inside, place)))
         for path, _ in taken:

@@ -41,7 +41,8 @@ class Workspace:
                 path = self.path / NEW / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(data)
-            (self.path / NEW).chmod(stat.S_IMODE(self.folder.stat().st_mode))
+            if self.folder.exists():
+                (self.path / NEW).chmod(stat.S_IMODE(self.folder.stat().st_mode))
             if not self._swap():
                 self._move_in()
 

@@ -1,6 +1,7 @@
 """A run that is killed, stopped, or whose disk fails, leaves one whole run or none, and the next
 command clears up after it."""
 
+import itertools
 import json
 import multiprocessing
 import os
@@ -123,9 +124,17 @@ def test_killed_at_any_moment(fork, root, tmp_path, kills):
     assert value(folder) == 2.0
 
 
-@pytest.mark.parametrize("how", ["raise", "exit"])
-@pytest.mark.parametrize("before", ["nothing", "run", "older run"])
-@pytest.mark.parametrize("work", ["page", "page_here"])
+# The common ones; all others are slow.
+QUICK = {("page", "run", "exit"), ("page", "nothing", "raise"), ("page_here", "run", "exit")}
+LAST_CHANGES = [
+    pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow)
+    for case in itertools.product(
+        ("page", "page_here"), ("nothing", "run", "older run"), ("raise", "exit")
+    )
+]
+
+
+@pytest.mark.parametrize(("work", "before", "how"), LAST_CHANGES)
 def test_every_change_on_the_disk_is_the_last(fork, tmp_path, work, before, how):
     """One process for each file written, renamed or removed, which gets no further: afterwards
     there is the earlier run or the new one, whole, once the next command has come by."""
@@ -197,7 +206,7 @@ def test_a_full_disk(fork, root, tmp_path, size):
         subprocess.run(["umount", str(here)], check=True)
 
 
-@pytest.mark.parametrize("kind", ["bind", "tmpfs"])
+@pytest.mark.parametrize("kind", ["tmpfs", pytest.param("bind", marks=pytest.mark.slow)])
 def test_a_folder_that_is_mounted(fork, tmp_path, kind):
     """It cannot be renamed, so files are moved in, whichever change is the last."""
     (tmp_path / "source").mkdir()
