@@ -56,7 +56,7 @@ def untimed(text):
 
 def test_folder(folder):
     names = {path.name for path in folder.iterdir()}
-    assert names == {"metrics.json", "result.nc", "report.html", "figures", ".hydra"}
+    assert names == {"metrics.json", "result.nc", "report.html", "run.json", "figures", ".hydra"}
     assert len(list((folder / "figures").glob("*.png"))) >= len(HEADINGS) - 1
 
 
