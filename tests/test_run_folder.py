@@ -152,7 +152,7 @@ class TestForeignFiles:
         assert snapshot(tmp_path) == before
 
     def test_nothing_heavy_is_imported_before(self, root, tmp_path, monkeypatch, capsys):
-        monkeypatch.setattr("srsinv.command.launch._load_job", None)  # would fail
+        monkeypatch.setattr("srsinv.command.launch.load_job", None)  # would fail
         write("mine")(Path("."))
         assert main(["hydra.run.dir=."], root) == 2
         assert "holds mine, which no run of srsinv wrote" in sentence(capsys)
