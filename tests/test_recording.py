@@ -611,7 +611,7 @@ REFUSED = {
         "r.npz",
         table(columns(time_s=-TIME_S)),
         {},
-        ["data row 2", "sample_rate_hz"],
+        ["data row 2", "reorder the rows"],
     ),
     "no time": ("r.csv", table(NO_TIME), {}, ["no time column", "recording.sample_rate_hz"]),
     "bare time": ("r.csv", table(NO_TIME | {"time": TIME_S}), {}, ["'time'", "s, ms, us"]),

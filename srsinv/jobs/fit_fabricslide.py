@@ -25,13 +25,16 @@ from ..inverse.quality import Quality, quality, reasons
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import load_steady
+from ..recording.noise import filled
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
 from .analysis import in_metrics
+from .recorded import times_rows
 
 LONGEST_LINE = 0.25  # of the scan: what repeats less often cannot be told from drift
 HIGHEST_FRACTION = 6  # of a line that another is called: beyond, some fraction always fits
+SHORT_GAP = 0.25  # of the shortest pitch: a spline over it is off by some hundredths of a pattern
 MM = 1e3
 
 
@@ -92,6 +95,7 @@ def run(cfg: build.Config) -> Outcome:
         recording = load_steady(cfg["recording"], {})
         x_m, signal = _along_x(recording)
         settings = _settings(cfg, recording.name, x_m)
+        signal = _without_gaps(recording.name, x_m, signal, settings.range_m[0])
         slow = drift(x_m, 2 * settings.range_m[1])
         with stage("fitting the pitch"):
             pitch = fit_pitch(x_m, signal, slow, settings.range_m, settings.harmonics)
@@ -109,7 +113,7 @@ def run(cfg: build.Config) -> Outcome:
         _title(found),
         _metrics(found),
         _dataset(found),
-        _sections(found),
+        _sections(cfg, found),
         _summary(found),
     )
 
@@ -122,11 +126,12 @@ def _title(found: Found) -> str:
 
 
 def _along_x(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Even positions that grow (n,) [m], and the signals (c, n) there."""
+    """Even positions that grow (n,) [m], and the signals (c, n) there, NaN where all miss one."""
     x_m, signal = recording.position_m, recording.signal
     if x_m[-1] < x_m[0]:
         x_m, signal = x_m[::-1], signal[:, ::-1]
-    for channel, values in zip(recording.channels, signal, strict=True):
+    in_some = ~np.isnan(signal).all(axis=0)
+    for channel, values in zip(recording.channels, signal[:, in_some], strict=True):
         refuse(
             bool(np.isnan(values).any()),
             f"{recording.name}: channel {channel} has missing samples, and the pitch needs all: "
@@ -138,6 +143,24 @@ def _along_x(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
             "surface: leave it out of recording.channels.",
         )
     return np.linspace(x_m[0], x_m[-1], x_m.size), np.ascontiguousarray(signal)
+
+
+def _without_gaps(name: str, x_m: np.ndarray, signal: np.ndarray, shortest_m: float) -> np.ndarray:
+    """The signals (c, n) with gaps that are short beside the shortest pitch drawn from their
+    neighbours."""
+    rows = np.flatnonzero(~np.isnan(signal).any(axis=0))
+    if rows.size == x_m.size:
+        return signal
+    refuse(rows.size < 2, f"{name}: only {rows.size} samples are there: record the scan again.")
+    longest = int(np.argmax(np.diff(rows)))
+    start_m, end_m = float(x_m[rows[longest]]), float(x_m[rows[longest + 1]])
+    refuse(
+        end_m - start_m > SHORT_GAP * shortest_m,
+        f"{name}: no channel has samples from {start_m:.4g} to {end_m:.4g} m, more than "
+        f"{SHORT_GAP:.3g} of the shortest pitch of {shortest_m:.4g} m: cut the recording there, or "
+        "raise the shortest of feature.pitch_range_m.",
+    )
+    return np.stack([filled(row) for row in signal])
 
 
 def _settings(cfg: build.Config, name: str, x_m: np.ndarray) -> Settings:
@@ -262,7 +285,7 @@ def _summary(found: Found) -> Table:
     )
 
 
-def _sections(found: Found) -> tuple[Section, ...]:
+def _sections(cfg: build.Config, found: Found) -> tuple[Section, ...]:
     data = _dataset(found)
     return (
         _pitch_section(found, data),
@@ -286,7 +309,7 @@ def _sections(found: Found) -> tuple[Section, ...]:
             {"line_spectrum": lambda: figures.line_spectrum(data)},
             tables=(_line_table(found),),
         ),
-        Section("What was assumed", tables=(Table(("what", "value"), _assumed(found)),)),
+        Section("What was assumed", tables=(Table(("what", "value"), _assumed(cfg, found)),)),
     )
 
 
@@ -369,12 +392,13 @@ def _fraction(line: Line, named: dict[str, Line]) -> str:
     return ""
 
 
-def _assumed(found: Found) -> tuple[tuple[str, str], ...]:
+def _assumed(cfg: build.Config, found: Found) -> tuple[tuple[str, str], ...]:
     settings, x_m = found.settings, found.x_m
     low, high = (MM * end for end in settings.range_m)
     return (
         ("recording", f"{found.recording.name}, {x_m.size} samples "
          f"{1e6 * (x_m[1] - x_m[0]):.4g} um apart, taken as even"),
+        *times_rows(cfg, found.recording),
         ("speed", f"{abs(float(np.mean(found.recording.speed_m_per_s))):.4g} m/s throughout; an "
          "error of it is one of every wavelength"),
         ("pitch", f"{low:.4g} to {high:.4g} mm, nothing else known of it"),

@@ -62,7 +62,7 @@ def _stretches(there: np.ndarray) -> Iterator[slice]:
 def _median(signal, stretches: list[list[slice]], depth_m: float, spacing_m: float) -> float:
     """Of the periodograms of all stretches together."""
     powers = [
-        _upper(_filled(row[stretch])[None], depth_m, spacing_m).ravel()
+        _upper(filled(row[stretch])[None], depth_m, spacing_m).ravel()
         for row, parts in zip(signal, stretches, strict=True)
         for stretch in parts
         if np.isfinite(row[stretch]).sum() > CUBIC
@@ -70,7 +70,7 @@ def _median(signal, stretches: list[list[slice]], depth_m: float, spacing_m: flo
     return float(np.median(np.concatenate(powers))) if powers else 0.0
 
 
-def _filled(values: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
+def filled(values: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
     """With what is missing drawn from its neighbours: along a straight line in long gaps, where a
     spline would swing."""
     there = np.isfinite(values)

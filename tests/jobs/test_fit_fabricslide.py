@@ -237,3 +237,31 @@ def test_channel_that_tells_nothing_is_refused(folder, change, sentence):
     path = written(folder / "bad.csv", x_m, channels)
     with pytest.raises(BadInput, match=sentence):
         job(path, "recording.missing=allow")
+
+
+def test_lost_rows_are_filled_where_they_are_few(folder):
+    """Two in ten of the rows gone: the same pitch; a gap of a pitch is refused."""
+    x_m, channels = scan(3, 0.0201)
+    whole = job(written(folder / "whole.csv", x_m, channels)).metrics
+    there = np.ones(x_m.size, bool)
+    there[3:-3:5] = there[4:-3:10] = False
+    path = folder / "lost.csv"
+    save(
+        Recording(channels[:, there], x_m[there] / SPEED, np.full(there.sum(), SPEED), CHANNELS,
+                  {}, "counts"),
+        path,
+    )  # fmt: skip
+    found = job(path)
+    assert found.metrics["quality"] == "good"
+    error = found.metrics["pitch_m"] - whole["pitch_m"]
+    assert abs(error) < 0.5 * whole["pitch_m_stderr"]
+    rows = dict(found.sections[-1].tables[0].rows)
+    assert rows["lost rows"].startswith(f"{np.sum(~there)} at ")
+    there[60:90] = False
+    save(
+        Recording(channels[:, there], x_m[there] / SPEED, np.full(there.sum(), SPEED), CHANNELS,
+                  {}, "counts"),
+        path,
+    )  # fmt: skip
+    with pytest.raises(BadInput, match=r"no channel has samples from .* cut the recording there"):
+        job(path)
