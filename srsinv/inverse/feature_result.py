@@ -83,11 +83,11 @@ class FeatureFit:
         """The candidate that the data (element, sample) are noise alone."""
         data = np.asarray(y, float)
         white, seen = whitener(noise, data.shape)
-        rest, count = white(as_real(np.where(seen, data, 0.0))), white.count(data.shape)
-        squares = float(np.sum(np.asarray(rest) ** 2))
-        volume = float(white.log_volume(data.shape)) + count / 2 * np.log(2 * np.pi)
-        chi2 = squares / count if count else None
-        return cls({}, None, model, {}, -0.5 * squares - volume, chi2, count)
+        rest = np.asarray(white(as_real(np.where(seen, data, 0.0))))
+        count = white.count(data.shape)
+        volume = white.log_volume(data.shape) + count / 2 * np.log(2 * np.pi)
+        chi2 = float(rest @ rest) / count if count else None
+        return cls({}, None, model, {}, float(-0.5 * rest @ rest - volume), chi2, count)
 
     @property
     def untold(self) -> tuple[str, ...]:
