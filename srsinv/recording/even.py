@@ -43,8 +43,8 @@ def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
     """
     named = mapping("recording", settings)
     facts = {key: value for key, value in named.items() if key not in OF_A_JOB}
-    path, missing = facts.pop("path", None), facts.pop("missing", None)
-    times = facts.pop("times", None)
+    path, missing = facts.pop("path", None), facts.pop("missing", MISSING[0])
+    times = facts.pop("times", TIMES_OF_ROWS[0])
     refuse(path is None, "No recording is named: give recording.path=FILE.")
     for key, file in (("path", path), ("sidecar", facts.get("sidecar"))):
         refuse(
@@ -54,8 +54,8 @@ def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
     for key, wanted in MOTION.items():
         if (given := facts.get(key)) is not None:
             number(f"recording.{key}", given, wanted)
-    missing = choice("recording.missing", MISSING[0] if missing is None else missing, MISSING)
-    times = choice("recording.times", TIMES_OF_ROWS[0] if times is None else times, TIMES_OF_ROWS)
+    missing = choice("recording.missing", missing, MISSING)
+    times = choice("recording.times", times, TIMES_OF_ROWS)
     recording = load(path, missing=missing, times=times, **_given(facts | dict(known)))
     refuse(
         not np.any(recording.speed_m_per_s),

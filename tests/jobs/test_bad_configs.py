@@ -229,6 +229,8 @@ OTHERS = (
     ("simulate", "precision grid.line sensor.elements.along.orientation method.wiener.scale "
      "method.wiener.path method.tikhonov.path", NO_CHOICE),
     ("invert_recording", "recording.missing", NO_CHOICE),
+    ("invert_recording", "recording.times", NO_CHOICE),
+    ("invert_recording", "traction_unit", NO_CHOICE),
     ("fit_recording", "fit.choose", NO_CHOICE),
     ("simulate", "scene._target_ scene.pressures.strip._target_ skin._target_ scan._target_ "
      "method.tikhonov._target_ method.wiener.p._target_ method.tikhonov.rule._target_", NO_CLASS),
