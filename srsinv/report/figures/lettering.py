@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator
 
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
@@ -27,7 +28,7 @@ SIGN_CONVENTION = r"$\sigma_z=-p,\ \tau_{xz}=-q$"
 _FORMULAE = re.compile("(" + "|".join(map(re.escape, (*SYMBOLS.values(), SIGN_CONVENTION))) + ")")
 _DOLLAR = re.compile(r"(?<!\\)\$")
 _LONGEST_LINE = 160  # characters, as many as the figure is wide
-_LONGEST_LABEL = 60  # of a legend or an axis, which the panels make room for
+_LONGEST_LABEL = 48  # of a legend or an axis, which the panels make room for
 _NO_GLYPH = "\ufffd"
 
 
@@ -46,13 +47,17 @@ def show_as_written(figure: Figure) -> None:
 
 def _texts(artist: Artist, longest: int) -> Iterator[tuple[Text, int]]:
     """The texts within an artist, each with its longest line; ticks have theirs at drawing only."""
+    if isinstance(artist, Legend):
+        longest = _LONGEST_LABEL
+    elif isinstance(artist, Axes) and (place := artist.get_subplotspec()):
+        longest = _LONGEST_LINE // place.get_gridspec().ncols
     for child in artist.get_children():
         if isinstance(child, Text):
             yield child, longest
         elif isinstance(child, Axis):
             yield child.label, longest
         else:
-            yield from _texts(child, _LONGEST_LABEL if isinstance(child, Legend) else longest)
+            yield from _texts(child, longest)
 
 
 def _letter_ticks(axis: Axis) -> None:
