@@ -14,7 +14,7 @@ from srsinv.errors import BadInput, choice, refuse
 
 from ._even_times import check_rate
 from ._formats import read_table
-from ._guard import path_of
+from ._guard import path_of, within_memory
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import check_elements, merge, read_sidecar
@@ -69,6 +69,17 @@ def load(
     path = path_of(path, "recording.path")
     choice(f"{path.name}: recording.missing", missing, MISSING)
     choice(f"{path.name}: recording.times", times, TIMES_OF_ROWS)
+    with within_memory(path):
+        return _load(path, sidecar, missing, times, known)
+
+
+def _load(
+    path: Path,
+    sidecar: str | os.PathLike[str] | None,
+    missing: str,
+    times: str,
+    known: Mapping[str, Any],
+) -> Recording:
     table = read_table(path)
     facts = read_facts(path, table, sidecar, known)
     channels = choose_channels(table, facts)
@@ -104,7 +115,8 @@ def check_readable(settings: Mapping[str, Any]) -> None:
     state what cannot be. Columns are not looked at: not every job needs the same ones."""
     path = path_of(settings["path"], "recording.path")
     known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
-    read_facts(path, read_table(path), settings.get("sidecar"), known)
+    with within_memory(path):
+        read_facts(path, read_table(path), settings.get("sidecar"), known)
 
 
 def read_facts(

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +16,7 @@ from jaxtyping import Float
 from srsinv.errors import LARGEST, BadInput, refuse
 
 from ._formats import read_table
-from ._guard import path_of
+from ._guard import path_of, within_memory
 from ._health import (
     SHORTEST,
     Clipping,
@@ -119,6 +120,13 @@ def inspect(
     cannot be right, and for `channels` that are not there.
     """
     path = path_of(path, "recording.path")
+    with within_memory(path):
+        return _inspect(path, sidecar, known)
+
+
+def _inspect(
+    path: Path, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
+) -> Inspection:
     table = read_table(path)
     facts = read_facts(path, table, sidecar, known)
     refuse(

@@ -5,7 +5,7 @@ import os
 from srsinv.errors import refuse
 
 from ._formats import read_table
-from ._guard import path_of
+from ._guard import path_of, within_memory
 from ._table import Table, listing
 from ._units import PER_M, POSITIONS, names
 
@@ -21,11 +21,13 @@ def load_profile(
     one `height_m` (or `_mm`, `_um`). `key` is what names the path in the configuration. Raises
     `BadInput` for what cannot be read as such.
     """
-    table = read_table(path_of(path, key), key)
-    return {
-        "position_m": _column(table, "position", POSITIONS),
-        "profile_m": _column(table, "height", HEIGHTS),
-    }
+    file = path_of(path, key)
+    with within_memory(file):
+        table = read_table(file, key)
+        return {
+            "position_m": _column(table, "position", POSITIONS),
+            "profile_m": _column(table, "height", HEIGHTS),
+        }
 
 
 def _column(table: Table, what: str, known: dict[str, int]) -> list[float]:

@@ -8,12 +8,43 @@ import random
 import sys
 from pathlib import Path
 
+import h5py
+import numpy as np
+import xarray as xr
+
 from srsinv.errors import BadInput
 from srsinv.recording import load
 from srsinv.recording.inspection import inspect
-from tests.recording.files import FORMATS, write
+from tests.recording.files import COLUMNS, FORMATS, write
 
 EXTREMES = [b"\x00" * 8, b"\xff" * 8, b"\x7f" + b"\xff" * 7, b"\xff" * 7 + b"\x7f", b"\x80" * 4]
+
+
+def packed_hdf5(path: Path) -> None:
+    """In a group, in chunks, by every filter that is read, with attributes."""
+    kinds = ({"compression": "gzip"}, {"compression": "lzf"}, {"shuffle": True}, {})
+    with h5py.File(path, "w") as file:
+        for (name, values), packing in zip(COLUMNS.items(), kinds, strict=True):
+            dataset = file.create_dataset(
+                f"scan/{name}", data=values, chunks=(5,), fletcher32=True, **packing
+            )
+            dataset.attrs["units"] = "s"
+
+
+def packed_netcdf(path: Path) -> None:
+    """With a dimension without an end, scaled integers and a sidecar."""
+    time_s, *others = COLUMNS
+    table = xr.Dataset(
+        {name: (time_s, COLUMNS[name]) for name in others}, {time_s: COLUMNS[time_s]}
+    )
+    table.attrs["sidecar"] = '{"gain": 2}'
+    scaled = {"dtype": "i2", "scale_factor": 1e-9, "_FillValue": np.int16(-1), "zlib": True}
+    table.to_netcdf(
+        path, engine="h5netcdf", unlimited_dims=[time_s], encoding={"voltage_0_V": scaled}
+    )
+
+
+PACKED = {"packed hdf5": ("p.h5", packed_hdf5), "packed netcdf": ("p.nc", packed_netcdf)}
 
 
 def damaged(good: bytes, chance: random.Random) -> bytes:
@@ -42,7 +73,12 @@ def damaged(good: bytes, chance: random.Random) -> bytes:
 
 def main(format: str, folder: Path, first: int, copies: int) -> None:
     """Print a line for every copy: its seed before it is read, then what became of it."""
-    path = write(format, folder)
+    if format in PACKED:
+        name, make = PACKED[format]
+        path = folder / name
+        make(path)
+    else:
+        path = write(format, folder)
     good = path.read_bytes()
     known = {"speed_m_per_s": 0.05} if format == "wav" else {}
     for seed in range(first, first + copies):
@@ -59,5 +95,5 @@ def main(format: str, folder: Path, first: int, copies: int) -> None:
 
 if __name__ == "__main__":
     format, folder, first, copies = sys.argv[1:]
-    assert format in FORMATS
+    assert format in FORMATS | PACKED
     main(format, Path(folder), int(first), int(copies))

@@ -3,8 +3,10 @@
 import functools
 import json
 import os
+import random
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -14,10 +16,12 @@ from srsinv.recording import load, load_profile
 from srsinv.recording._guard import open_file, read_bytes
 from srsinv.recording.inspection import inspect
 from tests.recording.files import FORMATS, write
+from tests.recording.fuzz import PACKED, damaged
 from tests.recording.hostile import CASES, SLOW
 from tests.recording.test_bad_files import assert_one_sentence
 
 ROOT = Path(__file__).parents[2]
+COPIES = 25  # of a good file, damaged
 MOST_SECONDS, MOST_MB = 5.0, 500.0  # for reading a file twice, by `load` and by `inspect`
 QUICK = [case for case in CASES if case not in SLOW]
 
@@ -63,6 +67,49 @@ def test_one_sentence_soon_and_in_little_memory(folder, case):
 @pytest.mark.parametrize("case", SLOW)
 def test_large_files_too(large, case):
     check(case, results(large, *SLOW))
+
+
+# HDF5 that brings its library down or keeps it busy: seeds of damage that did so
+
+DEADLY = {"crash": ("packed hdf5", 552), "endless loop": ("packed netcdf", 62)}
+
+
+@pytest.mark.parametrize("case", DEADLY)
+def test_a_file_that_kills_its_reader(tmp_path, case):
+    """It is refused, the next file is read, and nothing is left running."""
+    format, seed = DEADLY[case]
+    name, make = PACKED[format]
+    make(tmp_path / name)
+    whole = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(damaged(whole, random.Random(seed)))
+    with pytest.raises(BadInput) as caught:
+        load(tmp_path / name)
+    assert_one_sentence(caught.value, name, "cut short")
+    (tmp_path / name).write_bytes(whole)
+    assert load(tmp_path / name).channels == ("voltage_0_V", "voltage_1_V")
+
+
+def test_a_process_that_ends_leaves_no_reader_behind(tmp_path):
+    path = write("hdf5", tmp_path)
+    told = "import os, sys; from srsinv.recording import load, _apart; load(sys.argv[1]);"
+    told += "print(_apart._SERVER._process.pid, flush=True); os._exit(0)"
+    done = subprocess.run(
+        [sys.executable, "-c", told, path], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    for _ in range(100):
+        if not is_running(int(done.stdout)):
+            return
+        time.sleep(0.05)
+    raise AssertionError("the server outlives its caller")
+
+
+def is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    state = Path(f"/proc/{process}/stat")
+    return not (state.exists() and state.read_text().rpartition(")")[2].split()[0] == "Z")
 
 
 # Paths: what is given -> words of the sentence
@@ -151,21 +198,22 @@ def test_too_little_memory_is_one_sentence(tmp_path, monkeypatch):
 # Damaged bytes, each format in a process of its own, a file beside it untouched
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", [*FORMATS, *PACKED])
 def test_damaged_files_are_read_or_refused(tmp_path, format):
     beside = tmp_path / "canary.csv"
     beside.write_text("alive")
-    done = python("tests.recording.fuzz", format, tmp_path, 0, 40)
+    done = python("tests.recording.fuzz", format, tmp_path, 0, COPIES)
     assert done.returncode == 0, done.stdout[-200:] + done.stderr[-2000:]
-    assert done.stdout.count("\n") == 40
+    assert done.stdout.count("\n") == COPIES
     assert "unprintable" not in done.stdout
     assert beside.read_text() == "alive"
-    assert {p.name for p in tmp_path.iterdir()} == {"canary.csv", FORMATS[format][0]}
+    name, _ = (FORMATS | PACKED)[format]
+    assert {path.name for path in tmp_path.iterdir()} == {"canary.csv", name}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", [*FORMATS, *PACKED])
 def test_many_damaged_files_are_read_or_refused(tmp_path, format):
-    done = python("tests.recording.fuzz", format, tmp_path, 1000, 2000, timeout_s=300.0)
+    done = python("tests.recording.fuzz", format, tmp_path, 1000, 1000, timeout_s=600.0)
     assert done.returncode == 0, done.stdout[-200:] + done.stderr[-2000:]
     assert "unprintable" not in done.stdout

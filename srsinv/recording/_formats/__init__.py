@@ -10,7 +10,8 @@ from pathlib import Path
 
 from srsinv.errors import BadInput, refuse
 
-from .._guard import DataFile, open_file, quoted, within_memory
+from .._apart import read_apart
+from .._guard import DataFile, open_file, quoted
 from .._table import Table
 from .hdf5 import read_hdf5
 from .matlab import read_matlab
@@ -32,12 +33,14 @@ READERS: dict[str, Callable[[DataFile], Table]] = {
     ".wav": read_wav,
     ".tdms": read_tdms,
 }
+# HDF5, whose library a damaged file can bring down or keep busy for ever.
+_APART = (".h5", ".hdf5", ".nc", ".mat")
 
 
 def read_table(path: Path, key: str = "recording.path") -> Table:
     """The table in `path`, by its suffix; `key` is what names the path in the configuration.
 
-    Raises `BadInput` for a file that cannot be one.
+    Raises `BadInput` for a file that cannot be one, and `MemoryError` as Python does.
     """
     name, suffix = quoted(path.name), path.suffix.lower()
     refuse(
@@ -45,7 +48,7 @@ def read_table(path: Path, key: str = "recording.path") -> Table:
         f"{name}: a recording cannot be read from suffix {path.suffix!r}: use one of "
         f"{', '.join(READERS)}.",
     )
-    with within_memory(path), open_file(path, key=key) as file:
+    with open_file(path, key=key) as file:
         table = _parsed(file, name, suffix)
     refuse(
         not table.columns and not table.unusable,
@@ -58,7 +61,7 @@ def _parsed(file: DataFile, name: str, suffix: str) -> Table:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return READERS[suffix](file)
+            return read_apart(file, READERS) if suffix in _APART else READERS[suffix](file)
     except (BadInput, MemoryError):
         raise
     # On damaged bytes a library's parser raises whatever it stumbles over.
