@@ -1,13 +1,14 @@
 """Compiled programs, let go of before they are too many."""
 
+import ctypes
 import gc
 import sys
 from pathlib import Path
 
 _MAPS = Path("/proc/self/maps")
 # A configuration compiles programs of some 60 MB in 600 memory maps, and Linux gives a process
-# 65530 maps, beyond which compiling crashes: half a gigabyte of them is kept.
-MOST_MAPS = 6_000
+# 65530 maps, beyond which compiling crashes: a quarter of a gigabyte of them is kept.
+MOST_MAPS = 4_000
 
 
 def release_programs(most_maps: int = MOST_MAPS) -> None:
@@ -21,3 +22,6 @@ def release_programs(most_maps: int = MOST_MAPS) -> None:
         return
     jax.clear_caches()
     gc.collect()
+    # What is free lies scattered among what is not, and glibc gives it back only when asked to.
+    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
+        trim(0)

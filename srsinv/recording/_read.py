@@ -93,8 +93,8 @@ def _load(
     _check_lengths(table, columns)
     check_samples(path.name, samples)
     check_times(path.name, columns[TIME])
-    for column in {SPEED, POSITION} & columns.keys():
-        check_range(path.name, column, columns[column])
+    for quantity in {SPEED, POSITION} & columns.keys():
+        check_range(path.name, quantity, columns[quantity])
     if column is not None:
         check_rate(path.name, columns[TIME], facts.get("sample_rate_hz"))
     names, signal, unit = _signal(table, facts, channels, [columns[c] for c in channels])
