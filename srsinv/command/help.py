@@ -21,7 +21,7 @@ usage
 
 _RESULTS = """\
 results
-  metrics.json, result.nc, report.html, figures/ and .hydra/ go to
+  metrics.json, result.nc, report.html, figures/, run.json and .hydra/ go to
   outputs/NAME/DATE_TIME under the current folder, or to hydra.run.dir=FOLDER;
   the last line printed is that folder.
 """
