@@ -29,8 +29,9 @@ from ..run_folder import claim
 from .folders import DONE, FAULT, REFUSED, run, sweep
 from .hydra_settings import check_hydra_settings, check_search_path
 from .interrupts import apart
-from .overrides import check, parse, refusing
+from .overrides import check
 from .programs import release_programs
+from .typed import parse, refusing
 
 _PLACES = ("hydra.run.dir", "hydra.sweep.dir")
 

@@ -8,10 +8,7 @@ to becomes one sentence in [`refusing`][].
 
 import itertools
 import math
-import os
-import re
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from difflib import get_close_matches
 from numbers import Real
 from pathlib import Path
@@ -19,86 +16,21 @@ from typing import Any, cast
 
 from hydra._internal.hydra import Hydra
 from hydra.core.object_type import ObjectType
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import (
     Override,
     QuotedString,
     RangeSweep,
     Transformer,
 )
-from hydra.errors import HydraException, OverrideParseException
 from hydra.types import RunMode
 from omegaconf import OmegaConf
-from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
-from yaml import YAMLError
 
-from ..errors import BadInput, refuse, shown
+from ..errors import BadInput, refuse
 from .help import experiments
+from .typed import refusing, text_of
 
 _ABSENT = object()
-DEEPEST = 20  # brackets within each other: Hydra's parser calls itself for each
-MOST_CHARACTERS = 100_000
 MOST_JOBS = 10_000  # of one sweep
-
-
-@contextmanager
-def refusing() -> Iterator[None]:
-    """Turn the errors of Hydra, OmegaConf and YAML raised inside into `BadInput`."""
-    try:
-        yield
-    except OverrideParseException as error:
-        raise BadInput(_unreadable(error.override)) from error
-    except MissingMandatoryValue as error:
-        key = error.full_key
-        raise BadInput(f"'{key}' has no value; give one with {key}=VALUE") from error
-    except (HydraException, OmegaConfBaseException, YAMLError) as error:
-        reason = _one_line(f"{error}\n{error.__cause__ or ''}")
-        raise BadInput(f"cannot compose the configuration: {reason}") from error
-
-
-def parse(overrides: Sequence[str], root: Path) -> list[Override]:
-    """Hydra's own reading of `overrides`, with configurations in `root`. Raises `BadInput`."""
-    for override in overrides:
-        _check_readable(override)
-        _check_word(override, root)
-    with refusing():
-        parsed = OverridesParser.create().parse_overrides(list(overrides))
-    for override in parsed:
-        refuse(not override.key_or_group, _unreadable(_text(override)))
-    return parsed
-
-
-def _check_readable(override: str) -> None:
-    """Refuse what Hydra's parser would not survive, or no file could hold."""
-    levels = itertools.accumulate((c in "([{") - (c in ")]}") for c in override)
-    deepest = max(levels, default=0)
-    refuse(
-        deepest > DEEPEST or len(override) > MOST_CHARACTERS,
-        f"{shown(override)} has {len(override)} characters in {deepest} levels of brackets: give "
-        f"at most {MOST_CHARACTERS} in {DEEPEST}, or a file of your own with --config-dir FOLDER.",
-    )
-    try:
-        readable = "\0" not in override and bool(override.encode())
-    except UnicodeEncodeError:
-        readable = False
-    refuse(
-        not readable and override != "",
-        f"{shown(override)} holds characters that are no text (UTF-8): rename what it names.",
-    )
-
-
-def _check_word(word: str, root: Path) -> None:
-    """Refuse a word that is no key=value, and say what to type where it is clear."""
-    if "=" in word or word.startswith("~"):
-        return
-    remedy = ""
-    if word in ("help", "version"):
-        remedy = f"type srsinv --{word}"
-    elif word in [each.name for each in experiments(root)]:
-        remedy = f"type srsinv experiment={word}"
-    elif Path(word).suffix and len(word) < 256 and os.path.lexists(word):
-        remedy = f"type srsinv experiment=inspect_recording recording.path={word}"
-    refuse(bool(remedy), f"'{word}' is not key=value; {remedy}")
 
 
 def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: bool) -> None:
@@ -106,7 +38,7 @@ def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: boo
     for override in overrides:
         refuse(
             override.is_sweep_override() and not multirun,
-            f"'{_text(override)}' gives several values; sweep over them with -m, "
+            f"'{text_of(override)}' gives several values; sweep over them with -m, "
             "or write a list as key=[a,b]",
         )
     jobs = math.prod(map(_count, overrides))
@@ -114,14 +46,14 @@ def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: boo
         jobs > MOST_JOBS,
         f"the sweep has {jobs:g} jobs: give values that make at most {MOST_JOBS}.",
     )
-    searchpath = [_text(o) for o in overrides if o.key_or_group == "hydra.searchpath"]
+    searchpath = [text_of(o) for o in overrides if o.key_or_group == "hydra.searchpath"]
     choices, values = [], []
     for override in overrides:
         options = _options(hydra, override.key_or_group, searchpath)
         if options and not isinstance(override.value(), dict):
             _check_choice(override, options, root)
             choices.append(_alternatives(override))
-        elif _text(override) not in searchpath:
+        elif text_of(override) not in searchpath:
             values.append(override)
     if values:
         for chosen in itertools.product(*choices):
@@ -151,12 +83,12 @@ def _check_choice(override: Override, options: list[str], root: Path) -> None:
         options = [name for name in options if name not in absent]
     refuse(
         override.is_delete(),
-        f"'{_text(override)}' would leave no {group}; choose one of {_listed(options)}",
+        f"'{text_of(override)}' would leave no {group}; choose one of {_listed(options)}",
     )
     for name in _chosen(override):
         refuse(
             name is None,
-            f"'{_text(override)}' chooses nothing; leave it out, "
+            f"'{text_of(override)}' chooses nothing; leave it out, "
             f"or choose one of {_listed(options)}",
         )
         refuse(
@@ -199,7 +131,7 @@ def _count(override: Override) -> float:
 def _alternatives(override: Override) -> list[str]:
     """The overrides that a sweep over one choice stands for; one for a plain choice."""
     if not override.is_sweep_override():
-        return [_text(override)]
+        return [text_of(override)]
     key = override.get_key_element()
     return [f"{key}={value}" for value in override.sweep_string_iterator()]
 
@@ -296,27 +228,9 @@ def _dotted(node: Any, prefix: str = "") -> Iterator[str]:
             yield from _dotted(value, f"{prefix}{name}.")
 
 
-def _text(override: Override) -> str:
-    """An override as it was typed."""
-    return cast(str, override.input_line)
-
-
 def _plain(value: Any) -> Any:
     return value.text if isinstance(value, QuotedString) else value
 
 
 def _listed(names: Iterable[object]) -> str:
     return ", ".join(str(name) for name in names) or "none"
-
-
-def _unreadable(text: str) -> str:
-    return (
-        f"cannot read '{text}' as key=value; "
-        "write one, quoting what holds spaces or brackets: 'key=\"some text\"'"
-    )
-
-
-def _one_line(text: str) -> str:
-    lines = (re.sub(r"\s+", " ", line).strip(" .") for line in text.splitlines())
-    # The types of OmegaConf's nodes say nothing to a user.
-    return "; ".join(line for line in lines if line and "_type=" not in line)

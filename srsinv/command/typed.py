@@ -1,0 +1,99 @@
+"""What was typed, read by Hydra's own parser, and its errors in one sentence each."""
+
+import itertools
+import os
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import cast
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException, OverrideParseException
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+from yaml import YAMLError
+
+from ..errors import BadInput, refuse, shown
+from .help import experiments
+
+DEEPEST = 20  # brackets within each other: Hydra's parser calls itself for each
+MOST_CHARACTERS = 100_000
+
+
+@contextmanager
+def refusing() -> Iterator[None]:
+    """Turn the errors of Hydra, OmegaConf and YAML raised inside into `BadInput`."""
+    try:
+        yield
+    except OverrideParseException as error:
+        raise BadInput(_unreadable(error.override)) from error
+    except MissingMandatoryValue as error:
+        key = error.full_key
+        raise BadInput(f"'{key}' has no value; give one with {key}=VALUE") from error
+    except (HydraException, OmegaConfBaseException, YAMLError) as error:
+        reason = _one_line(f"{error}\n{error.__cause__ or ''}")
+        raise BadInput(f"cannot compose the configuration: {reason}") from error
+
+
+def parse(overrides: Sequence[str], root: Path) -> list[Override]:
+    """Hydra's own reading of `overrides`, with configurations in `root`. Raises `BadInput`."""
+    for override in overrides:
+        _check_readable(override)
+        _check_word(override, root)
+    with refusing():
+        parsed = OverridesParser.create().parse_overrides(list(overrides))
+    for override in parsed:
+        refuse(not override.key_or_group, _unreadable(text_of(override)))
+    return parsed
+
+
+def _check_readable(override: str) -> None:
+    """Refuse what Hydra's parser would not survive, or no file could hold."""
+    levels = itertools.accumulate((c in "([{") - (c in ")]}") for c in override)
+    deepest = max(levels, default=0)
+    refuse(
+        deepest > DEEPEST or len(override) > MOST_CHARACTERS,
+        f"{shown(override)} has {len(override)} characters in {deepest} levels of brackets: give "
+        f"at most {MOST_CHARACTERS} in {DEEPEST}, or a file of your own with --config-dir FOLDER.",
+    )
+    try:
+        readable = "\0" not in override and bool(override.encode())
+    except UnicodeEncodeError:
+        readable = False
+    refuse(
+        not readable and override != "",
+        f"{shown(override)} holds characters that are no text (UTF-8): rename what it names.",
+    )
+
+
+def _check_word(word: str, root: Path) -> None:
+    """Refuse a word that is no key=value, and say what to type where it is clear."""
+    if "=" in word or word.startswith("~"):
+        return
+    remedy = ""
+    if word in ("help", "version"):
+        remedy = f"type srsinv --{word}"
+    elif word in [each.name for each in experiments(root)]:
+        remedy = f"type srsinv experiment={word}"
+    elif Path(word).suffix and len(word) < 256 and os.path.lexists(word):
+        remedy = f"type srsinv experiment=inspect_recording recording.path={word}"
+    refuse(bool(remedy), f"'{word}' is not key=value; {remedy}")
+
+
+def text_of(override: Override) -> str:
+    """An override as it was typed."""
+    return cast(str, override.input_line)
+
+
+def _unreadable(text: str) -> str:
+    return (
+        f"cannot read '{text}' as key=value; "
+        "write one, quoting what holds spaces or brackets: 'key=\"some text\"'"
+    )
+
+
+def _one_line(text: str) -> str:
+    lines = (re.sub(r"\s+", " ", line).strip(" .") for line in text.splitlines())
+    # The types of OmegaConf's nodes say nothing to a user.
+    return "; ".join(line for line in lines if line and "_type=" not in line)
