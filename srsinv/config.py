@@ -222,6 +222,11 @@ def check_early(cfg: Config) -> None:
         precision_name(cfg)
     recording = cfg.get("recording")
     if isinstance(recording, Mapping) and recording.get("path") is not None:
+        refuse(
+            set(recording) == {"path"},  # as recording=none has it
+            "recording.path names a file, and this job reads none: give one that does, such as "
+            "experiment=inspect_recording, invert_recording or fit_recording.",
+        )
         from .recording import check_readable
 
         check_readable(recording)

@@ -4,6 +4,7 @@ Unlike a process's number, a lock means the same in every container and, over NF
 """
 
 import os
+import stat
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,8 +24,13 @@ def take(path: Path) -> BinaryIO | None:
     no locks, `OSError` where the file cannot be opened.
     """
     while True:
-        file = path.open("ab")
+        # Neither a link nor a pipe that somebody has put there is followed or waited for.
+        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        file = os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0)
         try:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                file.close()
+                return None
             if not _lock(file, path):
                 file.close()
                 return None

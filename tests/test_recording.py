@@ -391,6 +391,26 @@ def test_round_trip_is_exact(tmp_path, name, channels):
     assert sorted(os.listdir(tmp_path)) == expected
 
 
+FOREIGN = {
+    "netCDF of somebody's": lambda p: xr.Dataset({"raw": ("x", [1.0])}).to_netcdf(p / "out.nc"),
+    "no netCDF": lambda p: (p / "out.nc").write_text("mine"),
+    "a folder": lambda p: (p / "out.nc").mkdir(),
+    "another's sidecar": lambda p: (p / "out.yaml").write_text("scan_start_m: 5.0"),
+}
+
+
+@pytest.mark.parametrize("make", FOREIGN.values(), ids=FOREIGN)
+def test_netcdf_replaces_only_what_was_saved(tmp_path, make):
+    save(recording(), tmp_path / "again.nc")
+    save(recording(signal_unit="mV"), tmp_path / "again.nc")
+    assert load(tmp_path / "again.nc").signal[0, 0] == SIGNAL[0, 0] / 1000
+    make(tmp_path)
+    before = {path: path.is_file() and path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(BadInput, match="choose another name, or move it away"):
+        save(recording(), tmp_path / "out.nc")
+    assert {path: path.is_file() and path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def test_netcdf_says_its_units(tmp_path):
     save(recording(signal_unit="mV"), tmp_path / "out.nc")
     with xr.open_dataset(tmp_path / "out.nc", decode_timedelta=False) as dataset:

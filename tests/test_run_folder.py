@@ -1,5 +1,6 @@
 """What a run may write over: earlier runs of srsinv, and nothing else."""
 
+import base64
 import json
 import os
 import shutil
@@ -49,8 +50,22 @@ def sentence(capsys):
 
 def older(folder):
     """Makes a run one of a version that wrote no manifest."""
-    (folder / MANIFEST).unlink()
+    without_manifest(folder)
     (folder / "notes.yaml").unlink()
+
+
+def without_manifest(folder):
+    """Takes a run's manifest away, what it is then known by aside."""
+    (folder / MANIFEST).unlink()
+    (folder / ".hydra/config.yaml").write_text("seed: 0\njob: srsinv.jobs.simulate.run\n")
+    images = [base64.b64encode(path.read_bytes()) for path in (folder / "figures").iterdir()]
+    (folder / "report.html").write_bytes(b" ".join([b"srsinv", *images]))
+
+
+def of_another_program(folder):
+    """What other programs that use Hydra leave, too."""
+    older(folder)
+    (folder / ".hydra/config.yaml").write_text("lr: 0.1\n")
 
 
 def write(name, text="mine"):
@@ -121,7 +136,9 @@ FOREIGN = {
     "manifest of another program": (write("run.json", '{"files": {}}'), "run.json"),
     "manifest that leads out": (rewritten(files={"../mine": "0" * 64}), "run.json"),
     "manifest of a deep nest": (write("run.json", "[" * 100_000), "run.json"),
-    "no manifest": (lambda folder: (folder / "run.json").unlink(), "notes.yaml"),
+    "no manifest": (without_manifest, "notes.yaml"),
+    "run of another program": (of_another_program, ".hydra/"),
+    "older run with a figure of mine": (both(older, write("figures/mine.png")), "figures/mine.png"),
     "older run with a file": (both(older, write("data.csv")), "data.csv"),
     "older run with another figure": (both(older, write("figures/a.pdf")), "figures/a.pdf"),
     "half an older run": (

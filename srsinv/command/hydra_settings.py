@@ -25,14 +25,32 @@ ALLOWED = {
 }
 
 
-def check_search_path(overrides: Sequence[Override]) -> None:
-    """Refuse a search path typed by hand: a package on it would be imported."""
+# What is refused as typed, as Hydra acts on it, or breaks, while it composes.
+NOT_TYPED = {
+    "hydra.searchpath": "add a folder of your own options with --config-dir FOLDER",
+    "hydra.job.env_set": "set variables in the shell instead",
+    "hydra.job.env_copy": "set variables in the shell instead",
+    "hydra.sweeper.params": "give the values to sweep over as -m key=a,b",
+}
+
+
+def check_typed(overrides: Sequence[Override]) -> None:
+    """Refuse settings of Hydra's that are not for srsinv, before anything is composed."""
     for override in overrides:
-        refuse(
-            override.key_or_group == "hydra.searchpath",
-            "hydra.searchpath is not for srsinv: add a folder of your own options with "
-            "--config-dir FOLDER.",
-        )
+        for key in _keys(override.key_or_group, override.value()):
+            for refused, remedy in NOT_TYPED.items():
+                refuse(
+                    key == refused or key.startswith(f"{refused}."),
+                    f"{refused} is not for srsinv: {remedy}.",
+                )
+
+
+def _keys(key: str, value: Any) -> Iterator[str]:
+    """A key and those inside its value."""
+    yield key
+    if isinstance(value, dict):
+        for name, each in value.items():
+            yield from _keys(f"{key}.{name}", each)
 
 
 def check_hydra_settings(config: DictConfig) -> None:
@@ -54,6 +72,22 @@ def check_hydra_settings(config: DictConfig) -> None:
             bool((settings.get(part) or {}).get("root")),
             f"hydra.{part} sets up loggers, and srsinv logs nothing: leave it as it is.",
         )
+    job, sweeper = settings.get("job") or {}, settings.get("sweeper") or {}
+    refuse(
+        bool(job.get("env_set") or job.get("env_copy") or sweeper.get("params")),
+        "hydra.job.env_set, env_copy and hydra.sweeper.params are not for srsinv: leave them out.",
+    )
+    batch = sweeper.get("max_batch_size")
+    refuse(
+        batch is not None and not (isinstance(batch, int) and batch >= 1),
+        f"hydra.sweeper.max_batch_size is {shown(batch)}: give a whole number from 1, or null.",
+    )
+    paths = settings.get("searchpath") or []
+    refuse(
+        not isinstance(paths, list) or not all(str(path).startswith("file://") for path in paths),
+        f"hydra.searchpath is {shown(paths)}: add a folder of your own options with --config-dir "
+        "FOLDER.",
+    )
     refuse(
         settings.get("output_subdir") is not None,
         "hydra.output_subdir is not for srsinv, which writes .hydra together with its results: "

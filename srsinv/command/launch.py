@@ -27,7 +27,7 @@ from ..config import check_early, load_job
 from ..errors import BadInput, refuse
 from ..run_folder import claim
 from .folders import DONE, FAULT, REFUSED, run, sweep
-from .hydra_settings import check_hydra_settings, check_search_path
+from .hydra_settings import check_hydra_settings, check_typed
 from .interrupts import apart
 from .overrides import check
 from .programs import release_programs
@@ -51,7 +51,7 @@ def launch(arguments: Sequence[str], root: Path) -> int:
     if flags.shell_completion:
         return _complete(root, flags.overrides)
     typed = parse(flags.overrides, root)
-    check_search_path(typed)
+    check_typed(typed)
     flags.overrides = _with_config_folder(flags)
     overrides = parse(flags.overrides, root)
     with (

@@ -31,6 +31,7 @@ from .typed import refusing, text_of
 
 _ABSENT = object()
 MOST_JOBS = 10_000  # of one sweep
+SEVERAL = ("effects", "feature", "method", "noise")  # groups of which none may be chosen
 
 
 def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: bool) -> None:
@@ -83,6 +84,10 @@ def _check_choice(override: Override, options: list[str], root: Path) -> None:
         options = [name for name in options if name not in absent]
     refuse(
         override.is_delete(),
+        f"'{text_of(override)}' would leave no {group}; choose one of {_listed(options)}",
+    )
+    refuse(
+        [] in _values(override) and group not in SEVERAL,
         f"'{text_of(override)}' would leave no {group}; choose one of {_listed(options)}",
     )
     for name in _chosen(override):

@@ -250,7 +250,7 @@ def _on_line(x, signal, facts: dict[str, Any], depth: float):
         x, signal = x[::-1], signal[:, ::-1]
     cell = (x[-1] - x[0]) / (x.size - 1)
     window = contact_window(facts, x, depth)
-    check_cells(f"contact_window_m is {window}", window.length_m, cell)
+    check_cells(f"The contact window, [{window.start_m}, {window.end_m}] m", window.length_m, cell)
     before = max(0, int(np.floor((x[0] - cell / 2 - window.start_m) / cell)))
     after = max(0, int(np.floor((window.end_m - x[-1] - cell / 2) / cell)))
     line = Open(before + x.size + after, cell, x[0] - before * cell)

@@ -15,6 +15,7 @@ from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 
 _NONE = "–"
+_LONGEST_STEM = 200  # bytes: a file's name has at most 255, with its ending
 _SHOWN_GAPS = 20
 _NOT_FACTS = ("path", "missing", "times", "cell_m", "sidecar")
 
@@ -28,7 +29,8 @@ def run(cfg: Mapping[str, Any]) -> Outcome:
     known = merge({}, known | {"sensor": cfg["sensor"]})
     found = inspect(path, sidecar=settings.get("sidecar"), **known)
     dataset = _dataset(found)
-    template = f"{Path(path).stem}.yaml"
+    stem = Path(path).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
+    template = f"{stem}.yaml"
     return Outcome(
         f"{found.name}: what the file holds",
         _metrics(found),

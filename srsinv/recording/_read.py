@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from srsinv.errors import BadInput, choice, refuse
 
@@ -226,10 +226,18 @@ def _derivative(
     """Speed [m/s] along the spline through the positions."""
     # From the first time on: far from zero the knots would lose digits.
     since_s = time_s - time_s[0]
+    steps_m = np.diff(position_m)
+    if np.ptp(position_m) <= 2 * np.spacing(np.max(np.abs(position_m))):
+        return np.zeros_like(time_s)  # at rest: what differs is rounding
     try:
         with np.errstate(all="ignore"):
             spline = make_interp_spline(since_s, position_m, min(_QUINTIC, time_s.size - 1))
-            return np.asarray(spline.derivative()(since_s))
+            speed = np.asarray(spline.derivative()(since_s))
+            goes_one_way = bool(np.all(steps_m >= 0) or np.all(steps_m <= 0))
+            if goes_one_way and np.ptp(np.sign(speed)) > 1:
+                # It swings at a start or a stop; a monotone curve turns nowhere.
+                speed = np.asarray(PchipInterpolator(since_s, position_m).derivative()(since_s))
+            return speed
     except (ValueError, np.linalg.LinAlgError) as error:
         raise BadInput(
             f"{name}: no speed can be derived from the positions at these times, as some are too "

@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from srsinv.errors import BadInput, is_number, refuse, shown
 
-from ._guard import LONGEST_NAME, MOST_COLUMNS
+from ._guard import LONGEST_NAME, MOST_COLUMNS, is_broken
 from ._units import PER_S
 
 LONGEST_TEXT = 10_000  # characters of a description
@@ -38,7 +38,7 @@ def _is_positive(value: Any) -> bool:
 
 def _is_text(value: Any, most: int = LONGEST_NAME) -> bool:
     """Printable text; a surrogate or a control character could be neither shown nor saved."""
-    return isinstance(value, str) and len(value) <= most and value.isprintable()
+    return isinstance(value, str) and len(value) <= most and not is_broken(value)
 
 
 def _is_interval(value: Any) -> bool:
@@ -48,8 +48,12 @@ def _is_interval(value: Any) -> bool:
 
 def _is_channels(value: Any) -> bool:
     if isinstance(value, list):
-        return 0 < len(value) <= MOST_COLUMNS and all(map(_is_text, value))
-    return _is_text(value)
+        return 0 < len(value) <= MOST_COLUMNS and all(map(_is_channel, value))
+    return _is_channel(value)
+
+
+def _is_channel(value: Any) -> bool:
+    return _is_text(value) and value != ""
 
 
 def _each(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
@@ -211,8 +215,14 @@ def _sentence(error: Any) -> str:
     )
     return (
         f"{key} is {shown(error['input'])} where {expected} is expected: correct it in the sidecar "
-        "or on the command line."
+        f"or on the command line ({_typed(key)}=...)."
     )
+
+
+def _typed(key: str) -> str:
+    """What a fact is called on the command line."""
+    is_part = key.partition(".")[0] in ("sensor", "skin", "feature")
+    return key if is_part else f"recording.{key}"
 
 
 def _keys_at(path: Collection[str | int]) -> list[str]:

@@ -17,6 +17,7 @@ import xarray as xr
 from srsinv import lease
 from srsinv.errors import BadInput, refuse
 
+from ._formats import read_table
 from ._recording import POSITION, SPEED, TIME, Recording
 from ._sidecar import SUFFIXES
 
@@ -25,10 +26,11 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write `recording` to NAME.csv with NAME.json beside it, or to NAME.nc, which holds both.
 
     A missing sample is an empty cell, or NaN. A signal in mV is written as such, and `load` gives
-    it in V. Each file appears whole or not at all, the sidecar first. An earlier NAME.nc is
-    replaced; NAME.csv only where NAME.json says the same, as another sidecar may be somebody's work
-    and would be read with the wrong data if this ended half-way. Raises `BadInput` for that,
-    another suffix, a sidecar that JSON cannot hold, and a place that cannot be written to.
+    it in V. Each file appears whole or not at all, the sidecar first. An earlier
+    recording in NAME.nc is replaced; NAME.csv only where NAME.json says the same, as another
+    sidecar may be somebody's work and would be read with the wrong data if this ended half-way.
+    Raises `BadInput` for that, another suffix, a sidecar that JSON cannot hold, and a place that
+    cannot be written to.
     """
     path = Path(path).expanduser()
     writer = _WRITERS.get(path.suffix.lower())
@@ -113,9 +115,34 @@ def _save_netcdf(recording: Recording, path: Path, sidecar: str) -> None:
     }
     for channel, signal in zip(recording.channels, recording.signal, strict=True):
         columns[channel] = ("sample", signal, {"units": recording.signal_unit})
+    _check_netcdf(path, f"{sidecar}\n".encode())
     dataset = xr.Dataset(columns, attrs={"sidecar": sidecar})
     with _scratch(path, bytes(dataset.to_netcdf(engine="h5netcdf"))) as scratch:
         os.replace(scratch, path)
+
+
+def _check_netcdf(path: Path, facts: bytes) -> None:
+    """Refuse to replace what `save` has not written, and to write beside another's sidecar."""
+    beside = [p for suffix in SUFFIXES if os.path.lexists(p := path.with_suffix(suffix))]
+    other = next((p for p in beside if not p.is_file() or p.read_bytes() != facts), None)
+    refuse(
+        other is not None,
+        f"{path}: there is a sidecar, {other and other.name}, which would be taken for this "
+        "recording's: choose another name, or move it away.",
+    )
+    if not os.path.lexists(path):
+        return
+    try:
+        there = read_table(path)
+        channels = there.sidecar.get("channels") or ()
+        is_saved = {*there.columns} - {TIME, SPEED, POSITION} == {*channels}
+    except BadInput:
+        is_saved = False
+    refuse(
+        not is_saved,
+        f"{path}: there is a file already that is no such recording saved before: choose another "
+        "name, or move it away.",
+    )
 
 
 def _motion(recording: Recording) -> dict[str, tuple[np.ndarray, str]]:

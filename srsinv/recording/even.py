@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from srsinv.errors import choice, mapping, number, refuse, shown
+from srsinv.errors import LARGEST, choice, mapping, number, refuse, shown
 
 from ._even_times import EvenTimes, even_times
 from ._read import MISSING, TIMES_OF_ROWS, load
-from ._recording import Recording
+from ._recording import MIN_SAMPLES, Recording
 
 STEADY = 1e-3  # how far a speed may stray from its mean and still be taken as constant
 VOLTS = ("V", "V m")  # what amplifiers give: a voltage, or its integral along x
@@ -57,12 +57,30 @@ def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
     missing = choice("recording.missing", missing, MISSING)
     times = choice("recording.times", times, TIMES_OF_ROWS)
     recording = load(path, missing=missing, times=times, **_given(facts | dict(known)))
+    _check_signal(recording)
     refuse(
         not np.any(recording.speed_m_per_s),
         f"{recording.name}: the speed is 0, so no surface passes the sensor: give "
         "recording.speed_m_per_s=... in m/s.",
     )
     return on_even_times(recording)
+
+
+def _check_signal(recording: Recording) -> None:
+    """Refuse a signal with next to no samples, or beyond what a quantity can be."""
+    present = np.isfinite(recording.signal)
+    for channel, row, there in zip(recording.channels, recording.signal, present, strict=True):
+        refuse(
+            np.sum(there) < MIN_SAMPLES,
+            f"{recording.name}: channel {channel} has {np.sum(there)} samples that are there, "
+            f"where at least {MIN_SAMPLES} are needed: leave it out of recording.channels.",
+        )
+        largest = float(np.max(np.abs(row[there])))
+        refuse(
+            largest > LARGEST,
+            f"{recording.name}: channel {channel} reaches {largest:.3g} once divided by its gain, "
+            f"beyond {LARGEST:g}: check recording.gain and recording.signal_unit.",
+        )
 
 
 def check_volts(recording: Recording) -> None:

@@ -1,5 +1,6 @@
 """What a run's folder holds: its manifest `run.json`, and what is there that no run wrote."""
 
+import base64
 import hashlib
 import json
 import os
@@ -15,8 +16,10 @@ from srsinv.errors import BadInput
 from ._names import WORKSPACE, is_workspace
 
 MANIFEST = "run.json"
-# Runs of versions that wrote no manifest: what they are known by, and what they wrote.
-_OLDER_SIGNS = (".hydra/config.yaml", "metrics.json")
+# Runs of versions that wrote no manifest: what they are known by (other programs have a .hydra and
+# metrics, too), and what they wrote.
+_OLDER_SIGNS = (".hydra/config.yaml", "metrics.json", "result.nc", "report.html")
+_OLDER_JOB = re.compile(rb"^job: (srsinv|experiments)\.", re.MULTILINE)
 _OLDER_FILES = re.compile(
     r"metrics\.json|result\.nc|report\.html|figures/[^/]+\.png"
     r"|\.hydra/(config|overrides|hydra)\.yaml"
@@ -47,10 +50,22 @@ def listed(folder: Path) -> Listing | None:
         return found
     if not all(_is_file(folder / sign) for sign in _OLDER_SIGNS) or _is_there(folder / MANIFEST):
         return None
+    page = (folder / "report.html").read_bytes()
+    if not _OLDER_JOB.search((folder / _OLDER_SIGNS[0]).read_bytes()) or b"srsinv" not in page:
+        return None
     names = (
         name for name, _ in _walk(folder, {"figures", ".hydra"}) if _OLDER_FILES.fullmatch(name)
     )
-    return {name: _sha256(folder / name) for name in names if _is_file(folder / name)}
+    return {
+        name: _sha256(folder / name)
+        for name in names
+        if _is_file(folder / name) and (not name.endswith(".png") or _shows(page, folder / name))
+    }
+
+
+def _shows(page: bytes, figure: Path) -> bool:
+    """Whether a page holds this figure; another one in its folder is somebody's own."""
+    return base64.b64encode(figure.read_bytes()) in page
 
 
 def read(folder: Path) -> Listing | None:

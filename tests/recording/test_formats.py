@@ -244,5 +244,16 @@ def test_positions_are_refused(position, words):
 def test_times_too_close_for_a_speed(tmp_path):
     time_s = np.array([0.0, 1e-16, 2e-16, 1.0, 2.0, 3.0, 4.0])
     np.savez(tmp_path / "r.npz", time_s=time_s, position_m=time_s, voltage_0_V=time_s)
-    with pytest.raises(BadInput, match=r"data row 2 comes 1e-300 s after data row 1"):
+    with pytest.raises(BadInput, match=r"no speed can be derived"):
         load(tmp_path / "r.npz")
+
+
+def test_positions_that_stand_still_or_start(tmp_path):
+    """No swing of a spline makes a motion of rest, or turns one that never goes back."""
+    time_s = np.arange(400) / 1000
+    at_rest, starting = 0.01 + 0 * time_s, 0.05 * np.maximum(time_s - 0.1, 0)
+    for position_m, fastest in ((at_rest, 0.0), (starting, 0.05)):
+        np.savez(tmp_path / "r.npz", time_s=time_s, position_m=position_m, voltage_0_V=time_s)
+        speed = load(tmp_path / "r.npz").speed_m_per_s
+        assert speed.min() >= 0
+        np.testing.assert_allclose(speed.max(), fastest, rtol=1e-9)

@@ -433,3 +433,13 @@ def test_recording_is_whole(fork, tmp_path, suffix, how, held):
         assert {each.name for each in tmp_path.iterdir()} == wanted
         last += 1
     assert 2 < last < MOST_CHANGES
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, Path.mkdir, lambda path: path.symlink_to("nowhere")])
+def test_a_lock_that_is_no_file_holds_nobody_up(tmp_path, make):
+    """In the workspace of another folder, which a run would clear if it could be locked."""
+    (tmp_path / ".other.srsinv").mkdir()
+    make(tmp_path / ".other.srsinv/lock")
+    killed.page(tmp_path / "run", 1.0)
+    assert {path for path in PAGE if (tmp_path / "run" / path).is_file()} == PAGE
+    assert not (tmp_path / "nowhere").exists()
