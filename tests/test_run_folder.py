@@ -1,6 +1,5 @@
 """What a run may write over: earlier runs of srsinv, and nothing else."""
 
-import base64
 import json
 import os
 import shutil
@@ -48,23 +47,9 @@ def sentence(capsys):
     return line
 
 
-def older(folder):
-    """Makes a run one of a version that wrote no manifest."""
-    without_manifest(folder)
-    (folder / "notes.yaml").unlink()
-
-
-def without_manifest(folder):
-    """Takes a run's manifest away, what it is then known by aside."""
-    (folder / MANIFEST).unlink()
-    (folder / ".hydra/config.yaml").write_text("seed: 0\njob: srsinv.jobs.simulate.run\n")
-    images = [base64.b64encode(path.read_bytes()) for path in (folder / "figures").iterdir()]
-    (folder / "report.html").write_bytes(b" ".join([b"srsinv", *images]))
-
-
 def of_another_program(folder):
     """What other programs that use Hydra leave, too."""
-    older(folder)
+    killed.older(folder)
     (folder / ".hydra/config.yaml").write_text("lr: 0.1\n")
 
 
@@ -136,13 +121,13 @@ FOREIGN = {
     "manifest of another program": (write("run.json", '{"files": {}}'), "run.json"),
     "manifest that leads out": (rewritten(files={"../mine": "0" * 64}), "run.json"),
     "manifest of a deep nest": (write("run.json", "[" * 100_000), "run.json"),
-    "no manifest": (without_manifest, "notes.yaml"),
+    "no manifest": (killed.without_manifest, "notes.yaml"),
     "run of another program": (of_another_program, ".hydra/"),
-    "older run with a figure of mine": (both(older, write("figures/mine.png")), "figures/mine.png"),
-    "older run with a file": (both(older, write("data.csv")), "data.csv"),
-    "older run with another figure": (both(older, write("figures/a.pdf")), "figures/a.pdf"),
+    "older run with my figure": (both(killed.older, write("figures/a.png")), "figures/a.png"),
+    "older run with a file": (both(killed.older, write("data.csv")), "data.csv"),
+    "older run with another figure": (both(killed.older, write("figures/a.pdf")), "figures/a.pdf"),
     "half an older run": (
-        both(older, lambda folder: (folder / ".hydra/config.yaml").unlink()), ".hydra/",
+        both(killed.older, lambda folder: (folder / ".hydra/config.yaml").unlink()), ".hydra/",
     ),
     "only numbers": (
         lambda folder: [shutil.rmtree(folder), write("metrics.json")(folder)], "metrics.json",
@@ -204,7 +189,7 @@ class TestForeignFiles:
 
 
 class TestEarlierRuns:
-    @pytest.mark.parametrize("make", [lambda folder: None, older])
+    @pytest.mark.parametrize("make", [lambda folder: None, killed.older])
     @pytest.mark.parametrize("place", ["by name", "by a link", "current", "around the current"])
     def test_are_replaced_as_a_whole(self, root, tmp_path, monkeypatch, make, place):
         folder = tmp_path / "run"
@@ -362,7 +347,7 @@ class TestSweeps:
         assert sweep(root, "value=1,2") == 0
         Path("sweep", MANIFEST).unlink()
         for i in range(2):
-            older(Path(f"sweep/{i}"))
+            killed.older(Path(f"sweep/{i}"))
         assert sweep(root, "value=3,4") == 0
         assert json.loads(Path("sweep/1/metrics.json").read_text()) == {"value": 4}
 
@@ -374,7 +359,9 @@ class TestSweeps:
             (write("sweep/data.csv"), "data.csv"),
             (lambda _: killed.page(Path("sweep"), 1.0), ".hydra/"),
             (
-                both(lambda _: killed.page(Path("sweep"), 1.0), lambda _: older(Path("sweep"))),
+                both(
+                    lambda _: killed.page(Path("sweep"), 1.0), lambda _: killed.older(Path("sweep"))
+                ),
                 ".hydra/",
             ),
         ],

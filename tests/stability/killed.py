@@ -1,5 +1,6 @@
 """What is run in a process of its own, and ends before its work is done."""
 
+import base64
 import contextlib
 import json
 import os
@@ -17,7 +18,7 @@ from matplotlib.figure import Figure
 from srsinv.__main__ import main
 from srsinv.recording import Recording, save
 from srsinv.report.outcome import Outcome, Section, Table
-from srsinv.run_folder import claim
+from srsinv.run_folder import MANIFEST, claim
 
 PAGE = (
     "metrics.json", "result.nc", "report.html", "figures/signal.png", "notes.yaml",
@@ -92,6 +93,20 @@ def page(folder: Path, value: float) -> None:
     files["metrics.json"] = json.dumps({"value": value}).encode()
     with claim(folder) as workspace:
         workspace.replace(files, "srsinv", 0)
+
+
+def older(folder: Path) -> None:
+    """Makes a run one of a version that wrote no manifest."""
+    without_manifest(folder)
+    (folder / "notes.yaml").unlink()
+
+
+def without_manifest(folder: Path) -> None:
+    """Takes a run's manifest away, what it is then known by aside."""
+    (folder / MANIFEST).unlink()
+    (folder / ".hydra/config.yaml").write_text("seed: 0\njob: srsinv.jobs.simulate.run\n")
+    images = [base64.b64encode(path.read_bytes()) for path in (folder / "figures").iterdir()]
+    (folder / "report.html").write_bytes(b" ".join([b"srsinv", *images]))
 
 
 def page_here(folder: Path, value: float) -> None:

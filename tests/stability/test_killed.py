@@ -79,12 +79,6 @@ def value(folder: Path) -> float | None:
     return json.loads((folder / "metrics.json").read_bytes())["value"]
 
 
-def older(folder: Path) -> None:
-    """Makes a run one of a version without manifests."""
-    (folder / MANIFEST).unlink()
-    (folder / "notes.yaml").unlink()
-
-
 def recovered(folder: Path) -> float | None:
     """The value after the next command has come by."""
     with claim(folder):
@@ -146,7 +140,7 @@ def test_every_change_on_the_disk_is_the_last(fork, tmp_path, work, before, how)
         if before != "nothing":
             killed.page(folder, 2.0)
         if before == "older run":
-            older(folder)
+            killed.older(folder)
         held = value(folder)
         codes.append(ended(fork(killed.breaking, work, folder, 3.0, last, how)))
         assert codes[-1] in (0, *{"raise": (3, 4), "exit": (9,)}[how]), last
