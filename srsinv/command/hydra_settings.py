@@ -57,7 +57,7 @@ def check_hydra_settings(config: DictConfig) -> None:
     """Refuse a composed configuration in which Hydra would make what is not in the list."""
     settings: Any = OmegaConf.to_container(config.hydra, resolve=False)
     for part, allowed in ALLOWED.items():
-        target, *inner = _targets(settings.get(part)) or (None,)
+        target, *inner = [*_targets(settings.get(part))] or [None]
         refuse(
             target not in allowed or bool(inner),
             f"hydra.{part} would make {shown(inner[0] if inner else target)}: leave it out, or "
@@ -95,17 +95,10 @@ def check_hydra_settings(config: DictConfig) -> None:
     )
 
 
-def _targets(node: Any) -> list[Any]:
+def _targets(node: Any) -> Iterator[Any]:
     """Every `_target_` in a part of a configuration, its own first."""
-
-    def inside(value: Any) -> Iterator[Any]:
-        if isinstance(value, dict):
-            if "_target_" in value:
-                yield value["_target_"]
-            for each in value.values():
-                yield from inside(each)
-        elif isinstance(value, list):
-            for each in value:
-                yield from inside(each)
-
-    return list(inside(node))
+    if isinstance(node, dict) and "_target_" in node:
+        yield node["_target_"]
+    inside = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
+    for each in inside:
+        yield from _targets(each)

@@ -52,8 +52,9 @@ def launch(arguments: Sequence[str], root: Path) -> int:
         return _complete(root, flags.overrides)
     typed = parse(flags.overrides, root)
     check_typed(typed)
-    flags.overrides = _with_config_folder(flags)
-    overrides = parse(flags.overrides, root)
+    searched = _config_folder(flags)
+    overrides = [*parse(searched, root), *typed]
+    flags.overrides = [*searched, *flags.overrides]
     with (
         refusing(),
         initialize_config_dir(str(root.resolve()), _run_name(overrides), version_base="1.3"),
@@ -194,16 +195,16 @@ def _run_name(overrides: Sequence[Override]) -> str:
     return name if isinstance(name, str) else "several"
 
 
-def _with_config_folder(flags: Namespace) -> list[str]:
-    """The overrides, with `--config-dir` as the search path that it is short for."""
+def _config_folder(flags: Namespace) -> list[str]:
+    """`--config-dir`, where it is given, as the search path that it is short for."""
     if flags.config_dir is None:
-        return flags.overrides
+        return []
     refuse(
         not os.path.isdir(flags.config_dir),  # False too for a name that no file system takes
         f"--config-dir {flags.config_dir} is not a folder; give one that holds groups of options",
     )
     path = str(Path(flags.config_dir).resolve()).replace("'", r"\'")
-    return [f"hydra.searchpath=['file://{path}']", *flags.overrides]
+    return [f"hydra.searchpath=['file://{path}']"]
 
 
 def _shows_only(flags: Namespace) -> bool:

@@ -24,6 +24,8 @@ from ._units import BARE_TIMES, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, in_volts
 _VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)})")
 # What these say of the file is in the Recording's own fields once it is read.
 _LAYOUT = ("time_unit", "channels", "signal_unit", "polarity", "gain")
+# The table that was read to see whether it can be, for the job that comes after: one at most.
+_AHEAD: dict[tuple[Any, ...] | None, Table] = {}
 _QUINTIC = 5
 MISSING = ("refuse", "allow")  # what becomes of an empty cell, the default first
 TIMES_OF_ROWS = ("use", "ignore")  # what becomes of a column of times
@@ -80,7 +82,7 @@ def _load(
     times: str,
     known: Mapping[str, Any],
 ) -> Recording:
-    table = read_table(path)
+    table = take_table(path)
     facts = read_facts(path, table, sidecar, known)
     channels = choose_channels(table, facts)
     check_elements(path.name, facts, channels)
@@ -116,7 +118,28 @@ def check_readable(settings: Mapping[str, Any]) -> None:
     path = path_of(settings["path"], "recording.path")
     known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
     with within_memory(path):
-        read_facts(path, read_table(path), settings.get("sidecar"), known)
+        table = take_table(path)
+        read_facts(path, table, settings.get("sidecar"), known)
+    _AHEAD[_state(path)] = table
+
+
+def take_table(path: Path) -> Table:
+    """The table in `path`, the one that [`check_readable`][] has read if the file is as it was.
+
+    Raises `BadInput` as `read_table` does.
+    """
+    ahead = _AHEAD.pop(_state(path), None)
+    _AHEAD.clear()  # of another file, or of this one before it changed
+    return read_table(path) if ahead is None else ahead
+
+
+def _state(path: Path) -> tuple[Any, ...] | None:
+    """What tells a file from another, and from itself once it has changed; None: not there."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return str(path), found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def read_facts(

@@ -7,6 +7,7 @@ tags, no aliases, no dates, no key twice. YAML is read by the rules of its versi
 
 import json
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -54,7 +55,8 @@ def read_sidecar(recording: Path, given: Path | None) -> dict[str, Any]:
     stand beside the recording.
     """
     if given is None:
-        beside = [path for path in map(recording.with_suffix, SUFFIXES) if _stands(path)]
+        # A link that leads nowhere counts too: it is refused, not passed over.
+        beside = [path for path in map(recording.with_suffix, SUFFIXES) if os.path.lexists(path)]
         refuse(
             len(beside) > 1,
             f"{recording.name}: there are {len(beside)} sidecars beside it, "
@@ -67,15 +69,6 @@ def read_sidecar(recording: Path, given: Path | None) -> dict[str, Any]:
         "write it as JSON or YAML.",
     )
     return _read(given)
-
-
-def _stands(path: Path) -> bool:
-    """Whether anything has this name, a dangling link included."""
-    try:
-        path.lstat()
-    except OSError:  # not there, or a name that is too long for a file
-        return False
-    return True
 
 
 def _read(path: Path) -> dict[str, Any]:

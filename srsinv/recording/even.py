@@ -1,15 +1,15 @@
 """A recording as the jobs want it: at even times, lost rows as missing samples (without jax)."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from srsinv.errors import LARGEST, choice, mapping, number, refuse, shown
+from srsinv.errors import LARGEST, choice, mapping, number, refuse
 
 from ._even_times import EvenTimes, even_times
+from ._guard import path_of
 from ._read import MISSING, TIMES_OF_ROWS, load
 from ._recording import MIN_SAMPLES, Recording
 
@@ -46,11 +46,9 @@ def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
     path, missing = facts.pop("path", None), facts.pop("missing", MISSING[0])
     times = facts.pop("times", TIMES_OF_ROWS[0])
     refuse(path is None, "No recording is named: give recording.path=FILE.")
-    for key, file in (("path", path), ("sidecar", facts.get("sidecar"))):
-        refuse(
-            file is not None and not isinstance(file, str | os.PathLike),
-            f"recording.{key} is {shown(file)}: give the name of a file.",
-        )
+    path = path_of(path, "recording.path")
+    if facts.get("sidecar") is not None:
+        facts["sidecar"] = path_of(facts["sidecar"], "recording.sidecar")
     for key, wanted in MOTION.items():
         if (given := facts.get(key)) is not None:
             number(f"recording.{key}", given, wanted)

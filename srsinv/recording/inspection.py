@@ -15,7 +15,6 @@ from jaxtyping import Float
 
 from srsinv.errors import LARGEST, BadInput, refuse
 
-from ._formats import read_table
 from ._guard import path_of, within_memory
 from ._health import (
     SHORTEST,
@@ -26,7 +25,7 @@ from ._health import (
     segment_length,
     spectrum,
 )
-from ._read import choose_channels, read_facts, stated_time_unit, time_column
+from ._read import choose_channels, read_facts, stated_time_unit, take_table, time_column
 from ._recording import SPEED
 from ._table import Table, listing
 from ._timing import Timing, timing
@@ -127,7 +126,7 @@ def inspect(
 def _inspect(
     path: Path, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
 ) -> Inspection:
-    table = read_table(path)
+    table = take_table(path)
     facts = read_facts(path, table, sidecar, known)
     refuse(
         not any(np.isfinite(table.finite(name)).any() for name in table.columns),
