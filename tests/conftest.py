@@ -28,7 +28,9 @@ install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
 
 import srsinv  # noqa: E402, F401
 from srsinv.command.programs import release_programs  # noqa: E402
+from tests.tiers import mark_single_precision  # noqa: E402
 
+pytest_plugins = ["tests.seconds"]
 MOST_MAPS = 15_000
 
 
@@ -37,3 +39,7 @@ def few_programs():
     """Lets go of what was compiled before it is too much."""
     yield
     release_programs(MOST_MAPS)
+
+
+def pytest_collection_modifyitems(items):
+    mark_single_precision(items)

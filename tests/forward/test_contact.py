@@ -58,6 +58,7 @@ def westergaard_error(n, share, shift):
     return np.linalg.norm(np.asarray(found.pressure_Pa) - exact) / np.linalg.norm(exact)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_westergaard_at_every_place_within_a_cell(share):
     sizes = {1024: 1.1e-3, 4096: 2.6e-4, 16384: 7e-5}
@@ -118,6 +119,7 @@ HARD = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("shape", "nominal"), HARD.values(), ids=HARD)
 def test_hard_profiles(shape, nominal):
     line = window(2048)
@@ -135,6 +137,7 @@ def test_a_flat_surface_is_pressed_evenly():
     np.testing.assert_array_equal(contact.gap_m, 0.0)
 
 
+@pytest.mark.full
 def test_a_quarter_of_a_million_points():
     line = window(2**18)
     height = Ridge(25e-6, 0.9e-3, 0.0012, 1e-5).height(line)
@@ -143,6 +146,7 @@ def test_a_quarter_of_a_million_points():
     assert float(contact.iterations) < 60
 
 
+@pytest.mark.full
 def test_odd_lengths_and_single_precision():
     line = window(1003)
     height = Ridge(25e-6, 0.9e-3).height(line)
@@ -224,6 +228,7 @@ def test_reverse_is_the_transpose_of_forward_also_under_vmap():
         np.testing.assert_allclose(gradient, weight @ forward(point), rtol=1e-10)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("shape", "nominal"), HARD.values(), ids=HARD)
 def test_derivatives_are_finite(shape, nominal):
     line = window(512)

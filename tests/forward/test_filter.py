@@ -301,6 +301,7 @@ def test_what_lies_beyond_the_line_is_filtered_too():
 # Gradients.
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", [Open, Periodic])
 def test_gradients(kind):
     """In time constant, cutoff, depth and speed, of numbers from the signal at constant speed, for
@@ -337,6 +338,7 @@ def test_gradients(kind):
     np.testing.assert_array_equal(np.abs(difference) < 1e-2 * largest, unmoved)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev], ids=["forward", "reverse"])
 def test_gradient_where_there_is_no_delay_yet(mode):
     """In time the signal's slope, taken negative; along the line that of the kernel."""
@@ -359,6 +361,7 @@ def test_gradient_where_there_is_no_delay_yet(mode):
 # Precision and refusals.
 
 
+@pytest.mark.full
 def test_single_precision():
     def run():
         line, r = Open(64, 1e-4, -3e-3), jnp.ones((2, 64)).at[:, 30:].set(0.0)

@@ -280,6 +280,7 @@ def test_adjoint_identity(kind):
     np.testing.assert_allclose(adjoint, ahead + back, rtol=0, atol=1e-12 * np.abs(adjoint).max())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev], ids=["forward", "reverse"])
 @pytest.mark.parametrize("kind", [Open, Periodic])
 def test_gradients_in_position_and_speed(kind, mode):
@@ -419,6 +420,7 @@ def test_refused_in_one_sentence(name):
     refused(*REFUSED[name])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("make", [on_open, on_periodic])
 def test_single_precision(make):
     p = make(480)[1]

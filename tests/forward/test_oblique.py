@@ -160,6 +160,7 @@ def test_antiplane_transfer_is_that_of_the_line_load():
 # --- the strip, and symmetry -----------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_length_takes_the_stated_factor():
     angle, k = 0.6, jnp.linspace(0, 8e3, 57)
     film = Film(DEPTH, 0.3, length_m=6e-3)
@@ -173,6 +174,7 @@ def test_length_takes_the_stated_factor():
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("angle", [0.1, 1.0, -1.5])
 def test_open_and_periodic_line_agree_on_the_length(angle):
     """Two ways to average over it: what is left falls with the cells' size, squared. A load without
@@ -232,6 +234,7 @@ def value(kind, angle):
 LINES_SHORT = {"open": Open(24, 2e-4), "periodic": Periodic(24, 2e-4)}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", LINES_SHORT)
 def test_gradient_in_the_angle(kind):
     function = partial(value, kind)
@@ -297,6 +300,7 @@ def test_coarser_circle_stands_at_the_means():
     np.testing.assert_allclose(circle.time_s, np.arange(100) / 100 * period, atol=1e-14)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("angle", [0.0, 2.1])
 def test_gradients_on_the_circle(angle):
     """In all of the ridge's parameters, also where the strip's length does not reach along xi."""
@@ -327,6 +331,7 @@ def by_all_ways(angle):
     return found, (rows[-2] - 8 * rows[-1] + 8 * rows[1] - rows[2]) / (12 * step)
 
 
+@pytest.mark.full
 def test_layers_of_one_material_are_the_half_space():
     """In and out of the plane, on both lines."""
     same = Layered([Layer(1e-3), Layer(2e-3), Layer()])
@@ -362,6 +367,7 @@ def test_shear_along_features_on_layers(k):
 # --- precision and refusals ------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_single_precision():
     def found():
         films = (Film(DEPTH, 0.4, effects=(Offset(0.4e-3),)),)

@@ -147,6 +147,7 @@ def paces_of(theta):
     return [Ripple(*theta[:3]), Standstill(*theta[3:6]), Reversal(*theta[6:9])]
 
 
+@pytest.mark.full
 def test_gradients_of_the_motion():
     """In all numbers of three paces and the speed, against differences of numpy's motion."""
     first = paced(START, LENGTH, SPEED, 700.0, paces_of(THETA))
@@ -181,6 +182,7 @@ def test_gradients_of_the_motion():
     )
 
 
+@pytest.mark.full
 def test_times_may_begin_later():
     late = jnp.asarray([0.13, 0.19, 0.3])
     whole = at_times(jnp.concatenate([jnp.zeros(1), late]), START, SPEED, [STOP, BACK])

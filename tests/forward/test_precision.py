@@ -48,6 +48,7 @@ def run(kind):
     return jax.device_get(all_of_it())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", LINES)
 def test_single_precision(kind):
     double = run(kind)

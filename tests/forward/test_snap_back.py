@@ -125,6 +125,7 @@ def test_spectrum_does_not_know_the_way():
 # Draws. The bounds are those of a fair draw at one in a thousand; the keys are fixed.
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("decay", [0.4e-3, 5e-3, 0.1])
 def test_draws_have_the_spectrum_in_the_mean(decay):
     noise = snap_back(decay)
@@ -175,6 +176,7 @@ def test_amplitudes_are_gaussian():
     assert stats.kstest(amplitudes, "norm").pvalue > 1e-3
 
 
+@pytest.mark.full
 def test_more_events_than_a_block_holds():
     """Mean power of 1300 events in a draw."""
     noise = snap_back(1e-3, rate_hz=1e4)
@@ -320,6 +322,7 @@ TOTAL, REVERSE = jax.jit(spectrum_total), jax.jit(jax.grad(spectrum_total))
 FORWARD = jax.jit(lambda values, way: jax.jvp(spectrum_total, (values,), (way,))[1])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", VALUES)
 def test_gradients_are_those_of_differences(name):
     values, at = jnp.asarray(list(VALUES.values())), list(VALUES).index(name)
@@ -329,6 +332,7 @@ def test_gradients_are_those_of_differences(name):
     assert float(REVERSE(values)[at]) * VALUES[name] == pytest.approx(expected, rel=1e-7)
 
 
+@pytest.mark.full
 def test_single_precision():
     double = np.asarray(spectrum_of(snap_back(), LINE, SCAN))
     with jax.enable_x64(False):

@@ -86,6 +86,7 @@ def test_the_leading_edge_is_the_one_met_first():
     np.testing.assert_allclose(np.asarray(onwards)[near], mu[near], atol=1e-9)
 
 
+@pytest.mark.full
 def test_a_texture_is_what_its_spectrum_says():
     """Its rms over seeds, its periodicity, and the same waves on a finer line."""
     shape = Rough(5e-6, 2e-3, 1e-4, 0.8, 3)

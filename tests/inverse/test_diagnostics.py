@@ -90,6 +90,7 @@ def test_a_plain_case_has_no_warnings():
     assert WIENER(make_case(noise_share=0.1).problem).warnings == ()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("path", ["spectral", "direct"])
 def test_draws_from_the_model_itself_are_hardly_ever_warned_of(path):
     """Traction from the prior and noise as stated: five standard deviations are no chance."""

@@ -24,6 +24,7 @@ from srsinv.inverse.feature_fit import (
 )
 from srsinv.inverse.feature_result import probabilities
 from tests.features import FEATURES
+from tests.tiers import quick
 
 SAMPLES = 300
 TIME = np.arange(SAMPLES) / 1500
@@ -100,7 +101,7 @@ def assert_found(read, truth, within):
 # Without noise, and without a word on where to look.
 
 
-@pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.parametrize("name", quick(FEATURES, "strip"))
 def test_found_where_nothing_is_said(name):
     y = simulated(name)
     found = fitter()({name: FEATURES[name]}, y, 1e-3 * rms(y))
@@ -111,6 +112,7 @@ def test_found_where_nothing_is_said(name):
 OFFSET = np.array([0.3, -0.7])  # of the slow readout, unknown to the fit
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("sign", [-1, 1])
 @pytest.mark.parametrize(("sensor", "motion"), [("two", "varying"), ("slow", "reversing")])
 def test_friction_of_either_sign_along_any_motion(sensor, motion, sign):
@@ -134,6 +136,7 @@ def test_a_constant_is_no_feature():
     np.testing.assert_allclose(found[0].fit.value["offset"], OFFSET, atol=4e-3)
 
 
+@pytest.mark.full
 def test_one_element_and_known_friction():
     known = StripFeature(friction=0.5)
     y = simulated("strip", "one", feature=known)
@@ -142,6 +145,7 @@ def test_one_element_and_known_friction():
     assert_found(found.parameters, truth, 2e-4)
 
 
+@pytest.mark.full
 def test_a_sum_of_two():
     truths = {
         "line": TRUTHS["line"] | {"position_m": -3e-3},

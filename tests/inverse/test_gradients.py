@@ -50,6 +50,7 @@ THETA = np.concatenate([np.ones(len(PARAMETERS)), np.ravel(CASE.problem.data) / 
 METHODS = ("wiener", "tikhonov_1")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", METHODS)
 def test_gradient_is_the_finite_difference(method):
     """Reverse mode in all that theta holds, forward mode along directions, under jit and vmap."""

@@ -30,6 +30,7 @@ def nearly_equal(apart_rad):
     return (Film(DEPTH_M, 0.4), Film(DEPTH_M, 0.4 + apart_rad))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("apart_rad", APART_RAD)
 @pytest.mark.parametrize("name", METHODS)
 def test_nearly_equal_elements_give_a_finite_unsure_answer(name, apart_rad):

@@ -53,6 +53,7 @@ def matrices(problem, prior):
     return [jax.vmap(f)(basis).reshape(2 * N, 2 * N) for f in (normal, normal.precondition)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("prior", ["first", "second", "spectra"])
 @pytest.mark.parametrize("name", CASES)
 def test_operator_and_preconditioner_are_symmetric_and_semidefinite(name, prior):

@@ -24,6 +24,7 @@ def again(problem: Problem, **change) -> Problem:
     return Problem(problem.line, problem.forward, **given)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("filling", [0.0, 1e30, np.nan, np.inf])
 def test_what_stands_in_a_gap_does_not_matter(name, filling):
@@ -68,6 +69,7 @@ def test_every_sample_there_is_the_whole_problem(amplifier):
     assert relative(direct(marked).value, spectral(whole).value) < 1e-9
 
 
+@pytest.mark.full
 def test_an_element_missing_altogether():
     """With friction known, two elements of which one never spoke are the other one."""
     there = np.ones((2, N), bool)

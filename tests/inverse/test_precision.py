@@ -28,6 +28,7 @@ def run(name):
     return jax.device_get(method()(make_case(**settings).problem))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", RUNS)
 def test_single_precision(name):
     double = run(name)

@@ -84,6 +84,7 @@ METHOD = {path: Wiener(Exponential(1e3, 1e-3), Exponential(1e3, 1e-3), path=path
           for path in ("spectral", "direct")}  # fmt: skip
 
 
+@pytest.mark.full
 def test_band_is_what_draws_scatter_by():
     n = 48
     problem, truth, signals = _draws(n, 2000)

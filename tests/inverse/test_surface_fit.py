@@ -16,6 +16,7 @@ from srsinv.forward.surface_feature import RidgeFeature, StepUpFeature, TapeFeat
 from srsinv.inverse.surface_fit import SurfaceFitter
 from srsinv.inverse.surface_model import Rubbed, SurfaceModel, Window
 from tests.refusals import refused
+from tests.tiers import quick
 
 EDGE, NOMINAL = 4e-5, 2e4
 WINDOW = Window(-0.009, 0.009)
@@ -77,8 +78,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(("own", "base"), CASES.values(), ids=CASES)
-def test_a_ridge_is_found_from_nothing_and_from_a_bad_start(ridges, simulated, own, base):
+@pytest.mark.parametrize("name", quick(CASES, "ridge"))
+def test_a_ridge_is_found_from_nothing_and_from_a_bad_start(ridges, simulated, name):
+    own, base = CASES[name]
     y = noisy(np.asarray(simulated(tree(own, base))), 3)
     truth = own | {"base_friction": base}
     found = ridges({"it": RidgeFeature(EDGE)}, y)
@@ -95,6 +97,7 @@ def test_a_ridge_is_found_from_nothing_and_from_a_bad_start(ridges, simulated, o
         assert abs(again.parameters[name][0] - value) < 0.05 * stderr, name
 
 
+@pytest.mark.full
 def test_the_noise_is_what_the_fit_leaves(ridges, simulated):
     signal = np.asarray(simulated(tree(RIDGE, 0.4)))
     levels = ridges({"it": RidgeFeature(EDGE)}, noisy(signal, 5)).levels
@@ -104,6 +107,7 @@ def test_the_noise_is_what_the_fit_leaves(ridges, simulated):
     assert 0.2 * 0.005 * rms < levels.sliding < 2.5 * 0.005 * rms
 
 
+@pytest.mark.full
 def test_standard_errors_are_the_bound(ridges, simulated):
     """At known white noise, against central differences of the finer simulation."""
     signal = np.asarray(simulated(tree(RIDGE, 0.4)))
@@ -149,6 +153,7 @@ def test_derivatives_of_the_signal_are_differences_in_both_modes():
         assert error < 1e-4 * np.linalg.norm(change), i
 
 
+@pytest.mark.full
 def test_sliding_back_the_leading_edge_is_the_other_one():
     model = fine(TapeFeature(EDGE), BACK)
     y = noisy(np.asarray(model(tree(TAPE, 0.35))), 7)
@@ -160,6 +165,7 @@ def test_sliding_back_the_leading_edge_is_the_other_one():
     assert found.parameters["leading_edge_friction"][1] < 0.05
 
 
+@pytest.mark.full
 def test_gain_pressure_and_height_cannot_be_told_apart(simulated):
     """Twice the pressure and the height at half the gain is the same signal."""
     y = noisy(np.asarray(simulated(tree(RIDGE, 0.4))), 11)
@@ -172,6 +178,7 @@ def test_gain_pressure_and_height_cannot_be_told_apart(simulated):
     assert abs(width - RIDGE["width_m"]) < 4 * stderr
 
 
+@pytest.mark.full
 def test_noise_alone_prefers_nothing(ridges):
     y = 1e-6 * np.random.default_rng(2).normal(size=(2, TIME.size))
     ridge, nothing = ridges({"it": RidgeFeature(EDGE)}, y), ridges({}, y)

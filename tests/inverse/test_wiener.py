@@ -101,6 +101,7 @@ def test_error_is_the_predicted_floor(name):
     assert np.mean(error**2) < 0.5 * np.mean(deviation(problem, traction) ** 2)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("noise", ["white", "sliding"])
 def test_error_is_the_predicted_floor_with_gaps(noise):
     """The open line and missing samples, each cell with its own standard error."""

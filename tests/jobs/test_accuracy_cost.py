@@ -35,18 +35,21 @@ def outcome():
     return run(configured(*SHORT))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("line", ["periodic", "open"])
 def test_float64_forward_error_falls_with_the_square_of_the_cell(outcome, line):
     errors = [outcome.metrics[f"forward_{line}_float64_{n}_error"] for n in (64, 256)]
     assert errors[1] < errors[0] / 3**2
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("line", ["periodic", "open"])
 def test_numpy_agrees_on_the_forward_model(outcome, line):
     assert outcome.metrics[f"forward_{line}_numpy_256_algebraic_error"] < 1e-10
     assert 1e-9 < outcome.metrics[f"forward_{line}_float32_256_algebraic_error"] < 1e-4
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("family", "most"),
     [
@@ -63,6 +66,7 @@ def test_ways_of_solving_agree(outcome, family, most):
     assert outcome.metrics[f"tikhonov_{line}_{way}_64_algebraic_error"] < most
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("solver", ["iterative", "scipy_cg"])
 def test_a_tighter_tolerance_is_closer(outcome, solver):
     loose, tight = (
@@ -71,12 +75,14 @@ def test_a_tighter_tolerance_is_closer(outcome, solver):
     assert tight < loose / 10
 
 
+@pytest.mark.full
 def test_every_variable_has_units_and_every_time_is_positive(outcome):
     assert all("units" in outcome.dataset[name].attrs for name in outcome.dataset.variables)
     assert np.all(outcome.dataset["time_s_steady"] > 0)
     assert np.all(outcome.dataset["fit_time_s_steady"] > 0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("family", "most"),
     [
@@ -92,6 +98,7 @@ def test_solvers_of_the_fit_meet_in_one_minimum_near_the_truth(outcome, family, 
     assert outcome.metrics[f"{key}_error_cramer_rao"] < 3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("sweep", ["starts", "batch"])
 def test_fits_are_timed_over_starts_and_together(outcome, sweep):
     key = f"fit_{sweep}_optimistix_2"

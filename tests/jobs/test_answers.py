@@ -44,6 +44,7 @@ def lost(tmp_path_factory):
     return folder / "scan.csv", int(np.sum(~there))
 
 
+@pytest.mark.full
 def test_a_feature_is_where_it_was(lost):
     path, rows = lost
     found = fit(f"recording.path={path}")
@@ -55,6 +56,7 @@ def test_a_feature_is_where_it_was(lost):
     assert rows_of(found)["lost rows"].startswith(f"{rows} at ")
 
 
+@pytest.mark.full
 def test_p_and_q_are_where_they_were(lost):
     """Within the bands of the whole recording."""
     path, rows = lost
@@ -110,6 +112,7 @@ def test_a_gain_makes_volts_of_counts(counts, stated):
     assert found["pressure_Pa"] == pytest.approx(TRUTH["pressure_Pa"], rel=0.02)
 
 
+@pytest.mark.full
 def test_positions_without_volts_are_of_a_traction_without_a_unit(counts):
     whole = invert(f"recording.path={EXAMPLE}")
     found = invert(f"recording.path={counts}", NAMED, "traction_unit=relative")
@@ -164,6 +167,7 @@ def test_a_fit_is_worth_what_its_residual_says(share):
     assert found.dataset.attrs["quality"] == worth
 
 
+@pytest.mark.full
 def test_a_failed_inversion_is_no_answer_on_any_channel(tmp_path, capsys):
     run = tmp_path / "run"
     stated = f"noise.white.rms={0.05 * TRUTH['white_noise_rms_V']}"

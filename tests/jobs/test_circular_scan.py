@@ -6,6 +6,8 @@ import pytest
 from srsinv.errors import BadInput
 from tests.jobs.run import check_page, outcome
 
+pytestmark = pytest.mark.full
+
 SHORT = (
     "experiment=circular_scan",
     "sensor=one_element",

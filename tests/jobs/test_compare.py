@@ -76,12 +76,14 @@ def recorded():
     return outcome_of(*QUICK, f"recording.path={EXAMPLE}", "recording.cell_m=0.0003")
 
 
+@pytest.mark.full
 def test_a_feature_that_is_there_predicts_what_it_did_not_see(recorded):
     assert recorded.metrics["unseen_feature_fit"] == pytest.approx(1, abs=0.25)
     assert recorded.metrics["rank_mean_feature_fit"] == 1.0
     assert recorded.metrics["converged_feature_fit"]
 
 
+@pytest.mark.full
 def test_halves_repeat_as_well_as_the_band_states(recorded):
     for component in "pq":
         stated = recorded.metrics[f"{component}_stderr_rms_Pa_feature_fit"]
@@ -89,6 +91,7 @@ def test_halves_repeat_as_well_as_the_band_states(recorded):
         assert 0.1 * stated < seen < 4 * stated
 
 
+@pytest.mark.full
 def test_a_recording_s_page_draws(recorded):
     drawn = [draw() for section in recorded.sections for draw in section.figures.values()]
     assert len(drawn) == 4

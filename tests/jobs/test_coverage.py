@@ -100,30 +100,34 @@ def test_known_friction_is_no_parameter():
     assert all(known[part] <= free[part] for part in known)
 
 
-RECORDINGS = 20
+RECORDINGS = 10
 
 
 @pytest.fixture(scope="module")
 def surface():
-    """Of the scene as it is configured."""
+    """Wider edges and a shorter window than the scene's, which take fewer cells."""
     return outcome(
         "experiment=coverage",
         "scene=ridge",
+        "scene.surfaces.ridge.edge_length_m=4e-5",
+        "coverage.window_m=[-0.009,0.009]",
         f"coverage.draws={RECORDINGS}",
     )
 
 
+@pytest.mark.full
 def test_page_is_whole(surface):
     check_page(surface)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("part", ["height_m", "width_m", "position_m", "base_friction"])
 def test_a_ridge_is_covered_too(surface, part):
-    """20 recordings: the share in a 90 % interval scatters by 7 %, an rms error by 16 %."""
+    """10 recordings: the share in a 90 % interval scatters by 10 %, an rms error by 22 %."""
     metrics = surface.metrics
     assert metrics["ridge_converged"] == RECORDINGS
     assert metrics[f"ridge_{part}_coverage_90"] >= 0.7
-    assert 0.6 < metrics[f"ridge_{part}_rmse_over_crb"] < 1.6
+    assert 0.4 < metrics[f"ridge_{part}_rmse_over_crb"] < 1.7  # 99.8 % of chi squared
     assert 1 / 1.3 < metrics[f"ridge_{part}_stderr_over_crb"] < 1.3
 
 

@@ -5,6 +5,8 @@ import pytest
 
 from tests.jobs.run import check_page, outcome
 
+pytestmark = pytest.mark.full
+
 SHORT = {
     "effects": ("grid.cells=512", "grid.refinement=2",
                 "effects=[film_angle,speed_ripple,clipping]", "effects.clipping.limit=2e-4"),

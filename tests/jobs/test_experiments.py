@@ -38,6 +38,7 @@ def outcomes():
     return {name: run(name) for name in JOBS}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "metric", "expected", "tolerance"),
     [
@@ -54,6 +55,7 @@ def test_number(outcomes, name, metric, expected, tolerance):
     assert outcomes[name].metrics[metric] == pytest.approx(expected, abs=tolerance, rel=0)
 
 
+@pytest.mark.full
 def test_pressure_is_even_and_shear_odd(outcomes):
     charge = outcomes["fig05_orientation"].dataset["charge"].values
     for load, sign in ((0, 1), (1, -1)):
@@ -61,6 +63,7 @@ def test_pressure_is_even_and_shear_odd(outcomes):
     np.testing.assert_allclose(charge[2], charge[0] + 0.4 * charge[1], atol=1e-18)
 
 
+@pytest.mark.full
 def test_filter_keeps_half_at_the_cutoff(outcomes):
     found = outcomes["fig06_spectra"]
     k = found.dataset["wavenumber"].values
@@ -70,6 +73,7 @@ def test_filter_keeps_half_at_the_cutoff(outcomes):
     assert np.all(beyond < 0.5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("component", ["p", "q"])
 @pytest.mark.parametrize("method", ["wiener", "tikhonov"])
 def test_error_grows_as_the_angle_shrinks(outcomes, method, component):
@@ -80,6 +84,7 @@ def test_error_grows_as_the_angle_shrinks(outcomes, method, component):
     assert metrics[f"error_{component}_{method}_one_element"] > 3 * error[2]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", JOBS)
 def test_page_is_whole(outcomes, name):
     check_page(outcomes[name])

@@ -63,6 +63,7 @@ def job(path, *overrides, range_m=COARSE) -> Any:
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("pitch_m", "range_m"), [(0.0201, COARSE), (0.00399, FINE)])
 @pytest.mark.parametrize(
     ("memory", "common"), [(0.1, 0.0), (5.0, 0.5), (40.0, 0.9)], ids=["white", "red", "shared"]
@@ -165,6 +166,7 @@ def test_what_is_no_pitch_does_not_pass_as_one(folder, pitch_m, level, result):
     assert result in job(path).metrics["result"]
 
 
+@pytest.mark.full
 @needs_shared
 @pytest.mark.parametrize(
     ("board", "pitch_m", "within_m"), [("Board10mm", 0.0201, 3e-4), ("Board2mm", 0.00399, 5e-5)]
@@ -186,6 +188,7 @@ def test_all_scans_of_a_real_board_agree_within_their_errors(board, pitch_m, wit
     assert 0.02 < stats.chi2.sf(chi2, value.size - 1) < 0.98
 
 
+@pytest.mark.full
 @needs_shared
 def test_a_real_board_of_4_mm_shows_a_line_near_20_mm_too():
     path = BOARDS / "Board2mm_F150_V-30mmps_0.csv"

@@ -65,6 +65,7 @@ def noise_only(tmp_path_factory):
     return path
 
 
+@pytest.mark.full
 def test_nothing_is_chosen_on_noise(noise_only):
     found = outcome(
         "experiment=fit_recording", f"recording.path={noise_only}",

@@ -8,6 +8,8 @@ from srsinv.__main__ import find_config_root
 from tests.jobs.run import check_page, outcome
 from tests.refusals import refused
 
+pytestmark = pytest.mark.full
+
 KEPT = ("none", "angle_1e12", "noise_80_above", "small_prior", "all_clipped")
 SHORT = (
     "grid.cells=64",

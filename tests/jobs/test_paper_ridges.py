@@ -105,6 +105,7 @@ def test_half_the_noise_halves_what_the_paper_needs(ridges):
         assert cooler[name] == pytest.approx(ridges.metrics[name] / 4)
 
 
+@pytest.mark.full
 def test_least_height_is_linear_in_the_noise_where_the_skin_lies_on_the_plate(limits):
     low = limits.dataset.isel(noise=slice(None, 2))
     found = slope(low["noise"], low["least_height_against_noise"])
@@ -136,6 +137,7 @@ def test_fit_tells_apart_what_a_picture_does_not(limits):
     assert m["narrowest_pair_against_noise_exponent"] == pytest.approx(0.5, abs=0.15)
 
 
+@pytest.mark.full
 def test_narrowest_pair_does_not_depend_on_the_cells(limits):
     finer = run("detection_limit", "grid.cells=8192", "detection_limit.points=3")
     for name in ("narrowest_pair_m", "least_height_m"):

@@ -34,6 +34,7 @@ def outcomes():
     return {name: run(name) for name in SHORT}
 
 
+@pytest.mark.full
 def test_the_caught_edge_stands_out(outcomes):
     found = outcomes["fig13_tape"].metrics
     assert found["antisymmetry_leading"] > 3 * found["antisymmetry_trailing"]
@@ -44,6 +45,7 @@ def test_the_caught_edge_stands_out(outcomes):
         assert noisy == pytest.approx(found[f"antisymmetry_{edge}"], rel=0.05)
 
 
+@pytest.mark.full
 def test_edges_are_alike_without_friction(outcomes):
     found = outcomes["fig13_tape"].metrics
     leading, trailing = (
@@ -52,12 +54,14 @@ def test_edges_are_alike_without_friction(outcomes):
     assert leading == pytest.approx(trailing, rel=1e-6)
 
 
+@pytest.mark.full
 def test_contact_only_pushes(outcomes):
     found = outcomes["fig13_tape"].metrics
     assert found["contact"] == "converged"
     assert 0 <= found["pressure_min_Pa"] < found["pressure_max_Pa"]
 
 
+@pytest.mark.full
 def test_tape_is_fitted(outcomes):
     found = outcomes["fig13_tape"].metrics
     assert found["fit"] == "converged"
@@ -110,12 +114,14 @@ def test_cell_averages_are_about_the_wide_cells_centres(refinement):
     np.testing.assert_allclose(found, share * np.cos(2 * np.pi * np.arange(12) / 12), atol=1e-12)
 
 
+@pytest.mark.full
 def test_textures_are_told_apart_when_pressed_fully(outcomes):
     found = outcomes["textures"].metrics
     assert found["accuracy"] > 0.8
     assert found["accuracy_light_linear_law"] < 0.5
 
 
+@pytest.mark.full
 def test_spectra_lie_in_their_bands(outcomes):
     found, ds = outcomes["textures"].metrics, outcomes["textures"].dataset
     assert found["coverage_90"] == pytest.approx(0.9, abs=0.05)
@@ -131,6 +137,7 @@ def test_spectra_lie_in_their_bands(outcomes):
         assert np.all((ratio > 0.4) & (ratio < 2.0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "rms_m"), [("ridge", 2e-6), ("cylinder", 1e-6)])
 def test_profiles_come_back(outcomes, name, rms_m):
     found = outcomes["shape_from_traction"].metrics
@@ -140,6 +147,7 @@ def test_profiles_come_back(outcomes, name, rms_m):
     assert found[f"coverage_{name}"] > 0.5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", SHORT)
 def test_page_is_whole(outcomes, name):
     check_page(outcomes[name], images=["texture_confusion"])

@@ -8,6 +8,8 @@ import pytest
 from srsinv.recording import Recording, save
 from tests.jobs.run import command
 
+pytestmark = pytest.mark.full
+
 SENSOR = {
     "depth_m": 7.5e-4,
     "feedback_resistance_ohm": 1e6,

@@ -110,6 +110,7 @@ def test_seed_decides_the_metrics(folder):
     assert untimed(metrics_json(outcome(*SMALL, "seed=1").metrics)) != written
 
 
+@pytest.mark.full
 def test_single_precision(result):
     found = outcome(*SMALL, "precision=float32", "method=wiener").dataset
     assert found["estimate"].dtype == np.float32
@@ -118,6 +119,7 @@ def test_single_precision(result):
     assert 0 < difference < 1e-2 * np.linalg.norm(expected)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("overrides", "error"),
     [

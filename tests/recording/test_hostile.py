@@ -63,7 +63,7 @@ def test_one_sentence_soon_and_in_little_memory(folder, case):
     check(case, results(folder, *QUICK))
 
 
-@pytest.mark.slow
+@pytest.mark.claim
 @pytest.mark.parametrize("case", SLOW)
 def test_large_files_too(large, case):
     check(case, results(large, *SLOW))
@@ -211,7 +211,7 @@ def test_damaged_files_are_read_or_refused(tmp_path, format):
     assert {path.name for path in tmp_path.iterdir()} == {"canary.csv", name}
 
 
-@pytest.mark.slow
+@pytest.mark.claim
 @pytest.mark.parametrize("format", [*FORMATS, *PACKED])
 def test_many_damaged_files_are_read_or_refused(tmp_path, format):
     done = python("tests.recording.fuzz", format, tmp_path, 1000, 1000, timeout_s=600.0)

@@ -97,7 +97,7 @@ def in_netcdf(path, text):
     xarray.Dataset(variables, attrs={"sidecar": text}).to_netcdf(path, engine="h5netcdf")
 
 
-@pytest.mark.parametrize("is_quick", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("is_quick", [True, pytest.param(False, marks=pytest.mark.claim)])
 @pytest.mark.parametrize("kind", ["json", "yaml", "netcdf"])
 def test_hostile_sidecars(tmp_path, kind, is_quick):
     (tmp_path / CANARY).write_text("alive")

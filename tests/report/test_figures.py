@@ -122,6 +122,7 @@ def test_page_figures_are_readable(draw, make):
     assert dataset.identical(before)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("draw", PAGE, ids=lambda draw: draw.__name__)
 def test_same_bytes_whatever_the_users_settings(draw, recording):
     figure = draw(recording)

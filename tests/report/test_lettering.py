@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -36,6 +37,7 @@ def texts(figure: Figure) -> list[Text]:
     return [each for each in figure.findobj(Text) if isinstance(each, Text) and each.get_text()]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("draw", PAGE)
 def test_every_figure_of_the_page_with_names_from_files(draw):
     dataset = synthetic.dataset(elements=3, samples=64)
@@ -43,8 +45,9 @@ def test_every_figure_of_the_page_with_names_from_files(draw):
     assert saved(draw(named))
 
 
-def inspected(name: str, unit: str, signals: int = 1) -> xarray.Dataset:
-    """A dataset as the inspection makes it, of one line and noise."""
+def inspected(names: Sequence[str], units: Sequence[str]) -> xarray.Dataset:
+    """A dataset as the inspection makes it, each signal of one line and noise."""
+    signals = len(names)
     rng, rows, bins = np.random.default_rng(0), 64, 16
     of_signal, over = ("signal",), ("signal", "row")
     values = rng.normal(size=(signals, rows))
@@ -52,7 +55,7 @@ def inspected(name: str, unit: str, signals: int = 1) -> xarray.Dataset:
         "time": ("row", np.arange(rows) / 100, {"units": "s"}),
         "value": (over, values),
         "flat": (over, values > 1.5),
-        "signal_unit": (of_signal, [unit] * signals),
+        "signal_unit": (of_signal, list(units)),
         "density": (("signal", "frequency"), np.ones((signals, bins))),
         "noise_floor": (of_signal, np.ones(signals)),
         "line_frequency": (("signal", "line"), np.full((signals, 1), 3.0)),
@@ -61,16 +64,16 @@ def inspected(name: str, unit: str, signals: int = 1) -> xarray.Dataset:
         "speed": ("row", np.ones(rows), {"units": "m/s"}),
     }
     coordinates = {
-        "signal": ("signal", [name, *map(str, range(signals - 1))]),
+        "signal": ("signal", list(names)),
         "frequency": ("frequency", np.arange(1.0, bins + 1), {"units": "Hz"}),
     }
     return xarray.Dataset(variables, coordinates)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("draw", INSPECTION)
-@pytest.mark.parametrize("name", NAMES)
-def test_figures_of_an_inspection_with_names_from_files(draw, name):
-    assert saved(draw(inspected(name, name)))
+def test_figures_of_an_inspection_with_names_from_files(draw):
+    assert saved(draw(inspected(NAMES, NAMES)))
 
 
 @pytest.mark.parametrize("name", [each for each in NAMES if len(each) < 60])
@@ -120,8 +123,9 @@ def test_names_at_ticks_and_in_legends():
     assert all(len(text.get_text()) <= 2 * 48 for text in texts(figure))  # a dollar sign as two
 
 
+@pytest.mark.full
 def test_many_signals_and_gaps_are_drawn_in_part():
-    dataset = inspected("a", "V", signals=200)
+    dataset = inspected([*map(str, range(200))], ["V"] * 200)
     starts = np.linspace(0, 0.5, 50_000)
     gaps = {"gap_start": ("gap", starts), "gap_end": ("gap", starts + 1e-6)}
     figure = figures.recorded_signals(dataset.drop_dims("gap").assign(gaps))

@@ -1,17 +1,34 @@
 """The hard cases of a test file, its GROUPS, one after the other in both precisions as `hard`; and
-at the end of a run how many there were and which came nearest to its bound."""
+at the end of a run how many there were and which came nearest to its bound.
+
+All are in `make test-all`; `make test` runs each file's first group in double precision.
+"""
+
+from pathlib import Path
 
 import pytest
 
-from tests.stability.matrix import measured, rows
+from tests.stability.matrix import PRECISIONS, measured, rows
 
 MARGIN = "margin"
+HERE = Path(__file__).parent
 
 
 def pytest_generate_tests(metafunc):
     if "hard" in metafunc.fixturenames:
         cases = rows(metafunc.module.GROUPS)
         metafunc.parametrize("hard", list(cases.values()), ids=list(cases), indirect=True)
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if HERE in item.path.parents and not _is_quick(item):
+            item.add_marker(pytest.mark.full)
+
+
+def _is_quick(item) -> bool:
+    given = item.callspec.params.get("hard") if hasattr(item, "callspec") else None
+    return given is not None and given[0] is item.module.GROUPS[0] and given[2] == PRECISIONS[0]
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ REST = (
 
 
 @needs_statm
-@pytest.mark.slow
+@pytest.mark.claim
 def test_a_hundred_configurations(tmp_path, margin):
     """Memory and memory maps stay within bounds: compiled programs are let go of."""
     every = list(itertools.product(SCENES, CELLS, REST))

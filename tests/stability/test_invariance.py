@@ -52,7 +52,7 @@ class Units(NamedTuple):
 SAME = Units("same")
 UNITS = (
     *(Units(f"{what} {f:.0e}", **{what: f})
-      for what in Units._fields[1:] for f in (SMALL, LOW, HIGH, LARGE)),
+      for what in Units._fields[1:] for f in (SMALL, LARGE)),
     Units("all small", LOW, LOW, LOW),
     Units("all large", HIGH, HIGH, HIGH),
     Units("short and stiff", SMALL, LARGE, LARGE),

@@ -86,7 +86,7 @@ def recovered(folder: Path) -> float | None:
     return value(folder)
 
 
-@pytest.mark.parametrize("kills", [6, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [6, pytest.param(40, marks=pytest.mark.claim)])
 def test_killed_at_any_moment(fork, root, tmp_path, kills):
     """Over an earlier run: that one, or the new one, is there as a whole at every moment, or is
     brought back by the next command, even one that writes elsewhere."""
@@ -121,7 +121,7 @@ def test_killed_at_any_moment(fork, root, tmp_path, kills):
 # The common ones; all others are slow.
 QUICK = {("page", "run", "exit"), ("page", "nothing", "raise"), ("page_here", "run", "exit")}
 LAST_CHANGES = [
-    pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow)
+    pytest.param(*case, marks=() if case in QUICK else pytest.mark.claim)
     for case in itertools.product(
         ("page", "page_here"), ("nothing", "run", "older run"), ("raise", "exit")
     )
@@ -200,7 +200,7 @@ def test_a_full_disk(fork, root, tmp_path, size):
         subprocess.run(["umount", str(here)], check=True)
 
 
-@pytest.mark.parametrize("kind", ["tmpfs", pytest.param("bind", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["tmpfs", pytest.param("bind", marks=pytest.mark.claim)])
 def test_a_folder_that_is_mounted(fork, tmp_path, kind):
     """It cannot be renamed, so files are moved in, whichever change is the last."""
     (tmp_path / "source").mkdir()
@@ -280,7 +280,7 @@ APART = ["unshare", "--pid", "--fork", "--kill-child"]
 ALONE = [*APART, "--user", "--map-root-user"]
 
 
-@pytest.mark.slow
+@pytest.mark.claim
 @pytest.mark.parametrize("last", ["done", "killed"])
 def test_two_process_namespaces(root, tmp_path, last):
     """What a live run has begun is left alone by another that cannot see its process."""
@@ -350,7 +350,7 @@ def test_stopped_by_a_signal(fork, root, tmp_path, number, where):
     assert where != "nothing" or list(here.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.claim
 @pytest.mark.parametrize("moment", range(12))
 def test_the_real_command_is_stopped_at_any_moment(tmp_path, moment):
     """While it imports, composes, compiles, computes or draws."""
