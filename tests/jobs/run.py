@@ -1,14 +1,37 @@
 """The command and its jobs on the project's own configurations, in this process."""
 
+import shlex
 from collections.abc import Collection
+from functools import cache
 from pathlib import Path
 
+import yaml
 from hydra import compose, initialize_config_dir
 from hydra.utils import get_method
 from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root, main
 from srsinv.report.outcome import Outcome
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def short_forms() -> dict[str, str]:
+    """What to type for a short form of every experiment, by its name in short_forms.yaml."""
+    return yaml.safe_load((ROOT / "tests" / "short_forms.yaml").read_text(encoding="utf-8"))
+
+
+def short_form(name: str) -> tuple[str, ...]:
+    """The overrides of one of them."""
+    return tuple(
+        override.replace("{root}", str(ROOT)) for override in shlex.split(short_forms()[name])
+    )
+
+
+@cache
+def short_run(name: str) -> Outcome:
+    """What the short form `name` returns: computed once in a process, for all tests of it."""
+    return outcome(*short_form(name))
 
 
 def command(folder: Path | str, *overrides: str) -> int:

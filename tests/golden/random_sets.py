@@ -1,0 +1,65 @@
+"""A hundred random sets of overrides: ten structures, of each ten sets of numbers (random.yaml)."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from srsinv.errors import BadInput
+from tests.golden import scenes
+from tests.golden.entries import Entries, entry
+from tests.golden.forms import TIME
+from tests.jobs.run import outcome
+
+FILE = Path(__file__).parent / "random.yaml"
+SEED, STRUCTURES, SETS = 16, 10, 10
+SHOWN = ("signal_noise_free", "signal", "estimate", "estimate_stderr")
+
+
+@cache
+def stored() -> dict[str, dict[str, Any]]:
+    """By name the `structure` and its `numbers`, a row to each set."""
+    return yaml.safe_load(FILE.read_text(encoding="utf-8"))
+
+
+def draw() -> None:
+    """Draw them, once and for all: the file is what counts."""
+    rng = np.random.default_rng(SEED)
+    drawn = {}
+    for i in range(STRUCTURES):
+        structure = scenes.structure(rng)
+        numbers = [scenes.numbers(rng, structure) for _ in range(SETS)]
+        drawn[f"structure_{i}"] = {"structure": structure, "numbers": numbers}
+    text = yaml.safe_dump(drawn, sort_keys=False, width=10**6)
+    FILE.write_text(f"# Drawn by random_sets.draw, numpy's default_rng({SEED}).\n{text}", "utf-8")
+
+
+def cases() -> list[str]:
+    """The structures."""
+    return list(stored())
+
+
+def entries(name: str) -> Entries:
+    """`SET.metrics.NAME`, and `SET.norm.NAME` of some variables; `SET.refused`: the sentence."""
+    one, found = stored()[name], {}
+    for i, numbers in enumerate(one["numbers"]):
+        found |= {f"{i}.{key}": each for key, each in _of(f"{one['structure']} {numbers}").items()}
+    return found
+
+
+def _of(words: str) -> Entries:
+    try:
+        result = outcome(*words.split())
+    except BadInput as refusal:
+        return {"refused": str(refusal)}
+    metrics = {
+        f"metrics.{key}": entry(each) for key, each in result.metrics.items() if TIME not in key
+    }
+    norms = {
+        f"norm.{key}": entry(np.linalg.norm(np.nan_to_num(result.dataset[key].values)))
+        for key in SHOWN
+        if key in result.dataset
+    }
+    return metrics | norms

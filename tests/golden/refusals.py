@@ -1,0 +1,114 @@
+"""The sentences of refusals: of what is typed, and of values put into a composed configuration.
+
+What is refused is data in refusals.yaml, beside the sentence that was given last. Sentences name no
+folder of the machine: the current one is {here}, the clone {root}.
+"""
+
+import contextlib
+import copy
+import io
+import os
+import shlex
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra.utils import get_method
+from omegaconf import OmegaConf
+
+from srsinv.__main__ import find_config_root, main
+from srsinv.errors import BadInput
+from tests.jobs.run import ROOT
+
+FOLDER = Path(__file__).parent
+FILE = FOLDER / "refusals.yaml"
+NOT_REFUSED = "not refused"
+PARTS = ("typed", "configured")
+
+
+def stored() -> dict[str, Any]:
+    """`jobs`: what is typed for each; `typed`: [what is typed, exit code, sentence];
+    `configured`: [job, key, value, sentence]."""
+    return yaml.safe_load(FILE.read_text(encoding="utf-8"))
+
+
+@contextlib.contextmanager
+def recordings() -> Iterator[str]:
+    """A current folder with the recordings that refusals read."""
+    before = os.getcwd()
+    with TemporaryDirectory() as folder:
+        shutil.copytree(FOLDER / "inputs", folder, dirs_exist_ok=True)
+        os.chdir(folder)
+        try:
+            yield os.path.realpath(folder)
+        finally:
+            os.chdir(before)
+
+
+def typed(words: str, here: str) -> tuple[int, str]:
+    """The exit code and the sentence of `srsinv WORDS`, as a shell would split them."""
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        code = main([*shlex.split(words), f"hydra.run.dir={here}/run"])
+    return code, _anywhere(said.getvalue().strip(), here)
+
+
+def configured(composed: dict[str, Any], key: str, value: Any, here: str) -> str:
+    """The sentence of a composed configuration whose `key` is `value`."""
+    cfg = copy.deepcopy(composed)
+    *above, last = key.split(".")
+    node = cfg
+    for name in above:
+        node = node[name]
+    node[last] = value
+    try:
+        get_method(cfg["job"])(cfg)
+    except BadInput as refusal:
+        return _anywhere(str(refusal), here)
+    return NOT_REFUSED
+
+
+def composed(overrides: str) -> dict[str, Any]:
+    """The configuration of a job, as what is typed makes it."""
+    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
+        cfg = compose("config", shlex.split(overrides))
+    found = OmegaConf.to_container(cfg, resolve=True)
+    assert isinstance(found, dict)
+    return {str(key): each for key, each in found.items()}
+
+
+def now(old: Mapping[str, Any], parts: Collection[str] = PARTS) -> dict[str, Any]:
+    """What [`stored`][] has, with the sentences that are given now in these parts."""
+    found = dict(old)
+    with recordings() as here:
+        if "typed" in parts:
+            found["typed"] = [[words, *typed(words, here)] for words, *_ in old["typed"]]
+        if "configured" in parts:
+            jobs = {name: composed(words) for name, words in old["jobs"].items()}
+            found["configured"] = [
+                [job, key, value, configured(jobs[job], key, value, here)]
+                for job, key, value, _ in old["configured"]
+            ]
+    return found
+
+
+def write(found: dict[str, Any]) -> None:
+    """Write the file, a case to a line."""
+    lines = ["# The sentence of every refusal; what stands before it is what is refused.", "jobs:"]
+    lines += [f"  {name}: {_flow(words)}" for name, words in found["jobs"].items()]
+    for part in PARTS:
+        lines += [f"{part}:", *(f"- {_flow(case)}" for case in found[part])]
+    FILE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _flow(value: Any) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True)
+    return text.removesuffix("\n...\n").rstrip("\n")
+
+
+def _anywhere(text: str, here: str) -> str:
+    return text.replace(here, "{here}").replace(str(ROOT), "{root}")
