@@ -8,7 +8,6 @@ sees that every tolerance is well above its floor.
 
 import argparse
 import json
-import math
 import os
 import subprocess
 import sys
@@ -49,19 +48,25 @@ def floor(case: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str
     return relative | {f"{name}{OF_STDERR}": each for name, each in by_error.items()}
 
 
-def measure(setting: str, patterns: Sequence[str], found: dict[str, dict[str, Any]]) -> None:
-    """Add what one setting moves to what was `found`."""
+def measure(setting: str, patterns: Sequence[str]) -> None:
+    """Add what one setting moves to the file."""
     with TemporaryDirectory() as name:
         recorded(Path(name), SETTINGS[setting], patterns)
-        for case in chosen(patterns):
-            floors = floor(case, read(file(case)), read(file(case, Path(name))))
-            largest = max((v for k, v in floors.items() if not k.endswith(OF_STDERR)), default=0)
-            found["cases"].setdefault(case, {})[setting] = _short(largest)
-            for quantity, each in floors.items():
-                found["quantities"].get(quantity, {}).pop(setting, None)
-                if each > NOTED:
-                    found["quantities"].setdefault(quantity, {})[setting] = _short(each)
-    found["quantities"] = {name: each for name, each in found["quantities"].items() if each}
+        fresh = {case: read(file(case, Path(name))) for case in chosen(patterns)}
+    found: dict[str, dict[str, Any]] = {"cases": {}, "quantities": {}}
+    if FILE.is_file():
+        found = json.loads(FILE.read_text(encoding="utf-8"))
+    quantities = found["quantities"]
+    for case, new in fresh.items():
+        floors = floor(case, read(file(case)), new)
+        largest = max((v for k, v in floors.items() if not k.endswith(OF_STDERR)), default=0.0)
+        found["cases"].setdefault(case, {})[setting] = _short(largest)
+        for quantity, each in floors.items():
+            quantities.setdefault(quantity, {}).pop(setting, None)
+            if each > NOTED:
+                quantities[quantity][setting] = _short(each)
+    found["quantities"] = {name: each for name, each in quantities.items() if each}
+    _write(found)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -70,12 +75,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("patterns", nargs="*", help="FAMILY/CASE, with wildcards; default all")
     parser.add_argument("--setting", action="append", choices=SETTINGS, help="default all")
     given: Any = parser.parse_args(argv)
-    found: dict[str, dict[str, Any]] = {"cases": {}, "quantities": {}}
-    if FILE.is_file():
-        found = json.loads(FILE.read_text(encoding="utf-8"))
     for setting in given.setting or SETTINGS:
-        measure(setting, given.patterns or ["*"], found)
-        _write(found)
+        measure(setting, given.patterns or ["*"])
 
 
 def _write(found: Mapping[str, Mapping[str, Any]]) -> None:
@@ -86,8 +87,8 @@ def _write(found: Mapping[str, Mapping[str, Any]]) -> None:
     FILE.write_text("{\n" + ",\n".join(parts) + "\n}\n", encoding="utf-8")
 
 
-def _short(value: float) -> float | str:
-    return float(f"{value:.1e}") if math.isfinite(value) else "other"
+def _short(value: float) -> float:
+    return float(f"{value:.1e}")  # infinite for what is no number
 
 
 if __name__ == "__main__":

@@ -16,13 +16,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
-from hydra import compose, initialize_config_dir
 from hydra.utils import get_method
-from omegaconf import OmegaConf
 
-from srsinv.__main__ import find_config_root, main
+from srsinv.__main__ import main
 from srsinv.errors import BadInput
-from tests.jobs.run import ROOT
+from tests.jobs.run import ROOT, composed
 
 FOLDER = Path(__file__).parent
 FILE = FOLDER / "refusals.yaml"
@@ -57,9 +55,9 @@ def typed(words: str, here: str) -> tuple[int, str]:
     return code, _anywhere(said.getvalue().strip(), here)
 
 
-def configured(composed: dict[str, Any], key: str, value: Any, here: str) -> str:
+def configured(whole: dict[str, Any], key: str, value: Any, here: str) -> str:
     """The sentence of a composed configuration whose `key` is `value`."""
-    cfg = copy.deepcopy(composed)
+    cfg = copy.deepcopy(whole)
     *above, last = key.split(".")
     node = cfg
     for name in above:
@@ -72,15 +70,6 @@ def configured(composed: dict[str, Any], key: str, value: Any, here: str) -> str
     return NOT_REFUSED
 
 
-def composed(overrides: str) -> dict[str, Any]:
-    """The configuration of a job, as what is typed makes it."""
-    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
-        cfg = compose("config", shlex.split(overrides))
-    found = OmegaConf.to_container(cfg, resolve=True)
-    assert isinstance(found, dict)
-    return {str(key): each for key, each in found.items()}
-
-
 def now(old: Mapping[str, Any], parts: Collection[str] = PARTS) -> dict[str, Any]:
     """What [`stored`][] has, with the sentences that are given now in these parts."""
     found = dict(old)
@@ -88,7 +77,7 @@ def now(old: Mapping[str, Any], parts: Collection[str] = PARTS) -> dict[str, Any
         if "typed" in parts:
             found["typed"] = [[words, *typed(words, here)] for words, *_ in old["typed"]]
         if "configured" in parts:
-            jobs = {name: composed(words) for name, words in old["jobs"].items()}
+            jobs = {name: composed(*shlex.split(words)) for name, words in old["jobs"].items()}
             found["configured"] = [
                 [job, key, value, configured(jobs[job], key, value, here)]
                 for job, key, value, _ in old["configured"]

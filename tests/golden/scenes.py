@@ -120,6 +120,7 @@ METHODS: Mapping[str, Mapping[str, Range]] = {
 GROUPS = (SCENES, SENSORS, AMPLIFIERS, LINES, NOISES, METHODS)
 GRID = "grid.cells={cells} grid.refinement=2"
 SHARE_OF_EFFECTS = 0.15
+IN_TIME = ("sampling", "speed_ripple", "load_drift")
 WHOLE = ("seed",)
 LISTED = ("fractions", "times_s")
 
@@ -128,6 +129,8 @@ def structure(rng: np.random.Generator) -> str:
     """Which parts there are: overrides in a row."""
     chosen = [_one_of(rng, list(group)) for group in GROUPS]
     effects = [name for name in EFFECTS if rng.uniform() < SHARE_OF_EFFECTS]
+    if "amplifier=integrated" in chosen:  # has no meaning along a measured motion
+        effects = [name for name in effects if name not in IN_TIME]
     grid = GRID.format(cells=_one_of(rng, [48, 63, 64]))
     precision = "precision=float32" if rng.uniform() < 0.1 else "precision=float64"
     return " ".join([*chosen, f"effects=[{','.join(effects)}]", grid, precision])

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Collection
 from functools import cache
 from pathlib import Path
+from typing import Any, cast
 
 import yaml
 from hydra import compose, initialize_config_dir
@@ -39,11 +40,17 @@ def command(folder: Path | str, *overrides: str) -> int:
     return main([*overrides, f"hydra.run.dir={folder}"])
 
 
-def outcome(*overrides: str) -> Outcome:
-    """What the configured job returns, without the command around it and without a page."""
+def composed(*overrides: str) -> dict[str, Any]:
+    """The configuration that the overrides make."""
     with initialize_config_dir(str(find_config_root()), version_base="1.3"):
         cfg = compose("config", list(overrides))
-    return get_method(cfg.job)(OmegaConf.to_container(cfg, resolve=True))
+    return cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
+
+
+def outcome(*overrides: str) -> Outcome:
+    """What the configured job returns, without the command around it and without a page."""
+    cfg = composed(*overrides)
+    return get_method(cfg["job"])(cfg)
 
 
 def check_page(found: Outcome, images: Collection[str] = ()) -> None:
