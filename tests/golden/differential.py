@@ -55,6 +55,9 @@ for name, overrides in json.load(sys.stdin).items():
 """
 
 
+BEFORE, SHOWN = 20, 60  # characters of a word
+
+
 @contextmanager
 def worktree(commit: str) -> Iterator[Path]:
     """A folder with the files of the commit."""
@@ -125,11 +128,16 @@ def show(found: Sequence[Movement], sets: Mapping[str, Sequence[str]]) -> None:
     if found:
         console.print(table)
     for name in sorted({each.name.split("/")[1] for each in found}, key=int):
-        console.print(f"{name}: {' '.join(sets[name])}", markup=False, highlight=False)
+        print(f"{name}: {' '.join(sets[name])}")
 
 
-def _words(*values: Any) -> list[str]:
-    return [f"{v:.10g}" if isinstance(v, float) else str(v)[:300] for v in values]
+def _words(old: Any, new: Any) -> list[str]:
+    """Numbers with ten digits; of long words what differs, from a little before it on."""
+    if not (isinstance(old, str) and isinstance(new, str)):
+        return [f"{each:.10g}" if isinstance(each, float) else str(each) for each in (old, new)]
+    same = [a == b for a, b in zip(old, new, strict=False)]
+    start = max([*same, False].index(False) - BEFORE, 0)
+    return [("..." if start else "") + each[start : start + SHOWN] for each in (old, new)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -73,7 +73,7 @@ def _of(cfg: dict[str, Any]) -> Entries:
         f"metrics.{key}": entry(each) for key, each in result.metrics.items() if TIME not in key
     }
     norms = {
-        f"norm.{key}": entry(np.linalg.norm(np.nan_to_num(result.dataset[key].values)))
+        f"norm.{key}": entry(result.dataset[key].values)["norm"]
         for key in SHOWN
         if key in result.dataset
     }
