@@ -1,6 +1,7 @@
 """Entries old and new held against each other, within the tolerances of tolerances.yaml."""
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -15,6 +16,7 @@ from tests.golden.entries import place
 FOLDER = Path(__file__).parent
 LEAST = 1e-4  # of an array's rms: a smaller sample is measured against so much
 MISSING = "missing"
+NUMBER = re.compile(r"\d[\d.]*(e[-+]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -24,12 +26,14 @@ class Tolerance:
     - `relative`: of the old value; of a small sample, of a part of its array's rms.
     - `of_stderr`: of the quantity's own standard error, QUANTITY_stderr, where it has one.
     - `absolute`: in its own unit.
+    - `any_digits`: numbers within its words may be others.
     - `ignore`: it is not compared at all.
     """
 
     relative: float = 1e-9
     of_stderr: float = 0.0
     absolute: float = 0.0
+    any_digits: bool = False
     ignore: bool = False
     reason: str = ""
 
@@ -115,6 +119,8 @@ def _movement(
     name: str, where: str, old: Any, new: Any, own: Tolerance, size: float, stderr: Any
 ) -> Movement:
     allowed = own.allowed(size, stderr)
+    if own.any_digits and isinstance(old, str) and isinstance(new, str):
+        old, new = (NUMBER.sub("#", each) for each in (old, new))
     if type(old) is type(new) and old == new:
         ratio = 0.0
     elif is_number(old) and is_number(new):

@@ -49,10 +49,14 @@ def floor(case: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str
 
 
 def measure(setting: str, patterns: Sequence[str]) -> None:
-    """Add what one setting moves to the file."""
+    """Record the cases under one setting, and add what it moves to the file."""
     with TemporaryDirectory() as name:
         recorded(Path(name), SETTINGS[setting], patterns)
-        fresh = {case: read(file(case, Path(name))) for case in chosen(patterns)}
+        note(setting, {case: read(file(case, Path(name))) for case in chosen(patterns)})
+
+
+def note(setting: str, fresh: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add to the file how far the entries of these cases lie from the golden ones."""
     found: dict[str, dict[str, Any]] = {"cases": {}, "quantities": {}}
     if FILE.is_file():
         found = json.loads(FILE.read_text(encoding="utf-8"))
