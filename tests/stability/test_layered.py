@@ -76,8 +76,6 @@ PLACES = (
     (30.0, ("surface", "last")),
     (1e4, ("interface", "core")),
 )
-# |k| h from which nothing of what lies below is left (`_waves`).
-HIDES = 0.75 * np.log(1 / EPS)
 
 
 def depth_m(h, film):
@@ -102,11 +100,8 @@ def cases():
                     "depth_m": depth_m(h, film),
                     "k": kh / MM,
                 }
-                # What arrives at kz has that condition; through kh a wave and kh times it pass,
-                # which are told from each other.
-                thick = np.minimum(kh * max(h), HIDES)
-                count = 128 + 2 * (1 + thick) ** 2 + 8 * kh / MM * numbers["depth_m"]
-                bounds = tuple(float(bound) for bound in count * EPS)
+                # What arrives at kz has that condition.
+                bounds = tuple((128 + 8 * kh / MM * numbers["depth_m"]) * EPS)
                 hard = "moduli 1e8 apart" if name != "like" else "waves of all lengths"
                 yield Case(f"{name}, kh {kh:g}, film {film}", hard, numbers, bounds)
 
