@@ -68,6 +68,15 @@ class LayerStack(eqx.Module):
         """What the film's layer has of `values`."""
         return jnp.sum(jnp.where(self.at_film, values, 0.0))
 
+    @property
+    def passed_on(self) -> Float[Array, ""]:
+        """About how much of a half space's stress the layers above the film pass on to it, which is
+        1 in one material: the product of min(1, G below/G above) over their interfaces."""
+        ratio = jnp.minimum(1.0, self.softness[1:] / self.softness[:-1])
+        above = np.tri(self.at_film.size, k=-1, dtype=bool) & self.at_film[None]
+        ratio = jnp.where(jnp.any(above, axis=1)[1:], ratio, 1.0)
+        return jax.lax.stop_gradient(jnp.exp(jnp.sum(jnp.log(ratio))))
+
     def surface(self, wavenumber: Float[Array, " k"]) -> "Compliance":
         """K of the surface, for wavenumbers > 0, in units of 1/(G |k|), G of the first layer."""
 

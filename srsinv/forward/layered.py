@@ -2,7 +2,7 @@
 section 11)."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -164,24 +164,27 @@ class Layered(Skin):
 
     @eqx.filter_jit
     def _strip(self, x, depth_m, width_m) -> Array:
-        half, transfer = self._added(depth_m)
+        own, half, transfer = self._added(depth_m)
         step = ends(integral_over_x(transfer, EVEN), x, depth_m, width_m)
-        return half.strip_response(x, depth_m, width_m) + step
+        return own * half.strip_response(x, depth_m, width_m) + step
 
     @eqx.filter_jit
     def _slope(self, x, depth_m, width_m) -> Array:
-        half, transfer = self._added(depth_m)
+        own, half, transfer = self._added(depth_m)
         step = ends(kernel(transfer, EVEN), x, depth_m, width_m)
-        return half.strip_slope(x, depth_m, width_m) + step / depth_m
+        return own * half.strip_slope(x, depth_m, width_m) + step / depth_m
 
     def _added(self, depth_m):
-        """A half space of the material around the film, and what the layers add to its transfer at
-        |k| depth = `KAPPA`."""
+        """A share of a half space of the material around the film, that half space, and what the
+        layers add to it at |k| depth = `KAPPA`.
+
+        Below a layer far stiffer little is left of the half space's stress, and would cancel.
+        """
         stack = LayerStack(self.layers, depth_m)
-        nu: Any = stack.film_of(stack.poisson_ratio)
-        half = HalfSpace(nu)
+        own, nu = stack.passed_on, stack.film_of(stack.poisson_ratio)
+        half = HalfSpace(cast(Any, nu))
         k = as_real(KAPPA) / depth_m
-        return half, self._transfer(k, depth_m) - half.transfer(k, depth_m)
+        return own, half, self._transfer(k, depth_m) - own * half.transfer(k, depth_m)
 
 
 class AntiplaneLayers(Antiplane):
@@ -200,19 +203,22 @@ class AntiplaneLayers(Antiplane):
     def strip_response(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "2 x"]:
-        step = ends(integral_over_x(self._added(depth_m), ACROSS), x, depth_m, width_m)
-        return AntiplaneHalfSpace().strip_response(x, depth_m, width_m) + step
+        own, transfer = self._added(depth_m)
+        step = ends(integral_over_x(transfer, ACROSS), x, depth_m, width_m)
+        return own * AntiplaneHalfSpace().strip_response(x, depth_m, width_m) + step
 
     @eqx.filter_jit
     def strip_slope(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "2 x"]:
-        step = ends(kernel(self._added(depth_m), ACROSS), x, depth_m, width_m)
-        return AntiplaneHalfSpace().strip_slope(x, depth_m, width_m) + step / depth_m
+        own, transfer = self._added(depth_m)
+        step = ends(kernel(transfer, ACROSS), x, depth_m, width_m)
+        return own * AntiplaneHalfSpace().strip_slope(x, depth_m, width_m) + step / depth_m
 
     def _added(self, depth_m):
-        k = as_real(KAPPA) / depth_m
-        return self.transfer(k, depth_m) - AntiplaneHalfSpace().transfer(k, depth_m)
+        """As that of the layers in plane."""
+        k, own = as_real(KAPPA) / depth_m, LayerStack(self.layers, depth_m).passed_on
+        return own, self.transfer(k, depth_m) - own * AntiplaneHalfSpace().transfer(k, depth_m)
 
 
 def ends(primitive, x, depth_m, width_m):

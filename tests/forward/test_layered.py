@@ -1,6 +1,7 @@
-"""Layered skins against a shared table, a dense system, closed forms and plain quadrature."""
+"""Layered skins against a shared table, a dense system, closed forms and quadrature."""
 
 import json
+from functools import cache
 
 import equinox as eqx
 import jax
@@ -11,10 +12,11 @@ import pytest
 from srsinv.forward.film import Film
 from srsinv.forward.layered import Layer, Layered
 from srsinv.forward.sensor import Sensor
-from srsinv.forward.skin import HalfSpace
+from srsinv.forward.skin import HalfSpace, half_space_stress
 from srsinv.grid import Open, Periodic
 from tests.forward.setups import largest_error
 from tests.reference import layered as dense
+from tests.reference.exact_layers_line import LayersOnLine
 from tests.refusals import refused
 from tests.shared import SHARED, needs_shared
 
@@ -43,21 +45,23 @@ def _felt(skin, k, depth):
 
 
 def felt(layers, k, depth=DEPTH):
-    """Transfer (4, 2, k) and displacement (2, 2, k) at any k, always computed on sixteen."""
+    """Transfer (4, 2, k) and displacement (2, 2, k) at any k, always computed on sixty-four."""
     k = np.asarray(k, float)
-    padded = np.concatenate([k, np.full(-len(k) % 16, 1.0)]).reshape(-1, 16)
+    padded = np.concatenate([k, np.full(-len(k) % 64, 1.0)]).reshape(-1, 64)
     parts = [_felt(skin(layers), jnp.asarray(part), jnp.asarray(depth)) for part in padded]
     return tuple(np.concatenate(one, axis=-1)[..., : len(k)] for one in zip(*parts, strict=True))
 
 
-STRIP = eqx.filter_jit(lambda skin, x, z, w: skin.strip_response(x, z, w))
-SLOPE = eqx.filter_jit(lambda skin, x, z, w: skin.strip_slope(x, z, w))
+@eqx.filter_jit
+def _under_strip(skin, x, depth, width):
+    return skin.strip_response(x, depth, width), skin.strip_slope(x, depth, width)
 
 
-def strip(function, layers, x, width, depth=DEPTH):
+def under_strip(layers, x, width, depth=DEPTH):
+    """Stress (4, 2, x) under a strip of traction and its slope, always computed on sixteen."""
     padded = np.resize(np.asarray(x, float), 16)
-    answer = function(skin(layers), jnp.asarray(padded), jnp.asarray(depth), jnp.asarray(width))
-    return np.asarray(answer)[..., : len(x)]
+    found = _under_strip(skin(layers), *(jnp.asarray(one) for one in (padded, depth, width)))
+    return tuple(np.asarray(one)[..., : len(x)] for one in found)
 
 
 @needs_shared
@@ -135,7 +139,7 @@ def test_one_material_is_the_half_space():
         layers = [(3e5, nu, 1e-4), (3e5, nu, 2e-2), (3e5, nu, None)]
         for depth in (0.6e-4, DEPTH, 0.03):
             ours = felt(layers, k, depth)[0]
-            theirs = np.asarray(half.transfer(jnp.asarray(k), jnp.asarray(depth)))
+            theirs = half_space_stress(np, k, depth, nu)
             scale = np.abs(theirs).max((0, 1))
             assert (np.abs(ours - theirs) <= 1e-10 * scale[None, None]).all()
         yields = felt(layers, k[3:])[1][1, 0].real
@@ -200,60 +204,74 @@ def test_hard_stacks_stay_finite():
         assert (cross < displacement[1, 0].real * displacement[0, 1].real).all()
 
 
-def by_quadrature(layers, x, width, slope):
-    """The inverse Fourier integral of a strip's stress by Gauss's rule on short panels."""
-    longest = 3 / (abs(x) + width)
+WIDTHS = (1e-4, 2e-3)
+PLACES = np.array([0.0, 0.4e-3, -1.1e-3, 3.7e-3, 3.8e-3, -2e-2])
+
+
+@cache
+def by_quadrature(name):
+    """The inverse Fourier integral of a strip's stress and of its slope, (width, 4, 2, x) each, by
+    Gauss's rule on panels shorter than half a wave."""
+    longest = 3 / (abs(PLACES).max() + max(WIDTHS))
     edges = [0.0, 1e-9]
     while edges[-1] < 45 / DEPTH:
         edges.append(edges[-1] + min(0.7 * edges[-1], longest))
     node, weight = np.polynomial.legendre.leggauss(16)
     half = np.diff(edges)[:, None] / 2
     k, weight = (np.array(edges[:-1])[:, None] + half * (1 + node)).ravel(), (half * weight).ravel()
-    load = 2 * np.sin(k * width / 2) / k * np.exp(1j * k * x) * (1j * k if slope else 1)
-    transfer = np.asarray(LONG(skin(layers), jnp.asarray(np.resize(k, 2**15)), jnp.asarray(DEPTH)))
-    return ((transfer[..., : k.size] * load).real * weight).sum(-1) / np.pi
-
-
-LONG = eqx.filter_jit(lambda skin, k, depth: skin.transfer(k, depth))
+    width = np.array(WIDTHS)[:, None, None]
+    load = 2 * np.sin(k * width / 2) / k * np.exp(1j * k * PLACES[:, None]) * weight / np.pi
+    transfer = felt(STACKS[name], k)[0]
+    return [np.einsum("wxk,ijk->wijx", wave, transfer).real for wave in (load, 1j * k * load)]
 
 
 @pytest.mark.parametrize("name", STACKS)
-@pytest.mark.parametrize(("function", "slope"), [(STRIP, False), (SLOPE, True)])
-def test_strip_against_quadrature(name, function, slope):
-    x = np.array([0.0, 0.4e-3, -1.1e-3, 3.7e-3, 3.8e-3, -2e-2])
-    for width in (1e-4, 2e-3):
-        ours = strip(function, STACKS[name], x, width)
-        theirs = np.stack([by_quadrature(STACKS[name], at, width, slope) for at in x], axis=-1)
-        assert largest_error(ours, theirs) < 1e-8
+def test_strip_against_quadrature(name):
+    for ours, theirs in zip(
+        zip(*(under_strip(STACKS[name], PLACES, width) for width in WIDTHS), strict=True),
+        by_quadrature(name),
+        strict=True,
+    ):
+        for one, other in zip(ours, theirs, strict=True):
+            assert largest_error(one, other) < 1e-9
+
+
+@pytest.mark.parametrize("depth", [0.75e-3, 1.5e-3], ids=["in the skin", "below it"])
+def test_strip_on_a_skin_far_stiffer_than_its_base(depth):
+    """The whole line out to 1e5 depths, against exact layers along complex wavenumbers."""
+    layers = [(7e5, 0.5, 1e-3), (7.0, 0.5, None)]
+    x = np.array([0.0, 0.4e-3, -1e-3, 3.7e-3, 3.8e-3, -1e-2, 0.1, -1.0, 10.0, 75.0])
+    exact = LayersOnLine(layers, depth, step=0.07, digits=40)
+    for ours, slope in zip(under_strip(layers, x, 1e-4, depth), (False, True), strict=True):
+        assert largest_error(ours[:3], exact.strip(x, 1e-4, slope)) < 1e-8
 
 
 @pytest.mark.parametrize("width", [0.01 * DEPTH, DEPTH, 1e3])
 def test_strip_on_one_material_is_the_half_space(width):
     end = width / 2
     x = np.array([0.0, end, end - 1e-4, -end - 2e-3, end + 0.05, -end - 3])
-    layers, half = [(3e5, 0.3, 2e-3), (3e5, 0.3, None)], HalfSpace(0.3)
-    for function in (STRIP, SLOPE):
-        theirs = function(half, jnp.asarray(x), jnp.asarray(DEPTH), jnp.asarray(width))
-        assert largest_error(strip(function, layers, x, width), np.asarray(theirs)) < 1e-10
+    half = _under_strip(HalfSpace(0.3), *(jnp.asarray(one) for one in (x, DEPTH, width)))
+    ours = under_strip([(3e5, 0.3, 2e-3), (3e5, 0.3, None)], x, width)
+    for one, other in zip(ours, half, strict=True):
+        assert largest_error(one, np.asarray(other)) < 1e-10
 
 
 def test_enormous_strip_is_uniform_traction():
     """In its middle on a rigid core; outside it nothing. On a half space the shear's far tail is
     that of the base: as if there were no layers."""
     uniform = felt(PLATE, [0.0])[0][..., 0].real
-    inside = strip(STRIP, PLATE, [0.0, 30.0], 1e3)
+    inside = under_strip(PLATE, [0.0, 30.0], 1e3)[0]
     np.testing.assert_allclose(inside, np.stack([uniform] * 2, -1), atol=1e-9)
-    np.testing.assert_allclose(strip(STRIP, PLATE, [700.0], 1e3), 0.0, atol=1e-9)
+    np.testing.assert_allclose(under_strip(PLATE, [700.0], 1e3)[0], 0.0, atol=1e-9)
     far = np.array([600.0, 900.0])
     jump = felt(ENDLESS, [1e-9])[0][0, 1, 0].imag
     expected = -jump / np.pi * np.log((far + 500) / (far - 500))
-    np.testing.assert_allclose(strip(STRIP, ENDLESS, far, 1e3)[0, 1], expected, rtol=1e-6)
+    np.testing.assert_allclose(under_strip(ENDLESS, far, 1e3)[0][0, 1], expected, rtol=1e-6)
 
 
 WEIGHTS = np.random.default_rng(1).normal(size=(4, 2, 1))
 
 
-@eqx.filter_jit
 def in_waves(args):
     """One number made of the transfer and the displacement at every k."""
     skin, k, depth = args
@@ -262,44 +280,44 @@ def in_waves(args):
     return stress + 1e6 * jnp.sum(WEIGHTS[:2] * (moved.real + moved.imag))
 
 
-@eqx.filter_jit
 def in_strip(args):
     skin, x, depth = args
     return jnp.sum(WEIGHTS * skin.strip_response(x, depth, jnp.asarray(1e-3)))
 
 
-REVERSE = eqx.filter_jit(eqx.filter_value_and_grad(in_waves))
+WAVES_IN_REVERSE = eqx.filter_jit(eqx.filter_value_and_grad(in_waves))
 
 
-def reverse(args, way):
-    gradient = jax.tree.leaves(REVERSE(args)[1])
-    return sum(jnp.sum(g * w) for g, w in zip(gradient, jax.tree.leaves(way), strict=True))
+def waves(args, way):
+    """The value, and its derivative along `way` by reverse differentiation."""
+    value, gradient = WAVES_IN_REVERSE(args)
+    pairs = zip(jax.tree.leaves(gradient), jax.tree.leaves(way), strict=True)
+    return value, sum(jnp.sum(g * w) for g, w in pairs)
 
 
 @eqx.filter_jit
-def forward(args, way):
-    return eqx.filter_jvp(in_strip, (args,), (way,))[1]
+def strip(args, way):
+    """The same by forward differentiation."""
+    return eqx.filter_jvp(in_strip, (args,), (way,))
 
 
 @pytest.mark.parametrize("depth", [0.3e-3, 2.2e-3], ids=["upper", "lower"])
 @pytest.mark.parametrize(
-    ("measure", "derive", "at"),
-    [(in_waves, reverse, [-400.0, 30.0, 800.0, 5e3]), (in_strip, forward, [1e-4, -2e-3])],
-    ids=["waves_reverse", "strip_forward"],
+    ("derived", "at"), [(waves, [-400.0, 30.0, 800.0, 5e3]), (strip, [1e-4, -2e-3])]
 )
-def test_gradient_against_differences(measure, derive, at, depth):
+def test_gradient_against_differences(derived, at, depth):
     """In every number at once, along a random direction of relative changes."""
     args = (skin(FOAM), jnp.asarray(at), jnp.asarray(depth))
     rng = np.random.default_rng(2)
     way = jax.tree.map(lambda leaf: leaf * rng.uniform(-1, 1, leaf.shape), args)
 
     def moved(step):
-        return float(measure(jax.tree.map(lambda leaf, to: leaf + step * to, args, way)))
+        return float(derived(jax.tree.map(lambda leaf, to: leaf + step * to, args, way), way)[0])
 
     step = 1e-3
     near, far = moved(step) - moved(-step), moved(2 * step) - moved(-2 * step)
     slope = (8 * near - far) / (12 * step)
-    np.testing.assert_allclose(float(derive(args, way)), slope, rtol=1e-7)
+    np.testing.assert_allclose(float(derived(args, way)[1]), slope, rtol=1e-7)
 
 
 @pytest.mark.parametrize("layers", [FOAM, PLATE], ids=["foam", "plate"])
@@ -307,7 +325,7 @@ def test_gradients_are_finite_at_the_hard_places(layers):
     """At k h of 0 to 1e4, with the film on an interface and on the core."""
     for depth in (layers[0][2], sum(h for _, _, h in layers)):
         k = jnp.asarray([-1e-4, 0.0, 2e6, 1e7])
-        value, gradient = REVERSE((skin(layers), k, jnp.asarray(depth)))
+        value, gradient = WAVES_IN_REVERSE((skin(layers), k, jnp.asarray(depth)))
         assert np.isfinite(value)
         assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient))
 
@@ -317,7 +335,7 @@ def test_single_precision():
     k, x = [0.0, 1e-3, 10.0, 300.0, 2e3, 1e5, 1e7], [0.0, 1e-3, -5e-3, 0.2]
 
     def run():
-        return felt(FOAM, np.array([*k, *[1.0] * 9]))[0], strip(STRIP, FOAM, x, 1e-3)
+        return felt(FOAM, k)[0], under_strip(FOAM, x, 1e-3)[0]
 
     double = run()
     with jax.enable_x64(False):

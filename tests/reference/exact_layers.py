@@ -15,20 +15,21 @@ import numpy as np
 DIGITS = 120  # a part as thin as k h = 1e-6 under ratios of 1e8 takes about half of them
 
 
-def solve(layers, depth, k) -> tuple[np.ndarray, np.ndarray]:
+def solve(layers, depth, k, digits=DIGITS) -> tuple[np.ndarray, np.ndarray]:
     """Stress (3, 2) at the film under unit p and q, rows sigma_x, sigma_z, tau_xz, and the
     surface's displacement (2, 2) times k times the first modulus, rows u, w.
 
-    A layer is (modulus, Poisson's ratio, thickness or None for a half space).
+    A layer is (modulus, Poisson's ratio, thickness or None for a half space). The wavenumber may be
+    complex, of positive real part: then as it continues from the real ones.
     """
     key = tuple(tuple(None if v is None else float(v) for v in layer) for layer in layers)
-    return _solved(key, float(depth), float(k))
+    return _solved(key, float(depth), complex(k), digits)
 
 
 @cache
-def _solved(layers, depth, k):
-    with mp.workdps(DIGITS):
-        k, unit = mp.mpf(k), mp.mpf(layers[0][0])
+def _solved(layers, depth, k, digits):
+    with mp.workdps(digits):
+        k, unit = mp.mpmathify(k), mp.mpf(layers[0][0])
         scaled = [
             (mp.mpf(e) / unit, mp.mpf(nu), None if h is None else k * mp.mpf(h))
             for e, nu, h in layers
@@ -44,10 +45,8 @@ def _solved(layers, depth, k):
             at += 4
         if scaled[-1][2] is not None:
             _put(rows, at, start[-2], _state(scaled[-1], scaled[-1][2])[3:])
-        top, j = mp.mpf(0), 0
-        while scaled[j][2] is not None and j < len(scaled) - 1 and k * depth > top + scaled[j][2]:
-            top, j = top + scaled[j][2], j + 1
-        film, surface = _state(scaled[j], k * mp.mpf(depth) - top), _state(scaled[0], mp.mpf(0))
+        j, below_top = _place(layers, depth)
+        film, surface = _state(scaled[j], k * below_top), _state(scaled[0], mp.mpf(0))
         stress, moved = np.zeros((3, 2), complex), np.zeros((2, 2), complex)
         for load, turn in ((0, 1), (1, -1j)):
             # sigma_z = -1, or T = -1, which is q = i.
@@ -101,12 +100,18 @@ def _across(layers, depth, k):
         right = mp.zeros(start[-1], 1)
         right[0] = -1
         constants = list(mp.lu_solve(rows, right))
-        top, j = mp.mpf(0), 0
-        while scaled[j][1] is not None and j < len(scaled) - 1 and k * depth > top + scaled[j][1]:
-            top, j = top + scaled[j][1], j + 1
-        film = state(scaled[j], k * mp.mpf(depth) - top)
+        j, below_top = _place(layers, depth)
+        film = state(scaled[j], k * below_top)
         shear, moved = _times(film, constants[start[j] : start[j + 1]])
-        return np.array([1j * float(scaled[j][0] * mp.mpf(moved)), shear])
+        return np.array([1j * complex(scaled[j][0] * mp.mpmathify(moved)), shear])
+
+
+def _place(layers, depth) -> tuple[int, mp.mpf]:
+    """The layer that holds the film, and how far below its top the film is."""
+    top, j = mp.mpf(0), 0
+    while j < len(layers) - 1 and depth > top + mp.mpf(layers[j][2]):
+        top, j = top + mp.mpf(layers[j][2]), j + 1
+    return j, depth - top
 
 
 def _state(layer, zeta) -> list:
@@ -143,5 +148,5 @@ def _put(rows, at, column, block) -> None:
 
 
 def _times(state, constants) -> list:
-    """As floats, with the sum in many digits."""
-    return [float(mp.fsum(a * b for a, b in zip(row, constants, strict=True))) for row in state]
+    """As complex numbers, with the sum in many digits."""
+    return [complex(mp.fsum(a * b for a, b in zip(row, constants, strict=True))) for row in state]
