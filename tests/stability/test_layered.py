@@ -2,11 +2,13 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from srsinv.forward.layered import Layer, Layered
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.viscoelastic import Viscoelastic
 from tests.reference import exact, exact_layers
+from tests.stability import matrix
 from tests.stability.matrix import PRECISIONS, Case, Group
 
 EPS = np.array([np.finfo(precision).eps for precision in PRECISIONS])
@@ -135,9 +137,10 @@ def relaxes(name, hard, speed, times=(1e-3, 0.1), fractions=(2.0, 0.5), k=(1.0, 
     return Case(name, hard, numbers, tuple(float(bound) for bound in 32 * EPS))
 
 
+# Values here, derivatives in test_more_derivatives.py.
+ON_A_CORE = Group("layers on a core", felt(False), felt_reference(False), tuple(cases()))
 GROUPS = (
     Group("layers on a half space", felt(True), felt_reference(True), tuple(cases())),
-    Group("layers on a core", felt(False), felt_reference(False), tuple(cases())),
     Group(
         "viscoelastic",
         relaxing,
@@ -161,3 +164,8 @@ def test_hard_case(hard):
     assert hard.slopes_finite
     assert hard.disagreement < hard.most_disagreement
     assert hard.error < hard.bound
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_layers_on_a_core(precision, margin):
+    margin(*matrix.within_bounds(ON_A_CORE, precision))
