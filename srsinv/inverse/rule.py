@@ -1,19 +1,17 @@
-"""Choosing the regularisation: generalised cross validation, discrepancy principle, evidence.
+"""Choosing the regularisation: generalised cross validation, evidence.
 
 A rule sees a method only through its scores, a batch of log10 weights (b, c) at a time. So it
 serves every method and every path alike.
 """
 
 import abc
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
-from ..errors import number
 from .prior import Score
 from .quadratic import Scorer
 
@@ -93,50 +91,3 @@ class Evidence(_Minimise):
 
     def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
         return -score.log_evidence
-
-
-class Discrepancy(Rule):
-    """Morozov's principle: the whitened residual equals `factor`^2 x the number of samples.
-
-    It needs the noise level, and moves all weights together along the box's diagonal.
-    Raises `BadInput` for a factor that is not positive.
-    """
-
-    name: ClassVar[str] = "discrepancy principle"
-    factor: float
-
-    def __init__(self, factor: Any = 1.0):
-        self.factor = float(number("rule.factor", factor, "a positive number", above=0))
-
-    def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
-        low, high = box
-        target = jnp.asarray(self.factor**2 * scorer.problem.samples, low.dtype)
-        ends = scorer(jnp.stack([low, high])).residual
-        if not bool(jnp.all(jnp.isfinite(ends))):
-            return Choice(high, "the residual is not finite at the ends of the weights' range")
-        if not ends[0] < target < ends[1]:
-            below = bool(ends[0] >= target)
-            side = "below" if below else "above"
-            result = f"no weight reaches the target: the stated noise is {side} every residual"
-            return Choice(low if below else high, result)
-        share, fine = _bisect(scorer, low, high, target)
-        result = "converged" if bool(fine) else "the bisection did not converge"
-        return Choice(low + share * (high - low), result)
-
-
-def _log_excess(share, args):
-    scorer, low, high, target = args
-    return jnp.log(scorer((low + share * (high - low))[None]).residual[0] / target)
-
-
-@eqx.filter_jit
-def _bisect(scorer: Scorer, low, high, target):
-    solution = optx.root_find(
-        _log_excess,
-        optx.Bisection(rtol=1e-4, atol=1e-4),
-        jnp.full_like(target, 0.5),
-        args=(scorer, low, high, target),
-        options={"lower": 0.0, "upper": 1.0},
-        throw=False,
-    )
-    return solution.value, solution.result == optx.RESULTS.successful

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.rule import Discrepancy, GeneralisedCrossValidation
+from srsinv.inverse.rule import GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Flat, Normalised, Wiener
 from tests.inverse.cases import N, gaps, make_case, make_line, make_operator
@@ -86,9 +86,6 @@ REFUSED = {
     "length_minus": (lambda: Tikhonov(length_m=-1e-3), "length_m", "-0.001", "positive"),
     "tolerance_zero": (lambda: Tikhonov(tolerance=0.0), "tolerance", "0.0", "positive"),
     "tolerance_minus": (lambda: Wiener(tolerance=-1.0), "tolerance", "-1.0", "positive"),
-    "factor_zero": (lambda: Discrepancy(0.0), "factor", "0.0", "positive"),
-    "factor_minus": (lambda: Discrepancy(-1.0), "factor", "-1.0", "positive"),
-    "factor_nan": (lambda: Discrepancy(math.nan), "factor", "nan", "positive"),
     "scale": (lambda: Wiener(scale="likely"), "scale", "'likely'", "evidence"),
     "rms_zero": (lambda: Exponential(0.0), "rms_Pa", "0.0", "positive"),
     "rms_nan": (lambda: Flat(math.nan), "rms_Pa", "nan", "positive"),
@@ -108,4 +105,3 @@ def test_what_is_right_is_taken():
     problem(friction=0.0)
     problem(data=np.where(gaps(), DATA, math.nan), observed=gaps())
     Tikhonov(weight_p=1e-30, rule=GeneralisedCrossValidation())
-    Discrepancy(1e-3)

@@ -7,7 +7,7 @@ import pytest
 
 from srsinv.forward.film import Film
 from srsinv.inverse import diagnostics
-from srsinv.inverse.rule import Discrepancy
+from srsinv.inverse.rule import Evidence
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import DEPTH_M, gaps, make_case
@@ -23,6 +23,14 @@ def louder(problem, factor):
     return eqx.tree_at(lambda p: p.noise, problem, problem.noise * factor**2)
 
 
+def noise_alone(problem):
+    """The problem with nothing but noise of the stated level in its data."""
+    rms = np.sqrt(float(problem.noise[1]))
+    return eqx.tree_at(
+        lambda p: p.data, problem, rms * np.random.default_rng(8).normal(size=problem.data.shape)
+    )
+
+
 # Warning by its first words: a method, and a problem that calls for it and nothing else.
 CALLED = {
     "The signal tells": (WIENER, lambda: louder(make_case().problem, 1e5)),
@@ -31,8 +39,8 @@ CALLED = {
     "The residual is": (WIENER, lambda: louder(make_case().problem, 0.3)),
     "The noise (": (WIENER, lambda: louder(make_case().problem, 1e-15)),
     "The band takes the weights": (
-        Tikhonov(1, rule=Discrepancy()),
-        lambda: louder(make_case().problem, 1e5),
+        Tikhonov(1, rule=Evidence()),
+        lambda: noise_alone(make_case().problem),
     ),
 }
 

@@ -7,13 +7,13 @@ from srsinv.errors import BadInput
 from srsinv.forward.film import Film
 from srsinv.grid import Convolution
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.rule import Discrepancy, Evidence, GeneralisedCrossValidation
+from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import DEPTH_M, SLOW, deviation, make_case, relative
 
 P, Q = Exponential(1.5e3, 0.8e-3), Exponential(5e2, 1.5e-3)
-RULES = (GeneralisedCrossValidation(), Discrepancy(), Evidence())
+RULES = (GeneralisedCrossValidation(), Evidence())
 METHODS = {
     "wiener": Wiener(P, Q),
     "wiener_direct": Wiener(P, Q, path="direct"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srsinv.inverse.rule import Discrepancy, GeneralisedCrossValidation
+from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import SLOW, make_case, relative
@@ -135,7 +135,7 @@ def test_one_known_mean_does_not_leak_into_the_other():
     np.testing.assert_allclose(means(TIKHONOV(problem).value), means(truth), rtol=0.02)
 
 
-@pytest.mark.parametrize("rule", [GeneralisedCrossValidation(), Discrepancy()])
+@pytest.mark.parametrize("rule", [GeneralisedCrossValidation(), Evidence()])
 def test_rules_do_not_see_the_signal_of_a_known_mean(rule):
     settings = {"films": "one", "friction": 0.3, "amplifier": SLOW, "background_Pa": 1e3}
     truth = make_case(**settings).truth

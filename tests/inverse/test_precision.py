@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from srsinv.inverse.rule import Discrepancy
+from srsinv.inverse.rule import GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import gaps, make_case, relative
@@ -18,7 +18,8 @@ RUNS = {
         OPEN,
         1e-2,
     ),
-    "direct_discrepancy": (lambda: Tikhonov(1, rule=Discrepancy(1.1)), OPEN, 1e-2),
+    "direct_open": (lambda: Tikhonov(1, 2e-4, 8e-4), OPEN, 1e-2),
+    "spectral_gcv": (lambda: Tikhonov(1, rule=GeneralisedCrossValidation()), {}, 1e-2),
 }
 
 

@@ -1,4 +1,7 @@
-"""The rules that choose a weight, against the criteria computed from dense matrices."""
+"""The rules that choose a weight, against the criteria computed from dense matrices.
+
+Scores are asked for as many weights at once as a rule's first scan, so that one program serves.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -6,13 +9,14 @@ import numpy as np
 import pytest
 
 from srsinv.inverse.quadratic import Scorer
-from srsinv.inverse.rule import Discrepancy, Evidence, GeneralisedCrossValidation
+from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
 from srsinv.inverse.wiener import Exponential, ScaledSpectra
 from tests.inverse.cases import (
     DEPTH_M,
     SLOW,
     N,
+    deviation,
     gaps,
     log_marginal,
     make_case,
@@ -21,18 +25,21 @@ from tests.inverse.cases import (
     relative,
 )
 
-RULES = {"gcv": GeneralisedCrossValidation(), "evidence": Evidence(), "discrepancy": Discrepancy()}
+RULES = {"gcv": GeneralisedCrossValidation(), "evidence": Evidence()}
+BATCH = 19  # weights of a rule's first scan
+BOX = np.array([[-14.0, -14.0], [4.0, 4.0]])
 
 
-def dense_gcv(problem, order):
-    """log10 weights -> residual over N, over the square of the share of N that is left."""
-    minimise, samples = minimiser(problem), problem.samples
+def penalties(order=1):
+    return Penalties(jnp.asarray(DEPTH_M), order)
 
-    def criterion(*log_weights) -> float:
-        dense = minimise(penalty_rows(problem, order, 10.0 ** np.array(log_weights)))
-        return dense.residual / samples / (1 - dense.freedom / samples) ** 2
 
-    return criterion
+def chosen(rule, problem, path):
+    """The log10 weights that a rule chooses from all in the box."""
+    box = jnp.asarray(BOX[:, : problem.unknowns])
+    choice = RULES[rule].choose(Scorer(penalties(), problem, path), box)
+    assert choice.result == "converged"
+    return np.asarray(choice.log_weights)
 
 
 def weights(estimate):
@@ -41,30 +48,43 @@ def weights(estimate):
     return np.log10([estimate.stats[name] for name in names])
 
 
-ONE = {
-    "spectral": {"films": "one", "friction": 0.3},
-    "gaps": {"kind": "open", "friction": -0.3, "observed": gaps()},
+# Problems by name, and the paths that serve each; of two shapes, and one more with its gaps.
+PROBLEMS = {
+    "whole": ({}, ("spectral", "direct")),
+    "coloured": ({"colour": True}, ("spectral", "direct")),
+    "mean_seen": ({"amplifier": SLOW, "films": "turned"}, ("spectral", "direct")),
+    "friction": ({"films": "one", "friction": 0.3}, ("spectral", "direct")),
+    "gaps": ({"kind": "open", "observed": gaps()}, ("direct",)),
 }
+SCORED = [(name, path) for name, (_, paths) in PROBLEMS.items() for path in paths]
 
 
-@pytest.mark.parametrize("name", ONE)
-def test_gcv_minimises_the_dense_criterion_in_one_weight(name):
-    problem = make_case(**ONE[name]).problem
-    estimate = Tikhonov(1, rule=RULES["gcv"])(problem)
-    (chosen,) = weights(estimate)
-    assert estimate.stats["rule_result"] == "converged"
-    gcv = dense_gcv(problem, 1)
-    scan = [gcv(w) for w in chosen + np.arange(-6, 6.1, 0.25)]
-    assert gcv(chosen) < min(scan) * 1.002
+def dense_gcv(problem):
+    """log10 weights -> residual over N, over the square of the share of N that is left."""
+    minimise, samples = minimiser(problem), problem.samples
+
+    def criterion(log_weights) -> float:
+        dense = minimise(penalty_rows(problem, 1, 10.0 ** np.asarray(log_weights)))
+        return dense.residual / samples / (1 - dense.freedom / samples) ** 2
+
+    return criterion
+
+
+def around(point, reach, step):
+    """All points (., c) whose coordinates differ from `point` by multiples of `step`."""
+    steps = np.arange(-reach, reach + step / 2, step)
+    return point + np.stack(np.meshgrid(*[steps] * len(point)), axis=-1).reshape(-1, len(point))
+
+
+@pytest.mark.parametrize(
+    ("name", "path"), [("friction", "spectral"), ("whole", "spectral"), ("gaps", "direct")]
+)
+def test_gcv_minimises_the_dense_criterion(name, path):
+    problem = make_case(**PROBLEMS[name][0]).problem
+    found, gcv = chosen("gcv", problem, path), dense_gcv(problem)
+    scan = [gcv(each) for each in around(found, 4, 0.25 if problem.unknowns == 1 else 1.0)]
+    assert gcv(found) < min(scan) * 1.005
     assert max(scan) > 1.5 * min(scan)
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_gcv_minimises_the_dense_criterion_in_two_weights(seed):
-    problem = make_case(seed=seed).problem
-    p, q = weights(Tikhonov(1, rule=RULES["gcv"])(problem))
-    gcv, steps = dense_gcv(problem, 1), np.arange(-3, 3.1, 0.5)
-    assert gcv(p, q) < min(gcv(p + a, q + b) for a in steps for b in steps) * 1.005
 
 
 def test_gcv_finds_weights_far_apart():
@@ -77,98 +97,73 @@ def test_gcv_finds_weights_far_apart():
     problem = eqx.tree_at(
         lambda p: (p.data, p.noise), case.problem, (data, np.full(N // 2 + 1, sigma**2))
     )
-    chosen = weights(Tikhonov(1, rule=RULES["gcv"])(problem))
-    scorer = Scorer(Penalties(jnp.asarray(DEPTH_M), 1), problem, "spectral")
-    axes = [np.arange(w - 8, w + 8, 0.25) for w in chosen]
-    scan = jnp.asarray(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2))
-    best = np.min(RULES["gcv"].criterion(scorer(scan), problem.samples))
-    assert dense_gcv(problem, 1)(*chosen) < best * 1.02
+    found, gcv = chosen("gcv", problem, "spectral"), dense_gcv(problem)
+    assert abs(np.ptp(found)) > 1.0
+    assert gcv(found) < min(gcv(each) for each in around(found, 8, 1.0)) * 1.02
 
 
-SCORED = {
-    "whole": ({}, ("spectral", "direct")),
-    "coloured": ({"colour": True}, ("spectral", "direct")),
-    "mean_seen": ({"amplifier": SLOW, "films": "turned"}, ("spectral", "direct")),
-    "friction": ({"films": "one", "friction": 0.3}, ("spectral", "direct")),
-    "gaps": ({"kind": "open", "observed": gaps()}, ("direct",)),
-}
-LOG_WEIGHTS = np.array([[-5.0, -4.0], [-4.0, -4.0], [-2.0, -6.0]])
-SCORES = [(name, path) for name, (_, paths) in SCORED.items() for path in paths]
+@pytest.mark.parametrize("rule", RULES)
+def test_a_rule_costs_little_over_the_best_weights(rule):
+    """In the mean over draws of the noise; tests/claims/rules.py has more scenes."""
+    own, best = [], []
+    for seed in range(3):
+        problem, truth, _ = make_case(noise_share=0.1, seed=seed)
+        minimise, wanted = minimiser(problem), deviation(problem, truth)
+        found = chosen(rule, problem, "spectral")
+        squares = [
+            np.mean((minimise(penalty_rows(problem, 1, 10.0**each)).value - wanted) ** 2)
+            for each in (found, *around(found, 2, 0.5))
+        ]
+        own.append(squares[0])
+        best.append(min(squares))
+    assert np.mean(own) < 1.2**2 * np.mean(best)
 
 
-@pytest.mark.parametrize(("name", "path"), SCORES)
+def log_weights(problem):
+    """As many weights as a rule's first scan has, unlike in each component."""
+    spread = np.linspace(-6.0, -2.0, BATCH)
+    return np.stack([spread, np.roll(spread, 7)], axis=-1)[:, : problem.unknowns]
+
+
+@pytest.mark.parametrize(("name", "path"), SCORED)
 def test_scores_are_those_of_dense_matrices(name, path):
     """Residual and degrees of freedom, which generalised cross validation is made of."""
-    problem = make_case(**SCORED[name][0]).problem
-    logs = LOG_WEIGHTS[:, : problem.unknowns]
-    score = Scorer(Penalties(jnp.asarray(DEPTH_M), 2), problem, path)(jnp.asarray(logs))
+    problem = make_case(**PROBLEMS[name][0]).problem
+    logs = log_weights(problem)
+    score = Scorer(penalties(), problem, path)(jnp.asarray(logs))
     minimise = minimiser(problem)
-    dense = [minimise(penalty_rows(problem, 2, 10.0**w)) for w in logs]
+    dense = [minimise(penalty_rows(problem, 1, 10.0**w)) for w in logs]
     np.testing.assert_allclose(score.residual, [d.residual for d in dense], rtol=1e-7)
     np.testing.assert_allclose(score.freedom, [d.freedom for d in dense], rtol=1e-7)
 
 
-@pytest.mark.parametrize(("name", "path"), SCORES)
-def test_evidence_is_the_log_marginal_likelihood(name, path):
+def check_evidence(scorer, logs, power):
     """Up to one constant, so it is the differences between weights that count."""
-    problem = make_case(**SCORED[name][0]).problem
-    shape = [Exponential(1e3, 1e-3).power(problem), Exponential(3e2, 2e-3).power(problem)]
-    power = np.stack(shape[: problem.unknowns])
-    logs = np.array([[0.0, 0.0], [1.0, 0.0], [-2.0, 1.5]])[:, : problem.unknowns]
-    score = Scorer(ScaledSpectra(jnp.asarray(power)), problem, path)(jnp.asarray(logs))
-    dense = np.array([log_marginal(problem, 10.0 ** w[:, None] * power) for w in logs])
-    ours = np.asarray(score.log_evidence)
+    dense = np.array([log_marginal(scorer.problem, power(w)) for w in logs])
+    ours = np.asarray(scorer(jnp.asarray(logs)).log_evidence)
     np.testing.assert_allclose(ours - ours[0], dense - dense[0], rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("path", ["spectral", "direct"])
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize(("name", "path"), SCORED)
+def test_evidence_is_the_log_marginal_likelihood(name, path):
+    problem = make_case(**PROBLEMS[name][0]).problem
+    shape = [Exponential(1e3, 1e-3).power(problem), Exponential(3e2, 2e-3).power(problem)]
+    power = np.stack(shape[: problem.unknowns])
+    scorer = Scorer(ScaledSpectra(jnp.asarray(power)), problem, path)
+    check_evidence(scorer, log_weights(problem) + 4.0, lambda w: 10.0 ** w[:, None] * power)
+
+
+@pytest.mark.parametrize(
+    ("order", "path"), [(0, "spectral"), (1, "spectral"), (2, "spectral"), (1, "direct")]
+)
 def test_evidence_of_a_derivative_penalty(order, path):
     """The penalty stands for a Gaussian prior; where it says nothing, the mean, it has no part."""
     problem = make_case().problem
     k, cell = np.asarray(problem.line.k), float(problem.line.cell_m)
     symbol = (2 * DEPTH_M / cell * np.sin(k * cell / 2)) ** (2 * order)
     symbol[0] = 1.0
-    logs = LOG_WEIGHTS
-    score = Scorer(Penalties(jnp.asarray(DEPTH_M), order), problem, path)(jnp.asarray(logs))
-    dense = np.array([log_marginal(problem, 10.0 ** -w[:, None] / symbol) for w in logs])
-    ours = np.asarray(score.log_evidence)
-    np.testing.assert_allclose(ours - ours[0], dense - dense[0], rtol=1e-6, atol=1e-6)
-
-
-DISCREPANCIES = {
-    "spectral": ({}, 1.0),
-    "twice": ({}, 2.0),
-    "direct": ({"kind": "open", "observed": gaps(), "colour": True}, 1.2),
-    "friction": ({"films": "one", "friction": 0.3}, 1.2),
-}
-
-
-@pytest.mark.parametrize("name", DISCREPANCIES)
-def test_discrepancy_meets_its_target(name):
-    settings, factor = DISCREPANCIES[name]
-    problem = make_case(**settings).problem
-    estimate = Tikhonov(1, rule=Discrepancy(factor))(problem)
-    assert estimate.stats["rule_result"] == "converged"
-    rows = penalty_rows(problem, 1, 10.0 ** weights(estimate))
-    residual = minimiser(problem)(rows).residual
-    assert residual == pytest.approx(factor**2 * problem.samples, rel=1e-3)
-
-
-@pytest.mark.parametrize(("factor", "side"), [(1e-12, "below"), (1e6, "above")])
-def test_discrepancy_says_when_no_weight_reaches_its_target(factor, side):
-    estimate = Tikhonov(1, rule=Discrepancy(factor))(make_case().problem)
-    assert "no weight reaches the target" in estimate.stats["rule_result"]
-    assert f"the stated noise is {side} every residual" in estimate.stats["rule_result"]
-
-
-def test_discrepancy_keeps_a_given_weight():
-    problem = make_case().problem
-    estimate = Tikhonov(1, weight_q=3e-5, rule=Discrepancy(1.1))(problem)
-    assert estimate.stats["weight_q_per_Pa2"] == pytest.approx(3e-5, rel=1e-12)
-    rows = penalty_rows(problem, 1, 10.0 ** weights(estimate))
-    residual = minimiser(problem)(rows).residual
-    assert residual == pytest.approx(1.21 * problem.samples, rel=1e-3)
+    scorer = Scorer(penalties(order), problem, path)
+    check_evidence(scorer, log_weights(problem), lambda w: 10.0 ** -w[:, None] / symbol)
 
 
 @pytest.mark.parametrize("name", RULES)
@@ -196,6 +191,6 @@ def test_pure_noise_is_said_to_determine_nothing():
     case = make_case()
     noise = case.sigma * np.random.default_rng(8).normal(size=case.problem.data.shape)
     problem = eqx.tree_at(lambda p: p.data, case.problem, noise)
-    estimate = Tikhonov(0, rule=RULES["evidence"])(problem)
+    estimate = Tikhonov(1, rule=RULES["evidence"])(problem)
     assert "end of its range" in estimate.stats["rule_result"]
     assert np.abs(estimate.value).max() < 0.05 * np.abs(case.truth).max()

@@ -23,7 +23,7 @@ from tests.refusals import refused
 
 FILE = "recording.path=tiny.csv"
 OVERRIDES = {
-    "simulate": ("grid.cells=16", "rule=discrepancy"),
+    "simulate": ("grid.cells=16", "rule=evidence"),
     "invert_recording": ("experiment=invert_recording", FILE, "noise=[white,sliding]"),
     "fit_recording": (
         "experiment=fit_recording",

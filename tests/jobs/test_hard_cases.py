@@ -16,7 +16,6 @@ SHORT = (
     "~method.wiener_direct",
     "~method.wiener_iterative",
     "~method.tikhonov_gcv",
-    "~method.tikhonov_discrepancy",
 )
 
 

@@ -25,7 +25,7 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import Hertz
 from srsinv.grid import Convolution, Open, Periodic, as_real
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.rule import Discrepancy, Evidence, GeneralisedCrossValidation
+from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import _operator
@@ -113,7 +113,6 @@ def wiener(u: Units, path: str) -> Wiener:
 RULES = {
     "gcv": GeneralisedCrossValidation,
     "evidence": Evidence,
-    "discrepancy": Discrepancy,
 }
 METHODS = {
     "wiener spectral": ("periodic", lambda u: wiener(u, "spectral")),

@@ -1,0 +1,224 @@
+"""What a rule's choice of the weights costs over the best weights, and what its bands cover.
+
+`python -m tests.claims.rules` (minutes) writes results/rules.json. Tikhonov's method of first
+order, p and q apart, on simulated scenes in white noise at three signal-to-noise ratios. For every
+draw of the noise the oracle takes the two weights of least error, which needs the truth.
+
+The discrepancy principle is no rule of the package: it is here to show why. With H the influence
+matrix, I - H = (I + G S G^T)^-1 in units of the noise, so that data drawn from the model leave
+
+    E |(I - H) y|^2 = tr((I - H) (I + G S G^T) (I - H)) = tr(I - H),
+
+over the samples that are there and less one for each offset that is fitted. Morozov's target, the
+samples, neglects tr H. With tr H the target is met in the mean, but the chi-square's own standard
+deviation, root 2 (samples - tr H), is as large as tr H: in a draw whose noise is by chance as loud,
+weights that fit most of the noise are taken. And one number cannot tell two weights: the oracle of
+weights moved together costs up to 1.6 itself.
+"""
+
+import json
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from scipy.stats import norm
+
+from srsinv.__main__ import find_config_root
+from srsinv.inverse import direct, spectral
+from srsinv.inverse.problem import Problem
+from srsinv.inverse.quadratic import Scorer, choose_path
+from srsinv.inverse.rule import Choice, Evidence, GeneralisedCrossValidation, Rule
+from srsinv.inverse.tikhonov import Penalties, Tikhonov
+from srsinv.jobs import build
+from srsinv.jobs.simulation import noisy_problem, simulation
+
+RESULTS = Path(__file__).parent / "results" / "rules.json"
+SNR_DB = (20.0, 30.0, 40.0)
+DRAWS, DRAWS_OF_GAPS = 40, 4  # of the noise
+BAND = 0.9
+MOST_FITTED = 0.9  # of the samples, where the discrepancy principle may end
+MISSING = 0.1  # of the samples, in the scene without some
+GAPS = "strip, open line, samples missing"
+SCENES = {  # the last on the direct path, the others on the spectral one
+    "pressed strip": ("scene=pressed_strip", "grid.cells=256"),
+    "strip": ("scene=strip", "grid.cells=256"),
+    "cylinder": ("scene=hertz", "grid.cells=256"),
+    "ridge": ("scene=ridge", "grid.cells=256"),
+    "strip, friction known": ("scene=strip", "grid.cells=256", "friction=0.4"),
+    GAPS: ("scene=strip", "grid.cells=64", "grid.length_m=0.01", "grid.start_m=-0.005",
+           "grid.line=open"),
+}  # fmt: skip
+
+
+class Discrepancy(Rule):
+    """Morozov's principle (1966), both weights moved together: the whitened residual is the number
+    of samples; or, `less_fitted`, that less the degrees of freedom of the fit."""
+
+    name: ClassVar[str] = "discrepancy principle"
+    less_fitted: bool
+
+    def choose(self, scorer: Scorer, box) -> Choice:
+        """Where the residual meets its target first, coming from the strong end, linear between
+        scanned weights. Where it nowhere does, as with less noise taken up than there is by chance,
+        the weights at which it is nearest; not those that fit nearly all, where 0 meets 0."""
+        problem, shares = scorer.problem, np.linspace(1, 0, 81)
+        low, high = np.asarray(box)
+        score = scorer(jnp.asarray(low + shares[:, None] * (high - low)))
+        offsets = 0 if np.isfinite(problem.noise[0]) else problem.data.shape[0]
+        fitted = np.asarray(score.freedom) + offsets
+        proper = fitted < MOST_FITTED * problem.samples
+        target = problem.samples - (fitted if self.less_fitted else 0.0 * fitted)
+        excess = np.log(np.asarray(score.residual)[proper] / target[proper])
+        below = np.flatnonzero(excess < 0)
+        if below.size == 0 or below[0] == 0:
+            share = shares[np.argmin(np.abs(excess))]
+        else:
+            at = below[0] - np.array([0, 1])
+            share = np.interp(0.0, excess[at], shares[at])
+        return Choice(jnp.asarray(low + share * (high - low)), "converged")
+
+
+RULES = {
+    "gcv": GeneralisedCrossValidation(),
+    "evidence": Evidence(),
+    "discrepancy": Discrepancy(False),
+    "discrepancy less tr H": Discrepancy(True),
+}
+
+
+ORACLES = ("oracle", "oracle of weights moved together")
+ORDER, DEPTH_M = 1, 0.75e-3  # of the penalty; the length that goes with its weight
+ORACLE_STEPS = (1.0, 0.5, 0.25)  # decades, of the search for the best weights
+
+
+class Draw(NamedTuple):
+    """Of p and q less their means: squared errors [Pa^2], and the share of cells in their bands."""
+
+    square: float
+    covered: float
+
+
+def problems(scene: str, snr_db: float, draws: int) -> tuple[np.ndarray, list[Problem]]:
+    """The true traction (2, n) less its mean over the samples' stretch, and noisy problems."""
+    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
+        composed = compose("config", [*SCENES[scene], f"noise.snr.snr_db={snr_db}"])
+    cfg: Any = OmegaConf.to_container(composed, resolve=True)
+    sim, friction = simulation(cfg), build.friction(cfg)
+    keys = jax.random.split(jax.random.key(0), draws)
+    made = [noisy_problem(sim, key, friction) for key in keys]
+    if scene == GAPS:
+        there = np.random.default_rng(0).random(made[0].data.shape) > MISSING
+        made = [with_gaps(problem, there) for problem in made]
+    return np.asarray(sim.traction(sim.line)), made
+
+
+def with_gaps(problem: Problem, there: np.ndarray) -> Problem:
+    """The same problem with the samples that are there alone."""
+    parts = (jnp.where(there, problem.data, 0.0), jnp.asarray(there))
+    return eqx.tree_at(
+        lambda p: (p.data, p.observed), problem, parts, is_leaf=lambda leaf: leaf is None
+    )
+
+
+def deviation(values):
+    """Less the mean of each component, to which the signal is blind."""
+    return values - values.mean(axis=-1, keepdims=True)
+
+
+def draw(problem: Problem, truth: np.ndarray, method: Tikhonov) -> Draw:
+    """The method's error and coverage."""
+    estimate = method(problem)
+    wrong = deviation(np.asarray(estimate.value) - truth)
+    inside = np.abs(wrong) <= norm.ppf((1 + BAND) / 2) * np.asarray(estimate.stderr)
+    return Draw(float(np.mean(wrong**2)), float(np.mean(inside)))
+
+
+@eqx.filter_jit
+def squares(problem: Problem, white: direct.Whitened | None, truth, log_weights):
+    """The mean squared error (b,) of what is solved for under each row of log10 weights (b, c)."""
+    family = Penalties(jnp.asarray(DEPTH_M), ORDER)
+
+    def one(weights):
+        prior = family(weights)
+        solved = (
+            spectral.solve(problem, prior) if white is None else direct.solve(problem, prior, white)
+        )
+        return jnp.mean(deviation(solved.value - truth[: problem.unknowns]) ** 2)
+
+    return jax.lax.map(one, log_weights, batch_size=None if white is not None else 64)
+
+
+def best_weights(problem: Problem, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """log10 of the weights of least error, and of those of least error along the box's diagonal.
+
+    The first by a scan in decades, then grids ever closer about the best; the second by a scan.
+    """
+    white = direct.whiten(problem) if choose_path(problem, "auto") == "direct" else None
+    most = np.log10(np.max(np.asarray(problem.information), axis=-1))
+
+    def best(points):
+        return points[np.argmin(squares(problem, white, jnp.asarray(truth), jnp.asarray(points)))]
+
+    along = best(most + np.arange(-12.0, 4.1, ORACLE_STEPS[-1])[:, None])
+
+    def best_of(axes):
+        return best(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes)))
+
+    centre = best_of(most[:, None] + np.arange(-12.0, 4.1, 2.0))
+    for step in ORACLE_STEPS:
+        centre = best_of(centre[:, None] + step * np.arange(-1, 2))
+    return centre, along
+
+
+def measured(scene: str, snr_db: float, draws: int) -> dict[str, dict[str, float]]:
+    """Of every rule: root mean square error over the oracle's, and coverage of its bands."""
+    truth, made = problems(scene, snr_db, draws)
+    found: dict[str, list[Draw]] = {name: [] for name in (*ORACLES, *RULES)}
+    for problem in made:
+        for name, best in zip(ORACLES, best_weights(problem, truth), strict=True):
+            given = (float(10.0**weight) for weight in best)
+            found[name].append(draw(problem, truth, Tikhonov(ORDER, *given)))
+        for name, rule in RULES.items():
+            found[name].append(draw(problem, truth, Tikhonov(ORDER, rule=rule)))
+    mean = {name: np.mean(np.array(draws), axis=0) for name, draws in found.items()}
+    return {
+        name: {
+            "error_over_oracle": round(float(np.sqrt(square / mean["oracle"][0])), 4),
+            "coverage": round(float(covered), 4),
+        }
+        for name, (square, covered) in mean.items()
+    }
+
+
+def worst(cases) -> dict[str, dict[str, float]]:
+    """Of every rule: the largest error over the oracle's, and the least and the mean coverage."""
+    rows = [row for by_snr in cases.values() for row in by_snr.values()]
+    found = {}
+    for name in rows[0]:
+        error, coverage = np.array([[*row[name].values()] for row in rows]).T
+        found[name] = {
+            "largest_error_over_oracle": round(float(error.max()), 4),
+            "least_coverage": round(float(coverage.min()), 4),
+            "mean_coverage": round(float(coverage.mean()), 4),
+        }
+    return found
+
+
+def main() -> None:
+    """Measure and write."""
+    draws = {scene: DRAWS_OF_GAPS if scene == GAPS else DRAWS for scene in SCENES}
+    cases = {
+        scene: {f"{snr:g} dB": measured(scene, snr, count) for snr in SNR_DB}
+        for scene, count in draws.items()
+    }
+    found = {"band": BAND, "draws": draws, "worst": worst(cases), "cases": cases}
+    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
