@@ -67,7 +67,7 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
         sim = simulation({**cfg, "scene": node})
         pressed = Pressed(sim)
         problem = pressed.problem(build.random_key(cfg))
-        estimate = method(problem)
+        estimate = method(problem).with_warnings(pressed.contact.warnings)
         line, skin, p = sim.line, pressed.scene.skin, pressed.traction()
         touching = np.asarray(pressed.contact.touching)[:: sim.refinement]
         shape, stderr = shape_band(line, skin, estimate, jnp.asarray(touching))

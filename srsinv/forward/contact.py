@@ -9,6 +9,8 @@ At nu = 1/2 shear does not move the surface normally (no Dundurs coupling), so t
 p alone (docs/physics.md, section 10).
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,6 +24,29 @@ from . import contact_elastic, contact_lagging
 from .contact_elastic import gap_and_error, least_error, times
 from .skin import Skin
 
+MUCH_MISSING = 0.02  # of the lag's friction: below, the window is long enough
+LEAST_FRICTION = 1e-4  # a coefficient of friction that nobody measures
+
+
+class WakeFriction(NamedTuple):
+    """The friction coefficient of the skin's lag alone (contact_wake.py): `in_window`, and what is
+    `missing` of it in windows so many times as long, the first of them 1."""
+
+    in_window: Float[Array, ""]
+    missing: Float[Array, " window"]
+
+    @property
+    def share(self) -> Float[Array, " window"]:
+        """The missing part of the whole."""
+        whole = self.in_window + self.missing[0]
+        return self.missing / jnp.where(whole == 0, 1.0, whole)
+
+    @property
+    def is_much(self) -> bool:
+        """Whether too much is missing in the window as it is."""
+        size = abs(float(self.missing[0]))
+        return size > LEAST_FRICTION and float(self.share[0]) > MUCH_MISSING
+
 
 class Contact(eqx.Module):
     """The solution: over cells (n,), pressure [Pa] as cell averages and gap [m] at their centres.
@@ -29,6 +54,7 @@ class Contact(eqx.Module):
     - `residual`: how far the gap is from zero in contact, or below it elsewhere, at most, over the
       range of the skin's displacement; and with the pressure over the nominal one, over the
       profile's height. `tolerance`: what it has to reach. `iterations`: on the finest cells.
+    - `wake`: what its window leaves out of the friction of a skin that lags; None: not looked at.
     """
 
     pressure_Pa: Float[Array, " n"]
@@ -36,6 +62,19 @@ class Contact(eqx.Module):
     residual: Float[Array, ""]
     iterations: Float[Array, ""]
     tolerance: float = eqx.field(static=True)
+    wake: WakeFriction | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the pressure: a window that the skin's wake does not fit in."""
+        if self.wake is None or not self.wake.is_much:
+            return ()
+        return (
+            "The skin has not recovered when the window repeats, so that the contact meets its own "
+            f"wake: {float(self.wake.share[0]):.0%} of the friction that its lag makes is missing, "
+            "and the pressure lies too far back. Leave scene.contact_windows at null, or give a "
+            "longer grid.length_m.",
+        )
 
     @property
     def touching(self) -> Bool[Array, " n"]:
@@ -113,12 +152,17 @@ def cell_compliance(line: Line, skin: Skin) -> Inexact[Array, " k"]:
     return compliance
 
 
+def is_lagging(skin: Skin) -> bool:
+    """Whether the skin's displacement lags behind the load, so that its compliance is complex."""
+    one = jax.eval_shape(skin.compliance, jnp.ones(1))
+    return bool(jnp.issubdtype(one.dtype, jnp.complexfloating))
+
+
 def refuse_both_ways(skin: Skin) -> None:
     """Raise `BadInput` for a skin whose pressure differs with the way of sliding, which it is built
     for."""
-    one = jax.eval_shape(skin.compliance, jnp.ones(1))
     refuse(
-        jnp.issubdtype(one.dtype, jnp.complexfloating),
+        is_lagging(skin),
         "The motion turns back, and a skin that relaxes is known in steady sliding one way: leave "
         "out viscoelastic_skin, or what turns the motion back.",
     )

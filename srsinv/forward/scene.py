@@ -2,14 +2,16 @@
 
 import abc
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from ..errors import number
+from ..errors import number, refuse, whole
 from ..grid import Line, Scalar, as_real
-from .contact import Contact, press
+from .contact import Contact, is_lagging, press
+from .contact_wake import press_with_wake
 from .skin import HalfSpace, Skin
 from .surface import Shape, Surface
 from .traction import FrictionStep, Pressure
@@ -29,6 +31,11 @@ class Scene(eqx.Module):
     @abc.abstractmethod
     def pressure(self, line: Line) -> Float[Array, " n"]:
         """Cell averages of p [Pa]."""
+
+    def warnings(self, line: Line) -> tuple[str, ...]:
+        """What speaks against the traction on `line`."""
+        del line
+        return ()
 
     def traction(
         self, line: Line, direction: Scalar = 1.0, p: Float[Array, " n"] | None = None
@@ -112,13 +119,19 @@ class TractionScene(Scene):
 class SurfaceScene(Scene):
     """Shapes on a plate of friction `base_friction`, pressed on by a skin.
 
-    `nominal_pressure_Pa` is the mean over the line's window, with which the surface repeats.
-    Raises `BadInput` for a pressure that is not positive.
+    - `nominal_pressure_Pa`: the mean over the line's window, with which the surface repeats.
+    - `contact_windows`: how many such windows the contact repeats with, the skin free in all but
+      the line's. None: one; as many as its wake asks (contact_wake.py) where the skin lags and
+      touches in the window's midst alone.
+
+    Raises `BadInput` for a pressure that is not positive, a number of windows below 1, and several
+    windows about a shape that goes on beyond the first.
     """
 
     nominal_pressure_Pa: Float[Array, ""]
     surface: Surface
     skin: Skin
+    contact_windows: int | None = eqx.field(static=True)
 
     def __init__(
         self,
@@ -126,16 +139,37 @@ class SurfaceScene(Scene):
         surfaces: Sequence[Shape] = (),
         base_friction: Scalar = 0.0,
         skin: Skin | None = None,
+        contact_windows: Any = None,
     ):
         wanted = "a positive pressure in Pa, the mean over the window"
         number("scene.nominal_pressure_Pa", nominal_pressure_Pa, wanted, above=0)
         self.nominal_pressure_Pa = as_real(nominal_pressure_Pa)
         self.surface = Surface(surfaces, base_friction)
         self.skin = HalfSpace() if skin is None else skin
+        self.contact_windows = self._windows(contact_windows)
+
+    def _windows(self, given: Any) -> int | None:
+        key, wanted = "scene.contact_windows", "a whole number from 1, or null to let the skin tell"
+        windows = None if given is None else whole(key, given, wanted, least=1)
+        refuse(
+            windows not in (None, 1) and self._goes_on,
+            f"{key} is {windows}, but the surface goes on beyond its window, where the skin would "
+            "be free: leave it at null, or give a longer grid.length_m.",
+        )
+        return windows
+
+    @property
+    def _goes_on(self) -> bool:
+        return any(shape.is_periodic for shape in self.surface.shapes)
 
     def contact(self, line: Line) -> Contact:
         """How the skin lies on the surface."""
-        return press(line, self.skin, self.height(line), self.nominal_pressure_Pa)
+        given = (line, self.skin, self.height(line), self.nominal_pressure_Pa)
+        # A wake that meets the next period of a surface that has one is right as it is.
+        return press(*given) if self._goes_on else press_with_wake(*given, self.contact_windows)
+
+    def warnings(self, line: Line) -> tuple[str, ...]:
+        return self.contact(line).warnings if is_lagging(self.skin) else ()
 
     def height(self, line: Line) -> Float[Array, " n"]:
         """Of the surface at the cell centres [m]: a program of its own, whatever the skin."""

@@ -7,7 +7,7 @@ is the one met first (docs/physics.md, section 10).
 
 import abc
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -50,7 +50,9 @@ class EdgeFriction(eqx.Module):
 
 
 class Shape(eqx.Module):
-    """One shape on a surface."""
+    """One shape on a surface. `is_periodic`: whether it goes on beyond the window for ever."""
+
+    is_periodic: ClassVar[bool] = False
 
     @abc.abstractmethod
     def height(self, line: Line) -> Float[Array, " n"]:
@@ -230,6 +232,7 @@ class Ridges(Shape):
     With a window of whole pitches the surface is periodic.
     """
 
+    is_periodic: ClassVar[bool] = True
     height_m: Float[Array, ""]
     width_m: Float[Array, ""]
     pitch_m: Float[Array, ""]
@@ -303,6 +306,7 @@ class Bump(Shape):
 class SineWave(Shape):
     """h = H cos(2 pi (x - x0)/L)."""
 
+    is_periodic: ClassVar[bool] = True
     height_m: Float[Array, ""]
     wavelength_m: Float[Array, ""]
     position_m: Float[Array, ""]
@@ -327,6 +331,7 @@ class Rough(Shape):
     same `seed` gives the same waves on every line that holds the same window, however fine.
     """
 
+    is_periodic: ClassVar[bool] = True
     rms_m: Float[Array, ""]
     longest_m: Float[Array, ""]
     shortest_m: Float[Array, ""]

@@ -33,7 +33,7 @@ class Case:
     - `stages`: (dims, values, units) of what the simulation knows, by variable name; the truth is
       `traction`. Empty for a recording.
     - `assumed`: rows (what, value) of the page's last section; `verdicts`: which effects the scene
-      called for, where it was asked.
+      called for, where it was asked; `warnings`: what speaks against the simulated scene.
     """
 
     title: str
@@ -46,6 +46,7 @@ class Case:
     stages: Mapping[str, tuple[tuple[str, ...], Any, str]] = field(default_factory=dict)
     assumed: tuple[tuple[str, str], ...] = ()
     verdicts: tuple[Verdict, ...] = ()
+    warnings: tuple[str, ...] = ()
     time_steady: bool = True
 
 
@@ -64,6 +65,7 @@ def run(case: Case) -> Outcome:
             estimates[name], first, steady = timed(
                 lambda method=method: method(case.problem), repeats=3 if case.time_steady else 0
             )
+        estimates[name] = estimates[name].with_warnings(case.warnings)
         found = _judge(name, case, estimates[name]) | _features(case, estimates[name])
         rows.append(found | {"time_s_first": first, "time_s_steady": steady})
     dataset = _dataset(case, estimates)

@@ -29,6 +29,7 @@ def run(cfg: build.Config) -> Outcome:
             stages=stages(sim) | as_recorded(sim, build.random_key(cfg)),
             assumed=assumed(cfg, sim),
             verdicts=verdicts,
+            warnings=sim.scene.warnings(sim.line),
         )
         return analyse(case)
 

@@ -1,0 +1,27 @@
+"""What a job says of a contact that meets its own wake."""
+
+from tests.jobs.run import outcome
+
+CYLINDER = (
+    "scene=ridge",
+    "~scene.surfaces.ridge",
+    "+surface@scene.surfaces.cylinder=cylinder",
+    "scene.nominal_pressure_Pa=3000",
+    "effects=[viscoelastic_skin]",
+    "effects.viscoelastic_skin.fractions=[1.0]",
+    "effects.viscoelastic_skin.times_s=[0.2]",  # at 0.05 m/s: 2 cm of wake
+    "grid.cells=64",
+    "method=[wiener]",
+)
+
+
+def test_a_window_that_is_given_too_short_is_said_everywhere():
+    found = outcome(*CYLINDER, "scene.contact_windows=1")
+    assert found.metrics["quality_wiener"] != "good"
+    shown = [note for section in found.sections for table in section.tables for note in table.notes]
+    for words in (str(found.metrics["warnings_wiener"]), *found.summary.notes, " ".join(shown)):
+        assert "its own wake" in words
+
+
+def test_a_window_that_is_left_open_is_long_enough():
+    assert "wake" not in str(outcome(*CYLINDER).metrics["warnings_wiener"])
