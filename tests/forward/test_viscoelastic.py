@@ -196,7 +196,10 @@ def by_extragradient(matrix, height, nominal):
     raise AssertionError("the reference has not converged")
 
 
-@pytest.mark.parametrize("shape", [RIDGE, Rough(5e-6, 3e-3, 2e-4, 0.8, 1)], ids=["ridge", "rough"])
+ROUGH = pytest.param(Rough(5e-6, 3e-3, 2e-4, 0.8, 1), id="rough", marks=pytest.mark.full)
+
+
+@pytest.mark.parametrize("shape", [pytest.param(RIDGE, id="ridge"), ROUGH])
 def test_a_dense_solution_by_another_method(shape):
     skin = sliding(-0.2, (2.0, 2.0), (2e-3, 2e-4))
     height = np.asarray(shape.height(LINE))
@@ -277,6 +280,7 @@ def test_the_profile_s_band_from_the_pressure_s():
         np.testing.assert_allclose(stderr, expected, rtol=1e-9)
 
 
+@pytest.mark.full
 def test_odd_lengths_and_single_precision():
     line = Periodic(255, LENGTH / 255, -LENGTH / 2)
     height = RIDGE.height(line)
