@@ -9,6 +9,7 @@ from ._answer import Fit
 from ._loss import Loss
 from ._parameters import Parameters
 from ._search import Found, Misfit
+from ._second_order import newton_fall
 from ._solvers import Solver
 from ._uncertainty import log_evidence, nothing_known, offset, spread
 
@@ -70,7 +71,9 @@ def described(
         whitened=unit * np.asarray(ends.white),
         jacobian=unit * np.asarray(ends.jacobian),
         noise_rms=None if level_known else _rms(misfit, ends, freedom),
-        result=_result(finite, distance, near_enough, terms, misfit, ends, solver, eps),
+        result=_result(
+            finite, distance, near_enough, terms, jacobian, held, misfit, ends, solver, eps
+        ),
         at_bound=tuple(layout.free_names[i] for i in np.flatnonzero(low | high)),
         undetermined=known.directions(layout.free_names, z),
         log_evidence=evidence,
@@ -154,14 +157,20 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 
 
 def _result(
-    finite, distance, near_enough, terms, misfit: Misfit, ends: Found, solver: Solver, eps
-) -> str:
+    finite, distance, near_enough, terms, jacobian, held, misfit: Misfit, ends: Found,
+    solver: Solver, eps: float,
+) -> str:  # fmt: skip
     if not finite:
         return "not finite: the model or its derivative is nan or infinite where the search stopped"
     if distance <= near_enough or _nothing_left(terms, misfit, ends, eps):
         return "converged"
     if not bool(ends.done):
         return f"not converged: {solver.name} reached its {solver.max_steps} steps"
+    if _rounding_holds(terms, jacobian, held, ends, eps) or (
+        # Differences of a derivative that jumps are no second one.
+        solver.lost == 0 and newton_fall(misfit, ends.z, jacobian, held) <= eps ** (2 / 3)
+    ):
+        return "converged"
     return (
         f"not converged: {solver.name} stopped {distance:.2g} standard errors from the minimum of "
         "the linearised problem"
@@ -174,3 +183,9 @@ def _nothing_left(terms, misfit: Misfit, ends: Found, eps: float) -> bool:
     begun = np.asarray(ends.start_costs)
     begun = np.sqrt(2 * np.max(begun, where=np.isfinite(begun), initial=0.0))
     return bool(np.linalg.norm(terms) <= eps ** (2 / 3) * max(data, begun))
+
+
+def _rounding_holds(terms, jacobian, held, ends: Found, eps: float) -> bool:
+    """Whether rounding of the parameters alone changes the terms by as much as is left of them."""
+    moved = np.abs(jacobian) @ np.where(held, 0.0, np.abs(np.asarray(ends.z, float)))
+    return bool(np.linalg.norm(terms) <= eps * np.linalg.norm(moved))

@@ -2,11 +2,13 @@
 
 A step p solves the damped linear problem min |f + J p|^2 + lambda |D p|^2 over the variables that
 are not held by their bounds, is bent by the residual's second derivative along it, and is cut at
-the box. Three choices make it robust:
+the box. Four choices make it robust:
 
 - D holds the column norms of J, remembered for some steps: the path does not depend on the
   variables' units, and a column that has become small is not damped by its past (More 1978 keeps
   the largest for ever, which crawls in MGH10).
+- Where steps show the residual's own curvature to be the larger part of the cost's, a secant
+  estimate of it joins J^T J (see `_quadratic_model`).
 - The bend, geodesic acceleration, is also a test: where it is not small beside p, the linear model
   does not reach that far, and the damping grows (Transtrum and Sethna 2012).
 - The damping follows the ratio of the cost's fall to the predicted one (Nielsen 1999).
@@ -22,6 +24,16 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from ._lengths import lengths
+from ._quadratic_model import (
+    Point,
+    QuadraticModel,
+    at_least,
+    linearised,
+    no_point,
+    positive,
+    quadratic_model,
+    uses_secant,
+)
 
 FIRST_DAMPING = 1e-3
 LEAST_DAMPING, MOST_DAMPING = 1e-18, 1e18
@@ -31,20 +43,11 @@ LOST = 10  # roundings of a residual, or of a cost, within which two are the sam
 REMEMBERED = 0.5  # of D from one accepted point to the next
 
 
-class _Point(eqx.Module):
-    """What is known of the accepted point: cost |f|^2/2, J = Q R, c = Q^T f, and D."""
-
-    cost: Float[Array, ""]
-    q: Float[Array, "r m"]
-    root: Float[Array, "m m"]
-    c: Float[Array, " m"]
-    scale: Float[Array, " m"]
-
-
 class _State(eqx.Module):
     trial: Float[Array, " m"]
     predicted: Float[Array, ""]
-    point: _Point
+    point: Point
+    uses_secant: Bool[Array, ""]
     begun: Float[Array, ""]
     damping: Float[Array, ""]
     growth: Float[Array, ""]
@@ -70,18 +73,12 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     norm: Callable[[Any], Array] = optx.two_norm
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
-        m, zero = y.size, jnp.zeros((), y.dtype)
-        nothing = _Point(
-            zero + jnp.inf,
-            jnp.zeros((max(f_struct.size, m), m), y.dtype),
-            jnp.zeros((m, m), y.dtype),
-            jnp.zeros_like(y),
-            jnp.zeros_like(y),
-        )
+        zero = jnp.zeros((), y.dtype)
         return _State(
             trial=jnp.clip(y, self.lower, self.upper),
             predicted=zero,
-            point=nothing,
+            point=no_point(f_struct.size, y.size, y.dtype),
+            uses_secant=jnp.array(False),
             begun=zero,
             damping=zero + FIRST_DAMPING,
             growth=zero + 2,
@@ -98,25 +95,34 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         cost = 0.5 * jnp.vdot(residual, residual)
         gain = state.point.cost - cost
         # The last step may fall by less than the cost's own rounding.
-        harmless = gain >= -LOST * jnp.finfo(cost.dtype).eps * cost
+        harmless = gain >= -LOST * jnp.finfo(cost.dtype).eps * state.point.cost
         accept = state.first | (gain > ACCEPTED * state.predicted) | (state.ready & harmless)
+        moved = state.trial - y
         y = jnp.where(accept, state.trial, y)
         point = jax.lax.cond(
             accept,
-            lambda: _linearised(residual, cost, push, y.size, state.point.scale),
+            lambda: linearised(
+                residual, cost, _jacobian(push, y), moved, state.point, REMEMBERED, state.first
+            ),
             lambda: state.point,
         )
+        uses = uses_secant(state.point, moved, gain, state.uses_secant)
+        uses = jnp.where(accept & ~state.first, uses, state.uses_secant)
         damping, growth = _damping(state, gain, accept)
         begun = jnp.where(state.first, cost, state.begun)
         held = self._held(y, point)
-        step = _step(point, point.c, held, damping)
+        model = quadratic_model(point, uses)
+        c = model.lift @ point.c
+        step = _step(model, c, held, damping)
         straight = self._cut(y, step)
-        predicted = _predicted(point, straight)
+        predicted = model.fall(c, straight)
         # Of the whole step: one that the box cuts short is no sign of a minimum.
-        ready = self._converged(y, point, held, step, _predicted(point, step))
-        ready = ready | (accept & (jnp.abs(gain) <= self._ftol * point.cost))
+        ready = self._converged(y, point, model, held, damping, step, model.fall(c, step))
+        # What is damped is small, however far the minimum.
+        fell = jnp.abs(gain) * (1 + state.damping)
+        ready = ready | (accept & (fell <= self._ftol * point.cost))
         if self.bends:
-            bend, tight = _bend(residual_at, y, straight, point, held, damping, begun)
+            bend, tight = _bend(residual_at, y, straight, point, model, held, damping, begun)
         else:
             bend, tight = jnp.zeros_like(straight), jnp.array(True)
         # A cut step can lead uphill; with more damping it follows the projected gradient.
@@ -125,6 +131,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             trial=y + self._cut(y, straight + bend),
             predicted=jnp.where(tight, predicted, jnp.inf),  # else it will not be accepted
             point=point,
+            uses_secant=uses,
             begun=begun,
             damping=damping,
             growth=growth,
@@ -146,7 +153,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     def _ftol(self) -> float:
         return max(self.rtol**2, 4 * float(jnp.finfo(self.lower.dtype).eps))
 
-    def _held(self, y, point: _Point) -> Bool[Array, " m"]:
+    def _held(self, y, point: Point) -> Bool[Array, " m"]:
         """Which variables stand on a bound beyond which the cost would fall."""
         gradient = point.root.T @ point.c
         return ((y <= self.lower) & (gradient >= 0)) | ((y >= self.upper) & (gradient <= 0))
@@ -154,70 +161,55 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     def _cut(self, y, p) -> Float[Array, " m"]:
         return jnp.clip(y + p, self.lower, self.upper) - y
 
-    def _converged(self, y, point: _Point, held, p, predicted) -> Bool[Array, ""]:
-        unit = point.root / _positive(lengths(point.root))
+    def _converged(
+        self, y, point: Point, model: QuadraticModel, held, damping, p, predicted
+    ) -> Bool[Array, ""]:
+        unit = point.root / positive(lengths(point.root))
         left = jnp.sqrt(2 * point.cost)
         cosines = jnp.abs(unit.T @ point.c) / jnp.where(left > 0, left, 1.0)
         cosine = jnp.max(jnp.where(held, 0.0, cosines), initial=0.0)
-        scale = jnp.where(held, 0.0, _positive(point.scale))
-        small = self.norm(scale * p) <= self.rtol * self.norm(scale * y)
-        return (cosine <= self.rtol) | small | (predicted <= self._ftol * point.cost)
+        scale = jnp.where(held, 0.0, model.scale)
+        length, size = self.norm(scale * p), self.norm(scale * y)
+        # A strongly damped step is the undamped one over about the damping: it says nothing by
+        # itself until it is below the variables' rounding.
+        undamped = 1 + damping
+        small = (undamped * length <= self.rtol * size) | (length <= jnp.finfo(y.dtype).eps * size)
+        flat = undamped * predicted <= self._ftol * point.cost
+        return (cosine <= self.rtol) | small | flat
 
 
-def _linearised(residual, cost, push, m: int, scale) -> _Point:
-    """The point's factors."""
-    jacobian = jax.vmap(push, out_axes=1)(jnp.eye(m, dtype=residual.dtype))
-    columns = lengths(jacobian)
-    unit = _positive(columns)
-    q, root = jnp.linalg.qr(_at_least(m, jacobian / unit))
-    return _Point(
-        cost, q, root * unit, q.T @ _at_least(m, residual), jnp.maximum(REMEMBERED * scale, columns)
-    )
+def _jacobian(push, y) -> Float[Array, "r m"]:
+    return jax.vmap(push, out_axes=1)(jnp.eye(y.size, dtype=y.dtype))
 
 
-def _at_least(m: int, rows):
-    """Rows of zeros, which change nothing, where there are fewer data than variables."""
-    return jnp.pad(rows, [(0, max(m - rows.shape[0], 0))] + [(0, 0)] * (rows.ndim - 1))
-
-
-def _positive(scale):
-    """D, with 1 for a variable that has had no effect yet."""
-    return jnp.where(scale > 0, scale, 1.0)
-
-
-def _step(point: _Point, c, held, damping) -> Float[Array, " m"]:
-    """The minimiser of |c + R p|^2 + damping |D p|^2 over the variables that are not held."""
-    scale = _positive(point.scale)
+def _step(model: QuadraticModel, c, held, damping) -> Float[Array, " m"]:
+    """The minimiser of |c + A p|^2 + damping |D p|^2 over the variables that are not held."""
+    scale = model.scale
     # In units of D, so that the small factorisation meets columns of length one.
-    root = jnp.where(held, 0.0, point.root / scale)
+    root = jnp.where(held, 0.0, model.root / scale)
     stacked = jnp.concatenate([root, jnp.sqrt(damping) * jnp.eye(scale.size, dtype=root.dtype)])
     q, r = jnp.linalg.qr(stacked)
     right = q.T @ jnp.concatenate([c, jnp.zeros_like(c)])
     return -jax.scipy.linalg.solve_triangular(r, right) / scale
 
 
-def _predicted(point: _Point, p) -> Float[Array, ""]:
-    change = point.root @ p
-    return -(jnp.vdot(point.c, change) + 0.5 * jnp.vdot(change, change))
-
-
-def _bend(residual_at, y, p, point: _Point, held, damping, begun):
+def _bend(residual_at, y, p, point: Point, model: QuadraticModel, held, damping, begun):
     """Half the acceleration along p, and whether it is small beside p.
 
     From one more residual a part of the way along, which takes a fraction of what the exact second
     derivative does, to run and to compile. What may be rounding of the residual that the search
-    began with, `begun` half its square, is no bend.
+    began with, `begun` half its square, or what rounding of y makes of it, is no bend.
     """
     eps = float(jnp.finfo(y.dtype).eps)
     part = eps ** (1 / 6)  # between what rounding and what the third derivative spoil
-    there = _at_least(y.size, residual_at(y + part * p))
+    there = at_least(y.size, residual_at(y + part * p))
     off = point.q.T @ there - point.c - part * (point.root @ p)
-    lost = jnp.linalg.norm(off) <= LOST * eps * jnp.sqrt(2 * begun)
+    rounding = eps * (jnp.sqrt(2 * begun) + jnp.linalg.norm(lengths(point.root) * y))
+    lost = jnp.linalg.norm(off) <= LOST * rounding
     second = jnp.where(lost, 0.0, 2 / part**2 * off)
-    acceleration = _step(point, second, held, damping)
+    acceleration = _step(model, model.lift @ second, held, damping)
     acceleration = jnp.where(jnp.isfinite(acceleration), acceleration, 0.0)
-    scale = _positive(point.scale)
-    tight = jnp.linalg.norm(scale * acceleration) <= BENT * jnp.linalg.norm(scale * p)
+    tight = jnp.linalg.norm(model.scale * acceleration) <= BENT * jnp.linalg.norm(model.scale * p)
     return 0.5 * acceleration, tight
 
 

@@ -1,0 +1,61 @@
+"""How much lower the cost can become, by Newton's method: for a search that stopped where the
+linearised problem says that it should go on.
+
+It is mistaken where the residual's own curvature decides: J can lose rank in a minimum whose
+residual is not nothing (Freudenstein and Roth, Jennrich and Sampson, chebyquad of 8).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ._lengths import lengths
+from ._search import Misfit
+
+
+def newton_fall(misfit: Misfit, z, jacobian: np.ndarray, held: np.ndarray) -> float:
+    """The fall of the cost that its whole second derivative promises, over the cost; infinite where
+    the point (m,) is a saddle or a maximum. `jacobian` (terms, m), `held` (m,) by bounds."""
+    columns = np.linalg.norm(jacobian, axis=0)
+    moving = ~held & (columns > 0)
+    cost, gradient, hessian = (np.asarray(v, float) for v in _derivatives(misfit, z))
+    if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
+        return np.inf
+    unit = columns[moving]
+    slope = gradient[moving] / unit
+    curvature = hessian[np.ix_(moving, moving)] / np.outer(unit, unit)
+    values, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
+    eps = float(np.finfo(np.asarray(z).dtype).eps)
+    if values[0] < -np.sqrt(eps) * np.abs(values).max():
+        return np.inf
+    curved = np.maximum(values, eps * np.abs(values).max())
+    return float(0.5 * np.sum((vectors.T @ slope) ** 2 / curved) / cost)
+
+
+@eqx.filter_jit
+def _derivatives(
+    misfit: Misfit, z: Float[Array, " m"]
+) -> tuple[Float[Array, ""], Float[Array, " m"], Float[Array, "m m"]]:
+    """The cost, its gradient and its second derivative: central differences of the gradient, which
+    take no more of a model than the search does."""
+
+    def linearised(z):
+        terms, push = jax.linearize(misfit.terms, z)
+        return terms, jax.vmap(push, out_axes=1)(jnp.eye(z.size, dtype=z.dtype))
+
+    def gradient(z):
+        terms, jacobian = linearised(z)
+        return jacobian.T @ terms
+
+    terms, jacobian = linearised(z)
+    # A move that changes the terms by this share of their length: rounding and the fourth
+    # derivative spoil the difference alike.
+    share = float(jnp.finfo(z.dtype).eps) ** (1 / 3)
+    columns = lengths(jacobian)
+    steps = share * lengths(terms) / jnp.where(columns > 0, columns, 1.0)
+    points = z + jnp.concatenate([jnp.diag(steps), -jnp.diag(steps)])
+    above, below = jnp.split(jax.lax.map(gradient, points), 2)
+    hessian = (above - below) / (2 * steps[:, None])
+    return 0.5 * jnp.vdot(terms, terms), jacobian.T @ terms, hessian
