@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import xarray
 
 from srsinv.errors import refuse
-from srsinv.forward.effects._glance import glance
+from srsinv.forward.effects._reference import reference
 from srsinv.jobs import build
 from srsinv.jobs.change import Cost, Felt, cost, difference, pair, with_only
 from srsinv.progress import stage
@@ -34,14 +34,16 @@ def run(cfg: build.Config) -> Outcome:
     with build.precision(cfg):
         key = build.random_key(cfg)
         none, bare_cost = cost(with_only(cfg, ()), key)
-        seen = glance(none.setup, none.line)
+        spectra = reference(none.setup, none.line)
         rows = []
         for name, effect in build.effects(cfg).items():
             with stage(f"effect: {name}"):
                 sim, taken = cost(with_only(cfg, (name,)), key)
                 there, bare = pair(sim, none, key)
                 change = difference(there, bare)
-                rows.append(Row(name, there, bare, change, effect.share(seen), taken))
+                rows.append(
+                    Row(name, there, bare, change, effect.relative_change_bound(spectra), taken)
+                )
     return Outcome(
         f"{len(rows)} effects, each with it and without, on one scene",
         _metrics(rows, bare_cost),

@@ -8,7 +8,7 @@ import xarray
 from srsinv.errors import refuse
 from srsinv.jobs import build
 from srsinv.jobs.change import Cost, cost, difference, merged, pair
-from srsinv.jobs.simulation import decided
+from srsinv.jobs.simulation import screen_effects
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -58,14 +58,15 @@ def run(cfg: build.Config) -> Outcome:
                 done = {}
                 for tolerance in tolerances:
                     asked = {**own, "tolerance": tolerance}
-                    kept, verdicts = decided(asked)
+                    kept, screening = screen_effects(asked)
+                    assert screening is not None
                     on = tuple(sorted(kept["effects"]))
                     if on not in done:
                         less, alone = cost(kept, key)
                         whole, reduced = pair(full, less, key)
                         done[on] = difference(reduced, whole), cost(asked, key)[1], alone
-                    bounds[name] = {v.name: v.share for v in verdicts}
-                    bound = sum(v.share for v in verdicts if not v.on)
+                    bounds[name] = screening.relative_change_bounds
+                    bound = screening.bound
                     error, auto, alone = done[on]
                     rows.append(Decided(name, tolerance, on, bound, error, all_on, auto, alone))
     table = _table(rows)
@@ -82,6 +83,7 @@ def _metrics(rows: list[Decided]) -> dict[str, Any]:
     ratios = [r.deciding.first_s / r.saved.first_s for r in rows if r.saved.first_s > 0]
     found: dict[str, Any] = {
         "error_over_tolerance_max": max(row.error / row.tolerance for row in rows),
+        "error_over_bound_max": max((r.error / r.bound for r in rows if r.bound), default=0.0),
         "deciding_over_saved_first_median": float(np.median(ratios)) if ratios else None,
         "time_s_saved_first_total": sum(row.saved.first_s for row in rows),
         "time_s_deciding_first_total": sum(row.deciding.first_s for row in rows),
@@ -114,7 +116,8 @@ def _table(rows: list[Decided]) -> Table:
             )
             for row in rows
         ),
-        "Error: rms of what the effects left out change, over the rms of the signal with all on. "
+        "Error: rms of what the effects left out change, over the rms of the signal with all on; "
+        "bound: what screening says that it is at most. "
         "First calls in seconds, all compilation included, and steady ones in milliseconds, both "
         "from the configuration to the signal; deciding is what effects=auto takes beyond naming "
         "the same effects.",
@@ -130,7 +133,7 @@ def _dataset(rows: list[Decided], bounds, scenes, tolerances) -> xarray.Dataset:
         return np.array([get(row) for row in rows], float).reshape(shape)
 
     on = np.array([[name in row.on for name in effects] for row in rows], np.int8)
-    shares = [[one[name] for name in effects] for one in bounds.values()]
+    each_bound = [[one[name] for name in effects] for one in bounds.values()]
     return xarray.Dataset(
         {
             "error": (along, each(lambda r: r.error), {"units": "1"}),
@@ -139,7 +142,7 @@ def _dataset(rows: list[Decided], bounds, scenes, tolerances) -> xarray.Dataset:
             "time_auto": (along, each(lambda r: r.auto.first_s), {"units": "s"}),
             "time_deciding": (along, each(lambda r: r.deciding.first_s), {"units": "s"}),
             "on": ((*along, "effect"), on.reshape(*shape, -1), {"units": "1"}),
-            "share": (("scene", "effect"), np.array(shares), {"units": "1"}),
+            "effect_bound": (("scene", "effect"), np.array(each_bound), {"units": "1"}),
         },
         {
             "scene": ("scene", list(scenes), {"units": "1"}),
@@ -151,7 +154,7 @@ def _dataset(rows: list[Decided], bounds, scenes, tolerances) -> xarray.Dataset:
 
 def _sections(cfg: build.Config, rows: list[Decided], table: Table, bounds) -> tuple[Section, ...]:
     effects = sorted(next(iter(bounds.values())))
-    shares = Table(
+    each_bound = Table(
         ("effect", *bounds),
         tuple((name, *(f"{one[name]:.1e}" for one in bounds.values())) for name in effects),
         "Each effect's bound in each scene: rms of what it changes over the rms of the signal.",
@@ -168,16 +171,16 @@ def _sections(cfg: build.Config, rows: list[Decided], table: Table, bounds) -> t
     return (
         Section(
             "Error and time",
-            ("Each scene is looked at once, without any effect; a bound says how much each effect "
-             "could change, and the smallest are left out as long as their sum is within the "
-             "tolerance.",),
+            ("Each scene is screened once, without any effect; a bound says how much each effect "
+             "could change, and the smallest are left out as long as the bound on what they change "
+             "together is within the tolerance.",),
             {"errors": errors},
             {"errors": "Measured error of what was left out, for each tolerance (dashed). Where "
              "nothing but effects that change nothing was left out the error is zero, and not "
              "drawn."},
             tables=(table,),
         ),
-        Section("Bounds", (), tables=(shares,)),
+        Section("Bounds", (), tables=(each_bound,)),
         Section(
             "What was assumed",
             (f"{cfg['grid']['line']} line of {cfg['grid']['cells']} cells, computed on cells "

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
-from ..forward.effects._decide import Verdict
+from ..forward.effects._screen import ScreeningResult
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
 from ..inverse.problem import COMPONENTS, Estimate, Problem
@@ -32,7 +32,7 @@ class Case:
     - `traction_unit`: "Pa", or "1" for p and q that are relative.
     - `stages`: (dims, values, units) of what the simulation knows, by variable name; the truth is
       `traction`. Empty for a recording.
-    - `assumed`: rows (what, value) of the page's last section; `verdicts`: which effects the scene
+    - `assumed`: rows (what, value) of the page's last section; `screening`: which effects the scene
       called for, where it was asked; `warnings`: what speaks against the simulated scene.
     """
 
@@ -45,7 +45,7 @@ class Case:
     traction_unit: str = "Pa"
     stages: Mapping[str, tuple[tuple[str, ...], Any, str]] = field(default_factory=dict)
     assumed: tuple[tuple[str, str], ...] = ()
-    verdicts: tuple[Verdict, ...] = ()
+    screening: ScreeningResult | None = None
     warnings: tuple[str, ...] = ()
     time_steady: bool = True
 
@@ -136,9 +136,11 @@ def _metrics(case: Case, estimates: Mapping[str, Estimate], rows) -> dict[str, A
     noise_rms = float(np.sqrt(np.mean(finite)))
     metrics[f"noise_rms_{case.signal_unit.replace(' ', '_')}"] = noise_rms
     metrics["snr_dB"] = float(20 * np.log10(max(np.std(signal) / noise_rms, 1e-30)))
-    for verdict in case.verdicts:
-        metrics[f"effect_bound_{verdict.name}"] = verdict.share
-        metrics[f"effect_on_{verdict.name}"] = verdict.on
+    if case.screening:
+        metrics["effects_off_bound"] = case.screening.bound
+        for name, bound in case.screening.relative_change_bounds.items():
+            metrics[f"effect_bound_{name}"] = bound
+            metrics[f"effect_on_{name}"] = name in case.screening.on
     for row, (name, estimate) in zip(rows, estimates.items(), strict=True):
         key = name.lower().replace(" ", "_")
         said = row | dict(estimate.stats) | in_metrics(estimate)
@@ -416,7 +418,7 @@ def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section,
             {"errors_and_time": lambda: figures.errors_and_time(rows)},
             tables=(_summary(case, rows),),
         ),
-        *_verdict_section(case.verdicts),
+        *_screening_section(case.screening),
         Section(
             "What was assumed",
             (),
@@ -429,16 +431,20 @@ def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section,
     return tuple(parts)
 
 
-def _verdict_section(verdicts: tuple[Verdict, ...]) -> tuple[Section, ...]:
-    """Every effect that was decided on."""
-    if not verdicts:
+def _screening_section(found: ScreeningResult | None) -> tuple[Section, ...]:
+    """Every effect that was screened."""
+    if found is None:
         return ()
-    rows = tuple((v.name, v.share, "on" if v.on else "off", 1e3 * v.time_s) for v in verdicts)
+    rows = tuple(
+        (name, bound, "on" if name in found.on else "off", 1e3 * found.times_s[name])
+        for name, bound in found.relative_change_bounds.items()
+    )
     return (
         Section(
             "Effects that this scene calls for",
             ("A bound on what each effect changes, found without simulating it: rms change over "
-             "rms signal. Those off change, taken together, no more than the tolerance.",),
+             f"rms signal. Those off change at most {found.bound:.2g} of the signal together, with "
+             "what rounding makes of it.",),
             tables=(Table(("effect", "bound", "", "time of the bound [ms]"), rows),),
         ),
     )  # fmt: skip

@@ -20,7 +20,7 @@ from .analysis import BAND_90, deviation, element_names, seen
 from .contest import Runs, Setting
 from .recorded import amplifier_node, coloured_noises
 from .simulate import assumed
-from .simulation import Simulation, decided, noisy_problem, simulation
+from .simulation import Simulation, noisy_problem, screen_effects, simulation
 
 DRAWN = ("method", "snr", "seed")
 
@@ -32,7 +32,7 @@ def on_scene(cfg: build.Config) -> Outcome:
     """
     settings = cfg["compare"]
     _check(settings)
-    cfg, _ = decided(_complete(cfg))
+    cfg, _ = screen_effects(_complete(cfg))
     sim = simulation({**cfg, "noise": {}})  # the levels' own noise comes with each draw
     refuse(
         not np.any(np.ptp(np.asarray(sim.traction(sim.line)), axis=-1)),

@@ -8,14 +8,14 @@ from ..report.outcome import Outcome
 from . import build
 from .analysis import Case
 from .analysis import run as analyse
-from .simulation import Simulation, decided, noisy_problem, recorded, simulation
+from .simulation import Simulation, noisy_problem, recorded, screen_effects, simulation
 
 
 def run(cfg: build.Config) -> Outcome:
     """The job: simulate, invert, compare."""
     with build.precision(cfg):
         methods = build.methods(cfg)
-        cfg, verdicts = decided(cfg)
+        cfg, screening = screen_effects(cfg)
         sim = simulation(cfg)
         problem = noisy_problem(sim, build.random_key(cfg), build.friction(cfg))
         names = ", ".join(cfg["method"])
@@ -28,7 +28,7 @@ def run(cfg: build.Config) -> Outcome:
             signal_unit=sim.sensor.amplifier.unit,
             stages=stages(sim) | as_recorded(sim, build.random_key(cfg)),
             assumed=assumed(cfg, sim),
-            verdicts=verdicts,
+            screening=screening,
             warnings=sim.scene.warnings(sim.line),
         )
         return analyse(case)

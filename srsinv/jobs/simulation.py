@@ -11,7 +11,7 @@ from ..errors import number, refuse
 from ..forward.amplifier import SlowReadout
 from ..forward.contact import refuse_both_ways
 from ..forward.drift import LoadDrift
-from ..forward.effects._decide import Verdict, decide
+from ..forward.effects._screen import ScreeningResult, screen
 from ..forward.film import StripWidth
 from ..forward.filter import even_interval, filtered
 from ..forward.noise import Noise, with_noise
@@ -20,6 +20,7 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.scene import Scene, deviation
 from ..forward.sensor import Sensor
 from ..forward.setup import Setup
+from ..forward.skin import STRESSES
 from ..grid import Line, Periodic, Stage, as_real
 from ..inverse.problem import Problem
 from . import build
@@ -138,16 +139,17 @@ def sampled(stage: Stage, line: Line, traction, refinement: int):
 def simulation(cfg: build.Config) -> Simulation:
     """The simulation that a configuration describes, with the effects that are named or called
     for."""
-    return _as_named(decided(cfg)[0])
+    return _as_named(screen_effects(cfg)[0])
 
 
-def decided(cfg: build.Config) -> tuple[build.Config, tuple[Verdict, ...]]:
-    """The configuration with those effects alone that its scene calls for, and the verdicts.
+def screen_effects(cfg: build.Config) -> tuple[build.Config, ScreeningResult | None]:
+    """The configuration with those effects alone that its scene calls for, and what was found of
+    each. Without `effects=auto` all that are named are called for, and there is nothing to find.
 
-    Without `effects=auto` all that are named are called for, and nothing is decided.
+    Raises `BadInput` for a tolerance that is not positive.
     """
     if "tolerance" not in cfg:
-        return cfg, ()
+        return cfg, None
     wanted = "a positive number, as a part of the signal's rms"
     tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
     bare = build.bare(cfg)
@@ -158,13 +160,15 @@ def decided(cfg: build.Config) -> tuple[build.Config, tuple[Verdict, ...]]:
     def only(names) -> dict[str, Any]:
         return {**rest, "effects": {n: node for n, node in named.items() if n in names}}
 
-    def signal(names) -> np.ndarray:
+    def simulated(names) -> tuple[np.ndarray, np.ndarray]:
         sim = _as_named(only(names))
-        return np.asarray(sim.sampled(sim.sensor.signal(sim.scan)))
+        signal = np.asarray(sim.sampled(sim.sensor.signal(sim.scan)))
+        stress = np.asarray(sim.sampled(sim.sensor.stress()))
+        return signal, stress.reshape(signal.shape[0], len(STRESSES), -1)
 
     fine = build.line(cfg, build.part(cfg, "grid").get("refinement"))
-    verdicts = decide(bare, fine, build.effects(cfg), tolerance, signal)
-    return only({verdict.name for verdict in verdicts if verdict.on}), verdicts
+    found = screen(bare, fine, build.effects(cfg), tolerance, simulated)
+    return only(found.on), found
 
 
 def _as_named(cfg: build.Config) -> Simulation:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from ..setup import Setup
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class Order(IntEnum):
@@ -37,22 +37,27 @@ class Effect(eqx.Module):
     of_sensor: ClassVar[bool]
 
     @property
-    def rail(self) -> float:
+    def saturation(self) -> float:
         """Beyond which, in signal units, it leaves nothing of a sample."""
         return math.inf
 
     @property
-    def swing(self) -> float:
+    def max_gain(self) -> float:
         """By how much it may raise the signal for a while."""
         return 1.0
+
+    def load(self, time_s: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
+        """The load over the nominal one."""
+        return np.ones_like(time_s)
 
     @abc.abstractmethod
     def added(self, setup: Setup) -> Setup:
         """The setup with this effect."""
 
     @abc.abstractmethod
-    def share(self, glance: Glance) -> float:
-        """A bound on how much of the signal it changes: rms change over rms signal."""
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
+        """A bound on what it changes of the signal, beside the effects that the reference is with:
+        rms change over rms signal."""
 
 
 class Factor(Effect):
@@ -64,23 +69,25 @@ class Factor(Effect):
     is_exact: ClassVar[bool] = True
 
     @abc.abstractmethod
-    def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"] | Float[np.ndarray, "e k"]:
-        """What it multiplies the spectrum of every element by."""
+    def factor(
+        self, reference: ReferenceSpectra
+    ) -> Complex[np.ndarray, "e k"] | Float[np.ndarray, "e k"]:
+        """What it multiplies the spectrum of every element by; of modulus 1 at most."""
 
-    def share(self, glance: Glance) -> float:
-        return glance.share((self.factor(glance) - 1) * glance.signal)
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
+        return reference.relative_rms((self.factor(reference) - 1) * reference.signal)
 
 
 class Bursting(Effect):
     """An effect that adds noise of its own, which passes film, skin and electronics, too."""
 
     @abc.abstractmethod
-    def bursts(self, glance: Glance) -> Glance:
-        """A look at the noise alone, its spectrum along the line that of what films feel."""
+    def noise(self, reference: ReferenceSpectra) -> ReferenceSpectra:
+        """Of the noise alone, its spectrum along the line that of the charge."""
 
-    def share(self, glance: Glance) -> float:
-        noise = self.bursts(glance)
-        return noise.share(noise.signal)
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
+        noise = self.noise(reference)
+        return noise.relative_rms(noise.signal)
 
 
 class Resampling(Effect):
@@ -93,6 +100,5 @@ class Rounding(Effect):
     """An effect that rounds samples, and makes a step of its own of a small change."""
 
     @abc.abstractmethod
-    def grain(self, glance: Glance) -> float:
-        """The step over the signal's rms. Where a change of d turns a sample over, which it does
-        to d/step of them, it makes a step of it: rms sqrt(d step)."""
+    def relative_quantisation_step(self, reference: ReferenceSpectra) -> float:
+        """The step over the signal's rms."""

@@ -10,7 +10,7 @@ from jaxtyping import Complex
 from ..filter import Filter
 from ..setup import Setup
 from ._effect import Factor, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class Filtered(Factor):
@@ -24,6 +24,8 @@ class Filtered(Factor):
         sensor = setup.sensor
         return setup.but(sensor=dataclasses.replace(sensor, filters=(*sensor.filters, self.filter)))
 
-    def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"]:
+    def factor(self, reference: ReferenceSpectra) -> Complex[np.ndarray, "e k"]:
         by = jax.tree.map(float, self.filter)
-        return by.response(glance.k * glance.speed_m_per_s, np)[None] * np.ones_like(glance.passed)
+        return by.response(reference.k * reference.speed_m_per_s, np)[None] * np.ones_like(
+            reference.transfer_of_others
+        )

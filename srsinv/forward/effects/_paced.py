@@ -4,7 +4,7 @@ import numpy as np
 
 from ..pace import Pace
 from ..setup import Setup
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 def paced(setup: Setup, by: Pace) -> Setup:
@@ -12,6 +12,8 @@ def paced(setup: Setup, by: Pace) -> Setup:
     return setup.recording(paces=(*setup.recorder.paces, by))
 
 
-def moved_share(glance: Glance, moved_m: float) -> float:
-    """Of a signal that comes from up to `moved_m` away: |exp(ika) - 1| is ka at most, and 2."""
-    return glance.share(np.minimum(glance.k * moved_m, 2.0) * np.abs(glance.signal))
+def displaced_bound(reference: ReferenceSpectra, moved_m: float) -> float:
+    """A bound on the relative change of a signal that comes from up to `moved_m` away:
+    |exp(ika) - 1| is ka at most, and 2."""
+    factor = np.minimum(reference.k * moved_m, 2.0)
+    return reference.relative_rms_of_modulus(factor * np.abs(reference.signal))

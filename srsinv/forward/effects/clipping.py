@@ -5,7 +5,7 @@ from typing import ClassVar
 from ..converter import Clipping as Rails
 from ..setup import Setup
 from ._effect import Effect, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class Clipping(Effect):
@@ -24,8 +24,8 @@ class Clipping(Effect):
         return setup.recording(converters=(self.converter, *setup.recorder.converters))
 
     @property
-    def rail(self) -> float:
+    def saturation(self) -> float:
         return float(self.converter.limit)
 
-    def share(self, glance: Glance) -> float:
-        return glance.beyond(self.rail)
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
+        return reference.relative_excess(self.saturation)

@@ -8,7 +8,7 @@ from jaxtyping import Complex
 from .. import film
 from ..setup import Setup
 from ._effect import Factor, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class ElementOffsets(Factor):
@@ -25,6 +25,6 @@ class ElementOffsets(Factor):
             )
         )
 
-    def factor(self, glance: Glance) -> Complex[np.ndarray, "e k"]:
-        offsets = np.array([float(each.offset_m) for each in glance.setup.sensor.elements])
-        return np.exp(1j * np.outer(offsets, glance.k))
+    def factor(self, reference: ReferenceSpectra) -> Complex[np.ndarray, "e k"]:
+        offsets = np.array([float(each.offset_m) for each in reference.setup.sensor.elements])
+        return np.exp(1j * np.outer(offsets, reference.k))

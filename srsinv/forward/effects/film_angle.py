@@ -10,7 +10,7 @@ from ...errors import number
 from ...grid import as_real
 from ..setup import Setup
 from ._effect import Effect, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class FilmAngle(Effect):
@@ -33,13 +33,13 @@ class FilmAngle(Effect):
             lambda each: dataclasses.replace(each, angle_rad=each.angle_rad + self.tilt_rad)
         )
 
-    def share(self, glance: Glance) -> float:
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # Half the difference of the weights of sigma_x and sigma_z, and half that of tau_xz, turn
         # by twice the angle (docs/physics.md, section 3).
-        along, through, shear, across = glance.weights.T
+        along, through, shear, across = reference.weights.T
         half, turn = (along - through) / 2, 2 * float(self.tilt_rad)
         less = half * (np.cos(turn) - 1) - shear / 2 * np.sin(turn)
         more = half * np.sin(turn) + shear / 2 * (np.cos(turn) - 1)
         change = np.stack([less, -less, 2 * more, 0 * across], axis=1)
-        charge = np.einsum("es,esck,ck->ek", change, glance.stress, glance.traction)
-        return glance.share(glance.read(charge))
+        charge = np.einsum("es,esk->ek", change, reference.film_stress)
+        return reference.relative_rms(reference.read(charge))

@@ -11,8 +11,9 @@ from ..scene import SurfaceScene
 from ..setup import Setup
 from ..skin import HalfSpace
 from ._effect import Effect, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
+MOST_STIFFENING = 0.9  # of the compliance, by what lies below: such a skin is called for
 ECHO = 1.5  # at most 1.35 times the form below, over stacks of ratios from 0.01 to 100
 _KEYS = {"thickness_m", "youngs_modulus_Pa", "poisson_ratio"}
 
@@ -39,31 +40,48 @@ class LayeredSkin(Effect):
             self.skin.check_depth(film.depth_m)
         return setup.with_skin(self.skin)
 
-    def share(self, glance: Glance) -> float:
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # The half space's field, of order (1 + k H) e^{-kH} at an interface at depth H, comes back
         # to the film over H - z and to the surface over H, by the contrast there.
-        films = glance.setup.sensor.elements
+        films = reference.setup.sensor.elements
         depth = np.array([float(film.depth_m) for film in films])[:, None]
-        k, change, pressed = glance.k[None], 0.0, 0.0
+        k, change, at_surface = reference.k, 0.0, np.zeros_like(reference.k)
         for height, contrast in self._interfaces():
             echo = ECHO * contrast * (1 + 2 * k * height) ** 2
             change = change + echo * np.exp(-2 * k * np.maximum(height - depth, 0.0))
-            pressed = pressed + echo * np.exp(-2 * k * height)
-        share = glance.share(change * np.abs(glance.read(glance.largest)))
-        if not isinstance(glance.setup.scene, SurfaceScene):
-            return share
-        # Pressed on a surface, the top layer's own modulus counts, and how all of them yield.
-        top, was = self.skin.layers[0], glance.setup.sensor.skin
-        assert isinstance(was, HalfSpace), "a look is without effects"
-        stiffness = [
+            at_surface = at_surface + echo * np.exp(-2 * k * height)
+        inside = reference.relative_rms_of_modulus(
+            change * np.abs(reference.read(reference.largest))
+        )
+        bound = inside + self._across(reference, depth[:, 0])
+        return bound + self._contact_change_bound(reference, at_surface)
+
+    def _across(self, reference: ReferenceSpectra, depth) -> float:
+        """What the film's own layer changes by its Poisson's ratio: sigma_y alone."""
+        below = [[0.0, *(height for height, _ in self._interfaces())]] * depth.size
+        at = [int(np.searchsorted(tops, z) - 1) for tops, z in zip(below, depth, strict=True)]
+        last = len(self.skin.layers) - 1
+        own = np.array([float(self.skin.layers[min(i, last)].poisson_ratio) for i in at])
+        was = reference.setup.sensor.skin
+        assert isinstance(was, HalfSpace), "a reference is without effects"
+        in_plane = reference.film_stress[:, :2].sum(axis=1)
+        weight = reference.weights[:, 3] * (own - float(was.poisson_ratio))
+        return reference.relative_rms(reference.read(weight[:, None] * in_plane))
+
+    def _contact_change_bound(self, reference: ReferenceSpectra, echo) -> float:
+        """Pressed on a surface, the top layer's own modulus counts, and how all of them yield."""
+        if not isinstance(reference.setup.scene, SurfaceScene):
+            return 0.0
+        top, was = self.skin.layers[0], reference.setup.sensor.skin
+        assert isinstance(was, HalfSpace), "a reference is without effects"
+        own, before = (
             float(each.youngs_modulus_Pa) / (1 - float(each.poisson_ratio) ** 2)
             for each in (top, was)
-        ]
-        own = abs(stiffness[0] / stiffness[1] - 1)
-        changed = glance.share(pressed * np.abs(glance.signal))
-        if glance.lifts:
-            own, changed = glance.anywhere(own), max(changed, glance.anywhere(changed))
-        return share + changed + own
+        )
+        # The echo yields more or less: whichever changes more.
+        ratios = 1 + echo, 1 - np.minimum(echo, MOST_STIFFENING)
+        changes = [reference.relative_contact_change(before / own * each) for each in ratios]
+        return max(changes)
 
     def _interfaces(self) -> list[tuple[float, float]]:
         """Depth [m] of every interface, and how much its sides differ, at most 1."""

@@ -3,11 +3,12 @@
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
 from ..drift import LoadDrift as Drift
 from ..setup import Setup
 from ._effect import Effect, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class LoadDrift(Effect):
@@ -24,19 +25,25 @@ class LoadDrift(Effect):
     def added(self, setup: Setup) -> Setup:
         return setup.recording(drift=self.drift)
 
+    def load(self, time_s: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
+        turn = 2 * np.pi / float(self.drift.period_s)
+        return 1 + float(self.drift.fraction) * np.sin(turn * time_s + float(self.drift.phase_rad))
+
     @property
-    def swing(self) -> float:
+    def max_gain(self) -> float:
         return 1 + abs(float(self.drift.fraction))
 
-    def share(self, glance: Glance) -> float:
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         fraction = abs(float(self.drift.fraction))
-        if not glance.order or not fraction:
+        if not reference.order or not fraction:
             return fraction
         # R_f d' Q, of all the charge there is: what the film feels of the mean load, too.
         per_second = fraction * 2 * np.pi / float(self.drift.period_s)
-        stress = np.real(glance.stress[..., 0]) @ glance.background_Pa
-        uniform = np.sum(glance.weights * stress, axis=-1)
-        charge = glance.charge.copy()
-        charge[:, 0] += uniform * glance.line.n
-        factor = abs(glance.gain / glance.speed_m_per_s)
-        return fraction + per_second * factor * glance.share(charge)
+        stress = np.real(reference.stress[..., 0]) @ reference.background_Pa
+        uniform = np.sum(reference.weights * stress, axis=-1)
+        charge = reference.charge.copy()
+        charge[:, 0] += uniform * reference.line.n
+        # What slows the sliding down weakens the signal, and not this: factors are 1 at k = 0 else.
+        charge /= np.maximum(np.abs(reference.transfer_of_others[:, :1]), np.finfo(float).tiny)
+        factor = abs(reference.gain / reference.speed_m_per_s)
+        return fraction + per_second * factor * reference.relative_rms(charge)

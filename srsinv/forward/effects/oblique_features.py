@@ -10,7 +10,7 @@ from ...grid import as_real
 from ..oblique import turned, turned_scan
 from ..setup import Setup
 from ._effect import Factor, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class ObliqueFeatures(Factor):
@@ -36,14 +36,15 @@ class ObliqueFeatures(Factor):
             scan=turned_scan(setup.scan, self.angle_rad),
         )
 
-    def factor(self, glance: Glance) -> Float[np.ndarray, "e k"]:
+    def factor(self, reference: ReferenceSpectra) -> Float[np.ndarray, "e k"]:
         angle = abs(float(self.angle_rad))
-        lengths = np.array([float(film.length_m) for film in glance.setup.sensor.elements])
-        over = np.sinc(np.outer(lengths, glance.k) * np.sin(angle) / (2 * np.pi))
+        lengths = np.array([float(film.length_m) for film in reference.setup.sensor.elements])
+        over = np.sinc(np.outer(lengths, reference.k) * np.sin(angle) / (2 * np.pi))
         return np.sin(np.pi / 2 - angle) * over
 
-    def share(self, glance: Glance) -> float:
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         s = np.sin(abs(float(self.angle_rad)))
-        kept = (1 - self.factor(glance)) * np.abs(glance.signal)
+        less = (1 - self.factor(reference)) * reference.signal
         # Stress that turns into other components, by s^2 and s.
-        return glance.share(kept) + glance.share(2 * s**2 * np.abs(glance.read(glance.largest)))
+        turned = 2 * s**2 * np.abs(reference.read(reference.largest))
+        return reference.relative_rms(less) + reference.relative_rms_of_modulus(turned)

@@ -5,7 +5,7 @@ from typing import ClassVar
 from ..converter import Quantisation as Levels
 from ..setup import Setup
 from ._effect import Order, Rounding
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class Quantisation(Rounding):
@@ -22,13 +22,17 @@ class Quantisation(Rounding):
     def added(self, setup: Setup) -> Setup:
         return setup.recording(converters=(*setup.recorder.converters, self.converter))
 
-    def grain(self, glance: Glance) -> float:
-        return 2 * float(self.converter.full_scale) / 2**self.converter.bits / glance.size
+    def relative_quantisation_step(self, reference: ReferenceSpectra) -> float:
+        return 2 * float(self.converter.full_scale) / 2**self.converter.bits / reference.signal_rms
 
     @property
-    def rail(self) -> float:
-        return float(self.converter.full_scale)
+    def saturation(self) -> float:
+        # The highest level is a step below the full scale.
+        return float(self.converter.full_scale) * (1 - 2.0 ** (1 - self.converter.bits))
 
-    def share(self, glance: Glance) -> float:
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # Never more than half a step, which is what a signal below one step may lose.
-        return glance.beyond(self.rail) + self.grain(glance) / 2
+        return (
+            reference.relative_excess(self.saturation)
+            + self.relative_quantisation_step(reference) / 2
+        )

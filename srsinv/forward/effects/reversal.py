@@ -5,8 +5,8 @@ from typing import ClassVar
 from ..pace import Reversal as Back
 from ..setup import Setup
 from ._effect import Effect, Order
-from ._glance import Glance
-from ._paced import moved_share, paced
+from ._paced import displaced_bound, paced
+from ._reference import ReferenceSpectra
 
 
 class Reversal(Effect):
@@ -23,8 +23,8 @@ class Reversal(Effect):
     def added(self, setup: Setup) -> Setup:
         return paced(setup, self.pace) if self.pace.stretch.duration_s else setup
 
-    def share(self, glance: Glance) -> float:
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         if not self.pace.stretch.duration_s:
             return 0.0
         lost = 2 * float(self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
-        return 2.0 + moved_share(glance, abs(glance.speed_m_per_s) * lost)
+        return 2.0 + displaced_bound(reference, abs(reference.speed_m_per_s) * lost)

@@ -8,7 +8,7 @@ import numpy as np
 from ...errors import number
 from ..setup import Setup
 from ._effect import Order, Resampling
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class Sampling(Resampling):
@@ -25,7 +25,7 @@ class Sampling(Resampling):
     def added(self, setup: Setup) -> Setup:
         return setup.recording(sample_rate_hz=self.rate_hz)
 
-    def share(self, glance: Glance) -> float:
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # What is above half the rate comes back as something else; the rest is told in full.
-        folded = glance.k * abs(glance.speed_m_per_s) > np.pi * self.rate_hz
-        return 2 * glance.share(np.where(folded, glance.signal, 0.0))
+        folded = reference.k * abs(reference.speed_m_per_s) > np.pi * self.rate_hz
+        return 2 * reference.relative_rms(np.where(folded, reference.signal, 0.0))

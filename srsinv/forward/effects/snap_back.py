@@ -8,8 +8,10 @@ from ...errors import number
 from ..setup import Setup
 from ..snap_back import SnapBack as Bursts
 from ._effect import Bursting, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
+LOG_RARITY = 9.2  # minus the logarithm of the odds, 1e-4, that a passage has bursts that are louder
+LOG_RARITY = 9.2  # odds of 1e-4 that the bursts of a passage are louder than their bound
 PEAK = 5.0  # times its rms, which a Gaussian amplitude is beyond once in two million
 
 
@@ -50,25 +52,45 @@ class SnapBack(Bursting):
         )
         return setup.but(noises=(*setup.noises, bursts))
 
-    def bursts(self, glance: Glance) -> Glance:
+    def noise(self, reference: ReferenceSpectra) -> ReferenceSpectra:
         # Campbell: a mean of rate * decay/2 bursts at a time, each of the mean square charge that
         # a patch gives over the contact; Parseval: the integral of a kernel's square along the line
         # is that of |F|^2 over 2 pi.
-        patch = self.patch_m * np.sinc(glance.k * self.patch_m / (2 * np.pi))
+        patch = self.patch_m * np.sinc(reference.k * self.patch_m / (2 * np.pi))
         shear = np.stack([0 * patch, patch]).astype(complex)
-        one = glance.but(
-            measured=None, setup=glance.setup.but(scene=None), traction=shear,
-            background_Pa=np.zeros(2), gain=1.0, order=0, passed=np.ones_like(glance.passed),
+        one = reference.replace(
+            simulated=None, simulated_stress=None, setup=reference.setup.but(scene=None),
+            traction=shear, background_Pa=np.zeros(2), gain=1.0, order=0,
+            transfer_of_others=np.ones_like(reference.transfer_of_others),
+            sample_weight=np.ones_like(reference.sample_weight),
         )  # fmt: skip
-        square = np.mean(np.trapezoid(np.abs(one.charge) ** 2, glance.k) / np.pi) / self.contact_m
-        reading = abs(glance.gain) * self.shear_Pa
-        rms = reading * np.sqrt(self.rate_hz * self.decay_s / 2 * square)
-        if glance.order:
+        square = np.mean(np.trapezoid(np.abs(one.charge) ** 2, reference.k) / np.pi)
+        reading = abs(reference.gain) * self.shear_Pa
+        rms = reading * np.sqrt(self.rate_hz * self.decay_s / 2 * square / self.contact_m)
+        rms = rms * self._loudest(one)
+        if reference.order:
             # Of the difference of two samples, over what is slid between them.
-            between = abs(glance.speed_m_per_s) * glance.interval_s
-            rms = rms * np.sqrt(-2 * np.expm1(-glance.interval_s / self.decay_s)) / between
+            between = abs(reference.speed_m_per_s) * reference.interval_s
+            rms = rms * np.sqrt(-2 * np.expm1(-reference.interval_s / self.decay_s)) / between
             reading = reading / between
-        at_most = np.trapezoid(np.abs(one.charge), glance.k).max() / np.pi
+        at_most = np.trapezoid(np.abs(one.charge), reference.k).max() / np.pi
         together = PEAK * np.sqrt(1 + self.rate_hz * self.decay_s) if self.rate_hz else 0.0
         scale = rms / max(one.rms(one.signal), np.finfo(float).tiny)
-        return one.but(traction=scale * shear, peak=float(together * reading * at_most))
+        return one.replace(traction=scale * shear, noise_peak=float(together * reading * at_most))
+
+    def _loudest(self, one: ReferenceSpectra) -> float:
+        """The rms of the few bursts of one passage over the expected one, at most, but for odds of
+        exp(-`LOG_RARITY`).
+
+        Their energy has the mean N <g^2> and the variance 3 N <g^4>, g a patch's charge over the
+        contact and amplitudes Gaussian: that of a chi-square of nu = 2/3 N <g^2>^2/<g^4> degrees of
+        freedom, which is nu + 2 sqrt(nu L) + 2 L at most (Laurent and Massart 2000).
+        """
+        if not self.rate_hz:
+            return 1.0
+        cell, n = float(one.line.cell_m), one.line.n
+        energy = np.mean(np.fft.irfft(one.charge, n) ** 2, axis=0)
+        spread = np.sum(energy) ** 2 / np.sum(energy**2) * cell / self.contact_m
+        passage_s = n * cell / abs(one.speed_m_per_s)
+        rare = LOG_RARITY / (2 / 3 * self.rate_hz * passage_s * min(spread, 1.0))
+        return float(np.sqrt(1 + 2 * np.sqrt(rare) + 2 * rare))

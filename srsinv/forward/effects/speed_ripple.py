@@ -7,8 +7,8 @@ import numpy as np
 from ..pace import Ripple
 from ..setup import Setup
 from ._effect import Effect, Order
-from ._glance import Glance
-from ._paced import moved_share, paced
+from ._paced import displaced_bound, paced
+from ._reference import ReferenceSpectra
 
 
 class SpeedRipple(Effect):
@@ -26,11 +26,14 @@ class SpeedRipple(Effect):
         return paced(setup, self.pace)
 
     @property
-    def swing(self) -> float:
+    def max_gain(self) -> float:
         return 1 + float(self.pace.fraction)
 
-    def share(self, glance: Glance) -> float:
-        # A rate signal changes with the speed, and comes from where the sensor then is.
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
+        # A rate signal changes with the speed, and comes from where the sensor then is: the mean
+        # square of s(x + d(x)) - s(x) is at most d^2 s'^2/(1 - fraction), as |d'| <= fraction.
         fraction, frequency = float(self.pace.fraction), float(self.pace.frequency_hz)
-        away = fraction * abs(glance.speed_m_per_s) / (2 * np.pi * frequency)
-        return fraction * glance.order + (1 + fraction) * moved_share(glance, away)
+        away = fraction * abs(reference.speed_m_per_s) / (2 * np.pi * frequency)
+        slower = max(1 - fraction, np.finfo(float).tiny)
+        displaced = displaced_bound(reference, away) / np.sqrt(slower)
+        return fraction * reference.order + (1 + fraction * reference.order) * displaced

@@ -5,8 +5,8 @@ from typing import ClassVar
 from ..pace import Standstill as Rest
 from ..setup import Setup
 from ._effect import Effect, Order
-from ._glance import Glance
-from ._paced import moved_share, paced
+from ._paced import displaced_bound, paced
+from ._reference import ReferenceSpectra
 
 
 class Standstill(Effect):
@@ -23,9 +23,9 @@ class Standstill(Effect):
     def added(self, setup: Setup) -> Setup:
         return paced(setup, self.pace) if self.pace.stretch.duration_s else setup
 
-    def share(self, glance: Glance) -> float:
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # All that comes after it comes later.
         lost = float(self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
         if not self.pace.stretch.duration_s:
             return 0.0
-        return 1.0 + moved_share(glance, abs(glance.speed_m_per_s) * lost)
+        return 1.0 + displaced_bound(reference, abs(reference.speed_m_per_s) * lost)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from .. import film
 from ..setup import Setup
 from ._effect import Factor, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class StripWidth(Factor):
@@ -24,6 +24,6 @@ class StripWidth(Factor):
             )
         )
 
-    def factor(self, glance: Glance) -> Float[np.ndarray, "e k"]:
-        widths = np.array([float(each.width_m) for each in glance.setup.sensor.elements])
-        return np.sinc(np.outer(widths, glance.k) / (2 * np.pi))
+    def factor(self, reference: ReferenceSpectra) -> Float[np.ndarray, "e k"]:
+        widths = np.array([float(each.width_m) for each in reference.setup.sensor.elements])
+        return np.sinc(np.outer(widths, reference.k) / (2 * np.pi))

@@ -11,7 +11,7 @@ from ..scene import SurfaceScene
 from ..setup import Setup
 from ..viscoelastic import Viscoelastic
 from ._effect import Effect, Order
-from ._glance import Glance
+from ._reference import ReferenceSpectra
 
 
 class ViscoelasticSkin(Effect):
@@ -46,11 +46,10 @@ class ViscoelasticSkin(Effect):
         skin = Viscoelastic(setup.sensor.skin, self.fractions, self.times_s, speed)
         return setup.with_skin(skin)
 
-    def share(self, glance: Glance) -> float:
+    def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # Stress inside stays as it is; where a surface is pressed on, p goes as the modulus.
-        if not isinstance(glance.setup.scene, SurfaceScene):
+        if not isinstance(reference.setup.scene, SurfaceScene):
             return 0.0
-        turn = 1j * glance.k * glance.speed_m_per_s * np.asarray(self.times_s)[:, None]
+        turn = 1j * reference.k * reference.speed_m_per_s * np.asarray(self.times_s)[:, None]
         stiffer = np.asarray(self.fractions) @ (turn / (1 + turn))
-        share = glance.share(stiffer[None] * glance.signal)
-        return max(share, glance.anywhere(np.abs(stiffer).max())) if glance.lifts else share
+        return reference.relative_contact_change(1 / (1 + stiffer))

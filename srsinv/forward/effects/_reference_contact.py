@@ -1,7 +1,7 @@
-"""Contact for a look: the pressure under a profile to a hundredth, by numpy.
+"""The reference's contact: the pressure under a profile to 1 %, by numpy.
 
 The solution that simulations take (srsinv/forward/contact.py) runs in a tenth of the time that it
-takes to compile, and a look is taken once.
+takes to compile, and a scene is screened once.
 """
 
 import numpy as np

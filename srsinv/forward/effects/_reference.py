@@ -1,0 +1,239 @@
+"""Reference spectra of a scene: enough to bound what an effect would change, without simulating it.
+
+All is numpy, on one grid, with the half space's stress and contact: beside the traction or a
+surface's height, which a simulation needs too, next to nothing is compiled.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Complex, Float, Inexact
+
+from ...grid import Line, Periodic, half_spectrum_weights
+from ..scan import Motion
+from ..scene import SurfaceScene, deviation
+from ..setup import Setup
+from ..skin import HalfSpace, half_space_stress
+from ._reference_contact import pressure_under
+
+TINY = np.finfo(float).tiny
+NO_PRESSURE = 1e-12  # of the highest one, below which a cell does not touch
+# Over which samples are counted: the signal varies little within, and a slow sampling has some.
+CELLS_A_BIN = 8
+
+
+@dataclass(frozen=True)
+class ReferenceSpectra:
+    """The signal of a setup without effects, by wavenumber.
+
+    - `setup`, `line`: without any effect.
+    - `k` (k,) [rad/m]; `traction` (2, k): spectrum of p and q [Pa]; `background_Pa` (2,).
+    - `stress` (e, 4, 2, k): stress at the films per traction; `weights` (e, 4): charge per stress.
+    - `gain`, `order`: of the readout.
+    - `transfer_of_others` (e, k): the factors of the other effects. `signal_rms`: with all of them
+      and the effect in question; `noise_peak`: of the noise of any; `max_gain_of_others`: by what
+      factor they may raise the signal for a while.
+    - `interval_s`: the shortest between samples. `sample_weight` (n,): a cell's part of all
+      samples, and of the mean square, 1 at constant speed.
+    - `simulated` (e, k), `simulated_stress` (e, 4, k): spectra of the signal and of the stress at
+      the films with the effects that stay on, where they were simulated.
+    """
+
+    setup: Setup
+    line: Line
+    k: Float[np.ndarray, " k"]
+    traction: Complex[np.ndarray, "2 k"]
+    background_Pa: Float[np.ndarray, "2"]
+    stress: Complex[np.ndarray, "e 4 2 k"]
+    weights: Float[np.ndarray, "e 4"]
+    gain: float
+    order: int
+    transfer_of_others: Inexact[np.ndarray, "e k"]
+    interval_s: float
+    sample_weight: Float[np.ndarray, " n"]
+    film_stress: Complex[np.ndarray, "e 4 k"] = field(init=False)
+    charge: Complex[np.ndarray, "e k"] = field(init=False)
+    signal: Complex[np.ndarray, "e k"] = field(init=False)
+    simulated: Complex[np.ndarray, "e k"] | None = None
+    simulated_stress: Complex[np.ndarray, "e 4 k"] | None = None
+    signal_rms: float = 0.0
+    noise_peak: float = 0.0
+    max_gain_of_others: float = 1.0
+
+    def __post_init__(self):
+        stress = np.einsum("esck,ck->esk", self.stress, self.traction)
+        charge = np.einsum("es,esk->ek", self.weights, stress)
+        given = self.simulated_stress
+        object.__setattr__(self, "film_stress", stress if given is None else given)
+        object.__setattr__(self, "charge", charge)
+        signal = self.read(charge) if self.simulated is None else self.simulated
+        object.__setattr__(self, "signal", signal)
+        if not self.signal_rms:
+            rms = self.saturated_rms(self.transfer_of_others, math.inf)
+            object.__setattr__(self, "signal_rms", rms)
+
+    def replace(self, **changed) -> "ReferenceSpectra":
+        """The same reference with other parts."""
+        return dataclasses.replace(self, **changed)
+
+    def with_signal(
+        self,
+        signal: Float[np.ndarray, "e n"],
+        stress: Float[np.ndarray, "e 4 n"],
+        transfer: Inexact[np.ndarray, "e k"],
+    ) -> "ReferenceSpectra":
+        """With the signal (e, n), and the stress at the films (e, 4, n), simulated with effects
+        whose factors make up `transfer`: traction is raised as the signal is."""
+        simulated = self._spectrum(signal)
+        raised = max(1.0, self.rms(simulated) / max(self.rms(transfer * self.signal), TINY))
+        return self.replace(
+            traction=raised * self.traction,
+            background_Pa=raised * self.background_Pa,
+            simulated=simulated,
+            simulated_stress=transfer[:, None] * self._spectrum(stress),
+        )
+
+    def _spectrum(self, samples: Float[np.ndarray, "... n"]) -> Complex[np.ndarray, "... k"]:
+        """On this line, of samples on one with the same window and wider cells."""
+        some = np.fft.rfft(samples) * (self.line.n / samples.shape[-1])
+        more = self.k.size - some.shape[-1]
+        return np.concatenate([some, np.zeros((*some.shape[:-1], more))], axis=-1)
+
+    def with_motion(self, motion: Motion, load: Float[np.ndarray, " sample"]) -> "ReferenceSpectra":
+        """Sampled along `motion`, under a load that varies by the factor `load`."""
+        width = CELLS_A_BIN * float(self.line.cell_m)
+        count = -(-self.line.n // CELLS_A_BIN)
+        away = (
+            np.asarray(motion.position_m) - float(self.line.start_m) + float(self.line.cell_m) / 2
+        )
+        at = np.floor(away / width).astype(int) % count
+        factor = (np.asarray(motion.speed_m_per_s) / self.speed_m_per_s) ** self.order * load
+        square = np.bincount(at, factor**2, count) * count / factor.size
+        return self.replace(sample_weight=np.repeat(square, CELLS_A_BIN)[: self.line.n])
+
+    def saturated_rms(self, transfer: Inexact[np.ndarray, "e k"], limit: float) -> float:
+        """Rms of the signal behind this transfer, its samples cut at +-`limit`."""
+        samples = np.clip(np.fft.irfft(transfer * self.signal, self.line.n), -limit, limit)
+        return max(self._weighted(samples), TINY)
+
+    def read(self, charge: Inexact[np.ndarray, "e k"]) -> Complex[np.ndarray, "e k"]:
+        """The signal's spectrum from that of the charge."""
+        return self.gain * (1j * self.k) ** self.order * charge
+
+    @property
+    def largest(self) -> Float[np.ndarray, "e k"]:
+        """The charge's spectrum if nothing cancelled: all stresses by their size."""
+        size = np.abs(self.weights), np.abs(self.stress), np.abs(self.traction)
+        return np.einsum("es,esck,ck->ek", *size)
+
+    @property
+    def speed_m_per_s(self) -> float:
+        """Of the sliding."""
+        return float(self.setup.scan.speed_m_per_s)
+
+    def rms(self, spectrum: Inexact[np.ndarray, "e k"]) -> float:
+        """Root mean square over all elements and samples of a signal with this spectrum."""
+        return self._weighted(np.fft.irfft(spectrum, self.line.n))
+
+    def relative_rms(self, change: Inexact[np.ndarray, "e k"]) -> float:
+        """A change with this spectrum, behind the other effects, over the signal, rms each."""
+        return self.rms(self.transfer_of_others * change) / self.signal_rms
+
+    def relative_rms_of_modulus(self, modulus: Float[np.ndarray, "e k"]) -> float:
+        """At most, for a change whose spectrum is known by its modulus alone: it may be where most
+        samples are."""
+        weights = half_spectrum_weights(self.line.n) / self.line.n
+        square = np.mean(np.abs(self.transfer_of_others * modulus) ** 2 @ weights)
+        return float(np.sqrt(square * self.sample_weight.max())) / self.signal_rms
+
+    def relative_excess(self, limit: float) -> float:
+        """What is beyond +-`limit` over the signal, rms each, the noise's peak added."""
+        samples = np.fft.irfft(self.transfer_of_others * self.signal, self.line.n)
+        over = self.max_gain_of_others * np.abs(samples) + self.noise_peak - limit
+        return self._weighted(np.maximum(over, 0.0)) / self.signal_rms
+
+    def relative_contact_change(self, ratio: Inexact[np.ndarray, " k"]) -> float:
+        """A bound on the change over the signal, rms each, where the skin's compliance becomes
+        `ratio` (k,) times its own, Re ratio > 0.
+
+        Where the skin touches everywhere before and after, pressure goes as 1/ratio. Elsewhere two
+        contacts under one load differ by d with
+
+            |d|_C <= |(C' - C) p|_(1/C),  C = Re C',
+
+        p the pressure before and C' the compliance after, as the gaps of both are complementary
+        (strong monotonicity of a variational inequality, Kinderlehrer and Stampacchia 1980). The
+        signal of d is at most the largest of |T|/sqrt(C) times that.
+        """
+        p = np.fft.irfft(self.traction[0], self.line.n) + self.background_Pa[0]
+        change = (1 / ratio - 1) * self.traction[0]
+        if min(p.min(), (p + np.fft.irfft(change, self.line.n)).min()) > NO_PRESSURE * p.max():
+            rubbing = np.fft.rfft(self._friction * np.fft.irfft(change, self.line.n))
+            both = np.stack([change, rubbing])
+            charge = np.einsum("es,esck,ck->ek", self.weights, self.stress, both)
+            return self.relative_rms(self.read(charge))
+        k, own = self.k[1:], ratio[1:]
+        softness = own.real / k  # over that of a half space at k = 1
+        off = np.abs(own - 1) / k / np.sqrt(softness) * np.abs(self.traction[0, 1:])
+        per_p, per_q = np.moveaxis(np.einsum("es,esck->eck", self.weights, self.stress), 1, 0)
+        highest = self.read(np.abs(per_p) + np.abs(self._friction).max() * np.abs(per_q))
+        passed = np.mean(np.abs(self.transfer_of_others * highest) ** 2, axis=0)[1:] / softness
+        square = off**2 @ (half_spectrum_weights(self.line.n) / self.line.n)[1:]
+        return float(np.sqrt(passed.max() * square * self.sample_weight.max())) / self.signal_rms
+
+    @property
+    def _friction(self) -> Float[np.ndarray, " n"]:
+        """q over p [1], where there is pressure."""
+        p, q = np.fft.irfft(self.traction, self.line.n) + self.background_Pa[:, None]
+        touching = p > NO_PRESSURE * p.max()
+        return np.divide(q, p, out=np.zeros_like(q), where=touching)
+
+    def _weighted(self, samples: Float[np.ndarray, "e n"]) -> float:
+        return float(np.sqrt(np.mean(self.sample_weight * samples**2)))
+
+
+def reference(setup: Setup, line: Line) -> ReferenceSpectra:
+    """Reference spectra of `setup`, which has a scene and no effects, on `line`.
+
+    The traction's program is the one that a simulation on the same line has.
+    """
+    scene, sensor, direction = setup.scene, setup.sensor, setup.scan.direction
+    assert scene is not None
+    assert isinstance(sensor.skin, HalfSpace), "a reference is without effects"
+    # All that can be is numpy: what is run once takes longer to compile.
+    k = 2 * np.pi * np.fft.rfftfreq(line.n, np.asarray(line.cell_m))
+    nu = np.asarray(sensor.skin.poisson_ratio)
+    films = [jax.tree.map(np.asarray, film) for film in sensor.elements]
+    stress = np.stack([half_space_stress(np, k, film.depth_m, nu) for film in films])
+    weights = np.stack([film.charge_per_stress(np) for film in films])
+    background, gain = map(np.asarray, _background_and_gain(setup))
+    periodic = isinstance(line, Periodic)
+    p = _pressure(scene, line, k) if isinstance(scene, SurfaceScene) else None
+    traction = np.asarray(deviation(scene, line, direction, periodic, p))
+    spectrum = np.fft.rfft(traction - background[:, None] if periodic else traction)
+    readout = float(gain), sensor.amplifier.order
+    interval = float(line.cell_m) / max(abs(float(setup.scan.speed_m_per_s)), TINY)
+    return ReferenceSpectra(
+        setup, line, k, spectrum, background, stress, weights, *readout,
+        np.ones((len(films), k.size)), interval, np.ones(line.n),
+    )  # fmt: skip
+
+
+def _pressure(scene: SurfaceScene, line: Line, k) -> Float[np.ndarray, " n"]:
+    skin = jax.tree.map(float, scene.skin)
+    mean = np.sinc(k * np.asarray(line.cell_m) / (2 * np.pi))
+    at_centres = 2 / (skin.contact_modulus_Pa * k[1:] * mean[1:])
+    height = np.asarray(scene.height(line))
+    return pressure_under(height, float(scene.nominal_pressure_Pa), np.append(0.0, at_centres))
+
+
+@eqx.filter_jit
+def _background_and_gain(setup: Setup):
+    scene, scan = setup.scene, setup.scan
+    assert scene is not None
+    gain = setup.sensor.amplifier.gain(scan.speed_m_per_s)
+    return scene.background(scan.direction), gain

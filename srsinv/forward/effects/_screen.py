@@ -1,0 +1,227 @@
+"""Which effects a scene calls for: all but those that together change next to nothing.
+
+What is left out changes the signal by no more than the sum of what each of them changes beside the
+others, as a rms is a norm. Each effect bounds its own change on reference spectra of the scene; the
+sum is raised by `INTERACTION` for what the reference is without.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Set
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ...grid import Line
+from ..setup import Setup
+from ._effect import Bursting, Effect, Factor, Order, Resampling, Rounding
+from ._reference import TINY, ReferenceSpectra, reference
+
+# Effects act on each other beyond their factors, and the reference's contact is accurate to 1 %.
+# Over random scenes the measured change is at most tests/claims/results/screening.json's
+# `error_over_bound_max` of the bound with this factor.
+INTERACTION = 1.25
+# Of the signal: what effects that stay on may change of it before it is simulated with them.
+LARGEST_UNSIMULATED_CHANGE = 0.1
+MOST_ROUNDS = 4  # each turns on more than the one before
+LEAST_EXPECTED_FLIPS = 1e-3  # of samples over all of them: fewer do not happen
+
+Simulate = Callable[[Set[str]], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class ScreeningResult:
+    """Which effects are `on`, and a `bound` on what the others change together: rms change over rms
+    signal with all of them.
+
+    - `relative_change_bounds` of every effect by itself, the largest first; `times_s` each took.
+    """
+
+    on: frozenset[str]
+    bound: float
+    relative_change_bounds: Mapping[str, float]
+    times_s: Mapping[str, float]
+
+
+def screen(
+    setup: Setup,
+    line: Line,
+    effects: Mapping[str, Effect],
+    tolerance: float,
+    simulate: Simulate | None = None,
+) -> ScreeningResult:
+    """Screen every effect, for a `setup` without any.
+
+    Effects are left out from the smallest on, as long as the bound on what they change together is
+    within `tolerance`. Where those that stay on may change the signal by more than
+    `LARGEST_UNSIMULATED_CHANGE`, `simulate` gives it with the named ones, (e, n) along the line,
+    and the stress at the films (e, 4, n), and the rest is screened again beside it.
+    """
+    spectra = _sampled(reference(setup, line), effects)
+    found = _round(spectra, effects, set(effects), set(effects), tolerance)
+    off = found.off
+    for _ in range(MOST_ROUNDS):
+        on = effects.keys() - off
+        unsure = sum((found.bounds[n] for n in on if _alters(effects[n])), 0.0)
+        if unsure > LARGEST_UNSIMULATED_CHANGE and simulate is not None:
+            transfer = math.prod(
+                _factors(spectra, effects, on).values(), start=spectra.transfer_of_others
+            )
+            beside = spectra.with_signal(*simulate(on), transfer)
+            again = _round(beside, effects, off, off, tolerance)
+        else:
+            least = min(unsure, LARGEST_UNSIMULATED_CHANGE)
+            again = _round(spectra, effects, off, set(effects), tolerance, least)
+        found = found.updated(again)
+        if again.off == off:
+            break
+        off = again.off
+    bounds = dict(sorted(found.bounds.items(), key=lambda each: -each[1]))
+    return ScreeningResult(frozenset(effects.keys() - off), found.bound, bounds, found.times)
+
+
+class _Round(NamedTuple):
+    """Bounds by name, what is off, the bound on all that is, and what each bound took [s]."""
+
+    bounds: dict[str, float]
+    off: set[str]
+    bound: float
+    times: dict[str, float]
+
+    def updated(self, by: "_Round") -> "_Round":
+        times = {n: spent + by.times.get(n, 0.0) for n, spent in self.times.items()}
+        return _Round(self.bounds | by.bounds, by.off, by.bound, times)
+
+
+def _sampled(spectra: ReferenceSpectra, effects: Mapping[str, Effect]) -> ReferenceSpectra:
+    """At the samples that a recorder takes with all that moves, loads and samples."""
+    setup, rates = spectra.setup, []
+    for each in effects.values():
+        if each.order in (Order.MOTION, Order.LOAD) or isinstance(each, Resampling):
+            setup = each.added(setup)
+        if isinstance(each, Resampling):
+            rates.append(each.rate_hz)
+    interval = min([spectra.interval_s, *(1 / rate for rate in rates)])
+    if not setup.recorder.goes_by_time:
+        return spectra.replace(interval_s=interval)
+    motion = setup.recorder.motion(spectra.line, spectra.line, setup.scan)
+    time_s = np.asarray(motion.time_s)
+    load = math.prod((each.load(time_s) for each in effects.values()), start=np.ones_like(time_s))
+    return spectra.replace(interval_s=interval).with_motion(motion, load)
+
+
+def _round(
+    spectra: ReferenceSpectra,
+    effects: Mapping[str, Effect],
+    screened: Set[str],
+    acting: Set[str],
+    tolerance: float,
+    unsure: float = 0.0,
+) -> _Round:
+    """Bounds of those that are `screened`, beside the factors of those that are `acting` and are
+    not in the signal yet, which may be off by the part `unsure`."""
+    every_one = effects.values()
+    factors = _factors(spectra, effects, acting)
+    every = math.prod(factors.values(), start=spectra.transfer_of_others)
+    limit = min((each.saturation for each in every_one), default=math.inf)
+    rms = (1 - unsure) * spectra.saturated_rms(every, limit)
+    spectra = spectra.replace(signal_rms=rms)
+    noises = [each.noise(spectra) for each in every_one if isinstance(each, Bursting)]
+    noises = [noise.replace(signal_rms=rms) for noise in noises]
+    spectra = spectra.replace(
+        noise_peak=sum((noise.noise_peak for noise in noises), 0.0),
+        max_gain_of_others=math.prod((each.max_gain for each in every_one), start=1 + unsure),
+    )
+    bounds, times = {}, {}
+    for name in (n for n in effects if n in screened):  # a set has no order of its own
+        start = time.perf_counter()
+        others = (factor for n, factor in factors.items() if n != name)
+        transfer = math.prod(others, start=spectra.transfer_of_others)
+        beside = spectra.replace(transfer_of_others=transfer)
+        of_noise = sum(_of_noise(effects[name], noise) for noise in noises)
+        bounds[name] = float(effects[name].relative_change_bound(beside) + of_noise)
+        times[name] = time.perf_counter() - start
+    off, bound = _left_out(bounds, effects, spectra.replace(transfer_of_others=every), tolerance)
+    return _Round(bounds, off, bound, times)
+
+
+def _factors(spectra: ReferenceSpectra, effects: Mapping[str, Effect], names: Set[str]):
+    named = {name: effects[name] for name in names}
+    return {n: each.factor(spectra) for n, each in named.items() if isinstance(each, Factor)}
+
+
+def _alters(effect: Effect) -> bool:
+    """Whether the signal with it is known no better than by its bound."""
+    exact = isinstance(effect, Factor) and effect.is_exact
+    return effect.order <= Order.SLIDING and not exact
+
+
+def _of_noise(effect: Effect, noise: ReferenceSpectra) -> float:
+    """What an effect may change of the noise that another one adds."""
+    if effect.order <= Order.DIRECTION:
+        return effect.relative_change_bound(noise)
+    if isinstance(effect, Factor):  # in time, where the noise may have any spectrum
+        slid = abs(noise.speed_m_per_s) * noise.interval_s * noise.k[-1]
+        faster = max(1.0, np.pi / max(slid, TINY))
+        response = effect.factor(noise.replace(k=faster * noise.k))
+        return float(np.abs(response - 1).max()) * noise.relative_rms(noise.signal)
+    return 0.0
+
+
+def _left_out(
+    bounds: Mapping[str, float],
+    effects: Mapping[str, Effect],
+    spectra: ReferenceSpectra,
+    tolerance: float,
+) -> tuple[set[str], float]:
+    """Those of the `bounds` that can be left out together, from the smallest on, and a bound on
+    what they change."""
+    # What rounds stays on where it has to: its step is then in what the others change.
+    rounding = {n: each for n, each in effects.items() if isinstance(each, Rounding)}
+    off, bound = _smallest(bounds, {n: rounding[n] for n in rounding if n not in bounds}, spectra,
+                           tolerance)  # fmt: skip
+    if staying := {n: each for n, each in rounding.items() if n not in off}:
+        rest = {n: bound for n, bound in bounds.items() if n not in staying}
+        off, bound = _smallest(rest, staying, spectra, tolerance)
+    return off, bound
+
+
+def _smallest(bounds, rounding, spectra, tolerance) -> tuple[set[str], float]:
+    steps = [each.relative_quantisation_step(spectra) for each in rounding.values()]
+    off, total, bound = set(), 0.0, 0.0
+    for name in sorted(bounds, key=lambda each: bounds[each]):
+        total += INTERACTION * bounds[name]
+        together = rounded(spectra, total, max(steps, default=0.0))
+        if not together <= tolerance:
+            break
+        off.add(name)
+        bound = together
+    return off, bound
+
+
+def rounded(spectra: ReferenceSpectra, change: float, step: float) -> float:
+    """A bound on the rms of a `change` once samples are rounded to multiples of `step`, all over
+    the signal's rms.
+
+    A change of d turns a sample over where a tie is within d, by a step beyond the change itself:
+    in all, d^2 + step^2 times the part of samples that turn. The signal is known but for an offset,
+    so that this is the part within d at the worst one; samples that are sure to be rounded to zero
+    do not turn.
+    """
+    samples = np.fft.irfft(spectra.transfer_of_others * spectra.signal, spectra.line.n).ravel()
+    turned = _turned_part(samples / spectra.signal_rms, change, step) if step > 0 else 0.0
+    return math.sqrt(change**2 + step**2 * turned)
+
+
+def _turned_part(samples: Float[np.ndarray, " n"], change: float, step: float) -> float:
+    if not step < math.inf or change / step * samples.size < LEAST_EXPECTED_FLIPS:
+        return 0.0
+    if change >= step:
+        return change / step
+    can = np.abs(samples) * (1 + LARGEST_UNSIMULATED_CHANGE) + change >= step / 2
+    phases = np.sort(samples[can] / step % 1.0)
+    twice = np.concatenate([phases, phases + 1])
+    most = np.searchsorted(twice, phases + change / step, side="right") - np.arange(phases.size)
+    return max(float(most.max(initial=0)) / samples.size, change / step)

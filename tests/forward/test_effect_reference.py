@@ -1,0 +1,83 @@
+"""The reference that screens effects: its contact, and what rounding makes of a change."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from srsinv.forward.contact import press
+from srsinv.forward.effects._reference import _pressure, reference
+from srsinv.forward.effects._reference_contact import pressure_under
+from srsinv.forward.effects._screen import rounded
+from srsinv.forward.skin import HalfSpace
+from srsinv.jobs import build
+from srsinv.jobs.simulation import simulation
+from tests.forward.test_effects import configuration
+
+
+@pytest.mark.parametrize("name", ["ridge", "tape", "rough"])
+def test_the_reference_contact_is_accurate_to_one_per_cent(name):
+    """Of the pressure's deviation behind the rubber over the film, |k| e^(-kz); where a profile
+    touches everywhere, to round-off."""
+    sim = simulation(configuration("effects=[]", f"scene={name}"))
+    k = np.asarray(sim.line.k)
+    felt = k * np.exp(-k * 0.75e-3)
+    looked, solved = (
+        np.fft.rfft(each)
+        for each in (_pressure(sim.scene, sim.line, k), sim.scene.pressure(sim.line))
+    )
+    off = np.linalg.norm(felt * (looked - solved)) / np.linalg.norm(felt * solved)
+    assert off < (1e-2 if np.any(sim.scene.pressure(sim.line) == 0) else 1e-9)
+
+
+def test_the_reference_contact_of_grazing_profiles():
+    """Spikes of one cell, of which next to nothing touches; the load is kept."""
+    sim = simulation(configuration("effects=[]", "scene=ridge"))
+    k, height = np.asarray(sim.line.k), np.zeros(sim.line.n)
+    height[[40, 90]] = 1e-4, 2e-4
+    compliance = np.append(0.0, 2 / (9.3e5 * k[1:]))
+    for load in (1e-6, 1.0, 1e3):
+        p = pressure_under(height, load, compliance)
+        solved = press(sim.line, HalfSpace(), jnp.asarray(height), load).pressure_Pa
+        assert p.mean() == pytest.approx(load, rel=1e-12)
+        assert np.all(p >= 0)
+        assert np.abs(p - solved).max() < 0.05 * p.max()
+
+
+STEP = 0.05
+x = np.arange(512) / 512
+SIGNALS = {
+    "phases spread evenly": np.cos(2 * np.pi * 3.7 * x) + np.sin(2 * np.pi * 51.3 * x),
+    "the same samples again and again": np.cos(2 * np.pi * 64 * x + 0.3),
+    "level, next to a tie": 10.4999 * STEP + np.where(x < 0.1, 0.8, 0.0),
+    "zero but for a peak": np.exp(-(((x - 0.5) / 0.02) ** 2)),
+}
+SHAPES = {
+    "noise": np.random.default_rng(0).standard_normal(512),
+    "level": np.ones(512),
+    "wave": np.cos(2 * np.pi * 9 * x),
+}
+
+
+@pytest.fixture(scope="module")
+def spectra():
+    sim = simulation(configuration("effects=[]", "sensor=one_element"))
+    line = build.line({"grid": {"line": "periodic", "cells": 512, "length_m": 1.0, "start_m": 0.0}})
+    return reference(sim.setup, line)
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+def test_rounding_makes_no_more_of_a_change_than_its_bound(name, spectra):
+    samples, ratios = SIGNALS[name], []
+    size = float(np.sqrt(np.mean(samples**2)))
+    given = spectra.replace(simulated=np.fft.rfft(samples)[None], signal_rms=size)
+    for change in np.geomspace(1e-5, 1, 20) * STEP:
+        bound = size * rounded(given, change / size, STEP / size)
+        for shape in SHAPES.values():
+            other = samples + change * shape / np.sqrt(np.mean(shape**2))
+            moved = STEP * (np.round(other / STEP) - np.round(samples / STEP))
+            rms = np.sqrt(np.mean(moved**2))
+            # Where one sample is a thousand times unlikely to turn, one is let turn.
+            assert rms <= max(bound, 1.01 * STEP / np.sqrt(512))
+            ratios.append(bound / max(rms, change))
+    # Nor is it far above where many samples turn.
+    assert name != "phases spread evenly" or np.median(ratios) < 4

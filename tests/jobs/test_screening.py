@@ -1,0 +1,33 @@
+"""Ten of the random scenes of tests/claims/screening.py, what is left out really left out, and
+bursts behind layers: programs that take long to compile."""
+
+import jax
+import pytest
+
+from srsinv.forward.effects._screen import screen
+from srsinv.jobs import build
+from srsinv.jobs.change import difference, pair, with_only
+from srsinv.jobs.simulation import simulation
+from tests.claims.random_scenes import configuration
+from tests.claims.screening import measured
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("scene", range(1, 11))
+def test_what_is_left_out_changes_less_than_its_bound(scene):
+    for row in measured(scene, is_silenced=False):
+        assert row.error <= row.bound <= row.tolerance
+
+
+@pytest.mark.full
+def test_layers_change_loud_bursts_by_no_more_than_their_bound():
+    cfg = with_only(configuration(2), ("layered_skin", "snap_back"))
+    cfg["effects"]["snap_back"] |= {"shear_Pa": 1e5, "rate_hz": 200.0}
+    both, loud, bare = (
+        simulation(with_only(cfg, on)) for on in (("layered_skin", "snap_back"), ("snap_back",), ())
+    )
+    with_it, without = pair(both, loud, jax.random.key(0))
+    assert difference(pair(both, bare, jax.random.key(0))[1], with_it) > 0.5
+    found = screen(bare.setup, bare.line, build.effects(cfg), 1e-3)
+    change = difference(without, with_it)
+    assert 1e-3 < change <= found.relative_change_bounds["layered_skin"]
