@@ -177,7 +177,7 @@ class ReferenceSpectra:
             charge = np.einsum("es,esck,ck->ek", self.weights, self.stress, both)
             return self.relative_rms(self.read(charge))
         k, own = self.k[1:], ratio[1:]
-        softness = own.real / k  # over that of a half space at k = 1
+        softness = np.real(own) / k  # over that of a half space at k = 1
         off = np.abs(own - 1) / k / np.sqrt(softness) * np.abs(self.traction[0, 1:])
         per_p, per_q = np.moveaxis(np.einsum("es,esck->eck", self.weights, self.stress), 1, 0)
         highest = self.read(np.abs(per_p) + np.abs(self._friction).max() * np.abs(per_q))
