@@ -1,0 +1,147 @@
+"""Mutations: small wrong edits of the package, each one that a test has to notice.
+
+They are data, in the YAML files beside this one, and keyed by symbol: MODULE:QUALIFIED.NAME of a
+function, a class, a method or a constant, and a fragment of Python within it. Both are looked up in
+the syntax tree, so that an entry survives what moves within a file, and a change of spacing, line
+breaks or comments.
+"""
+
+import ast
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import yaml
+
+FOLDER = Path(__file__).resolve().parent
+ROOT = FOLDER.parents[1]
+# A guard is code that the right answer of some hard case depends on, and of no easy one; a constant
+# is a sign, a unit, a physical constant or a threshold.
+KINDS = ("guard", "constant")
+
+
+class Stale(Exception):
+    """An entry of the table that does not fit the package any more."""
+
+
+@dataclass(frozen=True)
+class Mutation:
+    """One wrong edit.
+
+    - `old`, `new`: an expression or a statement that stands in `symbol` exactly once, and what
+      takes its place.
+    - `guards`: what is lost with it; `tests`: the files in which that is expected to be noticed.
+    - `equivalent`: why no test can notice it, where none can.
+    """
+
+    name: str
+    kind: str
+    symbol: str
+    old: str
+    new: str
+    guards: str
+    tests: tuple[str, ...]
+    equivalent: str = ""
+
+    @property
+    def path(self) -> Path:
+        """The module's file, relative to the root."""
+        module = Path(*self.symbol.partition(":")[0].split("."))
+        return module / "__init__.py" if (ROOT / module).is_dir() else module.with_suffix(".py")
+
+    def applied(self) -> str:
+        """The module's text with the edit; raises `Stale` where it cannot be made."""
+        lines, tree = _parsed(self._file())
+        found = _equal(self._symbol_in(tree), _fragment(self.old))
+        if len(found) != 1:
+            raise Stale(
+                f"Mutation {self.name}: {self.old!r} stands {len(found)} times in {self.symbol}, "
+                "where it has to stand once: bring `old` and `new` up to date with the code, or "
+                "delete the entry with what it guarded."
+            )
+        begin, end = _span(lines, found[0])
+        text = b"".join(lines)
+        new = f"({self.new})" if isinstance(found[0], ast.expr) else self.new
+        return (text[:begin] + new.encode() + text[end:]).decode()
+
+    def _file(self) -> Path:
+        path = ROOT / self.path
+        if not path.is_file():
+            raise Stale(
+                f"Mutation {self.name}: there is no {self.path}: bring `symbol` up to date with "
+                "where the code went."
+            )
+        return path
+
+    def _symbol_in(self, tree: ast.AST) -> ast.AST:
+        node, _, qualified = tree, *self.symbol.partition(":")[1:]
+        for name in qualified.split("."):
+            named = [each for each in getattr(node, "body", ()) if name in _names(each)]
+            if len(named) != 1:
+                raise Stale(
+                    f"Mutation {self.name}: {self.path} has {len(named)} times {name!r} of "
+                    f"{qualified!r}, where one is expected: bring `symbol` up to date."
+                )
+            node = named[0]
+        return node
+
+
+def mutations() -> dict[str, Mutation]:
+    """The whole table, by name. Raises `Stale` for an entry that is not one."""
+    table: dict[str, Mutation] = {}
+    for path in sorted(FOLDER.glob("*.yaml")):
+        # Every scalar as text: a fragment such as -3e-11 is Python, not YAML.
+        entries = yaml.load(path.read_text(), Loader=yaml.BaseLoader)
+        for entry in entries:
+            entry["tests"] = tuple(entry["tests"])
+            one = Mutation(**entry)
+            if one.name in table or one.kind not in KINDS:
+                raise Stale(
+                    f"Mutation {one.name} of {path.name}: names have to be unique, and the kind "
+                    f"{one.kind!r} one of {', '.join(KINDS)}."
+                )
+            table[one.name] = one
+    return table
+
+
+@cache
+def _parsed(path: Path) -> tuple[list[bytes], ast.Module]:
+    text = path.read_bytes()
+    return text.splitlines(keepends=True), ast.parse(text)
+
+
+def _names(statement: ast.AST) -> set[str]:
+    """What a statement defines or assigns."""
+    match statement:
+        case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+            return {name}
+        case ast.Assign(targets=targets):
+            parts = (part for target in targets for part in ast.walk(target))
+            return {part.id for part in parts if isinstance(part, ast.Name)}
+        case ast.AnnAssign(target=ast.Name(id=name)):
+            return {name}
+    return set()
+
+
+def _fragment(text: str) -> ast.AST:
+    (statement,) = ast.parse(text).body
+    return statement.value if isinstance(statement, ast.Expr) else statement
+
+
+def _equal(symbol: ast.AST, wanted: ast.AST) -> list[ast.expr | ast.stmt]:
+    """The nodes of `symbol` that are `wanted`, wherever they stand."""
+    dump = ast.dump(wanted)
+    alike = (each for each in ast.walk(symbol) if type(each) is type(wanted))
+    return [
+        each for each in alike if isinstance(each, ast.expr | ast.stmt) and ast.dump(each) == dump
+    ]
+
+
+def _span(lines: list[bytes], node: ast.expr | ast.stmt) -> tuple[int, int]:
+    """Where a node begins and ends, in bytes; columns of the syntax tree are bytes too."""
+    before = [0]
+    for line in lines:
+        before.append(before[-1] + len(line))
+    # Only the ends of nodes made by hand are None.
+    last, column = node.end_lineno or 0, node.end_col_offset or 0
+    return before[node.lineno - 1] + node.col_offset, before[last - 1] + column
