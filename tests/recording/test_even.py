@@ -83,6 +83,13 @@ def test_every_row_stays_where_its_stamp_is(stamps, lost):
         np.testing.assert_array_equal(even.signal[0][~np.isnan(even.signal[0])], given.signal[0])
     else:  # the clock is elsewhere by the end of a long gap
         assert abs(even.lost_rows - between) <= 0.01 * max(between, 1)
+        # Nothing is drawn across rows that are not there.
+        row, stood_s = np.flatnonzero(there), time_s[there]
+        before = np.searchsorted(stood_s[1:-1], even.time_s, side="right")
+        across = (np.diff(row) > 1)[before] & (even.time_s > stood_s[before])
+        np.testing.assert_array_equal(
+            np.isnan(even.signal[0]), across & (even.time_s < stood_s[before + 1])
+        )
 
 
 def test_nothing_is_moved_where_no_row_is_lost():
