@@ -12,22 +12,22 @@ import time
 from pathlib import Path
 
 from . import results
-from .run import NO_END, TIERS, Copy
+from .run import DIED, TIERS, Copy
 from .table import Mutation, mutations
 
 
 def main() -> int:
     """The exit code: 1 where a mutation that was run is noticed by no test."""
     asked = _asked()
-    table = mutations()
+    table, found = mutations(), results.read()
     names = [n for n in table if any(fnmatch.fnmatch(n, pattern) for pattern in asked.names)]
     if not names:
         sys.exit(f"No mutation is called {' or '.join(asked.names)}: --list shows all.")
     if asked.list:
         for each in (table[name] for name in names):
-            print(f"{each.name:36}{each.kind:10}{each.symbol}: {each.guards}")
+            tier = found.get(each.name, {}).get("tier") or "-"
+            print(f"{each.name:28}{each.kind:10}{tier:6}{each.symbol}: {each.guards}")
         return 0
-    found = results.read()
     with tempfile.TemporaryDirectory(prefix="mutations-") as folder:
         copy = Copy(Path(folder), asked.pytest)
         for name in names:
@@ -43,7 +43,11 @@ def _asked() -> argparse.Namespace:
     parser = argparse.ArgumentParser("python -m tests.mutations", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--tier", choices=TIERS)
-    parser.add_argument("--list", action="store_true", help="print the table and run nothing")
+    parser.add_argument(
+        "--list",
+        action="store_true",
+        help="print the table and run nothing",
+    )
     parser.add_argument("--pytest", default="", help="further arguments of pytest, in one string")
     asked = parser.parse_args()
     asked.names, asked.pytest = asked.names or ["*"], asked.pytest.split()
@@ -58,16 +62,15 @@ def _result(
         known = before["noticed_by"] if before else []
         noticed_in, tests = copy.first_failure(mutation, known)
     else:
-        tests = copy.failures(mutation, tier)
-        noticed_in = tier if tests else None
+        noticed_in, tests = copy.failures(mutation, tier)
     took = f"{time.monotonic() - begun:.0f} s"
-    print(f"{mutation.name:36}{noticed_in or '-':6}{took:>6}  {', '.join(tests)}", flush=True)
+    print(f"{mutation.name:28}{noticed_in or '-':6}{took:>6}  {', '.join(tests)}", flush=True)
     return results.result(mutation, noticed_in, tests)
 
 
 def _check_unmutated(copy: Copy, tests: list[str]) -> None:
     """A test that fails without a mutation notices none."""
-    failing = copy.failures_unmutated(sorted({test for test in tests if test != NO_END}))
+    failing = copy.failures_unmutated(sorted({test for test in tests if test != DIED}))
     if failing:
         sys.exit(f"Without any mutation fails too: {', '.join(failing)}: mend it, and run again.")
 

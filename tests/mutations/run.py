@@ -6,6 +6,7 @@ srsinv: importing them takes longer than most tests.
 
 import multiprocessing
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -19,8 +20,8 @@ import pytest
 from .table import ROOT, Mutation
 
 TIERS = {"test": "not full and not claims", "all": "not claims"}
-LONGEST_S = 900  # of one run of pytest: a mutation may well make a search endless
-NO_END = f"no end within {LONGEST_S} s"
+LONGEST_S = 600  # of processor time: a mutation may well make a search endless
+DIED = "pytest died"  # in place of a test: of that, or of an error that ends Python itself
 PRELOADED = (
     *("jax", "jaxtyping", "beartype", "equinox", "optimistix", "lineax", "optax", "mpmath"),
     *("scipy.signal", "scipy.optimize", "scipy.stats", "scipy.interpolate", "scipy.ndimage"),
@@ -56,19 +57,23 @@ class Copy:
         test` if one is, else in what `make test-all` has beside it.
 
         `known` are those of an earlier run, tried before; they may be gone since."""
-        beside = f"({TIERS['all']}) and not ({TIERS['test']})"
         with self._mutated(mutation):
-            for tier, marks in (("test", TIERS["test"]), ("all", beside)):
+            for tier, marks in _apart("all"):
                 for tests in (known, mutation.tests):
                     if failed := self._failures(tests, marks, "-x"):
                         return tier, failed[:1]
         return None, []
 
-    def failures(self, mutation: Mutation, tier: str) -> list[str]:
-        """The tests of a whole tier that notice a mutation, the cases of each taken together."""
+    def failures(self, mutation: Mutation, tier: str) -> tuple[str | None, list[str]]:
+        """The least tier that notices a mutation, and all tests up to this tier that do, the cases
+        of each taken together."""
+        least, every = None, set()
         with self._mutated(mutation):
-            failed = self._failures(("tests",), TIERS[tier])
-        return sorted({test.partition("[")[0] for test in failed})
+            for at, marks in _apart(tier):
+                failed = self._failures(("tests",), marks)
+                least = least or (at if failed else None)
+                every |= {test.partition("[")[0] for test in failed}
+        return least, sorted(every)
 
     def failures_unmutated(self, tests: Sequence[str]) -> list[str]:
         """Which of these fail without any mutation."""
@@ -99,11 +104,9 @@ class Copy:
         fork.start()
         theirs.close()
         try:
-            if not ours.poll(LONGEST_S):
-                return [NO_END]
             code, failed = ours.recv()
         except EOFError:
-            code, failed = "no exit code", []
+            return [DIED]
         finally:
             fork.kill()
             fork.join()
@@ -112,6 +115,13 @@ class Copy:
         if code not in ended and not failed and not is_gone:
             raise RuntimeError(f"pytest ended with {code}:\n{output.read_text()}")
         return failed
+
+
+def _apart(tier: str) -> list[tuple[str, str]]:
+    """The tiers up to this one, each with the marks of what it has beside those before it."""
+    if tier == "test":
+        return [("test", TIERS["test"])]
+    return [("test", TIERS["test"]), ("all", f"({TIERS['all']}) and not ({TIERS['test']})")]
 
 
 class _Failures:
@@ -131,6 +141,7 @@ class _Failures:
 
 def _pytest(tree: Path, output: Path, command: Sequence[str], theirs: Connection) -> None:
     """In a fork: pytest in `tree`, its exit code and the tests that failed by `theirs`."""
+    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_S, LONGEST_S))
     descriptor = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
