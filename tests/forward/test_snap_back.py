@@ -332,6 +332,16 @@ def test_gradients_are_those_of_differences(name):
     assert float(REVERSE(values)[at]) * VALUES[name] == pytest.approx(expected, rel=1e-7)
 
 
+def test_at_rest_derivatives_are_nothing():
+    """And are there, though no interval between samples is."""
+
+    def total(values):
+        noise = eqx.tree_at(lambda n: n.decay_s, snap_back(), values[0])
+        return jnp.sum(noise.spectrum(LINE, ConstantSpeed(values[1]), RMS))
+
+    np.testing.assert_array_equal(jax.jit(jax.grad(total))(jnp.array([5e-3, 0.0])), 0.0)
+
+
 @pytest.mark.full
 def test_single_precision():
     double = np.asarray(spectrum_of(snap_back(), LINE, SCAN))

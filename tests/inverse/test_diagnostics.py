@@ -51,6 +51,26 @@ def test_a_warning_is_given_where_it_is_due(words):
     assert any(each.startswith(words) for each in method(problem()).warnings)
 
 
+# What a warning goes by, a value that is let pass and one that is not: either side of the numbers
+# that diagnostics.py gives reasons for.
+THRESHOLDS = {
+    "numbers told": (lambda told: diagnostics.prior_alone("p", told, 48), 1.2, 0.8),
+    "shortest wave": (lambda share: diagnostics.beyond_cells("p", share), 0.4, 0.6),
+    "samples missing": (lambda share: diagnostics.missing(share, False), 0.03, 0.08),
+    "sliding over signal": (diagnostics.sliding_noise, 0.07, 0.15),
+    "rms over noise": (lambda rms: diagnostics.beyond_noise(rms**2, 1e4), 1.2, 1.3),
+    "rms over prior": (lambda rms: diagnostics.beyond_prior("p", rms**2 * 1e4, 1e4), 1.8, 2.2),
+    "chi-square of a fit": (lambda chi2: diagnostics.of_fit(chi2, 1e4, (), ()), 1.1, 1.3),
+}
+
+
+@pytest.mark.parametrize("name", THRESHOLDS)
+def test_thresholds(name):
+    warnings, passes, does_not = THRESHOLDS[name]
+    assert len(warnings(passes)) == 0
+    assert len(warnings(does_not)) == 1
+
+
 # Stated noise over the true one: how many warnings of the residual, and what the estimate is worth.
 STATED = {1.0: (0, "good"), 0.9: (0, "good"), 0.5: (1, "doubtful"), 0.3: (1, "failed")}
 
