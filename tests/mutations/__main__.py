@@ -6,6 +6,7 @@ tests/claims/results/mutations.json.
 
 import argparse
 import fnmatch
+import shlex
 import sys
 import tempfile
 import time
@@ -50,7 +51,7 @@ def _asked() -> argparse.Namespace:
     )
     parser.add_argument("--pytest", default="", help="further arguments of pytest, in one string")
     asked = parser.parse_args()
-    asked.names, asked.pytest = asked.names or ["*"], asked.pytest.split()
+    asked.names, asked.pytest = asked.names or ["*"], shlex.split(asked.pytest)
     return asked
 
 
