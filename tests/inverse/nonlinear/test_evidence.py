@@ -37,9 +37,10 @@ def integral(model, y, stderr, boxes, priors):
 
 
 @pytest.mark.parametrize("stderr", [0.1, 1.0, 10.0, 100.0])
-@pytest.mark.parametrize("slope", [0.5, 0.02, -0.1, 1.3])
+@pytest.mark.parametrize("slope", [0.5, 0.02, -0.1, 1.3, -1.0])
 def test_one_bounded_parameter(slope, stderr):
-    """Exact for a linear model: a sharp posterior, one broader than its bounds, one on a bound."""
+    """Exact for a linear model: a sharp posterior, one broader than its bounds, one on a bound,
+    and one far beyond it."""
     y = slope * X + 0.3 * stderr * NOISE
     boxes = {"a": (0.0, 1.0)}
     found = srsinv.fit(line, {"a": 0.5}, y, noise=stderr, bounds=boxes)

@@ -42,6 +42,13 @@ def test_coloured_is_what_it_makes_white():
     np.testing.assert_allclose(noise.coloured(white), np.moveaxis(expected, 0, -1), atol=1e-12)
 
 
+def test_samples_much_nearer_than_the_correlation():
+    """Without white noise the second of two differs from the first by s sqrt(2 d/l)."""
+    noise = Sliding(np.array([0.0, 1e-12 * LENGTH]), np.full((1, 2), 1e-30), 0.7, LENGTH)
+    white = np.asarray(noise(jnp.array([[0.0, 1.0]])))
+    assert white[1] == pytest.approx(1 / (0.7 * np.sqrt(2e-12)), rel=1e-10)
+
+
 def test_its_volume_and_count():
     noise = Sliding(X, WHITE, 0.7, LENGTH)
     seen = [np.isfinite(row) for row in WHITE]
@@ -113,6 +120,14 @@ def test_white_noise_alone_leaves_no_sliding():
     found = estimate(y, np.arange(3000) * 5e-6, 7.5e-4)
     np.testing.assert_allclose(found.white, 1e-6, rtol=0.06)
     assert found.sliding < 0.3e-6
+
+
+def test_levels_of_a_motion_that_stands_still():
+    """Samples at one place share the sliding noise: what differs is white."""
+    x = np.repeat(np.arange(300) * 5e-6, 2)
+    y = 1e-6 * RNG.normal(size=(1, 600)) + np.repeat(3e-6 * RNG.normal(size=(1, 300)), 2, axis=1)
+    found = estimate(y, x, 7.5e-4)
+    assert found.white[0] == pytest.approx(1e-6, rel=0.15)
 
 
 def test_refusals():
