@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from tests.mutations import results
 from tests.mutations.table import ROOT, Stale, mutations
 
 TABLE = mutations()
@@ -35,3 +36,10 @@ def test_what_does_not_fit_is_said(case):
 def test_a_fragment_is_found_whatever_its_spacing():
     spread = replace(ONE, old="(1\n - self . poisson_ratio ** 2)")
     assert spread.applied() == ONE.applied()
+
+
+def test_what_is_recorded_is_of_this_table():
+    """Else: python -m tests.mutations NAME."""
+    found = results.read()
+    stale = {n for n in found if n not in TABLE or not results.is_of(found[n], TABLE[n])}
+    assert stale == set()
