@@ -53,6 +53,11 @@ def test_heights(shape, expected):
     np.testing.assert_allclose(np.asarray(shape.height(LINE))[~near], expected[~near], atol=1e-9)
 
 
+def test_a_cylinder_of_large_radius_is_a_parabola():
+    """To (x/R)^2/4 = 1e-10, of heights that are 1e-10 of the radius."""
+    np.testing.assert_allclose(Cylinder(1e3).height(LINE), -(X**2) / 2e3, rtol=1.01e-10)
+
+
 def test_an_edge_is_the_profile_of_the_recordings():
     """h = H/2 [tanh((x-x0+W/2)/e) - tanh((x-x0-W/2)/e)]."""
     H, W, x0, e = 3e-5, 1e-3, 2e-4, 4e-5
