@@ -72,7 +72,13 @@ def _inverse(matrix):
     return np.array([[s, -q], [-r, p]]) / (p * s - q * r)
 
 
-@pytest.fixture(params=PRECISIONS)
+# A model compiles once for each precision.
+IN_PRECISIONS = [
+    pytest.param(name, marks=() if name == "float64" else pytest.mark.full) for name in PRECISIONS
+]
+
+
+@pytest.fixture(params=IN_PRECISIONS)
 def precision(request):
     solver = request.node.callspec.params.get("solver")
     if solver == "jaxopt LBFGSB" and request.param == "float32":

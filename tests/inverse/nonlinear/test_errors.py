@@ -85,6 +85,7 @@ def with_outliers(count):
     return y + np.where(rng.random(y.shape) < 0.1, rng.uniform(-40, 40, y.shape) * RMS, 0.0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("loss", "noise"), [*((loss, RMS) for loss in LOSSES), (Huber(), None)], ids=str
 )

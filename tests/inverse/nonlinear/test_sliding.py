@@ -93,6 +93,7 @@ def test_levels_come_back_from_the_noise(uneven):
     assert found.correlation_m == pytest.approx(LENGTH, rel=0.6)
 
 
+@pytest.mark.full
 def test_levels_are_not_too_low_for_what_a_fit_takes_out():
     """The median of 40 draws, to four of its standard errors: a fit of 8 slow waves takes out a
     fifth of the noise that is slow."""
