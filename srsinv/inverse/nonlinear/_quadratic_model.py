@@ -26,7 +26,7 @@ from ._lengths import lengths
 # by a tenth; without it those on penalty I never end.
 CURVATURE_SHARE = 0.25
 # Curvature along a step beyond J^T J's, over J^T J's, from which on S is used: half as much makes
-# MGH10 (Meyer) slower by half.
+# MGH10 (Meyer) slower by a fifth.
 LARGE_CURVATURE = 1.0
 # How many times further off than Gauss and Newton's model the other may be once it is used: without
 # it the search changes to and fro.
