@@ -7,6 +7,9 @@ The hook stays for the whole session: it works on each module of the package as 
 import os
 from pathlib import Path
 
+# Two workers of as many threads each wait for one another: before numpy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from jaxtyping import install_import_hook
 
