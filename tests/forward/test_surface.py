@@ -58,6 +58,22 @@ def test_a_cylinder_of_large_radius_is_a_parabola():
     np.testing.assert_allclose(Cylinder(1e3).height(LINE), -(X**2) / 2e3, rtol=1.01e-10)
 
 
+@pytest.mark.parametrize(
+    "height",
+    [
+        lambda v: Cylinder(5e-3 * v).height(LINE),
+        lambda v: Rough(1e-6, 4e-3, 1e-3, 0.8 * v).height(LINE),
+    ],
+    ids=["flat beyond a cylinder", "waves without power"],
+)
+def test_derivatives_are_finite_where_a_root_is_of_nothing(height):
+    def total(v):
+        return jnp.sum(height(v) ** 2)
+
+    both = jax.jit(lambda v: (jax.grad(total)(v), jax.jacfwd(total)(v)))(1.0)
+    assert np.isfinite(both).all()
+
+
 def test_an_edge_is_the_profile_of_the_recordings():
     """h = H/2 [tanh((x-x0+W/2)/e) - tanh((x-x0-W/2)/e)]."""
     H, W, x0, e = 3e-5, 1e-3, 2e-4, 4e-5
