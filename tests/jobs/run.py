@@ -8,10 +8,10 @@ from typing import Any, cast
 
 import yaml
 from hydra import compose, initialize_config_dir
-from hydra.utils import get_method
 from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root, main
+from srsinv.config import load_job
 from srsinv.report.outcome import Outcome
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,7 +50,7 @@ def composed(*overrides: str) -> dict[str, Any]:
 def outcome(*overrides: str) -> Outcome:
     """What the configured job returns, without the command around it and without a page."""
     cfg = composed(*overrides)
-    return get_method(cfg["job"])(cfg)
+    return load_job(cfg["job"], find_config_root())(cfg)
 
 
 def check_page(found: Outcome, images: Collection[str] = ()) -> None:

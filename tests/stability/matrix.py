@@ -114,12 +114,13 @@ def within_bounds(group: Group, precision: str) -> tuple[float, float]:
     """The error and the bound of the case that comes nearest to its own, of all cases from one
     program that derives nothing; every one has to hold."""
     bounds = [case.bounds[PRECISIONS.index(precision)] for case in group.cases]
-    pairs = list(zip(_errors(group, precision), bounds, strict=True))
+    pairs = list(zip(errors(group, precision), bounds, strict=True))
     assert all(error < bound for error, bound in pairs), pairs
     return max(pairs, key=lambda each: each[0] / each[1])
 
 
-def _errors(group: Group, precision: str) -> list[float]:
+def errors(group: Group, precision: str) -> list[float]:
+    """The error of every case, from one program that derives nothing."""
     with jax.enable_x64(precision == "float64"):
         found = jax.device_get(jax.jit(_over(group, group.model))(_stacked(group, precision)))
     given = [_rounded(case.numbers, precision) for case in group.cases]

@@ -125,9 +125,12 @@ def test_white_noise_alone_leaves_no_sliding():
 
 def test_levels_of_a_motion_that_stands_still():
     """Samples at one place share the sliding noise: what differs is white."""
+    rng, step = np.random.default_rng(8), np.exp(-5e-6 / 7.5e-4)
+    slow = 3e-6 * rng.normal(size=300)
+    for i in range(1, 300):
+        slow[i] = step * slow[i - 1] + np.sqrt(1 - step**2) * slow[i]
     x = np.repeat(np.arange(300) * 5e-6, 2)
-    y = 1e-6 * RNG.normal(size=(1, 600)) + np.repeat(3e-6 * RNG.normal(size=(1, 300)), 2, axis=1)
-    found = estimate(y, x, 7.5e-4)
+    found = estimate(1e-6 * rng.normal(size=(1, 600)) + np.repeat(slow, 2), x, 7.5e-4)
     assert found.white[0] == pytest.approx(1e-6, rel=0.15)
 
 
