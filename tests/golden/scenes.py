@@ -111,7 +111,7 @@ METHODS: Mapping[str, Mapping[str, Range]] = {
     "method=[wiener_paper]": {"method.wiener_paper.p.noise_to_signal": (1e-6, 1e-2)},
     "method=[tikhonov] rule=gcv": {"method.tikhonov.length_m": (3e-4, 3e-3)},
     "method=[tikhonov] rule=evidence method.tikhonov.order=2": {},
-    "method=[tikhonov] rule=discrepancy method.tikhonov.order=0": {},
+    "method=[tikhonov] rule=evidence method.tikhonov.order=0": {},
     "method=[tikhonov]": {
         "method.tikhonov.weight_p": (1e-9, 1e-3),
         "method.tikhonov.weight_q": (1e-9, 1e-3),
