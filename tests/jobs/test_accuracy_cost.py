@@ -1,52 +1,32 @@
 """The short form of accuracy against cost: what must fall, and what must agree."""
 
-from typing import Any
-
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
-from srsinv.__main__ import find_config_root
 from srsinv.errors import BadInput
-from srsinv.jobs.accuracy_cost import run
+from tests.jobs.run import outcome, short_form, short_run
 
-SHORT = [
-    "forward_cells=[64,256]",
-    "inverse_cells=[64]",
-    "repeats=1",
-    *(f"fit.{setting}" for setting in ("samples=64", "tolerances=[1e-8]", "starts=[2]",
-                                       "signals=2", "batches=[2]")),
-]  # fmt: skip
-# One method, to be quick, its weights given: no rule to run.
-METHOD = ["method=[tikhonov]", *(f"method.tikhonov.weight_{c}=1e-3" for c in "pq")]
+FORMS = ("accuracy_cost",)
 TOLERANCES = (1e-4, 1e-8)
 
 
-def configured(*settings: str) -> Any:
-    overrides = [f"accuracy_cost.{setting}" for setting in settings]
-    with initialize_config_dir(str(find_config_root()), version_base=None):
-        cfg = compose("config", ["experiment=accuracy_cost", *METHOD, *overrides])
-    return OmegaConf.to_container(cfg, resolve=True)
-
-
 @pytest.fixture(scope="module")
-def outcome():
-    return run(configured(*SHORT))
+def found():
+    return short_run(*FORMS)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("line", ["periodic", "open"])
-def test_float64_forward_error_falls_with_the_square_of_the_cell(outcome, line):
-    errors = [outcome.metrics[f"forward_{line}_float64_{n}_error"] for n in (64, 256)]
+def test_float64_forward_error_falls_with_the_square_of_the_cell(found, line):
+    errors = [found.metrics[f"forward_{line}_float64_{n}_error"] for n in (64, 256)]
     assert errors[1] < errors[0] / 3**2
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("line", ["periodic", "open"])
-def test_numpy_agrees_on_the_forward_model(outcome, line):
-    assert outcome.metrics[f"forward_{line}_numpy_256_algebraic_error"] < 1e-10
-    assert 1e-9 < outcome.metrics[f"forward_{line}_float32_256_algebraic_error"] < 1e-4
+def test_numpy_agrees_on_the_forward_model(found, line):
+    assert found.metrics[f"forward_{line}_numpy_256_algebraic_error"] < 1e-10
+    assert 1e-9 < found.metrics[f"forward_{line}_float32_256_algebraic_error"] < 1e-4
 
 
 @pytest.mark.full
@@ -61,25 +41,25 @@ def test_numpy_agrees_on_the_forward_model(outcome, line):
           for tol in TOLERANCES),
     ],
 )  # fmt: skip
-def test_ways_of_solving_agree(outcome, family, most):
+def test_ways_of_solving_agree(found, family, most):
     line, _, way = family.partition("_")
-    assert outcome.metrics[f"tikhonov_{line}_{way}_64_algebraic_error"] < most
+    assert found.metrics[f"tikhonov_{line}_{way}_64_algebraic_error"] < most
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("solver", ["iterative", "scipy_cg"])
-def test_a_tighter_tolerance_is_closer(outcome, solver):
+def test_a_tighter_tolerance_is_closer(found, solver):
     loose, tight = (
-        outcome.metrics[f"tikhonov_open_{solver}_{tol:g}_64_algebraic_error"] for tol in TOLERANCES
+        found.metrics[f"tikhonov_open_{solver}_{tol:g}_64_algebraic_error"] for tol in TOLERANCES
     )
     assert tight < loose / 10
 
 
 @pytest.mark.full
-def test_every_variable_has_units_and_every_time_is_positive(outcome):
-    assert all("units" in outcome.dataset[name].attrs for name in outcome.dataset.variables)
-    assert np.all(outcome.dataset["time_s_steady"] > 0)
-    assert np.all(outcome.dataset["fit_time_s_steady"] > 0)
+def test_every_variable_has_units_and_every_time_is_positive(found):
+    assert all("units" in found.dataset[name].attrs for name in found.dataset.variables)
+    assert np.all(found.dataset["time_s_steady"] > 0)
+    assert np.all(found.dataset["fit_time_s_steady"] > 0)
 
 
 @pytest.mark.full
@@ -92,17 +72,17 @@ def test_every_variable_has_units_and_every_time_is_positive(outcome):
         ("scipy_analytic", 1e-3),
     ],
 )
-def test_solvers_of_the_fit_meet_in_one_minimum_near_the_truth(outcome, family, most):
+def test_solvers_of_the_fit_meet_in_one_minimum_near_the_truth(found, family, most):
     key = f"fit_tolerance_{family}_1e-08"
-    assert outcome.metrics[f"{key}_error"] < most  # of a standard error
-    assert outcome.metrics[f"{key}_error_cramer_rao"] < 3
+    assert found.metrics[f"{key}_error"] < most  # of a standard error
+    assert found.metrics[f"{key}_error_cramer_rao"] < 3
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("sweep", ["starts", "batch"])
-def test_fits_are_timed_over_starts_and_together(outcome, sweep):
+def test_fits_are_timed_over_starts_and_together(found, sweep):
     key = f"fit_{sweep}_optimistix_2"
-    assert outcome.metrics[f"{key}_time_s_steady"] < outcome.metrics[f"{key}_time_s_first"]
+    assert found.metrics[f"{key}_time_s_steady"] < found.metrics[f"{key}_time_s_first"]
 
 
 @pytest.mark.parametrize(
@@ -120,4 +100,4 @@ def test_fits_are_timed_over_starts_and_together(outcome, sweep):
 )
 def test_bad_settings_are_refused(setting, named):
     with pytest.raises(BadInput, match=named):
-        run(configured(*SHORT, setting))
+        outcome(*short_form(*FORMS), f"accuracy_cost.{setting}")

@@ -4,25 +4,16 @@ import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
-from tests.jobs.run import check_page, outcome
+from tests.jobs.run import check_page, outcome, short_form, short_run
 
 pytestmark = pytest.mark.full
 
-SHORT = (
-    "experiment=circular_scan",
-    "sensor=one_element",
-    "circular_scan.angles_deg=[10.0,90.0]",
-    "circular_scan.shown_deg=[90.0]",
-    "circular_scan.gain_angles=4",
-    "circular_scan.circle.radius_m=0.005",
-    "circular_scan.circle.samples=128",
-    "circular_scan.ridge.distance_m=0.001",
-)
+FORMS = ("circular_scan",)
 
 
 @pytest.fixture(scope="module")
 def found():
-    return outcome(*SHORT)
+    return short_run(*FORMS)
 
 
 @pytest.mark.parametrize("angle", ["10", "90"])
@@ -44,4 +35,4 @@ def test_page_is_whole(found):
 @pytest.mark.parametrize("override", ["angles_deg=[]", "shown_deg=[45.0]"])
 def test_refused(override):
     with pytest.raises(BadInput, match=f"{override.partition('=')[0]} is"):
-        outcome(*SHORT, f"circular_scan.{override}")
+        outcome(*short_form(*FORMS), f"circular_scan.{override}")

@@ -5,27 +5,14 @@ import pytest
 
 from srsinv.errors import BadInput
 from srsinv.jobs import contest
-from srsinv.jobs.fit_recording import EXAMPLE
-from tests.jobs.run import outcome as outcome_of
+from tests.jobs.run import outcome, short_form, short_run
 
-QUICK = (
-    "experiment=compare",
-    "method=[tikhonov]",
-    *(f"method.tikhonov.weight_{c}=1e-7" for c in "pq"),  # no rule to run
-)
-SHORT = (
-    *QUICK,
-    "grid.cells=64",
-    "grid.length_m=0.012",
-    "grid.start_m=-0.006",
-    "compare.snr_db=[40.0]",
-    "compare.seeds=1",
-)
+FORMS = ("compare", "compare_recording")
 
 
 @pytest.fixture(scope="module")
 def scene():
-    return outcome_of(*SHORT)
+    return short_run("compare")
 
 
 def test_the_right_feature_is_ahead_and_near_the_truth(scene):
@@ -68,12 +55,12 @@ def test_every_figure_draws_and_every_variable_has_units(scene):
 )
 def test_bad_settings_are_refused(overrides, named):
     with pytest.raises(BadInput, match=named):
-        outcome_of(*SHORT, *overrides)
+        outcome(*short_form("compare"), *overrides)
 
 
 @pytest.fixture(scope="module")
 def recorded():
-    return outcome_of(*QUICK, f"recording.path={EXAMPLE}", "recording.cell_m=0.0003")
+    return short_run("compare_recording")
 
 
 @pytest.mark.full

@@ -11,10 +11,11 @@ from srsinv.jobs import coverage
 from srsinv.jobs.judged import Quantity
 from srsinv.jobs.simulated_features import bench
 from srsinv.report import figures
-from tests.jobs.run import check_page, outcome
+from tests.jobs.run import check_page, outcome, short_run
 from tests.refusals import refused
 
 DRAWS = 16
+FORMS = ("coverage",)
 SHORT = (
     "experiment=coverage",
     "grid.length_m=0.012",
@@ -26,7 +27,7 @@ PARAMETERS = ("position_m", "load_N_per_m", "friction")
 
 @pytest.fixture(scope="module")
 def coloured():
-    return outcome(*SHORT, "feature=[line_load]", "noise=[snr,sliding]")
+    return short_run(*FORMS)
 
 
 def test_every_parameter_is_judged(coloured):

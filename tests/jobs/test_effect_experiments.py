@@ -3,31 +3,19 @@
 import numpy as np
 import pytest
 
-from tests.jobs.run import check_page, outcome
+from tests.jobs.run import check_page, outcome, short_run
 
 pytestmark = pytest.mark.full
 
-SHORT = {
-    "effects": ("grid.cells=512", "grid.refinement=2",
-                "effects=[film_angle,speed_ripple,clipping]", "effects.clipping.limit=2e-4"),
-    "effects_auto": ("grid.cells=128", "grid.refinement=2", "effects_auto.tolerances=[0.1,0.001]",
-                     "~effects_auto.scenes.hertz", "~effects_auto.scenes.short_wave",
-                     "~effects_auto.scenes.careful_bench", "~effects_auto.scenes.poor_bench",
-                     "~effects_auto.scenes.ridge", "~effects_auto.scenes.fast_ridge",
-                     "~effects_auto.scenes.ridges", "~effects_auto.scenes.tape",
-                     "~effects_auto.scenes.rough", "~effects_auto.scenes.long_wave",
-                     "~effects_auto.scenes.strip"),
-    "fig09_sliding_impulse": ("grid.cells=512", "fig09_sliding_impulse.passes=3"),
-    "model_error": ("grid.cells=128", "grid.refinement=2", "model_error.points=3"),
-}  # fmt: skip
+FORMS = ("effects", "effects_auto", "fig09_sliding_impulse", "model_error")
 
 
 @pytest.fixture(scope="module")
 def outcomes():
-    return {name: outcome(f"experiment={name}", *short) for name, short in SHORT.items()}
+    return {name: short_run(name) for name in FORMS}
 
 
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", FORMS)
 def test_page(outcomes, name):
     check_page(outcomes[name])
 

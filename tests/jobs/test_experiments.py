@@ -1,41 +1,22 @@
 """The experiments in short forms: what their numbers must say, and that their figures draw."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
-from experiments import fig05_orientation, fig06_spectra, two_element
 from srsinv.errors import BadInput
-from tests.jobs.run import check_page
+from tests.jobs.run import check_page, outcome, short_form, short_run
 
-JOBS = {job.__name__.rpartition(".")[2]: job for job in (fig05_orientation, fig06_spectra,
-                                                         two_element)}  # fmt: skip
-SHORT = {
-    "fig05_orientation": (),
-    "fig06_spectra": ("grid.cells=512",),
-    "two_element": (
-        "grid.cells=256",
-        "grid.refinement=2",
-        "two_element.angles_deg=[5.0,20.0,90.0]",
-        "two_element.shown_deg=[90.0,5.0]",
-        "two_element.seeds=1",
-    ),
-}
+FORMS = ("fig05_orientation", "fig06_spectra", "two_element")
 
 
 def run(name, *overrides):
     """The outcome of an experiment in its short form."""
-    with initialize_config_dir(str(Path(__file__).parents[2] / "configs"), version_base="1.3"):
-        cfg = compose("config", [f"experiment={name}", *SHORT[name], *overrides])
-    return JOBS[name].run(OmegaConf.to_container(cfg, resolve=True))
+    return outcome(*short_form(name), *overrides)
 
 
 @pytest.fixture(scope="module")
 def outcomes():
-    return {name: run(name) for name in JOBS}
+    return {name: short_run(name) for name in FORMS}
 
 
 @pytest.mark.full
@@ -85,7 +66,7 @@ def test_error_grows_as_the_angle_shrinks(outcomes, method, component):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", JOBS)
+@pytest.mark.parametrize("name", FORMS)
 def test_page_is_whole(outcomes, name):
     check_page(outcomes[name])
 

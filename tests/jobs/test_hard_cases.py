@@ -2,32 +2,18 @@
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
 
-from srsinv.__main__ import find_config_root
-from tests.jobs.run import check_page, outcome
+from tests.jobs.run import check_page, outcome, short_run
 from tests.refusals import refused
 
 pytestmark = pytest.mark.full
 
-KEPT = ("none", "angle_1e12", "noise_80_above", "small_prior", "all_clipped")
-SHORT = (
-    "grid.cells=64",
-    "~method.wiener_direct",
-    "~method.wiener_iterative",
-    "~method.tikhonov_gcv",
-)
+FORMS = ("hard_cases",)
 
 
 @pytest.fixture(scope="module")
 def found():
-    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
-        cases = compose("config", ["experiment=hard_cases"]).hard_cases.cases
-    left_out = [f"~hard_cases.cases.{name}" for name in cases if name not in KEPT]
-    left_out += [
-        f"~hard_cases.cases.small_prior.method.wiener_{path}" for path in ("direct", "iterative")
-    ]
-    return outcome("experiment=hard_cases", *SHORT, *left_out)
+    return short_run(*FORMS)
 
 
 def test_page(found):

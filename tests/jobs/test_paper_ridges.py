@@ -6,25 +6,9 @@ from scipy.stats import chi2, norm
 
 from srsinv.errors import BadInput
 from srsinv.inverse.detection import needed_known, needed_wave
-from tests.jobs.run import check_page, outcome
+from tests.jobs.run import check_page, outcome, short_form, short_run
 
-SHORT = {
-    "fig12_ridges": (
-        "grid.cells=1536",
-        "fig12_ridges.heights=7",
-        "fig12_ridges.pressures_Pa=[1e3,5e3,1e5]",
-        "fig12_ridges.pitch_range_m=[0.00065,0.00075]",
-    ),
-    "detection_limit": (
-        "grid.cells=4096",
-        "grid.length_m=0.012",
-        "grid.start_m=-0.006",
-        "detection_limit.points=4",
-        "detection_limit.heights=9",
-        "detection_limit.distances=13",
-        "detection_limit.distance_range_m=[8e-5,4e-3]",
-    ),
-}
+FORMS = ("fig12_ridges", "detection_limit")
 
 TWO_SHAPES = (
     "+scene.surfaces.more={_target_:srsinv.forward.surface.Bump,height_m:1e-6,sigma_m:1e-4}"
@@ -32,17 +16,17 @@ TWO_SHAPES = (
 
 
 def run(name, *overrides):
-    return outcome(f"experiment={name}", *SHORT[name], *overrides)
+    return outcome(*short_form(name), *overrides)
 
 
 @pytest.fixture(scope="module")
 def ridges():
-    return run("fig12_ridges")
+    return short_run("fig12_ridges")
 
 
 @pytest.fixture(scope="module")
 def limits():
-    return run("detection_limit")
+    return short_run("detection_limit")
 
 
 def slope(x, y):
@@ -152,7 +136,7 @@ def test_needed_strengths():
     assert seen == pytest.approx(0.9, abs=3e-3)
 
 
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", FORMS)
 def test_page_is_whole(request, name):
     found = request.getfixturevalue({"fig12_ridges": "ridges", "detection_limit": "limits"}[name])
     assert found.metrics["contact_converged"] is True

@@ -14,24 +14,19 @@ from srsinv.forward.surface import Tape
 from srsinv.grid import Periodic
 from srsinv.jobs.pressed import Pressed, cell_averages
 from srsinv.jobs.simulation import Simulation
-from tests.jobs.run import check_page, outcome
+from tests.jobs.run import check_page, outcome, short_form, short_run
 
-SHORT = {
-    "fig13_tape": ("grid.cells=256", "grid.refinement=24",
-                   "scene.surfaces.tape.edge_length_m=4e-5"),
-    "textures": ("textures.draws=12", "textures.learning_draws=12"),
-    "shape_from_traction": ("grid.cells=512",),
-}  # fmt: skip
+FORMS = ("fig13_tape", "textures", "shape_from_traction")
 
 
 def run(name, *overrides):
     """The outcome of an experiment in its short form."""
-    return outcome(f"experiment={name}", *SHORT[name], *overrides)
+    return outcome(*short_form(name), *overrides)
 
 
 @pytest.fixture(scope="module")
 def outcomes():
-    return {name: run(name) for name in SHORT}
+    return {name: short_run(name) for name in FORMS}
 
 
 @pytest.mark.full
@@ -148,7 +143,7 @@ def test_profiles_come_back(outcomes, name, rms_m):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", FORMS)
 def test_page_is_whole(outcomes, name):
     check_page(outcomes[name], images=["texture_confusion"])
 
@@ -169,7 +164,9 @@ def test_page_is_whole(outcomes, name):
     ],
 )
 def test_refused(name, override, words):
-    overrides = [o for o in SHORT[name] if not (override.startswith("scene=") and "scene" in o)]
+    overrides = [
+        o for o in short_form(name) if not (override.startswith("scene=") and "scene" in o)
+    ]
     overrides += ["feature.tape.edge_length_m=2e-5"] * override.startswith("scene=")
     with pytest.raises(BadInput, match=words):
-        outcome(f"experiment={name}", *overrides, override)
+        outcome(*overrides, override)

@@ -5,24 +5,16 @@ import pytest
 
 from srsinv.jobs import ranking
 from srsinv.report import figures
-from tests.jobs.run import outcome
+from tests.jobs.run import outcome, short_form, short_run
 from tests.refusals import refused
 
-SHORT = (
-    "experiment=ranking",
-    "feature=[line_load,step_load]",
-    "grid.length_m=0.012",
-    "grid.start_m=-0.006",
-    "ranking.draws=2",
-    "ranking.drawn.line_load.position_m=[-0.003,0.003]",
-    "ranking.drawn.step_load.position_m=[-0.003,0.003]",
-)
+FORMS = ("ranking",)
 CANDIDATES = ["line_load", "step_load", "nothing"]
 
 
 @pytest.fixture(scope="module")
 def ranked():
-    return outcome(*SHORT)
+    return short_run(*FORMS)
 
 
 def test_all_is_told_apart(ranked):
@@ -89,4 +81,4 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_refused_in_one_sentence(name):
     override, *words = REFUSED[name]
-    refused(lambda: outcome(*SHORT, override), *words)
+    refused(lambda: outcome(*short_form(*FORMS), override), *words)
