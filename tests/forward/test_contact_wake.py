@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import digamma, expi
 
-from srsinv.forward.contact import press
-from srsinv.forward.contact_wake import wake_friction
+from srsinv.forward.contact import WakeFriction, press
+from srsinv.forward.contact_wake import wake_friction, windows_for
 from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Cylinder, Ridge, Rough, Shape
@@ -101,6 +101,27 @@ def test_what_is_missing_is_that_of_a_narrow_load():
         expected *= digamma(1 + 1j * b).real - np.log(b)
         found = wake_friction(LINE, skin(wake_m), pressure)
         assert float(found.missing[0]) == pytest.approx(expected, rel=0.02)
+
+
+SHARES = {  # missing in 1, 2, 4, ... 64 windows
+    1: (0.019, 0.015, 0.012, 0.012, 0.012, 0.012, 0.012),
+    32: (0.5, 0.2, 0.1, 0.05, 0.02, 0.005, 0.001),
+    64: (0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2),
+}
+
+
+@pytest.mark.parametrize("windows", SHARES)
+def test_as_many_windows_as_the_wake_asks_and_the_most_where_none_are_enough(windows):
+    missing = 0.1 * jnp.asarray(SHARES[windows])
+    assert windows_for(WakeFriction(0.1 - missing[0], missing)) == windows
+
+
+def test_nothing_is_touched_in_the_windows_added():
+    """The skin beside a tall ridge sags by 2 P/(pi E*) ln 8 on the way there, 85 um: more than the
+    26 um that part it from the plate at the ends of one window."""
+    tall = scene(0.008, 8, Ridge(100e-6, 2e-3, 0.0, 4e-4))
+    pressure = tall.contact(LINE).pressure_Pa
+    assert np.mean(np.asarray(pressure)) == pytest.approx(NOMINAL_PA, rel=1e-9)
 
 
 def test_a_short_wake_changes_nothing():

@@ -163,6 +163,22 @@ def test_cutting_a_layer_changes_nothing():
         assert (np.abs(ours - theirs) <= 1e-11 * scale[None]).all()
 
 
+def test_a_film_on_an_interface_but_for_rounding_is_in_the_layer_above():
+    """sigma_x jumps at an interface."""
+    k, interface = [100.0, 1000.0], FOAM[0][2]
+    on, rounded, below = (
+        felt(FOAM, k, interface * (1 + part))[0][:, 0] for part in (0.0, 4e-16, 1e-9)
+    )
+    np.testing.assert_allclose(rounded, on, rtol=1e-10)
+    assert (np.abs(below[0] - on[0]) > 0.5 * np.abs(on[0])).all()
+
+
+def test_a_traced_film_below_the_face_of_the_core_is_at_that_face():
+    k, face = [100.0, 1000.0], FOAM[0][2] + FOAM[1][2]
+    for inside, at_face in zip(felt(FOAM, k, 1.5 * face), felt(FOAM, k, face), strict=True):
+        np.testing.assert_allclose(inside, at_face, rtol=1e-10)
+
+
 @pytest.mark.parametrize("name", STACKS)
 def test_reciprocity(name):
     """The work of p on the displacement by q is that of q on the displacement by p."""
@@ -236,10 +252,17 @@ def test_strip_against_quadrature(name):
             assert largest_error(one, other) < 1e-9
 
 
-@pytest.mark.parametrize("depth", [0.75e-3, 1.5e-3], ids=["in the skin", "below it"])
-def test_strip_on_a_skin_far_stiffer_than_its_base(depth):
+STIFF_SKIN, SOFT_SKIN = ([(one, 0.5, 1e-3), (4.9e6 / one, 0.5, None)] for one in (7e5, 7.0))
+FAR_APART = {
+    "in a stiff skin": (STIFF_SKIN, 0.75e-3),
+    "below a stiff skin": (STIFF_SKIN, 1.5e-3),
+    "below a soft skin": (SOFT_SKIN, 1.5e-3),
+}
+
+
+@pytest.mark.parametrize(("layers", "depth"), FAR_APART.values(), ids=FAR_APART)
+def test_strip_on_moduli_far_apart(layers, depth):
     """The whole line out to 1e5 depths, against exact layers along complex wavenumbers."""
-    layers = [(7e5, 0.5, 1e-3), (7.0, 0.5, None)]
     x = np.array([0.0, 0.4e-3, -1e-3, 3.7e-3, 3.8e-3, -1e-2, 0.1, -1.0, 10.0, 75.0])
     exact = LayersOnLine(layers, depth, step=0.07, digits=40)
     for ours, slope in zip(under_strip(layers, x, 1e-4, depth), (False, True), strict=True):
