@@ -19,7 +19,7 @@ import pytest
 
 from .table import ROOT, Mutation
 
-TIERS = {"test": "not full and not claims", "all": "not claims"}
+TIERS = {"test": "not full and not claim", "all": "not claim"}
 LONGEST_S = 600  # of processor time: a mutation may well make a search endless
 DIED = "pytest died"  # in place of a test: of that, or of an error that ends Python itself
 PRELOADED = (
