@@ -333,6 +333,7 @@ def a_run(_):
     killed.page(Path("sweep"), 1.0)
 
 
+@pytest.mark.full
 class TestSweeps:
     def test_over_an_earlier_one(self, root, capsys):
         """Its record and the runs of the same numbers are replaced; another stays."""

@@ -324,6 +324,7 @@ def strip(args, way):
     return eqx.filter_jvp(in_strip, (args,), (way,))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("depth", [0.3e-3, 2.2e-3], ids=["upper", "lower"])
 @pytest.mark.parametrize(
     ("derived", "at"), [(waves, [-400.0, 30.0, 800.0, 5e3]), (strip, [1e-4, -2e-3])]

@@ -126,6 +126,7 @@ def test_friction_of_either_sign_along_any_motion(sensor, motion, sign):
         np.testing.assert_allclose(found.fit.value["offset"], offset, atol=2 * noise)
 
 
+@pytest.mark.full
 def test_a_constant_is_no_feature():
     """Where the offset is not known."""
     y = np.repeat(OFFSET[:, None], SAMPLES, axis=1)

@@ -103,6 +103,7 @@ def test_nothing_in_pa_without_volts(counts, job):
     assert "traction_unit=relative" in sentence
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "stated",
     ["recording.gain=1e7", "recording.gain=[1e7,1e7]"],

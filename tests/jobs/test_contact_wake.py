@@ -1,5 +1,7 @@
 """What a job says of a contact that meets its own wake."""
 
+import pytest
+
 from tests.jobs.run import outcome
 
 CYLINDER = (
@@ -15,6 +17,7 @@ CYLINDER = (
 )
 
 
+@pytest.mark.full
 def test_a_window_that_is_given_too_short_is_said_everywhere():
     found = outcome(*CYLINDER, "scene.contact_windows=1")
     assert found.metrics["quality_wiener"] != "good"

@@ -198,6 +198,7 @@ def test_too_little_memory_is_one_sentence(tmp_path, monkeypatch):
 # Damaged bytes, each format in a process of its own, a file beside it untouched
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("format", [*FORMATS, *PACKED])
 def test_damaged_files_are_read_or_refused(tmp_path, format):
     beside = tmp_path / "canary.csv"

@@ -15,6 +15,8 @@ import pytest
 import xarray
 import yaml
 
+from tests.tiers import quick
+
 EXAMPLES = Path(__file__).parents[2] / "srsinv" / "examples"
 ROOT = Path(__file__).parents[2]
 FACTS = json.loads((EXAMPLES / "strip_two_element.json").read_text())
@@ -98,7 +100,7 @@ def in_netcdf(path, text):
 
 
 @pytest.mark.parametrize("is_quick", [True, pytest.param(False, marks=pytest.mark.claim)])
-@pytest.mark.parametrize("kind", ["json", "yaml", "netcdf"])
+@pytest.mark.parametrize("kind", quick(["json", "yaml", "netcdf"], "json"))
 def test_hostile_sidecars(tmp_path, kind, is_quick):
     (tmp_path / CANARY).write_text("alive")
     (tmp_path / "canary_module.py").write_text(f"import os; os.unlink({CANARY!r})\n")

@@ -43,6 +43,7 @@ NOISES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", NOISES)
 def test_spread(name):
     noise, covariance = NOISES[name]

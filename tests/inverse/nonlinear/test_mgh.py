@@ -14,11 +14,12 @@ import pytest
 
 from tests.claims.mgh import fits, rows_of, summary
 from tests.reference.mgh import FACTORS, PROBLEMS, ZERO
+from tests.tiers import quick
 
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
 LARGE_RESIDUAL = ("brown_dennis", "penalty_1")
 RANK_LOST = ("freudenstein_roth", "jennrich_sampson", "chebyquad")  # of J in the minimum
-QUICK = (*LARGE_RESIDUAL, *RANK_LOST)
+HARD = (*LARGE_RESIDUAL, *RANK_LOST)
 MOST_STEPS = 200  # scipy's trf takes up to 119 over these
 LEAST_REACHED = 62  # of 75, scipy's trf reaches 63, its lm 59
 # Bard's second minimum and Kowalik and Osborne's lie at infinity: a search that is on its way there
@@ -54,7 +55,7 @@ def solved(name):
     return found, rows_of(BY_NAME[name], found)
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", quick(HARD, "brown_dennis"))
 def test_hard_minima(name):
     for factor, found, row in zip(FACTORS, *solved(name), strict=True):
         if name == "jennrich_sampson" and factor == 100:  # the square of exp(400) overflows

@@ -41,6 +41,7 @@ def ringing(starts):
     return srsinv.fit(wave, start, RINGING, bounds=BOUNDS, linear=("s", "c"), starts=starts)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("starts", [40, LISTED], ids=["number", "listed"])
 def test_global_minimum(starts):
     alone, found = ringing(None), ringing(starts)
@@ -86,6 +87,7 @@ def test_same_minimum(solver):
         np.testing.assert_allclose(found.stderr[name], first.stderr[name], rtol=1e-3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.__name__)
 def test_too_few_steps(solver):
     found = srsinv.fit(model, START, Y, solver=solver(max_steps=2))
