@@ -109,6 +109,17 @@ def test_not_finite(of, start, solver):
     assert np.isposinf(found.stderr["a"])
 
 
+def test_a_last_step_to_where_the_model_is_infinite_is_not_taken():
+    """The minimum is at a = 1, beyond the wall by less than the tolerance."""
+
+    def walled(p):
+        return jnp.where(p["a"] < 1 - 1e-9, p["a"], jnp.inf) * (1 + X)
+
+    found = srsinv.fit(walled, {"a": 0.5}, 1 + X, noise=0.1, solver=Optimistix(tolerance=1e-6))
+    assert found.converged
+    assert found.value["a"] == pytest.approx(1, rel=1e-6)
+
+
 def test_minimum_at_a_kink_is_no_answer():
     """a^2 cannot follow falling data: the best a is 0, where the model does not respond."""
     found = srsinv.fit(lambda p: p["a"] ** 2 * X, {"a": 1.0}, -2 * X + 0.01 * NOISE)
