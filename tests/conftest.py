@@ -31,7 +31,7 @@ install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
 
 import srsinv  # noqa: E402, F401
 from srsinv.command.programs import release_programs  # noqa: E402
-from tests.tiers import group_by_file, mark_single_precision  # noqa: E402
+from tests.tiers import mark_single_precision  # noqa: E402
 
 pytest_plugins = ["tests.seconds"]
 MOST_MAPS = 15_000
@@ -44,7 +44,5 @@ def few_programs():
     release_programs(MOST_MAPS)
 
 
-@pytest.hookimpl(tryfirst=True)  # before the groups are read
 def pytest_collection_modifyitems(items):
     mark_single_precision(items)
-    group_by_file(items)

@@ -24,18 +24,3 @@ def mark_single_precision(items: Collection[pytest.Item]) -> None:
         values = getattr(item, "callspec", None)
         if values and any(isinstance(v, str) and v == SINGLE for v in values.params.values()):
             item.add_marker(pytest.mark.full)
-
-
-def group_by_file(items: Collection[pytest.Item]) -> None:
-    """A file's tests go to one worker, and golden short forms to that of the file whose FORMS they
-    are: both look at the same run."""
-    homes = {
-        form: item.path
-        for item in items
-        for form in getattr(getattr(item, "module", None), "FORMS", ())
-    }
-    for item in items:
-        case = getattr(getattr(item, "callspec", None), "params", {}).get("case")
-        is_form = isinstance(case, str) and case.startswith("forms/")
-        home = homes.get(case.removeprefix("forms/"), item.path) if is_form else item.path
-        item.add_marker(pytest.mark.xdist_group(home.name))
