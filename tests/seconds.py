@@ -14,6 +14,7 @@ import pytest
 
 USED = "seconds used"
 EVENTS = "/jax/core/compile/"
+STARTED = pytest.StashKey[float]()
 
 
 def cpu_seconds() -> float:
@@ -26,7 +27,6 @@ class Intervals:
 
     def __init__(self):
         self.spans: list[tuple[float, float]] = []
-        self.closed = 0.0
 
     def add(self, event: str, seconds: float, **_) -> None:
         """A span of `seconds` that ends now, if `event` is one of compiling."""
@@ -58,9 +58,6 @@ def pytest_configure(config):
 def pytest_runtest_protocol(item):
     item.stash[STARTED] = cpu_seconds()
     return (yield)
-
-
-STARTED = pytest.StashKey[float]()
 
 
 @pytest.hookimpl(wrapper=True)
