@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import yaml
-from hydra.utils import get_method
 
 from srsinv.errors import BadInput
 from tests.golden import scenes
 from tests.golden.entries import Entries, entry
 from tests.golden.forms import TIME
-from tests.jobs.run import composed
+from tests.jobs.run import composed, result_of
 
 FILE = Path(__file__).parent / "random.yaml"
 SEED, STRUCTURES, SETS = 16, 5, 20
@@ -66,7 +65,7 @@ def _put(cfg: dict[str, Any], key: str, text: str) -> None:
 
 def _of(cfg: dict[str, Any]) -> Entries:
     try:
-        result = get_method(cfg["job"])(cfg)
+        result = result_of(cfg)
     except BadInput as refusal:
         return {"refused": str(refusal)}
     metrics = {

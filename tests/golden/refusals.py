@@ -16,11 +16,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
-from hydra.utils import get_method
 
 from srsinv.__main__ import main
 from srsinv.errors import BadInput
-from tests.jobs.run import ROOT, composed
+from tests.jobs.run import ROOT, composed, result_of
 
 FOLDER = Path(__file__).parent
 FILE = FOLDER / "refusals.yaml"
@@ -64,7 +63,7 @@ def configured(whole: dict[str, Any], key: str, value: Any, here: str) -> str:
         node = node[name]
     node[last] = value
     try:
-        get_method(cfg["job"])(cfg)
+        result_of(cfg)
     except BadInput as refusal:
         return _anywhere(str(refusal), here)
     return NOT_REFUSED

@@ -49,7 +49,11 @@ def composed(*overrides: str) -> dict[str, Any]:
 
 def outcome(*overrides: str) -> Outcome:
     """What the configured job returns, without the command around it and without a page."""
-    cfg = composed(*overrides)
+    return result_of(composed(*overrides))
+
+
+def result_of(cfg: dict[str, Any]) -> Outcome:
+    """What the job of a configuration returns."""
     return load_job(cfg["job"], find_config_root())(cfg)
 
 

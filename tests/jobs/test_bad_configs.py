@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
-from hydra.utils import get_method
 from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root
 from srsinv.recording import Recording, save
-from tests.jobs.run import command
+from tests.jobs.run import command, result_of
 from tests.refusals import refused
 
 FILE = "recording.path=tiny.csv"
@@ -145,7 +144,7 @@ def described(value: Any) -> re.Pattern[str]:
 
 def run(cfg: dict[str, Any]):
     """The job as far as its first computing."""
-    get_method(cfg["job"])(cfg)
+    result_of(cfg)
 
 
 def reached(*_, **__):
