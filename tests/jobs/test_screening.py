@@ -11,9 +11,12 @@ from srsinv.jobs.simulation import simulation
 from tests.claims.random_scenes import configuration
 from tests.claims.screening import measured
 
+# One of each kind of load, and three of surface.
+SCENES = (2, 4, 6, 8, 10, 12, 14, 3, 7, 11)
+
 
 @pytest.mark.full
-@pytest.mark.parametrize("scene", range(1, 11))
+@pytest.mark.parametrize("scene", SCENES)
 def test_what_is_left_out_changes_less_than_its_bound(scene):
     for row in measured(scene, is_silenced=False):
         assert row.error <= row.bound <= row.tolerance
