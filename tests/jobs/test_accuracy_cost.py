@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
+from tests.golden.check import golden_test
 from tests.jobs.run import outcome, short_form, short_run
 
 FORMS = ("accuracy_cost",)
 TOLERANCES = (1e-4, 1e-8)
+
+test_nothing_has_moved = pytest.mark.full(golden_test(FORMS))
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
+from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
 pytestmark = pytest.mark.full
 
 FORMS = ("circular_scan",)
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")

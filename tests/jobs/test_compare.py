@@ -5,9 +5,12 @@ import pytest
 
 from srsinv.errors import BadInput
 from srsinv.jobs import contest
+from tests.golden.check import golden_test
 from tests.jobs.run import outcome, short_form, short_run
 
 FORMS = ("compare", "compare_recording")
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from srsinv.jobs import coverage
 from srsinv.jobs.judged import Quantity
 from srsinv.jobs.simulated_features import bench
 from srsinv.report import figures
+from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_run
 from tests.refusals import refused
 
@@ -23,6 +24,8 @@ SHORT = (
     f"coverage.draws={DRAWS}",
 )
 PARAMETERS = ("position_m", "load_N_per_m", "friction")
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")

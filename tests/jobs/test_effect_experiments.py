@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_run
 
 pytestmark = pytest.mark.full
 
 FORMS = ("effects", "effects_auto", "fig09_sliding_impulse", "model_error")
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")

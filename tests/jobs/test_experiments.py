@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
+from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("fig05_orientation", "fig06_spectra", "two_element")
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 def run(name, *overrides):

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
+from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_run
 from tests.refusals import refused
 
 pytestmark = pytest.mark.full
 
 FORMS = ("hard_cases",)
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")

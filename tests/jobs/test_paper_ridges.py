@@ -6,6 +6,7 @@ from scipy.stats import chi2, norm
 
 from srsinv.errors import BadInput
 from srsinv.inverse.detection import needed_known, needed_wave
+from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("fig12_ridges", "detection_limit")
@@ -13,6 +14,8 @@ FORMS = ("fig12_ridges", "detection_limit")
 TWO_SHAPES = (
     "+scene.surfaces.more={_target_:srsinv.forward.surface.Bump,height_m:1e-6,sigma_m:1e-4}"
 )
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 def run(name, *overrides):

@@ -14,9 +14,12 @@ from srsinv.forward.surface import Tape
 from srsinv.grid import Periodic
 from srsinv.jobs.pressed import Pressed, cell_averages
 from srsinv.jobs.simulation import Simulation
+from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("fig13_tape", "textures", "shape_from_traction")
+
+test_nothing_has_moved = pytest.mark.full(golden_test(FORMS))
 
 
 def run(name, *overrides):

@@ -5,11 +5,14 @@ import pytest
 
 from srsinv.jobs import ranking
 from srsinv.report import figures
+from tests.golden.check import golden_test
 from tests.jobs.run import outcome, short_form, short_run
 from tests.refusals import refused
 
 FORMS = ("ranking",)
 CANDIDATES = ["line_load", "step_load", "nothing"]
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")
