@@ -35,6 +35,8 @@ from tests.tiers import mark_single_precision  # noqa: E402
 
 pytest_plugins = ["tests.seconds"]
 MOST_MAPS = 15_000
+# Rooms with the longest files: begun last, they would leave a worker idle.
+LONGEST_FIRST = ("golden", "jobs", "stability", "inverse", "forward", "recording")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -46,3 +48,9 @@ def few_programs():
 
 def pytest_collection_modifyitems(items):
     mark_single_precision(items)
+    items.sort(key=_turn)
+
+
+def _turn(item: pytest.Item) -> int:
+    room = item.path.relative_to(ROOT / "tests").parts[0]
+    return (*LONGEST_FIRST, room).index(room)
