@@ -100,7 +100,11 @@ ACTING = {
     "element_offsets": (("sensor.elements.upright.offset_m=1e-5",),),
     "film_angle": (("effects.film_angle.tilt_deg=0.1",), ("effects.film_angle.tilt_deg=10",)),
     "layered_skin": ((), ("effects.layered_skin.layers.skin.thickness_m=0.006",)),
-    "viscoelastic_skin": (("scene=ridge",), ()),
+    "viscoelastic_skin": (
+        ("scene=ridge",), (), ("scene=ridge", "scene.base_friction=10.0"),
+        # So far below its peak the compliance changes by its lag alone.
+        ("scene=ridge", "effects.viscoelastic_skin.times_s=[1e-6,1e-5]"),
+    ),
     "oblique_features": (("effects.oblique_features.angle_deg=2",),),
     "amplifier_bandwidth": (("effects.amplifier_bandwidth.capacitance_F=1e-11",),),
     "antialias_filter": ((), ("effects.antialias_filter.cutoff_hz=5000",)),
@@ -112,7 +116,7 @@ ACTING = {
     "reversal": ((),),
     "load_drift": ((), ("effects.load_drift.fraction=0.001",)),
     "snap_back": ((),),
-}
+}  # fmt: skip
 CASES = [(name, settings) for name, several in ACTING.items() for settings in several]
 
 
