@@ -35,7 +35,7 @@ def times(spectrum: Inexact[Array, " k"], values: Float[Array, " n"]) -> Float[A
 
 def _stiffness(compliance: Float[Array, " k"]) -> Float[Array, " k"]:
     """1/compliance, with something of the size of the longest wave's at k = 0."""
-    inverse = 1 / jnp.where(compliance > 0, compliance, 1.0)
+    inverse = 1 / compliance  # infinite at k = 0; no derivative goes through it
     return jnp.where(compliance > 0, inverse, inverse[1] / 2)
 
 
@@ -48,18 +48,14 @@ def gap_and_error(height, nominal, moved, deviation):
     off = jnp.where(touching, jnp.abs(gap), jnp.maximum(-gap, 0.0))
     # A slight contact displaces far less than the profile is high.
     span, reach = jnp.ptp(height), jnp.ptp(moved)
-    wrong = jnp.max(off) / _or_one(jnp.where(reach > 0, reach, span))
+    wrong = jnp.max(off) / jnp.where(reach > 0, reach, span)
     # So that p gap is small beside the load times the height too, as far as rounding lets it be
     # under a high peak.
-    weight = jnp.where(touching, 1.0 + deviation / _or_one(nominal), 0.0)
+    weight = jnp.where(touching, 1.0 + deviation / nominal, 0.0)
     share = rounding(gap.dtype) / least_error(gap.dtype)
-    work = jnp.max(weight * off) / _or_one(jnp.maximum(span, share * jnp.max(weight) * reach))
+    work = jnp.max(weight * off) / jnp.maximum(span, share * jnp.max(weight) * reach)
+    # A flat profile has no size to compare with, and no error.
     return gap, jax.lax.stop_gradient(jnp.where(span > 0, jnp.maximum(wrong, work), 0.0))
-
-
-def _or_one(value):
-    """The divisor `value`, one where it is not positive."""
-    return jnp.where(value > 0, value, 1.0)
 
 
 def touches(nominal, deviation):
@@ -136,11 +132,10 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
         z = _balanced(on(active, rest), evenly)
         norm = rest @ z
         keep = at.conjugate & ~jnp.any(entering)
-        beta = jnp.where(keep, norm / jnp.where(at.norm > 0, at.norm, 1.0), 0.0)
+        beta = jnp.where(keep, norm / at.norm, 0.0)
         direction = jnp.where(active, z + beta * at.direction, 0.0)
         answer = times(compliance, direction)
-        bent = direction @ answer
-        length = (rest @ direction) / jnp.where(bent > 0, bent, 1.0)
+        length = (rest @ direction) / (direction @ answer)
         free = at.deviation - length * direction
         lifted = active & (free <= -nominal)
         whole = ~jnp.any(lifted)
@@ -223,10 +218,7 @@ def on_contact(touching, compliance):
         return jnp.where(touching, inside - jnp.sum(inside) / count, 0.0)
 
     def response(values):
-        # What is not in the range answers too, faintly and in the same unit, so that the system is
-        # regular and its rounding no larger than the rest's.
-        inside = project(values)
-        return project(times(compliance, inside)) + compliance[-1] * (values - inside)
+        return project(times(compliance, project(values)))
 
     def on(values):
         return jnp.where(touching, times(_stiffness(compliance), values), 0.0)
@@ -246,12 +238,11 @@ def gradients(response, precondition, right, share=None):
     def step(at):
         found, rest, direction, norm, steps = at
         pushed = response(direction)
-        bent = direction @ pushed
-        length = norm / jnp.where(bent > 0, bent, 1.0)
+        length = norm / (direction @ pushed)
         found, rest = found + length * direction, rest - length * pushed
         z = precondition(rest)
         new = rest @ z
-        return found, rest, z + new / jnp.where(norm > 0, norm, 1.0) * direction, new, steps + 1
+        return found, rest, z + new / norm * direction, new, steps + 1
 
     z = precondition(right)
     first = right @ z

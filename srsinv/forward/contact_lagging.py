@@ -49,8 +49,7 @@ def _share(turned: Complex[Array, " k"]) -> Float[Array, ""]:
 @jax.custom_jvp
 def pressed(height, nominal, compliance):
     """The pressure's deviation from its mean, and the number of steps of all elastic contacts."""
-    there = jnp.abs(compliance) > 0
-    stiffness = jnp.where(there, 1 / jnp.where(there, compliance, 1.0), 0.0)
+    stiffness = jnp.where(compliance == 0, 0.0, 1 / compliance)
     full = times(stiffness, height)
     return jax.lax.cond(
         jnp.all(full > -nominal),
