@@ -79,6 +79,15 @@ def test_westergaard_converges_at_first_order(share):
     assert np.log(coarse / fine) / np.log(8) >= 0.95
 
 
+def test_narrow_cells_take_no_more_steps():
+    """As theirs begin where those on wider cells end."""
+    wide, narrow = (
+        float(pressed(line, SKIN, SineWave(1e-5, LENGTH, 0.0).height(line), 500.0).iterations)
+        for line in (window(4096), window(32768))
+    )
+    assert narrow <= wide
+
+
 def test_full_contact_is_the_direct_formula():
     line, depth = window(1024), 1e-5
     k, full = 2 * np.pi / LENGTH, contacts.westergaard_full(1e-5, LENGTH, MODULUS)
