@@ -80,8 +80,7 @@ class GeneralisedCrossValidation(_Minimise):
 
     @eqx.filter_jit
     def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
-        left = jnp.maximum(1 - score.freedom / samples, 1e-12)
-        return score.residual / samples / left**2
+        return score.residual / samples / (1 - score.freedom / samples) ** 2
 
 
 class Evidence(_Minimise):
