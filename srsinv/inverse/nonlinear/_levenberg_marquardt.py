@@ -118,15 +118,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         predicted = model.fall(c, straight)
         # Of the whole step: one that the box cuts short is no sign of a minimum.
         ready = self._converged(y, point, model, held, damping, step, model.fall(c, step))
-        # What is damped is small, however far the minimum.
-        fell = jnp.abs(gain) * (1 + state.damping)
-        ready = ready | (accept & (fell <= self._ftol * point.cost))
         if self.bends:
             bend, tight = _bend(residual_at, y, straight, point, model, held, damping, begun)
         else:
             bend, tight = jnp.zeros_like(straight), jnp.array(True)
-        # A cut step can lead uphill; with more damping it follows the projected gradient.
-        tight = tight & (predicted > 0)
         state = _State(
             trial=y + self._cut(y, straight + bend),
             predicted=jnp.where(tight, predicted, jnp.inf),  # else it will not be accepted
@@ -215,7 +210,7 @@ def _bend(residual_at, y, p, point: Point, model: QuadraticModel, held, damping,
 
 def _damping(state: _State, gain, accept):
     """Less after a step as good as predicted, ever more after failures."""
-    share = gain / jnp.where(state.predicted > 0, state.predicted, 1.0)
+    share = gain / jnp.where(state.predicted != 0, state.predicted, 1.0)
     ease = jnp.clip(1 - (2 * share - 1) ** 3, 1 / 3, 2.0)
     damping = jnp.where(accept, state.damping * ease, state.damping * state.growth)
     growth = jnp.where(accept, 2.0, 2 * state.growth)
