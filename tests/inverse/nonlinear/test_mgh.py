@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import srsinv
+from srsinv.inverse.nonlinear import Optimistix
 from tests.claims.mgh import fits, rows_of, summary
 from tests.reference.mgh import FACTORS, PROBLEMS, ZERO
 from tests.tiers import quick
@@ -72,6 +74,17 @@ def test_hard_minima(name):
         assert row["converged"], (factor, found.result)
         assert row["evaluations"] <= MOST_STEPS, (factor, row)
         assert_stationary(name, found)
+
+
+@pytest.mark.full
+def test_strongly_damped_steps_are_no_arrival():
+    """Polynomials of degree 8 at ten times the start: a step that does not fail falls by less than
+    a loose tolerance of the cost, which is 1e22."""
+    problem = BY_NAME["chebyquad"]
+    found = srsinv.fit(
+        problem.residual, problem.start_at(10.0), np.zeros(8), solver=Optimistix(tolerance=1e-4)
+    )
+    assert problem.minimum_at(2 * found.stats["cost"]) is not None
 
 
 @pytest.mark.full

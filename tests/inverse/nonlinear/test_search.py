@@ -126,6 +126,32 @@ def test_minimum_at_a_kink_is_no_answer():
     assert not found.converged or found.undetermined or found.stderr["a"] > 1e3
 
 
+def test_minimum_where_the_derivative_jumps_is_no_answer():
+    """|a| cannot follow falling data: the best a is 0, where the slope changes its sign and not by
+    its curvature, so that no standard error follows from it."""
+    found = srsinv.fit(
+        lambda p: jnp.abs(p["a"]) * X, {"a": 1.0}, -2 * X + 0.01 * NOISE,
+        solver=Optimistix(rounding=0.1),
+    )  # fmt: skip
+    assert abs(found.value["a"]) < 1e-2
+    assert not found.converged
+
+
+def test_saddle_beside_a_rank_that_is_lost_is_no_answer():
+    """Freudenstein and Roth's minimum in x and y, where the Jacobian loses rank; a stands on a
+    maximum of its own, from which no slope leads away: the cost is lower at a^2 = 5/2."""
+
+    def residual(p):
+        a, x, y = p["a"], p["x"], p["y"]
+        return jnp.stack([
+            a, 3 - a**2, -13 + x + ((5 - y) * y - 2) * y, -29 + x + ((y + 1) * y - 14) * y,
+        ])  # fmt: skip
+
+    found = srsinv.fit(residual, {"a": 0.0, "x": 0.5, "y": -2.0}, np.zeros(4))
+    assert 2 * found.stats["cost"] == pytest.approx(48.9842 + 9, rel=1e-5)
+    assert not found.converged
+
+
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-12])
 def test_tolerance(tolerance):
     found = srsinv.fit(model, START, Y, solver=Optimistix(tolerance=tolerance))
