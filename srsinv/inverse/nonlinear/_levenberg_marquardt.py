@@ -106,7 +106,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             ),
             lambda: state.point,
         )
-        uses = uses_secant(state.point, moved, gain, state.uses_secant)
+        uses = uses_secant(state.point, moved, gain)
         uses = jnp.where(accept & ~state.first, uses, state.uses_secant)
         damping, growth = _damping(state, gain, accept)
         begun = jnp.where(state.first, cost, state.begun)

@@ -28,9 +28,6 @@ CURVATURE_SHARE = 0.25
 # Curvature along a step beyond J^T J's, over J^T J's, from which on S is used: half as much makes
 # MGH10 (Meyer) slower by a fifth.
 LARGE_CURVATURE = 1.0
-# How many times further off than Gauss and Newton's model the other may be once it is used: without
-# it the search changes to and fro.
-HYSTERESIS = 3.0
 
 
 class Point(eqx.Module):
@@ -99,20 +96,20 @@ def _secant(before: Point, point: Point, residual, s) -> Float[Array, "m m"]:
     return sized + jnp.where(usable, update, 0.0)
 
 
-def uses_secant(point: Point, p, fall, uses: Bool[Array, ""]) -> Bool[Array, ""]:
+def uses_secant(point: Point, p, fall) -> Bool[Array, ""]:
     """Whether S belongs into the model for the next step, after the cost's fall over the step p
-    from a point; `uses` is whether it was in."""
+    from a point."""
     change = point.root @ p
     curvature = 0.5 * jnp.vdot(change, change)
     error = jnp.abs(fall + jnp.vdot(point.c, change) + curvature)
     with_secant = jnp.abs(fall + jnp.vdot(point.c, change) + curvature + 0.5 * p @ point.secant @ p)
-    no_worse = with_secant <= jnp.where(uses, HYSTERESIS, 1.0) * error
-    return (error > LARGE_CURVATURE * curvature) & no_worse
+    return (error > LARGE_CURVATURE * curvature) & (with_secant <= error)
 
 
 def quadratic_model(point: Point, uses: Bool[Array, ""]) -> QuadraticModel:
     """Gauss and Newton's model, through R as it is; or that with S, through the eigenvectors of its
-    second derivative, whose negative eigenvalues count by their size: downhill from a saddle."""
+    second derivative. Of eigenvalues that are not positive rounding is left: along these the step
+    leads downhill from a saddle, as far as the damping lets it."""
     diagonal = jnp.abs(jnp.diagonal(point.secant))
     # Not the root of the squares' sum: they can overflow.
     scale = positive(jnp.hypot(point.scale, jnp.sqrt(CURVATURE_SHARE * diagonal)))
@@ -123,9 +120,8 @@ def quadratic_model(point: Point, uses: Bool[Array, ""]) -> QuadraticModel:
     def augmented():
         root = point.root / scale
         values, vectors = jnp.linalg.eigh(root.T @ root + point.secant / scale / scale[:, None])
-        sizes = jnp.abs(values)
-        floor = jnp.finfo(sizes.dtype).eps * jnp.max(sizes)
-        roots = jnp.sqrt(jnp.maximum(sizes, positive(floor)))
+        floor = jnp.finfo(values.dtype).eps * jnp.max(jnp.abs(values))
+        roots = jnp.sqrt(jnp.maximum(values, positive(floor)))
         return QuadraticModel(
             roots[:, None] * vectors.T * scale, (vectors / roots).T @ root.T, scale
         )
