@@ -49,6 +49,18 @@ def test_elements_may_miss_samples_of_their_own():
     assert found == pytest.approx(2.0, rel=0.08)
 
 
+def test_a_texture_all_along_the_scan_is_no_noise():
+    """Of a thousand times the noise, damped by e^(-k z) on its way to the film: in samples ten
+    times as far apart it is above the noise in a third of all waves."""
+    rng, spacing_m = np.random.default_rng(3), 10 * SPACING_M
+    damped = 1e3 * np.exp(-2 * np.pi * np.fft.rfftfreq(N, spacing_m) * DEPTH_M)
+    found = []
+    for _ in range(8):
+        texture = np.fft.irfft(damped * np.fft.rfft(rng.normal(size=(2, N))), N)
+        found.append(white_level(texture + rng.normal(size=(2, N)), DEPTH_M, spacing_m))
+    assert np.mean(found) == pytest.approx(1.0, rel=0.02)
+
+
 @pytest.mark.parametrize("signal", [np.zeros((1, N)), np.full((1, N), np.nan)])
 def test_no_noise_where_nothing_varies(signal):
     assert white_level(signal, DEPTH_M, SPACING_M) == 0
