@@ -104,6 +104,9 @@ ACTING = {
         ("scene=ridge",), (), ("scene=ridge", "scene.base_friction=10.0"),
         # So far below its peak the compliance changes by its lag alone.
         ("scene=ridge", "effects.viscoelastic_skin.times_s=[1e-6,1e-5]"),
+        # A skin that becomes so stiff loses touch between the ridges.
+        ("scene=ridges", "effects.viscoelastic_skin.times_s=[1e-2,1e-2]",
+         "effects.viscoelastic_skin.fractions=[5.0,5.0]"),
     ),
     "oblique_features": (("effects.oblique_features.angle_deg=2",),),
     "amplifier_bandwidth": (("effects.amplifier_bandwidth.capacitance_F=1e-11",),),
@@ -196,6 +199,34 @@ def test_what_stays_on_is_in_the_signal_that_the_rest_is_screened_by(case):
     alone = with_only(cfg, (small,))
     bare = screen(build.bare(alone), build.line(alone), build.effects(alone), 0.003)
     assert not bare.on
+
+
+def test_what_is_left_out_adds_up():
+    """As changes do, at most; with less allowed, the one that changes the most stays on."""
+    cfg = configuration(
+        "effects=[element_offsets,film_angle]", "sensor.elements.along.offset_m=1e-5",
+        "effects.film_angle.tilt_deg=0.3",
+    )  # fmt: skip
+    scene = build.bare(cfg), build.line(cfg), build.effects(cfg)
+    none = screen(*scene, 1.0)
+    bounds = none.relative_change_bounds
+    assert not none.on
+    assert none.bound >= sum(bounds.values()) > 1.3 * max(bounds.values())
+    assert screen(*scene, 0.99 * none.bound).on == {max(bounds, key=lambda name: bounds[name])}
+
+
+@pytest.mark.full
+def test_beside_a_skin_that_raises_the_traction():
+    """What another effect changes grows with the traction, which a stiff skin raises."""
+    cfg = configuration(
+        "effects=[layered_skin,viscoelastic_skin]", "scene=tape", STIFF,
+        "effects.viscoelastic_skin.times_s=[1e-6,1e-5]",
+    )  # fmt: skip
+    change = difference(*pair(simulation(cfg), simulation(with_only(cfg, ("layered_skin",))), KEY))
+    _, found = screen_effects({**cfg, "tolerance": 0.1})
+    assert found is not None
+    assert found.on == {"layered_skin"}
+    assert change <= found.relative_change_bounds["viscoelastic_skin"]
 
 
 def test_filters_come_before_the_sampling():

@@ -62,6 +62,12 @@ def test_impulse_response(name):
     assert not np.any(FILTERS[name].impulse_response(jnp.asarray([-1e-3, -1.0])))
 
 
+def test_ahead_of_time_0_nothing_responds():
+    """Nor would it with another time scale, of which e^(t/T) is infinite there."""
+    late = jax.jacrev(lambda t: FirstOrder(t).impulse_response(jnp.asarray([-10.0])))(1e-3)
+    np.testing.assert_array_equal(late, 0.0)
+
+
 # Along the line.
 
 

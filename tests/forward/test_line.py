@@ -153,6 +153,18 @@ def test_the_open_line_is_a_sum_over_cells_and_wraps_nothing(line):
     assert largest_error(apply(line, stage, jnp.asarray(r)), expected) < 1e-13
 
 
+def test_the_open_line_has_no_lags_but_those_of_its_cells():
+    """The gain at k = 0, by which it is told whether a mean is seen, is the sum over these."""
+    n, line = 45, Open(45, 2e-4, -4.5e-3)
+    operator = line.operator(Sensor([Film()]).signal(ConstantSpeed(0.05)))
+    ends = jnp.zeros((2, 2, n)).at[0, :, 0].set(1.0).at[1, :, -1].set(1.0)
+    for c in range(2):
+        first, last = (np.asarray(operator(end * (jnp.arange(2) == c)[:, None]))[0] for end in ends)
+        gain = np.asarray(operator.transfer)[0, c, 0]
+        size = np.abs(first).sum()
+        np.testing.assert_allclose(gain, first.sum() + last.sum() - first[0], atol=1e-12 * size)
+
+
 def test_the_periodic_line_wraps_around():
     line, stage = LINES["periodic_odd"], full_sensor().charge()
     r = np.random.default_rng(0).normal(size=(2, line.n))

@@ -13,7 +13,7 @@ from srsinv.inverse import spectral
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.tikhonov import DerivativePenalty
 from srsinv.inverse.wiener import Exponential, SpectralPrior
-from tests.inverse.cases import DEPTH_M, N, make_case, make_line, make_operator
+from tests.inverse.cases import DEPTH_M, RATE, SLOW, N, make_case, make_line, make_operator
 
 CASE = make_case()
 PARAMETERS = ("depth", "angle", "noise", "prior", "length")
@@ -73,16 +73,19 @@ def test_gradient_is_the_finite_difference(method):
     assert np.all(np.abs(differences) > 1e-9)
 
 
-def test_the_noise_may_be_traced():
-    """A problem can be built inside a differentiated function, from its noise level too."""
+@pytest.mark.parametrize("amplifier", [RATE, SLOW], ids=["rate", "slow"])
+def test_the_noise_may_be_traced(amplifier):
+    """A problem can be built inside a differentiated function, from its noise level too; a slow
+    readout has a mean of p to tell, and none of q."""
+    case = make_case(amplifier=amplifier)
 
     def spread(level):
         line = make_line()
         noise = level**2 * jnp.ones(line.k.shape)
-        problem = Problem(line, CASE.problem.forward, CASE.problem.data, noise)
+        problem = Problem(line, case.problem.forward, case.problem.data, noise)
         prior = DerivativePenalty(jnp.array([2e-5, 8e-5]), jnp.asarray(DEPTH_M), 1)
         return spectral.solve(problem, prior).stderr[0, 0]
 
-    slope = jax.grad(spread)(CASE.sigma)
+    slope = jax.grad(spread)(case.sigma)
     assert np.isfinite(slope)
     assert slope > 0

@@ -93,6 +93,18 @@ def test_an_element_missing_altogether_leaves_p_and_q_apart_unsure():
     assert np.any(np.asarray(half.stderr) > 1.5 * np.asarray(full.stderr))
 
 
+def test_one_sample_with_an_unknown_offset_is_as_good_as_none():
+    there = np.ones((2, 2, N), bool)
+    there[:, 1] = False
+    there[0, 1, N // 2] = True
+    settings = {"amplifier": SLOW, "films": "turned", "free_offset": True}
+    one, none = (
+        METHODS["tikhonov"](make_case("open", observed=each, **settings).problem) for each in there
+    )
+    assert relative(one.value, none.value) < 1e-9
+    assert relative(one.stderr, none.stderr) < 1e-9
+
+
 @pytest.mark.parametrize("path", ["direct", "iterative"])
 def test_an_unknown_offset_leaves_no_trace(path):
     """Whatever is added to every sample of one element, with gaps, nothing but the data moves."""

@@ -154,6 +154,16 @@ def test_derivatives_of_the_signal_are_differences_in_both_modes():
 
 
 @pytest.mark.full
+def test_friction_turns_with_the_motion():
+    """Back on the same path with the other friction: the same charges, the last one first."""
+    there = Motion.from_speed(TIME, 0.03, -0.003)
+    onwards, back = (fine(RidgeFeature(EDGE), motion) for motion in (there, BACK))
+    signal = np.asarray(onwards(tree(RIDGE, -0.4)))
+    found = back(tree(RIDGE, 0.4))
+    np.testing.assert_allclose(found, -signal[:, ::-1], atol=1e-9 * np.abs(signal).max())
+
+
+@pytest.mark.full
 def test_sliding_back_the_leading_edge_is_the_other_one():
     model = fine(TapeFeature(EDGE), BACK)
     y = noisy(np.asarray(model(tree(TAPE, 0.35))), 7)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from srsinv.inverse.nonlinear import Sliding, fit
-from srsinv.inverse.sliding_noise import estimate
+from srsinv.inverse.sliding_noise import Levels, estimate, first_levels
 from tests.refusals import refused
 
 LENGTH = 2e-4
@@ -114,6 +114,24 @@ def test_levels_are_not_too_low_for_what_a_fit_takes_out():
         error[name] = 1.25 * (high - low) / 2 / draws**0.5
     assert abs(middle["restricted"]) < 4 * error["restricted"]
     assert middle["plain"] < -4 * error["plain"]
+
+
+def test_levels_are_those_of_what_no_fit_takes_out():
+    """Whatever of the fitted directions is in the residual."""
+    rng, x = np.random.default_rng(6), np.arange(400) * 2e-5
+    waves = np.cos(np.pi * np.outer(np.arange(400) + 0.5, np.arange(3)) / 400)
+    y, start = rng.normal(size=(1, 400)), Levels(np.ones(1), 0.3, LENGTH)
+    without, with_it = (
+        estimate(y + size * waves.sum(axis=1), x, 7.5e-4, waves[None], start) for size in (0, 10)
+    )
+    np.testing.assert_allclose(with_it.white, without.white, rtol=1e-2)
+
+
+def test_first_levels_are_those_of_white_noise_on_a_smooth_signal():
+    x = np.linspace(0, 20, 20_000)
+    level = np.array([[0.3], [2.0]])
+    y = 50 * np.sin(x) + level * np.random.default_rng(7).normal(size=(2, 20_000))
+    np.testing.assert_allclose(first_levels(y, 7.5e-4).white, level[:, 0], rtol=0.05)
 
 
 def test_white_noise_alone_leaves_no_sliding():
