@@ -1,6 +1,7 @@
 """The long studies, one after the other: `python -m tests.claims [NAME ...]`, all without a name.
 
-Each is a module of this folder with a function `main`, and writes `results/NAME.json`.
+Each is a module of this folder with a function `main`, and writes `results/NAME.json`. Those that
+take long go on from what that file holds: delete it to run them anew. README is written at the end.
 """
 
 import ast
@@ -30,6 +31,7 @@ def main(names: list[str]) -> None:
     for name in names or studies():
         print(f"{name} ...", flush=True)
         subprocess.run([sys.executable, "-m", f"tests.claims.{name}"], check=True)
+    subprocess.run([sys.executable, "-m", "tests.claims.readme"], check=True)
 
 
 if __name__ == "__main__":
