@@ -63,8 +63,9 @@ def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Felt, Felt
 
 
 def difference(one: Felt, other: Felt) -> float:
-    """Rms of the difference over the rms of the `other`."""
-    return float(np.linalg.norm(one.signal - other.signal) / np.linalg.norm(other.signal))
+    """Rms of the difference over the rms of the `other`; 0 where both are rounded to nothing."""
+    change = np.linalg.norm(one.signal - other.signal)
+    return float(change / np.linalg.norm(other.signal)) if change else 0.0
 
 
 def _on_line(sim: Simulation):

@@ -22,7 +22,7 @@ from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.setup import Setup
 from srsinv.jobs import build
-from srsinv.jobs.change import difference, felt, pair, with_only
+from srsinv.jobs.change import Felt, difference, felt, pair, with_only
 from srsinv.jobs.simulation import Simulation, screen_effects, simulation
 
 SMALL = ("grid.cells=128", "grid.refinement=2", "noise=[]")
@@ -138,6 +138,12 @@ def test_it_changes_no_more_than_its_bound(name, settings):
     assert difference(*both) <= 1.02 * bound
     # Nor is every effect called for whatever the scene.
     assert bound < 1e-3 or difference(*both) > bound / 40
+
+
+def test_signals_that_are_rounded_to_nothing_do_not_differ():
+    nothing = Felt(np.arange(3.0), np.zeros((1, 3)))
+    assert difference(nothing, nothing) == 0.0
+    assert difference(nothing, nothing._replace(signal=np.ones((1, 3)))) == 1.0
 
 
 # All in one program, at numbers at which they change nothing.
