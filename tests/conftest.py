@@ -4,6 +4,7 @@ that checks every shape and type annotation of the rooms that hold arrays as the
 The hook stays for the whole session: it works on each module of the package as that is imported.
 """
 
+import gc
 import os
 from pathlib import Path
 
@@ -37,6 +38,13 @@ pytest_plugins = ["tests.seconds"]
 MOST_MAPS = 15_000
 # Rooms with the longest files: begun last, they would leave a worker idle.
 LONGEST_FIRST = ("golden", "jobs", "stability", "inverse", "forward", "recording")
+
+
+def pytest_collection_finish():
+    """Tracing makes many objects that live long: collected as often as by default they take a
+    tenth of the tests' time."""
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
 
 
 @pytest.fixture(autouse=True, scope="module")
