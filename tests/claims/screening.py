@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from srsinv.command.programs import release_programs
 from srsinv.jobs import build
 from srsinv.jobs.change import difference, pair
 from srsinv.jobs.simulation import screen_effects, simulation
@@ -23,6 +24,7 @@ from tests.claims.random_scenes import configuration
 RESULTS = Path(__file__).parent / "results" / "screening.json"
 SCENES = 100
 TOLERANCES = (0.1, 0.01, 0.001)
+MOST_MAPS = 30_000  # of memory: Linux ends a process that asks for 65530
 
 # Numbers at which an effect changes nothing: what is left out stays in the program at these, so
 # that hundreds of simulations share few programs. Others are left out as they are.
@@ -110,6 +112,7 @@ def main(first: int, last: int, afresh: bool) -> None:
         RESULTS.parent.mkdir(exist_ok=True)
         RESULTS.write_text(text + "\n")
         print(*found, sep="\n", flush=True)
+        release_programs(MOST_MAPS)
 
 
 if __name__ == "__main__":
