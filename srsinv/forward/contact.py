@@ -66,15 +66,22 @@ class Contact(eqx.Module):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the pressure: a window that the skin's wake does not fit in."""
-        if self.wake is None or not self.wake.is_much:
-            return ()
-        return (
-            "The skin has not recovered when the window repeats, so that the contact meets its own "
-            f"wake: {float(self.wake.share[0]):.0%} of the friction that its lag makes is missing, "
-            "and the pressure lies too far back. Leave scene.contact_windows at null, or give a "
-            "longer grid.length_m.",
-        )
+        """What speaks against the pressure: iterations that ended too early, and a window that the
+        skin's wake does not fit in."""
+        found = []
+        if not self.converged:
+            found.append(
+                f"The contact is {self.result}, so that the pressure is not that of the surface: "
+                "take a skin that is less stiff beside what lies below it, or wider cells."
+            )
+        if self.wake is not None and self.wake.is_much:
+            found.append(
+                "The skin has not recovered when the window repeats, so that the contact meets "
+                f"its own wake: {float(self.wake.share[0]):.0%} of the friction that its lag makes "
+                "is missing, and the pressure lies too far back. Leave scene.contact_windows at "
+                "null, or give a longer grid.length_m."
+            )
+        return tuple(found)
 
     @property
     def touching(self) -> Bool[Array, " n"]:

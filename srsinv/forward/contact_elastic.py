@@ -16,6 +16,9 @@ COARSEST = 2048  # cells: below, a coarse start gains nothing, and costs compila
 COARSE_STEPS = 60  # of the start on coarser cells, which need not converge
 MOST_STEPS = 1000
 DERIVATIVE_STEPS = 500
+# Steps in which the energy may rise where cells are let go: the shortest way of most contacts,
+# which end within them. Some, of a stiff layer that bends over many cells, would go on in a circle.
+FREE_STEPS = 20
 
 
 def rounding(dtype) -> float:
@@ -139,11 +142,10 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
         free = at.deviation - length * direction
         lifted = active & (free <= -nominal)
         whole = ~jnp.any(lifted)
-        deviation = jnp.where(whole, free, _cut(free, active, nominal))
-        moved = jax.lax.cond(
+        deviation, moved = jax.lax.cond(
             whole,
-            lambda: at.moved - length * answer,
-            lambda: times(compliance, deviation),
+            lambda: (free, at.moved - length * answer),
+            lambda: _falling(at, _cut(free, active, nominal), height, compliance),
         )
         gap, residual = gap_and_error(height, nominal, moved, deviation)
         # A direction that lost cells would carry a net force.
@@ -158,6 +160,19 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
     first = _State(start, moved, gap, residual, active, none, none, zero, jnp.array(False), zero)
     end = jax.lax.while_loop(going, step, first)
     return end.deviation, end.steps
+
+
+def _falling(at: _State, cut, height, compliance):
+    """From the state to `cut`, or after some steps only as far that way as the energy falls: else
+    cells can come and go in a circle. The deviation, and the displacement under it."""
+    moved = times(compliance, cut)
+    change, response = cut - at.deviation, moved - at.moved
+    slope, curvature = change @ (at.moved - height), change @ response
+    rises = (at.steps >= FREE_STEPS) & (slope < 0) & (slope + curvature / 2 > 0)
+    part = -slope / curvature
+    # A mean of pressures that are not negative, but for rounding.
+    falling = jnp.maximum(at.deviation + part * change, jnp.minimum(at.deviation, cut))
+    return jnp.where(rises, falling, cut), jnp.where(rises, at.moved + part * response, moved)
 
 
 def _cut(deviation, active, nominal):

@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..errors import number, refuse, whole
 from ..grid import Line, Scalar, as_real
-from .contact import Contact, is_lagging, press
+from .contact import Contact, press
 from .contact_wake import press_with_wake
 from .skin import HalfSpace, Skin
 from .surface import Shape, Surface
@@ -169,7 +169,7 @@ class SurfaceScene(Scene):
         return press(*given) if self._goes_on else press_with_wake(*given, self.contact_windows)
 
     def warnings(self, line: Line) -> tuple[str, ...]:
-        return self.contact(line).warnings if is_lagging(self.skin) else ()
+        return self.contact(line).warnings
 
     def height(self, line: Line) -> Float[Array, " n"]:
         """Of the surface at the cell centres [m]: a program of its own, whatever the skin."""

@@ -29,7 +29,7 @@ def run(cfg: build.Config) -> Outcome:
             stages=stages(sim) | as_recorded(sim, build.random_key(cfg)),
             assumed=assumed(cfg, sim),
             screening=screening,
-            warnings=sim.scene.warnings(sim.line),
+            warnings=sim.scene.warnings(sim.fine),
         )
         return analyse(case)
 
