@@ -28,6 +28,7 @@ from ..recording.even import load_steady
 from ..recording.noise import filled
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
+from ..report.text import format_with_error
 from . import build
 from .analysis import in_metrics
 from .recorded import times_rows
@@ -199,9 +200,8 @@ def _settings(cfg: build.Config, name: str, x_m: np.ndarray) -> Settings:
 
 
 def _mm(value_m: float, stderr_m: float) -> str:
-    """Value and standard error in mm, to the second digit of the latter."""
-    digits = max(0, 1 - int(np.floor(np.log10(MM * stderr_m)))) if stderr_m > 0 else 3
-    return f"{MM * value_m:.{digits}f} ± {MM * stderr_m:.{digits}f} mm"
+    """Value and standard error in mm."""
+    return f"{format_with_error(MM * value_m, MM * stderr_m)} mm"
 
 
 # --- what is shown ---------------------------------------------------------------------------

@@ -32,6 +32,12 @@ def format_value(value: object) -> str:
     return f"{_digits(float(mantissa) * 10**shift)}e{int(power) - shift}"
 
 
+def format_with_error(value: float, stderr: float) -> str:
+    """Value and standard error, to the second digit of the latter; to three decimals if it is 0."""
+    decimals = max(0, 1 - math.floor(math.log10(stderr))) if stderr > 0 else 3
+    return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
+
+
 def is_numeric(cells: tuple[object, ...]) -> bool:
     """Whether a column holds numbers only, and so is aligned on the right."""
     return bool(cells) and all(

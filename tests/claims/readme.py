@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from srsinv.report.text import format_with_error
+
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = Path(__file__).parent / "results"
 TEMPLATES = Path(__file__).with_suffix("")
@@ -34,10 +36,8 @@ def digits(value: float, unit: str = "1", figures: int = 2) -> str:
 
 
 def with_error(value: float, stderr: float, unit: str = "1") -> str:
-    """Value and standard error in the unit, the error with two significant figures."""
-    scale = SCALES[unit]
-    places = max(1 - math.floor(math.log10(scale * stderr)), 0)
-    return f"{scale * value:.{places}f} ± {scale * stderr:.{places}f}"
+    """Value and standard error in the unit."""
+    return format_with_error(SCALES[unit] * value, SCALES[unit] * stderr)
 
 
 def power(value: float) -> str:
@@ -113,8 +113,8 @@ def stale() -> dict[Path, str]:
     """The pages that do not say what the results do, with what they should say."""
     env = environment()
     pages = {path: path.read_text(encoding="utf-8") for path in PAGES}
-    new: dict[Path, Any] = {path: renewed(text, env) for path, text in pages.items()}
-    return {path: new[path] for path in pages if new[path] != pages[path]}
+    new = {path: renewed(text, env) for path, text in pages.items()}
+    return {path: text for path, text in new.items() if text != pages[path]}
 
 
 if __name__ == "__main__":
