@@ -34,7 +34,7 @@ def run(cfg: build.Config) -> Outcome:
     with build.precision(cfg):
         key = build.random_key(cfg)
         none, bare_cost = cost(with_only(cfg, ()), key)
-        spectra = reference(none.setup, none.line)
+        spectra = reference(none.scenario, none.line)
         rows = []
         for name, effect in build.effects(cfg).items():
             with stage(f"effect: {name}"):

@@ -13,7 +13,7 @@ from .scan import ConstantSpeed, Motion
 
 
 class Recorder(eqx.Module):
-    """The recording side of a setup; with nothing named it takes one sample a cell.
+    """The recording side of a scenario; with nothing named it takes one sample a cell.
 
     - `sample_rate_hz`: None for what the line's cells ask for; `paces`: how the motion departs from
       constant speed; `drift`: of the load.

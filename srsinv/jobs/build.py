@@ -17,7 +17,7 @@ from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed
 from ..forward.scene import Scene
 from ..forward.sensor import Sensor
-from ..forward.setup import Setup
+from ..forward.scenario import Scenario
 from ..forward.surface_feature import SurfaceFeature
 from ..grid import Line, Open, Periodic
 from ..inverse.nonlinear import Solver
@@ -59,22 +59,22 @@ def line(cfg: Config, refinement: Any = 1) -> Line:
     return kind(cells, length / cells, start)
 
 
-def setup(cfg: Config) -> Setup:
+def scenario(cfg: Config) -> Scenario:
     """All that is measured with what, with the effects that are named."""
-    whole = bare(cfg).but(noises=noises(cfg))
+    whole = ideal(cfg).replace(noises=noises(cfg))
     for effect in effects(cfg).values():
-        whole = effect.added(whole)
+        whole = effect.apply(whole)
     return whole
 
 
-def bare(cfg: Config) -> Setup:
+def ideal(cfg: Config) -> Scenario:
     """What is measured with what, without noise and effects."""
-    return Setup(_scene(cfg), _sensor(cfg), scan(cfg))
+    return Scenario(_scene(cfg), _sensor(cfg), scan(cfg))
 
 
 def scene(cfg: Config) -> Scene:
     """The scene, for a job that takes effects of the sensor alone."""
-    found = _felt(cfg).scene
+    found = _sensor_scenario(cfg).scene
     assert found is not None
     return found
 
@@ -82,11 +82,11 @@ def scene(cfg: Config) -> Scene:
 def sensor(cfg: Config) -> Sensor:
     """Film elements in their skin, read by the amplifier, for a job that takes effects of the
     sensor alone."""
-    return _felt(cfg).sensor
+    return _sensor_scenario(cfg).sensor
 
 
-def with_effects(cfg: Config, felt: Setup) -> Setup:
-    """A setup of a sensor with the named effects, which have to be of the sensor."""
+def with_effects(cfg: Config, scenario: Scenario) -> Scenario:
+    """A scenario of a sensor with the named effects, which have to be of the sensor."""
     refuse(
         "tolerance" in cfg,
         "effects=auto decides by a simulated scene, which this job does not take: name the effects "
@@ -98,8 +98,8 @@ def with_effects(cfg: Config, felt: Setup) -> Setup:
             f"effects names {name}, which acts on a simulated scene and its recording; this job "
             "takes effects of the sensor alone: leave it out.",
         )
-        felt = effect.added(felt)
-    return felt
+        scenario = effect.apply(scenario)
+    return scenario
 
 
 def effects(cfg: Config) -> dict[str, Effect]:
@@ -126,8 +126,8 @@ def effects_rows(cfg: Config) -> tuple[tuple[str, str], ...]:
     return (("effects on", ", ".join(on) or "none"), ("effects off", ", ".join(off) or "none"))
 
 
-def _felt(cfg: Config) -> Setup:
-    return with_effects(cfg, bare(cfg))
+def _sensor_scenario(cfg: Config) -> Scenario:
+    return with_effects(cfg, ideal(cfg))
 
 
 def _sensor(cfg: Config) -> Sensor:

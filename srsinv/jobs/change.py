@@ -43,14 +43,14 @@ def merged(cfg: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Felt, Felt]:
     """The signals of two simulations that differ by effects, at the same instants: those at which
     `full` is sampled."""
-    if not full.setup.recorder.goes_by_time:
+    if not full.scenario.recorder.goes_by_time:
         instants = np.asarray(full.scan.time_s(full.line))
 
         def one(sim: Simulation) -> Felt:
             return Felt(instants, _kept(sim, sim.line, _on_line(sim), key))
 
         return one(full), one(less)
-    rate = full.setup.recorder.rate_hz(full.fine, full.scan)
+    rate = full.scenario.recorder.rate_hz(full.fine, full.scan)
     motions = _motion(full, rate), _motion(less, rate)
     common = min(motion.time_s.size for motion in motions)
     samples = Periodic(common, abs(float(full.scan.speed_m_per_s)) / rate)
@@ -73,16 +73,16 @@ def _on_line(sim: Simulation):
 
 
 def _motion(sim: Simulation, rate_hz: float) -> Motion:
-    recorder = dataclasses.replace(sim.setup.recorder, sample_rate_hz=rate_hz)
+    recorder = dataclasses.replace(sim.scenario.recorder, sample_rate_hz=rate_hz)
     return recorder.motion(sim.line, sim.fine, sim.scan)
 
 
 def _kept(sim: Simulation, line: Line, signal, key) -> Float[np.ndarray, "e sample"]:
     """With bursts, converted."""
-    for noise in sim.setup.noises:
+    for noise in sim.scenario.noises:
         if isinstance(noise, Drawn):
             signal = _with_bursts(noise, signal, line, sim.scan, key)
-    return np.asarray(sim.setup.recorder.converted(signal))
+    return np.asarray(sim.scenario.recorder.converted(signal))
 
 
 @eqx.filter_jit
@@ -114,7 +114,7 @@ def cost(cfg: build.Config, key: jax.Array, repeats: int = 3) -> tuple[Simulatio
 
 def felt(sim: Simulation, key: jax.Array) -> Felt:
     """The signal of a simulation at its own samples."""
-    recorder = sim.setup.recorder
+    recorder = sim.scenario.recorder
     if not recorder.goes_by_time:
         return Felt(np.asarray(sim.scan.time_s(sim.line)), _kept(sim, sim.line, _on_line(sim), key))
     motion = recorder.motion(sim.line, sim.fine, sim.scan)

@@ -11,7 +11,7 @@ from ..forward.film import LineEffect
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
-from ..forward.setup import Setup
+from ..forward.scenario import Scenario
 from ..inverse.surface_model import Window
 from ..recording import Recording, merge
 from ..recording.noise import white_level
@@ -43,7 +43,7 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
     skin = build.make(merge(SKIN | _skin(facts), build.part(cfg, "skin")), "skin", "skin")
     bare = Sensor(films, skin, build.amplifier(amplifier_node(cfg, description)))
     speed = ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
-    felt = build.with_effects(cfg, Setup(None, bare, speed))
+    felt = build.with_effects(cfg, Scenario(None, bare, speed))
     for effect in also:
         felt = felt.with_films(lambda film, effect=effect: film.with_effect(effect))
     return felt.sensor

@@ -55,7 +55,7 @@ def stages(sim: Simulation) -> dict[str, tuple[tuple[str, ...], Any, str]]:
 
 def as_recorded(sim: Simulation, key) -> dict[str, tuple[tuple[str, ...], Any, str]]:
     """What is recorded in time, where samples differ from those of the line at constant speed."""
-    if not sim.setup.recorder.goes_by_time:
+    if not sim.scenario.recorder.goes_by_time:
         return {}
     record = recorded(sim, key)
     along, motion = ("sample",), record.motion
@@ -91,7 +91,7 @@ def assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
 
 def _not_inverted(sim: Simulation) -> tuple[tuple[str, str], ...]:
     """What acts on the signal but not in the model that inverts it, where there is something."""
-    recorder, lags = sim.setup.recorder, bool(sim.sensor.filters)
+    recorder, lags = sim.scenario.recorder, bool(sim.sensor.filters)
     left = [
         *(["the load's drift"] if recorder.drift else []),
         *(["the filters' lag as the speed varies (that at constant speed is)"]
@@ -101,5 +101,5 @@ def _not_inverted(sim: Simulation) -> tuple[tuple[str, str], ...]:
 
 
 def _how(sim: Simulation) -> str:
-    paces = [type(pace).__name__.lower() for pace in sim.setup.recorder.paces]
+    paces = [type(pace).__name__.lower() for pace in sim.scenario.recorder.paces]
     return f"with {', '.join(paces)}" if paces else "constant"

@@ -19,7 +19,7 @@ from ..forward.pace import denser
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.scene import Scene, deviation
 from ..forward.sensor import Sensor
-from ..forward.setup import Setup
+from ..forward.scenario import Scenario
 from ..forward.skin import STRESSES
 from ..grid import Line, Periodic, Stage, as_real
 from ..inverse.problem import Problem
@@ -37,30 +37,30 @@ class Simulation(eqx.Module):
     line the traction is the deviation from the background, which has no end to feel.
     """
 
-    setup: Setup
+    scenario: Scenario
     line: Line
     fine: Line
     refinement: int = eqx.field(static=True)
 
     def with_noises(self, noises: tuple[Noise, ...]) -> "Simulation":
         """The same simulation with other noise."""
-        return dataclasses.replace(self, setup=self.setup.but(noises=noises))
+        return dataclasses.replace(self, scenario=self.scenario.replace(noises=noises))
 
     @property
     def scene(self) -> Scene:
         """What is felt."""
-        assert self.setup.scene is not None
-        return self.setup.scene
+        assert self.scenario.scene is not None
+        return self.scenario.scene
 
     @property
     def sensor(self) -> Sensor:
         """What feels it."""
-        return self.setup.sensor
+        return self.scenario.sensor
 
     @property
     def scan(self) -> ConstantSpeed:
         """How the sensor slides."""
-        return self.setup.scan
+        return self.scenario.scan
 
     @property
     def background(self):
@@ -86,7 +86,7 @@ class Simulation(eqx.Module):
         Filters come before the sampling: they act on samples as dense as the finer line's cells.
         """
         if self.sensor.filters and (times := self._denser(motion)) > 1:
-            speed, paces = float(self.scan.speed_m_per_s), self.setup.recorder.paces
+            speed, paces = float(self.scan.speed_m_per_s), self.scenario.recorder.paces
             return self.along(denser(motion, times, speed, paces))[:, ::times]
         own = self.scan.direction
         ways = (self.traction(self.fine),)
@@ -95,7 +95,7 @@ class Simulation(eqx.Module):
             back = deviation(self.scene, self.fine, -own, self._periodic)
             # The scan's own direction is that of a motion towards +x, or towards -x.
             ways = (*ways, back) if float(own) > 0 else (back, *ways)
-        return _along(self.sensor, self.setup.recorder.drift, self.scan, self.fine, motion, ways,
+        return _along(self.sensor, self.scenario.recorder.drift, self.scan, self.fine, motion, ways,
                       self.background)  # fmt: skip
 
     def _denser(self, motion: Motion) -> int:
@@ -152,7 +152,7 @@ def screen_effects(cfg: build.Config) -> tuple[build.Config, ScreeningResult | N
         return cfg, None
     wanted = "a positive number, as a part of the signal's rms"
     tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
-    bare = build.bare(cfg)
+    bare = build.ideal(cfg)
     _refuse_static(cfg, bare)
     named = build.part(cfg, "effects")
     rest = {key: value for key, value in cfg.items() if key != "tolerance"}
@@ -173,14 +173,14 @@ def screen_effects(cfg: build.Config) -> tuple[build.Config, ScreeningResult | N
 
 def _as_named(cfg: build.Config) -> Simulation:
     refinement: Any = build.part(cfg, "grid").get("refinement")
-    setup = build.setup(cfg)
-    _refuse_static(cfg, setup)
-    return Simulation(setup, build.line(cfg), build.line(cfg, refinement), int(refinement))
+    scenario = build.scenario(cfg)
+    _refuse_static(cfg, scenario)
+    return Simulation(scenario, build.line(cfg), build.line(cfg, refinement), int(refinement))
 
 
-def _refuse_static(cfg: build.Config, setup: Setup) -> None:
+def _refuse_static(cfg: build.Config, scenario: Scenario) -> None:
     refuse(
-        float(setup.sensor.amplifier.gain(setup.scan.speed_m_per_s)) == 0.0,
+        float(scenario.sensor.amplifier.gain(scenario.scan.speed_m_per_s)) == 0.0,
         f"scan.speed_m_per_s is {cfg['scan']['speed_m_per_s']}, and the sensor does not move "
         "across what it feels: a static touch gives no rate signal, give a speed, or a gain.",
     )
@@ -189,7 +189,7 @@ def _refuse_static(cfg: build.Config, setup: Setup) -> None:
 def noisy_problem(sim: Simulation, key, friction=None) -> Problem:
     """The simulated signal with noise, its traction's mean pressure known as the load."""
     mean_p_Pa = jnp.mean(sim.traction(sim.line)[0])
-    if sim.setup.recorder.goes_by_time:
+    if sim.scenario.recorder.goes_by_time:
         return timed_problem(sim, mean_p_Pa, key, friction)
     signal = sim.sampled(sim.sensor.signal(sim.scan))
     return problem_of(sim, signal, mean_p_Pa, key, friction)
@@ -197,9 +197,9 @@ def noisy_problem(sim: Simulation, key, friction=None) -> Problem:
 
 def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> Problem:
     """The signal without noise, (e, n) at the line's positions, with noise and what inverts it."""
-    data, spectrum, rms = with_noise(sim.setup.noises, sim.line, sim.scan, signal, key)
-    _refuse_nothing(sim.setup.noises, spectrum, rms)
-    recorder, observed = sim.setup.recorder, None
+    data, spectrum, rms = with_noise(sim.scenario.noises, sim.line, sim.scan, signal, key)
+    _refuse_nothing(sim.scenario.noises, spectrum, rms)
+    recorder, observed = sim.scenario.recorder, None
     if recorder.converters:
         told = np.asarray(recorder.kept(data))
         observed = None if told.all() else told
@@ -255,13 +255,13 @@ class Record(NamedTuple):
 
 def recorded(sim: Simulation, key) -> Record:
     """The samples along the real motion with noise, converted as the recorder does."""
-    recorder = sim.setup.recorder
+    recorder = sim.scenario.recorder
     motion = recorder.motion(sim.line, sim.fine, sim.scan)
     ideal = sim.along(motion)
     spacing = abs(float(sim.scan.speed_m_per_s)) / recorder.rate_hz(sim.fine, sim.scan)
     samples = Periodic(ideal.shape[1], spacing)
-    noisy, spectrum, rms = with_noise(sim.setup.noises, samples, sim.scan, ideal, key)
-    _refuse_nothing(sim.setup.noises, spectrum, rms)
+    noisy, spectrum, rms = with_noise(sim.scenario.noises, samples, sim.scan, ideal, key)
+    _refuse_nothing(sim.scenario.noises, spectrum, rms)
     signal, told = recorder.converted(noisy), recorder.kept(noisy)
     spectrum = spectrum + recorder.variance
     return Record(motion, *(np.asarray(each) for each in (signal, told, samples.k, spectrum)))

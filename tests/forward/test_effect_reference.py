@@ -62,7 +62,7 @@ SHAPES = {
 def spectra():
     sim = simulation(configuration("effects=[]", "sensor=one_element"))
     line = build.line({"grid": {"line": "periodic", "cells": 512, "length_m": 1.0, "start_m": 0.0}})
-    return reference(sim.setup, line)
+    return reference(sim.scenario, line)
 
 
 @pytest.mark.parametrize("name", SIGNALS)

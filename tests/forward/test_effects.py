@@ -20,7 +20,7 @@ from srsinv.forward.film import Film, StripWidth
 from srsinv.forward.recorder import Recorder
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
-from srsinv.forward.setup import Setup
+from srsinv.forward.scenario import Scenario
 from srsinv.jobs import build
 from srsinv.jobs.change import Felt, difference, felt, pair, with_only
 from srsinv.jobs.simulation import Simulation, screen_effects, simulation
@@ -79,7 +79,9 @@ def test_what_is_not_named_leaves_no_trace(line):
     none = simulation(configuration("effects=[]", f"grid.line={line}"))
     width = StripWidth.at_depth(0.7e-3, 0.75e-3)
     by_hand = [
-        eqx.tree_at(lambda s: s.setup, none, Setup(none.scene, Sensor(films), ConstantSpeed(0.05)))
+        eqx.tree_at(
+            lambda s: s.scenario, none, Scenario(none.scene, Sensor(films), ConstantSpeed(0.05))
+        )
         for films in (
             [Film(angle_rad=angle) for angle in (0.0, np.pi / 2)],
             [Film(angle_rad=angle, effects=(width,)) for angle in (0.0, np.pi / 2)],
@@ -88,8 +90,8 @@ def test_what_is_not_named_leaves_no_trace(line):
     programs = [program(each) for each in (none, named)]
     assert programs == [program(each) for each in by_hand]
     assert programs[0] != programs[1]
-    assert none.setup.recorder == Recorder()
-    assert not none.setup.noises
+    assert none.scenario.recorder == Recorder()
+    assert not none.scenario.noises
 
 
 # --- what an effect changes -------------------------------------------------------------------
@@ -131,7 +133,7 @@ def test_every_effect_is_tried():
 def test_it_changes_no_more_than_its_bound(name, settings):
     cfg = configuration(f"effects=[{name}]", *settings)
     there, bare = simulation(cfg), simulation(with_only(cfg, ()))
-    bound = build.effects(cfg)[name].relative_change_bound(reference(bare.setup, bare.fine))
+    bound = build.effects(cfg)[name].relative_change_bound(reference(bare.scenario, bare.fine))
     both = pair(there, bare, KEY)
     assert np.isfinite(both[0].signal).all()
     # Samples are at every second cell of the reference's.
@@ -172,7 +174,7 @@ def test_nor_beside_loud_bursts(name, settings, silent):
     cfg = configuration(*SILENT, *settings)
     change = difference(felt(simulation(cfg), KEY), silent)
     few = with_only(cfg, (name, "snap_back"))
-    found = screen(build.bare(few), build.line(few), build.effects(few), 1e-3)
+    found = screen(build.ideal(few), build.line(few), build.effects(few), 1e-3)
     assert 1e-3 < change <= found.relative_change_bounds[name]
 
 
@@ -203,7 +205,7 @@ def test_what_stays_on_is_in_the_signal_that_the_rest_is_screened_by(case):
     assert found.on == {large, small}
     # By itself the small one is far below.
     alone = with_only(cfg, (small,))
-    bare = screen(build.bare(alone), build.line(alone), build.effects(alone), 0.003)
+    bare = screen(build.ideal(alone), build.line(alone), build.effects(alone), 0.003)
     assert not bare.on
 
 
@@ -213,7 +215,7 @@ def test_what_is_left_out_adds_up():
         "effects=[element_offsets,film_angle]", "sensor.elements.along.offset_m=1e-5",
         "effects.film_angle.tilt_deg=0.3",
     )  # fmt: skip
-    scene = build.bare(cfg), build.line(cfg), build.effects(cfg)
+    scene = build.ideal(cfg), build.line(cfg), build.effects(cfg)
     none = screen(*scene, 1.0)
     bounds = none.relative_change_bounds
     assert not none.on
@@ -275,7 +277,7 @@ def test_what_no_effect_can_be(change, sentence):
     else:
         cfg = configuration("effects=[]") | {"effects": change}
     with pytest.raises(BadInput, match=sentence):
-        build.setup(cfg)
+        build.scenario(cfg)
 
 
 def test_a_job_of_the_sensor_alone_refuses_what_acts_elsewhere():
@@ -286,7 +288,9 @@ def test_a_job_of_the_sensor_alone_refuses_what_acts_elsewhere():
 
 def test_sliding_along_the_features_is_silent():
     cfg = configuration("effects=[oblique_features]", "effects.oblique_features.angle_deg=90")
-    setup = build.setup(cfg)
+    scenario = build.scenario(cfg)
     line = build.line(cfg)
-    felt = line.operator(setup.sensor.signal(setup.scan))(jnp.ones((2, line.n)).at[0, 3].set(5.0))
+    felt = line.operator(scenario.sensor.signal(scenario.scan))(
+        jnp.ones((2, line.n)).at[0, 3].set(5.0)
+    )
     np.testing.assert_array_equal(felt, 0.0)

@@ -9,7 +9,7 @@ from srsinv.forward.film import Film
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
-from srsinv.forward.setup import Setup
+from srsinv.forward.scenario import Scenario
 from srsinv.forward.surface import Tape
 from srsinv.grid import Periodic
 from srsinv.jobs.pressed import Pressed, cell_averages
@@ -77,8 +77,8 @@ def _pressed(speed_m_per_s: float) -> Pressed:
     scene = SurfaceScene(2e4, [tape], 0.35)
     sensor = Sensor([Film(), Film(angle_rad=np.pi / 2)])
     line, fine = Periodic(128, 0.02 / 128, -0.01), Periodic(768, 0.02 / 768, -0.01)
-    setup = Setup(scene, sensor, ConstantSpeed(speed_m_per_s))
-    return Pressed(Simulation(setup, line, fine, 6))
+    scenario = Scenario(scene, sensor, ConstantSpeed(speed_m_per_s))
+    return Pressed(Simulation(scenario, line, fine, 6))
 
 
 def test_sliding_back_is_the_mirror_image():

@@ -31,6 +31,6 @@ def test_layers_change_loud_bursts_by_no_more_than_their_bound():
     )
     with_it, without = pair(both, loud, jax.random.key(0))
     assert difference(pair(both, bare, jax.random.key(0))[1], with_it) > 0.5
-    found = screen(bare.setup, bare.line, build.effects(cfg), 1e-3)
+    found = screen(bare.scenario, bare.line, build.effects(cfg), 1e-3)
     change = difference(without, with_it)
     assert 1e-3 < change <= found.relative_change_bounds["layered_skin"]

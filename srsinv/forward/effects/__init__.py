@@ -1,4 +1,4 @@
-"""Effects beside the ideal sensor: one module each, added to a setup where a scene names them.
+"""Effects beside the ideal sensor: one module each, added to a scenario where a scene names them.
 
 Nothing here is imported before a configuration names it, and the names are those of the modules.
 """

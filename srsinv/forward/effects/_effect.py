@@ -1,4 +1,4 @@
-"""What an effect is: something that can be added to a setup, and bounded without doing so."""
+"""What an effect is: something that can be added to a scenario, and bounded without doing so."""
 
 import abc
 import math
@@ -9,7 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ..setup import Setup
+from ..scenario import Scenario
 from ._reference import ReferenceSpectra
 
 
@@ -51,8 +51,8 @@ class Effect(eqx.Module):
         return np.ones_like(time_s)
 
     @abc.abstractmethod
-    def added(self, setup: Setup) -> Setup:
-        """The setup with this effect."""
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with this effect."""
 
     @abc.abstractmethod
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
@@ -60,7 +60,7 @@ class Effect(eqx.Module):
         rms change over rms signal."""
 
 
-class Factor(Effect):
+class MultiplicativeEffect(Effect):
     """An effect that multiplies the signal's spectrum, and so takes of what others change, too.
 
     `is_exact`: whether it does nothing else.
@@ -78,7 +78,7 @@ class Factor(Effect):
         return reference.relative_rms((self.factor(reference) - 1) * reference.signal)
 
 
-class Bursting(Effect):
+class NoiseEffect(Effect):
     """An effect that adds noise of its own, which passes film, skin and electronics, too."""
 
     @abc.abstractmethod

@@ -8,21 +8,23 @@ import numpy as np
 from jaxtyping import Complex
 
 from ..filter import Filter
-from ..setup import Setup
-from ._effect import Factor, Order
+from ..scenario import Scenario
+from ._effect import MultiplicativeEffect, Order
 from ._reference import ReferenceSpectra
 
 
-class Filtered(Factor):
+class Filtered(MultiplicativeEffect):
     """One more filter behind the amplifier."""
 
     order: ClassVar[Order] = Order.ELECTRONICS
     of_sensor: ClassVar[bool] = True
     filter: Filter
 
-    def added(self, setup: Setup) -> Setup:
-        sensor = setup.sensor
-        return setup.but(sensor=dataclasses.replace(sensor, filters=(*sensor.filters, self.filter)))
+    def apply(self, scenario: Scenario) -> Scenario:
+        sensor = scenario.sensor
+        return scenario.replace(
+            sensor=dataclasses.replace(sensor, filters=(*sensor.filters, self.filter))
+        )
 
     def factor(self, reference: ReferenceSpectra) -> Complex[np.ndarray, "e k"]:
         by = jax.tree.map(float, self.filter)

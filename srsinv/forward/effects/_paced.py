@@ -3,13 +3,13 @@
 import numpy as np
 
 from ..pace import Pace
-from ..setup import Setup
+from ..scenario import Scenario
 from ._reference import ReferenceSpectra
 
 
-def paced(setup: Setup, by: Pace) -> Setup:
-    """The setup with one more departure from constant speed."""
-    return setup.recording(paces=(*setup.recorder.paces, by))
+def with_speed_profile(scenario: Scenario, by: Pace) -> Scenario:
+    """The scenario with one more departure from constant speed."""
+    return scenario.with_recorder(paces=(*scenario.recorder.paces, by))
 
 
 def displaced_bound(reference: ReferenceSpectra, moved_m: float) -> float:

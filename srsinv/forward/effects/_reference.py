@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float, Inexact
 from ...grid import Line, Periodic, half_spectrum_weights
 from ..scan import Motion
 from ..scene import SurfaceScene, deviation
-from ..setup import Setup
+from ..scenario import Scenario
 from ..skin import HalfSpace, half_space_stress
 from ._reference_contact import pressure_under
 
@@ -28,9 +28,9 @@ CELLS_A_BIN = 8
 
 @dataclass(frozen=True)
 class ReferenceSpectra:
-    """The signal of a setup without effects, by wavenumber.
+    """The signal of a scenario without effects, by wavenumber.
 
-    - `setup`, `line`: without any effect.
+    - `scenario`, `line`: without any effect.
     - `k` (k,) [rad/m]; `traction` (2, k): spectrum of p and q [Pa]; `background_Pa` (2,).
     - `stress` (e, 4, 2, k): stress at the films per traction; `weights` (e, 4): charge per stress.
     - `gain`, `order`: of the readout.
@@ -43,7 +43,7 @@ class ReferenceSpectra:
       the films with the effects that stay on, where they were simulated.
     """
 
-    setup: Setup
+    scenario: Scenario
     line: Line
     k: Float[np.ndarray, " k"]
     traction: Complex[np.ndarray, "2 k"]
@@ -133,7 +133,7 @@ class ReferenceSpectra:
     @property
     def speed_m_per_s(self) -> float:
         """Of the sliding."""
-        return float(self.setup.scan.speed_m_per_s)
+        return float(self.scenario.scan.speed_m_per_s)
 
     def rms(self, spectrum: Inexact[np.ndarray, "e k"]) -> float:
         """Root mean square over all elements and samples of a signal with this spectrum."""
@@ -196,12 +196,12 @@ class ReferenceSpectra:
         return float(np.sqrt(np.mean(self.sample_weight * samples**2)))
 
 
-def reference(setup: Setup, line: Line) -> ReferenceSpectra:
-    """Reference spectra of `setup`, which has a scene and no effects, on `line`.
+def reference(scenario: Scenario, line: Line) -> ReferenceSpectra:
+    """Reference spectra of `scenario`, which has a scene and no effects, on `line`.
 
     The traction's program is the one that a simulation on the same line has.
     """
-    scene, sensor, direction = setup.scene, setup.sensor, setup.scan.direction
+    scene, sensor, direction = scenario.scene, scenario.sensor, scenario.scan.direction
     assert scene is not None
     assert isinstance(sensor.skin, HalfSpace), "a reference is without effects"
     # All that can be is numpy: what is run once takes longer to compile.
@@ -210,15 +210,15 @@ def reference(setup: Setup, line: Line) -> ReferenceSpectra:
     films = [jax.tree.map(np.asarray, film) for film in sensor.elements]
     stress = np.stack([half_space_stress(np, k, film.depth_m, nu) for film in films])
     weights = np.stack([film.charge_per_stress(np) for film in films])
-    background, gain = map(np.asarray, _background_and_gain(setup))
+    background, gain = map(np.asarray, _background_and_gain(scenario))
     periodic = isinstance(line, Periodic)
     p = _pressure(scene, line, k) if isinstance(scene, SurfaceScene) else None
     traction = np.asarray(deviation(scene, line, direction, periodic, p))
     spectrum = np.fft.rfft(traction - background[:, None] if periodic else traction)
     readout = float(gain), sensor.amplifier.order
-    interval = float(line.cell_m) / max(abs(float(setup.scan.speed_m_per_s)), TINY)
+    interval = float(line.cell_m) / max(abs(float(scenario.scan.speed_m_per_s)), TINY)
     return ReferenceSpectra(
-        setup, line, k, spectrum, background, stress, weights, *readout,
+        scenario, line, k, spectrum, background, stress, weights, *readout,
         np.ones((len(films), k.size)), interval, np.ones(line.n),
     )  # fmt: skip
 
@@ -232,8 +232,8 @@ def _pressure(scene: SurfaceScene, line: Line, k) -> Float[np.ndarray, " n"]:
 
 
 @eqx.filter_jit
-def _background_and_gain(setup: Setup):
-    scene, scan = setup.scene, setup.scan
+def _background_and_gain(scenario: Scenario):
+    scene, scan = scenario.scene, scenario.scan
     assert scene is not None
-    gain = setup.sensor.amplifier.gain(scan.speed_m_per_s)
+    gain = scenario.sensor.amplifier.gain(scan.speed_m_per_s)
     return scene.background(scan.direction), gain

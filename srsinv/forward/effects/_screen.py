@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...grid import Line
-from ..setup import Setup
-from ._effect import Bursting, Effect, Factor, Order, Resampling, Rounding
+from ..scenario import Scenario
+from ._effect import NoiseEffect, Effect, MultiplicativeEffect, Order, Resampling, Rounding
 from ._reference import TINY, ReferenceSpectra, reference
 
 # Effects act on each other beyond their factors, and the reference's contact is accurate to 1 %.
@@ -46,20 +46,20 @@ class ScreeningResult:
 
 
 def screen(
-    setup: Setup,
+    scenario: Scenario,
     line: Line,
     effects: Mapping[str, Effect],
     tolerance: float,
     simulate: Simulate | None = None,
 ) -> ScreeningResult:
-    """Screen every effect, for a `setup` without any.
+    """Screen every effect, for a `scenario` without any.
 
     Effects are left out from the smallest on, as long as the bound on what they change together is
     within `tolerance`. Where those that stay on may change the signal by more than
     `LARGEST_UNSIMULATED_CHANGE`, `simulate` gives it with the named ones, (e, n) along the line,
     and the stress at the films (e, 4, n), and the rest is screened again beside it.
     """
-    spectra = _sampled(reference(setup, line), effects)
+    spectra = _sampled(reference(scenario, line), effects)
     found = _round(spectra, effects, set(effects), set(effects), tolerance)
     off = found.off
     for _ in range(MOST_ROUNDS):
@@ -97,16 +97,16 @@ class _Round(NamedTuple):
 
 def _sampled(spectra: ReferenceSpectra, effects: Mapping[str, Effect]) -> ReferenceSpectra:
     """At the samples that a recorder takes with all that moves, loads and samples."""
-    setup, rates = spectra.setup, []
+    scenario, rates = spectra.scenario, []
     for each in effects.values():
         if each.order in (Order.MOTION, Order.LOAD) or isinstance(each, Resampling):
-            setup = each.added(setup)
+            scenario = each.apply(scenario)
         if isinstance(each, Resampling):
             rates.append(each.rate_hz)
     interval = min([spectra.interval_s, *(1 / rate for rate in rates)])
-    if not setup.recorder.goes_by_time:
+    if not scenario.recorder.goes_by_time:
         return spectra.replace(interval_s=interval)
-    motion = setup.recorder.motion(spectra.line, spectra.line, setup.scan)
+    motion = scenario.recorder.motion(spectra.line, spectra.line, scenario.scan)
     time_s = np.asarray(motion.time_s)
     load = math.prod((each.load(time_s) for each in effects.values()), start=np.ones_like(time_s))
     return spectra.replace(interval_s=interval).with_motion(motion, load)
@@ -128,7 +128,7 @@ def _round(
     limit = min((each.saturation for each in every_one), default=math.inf)
     rms = (1 - unsure) * spectra.saturated_rms(every, limit)
     spectra = spectra.replace(signal_rms=rms)
-    noises = [each.noise(spectra) for each in every_one if isinstance(each, Bursting)]
+    noises = [each.noise(spectra) for each in every_one if isinstance(each, NoiseEffect)]
     noises = [noise.replace(signal_rms=rms) for noise in noises]
     spectra = spectra.replace(
         noise_peak=sum((noise.noise_peak for noise in noises), 0.0),
@@ -149,12 +149,16 @@ def _round(
 
 def _factors(spectra: ReferenceSpectra, effects: Mapping[str, Effect], names: Set[str]):
     named = {name: effects[name] for name in names}
-    return {n: each.factor(spectra) for n, each in named.items() if isinstance(each, Factor)}
+    return {
+        n: each.factor(spectra)
+        for n, each in named.items()
+        if isinstance(each, MultiplicativeEffect)
+    }
 
 
 def _alters(effect: Effect) -> bool:
     """Whether the signal with it is known no better than by its bound."""
-    exact = isinstance(effect, Factor) and effect.is_exact
+    exact = isinstance(effect, MultiplicativeEffect) and effect.is_exact
     return effect.order <= Order.SLIDING and not exact
 
 
@@ -162,7 +166,7 @@ def _of_noise(effect: Effect, noise: ReferenceSpectra) -> float:
     """What an effect may change of the noise that another one adds."""
     if effect.order <= Order.DIRECTION:
         return effect.relative_change_bound(noise)
-    if isinstance(effect, Factor):  # in time, where the noise may have any spectrum
+    if isinstance(effect, MultiplicativeEffect):  # in time, where the noise may have any spectrum
         slid = abs(noise.speed_m_per_s) * noise.interval_s * noise.k[-1]
         faster = max(1.0, np.pi / max(slid, TINY))
         response = effect.factor(noise.replace(k=faster * noise.k))

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from ..converter import Clipping as Rails
-from ..setup import Setup
+from ..scenario import Scenario
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 
@@ -19,9 +19,9 @@ class Clipping(Effect):
     def __init__(self, limit):
         self.converter = Rails(limit)
 
-    def added(self, setup: Setup) -> Setup:
+    def apply(self, scenario: Scenario) -> Scenario:
         # The rails come before the converter's levels, whatever is named first.
-        return setup.recording(converters=(self.converter, *setup.recorder.converters))
+        return scenario.with_recorder(converters=(self.converter, *scenario.recorder.converters))
 
     @property
     def saturation(self) -> float:

@@ -6,25 +6,25 @@ import numpy as np
 from jaxtyping import Complex
 
 from .. import film
-from ..setup import Setup
-from ._effect import Factor, Order
+from ..scenario import Scenario
+from ._effect import MultiplicativeEffect, Order
 from ._reference import ReferenceSpectra
 
 
-class ElementOffsets(Factor):
+class ElementOffsets(MultiplicativeEffect):
     """Every element sits where the sensor says, `offset_m`; without it all sit at the origin."""
 
     order: ClassVar[Order] = Order.FILM
     of_sensor: ClassVar[bool] = True
 
-    def added(self, setup: Setup) -> Setup:
+    def apply(self, scenario: Scenario) -> Scenario:
         # An element at the origin keeps its program.
-        return setup.with_films(
+        return scenario.with_films(
             lambda each: (
                 each.with_effect(film.Offset(each.offset_m)) if float(each.offset_m) else each
             )
         )
 
     def factor(self, reference: ReferenceSpectra) -> Complex[np.ndarray, "e k"]:
-        offsets = np.array([float(each.offset_m) for each in reference.setup.sensor.elements])
+        offsets = np.array([float(each.offset_m) for each in reference.scenario.sensor.elements])
         return np.exp(1j * np.outer(offsets, reference.k))

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from ...errors import number
 from ...grid import as_real
-from ..setup import Setup
+from ..scenario import Scenario
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 
@@ -28,8 +28,8 @@ class FilmAngle(Effect):
         tilt = number("effects.film_angle.tilt_deg", tilt_deg, wanted, least=-360, most=360)
         self.tilt_rad = as_real(tilt * np.pi / 180)
 
-    def added(self, setup: Setup) -> Setup:
-        return setup.with_films(
+    def apply(self, scenario: Scenario) -> Scenario:
+        return scenario.with_films(
             lambda each: dataclasses.replace(each, angle_rad=each.angle_rad + self.tilt_rad)
         )
 

@@ -8,7 +8,7 @@ import numpy as np
 from ...errors import mapping, refuse, shown
 from ..layered import Layer, Layered
 from ..scene import SurfaceScene
-from ..setup import Setup
+from ..scenario import Scenario
 from ..skin import HalfSpace
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
@@ -35,15 +35,15 @@ class LayeredSkin(Effect):
         named = _listed(layers)
         self.skin = Layered([_layer(f"effects.layered_skin.layers.{n}", each) for n, each in named])
 
-    def added(self, setup: Setup) -> Setup:
-        for film in setup.sensor.elements:
+    def apply(self, scenario: Scenario) -> Scenario:
+        for film in scenario.sensor.elements:
             self.skin.check_depth(film.depth_m)
-        return setup.with_skin(self.skin)
+        return scenario.with_skin(self.skin)
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # The half space's field, of order (1 + k H) e^{-kH} at an interface at depth H, comes back
         # to the film over H - z and to the surface over H, by the contrast there.
-        films = reference.setup.sensor.elements
+        films = reference.scenario.sensor.elements
         depth = np.array([float(film.depth_m) for film in films])[:, None]
         k, change, at_surface = reference.k, 0.0, np.zeros_like(reference.k)
         for height, contrast in self._interfaces():
@@ -62,7 +62,7 @@ class LayeredSkin(Effect):
         at = [int(np.searchsorted(tops, z) - 1) for tops, z in zip(below, depth, strict=True)]
         last = len(self.skin.layers) - 1
         own = np.array([float(self.skin.layers[min(i, last)].poisson_ratio) for i in at])
-        was = reference.setup.sensor.skin
+        was = reference.scenario.sensor.skin
         assert isinstance(was, HalfSpace), "a reference is without effects"
         in_plane = reference.film_stress[:, :2].sum(axis=1)
         weight = reference.weights[:, 3] * (own - float(was.poisson_ratio))
@@ -70,9 +70,9 @@ class LayeredSkin(Effect):
 
     def _contact_change_bound(self, reference: ReferenceSpectra, echo) -> float:
         """Pressed on a surface, the top layer's own modulus counts, and how all of them yield."""
-        if not isinstance(reference.setup.scene, SurfaceScene):
+        if not isinstance(reference.scenario.scene, SurfaceScene):
             return 0.0
-        top, was = self.skin.layers[0], reference.setup.sensor.skin
+        top, was = self.skin.layers[0], reference.scenario.sensor.skin
         assert isinstance(was, HalfSpace), "a reference is without effects"
         own, before = (
             float(each.youngs_modulus_Pa) / (1 - float(each.poisson_ratio) ** 2)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..drift import LoadDrift as Drift
-from ..setup import Setup
+from ..scenario import Scenario
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 
@@ -22,8 +22,8 @@ class LoadDrift(Effect):
     def __init__(self, fraction, period_s):
         self.drift = Drift(fraction, period_s)
 
-    def added(self, setup: Setup) -> Setup:
-        return setup.recording(drift=self.drift)
+    def apply(self, scenario: Scenario) -> Scenario:
+        return scenario.with_recorder(drift=self.drift)
 
     def load(self, time_s: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
         turn = 2 * np.pi / float(self.drift.period_s)

@@ -8,12 +8,12 @@ from jaxtyping import Array, Float
 from ...errors import number
 from ...grid import as_real
 from ..oblique import turned, turned_scan
-from ..setup import Setup
-from ._effect import Factor, Order
+from ..scenario import Scenario
+from ._effect import MultiplicativeEffect, Order
 from ._reference import ReferenceSpectra
 
 
-class ObliqueFeatures(Factor):
+class ObliqueFeatures(MultiplicativeEffect):
     """The features' normal makes `angle_deg` with the sliding direction; the line runs along it.
 
     The film slides along the line at u cos(angle), averages over its length as sin(a)/a with
@@ -30,15 +30,15 @@ class ObliqueFeatures(Factor):
         key = "effects.oblique_features.angle_deg"
         self.angle_rad = as_real(number(key, angle_deg, wanted, least=-90, most=90) * np.pi / 180)
 
-    def added(self, setup: Setup) -> Setup:
-        return setup.but(
-            sensor=turned(setup.sensor, self.angle_rad),
-            scan=turned_scan(setup.scan, self.angle_rad),
+    def apply(self, scenario: Scenario) -> Scenario:
+        return scenario.replace(
+            sensor=turned(scenario.sensor, self.angle_rad),
+            scan=turned_scan(scenario.scan, self.angle_rad),
         )
 
     def factor(self, reference: ReferenceSpectra) -> Float[np.ndarray, "e k"]:
         angle = abs(float(self.angle_rad))
-        lengths = np.array([float(film.length_m) for film in reference.setup.sensor.elements])
+        lengths = np.array([float(film.length_m) for film in reference.scenario.sensor.elements])
         over = np.sinc(np.outer(lengths, reference.k) * np.sin(angle) / (2 * np.pi))
         return np.sin(np.pi / 2 - angle) * over
 

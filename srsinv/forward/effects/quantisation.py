@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from ..converter import Quantisation as Levels
-from ..setup import Setup
+from ..scenario import Scenario
 from ._effect import Order, Rounding
 from ._reference import ReferenceSpectra
 
@@ -19,8 +19,8 @@ class Quantisation(Rounding):
     def __init__(self, bits, full_scale):
         self.converter = Levels(bits, full_scale)
 
-    def added(self, setup: Setup) -> Setup:
-        return setup.recording(converters=(*setup.recorder.converters, self.converter))
+    def apply(self, scenario: Scenario) -> Scenario:
+        return scenario.with_recorder(converters=(*scenario.recorder.converters, self.converter))
 
     def relative_quantisation_step(self, reference: ReferenceSpectra) -> float:
         return 2 * float(self.converter.full_scale) / 2**self.converter.bits / reference.signal_rms

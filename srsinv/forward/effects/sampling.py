@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from ...errors import number
-from ..setup import Setup
+from ..scenario import Scenario
 from ._effect import Order, Resampling
 from ._reference import ReferenceSpectra
 
@@ -22,8 +22,8 @@ class Sampling(Resampling):
         wanted = "a positive rate in Hz"
         self.rate_hz = float(number("effects.sampling.rate_hz", rate_hz, wanted, above=0))
 
-    def added(self, setup: Setup) -> Setup:
-        return setup.recording(sample_rate_hz=self.rate_hz)
+    def apply(self, scenario: Scenario) -> Scenario:
+        return scenario.with_recorder(sample_rate_hz=self.rate_hz)
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # What is above half the rate comes back as something else; the rest is told in full.

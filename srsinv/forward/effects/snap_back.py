@@ -5,9 +5,9 @@ from typing import ClassVar
 import numpy as np
 
 from ...errors import number
-from ..setup import Setup
+from ..scenario import Scenario
 from ..snap_back import SnapBack as Bursts
-from ._effect import Bursting, Order
+from ._effect import NoiseEffect, Order
 from ._reference import ReferenceSpectra
 
 LOG_RARITY = 9.2  # minus the logarithm of the odds, 1e-4, that a passage has bursts that are louder
@@ -15,7 +15,7 @@ LOG_RARITY = 9.2  # odds of 1e-4 that the bursts of a passage are louder than th
 PEAK = 5.0  # times its rms, which a Gaussian amplitude is beyond once in two million
 
 
-class SnapBack(Bursting):
+class SnapBack(NoiseEffect):
     """Noise of bursts: `rate_hz` of them a second in a contact of `contact_m` around the film, each
     on a patch of `patch_m`, of rms shear `shear_Pa` that decays over `decay_s`.
 
@@ -44,13 +44,13 @@ class SnapBack(Bursting):
         self.patch_m, self.decay_s = checked("patch_m", patch_m, 1), checked("decay_s", decay_s, 1)
         self.contact_m = checked("contact_m", contact_m, 1)
 
-    def added(self, setup: Setup) -> Setup:
+    def apply(self, scenario: Scenario) -> Scenario:
         if not self.rate_hz:
-            return setup
+            return scenario
         bursts = Bursts.felt_by(
-            setup.sensor, self.rate_hz, self.shear_Pa, self.patch_m, self.decay_s, self.contact_m
+            scenario.sensor, self.rate_hz, self.shear_Pa, self.patch_m, self.decay_s, self.contact_m
         )
-        return setup.but(noises=(*setup.noises, bursts))
+        return scenario.replace(noises=(*scenario.noises, bursts))
 
     def noise(self, reference: ReferenceSpectra) -> ReferenceSpectra:
         # Campbell: a mean of rate * decay/2 bursts at a time, each of the mean square charge that
@@ -59,7 +59,7 @@ class SnapBack(Bursting):
         patch = self.patch_m * np.sinc(reference.k * self.patch_m / (2 * np.pi))
         shear = np.stack([0 * patch, patch]).astype(complex)
         one = reference.replace(
-            simulated=None, simulated_stress=None, setup=reference.setup.but(scene=None),
+            simulated=None, simulated_stress=None, scenario=reference.scenario.replace(scene=None),
             traction=shear, background_Pa=np.zeros(2), gain=1.0, order=0,
             transfer_of_others=np.ones_like(reference.transfer_of_others),
             sample_weight=np.ones_like(reference.sample_weight),

@@ -5,9 +5,9 @@ from typing import ClassVar
 import numpy as np
 
 from ..pace import Ripple
-from ..setup import Setup
+from ..scenario import Scenario
 from ._effect import Effect, Order
-from ._paced import displaced_bound, paced
+from ._paced import displaced_bound, with_speed_profile
 from ._reference import ReferenceSpectra
 
 
@@ -22,8 +22,8 @@ class SpeedRipple(Effect):
     def __init__(self, fraction, frequency_hz):
         self.pace = Ripple(fraction, frequency_hz)
 
-    def added(self, setup: Setup) -> Setup:
-        return paced(setup, self.pace)
+    def apply(self, scenario: Scenario) -> Scenario:
+        return with_speed_profile(scenario, self.pace)
 
     @property
     def max_gain(self) -> float:

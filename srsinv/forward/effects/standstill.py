@@ -3,9 +3,9 @@
 from typing import ClassVar
 
 from ..pace import Standstill as Rest
-from ..setup import Setup
+from ..scenario import Scenario
 from ._effect import Effect, Order
-from ._paced import displaced_bound, paced
+from ._paced import displaced_bound, with_speed_profile
 from ._reference import ReferenceSpectra
 
 
@@ -20,8 +20,8 @@ class Standstill(Effect):
     def __init__(self, at_s, duration_s, ramp_s=0.01):
         self.pace = Rest(at_s, duration_s, ramp_s)
 
-    def added(self, setup: Setup) -> Setup:
-        return paced(setup, self.pace) if self.pace.stretch.duration_s else setup
+    def apply(self, scenario: Scenario) -> Scenario:
+        return with_speed_profile(scenario, self.pace) if self.pace.stretch.duration_s else scenario
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # All that comes after it comes later.

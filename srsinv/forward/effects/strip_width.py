@@ -6,24 +6,24 @@ import numpy as np
 from jaxtyping import Float
 
 from .. import film
-from ..setup import Setup
-from ._effect import Factor, Order
+from ..scenario import Scenario
+from ._effect import MultiplicativeEffect, Order
 from ._reference import ReferenceSpectra
 
 
-class StripWidth(Factor):
+class StripWidth(MultiplicativeEffect):
     """Every element averages over the width that the sensor says (docs/physics.md, section 3)."""
 
     order: ClassVar[Order] = Order.FILM
     of_sensor: ClassVar[bool] = True
 
-    def added(self, setup: Setup) -> Setup:
-        return setup.with_films(
+    def apply(self, scenario: Scenario) -> Scenario:
+        return scenario.with_films(
             lambda each: each.with_effect(
                 film.StripWidth.at_depth(float(each.width_m), float(each.depth_m))
             )
         )
 
     def factor(self, reference: ReferenceSpectra) -> Float[np.ndarray, "e k"]:
-        widths = np.array([float(each.width_m) for each in reference.setup.sensor.elements])
+        widths = np.array([float(each.width_m) for each in reference.scenario.sensor.elements])
         return np.sinc(np.outer(widths, reference.k) / (2 * np.pi))

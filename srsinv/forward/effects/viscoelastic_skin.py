@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from ...errors import number, refuse, shown
 from ...grid import as_real
 from ..scene import SurfaceScene
-from ..setup import Setup
+from ..scenario import Scenario
 from ..viscoelastic import Viscoelastic
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
@@ -41,14 +41,14 @@ class ViscoelasticSkin(Effect):
         )
         self.fractions, self.times_s = as_real(fractions), as_real(times_s)
 
-    def added(self, setup: Setup) -> Setup:
-        speed = setup.scan.speed_m_per_s
-        skin = Viscoelastic(setup.sensor.skin, self.fractions, self.times_s, speed)
-        return setup.with_skin(skin)
+    def apply(self, scenario: Scenario) -> Scenario:
+        speed = scenario.scan.speed_m_per_s
+        skin = Viscoelastic(scenario.sensor.skin, self.fractions, self.times_s, speed)
+        return scenario.with_skin(skin)
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # Stress inside stays as it is; where a surface is pressed on, p goes as the modulus.
-        if not isinstance(reference.setup.scene, SurfaceScene):
+        if not isinstance(reference.scenario.scene, SurfaceScene):
             return 0.0
         turn = 1j * reference.k * reference.speed_m_per_s * np.asarray(self.times_s)[:, None]
         stiffer = np.asarray(self.fractions) @ (turn / (1 + turn))

@@ -12,7 +12,7 @@ from .sensor import Sensor
 from .skin import Skin
 
 
-class Setup(eqx.Module):
+class Scenario(eqx.Module):
     """A scene, the sensor that slides over it, and what is recorded of its signal.
 
     Effects are added to it one by one (srsinv/forward/effects); one that is not added leaves no
@@ -25,22 +25,22 @@ class Setup(eqx.Module):
     noises: tuple[Noise, ...] = ()
     recorder: Recorder = Recorder()
 
-    def but(self, **changed) -> "Setup":
-        """The same setup with other parts."""
+    def replace(self, **changed) -> "Scenario":
+        """The same scenario with other parts."""
         return dataclasses.replace(self, **changed)
 
-    def with_skin(self, skin: Skin) -> "Setup":
+    def with_skin(self, skin: Skin) -> "Scenario":
         """With another skin, which the film lies in and which is pressed on the surface."""
         scene = self.scene
         if isinstance(scene, SurfaceScene):
             scene = eqx.tree_at(lambda s: s.skin, scene, skin)
-        return self.but(scene=scene, sensor=eqx.tree_at(lambda s: s.skin, self.sensor, skin))
+        return self.replace(scene=scene, sensor=eqx.tree_at(lambda s: s.skin, self.sensor, skin))
 
-    def with_films(self, change) -> "Setup":
+    def with_films(self, change) -> "Scenario":
         """With `change` applied to every film element."""
         films = tuple(change(film) for film in self.sensor.elements)
-        return self.but(sensor=dataclasses.replace(self.sensor, elements=films))
+        return self.replace(sensor=dataclasses.replace(self.sensor, elements=films))
 
-    def recording(self, **changed) -> "Setup":
+    def with_recorder(self, **changed) -> "Scenario":
         """With other parts of the recorder."""
-        return self.but(recorder=dataclasses.replace(self.recorder, **changed))
+        return self.replace(recorder=dataclasses.replace(self.recorder, **changed))
