@@ -49,8 +49,8 @@ def run(cfg: build.Config) -> Outcome:
         tried = np.linspace(0.0, 90.0, settings["gain_angles"])
         gain = np.array([_gain(sensor, build.scan(cfg), settings["ridge"], a) for a in tried])
 
-    found, stderr = np.array([each.parameters["angle_deg"] for each in directions]).T
-    error = (found - truth + 90) % 180 - 90
+    estimate, stderr = np.array([each.parameters["angle_deg"] for each in directions]).T
+    error = (estimate - truth + 90) % 180 - 90
     rms = np.array([np.sqrt(np.mean(clean**2)) for clean, _ in signals])
     along = ("direction", "element", "sample")
     dataset = xarray.Dataset(
@@ -58,7 +58,7 @@ def run(cfg: build.Config) -> Outcome:
             "signal": (along, np.stack([noisy for _, noisy in signals]), {"units": "V"}),
             "fitted_signal": (along, np.stack([d.signal for d in directions]), {"units": "V"}),
             "signal_rms": ("direction", rms, {"units": "V"}),
-            "angle_found": ("direction", found, {"units": "deg"}),
+            "angle_found": ("direction", estimate, {"units": "deg"}),
             "angle_stderr": ("direction", stderr, {"units": "deg"}),
             "angle_error": ("direction", error, {"units": "deg"}),
             "gain": (("element", "scan_angle"), gain.T, {"units": "1"}),
@@ -78,7 +78,7 @@ def run(cfg: build.Config) -> Outcome:
         metrics[f"gain_straight_at_60_deg_{name}"] = float(np.interp(60.0, tried, row))
     rows = [
         (f"{angle:g}", *(f"{each:.3f}" for each in at), 1e6 * float(size))
-        for angle, *at, size in zip(truth, found, stderr, error, rms, strict=True)
+        for angle, *at, size in zip(truth, estimate, stderr, error, rms, strict=True)
     ]
     return Outcome(
         f"The direction of a ridge from one circle at {snr:g} dB",

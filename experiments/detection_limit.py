@@ -54,22 +54,22 @@ def run(cfg: build.Config) -> Outcome:
     with build.precision(cfg):
         line, scene, sensor, scan = _setup(cfg)
         distances = _distances(settings, line, scene)
-        pressed = _pressed(line, scene, heights, distances)
+        tractions = _pressed(line, scene, heights, distances)
         depth, speed = float(sensor.depth_m), float(scan.speed_m_per_s)
-        noise = _white(cfg, line, sensor, scan, pressed, rate)
+        noise = _white(cfg, line, sensor, scan, tractions, rate)
         base = (depth, noise, speed)
-        felt = _felt(line, sensor, pressed, rate)
+        detectability = _felt(line, sensor, tractions, rate)
 
         def limits(at):
             z, sigma, u = at
-            strength, pair_strength, stderr = (np.asarray(v) for v in felt(z, u))
+            strength, pair_strength, stderr = (np.asarray(v) for v in detectability(z, u))
             return (
                 _crossing(heights, needed * sigma / strength),
                 _crossing(distances, settings["certainty"] * sigma * stderr / distances),
                 _kept(z, pair_strength[-1] / sigma),
             )
 
-        found = {
+        curves = {
             name: np.array([limits(_with(base, i, value)) for value in axes[name]]).T
             for i, name in enumerate(AXES)
         }
@@ -82,12 +82,12 @@ def run(cfg: build.Config) -> Outcome:
         "least_distance_m": distances[0],
         "noise_rms_V": noise,
         "strength_needed": needed,
-        "contact_converged": pressed.converged,
-    } | _along(axes, found, (heights[0], distances[0]))
+        "contact_converged": tractions.converged,
+    } | _along(axes, curves, (heights[0], distances[0]))
     metrics = {k: v if isinstance(v, bool) else float(v) for k, v in metrics.items()}
     dataset = xarray.Dataset(
         {
-            f"{limit}_against_{name}": (name, found[name][i], {"units": "m"})
+            f"{limit}_against_{name}": (name, curves[name][i], {"units": "m"})
             for i, limit in enumerate(LIMITS)
             for name in AXES
         },
@@ -99,32 +99,32 @@ def run(cfg: build.Config) -> Outcome:
         metrics,
         dataset,
         _sections(dataset, metrics, cfg, dict(zip(AXES, base, strict=True))),
-        _ends_table(axes, found),
+        _ends_table(axes, curves),
     )
 
 
-def _along(axes, found, floors) -> dict[str, Any]:
+def _along(axes, curves, floors) -> dict[str, Any]:
     """Each limit at both ends of each axis, and the power of the axis that it follows above the
     least height and distance that were looked at, `floors`."""
     ends = {
-        f"{limit}_at_{end}_{name}_m": found[name][i, j]
+        f"{limit}_at_{end}_{name}_m": curves[name][i, j]
         for i, limit in enumerate(LIMITS[:2])
         for name in AXES
         for end, j in (("least", 0), ("most", -1))
     }
     return ends | {
-        f"{limit}_against_{name}_exponent": _exponent(axes[name], found[name][i], floor)
+        f"{limit}_against_{name}_exponent": _exponent(axes[name], curves[name][i], floor)
         for i, (limit, floor) in enumerate(zip(LIMITS, floors, strict=False))
         for name in AXES
     }
 
 
-def _ends_table(axes, found) -> Table:
+def _ends_table(axes, curves) -> Table:
     return Table(
         ("varied", "from", "to", "least height [µm]", "", "narrowest pair [mm]", ""),
         tuple(
             (f"{name} [{unit}]", axes[name][0], axes[name][-1],
-             *(1e6 * found[name][0, [0, -1]]), *(1e3 * found[name][1, [0, -1]]))
+             *(1e6 * curves[name][0, [0, -1]]), *(1e3 * curves[name][1, [0, -1]]))
             for name, (_, unit) in AXES.items()
         ),
         "Each limit at both ends of the range.",
@@ -217,7 +217,7 @@ def _pressed(line: Line, scene: SurfaceScene, heights, distances) -> Pressed:
     return Pressed(single, both, slopes, bool(right.all() & as_well.all()))
 
 
-def _felt(line: Line, sensor: Sensor, pressed: Pressed, rate: float):
+def _felt(line: Line, sensor: Sensor, tractions: Pressed, rate: float):
     """(depth, speed) to what white noise of 1 V makes of it: d' (height,) of single ridges, d' and
     the Cramer-Rao standard error [m] of the distance (distance,) of pairs. One program for all."""
 
@@ -240,18 +240,18 @@ def _felt(line: Line, sensor: Sensor, pressed: Pressed, rate: float):
             return 1 / (jnp.abs(triangle[2, 2]) * size[2])
 
         return (
-            jax.lax.map(strength, pressed.ridge),
-            jax.lax.map(strength, pressed.pair),
-            jax.lax.map(stderr, pressed.slopes),
+            jax.lax.map(strength, tractions.ridge),
+            jax.lax.map(strength, tractions.pair),
+            jax.lax.map(stderr, tractions.slopes),
         )
 
     return lambda depth, speed: felt(jnp.asarray(depth, float), jnp.asarray(speed, float))
 
 
-def _white(cfg, line, sensor, scan, pressed: Pressed, rate: float) -> float:
+def _white(cfg, line, sensor, scan, tractions: Pressed, rate: float) -> float:
     """Noise [V rms] of one sample at `rate`."""
     samples = Periodic(line.n, float(scan.speed_m_per_s) / rate, 0.0)
-    rms = jnp.sqrt(jnp.mean(line.operator(sensor.signal(scan))(pressed.pair[-1]) ** 2))
+    rms = jnp.sqrt(jnp.mean(line.operator(sensor.signal(scan))(tractions.pair[-1]) ** 2))
     spectrum = np.asarray(total_spectrum(build.noises(cfg), samples, scan, rms))
     refuse(
         not spectrum.min() > 0 or float(np.ptp(spectrum)) > 1e-9 * spectrum.max(),

@@ -33,36 +33,43 @@ def run(cfg: build.Config) -> Outcome:
     refuse(not build.part(cfg, "effects"), "effects names none: give effects=[strip_width,...].")
     with build.precision(cfg):
         key = build.random_key(cfg)
-        none, bare_cost = cost(with_only(cfg, ()), key)
+        none, ideal_cost = cost(with_only(cfg, ()), key)
         spectra = reference(none.scenario, none.line)
         rows = []
         for name, effect in build.effects(cfg).items():
             with stage(f"effect: {name}"):
                 sim, taken = cost(with_only(cfg, (name,)), key)
-                there, bare = pair(sim, none, key)
-                change = difference(there, bare)
+                with_effect, ideal = pair(sim, none, key)
+                change = difference(with_effect, ideal)
                 rows.append(
-                    Row(name, there, bare, change, effect.relative_change_bound(spectra), taken)
+                    Row(
+                        name,
+                        with_effect,
+                        ideal,
+                        change,
+                        effect.relative_change_bound(spectra),
+                        taken,
+                    )
                 )
     return Outcome(
         f"{len(rows)} effects, each with it and without, on one scene",
-        _metrics(rows, bare_cost),
+        _metrics(rows, ideal_cost),
         _dataset(rows, none.sensor.amplifier.unit),
-        _sections(cfg, rows, bare_cost, none.sensor.amplifier.unit),
-        _table(rows, bare_cost),
+        _sections(cfg, rows, ideal_cost, none.sensor.amplifier.unit),
+        _table(rows, ideal_cost),
     )
 
 
-def _metrics(rows: list[Row], bare: Cost) -> dict[str, Any]:
-    found = {"time_s_first_none": bare.first_s, "time_s_steady_none": bare.steady_s}
+def _metrics(rows: list[Row], ideal_cost: Cost) -> dict[str, Any]:
+    metrics = {"time_s_first_none": ideal_cost.first_s, "time_s_steady_none": ideal_cost.steady_s}
     for row in rows:
-        found |= {
+        metrics |= {
             f"change_{row.name}": row.change,
             f"bound_{row.name}": row.bound,
             f"time_s_first_{row.name}": row.cost.first_s,
             f"time_s_steady_{row.name}": row.cost.steady_s,
         }
-    return found
+    return metrics
 
 
 def _dataset(rows: list[Row], unit: str) -> xarray.Dataset:
@@ -70,9 +77,9 @@ def _dataset(rows: list[Row], unit: str) -> xarray.Dataset:
     variables = {}
     for row in rows:
         along = (f"time_{row.name}",)
-        for which, felt in (("with", row.there), ("without", row.bare)):
+        for which, record in (("with", row.there), ("without", row.bare)):
             variables[f"signal_{which}_{row.name}"] = (
-                ("element", *along), felt.signal, {"units": unit},
+                ("element", *along), record.signal, {"units": unit},
             )  # fmt: skip
     coordinates = {
         f"time_{row.name}": ((f"time_{row.name}",), row.there.time_s, {"units": "s"})
@@ -81,11 +88,11 @@ def _dataset(rows: list[Row], unit: str) -> xarray.Dataset:
     return xarray.Dataset(variables, coordinates)
 
 
-def _table(rows: list[Row], bare: Cost) -> Table:
+def _table(rows: list[Row], ideal_cost: Cost) -> Table:
     return Table(
         ("effect", "changes", "bound", "first call [s]", "steady [ms]"),
         (
-            ("none", "-", "-", bare.first_s, 1e3 * bare.steady_s),
+            ("none", "-", "-", ideal_cost.first_s, 1e3 * ideal_cost.steady_s),
             *(
                 (r.name, f"{r.change:.2%}", f"{r.bound:.2%}", r.cost.first_s, 1e3 * r.cost.steady_s)
                 for r in rows
@@ -96,10 +103,12 @@ def _table(rows: list[Row], bare: Cost) -> Table:
     )
 
 
-def _sections(cfg: build.Config, rows: list[Row], bare: Cost, unit: str) -> tuple[Section, ...]:
+def _sections(
+    cfg: build.Config, rows: list[Row], ideal_cost: Cost, unit: str
+) -> tuple[Section, ...]:
     def drawn(row: Row):
-        there, bare = row.there, row.bare
-        return figures.with_and_without(there.time_s, there.signal, bare.signal, unit)
+        with_effect, ideal = row.there, row.bare
+        return figures.with_and_without(with_effect.time_s, with_effect.signal, ideal.signal, unit)
 
     each = [
         Section(
@@ -118,7 +127,7 @@ def _sections(cfg: build.Config, rows: list[Row], bare: Cost, unit: str) -> tupl
         if not key.startswith("_")
     )
     return (
-        Section("What each effect changes and costs", (), tables=(_table(rows, bare),)),
+        Section("What each effect changes and costs", (), tables=(_table(rows, ideal_cost),)),
         *each,
         Section(
             "What was assumed",

@@ -58,11 +58,11 @@ def run(cfg: build.Config) -> Outcome:
                 done = {}
                 for tolerance in tolerances:
                     asked = {**own, "tolerance": tolerance}
-                    kept, screening = screen_effects(asked)
+                    selected, screening = screen_effects(asked)
                     assert screening is not None
-                    on = tuple(sorted(kept["effects"]))
+                    on = tuple(sorted(selected["effects"]))
                     if on not in done:
-                        less, alone = cost(kept, key)
+                        less, alone = cost(selected, key)
                         whole, reduced = pair(full, less, key)
                         done[on] = difference(reduced, whole), cost(asked, key)[1], alone
                     bounds[name] = screening.relative_change_bounds
@@ -81,7 +81,7 @@ def run(cfg: build.Config) -> Outcome:
 
 def _metrics(rows: list[Decided]) -> dict[str, Any]:
     ratios = [r.deciding.first_s / r.saved.first_s for r in rows if r.saved.first_s > 0]
-    found: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "error_over_tolerance_max": max(row.error / row.tolerance for row in rows),
         "error_over_bound_max": max((r.error / r.bound for r in rows if r.bound), default=0.0),
         "deciding_over_saved_first_median": float(np.median(ratios)) if ratios else None,
@@ -90,7 +90,7 @@ def _metrics(rows: list[Decided]) -> dict[str, Any]:
     }
     for row in rows:
         tag = f"{row.scene}_{row.tolerance:g}"
-        found |= {
+        metrics |= {
             f"error_{tag}": row.error,
             f"bound_{tag}": row.bound,
             f"effects_on_{tag}": len(row.on),
@@ -101,7 +101,7 @@ def _metrics(rows: list[Decided]) -> dict[str, Any]:
             f"time_s_steady_auto_{tag}": row.auto.steady_s,
             f"time_s_steady_deciding_{tag}": row.deciding.steady_s,
         }
-    return found
+    return metrics
 
 
 def _table(rows: list[Decided]) -> Table:

@@ -114,5 +114,5 @@ def _octave_dB(transfer, friction: float) -> float:
 
 def _last_half(k: np.ndarray, resolution: np.ndarray) -> float:
     """The last wavenumber [rad/m] that keeps half or more, NaN if none does."""
-    kept = np.flatnonzero(resolution >= 0.5)
-    return float(k[kept[-1]]) if kept.size else float("nan")
+    resolved = np.flatnonzero(resolution >= 0.5)
+    return float(k[resolved[-1]]) if resolved.size else float("nan")

@@ -98,10 +98,10 @@ def run(cfg: build.Config) -> Outcome:
     needed = detection.needed_wave(settings["false_alarm"], settings["detection"])
     with build.precision(cfg):
         setup = _setup(cfg)
-        felt = _simulated(cfg, setup)
-    limits = _limits(settings, setup, felt, needed)
-    metrics = _metrics(settings, setup, felt, limits)
-    dataset = _dataset(settings, setup, felt, limits)
+        simulated = _simulated(cfg, setup)
+    limits = _limits(settings, setup, simulated, needed)
+    metrics = _metrics(settings, setup, simulated, limits)
+    dataset = _dataset(settings, setup, simulated, limits)
     height = 1e6 * float(setup.ridges.height_m)
     return Outcome(
         f"Ridges {height:.3g} µm high on a pitch of {1e3 * setup.pitch_m:.3g} mm",
@@ -119,15 +119,15 @@ def _simulated(cfg: build.Config, setup: Setup) -> Simulated:
     nominal, height = setup.scene.nominal_pressure_Pa, setup.ridges.height_m
     load_closed = _closed_form_load(setup)
     loads = load_closed * np.asarray(CONTACT_LOADS)
-    pressed = _pressed(setup, _wide(cfg), [
+    waves = _pressed(setup, _wide(cfg), [
         *((each, nominal) for each in heights),
         *((height, each) for each in pressures),
         *((height, each / setup.pitch_m) for each in loads),
         (height, nominal),
     ])  # fmt: skip
-    signal, spectrum, data = _signals(setup, samples, noises, pressed, build.random_key(cfg))
-    by_height, by_pressure = np.split(pressed.size[: -1 - loads.size, 0], [heights.size])
-    amplitude, blind = pressed.size[-1]
+    signal, spectrum, data = _signals(setup, samples, noises, waves, build.random_key(cfg))
+    by_height, by_pressure = np.split(waves.size[: -1 - loads.size, 0], [heights.size])
+    amplitude, blind = waves.size[-1]
     return Simulated(
         x=np.asarray(samples.x),
         signal=signal,
@@ -140,44 +140,44 @@ def _simulated(cfg: build.Config, setup: Setup) -> Simulated:
         by_pressure=by_pressure,
         amplitude=amplitude,
         blind=blind,
-        load=_load_between(setup, loads, pressed.gap[-1 - loads.size : -1]),
+        load=_load_between(setup, loads, waves.gap[-1 - loads.size : -1]),
         load_closed=load_closed,
-        pressed=pressed,
+        pressed=waves,
     )
 
 
-def _limits(settings, setup: Setup, felt: Simulated, needed: float) -> Limits:
-    k = np.fft.rfftfreq(felt.x.size, felt.x[1] - felt.x[0])
-    level = np.sqrt(np.interp(1 / setup.pitch_m, k, felt.spectrum))
+def _limits(settings, setup: Setup, simulated: Simulated, needed: float) -> Limits:
+    k = np.fft.rfftfreq(simulated.x.size, simulated.x[1] - simulated.x[0])
+    level = np.sqrt(np.interp(1 / setup.pitch_m, k, simulated.spectrum))
     counts = np.geomspace(1, settings["most_ridges"], 121)
-    least_amplitude = needed * level * np.sqrt(2 / (counts * felt.per_ridge))
-    least_height = _inverse(least_amplitude, felt.by_height, felt.heights)
+    least_amplitude = needed * level * np.sqrt(2 / (counts * simulated.per_ridge))
+    least_height = _inverse(least_amplitude, simulated.by_height, simulated.heights)
     return Limits(level, needed, counts, least_height)
 
 
-def _metrics(settings, setup: Setup, felt: Simulated, limits: Limits) -> dict[str, Any]:
-    pitch, level, amplitude = setup.pitch_m, limits.level, felt.amplitude
-    found = _pitch(felt.x, felt.data, felt.per_ridge, settings["pitch_range_m"])
+def _metrics(settings, setup: Setup, simulated: Simulated, limits: Limits) -> dict[str, Any]:
+    pitch, level, amplitude = setup.pitch_m, limits.level, simulated.amplitude
+    fitted = _pitch(simulated.x, simulated.data, simulated.per_ridge, settings["pitch_range_m"])
     tone_hz = float(setup.scan.speed_m_per_s) / pitch
-    noise = np.sqrt(np.mean(felt.spectrum))
+    noise = np.sqrt(np.mean(simulated.spectrum))
     in_band = level * np.sqrt(4 * tone_hz / settings["sample_rate_hz"])
     strength = amplitude / np.sqrt(2) / level  # d' is this times the root of the samples
-    span = np.ptp(felt.x) * felt.x.size**0.5
+    span = np.ptp(simulated.x) * simulated.x.size**0.5
     metrics = {
-        "pitch_m": found.pitch_m,
-        "pitch_m_stderr": found.stderr_m,
+        "pitch_m": fitted.pitch_m,
+        "pitch_m_stderr": fitted.stderr_m,
         "pitch_m_stderr_bound": np.sqrt(6) * pitch**2 * level / (np.pi * amplitude * span),
-        "pitch_error": found.pitch_m / pitch - 1,
+        "pitch_error": fitted.pitch_m / pitch - 1,
         "amplitude_V": amplitude,
-        "amplitude_blind_strip_V": felt.blind,
-        "amplitude_most_V": felt.by_pressure.max(),
-        "amplitude_most_at_Pa": felt.pressures[felt.by_pressure.argmax()],
+        "amplitude_blind_strip_V": simulated.blind,
+        "amplitude_most_V": simulated.by_pressure.max(),
+        "amplitude_most_at_Pa": simulated.pressures[simulated.by_pressure.argmax()],
         "noise_rms_V": noise,
         "noise_rms_in_band_V": in_band,
         "band_hz": 2 * tone_hz,
         "snr_per_sample": amplitude / np.sqrt(2) / noise,
         "snr_in_band": amplitude / np.sqrt(2) / in_band,
-        "strength_over_scan": strength * np.sqrt(felt.x.size),
+        "strength_over_scan": strength * np.sqrt(simulated.x.size),
         "strength_needed": limits.needed,
         "short_of_distinct": settings["distinct"] * noise / amplitude,
         "short_of_distinct_in_band": settings["distinct"] * in_band / amplitude,
@@ -186,41 +186,46 @@ def _metrics(settings, setup: Setup, felt: Simulated, limits: Limits) -> dict[st
         ),
     }
     for name, height in PAPER_M.items():
-        size = np.interp(height, felt.heights, felt.by_height)
-        length = pitch / felt.per_ridge * 2 * (limits.needed * level / size) ** 2
+        size = np.interp(height, simulated.heights, simulated.by_height)
+        length = pitch / simulated.per_ridge * 2 * (limits.needed * level / size) ** 2
         metrics[f"averaging_length_{name.replace(' ', '')}_m"] = length
     metrics |= {
-        "load_to_touch_between_N_per_m": felt.load,
-        "load_to_touch_between_closed_form_N_per_m": felt.load_closed,
+        "load_to_touch_between_N_per_m": simulated.load,
+        "load_to_touch_between_closed_form_N_per_m": simulated.load_closed,
         "load_per_ridge_N_per_m": float(setup.scene.nominal_pressure_Pa) * pitch,
     }
     known = {name: float(value) for name, value in metrics.items()}
-    return known | {"contact_converged": felt.pressed.converged}
+    return known | {"contact_converged": simulated.pressed.converged}
 
 
-def _dataset(settings, setup: Setup, felt: Simulated, limits: Limits) -> xarray.Dataset:
-    seen = _seen(felt.x, felt.data, felt.spectrum, setup, settings["false_alarm"])
-    in_band, lengths = _low_passed(felt.data, 2 / felt.per_ridge), limits.counts * setup.pitch_m
+def _dataset(settings, setup: Setup, simulated: Simulated, limits: Limits) -> xarray.Dataset:
+    amplitude_spectrum = _seen(
+        simulated.x, simulated.data, simulated.spectrum, setup, settings["false_alarm"]
+    )
+    in_band, lengths = (
+        _low_passed(simulated.data, 2 / simulated.per_ridge),
+        limits.counts * setup.pitch_m,
+    )
     return xarray.Dataset(
         {
             "height": ("x", np.asarray(setup.scene.surface.height(setup.line)), {"units": "m"}),
-            "gap": ("x", felt.pressed.gap[-1], {"units": "m"}),
-            "pressure": ("x", felt.pressed.pressure[-1], {"units": "Pa"}),
-            "signal": ("position", felt.signal, {"units": "V"}),
-            "data": ("position", felt.data, {"units": "V"}),
+            "gap": ("x", simulated.pressed.gap[-1], {"units": "m"}),
+            "pressure": ("x", simulated.pressed.pressure[-1], {"units": "Pa"}),
+            "signal": ("position", simulated.signal, {"units": "V"}),
+            "data": ("position", simulated.data, {"units": "V"}),
             "data_in_band": ("position", in_band, {"units": "V"}),
-            "data_amplitude": ("frequency", seen[1], {"units": "V"}),
-            "amplitude_by_chance": ("frequency", seen[2], {"units": "V"}),
-            "amplitude_by_height": ("ridge_height", felt.by_height, {"units": "V"}),
-            "amplitude_by_pressure": ("nominal_pressure", felt.by_pressure, {"units": "V"}),
+            "data_amplitude": ("frequency", amplitude_spectrum[1], {"units": "V"}),
+            "amplitude_by_chance": ("frequency", amplitude_spectrum[2], {"units": "V"}),
+            "amplitude_by_height": ("ridge_height", simulated.by_height, {"units": "V"}),
+            "amplitude_by_pressure": ("nominal_pressure", simulated.by_pressure, {"units": "V"}),
             "least_height": ("averaging_length", limits.least_height, {"units": "m"}),
         },
         {
             "x": ("x", np.asarray(setup.line.x), {"units": "m"}),
-            "position": ("position", felt.x, {"units": "m"}),
-            "frequency": ("frequency", seen[0], {"units": "Hz"}),
-            "ridge_height": ("ridge_height", felt.heights, {"units": "m"}),
-            "nominal_pressure": ("nominal_pressure", felt.pressures, {"units": "Pa"}),
+            "position": ("position", simulated.x, {"units": "m"}),
+            "frequency": ("frequency", amplitude_spectrum[0], {"units": "Hz"}),
+            "ridge_height": ("ridge_height", simulated.heights, {"units": "m"}),
+            "nominal_pressure": ("nominal_pressure", simulated.pressures, {"units": "Pa"}),
             "averaging_length": ("averaging_length", lengths, {"units": "m"}),
         },
     )
@@ -277,10 +282,10 @@ def _samples(settings, setup: Setup) -> Periodic:
     return Periodic(round(ridges * setup.pitch_m * rate / speed), speed / rate, 0.0)
 
 
-def _signals(setup: Setup, samples: Periodic, noises, pressed: Pressed, key):
+def _signals(setup: Setup, samples: Periodic, noises, waves: Pressed, key):
     """At the samples: the signal, the noise's power at their wavenumbers, and both together."""
     field = setup.line.operator(setup.sensor.signal(setup.scan))
-    traction = _traction(setup, setup.scene, jnp.asarray(pressed.pressure[-1]))
+    traction = _traction(setup, setup.scene, jnp.asarray(waves.pressure[-1]))
     signal = jax.jit(lambda t: Sampling(setup.line, samples.x)(field(t)))(traction)
     data, spectrum, _ = with_noise(noises, samples, setup.scan, signal, key)
     refuse(not bool(jnp.all(spectrum > 0)), "There is no noise: give noise=[johnson].")
@@ -356,12 +361,12 @@ def _seen(x, data, spectrum, setup: Setup, false_alarm: float):
     the noise alone reaches anywhere in this band with probability `false_alarm`."""
     taper, bins, step = np.hanning(x.size), OVERSAMPLING * x.size, x[1] - x[0]
     per_m = np.fft.rfftfreq(bins, step)
-    kept = (per_m > 0.1 / setup.pitch_m) & (per_m <= 5.5 / setup.pitch_m)
-    amplitude = 2 / taper.sum() * np.abs(np.fft.rfft(data * taper, bins)[kept])
-    power = np.interp(per_m[kept], np.fft.rfftfreq(x.size, step), spectrum) * np.sum(taper**2)
-    trials = x.size * step * np.ptp(per_m[kept])  # independent waves; |.|^2 is exponential
+    in_band = (per_m > 0.1 / setup.pitch_m) & (per_m <= 5.5 / setup.pitch_m)
+    amplitude = 2 / taper.sum() * np.abs(np.fft.rfft(data * taper, bins)[in_band])
+    power = np.interp(per_m[in_band], np.fft.rfftfreq(x.size, step), spectrum) * np.sum(taper**2)
+    trials = x.size * step * np.ptp(per_m[in_band])  # independent waves; |.|^2 is exponential
     chance = 2 / taper.sum() * np.sqrt(power * np.log(trials / false_alarm))
-    return abs(float(setup.scan.speed_m_per_s)) * per_m[kept], amplitude, chance
+    return abs(float(setup.scan.speed_m_per_s)) * per_m[in_band], amplitude, chance
 
 
 def _low_passed(data, cycles_per_sample: float) -> np.ndarray:

@@ -48,24 +48,24 @@ def run(cfg: build.Config) -> Outcome:
     with build.precision(cfg):
         sim, method = simulation(cfg), _only("method", build.methods(cfg))
         feature = _only("feature", build.surface_features(cfg))
-        pressed = Pressed(sim)
-        tape = _only("scene.surfaces", dict(enumerate(pressed.surface.shapes)))
+        solved = Pressed(sim)
+        tape = _only("scene.surfaces", dict(enumerate(solved.surface.shapes)))
         if not isinstance(tape, Tape):
             raise BadInput("scene is not one tape: use scene=tape.")
         around = number("fig13_tape.around_edge_m", cfg["fig13_tape"]["around_edge_m"],
                         "a positive length, up to half the tape's width",
                         above=0, most=float(tape.width_m) / 2)  # fmt: skip
-        problem = pressed.problem(build.random_key(cfg))
+        problem = solved.problem(build.random_key(cfg))
         with stage("inverting"):
             estimate = method(problem)
         with stage("fitting the tape"):
-            fitted = _fit(pressed, feature, problem).found
-        edges = _edges(pressed, tape, problem, around)
-        dataset = _dataset(pressed, problem, estimate, edges)
-    base = float(pressed.surface.base_friction)
+            fitted = _fit(solved, feature, problem).found
+        edges = _edges(solved, tape, problem, around)
+        dataset = _dataset(solved, problem, estimate, edges)
+    base = float(solved.surface.base_friction)
     true = {name: getattr(tape, name, None) for name in fitted.parameters}
     true = {name: base if value is None else float(value) for name, value in true.items()}
-    metrics = _metrics(pressed, estimate, fitted, edges, true)
+    metrics = _metrics(solved, estimate, fitted, edges, true)
     cases = zip(dataset["case"].values, edges.ratio, strict=True)
     table = Table(
         ("", "leading edge", "trailing edge"),
@@ -85,22 +85,22 @@ def run(cfg: build.Config) -> Outcome:
     )  # fmt: skip
 
 
-def _edges(pressed: Pressed, tape: Tape, problem: Problem, around: float) -> Edges:
+def _edges(solved: Pressed, tape: Tape, problem: Problem, around: float) -> Edges:
     """With the frictions as they are, with the base's alone, with none, and with noise."""
-    sim, base = pressed.sim, float(pressed.surface.base_friction)
-    signals = [pressed.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
-    felt = np.stack([*signals, problem.data])
+    sim, base = solved.sim, float(solved.surface.base_friction)
+    signals = [solved.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
+    all_signals = np.stack([*signals, problem.data])
     half = float(sim.scan.direction) * float(tape.width_m) / 2
     places = float(tape.position_m) + half * np.array([-1.0, 1.0])
     from_edge = np.linspace(-around, around, 257)
-    along = CubicSpline(np.asarray(sim.line.x), felt, axis=-1)
+    along = CubicSpline(np.asarray(sim.line.x), all_signals, axis=-1)
     near = along(places[:, None] + from_edge).swapaxes(1, 2)
     even, odd = (near + near[..., ::-1]) / 2, (near - near[..., ::-1]) / 2
     ratio = np.sqrt(np.sum(even**2, axis=(2, 3)) / np.sum(odd**2, axis=(2, 3)))
-    return Edges(felt, places, from_edge, even, odd, ratio)
+    return Edges(all_signals, places, from_edge, even, odd, ratio)
 
 
-def _metrics(pressed, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
+def _metrics(solved, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
     cases = ("", "_base_friction", "_frictionless", "_with_noise")
     metrics: dict[str, Any] = {
         f"antisymmetry_{edge}{case}": float(value)
@@ -108,9 +108,9 @@ def _metrics(pressed, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
         for edge, value in zip(EDGES, values, strict=True)
     }
     metrics |= {
-        "pressure_min_Pa": float(pressed.contact.pressure_Pa.min()),
-        "pressure_max_Pa": float(pressed.contact.pressure_Pa.max()),
-        "contact": pressed.contact.result,
+        "pressure_min_Pa": float(solved.contact.pressure_Pa.min()),
+        "pressure_max_Pa": float(solved.contact.pressure_Pa.max()),
+        "contact": solved.contact.result,
         "recovery": estimate.result,
         "fit": fitted.result,
         "chi2_per_freedom": fitted.chi2_per_freedom,
@@ -122,8 +122,8 @@ def _metrics(pressed, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
     return metrics
 
 
-def _dataset(pressed: Pressed, problem: Problem, estimate: Estimate, edges: Edges):
-    sim, truth = pressed.sim, pressed.traction()
+def _dataset(solved: Pressed, problem: Problem, estimate: Estimate, edges: Edges):
+    sim, truth = solved.sim, solved.traction()
     along, parts = ("component", "x"), ("case", "edge", "element", "from_edge")
     unit = sim.sensor.amplifier.unit
     variables = {
@@ -158,10 +158,10 @@ def _only(name: str, named: dict):
     return next(iter(named.values()))
 
 
-def _fit(pressed, feature, problem):
+def _fit(solved, feature, problem):
     """The tape's parameters from the signal along x(t); white noise is known, any other kind is
     estimated from what is left."""
-    sim, line, scene = pressed.sim, pressed.sim.line, pressed.scene
+    sim, line, scene = solved.sim, solved.sim.line, solved.scene
     start = float(line.x[0] - sim.fine.cell_m / 2)
     window = Window(start, start + line.n * float(line.cell_m))
     in_time = slice(None, None, 1 if float(sim.scan.direction) > 0 else -1)
@@ -174,18 +174,18 @@ def _fit(pressed, feature, problem):
     return fitter(features, np.asarray(problem.data)[:, in_time], noise)
 
 
-def _friction_rows(found, true):
-    for what, pick in (("fitted friction", lambda name: f"{found[name][0]:.4f}"),
-                       ("its standard error", lambda name: f"{found[name][1]:.4f}"),
+def _friction_rows(parameters, true):
+    for what, pick in (("fitted friction", lambda name: f"{parameters[name][0]:.4f}"),
+                       ("its standard error", lambda name: f"{parameters[name][1]:.4f}"),
                        ("true friction", lambda name: f"{true[name]:.4f}")):  # fmt: skip
         yield (what, *(pick(f"{edge}_edge_friction") for edge in EDGES))
 
 
-def _sections(ds, cfg, metrics, found, true, around) -> tuple[Section, ...]:
+def _sections(ds, cfg, metrics, parameters, true, around) -> tuple[Section, ...]:
     lead, trail = (metrics[f"antisymmetry_{edge}"] for edge in EDGES)
     free = [metrics[f"antisymmetry_{edge}_frictionless"] for edge in EDGES]
     rows = tuple((name, value, stderr, true[name], f"{(value - true[name]) / stderr:+.1f}")
-                 for name, (value, stderr) in found.items())  # fmt: skip
+                 for name, (value, stderr) in parameters.items())  # fmt: skip
     return (
         Section(
             "Signal",

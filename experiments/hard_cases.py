@@ -64,14 +64,14 @@ def run(cfg: build.Config) -> Outcome:
                 own = {**merged(cfg, hard), "precision": precision}
                 cells[label, precision] = _row(own)
     labels = list(dict.fromkeys(label for label, _ in cells))
-    found = {p: [cells[label, p] for label in labels] for p in precisions}
-    dataset = _dataset(found, labels, methods)
-    table = _table(found, labels, methods)
+    by_precision = {p: [cells[label, p] for label in labels] for p in precisions}
+    dataset = _dataset(by_precision, labels, methods)
+    table = _table(by_precision, labels, methods)
     return Outcome(
         f"{len(labels)} hard cases through {len(methods)} methods",
-        _metrics(found, labels, methods),
+        _metrics(by_precision, labels, methods),
         dataset,
-        _sections(dataset, found, labels, methods, table),
+        _sections(dataset, by_precision, labels, methods, table),
         table,
     )
 
@@ -99,15 +99,15 @@ def _cell(method: Any, problem: Problem, truth: np.ndarray) -> Cell:
         estimate = method(problem)
     except BadInput as refused:
         return _refused(str(refused))
-    there = seen(problem)
-    wanted = deviation(truth, there)
-    wrong = deviation(np.asarray(estimate.value), there) - wanted
+    observed = seen(problem)
+    wanted = deviation(truth, observed)
+    wrong = deviation(np.asarray(estimate.value), observed) - wanted
     size = np.linalg.norm(wanted, axis=-1)
-    stderr = np.asarray(estimate.stderr, float)[:, there]
-    share = np.where(wrong == 0, 0.0, np.abs(wrong) / np.maximum(stderr, np.finfo(float).tiny))
+    stderr = np.asarray(estimate.stderr, float)[:, observed]
+    z_score = np.where(wrong == 0, 0.0, np.abs(wrong) / np.maximum(stderr, np.finfo(float).tiny))
     return Cell(
         np.linalg.norm(wrong, axis=-1) / np.where(size > 0, size, np.nan),
-        np.sqrt(np.mean(share**2, axis=-1)),  # infinite where a wrong value has no error
+        np.sqrt(np.mean(z_score**2, axis=-1)),  # infinite where a wrong value has no error
         estimate.stats["condition"],
         str(estimate.quality),
         estimate.reasons,
@@ -117,25 +117,27 @@ def _cell(method: Any, problem: Problem, truth: np.ndarray) -> Cell:
 Found = Mapping[str, list[list[Cell]]]  # by precision: (case, method)
 
 
-def _each(found: Found, get) -> np.ndarray:
+def _each(by_precision: Found, get) -> np.ndarray:
     """(precision, case, method, ...)."""
-    return np.array([[[get(cell) for cell in row] for row in rows] for rows in found.values()])
+    return np.array(
+        [[[get(cell) for cell in row] for row in rows] for rows in by_precision.values()]
+    )
 
 
-def _dataset(found: Found, labels, methods) -> xarray.Dataset:
+def _dataset(by_precision: Found, labels, methods) -> xarray.Dataset:
     along = ("precision", "case", "method")
     return xarray.Dataset(
         {
-            "error": ((*along, "component"), _each(found, lambda c: c.error), {"units": "1"}),
-            "error_over_band": (
-                (*along, "component"), _each(found, lambda c: c.over_band), {"units": "1"}
+            "error": ((*along, "component"), _each(by_precision, lambda c: c.error), {"units":
+            "1"}), "error_over_band": (
+                (*along, "component"), _each(by_precision, lambda c: c.over_band), {"units": "1"}
             ),
-            "condition": (along, _each(found, lambda c: c.condition), {"units": "1"}),
-            "quality": (along, _each(found, lambda c: c.quality), {"units": "1"}),
-            "reasons": (along, _each(found, lambda c: " ".join(c.reasons)), {"units": "1"}),
+            "condition": (along, _each(by_precision, lambda c: c.condition), {"units": "1"}),
+            "quality": (along, _each(by_precision, lambda c: c.quality), {"units": "1"}),
+            "reasons": (along, _each(by_precision, lambda c: " ".join(c.reasons)), {"units": "1"}),
         },
         {
-            "precision": ("precision", list(found), {"units": "1"}),
+            "precision": ("precision", list(by_precision), {"units": "1"}),
             "case": ("case", labels, {"units": "1"}),
             "method": ("method", methods, {"units": "1"}),
             "component": ("component", list(COMPONENTS), {"units": "1"}),
@@ -143,9 +145,9 @@ def _dataset(found: Found, labels, methods) -> xarray.Dataset:
     )  # fmt: skip
 
 
-def _metrics(found: Found, labels, methods) -> dict[str, Any]:
+def _metrics(by_precision: Found, labels, methods) -> dict[str, Any]:
     metrics: dict[str, Any] = {"cases": len(labels), "methods": len(methods)}
-    for precision, rows in found.items():
+    for precision, rows in by_precision.items():
         cells = [cell for row in rows for cell in row]
         for code in CODES:
             metrics[f"{code}_{precision}"] = sum(cell.quality == code for cell in cells)
@@ -153,15 +155,17 @@ def _metrics(found: Found, labels, methods) -> dict[str, Any]:
     return metrics
 
 
-def _table(found: Found, labels, methods) -> Table:
+def _table(by_precision: Found, labels, methods) -> Table:
     rows = []
-    for precision, cases in found.items():
+    for precision, cases in by_precision.items():
         for m, method in enumerate(methods):
             cells = [row[m] for row in cases]
-            told = [float(np.nanmax(c.over_band)) for c in cells if np.isfinite(c.over_band).any()]
+            worst_z = [
+                float(np.nanmax(c.over_band)) for c in cells if np.isfinite(c.over_band).any()
+            ]
             counts = (sum(cell.quality == code for cell in cells) for code in CODES)
             wrong = sum(cell.is_silent_failure for cell in cells)
-            rows.append((precision, method, *counts, wrong, max(told, default=float("nan"))))
+            rows.append((precision, method, *counts, wrong, max(worst_z, default=float("nan"))))
     heads = ("precision", "method", *CODES, "silent failures", "largest error over its band")
     return Table(
         heads,
@@ -173,7 +177,9 @@ def _table(found: Found, labels, methods) -> Table:
     )
 
 
-def _sections(ds: xarray.Dataset, found: Found, labels, methods, table) -> tuple[Section, ...]:
+def _sections(
+    ds: xarray.Dataset, by_precision: Found, labels, methods, table
+) -> tuple[Section, ...]:
     marks = dict(zip(CODES, ("", "?", "!", "-"), strict=True))
     codes = ds["quality"].values
 
@@ -187,7 +193,7 @@ def _sections(ds: xarray.Dataset, found: Found, labels, methods, table) -> tuple
                     for row, named in zip(values[i], codes[i], strict=True)
                 ]),
             )
-            for i, precision in enumerate(found)
+            for i, precision in enumerate(by_precision)
         }  # fmt: skip
 
     def error(component: str):
@@ -232,7 +238,7 @@ def _sections(ds: xarray.Dataset, found: Found, labels, methods, table) -> tuple
             {"condition": condition},
             {"condition": key},
         ),
-        Section("Words", (), tables=(_words(found, labels, methods),)),
+        Section("Words", (), tables=(_words(by_precision, labels, methods),)),
         Section(
             "What was assumed",
             ("The cases stand in the configuration, hard_cases.cases: each is what it changes of "
@@ -250,10 +256,10 @@ def _word(value: float, pattern: str) -> str:
     return "" if np.isnan(value) else pattern.format(value).replace("e+0", "e").replace("e+", "e")
 
 
-def _words(found: Found, labels, methods) -> Table:
+def _words(by_precision: Found, labels, methods) -> Table:
     """What was said, each sentence once for each case."""
     said: dict[tuple[str, str], list[str]] = {}
-    for precision, rows in found.items():
+    for precision, rows in by_precision.items():
         for label, row in zip(labels, rows, strict=True):
             for method, cell in zip(methods, row, strict=True):
                 for word in cell.reasons:

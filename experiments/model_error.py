@@ -35,18 +35,18 @@ def run(cfg: build.Config) -> Outcome:
     with build.precision(cfg):
         assumed, key = simulation(cfg), build.random_key(cfg)
         waves = _waves(assumed, settings)
-        found, gains = {}, {}
+        estimates, gains = {}, {}
         for name, changes in {ASSUMED: {}, **settings["truths"]}.items():
             with stage(f"inverting as a half space: {name}"):
                 true = simulation(merged(cfg, changes))
                 signal = true.sampled(true.sensor.signal(true.scan))
                 mean_p_Pa = jnp.mean(assumed.traction(assumed.line)[0])
                 problem = problem_of(assumed, signal, mean_p_Pa, key)
-                found[name] = np.asarray(method(problem).value)
+                estimates[name] = np.asarray(method(problem).value)
                 gains[name] = _gains(true, problem, method, waves)
         truth = np.asarray(assumed.traction(assumed.line))
         wavelengths = 2 * np.pi / np.asarray(assumed.line.k)[waves]
-    dataset = _dataset(assumed, truth, found, gains, wavelengths)
+    dataset = _dataset(assumed, truth, estimates, gains, wavelengths)
     metrics = _metrics(dataset)
     table = _table(dataset)
     return Outcome(
@@ -79,22 +79,22 @@ def _gains(true: Simulation, problem: Problem, method, waves: np.ndarray) -> np.
             traction[c] = wave
             data = respond(jnp.asarray(traction))
             scale = size / np.sqrt(np.mean(np.asarray(data) ** 2))
-            posed = Problem(
+            wave_problem = Problem(
                 line, problem.forward, scale * data, problem.noise, known_mean_Pa=(0.0, None)
             )
-            spectrum = np.fft.rfft(np.asarray(method(posed).value))[:, m] / scale
+            spectrum = np.fft.rfft(np.asarray(method(wave_problem).value))[:, m] / scale
             gains[:, c, j] = spectrum / np.fft.rfft(wave)[m]
     return gains
 
 
-def _dataset(sim: Simulation, truth, found, gains, wavelengths) -> xarray.Dataset:
-    cases = list(found)
+def _dataset(sim: Simulation, truth, estimates, gains, wavelengths) -> xarray.Dataset:
+    cases = list(estimates)
     pairs = np.stack(list(gains.values()))
     return xarray.Dataset(
         {
             "traction": (("component", "x"), truth, {"units": "Pa"}),
             "estimate": (
-                ("case", "component", "x"), np.stack(list(found.values())), {"units": "Pa"},
+                ("case", "component", "x"), np.stack(list(estimates.values())), {"units": "Pa"},
             ),
             "gain": (
                 ("case", "component_out", "component_in", "wavelength"), np.abs(pairs),

@@ -31,18 +31,18 @@ def run(cfg: build.Config) -> Outcome:
         methods = build.methods(cfg)
         refuse(len(methods) != 1, f"method names {len(methods)}: give one, method=[wiener].")
         method = next(iter(methods.values()))
-        found = {name: _recover(cfg, name, node, method) for name, node in scenes.items()}
+        profiles = {name: _recover(cfg, name, node, method) for name, node in scenes.items()}
 
     metrics: dict[str, Any] = {}
     rows = []
-    for name, ds in found.items():
+    for name, ds in profiles.items():
         metrics |= {f"{key}_{name}": value for key, value in _judge(ds).items()}
         metrics |= {f"{key}_{name}": ds.attrs[key] for key in _OF_THE_SCENE}
         keys = ("height_range_m", "rms_error_m", "rms_unresolved_m", "rms_exact_pressure_m")
         sizes = (f"{1e6 * metrics[f'{key}_{name}']:.3g}" for key in keys)
         rows.append((name, *sizes, f"{metrics[f'coverage_{name}']:.0%}"))
-    dataset = xarray.concat(list(found.values()), "scene", combine_attrs="drop_conflicts")
-    dataset = dataset.assign_coords(scene=("scene", list(found), {"units": "1"}))
+    dataset = xarray.concat(list(profiles.values()), "scene", combine_attrs="drop_conflicts")
+    dataset = dataset.assign_coords(scene=("scene", list(profiles), {"units": "1"}))
     table = Table(
         ("surface", "height in contact, range [um]", "rms error [um]",
          "of it, what the sensor does not resolve [um]", "from the exact pressure [um]",
@@ -51,7 +51,7 @@ def run(cfg: build.Config) -> Outcome:
         "Within the contact, less the mean over it.",
         tuple(
             f"{name}: {ds.attrs['quality']}. {ds.attrs['warnings']}"
-            for name, ds in found.items()
+            for name, ds in profiles.items()
             if ds.attrs["quality"] != Quality.GOOD
         ),
     )  # fmt: skip
@@ -65,19 +65,19 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
     """One scene: its contact, what the signal gives of p, and the profile from that."""
     with stage(f"recovering the profile: {name}"):
         sim = simulation({**cfg, "scene": node})
-        pressed = Pressed(sim)
-        problem = pressed.problem(build.random_key(cfg))
-        estimate = method(problem).with_warnings(pressed.contact.warnings)
-        line, skin, p = sim.line, pressed.scene.skin, pressed.traction()
-        touching = np.asarray(pressed.contact.touching)[:: sim.refinement]
+        solved = Pressed(sim)
+        problem = solved.problem(build.random_key(cfg))
+        estimate = method(problem).with_warnings(solved.contact.warnings)
+        line, skin, p = sim.line, solved.scene.skin, solved.traction()
+        touching = np.asarray(solved.contact.touching)[:: sim.refinement]
         shape, stderr = shape_band(line, skin, estimate, jnp.asarray(touching))
         blurred = resolved(p, estimate, problem.forward.is_circular)
         shapes = {
             "shape": np.asarray(shape),
             "shape_resolved": np.asarray(shape_under(line, skin, jnp.asarray(blurred[0]))),
             "shape_exact_pressure": np.asarray(shape_under(line, skin, jnp.asarray(p[0]))),
-            "height": np.asarray(pressed.surface.height(line)),
-            "skin": np.asarray(pressed.surface.height(sim.fine) + pressed.contact.gap_m)[
+            "height": np.asarray(solved.surface.height(line)),
+            "skin": np.asarray(solved.surface.height(sim.fine) + solved.contact.gap_m)[
                 :: sim.refinement
             ],
         }
@@ -100,28 +100,28 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
             "touching": ("x", touching.astype(np.int8), {"units": "1"}),
         },
         {"x": ("x", np.asarray(line.x), {"units": "m"})},
-        {"contact": pressed.contact.result, "recovery": estimate.result} | in_metrics(estimate),
+        {"contact": solved.contact.result, "recovery": estimate.result} | in_metrics(estimate),
     )
 
 
 def _judge(ds: xarray.Dataset) -> dict[str, float]:
     """Errors of the recovered profile where the skin touches."""
-    there = ds["touching"].values == 1
-    height = ds["height"].values[there]
+    touching = ds["touching"].values == 1
+    height = ds["height"].values[touching]
     error = {
-        key: ds[key].values[there] - height
+        key: ds[key].values[touching] - height
         for key in ("shape", "shape_resolved", "shape_exact_pressure")
     }
     rms = {key: float(np.sqrt(np.mean(e**2))) for key, e in error.items()}
-    inside = np.abs(error["shape"]) <= BAND_90 * ds["shape_stderr"].values[there]
+    inside = np.abs(error["shape"]) <= BAND_90 * ds["shape_stderr"].values[touching]
     return {
         "height_range_m": float(np.ptp(height)),
         "rms_error_m": rms["shape"],
         "rms_unresolved_m": rms["shape_resolved"],
         "rms_exact_pressure_m": rms["shape_exact_pressure"],
-        "rms_predicted_m": float(np.sqrt(np.mean(ds["shape_stderr"].values[there] ** 2))),
+        "rms_predicted_m": float(np.sqrt(np.mean(ds["shape_stderr"].values[touching] ** 2))),
         "coverage": float(inside.mean()),
-        "contact_share": float(there.mean()),
+        "contact_share": float(touching.mean()),
     }
 
 

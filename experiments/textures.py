@@ -106,25 +106,41 @@ def _slid(cfg: build.Config) -> Slid:
     surfaces = {
         name: build.make(node, f"textures.surfaces.{name}", "rough") for name, node in named.items()
     }
-    felt = _Felt(cfg)
+    texture_sensor = _Felt(cfg)
     stretch = number(
         "textures.stretch_m",
         given["stretch_m"],
         "a positive length within the line",
-        above=4 * felt.cell_m,
-        most=felt.line.n * felt.cell_m,
+        above=4 * texture_sensor.cell_m,
+        most=texture_sensor.line.n * texture_sensor.cell_m,
     )
     with stage("sliding over the textures"):
-        signals, share = felt.signals(surfaces, pressures, draws + learning, build.seed(cfg))
-    truth = np.stack([felt.density(surface) for surface in surfaces.values()])
-    return Slid(felt, list(surfaces), signals, share, truth, draws, int(stretch / felt.cell_m))
+        signals, contact_fraction = texture_sensor.signals(
+            surfaces, pressures, draws + learning, build.seed(cfg)
+        )
+    truth = np.stack([texture_sensor.density(surface) for surface in surfaces.values()])
+    return Slid(
+        texture_sensor,
+        list(surfaces),
+        signals,
+        contact_fraction,
+        truth,
+        draws,
+        int(stretch / texture_sensor.cell_m),
+    )
 
 
 def _spectra(slid: Slid, count: int) -> Spectra:
     """From whole windows."""
-    felt, draws = slid.felt, slid.draws
-    bands = Bands(felt.k, felt.gain, felt.noise, felt.blind_from, count)
-    power = np.abs(np.fft.rfft(slid.signals)) ** 2 / felt.line.n
+    texture_sensor, draws = slid.felt, slid.draws
+    bands = Bands(
+        texture_sensor.k,
+        texture_sensor.gain,
+        texture_sensor.noise,
+        texture_sensor.blind_from,
+        count,
+    )
+    power = np.abs(np.fft.rfft(slid.signals)) ** 2 / texture_sensor.line.n
     expected = bands.average(slid.truth)
     usable = bands.usable(power[0, :, :draws].mean(axis=1))
     hidden = ~usable.any(axis=-1)
@@ -134,12 +150,12 @@ def _spectra(slid: Slid, count: int) -> Spectra:
         "wavenumber: give rougher surfaces in textures.surfaces, or less noise.",
     )
     mean = bands.density(power[:, :, :draws].mean(axis=2))[0]
-    weights = usable * bands.sum(felt.gain)
-    found, low, high = bands.density(power[:, :, :draws])
+    weights = usable * bands.sum(texture_sensor.gain)
+    densities, low, high = bands.density(power[:, :, :draws])
     return Spectra(
         middle=bands.middle,
         power=power,
-        found=found,
+        found=densities,
         low=low,
         high=high,
         mean=mean,
@@ -153,9 +169,11 @@ def _spectra(slid: Slid, count: int) -> Spectra:
 def _chosen(slid: Slid) -> np.ndarray:
     """From short stretches: how many went to the nearest of the known spectra (told, texture,
     texture)."""
-    felt, draws = slid.felt, slid.draws
+    texture_sensor, draws = slid.felt, slid.draws
     pieces = tapered_power(slid.signals, slid.samples)
-    law = expected_power(felt.gain * slid.truth + felt.noise, felt.line.n, slid.samples)
+    law = expected_power(
+        texture_sensor.gain * slid.truth + texture_sensor.noise, texture_sensor.line.n, slid.samples
+    )
     references = {"law": law, "learned": pieces[1, :, draws:].mean(axis=1)}
     return np.stack([
         _counted(nearest(pieces[contact, :, :draws], references[kind]))
@@ -170,8 +188,8 @@ def _accuracy(chosen: np.ndarray) -> np.ndarray:
 def _metrics(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> dict[str, Any]:
     metrics: dict[str, Any] = {"draws": slid.draws, "stretch_m": slid.samples * slid.felt.cell_m}
     kinds = ("", "_light_linear_law", "_light_learned")
-    for told, value in zip(kinds, _accuracy(chosen), strict=True):
-        metrics[f"accuracy{told}"] = float(value)
+    for kind, value in zip(kinds, _accuracy(chosen), strict=True):
+        metrics[f"accuracy{kind}"] = float(value)
     metrics["coverage_90"] = spectra.coverage
     for t, name in enumerate(slid.names):
         shortest = float(spectra.limits[t, 1])
@@ -184,7 +202,7 @@ def _metrics(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> dict[str, Any]
 
 
 def _dataset(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> xarray.Dataset:
-    felt, of = slid.felt, ("contact", "texture", "band")
+    texture_sensor, of = slid.felt, ("contact", "texture", "band")
     variables = {
         "height_density": (of, spectra.found[:, :, 0], "m^3"),
         "height_density_low": (of, spectra.low[:, :, 0], "m^3"),
@@ -194,9 +212,13 @@ def _dataset(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> xarray.Dataset
         "height_density_true": (("texture", "wavenumber"), slid.truth, "m^3"),
         "usable": (("texture", "band"), spectra.usable.astype(np.int8), "1"),
         "limits": (("texture", "end"), spectra.limits, "rad/m"),
-        "signal": (("contact", "texture", "x"), slid.signals[:, :, 0], felt.unit),
-        "signal_power": ((*of[:2], "wavenumber"), spectra.power[:, :, 0], f"({felt.unit})^2"),
-        "noise_power": (("wavenumber",), felt.noise, f"({felt.unit})^2"),
+        "signal": (("contact", "texture", "x"), slid.signals[:, :, 0], texture_sensor.unit),
+        "signal_power": (
+            (*of[:2], "wavenumber"),
+            spectra.power[:, :, 0],
+            f"({texture_sensor.unit})^2",
+        ),
+        "noise_power": (("wavenumber",), texture_sensor.noise, f"({texture_sensor.unit})^2"),
         "contact_share": (("contact", "texture"), slid.share, "1"),
         "chosen": (("told_by", "truth", "candidate"), chosen, "1"),
         "accuracy": (("told_by",), _accuracy(chosen), "1"),
@@ -207,8 +229,8 @@ def _dataset(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> xarray.Dataset
         "truth": (slid.names, "1"),
         "candidate": (slid.names, "1"),
         "told_by": (list(TOLD), "1"),
-        "x": (np.asarray(felt.line.x), "m"),
-        "wavenumber": (felt.k, "rad/m"),
+        "x": (np.asarray(texture_sensor.line.x), "m"),
+        "wavenumber": (texture_sensor.k, "rad/m"),
         "band": (spectra.middle, "rad/m"),
         "end": (["longest", "shortest"], "1"),
     }
@@ -224,13 +246,14 @@ def _table(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> Table:
         ("texture", "shortest wavelength [mm]", "touches, full", "power over true, full",
          "touches, light", "power over true, light"),
         tuple(
-            (name, f"{2e3 * np.pi / limit:.3g}", f"{full:.0%}", found, f"{light:.0%}", lost)
-            for name, limit, full, found, light, lost in zip(
+            (name, f"{2e3 * np.pi / limit:.3g}", f"{full:.0%}", full_ratio, f"{light:.0%}",
+             light_ratio)
+            for name, limit, full, full_ratio, light, light_ratio in zip(
                 slid.names, spectra.limits[:, 1], slid.share[0], spectra.ratio[0], slid.share[1],
                 spectra.ratio[1], strict=True,
             )
         ),
-        "; ".join(f"right, {told}: {share:.0%}" for told, share in right) + ".",
+        "; ".join(f"right, {case}: {accuracy:.0%}" for case, accuracy in right) + ".",
     )  # fmt: skip
 
 
@@ -279,18 +302,20 @@ class _Felt:
             [dataclasses.replace(surface, seed=int(s)).height(self.fine) for s in row]
             for surface, row in zip(surfaces.values(), seeds, strict=True)
         ]
-        felt = [
+        simulated = [
             [[self._felt(h, jnp.asarray(p)) for h in row] for row in heights] for p in pressures
         ]
-        clean = np.array([[[signal for signal, _ in row] for row in each] for each in felt])
-        share = np.array([[[touch for _, touch in row] for row in each] for each in felt])
+        clean = np.array([[[signal for signal, _ in row] for row in each] for each in simulated])
+        contact_fraction = np.array(
+            [[[touch for _, touch in row] for row in each] for each in simulated]
+        )
         spectrum = total_spectrum(
             self.noises, self.line, self.scan, jnp.sqrt(jnp.mean(jnp.asarray(clean[0]) ** 2))
         )
         self.noise = np.asarray(spectrum)
         flat = clean.reshape(-1, self.line.n)
         noise = draw_noise(jax.random.key(seed), spectrum, *flat.shape)
-        return clean + np.asarray(noise).reshape(clean.shape), share.mean(axis=-1)
+        return clean + np.asarray(noise).reshape(clean.shape), contact_fraction.mean(axis=-1)
 
     def density(self, surface: Rough) -> np.ndarray:
         """The surface's spectral density of height [m^3] at the line's wavenumbers."""

@@ -106,8 +106,10 @@ def _turned(sim, angle_rad):
 def _estimates(sim, methods, keys, friction=None) -> tuple[np.ndarray, np.ndarray]:
     """Values and standard errors (method, seed, component, x) [Pa]."""
     problems = [noisy_problem(sim, key, friction) for key in keys]
-    found = [[method(problem) for problem in problems] for method in methods.values()]
-    value, stderr = ([[getattr(e, k) for e in row] for row in found] for k in ("value", "stderr"))
+    estimates = [[method(problem) for problem in problems] for method in methods.values()]
+    value, stderr = (
+        [[getattr(e, k) for e in row] for row in estimates] for k in ("value", "stderr")
+    )
     return np.asarray(value), np.asarray(stderr)
 
 

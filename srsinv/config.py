@@ -192,17 +192,17 @@ def _definition(target: Any) -> Any:
     parts = target.split(".")
     if not all(part.isidentifier() for part in parts) or parts[0] not in _namespaces():
         return None
-    found: Any = sys.modules[parts[0]]
+    definition: Any = sys.modules[parts[0]]
     for index, part in enumerate(parts[1:], 2):
         path = ".".join(parts[:index])
-        if isinstance(found, ModuleType) and _is_module(found, path):
-            found = importlib.import_module(path)
-        elif isinstance(found, ModuleType | type):
-            found = vars(found).get(part)
+        if isinstance(definition, ModuleType) and _is_module(definition, path):
+            definition = importlib.import_module(path)
+        elif isinstance(definition, ModuleType | type):
+            definition = vars(definition).get(part)
         else:
             return None
-    own = (getattr(found, "__module__", None), getattr(found, "__qualname__", None))
-    return found if ".".join(map(str, own)) == target else None
+    own = (getattr(definition, "__module__", None), getattr(definition, "__qualname__", None))
+    return definition if ".".join(map(str, own)) == target else None
 
 
 def _namespaces() -> tuple[str, ...]:

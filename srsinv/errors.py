@@ -40,10 +40,10 @@ def number(
     """
     if hasattr(value, "aval"):
         return value
-    plain = value.item() if getattr(value, "ndim", None) == 0 else value
-    fits = is_number(plain) and above < plain < below and least <= plain <= most
-    refuse(not fits, f"{name} is {shown(plain)}: give {wanted}.")
-    refuse(abs(plain) > LARGEST, f"{name} is {shown(plain)}: give {wanted}, up to {LARGEST:g}.")
+    scalar = value.item() if getattr(value, "ndim", None) == 0 else value
+    fits = is_number(scalar) and above < scalar < below and least <= scalar <= most
+    refuse(not fits, f"{name} is {shown(scalar)}: give {wanted}.")
+    refuse(abs(scalar) > LARGEST, f"{name} is {shown(scalar)}: give {wanted}, up to {LARGEST:g}.")
     return value
 
 

@@ -40,18 +40,18 @@ def test_a_fragment_is_found_whatever_its_spacing():
 
 def test_what_is_recorded_is_of_this_table():
     """Else: python -m tests.mutations NAME."""
-    found = results.read()
-    stale = {n for n in found if n not in TABLE or not results.is_of(found[n], TABLE[n])}
+    recorded = results.read()
+    stale = {n for n in recorded if n not in TABLE or not results.is_of(recorded[n], TABLE[n])}
     assert stale == set()
 
 
 def test_every_mutation_is_noticed():
     """By a test, in the run that was recorded last, or by none as it changes nothing. Else: python
     -m tests.mutations NAME, and a test of what it guards, or what guards nothing goes."""
-    found = results.read()
+    recorded = results.read()
     missed = [
         name
         for name, each in TABLE.items()
-        if not each.equivalent and not found.get(name, {}).get("tier")
+        if not each.equivalent and not recorded.get(name, {}).get("tier")
     ]
     assert missed == []

@@ -465,14 +465,14 @@ TAKEN = {
 }
 
 
-@pytest.mark.parametrize(("there", "named"), TAKEN.values(), ids=TAKEN)
-def test_save_leaves_what_it_did_not_write(tmp_path, there, named):
-    for name, text in there.items():
+@pytest.mark.parametrize(("existing", "named"), TAKEN.values(), ids=TAKEN)
+def test_save_leaves_what_it_did_not_write(tmp_path, existing, named):
+    for name, text in existing.items():
         (tmp_path / name).write_text(text)
     with pytest.raises(BadInput) as caught:
         save(recording(), tmp_path / "out.csv")
     assert_one_sentence(caught.value, "out.csv", named, "choose another name")
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == there
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == existing
 
 
 def test_save_replaces_a_recording_of_the_same_facts(tmp_path):
@@ -769,11 +769,11 @@ def assert_one_sentence(error, name, *words):
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_load_is_refused(tmp_path, case):
-    name, make, told, words = REFUSED[case]
+    name, make, stated, words = REFUSED[case]
     make(tmp_path / name)
-    told = {k: tmp_path / v if k == "sidecar" else v for k, v in told.items()}
+    stated = {k: tmp_path / v if k == "sidecar" else v for k, v in stated.items()}
     with pytest.raises(BadInput) as caught:
-        load(tmp_path / name, **told)
+        load(tmp_path / name, **stated)
     assert_one_sentence(caught.value, "r." if "." in name else name, *words)
 
 

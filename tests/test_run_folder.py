@@ -85,8 +85,8 @@ def aside(folder):
 
 def rewritten(**changes):
     def make(folder):
-        found = json.loads((folder / MANIFEST).read_text())
-        text = json.dumps(found | changes, sort_keys=True, indent=2)
+        manifest = json.loads((folder / MANIFEST).read_text())
+        text = json.dumps(manifest | changes, sort_keys=True, indent=2)
         (folder / MANIFEST).write_text(f"{text}\n")
 
     return make
@@ -231,12 +231,12 @@ class TestManifest:
         (tmp_path / "mine").mkdir()
         arguments = ["--config-dir", "../mine", "hydra.run.dir=a", "seed=3", "value=2.5"]
         assert main(arguments, root) == 0
-        found = json.loads(Path("a", MANIFEST).read_text())
-        assert found["version"] == __version__
-        assert found["command"] == "srsinv --config-dir ../mine seed=3 value=2.5"
-        assert found["command"] in Path("a", "report.html").read_text()
-        assert found["seed"] == 3
-        assert {*found["files"], MANIFEST} == {
+        manifest = json.loads(Path("a", MANIFEST).read_text())
+        assert manifest["version"] == __version__
+        assert manifest["command"] == "srsinv --config-dir ../mine seed=3 value=2.5"
+        assert manifest["command"] in Path("a", "report.html").read_text()
+        assert manifest["seed"] == 3
+        assert {*manifest["files"], MANIFEST} == {
             name for name in snapshot("a") if Path("a", name).is_file()
         }
 

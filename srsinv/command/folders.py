@@ -98,9 +98,9 @@ def _check_sweep(folder: Path) -> None:
 def _earlier_sweep(place: Path) -> Any:
     """The files that an earlier sweep wrote to its folder itself, as a manifest lists them; None
     where there was none."""
-    found = listed(place)
-    if found is not None:
-        return found if set(found) == {_RECORD} else None
+    files = listed(place)
+    if files is not None:
+        return files if set(files) == {_RECORD} else None
     record = place / _RECORD
     if record.is_symlink() or not record.is_file():
         return None

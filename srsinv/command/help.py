@@ -43,13 +43,13 @@ def experiments_folder(root: Path) -> Path:
 
 def experiments(root: Path) -> list[Experiment]:
     """All experiments of the configuration folder `root`, by name."""
-    found = []
+    entries = []
     for path in sorted((root / "experiment").glob("*.yaml")):
         job = _JOB.search(path.read_text(encoding="utf-8"))
         in_clone = job is not None and job.group(1).startswith("experiments.")
         runnable = not in_clone or experiments_folder(root).is_dir()
-        found.append(Experiment(path.stem, _first_comment(path), runnable))
-    return found
+        entries.append(Experiment(path.stem, _first_comment(path), runnable))
+    return entries
 
 
 def groups(root: Path) -> dict[str, list[str]]:

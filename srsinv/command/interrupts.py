@@ -81,9 +81,9 @@ def _listening() -> Iterator[None]:
         yield
         return
     before = {number: signal.getsignal(number) for number in _ENDING}
-    heard = [n for n in _ENDING if before[n] not in (signal.SIG_IGN, None)]
+    handled = [n for n in _ENDING if before[n] not in (signal.SIG_IGN, None)]
     try:
-        for number in heard:
+        for number in handled:
             signal.signal(number, _stop)
         yield
     finally:

@@ -58,11 +58,11 @@ def _check_readable(override: str) -> None:
         f"at most {MOST_CHARACTERS} in {DEEPEST}, or a file of your own with --config-dir FOLDER.",
     )
     try:
-        readable = "\0" not in override and bool(override.encode())
+        is_text = "\0" not in override and bool(override.encode())
     except UnicodeEncodeError:
-        readable = False
+        is_text = False
     refuse(
-        not readable and override != "",
+        not is_text and override != "",
         f"{shown(override)} holds characters that are no text (UTF-8): rename what it names.",
     )
 

@@ -154,7 +154,7 @@ class Circling(eqx.Module):
 
         return jnp.stack([one(film) for film in self.sensor.elements], axis=1)
 
-    def _charges(self, film: Film, angle_rad, xi, shifts, shares) -> Float[Array, "6 sample"]:
+    def _charges(self, film: Film, angle_rad, xi, shifts, fractions) -> Float[Array, "6 sample"]:
         """Charge [C] at xi from 1 N/m of p, shear across and shear along the ridge, and the slopes
         of the three along xi.
 
@@ -167,18 +167,18 @@ class Circling(eqx.Module):
         place = jnp.ravel(shifts[:, None] + xi[None]), film.depth_m, reach
         stress = jnp.concatenate([skin.response_to_each(*place), skin.slope_to_each(*place)], 1)
         charge = jnp.tensordot(film.charge_per_stress() / reach, stress, 1)
-        return jnp.tensordot(shares, charge.reshape(6, shifts.size, xi.size), ((0,), (1,)))
+        return jnp.tensordot(fractions, charge.reshape(6, shifts.size, xi.size), ((0,), (1,)))
 
 
 def _spots(film: Film, angle_rad, width_m, nodes: int) -> tuple[Array, Array]:
     """Shifts along xi, and the share of each: quadrature over the widths of film and ridge."""
     at, weights = np.polynomial.legendre.leggauss(nodes)
-    shifts, shares = jnp.zeros(1), jnp.ones(1)
+    shifts, fractions = jnp.zeros(1), jnp.ones(1)
     for effect in (*turned_effects(film, angle_rad), StripWidth(width_m)):
         if isinstance(effect, Offset):
             shifts = shifts + effect.offset_m
         if isinstance(effect, StripWidth):
             spread = effect.width_m / 2 * as_real(at)
             shifts = jnp.ravel(shifts[:, None] + spread[None])
-            shares = jnp.ravel(shares[:, None] * as_real(weights / 2)[None])
-    return shifts, shares
+            fractions = jnp.ravel(fractions[:, None] * as_real(weights / 2)[None])
+    return shifts, fractions

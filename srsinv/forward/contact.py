@@ -68,20 +68,20 @@ class Contact(eqx.Module):
     def warnings(self) -> tuple[str, ...]:
         """What speaks against the pressure: iterations that ended too early, and a window that the
         skin's wake does not fit in."""
-        found = []
+        messages = []
         if not self.converged:
-            found.append(
+            messages.append(
                 f"The contact is {self.result}, so that the pressure is not that of the surface: "
                 "take a skin that is less stiff beside what lies below it, or wider cells."
             )
         if self.wake is not None and self.wake.is_much:
-            found.append(
+            messages.append(
                 "The skin has not recovered when the window repeats, so that the contact meets "
                 f"its own wake: {float(self.wake.share[0]):.0%} of the friction that its lag makes "
                 "is missing, and the pressure lies too far back. Leave scene.contact_windows at "
                 "null, or give a longer grid.length_m."
             )
-        return tuple(found)
+        return tuple(messages)
 
     @property
     def touching(self) -> Bool[Array, " n"]:
@@ -150,9 +150,9 @@ def cell_compliance(line: Line, skin: Skin) -> Inexact[Array, " k"]:
     at k = 0: the mean displacement is free.
     """
     k = line.k
-    there = k > 0
-    safe = jnp.where(there, k, 1.0)
-    compliance = jnp.where(there, skin.compliance(safe) / sinc(safe * line.cell_m / 2), 0.0)
+    nonzero = k > 0
+    safe = jnp.where(nonzero, k, 1.0)
+    compliance = jnp.where(nonzero, skin.compliance(safe) / sinc(safe * line.cell_m / 2), 0.0)
     if jnp.iscomplexobj(compliance) and line.n % 2 == 0:
         # The last wavenumber stands for +k and -k at once: only its real part can act.
         compliance = compliance.at[-1].set(compliance[-1].real)

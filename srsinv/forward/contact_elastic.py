@@ -55,8 +55,8 @@ def gap_and_error(height, nominal, moved, deviation):
     # So that p gap is small beside the load times the height too, as far as rounding lets it be
     # under a high peak.
     weight = jnp.where(touching, 1.0 + deviation / nominal, 0.0)
-    share = rounding(gap.dtype) / least_error(gap.dtype)
-    work = jnp.max(weight * off) / jnp.maximum(span, share * jnp.max(weight) * reach)
+    rounding_ratio = rounding(gap.dtype) / least_error(gap.dtype)
+    work = jnp.max(weight * off) / jnp.maximum(span, rounding_ratio * jnp.max(weight) * reach)
     # A flat profile has no size to compare with, and no error.
     return gap, jax.lax.stop_gradient(jnp.where(span > 0, jnp.maximum(wrong, work), 0.0))
 
@@ -207,9 +207,9 @@ def derivative(primals, tangents, deviation, solve_on):
     touching = touches(nominal, deviation)
     # In the pressure's own precision: the mean of truths is single in either.
     inside = touching.astype(deviation.dtype)
-    share = inside / jnp.maximum(jnp.mean(inside), 1 / touching.size)
+    uniform = inside / jnp.maximum(jnp.mean(inside), 1 / touching.size)
     # The load changes evenly over the contact, and what balances has no net force.
-    even = d_nominal * (share - 1)
+    even = d_nominal * (uniform - 1)
     wanted = d_height - times(d_compliance, deviation) - times(compliance, even)
     return even + solve_on(touching, compliance, wanted)
 
@@ -242,25 +242,25 @@ def on_contact(touching, compliance):
     return project, response, lambda values: _balanced(on(values), evenly)
 
 
-def gradients(response, precondition, right, share=None):
+def gradients(response, precondition, right, tolerance=None):
     """Preconditioned conjugate gradients, in the range of the preconditioner, until the error is
-    `share` of the first, by default a few round-offs."""
-    share = 8 * jnp.finfo(right.dtype).eps if share is None else share
+    `tolerance` of the first, by default a few round-offs."""
+    tolerance = 8 * jnp.finfo(right.dtype).eps if tolerance is None else tolerance
 
     def going(at):
         return (at[3] > target) & (at[4] < DERIVATIVE_STEPS)
 
     def step(at):
-        found, rest, direction, norm, steps = at
+        solution, rest, direction, norm, steps = at
         pushed = response(direction)
         length = norm / (direction @ pushed)
-        found, rest = found + length * direction, rest - length * pushed
+        solution, rest = solution + length * direction, rest - length * pushed
         z = precondition(rest)
         new = rest @ z
-        return found, rest, z + new / norm * direction, new, steps + 1
+        return solution, rest, z + new / norm * direction, new, steps + 1
 
     z = precondition(right)
     first = right @ z
-    target = share**2 * first
+    target = tolerance**2 * first
     start = (jnp.zeros_like(right), right, z, first, 0)
     return jax.lax.while_loop(going, step, start)[0]

@@ -72,7 +72,7 @@ def _rounds(height, nominal, compliance):
     size, turned = jnp.abs(compliance), _turned(compliance)
     # Half of what is asked for, so that rounding elsewhere does not say otherwise.
     goal = least_error(height.dtype) / 2
-    share = _share(turned)
+    error_fraction = _share(turned)
 
     def going(at: _State):
         return (at.residual > goal) & (at.rounds < MOST_ROUNDS) & (nominal > 0)
@@ -85,13 +85,13 @@ def _rounds(height, nominal, compliance):
         # The elastic contact's own error is over its own displacement.
         reach, wide = jnp.ptp(moved), jnp.ptp(elastic)
         per_elastic = reach / jnp.where(wide > 0, wide, 1.0)
-        enough = share * per_elastic * jnp.maximum(residual, goal)
+        enough = error_fraction * per_elastic * jnp.maximum(residual, goal)
         # h + 2 |C| p - t without the height: what a slight contact adds to it is far smaller.
         lag = times(turned, 2 * elastic - at.lag)
         return _State(lag, deviation, residual, enough, at.steps + steps, at.rounds + 1)
 
     zero, none = jnp.zeros((), height.dtype), jnp.zeros_like(height)
-    first = _State(none, none, jnp.full_like(zero, jnp.inf), share, zero, zero)
+    first = _State(none, none, jnp.full_like(zero, jnp.inf), error_fraction, zero, zero)
     end = jax.lax.while_loop(going, step, first)
     return end.deviation, end.steps
 
@@ -122,7 +122,7 @@ def _solve(lagging, right, elastic, compliance):
     """The pressure (n,) on the contact set with `lagging`(pressure) = `right`, in rounds too."""
     project, response, precondition = elastic
     size, turned = jnp.abs(compliance), _turned(compliance)
-    share, eps = _share(turned), jnp.finfo(right.dtype).eps
+    error_fraction, eps = _share(turned), jnp.finfo(right.dtype).eps
 
     def norm(values):
         return values @ precondition(values)
@@ -131,11 +131,11 @@ def _solve(lagging, right, elastic, compliance):
         return (at[2] > enough) & (at[3] < MOST_ROUNDS)
 
     def step(at):
-        target, found, _, rounds = at
-        missing = project(target) - response(found)
-        found = found + gradients(response, precondition, missing, share)
-        target = right + times(turned, right + 2 * times(size, found) - target)
-        return target, found, norm(right - lagging(found)), rounds + 1
+        target, solution, _, rounds = at
+        missing = project(target) - response(solution)
+        solution = solution + gradients(response, precondition, missing, error_fraction)
+        target = right + times(turned, right + 2 * times(size, solution) - target)
+        return target, solution, norm(right - lagging(solution)), rounds + 1
 
     first = norm(right)
     # The rounding of n random displacements, in the norm of the pressures that make them.

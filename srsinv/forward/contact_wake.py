@@ -85,10 +85,10 @@ def _press_among(line: Line, skin: Skin, height_m, nominal_pressure_Pa, windows:
     # Deeper than the load displaces the skin, whatever it lies on.
     free = jnp.min(height_m) - nominal_pressure_Pa * line.n * jnp.ptp(kernel)
     height = jnp.concatenate([height_m, jnp.full(longer.n - line.n, free)])
-    found = press(longer, skin, height, nominal_pressure_Pa / windows)
-    pressure, gap = found.pressure_Pa[: line.n], found.gap_m[: line.n]
-    wake = wake_friction(longer, skin, found.pressure_Pa) if is_lagging(skin) else None
-    return replace(found, pressure_Pa=pressure, gap_m=gap, wake=wake)
+    contact = press(longer, skin, height, nominal_pressure_Pa / windows)
+    pressure, gap = contact.pressure_Pa[: line.n], contact.gap_m[: line.n]
+    wake = wake_friction(longer, skin, contact.pressure_Pa) if is_lagging(skin) else None
+    return replace(contact, pressure_Pa=pressure, gap_m=gap, wake=wake)
 
 
 @eqx.filter_jit

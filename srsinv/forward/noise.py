@@ -119,10 +119,10 @@ def exponential_spectrum(k, cell_m, correlation_m) -> Float[Array, " k"]:
     a = exp(-cell/correlation), written so that a near 1 loses no digits.
     """
     ratio = cell_m / correlation_m
-    kept, one_less = jnp.exp(-ratio), -jnp.expm1(-ratio)
-    swing = 4 * kept * jnp.sin(k * cell_m / 2) ** 2
+    correlation, one_less = jnp.exp(-ratio), -jnp.expm1(-ratio)
+    swing = 4 * correlation * jnp.sin(k * cell_m / 2) ** 2
     # Over 1 - a above and below: its fourth power, in the derivative, is beyond single precision.
-    return (1 + kept) / (one_less + swing / one_less)
+    return (1 + correlation) / (one_less + swing / one_less)
 
 
 def total_spectrum(

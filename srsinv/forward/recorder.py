@@ -52,11 +52,11 @@ class Recorder(eqx.Module):
 
     def kept(self, signal: Float[Array, "e n"]) -> Bool[Array, "e n"]:
         """Which samples still tell the signal once they are converted."""
-        told = jnp.ones(signal.shape, bool)
+        valid = jnp.ones(signal.shape, bool)
         for converter in self.converters:
-            told = told & converter.kept(signal)
+            valid = valid & converter.kept(signal)
             signal = converter.converted(signal)
-        return told
+        return valid
 
     def converted(self, signal: Float[Array, "e n"]) -> Float[Array, "e n"]:
         """The samples as they are kept."""

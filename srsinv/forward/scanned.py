@@ -83,11 +83,11 @@ class Scanned(eqx.Module):
         self,
         forward: Float[Array, "c n"],
         backward: Float[Array, "c n"] | None = None,
-        beyond: Float[Array, "e sample"] | None = None,
+        continuation: Float[Array, "e sample"] | None = None,
     ) -> Float[Array, "e sample"]:
         """The signal under `forward`, the traction [Pa] while sliding towards +x, and `backward`,
-        the one while sliding towards -x; with `beyond`, what the amplifier reads of traction off
-        the line.
+        the one while sliding towards -x; with `continuation`, what the amplifier reads of traction
+        off the line.
 
         Without `backward` the traction is the same all along: without friction, or where the
         motion does not reverse. Only one convolution is then in the program.
@@ -97,7 +97,7 @@ class Scanned(eqx.Module):
             turned = self.sampling(self.field(backward))
             signal = jnp.where(self.direction[None] < 0, turned, signal)
         signal = self.gain[None] * signal
-        signal = signal if beyond is None else signal + beyond
+        signal = signal if continuation is None else signal + continuation
         return filtered(self.filters, signal, self.interval_s)
 
     def adjoint(self, y: Float[Array, "e sample"]) -> Float[Array, "c n"]:
@@ -137,10 +137,10 @@ def _refuse_beyond(line: Line, at: Float[Array, " sample"]) -> None:
         return
     cells = np.asarray(at)
     before, after = -cells.min(), cells.max() - (line.n - 1)
-    beyond = max(before, after)
+    excess = max(before, after)
     end = line.start_m if before > after else line.x[-1]
     refuse(
-        bool(beyond > AT_THE_END),
-        f"The motion goes {beyond * float(line.cell_m):.4g} m beyond the end of the line at "
+        bool(excess > AT_THE_END),
+        f"The motion goes {excess * float(line.cell_m):.4g} m beyond the end of the line at "
         f"{float(end):.6g} m: make the line longer by that much, or cut the motion there.",
     )

@@ -66,7 +66,9 @@ def deviation(
     """
     if isinstance(scene, SurfaceScene):
         p = scene.pressure(line) if p is None else jnp.asarray(p)
-        scene = eqx.tree_at(lambda pressed: pressed.skin, scene, None)  # it has done its part
+        scene = eqx.tree_at(
+            lambda surface_scene: surface_scene.skin, scene, None
+        )  # it has done its part
     return _deviation(scene, line, direction, periodic, p)
 
 

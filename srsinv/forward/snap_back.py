@@ -82,8 +82,8 @@ class SnapBack(Drawn):
     @classmethod
     def felt_by(cls, sensor: Sensor, rate_hz, shear_Pa, patch_m, decay_s, contact_m) -> "SnapBack":
         """The noise in what this sensor records."""
-        felt = sensor.charge(), sensor.amplifier, sensor.filters
-        return cls(*felt, rate_hz, shear_Pa, patch_m, decay_s, contact_m)
+        readout = sensor.charge(), sensor.amplifier, sensor.filters
+        return cls(*readout, rate_hz, shear_Pa, patch_m, decay_s, contact_m)
 
     def spectrum(
         self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
@@ -189,8 +189,8 @@ class SnapBack(Drawn):
         half = line.k * line.cell_m / 2
         difference = 2j * jnp.sin(half) * jnp.exp(-1j * half)
         # 1 - exp(-ratio - ik cell), without cancelling where the decay is slow.
-        kept = -jnp.expm1(-ratio) + jnp.exp(-ratio) * difference
-        return (difference if self._is_rate else 1.0) / kept
+        denominator = -jnp.expm1(-ratio) + jnp.exp(-ratio) * difference
+        return (difference if self._is_rate else 1.0) / denominator
 
 
 def _refuse_wide(contact_m, depths_m) -> None:

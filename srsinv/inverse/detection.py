@@ -28,8 +28,8 @@ def needed_wave(false_alarm: float, detection: float) -> float:
     are estimated, and their squares are chi-square of two degrees of freedom."""
     _check(false_alarm, detection)
     threshold = chi2.isf(false_alarm, 2)
-    found: Any = brentq(lambda d: ncx2.sf(threshold, 2, d**2) - detection, 1e-6, STRONGEST)
-    return float(found)
+    root: Any = brentq(lambda d: ncx2.sf(threshold, 2, d**2) - detection, 1e-6, STRONGEST)
+    return float(root)
 
 
 def _check(false_alarm: float, detection: float) -> None:

@@ -23,12 +23,13 @@ FEW_MISSING = 0.05  # of the samples
 MUCH_SLIDING = 0.1  # of the signal's rms: sliding makes less
 
 
-def prior_alone(name: str, told: float, cells: int) -> Sequence[str]:
-    """Of a component of which the signal tells `told` numbers."""
-    if told >= LEAST_TOLD:
+def prior_alone(name: str, resolved_dof: float, cells: int) -> Sequence[str]:
+    """Of a component of which the signal tells `resolved_dof` numbers."""
+    if resolved_dof >= LEAST_TOLD:
         return ()
     return (
-        f"The signal tells {told:.2g} of the {cells} numbers of {name}: what is shown of it is the "
+        f"The signal tells {resolved_dof:.2g} of the {cells} numbers of {name}: what is shown of "
+        "it is the "
         "prior, with the prior's band.",
     )
 
@@ -41,12 +42,12 @@ def shared_out(gain: np.ndarray, root: np.ndarray, cells: int) -> Sequence[str]:
     """
     small, of_p = _singular(gain.astype(complex))
     held = of_p * root[0].astype(float) ** 2 + (1 - of_p) * root[1].astype(float) ** 2
-    told = cells * np.mean(small / np.maximum(small + held, np.finfo(float).tiny))
-    if told >= LEAST_TOLD:
+    resolved_dof = cells * np.mean(small / np.maximum(small + held, np.finfo(float).tiny))
+    if resolved_dof >= LEAST_TOLD:
         return ()
     return (
         "The elements feel one mix of p and q alone, and how it is shared out is the prior's: "
-        f"the signal tells {told:.2g} numbers of their difference.",
+        f"the signal tells {resolved_dof:.2g} numbers of their difference.",
     )
 
 
@@ -71,11 +72,13 @@ def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return small, np.clip(of_p, 0.0, 1.0)
 
 
-def beyond_prior(name: str, squares: float, told: float) -> Sequence[str]:
-    """Of a component whose squares in units of the prior are to be `told`."""
-    if not (told >= LEAST_TOLD and is_excess(squares / told, told, OVER_PRIOR)):
+def beyond_prior(name: str, squares: float, resolved_dof: float) -> Sequence[str]:
+    """Of a component whose squares in units of the prior are to be `resolved_dof`."""
+    if not (
+        resolved_dof >= LEAST_TOLD and is_excess(squares / resolved_dof, resolved_dof, OVER_PRIOR)
+    ):
         return ()
-    excess = float(np.sqrt(squares / told))
+    excess = float(np.sqrt(squares / resolved_dof))
     return (
         f"{name} is {excess:.2g} times as strong as its prior allows, so that its band is too "
         "narrow: take a wider prior (a larger rms or scale=evidence, a smaller weight).",
@@ -104,13 +107,14 @@ def beyond_cells(name: str, resolution: float) -> Sequence[str]:
     )
 
 
-def missing(share: float, stderr_with_all: bool) -> Sequence[str]:
-    """Of samples of which `share` is missing within the scan, and standard errors that are perhaps
-    those with every sample there."""
+def missing(fraction: float, stderr_with_all: bool) -> Sequence[str]:
+    """Of samples of which `fraction` is missing within the scan, and standard errors that are
+    perhaps those with every sample there."""
     words = []
-    if share > FEW_MISSING:
+    if fraction > FEW_MISSING:
         words.append(
-            f"{100 * share:.3g} % of the samples are missing: if their size took them out (rails), "
+            f"{100 * fraction:.3g} % of the samples are missing: if their size took them out "
+            "(rails), "
             "what was strongest is not in the answer."
         )
     if stderr_with_all:
@@ -182,12 +186,13 @@ def undetected(name: str) -> str:
     )
 
 
-def sliding_noise(share: float) -> Sequence[str]:
-    """Of noise estimated from what a fit leaves, whose correlated part is `share` of the signal."""
-    if not share > MUCH_SLIDING:
+def sliding_noise(fraction: float) -> Sequence[str]:
+    """Of noise estimated from a fit's residual, its correlated part `fraction` of the signal."""
+    if not fraction > MUCH_SLIDING:
         return ()
     return (
-        f"The noise, estimated from what the fit leaves, has a correlated part of {share:.0%} of "
+        f"The noise, estimated from what the fit leaves, has a correlated part of {fraction:.0%} "
+        "of "
         "the signal: more than sliding makes, so that the feature is hardly of this kind or stands "
         "beside others. A groove is looked for where its negative height is allowed "
         "(feature.ridge.height_range_m).",

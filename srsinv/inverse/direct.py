@@ -28,25 +28,25 @@ def whiten(problem: Problem) -> Whitened:
     n, unknowns = problem.line.n, problem.unknowns
     basis = jnp.eye(unknowns * n).reshape(-1, unknowns, n)
     columns = jnp.moveaxis(jax.vmap(problem.forward)(basis), 0, -1)  # (element, sample, unknown)
-    there = jnp.ones(problem.data.shape, bool) if problem.observed is None else problem.observed
+    observed = jnp.ones(problem.data.shape, bool) if problem.observed is None else problem.observed
     free_offset = ~jnp.isfinite(problem.noise[0])
     noise = problem.noise.at[0].set(jnp.where(free_offset, problem.noise[1], problem.noise[0]))
     lag = np.arange(n)[:, None] - np.arange(n)
     toeplitz = jnp.fft.irfft(noise, n)[lag]
 
-    def one(model, data, there):
-        both = there[:, None] & there[None, :]
+    def one(model, data, observed):
+        both = observed[:, None] & observed[None, :]
         root = jnp.linalg.cholesky(jnp.where(both, toeplitz, jnp.eye(n)))
         rows = jnp.concatenate([model, data[:, None], jnp.ones((n, 1))], axis=-1)
-        rows = jnp.where(there[:, None], rows, 0.0)
+        rows = jnp.where(observed[:, None], rows, 0.0)
         rows = jax.scipy.linalg.solve_triangular(root, rows, lower=True)
         one = rows[:, -1]
-        share = (one @ rows) / jnp.maximum(one @ one, jnp.finfo(one.dtype).tiny)
-        rows = rows - jnp.where(free_offset, one[:, None] * share[None, :], 0.0)
+        coefficients = (one @ rows) / jnp.maximum(one @ one, jnp.finfo(one.dtype).tiny)
+        rows = rows - jnp.where(free_offset, one[:, None] * coefficients[None, :], 0.0)
         return rows[:, :-2], rows[:, -2]
 
     # Not side by side: batched LAPACK on a CPU can wait for itself (see `nonlinear`).
-    model, data = jax.lax.map(lambda each: one(*each), (columns, problem.data, there))
+    model, data = jax.lax.map(lambda each: one(*each), (columns, problem.data, observed))
     return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
 
 
@@ -113,8 +113,8 @@ def _variance(problem: Problem, covariance: Float[Array, "m m"]) -> Float[Array,
         return variance
     hidden = ~problem.centred & ~problem.mean_is_told
     n, unknowns = problem.line.n, problem.unknowns
-    seen = jnp.ones(n, bool) if problem.observed is None else jnp.any(problem.observed, axis=0)
-    weights = jnp.kron(jnp.diag(hidden * 1.0), (seen / jnp.sum(seen))[None, :])
+    observed = jnp.ones(n, bool) if problem.observed is None else jnp.any(problem.observed, axis=0)
+    weights = jnp.kron(jnp.diag(hidden * 1.0), (observed / jnp.sum(observed))[None, :])
     shared = covariance @ weights.T
     of_mean = jnp.diagonal(weights @ shared)
     along = jnp.repeat(jnp.eye(unknowns), n, axis=0)

@@ -98,7 +98,7 @@ class DirectionFinder:
         rest = np.asarray(places[1:])
         starts = {"angle_deg": rest[:, 0], "distance_m": rest[:, 1]} if len(rest) else None
         reach = 1.2 * float(circling.circle.radius_m)
-        found = fit(
+        fitted = fit(
             self._model,
             first | dict.fromkeys(LINEAR, 0.0),
             y,
@@ -108,8 +108,8 @@ class DirectionFinder:
             linear=LINEAR,
             polished=1,
         )
-        signal = self._model(jax.tree.map(as_real, found.value))
-        return Direction(_readable(found), found, np.asarray(signal))
+        signal = self._model(jax.tree.map(as_real, fitted.value))
+        return Direction(_readable(fitted), fitted, np.asarray(signal))
 
 
 def _checked(widths: Range) -> Range:
@@ -121,15 +121,15 @@ def _checked(widths: Range) -> Range:
     return low, high
 
 
-def _readable(found: Fit) -> dict[str, tuple[float, float]]:
+def _readable(fitted: Fit) -> dict[str, tuple[float, float]]:
     """Each parameter as a user reads it: of the two ways to write the ridge the one from 0 to 180
     degrees."""
-    half_turns, angle = divmod(found.value["angle_deg"], 180.0)
+    half_turns, angle = divmod(fitted.value["angle_deg"], 180.0)
     side = -1.0 if half_turns % 2 else 1.0
-    value = found.value | {"angle_deg": angle, "distance_m": side * found.value["distance_m"]}
+    value = fitted.value | {"angle_deg": angle, "distance_m": side * fitted.value["distance_m"]}
     names = ("angle_deg", "distance_m", "load_N_per_m", "width_m")
-    read = {name: (float(value[name]), float(found.stderr[name])) for name in names}
-    mu, stderr = found.derive(Ratio(("shear_N_per_m",), ("load_N_per_m",)))
+    read = {name: (float(value[name]), float(fitted.stderr[name])) for name in names}
+    mu, stderr = fitted.derive(Ratio(("shear_N_per_m",), ("load_N_per_m",)))
     return read | {"friction": (float(mu), float(stderr))}
 
 
@@ -154,10 +154,12 @@ class _Bank:
     def search(self, y: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, "start 2"]:
         """Angles [deg] and distances [m] to start from, the best first: those under which the best
         amplitudes explain most."""
-        kept = y.shape[1] // self._size * self._size
-        means = np.nan_to_num(y)[:, :kept].reshape(len(y), -1, self._size).mean(axis=-1)
-        told = self._signals @ means.ravel()
-        explained = np.sum(told * np.linalg.solve(self._gram, told[..., None])[..., 0], axis=-1)
+        used = y.shape[1] // self._size * self._size
+        means = np.nan_to_num(y)[:, :used].reshape(len(y), -1, self._size).mean(axis=-1)
+        projections = self._signals @ means.ravel()
+        explained = np.sum(
+            projections * np.linalg.solve(self._gram, projections[..., None])[..., 0], axis=-1
+        )
         chosen = self._tried[apart(list(self._tried.T), explained)]
         return np.stack([np.rad2deg(chosen[:, 0]), chosen[:, 1]], axis=1)
 

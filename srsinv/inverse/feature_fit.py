@@ -49,7 +49,7 @@ class FeatureFitter:
         from the others too.
         """
         fits = [self(features, y, noise, starts=1) for features in candidates]
-        if any(found.explains for found in fits):
+        if any(fitted.explains for fitted in fits):
             return fits
         return [self(features, y, noise) for features in candidates]
 
@@ -63,18 +63,18 @@ class FeatureFitter:
         """As [`fit_features`][], from so many of the best starts of each feature."""
         y = np.asarray(y, float)
         parts: dict[str, Feature] = {}
-        found, priors = self._offset(y)
+        params, priors = self._offset(y)
         result, model = None, FeatureModel(self._felt, parts)
-        if found and not features:
-            result = fit(model, found, y, noise=noise, linear=model.linear, priors=priors)
+        if params and not features:
+            result = fit(model, params, y, noise=noise, linear=model.linear, priors=priors)
         for name, feature in features.items():
-            shapes, more = self._starts(y, parts, found, name, feature)
+            shapes, more = self._starts(y, parts, params, name, feature)
             parts, priors = parts | {name: feature}, priors | more
             model = FeatureModel(self._felt, parts)
             settings = self._settings(parts, model, noise, priors)
-            first = [found | {name: shape} for shape in shapes[:starts]]
+            first = [params | {name: shape} for shape in shapes[:starts]]
             result = _best(model, first, y, settings)
-            found = dict(result.value)
+            params = dict(result.value)
         if result is None:
             return FeatureFit.of_nothing(model, y, noise)
         evidence = self._evidence(parts, result)
@@ -87,8 +87,13 @@ class FeatureFitter:
         """
         if result.log_evidence is None:
             return -np.inf
-        shares = (self._coarse.share(f, result.value[name]) for name, f in features.items())
-        return float(result.log_evidence + sum(np.log(share).sum() for share in shares))
+        relative_signals = (
+            self._coarse.share(f, result.value[name]) for name, f in features.items()
+        )
+        return float(
+            result.log_evidence
+            + sum(np.log(relative_signal).sum() for relative_signal in relative_signals)
+        )
 
     def many(
         self, name: str, feature: Feature, ys: Float[np.ndarray, "draw e sample"], noise: Any
@@ -97,11 +102,11 @@ class FeatureFitter:
 
         All start from where the search finds it in the first signal.
         """
-        found, priors = self._offset(ys[0])
+        params, priors = self._offset(ys[0])
         shapes, more = self._starts(ys[0], {}, {}, name, feature)
         model = FeatureModel(self._felt, {name: feature})
         settings = self._settings({name: feature}, model, noise, priors | more)
-        return model, fit_many(model, found | {name: shapes[0]}, ys, **settings)
+        return model, fit_many(model, params | {name: shapes[0]}, ys, **settings)
 
     def _offset(self, y: np.ndarray) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
         """First value and prior of each element's constant, where it is not known."""
@@ -109,9 +114,9 @@ class FeatureFitter:
             return {}, {}
         return {"offset": np.zeros(len(y))}, {"offset": (0.0, _reach(y))}
 
-    def _starts(self, y, parts: Features, found, name: str, feature: Feature):
+    def _starts(self, y, parts: Features, params, name: str, feature: Feature):
         """Parameters of one more feature to start from, and the priors of its amplitudes."""
-        shapes, strongest = self._coarse.search(y, parts, found, feature)
+        shapes, strongest = self._coarse.search(y, parts, params, feature)
         priors = {
             f"{name}.{part}": (0.0, _reach(y) / top if top > 0 else 1.0)
             for part, top in zip(feature.linear, strongest, strict=True)
@@ -181,11 +186,11 @@ def readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]
     could share; of what stands on a bound, and what goes with it.
     """
     read: dict[str, tuple[float, float]] = {}
-    missed, beyond = untold(model.features, result), beyond_bounds(result)
+    missed, bound_limited = untold(model.features, result), beyond_bounds(result)
     for name, feature in model.features.items():
         prefix = f"{name}_" if len(model.features) > 1 else ""
         own, spread = result.value[name], dict(result.stderr[name])
-        unsure = {part for part in own if f"{name}.{part}" in beyond}
+        unsure = {part for part in own if f"{name}.{part}" in bound_limited}
         if name in missed:
             unsure |= {*feature.axes, "friction"}
             spread[feature.amplitude] = result.prior_stderr[f"{name}.{feature.amplitude}"]

@@ -61,8 +61,8 @@ class FeatureModel(eqx.Module):
     felt: Felt
     features: dict[str, Feature]
 
-    def __init__(self, felt: Felt, features: Features):
-        self.felt = felt
+    def __init__(self, sampled: Felt, features: Features):
+        self.felt = sampled
         self.features = {name: feature.anywhere for name, feature in features.items()}
 
     @property
@@ -90,14 +90,14 @@ class FeatureModel(eqx.Module):
 
     @eqx.filter_jit
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
-        felt, forward = self.felt, self.traction(params)
+        sampled, forward = self.felt, self.traction(params)
         turn, backward = jnp.array([[1.0], [-1.0]]), None
-        if felt.reverses:
+        if sampled.reverses:
             backward = turn * forward
         else:
-            forward = jnp.where(felt.direction[0] < 0, turn, 1.0) * forward
-        signal = felt.scanned(forward, backward, self._beyond(params))
-        return signal + params["offset"][:, None] if felt.free_offset else signal
+            forward = jnp.where(sampled.direction[0] < 0, turn, 1.0) * forward
+        signal = sampled.scanned(forward, backward, self._beyond(params))
+        return signal + params["offset"][:, None] if sampled.free_offset else signal
 
     def _beyond(self, params: Any) -> Float[Array, "e sample"] | None:
         """Of what continues beyond the line's end."""
@@ -130,8 +130,8 @@ def line_under(sensor: Sensor, motion: Motion, cells_per_depth: int) -> Open:
 def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
     """One over the scan and half its margins, falling to zero at the line's ends as a cosine."""
     x, low, high = line.x, jnp.min(motion.position_m), jnp.max(motion.position_m)
-    beyond = jnp.maximum(low - x, x - high) / jnp.maximum(low - line.x[0], line.cell_m)
-    return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * beyond - 1, 0.0, 1.0)))
+    outside = jnp.maximum(low - x, x - high) / jnp.maximum(low - line.x[0], line.cell_m)
+    return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * outside - 1, 0.0, 1.0)))
 
 
 def stretch_of(sensor: Sensor, motion: Motion) -> Stretch:

@@ -82,8 +82,8 @@ class FeatureFit:
     def of_nothing(cls, model: FeatureModel | SurfaceModel, y, noise: Any) -> "FeatureFit":
         """The candidate that the data (element, sample) are noise alone."""
         data = np.asarray(y, float)
-        white, seen = whitener(noise, data.shape)
-        rest = np.asarray(white(as_real(np.where(seen, data, 0.0))))
+        white, observed = whitener(noise, data.shape)
+        rest = np.asarray(white(as_real(np.where(observed, data, 0.0))))
         count = white.count(data.shape)
         volume = white.log_volume(data.shape) + count / 2 * np.log(2 * np.pi)
         chi2 = float(rest @ rest) / count if count else None
@@ -124,14 +124,14 @@ def explains(end: Fit) -> bool:
     return bool(end.converged and end.explains)
 
 
-def traction_band(found: FeatureFit) -> tuple[np.ndarray, np.ndarray]:
+def traction_band(fitted: FeatureFit) -> tuple[np.ndarray, np.ndarray]:
     """p and q (2, n) [Pa] on the model's line while sliding towards +x, and their standard error
     to first order, infinite where the fit failed."""
-    n = found.model.line.n
-    if found.fit is None:
+    n = fitted.model.line.n
+    if fitted.fit is None:
         return np.zeros((2, n)), np.zeros((2, n))
-    value, stderr = found.fit.derive(lambda params: jnp.ravel(found.model.traction(params)))
-    if found.quality is Quality.FAILED:
+    value, stderr = fitted.fit.derive(lambda params: jnp.ravel(fitted.model.traction(params)))
+    if fitted.quality is Quality.FAILED:
         stderr = np.full_like(stderr, np.inf)
     return value.reshape(2, n), stderr.reshape(2, n)
 

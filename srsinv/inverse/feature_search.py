@@ -34,8 +34,8 @@ class Blocks:
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """The means along the last axis."""
-        kept = values.shape[-1] // self.size * self.size
-        return values[..., :kept].reshape(*values.shape[:-1], -1, self.size).mean(axis=-1)
+        used = values.shape[-1] // self.size * self.size
+        return values[..., :used].reshape(*values.shape[:-1], -1, self.size).mean(axis=-1)
 
 
 def apart(tried: Sequence[np.ndarray], explained: np.ndarray) -> list[int]:
@@ -73,7 +73,7 @@ class Coarse:
         self._banks: dict[Feature, _Bank] = {}
 
     def search(
-        self, y: np.ndarray, parts: Features, found, feature: Feature
+        self, y: np.ndarray, parts: Features, params, feature: Feature
     ) -> tuple[list[dict[str, float]], list[float]]:
         """The shapes of one more feature to start from, the best first, and the strongest signal of
         each of its unit amplitudes over all shapes tried.
@@ -83,10 +83,12 @@ class Coarse:
         """
         rest = self._blocks.means(np.nan_to_num(y))
         if parts:
-            rest = rest - np.asarray(FeatureModel(self.felt, parts)(found))
+            rest = rest - np.asarray(FeatureModel(self.felt, parts)(params))
         bank = self._known(feature)
-        told = bank.signals @ self._centred(rest).ravel()
-        explained = np.sum(told * np.linalg.solve(bank.gram, told[..., None])[..., 0], axis=-1)
+        projections = bank.signals @ self._centred(rest).ravel()
+        explained = np.sum(
+            projections * np.linalg.solve(bank.gram, projections[..., None])[..., 0], axis=-1
+        )
         chosen = apart(list(bank.tried.values()), explained)
         shapes = [{n: float(v[at]) for n, v in bank.tried.items()} for at in chosen]
         return shapes, bank.strongest
@@ -94,9 +96,9 @@ class Coarse:
     def share(self, feature: Feature, own: Mapping[str, Any]) -> Float[np.ndarray, " a"]:
         """How strong the signal of each unit amplitude is, beside that of the shape felt most."""
         signals = self._responses(feature, {part: [own[part]] for part in feature.axes})
-        felt = np.abs(signals).max(axis=(0, 2, 3))
+        peak = np.abs(signals).max(axis=(0, 2, 3))
         top = np.asarray(self._known(feature).strongest)
-        return np.maximum(felt / np.where(top > 0, top, 1.0), LEAST_SHARE)
+        return np.maximum(peak / np.where(top > 0, top, 1.0), LEAST_SHARE)
 
     def _known(self, feature: Feature) -> _Bank:
         if feature not in self._banks:

@@ -67,18 +67,22 @@ def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
     impulses = jnp.eye(unknowns)[:, :, None] * (jnp.arange(n) == n // 2)
     signals = jnp.concatenate([problem.data[None], jax.vmap(problem.forward)(impulses)])
     right = jax.vmap(normal.right_side)(signals)
-    found, steps, fine = jax.vmap(lambda b: _conjugate_gradients(normal, b, tolerance))(right)
-    value, averaging = found[0], found[1:].swapaxes(0, 1)
+    solutions, steps, fine = jax.vmap(lambda b: _conjugate_gradients(normal, b, tolerance))(right)
+    value, averaging = solutions[0], solutions[1:].swapaxes(0, 1)
     # As of the nearest periodic problem, over the cells that have samples.
-    told = spectral.told_of(spectral.resolution_of(problem, factor), n)
+    resolved_dof = spectral.told_of(spectral.resolution_of(problem, factor), n)
     if problem.observed is not None:
-        told = told * jnp.mean(jnp.any(problem.observed, axis=0))
+        resolved_dof = resolved_dof * jnp.mean(jnp.any(problem.observed, axis=0))
     covariance = jnp.einsum("ijk,ljk->ilk", factor.inverse, factor.inverse.conj())
     if not problem.forward.is_circular:  # of the deviation from the mean, as on the direct path
         factor = factor._replace(inverse=factor.inverse.at[..., 0].set(0.0))
     stderr = spectral.stationary_stderr(factor, n)
     size = _condition(problem, prior)
-    return Solution(value, stderr, covariance, averaging, told, size), steps[0], jnp.all(fine)
+    return (
+        Solution(value, stderr, covariance, averaging, resolved_dof, size),
+        steps[0],
+        jnp.all(fine),
+    )
 
 
 def _condition(problem: Problem, prior: Prior) -> Float[Array, ""]:
@@ -87,9 +91,9 @@ def _condition(problem: Problem, prior: Prior) -> Float[Array, ""]:
     Where samples are missing, or an open line ends, some traction is held by the prior alone. How
     firmly is taken from the mean over its wavenumbers.
     """
-    told = jnp.max(problem.information)
+    information = jnp.max(problem.information)
     held = jnp.mean(prior.root(problem.line) ** 2, axis=-1)
-    return (told + jnp.max(held)) / jnp.maximum(jnp.min(held), jnp.finfo(held.dtype).tiny)
+    return (information + jnp.max(held)) / jnp.maximum(jnp.min(held), jnp.finfo(held.dtype).tiny)
 
 
 def _conjugate_gradients(normal: NormalEquations, right: Array, tolerance):

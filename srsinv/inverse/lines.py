@@ -163,16 +163,16 @@ def fit_pitch(
     """
     y = without(known, signal)
     start, noise = _locate(x_m, y, known, range_m, harmonics)
-    found = fit(
+    estimate = fit(
         _Pattern(as_real(x_m), as_real(y), as_real(known), harmonics),
         {"pitch_m": start},
         y,
         noise=np.broadcast_to(noise[:, None], y.shape),
         bounds={"pitch_m": range_m},
     )
-    fitted = _judged(x_m, y, known, float(found.value["pitch_m"]), harmonics, noise)
-    result = "at an end of the range: widen it" if found.at_bound else found.result
-    return fitted._replace(stderr_white_m=float(found.stderr["pitch_m"]), result=result)
+    fitted = _judged(x_m, y, known, float(estimate.value["pitch_m"]), harmonics, noise)
+    result = "at an end of the range: widen it" if estimate.at_bound else estimate.result
+    return fitted._replace(stderr_white_m=float(estimate.stderr["pitch_m"]), result=result)
 
 
 class _Pattern(eqx.Module):
@@ -230,33 +230,33 @@ def find_lines(
     """
     base = [drift(x_m, 2 * longest_m), waves(x_m, *pitch)]
     taken = [h / pitch[0] for h in range(1, pitch[1] + 1)]
-    found: dict[float, float] = {}
+    detected: dict[float, float] = {}
 
     def known(others) -> Float[np.ndarray, "n d"]:
         return np.linalg.qr(np.hstack([*base, *(waves(x_m, other, 1) for other in others)]))[0]
 
     while True:
-        rest = without(known(found), signal)
+        rest = without(known(detected), signal)
         scale = np.maximum(rest.std(axis=1), _TINY)
         left = spectrum(x_m, rest / scale[:, None], longest_m)
         distance = np.abs(left.per_m[:, None] - np.array(taken)[None]).min(axis=1)
         excess = np.where(distance < LOBE / _length(x_m), 0.0, left.power / left.floor)
         top = int(np.argmax(excess))
         chance = float(left.false_alarm(left.power)[top])
-        if excess[top] == 0.0 or chance > false_alarm or len(found) == MOST_LINES:
+        if excess[top] == 0.0 or chance > false_alarm or len(detected) == MOST_LINES:
             break
         near = _resolved(x_m, 1 / left.per_m[top])
-        wavelength, _ = _locate(x_m, rest, known(found), near, 1)
-        found[wavelength] = chance
+        wavelength, _ = _locate(x_m, rest, known(detected), near, 1)
+        detected[wavelength] = chance
         taken.append(1 / wavelength)
 
     total = without(base[0], signal)
     lines = []
-    for wavelength, chance in found.items():
-        others = known(other for other in found if other != wavelength)
+    for wavelength, chance in detected.items():
+        others = known(other for other in detected if other != wavelength)
         alone = scan_pitch(x_m, signal, others, _resolved(x_m, wavelength), 1)
-        share = np.mean(np.sum(alone.pattern**2, axis=1) / np.sum(total**2, axis=1))
-        lines.append(Line(alone.pitch_m, alone.stderr_m, float(share), chance))
+        explained_fraction = np.mean(np.sum(alone.pattern**2, axis=1) / np.sum(total**2, axis=1))
+        lines.append(Line(alone.pitch_m, alone.stderr_m, float(explained_fraction), chance))
     lines.sort(key=lambda line: -line.share)
     before = spectrum(x_m, total / scale[:, None], longest_m).power
     return Lines(tuple(lines), left, before)
@@ -273,12 +273,12 @@ def spectrum(
     step = x_m[1] - x_m[0]
     bins = OVERSAMPLING * x_m.size
     per_m = np.fft.rfftfreq(bins, step)
-    kept = (per_m >= 1 / longest_m) & (per_m < 0.5 / step)
-    amplitude = np.fft.rfft(y * np.hanning(x_m.size), bins)[:, kept]
+    in_band = (per_m >= 1 / longest_m) & (per_m < 0.5 / step)
+    amplitude = np.fft.rfft(y * np.hanning(x_m.size), bins)[:, in_band]
     power = np.maximum(np.sum(np.abs(amplitude) ** 2, axis=0), _TINY)
-    floor = _floor(per_m[kept], power)
+    floor = _floor(per_m[in_band], power)
     trials = _length(x_m) * (0.5 / step - 1 / longest_m)
-    return Spectrum(per_m[kept], power, floor, *_scatter(amplitude, power, floor), trials)
+    return Spectrum(per_m[in_band], power, floor, *_scatter(amplitude, power, floor), trials)
 
 
 def _floor(per_m, power) -> Float[np.ndarray, " k"]:
@@ -298,8 +298,8 @@ def _scatter(amplitude, power, floor) -> tuple[float, float, float]:
     """
     ratio = power / floor
     weight = np.minimum(1.0, np.quantile(ratio, 0.9) / ratio) / floor
-    share = np.linalg.eigvalsh((amplitude * weight) @ amplitude.conj().T)
-    one, two, three = (np.sum(share**order) for order in (1, 2, 3))
+    eigenvalues = np.linalg.eigvalsh((amplitude * weight) @ amplitude.conj().T)
+    one, two, three = (np.sum(eigenvalues**order) for order in (1, 2, 3))
     dof = 2 * two**3 / three**2
     step = np.sqrt(two / (2 * dof))
     shift = one - step * dof

@@ -112,9 +112,9 @@ class Problem(eqx.Module):
     def free_offset(self, y: Float[Array, "e n"]) -> Float[Array, "e 1"]:
         """The mean of y over the samples that are there, where the signal's offset is not known
         and takes it up; else zero."""
-        there = jnp.ones(y.shape, bool) if self.observed is None else self.observed
-        count = jnp.maximum(jnp.sum(there, axis=-1, keepdims=True), 1)
-        mean = jnp.sum(jnp.where(there, y, 0.0), axis=-1, keepdims=True) / count
+        is_observed = jnp.ones(y.shape, bool) if self.observed is None else self.observed
+        count = jnp.maximum(jnp.sum(is_observed, axis=-1, keepdims=True), 1)
+        mean = jnp.sum(jnp.where(is_observed, y, 0.0), axis=-1, keepdims=True) / count
         return jnp.where(jnp.isfinite(self.noise[0]), 0.0, mean)
 
     @property
@@ -154,11 +154,11 @@ def _told(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, "
     gain = forward.transfer[..., 0]
     largest = jnp.max(jnp.abs(forward.transfer))
     size = jnp.linalg.norm(jnp.abs(gain), axis=0)
-    told = forward.feels_uniform & (size > FAINT * largest) & jnp.isfinite(noise[0])
-    unit = jnp.where(told, gain / jnp.where(told, size, 1.0), 0.0)
+    observable = forward.feels_uniform & (size > FAINT * largest) & jnp.isfinite(noise[0])
+    unit = jnp.where(observable, gain / jnp.where(observable, size, 1.0), 0.0)
     overlap = jnp.abs(unit.conj().T @ unit) - jnp.eye(len(known))
     alike = jnp.any((overlap > 1 - FAINT**2) & ~np.array(known)[:, None], axis=0)
-    return told & ~alike
+    return observable & ~alike
 
 
 @eqx.filter_jit
@@ -193,19 +193,19 @@ def _check(line, forward, data, noise, observed, friction, known_mean_Pa) -> Non
         f"The noise has shape {noise.shape}: give its power at the {line.n // 2 + 1} wavenumbers "
         "line.k.",
     )
-    there = np.ones(shape, bool) if observed is None else np.asarray(observed)
+    is_observed = np.ones(shape, bool) if observed is None else np.asarray(observed)
     refuse(
-        there.shape != shape,
-        f"observed has shape {there.shape}: give one truth value for each of {shape}.",
+        is_observed.shape != shape,
+        f"observed has shape {is_observed.shape}: give one truth value for each of {shape}.",
     )
     refuse(
         friction is None and elements < 2,
         "One element cannot tell p from q: give friction (q = mu p) or a second element.",
     )
-    seen = int(np.sum(np.any(there, axis=0)))
-    refuse(seen < 3, f"Only {seen} samples are there: an inversion needs at least 3.")
+    count = int(np.sum(np.any(is_observed, axis=0)))
+    refuse(count < 3, f"Only {count} samples are there: an inversion needs at least 3.")
     if not isinstance(data, Tracer):
-        bad = there & ~np.isfinite(np.asarray(data))
+        bad = is_observed & ~np.isfinite(np.asarray(data))
         refuse(
             bool(bad.any()),
             f"The data hold {int(bad.sum())} samples that are nan or infinite: mark them as not "

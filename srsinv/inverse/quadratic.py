@@ -133,9 +133,9 @@ def _estimate(
     shown = _shown(problem, prior, solution)
     if not bool(shown.finite):
         result = "the solution is not finite"
-    names, told = COMPONENTS[: problem.unknowns], np.asarray(solution.told, float)
-    stats |= {f"told_{name}": float(t) for name, t in zip(names, told, strict=True)}
-    stats |= _chi2(problem, told, float(shown.over_noise))
+    names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.told, float)
+    stats |= {f"told_{name}": float(t) for name, t in zip(names, resolved_dof, strict=True)}
+    stats |= _chi2(problem, resolved_dof, float(shown.over_noise))
     return Estimate(
         shown.value,
         shown.stderr,
@@ -150,12 +150,12 @@ def _estimate(
 
 
 def _chi2(
-    problem: Problem, told: Float[np.ndarray, " c"], squares: float
+    problem: Problem, resolved_dof: Float[np.ndarray, " c"], squares: float
 ) -> dict[str, float | None]:
     """Chi-square of the residual per degree of freedom; None where it says nothing."""
     noise = np.asarray(problem.noise)
     offsets = 0 if np.isfinite(noise[0]) else problem.data.shape[0]
-    freedom = float(problem.samples - offsets - told.sum())
+    freedom = float(problem.samples - offsets - resolved_dof.sum())
     # With samples missing, what is whitened over the gaps as zeros is so for white noise alone.
     whitened = problem.observed is None or not np.ptp(noise[1:])
     known = whitened and freedom >= 1
@@ -168,15 +168,15 @@ def _chi2(
 def _warnings(
     problem: Problem, prior: Prior, solution: Solution, shown: "_Shown", stats: dict
 ) -> tuple[str, ...]:
-    told, noise = np.asarray(solution.told, float), np.asarray(problem.noise)
+    resolved_dof, noise = np.asarray(solution.told, float), np.asarray(problem.noise)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging))
     shortest = np.abs(np.fft.rfft(averaging.astype(float)))[:, -1]
     squares = np.asarray(shown.over_prior, float)
-    columns = COMPONENTS[: problem.unknowns], told, squares, shortest
+    columns = COMPONENTS[: problem.unknowns], resolved_dof, squares, shortest
     each = list(zip(*columns, strict=True))
     largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.level))))
     shared, n = (), problem.line.n
-    if problem.unknowns > 1 and told.sum() >= diagnostics.LEAST_TOLD:
+    if problem.unknowns > 1 and resolved_dof.sum() >= diagnostics.LEAST_TOLD:
         gain, root = (np.asarray(part)[..., 1:] for part in _felt(problem, prior))
         shared = diagnostics.shared_out(gain, root, n)
     gaps = stats["path"] == "iterative" and problem.observed is not None
@@ -184,7 +184,7 @@ def _warnings(
         *shared,
         *(s for name, t, _, _ in each for s in diagnostics.prior_alone(name, t, n)),
         *(s for name, t, over, _ in each for s in diagnostics.beyond_prior(name, over, t)),
-        *(s for name, _, _, kept in each for s in diagnostics.beyond_cells(name, kept)),
+        *(s for name, _, _, resolution in each for s in diagnostics.beyond_cells(name, resolution)),
         *diagnostics.beyond_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
         *diagnostics.missing(_missing(problem), gaps),
@@ -195,9 +195,9 @@ def _missing(problem: Problem) -> float:
     """The share of samples missing between the first and the last cell that has any."""
     if problem.observed is None:
         return 0.0
-    there = np.asarray(problem.observed)
-    seen = np.flatnonzero(there.any(axis=0))
-    return float(1 - there[:, seen[0] : seen[-1] + 1].mean())
+    observed = np.asarray(problem.observed)
+    cells = np.flatnonzero(observed.any(axis=0))
+    return float(1 - observed[:, cells[0] : cells[-1] + 1].mean())
 
 
 @eqx.filter_jit
@@ -247,8 +247,8 @@ def _shown(problem: Problem, prior: Prior, solution: Solution) -> _Shown:
 def _whitened(problem: Problem, residual: Float[Array, "e n"]) -> Float[Array, "e n"]:
     """The residual in units of the noise, NaN where no sample is."""
     residual = residual - problem.free_offset(residual)
-    there = problem.observed
-    if there is not None:
-        residual = jnp.where(there, residual, 0.0)
+    observed = problem.observed
+    if observed is not None:
+        residual = jnp.where(observed, residual, 0.0)
     whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * problem.whitener, problem.line.n)
-    return whitened if there is None else jnp.where(there, whitened, jnp.nan)
+    return whitened if observed is None else jnp.where(observed, whitened, jnp.nan)

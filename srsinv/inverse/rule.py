@@ -53,8 +53,8 @@ class _Minimise(Rule):
             values = np.asarray(self.criterion(scorer(jnp.asarray(points)), samples))
             return points[np.argmin(np.where(np.isfinite(values), values, np.inf))]
 
-        shares = np.linspace(1, 0, 19)[:, None]  # from strong to weak: ties go to the smoother
-        centre = best(low + shares * (high - low))
+        fractions = np.linspace(1, 0, 19)[:, None]  # from strong to weak: ties go to the smoother
+        centre = best(low + fractions * (high - low))
         for half in (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625):
             axes = [
                 np.clip([c + half, c, c - half], a, b)

@@ -40,26 +40,26 @@ def shape_band(
 
 @eqx.filter_jit
 def _band(line: Line, skin: Skin, pressure, covariance, touching):
-    share = touching / jnp.maximum(jnp.sum(touching), 1)
+    weights = touching / jnp.maximum(jnp.sum(touching), 1)
     w = shape_under(line, skin, pressure)
     if covariance.ndim == 3:
-        own, shared = _stationary(line, skin, covariance[0, 0].real, share)
+        own, shared = _stationary(line, skin, covariance[0, 0].real, weights)
     else:
-        own, shared = _whole(line, skin, covariance[: line.n, : line.n], share)
+        own, shared = _whole(line, skin, covariance[: line.n, : line.n], weights)
     # Of w less its mean: var w - 2 cov(w, mean) + var mean.
-    variance = own - 2 * shared + share @ shared
-    return w - share @ w, jnp.sqrt(jnp.maximum(variance, 0.0))
+    variance = own - 2 * shared + weights @ shared
+    return w - weights @ w, jnp.sqrt(jnp.maximum(variance, 0.0))
 
 
-def _stationary(line: Line, skin: Skin, power: Float[Array, " k"], share):
+def _stationary(line: Line, skin: Skin, power: Float[Array, " k"], weights):
     """Variance of w and its covariance with the mean, p's errors having the spectrum `power`."""
     compliance = cell_compliance(line, skin)
     spectrum = (compliance * compliance.conj()).real * power
     own = jnp.fft.irfft(spectrum, line.n)[0]
-    return jnp.full(line.n, own), jnp.fft.irfft(spectrum * jnp.fft.rfft(share), line.n)
+    return jnp.full(line.n, own), jnp.fft.irfft(spectrum * jnp.fft.rfft(weights), line.n)
 
 
-def _whole(line: Line, skin: Skin, covariance: Float[Array, "n n"], share):
+def _whole(line: Line, skin: Skin, covariance: Float[Array, "n n"], weights):
     """The same from the covariance between all cells."""
     carried = shape_under(line, skin, shape_under(line, skin, covariance).T)
-    return jnp.diagonal(carried), carried @ share
+    return jnp.diagonal(carried), carried @ weights

@@ -34,9 +34,9 @@ class Levels:
     sliding: float
     correlation_m: float
 
-    def whitener(self, position_m, seen: Bool[np.ndarray, "e sample"]) -> Sliding:
+    def whitener(self, position_m, observed: Bool[np.ndarray, "e sample"]) -> Sliding:
         """The noise of data along the motion, where they are seen."""
-        white = np.where(seen, self.white[:, None], np.inf)
+        white = np.where(observed, self.white[:, None], np.inf)
         return Sliding(position_m, white, self.sliding, self.correlation_m)
 
     def far_from(self, other: "Levels", step_m: float) -> bool:
@@ -80,8 +80,8 @@ def estimate(
         *white, sliding, correlation = np.exp(logs)
         each = [row.products(w, sliding, correlation) for row, w in zip(rows, white, strict=True)]
         product = np.sum([products for products, _ in each], axis=0)
-        told, inner = product[1:, 0], product[1:, 1:]
-        refitted = told @ np.linalg.solve(inner, told)
+        projections, inner = product[1:, 0], product[1:, 1:]
+        refitted = projections @ np.linalg.solve(inner, projections)
         log_volume = sum(volume for _, volume in each) + np.linalg.slogdet(inner)[1]
         return 0.5 * float(product[0, 0] - refitted + log_volume)
 
@@ -111,9 +111,9 @@ class _Row:
     """One element's residual and the directions taken out of it, where it is seen on the path."""
 
     def __init__(self, position_m, residual, taken):
-        seen = np.isfinite(residual)
-        self.values = np.column_stack([residual[seen], taken[seen]])
-        self.steps = np.abs(np.diff(np.asarray(position_m, float)[seen]))
+        observed = np.isfinite(residual)
+        self.values = np.column_stack([residual[observed], taken[observed]])
+        self.steps = np.abs(np.diff(np.asarray(position_m, float)[observed]))
 
     def products(self, white: float, sliding: float, correlation: float):
         """The columns' products V^T N^-1 V, and log |N|, in the number of samples' time.

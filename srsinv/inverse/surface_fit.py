@@ -131,8 +131,8 @@ class SurfaceFitter:
         if noise is None:
             result, levels = self._settled(model, result, y, first)
         read, against = readable(model, result), _against(levels, y)
-        found = FeatureFit.of(dict(features), result, model, read, _evidence(result), against)
-        return SurfaceFit(found, levels)
+        fitted = FeatureFit.of(dict(features), result, model, read, _evidence(result), against)
+        return SurfaceFit(fitted, levels)
 
     @property
     def line(self) -> Line:
@@ -253,8 +253,8 @@ def readable(model: SurfaceModel, result: Fit) -> dict[str, tuple[float, float]]
     stands on a bound and what goes with it, and for all where the data do not tell the features
     from the bare plate."""
     read: dict[str, tuple[float, float]] = {}
-    beyond = beyond_bounds(result)
-    unsure = frozenset(result.names) if untold(model.features, result) else beyond
+    bound_limited = beyond_bounds(result)
+    unsure = frozenset(result.names) if untold(model.features, result) else bound_limited
     for name, feature in model.features.items():
         prefix = f"{name}_" if len(model.features) > 1 else ""
         own, spread = result.value[name], result.stderr[name]
@@ -270,16 +270,16 @@ def readable(model: SurfaceModel, result: Fit) -> dict[str, tuple[float, float]]
 
 
 def surface_band(
-    found: FeatureFit,
+    fitted: FeatureFit,
 ) -> tuple[Float[np.ndarray, "5 n"], Float[np.ndarray, "5 n"]]:
     """p and q [Pa], height and gap [m] and friction along the model's line, and their standard
     errors to first order, infinite where the fit failed."""
-    n = found.model.line.n
-    if found.fit is None:
+    n = fitted.model.line.n
+    if fitted.fit is None:
         return np.zeros((5, n)), np.zeros((5, n))
-    model = found.model
+    model = fitted.model
     assert isinstance(model, SurfaceModel)
-    value, stderr = found.fit.derive(lambda params: jnp.ravel(model.profiles(params)), model.steps)
-    if found.quality is Quality.FAILED:
+    value, stderr = fitted.fit.derive(lambda params: jnp.ravel(model.profiles(params)), model.steps)
+    if fitted.quality is Quality.FAILED:
         stderr = np.full_like(stderr, np.inf)
     return value.reshape(5, n), stderr.reshape(5, n)

@@ -117,8 +117,8 @@ class SurfaceModel(eqx.Module):
     rubbed: Rubbed
     features: dict[str, SurfaceFeature]
 
-    def __init__(self, rubbed: Rubbed, features: SurfaceFeatures):
-        self.rubbed, self.features = rubbed, dict(features)
+    def __init__(self, sliding: Rubbed, features: SurfaceFeatures):
+        self.rubbed, self.features = sliding, dict(features)
 
     @property
     def line(self) -> Line:
@@ -189,10 +189,10 @@ class SurfaceModel(eqx.Module):
 
     @eqx.filter_jit
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
-        rubbed = self.rubbed
-        scanned = rubbed.at_depth(params["depth_m"]) if "depth_m" in params else rubbed.scanned
-        signal = params["gain"] * scanned(*self._tractions(params, rubbed.ways))
-        return signal + params["offset"][:, None] if rubbed.free_offset else signal
+        sliding = self.rubbed
+        scanned = sliding.at_depth(params["depth_m"]) if "depth_m" in params else sliding.scanned
+        signal = params["gain"] * scanned(*self._tractions(params, sliding.ways))
+        return signal + params["offset"][:, None] if sliding.free_offset else signal
 
     @eqx.filter_jit
     def fields(self, params: Any) -> Float[Array, "part way e n"]:
@@ -208,8 +208,8 @@ class SurfaceModel(eqx.Module):
             ways = self._tractions(own, self.rubbed.ways)
             return jnp.stack([self.rubbed.scanned.field(traction) for traction in ways])
 
-        bare = of(None)
-        return jnp.stack([bare, *(of(name) - bare for name in names)])
+        frictionless = of(None)
+        return jnp.stack([frictionless, *(of(name) - frictionless for name in names)])
 
 
 def checked_pressure(given: Any) -> float:

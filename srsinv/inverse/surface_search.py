@@ -28,10 +28,10 @@ PLACE = "position_m"
 class SurfaceSearch:
     """The best shapes and places of a feature, by a coarse model."""
 
-    def __init__(self, rubbed: Rubbed, window: Window, stretch: Stretch):
-        depth = float(rubbed.sensor.depth_m)
-        self._blocks = Blocks(rubbed.motion, depth / SAMPLES_PER_DEPTH)
-        self._coarse = Rubbed(rubbed.sensor, self._blocks.motion, window, depth / CELLS_PER_DEPTH)
+    def __init__(self, sliding: Rubbed, window: Window, stretch: Stretch):
+        depth = float(sliding.sensor.depth_m)
+        self._blocks = Blocks(sliding.motion, depth / SAMPLES_PER_DEPTH)
+        self._coarse = Rubbed(sliding.sensor, self._blocks.motion, window, depth / CELLS_PER_DEPTH)
         self._stretch = stretch
 
     def signal(self, features: Mapping[str, SurfaceFeature], params: Any) -> np.ndarray:
@@ -42,15 +42,15 @@ class SurfaceSearch:
         self,
         y: Float[np.ndarray, "e sample"],
         white: Float[np.ndarray, " e"],
-        found: tuple[Mapping[str, SurfaceFeature], Any],
+        previous: tuple[Mapping[str, SurfaceFeature], Any],
         feature: SurfaceFeature,
         known: Mapping[str, float],
         start: Mapping[str, float],
     ) -> list[dict[str, float]]:
         """Parameters to start from, the best first.
 
-        - `y`, `white`: the data and their white noise; `found`: features found before, and all of
-          their parameters; `known`: `nominal_pressure_Pa` and the feature's `edge_length_m`;
+        - `y`, `white`: the data and their white noise; `previous`: features found before, and all
+          of their parameters; `known`: `nominal_pressure_Pa` and the feature's `edge_length_m`;
         - `start`: what is given by the user, of the feature's `axes`: a part of them is kept, and
           the rest looked for; all of them are one start more.
         """
@@ -64,8 +64,8 @@ class SurfaceSearch:
             )
         }
         rest = self._blocks.means(np.nan_to_num(y))
-        if found[0]:
-            rest = rest - self.signal(*found)
+        if previous[0]:
+            rest = rest - self.signal(*previous)
         places = tried.pop(PLACE)
         shapes = np.array(list(itertools.product(*tried.values()))).reshape(-1, len(tried))
         if whole:
@@ -111,11 +111,11 @@ class SurfaceSearch:
         for i, place in enumerate(places):
             at = (position - place + middle - start) / cell
             first = np.floor(at).astype(int)
-            share = (at - first)[:, None, None, None]
+            fraction = (at - first)[:, None, None, None]
             # Advanced indices come first: (sample, shape, part, e).
             low = fields[:, :, way, :, first % line.n]
             high = fields[:, :, way, :, (first + 1) % line.n]
-            signal = gain[:, None, None, None] * (low + share * (high - low))
+            signal = gain[:, None, None, None] * (low + fraction * (high - low))
             parts = signal.transpose(1, 2, 3, 0)
             if self._coarse.free_offset:
                 parts = parts - parts.mean(axis=-1, keepdims=True)
@@ -125,9 +125,9 @@ class SurfaceSearch:
             gram = basis @ basis.swapaxes(1, 2)
             size = np.trace(gram, axis1=1, axis2=2)[:, None, None]
             gram = gram + (1e-9 * size + 1e-300) * np.eye(gram.shape[-1])
-            told = (basis @ left[:, :, None])[..., 0]
-            solved = np.linalg.solve(gram, told[..., None])[..., 0]
-            misfit[:, i] = np.sum(left**2, axis=1) - np.sum(told * solved, axis=1)
+            projections = (basis @ left[:, :, None])[..., 0]
+            solved = np.linalg.solve(gram, projections[..., None])[..., 0]
+            misfit[:, i] = np.sum(left**2, axis=1) - np.sum(projections * solved, axis=1)
         return misfit / 2
 
     def _ways(self) -> np.ndarray:

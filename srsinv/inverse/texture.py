@@ -48,8 +48,8 @@ class Bands:
         each = self._gain[self._waves] * flat + self._noise[self._waves]
         freedom = 2 * self._add(each) ** 2 / self._add(each**2)
         low, high = (
-            np.maximum(freedom * total / chi2.ppf(share, freedom) - noise, 0.0) / gain
-            for share in ((1 + LEVEL) / 2, (1 - LEVEL) / 2)
+            np.maximum(freedom * total / chi2.ppf(probability, freedom) - noise, 0.0) / gain
+            for probability in ((1 + LEVEL) / 2, (1 - LEVEL) / 2)
         )
         return value, low, high
 
@@ -68,9 +68,9 @@ class Bands:
         return np.add.reduceat(values, starts, axis=-1)
 
 
-def _run_about(top: int, there: np.ndarray) -> np.ndarray:
+def _run_about(top: int, mask: np.ndarray) -> np.ndarray:
     """Which of a row of truth values hold together with the one at `top`."""
-    left, right = there[: top + 1][::-1], there[top:]
+    left, right = mask[: top + 1][::-1], mask[top:]
     return np.concatenate([np.cumprod(left)[::-1][:-1], np.cumprod(right)]) == 1
 
 

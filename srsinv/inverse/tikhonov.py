@@ -115,8 +115,8 @@ class Tikhonov(eqx.Module):
         stats |= {
             f"weight_{c}_per_Pa2": float(w) for c, w in zip("pq", prior.weights, strict=False)
         }
-        found = solve(problem, prior, self.path, self.tolerance).with_stats(stats)
-        return found.with_warnings(undetermined_weights(choice.result))
+        estimate = solve(problem, prior, self.path, self.tolerance).with_stats(stats)
+        return estimate.with_warnings(undetermined_weights(choice.result))
 
     def _choose(self, problem: Problem, given) -> Choice:
         box = self._box(problem, given)

@@ -141,8 +141,8 @@ class Wiener(eqx.Module):
             f"rms_{c}_Pa": float(np.sqrt(half_spectrum_weights(problem.line.n) @ s))
             for c, s in zip("pq", np.asarray(power), strict=False)
         }
-        found = solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
-        return found.with_warnings(undetermined_weights(result))
+        estimate = solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
+        return estimate.with_warnings(undetermined_weights(result))
 
 
 def _spectrum(name: str, given: Any) -> TractionSpectrum:
@@ -170,7 +170,7 @@ def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"
 def _log_scale(problem: Problem, power, samples: int) -> Float[Array, " c"]:
     """log10 of the factors under which each component alone would make the data's power."""
     gain = jnp.max(jnp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))
-    there = 1.0 if problem.observed is None else problem.observed
+    observed = 1.0 if problem.observed is None else problem.observed
     left = problem.data - problem.free_offset(problem.data)
-    data = jnp.sum(there * left**2) / samples
+    data = jnp.sum(observed * left**2) / samples
     return jnp.log10(data / gain / jnp.mean(power, axis=-1))

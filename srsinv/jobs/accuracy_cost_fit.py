@@ -92,9 +92,9 @@ class Task:
         """A shape far from that of every signal."""
         return {name: self.bounds[f"strip.{name}"][0] for name in SHAPE}
 
-    def distance(self, i: int, found: np.ndarray, other: np.ndarray) -> float:
+    def distance(self, i: int, point: np.ndarray, other: np.ndarray) -> float:
         """How far two points are apart, in standard errors: the rms over the parameters."""
-        return float(np.linalg.norm(self.factor[i] @ (found - other)) / 2)
+        return float(np.linalg.norm(self.factor[i] @ (point - other)) / 2)
 
     def options(self) -> dict[str, Any]:
         """What every fit of ours is told."""
@@ -177,10 +177,12 @@ def _initial(shape: Mapping[str, float]) -> dict[str, dict[str, float]]:
 # --- three sweeps ----------------------------------------------------------------------------
 
 
-def _measured(task: Task, found, sweep: str, family: str, setting: float | int, **more: Any) -> Row:
-    """A row: `found` are parameters (signal, 4) of the first signals."""
-    away = [task.distance(i, z, task.exact[i]) for i, z in enumerate(found)]
-    wrong = [task.distance(i, z, task.truth[i]) for i, z in enumerate(found)]
+def _measured(
+    task: Task, estimates, sweep: str, family: str, setting: float | int, **more: Any
+) -> Row:
+    """A row: `estimates` are parameters (signal, 4) of the first signals."""
+    away = [task.distance(i, z, task.exact[i]) for i, z in enumerate(estimates)]
+    wrong = [task.distance(i, z, task.truth[i]) for i, z in enumerate(estimates)]
     return {
         "part": PART,
         "line": sweep,
@@ -211,7 +213,7 @@ def _tolerances(task: Task, settings, repeats: int) -> Iterator[Row]:
             def ours(initial=initial, given=given):
                 return fit(task.model, initial, task.ys[0], **given)
 
-            yield row(family, tolerance, ours, lambda found: _row(found.value))
+            yield row(family, tolerance, ours, lambda answer: _row(answer.value))
         for family, analytic in SCIPY.items():
 
             def peer(tolerance=tolerance, analytic=analytic):
@@ -257,17 +259,17 @@ def _batches(task: Task, settings, repeats: int) -> Iterator[Row]:
     for count in settings["batches"]:
 
         def ours(count=count):
-            found = fit_many(task.model, middle, task.ys[:count], **task.options())
-            return [_row(one.value) for one in found]
+            fits = fit_many(task.model, middle, task.ys[:count], **task.options())
+            return [_row(one.value) for one in fits]
 
         def peer(count=count):
             tolerance = min(settings["tolerances"])
             return [_scipy(task, i, [start], tolerance, True) for i in range(count)]
 
         for family, work in (("optimistix", ours), ("scipy, analytic", peer)):
-            found, first, steady = timed(work, repeats)
+            estimates, first, steady = timed(work, repeats)
             yield _measured(
-                task, found, "batch", family, count, time_s_first=first / count,
+                task, estimates, "batch", family, count, time_s_first=first / count,
                 time_s_steady=(first if steady is None else steady) / count,
                 peer="scipy, analytic",
             )  # fmt: skip

@@ -66,8 +66,8 @@ def run(case: Case) -> Outcome:
                 lambda method=method: method(case.problem), repeats=3 if case.time_steady else 0
             )
         estimates[name] = estimates[name].with_warnings(case.warnings)
-        found = _judge(name, case, estimates[name]) | _features(case, estimates[name])
-        rows.append(found | {"time_s_first": first, "time_s_steady": steady})
+        row = _judge(name, case, estimates[name]) | _features(case, estimates[name])
+        rows.append(row | {"time_s_first": first, "time_s_steady": steady})
     dataset = _dataset(case, estimates)
     return Outcome(
         case.title,
@@ -100,9 +100,9 @@ def seen(problem: Problem) -> np.ndarray:
     return np.any(np.asarray(problem.observed), axis=0)
 
 
-def deviation(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+def deviation(values: np.ndarray, observed: np.ndarray) -> np.ndarray:
     """Values where there are samples, less their mean."""
-    values = np.asarray(values)[..., there]
+    values = np.asarray(values)[..., observed]
     return values - values.mean(axis=-1, keepdims=True)
 
 
@@ -116,10 +116,10 @@ def _judge(name: str, case: Case, estimate: Estimate) -> dict[str, Any]:
     row |= {f"{what}_{c}": None for what in ("error", "coverage") for c in COMPONENTS}
     if "traction" not in case.stages:
         return row
-    there = seen(case.problem)
-    truth = deviation(case.stages["traction"][1], there)
-    error = deviation(np.asarray(estimate.value), there) - truth
-    inside = np.abs(error) <= BAND_90 * np.asarray(estimate.stderr)[:, there]
+    observed = seen(case.problem)
+    truth = deviation(case.stages["traction"][1], observed)
+    error = deviation(np.asarray(estimate.value), observed) - truth
+    inside = np.abs(error) <= BAND_90 * np.asarray(estimate.stderr)[:, observed]
     for c, component in enumerate(COMPONENTS):
         size = np.linalg.norm(truth[c])
         row[f"error_{component}"] = float(np.linalg.norm(error[c]) / size) if size else None
@@ -158,14 +158,14 @@ def _named(case: Case, key: str) -> str:
 
 def _features(case: Case, estimate: Estimate) -> dict[str, float | None]:
     """What stands out where there are samples: each component's highest value, p's main line."""
-    there = seen(case.problem)
-    x, value = np.asarray(case.problem.line.x)[there], np.asarray(estimate.value)[:, there]
-    found: dict[str, float | None] = {"p_line_wavelength_m": strongest_line_m(x, value[0])}
+    observed = seen(case.problem)
+    x, value = np.asarray(case.problem.line.x)[observed], np.asarray(estimate.value)[:, observed]
+    row: dict[str, float | None] = {"p_line_wavelength_m": strongest_line_m(x, value[0])}
     for component, values in zip(COMPONENTS, value, strict=True):
         top = int(np.argmax(values))
-        found[f"{component}_peak_position_m"] = float(x[top])
-        found[f"{component}_peak_Pa"] = float(values[top])
-    return found
+        row[f"{component}_peak_position_m"] = float(x[top])
+        row[f"{component}_peak_Pa"] = float(values[top])
+    return row
 
 
 def strongest_line_m(x: np.ndarray, values: np.ndarray) -> float | None:
@@ -185,9 +185,9 @@ def strongest_line_m(x: np.ndarray, values: np.ndarray) -> float | None:
     return float(1 / frequency[top])
 
 
-def in_metrics(found: Any) -> dict[str, str]:
+def in_metrics(estimate: Any) -> dict[str, str]:
     """What an estimate or a fit is worth, as values of `metrics.json`."""
-    return {"quality": str(found.quality), "warnings": " ".join(found.warnings) or "none"}
+    return {"quality": str(estimate.quality), "warnings": " ".join(estimate.warnings) or "none"}
 
 
 def notes_on(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -205,7 +205,7 @@ def notes_on(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
 def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
     problem, sensor = case.problem, case.sensor
     n, unit, pressure = problem.line.n, case.signal_unit, case.traction_unit
-    there = (
+    observed = (
         np.ones(problem.data.shape, bool)
         if problem.observed is None
         else np.asarray(problem.observed)
@@ -233,8 +233,8 @@ def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
     gain[:, : len(unknown)] = np.abs(circulant)
     films = sensor.elements
     variables = {
-        "signal": (("element", "x"), np.where(there, np.asarray(problem.data), np.nan), unit),
-        "observed": (("element", "x"), there.astype(np.int8), "1"),
+        "signal": (("element", "x"), np.where(observed, np.asarray(problem.data), np.nan), unit),
+        "observed": (("element", "x"), observed.astype(np.int8), "1"),
         "estimate": (("method", "component", "x"), stacked(lambda e: e.value), pressure),
         "estimate_stderr": (("method", "component", "x"), stacked(_stderr), pressure),
         "quality": (("method",), [str(e.quality) for e in estimates.values()], "1"),
@@ -301,8 +301,8 @@ def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:
     last = falls.shape[-1] - 1 - np.argmax(falls[..., ::-1], axis=-1)
     upper = np.take_along_axis(resolution, last[..., None], -1)[..., 0]
     lower = np.take_along_axis(resolution, last[..., None] + 1, -1)[..., 0]
-    share = (upper - 0.5) / np.where(upper > lower, upper - lower, 1.0)
-    return np.where(falls.any(axis=-1), k[last] + share * (k[1] - k[0]), np.nan)
+    fraction = (upper - 0.5) / np.where(upper > lower, upper - lower, 1.0)
+    return np.where(falls.any(axis=-1), k[last] + fraction * (k[1] - k[0]), np.nan)
 
 
 # --- the page --------------------------------------------------------------------------------
@@ -431,19 +431,20 @@ def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section,
     return tuple(parts)
 
 
-def _screening_section(found: ScreeningResult | None) -> tuple[Section, ...]:
+def _screening_section(screening: ScreeningResult | None) -> tuple[Section, ...]:
     """Every effect that was screened."""
-    if found is None:
+    if screening is None:
         return ()
     rows = tuple(
-        (name, bound, "on" if name in found.on else "off", 1e3 * found.times_s[name])
-        for name, bound in found.relative_change_bounds.items()
+        (name, bound, "on" if name in screening.on else "off", 1e3 * screening.times_s[name])
+        for name, bound in screening.relative_change_bounds.items()
     )
     return (
         Section(
             "Effects that this scene calls for",
             ("A bound on what each effect changes, found without simulating it: rms change over "
-             f"rms signal. Those off change at most {found.bound:.2g} of the signal together, with "
+             f"rms signal. Those off change at most {screening.bound:.2g} of the signal together, "
+             "with "
              "what rounding makes of it.",),
             tables=(Table(("effect", "bound", "", "time of the bound [ms]"), rows),),
         ),

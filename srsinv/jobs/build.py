@@ -15,9 +15,9 @@ from ..forward.effects._effect import Effect
 from ..forward.feature import Feature
 from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed
+from ..forward.scenario import Scenario
 from ..forward.scene import Scene
 from ..forward.sensor import Sensor
-from ..forward.scenario import Scenario
 from ..forward.surface_feature import SurfaceFeature
 from ..grid import Line, Open, Periodic
 from ..inverse.nonlinear import Solver
@@ -74,9 +74,9 @@ def ideal(cfg: Config) -> Scenario:
 
 def scene(cfg: Config) -> Scene:
     """The scene, for a job that takes effects of the sensor alone."""
-    found = _sensor_scenario(cfg).scene
-    assert found is not None
-    return found
+    built = _sensor_scenario(cfg).scene
+    assert built is not None
+    return built
 
 
 def sensor(cfg: Config) -> Sensor:

@@ -191,17 +191,17 @@ def fitted_on(
         sums = np.pad(np.cumsum(values, axis=-1), ((0, 0), (1, 0)))
         return np.diff([np.interp(edges, middles, row) for row in sums])
 
-    there = np.isfinite(signal)
-    weight = np.where(there, a**2, 0.0)
+    observed = np.isfinite(signal)
+    weight = np.where(observed, a**2, 0.0)
     whole = totals(a[None] ** 2)
     typical = float(np.median(whole))
-    told = totals(weight)
-    told = np.where(told >= FEW * typical, told, np.nan)
-    there_of = (told / whole)[np.isfinite(told)]
-    typical *= float(np.median(there_of)) if there_of.size else 1.0
-    fitted = totals(np.where(there, a * signal, 0.0)) / told
+    information = totals(weight)
+    information = np.where(information >= FEW * typical, information, np.nan)
+    observed_fraction = (information / whole)[np.isfinite(information)]
+    typical *= float(np.median(observed_fraction)) if observed_fraction.size else 1.0
+    fitted = totals(np.where(observed, a * signal, 0.0)) / information
     centres = (edges[:-1] + edges[1:]) / 2
-    rows = zip(totals(weight * x) / told, fitted, strict=True)
+    rows = zip(totals(weight * x) / information, fitted, strict=True)
     return np.stack([_interpolated(centres, *row) for row in rows]), typical
 
 
@@ -233,12 +233,12 @@ def _interpolated(
     Beside a hole by the slope on its other side: one drawn across the hole is not that of its edge.
     """
     moved = values.copy()
-    beyond = np.where(centres > at, 1, -1)
+    side = np.where(centres > at, 1, -1)
     for i in np.flatnonzero(np.isfinite(values) & (centres != at)):
-        j = i + beyond[i]
+        j = i + side[i]
         if not 0 <= j < values.size:  # at the scan's ends the value stands for the cell
             continue
-        j = j if np.isfinite(values[j]) else max(i - beyond[i], 0)
+        j = j if np.isfinite(values[j]) else max(i - side[i], 0)
         if j != i and j < values.size and np.isfinite(values[j]):
             moved[i] += (values[j] - values[i]) * (centres[i] - at[i]) / (at[j] - at[i])
     return moved

@@ -30,16 +30,16 @@ def on_recording(cfg: build.Config) -> Outcome:
 
     Raises `BadInput` for a recording that cannot be inverted, and for fewer than two contestants.
     """
-    posed = pose(cfg, CELLS_PER_DEPTH)
-    title, whole = posed.recording.name, posed.problem
-    setting = Setting(posed.sensor, posed.speed_m_per_s, [whole, *contest.halves(whole)])
+    loaded = pose(cfg, CELLS_PER_DEPTH)
+    title, whole = loaded.recording.name, loaded.problem
+    setting = Setting(loaded.sensor, loaded.speed_m_per_s, [whole, *contest.halves(whole)])
     runs = contest.run_all(contest.contestants(cfg, setting), setting.problems)
-    dataset = _dataset(title, setting, posed.recording.signal_unit, runs)
+    dataset = _dataset(title, setting, loaded.recording.signal_unit, runs)
     return Outcome(
         f"{title}: {', '.join(runs)} compared",
         _metrics(dataset, runs),
         dataset,
-        _sections(cfg, dataset, runs, posed.assumed, whole),
+        _sections(cfg, dataset, runs, loaded.assumed, whole),
         _summary(dataset, runs),
     )
 
@@ -49,22 +49,24 @@ def on_recording(cfg: build.Config) -> Outcome:
 
 def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) -> xarray.Dataset:
     whole, even, odd = setting.problems
-    there = seen(whole)
+    observed = seen(whole)
 
     def each(get) -> np.ndarray:
         """(method, part, ...)"""
-        return np.asarray([[get(found) for found in one.found] for one in runs.values()])
+        return np.asarray(
+            [[get(reconstruction) for reconstruction in one.found] for one in runs.values()]
+        )
 
     value, stderr = each(lambda f: f.value), each(contest.stderr_that_holds)
     fitted = each(lambda f: f.fitted)
     signal = np.where(contest.samples_there(whole), np.asarray(whole.data + whole.level), np.nan)
-    unseen = [
+    holdout = [
         [contest.predicts(one.found[1], odd), contest.predicts(one.found[2], even)]
         for one in runs.values()
     ]
-    moved = deviation(value[:, 1], there) - deviation(value[:, 2], there)
+    moved = deviation(value[:, 1], observed) - deviation(value[:, 2], observed)
     along, samples = ("component", "x"), ("element", "x")
-    p = deviation(value[:, 0, 0], there)
+    p = deviation(value[:, 0, 0], observed)
     apart = np.linalg.norm(p[:, None] - p[None], axis=-1)
     variables = {
         "signal": (samples, signal, unit),
@@ -76,17 +78,17 @@ def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) 
             (*DRAWN, *samples), (signal - fitted) / contest.noise_rms(whole), "1"
         ),
         "misfit": (DRAWN, each(lambda f: f.misfit), "1"),
-        "unseen": (("method", "half"), unseen, "1"),
-        "rank": (("method", "half"), contest.ranks(np.asarray(unseen)), "1"),
+        "unseen": (("method", "half"), holdout, "1"),
+        "rank": (("method", "half"), contest.ranks(np.asarray(holdout)), "1"),
         "repeatability": (
             ("method", "component"), np.sqrt(np.mean(moved**2, axis=-1)) / 2, "Pa"
         ),
         "stderr_rms": (
-            ("method", "component"), np.sqrt(np.mean(stderr[:, 0][..., there] ** 2, axis=-1)), "Pa"
-        ),
+            ("method", "component"), np.sqrt(np.mean(stderr[:, 0][..., observed] ** 2, axis=-1)),
+        "Pa" ),
         "peak_position": (
             ("method", "component"),
-            np.asarray(whole.line.x)[there][np.argmax(value[:, 0][..., there], axis=-1)], "m",
+            np.asarray(whole.line.x)[observed][np.argmax(value[:, 0][..., observed], axis=-1)], "m",
         ),
         "difference_of_p": (
             ("method", "other"), apart / (np.linalg.norm(p, axis=-1) + 1e-300)[None], "1"
@@ -140,20 +142,20 @@ def _metrics(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> dict[str, Any]:
 
 
 def _summary(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
-    unseen, rank = ds["unseen"].values, ds["rank"].values
+    holdout, rank = ds["unseen"].values, ds["rank"].values
     rows = [
         (
             str(ds["method"].values[m]),
             f"{rank[m].mean():.2g} ({rank[m].min():g} to {rank[m].max():g})",
-            float(unseen[m].mean()),
-            float(np.ptp(unseen[m]) / 2),
+            float(holdout[m].mean()),
+            float(np.ptp(holdout[m]) / 2),
             float(ds["misfit"].values[m, 0]),
             *(1e3 * float(ds["peak_position"].values[m, c]) for c in range(2)),
             1e3 * float(ds["time_s_steady"].values[m]),
             float(ds["time_s_first"].values[m]),
             str(ds["quality"].values[m, 0]),
         )
-        for m in np.argsort(unseen.mean(axis=1), kind="stable")
+        for m in np.argsort(holdout.mean(axis=1), kind="stable")
     ]
     return Table(
         ("method", "mean rank (range)", "unseen samples", "±", "seen samples",
@@ -171,8 +173,8 @@ def _worth(runs: Mapping[str, Runs]) -> list[dict[str, Any]]:
     """What each method's answer from all samples is worth."""
     wholes = {name: one.found[0] for name, one in runs.items()}
     return [
-        {"method": name, "quality": found.quality, "reasons": found.reasons}
-        for name, found in wholes.items()
+        {"method": name, "quality": reconstruction.quality, "reasons": reconstruction.reasons}
+        for name, reconstruction in wholes.items()
     ]
 
 
@@ -268,8 +270,8 @@ def _told(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
     """What the residuals say, in words."""
     said = []
     for m, (name, one) in enumerate(runs.items()):
-        misfit, unseen = float(ds["misfit"].values[m, 0]), float(ds["unseen"].values[m].mean())
-        if unseen <= WELL:
+        misfit, holdout = float(ds["misfit"].values[m, 0]), float(ds["unseen"].values[m].mean())
+        if holdout <= WELL:
             verdict = "noise alone explains what it leaves"
         elif misfit <= WELL:
             verdict = "what is more than noise there is its error with half of the samples"
@@ -277,11 +279,15 @@ def _told(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
             verdict = (
                 "more than noise is left: what it assumes does not hold everywhere on this scan"
             )
-        bad = [found.result for found in one.found[1:] if found.result != "converged"]
+        bad = [
+            reconstruction.result
+            for reconstruction in one.found[1:]
+            if reconstruction.result != "converged"
+        ]
         warning = f" From one half of the samples: {bad[0]}." if bad else ""
         said.append(
             f"{name}: {misfit:.3g} times the noise's power is left of the samples it saw, "
-            f"{unseen:.3g} of those it did not; {verdict}.{warning}"
+            f"{holdout:.3g} of those it did not; {verdict}.{warning}"
         )
     return tuple(said)
 
@@ -305,7 +311,7 @@ def _pair_table(ds: xarray.Dataset) -> Table:
 
 def _feature_section(cfg: build.Config, one: Runs) -> Section:
     names = " + ".join(cfg["feature"]).replace("_", " ")
-    whole, *parts = [found.parameters for found in one.found]
+    whole, *parts = [reconstruction.parameters for reconstruction in one.found]
     rows = tuple(
         (name, value, stderr, *(part[name][0] for part in parts))
         for name, (value, stderr) in whole.items()

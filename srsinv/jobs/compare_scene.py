@@ -99,7 +99,9 @@ def _dataset(
 
     def each(get) -> np.ndarray:
         """(method, snr, seed, ...)"""
-        rows = np.asarray([[get(found) for found in one.found] for one in runs.values()])
+        rows = np.asarray(
+            [[get(reconstruction) for reconstruction in one.found] for one in runs.values()]
+        )
         return rows.reshape(len(runs), *shape, *rows.shape[2:])
 
     def data(get) -> np.ndarray:
@@ -114,11 +116,11 @@ def _dataset(
     fitted = each(lambda f: f.fitted)
     rms = data(contest.noise_rms)[..., None, None]
     along, unit = ("component", "x"), sim.sensor.amplifier.unit
-    there = contest.samples_there(problems[0]).astype(np.int8)
+    observed = contest.samples_there(problems[0]).astype(np.int8)
     variables = {
         "traction": (along, truth, "Pa"),
         "signal": (("snr", "seed", "element", "x"), signal, unit),
-        "observed": (("element", "x"), there, "1"),
+        "observed": (("element", "x"), observed, "1"),
         "estimate": ((*DRAWN, *along), value, "Pa"),
         "estimate_stderr": ((*DRAWN, *along), stderr, "Pa"),
         "fitted_signal": ((*DRAWN, "element", "x"), fitted, unit),
@@ -156,15 +158,15 @@ def _judged(
     value: Float[np.ndarray, "*draws 2 n"],
     stderr: Float[np.ndarray, "*draws 2 n"],
     truth: Float[np.ndarray, "2 n"],
-    there: np.ndarray,
+    observed: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Relative error of p and of q, of both together, and the part of the cells in the band.
 
     Of the deviation from the mean; q and p together by the norm of both.
     """
-    true = deviation(truth, there)
-    wrong = deviation(value, there) - true
-    inside = np.abs(wrong) <= BAND_90 * stderr[..., there]
+    true = deviation(truth, observed)
+    wrong = deviation(value, observed) - true
+    inside = np.abs(wrong) <= BAND_90 * stderr[..., observed]
     size, of_both = np.linalg.norm(true, axis=-1), np.linalg.norm(true)
     error = np.linalg.norm(wrong, axis=-1) / np.where(size > 0, size, np.nan)
     return error, np.linalg.norm(wrong, axis=(-2, -1)) / of_both, np.mean(inside, axis=-1)
@@ -249,10 +251,10 @@ def _summary(ds: xarray.Dataset) -> Table:
 def _coverage_table(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
     seeds = ds.sizes["seed"]
     said = tuple(
-        f"{name}, {level:g} dB, draw {i + 1}: {' '.join(found.reasons)}"
+        f"{name}, {level:g} dB, draw {i + 1}: {' '.join(reconstruction.reasons)}"
         for name, one in runs.items()
         for s, level in enumerate(ds["snr"].values)
-        for i, found in _first_not_good(one.found[s * seeds : (s + 1) * seeds])
+        for i, reconstruction in _first_not_good(one.found[s * seeds : (s + 1) * seeds])
     )
     rows = [
         (
@@ -275,7 +277,9 @@ def _coverage_table(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
 
 
 def _first_not_good(draws: list[contest.Found]) -> list[tuple[int, contest.Found]]:
-    return [(i, found) for i, found in enumerate(draws) if found.reasons][:1]
+    return [
+        (i, reconstruction) for i, reconstruction in enumerate(draws) if reconstruction.reasons
+    ][:1]
 
 
 def _pair_table(ds: xarray.Dataset) -> Table:
@@ -304,7 +308,9 @@ def _parameter_table(ds: xarray.Dataset, runs: Runs) -> Table:
     """What the features' parameters came to at each level, beside the errors they stated."""
     seeds, rows = ds.sizes["seed"], []
     for s, level in enumerate(ds["snr"].values):
-        of_level = [found.parameters for found in runs.found[s * seeds : (s + 1) * seeds]]
+        of_level = [
+            reconstruction.parameters for reconstruction in runs.found[s * seeds : (s + 1) * seeds]
+        ]
         for name in of_level[0]:
             drawn = np.array([parameters[name] for parameters in of_level])
             spread = _sd(drawn[:, 0])
@@ -447,8 +453,8 @@ def _verdicts(ds: xarray.Dataset) -> tuple[str, ...]:
     names = [str(name) for name in ds["method"].values]
     said = []
     for s, level in enumerate(ds["snr"].values):
-        found = contest.pairs(ds["error_overall"].values[:, s])
-        together = [f"{names[p.better]} and {names[p.worse]}" for p in found if not p.apart]
+        comparisons = contest.pairs(ds["error_overall"].values[:, s])
+        together = [f"{names[p.better]} and {names[p.worse]}" for p in comparisons if not p.apart]
         order = np.argsort(ds["error_overall"].values[:, s].mean(axis=1), kind="stable")
         mean = 100 * ds["error_overall"].values[:, s].mean(axis=1)
         listed = ", then ".join(f"{names[m]} ({mean[m]:.3g} %)" for m in order)

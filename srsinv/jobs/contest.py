@@ -59,10 +59,10 @@ class Found:
     log_evidence: float | None = None
 
 
-def stderr_that_holds(found: Found) -> Float[np.ndarray, "2 n"]:
+def stderr_that_holds(reconstruction: Found) -> Float[np.ndarray, "2 n"]:
     """Standard errors as stated, infinite where the answer failed."""
-    failed = found.quality is Quality.FAILED
-    return np.full_like(found.stderr, np.inf) if failed else found.stderr
+    failed = reconstruction.quality is Quality.FAILED
+    return np.full_like(reconstruction.stderr, np.inf) if failed else reconstruction.stderr
 
 
 Contestant = Callable[[Problem], Found]
@@ -113,31 +113,33 @@ class FeatureContestant:
     def __call__(self, problem: Problem) -> Found:
         at = self.cells
         y = np.asarray(problem.data + problem.level)[:, at]
-        found = self._fitter(self.features, y, _noise(problem, at))
-        if found.fit is None:
+        feature_fit = self._fitter(self.features, y, _noise(problem, at))
+        if feature_fit.fit is None:
             raise ValueError("a contest of features needs one feature at least")
-        assert isinstance(found.model, FeatureModel)
-        value, stderr = _on_cells(found.model, found.fit, problem, np.sign(self.speed_m_per_s))
+        assert isinstance(feature_fit.model, FeatureModel)
+        value, stderr = _on_cells(
+            feature_fit.model, feature_fit.fit, problem, np.sign(self.speed_m_per_s)
+        )
         fitted = np.full(problem.data.shape, np.nan)
-        fitted[:, at] = found.signal()
+        fitted[:, at] = feature_fit.signal()
         return Found(
             value,
             stderr,
             fitted,
-            float(np.mean(found.fit.whitened**2) * y.size / problem.samples),
-            found.result,
-            found.quality,
-            found.warnings,
-            found.reasons,
-            found.parameters,
-            found.log_evidence,
+            float(np.mean(feature_fit.fit.whitened**2) * y.size / problem.samples),
+            feature_fit.result,
+            feature_fit.quality,
+            feature_fit.warnings,
+            feature_fit.reasons,
+            feature_fit.parameters,
+            feature_fit.log_evidence,
         )
 
 
 def _passed(problem: Problem, speed_m_per_s: float) -> np.ndarray:
     """The cells from the first to the last with a sample, in the order in which they are passed."""
-    there = np.flatnonzero(seen(problem))
-    cells = np.arange(there[0], there[-1] + 1)
+    indices = np.flatnonzero(seen(problem))
+    cells = np.arange(indices[0], indices[-1] + 1)
     return cells if speed_m_per_s > 0 else cells[::-1]
 
 
@@ -157,23 +159,25 @@ def _noise(problem: Problem, at: np.ndarray):
     """The noise of these samples, as a fit takes it."""
     power = np.asarray(problem.noise)
     power = np.where(np.isfinite(power), power, power[1])
-    there = samples_there(problem)[:, at]
+    observed = samples_there(problem)[:, at]
     if np.ptp(power) <= 1e-9 * power.max():
-        return np.where(there, np.sqrt(power[1]), np.inf)
+        return np.where(observed, np.sqrt(power[1]), np.inf)
     toeplitz = scipy.linalg.toeplitz(np.fft.irfft(power, problem.line.n)[: at.size])
-    covariance = np.kron(np.eye(len(there)), toeplitz)
-    return Correlated(covariance + np.diag(np.where(there, 0.0, MISSING * toeplitz[0, 0]).ravel()))
+    covariance = np.kron(np.eye(len(observed)), toeplitz)
+    return Correlated(
+        covariance + np.diag(np.where(observed, 0.0, MISSING * toeplitz[0, 0]).ravel())
+    )
 
 
 def _on_cells(model: FeatureModel, fit: Fit, problem: Problem, direction: float):
     """p and q (2, n) on the problem's cells, and the standard error of their deviation from the
     mean where there are samples."""
-    there, n = np.flatnonzero(seen(problem)), problem.line.n
+    indices, n = np.flatnonzero(seen(problem)), problem.line.n
     turn = jnp.array([[1.0], [direction]])
 
     def deviation(params):
         traction = turn * cell_traction(model, params, problem.line)
-        return jnp.ravel(traction - jnp.mean(traction[:, there], axis=-1, keepdims=True))
+        return jnp.ravel(traction - jnp.mean(traction[:, indices], axis=-1, keepdims=True))
 
     value = turn * cell_traction(model, fit.value, problem.line)
     background = [0.0 if b is None else float(b) for b in problem.background_Pa]
@@ -245,41 +249,41 @@ def feature_contestant(
 def run_all(named: Mapping[str, Contestant], problems: Sequence[Problem]) -> dict[str, Runs]:
     """Every contestant on every problem."""
     runs = {}
-    for name, contestant in named.items():
+    for name, method in named.items():
         with stage(f"{name}, {len(problems)} times"):
-            runs[name] = run(contestant, problems)
+            runs[name] = run(method, problems)
     return runs
 
 
-def run(contestant: Contestant, problems: Sequence[Problem]) -> Runs:
+def run(method: Contestant, problems: Sequence[Problem]) -> Runs:
     """One after the other; the first call includes what compilation there is."""
-    found, times = [], []
+    reconstructions, times = [], []
     for problem in problems:
         start = time.perf_counter()
-        found.append(contestant(problem))
+        reconstructions.append(method(problem))
         times.append(time.perf_counter() - start)
-    return Runs(found, times[0], float(np.median(times[1:] or times)))
+    return Runs(reconstructions, times[0], float(np.median(times[1:] or times)))
 
 
 def halves(problem: Problem) -> tuple[Problem, Problem]:
     """The same problem with the samples of every other cell: two draws of the noise."""
     parity = np.arange(problem.line.n) % 2
-    there = samples_there(problem)
+    observed = samples_there(problem)
 
     def kept(mask):
         both = jnp.asarray(mask), jnp.where(mask, problem.data, 0.0)
         is_none = {"is_leaf": lambda leaf: leaf is None}
         return eqx.tree_at(lambda p: (p.observed, p.data), problem, both, **is_none)
 
-    return kept(there & (parity == 0)), kept(there & (parity == 1))
+    return kept(observed & (parity == 0)), kept(observed & (parity == 1))
 
 
-def predicts(found: Found, problem: Problem) -> float:
+def predicts(reconstruction: Found, problem: Problem) -> float:
     """Mean square, in units of the noise, of what the found signal leaves of the problem's samples.
 
     For samples that it was not fitted to: 1 and its own uncertainty where it says what is there.
     """
-    rest = np.asarray(problem.data + problem.level) - found.fitted
+    rest = np.asarray(problem.data + problem.level) - reconstruction.fitted
     rest = np.where(samples_there(problem), rest, np.nan)
     if not np.isfinite(float(problem.noise[0])):
         rest = rest - np.nanmean(rest, axis=-1, keepdims=True)
@@ -313,8 +317,8 @@ class Pair:
 def pairs(score: Float[np.ndarray, "method draw"]) -> list[Pair]:
     """Every two contestants, the best first."""
     order = np.argsort(score.mean(axis=1), kind="stable")
-    found = [(int(a), int(b)) for i, a in enumerate(order) for b in order[i + 1 :]]
-    return [_pair(a, b, score[b] - score[a]) for a, b in found]
+    index_pairs = [(int(a), int(b)) for i, a in enumerate(order) for b in order[i + 1 :]]
+    return [_pair(a, b, score[b] - score[a]) for a, b in index_pairs]
 
 
 def _pair(a: int, b: int, more: Float[np.ndarray, " draw"]) -> Pair:

@@ -40,17 +40,17 @@ def run(cfg: build.Config) -> Outcome:
         settings, on_surface = cfg["coverage"], "surfaces" in build.part(cfg, "scene")
         draws = _draws(settings, on_surface)
         if on_surface:
-            on, found = coverage_surface.judged(cfg, draws)
+            on, statistics = coverage_surface.judged(cfg, draws)
         else:
-            on, found = _each(cfg, settings, draws)
-    rows = [quantity for each in found.values() for quantity in each.quantities]
+            on, statistics = _each(cfg, settings, draws)
+    rows = [quantity for each in statistics.values() for quantity in each.quantities]
     data, table = _dataset(rows), _table(rows)
     worst = max(quantity.rmse / quantity.bound for quantity in rows)
     return Outcome(
         f"Feature fit over {draws} draws: error at most {worst:.3f} times the Cramer-Rao bound",
-        _metrics(found, draws),
+        _metrics(statistics, draws),
         data,
-        _sections(cfg, on, found, data, table, draws),
+        _sections(cfg, on, statistics, data, table, draws),
         table,
     )
 
@@ -73,11 +73,11 @@ def _each(
     truths = {name: _truth(settings, on, name, f) for name, f in features.items()}
     keys = jax.random.split(build.random_key(cfg), len(features))
     fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
-    found = {}
+    statistics = {}
     for key, (name, feature) in zip(keys, features.items(), strict=True):
         with stage(f"fitting {draws} draws of {name}"):
-            found[name] = _judged(on, fitter, name, feature, truths[name], key, draws)
-    return on, found
+            statistics[name] = _judged(on, fitter, name, feature, truths[name], key, draws)
+    return on, statistics
 
 
 def _truth(settings, on: TractionBench, name: str, feature: Feature) -> Mapping[str, float]:
@@ -150,9 +150,9 @@ def cramer_rao(
 # --- what is shown ---------------------------------------------------------------------------
 
 
-def _metrics(found: dict[str, Found], draws: int) -> dict[str, Any]:
+def _metrics(statistics: dict[str, Found], draws: int) -> dict[str, Any]:
     metrics: dict[str, Any] = {"draws": draws}
-    for name, each in found.items():
+    for name, each in statistics.items():
         metrics[f"{name}_converged"] = each.converged
         metrics[f"{name}_snr_db"] = each.snr_db
         for quantity in each.quantities:
@@ -201,10 +201,10 @@ def _dataset(rows: list[Quantity]) -> xarray.Dataset:
 
 
 def _table(rows: list[Quantity]) -> Table:
-    shares = (f"inside {100 * level:.0f} %" for level in LEVELS)
+    headings = (f"inside {100 * level:.0f} %" for level in LEVELS)
     return Table(
         ("feature", "parameter", "truth", "unit", "bias", "rmse", "Cramer-Rao bound",
-         "rmse / bound", "standard error / bound", *(f"{share} [%]" for share in shares)),
+         "rmse / bound", "standard error / bound", *(f"{heading} [%]" for heading in headings)),
         tuple(
             (
                 row.feature, row.name, row.truth, unit_of(row.name), row.bias, row.rmse, row.bound,
@@ -219,13 +219,13 @@ def _table(rows: list[Quantity]) -> Table:
 def _sections(
     cfg: build.Config,
     on: Bench,
-    found: dict[str, Found],
+    statistics: dict[str, Found],
     data: xarray.Dataset,
     table: Table,
     draws: int,
 ) -> tuple[Section, ...]:
     binomial = 100 * np.sqrt(0.9 * 0.1 / draws)
-    lost = {name: draws - each.converged for name, each in found.items()}
+    unconverged = {name: draws - each.converged for name, each in statistics.items()}
     return (
         Section(
             "Error against the bound, and intervals against their word",
@@ -236,7 +236,8 @@ def _sections(
                 f"With {draws} draws the share inside a 90 % interval scatters by "
                 f"{binomial:.2g} % (one standard deviation), and a root mean squared error by "
                 f"{100 / np.sqrt(2 * draws):.2g} %.",
-                f"Fits that did not converge: {sum(lost.values())} of {draws * len(found)}.",
+                f"Fits that did not converge: {sum(unconverged.values())} of "
+                f"{draws * len(statistics)}.",
             ),
             {"bound_and_coverage": lambda: figures.bound_and_coverage(data)},
             {
@@ -254,14 +255,18 @@ def _sections(
                 "standard error that its own fit gave."
             },
         ),
-        Section("What was assumed", tables=(Table(("what", "value"), _assumed(cfg, on, found)),)),
+        Section(
+            "What was assumed", tables=(Table(("what", "value"), _assumed(cfg, on, statistics)),)
+        ),
     )
 
 
-def _assumed(cfg: build.Config, on: Bench, found: dict[str, Found]) -> tuple[tuple[str, str], ...]:
+def _assumed(
+    cfg: build.Config, on: Bench, statistics: dict[str, Found]
+) -> tuple[tuple[str, str], ...]:
     elements, samples = on.shape
     x = np.asarray(on.motion.position_m)
-    ratios = ", ".join(f"{name} {each.snr_db:.3g} dB" for name, each in found.items())
+    ratios = ", ".join(f"{name} {each.snr_db:.3g} dB" for name, each in statistics.items())
     return (
         ("scan", f"{samples} samples of {elements} elements, "
          f"{1e6 * abs(x[1] - x[0]):.4g} um apart, at {float(on.scan.speed_m_per_s):.4g} m/s"),

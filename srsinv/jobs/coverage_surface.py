@@ -99,12 +99,12 @@ def judged(cfg: build.Config, draws: int) -> tuple[SurfaceBench, dict[str, Found
     with stage(f"fitting {draws} recordings of {name}"):
         for off, added in zip(moved, noise, strict=True):
             shifted = {**truth, "position_m": truth["position_m"] + float(off)}
-            found = fitter({name: feature}, on.signal(shifted) + added, start=start).found
-            own = dict(found.parameters)
+            fitted = fitter({name: feature}, on.signal(shifted) + added, start=start).found
+            own = dict(fitted.parameters)
             start = start or {part: own[part][0] for part in feature.axes if part != PLACE}
             own["position_m"] = own["position_m"][0] - float(off), own["position_m"][1]
             read.append(own)
-            converged += found.result == "converged"
+            converged += fitted.result == "converged"
     sizes = {part: _size(part, truth, depth, float(fine.line.cell_m)) for part in truth}
     bounds = bounds_of(on, on.signal, truth, sizes, power)
     quantities = tuple(

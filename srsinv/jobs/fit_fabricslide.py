@@ -109,19 +109,19 @@ def run(cfg: build.Config) -> Outcome:
                 LONGEST_LINE * (x_m[-1] - x_m[0]),
                 settings.false_alarm,
             )
-    found = Found(recording, x_m, signal, settings, slow.shape[1] - 1, pitch, *alone, others)
+    analysis = Found(recording, x_m, signal, settings, slow.shape[1] - 1, pitch, *alone, others)
     return Outcome(
-        _title(found),
-        _metrics(found),
-        _dataset(found),
-        _sections(cfg, found),
-        _summary(found),
+        _title(analysis),
+        _metrics(analysis),
+        _dataset(analysis),
+        _sections(cfg, analysis),
+        _summary(analysis),
     )
 
 
-def _title(found: Found) -> str:
-    name, pitch = found.recording.name, found.pitch
-    if found.quality is Quality.FAILED:
+def _title(analysis: Found) -> str:
+    name, pitch = analysis.recording.name, analysis.pitch
+    if analysis.quality is Quality.FAILED:
         return f"{name}: no pitch found"
     return f"{name}: a pitch of {_mm(pitch.pitch_m, pitch.stderr_m)}"
 
@@ -207,25 +207,25 @@ def _mm(value_m: float, stderr_m: float) -> str:
 # --- what is shown ---------------------------------------------------------------------------
 
 
-def _metrics(found: Found) -> dict[str, Any]:
-    pitch = found.pitch
+def _metrics(analysis: Found) -> dict[str, Any]:
+    pitch = analysis.pitch
     metrics: dict[str, Any] = {
         "pitch_m": pitch.pitch_m,
         "pitch_m_stderr": pitch.stderr_m,
         "pitch_m_stderr_white": pitch.stderr_white_m,
-        "pitch_false_alarm": found.false_alarm,
-        "pitch_channel_spread_m": float(np.std(found.channels)),
-        "result": found.result,
-        **in_metrics(found),
-        "harmonics": found.settings.harmonics,
+        "pitch_false_alarm": analysis.false_alarm,
+        "pitch_channel_spread_m": float(np.std(analysis.channels)),
+        "result": analysis.result,
+        **in_metrics(analysis),
+        "harmonics": analysis.settings.harmonics,
         "periods": pitch.shifts.shift_m.size,
-        "drift_degree": found.degree,
-        "channels": len(found.recording.channels),
-        "samples": found.x_m.size,
-        "scan_length_m": float(found.x_m[-1] - found.x_m[0]),
-        "lines": len(found.others.lines),
+        "drift_degree": analysis.degree,
+        "channels": len(analysis.recording.channels),
+        "samples": analysis.x_m.size,
+        "scan_length_m": float(analysis.x_m[-1] - analysis.x_m[0]),
+        "lines": len(analysis.others.lines),
     }
-    for i, line in enumerate(found.others.lines, start=1):
+    for i, line in enumerate(analysis.others.lines, start=1):
         metrics |= {
             f"line_{i}_m": line.wavelength_m,
             f"line_{i}_m_stderr": line.stderr_m,
@@ -235,60 +235,60 @@ def _metrics(found: Found) -> dict[str, Any]:
     return metrics
 
 
-def _dataset(found: Found) -> xarray.Dataset:
-    unit, pitch, others = found.recording.signal_unit, found.pitch, found.others
+def _dataset(analysis: Found) -> xarray.Dataset:
+    unit, pitch, others = analysis.recording.signal_unit, analysis.pitch, analysis.others
     by_line = np.array(others.lines).reshape(-1, len(Line._fields)).T
     m, one, traces, per_line = {"units": "m"}, {"units": "1"}, ("channel", "x"), "line"
     return xarray.Dataset(
         {
-            "signal": (traces, found.signal, {"units": unit}),
-            "fitted_signal": (traces, found.signal - pitch.rest, {"units": unit}),
+            "signal": (traces, analysis.signal, {"units": unit}),
+            "fitted_signal": (traces, analysis.signal - pitch.rest, {"units": unit}),
             "pattern": (traces, pitch.pattern, {"units": unit}),
             "noise": ("channel", pitch.noise, {"units": unit}),
-            "channel_pitch": ("channel", found.channels, m),
-            "channel_pitch_stderr": ("channel", found.channels_stderr, m),
+            "channel_pitch": ("channel", analysis.channels, m),
+            "channel_pitch_stderr": ("channel", analysis.channels_stderr, m),
             "shift": ("period", pitch.shifts.shift_m, m),
             "power": ("per_m", others.before, one),
             "power_left": ("per_m", others.left.power, one),
-            "false_alarm_level": ("per_m", others.left.level(found.settings.false_alarm), one),
+            "false_alarm_level": ("per_m", others.left.level(analysis.settings.false_alarm), one),
             "line_wavelength": (per_line, by_line[0], m),
             "line_stderr": (per_line, by_line[1], m),
             "line_share": (per_line, by_line[2], one),
             "line_false_alarm": (per_line, by_line[3], one),
             "pitch": ((), pitch.pitch_m, m),
             "pitch_stderr": ((), pitch.stderr_m, m),
-            "pitch_range": ("end", np.array(found.settings.range_m), m),
+            "pitch_range": ("end", np.array(analysis.settings.range_m), m),
         },
         {
-            "x": ("x", found.x_m, m),
-            "channel": ("channel", list(found.recording.channels), one),
+            "x": ("x", analysis.x_m, m),
+            "channel": ("channel", list(analysis.recording.channels), one),
             "period_x": ("period", pitch.shifts.x_m, m),
             "per_m": ("per_m", others.left.per_m, {"units": "1/m"}),
         },
-        {"title": found.recording.name},
+        {"title": analysis.recording.name},
     )
 
 
-def _summary(found: Found) -> Table:
-    pitch, failed = found.pitch, found.quality is Quality.FAILED
-    lines = ", ".join(_mm(line.wavelength_m, line.stderr_m) for line in found.others.lines)
+def _summary(analysis: Found) -> Table:
+    pitch, failed = analysis.pitch, analysis.quality is Quality.FAILED
+    lines = ", ".join(_mm(line.wavelength_m, line.stderr_m) for line in analysis.others.lines)
     return Table(
         ("what", "value"),
         (
             ("pitch", "-" if failed else _mm(pitch.pitch_m, pitch.stderr_m)),
-            ("quality", str(found.quality)),
-            ("spread of the channels' own pitches", f"{MM * np.std(found.channels):.3g} mm"),
+            ("quality", str(analysis.quality)),
+            ("spread of the channels' own pitches", f"{MM * np.std(analysis.channels):.3g} mm"),
             ("periods seen", pitch.shifts.shift_m.size),
             ("other significant lines, strongest first", lines or "none"),
         ),
-        notes=found.reasons,
+        notes=analysis.reasons,
     )
 
 
-def _sections(cfg: build.Config, found: Found) -> tuple[Section, ...]:
-    data = _dataset(found)
+def _sections(cfg: build.Config, analysis: Found) -> tuple[Section, ...]:
+    data = _dataset(analysis)
     return (
-        _pitch_section(found, data),
+        _pitch_section(analysis, data),
         Section(
             "The channels one by one",
             (
@@ -296,32 +296,32 @@ def _sections(cfg: build.Config, found: Found) -> tuple[Section, ...]:
                 "not independent: their scatter is no measure of the common error.",
             ),
             {"channel_pitches": lambda: figures.channel_pitches(data)},
-            tables=(_channel_table(found),),
+            tables=(_channel_table(analysis),),
         ),
         Section(
             "Other lines",
             (
                 "Everything else that repeats: the most significant line is taken out and the "
                 "rest looked at again, until nothing exceeds what noise alone reaches anywhere "
-                f"once in {1 / found.settings.false_alarm:.4g} scans. The level follows the "
+                f"once in {1 / analysis.settings.false_alarm:.4g} scans. The level follows the "
                 "periodogram's running median and the covariance of the channels.",
             ),
             {"line_spectrum": lambda: figures.line_spectrum(data)},
-            tables=(_line_table(found),),
+            tables=(_line_table(analysis),),
         ),
-        Section("What was assumed", tables=(Table(("what", "value"), _assumed(cfg, found)),)),
+        Section("What was assumed", tables=(Table(("what", "value"), _assumed(cfg, analysis)),)),
     )
 
 
-def _pitch_section(found: Found, data: xarray.Dataset) -> Section:
-    pitch = found.pitch
+def _pitch_section(analysis: Found, data: xarray.Dataset) -> Section:
+    pitch = analysis.pitch
     ratio = pitch.stderr_m / pitch.stderr_white_m
     return Section(
         "Pitch",
         (
-            f"All {len(found.recording.channels)} channels together give "
-            f"{_mm(pitch.pitch_m, pitch.stderr_m)} ({found.quality}).",
-            *found.reasons,
+            f"All {len(analysis.recording.channels)} channels together give "
+            f"{_mm(pitch.pitch_m, pitch.stderr_m)} ({analysis.quality}).",
+            *analysis.reasons,
             "The standard error comes from the scan itself: each of the "
             f"{pitch.shifts.shift_m.size} periods is one reading of how far the pattern of all "
             "channels lies from the fit, and the scatter of these readings about a straight line "
@@ -341,30 +341,35 @@ def _pitch_section(found: Found, data: xarray.Dataset) -> Section:
     )
 
 
-def _channel_table(found: Found) -> Table:
-    amplitude = found.pitch.pattern.std(axis=1)
+def _channel_table(analysis: Found) -> Table:
+    amplitude = analysis.pitch.pattern.std(axis=1)
     rows = zip(
-        found.recording.channels,
-        (MM * found.channels).tolist(),
-        (MM * found.channels_stderr).tolist(),
+        analysis.recording.channels,
+        (MM * analysis.channels).tolist(),
+        (MM * analysis.channels_stderr).tolist(),
         amplitude.tolist(),
-        found.pitch.noise.tolist(),
+        analysis.pitch.noise.tolist(),
         strict=True,
     )
-    unit = found.recording.signal_unit
+    unit = analysis.recording.signal_unit
     columns = ("channel", "pitch [mm]", "standard error [mm]", f"pattern, rms [{unit}]",
                f"rest, rms [{unit}]")  # fmt: skip
     return Table(columns, tuple(rows))
 
 
-def _line_table(found: Found) -> Table:
+def _line_table(analysis: Found) -> Table:
     """The pitch and every other line, with what it is a fraction of."""
-    speed = abs(float(np.mean(found.recording.speed_m_per_s)))
-    total = np.sum(found.pitch.pattern**2 + found.pitch.rest**2, axis=1)
-    share = np.mean(np.sum(found.pitch.pattern**2, axis=1) / total)
-    pitch = Line(found.pitch.pitch_m, found.pitch.stderr_m, float(share), found.false_alarm)
+    speed = abs(float(np.mean(analysis.recording.speed_m_per_s)))
+    total = np.sum(analysis.pitch.pattern**2 + analysis.pitch.rest**2, axis=1)
+    explained_fraction = np.mean(np.sum(analysis.pitch.pattern**2, axis=1) / total)
+    pitch = Line(
+        analysis.pitch.pitch_m,
+        analysis.pitch.stderr_m,
+        float(explained_fraction),
+        analysis.false_alarm,
+    )
     named = {"the pitch": pitch}
-    named |= {f"line {i}": line for i, line in enumerate(found.others.lines, start=1)}
+    named |= {f"line {i}": line for i, line in enumerate(analysis.others.lines, start=1)}
     rows = tuple(
         (
             name,
@@ -392,19 +397,20 @@ def _fraction(line: Line, named: dict[str, Line]) -> str:
     return ""
 
 
-def _assumed(cfg: build.Config, found: Found) -> tuple[tuple[str, str], ...]:
-    settings, x_m = found.settings, found.x_m
+def _assumed(cfg: build.Config, analysis: Found) -> tuple[tuple[str, str], ...]:
+    settings, x_m = analysis.settings, analysis.x_m
     low, high = (MM * end for end in settings.range_m)
     return (
-        ("recording", f"{found.recording.name}, {x_m.size} samples "
+        ("recording", f"{analysis.recording.name}, {x_m.size} samples "
          f"{1e6 * (x_m[1] - x_m[0]):.4g} um apart, taken as even"),
-        *times_rows(cfg, found.recording),
-        ("speed", f"{abs(float(np.mean(found.recording.speed_m_per_s))):.4g} m/s throughout; an "
+        *times_rows(cfg, analysis.recording),
+        ("speed", f"{abs(float(np.mean(analysis.recording.speed_m_per_s))):.4g} m/s throughout; an "
          "error of it is one of every wavelength"),
         ("pitch", f"{low:.4g} to {high:.4g} mm, nothing else known of it"),
         ("pattern", f"{settings.harmonics} harmonics, with amplitude and phase of each channel's "
          "own, the same from end to end"),
-        ("drift", f"of each channel's own, a polynomial of degree {found.degree}: none faster than "
+        ("drift", f"of each channel's own, a polynomial of degree {analysis.degree}: none faster "
+                  "than "
          "twice the longest pitch"),
         ("noise", "of each channel's own level; its colour, and what channels share, enter by the "
          "standard error"),

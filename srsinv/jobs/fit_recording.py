@@ -149,8 +149,8 @@ def _refuse_surface_only(settings: Mapping[str, Any]) -> None:
 def _timed(one: Callable[[Any], Candidate], features: Any) -> Candidate:
     with stage(f"fitting {' + '.join(features) or 'nothing'}"):
         start = time.perf_counter()
-        found = one(features)
-        return replace(found, time_s=time.perf_counter() - start)
+        candidate = one(features)
+        return replace(candidate, time_s=time.perf_counter() - start)
 
 
 def _traction_fitter(cfg: build.Config, data: Measured) -> Callable[[Any], Candidate]:
@@ -172,7 +172,7 @@ def _title(data: Measured, best: FeatureFit) -> str:
 
 def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> dict[str, Any]:
     fits, best = [candidate.fit for candidate in candidates], chosen.fit
-    share = probabilities(fits)
+    posterior = probabilities(fits)
     metrics: dict[str, Any] = {
         "feature": best.name,
         "samples": int(np.isfinite(data.y).sum()),
@@ -189,7 +189,7 @@ def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> 
         }
     for name, (value, stderr) in best.parameters.items():
         metrics |= {name: value, f"{name}_stderr": stderr}
-    for fit, probability in zip(fits, share, strict=True):
+    for fit, probability in zip(fits, posterior, strict=True):
         key = fit.name.replace(" + ", "_and_")
         metrics |= {f"log_evidence_{key}": fit.log_evidence}
         metrics |= {f"probability_{key}": float(probability)}
@@ -359,15 +359,15 @@ def _to_error(value: float, stderr: float) -> str:
 
 def _ranking(candidates: list[Candidate]) -> Table:
     fits, times = [c.fit for c in candidates], [c.time_s for c in candidates]
-    share = probabilities(fits)
-    order = np.argsort(-share, kind="stable")
+    posterior = probabilities(fits)
+    order = np.argsort(-posterior, kind="stable")
     top = max(fit.log_evidence for fit in fits)
     return Table(
         ("candidate", "probability", "log evidence below the best", "chi2 per freedom",
          "first call [s]", "quality"),
         tuple(
             (
-                fits[i].name.replace("_", " "), f"{share[i]:.3g}",
+                fits[i].name.replace("_", " "), f"{posterior[i]:.3g}",
                 top - fits[i].log_evidence,
                 "-" if fits[i].chi2_per_freedom is None else fits[i].chi2_per_freedom,
                 times[i], str(fits[i].quality),

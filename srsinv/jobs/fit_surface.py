@@ -70,12 +70,12 @@ def surface_fitter(
     known = data.noise if white_given or coloured_noises(cfg) else None
 
     def one(chosen) -> Candidate:
-        found = fitter({name: features[name] for name in chosen}, data.y, known, start)
+        fitted = fitter({name: features[name] for name in chosen}, data.y, known, start)
         noise = known
-        if found.levels is not None:
+        if fitted.levels is not None:
             position = np.asarray(data.motion.position_m)
-            noise = found.levels.whitener(position, np.isfinite(data.y))
-        return Candidate(found.found, noise, found.levels, 0.0)
+            noise = fitted.levels.whitener(position, np.isfinite(data.y))
+        return Candidate(fitted.found, noise, fitted.levels, 0.0)
 
     return one
 

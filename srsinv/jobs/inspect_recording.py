@@ -27,36 +27,36 @@ def run(cfg: Mapping[str, Any]) -> Outcome:
     refuse(path is None, "No recording is named: give recording.path=FILE.")
     known = {key: value for key, value in settings.items() if key not in _NOT_FACTS}
     known = merge({}, known | {"sensor": cfg["sensor"]})
-    found = inspect(path, sidecar=settings.get("sidecar"), **known)
-    dataset = _dataset(found)
+    inspection = inspect(path, sidecar=settings.get("sidecar"), **known)
+    dataset = _dataset(inspection)
     stem = Path(path).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
     template = f"{stem}.yaml"
     return Outcome(
-        f"{found.name}: what the file holds",
-        _metrics(found),
+        f"{inspection.name}: what the file holds",
+        _metrics(inspection),
         dataset,
         (
-            _columns(found),
-            _times(found),
-            _signals(found, dataset),
-            _noise(found, dataset),
-            *_motion(found, dataset),
-            _sidecar(found, template),
+            _columns(inspection),
+            _times(inspection),
+            _signals(inspection, dataset),
+            _noise(inspection, dataset),
+            *_motion(inspection, dataset),
+            _sidecar(inspection, template),
         ),
-        _summary(found, template),
-        {template: sidecar_template(found)},
+        _summary(inspection, template),
+        {template: sidecar_template(inspection)},
     )
 
 
-def _metrics(found: Inspection) -> dict[str, Any]:
+def _metrics(inspection: Inspection) -> dict[str, Any]:
     metrics: dict[str, Any] = {
-        "samples": max(column.samples for column in found.columns),
-        "columns": len(found.columns),
-        "signals": len(found.signals),
-        "sample_rate_hz": found.rate_hz,
-        "mean_speed_m_per_s": found.mean_speed_m_per_s,
+        "samples": max(column.samples for column in inspection.columns),
+        "columns": len(inspection.columns),
+        "signals": len(inspection.signals),
+        "sample_rate_hz": inspection.rate_hz,
+        "mean_speed_m_per_s": inspection.mean_speed_m_per_s,
     }
-    if timing := found.timing:
+    if timing := inspection.timing:
         metrics |= {
             "jitter_rms": timing.jitter_rms,
             "jitter_largest": timing.jitter_largest,
@@ -65,8 +65,8 @@ def _metrics(found: Inspection) -> dict[str, Any]:
             "samples_lost": sum(gap.lost for gap in timing.gaps),
             "rows_out_of_order": len(timing.disorder),
         }
-    for column in found.of_role("signal"):
-        signal, unit = found.signals[column.name], _key(found.signals[column.name].unit)
+    for column in inspection.of_role("signal"):
+        signal, unit = inspection.signals[column.name], _key(inspection.signals[column.name].unit)
         present = signal.values[np.isfinite(signal.values)]
         spectrum = signal.spectrum
         metrics |= {
@@ -77,9 +77,9 @@ def _metrics(found: Inspection) -> dict[str, Any]:
             f"extreme_fraction_{column.name}": signal.clipping.fraction,
             f"flat_stretches_{column.name}": len(signal.clipping.stretches),
             f"step_{unit}_{column.name}": signal.step,
-            f"noise_floor_{unit}_per_sqrt_{'Hz' if found.rate_hz else 'cycle_per_sample'}"
+            f"noise_floor_{unit}_per_sqrt_{'Hz' if inspection.rate_hz else 'cycle_per_sample'}"
             f"_{column.name}": spectrum.floor if spectrum else None,
-            f"strongest_line_{'Hz' if found.rate_hz else 'cycle_per_sample'}_{column.name}": (
+            f"strongest_line_{'Hz' if inspection.rate_hz else 'cycle_per_sample'}_{column.name}": (
                 spectrum.lines[0].frequency_hz if spectrum and spectrum.lines else None
             ),
         }
@@ -90,23 +90,23 @@ def _key(unit: str) -> str:
     return unit.replace(" ", "_").replace("/", "_per_")
 
 
-def _dataset(found: Inspection) -> xarray.Dataset:
+def _dataset(inspection: Inspection) -> xarray.Dataset:
     """Signals, spectra and motion as drawn; shorter columns end in NaN."""
-    signals = found.signals
-    rows = max(column.samples for column in found.columns)
+    signals = inspection.signals
+    rows = max(column.samples for column in inspection.columns)
     spectra = [signal.spectrum for signal in signals.values()]
     frequency = next((s.frequency_hz for s in spectra if s), np.zeros(0))
     nothing = np.full(frequency.size, np.nan)
     most = max((len(s.lines) for s in spectra if s), default=0)
     lines = [[line.frequency_hz for line in s.lines] if s else [] for s in spectra]
-    per = "Hz" if found.rate_hz else "1/sample"
+    per = "Hz" if inspection.rate_hz else "1/sample"
     flat = np.zeros((len(signals), rows), np.int8)
     for row, signal in enumerate(signals.values()):
         for start, stop in signal.clipping.stretches:
             flat[row, start:stop] = 1
-    time, time_unit = _time(found, rows)
-    gaps = found.timing.gaps if found.timing and found.time_s is not None else ()
-    origin = _origin(found)
+    time, time_unit = _time(inspection, rows)
+    gaps = inspection.timing.gaps if inspection.timing and inspection.time_s is not None else ()
+    origin = _origin(inspection)
     starts = np.array([gap.start_s - origin for gap in gaps])
     of_signal, over_time = ("signal",), ("signal", "row")
     values = [_padded(signal.values, rows) for signal in signals.values()]
@@ -136,8 +136,8 @@ def _dataset(found: Inspection) -> xarray.Dataset:
         "gap_end": ("gap", starts + np.array([gap.length_s for gap in gaps]), {"units": "s"}),
     }
     for name, values, unit in (
-        ("speed", found.speed_m_per_s, "m/s"),
-        ("position", found.position_m, "m"),
+        ("speed", inspection.speed_m_per_s, "m/s"),
+        ("position", inspection.position_m, "m"),
     ):
         if values is not None:
             variables[name] = ("row", _padded(values, rows), {"units": unit})
@@ -152,38 +152,39 @@ def _padded(values: np.ndarray, size: int) -> np.ndarray:
     return np.concatenate([values, np.full(size - values.size, np.nan)])
 
 
-def _origin(found: Inspection) -> float:
+def _origin(inspection: Inspection) -> float:
     """The first stamp [s]."""
-    if found.time_s is None or not np.isfinite(found.time_s).any():
+    if inspection.time_s is None or not np.isfinite(inspection.time_s).any():
         return 0.0
-    return float(found.time_s[np.isfinite(found.time_s)][0])
+    return float(inspection.time_s[np.isfinite(inspection.time_s)][0])
 
 
-def _time(found: Inspection, rows: int) -> tuple[np.ndarray, str]:
+def _time(inspection: Inspection, rows: int) -> tuple[np.ndarray, str]:
     """Times since the first [s]; the number of the sample where there are none."""
-    if found.time_s is not None:
-        return _padded(found.time_s - _origin(found), rows), "s"
-    if found.rate_hz:
-        return np.arange(rows) / found.rate_hz, "s"
+    if inspection.time_s is not None:
+        return _padded(inspection.time_s - _origin(inspection), rows), "s"
+    if inspection.rate_hz:
+        return np.arange(rows) / inspection.rate_hz, "s"
     return np.arange(rows, dtype=float), "1"
 
 
 # --- the page --------------------------------------------------------------------------------
 
 
-def _summary(found: Inspection, template: str) -> Table:
-    rows = tuple(_summary_row(found, column) for column in found.columns)
+def _summary(inspection: Inspection, template: str) -> Table:
+    rows = tuple(_summary_row(inspection, column) for column in inspection.columns)
     columns = ("column", "role", "unit", "least", "greatest", "rms", "missing", "clipped", "noise")
     return Table(
         columns,
         rows,
-        f"{found.name}: {_timing_in_words(found)} Noise is the floor of the amplitude density, per "
-        f"root {'Hz' if found.rate_hz else '1/sample'}; {template} is a sidecar to fill in.",
+        f"{inspection.name}: {_timing_in_words(inspection)} Noise is the floor of the amplitude "
+        "density, per "
+        f"root {'Hz' if inspection.rate_hz else '1/sample'}; {template} is a sidecar to fill in.",
     )
 
 
-def _summary_row(found: Inspection, column: Column) -> tuple[Any, ...]:
-    signal = found.signals.get(column.name)
+def _summary_row(inspection: Inspection, column: Column) -> tuple[Any, ...]:
+    signal = inspection.signals.get(column.name)
     spectrum = signal.spectrum if signal else None
     clipped = signal.clipping.verdict if signal else _NONE
     noise = f"{spectrum.floor:.3g} {signal.unit}" if signal and spectrum else _NONE
@@ -202,7 +203,7 @@ def _or_none(value: float | None) -> float | str:
     return _NONE if value is None else value
 
 
-def _columns(found: Inspection) -> Section:
+def _columns(inspection: Inspection) -> Section:
     rows = tuple(
         (
             column.name,
@@ -213,7 +214,7 @@ def _columns(found: Inspection) -> Section:
             column.missing,
             *map(_or_none, (column.least, column.greatest, column.mean, column.rms)),
         )
-        for column in found.columns
+        for column in inspection.columns
     )
     headings = ("column", "role", "unit", "because", "samples", "missing")
     return Section(
@@ -227,23 +228,24 @@ def _columns(found: Inspection) -> Section:
     )
 
 
-def _timing_in_words(found: Inspection) -> str:
-    samples = max(column.samples for column in found.columns)
-    if found.rate_hz is None:
-        return f"{samples} samples; the sample rate is not known ({found.time_source})."
-    if found.timing is None:
-        return f"{samples} samples at {found.rate_hz:.6g} Hz, as stated ({found.time_source})."
-    gaps, disorder = found.timing.gaps, found.timing.disorder
-    lost = sum(gap.lost for gap in gaps)
-    words = f"{_several(len(gaps), 'gap')} with about {lost} samples lost" if gaps else "no gaps"
+def _timing_in_words(inspection: Inspection) -> str:
+    samples = max(column.samples for column in inspection.columns)
+    if inspection.rate_hz is None:
+        return f"{samples} samples; the sample rate is not known ({inspection.time_source})."
+    if inspection.timing is None:
+        rate_hz, source = inspection.rate_hz, inspection.time_source
+        return f"{samples} samples at {rate_hz:.6g} Hz, as stated ({source})."
+    gaps, disorder = inspection.timing.gaps, inspection.timing.disorder
+    missing = sum(gap.lost for gap in gaps)
+    words = f"{_several(len(gaps), 'gap')} with about {missing} samples lost" if gaps else "no gaps"
     order = f"; {_several(len(disorder), 'row')} out of the order of time" if disorder else ""
-    return f"{samples} samples at {found.rate_hz:.6g} Hz, {words}{order}."
+    return f"{samples} samples at {inspection.rate_hz:.6g} Hz, {words}{order}."
 
 
-def _times(found: Inspection) -> Section:
-    paragraphs = [_timing_in_words(found), f"Times: {found.time_source}."]
+def _times(inspection: Inspection) -> Section:
+    paragraphs = [_timing_in_words(inspection), f"Times: {inspection.time_source}."]
     tables = []
-    if timing := found.timing:
+    if timing := inspection.timing:
         paragraphs.append(
             f"Intervals stray from their mean by {timing.jitter_rms:.2g} of it (rms) and by "
             f"{timing.jitter_largest:.2g} at most, gaps aside."
@@ -256,17 +258,19 @@ def _times(found: Inspection) -> Section:
                 "dropped or sorted before the recording can be used."
             )
         if timing.gaps:
-            tables.append(_gaps(found))
-    sizes = {column.samples for column in found.columns if column.samples}
+            tables.append(_gaps(inspection))
+    sizes = {column.samples for column in inspection.columns if column.samples}
     if len(sizes) > 1:
         paragraphs.append("The columns differ in length, so the recording cannot be used as it is.")
     return Section("Times", tuple(paragraphs), tables=tuple(tables))
 
 
-def _gaps(found: Inspection) -> Table:
-    gaps = found.timing.gaps if found.timing else ()
+def _gaps(inspection: Inspection) -> Table:
+    gaps = inspection.timing.gaps if inspection.timing else ()
     longest = sorted(gaps, key=lambda gap: gap.length_s, reverse=True)[:_SHOWN_GAPS]
-    rows = tuple((gap.row, gap.start_s - _origin(found), gap.length_s, gap.lost) for gap in longest)
+    rows = tuple(
+        (gap.row, gap.start_s - _origin(inspection), gap.length_s, gap.lost) for gap in longest
+    )
     columns = ("after data row", "since the first sample [s]", "length [s]", "samples lost, about")
     return Table(columns, rows, f"The longest of {_several(len(gaps), 'gap')}")
 
@@ -275,8 +279,8 @@ def _several(count: int, what: str) -> str:
     return f"{count} {what}{'s' * (count != 1)}"
 
 
-def _signals(found: Inspection, dataset: xarray.Dataset) -> Section:
-    if not found.signals:
+def _signals(inspection: Inspection, dataset: xarray.Dataset) -> Section:
+    if not inspection.signals:
         return Section("Signals", ("No column seems to be a signal.",))
     rows = tuple(
         (
@@ -288,7 +292,7 @@ def _signals(found: Inspection, dataset: xarray.Dataset) -> Section:
             _NONE if signal.step is None else f"{signal.step:.4g} {signal.unit}",
             int(np.isnan(signal.values).sum()),
         )
-        for name, signal in found.signals.items()
+        for name, signal in inspection.signals.items()
     )
     headings = ("signal", "at the extremes [%]", "flat stretches", "longest [samples]")
     table = Table(
@@ -311,26 +315,26 @@ def _signals(found: Inspection, dataset: xarray.Dataset) -> Section:
     )
 
 
-def _noise(found: Inspection, dataset: xarray.Dataset) -> Section:
-    per = "Hz" if found.rate_hz else "1/sample"
+def _noise(inspection: Inspection, dataset: xarray.Dataset) -> Section:
+    per = "Hz" if inspection.rate_hz else "1/sample"
     floors = tuple(
         (name, f"{signal.spectrum.floor:.3g} {signal.unit}", signal.spectrum.floor / signal.step
          if signal.step else _NONE)
-        for name, signal in found.signals.items() if signal.spectrum
+        for name, signal in inspection.signals.items() if signal.spectrum
     )  # fmt: skip
     if not floors:
         return Section("Noise", ("No signal varies for long enough to have a spectrum.",))
     spacing = float(dataset["frequency"].values[0])
-    speed = found.mean_speed_m_per_s
+    speed = inspection.mean_speed_m_per_s
     lines = tuple(
         (
             name,
             line.frequency_hz,
-            1e3 * abs(speed) / line.frequency_hz if speed and found.rate_hz else _NONE,
+            1e3 * abs(speed) / line.frequency_hz if speed and inspection.rate_hz else _NONE,
             f"{line.amplitude:.3g} {signal.unit}",
             line.over_surroundings,
         )
-        for name, signal in found.signals.items()
+        for name, signal in inspection.signals.items()
         if signal.spectrum
         for line in signal.spectrum.lines
     )
@@ -356,8 +360,8 @@ def _noise(found: Inspection, dataset: xarray.Dataset) -> Section:
     )  # fmt: skip
 
 
-def _motion(found: Inspection, dataset: xarray.Dataset) -> tuple[Section, ...]:
-    if found.speed_m_per_s is None and found.position_m is None:
+def _motion(inspection: Inspection, dataset: xarray.Dataset) -> tuple[Section, ...]:
+    if inspection.speed_m_per_s is None and inspection.position_m is None:
         return ()
     return (
         Section(
@@ -369,14 +373,15 @@ def _motion(found: Inspection, dataset: xarray.Dataset) -> tuple[Section, ...]:
     )
 
 
-def _sidecar(found: Inspection, template: str) -> Section:
-    rows = tuple(blanks(found).items())
+def _sidecar(inspection: Inspection, template: str) -> Section:
+    rows = tuple(blanks(inspection).items())
     return Section(
         "The sidecar",
         (
             f"{template}, in the folder of this page, says what the file shows and leaves blank "
             "what only the experimenter knows. Fill in what you know, leave the rest null (not "
-            f"given), and put it beside {found.name}, in place of another sidecar there. Then: "
+            f"given), and put it beside {inspection.name}, in place of another sidecar there. "
+            "Then: "
             "srsinv experiment=invert_recording recording.path=FILE. Each value can also be "
             "given on the command line.",
         ),

@@ -10,17 +10,17 @@ from .cells import pose
 def run(cfg: build.Config) -> Outcome:
     """The job: load, put on a line of cells, invert, report."""
     with build.precision(cfg):
-        methods, posed = build.methods(cfg), pose(cfg)
+        methods, loaded = build.methods(cfg), pose(cfg)
         return analyse(
             Case(
-                title=f"{posed.recording.name}: {', '.join(cfg['method'])}",
-                problem=posed.problem,
-                sensor=posed.sensor,
-                speed_m_per_s=posed.speed_m_per_s,
+                title=f"{loaded.recording.name}: {', '.join(cfg['method'])}",
+                problem=loaded.problem,
+                sensor=loaded.sensor,
+                speed_m_per_s=loaded.speed_m_per_s,
                 methods=methods,
-                signal_unit=posed.recording.signal_unit,
-                traction_unit=posed.traction_unit,
-                assumed=posed.assumed,
+                signal_unit=loaded.recording.signal_unit,
+                traction_unit=loaded.traction_unit,
+                assumed=loaded.assumed,
                 time_steady=False,
             )
         )

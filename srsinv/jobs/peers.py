@@ -149,7 +149,7 @@ class NumpyStrip:
             return self.jacobian(z).reshape(-1, 4) / noise_rms
 
         jacobian: Any = slope if analytic else "2-point"
-        found = so.least_squares(
+        solution = so.least_squares(
             lambda z: ((self(z) - y) / noise_rms).ravel(),
             start,
             jac=jacobian,
@@ -159,7 +159,7 @@ class NumpyStrip:
             ftol=tolerance,
             gtol=tolerance,
         )
-        return found.x, float(found.cost)
+        return solution.x, float(solution.cost)
 
 
 def _bell(t: np.ndarray) -> np.ndarray:

@@ -78,15 +78,15 @@ def run(cfg: build.Config) -> Outcome:
         on = bench(cfg, "ranking")
         ranges = {name: _ranges(settings, name, f) for name, f in features.items()}
         fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
-        found = _ranked(cfg, on, fitter, features, ranges, draws)
-    right, total = int(found.right[:-1].sum()), draws * len(features)
-    data, table = _dataset(found), _table(found)
+        ranking = _ranked(cfg, on, fitter, features, ranges, draws)
+    right, total = int(ranking.right[:-1].sum()), draws * len(features)
+    data, table = _dataset(ranking), _table(ranking)
     return Outcome(
-        f"The right feature in {right} of {total} draws, nothing in {found.right[-1]} of {draws} "
+        f"The right feature in {right} of {total} draws, nothing in {ranking.right[-1]} of {draws} "
         "of noise",
-        _metrics(found),
+        _metrics(ranking),
         data,
-        _sections(cfg, on, found, data, table),
+        _sections(cfg, on, ranking, data, table),
         table,
     )
 
@@ -147,9 +147,9 @@ def _ranked(
         with stage(f"ranking {draws} draws of {truth}"):
             for i in range(draws):
                 # Noise alone is as strong as beside the first feature; its level does not matter.
-                there = first if truth == NOTHING else truth
-                own = parameters(features[there], drawn[there][i])
-                clean = on.signal(there, features[there], own)
+                source = first if truth == NOTHING else truth
+                own = parameters(features[source], drawn[source][i])
+                clean = on.signal(source, features[source], own)
                 power = on.power(float(np.sqrt(np.mean(clean**2))))
                 y = on.noise(keys[t, i], power, 1)[0] + (truth != NOTHING) * clean
                 begun = time.perf_counter()
@@ -167,12 +167,12 @@ def _ranked(
 # --- what is shown ---------------------------------------------------------------------------
 
 
-def _metrics(found: Ranked) -> dict[str, Any]:
-    draws = found.margin.shape[1]
-    features = int(found.right[:-1].sum()), draws * (len(found.candidates) - 1)
+def _metrics(ranking: Ranked) -> dict[str, Any]:
+    draws = ranking.margin.shape[1]
+    features = int(ranking.right[:-1].sum()), draws * (len(ranking.candidates) - 1)
     metrics: dict[str, Any] = {"draws": draws, "share_right": features[0] / features[1]}
     metrics["share_right_low_90"], metrics["share_right_high_90"] = wilson(*features)
-    for name, right, margin in zip(found.candidates, found.right, found.margin, strict=True):
+    for name, right, margin in zip(ranking.candidates, ranking.right, ranking.margin, strict=True):
         low, high = wilson(int(right), draws)
         metrics |= {
             f"{name}_share_right": float(right) / draws,
@@ -181,20 +181,20 @@ def _metrics(found: Ranked) -> dict[str, Any]:
             f"{name}_margin_mean": float(margin.mean()),
             f"{name}_margin_least": float(margin.min()),
         }
-    steady = found.time_s.ravel()[1:] if found.time_s.size > 1 else found.time_s.ravel()
-    metrics["time_s_first"] = float(found.time_s[0, 0])
+    steady = ranking.time_s.ravel()[1:] if ranking.time_s.size > 1 else ranking.time_s.ravel()
+    metrics["time_s_first"] = float(ranking.time_s[0, 0])
     metrics["time_s_steady"] = float(np.median(steady))
     return metrics
 
 
-def _dataset(found: Ranked) -> xarray.Dataset:
-    one, names = {"units": "1"}, list(found.candidates)
+def _dataset(ranking: Ranked) -> xarray.Dataset:
+    one, names = {"units": "1"}, list(ranking.candidates)
     variables: dict[str, Any] = {
-        "log_evidence": (("truth", "draw", "candidate"), found.log_evidence, one),
-        "chosen": (("truth", "candidate"), found.chosen, one),
-        "margin": (("truth", "draw"), found.margin, one),
+        "log_evidence": (("truth", "draw", "candidate"), ranking.log_evidence, one),
+        "chosen": (("truth", "candidate"), ranking.chosen, one),
+        "margin": (("truth", "draw"), ranking.margin, one),
     }
-    for name, columns in found.drawn.items():
+    for name, columns in ranking.drawn.items():
         for part, values in columns.items():
             variables[f"{name}_{part}"] = ("draw", values, {"units": unit_of(part)})
     return xarray.Dataset(
@@ -204,10 +204,10 @@ def _dataset(found: Ranked) -> xarray.Dataset:
     )
 
 
-def _table(found: Ranked) -> Table:
-    draws = found.margin.shape[1]
+def _table(ranking: Ranked) -> Table:
+    draws = ranking.margin.shape[1]
     rows = []
-    for name, right, margin in zip(found.candidates, found.right, found.margin, strict=True):
+    for name, right, margin in zip(ranking.candidates, ranking.right, ranking.margin, strict=True):
         low, high = (100 * end for end in wilson(int(right), draws))
         rows.append(
             (name.replace("_", " "), int(right), draws, round(100 * right / draws, 1),
@@ -221,12 +221,12 @@ def _table(found: Ranked) -> Table:
 
 
 def _sections(
-    cfg: build.Config, on: TractionBench, found: Ranked, data: xarray.Dataset, table: Table
+    cfg: build.Config, on: TractionBench, ranking: Ranked, data: xarray.Dataset, table: Table
 ) -> tuple[Section, ...]:
     drawn = tuple(
         (name.replace("_", " "), ", ".join(
             f"{part} {values.min():.3g} to {values.max():.3g}" for part, values in columns.items()))
-        for name, columns in found.drawn.items()
+        for name, columns in ranking.drawn.items()
     )  # fmt: skip
     elements, samples = on.shape
     return (

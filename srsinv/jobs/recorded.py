@@ -10,8 +10,8 @@ from ..forward.describe import elements
 from ..forward.film import LineEffect
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.scan import ConstantSpeed, Motion
-from ..forward.sensor import Sensor
 from ..forward.scenario import Scenario
+from ..forward.sensor import Sensor
 from ..inverse.surface_model import Window
 from ..recording import Recording, merge
 from ..recording.noise import white_level
@@ -41,12 +41,12 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
         "elements: name as many in recording.channels as the sensor has elements.",
     )
     skin = build.make(merge(SKIN | _skin(facts), build.part(cfg, "skin")), "skin", "skin")
-    bare = Sensor(films, skin, build.amplifier(amplifier_node(cfg, description)))
+    ideal = Sensor(films, skin, build.amplifier(amplifier_node(cfg, description)))
     speed = ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
-    felt = build.with_effects(cfg, Scenario(None, bare, speed))
+    scenario = build.with_effects(cfg, Scenario(None, ideal, speed))
     for effect in also:
-        felt = felt.with_films(lambda film, effect=effect: film.with_effect(effect))
-    return felt.sensor
+        scenario = scenario.with_films(lambda film, effect=effect: film.with_effect(effect))
+    return scenario.sensor
 
 
 def _skin(facts: dict[str, Any]) -> dict[str, Any]:

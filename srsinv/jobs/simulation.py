@@ -17,9 +17,9 @@ from ..forward.filter import even_interval, filtered
 from ..forward.noise import Noise, with_noise
 from ..forward.pace import denser
 from ..forward.scan import ConstantSpeed, Motion
+from ..forward.scenario import Scenario
 from ..forward.scene import Scene, deviation
 from ..forward.sensor import Sensor
-from ..forward.scenario import Scenario
 from ..forward.skin import STRESSES
 from ..grid import Line, Periodic, Stage, as_real
 from ..inverse.problem import Problem
@@ -152,8 +152,8 @@ def screen_effects(cfg: build.Config) -> tuple[build.Config, ScreeningResult | N
         return cfg, None
     wanted = "a positive number, as a part of the signal's rms"
     tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
-    bare = build.ideal(cfg)
-    _refuse_static(cfg, bare)
+    ideal = build.ideal(cfg)
+    _refuse_static(cfg, ideal)
     named = build.part(cfg, "effects")
     rest = {key: value for key, value in cfg.items() if key != "tolerance"}
 
@@ -167,8 +167,8 @@ def screen_effects(cfg: build.Config) -> tuple[build.Config, ScreeningResult | N
         return signal, stress.reshape(signal.shape[0], len(STRESSES), -1)
 
     fine = build.line(cfg, build.part(cfg, "grid").get("refinement"))
-    found = screen(bare, fine, build.effects(cfg), tolerance, simulated)
-    return only(found.on), found
+    screening = screen(ideal, fine, build.effects(cfg), tolerance, simulated)
+    return only(screening.on), screening
 
 
 def _as_named(cfg: build.Config) -> Simulation:
@@ -201,8 +201,8 @@ def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> Proble
     _refuse_nothing(sim.scenario.noises, spectrum, rms)
     recorder, observed = sim.scenario.recorder, None
     if recorder.converters:
-        told = np.asarray(recorder.kept(data))
-        observed = None if told.all() else told
+        valid = np.asarray(recorder.kept(data))
+        observed = None if valid.all() else valid
         data, spectrum = recorder.converted(data), spectrum + recorder.variance
     return _posed(sim, sim.sensor, data, spectrum, observed, mean_p_Pa, friction)
 
@@ -218,8 +218,8 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> Problem:
     gain = sim.sensor.amplifier.gain
     a = np.asarray(gain(record.motion.speed_m_per_s) / gain(sim.scan.speed_m_per_s))
     onwards = np.maximum.accumulate(x)
-    told = record.told & (onwards <= x)[None] & (np.asarray(record.motion.direction) == direction)
-    samples = np.where(told, record.signal, np.nan)
+    valid = record.told & (onwards <= x)[None] & (np.asarray(record.motion.direction) == direction)
+    samples = np.where(valid, record.signal, np.nan)
     cell = float(sim.line.cell_m)
     edges = np.sort(
         direction * (float(sim.line.start_m) + cell * (np.arange(sim.line.n + 1) - 0.5))
@@ -262,9 +262,9 @@ def recorded(sim: Simulation, key) -> Record:
     samples = Periodic(ideal.shape[1], spacing)
     noisy, spectrum, rms = with_noise(sim.scenario.noises, samples, sim.scan, ideal, key)
     _refuse_nothing(sim.scenario.noises, spectrum, rms)
-    signal, told = recorder.converted(noisy), recorder.kept(noisy)
+    signal, valid = recorder.converted(noisy), recorder.kept(noisy)
     spectrum = spectrum + recorder.variance
-    return Record(motion, *(np.asarray(each) for each in (signal, told, samples.k, spectrum)))
+    return Record(motion, *(np.asarray(each) for each in (signal, valid, samples.k, spectrum)))
 
 
 def _posed(

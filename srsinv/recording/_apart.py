@@ -60,13 +60,13 @@ def _table(answer: BufferedReader, file: DataFile) -> Table:
     said = answer.readline()
     if not said.endswith(b"\n"):
         raise EOFError("the process that read it ended")
-    found = json.loads(said)
-    if "refused" in found:
-        raise BadInput(found["refused"])
-    if "memory" in found:
+    header = json.loads(said)
+    if "refused" in header:
+        raise BadInput(header["refused"])
+    if "memory" in header:
         raise MemoryError
-    columns, units = found.pop("columns"), found.pop("units")
-    table = Table(**found)
+    columns, units = header.pop("columns"), header.pop("units")
+    table = Table(**header)
     for name, kind, size in columns:
         values = np.empty(size, kind)
 

@@ -116,13 +116,14 @@ def _agree(stated_hz: float | int, rate_hz: float, time_s: Float[np.ndarray, " s
 
 
 def _check_loss(name: str, stamps: Timing, row: np.ndarray) -> None:
-    lost = int(row[-1]) + 1 - row.size
-    if lost <= MOST_LOST * row.size:
+    missing = int(row[-1]) + 1 - row.size
+    if missing <= MOST_LOST * row.size:
         return
     longest = max(stamps.gaps, key=lambda gap: gap.length_s)
     refuse(
         True,
-        f"{name}: {lost} rows are lost and {row.size} are there: cut the recording at its longest "
+        f"{name}: {missing} rows are lost and {row.size} are there: cut the recording at its "
+        "longest "
         f"gap, after data row {longest.row} ({longest.length_s:.4g} s).",
     )
 
@@ -135,5 +136,5 @@ def _without_loss(
     own_hz = (time_s.size - 1) / float(time_s[-1] - time_s[0])
     if stated_hz is None or not _agree(stated_hz, own_hz, time_s):
         return None
-    found = _on(time_s, np.arange(time_s.size))
-    return found if found.is_rounded else None
+    times = _on(time_s, np.arange(time_s.size))
+    return times if times.is_rounded else None

@@ -136,10 +136,10 @@ def take_table(path: Path) -> Table:
 def _state(path: Path) -> tuple[Any, ...] | None:
     """What tells a file from another, and from itself once it has changed; None: not there."""
     try:
-        found = path.stat()
+        stat = path.stat()
     except OSError:
         return None
-    return str(path), found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+    return str(path), stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
 def read_facts(
@@ -220,12 +220,12 @@ def _time_unit(table: Table, facts: Mapping[str, Any], column: str) -> str:
 
 def _motion(table: Table) -> dict[str, Float[np.ndarray, " _"]]:
     """The measured speed [m/s] and position [m], as far as the file has them."""
-    found = {}
+    motion = {}
     for quantity, names in ((SPEED, SPEEDS), (POSITION, POSITIONS)):
         column = next((name for name in names if name in table), None)
         if column is not None:
-            found[quantity] = table.numbers(column) / names[column]
-    return found
+            motion[quantity] = table.numbers(column) / names[column]
+    return motion
 
 
 def _speed_m_per_s(

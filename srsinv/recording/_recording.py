@@ -158,11 +158,11 @@ class Recording:
             f"{self.name}: blocks of {r} samples cannot be averaged in a recording of {samples}: "
             f"choose a block length from 1 to {most}, which leaves at least {MIN_SAMPLES} blocks.",
         )
-        kept = samples // r * r
+        used = samples // r * r
 
         def means(values: np.ndarray) -> np.ndarray:
             with np.errstate(over="ignore"):  # the result is refused where it is infinite
-                return values[..., :kept].reshape(*values.shape[:-1], -1, r).mean(axis=-1)
+                return values[..., :used].reshape(*values.shape[:-1], -1, r).mean(axis=-1)
 
         # A block stands at the middle of its samples, so the first no longer stands at the start.
         position_m = means(self.position_m)
@@ -218,9 +218,9 @@ def check_samples(name: str, samples: int) -> None:
 
 def check_range(name: str, column: str, values: np.ndarray) -> None:
     """Refuse times, speeds or positions (sample,) that are beyond `LARGEST` SI units."""
-    beyond = np.abs(values) > LARGEST
-    if beyond.any():
-        row = int(beyond.argmax())
+    outside = np.abs(values) > LARGEST
+    if outside.any():
+        row = int(outside.argmax())
         raise BadInput(
             f"{name}: {column} is {values[row]:g} at data row {row + 1}, beyond {LARGEST:g}: "
             "correct the value or its unit, or leave the row out."

@@ -238,4 +238,4 @@ def _facts_in(annotation: Any) -> Any:
     """The table in an annotation such as `list[ElementFacts] | None`."""
     if isinstance(annotation, type) and issubclass(annotation, Facts):
         return annotation
-    return next((found for each in get_args(annotation) if (found := _facts_in(each))), None)
+    return next((facts for each in get_args(annotation) if (facts := _facts_in(each))), None)

@@ -82,7 +82,7 @@ def _timing(
         )
         for row in np.flatnonzero(step_s > GAP * mean_s).tolist()
     )
-    found = Timing(
+    estimate = Timing(
         rate_hz=1 / mean_s,
         jitter_rms=float(np.sqrt(np.mean(departure**2))),
         jitter_largest=float(np.max(np.abs(departure))),
@@ -90,9 +90,9 @@ def _timing(
         gaps=gaps,
         disorder=tuple((np.flatnonzero(step_s <= 0) + 2).tolist()),
     )
-    if found.is_even or found.disorder or not np.isfinite(time_s).all():
-        return found
-    return replace(found, is_even=line_through(time_s, found.rows(time_s.size))[1])
+    if estimate.is_even or estimate.disorder or not np.isfinite(time_s).all():
+        return estimate
+    return replace(estimate, is_even=line_through(time_s, estimate.rows(time_s.size))[1])
 
 
 def line_through(

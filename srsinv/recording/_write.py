@@ -133,9 +133,9 @@ def _check_netcdf(path: Path, facts: bytes) -> None:
     if not os.path.lexists(path):
         return
     try:
-        there = read_table(path)
-        channels = there.sidecar.get("channels") or ()
-        is_saved = {*there.columns} - {TIME, SPEED, POSITION} == {*channels}
+        existing = read_table(path)
+        channels = existing.sidecar.get("channels") or ()
+        is_saved = {*existing.columns} - {TIME, SPEED, POSITION} == {*channels}
     except BadInput:
         is_saved = False
     refuse(

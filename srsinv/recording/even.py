@@ -67,13 +67,13 @@ def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
 def _check_signal(recording: Recording) -> None:
     """Refuse a signal with next to no samples, or beyond what a quantity can be."""
     present = np.isfinite(recording.signal)
-    for channel, row, there in zip(recording.channels, recording.signal, present, strict=True):
+    for channel, row, observed in zip(recording.channels, recording.signal, present, strict=True):
         refuse(
-            np.sum(there) < MIN_SAMPLES,
-            f"{recording.name}: channel {channel} has {np.sum(there)} samples that are there, "
+            np.sum(observed) < MIN_SAMPLES,
+            f"{recording.name}: channel {channel} has {np.sum(observed)} samples that are there, "
             f"where at least {MIN_SAMPLES} are needed: leave it out of recording.channels.",
         )
-        largest = float(np.max(np.abs(row[there])))
+        largest = float(np.max(np.abs(row[observed])))
         refuse(
             largest > LARGEST,
             f"{recording.name}: channel {channel} reaches {largest:.3g} once divided by its gain, "

@@ -271,7 +271,7 @@ def _stated(table: Table, names: Mapping[str, int]) -> Float[np.ndarray, " _"] |
 def _signals(
     table: Table, facts: Mapping[str, Any], names: tuple[str, ...], rate_hz: float | None
 ) -> dict[str, Signal]:
-    found = {}
+    signals = {}
     values = {name: table.finite(name, LARGEST) for name in names if name in table.columns}
     # One for all, so that the spectra share their frequencies.
     sizes = [v.size for v in values.values() if v.size >= SHORTEST]
@@ -279,7 +279,7 @@ def _signals(
     for name, raw in values.items():
         unit = _unit(table, facts, name, "signal", raw[np.isfinite(raw)])[0]
         signal = raw / PER_V.get(unit, 1)
-        found[name] = Signal(
+        signals[name] = Signal(
             values=signal,
             unit="V" if unit in PER_V else unit,
             clipping=clipping(signal),
@@ -287,4 +287,4 @@ def _signals(
             # Without a rate, frequencies are in cycles a sample.
             spectrum=spectrum(signal, rate_hz or 1.0, segment),
         )
-    return found
+    return signals

@@ -33,8 +33,8 @@ def white_level(
         return float(np.sqrt(np.median(_upper(signal, depth_m, spacing_m)) / np.log(2)))
     n = signal.shape[-1]
     stretches = [list(_stretches(row)) for row in np.isfinite(signal)]
-    found = _median(signal, stretches, depth_m, spacing_m)
-    if not found > 0:
+    median = _median(signal, stretches, depth_m, spacing_m)
+    if not median > 0:
         return 0.0
     rng = np.random.default_rng(0)
     draws = int(np.clip(DRAWN // n, 1, MOST_DRAWS))
@@ -43,12 +43,12 @@ def white_level(
                 stretches, depth_m, spacing_m)
         for _ in range(draws)
     ]  # fmt: skip
-    return float(np.sqrt(found / np.mean(of_white)))
+    return float(np.sqrt(median / np.mean(of_white)))
 
 
-def _stretches(there: np.ndarray) -> Iterator[slice]:
+def _stretches(observed: np.ndarray) -> Iterator[slice]:
     """Where one element has samples, long gaps left out; all of it where they leave nothing."""
-    at = np.flatnonzero(there)
+    at = np.flatnonzero(observed)
     if not at.size:
         return
     cuts = np.flatnonzero(np.diff(at) > LONG_GAP + 1)
@@ -73,13 +73,13 @@ def _median(signal, stretches: list[list[slice]], depth_m: float, spacing_m: flo
 def filled(values: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
     """With what is missing drawn from its neighbours: along a straight line in long gaps, where a
     spline would swing."""
-    there = np.isfinite(values)
-    if there.all():
+    observed = np.isfinite(values)
+    if observed.all():
         return values
-    at, every = np.flatnonzero(there), np.arange(values.size)
+    at, every = np.flatnonzero(observed), np.arange(values.size)
     smooth = bool(np.max(np.diff(at)) <= LONG_GAP + 1)
-    spline = make_interp_spline(at, values[there], CUBIC if smooth else 1)
-    return np.where(there, values, spline(every))
+    spline = make_interp_spline(at, values[observed], CUBIC if smooth else 1)
+    return np.where(observed, values, spline(every))
 
 
 def _upper(

@@ -31,40 +31,42 @@ _SPEED = {"speed_m_per_s": "of sliding along x, where it was constant; below 0 t
 _RATE = {"sample_rate_hz": "samples a second: the file has no times"}
 
 
-def blanks(found: Inspection) -> dict[str, str]:
+def blanks(inspection: Inspection) -> dict[str, str]:
     """The keys that the sidecar's template leaves blank, with what to write there."""
-    scan = {key: text for key, text in _scan(found).items() if found.facts.get(key) is None}
-    sensor = found.facts.get("sensor") or {}
+    scan = {
+        key: text for key, text in _scan(inspection).items() if inspection.facts.get(key) is None
+    }
+    sensor = inspection.facts.get("sensor") or {}
     named = {f"sensor.{key}": text for key, text in SENSOR.items() if sensor.get(key) is None}
     if sensor.get("elements") is None:
         named |= {f"sensor.elements.{key}": text for key, text in ELEMENT.items()}
-    feature = found.facts.get("feature") or {}
+    feature = inspection.facts.get("feature") or {}
     named |= {f"feature.{key}": text for key, text in FEATURE.items() if feature.get(key) is None}
     return scan | named
 
 
-def sidecar_template(found: Inspection) -> str:
+def sidecar_template(inspection: Inspection) -> str:
     """The template as YAML, a comment to each key; a null in it is as if not given."""
-    facts = found.facts
+    facts = inspection.facts
     sensor, feature = facts.get("sensor") or {}, facts.get("feature") or {}
     lines = [
-        f"# What srsinv has to be told of {found.name!a}.",
+        f"# What srsinv has to be told of {inspection.name!a}.",
         "# Fill in what you know, leave null what you do not (it is as if not given), and put this",
         "# file beside the recording, in place of another sidecar.",
         "",
         "# As the file shows it; correct what was guessed wrong.",
-        *_guessed(found),
+        *_guessed(inspection),
         "",
         "# What only the experimenter knows.",
-        *_lines(facts, _scan(found)),
+        *_lines(facts, _scan(inspection)),
         "sensor:",
         *_lines(sensor, SENSOR, "  "),
-        *_elements(found, sensor.get("elements")),
+        *_elements(inspection, sensor.get("elements")),
         *_rest(sensor, {*SENSOR, "elements"}, "  "),
         "feature:",
         *_lines(feature, FEATURE, "  "),
         *_rest(feature, {*FEATURE}, "  "),
-        *_rest(facts, {*_scan(found), *_LAYOUT, "sensor", "feature"}, ""),
+        *_rest(facts, {*_scan(inspection), *_LAYOUT, "sensor", "feature"}, ""),
     ]
     return "\n".join(lines) + "\n"
 
@@ -72,34 +74,34 @@ def sidecar_template(found: Inspection) -> str:
 _LAYOUT = ("channels", "time_unit", "signal_unit")
 
 
-def _scan(found: Inspection) -> dict[str, str]:
-    moving = found.speed_m_per_s is not None or found.position_m is not None
-    stamped = found.of_role("time")
+def _scan(inspection: Inspection) -> dict[str, str]:
+    moving = inspection.speed_m_per_s is not None or inspection.position_m is not None
+    stamped = inspection.of_role("time")
     return SIGNAL | ({} if moving else _SPEED) | ({} if stamped else _RATE) | CONTACT
 
 
-def _guessed(found: Inspection) -> list[str]:
-    columns = found.of_role("signal")
+def _guessed(inspection: Inspection) -> list[str]:
+    columns = inspection.of_role("signal")
     units = {column.unit for column in columns}
     unit = units.pop() if len(units) == 1 else UNKNOWN
     reason = columns[0].reason if unit != UNKNOWN else "not stated: V, mV, counts, ..."
     facts = {
         "channels": [column.name for column in columns],
-        "time_unit": found.time_unit,
+        "time_unit": inspection.time_unit,
         "signal_unit": None if unit == UNKNOWN else unit,
     }
     comments = {"channels": "the signals, in the order of sensor.elements"}
-    if any(column.name in BARE_TIMES for column in found.of_role("time")):
-        comments["time_unit"] = found.time_source
+    if any(column.name in BARE_TIMES for column in inspection.of_role("time")):
+        comments["time_unit"] = inspection.time_source
     comments["signal_unit"] = reason
     return _lines(facts, comments)
 
 
-def _elements(found: Inspection, known: Any) -> list[str]:
+def _elements(inspection: Inspection, known: Any) -> list[str]:
     """A line for each film element: as it is known, or one blank for each signal."""
     if known is not None and not isinstance(known, list):
         return [f"  elements: {_inline(known)}"]
-    signals = [column.name for column in found.of_role("signal")]
+    signals = [column.name for column in inspection.of_role("signal")]
     names = [f" # {_inline(name)}" for name in signals]
     elements = [dict.fromkeys(ELEMENT)] * len(names) if known is None else known
     notes = [f"  # {key}: {text}" for key, text in ELEMENT.items()]

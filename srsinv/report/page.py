@@ -53,14 +53,16 @@ def render(
 def metrics_json(metrics: Mapping[str, Any]) -> str:
     """`metrics` as JSON with sorted keys, old names beside new ones; what is not finite becomes
     null."""
-    plain = {key: _plain(key, value) for key, value in with_old_names(metrics).items()}
-    return json.dumps(plain, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    values = {key: _plain(key, value) for key, value in with_old_names(metrics).items()}
+    return json.dumps(values, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _netcdf(dataset: xarray.Dataset) -> bytes:
-    bare = [str(name) for name, values in dataset.variables.items() if "units" not in values.attrs]
-    if bare:
-        raise ValueError(f"variables without units in the result: {', '.join(bare)}")
+    unitless = [
+        str(name) for name, values in dataset.variables.items() if "units" not in values.attrs
+    ]
+    if unitless:
+        raise ValueError(f"variables without units in the result: {', '.join(unitless)}")
     return bytes(dataset.to_netcdf(engine="h5netcdf"))
 
 

@@ -63,8 +63,8 @@ def print_table(table: Table) -> None:
     with console.capture() as lines:
         console.print(drawn)
     # Markdown's box has blank lines around the table.
-    plain = (line.rstrip() for line in lines.get().splitlines())
-    print(*filter(None, (table.caption, *plain, *table.notes)), sep="\n")
+    unformatted = (line.rstrip() for line in lines.get().splitlines())
+    print(*filter(None, (table.caption, *unformatted, *table.notes)), sep="\n")
 
 
 def _digits(number: float) -> str:

@@ -117,10 +117,10 @@ def _recover_abandoned(place: Path) -> None:
     """Recover, where that can be done, what killed runs left beside a folder or under `outputs`."""
     roots = {above for above in (*place.parents, Path.cwd() / OUTPUTS) if above.name == OUTPUTS}
     name = f".?*{WORKSPACE}"
-    found = {
+    stale = {
         path for root in roots for depth in range(3) for path in root.glob("*/" * depth + name)
     }
-    for path in sorted({*found, *place.parent.glob(name)}):
+    for path in sorted({*stale, *place.parent.glob(name)}):
         folder = path.with_name(path.name[1 : -len(WORKSPACE)])
         with suppress(OSError, BadInput):
             if is_workspace(path) and (lock := lease.take(path / LOCK)) is not None:

@@ -46,8 +46,8 @@ def manifest(files: Listing, command: str, seed: Any) -> bytes:
 def listed(folder: Path) -> Listing | None:
     """The files that a run wrote to `folder`: as its manifest lists them or, of a run older than
     manifests, as they are there; None where no run of srsinv has been."""
-    if (found := read(folder)) is not None:
-        return found
+    if (files := read(folder)) is not None:
+        return files
     if not all(_is_file(folder / sign) for sign in _OLDER_SIGNS) or _is_there(folder / MANIFEST):
         return None
     page = (folder / "report.html").read_bytes()
@@ -75,11 +75,11 @@ def read(folder: Path) -> Listing | None:
         return None
     text = path.read_bytes()
     try:
-        found = json.loads(text)
-        ours = isinstance(found, dict) and found.keys() == _KEYS and _text(found) == text
+        document = json.loads(text)
+        ours = isinstance(document, dict) and document.keys() == _KEYS and _text(document) == text
     except (ValueError, RecursionError):
         return None
-    files = found["files"] if ours else None
+    files = document["files"] if ours else None
     return files if isinstance(files, dict) and all(map(_is_name, files)) else None
 
 
@@ -124,8 +124,8 @@ def _walk(folder: Path, entered: set[str], above: str = "") -> Iterator[tuple[st
     """Name, and whether it is a folder, of all in `folder` but its workspace; links are not
     followed, and only the folders `entered` are looked into."""
     with os.scandir(folder / above) as entries:
-        found = sorted(entries, key=lambda entry: entry.name)
-    for entry in found:
+        children = sorted(entries, key=lambda entry: entry.name)
+    for entry in children:
         name, is_folder = f"{above}{entry.name}", entry.is_dir(follow_symlinks=False)
         if name == WORKSPACE and is_workspace(folder / name):
             continue

@@ -38,13 +38,13 @@ def errors(contrast: float, depth_m: float) -> tuple[float, float]:
     layers = [(SKIN_PA, POISSON_RATIO, SKIN_M), (base, POISSON_RATIO, None)]
     exact = LayersOnLine(layers, depth_m, step=0.06, digits=45)
     x = depth_m * np.concatenate([DEPTHS_ALONG, -DEPTHS_ALONG[1:4]])
-    found = []
+    largest = []
     both = _ours(skin, jnp.asarray(x), jnp.asarray(depth_m))
     for ours, slope in zip(both, (False, True), strict=True):
         wanted = exact.strip(x, CELL_M, slope)
         off = np.abs(np.asarray(ours)[:3] - wanted).max(-1) / np.abs(wanted).max(-1)
-        found.append(float(off.max()))
-    return found[0], found[1]
+        largest.append(float(off.max()))
+    return largest[0], largest[1]
 
 
 def main() -> None:

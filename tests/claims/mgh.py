@@ -31,11 +31,11 @@ def fits(problem: LeastSquaresProblem) -> list[srsinv.Fit]:
     return [srsinv.fit(model, problem.start_at(factor), zeros) for factor in FACTORS]
 
 
-def rows_of(problem: LeastSquaresProblem, found: list[srsinv.Fit]) -> list[dict]:
+def rows_of(problem: LeastSquaresProblem, solutions: list[srsinv.Fit]) -> list[dict]:
     """A row of the table for each start."""
     return [
         _row(problem, 2 * fit.stats["cost"], fit.converged, fit.stats["iterations"])
-        for fit in found
+        for fit in solutions
     ]
 
 
@@ -52,14 +52,14 @@ def by_scipy(problem: LeastSquaresProblem, method: str) -> list[dict]:
     for factor in FACTORS:
         try:
             with np.errstate(all="ignore"):
-                found = scipy.optimize.least_squares(
+                solution = scipy.optimize.least_squares(
                     residual, problem.start_at(factor), derivative, method=method,
                     max_nfev=STEPS, xtol=TOLERANCE, ftol=TOLERANCE, gtol=TOLERANCE,
                 )  # fmt: skip
         except ValueError:  # the residual or its square is not finite at the start
             rows.append(_row(problem, np.inf, False, 0))
         else:
-            rows.append(_row(problem, 2 * found.cost, found.status > 0, found.nfev))
+            rows.append(_row(problem, 2 * solution.cost, solution.status > 0, solution.nfev))
     return rows
 
 
@@ -95,8 +95,8 @@ def main() -> None:
     ]
     totals = {name: summary([row for line in table for row in line[name]]) for name in methods}
     RESULTS.parent.mkdir(exist_ok=True)
-    found = {"factors": FACTORS, "summary": totals, "problems": table}
-    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+    record = {"factors": FACTORS, "summary": totals, "problems": table}
+    RESULTS.write_text(json.dumps(record, indent=1) + "\n")
     print(json.dumps(totals, indent=1))
 
 

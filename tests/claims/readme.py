@@ -70,15 +70,17 @@ def boards(metrics: Mapping[str, Metrics], name: str) -> dict[str, float]:
     own = [each for key, each in metrics.items() if key.startswith(name)]
     pitch, stderr = (np.array([m[key] for m in own]) for key in ("pitch_m", "pitch_m_stderr"))
     mean = np.average(pitch, weights=stderr**-2)
-    found = {"mean": mean, "spread": pitch.std(ddof=1), "stderr": stderr.mean()}
-    return {**found, "chi2": np.sum(((pitch - mean) / stderr) ** 2)}
+    summary = {"mean": mean, "spread": pitch.std(ddof=1), "stderr": stderr.mean()}
+    return {**summary, "chi2": np.sum(((pitch - mean) / stderr) ** 2)}
 
 
 def other_lines(metrics: Metrics, shortest_m: float = 4e-3) -> str:
     """The wavelengths [mm] of a recording's other lines, those below `shortest_m` unnamed."""
-    found = [metrics[f"line_{n}_m"] for n in range(1, metrics["lines"] + 1)]
-    shown = [digits(each, "mm", 4 if each > 0.01 else 3) for each in found if each > shortest_m]
-    words = [*shown, *["and shorter ones"] * (len(shown) < len(found))]
+    wavelengths = [metrics[f"line_{n}_m"] for n in range(1, metrics["lines"] + 1)]
+    shown = [
+        digits(each, "mm", 4 if each > 0.01 else 3) for each in wavelengths if each > shortest_m
+    ]
+    words = [*shown, *["and shorter ones"] * (len(shown) < len(wavelengths))]
     return ", ".join(words) or "none"
 
 
@@ -102,9 +104,9 @@ def environment() -> Environment:
 def renewed(text: str, env: Environment) -> str:
     """The text with its parts as the results have them."""
 
-    def part(found: re.Match[str]) -> str:
-        words = env.get_template(f"{found[2]}.md.j2").render()
-        return f"{found[1]}\n{words.strip()}\n\n{found[3]}"
+    def part(match: re.Match[str]) -> str:
+        words = env.get_template(f"{match[2]}.md.j2").render()
+        return f"{match[1]}\n{words.strip()}\n\n{match[3]}"
 
     return PART.sub(part, text)
 

@@ -66,9 +66,9 @@ class Discrepancy(Rule):
         """Where the residual meets its target first, coming from the strong end, linear between
         scanned weights. Where it nowhere does, as with less noise taken up than there is by chance,
         the weights at which it is nearest; not those that fit nearly all, where 0 meets 0."""
-        problem, shares = scorer.problem, np.linspace(1, 0, 81)
+        problem, fractions = scorer.problem, np.linspace(1, 0, 81)
         low, high = np.asarray(box)
-        score = scorer(jnp.asarray(low + shares[:, None] * (high - low)))
+        score = scorer(jnp.asarray(low + fractions[:, None] * (high - low)))
         offsets = 0 if np.isfinite(problem.noise[0]) else problem.data.shape[0]
         fitted = np.asarray(score.freedom) + offsets
         proper = fitted < MOST_FITTED * problem.samples
@@ -76,11 +76,11 @@ class Discrepancy(Rule):
         excess = np.log(np.asarray(score.residual)[proper] / target[proper])
         below = np.flatnonzero(excess < 0)
         if below.size == 0 or below[0] == 0:
-            share = shares[np.argmin(np.abs(excess))]
+            fraction = fractions[np.argmin(np.abs(excess))]
         else:
             at = below[0] - np.array([0, 1])
-            share = np.interp(0.0, excess[at], shares[at])
-        return Choice(jnp.asarray(low + share * (high - low)), "converged")
+            fraction = np.interp(0.0, excess[at], fractions[at])
+        return Choice(jnp.asarray(low + fraction * (high - low)), "converged")
 
 
 RULES = {
@@ -112,14 +112,14 @@ def problems(scene: str, snr_db: float, draws: int) -> tuple[np.ndarray, list[Pr
     keys = jax.random.split(jax.random.key(0), draws)
     made = [noisy_problem(sim, key, friction) for key in keys]
     if scene == GAPS:
-        there = np.random.default_rng(0).random(made[0].data.shape) > MISSING
-        made = [with_gaps(problem, there) for problem in made]
+        observed = np.random.default_rng(0).random(made[0].data.shape) > MISSING
+        made = [with_gaps(problem, observed) for problem in made]
     return np.asarray(sim.traction(sim.line)), made
 
 
-def with_gaps(problem: Problem, there: np.ndarray) -> Problem:
+def with_gaps(problem: Problem, observed: np.ndarray) -> Problem:
     """The same problem with the samples that are there alone."""
-    parts = (jnp.where(there, problem.data, 0.0), jnp.asarray(there))
+    parts = (jnp.where(observed, problem.data, 0.0), jnp.asarray(observed))
     return eqx.tree_at(
         lambda p: (p.data, p.observed), problem, parts, is_leaf=lambda leaf: leaf is None
     )
@@ -178,14 +178,14 @@ def best_weights(problem: Problem, truth: np.ndarray) -> tuple[np.ndarray, np.nd
 def measured(scene: str, snr_db: float, draws: int) -> dict[str, dict[str, float]]:
     """Of every rule: root mean square error over the oracle's, and coverage of its bands."""
     truth, made = problems(scene, snr_db, draws)
-    found: dict[str, list[Draw]] = {name: [] for name in (*ORACLES, *RULES)}
+    by_method: dict[str, list[Draw]] = {name: [] for name in (*ORACLES, *RULES)}
     for problem in made:
         for name, best in zip(ORACLES, best_weights(problem, truth), strict=True):
             given = (float(10.0**weight) for weight in best)
-            found[name].append(draw(problem, truth, Tikhonov(ORDER, *given)))
+            by_method[name].append(draw(problem, truth, Tikhonov(ORDER, *given)))
         for name, rule in RULES.items():
-            found[name].append(draw(problem, truth, Tikhonov(ORDER, rule=rule)))
-    mean = {name: np.mean(np.array(draws), axis=0) for name, draws in found.items()}
+            by_method[name].append(draw(problem, truth, Tikhonov(ORDER, rule=rule)))
+    mean = {name: np.mean(np.array(draws), axis=0) for name, draws in by_method.items()}
     return {
         name: {
             "error_over_oracle": round(float(np.sqrt(square / mean["oracle"][0])), 4),
@@ -198,15 +198,15 @@ def measured(scene: str, snr_db: float, draws: int) -> dict[str, dict[str, float
 def worst(cases) -> dict[str, dict[str, float]]:
     """Of every rule: the largest error over the oracle's, and the least and the mean coverage."""
     rows = [row for by_snr in cases.values() for row in by_snr.values()]
-    found = {}
+    summary = {}
     for name in rows[0]:
         error, coverage = np.array([[*row[name].values()] for row in rows]).T
-        found[name] = {
+        summary[name] = {
             "largest_error_over_oracle": round(float(error.max()), 4),
             "least_coverage": round(float(coverage.min()), 4),
             "mean_coverage": round(float(coverage.mean()), 4),
         }
-    return found
+    return summary
 
 
 def main() -> None:
@@ -216,8 +216,8 @@ def main() -> None:
         scene: {f"{snr:g} dB": measured(scene, snr, count) for snr in SNR_DB}
         for scene, count in draws.items()
     }
-    found = {"band": BAND, "draws": draws, "worst": worst(cases), "cases": cases}
-    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+    record = {"band": BAND, "draws": draws, "worst": worst(cases), "cases": cases}
+    RESULTS.write_text(json.dumps(record, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -58,15 +58,17 @@ def measured(scene: int, is_silenced: bool = True) -> list[Row]:
         cfg, key = configuration(scene), jax.random.key(0)
         full = simulation(cfg)
         for tolerance in TOLERANCES:
-            kept, found = screen_effects({**cfg, "tolerance": tolerance})
-            assert found is not None
-            if found.on not in done:
-                less = simulation(_silenced(cfg, found.on) if is_silenced else kept)
+            screened_cfg, screening = screen_effects({**cfg, "tolerance": tolerance})
+            assert screening is not None
+            if screening.on not in done:
+                less = simulation(_silenced(cfg, screening.on) if is_silenced else screened_cfg)
                 whole, reduced = pair(full, less, key)
-                done[found.on] = difference(reduced, whole)
-            off = [name for name in cfg["effects"] if name not in found.on]
-            active = sum(found.relative_change_bounds[name] > 0 for name in off)
-            rows.append(Row(scene, tolerance, len(off), active, found.bound, done[found.on]))
+                done[screening.on] = difference(reduced, whole)
+            off = [name for name in cfg["effects"] if name not in screening.on]
+            active = sum(screening.relative_change_bounds[name] > 0 for name in off)
+            rows.append(
+                Row(scene, tolerance, len(off), active, screening.bound, done[screening.on])
+            )
     return rows
 
 
@@ -103,15 +105,15 @@ def main(first: int, last: int, afresh: bool) -> None:
     rows = {(row["scene"], row["tolerance"]): Row(**row) for row in held}
     done = set() if afresh else {scene for scene, _ in rows}
     for scene in (each for each in range(first, last) if each not in done):
-        found = measured(scene)
-        rows |= {(row.scene, row.tolerance): row for row in found}
+        new_rows = measured(scene)
+        rows |= {(row.scene, row.tolerance): row for row in new_rows}
         text = json.dumps(
             {**summary(list(rows.values())), "rows": [rows[at]._asdict() for at in sorted(rows)]},
             indent=1,
         )
         RESULTS.parent.mkdir(exist_ok=True)
         RESULTS.write_text(text + "\n")
-        print(*found, sep="\n", flush=True)
+        print(*new_rows, sep="\n", flush=True)
         release_programs(MOST_MAPS)
 
 

@@ -19,7 +19,7 @@ from tests.refusals import refused
 LENGTH = 0.02
 SKIN = HalfSpace()
 MODULUS = 7e5 / 0.75
-pressed = eqx.filter_jit(press)
+solve_contact = eqx.filter_jit(press)
 
 
 def window(n, length=LENGTH, shift=0.0):
@@ -49,33 +49,41 @@ def check(contact: Contact, line, height, nominal, size=1e-8, elastic=None):
     )
 
 
-def westergaard_error(n, share, shift):
+def westergaard_error(n, load_fraction, shift):
     depth, line = 1e-5, window(n, shift=shift)
     full = contacts.westergaard_full(depth, LENGTH, MODULUS)
     wave = SineWave(depth, LENGTH, 0.0).height(line)
-    found = pressed(line, SKIN, wave, share * full)
-    load = partial(contacts.westergaard_load, length=LENGTH, nominal=share * full, share=share)
+    contact = solve_contact(line, SKIN, wave, load_fraction * full)
+    load = partial(
+        contacts.westergaard_load,
+        length=LENGTH,
+        nominal=load_fraction * full,
+        load_fraction=load_fraction,
+    )
     exact = contacts.cell_averages(load, np.asarray(line.x), float(line.cell_m))
-    assert found.result == "converged"
-    return np.linalg.norm(np.asarray(found.pressure_Pa) - exact) / np.linalg.norm(exact)
+    assert contact.result == "converged"
+    return np.linalg.norm(np.asarray(contact.pressure_Pa) - exact) / np.linalg.norm(exact)
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("share", [0.1, 0.5])
-def test_westergaard_at_every_place_within_a_cell(share):
+@pytest.mark.parametrize("load_fraction", [0.1, 0.5])
+def test_westergaard_at_every_place_within_a_cell(load_fraction):
     sizes = {1024: 1.1e-3, 4096: 2.6e-4, 16384: 7e-5}
     errors = [
-        np.median([westergaard_error(n, share, turn / 12) for turn in range(12)]) for n in sizes
+        np.median([westergaard_error(n, load_fraction, turn / 12) for turn in range(12)])
+        for n in sizes
     ]
     assert all(error <= goal for error, goal in zip(errors, sizes.values(), strict=True)), errors
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5])
-def test_westergaard_converges_at_first_order(share):
+@pytest.mark.parametrize("load_fraction", [0.1, 0.5])
+def test_westergaard_converges_at_first_order(load_fraction):
     """As the edge of contact is known to a cell: in the root mean square over places within one,
     which so few places tell to some per cent."""
     coarse, fine = (
-        np.sqrt(np.mean([westergaard_error(n, share, turn / 12) ** 2 for turn in range(12)]))
+        np.sqrt(
+            np.mean([westergaard_error(n, load_fraction, turn / 12) ** 2 for turn in range(12)])
+        )
         for n in (4096, 32768)
     )
     assert np.log(coarse / fine) / np.log(8) >= 0.95
@@ -84,7 +92,7 @@ def test_westergaard_converges_at_first_order(share):
 def test_narrow_cells_take_no_more_steps():
     """As theirs begin where those on wider cells end."""
     wide, narrow = (
-        float(pressed(line, SKIN, SineWave(1e-5, LENGTH, 0.0).height(line), 500.0).iterations)
+        float(solve_contact(line, SKIN, SineWave(1e-5, LENGTH, 0.0).height(line), 500.0).iterations)
         for line in (window(4096), window(32768))
     )
     assert narrow <= wide
@@ -97,13 +105,13 @@ def test_a_stiff_layer_on_a_soft_one_bends_over_a_ridge(modulus):
     skin = Layered([Layer(1.5e-3, modulus), Layer(5e-3, 5e4, 0.3)])
     height = Ridge(4e-5, 6e-4, 5e-5, 0.0).height(line)
     compliance = np.asarray(cell_compliance(line, skin))[1:-1]
-    check(pressed(line, skin, height, 2e4), line, np.asarray(height), 2e4, elastic=compliance)
+    check(solve_contact(line, skin, height, 2e4), line, np.asarray(height), 2e4, elastic=compliance)
 
 
 def test_a_contact_that_ends_too_early_says_so():
-    found = pressed(window(64), SKIN, jnp.zeros(64), 1e4)
-    assert found.warnings == ()
-    early = eqx.tree_at(lambda c: (c.residual, c.iterations), found, (jnp.array(3.0), 1000))
+    contact = solve_contact(window(64), SKIN, jnp.zeros(64), 1e4)
+    assert contact.warnings == ()
+    early = eqx.tree_at(lambda c: (c.residual, c.iterations), contact, (jnp.array(3.0), 1000))
     (warning,) = early.warnings
     assert "not converged: after 1000 iterations" in warning
 
@@ -111,24 +119,24 @@ def test_a_contact_that_ends_too_early_says_so():
 def test_full_contact_is_the_direct_formula():
     line, depth = window(1024), 1e-5
     k, full = 2 * np.pi / LENGTH, contacts.westergaard_full(1e-5, LENGTH, MODULUS)
-    found = pressed(line, SKIN, SineWave(depth, LENGTH, 1e-3).height(line), 1.5 * full)
+    contact = solve_contact(line, SKIN, SineWave(depth, LENGTH, 1e-3).height(line), 1.5 * full)
     average = np.sinc(k * float(line.cell_m) / 2 / np.pi)
     wave = full * average * np.cos(k * (np.asarray(line.x) - 1e-3))
-    np.testing.assert_allclose(found.pressure_Pa, 1.5 * full + wave, rtol=1e-12)
-    assert float(found.iterations) == 0
+    np.testing.assert_allclose(contact.pressure_Pa, 1.5 * full + wave, rtol=1e-12)
+    assert float(contact.iterations) == 0
 
 
 def test_a_cylinder_is_hertz():
     """Half the width and the greatest pressure, in a window far wider than the contact."""
     line, radius = window(8192, 0.2), 0.01
     load = 5.0
-    found = pressed(line, SKIN, Cylinder(radius).height(line), load / 0.2)
-    p, cell = np.asarray(found.pressure_Pa), float(line.cell_m)
+    contact = solve_contact(line, SKIN, Cylinder(radius).height(line), load / 0.2)
+    p, cell = np.asarray(contact.pressure_Pa), float(line.cell_m)
     a = contacts.hertz_half_width(load, radius, MODULUS)
     # The outermost cells are touched in part: the load's second moment knows, a^2/4 for Hertz.
     moment = np.sum(p * np.asarray(line.x) ** 2) / np.sum(p) - cell**2 / 12
     assert 2 * np.sqrt(moment) == pytest.approx(a, rel=5e-3)
-    assert np.sum(found.touching) * cell / 2 == pytest.approx(a, abs=cell)
+    assert np.sum(contact.touching) * cell / 2 == pytest.approx(a, abs=cell)
     assert p.max() == pytest.approx(2 * load / (np.pi * a), rel=5e-3)
 
 
@@ -153,7 +161,7 @@ HARD = {
 def test_hard_profiles(shape, nominal):
     line = window(2048)
     height = np.asarray(shape.height(line))
-    contact = pressed(line, SKIN, jnp.asarray(height), nominal)
+    contact = solve_contact(line, SKIN, jnp.asarray(height), nominal)
     if np.ptp(height) == 0:
         np.testing.assert_allclose(contact.pressure_Pa, nominal)
     else:
@@ -161,7 +169,7 @@ def test_hard_profiles(shape, nominal):
 
 
 def test_a_flat_surface_is_pressed_evenly():
-    contact = pressed(window(256), SKIN, jnp.zeros(256), 1e4)
+    contact = solve_contact(window(256), SKIN, jnp.zeros(256), 1e4)
     np.testing.assert_array_equal(contact.pressure_Pa, 1e4)
     np.testing.assert_array_equal(contact.gap_m, 0.0)
 
@@ -170,7 +178,7 @@ def test_a_flat_surface_is_pressed_evenly():
 def test_a_quarter_of_a_million_points():
     line = window(2**18)
     height = Ridge(25e-6, 0.9e-3, 0.0012, 1e-5).height(line)
-    contact = pressed(line, SKIN, height, 3e4)
+    contact = solve_contact(line, SKIN, height, 3e4)
     check(contact, line, np.asarray(height), 3e4)
     assert float(contact.iterations) < 60
 
@@ -179,11 +187,11 @@ def test_a_quarter_of_a_million_points():
 def test_odd_lengths_and_single_precision():
     line = window(1003)
     height = Ridge(25e-6, 0.9e-3).height(line)
-    double = pressed(line, SKIN, height, 3e4)
+    double = solve_contact(line, SKIN, height, 3e4)
     assert double.result == "converged"
     with jax.enable_x64(False):
         small = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), (line, SKIN, height, 3e4))
-        single = pressed(*small)
+        single = solve_contact(*small)
         assert single.pressure_Pa.dtype == jnp.float32
         assert single.result == "converged"
     error = np.asarray(single.pressure_Pa) - np.asarray(double.pressure_Pa)
@@ -197,22 +205,24 @@ def test_it_scales_and_shifts_as_elasticity_does():
     """Height, modulus and pressure by one factor; a shift by whole cells; a mirror."""
     line = window(512)
     height = Rough(5e-6, 3e-3, 2e-4, 0.8, 1).height(line)
-    one = pressed(line, SKIN, height, 500.0)
+    one = solve_contact(line, SKIN, height, 500.0)
     assert 0.02 < np.mean(one.touching) < 0.98
-    stiff = pressed(line, HalfSpace(0.5, 7e5 * 8), height, 4000.0)
+    stiff = solve_contact(line, HalfSpace(0.5, 7e5 * 8), height, 4000.0)
     np.testing.assert_allclose(stiff.pressure_Pa, 8 * one.pressure_Pa, atol=1e-5)
-    high = pressed(line, SKIN, 8 * height, 4000.0)
+    high = solve_contact(line, SKIN, 8 * height, 4000.0)
     np.testing.assert_allclose(high.pressure_Pa, 8 * one.pressure_Pa, atol=1e-5)
-    rolled = pressed(line, SKIN, jnp.roll(height, 37), 500.0)
+    rolled = solve_contact(line, SKIN, jnp.roll(height, 37), 500.0)
     np.testing.assert_allclose(rolled.pressure_Pa, np.roll(one.pressure_Pa, 37), atol=1e-5)
-    mirrored = pressed(line, SKIN, height[::-1], 500.0)
+    mirrored = solve_contact(line, SKIN, height[::-1], 500.0)
     np.testing.assert_allclose(mirrored.pressure_Pa, one.pressure_Pa[::-1], atol=1e-5)
 
 
 def test_more_load_touches_more():
     line = window(1024)
     height = Rough(5e-6, 3e-3, 1e-4, 0.8, 3).height(line)
-    areas = [float(np.mean(pressed(line, SKIN, height, p).touching)) for p in 10.0 ** np.arange(6)]
+    areas = [
+        float(np.mean(solve_contact(line, SKIN, height, p).touching)) for p in 10.0 ** np.arange(6)
+    ]
     assert areas == sorted(areas)
     assert areas[0] < 0.1
     assert areas[-1] == 1.0
@@ -293,7 +303,7 @@ def test_two_overlapping_ridges():
     pair = Surface([Ridge(20e-6, 1e-3, -0.2e-3), Ridge(20e-6, 1e-3, 0.2e-3)])
     height = pair.height(line)
     assert float(height.max()) == pytest.approx(40e-6, rel=1e-9)
-    check(pressed(line, SKIN, height, 2e4), line, np.asarray(height), 2e4)
+    check(solve_contact(line, SKIN, height, 2e4), line, np.asarray(height), 2e4)
 
 
 def test_the_compliance_of_cells_is_that_of_points_at_long_waves():

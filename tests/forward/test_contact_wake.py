@@ -63,9 +63,9 @@ def alone(wake_m):
             [matrix[np.ix_(inside, inside)], np.ones((inside.size, 1))],
             [np.ones((1, inside.size)), np.zeros((1, 1))],
         ])  # fmt: skip
-        *found, constant = np.linalg.solve(system, [*height[inside], LOAD_N_PER_M / cell])
+        *solution, constant = np.linalg.solve(system, [*height[inside], LOAD_N_PER_M / cell])
         pressure = np.zeros(N)
-        pressure[inside] = found
+        pressure[inside] = solution
         gap = matrix @ pressure + constant - height
         new = (pressure > 0) | (~touching & (gap < 0))
         if np.array_equal(new, touching):
@@ -78,12 +78,12 @@ def alone(wake_m):
 def test_a_cylinder_that_stands_alone(wake_m):
     """Wakes of a tenth of the window to half as long again."""
     reference = alone(wake_m)
-    found = scene(wake_m).contact(LINE)
+    contact = scene(wake_m).contact(LINE)
     own = scene(wake_m, 1).contact(LINE)
-    assert found.result == own.result == "converged"
-    assert np.mean(np.asarray(found.pressure_Pa)) == pytest.approx(NOMINAL_PA, rel=1e-9)
-    assert friction(found.pressure_Pa) == pytest.approx(friction(reference), rel=0.01)
-    assert found.warnings == ()
+    assert contact.result == own.result == "converged"
+    assert np.mean(np.asarray(contact.pressure_Pa)) == pytest.approx(NOMINAL_PA, rel=1e-9)
+    assert friction(contact.pressure_Pa) == pytest.approx(friction(reference), rel=0.01)
+    assert contact.warnings == ()
     missing = 1 - friction(own.pressure_Pa) / friction(reference)
     assert missing > 0.03
     assert own.wake is not None
@@ -99,20 +99,20 @@ def test_what_is_missing_is_that_of_a_narrow_load():
         b = LENGTH_M / (2 * np.pi * wake_m)
         expected = LOAD_N_PER_M / (np.pi * MODULUS_PA) / wake_m
         expected *= digamma(1 + 1j * b).real - np.log(b)
-        found = wake_friction(LINE, skin(wake_m), pressure)
-        assert float(found.missing[0]) == pytest.approx(expected, rel=0.02)
+        wake = wake_friction(LINE, skin(wake_m), pressure)
+        assert float(wake.missing[0]) == pytest.approx(expected, rel=0.02)
 
 
-SHARES = {  # missing in 1, 2, 4, ... 64 windows
+MISSING_FRACTIONS = {  # missing in 1, 2, 4, ... 64 windows
     1: (0.019, 0.015, 0.012, 0.012, 0.012, 0.012, 0.012),
     32: (0.5, 0.2, 0.1, 0.05, 0.02, 0.005, 0.001),
     64: (0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2),
 }
 
 
-@pytest.mark.parametrize("windows", SHARES)
+@pytest.mark.parametrize("windows", MISSING_FRACTIONS)
 def test_as_many_windows_as_the_wake_asks_and_the_most_where_none_are_enough(windows):
-    missing = 0.1 * jnp.asarray(SHARES[windows])
+    missing = 0.1 * jnp.asarray(MISSING_FRACTIONS[windows])
     assert windows_for(WakeFriction(0.1 - missing[0], missing)) == windows
 
 
@@ -126,21 +126,23 @@ def test_nothing_is_touched_in_the_windows_added():
 
 def test_a_short_wake_changes_nothing():
     at_once = scene(2e-4)
-    found = at_once.contact(LINE)
+    contact = at_once.contact(LINE)
     own = press(LINE, at_once.skin, at_once.height(LINE), at_once.nominal_pressure_Pa)
-    np.testing.assert_array_equal(found.pressure_Pa, own.pressure_Pa)
-    np.testing.assert_array_equal(found.gap_m, own.gap_m)
-    assert found.warnings == ()
+    np.testing.assert_array_equal(contact.pressure_Pa, own.pressure_Pa)
+    np.testing.assert_array_equal(contact.gap_m, own.gap_m)
+    assert contact.warnings == ()
 
 
 @pytest.mark.parametrize("shape", [Ridge(25e-6, 2e-3, 0.0, 4e-4), Rough(5e-6, 3e-3, 2e-4, 0.8, 1)])
 def test_where_the_skin_lies_on_the_plate_no_wake_is_met(shape):
     """Its load is even but for a little, and a texture that repeats has no end to recover in."""
-    pressed = scene(0.032, shape=shape)
-    found = pressed.contact(LINE)
-    own = press(LINE, pressed.skin, pressed.height(LINE), pressed.nominal_pressure_Pa)
-    np.testing.assert_array_equal(found.pressure_Pa, own.pressure_Pa)
-    assert pressed.warnings(LINE) == ()
+    surface_scene = scene(0.032, shape=shape)
+    contact = surface_scene.contact(LINE)
+    own = press(
+        LINE, surface_scene.skin, surface_scene.height(LINE), surface_scene.nominal_pressure_Pa
+    )
+    np.testing.assert_array_equal(contact.pressure_Pa, own.pressure_Pa)
+    assert surface_scene.warnings(LINE) == ()
 
 
 def test_an_elastic_skin_is_not_looked_at():

@@ -25,13 +25,13 @@ def test_levels():
     quantisation = Quantisation(3, 2.0)
     assert quantisation.step == 0.5
     signal = jnp.linspace(-2.6, 2.6, 105)[None]
-    found = np.asarray(quantisation.converted(signal))
-    np.testing.assert_array_equal(np.unique(found), np.arange(-4, 4) / 2)
+    converted = np.asarray(quantisation.converted(signal))
+    np.testing.assert_array_equal(np.unique(converted), np.arange(-4, 4) / 2)
     inside = (signal >= -2) & (signal <= 1.75)
-    assert np.abs(found - signal)[inside].max() <= 0.25 + 1e-12
-    kept = (found > -2) & (found < 1.5)
+    assert np.abs(converted - signal)[inside].max() <= 0.25 + 1e-12
+    valid = (converted > -2) & (converted < 1.5)
     for given in (signal, quantisation.converted(signal)):
-        np.testing.assert_array_equal(quantisation.kept(given), kept)
+        np.testing.assert_array_equal(quantisation.kept(given), valid)
 
 
 @pytest.mark.parametrize("bits", [4, 10, 16, 24])
@@ -42,14 +42,14 @@ def test_noise_of_rounding(bits):
     step = 10.0 / 2**bits
     end = 5.0 - 1.5 * step  # whole steps
     signal = np.random.default_rng(bits).uniform(-end, end, size=(1, n))
-    found = np.asarray(quantisation.converted(jnp.asarray(signal)))
-    error = found - signal
+    converted = np.asarray(quantisation.converted(jnp.asarray(signal)))
+    error = converted - signal
     assert float(quantisation.variance()) == pytest.approx(step**2 / 12, rel=1e-14)
     # The square of a uniform error has the variance step^4 (1/80 - 1/144).
     spread = step**2 * np.sqrt((1 / 80 - 1 / 144) / n)
     assert abs(np.mean(error**2) - quantisation.variance()) < 5 * spread
     assert abs(np.mean(error)) < 5 * step / np.sqrt(12 * n)
-    assert abs(np.corrcoef(error[0], found[0])[0, 1]) < 5 / np.sqrt(n)
+    assert abs(np.corrcoef(error[0], converted[0])[0, 1]) < 5 / np.sqrt(n)
     assert np.all(quantisation.kept(jnp.asarray(signal)))
 
 
@@ -82,13 +82,13 @@ def test_single_precision(name):
     with jax.enable_x64(False):
         signal = jnp.asarray(np.linspace(-2, 2, 41), dtype=jnp.float32)[None]
         converter = make()
-        found, kept = converter.converted(signal), converter.kept(signal)
-        again = converter.converted(found)
-    assert found.dtype == np.float32
-    np.testing.assert_array_equal(found, again)
+        converted, valid = converter.converted(signal), converter.kept(signal)
+        again = converter.converted(converted)
+    assert converted.dtype == np.float32
+    np.testing.assert_array_equal(converted, again)
     inside = np.abs(np.asarray(signal)) < (1.4 if name == "clipping" else 1.0 - 2.0**-22)
-    np.testing.assert_array_equal(kept, inside)
-    assert np.abs(np.asarray(found) - np.asarray(signal))[inside].max() <= 2.0**-24
+    np.testing.assert_array_equal(valid, inside)
+    assert np.abs(np.asarray(converted) - np.asarray(signal))[inside].max() <= 2.0**-24
 
 
 REFUSED = {

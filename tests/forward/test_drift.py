@@ -57,15 +57,15 @@ def test_rate_is_the_derivative_of_the_drifting_charge(along):
     rate, charge_signal = along
     time = np.asarray(MOTION.time_s)
     expected = slope(time, load(time)[None] * np.asarray(charge_signal))
-    found = np.asarray(DRIFT(MOTION.time_s, rate, charge_signal))
+    drifted = np.asarray(DRIFT(MOTION.time_s, rate, charge_signal))
     # The spline does not follow the bends of the speed nor its own ends, and forgets them from
     # sample to sample.
     bends = np.asarray([time[0], *MOTION_BENDS, time[-1]])
     smooth = np.abs(time[:, None] - bends).min(1) > 60 / 4e3
     assert smooth.sum() > 400
-    error = np.abs(found - expected)[:, smooth].max() / np.abs(expected).max()
+    error = np.abs(drifted - expected)[:, smooth].max() / np.abs(expected).max()
     assert error < 1e-9
-    assert np.abs(found - np.asarray(rate))[:, smooth].max() > 0.1 * np.abs(expected).max()
+    assert np.abs(drifted - np.asarray(rate))[:, smooth].max() > 0.1 * np.abs(expected).max()
 
 
 def test_at_rest_the_drift_alone_is_felt(along):
@@ -73,11 +73,11 @@ def test_at_rest_the_drift_alone_is_felt(along):
     rate, charge_signal = along
     time = np.asarray(MOTION.time_s)
     resting = (time > 0.121) & (time < 0.169)
-    found = np.asarray(DRIFT(MOTION.time_s, rate, charge_signal))[:, resting]
+    drifted = np.asarray(DRIFT(MOTION.time_s, rate, charge_signal))[:, resting]
     turn = 2 * np.pi / 0.17
     expected = 0.3 * turn * np.cos(turn * time[resting] + 0.8)[None]
     expected = expected * np.asarray(charge_signal)[:, resting][:, :1]
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(drifted, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
 def test_at_constant_speed_a_uniform_load_is_felt_by_its_drift():
@@ -88,18 +88,18 @@ def test_at_constant_speed_a_uniform_load_is_felt_by_its_drift():
     rate = LINE.operator(device.signal(scan))(traction)
     charge = LINE.operator(device.charge())(traction)
     time = scan.time_s(LINE)
-    found = np.asarray(DRIFT(time, rate, OHM * charge))
+    drifted = np.asarray(DRIFT(time, rate, OHM * charge))
     # sigma_z = sigma_x = -p, sigma_y = -2 nu p and no shear: the angle does not matter.
     q = -4e3 * 0.7e-3 * 8e-3 * (23e-12 - 33e-12 + 2 * 0.45 * 3e-12)
     turn = 2 * np.pi / 0.17
     expected = OHM * q * 0.3 * turn * np.cos(turn * np.asarray(time) + 0.8)
-    np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), rtol=1e-9)
+    np.testing.assert_allclose(drifted, np.broadcast_to(expected, drifted.shape), rtol=1e-9)
 
 
 def test_a_readout_of_charge_is_scaled(along):
     time = np.asarray(MOTION.time_s)
-    found = DRIFT(MOTION.time_s, along[1])
-    np.testing.assert_allclose(found, load(time)[None] * np.asarray(along[1]), rtol=1e-13)
+    drifted = DRIFT(MOTION.time_s, along[1])
+    np.testing.assert_allclose(drifted, load(time)[None] * np.asarray(along[1]), rtol=1e-13)
 
 
 def test_no_drift_changes_nothing(along):

@@ -20,12 +20,12 @@ def test_the_reference_contact_is_accurate_to_one_per_cent(name):
     touches everywhere, to round-off."""
     sim = simulation(configuration("effects=[]", f"scene={name}"))
     k = np.asarray(sim.line.k)
-    felt = k * np.exp(-k * 0.75e-3)
+    transfer = k * np.exp(-k * 0.75e-3)
     looked, solved = (
         np.fft.rfft(each)
         for each in (_pressure(sim.scene, sim.line, k), sim.scene.pressure(sim.line))
     )
-    off = np.linalg.norm(felt * (looked - solved)) / np.linalg.norm(felt * solved)
+    off = np.linalg.norm(transfer * (looked - solved)) / np.linalg.norm(transfer * solved)
     assert off < (1e-2 if np.any(sim.scene.pressure(sim.line) == 0) else 1e-9)
 
 

@@ -19,8 +19,8 @@ from srsinv.forward.effects._screen import screen
 from srsinv.forward.film import Film, StripWidth
 from srsinv.forward.recorder import Recorder
 from srsinv.forward.scan import ConstantSpeed
-from srsinv.forward.sensor import Sensor
 from srsinv.forward.scenario import Scenario
+from srsinv.forward.sensor import Sensor
 from srsinv.jobs import build
 from srsinv.jobs.change import Felt, difference, felt, pair, with_only
 from srsinv.jobs.simulation import Simulation, screen_effects, simulation
@@ -67,9 +67,9 @@ def test_no_other_module_is_imported():
         "'effects.clipping', 'effects')\n"
         "print(*(n.split('.')[-1] for n in sys.modules if n.startswith('srsinv.forward.effects.')))"
     )
-    found = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True)
-    assert found.returncode == 0, found.stderr[-2000:]
-    assert {*found.stdout.split()} & {*NAMES} == {"clipping"}
+    process = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True)
+    assert process.returncode == 0, process.stderr[-2000:]
+    assert {*process.stdout.split()} & {*NAMES} == {"clipping"}
 
 
 @pytest.mark.parametrize("line", ["periodic", "open"])
@@ -132,9 +132,9 @@ def test_every_effect_is_tried():
 @pytest.mark.parametrize(("name", "settings"), CASES, ids=str)
 def test_it_changes_no_more_than_its_bound(name, settings):
     cfg = configuration(f"effects=[{name}]", *settings)
-    there, bare = simulation(cfg), simulation(with_only(cfg, ()))
-    bound = build.effects(cfg)[name].relative_change_bound(reference(bare.scenario, bare.fine))
-    both = pair(there, bare, KEY)
+    with_effect, ideal = simulation(cfg), simulation(with_only(cfg, ()))
+    bound = build.effects(cfg)[name].relative_change_bound(reference(ideal.scenario, ideal.fine))
+    both = pair(with_effect, ideal, KEY)
     assert np.isfinite(both[0].signal).all()
     # Samples are at every second cell of the reference's.
     assert difference(*both) <= 1.02 * bound
@@ -174,8 +174,8 @@ def test_nor_beside_loud_bursts(name, settings, silent):
     cfg = configuration(*SILENT, *settings)
     change = difference(felt(simulation(cfg), KEY), silent)
     few = with_only(cfg, (name, "snap_back"))
-    found = screen(build.ideal(few), build.line(few), build.effects(few), 1e-3)
-    assert 1e-3 < change <= found.relative_change_bounds[name]
+    screening = screen(build.ideal(few), build.line(few), build.effects(few), 1e-3)
+    assert 1e-3 < change <= screening.relative_change_bounds[name]
 
 
 SOFT = "effects.layered_skin.layers.skin.youngs_modulus_Pa=3e4"
@@ -200,13 +200,13 @@ def test_what_stays_on_is_in_the_signal_that_the_rest_is_screened_by(case):
     names, *settings = case
     cfg = configuration(f"effects=[{names}]", *settings)
     large, small = names.split(",")
-    _, found = screen_effects({**cfg, "tolerance": 0.003})
-    assert found is not None
-    assert found.on == {large, small}
+    _, screening = screen_effects({**cfg, "tolerance": 0.003})
+    assert screening is not None
+    assert screening.on == {large, small}
     # By itself the small one is far below.
     alone = with_only(cfg, (small,))
-    bare = screen(build.ideal(alone), build.line(alone), build.effects(alone), 0.003)
-    assert not bare.on
+    small_screening = screen(build.ideal(alone), build.line(alone), build.effects(alone), 0.003)
+    assert not small_screening.on
 
 
 def test_what_is_left_out_adds_up():
@@ -231,10 +231,10 @@ def test_beside_a_skin_that_raises_the_traction():
         "effects.viscoelastic_skin.times_s=[1e-6,1e-5]",
     )  # fmt: skip
     change = difference(*pair(simulation(cfg), simulation(with_only(cfg, ("layered_skin",))), KEY))
-    _, found = screen_effects({**cfg, "tolerance": 0.1})
-    assert found is not None
-    assert found.on == {"layered_skin"}
-    assert change <= found.relative_change_bounds["viscoelastic_skin"]
+    _, screening = screen_effects({**cfg, "tolerance": 0.1})
+    assert screening is not None
+    assert screening.on == {"layered_skin"}
+    assert change <= screening.relative_change_bounds["viscoelastic_skin"]
 
 
 def test_filters_come_before_the_sampling():
@@ -290,7 +290,7 @@ def test_sliding_along_the_features_is_silent():
     cfg = configuration("effects=[oblique_features]", "effects.oblique_features.angle_deg=90")
     scenario = build.scenario(cfg)
     line = build.line(cfg)
-    felt = line.operator(scenario.sensor.signal(scenario.scan))(
+    output = line.operator(scenario.sensor.signal(scenario.scan))(
         jnp.ones((2, line.n)).at[0, 3].set(5.0)
     )
-    np.testing.assert_array_equal(felt, 0.0)
+    np.testing.assert_array_equal(output, 0.0)

@@ -107,15 +107,15 @@ def closed_form(name, motion, p, mu):
     def one(z, angle, width, offset):
         under = x[:, None] + offset + width / 2 * nodes
         slope = cf.stress_slope(CAUCHY[name](under.ravel(), z, **SHAPES[name]), z)
-        felt = slope[:, 0] + np.repeat(way * mu, nodes.size) * slope[:, 1]
-        density = cf.charge_density(felt, angle, D, NU).reshape(under.shape)
+        total_slope = slope[:, 0] + np.repeat(way * mu, nodes.size) * slope[:, 1]
+        density = cf.charge_density(total_slope, angle, D, NU).reshape(under.shape)
         return width * 8e-3 * density @ weights / 2
 
     return OHM * u * p * np.stack([one(*element) for element in ELEMENTS])
 
 
 @cache
-def felt(motion, cells_per_depth=CELLS_PER_DEPTH):
+def operator_along(motion, cells_per_depth=CELLS_PER_DEPTH):
     return Felt(SENSOR, Motion(TIME, *MOTIONS[motion]), cells_per_depth)
 
 
@@ -125,7 +125,7 @@ def parameters(name, p, mu):
 
 
 def signal(name, motion, p=2e3, mu=0.6, cells_per_depth=CELLS_PER_DEPTH):
-    model = FeatureModel(felt(motion, cells_per_depth), {name: FEATURES[name]})
+    model = FeatureModel(operator_along(motion, cells_per_depth), {name: FEATURES[name]})
     return np.asarray(model(jax.tree.map(as_real, parameters(name, p, mu))))
 
 
@@ -155,7 +155,7 @@ def test_order_in_the_cell(name, least):
 def test_a_sum_is_the_sum_and_friction_is_its_own():
     both = {"strip": FEATURES["strip"], "grating": GratingFeature(friction=-0.2)}
     own = parameters("strip", 2e3, 0.6) | {"grating": SHAPES["grating"] | {"pressure_Pa": 900.0}}
-    together = FeatureModel(felt("reversing"), both)(jax.tree.map(as_real, own))
+    together = FeatureModel(operator_along("reversing"), both)(jax.tree.map(as_real, own))
     apart = signal("strip", "reversing") + signal("grating", "reversing", 900.0, -0.2)
     np.testing.assert_allclose(together, apart, atol=1e-12 * np.abs(apart).max(), rtol=0)
 
@@ -163,7 +163,7 @@ def test_a_sum_is_the_sum_and_friction_is_its_own():
 @pytest.mark.parametrize("name", FEATURES)
 def test_gradient_by_finite_differences(name):
     """Where positions and widths put edges inside cells, and on them, all the same."""
-    model = FeatureModel(felt("steady"), {name: FEATURES[name]})
+    model = FeatureModel(operator_along("steady"), {name: FEATURES[name]})
     tree = jax.tree.map(as_real, parameters(name, 2e3, 0.6))
     flat, unravel = jax.flatten_util.ravel_pytree(tree)
     size = np.where(np.abs(flat) > 1, np.abs(flat), np.where(np.abs(flat) < 0.1, 0.75e-3, 1.0))
@@ -221,12 +221,12 @@ def test_cell_averages_by_quadrature(name):
 @pytest.mark.parametrize("name", ["line", "strip", "hertz"])
 def test_shares_keep_load_and_place(name):
     """Sharpened or blurred, the cells hold the load and its first moment."""
-    averages, shares = (
+    averages, cell_values = (
         np.asarray(eqx.filter_jit(of)(profile(name)))
         for of in (lambda f: f.cell_average(LINE), lambda f: f.shares(LINE))
     )
-    assert shares.sum() == pytest.approx(averages.sum(), rel=1e-12)
-    place = LINE.x @ shares / shares.sum()
+    assert cell_values.sum() == pytest.approx(averages.sum(), rel=1e-12)
+    place = LINE.x @ cell_values / cell_values.sum()
     assert place == pytest.approx(3.1e-4, abs=1e-9)
 
 
@@ -255,11 +255,11 @@ def test_a_range_is_where_it_is_looked_for():
 
 def test_the_usual_way_to_write_a_grating():
     own = {"pitch_m": 2e-3, "duty": 0.3, "phase_rad": 0.5, "pressure_Pa": -800.0}
-    plain = FEATURES["grating"].plain(own)
+    canonical = FEATURES["grating"].plain(own)
     expected = {"pitch_m": 2e-3, "duty": 0.7, "phase_rad": 0.5 - np.pi, "pressure_Pa": 800.0}
-    assert plain == pytest.approx(expected)
-    model = FeatureModel(felt("steady"), {"grating": GratingFeature(friction=0.3)})
-    same = [np.asarray(model({"grating": jax.tree.map(as_real, way)})) for way in (own, plain)]
+    assert canonical == pytest.approx(expected)
+    model = FeatureModel(operator_along("steady"), {"grating": GratingFeature(friction=0.3)})
+    same = [np.asarray(model({"grating": jax.tree.map(as_real, way)})) for way in (own, canonical)]
     np.testing.assert_allclose(*same, atol=1e-9 * np.abs(same[0]).max(), rtol=0)
 
 

@@ -45,20 +45,20 @@ def scale_of(name) -> float:
 @pytest.mark.parametrize("name", FILTERS)
 def test_response(name):
     turn = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 25), -np.geomspace(1e-3, 1e3, 25)])
-    found = np.asarray(FILTERS[name].response(jnp.asarray(turn / scale_of(name))))
+    response = np.asarray(FILTERS[name].response(jnp.asarray(turn / scale_of(name))))
     b, a = scipys(name)
-    assert found[0] == 1
-    np.testing.assert_allclose(found, scipy.signal.freqs(b, a, turn)[1], rtol=1e-12)
+    assert response[0] == 1
+    np.testing.assert_allclose(response, scipy.signal.freqs(b, a, turn)[1], rtol=1e-12)
     power = 1 / (1 + turn ** (2 * a.size - 2))
-    np.testing.assert_allclose(np.abs(found) ** 2, power, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(response) ** 2, power, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", FEW)
 def test_impulse_response(name):
     since = np.linspace(0, 30, 61)
-    found = FILTERS[name].impulse_response(jnp.asarray(since * scale_of(name)))
+    response = FILTERS[name].impulse_response(jnp.asarray(since * scale_of(name)))
     expected = scipy.signal.impulse(scipys(name), T=since)[1]
-    assert largest_error(found * scale_of(name), expected) < 1e-12
+    assert largest_error(response * scale_of(name), expected) < 1e-12
     assert not np.any(FILTERS[name].impulse_response(jnp.asarray([-1e-3, -1.0])))
 
 
@@ -155,9 +155,9 @@ def test_the_open_lines_kernel_has_the_transfer_for_its_spectrum(speed):
         return kernel, jnp.fft.irfft(averaged, n) / step
 
     stage = Sensor(elements, filters=filters[:1]).signal(ConstantSpeed(speed))
-    found, expected = both(stage)
-    assert largest_error(found[:, 0], expected[:, 0]) < 1e-8
-    assert largest_error(found[:, 1], expected[:, 1]) < 1e-5
+    cell_response, expected = both(stage)
+    assert largest_error(cell_response[:, 0], expected[:, 0]) < 1e-8
+    assert largest_error(cell_response[:, 1], expected[:, 1]) < 1e-5
     one, two = (
         Sensor(elements, filters=each).signal(ConstantSpeed(speed)).transfer(jnp.asarray([300.0]))
         for each in (filters[:1], filters)
@@ -169,12 +169,12 @@ def test_the_open_lines_kernel_has_the_transfer_for_its_spectrum(speed):
 def test_charge_and_current_are_those_before_the_filters():
     r, scan = jnp.ones((2, 16)).at[:, 8:].set(0.0), ConstantSpeed(0.05)
     line = Open(16, 1e-4)
-    plain, slow = Sensor([Film()]), Sensor([Film()], filters=[FirstOrder(1e-2)])
+    unfiltered, slow = Sensor([Film()]), Sensor([Film()], filters=[FirstOrder(1e-2)])
     for stage in ("charge", "current"):
         given = () if stage == "charge" else (scan,)
-        same = (line.operator(getattr(sensor, stage)(*given))(r) for sensor in (plain, slow))
+        same = (line.operator(getattr(sensor, stage)(*given))(r) for sensor in (unfiltered, slow))
         np.testing.assert_array_equal(*same)
-    assert largest_error(*(line.operator(s.signal(scan))(r) for s in (slow, plain))) > 0.1
+    assert largest_error(*(line.operator(s.signal(scan))(r) for s in (slow, unfiltered))) > 0.1
 
 
 def test_beyond_what_the_nodes_hold_the_kernel_is_nan():
@@ -185,10 +185,10 @@ def test_beyond_what_the_nodes_hold_the_kernel_is_nan():
     def lagged(speed):
         return spread(FirstOrder(2e-3).along(speed, as_real(DEPTH)), x)
 
-    found = np.stack([lagged(speed) for speed in speeds])
-    for row, ratio in zip(found, (0.2, 0.25), strict=False):
+    kernels = np.stack([lagged(speed) for speed in speeds])
+    for row, ratio in zip(kernels, (0.2, 0.25), strict=False):
         assert largest_error(row, lagged_pole(x, ratio)) < 1e-12
-    assert np.all(np.isnan(found[2:]))
+    assert np.all(np.isnan(kernels[2:]))
 
 
 # Along a motion.
@@ -204,9 +204,9 @@ def test_a_ramp_from_rest_is_exact(ratio):
     series = since * u / 2 * (1 - u / 3 * (1 - u / 4 * (1 - u / 5))) if ratio > 1e5 else None
     expected = since + tau * np.expm1(-u) if series is None else series
     expected = np.where(since > 0, expected, 0.0)
-    found = FirstOrder(tau).in_time(jnp.asarray([since, 2 * since]), as_real(interval))
-    assert np.abs(found[0] - expected).max() < 1e-13 * since.max()
-    np.testing.assert_array_equal(found[1], 2 * found[0])
+    filtered = FirstOrder(tau).in_time(jnp.asarray([since, 2 * since]), as_real(interval))
+    assert np.abs(filtered[0] - expected).max() < 1e-13 * since.max()
+    np.testing.assert_array_equal(filtered[1], 2 * filtered[0])
 
 
 @pytest.mark.parametrize("per_interval", [0.05, 1.0, 40.0])
@@ -216,10 +216,10 @@ def test_in_time_against_scipy(name, per_interval):
     signal = np.random.default_rng(1).normal(size=300)
     signal[0] = 0.0
     interval = per_interval * scale_of(name)
-    found = FILTERS[name].in_time(jnp.asarray(signal)[None], as_real(interval))
+    filtered = FILTERS[name].in_time(jnp.asarray(signal)[None], as_real(interval))
     time = per_interval * np.arange(signal.size)
     expected = scipy.signal.lsim(scipys(name), signal, time)[1]
-    assert np.abs(found[0] - expected).max() < 1e-11 * np.abs(signal).max()
+    assert np.abs(filtered[0] - expected).max() < 1e-11 * np.abs(signal).max()
 
 
 @pytest.mark.parametrize("name", FEW)
@@ -247,8 +247,8 @@ def test_along_a_steady_motion_it_becomes_that_of_constant_speed(speed):
     samples, errors = np.array([301, 601]), []
     for n in samples:
         time = np.linspace(0, 0.64, n)
-        found, expected = both(Motion(time, speed * time, np.full(n, speed)))
-        errors.append(largest_error(found[:, n // 2 :], expected[:, n // 2 :]))
+        signal, expected = both(Motion(time, speed * time, np.full(n, speed)))
+        errors.append(largest_error(signal[:, n // 2 :], expected[:, n // 2 :]))
     assert 1.9 < fitted_order(1 / samples, errors) < 2.1
 
 
@@ -261,9 +261,9 @@ SENSOR = Sensor([Film(), Film(angle_rad=1.3)], filters=[FirstOrder(4e-3), Butter
 def test_adjoint_of_a_filter(name):
     s, y = jnp.asarray(np.random.default_rng(3).normal(size=(2, 2, 60)))
     interval = as_real(7e-4)
-    there = jnp.vdot(y, FILTERS[name].in_time(s, interval))
+    forward = jnp.vdot(y, FILTERS[name].in_time(s, interval))
     back = jnp.vdot(FILTERS[name].in_time_adjoint(y, interval), s)
-    assert abs(there - back) < 1e-13 * 60
+    assert abs(forward - back) < 1e-13 * 60
 
 
 def test_adjoint_along_a_motion():
@@ -298,7 +298,7 @@ def test_what_lies_beyond_the_line_is_filtered_too():
         tail = SENSOR.beyond(part, MOVING, 30e-4)
         turned = tail[:, 0] + 0.4 * MOVING.direction[None] * tail[:, 1]
         expected = SENSOR.scanned(whole, MOVING)(strip, strip * jnp.asarray([[1.0], [-1.0]]))
-        return SENSOR.scanned(part, MOVING)(nothing, beyond=turned), expected
+        return SENSOR.scanned(part, MOVING)(nothing, continuation=turned), expected
 
     # The line is sampled by polynomials of eighth order, of cells of a seventh of the depth.
     assert largest_error(*both()) < 1e-5
@@ -336,9 +336,9 @@ def test_gradients(kind):
     by_reach = np.stack([[values(theta) for theta in each] for each in at])
     difference = np.tensordot([1, -8, 8, -1], by_reach, 1).T / (12 * step)
     for mode in (jax.jacfwd, jax.jacrev):
-        found = np.asarray(jax.jit(mode(numbers))(jnp.ones(4)))
-        error = np.abs(found - difference).max(axis=1)
-        assert np.all(error < 1e-7 * np.abs(difference).max(axis=1)), found - difference
+        jacobian = np.asarray(jax.jit(mode(numbers))(jnp.ones(4)))
+        error = np.abs(jacobian - difference).max(axis=1)
+        assert np.all(error < 1e-7 * np.abs(difference).max(axis=1)), jacobian - difference
     unmoved = np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0]], dtype=bool)
     largest = np.abs(difference).max(axis=1)[:, None]
     np.testing.assert_array_equal(np.abs(difference) < 1e-2 * largest, unmoved)

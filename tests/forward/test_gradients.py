@@ -99,17 +99,17 @@ def gradients(line):
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 @pytest.mark.parametrize("name", NAMES)
 def test_gradient_in_a_parameter(name, mode, line):
-    found, i = gradients(line), NAMES.index(name)
-    assert abs(found["difference"][i]) > 1e-4, "the number does not depend on it"
-    assert found[mode][i] == pytest.approx(found["difference"][i], rel=1e-6, abs=1e-9)
+    by_mode, i = gradients(line), NAMES.index(name)
+    assert abs(by_mode["difference"][i]) > 1e-4, "the number does not depend on it"
+    assert by_mode[mode][i] == pytest.approx(by_mode["difference"][i], rel=1e-6, abs=1e-9)
 
 
 @pytest.mark.parametrize("line", LINES)
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_gradient_in_the_traction(mode, line):
-    found = gradients(line)
-    expected = found["difference"][len(NAMES) :]
-    error = np.abs(found[mode][len(NAMES) :] - expected).max()
+    by_mode = gradients(line)
+    expected = by_mode["difference"][len(NAMES) :]
+    error = np.abs(by_mode[mode][len(NAMES) :] - expected).max()
     assert error < 1e-6 * np.abs(expected).max()
 
 

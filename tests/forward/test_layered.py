@@ -40,15 +40,15 @@ def skin(layers) -> Layered:
 
 
 @eqx.filter_jit
-def _felt(skin, k, depth):
+def _skin_response(skin, k, depth):
     return skin.transfer(k, depth), skin.surface_displacement(k)
 
 
-def felt(layers, k, depth=DEPTH):
+def skin_response(layers, k, depth=DEPTH):
     """Transfer (4, 2, k) and displacement (2, 2, k) at any k, always computed on sixty-four."""
     k = np.asarray(k, float)
     padded = np.concatenate([k, np.full(-len(k) % 64, 1.0)]).reshape(-1, 64)
-    parts = [_felt(skin(layers), jnp.asarray(part), jnp.asarray(depth)) for part in padded]
+    parts = [_skin_response(skin(layers), jnp.asarray(part), jnp.asarray(depth)) for part in padded]
     return tuple(np.concatenate(one, axis=-1)[..., : len(k)] for one in zip(*parts, strict=True))
 
 
@@ -60,8 +60,8 @@ def _under_strip(skin, x, depth, width):
 def under_strip(layers, x, width, depth=DEPTH):
     """Stress (4, 2, x) under a strip of traction and its slope, always computed on sixteen."""
     padded = np.resize(np.asarray(x, float), 16)
-    found = _under_strip(skin(layers), *(jnp.asarray(one) for one in (padded, depth, width)))
-    return tuple(np.asarray(one)[..., : len(x)] for one in found)
+    responses = _under_strip(skin(layers), *(jnp.asarray(one) for one in (padded, depth, width)))
+    return tuple(np.asarray(one)[..., : len(x)] for one in responses)
 
 
 @needs_shared
@@ -76,7 +76,7 @@ def test_transfer_against_the_reference_table():
         k = np.array([row["k"] for row in stack["rows"]])
         longest = max([stack["depth_m"], *(h for _, _, h in layers if h is not None)])
         for ours, names in zip(
-            felt(layers, k, stack["depth_m"]),
+            skin_response(layers, k, stack["depth_m"]),
             (("sx", "sz", "txz"), ("surf_u", "surf_w")),
             strict=True,
         ):
@@ -98,14 +98,14 @@ def test_transfer_and_displacement_against_a_dense_system(name):
     layers = STACKS[name]
     k = np.array([60.0, 200.0, 700.0, 2000.0, 6000.0])
     for depth in (0.3e-3, layers[0][2], layers[0][2] + 0.4e-3):
-        stress, displacement = felt(layers, k, depth)
+        stress, displacement = skin_response(layers, k, depth)
         for at, one in enumerate(k):
             expected = dense.solve(layers, depth, one)
             for ours, theirs in zip((stress[:3], displacement), expected, strict=True):
                 scale = np.abs(theirs).max(0)
                 assert (np.abs(ours[..., at] - theirs) < 1e-9 * scale[None]).all()
     nu = layers[0][1]
-    stress = felt(layers, k, 0.3e-3)[0]
+    stress = skin_response(layers, k, 0.3e-3)[0]
     np.testing.assert_allclose(stress[3], nu * (stress[0] + stress[1]), rtol=1e-12, atol=1e-15)
 
 
@@ -122,12 +122,12 @@ def test_compliance_of_one_layer_on_a_rigid_core(nu):
     top = free * sinh - 2 * kappa * decay
     bottom = free * cosh + (2 * kappa**2 + 5 - 12 * nu + 8 * nu**2) * decay
     expected = 2 * (1 - nu**2) / modulus * h / kappa * top / bottom
-    ours = felt([(modulus, nu, h)], kappa / h)[1][1, 0]
+    ours = skin_response([(modulus, nu, h)], kappa / h)[1][1, 0]
     np.testing.assert_allclose(ours.real, expected, rtol=1e-11)
     thin = 1e-6
     shear_modulus = modulus / (2 * (1 + nu))
     limit = (1 - 2 * nu) / (2 * (1 - nu)) * h / shear_modulus + thin**2 * h / (3 * shear_modulus)
-    ours = felt([(modulus, nu, h)], [thin / h])[1]
+    ours = skin_response([(modulus, nu, h)], [thin / h])[1]
     np.testing.assert_allclose(ours[1, 0, 0], limit, rtol=1e-10)
     np.testing.assert_allclose(ours[0, 1, 0], h / shear_modulus, rtol=1e-10)
 
@@ -138,18 +138,18 @@ def test_one_material_is_the_half_space():
         half = HalfSpace(nu, 3e5)
         layers = [(3e5, nu, 1e-4), (3e5, nu, 2e-2), (3e5, nu, None)]
         for depth in (0.6e-4, DEPTH, 0.03):
-            ours = felt(layers, k, depth)[0]
+            ours = skin_response(layers, k, depth)[0]
             theirs = half_space_stress(np, k, depth, nu)
             scale = np.abs(theirs).max((0, 1))
             assert (np.abs(ours - theirs) <= 1e-10 * scale[None, None]).all()
-        yields = felt(layers, k[3:])[1][1, 0].real
+        yields = skin_response(layers, k[3:])[1][1, 0].real
         np.testing.assert_allclose(yields, half.compliance(jnp.asarray(k[3:])), rtol=1e-12)
 
 
 def test_a_thick_layer_hides_what_is_below():
     k = np.array([2e3, 1e4])
-    thick = felt([(7e5, 0.4, 2e-2), (7e-3, 0.5, 1e-3)], k)
-    half = felt([(7e5, 0.4, None)], k)
+    thick = skin_response([(7e5, 0.4, 2e-2), (7e-3, 0.5, 1e-3)], k)
+    half = skin_response([(7e5, 0.4, None)], k)
     for ours, theirs in zip(thick, half, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-14 * np.abs(theirs).max())
 
@@ -158,7 +158,9 @@ def test_cutting_a_layer_changes_nothing():
     k = np.geomspace(1e-2, 1e4, 12)
     whole = [(7e5, 0.5, 1e-3), (5e4, 0.3, 5e-3), (1e5, 0.45, 1e-3)]
     cut = [(7e5, 0.5, 1e-3), (5e4, 0.3, 1e-6), (5e4, 0.3, 5e-3 - 1e-6), (1e5, 0.45, 1e-3)]
-    for ours, theirs in zip(felt(cut, k, 3e-3), felt(whole, k, 3e-3), strict=True):
+    for ours, theirs in zip(
+        skin_response(cut, k, 3e-3), skin_response(whole, k, 3e-3), strict=True
+    ):
         scale = np.abs(theirs).max(0)
         assert (np.abs(ours - theirs) <= 1e-11 * scale[None]).all()
 
@@ -167,7 +169,7 @@ def test_a_film_on_an_interface_but_for_rounding_is_in_the_layer_above():
     """sigma_x jumps at an interface."""
     k, interface = [100.0, 1000.0], FOAM[0][2]
     on, rounded, below = (
-        felt(FOAM, k, interface * (1 + part))[0][:, 0] for part in (0.0, 4e-16, 1e-9)
+        skin_response(FOAM, k, interface * (1 + part))[0][:, 0] for part in (0.0, 4e-16, 1e-9)
     )
     np.testing.assert_allclose(rounded, on, rtol=1e-10)
     assert (np.abs(below[0] - on[0]) > 0.5 * np.abs(on[0])).all()
@@ -175,21 +177,23 @@ def test_a_film_on_an_interface_but_for_rounding_is_in_the_layer_above():
 
 def test_a_traced_film_below_the_face_of_the_core_is_at_that_face():
     k, face = [100.0, 1000.0], FOAM[0][2] + FOAM[1][2]
-    for inside, at_face in zip(felt(FOAM, k, 1.5 * face), felt(FOAM, k, face), strict=True):
+    for inside, at_face in zip(
+        skin_response(FOAM, k, 1.5 * face), skin_response(FOAM, k, face), strict=True
+    ):
         np.testing.assert_allclose(inside, at_face, rtol=1e-10)
 
 
 @pytest.mark.parametrize("name", STACKS)
 def test_reciprocity(name):
     """The work of p on the displacement by q is that of q on the displacement by p."""
-    displacement = felt(STACKS[name], np.geomspace(1e-3, 2e3, 16))[1]
+    displacement = skin_response(STACKS[name], np.geomspace(1e-3, 2e3, 16))[1]
     scale = np.sqrt(np.abs(displacement[1, 0] * displacement[0, 1]))
     assert (np.abs(displacement[0, 0] - displacement[1, 1].conj()) <= 1e-11 * scale).all()
 
 
 @pytest.mark.parametrize("name", STACKS)
 def test_limits_at_zero_and_the_symmetry_about_it(name):
-    stress = felt(STACKS[name], [-3.0, 0.0, 1e-7, 3.0])[0]
+    stress = skin_response(STACKS[name], [-3.0, 0.0, 1e-7, 3.0])[0]
     np.testing.assert_array_equal(stress[..., 0].conj(), stress[..., 3])
     even = np.array([[1, 0], [1, 0], [0, 1], [1, 0]], bool)
     np.testing.assert_allclose(stress[..., 1][even], stress[..., 2][even].real, rtol=1e-6)
@@ -210,7 +214,7 @@ def test_hard_stacks_stay_finite():
             layers[-1] = (*layers[-1][:2], None)
         total = sum(h for _, _, h in layers if h is not None)
         k = np.geomspace(1e-6, 1e4, 16) / max(h for _, _, h in layers if h is not None)
-        stress, displacement = felt(layers, k, rng.uniform(0.05, 0.95) * total)
+        stress, displacement = skin_response(layers, k, rng.uniform(0.05, 0.95) * total)
         assert np.isfinite(stress).all()
         assert np.isfinite(displacement).all()
         assert (displacement[1, 0].real > 0).all()
@@ -237,7 +241,7 @@ def by_quadrature(name):
     k, weight = (np.array(edges[:-1])[:, None] + half * (1 + node)).ravel(), (half * weight).ravel()
     width = np.array(WIDTHS)[:, None, None]
     load = 2 * np.sin(k * width / 2) / k * np.exp(1j * k * PLACES[:, None]) * weight / np.pi
-    transfer = felt(STACKS[name], k)[0]
+    transfer = skin_response(STACKS[name], k)[0]
     return [np.einsum("wxk,ijk->wijx", wave, transfer).real for wave in (load, 1j * k * load)]
 
 
@@ -282,12 +286,12 @@ def test_strip_on_one_material_is_the_half_space(width):
 def test_enormous_strip_is_uniform_traction():
     """In its middle on a rigid core; outside it nothing. On a half space the shear's far tail is
     that of the base: as if there were no layers."""
-    uniform = felt(PLATE, [0.0])[0][..., 0].real
+    uniform = skin_response(PLATE, [0.0])[0][..., 0].real
     inside = under_strip(PLATE, [0.0, 30.0], 1e3)[0]
     np.testing.assert_allclose(inside, np.stack([uniform] * 2, -1), atol=1e-9)
     np.testing.assert_allclose(under_strip(PLATE, [700.0], 1e3)[0], 0.0, atol=1e-9)
     far = np.array([600.0, 900.0])
-    jump = felt(ENDLESS, [1e-9])[0][0, 1, 0].imag
+    jump = skin_response(ENDLESS, [1e-9])[0][0, 1, 0].imag
     expected = -jump / np.pi * np.log((far + 500) / (far - 500))
     np.testing.assert_allclose(under_strip(ENDLESS, far, 1e3)[0][0, 1], expected, rtol=1e-6)
 
@@ -359,7 +363,7 @@ def test_single_precision():
     k, x = [0.0, 1e-3, 10.0, 300.0, 2e3, 1e5, 1e7], [0.0, 1e-3, -5e-3, 0.2]
 
     def run():
-        return felt(FOAM, k)[0], under_strip(FOAM, x, 1e-3)[0]
+        return skin_response(FOAM, k)[0], under_strip(FOAM, x, 1e-3)[0]
 
     double = run()
     with jax.enable_x64(False):

@@ -238,19 +238,19 @@ def test_a_short_line_is_sampled_by_all_it_has(kind, n):
     line = kind(n, 1.0)
     at = np.linspace(n // 2 - 0.5, n // 2 + 0.5, 9)
     power = n - 1 if kind is Open else 0
-    found = sampled(line, at, np.arange(float(n))[None] ** power)
-    np.testing.assert_allclose(found[0], at**power, rtol=1e-12)
+    values = sampled(line, at, np.arange(float(n))[None] ** power)
+    np.testing.assert_allclose(values[0], at**power, rtol=1e-12)
 
 
-BEYOND = {
+OUTSIDE = {
     "ahead": (np.array([0.0, 1e-3, 3.2e-3]), "0.0002 m", "at 0.003 m"),
     "behind": (np.array([1e-3, -0.5e-3, 0.0]), "0.0005 m", "at 0 m"),
 }
 
 
-@pytest.mark.parametrize("name", BEYOND)
+@pytest.mark.parametrize("name", OUTSIDE)
 def test_positions_beyond_an_open_line_are_refused(name):
-    at, *words = BEYOND[name]
+    at, *words = OUTSIDE[name]
     refused(lambda: Sampling(Open(4, 1e-3), at), *words)
     assert Sampling(Periodic(4, 1e-3), at)
 
@@ -331,10 +331,10 @@ def test_time_reversed(amplifier, sign):
     it does not."""
     line, p, _ = TRACTIONS["open"]
     sensor = Sensor(SENSOR.elements, SENSOR.skin, amplifier)
-    there = motion("varying_by_40_percent")
-    back = Motion(TIME, there.position_m[::-1], -there.speed_m_per_s[::-1])
+    forward = motion("varying_by_40_percent")
+    back = Motion(TIME, forward.position_m[::-1], -forward.speed_m_per_s[::-1])
     free, rubbing = (
-        [voltage(sensor, line, way, p, mu) for way in (there, back)] for mu in (0.0, MU)
+        [voltage(sensor, line, way, p, mu) for way in (forward, back)] for mu in (0.0, MU)
     )
     assert largest_error(sign * free[1][:, ::-1], free[0]) < 1e-13
     assert largest_error(sign * rubbing[1][:, ::-1], rubbing[0]) > 0.1
@@ -380,8 +380,8 @@ def test_order_of_the_integral_and_of_the_derivative(given, least, column):
         time = 0.2 * (s + 0.1 * np.sin(3 * s))
         exact = motion("stopping_and_reversing", "both", time)
         x, u = exact.position_m, exact.speed_m_per_s
-        found = GIVEN[given](time + 64.0, np.asarray(x), np.asarray(u))
-        errors.append(largest_error(getattr(found, column), getattr(exact, column)))
+        derived = GIVEN[given](time + 64.0, np.asarray(x), np.asarray(u))
+        errors.append(largest_error(getattr(derived, column), getattr(exact, column)))
     assert fitted_order(1 / samples, errors) > least
 
 

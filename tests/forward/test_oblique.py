@@ -132,12 +132,12 @@ def test_antiplane_shear_is_in_equilibrium():
     shear = TurnedSkin(HalfSpace(), 0.0).antiplane
 
     @jax.jit
-    def found(depth):
+    def derivatives(depth):
         of_x = jax.jvp(lambda x: shear.strip_response(x, depth, width), (x,), (jnp.ones(9),))[1]
         of_z = jax.jacfwd(lambda z: shear.strip_response(x, z, width))(depth)
         return shear.strip_slope(x, depth, width), of_x, of_z
 
-    slope, of_x, of_z = map(np.asarray, found(jnp.asarray(DEPTH)))
+    slope, of_x, of_z = map(np.asarray, derivatives(jnp.asarray(DEPTH)))
     np.testing.assert_allclose(of_x, slope, rtol=1e-9, atol=1e-12 * np.abs(slope).max())
     assert np.abs(of_x[0] + of_z[1]).max() < 1e-12 * np.abs(of_x).max()
 
@@ -209,9 +209,9 @@ def test_effects_turn():
     film = turned(Sensor([Film(effects=effects)]), 1.0).elements[0]
     width, offset, average, length = map(vars, film.effects)
     c = np.cos(1.0)
-    found = width["width_m"], offset["offset_m"], average["spacing_m"], length["reach_m"]
+    sizes = width["width_m"], offset["offset_m"], average["spacing_m"], length["reach_m"]
     expected = 0.7e-3 * c, 0.3e-3 * c, 4e-5 * c, 8e-3 * np.sin(1.0)
-    np.testing.assert_allclose(found, expected, rtol=1e-14)
+    np.testing.assert_allclose(sizes, expected, rtol=1e-14)
 
 
 def test_contact_is_across_the_features():
@@ -304,10 +304,10 @@ def test_coarser_circle_stands_at_the_means():
 @pytest.mark.parametrize("angle", [0.0, 2.1])
 def test_gradients_on_the_circle(angle):
     """In all of the ridge's parameters, also where the strip's length does not reach along xi."""
-    found, expected = by_all_ways(angle)
+    jacobians, expected = by_all_ways(angle)
     scale = np.abs(expected).max(axis=-1, keepdims=True)
     assert scale.min() > 1e-3
-    for mode in found:
+    for mode in jacobians:
         np.testing.assert_allclose(mode / scale, expected / scale, atol=1e-6)
 
 
@@ -324,11 +324,11 @@ def ways(factors):
 
 def by_all_ways(angle):
     at, step = np.array([angle, 1.0, 1.0, 1.0, 1.0]), 1e-4
-    found = ways(jnp.asarray(at))[1:]
+    jacobians = ways(jnp.asarray(at))[1:]
     reaches = {reach: [ways(jnp.asarray(at + reach * step * e))[0] for e in np.eye(5)]
                for reach in (-2, -1, 1, 2)}  # fmt: skip
     rows = {reach: np.asarray(values) for reach, values in reaches.items()}
-    return found, (rows[-2] - 8 * rows[-1] + 8 * rows[1] - rows[2]) / (12 * step)
+    return jacobians, (rows[-2] - 8 * rows[-1] + 8 * rows[1] - rows[2]) / (12 * step)
 
 
 @pytest.mark.full
@@ -336,11 +336,11 @@ def test_layers_of_one_material_are_the_half_space():
     """In and out of the plane, on both lines."""
     same = Layered([Layer(1e-3), Layer(2e-3), Layer()])
     for name in ("periodic_even", "open_odd"):
-        felt = [
+        signals = [
             oblique(0.6, LINES[name], Sensor([Film(DEPTH, 0.3)], skin), per_line(name))
             for skin in (same, HalfSpace())
         ]
-        assert largest_error(*felt) < 1e-10
+        assert largest_error(*signals) < 1e-10
 
 
 @pytest.mark.parametrize("k", [3.0, 40.0, 900.0, 8e3])
@@ -369,7 +369,7 @@ def test_shear_along_features_on_layers(k):
 
 @pytest.mark.full
 def test_single_precision():
-    def found():
+    def simulate():
         films = (Film(DEPTH, 0.4, effects=(Offset(0.4e-3),)),)
         line, sensor = Open(48, 2e-4, -4.7e-3), Sensor(films)
         p = UniformStrip(1e3, 1e-3).cell_average(line)
@@ -378,9 +378,9 @@ def test_single_precision():
         circling = Circling(sensor, Circle(samples=64))(Ridge(1.1, 2e-3, friction=0.3))
         return oblique(1.1, line, sensor, traction), circling, silent
 
-    *double, _ = found()
+    *double, _ = simulate()
     with jax.enable_x64(False):
-        *single, silent = found()
+        *single, silent = simulate()
     for ours, reference in zip(single, double, strict=True):
         assert ours.dtype == jnp.float32
         assert largest_error(ours, reference) < 1e-4

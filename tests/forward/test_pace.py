@@ -69,8 +69,8 @@ def test_ramps_are_raised_cosines():
     time = np.asarray(motion.time_s)
     turning = (time > 0.1213) & (time < 0.1213 + 0.0111)
     expected = SPEED * np.cos(np.pi * (time[turning] - 0.1213) / 0.0111)
-    found = np.asarray(motion.speed_m_per_s)[turning]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+    speeds = np.asarray(motion.speed_m_per_s)[turning]
+    np.testing.assert_allclose(speeds, expected, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("rate", [5000.0, 170.0])
@@ -186,8 +186,8 @@ def test_gradients_of_the_motion():
 def test_times_may_begin_later():
     late = jnp.asarray([0.13, 0.19, 0.3])
     whole = at_times(jnp.concatenate([jnp.zeros(1), late]), START, SPEED, [STOP, BACK])
-    found = at_times(late, START, SPEED, [STOP, BACK])
-    np.testing.assert_allclose(found.position_m, whole.position_m[1:], rtol=0, atol=1e-9)
+    motion = at_times(late, START, SPEED, [STOP, BACK])
+    np.testing.assert_allclose(motion.position_m, whole.position_m[1:], rtol=0, atol=1e-9)
     refused(lambda: at_times(late - 0.2, START, SPEED), "begins at -0.07", "from 0")
 
 
@@ -201,9 +201,9 @@ def test_gradient_of_a_signal_in_the_ripple():
     def signal(fraction):
         return sensor.scanned(line, at_times(time, 0.0, SPEED, [Ripple(fraction, 20.0)]))(r)
 
-    found = jax.jit(jax.jacfwd(signal))(0.3)
+    derivative = jax.jit(jax.jacfwd(signal))(0.3)
     expected = (signal(0.3 + 1e-5) - signal(0.3 - 1e-5)) / 2e-5
-    assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
+    assert np.abs(derivative - expected).max() < 1e-7 * np.abs(expected).max()
 
 
 def test_single_precision():

@@ -98,28 +98,28 @@ def test_spectrum_is_the_transform_of_the_covariance(amplifier, decay):
         expected = gain**2 * covariance(lag)
     angle = 2 * np.pi * np.arange(33) / 64
     expected = np.cos(angle[:, None] * lag) @ expected
-    found = np.asarray(spectrum_of(snap_back(decay, amplifier), LINE, SCAN))
-    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9 * expected.max())
+    spectrum = np.asarray(spectrum_of(snap_back(decay, amplifier), LINE, SCAN))
+    np.testing.assert_allclose(spectrum, expected, rtol=1e-7, atol=1e-9 * expected.max())
 
 
 def test_slow_decay_leaves_steps_white():
     """Each event is one sample of K a R_f/dt, and rate dt of them come in a sample."""
-    found = np.asarray(spectrum_of(snap_back(1e6), LINE, SCAN))
-    assert found[0] == 0
-    np.testing.assert_allclose(found[1:], RATE * mean_square() * OHM**2 / DT, rtol=1e-6)
+    spectrum = np.asarray(spectrum_of(snap_back(1e6), LINE, SCAN))
+    assert spectrum[0] == 0
+    np.testing.assert_allclose(spectrum[1:], RATE * mean_square() * OHM**2 / DT, rtol=1e-6)
 
 
 def test_fast_decay_leaves_what_lasts_until_the_sample():
     """Of an event of age s a sample keeps K a exp(-s/decay), and the next one takes it back."""
-    found = np.asarray(spectrum_of(snap_back(DT / 50), LINE, SCAN))
+    spectrum = np.asarray(spectrum_of(snap_back(DT / 50), LINE, SCAN))
     angle = 2 * np.pi * np.arange(33) / 64
     one = RATE * mean_square() * DT / 50 / 2 * (OHM / DT) ** 2
-    np.testing.assert_allclose(found, one * (2 - 2 * np.cos(angle)), rtol=1e-6, atol=1e-9 * one)
+    np.testing.assert_allclose(spectrum, one * (2 - 2 * np.cos(angle)), rtol=1e-6, atol=1e-9 * one)
 
 
 def test_spectrum_does_not_know_the_way():
-    there, back = (spectrum_of(snap_back(), LINE, scan) for scan in (SCAN, BACKWARDS))
-    np.testing.assert_array_equal(there, back)
+    forwards, back = (spectrum_of(snap_back(), LINE, scan) for scan in (SCAN, BACKWARDS))
+    np.testing.assert_array_equal(forwards, back)
 
 
 # Draws. The bounds are those of a fair draw at one in a thousand; the keys are fixed.
@@ -163,8 +163,8 @@ def jumps_of(noise):
 def test_number_of_events_is_that_of_poisson():
     """The samples with an event are as dispersed as if each were alone in the world."""
     counts = (jumps_of(snap_back(5e-3, "slow", rate_hz=20.0)) != 0).sum(1)
-    share = 1 - np.exp(-20 * DT)
-    spread = ((counts - 64 * share) ** 2).sum() / (64 * share * (1 - share))
+    probability = 1 - np.exp(-20 * DT)
+    spread = ((counts - 64 * probability) ** 2).sum() / (64 * probability * (1 - probability))
     assert stats.chi2(counts.size).ppf(0.0005) < spread < stats.chi2(counts.size).ppf(0.9995)
 
 
@@ -194,8 +194,8 @@ def test_the_polynomials_are_the_response(depths, error):
     coefficients = np.asarray(eqx.filter_jit(SnapBack._over_contact)(snap_back(contact_m=contact)))
     at = np.linspace(-1, 1, 201)
     expected = response(contact / 2 * at)
-    found = np.polynomial.chebyshev.chebval(at, coefficients.T)
-    assert np.abs(found - expected).max() < error * np.abs(expected).max()
+    values = np.polynomial.chebyshev.chebval(at, coefficients.T)
+    assert np.abs(values - expected).max() < error * np.abs(expected).max()
 
 
 def test_rate_signal_is_the_difference_of_the_same_charge():
@@ -252,8 +252,8 @@ def test_spectrum_passes_the_filters():
     omega = 2 * np.pi * np.arange(33) / (64 * DT)
     power = 1 / (1 + (4e-3 * omega) ** 2) / (1 + (omega / (2 * np.pi * 90)) ** 6)
     expected = np.asarray(spectrum_of(snap_back(), LINE, SCAN)) * power
-    found = np.asarray(spectrum_of(BEHIND, LINE, SCAN))
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=0)
+    spectrum = np.asarray(spectrum_of(BEHIND, LINE, SCAN))
+    np.testing.assert_allclose(spectrum, expected, rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize("scan", [SCAN, BACKWARDS], ids=["forwards", "backwards"])
@@ -264,10 +264,10 @@ def test_draws_come_later_in_time(scan):
     response = 1 / (1 + 4e-3j * omega)
     response *= scipy.signal.freqs(*scipy.signal.butter(3, 2 * np.pi * 90, analog=True), omega)[1]
     response[-1] = response[-1].real
-    bare = np.fft.rfft(drawn(snap_back(), scan))
-    expected = np.fft.irfft(bare * response, 64)
-    found = drawn(BEHIND, scan)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(found).max())
+    unfiltered = np.fft.rfft(drawn(snap_back(), scan))
+    expected = np.fft.irfft(unfiltered * response, 64)
+    filtered = drawn(BEHIND, scan)
+    np.testing.assert_allclose(filtered, expected, rtol=0, atol=1e-12 * np.abs(filtered).max())
 
 
 # Together with the other causes

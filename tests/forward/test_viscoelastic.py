@@ -28,7 +28,7 @@ MODES = 3
 solved = eqx.filter_jit(press)
 
 
-def pressed(line, skin, height, nominal):
+def solve_contact(line, skin, height, nominal):
     """With the pressure as an array, so that one program does for all."""
     return solved(line, skin, height, jnp.asarray(nominal))
 
@@ -74,8 +74,10 @@ def check(contact, skin, height, nominal, size=1e-8):
 def test_the_modulus_is_the_series_at_every_frequency():
     skin = sliding(0.1, (0.5, 0.0, 40.0), (1e-2, 1.0, 1e-5))
     w = np.concatenate([-(10.0 ** np.arange(-8, 12)), [0.0], 10.0 ** np.arange(-8, 12)])
-    found = np.asarray(skin.relative_modulus(jnp.asarray(w)))
-    np.testing.assert_allclose(found, modulus(w, (0.5, 0.0, 40.0), (1e-2, 1.0, 1e-5)), rtol=1e-13)
+    relative_modulus = np.asarray(skin.relative_modulus(jnp.asarray(w)))
+    np.testing.assert_allclose(
+        relative_modulus, modulus(w, (0.5, 0.0, 40.0), (1e-2, 1.0, 1e-5)), rtol=1e-13
+    )
 
 
 def test_no_frequency_overflows_in_value_or_slope():
@@ -119,16 +121,18 @@ def test_refusals():
 @pytest.mark.parametrize(("speed", "stiffer"), [(1e-11, 1), (-1e-11, 1), (1e9, 4), (-1e9, 4)])
 def test_very_slow_and_very_fast_it_is_elastic(speed, stiffer):
     height = RIDGE.height(LINE)
-    found = pressed(LINE, sliding(speed), height, LOAD).pressure_Pa
-    elastic = pressed(LINE, HalfSpace(0.5, stiffer * 7e5), height, LOAD)
+    pressure_Pa = solve_contact(LINE, sliding(speed), height, LOAD).pressure_Pa
+    elastic = solve_contact(LINE, HalfSpace(0.5, stiffer * 7e5), height, LOAD)
     assert 0.05 < np.mean(elastic.touching) < 0.95
-    np.testing.assert_allclose(found, elastic.pressure_Pa, rtol=1e-6, atol=1e-6 * LOAD)
+    np.testing.assert_allclose(pressure_Pa, elastic.pressure_Pa, rtol=1e-6, atol=1e-6 * LOAD)
 
 
 def test_the_edge_met_first_carries_more():
     """A finger that moves to +x meets a ridge at its -x side, where the skin is bent fast."""
     height = RIDGE.height(LINE)
-    ahead, back = (pressed(LINE, sliding(u), height, LOAD / 8).pressure_Pa for u in (0.3, -0.3))
+    ahead, back = (
+        solve_contact(LINE, sliding(u), height, LOAD / 8).pressure_Pa for u in (0.3, -0.3)
+    )
     np.testing.assert_allclose(back, ahead[::-1], rtol=0, atol=1e-6)
     p = np.asarray(ahead)
     assert np.sum(p * X) / np.sum(p) < -2 * CELL
@@ -143,13 +147,13 @@ def test_sliding_is_resisted_by_what_the_skin_loses():
     slope = np.gradient(np.asarray(height), CELL)
 
     def resistance(speed):
-        p = np.asarray(pressed(LINE, sliding(speed), height, LOAD).pressure_Pa)
+        p = np.asarray(solve_contact(LINE, sliding(speed), height, LOAD).pressure_Pa)
         loss = -2 * K * np.imag(compliance(sliding(speed))) * np.abs(np.fft.rfft(p)) ** 2
         return np.sum(p * slope) * CELL, np.sum(loss) * CELL / N
 
-    most, lost = resistance(0.3)
-    assert lost > 0
-    assert most == pytest.approx(lost, rel=0.02)
+    most, dissipated = resistance(0.3)
+    assert dissipated > 0
+    assert most == pytest.approx(dissipated, rel=0.02)
     assert resistance(-0.3)[0] == pytest.approx(-most, rel=1e-6)
     for speed in (1e-7, 1e6):
         assert 0 < resistance(speed)[0] < 1e-4 * most
@@ -162,10 +166,10 @@ def test_full_contact_is_the_wave_stiffer_and_ahead():
     late = modulus(k * speed, (0.7, 2.0), (1e-3, 2e-4))
     assert np.angle(late) > 0.2
     full = MODULUS * k * depth / 2 * np.sinc(k * CELL / 2 / np.pi)
-    found = pressed(LINE, skin, SineWave(depth, LENGTH, 0.0).height(LINE), 6e3)
+    contact = solve_contact(LINE, skin, SineWave(depth, LENGTH, 0.0).height(LINE), 6e3)
     wave = full * np.abs(late) * np.cos(k * X + np.angle(late))
-    np.testing.assert_allclose(found.pressure_Pa, 6e3 + wave, rtol=1e-11)
-    assert float(found.iterations) == 0
+    np.testing.assert_allclose(contact.pressure_Pa, 6e3 + wave, rtol=1e-11)
+    assert float(contact.iterations) == 0
 
 
 def circulant(spectrum):
@@ -206,9 +210,9 @@ def test_a_dense_solution_by_another_method(shape):
     matrix = circulant(compliance(skin))
     assert np.linalg.norm(matrix - matrix.T) > 0.1 * np.linalg.norm(matrix)
     reference = by_extragradient(matrix, height, LOAD)
-    found = pressed(LINE, skin, jnp.asarray(height), LOAD)
-    assert 0.05 < np.mean(found.touching) < 0.95
-    np.testing.assert_allclose(found.pressure_Pa, reference, rtol=0, atol=1e-6 * reference.max())
+    contact = solve_contact(LINE, skin, jnp.asarray(height), LOAD)
+    assert 0.05 < np.mean(contact.touching) < 0.95
+    np.testing.assert_allclose(contact.pressure_Pa, reference, rtol=0, atol=1e-6 * reference.max())
 
 
 HARD = {
@@ -244,18 +248,18 @@ def test_hard_profiles_and_lags(shape, nominal, lag):
     fractions, times, speed = lag
     skin = sliding(speed, fractions, times)
     height = np.asarray(shape.height(LINE))
-    check(pressed(LINE, skin, jnp.asarray(height), nominal), skin, height, nominal)
+    check(solve_contact(LINE, skin, jnp.asarray(height), nominal), skin, height, nominal)
 
 
 def test_a_flat_surface_is_pressed_evenly():
-    contact = pressed(LINE, sliding(0.1), jnp.zeros(N), 1e4)
+    contact = solve_contact(LINE, sliding(0.1), jnp.zeros(N), 1e4)
     np.testing.assert_array_equal(contact.pressure_Pa, 1e4)
     np.testing.assert_array_equal(contact.gap_m, 0.0)
 
 
 def test_the_pressure_gives_the_profile_back():
     height = RIDGE.height(LINE)
-    contact = pressed(LINE, sliding(0.3), height, LOAD)
+    contact = solve_contact(LINE, sliding(0.3), height, LOAD)
     left = np.asarray(shape_under(LINE, sliding(0.3), contact.pressure_Pa) - height)
     touching = np.asarray(contact.touching)
     assert 5 < touching.sum() < 250
@@ -268,8 +272,8 @@ def test_the_profile_s_band_from_the_pressure_s():
     skin, power = sliding(0.3), 1 / (1 + (K / 3e3) ** 2)
     matrix, errors = circulant(compliance(skin)), circulant(power + 0j)
     touching = np.abs(X) < 1e-3
-    kept = np.eye(N) - touching[None] / touching.sum()
-    expected = np.sqrt(np.diag(kept @ matrix @ errors @ matrix.T @ kept.T))
+    projection = np.eye(N) - touching[None] / touching.sum()
+    expected = np.sqrt(np.diag(projection @ matrix @ errors @ matrix.T @ projection.T))
     for covariance in (jnp.asarray(power)[None, None] + 0j, jnp.asarray(errors)):
         none = jnp.zeros((1, N))
         estimate = Estimate(
@@ -284,13 +288,13 @@ def test_the_profile_s_band_from_the_pressure_s():
 def test_odd_lengths_and_single_precision():
     line = Periodic(255, LENGTH / 255, -LENGTH / 2)
     height = RIDGE.height(line)
-    double = pressed(line, sliding(0.3), height, LOAD)
+    double = solve_contact(line, sliding(0.3), height, LOAD)
     assert double.result == "converged"
     with jax.enable_x64(False):
         small = jax.tree.map(
             lambda v: jnp.asarray(v, jnp.float32), (line, sliding(0.3), height, LOAD)
         )
-        single = pressed(*small)
+        single = solve_contact(*small)
         assert single.pressure_Pa.dtype == jnp.float32
         assert single.result == "converged"
     error = np.asarray(single.pressure_Pa) - np.asarray(double.pressure_Pa)
@@ -378,6 +382,8 @@ def test_derivatives_are_finite(shape, nominal, lag):
 
 def test_without_pressure_there_is_no_contact():
     height, nothing = RIDGE.height(LINE), jnp.asarray(0.0)
-    np.testing.assert_array_equal(pressed(LINE, sliding(0.1), height, nothing).pressure_Pa, 0.0)
+    np.testing.assert_array_equal(
+        solve_contact(LINE, sliding(0.1), height, nothing).pressure_Pa, 0.0
+    )
     for leaf in jax.tree.leaves(total(height, nothing, sliding(0.1))):
         assert np.all(np.isfinite(leaf))

@@ -105,14 +105,14 @@ def _moved(name: str, old: Any, new: Any, own: Tolerance, stderr: Any) -> Moveme
     errors = stderr if isinstance(stderr, Mapping) else {}
     norm = old.get("norm", 0.0)
     least = LEAST * norm / max(math.prod(old["shape"]), 1) ** 0.5
-    found = [_movement(name, "norm", norm, new.get("norm", 0.0), own, norm, errors.get("norm"))]
+    moves = [_movement(name, "norm", norm, new.get("norm", 0.0), own, norm, errors.get("norm"))]
     each_error: Sequence[Any] = errors.get("samples", [None] * len(old["samples"]))
     for i, (*pair, error) in enumerate(
         zip(old["samples"], new["samples"], each_error, strict=True)
     ):
         size = max(abs(pair[0]), least) if is_number(pair[0]) else 0.0
-        found.append(_movement(name, place(old["shape"], i), *pair, own, size, error))
-    return max(found, key=lambda each: each.ratio)
+        moves.append(_movement(name, place(old["shape"], i), *pair, own, size, error))
+    return max(moves, key=lambda each: each.ratio)
 
 
 def _movement(

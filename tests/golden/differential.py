@@ -84,25 +84,25 @@ def ran(tree: Path, folder: Path, sets: Mapping[str, Sequence[str]]) -> dict[str
 
 def _read(folder: Path, name: str) -> Entries:
     metrics = json.loads((folder / f"{name}.json").read_text())
-    found = {f"metrics.{key}": entry(each) for key, each in metrics.items()}
+    entries = {f"metrics.{key}": entry(each) for key, each in metrics.items()}
     if (folder / f"{name}.nc").is_file():
         with xarray.open_dataset(folder / f"{name}.nc", engine="h5netcdf") as data:
             for key, each in data.variables.items():
-                found[f"variables.{key}"] = entry(each.values, each.attrs.get("units", "1"))
-    return {key: each for key, each in found.items() if TIME not in key}
+                entries[f"variables.{key}"] = entry(each.values, each.attrs.get("units", "1"))
+    return {key: each for key, each in entries.items() if TIME not in key}
 
 
 def renamed(entries: Entries, given: Mapping[str, str]) -> Entries:
     """By today's names: those of the command line, then of the aliases of metrics."""
-    found = {}
+    new_entries = {}
     for key, each in entries.items():
         kind, _, name = key.partition(".")
         if name in given:
             name = given[name]
         elif kind == "metrics":
             name = next(filter(None, (_newer(alias, name) for alias in METRICS)), name)
-        found[f"{kind}.{name}"] = each
-    return found
+        new_entries[f"{kind}.{name}"] = each
+    return new_entries
 
 
 def _newer(alias: Any, name: str) -> str | None:
@@ -114,20 +114,20 @@ def _newer(alias: Any, name: str) -> str | None:
 
 def compared(old: Entries, new: Entries, name: str, added: bool) -> list[Movement]:
     """What differs in a scene; what only the tree has counts where `added`."""
-    found = differences(f"scenes/{name}", old, new)
-    return [each for each in found if added or each.old != MISSING or "refused" in each.name]
+    moves = differences(f"scenes/{name}", old, new)
+    return [each for each in moves if added or each.old != MISSING or "refused" in each.name]
 
 
-def show(found: Sequence[Movement], sets: Mapping[str, Sequence[str]]) -> None:
+def show(moves: Sequence[Movement], sets: Mapping[str, Sequence[str]]) -> None:
     """A table of what differs, and of its scenes what they are."""
     table = Table("quantity", "at", "old", "new", "times its tolerance")
-    for each in found:
+    for each in moves:
         name = each.name.removeprefix("scenes/")
         table.add_row(name, each.where, *_words(each.old, each.new), f"{each.ratio:.3g}")
     console = Console(width=160)
-    if found:
+    if moves:
         console.print(table)
-    for name in sorted({each.name.split("/")[1] for each in found}, key=int):
+    for name in sorted({each.name.split("/")[1] for each in moves}, key=int):
         print(f"{name}: {' '.join(sets[name])}")
 
 
@@ -157,16 +157,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     with TemporaryDirectory() as name, worktree(given.commit) as tree:
         old = ran(tree, Path(name) / "old", sets)
         new = ran(ROOT, Path(name) / "new", sets)
-    found = [
+    moves = [
         each
         for key in sets
         for each in compared(renamed(old[key], mapped), renamed(new[key], {}), key, given.added)
     ]
-    show(found, sets)
+    show(moves, sets)
     refused = sum("metrics.refused" in each for each in new.values())
-    print(f"{given.scenes} scenes, of which {refused} are refused: {len(found)} differences from "
+    print(f"{given.scenes} scenes, of which {refused} are refused: {len(moves)} differences from "
           f"{given.commit}")  # fmt: skip
-    return int(bool(found))
+    return int(bool(moves))
 
 
 if __name__ == "__main__":

@@ -28,12 +28,12 @@ def entry(value: Any, units: str = "1") -> Any:
     is_number = array.dtype.kind in "biufc"
     parts = [array.real, array.imag] if array.dtype.kind == "c" else [array]
     chosen = [_scalar(each.item()) for part in parts for each in part.flat[sampled(array.size)]]
-    found = {"shape": list(array.shape), "units": units}
+    summary = {"shape": list(array.shape), "units": units}
     if is_number:
         finite = np.abs(np.where(np.isfinite(array), array, 0)).astype(float)
         largest = float(finite.max(initial=0.0)) or 1.0  # squares of what is tiny would be nothing
-        found["norm"] = _scalar(largest * float(np.linalg.norm(finite / largest)))
-    return found | {"samples": chosen}
+        summary["norm"] = _scalar(largest * float(np.linalg.norm(finite / largest)))
+    return summary | {"samples": chosen}
 
 
 def sampled(size: int) -> np.ndarray:

@@ -57,20 +57,20 @@ def measure(setting: str, patterns: Sequence[str]) -> None:
 
 def note(setting: str, fresh: Mapping[str, Mapping[str, Any]]) -> None:
     """Add to the file how far the entries of these cases lie from the golden ones."""
-    found: dict[str, dict[str, Any]] = {"cases": {}, "quantities": {}}
+    content: dict[str, dict[str, Any]] = {"cases": {}, "quantities": {}}
     if FILE.is_file():
-        found = json.loads(FILE.read_text(encoding="utf-8"))
-    quantities = found["quantities"]
+        content = json.loads(FILE.read_text(encoding="utf-8"))
+    quantities = content["quantities"]
     for case, new in fresh.items():
         floors = floor(case, read(file(case)), new)
         largest = max((v for k, v in floors.items() if not k.endswith(OF_STDERR)), default=0.0)
-        found["cases"].setdefault(case, {})[setting] = _short(largest)
+        content["cases"].setdefault(case, {})[setting] = _short(largest)
         for quantity, each in floors.items():
             quantities.setdefault(quantity, {}).pop(setting, None)
             if each > NOTED:
                 quantities[quantity][setting] = _short(each)
-    found["quantities"] = {name: each for name, each in quantities.items() if each}
-    _write(found)
+    content["quantities"] = {name: each for name, each in quantities.items() if each}
+    _write(content)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -83,9 +83,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         measure(setting, given.patterns or ["*"])
 
 
-def _write(found: Mapping[str, Mapping[str, Any]]) -> None:
+def _write(content: Mapping[str, Mapping[str, Any]]) -> None:
     parts = []
-    for part, rows in found.items():
+    for part, rows in content.items():
         lines = [f"  {json.dumps(name)}: {json.dumps(rows[name])}" for name in sorted(rows)]
         parts.append(f' "{part}": {{\n' + ",\n".join(lines) + "\n }")
     FILE.write_text("{\n" + ",\n".join(parts) + "\n}\n", encoding="utf-8")

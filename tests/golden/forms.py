@@ -13,10 +13,10 @@ def cases() -> list[str]:
 
 def entries(name: str) -> Entries:
     """`metrics.NAME` and `variables.NAME`."""
-    found = short_run(name)
-    metrics = {f"metrics.{key}": entry(value) for key, value in found.metrics.items()}
+    outcome = short_run(name)
+    metrics = {f"metrics.{key}": entry(value) for key, value in outcome.metrics.items()}
     variables = {
         f"variables.{key}": entry(each.values, each.attrs["units"])
-        for key, each in found.dataset.variables.items()
+        for key, each in outcome.dataset.variables.items()
     }
     return {key: each for key, each in (metrics | variables).items() if TIME not in key}

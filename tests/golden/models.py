@@ -162,8 +162,8 @@ def circular(v: Numbers):
 def contact(v: Numbers):
     """Pressure and gap under a profile that lifts the skin."""
     skin = viscoelastic(v) if "fractions" in v else HalfSpace(0.5, v["modulus_Pa"])
-    found = press(Periodic(64, v["cell_m"]), skin, v["height_m"], v["pressure_Pa"])
-    return found.pressure_Pa, found.gap_m
+    solution = press(Periodic(64, v["cell_m"]), skin, v["height_m"], v["pressure_Pa"])
+    return solution.pressure_Pa, solution.gap_m
 
 
 FEATURES = {
@@ -183,13 +183,13 @@ FEATURES = {
     ),
 }
 SHORT_MOTION = Motion.from_speed(TIME_S[:24], 0.06 * (1 - 20 * TIME_S[:24]), -4e-4)
-FELT = Sensor([Film(0.75e-3, 0.2), Film(0.9e-3, 1.6)], None, SlowReadout(1e9))
+CHARGE_SENSOR = Sensor([Film(0.75e-3, 0.2), Film(0.9e-3, 1.6)], None, SlowReadout(1e9))
 
 
 def features() -> Model:
     """The signal and the traction of all features of traction together."""
     whole = FeatureModel(
-        Felt(FELT, SHORT_MOTION, 8), {name: f for name, (f, _) in FEATURES.items()}
+        Felt(CHARGE_SENSOR, SHORT_MOTION, 8), {name: f for name, (f, _) in FEATURES.items()}
     )
 
     def model(v: Numbers):
@@ -218,8 +218,10 @@ PLATE = {"nominal_pressure_Pa": 2e4, "gain": 1.1, "base_friction": 0.4, "depth_m
 def surface(name: str) -> Model:
     """The signal of a feature of a surface, through contact."""
     feature, own = SURFACES[name]
-    rubbed = Rubbed(Sensor(FELT.elements), SHORT_MOTION, Window(-3e-3, 3e-3), 2.4e-5, Periodic)
-    whole = SurfaceModel(rubbed, {name: feature})
+    trace = Rubbed(
+        Sensor(CHARGE_SENSOR.elements), SHORT_MOTION, Window(-3e-3, 3e-3), 2.4e-5, Periodic
+    )
+    whole = SurfaceModel(trace, {name: feature})
 
     def model(v: Numbers):
         params = {part: v[part] for part in PLATE}
@@ -241,7 +243,7 @@ def _profile() -> np.ndarray:
 ALL = SENSOR | HALF_SPACE | LOAD
 RELAXING = {"fractions": np.array([0.5, 0.5]), "times_s": np.array([1e-3, 1e-2]), "modulus_Pa": 7e5,
             "speed_m_per_s": 0.05}  # fmt: skip
-PRESSED = {"height_m": _profile(), "pressure_Pa": 2e3, "modulus_Pa": 7e5, "cell_m": 1e-4}
+CONTACT = {"height_m": _profile(), "pressure_Pa": 2e3, "modulus_Pa": 7e5, "cell_m": 1e-4}
 CIRCLE = {"depth_m": 0.75e-3, "angle_rad": 0.4, "strip_width_m": 0.7e-3, "radius_m": 5e-3,
           "speed_m_per_s": 0.05, "ridge_rad": 0.7, "distance_m": 1e-3, "width_m": 5e-4,
           "friction": -0.4}  # fmt: skip
@@ -250,7 +252,7 @@ PIEZO = {key: SENSOR[key] for key in ("d1", "d2", "d3")}
 TRACED = {f"{name}.{part}": value for name, (_, own) in FEATURES.items()
           for part, value in own.items()} | {"offset": np.array([0.1, -0.2])}  # fmt: skip
 
-PRESSED_ON = PLATE | {"edge_m": 4e-5}
+PLATE_AND_EDGE = PLATE | {"edge_m": 4e-5}
 
 # What makes the model, and its numbers.
 MODELS: dict[str, tuple[Callable[[], Model], Numbers]] = {
@@ -267,9 +269,9 @@ MODELS: dict[str, tuple[Callable[[], Model], Numbers]] = {
     "back_and_forth": (partial(scanned, "open", BACK, turns=True), ALL),
     "differences": (lambda: differences, LOAD),
     "circular": (lambda: circular, CIRCLE),
-    "contact_elastic": (lambda: contact, PRESSED),
-    "contact_lagging": (lambda: contact, PRESSED | RELAXING),
+    "contact_elastic": (lambda: contact, CONTACT),
+    "contact_lagging": (lambda: contact, CONTACT | RELAXING),
     "features": (features, TRACED),
-    **{f"surface_{name}": (partial(surface, name), PRESSED_ON | _own(own))
+    **{f"surface_{name}": (partial(surface, name), PLATE_AND_EDGE | _own(own))
        for name, (_, own) in SURFACES.items()},
 }  # fmt: skip

@@ -19,8 +19,8 @@ from tests.golden.models import MODELS, Model, Numbers
 def entries(name: str) -> Entries:
     """Value, J v and w J of a model, the latter for each of its numbers."""
     make, numbers = MODELS[name]
-    found = _products(make(), numbers, np.random.default_rng(zlib.crc32(name.encode())))
-    return {key: entry(value) for key, value in found.items()}
+    products = _products(make(), numbers, np.random.default_rng(zlib.crc32(name.encode())))
+    return {key: entry(value) for key, value in products.items()}
 
 
 def _products(model: Model, numbers: Numbers, rng: np.random.Generator) -> dict[str, Any]:

@@ -30,19 +30,19 @@ def decay(params):
     return params["a"] * jnp.exp(-params["k"] * X) + params["c"]
 
 
-def of_fit(found: srsinv.Fit) -> dict[str, Any]:
+def of_fit(fit: srsinv.Fit) -> dict[str, Any]:
     """The numbers of a fit."""
-    named = {f"value.{key}": value for key, value in found.value.items()}
-    named |= {f"value.{key}_stderr": value for key, value in found.stderr.items()}
+    named = {f"value.{key}": value for key, value in fit.value.items()}
+    named |= {f"value.{key}_stderr": value for key, value in fit.stderr.items()}
     return named | {
-        "covariance": found.covariance,
-        "residual": found.residual,
-        "noise_rms": found.noise_rms,
-        "result": found.result,
-        "at_bound": " ".join(found.at_bound),
-        "log_evidence": found.log_evidence,
-        "cost": found.stats["cost"],
-        "quality": str(found.quality),
+        "covariance": fit.covariance,
+        "residual": fit.residual,
+        "noise_rms": fit.noise_rms,
+        "result": fit.result,
+        "at_bound": " ".join(fit.at_bound),
+        "log_evidence": fit.log_evidence,
+        "cost": fit.stats["cost"],
+        "quality": str(fit.quality),
     }
 
 
@@ -83,8 +83,8 @@ def fit_starts():
 
 
 def fit_many():
-    found = srsinv.fit_many(decay, START, jnp.stack([Y, 2 * Y, Y + 0.1 * X]), noise=0.01)
-    return {f"{i}.{key}": each for i, one in enumerate(found) for key, each in of_fit(one).items()}
+    fits = srsinv.fit_many(decay, START, jnp.stack([Y, 2 * Y, Y + 0.1 * X]), noise=0.01)
+    return {f"{i}.{key}": each for i, one in enumerate(fits) for key, each in of_fit(one).items()}
 
 
 def operator():

@@ -45,15 +45,15 @@ def cases() -> list[str]:
 
 def entries(name: str) -> Entries:
     """`SET.metrics.NAME`, and `SET.norm.NAME` of some variables; `SET.refused`: the sentence."""
-    one, found = stored()[name], {}
+    one, collected = stored()[name], {}
     cfg = composed(*one["structure"].split())
     for i, numbers in enumerate(one["numbers"]):
         # Composing takes longer than such a run: the numbers are put into what is composed once.
         own = copy.deepcopy(cfg)
         for override in numbers.split():
             _put(own, *override.split("="))
-        found |= {f"{i}.{key}": each for key, each in _of(own).items()}
-    return found
+        collected |= {f"{i}.{key}": each for key, each in _of(own).items()}
+    return collected
 
 
 def _put(cfg: dict[str, Any], key: str, text: str) -> None:

@@ -43,11 +43,11 @@ def numbers(patterns: Sequence[str], check: bool, every: bool, data: Path = DATA
     moved = 0
     for case in chosen(patterns):
         old, new = read(file(case, data)), entries(case)
-        found = differences(case, old, new)
-        moved += len(found)
-        rows = [f"  {each}" for each in found] if old else []
+        moves = differences(case, old, new)
+        moved += len(moves)
+        rows = [f"  {each}" for each in moves] if old else []
         print(
-            "\n".join([f"{case}: {len(found)} moved" if old else f"{case}: new", *rows]), flush=True
+            "\n".join([f"{case}: {len(moves)} moved" if old else f"{case}: new", *rows]), flush=True
         )
         if not check:
             write(file(case, data), new if every or not old else renewed(case, old, new))

@@ -71,25 +71,25 @@ def configured(whole: dict[str, Any], key: str, value: Any, here: str) -> str:
 
 def now(old: Mapping[str, Any], parts: Collection[str] = PARTS) -> dict[str, Any]:
     """What [`stored`][] has, with the sentences that are given now in these parts."""
-    found = dict(old)
+    updated = dict(old)
     with recordings() as here:
         if "typed" in parts:
-            found["typed"] = [[words, *typed(words, here)] for words, *_ in old["typed"]]
+            updated["typed"] = [[words, *typed(words, here)] for words, *_ in old["typed"]]
         if "configured" in parts:
             jobs = {name: composed(*shlex.split(words)) for name, words in old["jobs"].items()}
-            found["configured"] = [
+            updated["configured"] = [
                 [job, key, value, configured(jobs[job], key, value, here)]
                 for job, key, value, _ in old["configured"]
             ]
-    return found
+    return updated
 
 
-def write(found: dict[str, Any]) -> None:
+def write(content: dict[str, Any]) -> None:
     """Write the file, a case to a line."""
     lines = ["# The sentence of every refusal; what stands before it is what is refused.", "jobs:"]
-    lines += [f"  {name}: {_flow(words)}" for name, words in found["jobs"].items()]
+    lines += [f"  {name}: {_flow(words)}" for name, words in content["jobs"].items()]
     for part in PARTS:
-        lines += [f"{part}:", *(f"- {_flow(case)}" for case in found[part])]
+        lines += [f"{part}:", *(f"- {_flow(case)}" for case in content[part])]
     FILE.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

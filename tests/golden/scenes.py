@@ -119,7 +119,7 @@ METHODS: Mapping[str, Mapping[str, Range]] = {
 }
 GROUPS = (SCENES, SENSORS, AMPLIFIERS, LINES, NOISES, METHODS)
 GRID = "grid.cells={cells} grid.refinement=2"
-SHARE_OF_EFFECTS = 0.15
+EFFECT_PROBABILITY = 0.15
 IN_TIME = ("sampling", "speed_ripple", "load_drift")
 WHOLE = ("seed",)
 LISTED = ("fractions", "times_s")
@@ -128,7 +128,7 @@ LISTED = ("fractions", "times_s")
 def structure(rng: np.random.Generator) -> str:
     """Which parts there are: overrides in a row."""
     chosen = [_one_of(rng, list(group)) for group in GROUPS]
-    effects = [name for name in EFFECTS if rng.uniform() < SHARE_OF_EFFECTS]
+    effects = [name for name in EFFECTS if rng.uniform() < EFFECT_PROBABILITY]
     if "amplifier=integrated" in chosen:  # has no meaning along a measured motion
         effects = [name for name in effects if name not in IN_TIME]
     grid = GRID.format(cells=_one_of(rng, [48, 63, 64]))

@@ -22,8 +22,8 @@ STRICT = Tolerance(1e-9)
 
 def moved(changes, tolerance=STRICT):
     """Names of what has moved, and where."""
-    found = movements("family/case", OLD, OLD | changes, tolerance)
-    return {(each.name.rpartition("/")[2], each.where) for each in found if each.ratio > 1}
+    moves = movements("family/case", OLD, OLD | changes, tolerance)
+    return {(each.name.rpartition("/")[2], each.where) for each in moves if each.ratio > 1}
 
 
 def shifted(at, by):
@@ -65,10 +65,10 @@ def test_a_sample_between_shows_in_the_norm():
 
 
 def test_a_movement_names_all_that_matters():
-    (found,) = (
+    (move,) = (
         each for each in movements("f/c", OLD, OLD | {"height_m": 2.5}, STRICT) if each.ratio > 1
     )
-    assert str(found) == "f/c/height_m was 2.0 and is 2.5: 2.5e+08 times its tolerance, 2e-09"
+    assert str(move) == "f/c/height_m was 2.0 and is 2.5: 2.5e+08 times its tolerance, 2e-09"
 
 
 def test_a_file_gives_back_its_entries_and_shows_a_change_as_a_line(tmp_path):

@@ -75,17 +75,17 @@ def make_case(
     background_Pa=0.0,
     colour=False,
     free_offset=False,
-    noise_share=1e-2,
+    noise_fraction=1e-2,
     scale=1.0,
     seed=0,
     **known,
 ) -> Case:
-    """Signals of the bumps in noise of `noise_share` of their rms, all of it times `scale`."""
+    """Signals of the bumps in noise of `noise_fraction` of their rms, all of it times `scale`."""
     line = make_line(kind, n)
     operator = make_operator(line, films, amplifier)
     truth = scale * bumps(line, background_Pa, friction)
     signal = np.asarray(operator(jnp.asarray(truth)))
-    sigma = noise_share * signal.std()
+    sigma = noise_fraction * signal.std()
     # Noise that rises four times towards long waves, where it is coloured.
     shape = 1 + 3 * np.exp(-((np.asarray(line.k) / 2e3) ** 2)) * colour
     white = np.random.default_rng(seed).normal(size=signal.shape)
@@ -98,11 +98,11 @@ def make_case(
 
 def gaps(n=N) -> np.ndarray:
     """Samples that are there (2, n): none at the left end, other gaps for each element."""
-    there = np.ones((2, n), bool)
-    there[:, :5] = False
-    there[0, 20:24] = False
-    there[1, n - 9 : n - 6] = False
-    return there
+    is_observed = np.ones((2, n), bool)
+    is_observed[:, :5] = False
+    is_observed[0, 20:24] = False
+    is_observed[1, n - 9 : n - 6] = False
+    return is_observed
 
 
 def deviation(problem: Problem, traction: np.ndarray) -> np.ndarray:
@@ -118,8 +118,8 @@ def from_reference(problem: Problem) -> np.ndarray:
     On an open line, where the mean is weakly observed, that is the deviation from the mean over
     the stretch with samples; else the value itself.
     """
-    n, there = problem.line.n, observed(problem).reshape(-1, problem.line.n).any(axis=0)
-    mean = np.outer(np.ones(n), there / there.sum())
+    n, is_observed = problem.line.n, observed(problem).reshape(-1, problem.line.n).any(axis=0)
+    mean = np.outer(np.ones(n), is_observed / is_observed.sum())
     weakly = isinstance(problem.line, Open) & ~np.array(problem.centred)
     return np.array(scipy.linalg.block_diag(*[np.eye(n) - mean * w for w in weakly]))
 
@@ -165,8 +165,10 @@ def noise_covariance(problem: Problem) -> np.ndarray:
     """Covariance of the samples that are there; an unknown offset is left out of it."""
     spectrum = np.asarray(problem.noise)
     spectrum = np.where(np.isfinite(spectrum), spectrum, spectrum[-1])
-    there = observed(problem)
-    return blocks([spectrum] * problem.data.shape[0], problem.line.n)[np.ix_(there, there)]
+    is_observed = observed(problem)
+    return blocks([spectrum] * problem.data.shape[0], problem.line.n)[
+        np.ix_(is_observed, is_observed)
+    ]
 
 
 def prior_covariance(problem: Problem, power) -> np.ndarray:
@@ -178,18 +180,18 @@ def prior_covariance(problem: Problem, power) -> np.ndarray:
 
 def condition(problem: Problem, power) -> tuple[np.ndarray, np.ndarray]:
     """Gaussian conditioning: posterior mean (c, n) and covariance (c n, c n) of the deviation."""
-    there = observed(problem)
-    model = matrix(problem)[there]
+    is_observed = observed(problem)
+    model = matrix(problem)[is_observed]
     prior = prior_covariance(problem, power)
     gain = np.linalg.solve(model @ prior @ model.T + noise_covariance(problem), model @ prior).T
-    mean = gain @ np.ravel(problem.data)[there]
+    mean = gain @ np.ravel(problem.data)[is_observed]
     return mean.reshape(problem.unknowns, -1), prior - gain @ model @ prior
 
 
 def log_marginal(problem: Problem, power) -> float:
     """Log density of the data, up to a constant."""
-    there = observed(problem)
-    model, data = matrix(problem)[there], np.ravel(problem.data)[there]
+    is_observed = observed(problem)
+    model, data = matrix(problem)[is_observed], np.ravel(problem.data)[is_observed]
     covariance = model @ prior_covariance(problem, power) @ model.T + noise_covariance(problem)
     root = np.linalg.cholesky(covariance)
     white = np.linalg.solve(root, data)
@@ -222,16 +224,16 @@ def minimiser(problem: Problem) -> Callable[[np.ndarray], Dense]:
 
     Over deviations r where the mean is not solved for, and over the offsets where they are free.
     """
-    n, there = problem.line.n, observed(problem)
+    n, is_observed = problem.line.n, observed(problem)
     deviations = scipy.linalg.null_space(np.ones((1, n)))
     solved = scipy.linalg.block_diag(*[deviations if c else np.eye(n) for c in problem.centred])
-    columns = matrix(problem)[there] @ solved
+    columns = matrix(problem)[is_observed] @ solved
     if np.isinf(problem.noise[0]):
-        ones = np.kron(np.eye(problem.data.shape[0]), np.ones((n, 1)))[there]
+        ones = np.kron(np.eye(problem.data.shape[0]), np.ones((n, 1)))[is_observed]
         columns = np.hstack([columns, ones])
     root = np.linalg.cholesky(noise_covariance(problem))
     white = np.linalg.solve(root, columns)
-    data = np.linalg.solve(root, np.ravel(problem.data)[there])
+    data = np.linalg.solve(root, np.ravel(problem.data)[is_observed])
 
     def minimise(penalty: np.ndarray) -> Dense:
         below = np.zeros((len(penalty), white.shape[1]))

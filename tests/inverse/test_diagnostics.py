@@ -54,8 +54,8 @@ def test_a_warning_is_given_where_it_is_due(words):
 # What a warning goes by, a value that is let pass and one that is not: either side of the numbers
 # that diagnostics.py gives reasons for.
 THRESHOLDS = {
-    "numbers told": (lambda told: diagnostics.prior_alone("p", told, 48), 1.2, 0.8),
-    "shortest wave": (lambda share: diagnostics.beyond_cells("p", share), 0.4, 0.6),
+    "numbers told": (lambda resolved_dof: diagnostics.prior_alone("p", resolved_dof, 48), 1.2, 0.8),
+    "shortest wave": (lambda fraction: diagnostics.beyond_cells("p", fraction), 0.4, 0.6),
     "samples missing": (lambda share: diagnostics.missing(share, False), 0.03, 0.08),
     "sliding over signal": (diagnostics.sliding_noise, 0.07, 0.15),
     "rms over noise": (lambda rms: diagnostics.beyond_noise(rms**2, 1e4), 1.2, 1.3),
@@ -75,12 +75,12 @@ def test_thresholds(name):
 STATED = {1.0: (0, "good"), 0.9: (0, "good"), 0.5: (1, "doubtful"), 0.3: (1, "failed")}
 
 
-@pytest.mark.parametrize("share", STATED)
+@pytest.mark.parametrize("noise_ratio", STATED)
 @pytest.mark.parametrize("method", [WIENER, Tikhonov(1)], ids=["wiener", "tikhonov"])
-def test_noise_that_is_stated_too_small(method, share):
+def test_noise_that_is_stated_too_small(method, noise_ratio):
     """Bands of half their width cover 59 % in place of 90 %, of 0.3 a good third."""
-    estimate = method(louder(make_case(noise_share=0.1).problem, share))
-    warnings, worth = STATED[share]
+    estimate = method(louder(make_case(noise_fraction=0.1).problem, noise_ratio))
+    warnings, worth = STATED[noise_ratio]
     assert sum(each.startswith("The residual is") for each in estimate.warnings) == warnings
     assert estimate.quality == worth
     assert (estimate.reasons == ()) == (worth == "good")
@@ -96,14 +96,14 @@ def test_an_estimate_that_did_not_converge_failed():
 
 
 def test_waves_shorter_than_cells_are_warned_of():
-    warnings = WIENER(make_case(films=SHALLOW, noise_share=1e-4).problem).warnings
+    warnings = WIENER(make_case(films=SHALLOW, noise_fraction=1e-4).problem).warnings
     assert any("down to waves of two cells" in each for each in warnings)
 
 
 def test_cells_beyond_the_scan_are_no_missing_samples():
-    there = np.ones((2, 48), bool)
-    there[:, :10] = there[:, -10:] = False
-    warnings = WIENER(make_case("open", noise_share=0.1, observed=there).problem).warnings
+    observed = np.ones((2, 48), bool)
+    observed[:, :10] = observed[:, -10:] = False
+    warnings = WIENER(make_case("open", noise_fraction=0.1, observed=observed).problem).warnings
     assert not any("samples are missing" in each for each in warnings)
 
 
@@ -115,14 +115,14 @@ def test_missing_samples_are_warned_of():
 
 
 def test_a_plain_case_has_no_warnings():
-    assert WIENER(make_case(noise_share=0.1).problem).warnings == ()
+    assert WIENER(make_case(noise_fraction=0.1).problem).warnings == ()
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("path", ["spectral", "direct"])
 def test_draws_from_the_model_itself_are_hardly_ever_warned_of(path):
     """Traction from the prior and noise as stated: five standard deviations are no chance."""
-    case = make_case(noise_share=0.1)
+    case = make_case(noise_fraction=0.1)
     problem, rng = case.problem, np.random.default_rng(5)
     method, warned = Wiener(P, Q, path=path), 0
     power = np.stack([np.asarray(each.power(problem)) for each in (P, Q)])
@@ -150,7 +150,7 @@ def test_the_second_direction_is_that_of_a_singular_value_decomposition():
 
 def test_what_is_told_is_so_with_samples_missing():
     """The iterative path's is that of the nearest periodic problem over the cells that are seen."""
-    problem = make_case(observed=gaps(), noise_share=0.1).problem
+    problem = make_case(observed=gaps(), noise_fraction=0.1).problem
     exact, near = (Wiener(P, Q, path=path)(problem).stats for path in ("direct", "iterative"))
     for name in ("told_p", "told_q"):
         assert near[name] == pytest.approx(exact[name], rel=0.25)
@@ -169,5 +169,5 @@ def test_what_is_told_is_the_trace_of_the_resolution(path):
         data = problem.forward(jnp.asarray(impulse))
         answer = np.asarray(method(eqx.tree_at(lambda p: p.data, problem, data)).value) - offset
         # On a periodic line every cell is resolved alike.
-        told = method(problem).stats[f"told_{name}"]
-        assert told == pytest.approx(problem.line.n * answer[c, 7], rel=1e-6)
+        resolved_dof = method(problem).stats[f"told_{name}"]
+        assert resolved_dof == pytest.approx(problem.line.n * answer[c, 7], rel=1e-6)

@@ -23,10 +23,10 @@ def sensor(elements):
 
 
 @pytest.fixture(scope="module", params=quick([1, 2], 1), ids=["one_element", "two_elements"])
-def found(request):
+def directions(request):
     """Every ridge with the one found at 20 dB, and without noise the first."""
-    felt, rng = sensor(request.param), np.random.default_rng(request.param)
-    finder, circling = DirectionFinder(felt, CIRCLE), Circling(felt, CIRCLE)
+    device, rng = sensor(request.param), np.random.default_rng(request.param)
+    finder, circling = DirectionFinder(device, CIRCLE), Circling(device, CIRCLE)
     pairs = []
     for angle, distance in RIDGES:
         clean = np.asarray(circling(Ridge(np.deg2rad(angle), distance, 1.0, 0.5e-3, -0.4)))
@@ -40,9 +40,9 @@ def away(angle, other):
     return (angle - other + 90) % 180 - 90
 
 
-def test_direction_at_20_dB(found):
+def test_direction_at_20_dB(directions):
     """The project's bound, 2 degrees; the standard errors say a hundredth of it."""
-    for (angle, _, _), direction in found:
+    for (angle, _, _), direction in directions:
         value, stderr = direction.parameters["angle_deg"]
         assert direction.fit.converged
         assert abs(away(value, angle)) < 2
@@ -50,8 +50,8 @@ def test_direction_at_20_dB(found):
         assert 0 <= value < 180
 
 
-def test_what_else_is_read(found):
-    for (angle, distance, clean), direction in found:
+def test_what_else_is_read(directions):
+    for (angle, distance, clean), direction in directions:
         flipped = abs(direction.parameters["angle_deg"][0] - angle) > 90
         truth = {
             "distance_m": -distance if flipped else distance,
@@ -66,11 +66,11 @@ def test_what_else_is_read(found):
         assert np.sqrt(np.mean(rest**2)) < 0.04 * np.sqrt(np.mean(clean**2))
 
 
-def test_standard_errors_are_those_of_the_noise(found):
+def test_standard_errors_are_those_of_the_noise(directions):
     """Deviations in their units, over all ridges: chi squared of what was found."""
     pulls = [
         away(direction.parameters["angle_deg"][0], angle) / direction.parameters["angle_deg"][1]
-        for (angle, _, _), direction in found
+        for (angle, _, _), direction in directions
     ]
     assert 0.5 < np.sum(np.square(pulls)) < 17  # 99 % of five
 

@@ -90,7 +90,7 @@ def rms(signal):
     return float(np.sqrt(np.mean(signal**2)))
 
 
-def assert_found(read, truth, within):
+def assert_recovered(read, truth, within):
     """Every parameter to `within` of itself, positions of the depth, phases of a radian."""
     assert set(read) == set(truth)
     for part, expected in truth.items():
@@ -104,9 +104,9 @@ def assert_found(read, truth, within):
 @pytest.mark.parametrize("name", quick(FEATURES, "strip"))
 def test_found_where_nothing_is_said(name):
     y = simulated(name)
-    found = fitter()({name: FEATURES[name]}, y, 1e-3 * rms(y))
-    assert found.result == "converged"
-    assert_found(found.parameters, TRUTHS[name], 2e-4)
+    estimate = fitter()({name: FEATURES[name]}, y, 1e-3 * rms(y))
+    assert estimate.result == "converged"
+    assert_recovered(estimate.parameters, TRUTHS[name], 2e-4)
 
 
 OFFSET = np.array([0.3, -0.7])  # of the slow readout, unknown to the fit
@@ -120,10 +120,10 @@ def test_friction_of_either_sign_along_any_motion(sensor, motion, sign):
     offset = OFFSET if sensor == "slow" else None
     y = simulated("strip", sensor, motion, truth, offset=offset)
     noise = 1e-3 * rms(y - y.mean(axis=1, keepdims=True))
-    found = fitter(sensor, motion)({"strip": FEATURES["strip"]}, y, noise)
-    assert_found(found.parameters, truth, 5e-4)
+    estimate = fitter(sensor, motion)({"strip": FEATURES["strip"]}, y, noise)
+    assert_recovered(estimate.parameters, truth, 5e-4)
     if offset is not None:
-        np.testing.assert_allclose(found.fit.value["offset"], offset, atol=2 * noise)
+        np.testing.assert_allclose(estimate.fit.value["offset"], offset, atol=2 * noise)
 
 
 @pytest.mark.full
@@ -132,18 +132,18 @@ def test_a_constant_is_no_feature():
     y = np.repeat(OFFSET[:, None], SAMPLES, axis=1)
     noise = 1e-2
     y = y + noise * np.random.default_rng(2).normal(size=y.shape)
-    found = fitter("slow", "reversing").rank([{}, {"strip": FEATURES["strip"]}], y, noise)
-    assert found[0].log_evidence > found[1].log_evidence + 3
-    np.testing.assert_allclose(found[0].fit.value["offset"], OFFSET, atol=4e-3)
+    ranked = fitter("slow", "reversing").rank([{}, {"strip": FEATURES["strip"]}], y, noise)
+    assert ranked[0].log_evidence > ranked[1].log_evidence + 3
+    np.testing.assert_allclose(ranked[0].fit.value["offset"], OFFSET, atol=4e-3)
 
 
 @pytest.mark.full
 def test_one_element_and_known_friction():
     known = StripFeature(friction=0.5)
     y = simulated("strip", "one", feature=known)
-    found = fitter("one")({"strip": known}, y, 1e-3 * rms(y))
+    estimate = fitter("one")({"strip": known}, y, 1e-3 * rms(y))
     truth = {part: value for part, value in TRUTHS["strip"].items() if part != "friction"}
-    assert_found(found.parameters, truth, 2e-4)
+    assert_recovered(estimate.parameters, truth, 2e-4)
 
 
 @pytest.mark.full
@@ -153,22 +153,22 @@ def test_a_sum_of_two():
         "hertz": TRUTHS["hertz"] | {"position_m": 2e-3},
     }
     y = sum(simulated(name, truth=truth) for name, truth in truths.items())
-    found = fitter()({name: FEATURES[name] for name in truths}, y, 1e-3 * rms(y))
+    estimate = fitter()({name: FEATURES[name] for name in truths}, y, 1e-3 * rms(y))
     for name, truth in truths.items():
         own = {
             part.removeprefix(f"{name}_"): pair
-            for part, pair in found.parameters.items()
+            for part, pair in estimate.parameters.items()
             if part.startswith(name)
         }
-        assert_found(own, truth, 5e-4)
+        assert_recovered(own, truth, 5e-4)
 
 
 def test_a_grating_is_told_the_usual_way():
     """Gaps that pull are bars that press."""
     y = simulated("grating", truth=TRUTHS["grating"] | {"pressure_Pa": -2e3})
-    found = fitter()({"grating": FEATURES["grating"]}, y, 1e-3 * rms(y))
+    estimate = fitter()({"grating": FEATURES["grating"]}, y, 1e-3 * rms(y))
     usual = {"pressure_Pa": 2e3, "duty": 0.6, "phase_rad": 1.0 - np.pi}
-    assert_found(found.parameters, TRUTHS["grating"] | usual, 2e-4)
+    assert_recovered(estimate.parameters, TRUTHS["grating"] | usual, 2e-4)
 
 
 def test_many_signals_share_what_was_computed():
@@ -186,11 +186,11 @@ def test_many_signals_share_what_was_computed():
 def test_standard_error_of_friction():
     """By hand: the ratio's gradient and the covariance of both amplitudes."""
     y = simulated("strip")
-    found = fitter()({"strip": FEATURES["strip"]}, y, rms(y) / 30)
-    mu, stderr = friction_of(found.fit, "strip", FEATURES["strip"])
-    at = [found.fit.names.index(f"strip.{part}") for part in ("pressure_Pa", "shear_Pa")]
-    gradient = np.array([-mu, 1.0]) / found.fit.value["strip"]["pressure_Pa"]
-    by_hand = np.sqrt(gradient @ found.fit.covariance[np.ix_(at, at)] @ gradient)
+    estimate = fitter()({"strip": FEATURES["strip"]}, y, rms(y) / 30)
+    mu, stderr = friction_of(estimate.fit, "strip", FEATURES["strip"])
+    at = [estimate.fit.names.index(f"strip.{part}") for part in ("pressure_Pa", "shear_Pa")]
+    gradient = np.array([-mu, 1.0]) / estimate.fit.value["strip"]["pressure_Pa"]
+    by_hand = np.sqrt(gradient @ estimate.fit.covariance[np.ix_(at, at)] @ gradient)
     assert stderr == pytest.approx(by_hand, rel=1e-9)
 
 
@@ -239,7 +239,7 @@ def test_the_right_one_is_most_probable(name):
     y = clean + noise * rng.normal(size=clean.shape)
     candidates = [{}, *({one: feature} for one, feature in FEATURES.items())]
     fits = fitter().rank(candidates, y, noise)
-    share = probabilities(fits)
-    assert fits[int(share.argmax())].name == name
-    assert share.max() > 0.6
-    assert share.sum() == pytest.approx(1.0)
+    probability = probabilities(fits)
+    assert fits[int(probability.argmax())].name == name
+    assert probability.max() > 0.6
+    assert probability.sum() == pytest.approx(1.0)

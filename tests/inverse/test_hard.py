@@ -100,16 +100,16 @@ def test_a_model_that_feels_nothing_is_never_sure(name):
     assert estimate.result != "converged" or not np.any(certain)
 
 
-@pytest.mark.parametrize("share", [1e-9, 1e3])
+@pytest.mark.parametrize("noise_fraction", [1e-9, 1e3])
 @pytest.mark.parametrize("name", ["wiener", "tikhonov", "wiener_direct"])
-def test_noise_of_any_size(name, share):
+def test_noise_of_any_size(name, noise_fraction):
     """A signal a thousand times below the noise says nothing; one far above it says all."""
-    problem, truth, _ = make_case(noise_share=share)
+    problem, truth, _ = make_case(noise_fraction=noise_fraction)
     estimate = METHODS[name](problem)
     wanted = deviation(problem, truth)
     error = np.abs(np.asarray(estimate.value) - wanted).max(axis=-1)
     assert estimate.result == "converged"
-    if share < 1:
+    if noise_fraction < 1:
         assert np.all(error < 0.3 * np.abs(wanted).max(axis=-1))
     else:
         assert np.all(np.asarray(estimate.stderr) > 0)

@@ -70,7 +70,7 @@ def test_friction_decides_the_mean_of_q():
 @pytest.mark.parametrize("name", METHODS)
 def test_a_slow_readout_tells_the_mean(name):
     """Turned elements feel the mean of q too, through the shear stress."""
-    case = make_case(films="turned", amplifier=SLOW, background_Pa=1e3, noise_share=1e-3)
+    case = make_case(films="turned", amplifier=SLOW, background_Pa=1e3, noise_fraction=1e-3)
     problem, truth, _ = case
     assert not np.any(problem.centred)
     assert set(problem.mean_statement().values()) == {"from the signal"}
@@ -113,7 +113,7 @@ WITH_KNOWN_MEAN = {
 @pytest.mark.parametrize("name", WITH_KNOWN_MEAN)
 def test_a_known_mean_explains_its_own_signal(name):
     """Where the mean acts on the signal, knowing it must help and not leave a misfit."""
-    settings = WITH_KNOWN_MEAN[name] | {"background_Pa": 1e3, "noise_share": 1e-3}
+    settings = WITH_KNOWN_MEAN[name] | {"background_Pa": 1e3, "noise_fraction": 1e-3}
     problem, truth, sigma = make_case(**settings)
     known = (float(truth[0].mean()), float(truth[1].mean()))
     if problem.friction is not None:
@@ -129,7 +129,7 @@ def test_a_known_mean_explains_its_own_signal(name):
 
 def test_one_known_mean_does_not_leak_into_the_other():
     """Both elements feel both means: with that of p known, the rest of the level is q's."""
-    settings = {"films": "oblique", "amplifier": SLOW, "background_Pa": 1e3, "noise_share": 1e-3}
+    settings = {"films": "oblique", "amplifier": SLOW, "background_Pa": 1e3, "noise_fraction": 1e-3}
     truth = make_case(**settings).truth
     problem = make_case(known_mean_Pa=(float(truth[0].mean()), None), **settings).problem
     np.testing.assert_allclose(means(TIKHONOV(problem).value), means(truth), rtol=0.02)

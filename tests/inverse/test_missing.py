@@ -40,20 +40,20 @@ def test_what_stands_in_a_gap_does_not_matter(name, filling):
 @pytest.mark.parametrize("name", ["wiener", "tikhonov"])
 def test_fewer_samples_never_shrink_the_standard_error(name):
     rng = np.random.default_rng(6)
-    there = np.ones((2, N), bool)
+    observed = np.ones((2, N), bool)
     before = np.zeros((2, N))
     for _ in range(5):
-        there = there & (rng.random((2, N)) > 0.3)
-        stderr = np.asarray(METHODS[name](make_case(observed=there).problem).stderr)
+        observed = observed & (rng.random((2, N)) > 0.3)
+        stderr = np.asarray(METHODS[name](make_case(observed=observed).problem).stderr)
         assert np.all(stderr > before * (1 - 1e-9))
         before = stderr
-    assert there.sum() < N
+    assert observed.sum() < N
 
 
 def test_a_gap_is_where_the_estimate_is_unsure():
-    there = np.ones((2, N), bool)
-    there[:, 20:32] = False
-    stderr = np.asarray(METHODS["wiener"](make_case("open", observed=there).problem).stderr)
+    observed = np.ones((2, N), bool)
+    observed[:, 20:32] = False
+    stderr = np.asarray(METHODS["wiener"](make_case("open", observed=observed).problem).stderr)
     assert np.all(stderr[:, 24:28] > 1.3 * stderr[:, 8:12])
 
 
@@ -72,9 +72,9 @@ def test_every_sample_there_is_the_whole_problem(amplifier):
 @pytest.mark.full
 def test_an_element_missing_altogether():
     """With friction known, two elements of which one never spoke are the other one."""
-    there = np.ones((2, N), bool)
-    there[1] = False
-    pair = make_case(friction=0.3, observed=there).problem
+    observed = np.ones((2, N), bool)
+    observed[1] = False
+    pair = make_case(friction=0.3, observed=observed).problem
     one = eqx.tree_at(lambda p: p.data, make_case(films="one", friction=0.3).problem, pair.data[:1])
     one = eqx.tree_at(lambda p: p.noise, one, pair.noise)
     ours, reference = METHODS["wiener"](pair), METHODS["wiener"](one)
@@ -84,9 +84,9 @@ def test_an_element_missing_altogether():
 
 
 def test_an_element_missing_altogether_leaves_p_and_q_apart_unsure():
-    there = np.ones((2, N), bool)
-    there[1] = False
-    half = METHODS["wiener"](make_case(observed=there).problem)
+    observed = np.ones((2, N), bool)
+    observed[1] = False
+    half = METHODS["wiener"](make_case(observed=observed).problem)
     full = METHODS["wiener"](make_case().problem)
     assert half.result == "converged"
     assert np.all(np.asarray(half.stderr) >= np.asarray(full.stderr) * (1 - 1e-9))
@@ -94,12 +94,13 @@ def test_an_element_missing_altogether_leaves_p_and_q_apart_unsure():
 
 
 def test_one_sample_with_an_unknown_offset_is_as_good_as_none():
-    there = np.ones((2, 2, N), bool)
-    there[:, 1] = False
-    there[0, 1, N // 2] = True
+    observed = np.ones((2, 2, N), bool)
+    observed[:, 1] = False
+    observed[0, 1, N // 2] = True
     settings = {"amplifier": SLOW, "films": "turned", "free_offset": True}
     one, none = (
-        METHODS["tikhonov"](make_case("open", observed=each, **settings).problem) for each in there
+        METHODS["tikhonov"](make_case("open", observed=each, **settings).problem)
+        for each in observed
     )
     assert relative(one.value, none.value) < 1e-9
     assert relative(one.stderr, none.stderr) < 1e-9

@@ -81,12 +81,12 @@ def test_a_fit_says_what_it_is_worth(case):
     y = 1.0 + 2.0 * X + 0.02 * (NOISE + bend * np.sin(20 * X))
     if bounds is not None:
         y = y + 2.99 * X  # so that the bound is near, and the residual small
-    found = srsinv.fit(line, {"a": 0.0, "b": 6.0}, y, noise=0.02, bounds=bounds)
-    assert found.result == "converged"
-    assert found.quality == worth
-    assert len(found.warnings) == len(words)
-    assert all(said.startswith(word) for said, word in zip(found.warnings, words, strict=True))
-    assert found.reasons == found.warnings
+    fit = srsinv.fit(line, {"a": 0.0, "b": 6.0}, y, noise=0.02, bounds=bounds)
+    assert fit.result == "converged"
+    assert fit.quality == worth
+    assert len(fit.warnings) == len(words)
+    assert all(said.startswith(word) for said, word in zip(fit.warnings, words, strict=True))
+    assert fit.reasons == fit.warnings
 
 
 def test_a_noise_that_is_not_known_makes_no_failure():
@@ -95,8 +95,8 @@ def test_a_noise_that_is_not_known_makes_no_failure():
 
 
 def test_a_direction_that_the_data_do_not_determine_is_a_warning():
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda params: line(params) + params["c"], {"a": 0.0, "b": 1.0, "c": 0.0}, X, noise=0.1
     )
-    assert found.quality == "doubtful"
-    assert any("do not determine" in said for said in found.warnings)
+    assert fit.quality == "doubtful"
+    assert any("do not determine" in said for said in fit.warnings)

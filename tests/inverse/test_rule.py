@@ -81,15 +81,15 @@ def around(point, reach, step):
 )
 def test_gcv_minimises_the_dense_criterion(name, path):
     problem = make_case(**PROBLEMS[name][0]).problem
-    found, gcv = chosen("gcv", problem, path), dense_gcv(problem)
-    scan = [gcv(each) for each in around(found, 4, 0.25 if problem.unknowns == 1 else 1.0)]
-    assert gcv(found) < min(scan) * 1.005
+    log10_weights, gcv = chosen("gcv", problem, path), dense_gcv(problem)
+    scan = [gcv(each) for each in around(log10_weights, 4, 0.25 if problem.unknowns == 1 else 1.0)]
+    assert gcv(log10_weights) < min(scan) * 1.005
     assert max(scan) > 1.5 * min(scan)
 
 
 def test_gcv_finds_weights_far_apart():
     """p a hundred times smaller than q: the best weights lie decades off the scan's diagonal."""
-    case = make_case(noise_share=0.1)
+    case = make_case(noise_fraction=0.1)
     truth = case.truth * np.array([[0.01], [1.0]])
     signal = np.asarray(case.problem.forward(jnp.asarray(truth)))
     sigma = 0.1 * signal.std()
@@ -97,9 +97,9 @@ def test_gcv_finds_weights_far_apart():
     problem = eqx.tree_at(
         lambda p: (p.data, p.noise), case.problem, (data, np.full(N // 2 + 1, sigma**2))
     )
-    found, gcv = chosen("gcv", problem, "spectral"), dense_gcv(problem)
-    assert abs(np.ptp(found)) > 1.0
-    assert gcv(found) < min(gcv(each) for each in around(found, 8, 1.0)) * 1.02
+    log10_weights, gcv = chosen("gcv", problem, "spectral"), dense_gcv(problem)
+    assert abs(np.ptp(log10_weights)) > 1.0
+    assert gcv(log10_weights) < min(gcv(each) for each in around(log10_weights, 8, 1.0)) * 1.02
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -107,12 +107,12 @@ def test_a_rule_costs_little_over_the_best_weights(rule):
     """In the mean over draws of the noise; tests/claims/rules.py has more scenes."""
     own, best = [], []
     for seed in range(3):
-        problem, truth, _ = make_case(noise_share=0.1, seed=seed)
+        problem, truth, _ = make_case(noise_fraction=0.1, seed=seed)
         minimise, wanted = minimiser(problem), deviation(problem, truth)
-        found = chosen(rule, problem, "spectral")
+        log10_weights = chosen(rule, problem, "spectral")
         squares = [
             np.mean((minimise(penalty_rows(problem, 1, 10.0**each)).value - wanted) ** 2)
-            for each in (found, *around(found, 2, 0.5))
+            for each in (log10_weights, *around(log10_weights, 2, 0.5))
         ]
         own.append(squares[0])
         best.append(min(squares))

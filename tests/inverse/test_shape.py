@@ -54,16 +54,16 @@ def test_hertz():
 
 def test_westergaard():
     """Partial contact with a wave, from the closed form's pressure."""
-    amplitude, length, share = 5e-6, 2e-3, 0.5  # sin^2(pi a/L)
+    amplitude, length, load_fraction = 5e-6, 2e-3, 0.5  # sin^2(pi a/L)
     line = Periodic(1024, length / 1024, -length / 2)
-    nominal = share * np.pi * E_STAR_PA * amplitude / length
+    nominal = load_fraction * np.pi * E_STAR_PA * amplitude / length
     fine = (np.arange(1024 * 64) + 0.5) / 64 - 0.5  # points within the cells
     phase = np.pi / length * (float(line.x[0]) + fine * float(line.cell_m))
-    root = np.sqrt(np.maximum(share - np.sin(phase) ** 2, 0.0))
-    p = (2 * nominal * np.cos(phase) * root / share).reshape(-1, 64).mean(axis=1)
+    root = np.sqrt(np.maximum(load_fraction - np.sin(phase) ** 2, 0.0))
+    p = (2 * nominal * np.cos(phase) * root / load_fraction).reshape(-1, 64).mean(axis=1)
     w = np.asarray(shape_under(line, SKIN, jnp.asarray(p)))
     x = np.asarray(line.x)
-    inside = np.sin(np.pi * x / length) ** 2 < 0.98 * share
+    inside = np.sin(np.pi * x / length) ** 2 < 0.98 * load_fraction
     error = (w - amplitude * np.cos(2 * np.pi * x / length))[inside]
     assert np.ptp(error) < 1e-4 * amplitude
 
@@ -90,7 +90,7 @@ def test_band_is_what_draws_scatter_by():
     problem, truth, signals = _draws(n, 2000)
     touching = jnp.asarray((np.arange(n) > 8) & (np.arange(n) < 30))
     method = METHOD["spectral"]
-    found, stderr = shape_band(problem.line, SKIN, method(problem), touching)
+    profile, stderr = shape_band(problem.line, SKIN, method(problem), touching)
     prior = SpectralPrior(jnp.stack([s.power(problem) for s in (method.p, method.q)]))
 
     def values(data):
@@ -99,7 +99,7 @@ def test_band_is_what_draws_scatter_by():
     p = jax.vmap(values)(signals)
     w = shape_under(problem.line, SKIN, jnp.stack([p, truth[:, 0]]))
     w = w - jnp.mean(w, axis=-1, keepdims=True, where=touching)
-    np.testing.assert_allclose(w[0, 0], found, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(w[0, 0], profile, rtol=1e-9, atol=1e-15)
     scatter = np.sqrt(np.mean(np.asarray(w[0] - w[1]) ** 2, axis=0))
     np.testing.assert_allclose(scatter, stderr, rtol=0.06)
 

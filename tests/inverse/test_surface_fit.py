@@ -83,9 +83,9 @@ def test_a_ridge_is_found_from_nothing_and_from_a_bad_start(ridges, simulated, n
     own, base = CASES[name]
     y = noisy(np.asarray(simulated(tree(own, base))), 3)
     truth = own | {"base_friction": base}
-    found = ridges({"it": RidgeFeature(EDGE)}, y)
-    assert found.found.result == "converged"
-    for name, (value, stderr) in found.found.parameters.items():
+    fit = ridges({"it": RidgeFeature(EDGE)}, y)
+    assert fit.found.result == "converged"
+    for name, (value, stderr) in fit.found.parameters.items():
         assert abs(value - truth[name]) < 4 * stderr, name
     bad = {
         "height_m": 1.5 * own["height_m"],
@@ -93,7 +93,7 @@ def test_a_ridge_is_found_from_nothing_and_from_a_bad_start(ridges, simulated, n
         "position_m": own["position_m"] + 0.5e-3,
     }
     again = ridges({"it": RidgeFeature(EDGE)}, y, start=bad).found
-    for name, (value, stderr) in found.found.parameters.items():
+    for name, (value, stderr) in fit.found.parameters.items():
         assert abs(again.parameters[name][0] - value) < 0.05 * stderr, name
 
 
@@ -112,7 +112,7 @@ def test_standard_errors_are_the_bound(ridges, simulated):
     """At known white noise, against central differences of the finer simulation."""
     signal = np.asarray(simulated(tree(RIDGE, 0.4)))
     rms = 0.01 * np.sqrt(np.mean(signal**2))
-    found = ridges({"it": RidgeFeature(EDGE)}, signal, noise=rms).found
+    estimate = ridges({"it": RidgeFeature(EDGE)}, signal, noise=rms).found
     cell = float(simulated.line.cell_m)
     steps = {"height_m": 3e-7, "width_m": 4 * cell, "position_m": 2 * cell}
     columns = []
@@ -123,7 +123,7 @@ def test_standard_errors_are_the_bound(ridges, simulated):
     jacobian = np.stack(columns, axis=1)
     size = np.linalg.norm(jacobian, axis=0)
     bound = rms * np.sqrt(np.diag(np.linalg.inv((jacobian / size).T @ (jacobian / size)))) / size
-    stated = [stderr for _, stderr in found.parameters.values()]
+    stated = [stderr for _, stderr in estimate.parameters.values()]
     np.testing.assert_allclose(stated, bound, rtol=0.03)
 
 
@@ -156,23 +156,23 @@ def test_derivatives_of_the_signal_are_differences_in_both_modes():
 @pytest.mark.full
 def test_friction_turns_with_the_motion():
     """Back on the same path with the other friction: the same charges, the last one first."""
-    there = Motion.from_speed(TIME, 0.03, -0.003)
-    onwards, back = (fine(RidgeFeature(EDGE), motion) for motion in (there, BACK))
+    forward = Motion.from_speed(TIME, 0.03, -0.003)
+    onwards, back = (fine(RidgeFeature(EDGE), motion) for motion in (forward, BACK))
     signal = np.asarray(onwards(tree(RIDGE, -0.4)))
-    found = back(tree(RIDGE, 0.4))
-    np.testing.assert_allclose(found, -signal[:, ::-1], atol=1e-9 * np.abs(signal).max())
+    back_signal = back(tree(RIDGE, 0.4))
+    np.testing.assert_allclose(back_signal, -signal[:, ::-1], atol=1e-9 * np.abs(signal).max())
 
 
 @pytest.mark.full
 def test_sliding_back_the_leading_edge_is_the_other_one():
     model = fine(TapeFeature(EDGE), BACK)
     y = noisy(np.asarray(model(tree(TAPE, 0.35))), 7)
-    found = fitter(TapeFeature(EDGE), BACK)({"it": TapeFeature(EDGE)}, y).found
-    assert found.result == "converged"
+    estimate = fitter(TapeFeature(EDGE), BACK)({"it": TapeFeature(EDGE)}, y).found
+    assert estimate.result == "converged"
     for name, truth in (TAPE | {"base_friction": 0.35}).items():
-        value, stderr = found.parameters[name]
+        value, stderr = estimate.parameters[name]
         assert abs(value - truth) < 4 * stderr, name
-    assert found.parameters["leading_edge_friction"][1] < 0.05
+    assert estimate.parameters["leading_edge_friction"][1] < 0.05
 
 
 @pytest.mark.full
@@ -180,11 +180,11 @@ def test_gain_pressure_and_height_cannot_be_told_apart(simulated):
     """Twice the pressure and the height at half the gain is the same signal."""
     y = noisy(np.asarray(simulated(tree(RIDGE, 0.4))), 11)
     together = fitter(RidgeFeature(EDGE), ONWARDS, ["gain", "nominal_pressure_Pa"])
-    found = together({"it": RidgeFeature(EDGE)}, y).found
-    (direction,) = found.fit.undetermined
+    estimate = together({"it": RidgeFeature(EDGE)}, y).found
+    (direction,) = estimate.fit.undetermined
     assert set(direction) == {"gain", "nominal_pressure_Pa", "it.height_m"}
-    assert np.isinf(found.parameters["height_m"][1])
-    width, stderr = found.parameters["width_m"]
+    assert np.isinf(estimate.parameters["height_m"][1])
+    width, stderr = estimate.parameters["width_m"]
     assert abs(width - RIDGE["width_m"]) < 4 * stderr
 
 

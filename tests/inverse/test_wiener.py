@@ -215,7 +215,7 @@ def test_averaging_is_the_estimates_response_to_one_cell():
 
 def test_estimate_improves_on_nothing_at_all():
     """The bumps come back: the filter's use, in one number."""
-    problem, truth, _ = make_case(noise_share=1e-3)
+    problem, truth, _ = make_case(noise_fraction=1e-3)
     estimate = Wiener(P, Q)(problem)
     error = np.asarray(estimate.value) - deviation(problem, bumps(problem.line))
     assert np.linalg.norm(error) < 0.15 * np.linalg.norm(deviation(problem, truth))

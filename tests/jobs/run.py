@@ -57,12 +57,12 @@ def result_of(cfg: dict[str, Any]) -> Outcome:
     return load_job(cfg["job"], find_config_root())(cfg)
 
 
-def check_page(found: Outcome, images: Collection[str] = ()) -> None:
+def check_page(result: Outcome, images: Collection[str] = ()) -> None:
     """Every variable with its unit, every figure with a caption and a curve drawn (those named in
     `images`: an image), the assumptions last."""
-    assert all("units" in variable.attrs for variable in found.dataset.variables.values())
-    assert found.sections[-1].heading == "What was assumed"
-    for section in found.sections:
+    assert all("units" in variable.attrs for variable in result.dataset.variables.values())
+    assert result.sections[-1].heading == "What was assumed"
+    for section in result.sections:
         assert set(section.captions) == set(section.figures)
         for name, draw in section.figures.items():
             drawn = [axes.images if name in images else axes.lines for axes in draw().axes]

@@ -14,22 +14,22 @@ test_nothing_has_moved = pytest.mark.full(golden_test(FORMS))
 
 
 @pytest.fixture(scope="module")
-def found():
+def result():
     return short_run(*FORMS)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("line", ["periodic", "open"])
-def test_float64_forward_error_falls_with_the_square_of_the_cell(found, line):
-    errors = [found.metrics[f"forward_{line}_float64_{n}_error"] for n in (64, 256)]
+def test_float64_forward_error_falls_with_the_square_of_the_cell(result, line):
+    errors = [result.metrics[f"forward_{line}_float64_{n}_error"] for n in (64, 256)]
     assert errors[1] < errors[0] / 3**2
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("line", ["periodic", "open"])
-def test_numpy_agrees_on_the_forward_model(found, line):
-    assert found.metrics[f"forward_{line}_numpy_256_algebraic_error"] < 1e-10
-    assert 1e-9 < found.metrics[f"forward_{line}_float32_256_algebraic_error"] < 1e-4
+def test_numpy_agrees_on_the_forward_model(result, line):
+    assert result.metrics[f"forward_{line}_numpy_256_algebraic_error"] < 1e-10
+    assert 1e-9 < result.metrics[f"forward_{line}_float32_256_algebraic_error"] < 1e-4
 
 
 @pytest.mark.full
@@ -44,25 +44,25 @@ def test_numpy_agrees_on_the_forward_model(found, line):
           for tol in TOLERANCES),
     ],
 )  # fmt: skip
-def test_ways_of_solving_agree(found, family, most):
+def test_ways_of_solving_agree(result, family, most):
     line, _, way = family.partition("_")
-    assert found.metrics[f"tikhonov_{line}_{way}_64_algebraic_error"] < most
+    assert result.metrics[f"tikhonov_{line}_{way}_64_algebraic_error"] < most
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("solver", ["iterative", "scipy_cg"])
-def test_a_tighter_tolerance_is_closer(found, solver):
+def test_a_tighter_tolerance_is_closer(result, solver):
     loose, tight = (
-        found.metrics[f"tikhonov_open_{solver}_{tol:g}_64_algebraic_error"] for tol in TOLERANCES
+        result.metrics[f"tikhonov_open_{solver}_{tol:g}_64_algebraic_error"] for tol in TOLERANCES
     )
     assert tight < loose / 10
 
 
 @pytest.mark.full
-def test_every_variable_has_units_and_every_time_is_positive(found):
-    assert all("units" in found.dataset[name].attrs for name in found.dataset.variables)
-    assert np.all(found.dataset["time_s_steady"] > 0)
-    assert np.all(found.dataset["fit_time_s_steady"] > 0)
+def test_every_variable_has_units_and_every_time_is_positive(result):
+    assert all("units" in result.dataset[name].attrs for name in result.dataset.variables)
+    assert np.all(result.dataset["time_s_steady"] > 0)
+    assert np.all(result.dataset["fit_time_s_steady"] > 0)
 
 
 @pytest.mark.full
@@ -75,17 +75,17 @@ def test_every_variable_has_units_and_every_time_is_positive(found):
         ("scipy_analytic", 1e-3),
     ],
 )
-def test_solvers_of_the_fit_meet_in_one_minimum_near_the_truth(found, family, most):
+def test_solvers_of_the_fit_meet_in_one_minimum_near_the_truth(result, family, most):
     key = f"fit_tolerance_{family}_1e-08"
-    assert found.metrics[f"{key}_error"] < most  # of a standard error
-    assert found.metrics[f"{key}_error_cramer_rao"] < 3
+    assert result.metrics[f"{key}_error"] < most  # of a standard error
+    assert result.metrics[f"{key}_error_cramer_rao"] < 3
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("sweep", ["starts", "batch"])
-def test_fits_are_timed_over_starts_and_together(found, sweep):
+def test_fits_are_timed_over_starts_and_together(result, sweep):
     key = f"fit_{sweep}_optimistix_2"
-    assert found.metrics[f"{key}_time_s_steady"] < found.metrics[f"{key}_time_s_first"]
+    assert result.metrics[f"{key}_time_s_steady"] < result.metrics[f"{key}_time_s_first"]
 
 
 @pytest.mark.parametrize(

@@ -25,41 +25,41 @@ def invert(*overrides):
     return outcome("experiment=invert_recording", *settings, *overrides)
 
 
-def rows_of(found):
+def rows_of(result):
     """The page's assumptions."""
-    return dict(found.sections[-1].tables[0].rows)
+    return dict(result.sections[-1].tables[0].rows)
 
 
 @pytest.fixture(scope="module")
-def lost(tmp_path_factory):
+def gappy_recording(tmp_path_factory):
     """The bundled recording without a tenth of its rows and without a burst beside the strip."""
     text = EXAMPLE.read_text().splitlines()
-    there = np.random.default_rng(0).random(len(text) - 1) > 0.1
-    there[600:640] = False
-    there[[0, -1]] = True
+    observed = np.random.default_rng(0).random(len(text) - 1) > 0.1
+    observed[600:640] = False
+    observed[[0, -1]] = True
     folder = tmp_path_factory.mktemp("lost")
     (folder / "scan.json").write_text(EXAMPLE.with_suffix(".json").read_text())
-    kept = [row for row, is_there in zip(text[1:], there, strict=True) if is_there]
-    (folder / "scan.csv").write_text("\n".join([text[0], *kept]) + "\n")
-    return folder / "scan.csv", int(np.sum(~there))
+    remaining = [row for row, is_observed in zip(text[1:], observed, strict=True) if is_observed]
+    (folder / "scan.csv").write_text("\n".join([text[0], *remaining]) + "\n")
+    return folder / "scan.csv", int(np.sum(~observed))
 
 
 @pytest.mark.full
-def test_a_feature_is_where_it_was(lost):
-    path, rows = lost
-    found = fit(f"recording.path={path}")
-    assert found.metrics["quality"] == "good"
+def test_a_feature_is_where_it_was(gappy_recording):
+    path, rows = gappy_recording
+    result = fit(f"recording.path={path}")
+    assert result.metrics["quality"] == "good"
     for name in SHAPE:
-        error = found.metrics[name] - TRUTH[name]
-        assert abs(error) < 4 * found.metrics[f"{name}_stderr"], name
-    assert found.metrics["noise_rms_V"] == pytest.approx(TRUTH["white_noise_rms_V"], rel=0.05)
-    assert rows_of(found)["lost rows"].startswith(f"{rows} at ")
+        error = result.metrics[name] - TRUTH[name]
+        assert abs(error) < 4 * result.metrics[f"{name}_stderr"], name
+    assert result.metrics["noise_rms_V"] == pytest.approx(TRUTH["white_noise_rms_V"], rel=0.05)
+    assert rows_of(result)["lost rows"].startswith(f"{rows} at ")
 
 
 @pytest.mark.full
-def test_p_and_q_are_where_they_were(lost):
+def test_p_and_q_are_where_they_were(gappy_recording):
     """Within the bands of the whole recording."""
-    path, rows = lost
+    path, rows = gappy_recording
     whole, part = invert(f"recording.path={EXAMPLE}"), invert(f"recording.path={path}")
     x = whole.dataset["x"].values
     inner = (x > x[0] + 0.006) & (x < x[-1] - 0.006)
@@ -109,21 +109,21 @@ def test_nothing_in_pa_without_volts(counts, job):
     ["recording.gain=1e7", "recording.gain=[1e7,1e7]"],
 )
 def test_a_gain_makes_volts_of_counts(counts, stated):
-    found = fit(f"recording.path={counts}", NAMED, stated).metrics
-    assert found["pressure_Pa"] == pytest.approx(TRUTH["pressure_Pa"], rel=0.02)
+    metrics = fit(f"recording.path={counts}", NAMED, stated).metrics
+    assert metrics["pressure_Pa"] == pytest.approx(TRUTH["pressure_Pa"], rel=0.02)
 
 
 @pytest.mark.full
 def test_positions_without_volts_are_of_a_traction_without_a_unit(counts):
     whole = invert(f"recording.path={EXAMPLE}")
-    found = invert(f"recording.path={counts}", NAMED, "traction_unit=relative")
+    result = invert(f"recording.path={counts}", NAMED, "traction_unit=relative")
     for name in ("p_peak_position_m_wiener", "p_line_wavelength_m_wiener"):
-        assert found.metrics[name] == pytest.approx(whole.metrics[name], rel=0.05)
-    rows = {what: said for what, said in rows_of(found).items() if what != "skin"}  # its modulus
-    said = [found.metrics, found.summary.columns, found.summary.notes, found.title, rows]
+        assert result.metrics[name] == pytest.approx(whole.metrics[name], rel=0.05)
+    rows = {what: said for what, said in rows_of(result).items() if what != "skin"}  # its modulus
+    said = [result.metrics, result.summary.columns, result.summary.notes, result.title, rows]
     assert "Pa" not in json.dumps(said)
-    assert "p_peak_relative_wiener" in found.metrics
-    units = {str(each.attrs["units"]) for each in found.dataset.variables.values()}
+    assert "p_peak_relative_wiener" in result.metrics
+    units = {str(each.attrs["units"]) for each in result.dataset.variables.values()}
     assert not [unit for unit in units if "Pa" in unit]
 
 
@@ -158,14 +158,14 @@ def test_a_failed_fit_is_no_answer_on_any_channel(tmp_path, capsys):
 STATED = {0.97: ("good", "none"), 0.8: ("doubtful", "The residual is 1."), 0.2: ("failed", "The")}
 
 
-@pytest.mark.parametrize("share", STATED)
-def test_a_fit_is_worth_what_its_residual_says(share):
-    worth, words = STATED[share]
-    found = fit(f"noise.white.rms={share * TRUTH['white_noise_rms_V']}")
-    assert found.metrics["quality"] == worth
-    assert found.metrics["warnings"].startswith(words)
-    assert bool(found.summary.notes) == (worth != "good")
-    assert found.dataset.attrs["quality"] == worth
+@pytest.mark.parametrize("noise_ratio", STATED)
+def test_a_fit_is_worth_what_its_residual_says(noise_ratio):
+    worth, words = STATED[noise_ratio]
+    result = fit(f"noise.white.rms={noise_ratio * TRUTH['white_noise_rms_V']}")
+    assert result.metrics["quality"] == worth
+    assert result.metrics["warnings"].startswith(words)
+    assert bool(result.summary.notes) == (worth != "good")
+    assert result.dataset.attrs["quality"] == worth
 
 
 @pytest.mark.full
@@ -183,9 +183,9 @@ def test_a_failed_inversion_is_no_answer_on_any_channel(tmp_path, capsys):
         assert "The residual is" in channel
 
 
-def test_lost_rows_survive_saving(lost, tmp_path):
+def test_lost_rows_survive_saving(gappy_recording, tmp_path):
     """As empty cells, at even times."""
-    scan = on_even_times(load(lost[0]))
+    scan = on_even_times(load(gappy_recording[0]))
     save(scan, tmp_path / "even.nc")
     again = load(tmp_path / "even.nc", missing="allow")
     np.testing.assert_array_equal(again.signal, scan.signal)

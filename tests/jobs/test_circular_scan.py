@@ -15,24 +15,24 @@ test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")
-def found():
+def result():
     return short_run(*FORMS)
 
 
 @pytest.mark.parametrize("angle", ["10", "90"])
-def test_direction(found, angle):
-    assert abs(found.metrics[f"direction_error_deg_at_{angle}"]) < 2
+def test_direction(result, angle):
+    assert abs(result.metrics[f"direction_error_deg_at_{angle}"]) < 2
 
 
-def test_gain_falls_to_nothing(found):
-    gain = found.dataset["gain"].values
+def test_gain_falls_to_nothing(result):
+    gain = result.dataset["gain"].values
     assert np.all(gain[:, 0] == 1)
     assert np.all(np.diff(gain) < 0)
     assert np.all(gain[:, -1] == 0)
 
 
-def test_page_is_whole(found):
-    check_page(found)
+def test_page_is_whole(result):
+    check_page(result)
 
 
 @pytest.mark.parametrize("override", ["angles_deg=[]", "shown_deg=[45.0]"])

@@ -34,9 +34,11 @@ def test_the_residual_gives_a_wrong_feature_away(scene):
 def test_a_feature_is_put_on_the_cells_as_the_truth_is(scene):
     ds = scene.dataset
     truth = ds["traction"].values
-    found = ds["estimate"].sel(snr=40.0).values[list(ds["method"].values).index("Feature fit"), 0]
+    estimate = (
+        ds["estimate"].sel(snr=40.0).values[list(ds["method"].values).index("Feature fit"), 0]
+    )
     # The signal is blind to the mean alone: the deviations agree cell by cell.
-    wrong = (found - truth) - (found - truth).mean(axis=-1, keepdims=True)
+    wrong = (estimate - truth) - (estimate - truth).mean(axis=-1, keepdims=True)
     assert np.abs(wrong).max() < 0.05 * np.ptp(truth)
 
 
@@ -77,8 +79,8 @@ def test_a_feature_that_is_there_predicts_what_it_did_not_see(recorded):
 def test_halves_repeat_as_well_as_the_band_states(recorded):
     for component in "pq":
         stated = recorded.metrics[f"{component}_stderr_rms_Pa_feature_fit"]
-        seen = recorded.metrics[f"{component}_repeatability_Pa_feature_fit"]
-        assert 0.1 * stated < seen < 4 * stated
+        repeatability = recorded.metrics[f"{component}_repeatability_Pa_feature_fit"]
+        assert 0.1 * stated < repeatability < 4 * stated
 
 
 @pytest.mark.full
@@ -91,11 +93,11 @@ def test_pairs_are_told_apart_by_their_spread():
     rng = np.random.default_rng(0)
     noise = rng.normal(size=8)
     score = np.stack([10 + noise, 11 + noise + 0.1 * rng.normal(size=8), 11 + rng.normal(size=8)])
-    found = {(pair.better, pair.worse): pair for pair in contest.pairs(score)}
+    by_indices = {(pair.better, pair.worse): pair for pair in contest.pairs(score)}
     # The same draws: a difference far below the scores' own spread shows.
-    assert found[0, 1].apart
-    assert found[0, 1].difference == pytest.approx(1, abs=0.1)
-    assert not next(p for key, p in found.items() if set(key) == {1, 2}).apart
+    assert by_indices[0, 1].apart
+    assert by_indices[0, 1].difference == pytest.approx(1, abs=0.1)
+    assert not next(p for key, p in by_indices.items() if set(key) == {1, 2}).apart
 
 
 def test_one_draw_tells_nobody_apart():

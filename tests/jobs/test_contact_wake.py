@@ -19,10 +19,12 @@ CYLINDER = (
 
 @pytest.mark.full
 def test_a_window_that_is_given_too_short_is_said_everywhere():
-    found = outcome(*CYLINDER, "scene.contact_windows=1")
-    assert found.metrics["quality_wiener"] != "good"
-    shown = [note for section in found.sections for table in section.tables for note in table.notes]
-    for words in (str(found.metrics["warnings_wiener"]), *found.summary.notes, " ".join(shown)):
+    result = outcome(*CYLINDER, "scene.contact_windows=1")
+    assert result.metrics["quality_wiener"] != "good"
+    shown = [
+        note for section in result.sections for table in section.tables for note in table.notes
+    ]
+    for words in (str(result.metrics["warnings_wiener"]), *result.summary.notes, " ".join(shown)):
         assert "its own wake" in words
 
 

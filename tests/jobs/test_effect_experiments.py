@@ -24,9 +24,9 @@ def test_page(outcomes, name):
 
 
 def test_each_effect_is_within_its_bound(outcomes):
-    found = outcomes["effects"].metrics
+    metrics = outcomes["effects"].metrics
     for name in ("film_angle", "speed_ripple", "clipping"):
-        assert 0.01 < found[f"change_{name}"] <= 1.05 * found[f"bound_{name}"], name
+        assert 0.01 < metrics[f"change_{name}"] <= 1.05 * metrics[f"bound_{name}"], name
 
 
 def test_what_scenes_leave_out_is_within_the_tolerance(outcomes):
@@ -36,16 +36,16 @@ def test_what_scenes_leave_out_is_within_the_tolerance(outcomes):
 
 
 def test_tilt_takes_of_the_leading_lobe_and_bursts_scatter_it(outcomes):
-    found = outcomes["fig09_sliding_impulse"].metrics
-    assert found["leading_lobe_ratio"] < 0.9 < 1.05 < found["trailing_lobe_ratio"]
-    assert found["leading_lobe_scatter"] > 0.005
-    assert 1e-4 < found["finest_wavelength_m"] < 3e-3
+    metrics = outcomes["fig09_sliding_impulse"].metrics
+    assert metrics["leading_lobe_ratio"] < 0.9 < 1.05 < metrics["trailing_lobe_ratio"]
+    assert metrics["leading_lobe_scatter"] > 0.005
+    assert 1e-4 < metrics["finest_wavelength_m"] < 3e-3
 
 
 def test_a_wrong_sensor_is_worse_than_the_right_one(outcomes):
-    found = outcomes["model_error"].metrics
+    metrics = outcomes["model_error"].metrics
     for name in ("layered", "tilted", "deeper", "all_three"):
-        assert found[f"error_q_{name}"] > 1.2 * found["error_q_as_assumed"]
+        assert metrics[f"error_q_{name}"] > 1.2 * metrics["error_q_as_assumed"]
     gain = outcomes["model_error"].dataset["gain"].sel(component_out="p", component_in="p")
     # A long wave's p is recovered whole by the right sensor, and a deeper one's as well.
     np.testing.assert_allclose(gain.sel(case=["as assumed", "deeper"])[:, 0], 1.0, atol=0.02)
@@ -56,10 +56,10 @@ def test_a_wrong_sensor_is_worse_than_the_right_one(outcomes):
 def test_a_sensor_is_inverted_with_the_effects_that_it_has(effect):
     """As well as the ideal one; not so where the inversion does not know of them (model_error)."""
     small = ("grid.cells=256", "grid.refinement=2", "method=wiener")
-    found, ideal = (
+    with_effect, ideal = (
         outcome(*small, f"effects=[{','.join(names)}]").metrics
         for names in (("strip_width", effect), ("strip_width",))
     )
-    assert found["result_wiener"] == "converged"
-    assert found["error_p_wiener"] < 1.3 * ideal["error_p_wiener"] < 0.13
-    assert found["error_q_wiener"] < 1.3 * ideal["error_q_wiener"] < 0.13
+    assert with_effect["result_wiener"] == "converged"
+    assert with_effect["error_p_wiener"] < 1.3 * ideal["error_p_wiener"] < 0.13
+    assert with_effect["error_q_wiener"] < 1.3 * ideal["error_q_wiener"] < 0.13

@@ -49,12 +49,16 @@ def test_pressure_is_even_and_shear_odd(outcomes):
 
 @pytest.mark.full
 def test_filter_keeps_half_at_the_cutoff(outcomes):
-    found = outcomes["fig06_spectra"]
-    k = found.dataset["wavenumber"].values
-    kept = np.interp(found.metrics["cutoff_wiener_rad_per_m"], k, found.dataset["resolution"][0])
-    assert 0.5 <= kept < 0.8
-    beyond = found.dataset["resolution"][0].values[k > found.metrics["cutoff_wiener_rad_per_m"]]
-    assert np.all(beyond < 0.5)
+    result = outcomes["fig06_spectra"]
+    k = result.dataset["wavenumber"].values
+    at_cutoff = np.interp(
+        result.metrics["cutoff_wiener_rad_per_m"], k, result.dataset["resolution"][0]
+    )
+    assert 0.5 <= at_cutoff < 0.8
+    above_cutoff = result.dataset["resolution"][0].values[
+        k > result.metrics["cutoff_wiener_rad_per_m"]
+    ]
+    assert np.all(above_cutoff < 0.5)
 
 
 @pytest.mark.full

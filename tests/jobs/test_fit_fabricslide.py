@@ -69,26 +69,28 @@ def job(path, *overrides, range_m=COARSE) -> Any:
     ("memory", "common"), [(0.1, 0.0), (5.0, 0.5), (40.0, 0.9)], ids=["white", "red", "shared"]
 )
 def test_standard_error_is_the_spread(pitch_m, range_m, memory, common):
-    found = [
+    pitches = [
         fitted(*scan(seed, pitch_m, memory=memory, common=common), range_m) for seed in range(40)
     ]
-    error = np.array([each.pitch_m for each in found]) - pitch_m
-    stderr = np.array([each.stderr_m for each in found])
+    error = np.array([each.pitch_m for each in pitches]) - pitch_m
+    stderr = np.array([each.stderr_m for each in pitches])
     assert 0.75 < np.sqrt(np.mean(stderr**2)) / np.std(error) < 1.35
-    freedom = found[0].shifts.shift_m.size - 2
+    freedom = pitches[0].shifts.shift_m.size - 2
     assert np.mean(np.abs(error) < stats.t.ppf(0.95, freedom) * stderr) > 0.8  # of the central 90 %
-    assert np.abs(np.mean(error)) < 4 * np.std(error) / np.sqrt(len(found))
+    assert np.abs(np.mean(error)) < 4 * np.std(error) / np.sqrt(len(pitches))
 
 
 def test_white_noise_error_is_too_small_for_red_noise():
     scans = [scan(seed, 0.0201, level=1.0) for seed in range(3)]
-    found = [fitted(*each, COARSE, by=lines.fit_pitch) for each in scans]
-    for pitch, each in zip(found, scans, strict=True):
+    pitches = [fitted(*each, COARSE, by=lines.fit_pitch) for each in scans]
+    for pitch, each in zip(pitches, scans, strict=True):
         assert pitch.result == "converged"
         scanned = fitted(*each, COARSE)
         assert abs(pitch.pitch_m - scanned.pitch_m) < 0.05 * pitch.stderr_m
         assert pitch.stderr_m == pytest.approx(scanned.stderr_m, rel=0.05)
-    assert np.mean([p.stderr_white_m for p in found]) < 0.8 * np.mean([p.stderr_m for p in found])
+    assert np.mean([p.stderr_white_m for p in pitches]) < 0.8 * np.mean(
+        [p.stderr_m for p in pitches]
+    )
 
 
 def test_shift_of_the_pattern_is_read_in_each_period():
@@ -96,8 +98,8 @@ def test_shift_of_the_pattern_is_read_in_each_period():
     moved_m = 2e-4 * np.sign(x_m - 0.05)
     k = 2 * np.pi / 0.01 * x_m
     slope = np.stack([np.cos(k), 3 * np.sin(k)])
-    found = lines.shifts(x_m, slope, -slope * moved_m, np.array([1.0, 3.0]), 0.01)
-    np.testing.assert_allclose(found.shift_m, 2e-4 * np.repeat([-1, 1], 5), rtol=1e-12)
+    shifts = lines.shifts(x_m, slope, -slope * moved_m, np.array([1.0, 3.0]), 0.01)
+    np.testing.assert_allclose(shifts.shift_m, 2e-4 * np.repeat([-1, 1], 5), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("memory", "common"), [(0.1, 0.0), (5.0, 0.5), (40.0, 0.9)])
@@ -141,9 +143,9 @@ def test_job_finds_the_pitch_whichever_way_the_finger_goes(known):
 
 
 def test_page_shows_what_was_fitted(known):
-    found = known[0]
-    assert all("units" in values.attrs for values in found.dataset.variables.values())
-    figures = {stem: draw() for part in found.sections for stem, draw in part.figures.items()}
+    result = known[0]
+    assert all("units" in values.attrs for values in result.dataset.variables.values())
+    figures = {stem: draw() for part in result.sections for stem, draw in part.figures.items()}
     assert set(figures) == {"channel_fits", "pattern_shifts", "channel_pitches", "line_spectrum"}
     for figure in figures.values():
         assert figure.get_suptitle()
@@ -151,8 +153,8 @@ def test_page_shows_what_was_fitted(known):
             assert axes.get_ylabel().endswith("]")
             assert axes.get_xlabel().endswith("]") or axes.get_xticklabels()[0].get_text()
     drawn = {line.get_label(): line for line in figures["line_spectrum"].axes[0].get_lines()}
-    assert drawn["pitch"].get_xdata()[0] == pytest.approx(1e3 * found.metrics["pitch_m"])
-    residual = found.dataset["signal"] - found.dataset["fitted_signal"]
+    assert drawn["pitch"].get_xdata()[0] == pytest.approx(1e3 * result.metrics["pitch_m"])
+    residual = result.dataset["signal"] - result.dataset["fitted_signal"]
     assert 0.2 < float(residual.std()) < 0.3  # of the noise, the drift takes what is slow
 
 
@@ -178,9 +180,9 @@ def test_all_scans_of_a_real_board_agree_within_their_errors(board, pitch_m, wit
         real = load(path, channels=CHANNELS, time_unit="ms", speed_m_per_s=speed)
         x_m = np.linspace(0, real.position_m[-1], real.time_s.size)
         harmonics = min(4, int(RANGES[board][0] / (2 * x_m[1])))
-        found = fitted(x_m, real.signal, RANGES[board], harmonics=harmonics)
-        value.append(found.pitch_m)
-        stderr.append(found.stderr_m)
+        pitch = fitted(x_m, real.signal, RANGES[board], harmonics=harmonics)
+        value.append(pitch.pitch_m)
+        stderr.append(pitch.stderr_m)
     value, weight = np.array(value), np.array(stderr) ** -2
     assert value.size == 8
     assert np.all(np.abs(value - pitch_m) < within_m)
@@ -192,10 +194,10 @@ def test_all_scans_of_a_real_board_agree_within_their_errors(board, pitch_m, wit
 @needs_shared
 def test_a_real_board_of_4_mm_shows_a_line_near_20_mm_too():
     path = BOARDS / "Board2mm_F150_V-30mmps_0.csv"
-    found = job(path, "recording.speed_m_per_s=0.03", range_m=FINE).metrics
-    assert found["result"] == "converged"
-    assert found["pitch_m"] == pytest.approx(0.00399, abs=5e-5)
-    assert 0.0195 < found["line_1_m"] < 0.0205
+    metrics = job(path, "recording.speed_m_per_s=0.03", range_m=FINE).metrics
+    assert metrics["result"] == "converged"
+    assert metrics["pitch_m"] == pytest.approx(0.00399, abs=5e-5)
+    assert 0.0195 < metrics["line_1_m"] < 0.0205
 
 
 REFUSALS = {
@@ -246,24 +248,24 @@ def test_lost_rows_are_filled_where_they_are_few(folder):
     """Two in ten of the rows gone: the same pitch; a gap of a pitch is refused."""
     x_m, channels = scan(3, 0.0201)
     whole = job(written(folder / "whole.csv", x_m, channels)).metrics
-    there = np.ones(x_m.size, bool)
-    there[3:-3:5] = there[4:-3:10] = False
+    observed = np.ones(x_m.size, bool)
+    observed[3:-3:5] = observed[4:-3:10] = False
     path = folder / "lost.csv"
     save(
-        Recording(channels[:, there], x_m[there] / SPEED, np.full(there.sum(), SPEED), CHANNELS,
-                  {}, "counts"),
+        Recording(channels[:, observed], x_m[observed] / SPEED, np.full(observed.sum(), SPEED),
+                  CHANNELS, {}, "counts"),
         path,
     )  # fmt: skip
-    found = job(path)
-    assert found.metrics["quality"] == "good"
-    error = found.metrics["pitch_m"] - whole["pitch_m"]
+    result = job(path)
+    assert result.metrics["quality"] == "good"
+    error = result.metrics["pitch_m"] - whole["pitch_m"]
     assert abs(error) < 0.5 * whole["pitch_m_stderr"]
-    rows = dict(found.sections[-1].tables[0].rows)
-    assert rows["lost rows"].startswith(f"{np.sum(~there)} at ")
-    there[60:90] = False
+    rows = dict(result.sections[-1].tables[0].rows)
+    assert rows["lost rows"].startswith(f"{np.sum(~observed)} at ")
+    observed[60:90] = False
     save(
-        Recording(channels[:, there], x_m[there] / SPEED, np.full(there.sum(), SPEED), CHANNELS,
-                  {}, "counts"),
+        Recording(channels[:, observed], x_m[observed] / SPEED, np.full(observed.sum(), SPEED),
+                  CHANNELS, {}, "counts"),
         path,
     )  # fmt: skip
     with pytest.raises(BadInput, match=r"no channel has samples from .* cut the recording there"):

@@ -23,14 +23,14 @@ def example():
 
 def test_the_bundled_example_gives_its_truth_without_a_start(example):
     """The data come from the strip's closed form, the model from cells."""
-    found = example.metrics
-    assert found["result"] == "converged"
+    metrics = example.metrics
+    assert metrics["result"] == "converged"
     for name in SHAPE:
-        error = found[name] - TRUTH[name]
-        assert abs(error) < 4 * found[f"{name}_stderr"], name
-        assert found[f"{name}_stderr"] < 0.01 * abs(TRUTH[name])
-    assert found["noise_rms_V"] == pytest.approx(TRUTH["white_noise_rms_V"], rel=0.05)
-    assert found["chi2_per_freedom"] == pytest.approx(1.0, abs=0.12)
+        error = metrics[name] - TRUTH[name]
+        assert abs(error) < 4 * metrics[f"{name}_stderr"], name
+        assert metrics[f"{name}_stderr"] < 0.01 * abs(TRUTH[name])
+    assert metrics["noise_rms_V"] == pytest.approx(TRUTH["white_noise_rms_V"], rel=0.05)
+    assert metrics["chi2_per_freedom"] == pytest.approx(1.0, abs=0.12)
 
 
 def test_the_evidence_prefers_the_strip_to_nothing(example):
@@ -67,12 +67,12 @@ def noise_only(tmp_path_factory):
 
 @pytest.mark.full
 def test_nothing_is_chosen_on_noise(noise_only):
-    found = outcome(
+    metrics = outcome(
         "experiment=fit_recording", f"recording.path={noise_only}",
         "feature=[line_load,step_load]", "fit.choose=true",
     ).metrics  # fmt: skip
-    assert found["feature"] == "nothing"
-    assert found["probability_nothing"] > 0.9
+    assert metrics["feature"] == "nothing"
+    assert metrics["probability_nothing"] > 0.9
 
 
 REFUSED = {

@@ -35,7 +35,7 @@ def truth_of(name):
 
 
 @pytest.fixture(scope="module")
-def found():
+def result_of():
     """Each recording's result, fitted without a start."""
     results = {}
 
@@ -54,8 +54,8 @@ def found():
     "name",
     [pytest.param(name, marks=pytest.mark.claim) if name in LONG else name for name in NAMES],
 )
-def test_the_shared_recordings_give_their_truth_without_a_start(found, name):
-    metrics, (truth, read) = found(name).metrics, truth_of(name)
+def test_the_shared_recordings_give_their_truth_without_a_start(result_of, name):
+    metrics, (truth, read) = result_of(name).metrics, truth_of(name)
     assert metrics["result"] == "converged"
     parameters = [key for key in truth if f"{key}_stderr" in metrics]
     assert set(truth) - set(parameters) == {"edge_length_m"}
@@ -79,10 +79,10 @@ def test_the_shared_recordings_give_their_truth_without_a_start(found, name):
 
 @pytest.mark.full
 @needs_shared
-def test_every_stage_of_a_surface_is_in_the_result(found):
-    ds = found("ridge_one_element").dataset
+def test_every_stage_of_a_surface_is_in_the_result(result_of):
+    ds = result_of("ridge_one_element").dataset
     p, q = ds["estimate"].values
-    nominal, base = 3e4, found("ridge_one_element").metrics["base_friction"]
+    nominal, base = 3e4, result_of("ridge_one_element").metrics["base_friction"]
     assert np.all(p >= -nominal * (1 + 1e-12))
     np.testing.assert_allclose(q, base * p, atol=1e-6 * nominal)
     gap, touching = ds["gap"].values, p > -nominal
@@ -92,7 +92,7 @@ def test_every_stage_of_a_surface_is_in_the_result(found):
     assert ds["gap"].attrs["units"] == "m"
     stderr = ds["height_stderr"].values
     top = np.argmax(ds["height"].values)
-    height_stderr = found("ridge_one_element").metrics["height_m_stderr"]
+    height_stderr = result_of("ridge_one_element").metrics["height_m_stderr"]
     assert stderr[top] == pytest.approx(height_stderr, rel=1e-3)
 
 

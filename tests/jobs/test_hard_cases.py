@@ -15,29 +15,29 @@ test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")
-def found():
+def result():
     return short_run(*FORMS)
 
 
-def test_page(found):
-    check_page(found, images=("error_p", "error_q", "over_band", "condition"))
+def test_page(result):
+    check_page(result, images=("error_p", "error_q", "over_band", "condition"))
 
 
-def test_nothing_that_is_called_good_is_wrong(found):
+def test_nothing_that_is_called_good_is_wrong(result):
     for precision in ("float64", "float32"):
-        assert found.metrics[f"silent_failures_{precision}"] == 0
-        assert found.metrics[f"good_{precision}"] >= 3
-        assert found.metrics[f"refused_{precision}"] == 3  # nothing but clipped samples
+        assert result.metrics[f"silent_failures_{precision}"] == 0
+        assert result.metrics[f"good_{precision}"] >= 3
+        assert result.metrics[f"refused_{precision}"] == 3  # nothing but clipped samples
 
 
-def test_the_words_fit_the_case(found):
-    reasons = found.dataset["reasons"].sel({"precision": "float64", "method": "Wiener"})
+def test_the_words_fit_the_case(result):
+    reasons = result.dataset["reasons"].sel({"precision": "float64", "method": "Wiener"})
     assert "The residual is" in str(reasons.sel(case="Wiener's prior a millionth").values)
     assert "The signal tells" in str(reasons.sel(case="noise 80 dB above the signal").values)
     assert "one mix" in str(reasons.sel(case="elements 1e-12 rad apart").values)
     assert str(reasons.sel(case="nothing is hard").values) == ""
-    assert np.isnan(found.dataset["condition"].values).sum() == 6
-    assert np.sum(found.dataset["quality"].values == "refused") == 6
+    assert np.isnan(result.dataset["condition"].values).sum() == 6
+    assert np.sum(result.dataset["quality"].values == "refused") == 6
 
 
 def test_no_case_is_refused():

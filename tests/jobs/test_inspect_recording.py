@@ -70,13 +70,13 @@ def test_numbers(run):
 def test_template_beside_the_recording(run):
     text = (run / "run" / "scan.yaml").read_text()
     assert yaml.safe_load(text)["channels"] == ["voltage_0_mV", "voltage_1_mV"]
-    plain = load(run / "data" / "scan.csv")
+    original = load(run / "data" / "scan.csv")
     beside = run / "data" / "scan.yaml"
     beside.write_text(text.replace("polarity: null", "polarity: -1"))
     turned = load(run / "data" / "scan.csv")
     beside.unlink()
-    np.testing.assert_array_equal(turned.signal, -plain.signal)
-    assert turned.channels == plain.channels == ("voltage_0_V", "voltage_1_V")
+    np.testing.assert_array_equal(turned.signal, -original.signal)
+    assert turned.channels == original.channels == ("voltage_0_V", "voltage_1_V")
 
 
 ODD = {
@@ -94,17 +94,17 @@ ODD = {
 @pytest.mark.parametrize("case", ODD)
 def test_odd_files_are_looked_at_and_drawn(tmp_path, case):
     write_csv(tmp_path / "r.csv", ODD[case])
-    found = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.csv'}")
-    for section in found.sections:
+    result = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.csv'}")
+    for section in result.sections:
         for draw in section.figures.values():
             draw().canvas.draw()
-    assert yaml.safe_load(found.files["r.yaml"])["gain"] is None
+    assert yaml.safe_load(result.files["r.yaml"])["gain"] is None
 
 
 def test_columns_of_different_length(tmp_path):
     np.savez(tmp_path / "r.npz", **scan(note=None, voltage_1_mV=np.arange(20.0)))
-    found = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.npz'}")
-    (times,) = [section for section in found.sections if section.heading == "Times"]
+    result = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.npz'}")
+    (times,) = [section for section in result.sections if section.heading == "Times"]
     assert any("differ in length" in words for words in times.paragraphs)
 
 
@@ -118,7 +118,7 @@ def test_columns_of_different_length(tmp_path):
 )
 def test_shared_recordings(name, signals, rate_hz, unit):
     path = SHARED / "recordings" / name
-    found = outcome("experiment=inspect_recording", f"recording.path={path}")
-    assert found.metrics["signals"] == signals
-    assert found.metrics["sample_rate_hz"] == pytest.approx(rate_hz, rel=1e-3)
-    assert set(found.dataset["signal_unit"].values.tolist()) == {unit}
+    result = outcome("experiment=inspect_recording", f"recording.path={path}")
+    assert result.metrics["signals"] == signals
+    assert result.metrics["sample_rate_hz"] == pytest.approx(rate_hz, rel=1e-3)
+    assert set(result.dataset["signal_unit"].values.tolist()) == {unit}

@@ -66,34 +66,36 @@ def test_pressure_rises_at_the_ridge(ridge, method):
 @pytest.mark.full
 @needs_shared
 def test_the_same_ridge_at_a_varying_speed(ridge):
-    found = of_file(VARYING, *WIDE).metrics
+    metrics = of_file(VARYING, *WIDE).metrics
     for method in METHODS:
-        assert found[f"result_{method}"] == "converged"
-        assert found[f"p_peak_position_m_{method}"] == pytest.approx(0.010, abs=3e-4)
-        assert found[f"p_peak_Pa_{method}"] == pytest.approx(ridge[f"p_peak_Pa_{method}"], rel=0.1)
-    assert found["noise_rms_V"] == pytest.approx(ridge["noise_rms_V"], rel=0.1)
+        assert metrics[f"result_{method}"] == "converged"
+        assert metrics[f"p_peak_position_m_{method}"] == pytest.approx(0.010, abs=3e-4)
+        assert metrics[f"p_peak_Pa_{method}"] == pytest.approx(
+            ridge[f"p_peak_Pa_{method}"], rel=0.1
+        )
+    assert metrics["noise_rms_V"] == pytest.approx(ridge["noise_rms_V"], rel=0.1)
 
 
 @pytest.mark.full
 @needs_shared
 def test_nominal_pressure_of_the_command_line_wins(ridge):
     nominal = ("recording.nominal_pressure_Pa=25e3", "method=wiener_evidence")
-    found = of_file(RIDGE, *nominal, *WIDE).metrics
-    shift = found["p_peak_Pa_wiener"] - ridge["p_peak_Pa_wiener"]
+    metrics = of_file(RIDGE, *nominal, *WIDE).metrics
+    shift = metrics["p_peak_Pa_wiener"] - ridge["p_peak_Pa_wiener"]
     assert shift == pytest.approx(25e3 - NOMINAL_PA, rel=1e-9)
     for same in ("q_peak_Pa_wiener", "p_peak_position_m_wiener"):
-        assert found[same] == pytest.approx(ridge[same], rel=1e-9)
+        assert metrics[same] == pytest.approx(ridge[same], rel=1e-9)
 
 
 @pytest.mark.full
 @needs_shared
 def test_strongest_line_of_a_real_board():
-    found = outcome(
+    metrics = outcome(
         "experiment=invert_fabricslide", f"recording.path={BOARD}", "recording.speed_m_per_s=0.01"
     ).metrics
     for method in METHODS:
-        assert found[f"result_{method}"] == "converged"
-        assert 0.0195 < found[f"p_line_wavelength_m_{method}"] < 0.0205
+        assert metrics[f"result_{method}"] == "converged"
+        assert 0.0195 < metrics[f"p_line_wavelength_m_{method}"] < 0.0205
 
 
 @pytest.fixture(scope="module")
@@ -108,28 +110,28 @@ def formats(tmp_path_factory):
         ("voltage_0_V", "voltage_1_V"),
         {"sensor": SENSOR, "scan_start_m": float(x[0])},
     )
-    found = {}
+    datasets = {}
     for suffix in ("csv", "nc"):
         path = tmp_path_factory.mktemp("scan") / f"scan.{suffix}"
         save(recording, path)
-        found[suffix] = of_file(path, "method=wiener").dataset
-    return simulated, found
+        datasets[suffix] = of_file(path, "method=wiener").dataset
+    return simulated, datasets
 
 
 def test_formats_agree(formats):
-    _, found = formats
-    csv, nc = (each["estimate"].values for each in found.values())
+    _, datasets = formats
+    csv, nc = (each["estimate"].values for each in datasets.values())
     np.testing.assert_array_equal(csv, nc)
 
 
 def test_what_was_simulated_is_found(formats):
-    simulated, found = formats
+    simulated, datasets = formats
     x = simulated["x"].values
-    estimate = found["csv"]["estimate"].sel({"method": "Wiener", "component": "p"})
-    there = np.interp(x, estimate["x"], estimate)
+    estimate = datasets["csv"]["estimate"].sel({"method": "Wiener", "component": "p"})
+    interpolated = np.interp(x, estimate["x"], estimate)
     truth = simulated["traction"].sel(component="p").values
     inner = np.abs(x) < 0.015
-    error = (there - there[inner].mean()) - (truth - truth[inner].mean())
+    error = (interpolated - interpolated[inner].mean()) - (truth - truth[inner].mean())
     size = np.linalg.norm((truth - truth[inner].mean())[inner])
     assert np.linalg.norm(error[inner]) < 0.25 * size
 
@@ -170,9 +172,9 @@ def test_cells_hold_what_the_mean_speed_would_give(name):
     scan, steady = varying(SPEEDS[name])
     spacing = abs(scan.speed_m_per_s.mean()) / scan.sample_rate_hz
     x, cells, _ = cell_signals(scan, CurrentAmplifier(), 10, spacing)
-    there, expected = np.isfinite(cells), steady(x)
-    assert np.abs(cells - expected)[there].max() < 5e-3 * np.abs(expected).max()
-    holes = ~there[:, 2:-2]
+    observed, expected = np.isfinite(cells), steady(x)
+    assert np.abs(cells - expected)[observed].max() < 5e-3 * np.abs(expected).max()
+    holes = ~observed[:, 2:-2]
     assert holes.any() == (name == "halting")
     assert holes.mean() < 0.2
 
@@ -180,9 +182,9 @@ def test_cells_hold_what_the_mean_speed_would_give(name):
 def test_a_strip_found_through_a_halt(tmp_path):
     save(varying(SPEEDS["halting"])[0], tmp_path / "scan.nc")
     settings = ("recording.cell_m=1.5e-4", "method=wiener", "effects=[strip_width]")
-    found = of_file(tmp_path / "scan.nc", *settings).metrics
-    assert found["result_wiener"] == "converged"
-    assert found["p_peak_position_m_wiener"] == pytest.approx(0.0, abs=3e-4)
+    metrics = of_file(tmp_path / "scan.nc", *settings).metrics
+    assert metrics["result_wiener"] == "converged"
+    assert metrics["p_peak_position_m_wiener"] == pytest.approx(0.0, abs=3e-4)
 
 
 def test_noise_of_a_varying_speed_is_what_repeats_show():

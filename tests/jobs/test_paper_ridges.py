@@ -95,8 +95,8 @@ def test_half_the_noise_halves_what_the_paper_needs(ridges):
 @pytest.mark.full
 def test_least_height_is_linear_in_the_noise_where_the_skin_lies_on_the_plate(limits):
     low = limits.dataset.isel(noise=slice(None, 2))
-    found = slope(low["noise"], low["least_height_against_noise"])
-    assert found == pytest.approx(1.0, abs=0.05)
+    exponent = slope(low["noise"], low["least_height_against_noise"])
+    assert exponent == pytest.approx(1.0, abs=0.05)
     assert 0.7 < limits.metrics["least_height_against_noise_exponent"] < 1.0
 
 
@@ -135,15 +135,15 @@ def test_needed_strengths():
     assert needed_known(0.05, 0.9) == pytest.approx(norm.ppf(0.95) + norm.ppf(0.9))
     draws = np.random.default_rng(0).normal(size=(200_000, 2))
     draws[:, 0] += needed_wave(0.05, 0.9)
-    seen = np.mean(np.sum(draws**2, axis=1) > chi2.isf(0.05, 2))
-    assert seen == pytest.approx(0.9, abs=3e-3)
+    detected = np.mean(np.sum(draws**2, axis=1) > chi2.isf(0.05, 2))
+    assert detected == pytest.approx(0.9, abs=3e-3)
 
 
 @pytest.mark.parametrize("name", FORMS)
 def test_page_is_whole(request, name):
-    found = request.getfixturevalue({"fig12_ridges": "ridges", "detection_limit": "limits"}[name])
-    assert found.metrics["contact_converged"] is True
-    check_page(found)
+    result = request.getfixturevalue({"fig12_ridges": "ridges", "detection_limit": "limits"}[name])
+    assert result.metrics["contact_converged"] is True
+    check_page(result)
 
 
 @pytest.mark.parametrize(

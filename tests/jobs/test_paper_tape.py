@@ -7,9 +7,9 @@ import pytest
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film
 from srsinv.forward.scan import ConstantSpeed
+from srsinv.forward.scenario import Scenario
 from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
-from srsinv.forward.scenario import Scenario
 from srsinv.forward.surface import Tape
 from srsinv.grid import Periodic
 from srsinv.jobs.pressed import Pressed, cell_averages
@@ -34,44 +34,44 @@ def outcomes():
 
 @pytest.mark.full
 def test_the_caught_edge_stands_out(outcomes):
-    found = outcomes["fig13_tape"].metrics
-    assert found["antisymmetry_leading"] > 3 * found["antisymmetry_trailing"]
+    metrics = outcomes["fig13_tape"].metrics
+    assert metrics["antisymmetry_leading"] > 3 * metrics["antisymmetry_trailing"]
     # The plate's own friction tells the edges apart too; the catch adds to that.
-    assert found["antisymmetry_leading"] > 1.2 * found["antisymmetry_leading_base_friction"]
+    assert metrics["antisymmetry_leading"] > 1.2 * metrics["antisymmetry_leading_base_friction"]
     for edge in ("leading", "trailing"):
-        noisy = found[f"antisymmetry_{edge}_with_noise"]
-        assert noisy == pytest.approx(found[f"antisymmetry_{edge}"], rel=0.05)
+        noisy = metrics[f"antisymmetry_{edge}_with_noise"]
+        assert noisy == pytest.approx(metrics[f"antisymmetry_{edge}"], rel=0.05)
 
 
 @pytest.mark.full
 def test_edges_are_alike_without_friction(outcomes):
-    found = outcomes["fig13_tape"].metrics
+    metrics = outcomes["fig13_tape"].metrics
     leading, trailing = (
-        found[f"antisymmetry_{edge}_frictionless"] for edge in ("leading", "trailing")
+        metrics[f"antisymmetry_{edge}_frictionless"] for edge in ("leading", "trailing")
     )
     assert leading == pytest.approx(trailing, rel=1e-6)
 
 
 @pytest.mark.full
 def test_contact_only_pushes(outcomes):
-    found = outcomes["fig13_tape"].metrics
-    assert found["contact"] == "converged"
-    assert 0 <= found["pressure_min_Pa"] < found["pressure_max_Pa"]
+    metrics = outcomes["fig13_tape"].metrics
+    assert metrics["contact"] == "converged"
+    assert 0 <= metrics["pressure_min_Pa"] < metrics["pressure_max_Pa"]
 
 
 @pytest.mark.full
 def test_tape_is_fitted(outcomes):
-    found = outcomes["fig13_tape"].metrics
-    assert found["fit"] == "converged"
-    assert found["chi2_per_freedom"] == pytest.approx(1.0, abs=0.25)
+    metrics = outcomes["fig13_tape"].metrics
+    assert metrics["fit"] == "converged"
+    assert metrics["chi2_per_freedom"] == pytest.approx(1.0, abs=0.25)
     for name in ("leading_edge_friction", "trailing_edge_friction", "base_friction", "height_m",
                  "width_m", "position_m"):  # fmt: skip
-        error = abs(found[name] - found[f"{name}_true"])
-        assert error < 4 * found[f"{name}_stderr"], name
-    assert found["leading_edge_friction_stderr"] < 0.01
+        error = abs(metrics[name] - metrics[f"{name}_true"])
+        assert error < 4 * metrics[f"{name}_stderr"], name
+    assert metrics["leading_edge_friction_stderr"] < 0.01
 
 
-def _pressed(speed_m_per_s: float) -> Pressed:
+def _solve_contact(speed_m_per_s: float) -> Pressed:
     """A tape pressed on, periodic, slid over at this speed."""
     tape = Tape(50e-6, 0.008, edge_length_m=4e-5, leading_edge_friction=1.1)
     scene = SurfaceScene(2e4, [tape], 0.35)
@@ -83,52 +83,54 @@ def _pressed(speed_m_per_s: float) -> Pressed:
 
 def test_sliding_back_is_the_mirror_image():
     """The other edge leads, and a film feels the same later as sooner."""
-    there, back = (_pressed(speed).signal() for speed in (0.05, -0.05))
+    forward, back = (_solve_contact(speed).signal() for speed in (0.05, -0.05))
     mirrored = -np.arange(128) % 128  # x = 0 is a cell's centre
     np.testing.assert_allclose(
-        back[:, mirrored], there, rtol=0, atol=1e-7 * float(jnp.abs(there).max())
+        back[:, mirrored], forward, rtol=0, atol=1e-7 * float(jnp.abs(forward).max())
     )
 
 
 def test_what_is_pressed_once_is_what_the_simulation_feels():
-    pressed = _pressed(0.05)
-    sim = pressed.sim
+    contact = _solve_contact(0.05)
+    sim = contact.sim
     expected = sim.sampled(sim.sensor.signal(sim.scan))
     np.testing.assert_allclose(
-        pressed.signal(), expected, rtol=0, atol=1e-9 * float(jnp.abs(expected).max())
+        contact.signal(), expected, rtol=0, atol=1e-9 * float(jnp.abs(expected).max())
     )
     fine = np.asarray(sim.traction(sim.fine))
-    np.testing.assert_allclose(pressed.fine_traction(), fine, rtol=1e-9, atol=1e-4)
-    np.testing.assert_allclose(pressed.traction().mean(axis=-1), fine.mean(axis=-1))
+    np.testing.assert_allclose(contact.fine_traction(), fine, rtol=1e-9, atol=1e-4)
+    np.testing.assert_allclose(contact.traction().mean(axis=-1), fine.mean(axis=-1))
 
 
 @pytest.mark.parametrize("refinement", [1, 3, 4])
 def test_cell_averages_are_about_the_wide_cells_centres(refinement):
     x = np.arange(12 * refinement) / refinement
     wave = np.cos(2 * np.pi * x / 12)
-    found = cell_averages(wave, refinement)
-    share = found[0]  # by how much averaging lowers a wave
-    assert 0.95 < share <= 1
-    np.testing.assert_allclose(found, share * np.cos(2 * np.pi * np.arange(12) / 12), atol=1e-12)
+    averages = cell_averages(wave, refinement)
+    attenuation = averages[0]  # by how much averaging lowers a wave
+    assert 0.95 < attenuation <= 1
+    np.testing.assert_allclose(
+        averages, attenuation * np.cos(2 * np.pi * np.arange(12) / 12), atol=1e-12
+    )
 
 
 @pytest.mark.full
 def test_textures_are_told_apart_when_pressed_fully(outcomes):
-    found = outcomes["textures"].metrics
-    assert found["accuracy"] > 0.8
-    assert found["accuracy_light_linear_law"] < 0.5
+    metrics = outcomes["textures"].metrics
+    assert metrics["accuracy"] > 0.8
+    assert metrics["accuracy_light_linear_law"] < 0.5
 
 
 @pytest.mark.full
 def test_spectra_lie_in_their_bands(outcomes):
-    found, ds = outcomes["textures"].metrics, outcomes["textures"].dataset
-    assert found["coverage_90"] == pytest.approx(0.9, abs=0.05)
+    metrics, ds = outcomes["textures"].metrics, outcomes["textures"].dataset
+    assert metrics["coverage_90"] == pytest.approx(0.9, abs=0.05)
     usable = ds["usable"].values == 1
     assert usable.sum(axis=1).min() >= 4
     for t, name in enumerate(ds["texture"].values):
-        assert found[f"contact_share_full_{name}"] > 0.99
-        assert found[f"height_power_ratio_full_{name}"] == pytest.approx(1.0, abs=0.3)
-        assert found[f"height_power_ratio_light_{name}"] < 0.6
+        assert metrics[f"contact_share_full_{name}"] > 0.99
+        assert metrics[f"height_power_ratio_full_{name}"] == pytest.approx(1.0, abs=0.3)
+        assert metrics[f"height_power_ratio_light_{name}"] < 0.6
         # Long waves of the mean over the draws: its scatter is that of all of them.
         first = np.flatnonzero(usable[t])[1:4]
         ratio = (ds["height_density_mean"] / ds["height_density_expected"]).values[0, t, first]
@@ -138,11 +140,11 @@ def test_spectra_lie_in_their_bands(outcomes):
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "rms_m"), [("ridge", 2e-6), ("cylinder", 1e-6)])
 def test_profiles_come_back(outcomes, name, rms_m):
-    found = outcomes["shape_from_traction"].metrics
-    assert found[f"contact_{name}"] == found[f"recovery_{name}"] == "converged"
-    assert found[f"rms_error_m_{name}"] < rms_m < 0.1 * found[f"height_range_m_{name}"]
-    assert found[f"rms_exact_pressure_m_{name}"] < 0.2 * found[f"rms_error_m_{name}"]
-    assert found[f"coverage_{name}"] > 0.5
+    metrics = outcomes["shape_from_traction"].metrics
+    assert metrics[f"contact_{name}"] == metrics[f"recovery_{name}"] == "converged"
+    assert metrics[f"rms_error_m_{name}"] < rms_m < 0.1 * metrics[f"height_range_m_{name}"]
+    assert metrics[f"rms_exact_pressure_m_{name}"] < 0.2 * metrics[f"rms_error_m_{name}"]
+    assert metrics[f"coverage_{name}"] > 0.5
 
 
 @pytest.mark.full

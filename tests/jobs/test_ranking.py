@@ -64,9 +64,9 @@ def test_wilson_solves_its_equation(right, total):
 
 def test_margin_and_choice():
     log_evidence = np.array([[[3.0, 1.0], [0.0, 4.0]], [[2.0, 5.0], [-np.inf, 0.0]]])
-    found = ranking.Ranked(("line", "nothing"), log_evidence, {}, np.ones((2, 2)))
-    np.testing.assert_array_equal(found.chosen, [[1, 1], [0, 2]])
-    np.testing.assert_array_equal(found.margin, [[2, -4], [3, np.inf]])
+    comparison = ranking.Ranked(("line", "nothing"), log_evidence, {}, np.ones((2, 2)))
+    np.testing.assert_array_equal(comparison.chosen, [[1, 1], [0, 2]])
+    np.testing.assert_array_equal(comparison.margin, [[2, -4], [3, np.inf]])
 
 
 REFUSED = {

@@ -26,11 +26,11 @@ def test_what_is_left_out_changes_less_than_its_bound(scene):
 def test_layers_change_loud_bursts_by_no_more_than_their_bound():
     cfg = with_only(configuration(2), ("layered_skin", "snap_back"))
     cfg["effects"]["snap_back"] |= {"shear_Pa": 1e5, "rate_hz": 200.0}
-    both, loud, bare = (
+    both, loud, ideal = (
         simulation(with_only(cfg, on)) for on in (("layered_skin", "snap_back"), ("snap_back",), ())
     )
     with_it, without = pair(both, loud, jax.random.key(0))
-    assert difference(pair(both, bare, jax.random.key(0))[1], with_it) > 0.5
-    found = screen(bare.scenario, bare.line, build.effects(cfg), 1e-3)
+    assert difference(pair(both, ideal, jax.random.key(0))[1], with_it) > 0.5
+    screening = screen(ideal.scenario, ideal.line, build.effects(cfg), 1e-3)
     change = difference(without, with_it)
-    assert 1e-3 < change <= found.relative_change_bounds["layered_skin"]
+    assert 1e-3 < change <= screening.relative_change_bounds["layered_skin"]

@@ -96,8 +96,8 @@ def test_recovered(metrics, method, component):
 
 def test_error_is_that_of_the_arrays(result, metrics):
     truth = result["traction"] - result["traction"].mean("x")
-    found = result["estimate"] - result["estimate"].mean("x")
-    error = np.sqrt(((found - truth) ** 2).sum("x") / (truth**2).sum("x"))
+    estimate = result["estimate"] - result["estimate"].mean("x")
+    error = np.sqrt(((estimate - truth) ** 2).sum("x") / (truth**2).sum("x"))
     for method in METHODS:
         for component in ("p", "q"):
             expected = float(error.sel({"method": method.capitalize(), "component": component}))
@@ -112,10 +112,10 @@ def test_seed_decides_the_metrics(folder):
 
 @pytest.mark.full
 def test_single_precision(result):
-    found = outcome(*SMALL, "precision=float32", "method=wiener").dataset
-    assert found["estimate"].dtype == np.float32
+    dataset = outcome(*SMALL, "precision=float32", "method=wiener").dataset
+    assert dataset["estimate"].dtype == np.float32
     expected = result["estimate"].sel({"method": "Wiener"})
-    difference = np.linalg.norm(found["estimate"].sel({"method": "Wiener"}) - expected)
+    difference = np.linalg.norm(dataset["estimate"].sel({"method": "Wiener"}) - expected)
     assert 0 < difference < 1e-2 * np.linalg.norm(expected)
 
 
@@ -128,9 +128,9 @@ def test_single_precision(result):
     ],
 )
 def test_variants(overrides, error):
-    found = outcome(*SMALL, "method=tikhonov", *overrides).metrics
-    assert found["result_tikhonov"] == "converged"
-    assert found["error_p_tikhonov"] < error
+    values = outcome(*SMALL, "method=tikhonov", *overrides).metrics
+    assert values["result_tikhonov"] == "converged"
+    assert values["error_p_tikhonov"] < error
 
 
 def test_sections_in_order(page):

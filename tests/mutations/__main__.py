@@ -20,22 +20,22 @@ from .table import Mutation, mutations
 def main() -> int:
     """The exit code: 1 where a mutation that was run is noticed by no test."""
     asked = _asked()
-    table, found = mutations(), results.read()
+    table, recorded = mutations(), results.read()
     names = [n for n in table if any(fnmatch.fnmatch(n, pattern) for pattern in asked.names)]
     if not names:
         sys.exit(f"No mutation is called {' or '.join(asked.names)}: --list shows all.")
     if asked.list:
         for each in (table[name] for name in names):
-            tier = found.get(each.name, {}).get("tier") or "-"
+            tier = recorded.get(each.name, {}).get("tier") or "-"
             print(f"{each.name:28}{each.kind:10}{tier:6}{each.symbol}: {each.guards}")
         return 0
     with tempfile.TemporaryDirectory(prefix="mutations-") as folder:
         copy = Copy(Path(folder), asked.pytest)
         for name in names:
-            found[name] = _result(copy, table[name], asked.tier, found.get(name))
-            results.write(found, table)
-        _check_unmutated(copy, [test for name in names for test in found[name]["noticed_by"]])
-    missed = [n for n in names if not found[n]["tier"] and not table[n].equivalent]
+            recorded[name] = _result(copy, table[name], asked.tier, recorded.get(name))
+            results.write(recorded, table)
+        _check_unmutated(copy, [test for name in names for test in recorded[name]["noticed_by"]])
+    missed = [n for n in names if not recorded[n]["tier"] and not table[n].equivalent]
     print(f"{len(names)} mutations; noticed by no test: {', '.join(missed) or 'none'}.")
     return bool(missed)
 

@@ -19,10 +19,10 @@ def result(mutation: Mutation, tier: str | None, noticed_by: list[str]) -> Resul
     return {**edit, **given, "tier": tier, "noticed_by": noticed_by}
 
 
-def is_of(found: Result | None, mutation: Mutation) -> bool:
+def is_of(record: Result | None, mutation: Mutation) -> bool:
     """Whether a result is one of this very edit."""
-    return found is not None and all(
-        found[key] == getattr(mutation, key) for key in ("symbol", "old", "new")
+    return record is not None and all(
+        record[key] == getattr(mutation, key) for key in ("symbol", "old", "new")
     )
 
 
@@ -31,29 +31,29 @@ def read() -> dict[str, Result]:
     return json.loads(PATH.read_text())["mutations"] if PATH.exists() else {}
 
 
-def write(found: Mapping[str, Result], table: Mapping[str, Mutation]) -> None:
+def write(recorded: Mapping[str, Result], table: Mapping[str, Mutation]) -> None:
     """The results of what is in the table, and how many each tier notices."""
-    current = {name: found[name] for name in sorted(found) if name in table}
+    current = {name: recorded[name] for name in sorted(recorded) if name in table}
     PATH.parent.mkdir(parents=True, exist_ok=True)
     PATH.write_text(json.dumps({"counts": counts(current), "mutations": current}, indent=1) + "\n")
 
 
-def counts(found: Mapping[str, Result]) -> dict[str, dict[str, Any]]:
+def counts(recorded: Mapping[str, Result]) -> dict[str, dict[str, Any]]:
     """For guards and constants: how many there are, are noticed by each tier, by none, and by none
     as they change no result."""
-    return {kind: _counts([e for e in found.values() if e["kind"] == kind]) for kind in KINDS}
+    return {kind: _counts([e for e in recorded.values() if e["kind"] == kind]) for kind in KINDS}
 
 
-def _counts(found: list[Result]) -> dict[str, int]:
+def _counts(records: list[Result]) -> dict[str, int]:
     tiers = tuple(TIERS)  # each holds those before it
     noticed = {
-        f"noticed_by_{tier}": sum(e["tier"] in tiers[: tiers.index(tier) + 1] for e in found)
+        f"noticed_by_{tier}": sum(e["tier"] in tiers[: tiers.index(tier) + 1] for e in records)
         for tier in tiers
     }
-    missed = [e for e in found if e["tier"] is None]
+    missed = [e for e in records if e["tier"] is None]
     equivalent = sum("equivalent" in e for e in missed)
     return {
-        "mutations": len(found),
+        "mutations": len(records),
         **noticed,
         "equivalent": equivalent,
         "missed": len(missed) - equivalent,

@@ -94,11 +94,11 @@ class Copy:
 
     def _failures(self, tests: Sequence[str], marks: str, *options: str) -> list[str]:
         # Tests may be gone, or none of a file may have these marks.
-        there = [test for test in tests if (self._tree / test.partition("::")[0]).is_file()]
-        if tests != ("tests",) and not there:
+        existing = [test for test in tests if (self._tree / test.partition("::")[0]).is_file()]
+        if tests != ("tests",) and not existing:
             return []
         quiet = ("-n", "0", "-p", "no:cacheprovider", "--assert=plain", "--tb=line")
-        command = (*quiet, *options, "-m", marks, *self._arguments, *(there or tests))
+        command = (*quiet, *options, "-m", marks, *self._arguments, *(existing or tests))
         output, (ours, theirs) = self._folder / "output", self._forks.Pipe(duplex=False)
         fork = self._forks.Process(target=_pytest, args=(self._tree, output, command, theirs))
         fork.start()

@@ -52,16 +52,16 @@ class Mutation:
     def applied(self) -> str:
         """The module's text with the edit; raises `Stale` where it cannot be made."""
         lines, tree = _parsed(self._file())
-        found = _equal(self._symbol_in(tree), _fragment(self.old))
-        if len(found) != 1:
+        matches = _equal(self._symbol_in(tree), _fragment(self.old))
+        if len(matches) != 1:
             raise Stale(
-                f"Mutation {self.name}: {self.old!r} stands {len(found)} times in {self.symbol}, "
+                f"Mutation {self.name}: {self.old!r} stands {len(matches)} times in {self.symbol}, "
                 "where it has to stand once: bring `old` and `new` up to date with the code, or "
                 "delete the entry with what it guarded."
             )
-        begin, end = _span(lines, found[0])
+        begin, end = _span(lines, matches[0])
         text = b"".join(lines)
-        new = f"({self.new})" if isinstance(found[0], ast.expr) else self.new
+        new = f"({self.new})" if isinstance(matches[0], ast.expr) else self.new
         return (text[:begin] + new.encode() + text[end:]).decode()
 
     def _file(self) -> Path:

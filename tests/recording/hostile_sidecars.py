@@ -33,7 +33,7 @@ def run_all(folder: Path, job: str) -> list[tuple[str, object, str, list[str]]]:
     with contextlib.redirect_stderr(io.StringIO()):  # what imports cause is not looked at
         main([f"experiment={job}", f"recording.path={next(folder.glob('r*.[cn]*'))}"])
     sys.addaudithook(hook)
-    found = []
+    reports = []
     for path in sorted(folder.glob("r*.*")):
         if path.suffix not in (".csv", ".nc"):
             continue
@@ -43,8 +43,8 @@ def run_all(folder: Path, job: str) -> list[tuple[str, object, str, list[str]]]:
             watching = True
             code = main([f"experiment={job}", f"recording.path={path}"])
             watching = False
-        found.append((path.name, code, said.getvalue(), list(caused)))
-    return found
+        reports.append((path.name, code, said.getvalue(), list(caused)))
+    return reports
 
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ def known(format):
     return SPEED if format == "wav" else {}
 
 
-def assert_plain(error):
+def assert_clear_message(error):
     """One line that says what is wrong and, after the last colon, the remedy."""
     message = str(error)
     assert message.isprintable()
@@ -52,7 +52,7 @@ def assert_plain(error):
 
 
 def assert_one_sentence(error, *words):
-    assert_plain(error)
+    assert_clear_message(error)
     message = str(error)
     assert message.endswith(("...", ".", "?", ")"))
     assert ". " not in message.replace("... ", "")
@@ -60,9 +60,9 @@ def assert_one_sentence(error, *words):
         assert word in message
 
 
-def assert_refused(path, words, **told):
+def assert_refused(path, words, **stated):
     with pytest.raises(BadInput) as caught:
-        load(path, **told)
+        load(path, **stated)
     assert_one_sentence(caught.value, path.name, *words)
 
 
@@ -156,9 +156,9 @@ WAV = {
 }
 
 
-@pytest.mark.parametrize(("table", "told", "words"), WAV.values(), ids=WAV)
-def test_wav_content(tmp_path, table, told, words):
-    assert_refused(write("wav", tmp_path, table), words, **told)
+@pytest.mark.parametrize(("table", "stated", "words"), WAV.values(), ids=WAV)
+def test_wav_content(tmp_path, table, stated, words):
+    assert_refused(write("wav", tmp_path, table), words, **stated)
 
 
 # Bytes of the wrong kind
@@ -177,7 +177,7 @@ POSING = {
 }
 
 
-POSED = [
+FOREIGN_CONTENT = [
     (name, kind)
     for kind in POSING
     for name in dict.fromkeys(name for name, _ in FORMATS.values())
@@ -185,7 +185,7 @@ POSED = [
 ]
 
 
-@pytest.mark.parametrize(("name", "kind"), POSED)
+@pytest.mark.parametrize(("name", "kind"), FOREIGN_CONTENT)
 def test_bytes_of_another_kind(tmp_path, name, kind):
     (tmp_path / name).write_bytes(POSING[kind])
     assert_refused(tmp_path / name, [], **SPEED)
@@ -208,12 +208,12 @@ def test_suffix_of_another_format(tmp_path, format, name):
     assert_refused(path, ["suffix"], **SPEED)
 
 
-@pytest.mark.parametrize("share", [0.02, 0.3, 0.5, 0.7, 0.9])
+@pytest.mark.parametrize("fraction", [0.02, 0.3, 0.5, 0.7, 0.9])
 @pytest.mark.parametrize("format", BINARY)
-def test_cut_short(tmp_path, format, share):
+def test_cut_short(tmp_path, format, fraction):
     path = write(format, tmp_path)
     whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
+    path.write_bytes(whole[: int(fraction * len(whole))])
     assert_refused(path, ["write it again"], **known(format))
 
 
@@ -282,8 +282,8 @@ def mat_huge(path):
     """A sparse promise: one variable of 2^31 - 1 rows, none of them there."""
     write_mat(path, {"time_s": TIME_S})
     whole = path.read_bytes()
-    there = whole.index(struct.pack("<ii", N, 1))
-    path.write_bytes(whole[:there] + struct.pack("<ii", 2**31 - 1, 1) + whole[there + 8 :])
+    offset = whole.index(struct.pack("<ii", N, 1))
+    path.write_bytes(whole[:offset] + struct.pack("<ii", 2**31 - 1, 1) + whole[offset + 8 :])
 
 
 def mat73_of(kind):
@@ -432,12 +432,12 @@ FUZZ = settings(
 )
 
 
-def read_or_refused(path, **told):
+def read_or_refused(path, **stated):
     for read in (load, inspect):
         try:
-            read(path, **told)
+            read(path, **stated)
         except BadInput as refusal:
-            assert_plain(refusal)  # it may quote anything
+            assert_clear_message(refusal)  # it may quote anything
 
 
 @pytest.fixture(scope="module")
@@ -455,9 +455,9 @@ def test_damaged_bytes(tmp_path, good, format, data):
     at = st.integers(0, len(damaged) - 1)
     for place in data.draw(st.lists(at, max_size=6)):
         damaged[place] = data.draw(st.integers(0, 255))
-    kept = data.draw(st.one_of(st.just(len(damaged)), at))
+    length = data.draw(st.one_of(st.just(len(damaged)), at))
     path = tmp_path / FORMATS[format][0]
-    path.write_bytes(damaged[:kept])
+    path.write_bytes(damaged[:length])
     read_or_refused(path, **known(format))
 
 
@@ -522,11 +522,11 @@ COMMANDS = {
 
 @pytest.mark.parametrize("case", COMMANDS)
 def test_command(tmp_path, monkeypatch, capsys, case):
-    format, table, told, words = COMMANDS[case]
+    format, table, stated, words = COMMANDS[case]
     monkeypatch.chdir(tmp_path)
     path = write(format, tmp_path, table)
     before = sorted(tmp_path.rglob("*"))
-    overrides = ("experiment=invert_recording", f"recording.path={path.name}", *told)
+    overrides = ("experiment=invert_recording", f"recording.path={path.name}", *stated)
     assert command("run", *overrides) == 2
     captured = capsys.readouterr()
     assert captured.out == ""

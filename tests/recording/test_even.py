@@ -16,14 +16,14 @@ ROW = np.arange(N)
 RNG = np.random.default_rng(0)
 
 
-def all_but(*lost):
-    there = np.ones(N, bool)
-    for each in lost:
-        there[each] = False
-    return there
+def all_but(*dropped):
+    observed = np.ones(N, bool)
+    for each in dropped:
+        observed[each] = False
+    return observed
 
 
-LOST = {
+DROPOUTS = {
     "none": all_but(),
     "one": all_but(1234),
     "the second": all_but(1),
@@ -54,21 +54,21 @@ STAMPS = {
 }
 
 
-def recorded(time_s, there, position=False):
+def recorded(time_s, observed, position=False):
     """A signal that says at what time it was taken, at a speed that grows."""
     own = time_s - time_s[0]
     return Recording(
-        own[there][None], time_s[there], 0.05 + own[there], ("voltage_0_V",),
-        measured_position_m=2 * own[there] if position else None,
+        own[observed][None], time_s[observed], 0.05 + own[observed], ("voltage_0_V",),
+        measured_position_m=2 * own[observed] if position else None,
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("lost", LOST)
+@pytest.mark.parametrize("dropout", DROPOUTS)
 @pytest.mark.parametrize("stamps", STAMPS)
-def test_every_row_stays_where_its_stamp_is(stamps, lost):
+def test_every_row_stays_where_its_stamp_is(stamps, dropout):
     """The signal is its own time: what is on an even time was taken then."""
-    (time_s, placed, most), there = STAMPS[stamps], LOST[lost]
-    given = recorded(time_s, there, position=True)
+    (time_s, placed, most), observed = STAMPS[stamps], DROPOUTS[dropout]
+    given = recorded(time_s, observed, position=True)
     even = on_even_times(given)
     step = np.diff(even.time_s)
     assert np.ptp(step) < 1e-6 * step.mean() + 4 * np.spacing(even.time_s[-1])
@@ -77,14 +77,14 @@ def test_every_row_stays_where_its_stamp_is(stamps, lost):
     assert off.max() <= most + 0.02
     np.testing.assert_allclose(even.speed_m_per_s, 0.05 + even.time_s - time_s[0], atol=2e-3)
     np.testing.assert_allclose(even.position_m, 2 * (even.time_s - time_s[0]), atol=2e-3)
-    between = np.ptp(np.flatnonzero(there)) + 1 - there.sum()
+    between = np.ptp(np.flatnonzero(observed)) + 1 - observed.sum()
     if placed:
         assert even.lost_rows == np.isnan(even.signal[0]).sum() == between
         np.testing.assert_array_equal(even.signal[0][~np.isnan(even.signal[0])], given.signal[0])
     else:  # the clock is elsewhere by the end of a long gap
         assert abs(even.lost_rows - between) <= 0.01 * max(between, 1)
         # Nothing is drawn across rows that are not there.
-        row, stood_s = np.flatnonzero(there), time_s[there]
+        row, stood_s = np.flatnonzero(observed), time_s[observed]
         before = np.searchsorted(stood_s[1:-1], even.time_s, side="right")
         across = (np.diff(row) > 1)[before] & (even.time_s > stood_s[before])
         np.testing.assert_array_equal(
@@ -93,7 +93,7 @@ def test_every_row_stays_where_its_stamp_is(stamps, lost):
 
 
 def test_nothing_is_moved_where_no_row_is_lost():
-    given = recorded(STAMPS["6 digits"][0], LOST["none"])
+    given = recorded(STAMPS["6 digits"][0], DROPOUTS["none"])
     even = on_even_times(given)
     np.testing.assert_array_equal(even.signal, given.signal)
     np.testing.assert_array_equal(even.time_s, np.linspace(0, given.time_s[-1], N))
@@ -120,7 +120,7 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_times_that_are_not_even(name):
     time_s, *words = REFUSED[name]
-    refused(lambda: on_even_times(recorded(time_s, LOST["none"])), *words)
+    refused(lambda: on_even_times(recorded(time_s, DROPOUTS["none"])), *words)
 
 
 # Stated beside stamps of 2000 Hz, and whether it is said to agree.
@@ -131,14 +131,14 @@ RATES = {2000: True, 2000.0003: True, 1995: True, 2100: False, 1000: False, 2e6:
 @pytest.mark.parametrize("rate", RATES)
 def test_a_rate_beside_times(tmp_path, rate, by):
     """Lost rows change nothing of that: the interval is what a rate states."""
-    there = LOST["a tenth"]
-    scan = recorded(ROW / 2000, there)
+    observed = DROPOUTS["a tenth"]
+    scan = recorded(ROW / 2000, observed)
     path = tmp_path / "r.nc"
     save(scan, path)
     (tmp_path / "r.json").write_text(f'{{"sample_rate_hz": {rate}}}' if by == "sidecar" else "{}")
     settings = {"path": str(path)} | ({} if by == "sidecar" else {"sample_rate_hz": rate})
     if RATES[rate]:
-        assert load_even(settings, {}).lost_rows == np.sum(~there)
+        assert load_even(settings, {}).lost_rows == np.sum(~observed)
         return
     refused(
         lambda: load_even(settings, {}),
@@ -151,7 +151,7 @@ def test_a_rate_beside_times(tmp_path, rate, by):
 
 
 def test_times_left_out_need_a_rate(tmp_path):
-    save(recorded(ROW / 2000, LOST["none"]), tmp_path / "r.nc")
+    save(recorded(ROW / 2000, DROPOUTS["none"]), tmp_path / "r.nc")
     settings = {"path": str(tmp_path / "r.nc"), "times": "ignore"}
     refused(lambda: load_even(settings, {}), "recording.times=ignore", "recording.sample_rate_hz")
 

@@ -78,11 +78,11 @@ def test_wav_is_in_full_scales(tmp_path, kind):
 
 def test_wav_in_volts_by_its_gain(tmp_path):
     """A full scale of 2 V, in mV."""
-    told = {"speed_m_per_s": 0.05, "signal_unit": "mV", "gain": 1 / 2000}
-    got = load(write("wav", tmp_path), **told)
+    stated = {"speed_m_per_s": 0.05, "signal_unit": "mV", "gain": 1 / 2000}
+    got = load(write("wav", tmp_path), **stated)
     np.testing.assert_allclose(got.signal, COUNTS / 2.0**15 * 2, rtol=1e-15)
     assert got.signal_unit == "V"
-    only = load(tmp_path / "r.wav", **told, channels=["channel_1"])
+    only = load(tmp_path / "r.wav", **stated, channels=["channel_1"])
     np.testing.assert_array_equal(only.signal, got.signal[1:])
 
 
@@ -135,10 +135,10 @@ UNITS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("changes", "told"), UNITS)
-def test_units_polarity_and_gain(tmp_path, changes, told):
+@pytest.mark.parametrize(("changes", "stated"), UNITS)
+def test_units_polarity_and_gain(tmp_path, changes, stated):
     write_csv(tmp_path / "r.csv", columns(**changes))
-    got = load(tmp_path / "r.csv", **told)
+    got = load(tmp_path / "r.csv", **stated)
     np.testing.assert_allclose(got.signal, SIGNAL, rtol=1e-14)
     np.testing.assert_allclose(got.time_s, TIME_S, rtol=1e-14)
     np.testing.assert_allclose(got.speed_m_per_s, SPEED, rtol=1e-14)
@@ -200,9 +200,9 @@ def test_position_beside_speed_and_a_known_speed_over_both(tmp_path):
     both = load(tmp_path / "r.csv")
     np.testing.assert_array_equal(both.speed_m_per_s, SPEED)
     np.testing.assert_array_equal(both.position_m, POSITION)
-    told = load(tmp_path / "r.csv", speed_m_per_s=0.05)
-    assert told.measured_position_m is None
-    np.testing.assert_allclose(told.position_m, 0.05 * TIME_S, rtol=1e-12, atol=1e-18)
+    with_speed = load(tmp_path / "r.csv", speed_m_per_s=0.05)
+    assert with_speed.measured_position_m is None
+    np.testing.assert_allclose(with_speed.position_m, 0.05 * TIME_S, rtol=1e-12, atol=1e-18)
 
 
 def test_a_speed_in_the_sidecar_does_not_replace_positions(tmp_path):

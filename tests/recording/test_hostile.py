@@ -37,15 +37,15 @@ def results(folder: Path, *cases: str) -> dict[str, dict]:
     return {each["case"]: each for each in map(json.loads, done.stdout.splitlines())}
 
 
-def check(case: str, found: dict[str, dict]) -> None:
-    assert case in found, "the process that read it crashed or hung"
+def check(case: str, reports: dict[str, dict]) -> None:
+    assert case in reports, "the process that read it crashed or hung"
     name, _, words = CASES[case]
-    said, inspected = found[case]["said"]
+    said, inspected = reports[case]["said"]
     assert said != "read"
     assert_one_sentence(said, name if len(name) < 20 else "", *words)
     assert inspected == "read" or inspected.isprintable()
-    assert found[case]["s"] < MOST_SECONDS
-    assert found[case]["MB"] < MOST_MB
+    assert reports[case]["s"] < MOST_SECONDS
+    assert reports[case]["MB"] < MOST_MB
 
 
 @pytest.fixture(scope="module")
@@ -91,10 +91,10 @@ def test_a_file_that_kills_its_reader(tmp_path, case):
 
 def test_a_process_that_ends_leaves_no_reader_behind(tmp_path):
     path = write("hdf5", tmp_path)
-    told = "import os, sys; from srsinv.recording import load, _apart; load(sys.argv[1]);"
-    told += "print(_apart._SERVER._process.pid, flush=True); os._exit(0)"
+    script = "import os, sys; from srsinv.recording import load, _apart; load(sys.argv[1]);"
+    script += "print(_apart._SERVER._process.pid, flush=True); os._exit(0)"
     done = subprocess.run(
-        [sys.executable, "-c", told, path], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, "-c", script, path], cwd=ROOT, capture_output=True, text=True, check=True
     )
     for _ in range(100):
         if not is_running(int(done.stdout)):

@@ -119,9 +119,9 @@ def test_hostile_sidecars(tmp_path, kind, is_quick):
         check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
-    found = json.loads(done.stdout)
-    assert len(found) == len(texts)
-    for name, code, said, caused in found:
+    reports = json.loads(done.stdout)
+    assert len(reports) == len(texts)
+    for name, code, said, caused in reports:
         text = texts[int(name[1:4])]
         assert (code, caused) == (2, []), (text, said)
         assert re.fullmatch(r"srsinv: .*\n", said), (text, said)

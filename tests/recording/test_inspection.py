@@ -18,10 +18,10 @@ NOISE = np.random.default_rng(5).normal(size=8192)
 
 @pytest.mark.parametrize("format", FORMATS)
 def test_every_format_can_be_looked_at(tmp_path, format):
-    found = inspect(write(format, tmp_path))
-    assert found.rate_hz == pytest.approx(1000, rel=1e-9)
-    assert len(found.signals) == 2
-    for name, signal in found.signals.items():
+    inspection = inspect(write(format, tmp_path))
+    assert inspection.rate_hz == pytest.approx(1000, rel=1e-9)
+    assert len(inspection.signals) == 2
+    for name, signal in inspection.signals.items():
         assert signal.unit == ("full scale" if name.startswith("channel") else "V")
 
 
@@ -50,10 +50,10 @@ def test_roles_and_units(tmp_path, name, values, role, unit, reason):
 
 def test_names_that_load_would_not_know(tmp_path):
     write_csv(tmp_path / "r.csv", {"channel1": range(N), "temperature": range(N)})
-    found = inspect(tmp_path / "r.csv")
-    assert list(found.signals) == ["channel1"]
-    assert (found.rate_hz, found.time_s) == (None, None)
-    assert found.signals["channel1"].unit == "counts"
+    inspection = inspect(tmp_path / "r.csv")
+    assert list(inspection.signals) == ["channel1"]
+    assert (inspection.rate_hz, inspection.time_s) == (None, None)
+    assert inspection.signals["channel1"].unit == "counts"
     with pytest.raises(BadInput):
         load(tmp_path / "r.csv")
     write_csv(tmp_path / "r.csv", {"a": range(N), "b": range(N)})
@@ -73,10 +73,10 @@ def test_gaps_and_disorder():
     time_s = np.arange(100) * 0.01
     time_s[40:] += 0.05
     time_s[70] = time_s[68]
-    found = timing(time_s)
-    assert found.rate_hz == pytest.approx(100)
-    assert found.disorder == (71,)
-    first, second = found.gaps
+    summary = timing(time_s)
+    assert summary.rate_hz == pytest.approx(100)
+    assert summary.disorder == (71,)
+    first, second = summary.gaps
     assert (first.row, first.lost) == (40, 5)
     assert (first.start_s, first.length_s) == pytest.approx((0.39, 0.06))
     assert second.row == 71
@@ -86,9 +86,9 @@ def test_gaps_and_disorder():
 def test_jitter_is_relative_and_leaves_gaps_out():
     steps = np.where(np.arange(1000) % 2, 0.9e-3, 1.1e-3)
     steps[500] = 1.0
-    found = timing(np.concatenate([[0], np.cumsum(steps)]))
-    assert found.jitter_rms == pytest.approx(0.1, rel=1e-2)
-    assert len(found.gaps) == 1
+    summary = timing(np.concatenate([[0], np.cumsum(steps)]))
+    assert summary.jitter_rms == pytest.approx(0.1, rel=1e-2)
+    assert len(summary.gaps) == 1
 
 
 CLIPPED = [
@@ -103,9 +103,9 @@ CLIPPED = [
 
 @pytest.mark.parametrize(("values", "verdict", "flat"), CLIPPED)
 def test_clipping(values, verdict, flat):
-    found = clipping(values)
-    assert (found.verdict, bool(found.stretches)) == (verdict, flat)
-    for start, stop in found.stretches:
+    clipped = clipping(values)
+    assert (clipped.verdict, bool(clipped.stretches)) == (verdict, flat)
+    for start, stop in clipped.stretches:
         assert np.ptp(values[start:stop]) == 0
         assert values[start] in (values.min(), values.max())
 
@@ -122,8 +122,8 @@ STEPS = [
 
 @pytest.mark.parametrize(("values", "step"), STEPS)
 def test_quantisation_step(values, step):
-    found = quantisation_step(values)
-    assert found == (None if step is None else pytest.approx(step, rel=1e-9))
+    estimate = quantisation_step(values)
+    assert estimate == (None if step is None else pytest.approx(step, rel=1e-9))
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e-12, 1.0, 1e9, 1e200])
@@ -131,9 +131,9 @@ def test_noise_floor_and_line(scale):
     """White noise of rms s at rate f has the amplitude density s sqrt(2 / f)."""
     rate_hz, tone_hz = 2000.0, 123.0
     tone = 0.5 * np.sin(2 * np.pi * tone_hz * np.arange(NOISE.size) / rate_hz)
-    found = spectrum(scale * (3 + NOISE + tone), rate_hz, 1024)
-    assert found.floor == pytest.approx(scale * np.sqrt(2 / rate_hz), rel=0.03)
-    (line,) = found.lines
+    estimate = spectrum(scale * (3 + NOISE + tone), rate_hz, 1024)
+    assert estimate.floor == pytest.approx(scale * np.sqrt(2 / rate_hz), rel=0.03)
+    (line,) = estimate.lines
     assert line.frequency_hz == pytest.approx(tone_hz, abs=rate_hz / 1024)
     assert line.amplitude == pytest.approx(0.5 * scale, rel=0.05)
     assert line.over_surroundings > 10
@@ -162,33 +162,36 @@ def test_no_spectrum_of_nothing(values):
 @pytest.mark.parametrize("format", FORMATS)
 def test_template_unfilled_is_harmless(tmp_path, format):
     path = write(format, tmp_path)
-    told = {"speed_m_per_s": 0.05} if format == "wav" else {}
-    plain = load(path, **told)
+    stated = {"speed_m_per_s": 0.05} if format == "wav" else {}
+    without_template = load(path, **stated)
     path.with_suffix(".yaml").write_text(sidecar_template(inspect(path)))
-    got = load(path, **told)
+    got = load(path, **stated)
     for name in ("signal", "time_s", "speed_m_per_s"):
-        np.testing.assert_array_equal(getattr(got, name), getattr(plain, name))
-    assert (got.channels, got.signal_unit) == (plain.channels, plain.signal_unit)
+        np.testing.assert_array_equal(getattr(got, name), getattr(without_template, name))
+    assert (got.channels, got.signal_unit) == (
+        without_template.channels,
+        without_template.signal_unit,
+    )
 
 
 def test_template_of_a_bare_file_says_what_is_missing(tmp_path):
     path = tmp_path / "a: b.csv"
     write_csv(path, {"timestamp": 28 * np.arange(N), "channel1": range(N), "ch#2": range(N)})
-    found = inspect(path)
-    template = parse("template", sidecar_template(found), "YAML")
+    inspection = inspect(path)
+    template = parse("template", sidecar_template(inspection), "YAML")
     assert (template["time_unit"], template["signal_unit"]) == ("ms", "counts")
     assert template["channels"] == ["channel1"]
-    for key in blanks(found):
+    for key in blanks(inspection):
         part = template
         for name in key.split("."):
             part = part[0] if isinstance(part, list) else part
             assert name in part, key
             part = part[name]
         assert part is None
-    path.with_suffix(".yaml").write_text(sidecar_template(found))
+    path.with_suffix(".yaml").write_text(sidecar_template(inspection))
     with pytest.raises(BadInput, match=r"recording\.speed_m_per_s=\.\.\."):
         load(path)
-    filled = sidecar_template(found).replace("speed_m_per_s: null", "speed_m_per_s: 0.01")
+    filled = sidecar_template(inspection).replace("speed_m_per_s: null", "speed_m_per_s: 0.01")
     path.with_suffix(".yaml").write_text(filled)
     np.testing.assert_allclose(load(path).time_s, 0.028 * np.arange(N), rtol=1e-14)
 
@@ -212,25 +215,25 @@ def test_template_keeps_what_is_known(tmp_path):
         "feature": {},
     }
     path.with_suffix(".yaml").write_text(yaml.safe_dump(facts))
-    found = inspect(path, polarity=-1)
-    template = parse("template", sidecar_template(found), "YAML")
+    inspection = inspect(path, polarity=-1)
+    template = parse("template", sidecar_template(inspection), "YAML")
     assert {key: template[key] for key in facts if key not in ("sensor", "feature")} == {
         key: facts[key] for key in facts if key not in ("sensor", "feature")
     }
     assert template["sensor"] == facts["sensor"] | {"feedback_resistance_ohm": None}
     assert template["feature"] == facts["feature"] | {"edge_length_m": None}
     assert template["polarity"] == -1
-    assert not {"gain", "polarity", "sensor.depth_m"} & set(blanks(found))
+    assert not {"gain", "polarity", "sensor.depth_m"} & set(blanks(inspection))
 
 
 @pytest.mark.parametrize(
-    ("told", "words"),
+    ("stated", "words"),
     [
         ({"channels": ["voltage_2_V"]}, "no column 'voltage_2_V'"),
         ({"gain": 0}, "gain is 0"),
     ],
 )
-def test_what_is_stated_has_to_be_right(tmp_path, told, words):
+def test_what_is_stated_has_to_be_right(tmp_path, stated, words):
     write_csv(tmp_path / "r.csv", COLUMNS)
     with pytest.raises(BadInput, match=words):
-        inspect(tmp_path / "r.csv", **told)
+        inspect(tmp_path / "r.csv", **stated)

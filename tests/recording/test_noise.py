@@ -27,26 +27,26 @@ MISSING = {
 def scan(level, rng):
     """What two elements feel of a ridge, and white noise of a sixtieth."""
     x = (AT - N / 2) * SPACING_M / DEPTH_M
-    felt = np.exp(-(x**2) / 2) * np.stack([np.sin(x), np.cos(x)]) + x / 20
-    return level * (60 * felt + rng.normal(size=(2, N)))
+    signal = np.exp(-(x**2) / 2) * np.stack([np.sin(x), np.cos(x)]) + x / 20
+    return level * (60 * signal + rng.normal(size=(2, N)))
 
 
 @pytest.mark.parametrize("name", MISSING)
 def test_white_noise_is_found_whatever_is_missing(name):
     (missing, most), level = MISSING[name], 1e-6
     rng = np.random.default_rng(1)
-    found = [
+    levels = [
         white_level(np.where(missing, np.nan, scan(level, rng)), DEPTH_M, SPACING_M)
         for _ in range(8)
     ]
-    assert np.mean(found) == pytest.approx(level, rel=most)
+    assert np.mean(levels) == pytest.approx(level, rel=most)
 
 
 def test_elements_may_miss_samples_of_their_own():
     rng = np.random.default_rng(2)
     missing = np.stack([MISSING["50 %"][0], MISSING["a quarter at once"][0]])
-    found = white_level(np.where(missing, np.nan, scan(2.0, rng)), DEPTH_M, SPACING_M)
-    assert found == pytest.approx(2.0, rel=0.08)
+    level = white_level(np.where(missing, np.nan, scan(2.0, rng)), DEPTH_M, SPACING_M)
+    assert level == pytest.approx(2.0, rel=0.08)
 
 
 def test_a_texture_all_along_the_scan_is_no_noise():
@@ -54,11 +54,11 @@ def test_a_texture_all_along_the_scan_is_no_noise():
     times as far apart it is above the noise in a third of all waves."""
     rng, spacing_m = np.random.default_rng(3), 10 * SPACING_M
     damped = 1e3 * np.exp(-2 * np.pi * np.fft.rfftfreq(N, spacing_m) * DEPTH_M)
-    found = []
+    levels = []
     for _ in range(8):
         texture = np.fft.irfft(damped * np.fft.rfft(rng.normal(size=(2, N))), N)
-        found.append(white_level(texture + rng.normal(size=(2, N)), DEPTH_M, spacing_m))
-    assert np.mean(found) == pytest.approx(1.0, rel=0.02)
+        levels.append(white_level(texture + rng.normal(size=(2, N)), DEPTH_M, spacing_m))
+    assert np.mean(levels) == pytest.approx(1.0, rel=0.02)
 
 
 @pytest.mark.parametrize("signal", [np.zeros((1, N)), np.full((1, N), np.nan)])

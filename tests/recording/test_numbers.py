@@ -104,9 +104,9 @@ def test_inspect_and_its_page(case):
         assert (column.least, column.greatest) == (values.min(), values.max())
         assert abs(column.mean - size * np.mean(values / size)) <= near
         assert abs(column.rms - size * np.sqrt(np.mean((values / size) ** 2))) <= near
-    found = run({"recording": {"path": str(path)}, "sensor": {}})
-    assert "Infinity" not in metrics_json(found.metrics)
-    for section in found.sections:
+    result = run({"recording": {"path": str(path)}, "sensor": {}})
+    assert "Infinity" not in metrics_json(result.metrics)
+    for section in result.sections:
         for draw in section.figures.values():
             draw().canvas.draw()
 

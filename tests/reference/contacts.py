@@ -7,12 +7,14 @@ has to give. SI units.
 import numpy as np
 
 
-def westergaard_load(x, length, nominal, share):
-    """Load [N/m] up to x under h = D cos(2 pi x/L) at `nominal` = `share` x the full pressure.
+def westergaard_load(x, length, nominal, load_fraction):
+    """Load [N/m] up to x under h = D cos(2 pi x/L) at `nominal` = `load_fraction` x the full
+    pressure.
 
-    p = 2 p0 cos(pi x/L) sqrt(s^2 - sin^2(pi x/L))/s^2 with s^2 = `share`, from the crest at 0.
+    p = 2 p0 cos(pi x/L) sqrt(s^2 - sin^2(pi x/L))/s^2 with s^2 = `load_fraction`, from the crest at
+    0.
     """
-    s = np.sqrt(share)
+    s = np.sqrt(load_fraction)
     turns = np.floor(x / length + 0.5)
     sine = np.clip(np.sin(np.pi * (x - turns * length) / length), -s, s)
     half = sine * np.sqrt(s**2 - sine**2) + s**2 * np.arcsin(sine / s)

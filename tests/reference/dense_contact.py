@@ -30,11 +30,11 @@ def half_space(modulus):
     return lambda k: 2 / (Real(modulus) * k)
 
 
-def pressed(column, height, nominal) -> tuple[np.ndarray, np.ndarray]:
+def solve_contact(column, height, nominal) -> tuple[np.ndarray, np.ndarray]:
     """The pressure's deviation (n,) and where it touches, from a column of displacements."""
     matrix, height = _circulant(column), np.asarray(height, Real) - np.max(height)
     nominal, n = Real(nominal), height.size
-    touching, seen = np.ones(n, bool), set()
+    touching, visited = np.ones(n, bool), set()
     for _ in range(MOST_SETS):
         resting = np.where(touching, 0, -nominal)
         d = _on(matrix, touching, height - matrix @ resting, -np.sum(resting)) + resting
@@ -43,8 +43,8 @@ def pressed(column, height, nominal) -> tuple[np.ndarray, np.ndarray]:
         lifted, entering = touching & (d < -nominal), ~touching & (gap < 0)
         if not lifted.any() and not entering.any():
             return d, touching
-        once = touching.tobytes() not in seen
-        seen.add(touching.tobytes())
+        once = touching.tobytes() not in visited
+        visited.add(touching.tobytes())
         if once:  # all at once; where that goes round in circles, one at a time
             touching = (touching & ~lifted) | entering
         else:
@@ -78,9 +78,9 @@ def _on(matrix, active, wanted, load):
     system = np.zeros((at.size + 1, at.size + 1), Real)
     system[:-1, :-1] = matrix[np.ix_(at, at)]
     system[-1, :-1] = system[:-1, -1] = border
-    found = _solved(system, np.append(wanted[at], border * load))
+    solution = _solved(system, np.append(wanted[at], border * load))
     out = np.zeros(active.size, Real)
-    out[at] = found[:-1]
+    out[at] = solution[:-1]
     return out
 
 

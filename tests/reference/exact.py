@@ -44,8 +44,8 @@ def strip(x, depth, width, slope=False, over=0.0) -> list:
     the conjugates.
     """
     depth = _many(depth)
-    found = _cauchy(x, depth, width, over)[1 if slope else 0 :]
-    wave, derived = (1j / mp.pi * part for part in found[:2])
+    integrals = _cauchy(x, depth, width, over)[1 if slope else 0 :]
+    wave, derived = (1j / mp.pi * part for part in integrals[:2])
     return [[mp.re(c * wave - 1j * d * depth * derived) for c, d in row] for row in _WAVE]
 
 

@@ -53,9 +53,9 @@ def _solved(layers, depth, k, digits):
             right = mp.zeros(start[-1], 1)
             right[load] = -1
             constants = list(mp.lu_solve(rows, right))
-            felt = _times(film, constants[start[j] : start[j + 1]])
+            film_state = _times(film, constants[start[j] : start[j + 1]])
             shown = _times(surface, constants[: start[1]])
-            stress[:, load] = np.array([felt[0], felt[1], 1j * felt[2]]) * turn
+            stress[:, load] = np.array([film_state[0], film_state[1], 1j * film_state[2]]) * turn
             moved[:, load] = np.array([1j * shown[3], shown[4]]) * turn
         return stress, moved
 
@@ -120,13 +120,13 @@ def _state(layer, zeta) -> list:
     modulus, nu, thick = layer
     decay = mp.exp(-zeta)
     # Each solution with its first three derivatives.
-    found = [
+    solutions = [
         [(-1) ** n * decay for n in range(4)],
         [(-1) ** n * (zeta - n) * decay for n in range(4)],
     ]
     if thick is not None:
         up, growth = thick - zeta, mp.exp(zeta - thick)
-        found += [[growth] * 4, [(up - n) * growth for n in range(4)]]
+        solutions += [[growth] * 4, [(up - n) * growth for n in range(4)]]
     bend = (1 + nu) / modulus
     columns = [
         [
@@ -136,7 +136,7 @@ def _state(layer, zeta) -> list:
             -bend * ((1 - nu) * f2 + nu * f0),
             bend * ((1 - nu) * f3 - (2 - nu) * f1),
         ]
-        for f0, f1, f2, f3 in found
+        for f0, f1, f2, f3 in solutions
     ]
     return [list(row) for row in zip(*columns, strict=True)]
 

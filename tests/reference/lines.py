@@ -62,12 +62,12 @@ def _charge(stress, angle, nu) -> list:
     """Charge per area from p and from q, of stresses (3, 2) turned into the film's axes."""
     c, s = mp.cos(mp.mpf(float(angle))), mp.sin(mp.mpf(float(angle)))
     nu = mp.mpf(float(nu))
-    found = []
+    charges = []
     for sx, sz, txz in zip(*stress, strict=True):
         along = c * c * sx + s * s * sz + 2 * s * c * txz
         across = s * s * sx + c * c * sz - 2 * s * c * txz
-        found.append(D1 * along + D2 * nu * (sx + sz) + D3 * across)
-    return found
+        charges.append(D1 * along + D2 * nu * (sx + sz) + D3 * across)
+    return charges
 
 
 def _sinc(a):

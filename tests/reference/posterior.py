@@ -18,7 +18,7 @@ def gains(n, cell, depth, angles, widths, lengths, speed, resistance) -> list[li
     """G[k][element][component] [V/Pa] at the half spectrum of n cells: R u ik d1 S11 + d2 Syy +
     d3 S33 in film axes, averaged over the strip, from cell averages. nu = 1/2."""
     cell, depth, speed = mp.mpf(float(cell)), mp.mpf(float(depth)), mp.mpf(float(speed))
-    found = []
+    by_wavenumber = []
     for j in range(n // 2 + 1):
         k = 2 * mp.pi * j / (n * cell)
         stress = exact.stress(k, depth)
@@ -37,8 +37,8 @@ def gains(n, cell, depth, angles, widths, lengths, speed, resistance) -> list[li
                 # The last wavenumber of an even count stands for both signs.
                 row.append(mp.mpc(gain.real) if 2 * j == n else gain)
             rows.append(row)
-        found.append(rows)
-    return found
+        by_wavenumber.append(rows)
+    return by_wavenumber
 
 
 def spectral(gain, noise, precision, data) -> tuple[np.ndarray, np.ndarray]:
@@ -66,21 +66,21 @@ def spectral(gain, noise, precision, data) -> tuple[np.ndarray, np.ndarray]:
                 products = (mp.conj(g[a]) * g[b] for g in gain[j])
                 normal[a, b] = mp.fsum(products) / noise
             normal[a, a] += precision[j][a]
-            told = (mp.conj(g[a]) * d for g, d in zip(gain[j], spectrum[j], strict=True))
-            right[a] = mp.fsum(told) / noise
+            terms = (mp.conj(g[a]) * d for g, d in zip(gain[j], spectrum[j], strict=True))
+            right[a] = mp.fsum(terms) / noise
         inverse = normal**-1
-        found = inverse * right
+        estimate = inverse * right
         weight = 1 if 2 * j == n else 2
         for c in range(unknowns):
             variance[c] += weight * inverse[c, c].real / n
             for x in range(n):
-                values[c, x] += weight * (found[c] * mp.conj(turn[j * x % n])).real / n
+                values[c, x] += weight * (estimate[c] * mp.conj(turn[j * x % n])).real / n
     stderr = [[mp.sqrt(v)] * n for v in variance]
     return exact.as_float(values), exact.as_float(stderr)
 
 
-def conditioned(gain, noise, power, data, there) -> tuple[np.ndarray, np.ndarray]:
-    """The same from the samples `there` (e, n): S G^T (G S G^T + N)^-1 m, `power[k][c]` is S."""
+def conditioned(gain, noise, power, data, observed) -> tuple[np.ndarray, np.ndarray]:
+    """The same from the samples `observed` (e, n): S G^T (G S G^T + N)^-1 m, `power[k][c]` is S."""
     elements, n = np.shape(data)
     unknowns = len(gain[0][0])
 
@@ -97,7 +97,7 @@ def conditioned(gain, noise, power, data, there) -> tuple[np.ndarray, np.ndarray
 
     ks = range(n // 2 + 1)
     power = [[mp.mpf(0)] * unknowns, *power[1:]]
-    rows = [(e, x) for e in range(elements) for x in range(n) if there[e][x]]
+    rows = [(e, x) for e in range(elements) for x in range(n) if observed[e][x]]
     # S G^T and G S G^T are circulant too, before rows are left out.
     cross = [
         [kernel([power[j][c] * mp.conj(gain[j][e][c]) for j in ks]) for e in range(elements)]

@@ -55,7 +55,7 @@ def dataset(
     estimate += traction.mean(axis=-1)[:, None]
     fitted = np.fft.irfft(np.einsum("eck,mck->mek", gain, np.fft.rfft(estimate)), samples)
     lag = (np.arange(samples) - samples // 2) * length_m / samples
-    unseen = np.where(observed.any(axis=0), 1.0, 6.0)
+    inflation = np.where(observed.any(axis=0), 1.0, 6.0)
 
     units = {
         "traction": pressure_unit, "friction": "1", "stress": pressure_unit, "charge": "C",
@@ -72,7 +72,7 @@ def dataset(
         "signal": (along, np.where(observed, signal, np.nan)),
         "observed": (along, observed.astype(np.int8)),
         "estimate": (recovered, estimate),
-        "estimate_stderr": (recovered, np.stack(stderr)[..., None] * unseen),
+        "estimate_stderr": (recovered, np.stack(stderr)[..., None] * inflation),
         "fitted_signal": (("method", *along), fitted),
         "whitened_residual": (
             ("method", *along), np.where(observed, (signal - fitted) / sigma, np.nan),
@@ -135,11 +135,11 @@ def recording(**changes) -> xr.Dataset:
 
 def without_samples() -> xr.Dataset:
     """A run none of whose samples is there."""
-    bare = dataset(samples=64)
+    empty = dataset(samples=64)
     for name in ("signal", "whitened_residual", "estimate_stderr", "cutoff"):
-        bare[name].values[...] = np.nan
-    bare["observed"].values[...] = 0
-    return bare
+        empty[name].values[...] = np.nan
+    empty["observed"].values[...] = 0
+    return empty
 
 
 def _transfer(k, elements, speed_m_per_s):
@@ -169,11 +169,11 @@ def _linear(gain, noise, prior, weight, k):
         1 + (k[:, None, None] / 600) ** 2 + weight * k[:, None, None] ** 4
     )
     covariance = np.linalg.inv(precision + penalty)
-    seen = covariance @ precision
+    resolution_matrix = covariance @ precision
     inverse = covariance @ adjoint / noise
     stderr = np.sqrt(np.einsum("kcc->c", covariance).real / k.size)
-    resolution = np.einsum("kcc->ck", seen).real
-    return np.moveaxis(inverse, 0, -1), stderr, resolution, np.moveaxis(seen, 0, -1)
+    resolution = np.einsum("kcc->ck", resolution_matrix).real
+    return np.moveaxis(inverse, 0, -1), stderr, resolution, np.moveaxis(resolution_matrix, 0, -1)
 
 
 def _cutoff(k, resolution):

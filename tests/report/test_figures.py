@@ -67,8 +67,8 @@ def panels_of(figure) -> list[Any]:
 
 
 def line(axes, label):
-    (found,) = [line for line in axes.get_lines() if line.get_label() == label]
-    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
+    (curve,) = [line for line in axes.get_lines() if line.get_label() == label]
+    return np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
 
 
 def verticals(axes):
@@ -93,7 +93,7 @@ def drawn(figure):
     return figure
 
 
-def check_is_readable(figure):
+def check_labels(figure):
     """A title, units on every axis label, and a legend where a panel has several lines."""
     assert figure.get_suptitle()
     labels = [label for axes in figure.axes for label in (axes.get_xlabel(), axes.get_ylabel())]
@@ -118,7 +118,7 @@ def check_is_readable(figure):
 def test_page_figures_are_readable(draw, make):
     dataset = make()
     before = dataset.copy(deep=True)
-    check_is_readable(drawn(draw(dataset)))
+    check_labels(drawn(draw(dataset)))
     assert dataset.identical(before)
 
 
@@ -127,7 +127,7 @@ def test_page_figures_are_readable(draw, make):
 def test_same_bytes_whatever_the_users_settings(draw, recording):
     figure = draw(recording)
     first = png(figure)
-    check_is_readable(figure)
+    check_labels(figure)
     with mpl.rc_context({"lines.linewidth": 7.0, "font.size": 20.0, "axes.facecolor": "red"}):
         before = dict(mpl.rcParams)
         again = png(draw(recording))
@@ -238,8 +238,8 @@ def test_residual_counts_what_lies_inside(page, full):
     for (trace, histogram), (e, m) in zip(panels, np.ndindex(2, 2), strict=True):
         np.testing.assert_array_equal(trace.get_lines()[0].get_ydata(), values[m, e])
         present = values[m, e][np.isfinite(values[m, e])]
-        share = 100 * np.mean(np.abs(present) < 1.645)
-        assert f"{share:.1f} %" in trace.get_title("left")
+        percentage = 100 * np.mean(np.abs(present) < 1.645)
+        assert f"{percentage:.1f} %" in trace.get_title("left")
         levels = sorted(line.get_ydata()[0] for line in trace.get_lines()[1:])
         assert levels == [-1.645, 1.645]
         (steps,) = histogram.patches
@@ -428,7 +428,7 @@ def test_scene_without_sliding_has_no_arrow(speed, words):
 
 def test_errors_and_time():
     figure = drawn(figures.errors_and_time(ROWS))
-    check_is_readable(figure)
+    check_labels(figure)
     error, coverage, time = figure.axes
     np.testing.assert_allclose(line(error, "q")[0], [8.5])
     np.testing.assert_allclose(line(coverage, "p")[0], [91])
@@ -445,7 +445,7 @@ def test_errors_that_are_not_known_are_said_to_be_so():
 
 def test_accuracy_cost_has_a_line_for_each_family_by_size():
     figure = drawn(figures.accuracy_cost(COSTS, "Forward model"))
-    check_is_readable(figure)
+    check_labels(figure)
     (axes,) = figure.axes
     time, error = line(axes, "open")
     np.testing.assert_allclose(time, [256e-8, 1024e-8, 4096e-8])
@@ -462,7 +462,7 @@ def test_filter_spectra(full, cutoff, marks):
         k, {"p": gain[0], "q": gain[1]}, full["signal_power"].values[0],
         full["noise_power"].values, {"Wiener": inverse}, cutoff,
     )  # fmt: skip
-    check_is_readable(figure)
+    check_labels(figure)
     sensor, power, filters = figure.axes[:3]
     for axes in (sensor, power, filters):
         assert verticals(axes) == marks
@@ -478,7 +478,7 @@ def test_panels_share_x_and_colours():
         {"title": "Upright", "ylabel": "v [V]", "lines": {"p": 2 * x}},
     ]
     figure = drawn(figures.panels(x, parts, "distance", title="Orientation"))
-    check_is_readable(figure)
+    check_labels(figure)
     along, upright = figure.axes
     assert upright.get_xlabel() == "distance [mm]"
     assert along.get_shared_x_axes().joined(along, upright)

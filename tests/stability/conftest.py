@@ -34,9 +34,9 @@ def _is_quick(item) -> bool:
 @pytest.fixture
 def hard(request, margin):
     """What one case measured."""
-    found = measured(*request.param)
-    margin(found.error, found.bound)
-    return found
+    measurement = measured(*request.param)
+    margin(measurement.error, measurement.bound)
+    return measurement
 
 
 @pytest.fixture

@@ -92,11 +92,11 @@ def rows(groups: tuple[Group, ...]) -> dict[str, tuple[Group, int, str]]:
 
 def measured(group: Group, i: int, precision: str) -> Hard:
     """What the case number `i` gives."""
-    case, found = group.cases[i], _solved(group, precision)
-    pushed, pulled = ({k: v[i] for k, v in part.items()} for part in found[1:])
+    case, outputs = group.cases[i], _solved(group, precision)
+    pushed, pulled = ({k: v[i] for k, v in part.items()} for part in outputs[1:])
     given = _rounded(case.numbers, precision)
     wanted = [np.asarray(part) for part in _parts(group.reference(given))]
-    ours, tiny = [part[i] for part in found[0]], np.finfo(precision).tiny
+    ours, tiny = [part[i] for part in outputs[0]], np.finfo(precision).tiny
     forward, backward = float(pushed["along"]), float(sum(np.sum(v) for v in pulled.values()))
     terms = float(pushed["size"]) + sum(float(np.sum(np.abs(v))) for v in pulled.values())
     slopes = [pushed["slope"], *pulled.values()]
@@ -122,12 +122,12 @@ def within_bounds(group: Group, precision: str) -> tuple[float, float]:
 def errors(group: Group, precision: str) -> list[float]:
     """The error of every case, from one program that derives nothing."""
     with jax.enable_x64(precision == "float64"):
-        found = jax.device_get(jax.jit(_over(group, group.model))(_stacked(group, precision)))
+        outputs = jax.device_get(jax.jit(_over(group, group.model))(_stacked(group, precision)))
     given = [_rounded(case.numbers, precision) for case in group.cases]
     return [
         max(
             group.error(part[i], np.asarray(wanted), numbers)
-            for part, wanted in zip(_parts(found), _parts(group.reference(numbers)), strict=True)
+            for part, wanted in zip(_parts(outputs), _parts(group.reference(numbers)), strict=True)
         )
         for i, numbers in enumerate(given)
     ]

@@ -47,21 +47,21 @@ def column(numbers):
     return dense.kernel(n, CELL_M, dense.half_space(numbers["modulus_Pa"]))
 
 
-def pressed(v):
+def contact_model(v):
     """Pressure and gap (2, n) in the case's sizes."""
     skin = HalfSpace(0.5, 0.75 * v["modulus_Pa"])
-    found = _pressed(skin, v)
-    return jnp.stack([found.pressure_Pa / v["size_Pa"], found.gap_m / v["size_m"]])
+    contact = _solve(skin, v)
+    return jnp.stack([contact.pressure_Pa / v["size_Pa"], contact.gap_m / v["size_m"]])
 
 
-def _pressed(skin, v):
+def _solve(skin, v):
     line = Periodic(v["height_m"].size, CELL_M)
     return press(line, skin, v["height_m"], v["nominal_Pa"])
 
 
-def pressed_reference(v, column=column):
+def contact_reference(v, column=column):
     height = np.asarray(v["height_m"], np.longdouble) - np.max(v["height_m"])
-    deviation, touching = dense.pressed(column(v), height, v["nominal_Pa"])
+    deviation, touching = dense.solve_contact(column(v), height, v["nominal_Pa"])
     gap = dense.moved(column(v), deviation) - height
     gap = np.where(touching, 0, gap - np.mean(gap[touching]))
     pressure = v["nominal_Pa"] + deviation
@@ -73,14 +73,14 @@ def change(v):
     names = "height_m", "nominal_Pa", "modulus_Pa"
 
     def pressure(*given):
-        return pressed({**v, **dict(zip(names, given, strict=True))})[0]
+        return contact_model({**v, **dict(zip(names, given, strict=True))})[0]
 
     given, changes = ([v[before + name] for name in names] for before in ("", "d_"))
     return jax.jvp(pressure, tuple(given), tuple(changes))[1]
 
 
 def change_reference(v):
-    deviation, touching = dense.pressed(column(v), v["height_m"], v["nominal_Pa"])
+    deviation, touching = dense.solve_contact(column(v), v["height_m"], v["nominal_Pa"])
     softer = v["d_modulus_Pa"] / v["modulus_Pa"]
     wanted = v["d_height_m"] + softer * dense.moved(column(v), deviation)
     wanted = wanted - wanted[np.argmax(touching)]
@@ -95,7 +95,7 @@ SKIN = SIZES | {"modulus_Pa", "bone_Pa"}  # the derivative of a layered skin is 
 
 def case(name, hard, height, nominal, bounds, modulus=MODULUS_PA):
     numbers = {"height_m": height, "nominal_Pa": nominal, "modulus_Pa": modulus}
-    deviation, _ = dense.pressed(column(numbers), height, nominal)
+    deviation, _ = dense.solve_contact(column(numbers), height, nominal)
     sizes = {"size_Pa": float(nominal + np.max(deviation)), "size_m": float(np.ptp(height)) or 1.0}
     return Case(name, hard, numbers | sizes, bounds)
 
@@ -159,7 +159,7 @@ def closing(n):
     """About the pressure at which the last cell of a wave closes."""
     wave = profiles(n)[0]
     numbers = {"height_m": wave, "nominal_Pa": 1e9, "modulus_Pa": MODULUS_PA}
-    closes = -float(np.min(dense.pressed(column(numbers), wave, 1e9)[0]))
+    closes = -float(np.min(dense.solve_contact(column(numbers), wave, 1e9)[0]))
     return tuple(
         case(f"closing {off:+.0e}", "by so much of the load", wave, closes * (1 + off), iterated(n))
         for off in (-1e-3, -1e-6, -1e-9, 0.0, 1e-9)
@@ -171,8 +171,8 @@ def lagging(v):
     skin = Viscoelastic(
         HalfSpace(0.5, 0.75 * v["modulus_Pa"]), v["fractions"], v["times_s"], v["speed_m_per_s"]
     )
-    found = _pressed(skin, v)
-    return jnp.stack([found.pressure_Pa / v["size_Pa"], found.gap_m / v["size_m"]])
+    contact = _solve(skin, v)
+    return jnp.stack([contact.pressure_Pa / v["size_Pa"], contact.gap_m / v["size_m"]])
 
 
 def lagging_column(v):
@@ -212,16 +212,16 @@ def lags(n):
 # A soft skin on bone: its longest waves are far stiffer than a half space's.
 def bonded(v):
     skin = Layered([Layer(1e-3, 0.75 * v["modulus_Pa"], 0.5), Layer(None, v["bone_Pa"], 0.3)])
-    found = _pressed(skin, v)
-    return jnp.stack([found.pressure_Pa / v["size_Pa"], found.gap_m / v["size_m"]])
+    contact = _solve(skin, v)
+    return jnp.stack([contact.pressure_Pa / v["size_Pa"], contact.gap_m / v["size_m"]])
 
 
 def bonded_column(v):
     layers = [(0.75 * v["modulus_Pa"], 0.5, 1e-3), (v["bone_Pa"], 0.3, None)]
 
     def compliance(k):
-        found = [layered.solve(layers, 5e-4, float(each))[1][1, 0].real for each in k]
-        return np.array(found, np.longdouble)
+        values = [layered.solve(layers, 5e-4, float(each))[1][1, 0].real for each in k]
+        return np.array(values, np.longdouble)
 
     return dense.kernel(v["height_m"].size, CELL_M, compliance)
 
@@ -241,7 +241,7 @@ def edges(v):
     ridge = Ridge(v["ridge_m"], v["width_m"], v["ridge_x_m"], v["edge_m"])
     tape = Tape(v["tape_m"], v["width_m"], v["tape_x_m"], v["edge_m"])
     height = Surface([ridge, tape]).height(Periodic(48, CELL_M))
-    return pressed({**v, "height_m": height})
+    return contact_model({**v, "height_m": height})
 
 
 def edges_reference(v):
@@ -253,7 +253,7 @@ def edges_reference(v):
         return height * (rise[0] - rise[1]) / 2
 
     height = strip(v["ridge_m"], v["ridge_x_m"]) + strip(v["tape_m"], v["tape_x_m"])
-    return pressed_reference({**v, "height_m": height})
+    return contact_reference({**v, "height_m": height})
 
 
 def edge(name, hard, edge_m, ridge_m=1e-4, tape_m=5e-5, nominal=2e3):
@@ -277,12 +277,12 @@ GROUPS = (
         ),
         SIZES,
     ),
-    Group("48 cells", pressed, pressed_reference, settled(48) + closing(48), SIZES),
-    Group("47 cells", pressed, pressed_reference, settled(47)[:4] + closing(47), SIZES),
-    Group("3 cells", pressed, pressed_reference, settled(3)[8:12], SIZES),
+    Group("48 cells", contact_model, contact_reference, settled(48) + closing(48), SIZES),
+    Group("47 cells", contact_model, contact_reference, settled(47)[:4] + closing(47), SIZES),
+    Group("3 cells", contact_model, contact_reference, settled(3)[8:12], SIZES),
     Group("change", change, change_reference, tuple(map(changed, settled(48))), CHANGES),
-    Group("lag", lagging, partial(pressed_reference, column=lagging_column), lags(48), SIZES),
-    Group("bone", bonded, partial(pressed_reference, column=bonded_column), on_bone(48), SKIN),
+    Group("lag", lagging, partial(contact_reference, column=lagging_column), lags(48), SIZES),
+    Group("bone", bonded, partial(contact_reference, column=bonded_column), on_bone(48), SKIN),
 )
 
 

@@ -28,7 +28,7 @@ def large(name):
     }[name]
 
 
-many_pressed = jax.jit(
+solve_many_cells = jax.jit(
     lambda height, nominal: press(
         Periodic(MANY, CELL_M), HalfSpace(0.5, 0.75 * MODULUS_PA), height, nominal
     )
@@ -41,9 +41,9 @@ def test_a_quarter_of_a_million_cells(name, precision, margin):
     """p >= 0, gap >= 0, gap = 0 where p > 0, and the mean of p, with the gap from p in float64."""
     with jax.enable_x64(precision == "float64"):
         height, nominal = (jnp.asarray(each, precision) for each in large(name))
-        found = many_pressed(height, nominal)
-    assert found.result == "converged"
-    p, height = np.asarray(found.pressure_Pa, float), np.asarray(height, float)
+        contact = solve_many_cells(height, nominal)
+    assert contact.result == "converged"
+    p, height = np.asarray(contact.pressure_Pa, float), np.asarray(height, float)
     k = 2 * np.pi * np.arange(1, MANY // 2 + 1) / (MANY * CELL_M)
     compliance = 2 / (MODULUS_PA * k) / np.sinc(k * CELL_M / 2 / np.pi)
     moved = np.fft.irfft(np.append(0, compliance) * np.fft.rfft(p), MANY)

@@ -34,8 +34,8 @@ STRIP = {"position_m": 0.7e-3, "width_m": 2.9e-3, "pressure_Pa": -4e3}
 LINE = {"position_m": 1.1e-3, "load_N_per_m": 10.0}
 STEP = {"position_m": -0.9e-3, "pressure_Pa": 3e3}
 DRAWN = np.random.default_rng(0).normal(size=(2, SAMPLES))
-SURE = 5  # standard errors from the truth at most
-SHARE = 0.01  # of noise in the signal of the plain features
+MAX_ERROR_SIGMA = 5  # standard errors from the truth at most
+NOISE_FRACTION = 0.01  # of noise in the signal of the plain features
 
 # What stays.
 LIMITS = [
@@ -69,7 +69,7 @@ def precision(request):
         yield request.param
 
 
-def felt(name, **own):
+def clean_signal(name, **own):
     """The clean signal of a feature; always simulated in double precision."""
     with jax.enable_x64(True):
         feature = FEATURES[name]
@@ -86,26 +86,26 @@ def fitted(precision, names, y, noise):
     return bench(precision).fitter({name: FEATURES[name] for name in names}, y, noise)
 
 
-def assert_honest(found, truth, margin):
+def assert_honest(estimate, truth, margin):
     """Finite values; an error of the truth, or no claim to one."""
-    values = np.array([value for value, _ in found.parameters.values()])
+    values = np.array([value for value, _ in estimate.parameters.values()])
     assert np.isfinite(values).all()
-    assert not np.isnan([stderr for _, stderr in found.parameters.values()]).any()
-    if found.result != "converged" or not found.explains:
+    assert not np.isnan([stderr for _, stderr in estimate.parameters.values()]).any()
+    if estimate.result != "converged" or not estimate.explains:
         return
-    read = found.parameters
+    read = estimate.parameters
     error = max(abs(read[part][0] - true) / read[part][1] for part, true in truth.items())
-    margin(error, SURE)
-    assert error < SURE
+    margin(error, MAX_ERROR_SIGMA)
+    assert error < MAX_ERROR_SIGMA
 
 
 class Scene(NamedTuple):
-    """`told`: what must have a finite error, so that honesty is not silence."""
+    """`determined`: what must have a finite error, so that honesty is not silence."""
 
     hard: str
     name: str
     truth: dict
-    told: tuple[str, ...]
+    determined: tuple[str, ...]
 
 
 SCENES = {
@@ -125,32 +125,32 @@ SCENES = {
     "step at the scan's end": Scene("half of it", "step", STEP | {"position_m": END_M - 2e-4}, ()),
     "plain step": Scene("nothing", "step", STEP, ("position_m", "pressure_Pa", "friction")),
 }  # fmt: skip
-PLAIN = {"line": LINE, "strip": STRIP, "step": STEP}
+NOMINAL = {"line": LINE, "strip": STRIP, "step": STEP}
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_scene(name, precision, margin):
     scene = SCENES[name]
-    noise = SHARE * rms(felt(scene.name, **PLAIN[scene.name]))
+    noise = NOISE_FRACTION * rms(clean_signal(scene.name, **NOMINAL[scene.name]))
     if name == "narrower than a cell":
-        noise = SHARE * rms(felt(scene.name, **scene.truth))
-    y = felt(scene.name, **scene.truth) + noise * DRAWN
-    found = fitted(precision, [scene.name], y, noise)
-    assert_honest(found, scene.truth | {"friction": MU}, margin)
-    for part in scene.told:
-        assert found.parameters[part][1] < np.inf, part
+        noise = NOISE_FRACTION * rms(clean_signal(scene.name, **scene.truth))
+    y = clean_signal(scene.name, **scene.truth) + noise * DRAWN
+    estimate = fitted(precision, [scene.name], y, noise)
+    assert_honest(estimate, scene.truth | {"friction": MU}, margin)
+    for part in scene.determined:
+        assert estimate.parameters[part][1] < np.inf, part
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("name", PLAIN)
+@pytest.mark.parametrize("name", NOMINAL)
 def test_no_load(name, seed, precision):
     """Noise alone: the strength is nothing within its prior, and nothing else is known."""
-    noise = SHARE * rms(felt(name, **PLAIN[name]))
+    noise = NOISE_FRACTION * rms(clean_signal(name, **NOMINAL[name]))
     y = noise * np.random.default_rng(seed).normal(size=DRAWN.shape)
-    found = fitted(precision, [name], y, noise)
-    assert found.untold == (name,)
+    estimate = fitted(precision, [name], y, noise)
+    assert estimate.untold == (name,)
     amplitude = FEATURES[name].amplitude
-    for part, (value, stderr) in found.parameters.items():
+    for part, (value, stderr) in estimate.parameters.items():
         assert np.isfinite(value)
         if part == amplitude:
             # The prior: thirty times the largest datum, of the shape that the film feels most.
@@ -159,101 +159,101 @@ def test_no_load(name, seed, precision):
             assert np.isposinf(stderr), part
 
 
-@pytest.mark.parametrize("name", PLAIN)
+@pytest.mark.parametrize("name", NOMINAL)
 def test_a_signal_of_zeros(name, precision):
-    noise = SHARE * rms(felt(name, **PLAIN[name]))
-    found = fitted(precision, [name], np.zeros(DRAWN.shape), noise)
-    assert found.untold == (name,)
-    assert_honest(found, {FEATURES[name].amplitude: 0.0}, lambda *_: None)
+    noise = NOISE_FRACTION * rms(clean_signal(name, **NOMINAL[name]))
+    estimate = fitted(precision, [name], np.zeros(DRAWN.shape), noise)
+    assert estimate.untold == (name,)
+    assert_honest(estimate, {FEATURES[name].amplitude: 0.0}, lambda *_: None)
 
 
 def test_two_on_one_spot(precision, margin):
     """Found one after the other, the first takes both: each strength is told in their sum only."""
-    half = felt("line", **LINE)
-    noise = SHARE * rms(half)
-    found = fitted(precision, ["line", "other"], 2 * half + noise * DRAWN, noise)
+    half = clean_signal("line", **LINE)
+    noise = NOISE_FRACTION * rms(half)
+    estimate = fitted(precision, ["line", "other"], 2 * half + noise * DRAWN, noise)
     truth = {f"{n}_{part}": v for n in ("line", "other") for part, v in LINE.items()}
-    assert found.explains
-    assert_honest(found, truth, margin)
-    total, stderr = found.fit.derive(
+    assert estimate.explains
+    assert_honest(estimate, truth, margin)
+    total, stderr = estimate.fit.derive(
         lambda params: params["line"]["load_N_per_m"] + params["other"]["load_N_per_m"]
     )
-    assert abs(total - 20) < SURE * stderr < 1
+    assert abs(total - 20) < MAX_ERROR_SIGMA * stderr < 1
 
 
 def test_two_begun_on_one_spot(precision):
     """The direction in which one gives to the other is named, and the sum has its error."""
-    half = felt("line", **LINE)
-    noise = SHARE * rms(half)
+    half = clean_signal("line", **LINE)
+    noise = NOISE_FRACTION * rms(half)
     pair = {"line": FEATURES["line"], "other": FEATURES["other"]}
     fitter = bench(precision).fitter
     model = FeatureModel(fitter._felt, pair)
     shape = {"position_m": LINE["position_m"], "load_N_per_m": 0.0, "shear_N_per_m": 0.0}
-    found = srsinv.fit(
+    fit = srsinv.fit(
         model, {"line": shape, "other": dict(shape)}, 2 * half + noise * DRAWN, noise=noise,
         free=model.linear, linear=model.linear,
     )  # fmt: skip
-    assert found.converged, found.result
-    named = {name for direction in found.undetermined for name in direction}
+    assert fit.converged, fit.result
+    named = {name for direction in fit.undetermined for name in direction}
     assert {"line.load_N_per_m", "other.load_N_per_m"} <= named
-    assert np.isposinf(found.stderr["line"]["load_N_per_m"])
-    total, stderr = found.derive(lambda p: p["line"]["load_N_per_m"] + p["other"]["load_N_per_m"])
-    assert abs(total - 20) < SURE * stderr < 1
+    assert np.isposinf(fit.stderr["line"]["load_N_per_m"])
+    total, stderr = fit.derive(lambda p: p["line"]["load_N_per_m"] + p["other"]["load_N_per_m"])
+    assert abs(total - 20) < MAX_ERROR_SIGMA * stderr < 1
 
 
 def test_begun_ten_widths_away(precision, margin):
     """Alone, without the search for a start, it is not sure of a wrong place."""
-    y = felt("line", **LINE)
-    noise = SHARE * rms(y)
+    y = clean_signal("line", **LINE)
+    noise = NOISE_FRACTION * rms(y)
     model = FeatureModel(bench(precision).fitter._felt, {"line": FEATURES["line"]})
     away = {"position_m": LINE["position_m"] - 7e-3, "load_N_per_m": 0.0, "shear_N_per_m": 0.0}
-    found = srsinv.fit(model, {"line": away}, y + noise * DRAWN, noise=noise, linear=model.linear)
-    place, error = found.value["line"]["position_m"], found.stderr["line"]["position_m"]
-    if found.converged and found.explains:
-        margin(abs(place - LINE["position_m"]) / error, SURE)
-        assert abs(place - LINE["position_m"]) < SURE * error
+    fit = srsinv.fit(model, {"line": away}, y + noise * DRAWN, noise=noise, linear=model.linear)
+    place, error = fit.value["line"]["position_m"], fit.stderr["line"]["position_m"]
+    if fit.converged and fit.explains:
+        margin(abs(place - LINE["position_m"]) / error, MAX_ERROR_SIGMA)
+        assert abs(place - LINE["position_m"]) < MAX_ERROR_SIGMA * error
 
 
 def test_a_missing_sample(precision, margin):
     """Refused in one sentence, or left out where the noise says so."""
-    y = felt("line", **LINE)
-    noise = SHARE * rms(y)
+    y = clean_signal("line", **LINE)
+    noise = NOISE_FRACTION * rms(y)
     y = y + noise * DRAWN
     y[0, 70] = np.nan
     with pytest.raises(BadInput, match=r"1 values .*infinite noise.*\.$"):
         fitted(precision, ["line"], y, noise)
-    found = fitted(precision, ["line"], y, np.where(np.isnan(y), np.inf, noise))
-    assert found.explains
-    assert_honest(found, LINE | {"friction": MU}, margin)
-    assert np.isfinite([stderr for _, stderr in found.parameters.values()]).all()
+    estimate = fitted(precision, ["line"], y, np.where(np.isnan(y), np.inf, noise))
+    assert estimate.explains
+    assert_honest(estimate, LINE | {"friction": MU}, margin)
+    assert np.isfinite([stderr for _, stderr in estimate.parameters.values()]).all()
 
 
 def test_an_outlier(precision):
     """A million times the noise: it explains nothing else, and says so."""
-    y = felt("line", **LINE)
-    noise = SHARE * rms(y)
+    y = clean_signal("line", **LINE)
+    noise = NOISE_FRACTION * rms(y)
     y = y + noise * DRAWN
     y[0, 40] += 1e6 * noise
-    found = fitted(precision, ["line"], y, noise)
-    assert np.isfinite([value for value, _ in found.parameters.values()]).all()
-    assert not found.explains
+    estimate = fitted(precision, ["line"], y, noise)
+    assert np.isfinite([value for value, _ in estimate.parameters.values()]).all()
+    assert not estimate.explains
 
 
 def test_fewer_samples_than_parameters(precision, margin):
     """Two samples for four: the priors of the strengths make up for them, and nothing is told."""
-    y = felt("strip", **STRIP)
+    y = clean_signal("strip", **STRIP)
     noise = np.full(y.shape, np.inf)
-    noise[0, 55], noise[1, 60] = 2 * [SHARE * rms(y)]
-    found = fitted(precision, ["strip"], y, noise)
-    assert_honest(found, STRIP | {"friction": MU}, margin)
-    assert np.isposinf([s for _, s in found.parameters.values()]).any()
+    noise[0, 55], noise[1, 60] = 2 * [NOISE_FRACTION * rms(y)]
+    estimate = fitted(precision, ["strip"], y, noise)
+    assert_honest(estimate, STRIP | {"friction": MU}, margin)
+    assert np.isposinf([s for _, s in estimate.parameters.values()]).any()
 
 
 def test_clipped(precision):
     """Every sample at the rail: what is fitted to it explains nothing."""
-    noise = SHARE * rms(felt("line", **LINE))
-    found = fitted(precision, ["line"], np.full(DRAWN.shape, 100 * noise), noise)
-    assert found.result != "converged" or not found.explains
+    noise = NOISE_FRACTION * rms(clean_signal("line", **LINE))
+    estimate = fitted(precision, ["line"], np.full(DRAWN.shape, 100 * noise), noise)
+    assert estimate.result != "converged" or not estimate.explains
 
 
 # --- the page -----------------------------------------------------------------------------------
@@ -279,20 +279,20 @@ def recorded(tmp_path):
     return of
 
 
-def words(found):
-    return " ".join(word for section in found.sections for word in section.paragraphs)
+def words(result):
+    return " ".join(word for section in result.sections for word in section.paragraphs)
 
 
 def test_the_page_of_no_load(recorded):
     """The words and the numbers of noise alone."""
     noise = 1e-6 * np.random.default_rng(5).normal(size=(2, COUNT))
-    found = outcome("experiment=fit_recording", recorded(noise), "feature=[line_load]")
-    metrics = found.metrics
+    result = outcome("experiment=fit_recording", recorded(noise), "feature=[line_load]")
+    metrics = result.metrics
     assert metrics["result"] == "converged"
     assert metrics["not_told_from_nothing"] == "line_load"
     assert np.isposinf([metrics["position_m_stderr"], metrics["friction_stderr"]]).all()
-    assert abs(metrics["load_N_per_m"]) < SURE * metrics["load_N_per_m_stderr"]
-    said = words(found)
+    assert abs(metrics["load_N_per_m"]) < MAX_ERROR_SIGMA * metrics["load_N_per_m_stderr"]
+    said = words(result)
     assert "do not tell line load from nothing" in said
     assert "The data determine every parameter" not in said
 

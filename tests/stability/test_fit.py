@@ -20,7 +20,7 @@ NOISE = STDERR * np.random.default_rng(0).normal(size=N)
 TRUTH = {"a": 3.0, "k": 2.0}
 CLEAN = 3 * np.exp(-2 * X)
 SPIKE = 1e6 * STDERR * (np.arange(N) == 7)
-SURE = 5  # standard errors from the truth at most, where an answer is said to be one
+MAX_ERROR_SIGMA = 5  # standard errors from the truth at most, where an answer is said to be one
 QUICK = ("optimistix", "optax L-BFGS")  # to compile
 SOLVERS = {s.name: s for s in (Optimistix(), OptaxLBFGS(), JaxoptLBFGSB())}
 
@@ -88,16 +88,14 @@ def precision(request):
 
 
 # What a minimum can be told to, in standard errors: the square root of the cost's rounding.
-TOLD = {"float64": 1e-5, "float32": 2e-2}
+TOLERANCE_SIGMA = {"float64": 1e-5, "float32": 2e-2}
 
 
-def sure_of(found, truth, rounding=0.0):
+def largest_z_score(fit, truth, rounding=0.0):
     """The largest error of what the fit is sure of, in standard errors."""
-    if not found.converged or found.explains is False:
+    if not fit.converged or fit.explains is False:
         return 0.0
-    errors = [
-        abs(found.value[n] - t) / (found.stderr[n] + rounding * abs(t)) for n, t in truth.items()
-    ]
+    errors = [abs(fit.value[n] - t) / (fit.stderr[n] + rounding * abs(t)) for n, t in truth.items()]
     return max(errors)
 
 
@@ -133,23 +131,23 @@ def test_units(name, solver, precision, margin):
     y = CLEAN + NOISE
     (a, k), unit = least_squares(y, 3, 2)
     level = u.noise or float(np.linalg.norm(y - a * np.exp(-k * X)) / np.sqrt(N - 2))
-    found = fitted(
+    fit = fitted(
         u.uy * y, start(ua=u.ua, uk=u.uk, uy=u.uy),
         noise=u.noise and u.noise * u.uy, solver=SOLVERS[solver],
     )  # fmt: skip
-    assert found.converged, found.result
+    assert fit.converged, fit.result
     scale = {"a": u.ua, "k": u.uk}
     wanted = dict(zip("ak", zip((a, k), unit * level, strict=True), strict=True))
-    error = max(abs(found.value[n] / scale[n] - v) / s for n, (v, s) in wanted.items())
-    margin(error, TOLD[precision])
-    assert error < TOLD[precision]
+    error = max(abs(fit.value[n] / scale[n] - v) / s for n, (v, s) in wanted.items())
+    margin(error, TOLERANCE_SIGMA[precision])
+    assert error < TOLERANCE_SIGMA[precision]
     for n, (_, s) in wanted.items():
-        np.testing.assert_allclose(found.stderr[n] / scale[n], s, rtol=TOLD[precision])
+        np.testing.assert_allclose(fit.stderr[n] / scale[n], s, rtol=TOLERANCE_SIGMA[precision])
     if u.noise is None:
-        np.testing.assert_allclose(found.noise_rms / u.uy, level, rtol=1e-4)
+        np.testing.assert_allclose(fit.noise_rms / u.uy, level, rtol=1e-4)
         np.testing.assert_allclose(
-            np.linalg.norm(found.whitened.astype(float)),
-            np.sqrt(N - 2) * found.noise_rms,
+            np.linalg.norm(fit.whitened.astype(float)),
+            np.sqrt(N - 2) * fit.noise_rms,
             rtol=1e-4,
         )
 
@@ -161,32 +159,30 @@ def test_an_outlier_among_squares(precision, margin):
     """Least squares follow it, as they must; known noise says that it does not explain the data."""
     y = CLEAN + NOISE + SPIKE
     value, unit = least_squares(y, 767, 1.74)
-    found = fitted(y, noise=STDERR)
+    fit = fitted(y, noise=STDERR)
     freely = fitted(y)
-    assert found.converged, found.result
-    assert found.explains is False
+    assert fit.converged, fit.result
+    assert fit.explains is False
     assert freely.explains is None
     rms = np.linalg.norm(y - value[0] * np.exp(-value[1] * X)) / np.sqrt(N - 2)
-    off = max(
-        abs(found.value[n] - v) / (s * rms) for n, v, s in zip("ak", value, unit, strict=True)
-    )
-    margin(off, TOLD[precision])
-    assert off < TOLD[precision]
-    assert sure_of(freely, TRUTH) < SURE
+    off = max(abs(fit.value[n] - v) / (s * rms) for n, v, s in zip("ak", value, unit, strict=True))
+    margin(off, TOLERANCE_SIGMA[precision])
+    assert off < TOLERANCE_SIGMA[precision]
+    assert largest_z_score(freely, TRUTH) < MAX_ERROR_SIGMA
 
 
 @pytest.mark.parametrize("noise", [STDERR, None])
 @pytest.mark.parametrize("loss", ["huber", "soft_l1", "cauchy"])
 def test_an_outlier_among_robust_losses(loss, noise, precision, margin):
     """Within its own error of the truth, which is no wider than twice that of clean data."""
-    found = fitted(CLEAN + NOISE + SPIKE, noise=noise, loss=loss)
+    fit = fitted(CLEAN + NOISE + SPIKE, noise=noise, loss=loss)
     clean = least_squares(CLEAN + NOISE, 3, 2)[1] * STDERR
-    assert found.converged, found.result
-    error = sure_of(found, TRUTH)
-    margin(error, SURE)
-    assert error < SURE
+    assert fit.converged, fit.result
+    error = largest_z_score(fit, TRUTH)
+    margin(error, MAX_ERROR_SIGMA)
+    assert error < MAX_ERROR_SIGMA
     for n, s in zip("ak", clean, strict=True):
-        assert found.stderr[n] < 2 * s
+        assert fit.stderr[n] < 2 * s
 
 
 FLAT = {"all equal": 2.5, "nothing": 0.0}
@@ -195,10 +191,10 @@ FLAT = {"all equal": 2.5, "nothing": 0.0}
 @pytest.mark.parametrize("level", FLAT.values(), ids=FLAT)
 def test_flat_data(level, precision):
     """A decay and a constant: what is told is their sum."""
-    found = fitted(np.full(N, level), noise=STDERR, free=("a", "k", "c"))
-    assert found.converged, found.result
-    assert np.isposinf([found.stderr["a"], found.stderr["c"]]).all()
-    total, stderr = found.derive(lambda p: p["a"] + p["c"])
+    fit = fitted(np.full(N, level), noise=STDERR, free=("a", "k", "c"))
+    assert fit.converged, fit.result
+    assert np.isposinf([fit.stderr["a"], fit.stderr["c"]]).all()
+    total, stderr = fit.derive(lambda p: p["a"] + p["c"])
     assert abs(total - level) <= stderr < np.inf
 
 
@@ -207,41 +203,41 @@ def test_no_noise(loss, precision):
     """Nothing is left but rounding, and the error is rounding's."""
     eps = float(np.finfo(precision).eps)
     y = CLEAN.astype(precision).astype(float)
-    found = fitted(y, loss=loss)
-    assert found.converged, found.result
+    fit = fitted(y, loss=loss)
+    assert fit.converged, fit.result
     # The model's own rounding, some 4 eps of each datum, moves a and k alike.
-    assert sure_of(found, TRUTH, rounding=4 * eps) < SURE
+    assert largest_z_score(fit, TRUTH, rounding=4 * eps) < MAX_ERROR_SIGMA
     # A robust search ends linearly: at eps^(2/3) of the data what is left counts as rounding.
     most = 100 * eps if loss == "squares" else eps ** (2 / 3)
-    assert max(abs(found.value[n] / t - 1) for n, t in TRUTH.items()) < most
+    assert max(abs(fit.value[n] / t - 1) for n, t in TRUTH.items()) < most
 
 
 @pytest.mark.parametrize("loss", ["squares", "huber"])
 def test_zeros_without_noise(loss, precision):
     """Nothing tells a rate of nothing: its error is no less than itself."""
-    found = fitted(np.zeros(N), loss=loss)
-    assert abs(found.value["a"]) < 1e-6
-    assert not found.converged or found.stderr["k"] > abs(found.value["k"])
+    fit = fitted(np.zeros(N), loss=loss)
+    assert abs(fit.value["a"]) < 1e-6
+    assert not fit.converged or fit.stderr["k"] > abs(fit.value["k"])
 
 
 def test_noise_below_rounding(precision):
     """Known noise that the precision cannot hold: no answer sure of it."""
-    found = fitted(CLEAN + 1e-3 * NOISE, noise=1e-3 * STDERR * np.finfo(precision).eps)
-    assert sure_of(found, TRUTH) < SURE
+    fit = fitted(CLEAN + 1e-3 * NOISE, noise=1e-3 * STDERR * np.finfo(precision).eps)
+    assert largest_z_score(fit, TRUTH) < MAX_ERROR_SIGMA
 
 
 @pytest.mark.parametrize("solver", QUICK)
 def test_more_parameters_than_data(solver, precision):
     """Of three numbers two data tell two combinations; a third stands alone."""
-    seen = np.full(N, np.inf)
-    seen[[0, -1]] = STDERR
-    found = fitted(CLEAN, noise=seen, free=("a", "k", "c"), solver=SOLVERS[solver])
+    noise = np.full(N, np.inf)
+    noise[[0, -1]] = STDERR
+    fit = fitted(CLEAN, noise=noise, free=("a", "k", "c"), solver=SOLVERS[solver])
     if solver == "optimistix":
-        assert found.converged, found.result
-        left = found.residual[[0, -1]]
-        np.testing.assert_allclose(left, 0.0, atol=TOLD[precision] * STDERR)
-    assert not found.converged or len(found.undetermined) == 1
-    assert np.isposinf([found.stderr[n] for n in found.names]).all()
+        assert fit.converged, fit.result
+        left = fit.residual[[0, -1]]
+        np.testing.assert_allclose(left, 0.0, atol=TOLERANCE_SIGMA[precision] * STDERR)
+    assert not fit.converged or len(fit.undetermined) == 1
+    assert np.isposinf([fit.stderr[n] for n in fit.names]).all()
 
 
 # --- starts -------------------------------------------------------------------------------------
@@ -266,13 +262,15 @@ def test_ten_widths_away(noise, level, precision):
     assert abs(alone.value["x"] - AT) > WIDTH
     assert not (alone.converged and alone.explains)
     if noise is None:  # LIMITS: that there is a peak at all is not sure
-        assert not alone.stderr["a"] < abs(alone.value["a"]) / SURE
+        assert not alone.stderr["a"] < abs(alone.value["a"]) / MAX_ERROR_SIGMA
     else:
-        assert sure_of(alone, truth) < SURE
-    found = srsinv.fit(bell, AWAY, y, noise=noise, bounds=BOX, starts=63)
-    assert found.converged, found.result
-    assert sure_of(found, truth, rounding=4 * float(np.finfo(precision).eps)) < SURE
-    assert abs(found.value["x"] - AT) < 0.1 * WIDTH
+        assert largest_z_score(alone, truth) < MAX_ERROR_SIGMA
+    fit = srsinv.fit(bell, AWAY, y, noise=noise, bounds=BOX, starts=63)
+    assert fit.converged, fit.result
+    assert (
+        largest_z_score(fit, truth, rounding=4 * float(np.finfo(precision).eps)) < MAX_ERROR_SIGMA
+    )
+    assert abs(fit.value["x"] - AT) < 0.1 * WIDTH
 
 
 def circle(p):
@@ -284,10 +282,10 @@ def test_on_a_maximum(solver, precision):
     """The farthest point of a circle: no slope leads away."""
     first = {"x": 0.0, "b": 1.0}
     y = np.array([-1.0, 0.0])
-    found = srsinv.fit(circle, first, y, noise=STDERR, free=["x"], solver=SOLVERS[solver])
-    assert found.converged, found.result
-    assert sure_of(found, {"x": np.pi * np.sign(found.value["x"])}) < SURE
-    assert found.explains
+    fit = srsinv.fit(circle, first, y, noise=STDERR, free=["x"], solver=SOLVERS[solver])
+    assert fit.converged, fit.result
+    assert largest_z_score(fit, {"x": np.pi * np.sign(fit.value["x"])}) < MAX_ERROR_SIGMA
+    assert fit.explains
 
 
 def test_on_a_maximum_among_many(precision):
@@ -308,11 +306,11 @@ def test_on_a_maximum_among_many(precision):
 )
 def test_start_on(first, bounds, solver, precision, margin):
     """Exactly in the minimum of clean data, and on a bound."""
-    found = fitted(CLEAN, first, noise=STDERR, bounds=bounds, solver=SOLVERS[solver])
-    assert found.converged, found.result
-    error = max(abs(found.value[n] - t) / found.stderr[n] for n, t in TRUTH.items())
-    margin(error, TOLD[precision])
-    assert error < TOLD[precision]
+    fit = fitted(CLEAN, first, noise=STDERR, bounds=bounds, solver=SOLVERS[solver])
+    assert fit.converged, fit.result
+    error = max(abs(fit.value[n] - t) / fit.stderr[n] for n, t in TRUTH.items())
+    margin(error, TOLERANCE_SIGMA[precision])
+    assert error < TOLERANCE_SIGMA[precision]
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -321,14 +319,14 @@ def test_bounds_one_rounding_apart(at, solver, precision, margin):
     """No room is left, in single precision none at all: the others are the best beside it."""
     bounds = {"k": (at, float(np.nextafter(at, 3.0)))}
     y = CLEAN + NOISE
-    found = fitted(y, start(k=at), noise=STDERR, bounds=bounds, solver=SOLVERS[solver])
-    assert found.converged, found.result
-    assert bounds["k"][0] <= found.value["k"] <= bounds["k"][1]
+    fit = fitted(y, start(k=at), noise=STDERR, bounds=bounds, solver=SOLVERS[solver])
+    assert fit.converged, fit.result
+    assert bounds["k"][0] <= fit.value["k"] <= bounds["k"][1]
     wave = np.exp(-at * X)
-    error = abs(found.value["a"] - wave @ y / (wave @ wave)) * np.linalg.norm(wave) / STDERR
-    margin(error, TOLD[precision])
-    assert error < TOLD[precision]
-    assert found.at_bound == ("k",)
+    error = abs(fit.value["a"] - wave @ y / (wave @ wave)) * np.linalg.norm(wave) / STDERR
+    margin(error, TOLERANCE_SIGMA[precision])
+    assert error < TOLERANCE_SIGMA[precision]
+    assert fit.at_bound == ("k",)
 
 
 # --- models -------------------------------------------------------------------------------------
@@ -344,11 +342,11 @@ def test_an_exponential_that_overflows(solver, precision, margin):
     height = np.exp(20 * X + 1)
     noise = 1e-3 * height
     y = height + 0.1 * height * NOISE
-    found = srsinv.fit(steep, {"k": -3.0}, y, noise=noise, solver=SOLVERS[solver])
-    assert found.converged, found.result
+    fit = srsinv.fit(steep, {"k": -3.0}, y, noise=noise, solver=SOLVERS[solver])
+    assert fit.converged, fit.result
     slope = (20 * X + 1) * height / noise
     stderr = 1 / np.linalg.norm(slope)
-    error = abs(found.value["k"] - 1 - slope @ (0.1 * height * NOISE / noise) * stderr**2) / stderr
+    error = abs(fit.value["k"] - 1 - slope @ (0.1 * height * NOISE / noise) * stderr**2) / stderr
     # Linear in the noise to 1e-3 of its square's share; exp(21) rounds to 21 eps.
     bound = {"float64": 0.05, "float32": 0.2}[precision]
     margin(error, bound)
@@ -362,15 +360,15 @@ def test_a_square_root_from_zero(solver, precision):
     def root(p):
         return jnp.sqrt(p["a"]) * (1 + jnp.asarray(X.copy()))
 
-    found = srsinv.fit(
+    fit = srsinv.fit(
         root, {"a": 0.0}, 2 * (1 + X), noise=STDERR, bounds={"a": (0.0, None)},
         solver=SOLVERS[solver],
     )  # fmt: skip
     if solver == "optax L-BFGS":  # which begins off the bound
-        assert abs(found.value["a"] - 4) < SURE * found.stderr["a"] < 0.1
+        assert abs(fit.value["a"] - 4) < MAX_ERROR_SIGMA * fit.stderr["a"] < 0.1
     else:
-        assert found.result.startswith("not finite")
-        assert np.isposinf(found.stderr["a"])
+        assert fit.result.startswith("not finite")
+        assert np.isposinf(fit.stderr["a"])
 
 
 @pytest.mark.parametrize("solver", QUICK)
@@ -379,29 +377,32 @@ def test_only_a_product_is_told(solver, precision, margin):
         return p["a"] * p["b"] * jnp.exp(-2 * jnp.asarray(X.copy())) + 0 * p["n"]
 
     y = CLEAN + NOISE
-    found = srsinv.fit(
+    fit = srsinv.fit(
         product, {"a": 1.0, "b": 7.0, "n": 5.0}, y, noise=STDERR, solver=SOLVERS[solver]
     )
-    assert found.converged, found.result
-    assert np.isposinf([found.stderr[n] for n in "abn"]).all()
-    assert sorted("".join(sorted(d)) for d in found.undetermined) == ["ab", "n"]
-    assert found.value["n"] == 5.0
-    value, stderr = found.derive(lambda p: p["a"] * p["b"])
+    assert fit.converged, fit.result
+    assert np.isposinf([fit.stderr[n] for n in "abn"]).all()
+    assert sorted("".join(sorted(d)) for d in fit.undetermined) == ["ab", "n"]
+    assert fit.value["n"] == 5.0
+    value, stderr = fit.derive(lambda p: p["a"] * p["b"])
     wave = np.exp(-2 * X)
     wanted, length = wave @ y / (wave @ wave), np.linalg.norm(wave)
     error = abs(value - wanted) * length / STDERR
-    margin(error, TOLD[precision])
-    assert error < TOLD[precision]
+    margin(error, TOLERANCE_SIGMA[precision])
+    assert error < TOLERANCE_SIGMA[precision]
     np.testing.assert_allclose(stderr, STDERR / length, rtol=1e-4)
 
 
 def test_a_compiled_model(precision):
-    plain, compiled = (
+    uncompiled, compiled = (
         srsinv.fit(of, start(), CLEAN + NOISE, free=("a", "k"), noise=STDERR)
         for of in (decay, jax.jit(decay))
     )
     for n in "ak":
-        assert abs(plain.value[n] - compiled.value[n]) < TOLD[precision] * plain.stderr[n]
+        assert (
+            abs(uncompiled.value[n] - compiled.value[n])
+            < TOLERANCE_SIGMA[precision] * uncompiled.stderr[n]
+        )
 
 
 def two(p):
@@ -429,27 +430,27 @@ def test_rates_nearly_equal(apart, precision, margin):
     truth = {"a": 1.0, "b": 1.0, "j": 2.0, "k": 2.0 + apart}
     y = np.exp(-2 * X) + np.exp(-(2 + apart) * X)
     first = {"a": 1.1, "b": 0.9, "j": 2.0 - 0.1 * apart, "k": 2.0 + 1.1 * apart}
-    found = srsinv.fit(two, first, y, noise=noise)
+    fit = srsinv.fit(two, first, y, noise=noise)
     swapped = truth | {"j": truth["k"], "k": truth["j"]}
-    error = min(sure_of(found, truth), sure_of(found, swapped))
-    margin(error, SURE)
-    assert error < SURE
+    error = min(largest_z_score(fit, truth), largest_z_score(fit, swapped))
+    margin(error, MAX_ERROR_SIGMA)
+    assert error < MAX_ERROR_SIGMA
     if precision == "float64" and apart >= 0.1:
         wanted = standard_errors(apart, noise)
-        assert found.converged, found.result
-        np.testing.assert_allclose([found.stderr[n] for n in "abjk"], wanted, rtol=1e-3)
+        assert fit.converged, fit.result
+        np.testing.assert_allclose([fit.stderr[n] for n in "abjk"], wanted, rtol=1e-3)
 
 
 def test_nearly_equal_columns_solved_for(margin):
     """Two linear parameters told apart by 1e-10 of their columns: their damping must be less, and
     what is left is rounding over that."""
     columns = np.stack([1 + X, 1 + X + 1e-9 * X**2])
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda p: p["a"] * columns[0] + p["b"] * columns[1], {"a": 0.0, "b": 0.0},
         columns[0] + 3 * columns[1], noise=1e-12, linear=("a", "b"),
     )  # fmt: skip
     least = np.linalg.svd(columns / np.linalg.norm(columns, axis=1)[:, None])[1][1]
-    assert found.converged, found.result
-    error, bound = max(abs(found.value["a"] - 1), abs(found.value["b"] - 3)), 64 * 2.2e-16 / least
+    assert fit.converged, fit.result
+    error, bound = max(abs(fit.value["a"] - 1), abs(fit.value["b"] - 3)), 64 * 2.2e-16 / least
     margin(error, bound)
     assert error < bound

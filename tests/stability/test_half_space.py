@@ -33,11 +33,11 @@ def transfer(v):
 
 
 def transfer_reference(v):
-    found = [with_across(exact.stress(k, v["depth_m"]).tolist(), v["nu"]) for k in v["k"]]
+    in_plane = [with_across(exact.stress(k, v["depth_m"]).tolist(), v["nu"]) for k in v["k"]]
     across = [exact.antiplane(k, v["depth_m"]) for k in v["k"]]
     return tuple(
         np.stack([one.real, one.imag])
-        for one in (np.moveaxis(exact.as_float(each), 0, -1) for each in (found, across))
+        for one in (np.moveaxis(exact.as_float(each), 0, -1) for each in (in_plane, across))
     )
 
 
@@ -62,10 +62,10 @@ def strip(slope):
     def model(v):
         at = v["x"], v["depth_m"], v["width_m"]
         half, across = HalfSpace(v["nu"]), AntiplaneHalfSpace()
-        found = half.strip_slope(*at) if slope else half.strip_response(*at)
+        in_plane = half.strip_slope(*at) if slope else half.strip_response(*at)
         # p's stress and q's fall off by different powers.
         other = across.strip_slope(*at) if slope else across.strip_response(*at)
-        return found[:, 0], found[:, 1], other[0], other[1]
+        return in_plane[:, 0], in_plane[:, 1], other[0], other[1]
 
     return model
 
@@ -120,8 +120,8 @@ def charge_reference(v):
     )
     turn = np.array([[c, s], [-s, c]])
     units = np.array([[[1, 0], [0, 0]], [[0, 0], [0, 1]], [[0, 1], [1, 0]]])
-    felt = [turn @ unit @ turn.T for unit in units]
-    return np.array([*(d1 * one[0, 0] + d3 * one[1, 1] for one in felt), d2])
+    film_stresses = [turn @ unit @ turn.T for unit in units]
+    return np.array([*(d1 * one[0, 0] + d3 * one[1, 1] for one in film_stresses), d2])
 
 
 def turned(angle_rad, hard, count=16.0):

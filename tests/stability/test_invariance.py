@@ -138,14 +138,14 @@ def answer(method: str, precision: str, u: Units):
     kind, make = METHODS[method]
     data(kind)
     with jax.enable_x64(precision == "float64"):
-        found = make(u)(problem(kind, u))
+        estimate = make(u)(problem(kind, u))
         parts = {
-            "value": np.asarray(found.value, float) / u.traction,
-            "stderr": np.asarray(found.stderr, float) / u.traction,
-            "fitted": np.asarray(found.fitted, float) / u.signal,
-            "whitened": np.asarray(found.whitened, float),
+            "value": np.asarray(estimate.value, float) / u.traction,
+            "stderr": np.asarray(estimate.stderr, float) / u.traction,
+            "fitted": np.asarray(estimate.fitted, float) / u.signal,
+            "whitened": np.asarray(estimate.whitened, float),
         }
-    return found.result, parts
+    return estimate.result, parts
 
 
 # Of 64 round-offs: the longest chain here, log10 weights of up to 40 that a rule chose, takes as
@@ -175,9 +175,9 @@ def test_answer_in_other_units(method, precision, margin):
             with pytest.raises(BadInput, match="noise is zero"):
                 answer(method, precision, units)
             continue
-        found = answer(method, precision, units)
-        assert found[0] == result, units
-        for name, part in found[1].items():
+        rescaled = answer(method, precision, units)
+        assert rescaled[0] == result, units
+        for name, part in rescaled[1].items():
             close(part, wanted[name], sizes[name], precision, margin)
 
 
@@ -224,39 +224,39 @@ def test_contact_in_other_units(precision, margin):
     height = (4e-5 * (1 - x**2) + 3e-6 * np.cos(9 * np.pi * x)).astype("float32").astype(float)
     weights = jnp.asarray(np.random.default_rng(1).uniform(0.5, 1.0, N).astype("float32"))
 
-    def pressed(u: Units):
+    def contact_in(u: Units):
         line = Periodic(N, u.length * CELL_M)
         skin = HalfSpace(0.5, u.traction * 7e5)
-        found, slope = _pressed(
+        contact, slope = _solve_contact(
             line, skin, jnp.asarray(u.length * height), as_real(u.traction * 2e3), weights
         )
-        assert bool(found.converged)
-        assert 0 < int(found.touching.sum()) < N
+        assert bool(contact.converged)
+        assert 0 < int(contact.touching.sum()) < N
         return (
-            np.asarray(found.pressure_Pa, float) / u.traction,
-            np.asarray(found.gap_m, float) / u.length,
-            np.asarray(found.iterations, float),
+            np.asarray(contact.pressure_Pa, float) / u.traction,
+            np.asarray(contact.gap_m, float) / u.length,
+            np.asarray(contact.iterations, float),
             np.asarray(slope, float) * (u.length / u.traction),
         )
 
     with jax.enable_x64(precision == "float64"):
-        wanted = pressed(SAME)
+        wanted = contact_in(SAME)
         for units in UNITS:
-            for ours, part in zip(pressed(units), wanted, strict=True):
+            for ours, part in zip(contact_in(units), wanted, strict=True):
                 close(ours, part, np.abs(part).max(), precision, margin)
 
 
 @eqx.filter_jit
-def _pressed(line, skin, height, nominal, weights):
-    def felt(height):
-        found = press(line, skin, height, nominal)
-        return jnp.sum(weights * found.pressure_Pa), found
+def _solve_contact(line, skin, height, nominal, weights):
+    def weighted_pressure(height):
+        contact = press(line, skin, height, nominal)
+        return jnp.sum(weights * contact.pressure_Pa), contact
 
-    slope, found = jax.grad(felt, has_aux=True)(height)
-    return found, slope
+    slope, contact = jax.grad(weighted_pressure, has_aux=True)(height)
+    return contact, slope
 
 
-class Felt(eqx.Module):
+class HertzSignal(eqx.Module):
     """The signal of a Hertz pressure with friction."""
 
     line: Periodic
@@ -279,7 +279,7 @@ def test_fit_in_other_units(precision, margin):
         return {name: v * scale.get(name.split("_")[-1], 1.0) for name, v in params.items()}
 
     def model(u: Units):
-        return Felt(*operator("periodic", u))
+        return HertzSignal(*operator("periodic", u))
 
     signal = np.asarray(model(SAME)(jax.tree.map(jnp.asarray, true)))
     sigma = float(np.float32(0.05 * signal.std()))
@@ -288,20 +288,20 @@ def test_fit_in_other_units(precision, margin):
 
     def fitted(u: Units):
         bounds = in_units(u, {"half_width_m": 1e-4}), in_units(u, {"half_width_m": 4e-3})
-        found = srsinv.fit(
+        fit = srsinv.fit(
             model(u), in_units(u, start), y * u.signal, noise=sigma * u.signal,
             bounds={name: (bounds[0][name], bounds[1][name]) for name in bounds[0]},
         )  # fmt: skip
-        assert found.converged, (u, found.result)
+        assert fit.converged, (u, fit.result)
         one = in_units(u, dict.fromkeys(start, 1.0))
-        return {n: (found.value[n] / one[n], found.stderr[n] / one[n]) for n in start}
+        return {n: (fit.value[n] / one[n], fit.stderr[n] / one[n]) for n in start}
 
     with jax.enable_x64(precision == "float64"):
         wanted = fitted(SAME)
         # A search stops where it is near enough, by a threshold on numbers about one; on the way
         # there it takes the same steps.
         for units in UNITS:
-            found = fitted(units)
+            rescaled = fitted(units)
             for name, (value, stderr) in wanted.items():
-                close(found[name][0], value, abs(value), precision, margin)
-                close(found[name][1], stderr, stderr, precision, margin)
+                close(rescaled[name][0], value, abs(value), precision, margin)
+                close(rescaled[name][1], stderr, stderr, precision, margin)

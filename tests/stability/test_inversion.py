@@ -37,11 +37,11 @@ def forward_of(v, n):
     return line, Convolution(jax.vmap(one)(v["angles_rad"], v["widths_m"]), n, n, False)
 
 
-def problem_of(v, n, there=None):
+def problem_of(v, n, observed=None):
     line, forward = forward_of(v, n)
     noise = jnp.full(line.k.shape, v["noise_V"] ** 2)
     friction = v.get("friction")
-    return Problem(line, forward, v["data_V"], noise, observed=there, friction=friction)
+    return Problem(line, forward, v["data_V"], noise, observed=observed, friction=friction)
 
 
 def prior_of(problem, v, order):
@@ -52,29 +52,29 @@ def prior_of(problem, v, order):
     return SpectralPrior(jnp.stack([one.power(problem) for one in spectra]))
 
 
-def estimated(v, n, order, path, there=None):
+def estimated(v, n, order, path, observed=None):
     """Value and standard error (2, c, n) [Pa]."""
-    problem = problem_of(v, n, there)
+    problem = problem_of(v, n, observed)
     prior = prior_of(problem, v, order)
     if path == "spectral":
-        found = spectral.solve(problem, prior)
+        estimate = spectral.solve(problem, prior)
     elif path == "direct":
-        found = direct.solve(problem, prior, direct.whiten(problem))
+        estimate = direct.solve(problem, prior, direct.whiten(problem))
     else:
         tolerance = jnp.asarray(100 * jnp.finfo(problem.data.dtype).eps)
-        found, _, _ = iterative.solve(problem, prior, tolerance)
-    return jnp.stack([found.value, found.stderr])
+        estimate, _, _ = iterative.solve(problem, prior, tolerance)
+    return jnp.stack([estimate.value, estimate.stderr])
 
 
-def exactly(v, n, order, there=None):
+def exactly(v, n, order, observed=None):
     """The same in many digits."""
     gain = gains_of(v, n)
     precision = [precisions(v, order, j, n) for j in range(n // 2 + 1)]
     noise = mp.mpf(float(v["noise_V"])) ** 2
-    if there is None:
+    if observed is None:
         return np.stack(posterior.spectral(gain, noise, precision, v["data_V"]))
     power = [[1 / p if p else mp.mpf(0) for p in row] for row in precision]
-    return np.stack(posterior.conditioned(gain, noise, power, v["data_V"], there))
+    return np.stack(posterior.conditioned(gain, noise, power, v["data_V"], observed))
 
 
 def gains_of(v, n):
@@ -214,9 +214,9 @@ FEW = (
     ("plain", "few cells", {}),
     ("identical elements", "few cells, half of them told", {"angles": (0.4, 0.4)}),
 )
-THERE = np.ones((2, 12), bool)
-THERE[:, 3:6] = False
-THERE[1, 9] = False
+OBSERVED = np.ones((2, 12), bool)
+OBSERVED[:, 3:6] = False
+OBSERVED[1, 9] = False
 MISSING = (
     case("plain", "samples are missing", n=12),
     turned(1e-3, n=12),
@@ -235,12 +235,12 @@ DOUBLE = tuple(each._replace(bounds=(each.bounds[0], None)) for each in MISSING[
 
 
 def group(
-    name, cases, n=16, order=None, path="spectral", there=None, error=apart, side_by_side=True
+    name, cases, n=16, order=None, path="spectral", observed=None, error=apart, side_by_side=True
 ):
     return Group(
         name,
-        partial(estimated, n=n, order=order, path=path, there=there),
-        partial(exactly, n=n, order=order, there=there),
+        partial(estimated, n=n, order=order, path=path, observed=observed),
+        partial(exactly, n=n, order=order, observed=observed),
         cases,
         side_by_side=side_by_side,
         error=error,
@@ -263,14 +263,14 @@ GROUPS = (
         ),
         n=8,
     ),
-    group("direct", MISSING, 12, None, "direct", THERE, squared, side_by_side=False),
-    group("iterative", DOUBLE, 12, None, "iterative", THERE, value_alone),
+    group("direct", MISSING, 12, None, "direct", OBSERVED, squared, side_by_side=False),
+    group("iterative", DOUBLE, 12, None, "iterative", OBSERVED, value_alone),
 )
 
 
 # Derivatives are conjugate gradients of their own: beyond a condition of some 1e10 they do not
 # arrive, and say so. Values do.
-ITERATIVE = group("iterative, values", MISSING, 12, None, "iterative", THERE, value_alone)
+ITERATIVE = group("iterative, values", MISSING, 12, None, "iterative", OBSERVED, value_alone)
 VALUES = {
     # Conjugate gradients stop at 100 round-offs.
     "iterative": (ITERATIVE, 100 * ROUNDOFFS),

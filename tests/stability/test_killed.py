@@ -61,21 +61,21 @@ def wait_for(path: Path, process) -> None:
         time.sleep(0.005)
 
 
-def seen(folder: Path) -> set[str]:
+def files_in(folder: Path) -> set[str]:
     """Every file that is there, hidden or not."""
     return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
 
 
 def value(folder: Path) -> float | None:
     """What a folder's whole run measured; None where it holds nothing. All else fails."""
-    found = seen(folder) if folder.exists() else set()
-    if not found:
+    present = files_in(folder) if folder.exists() else set()
+    if not present:
         return None
     files = listed(folder)
-    assert files is not None, found
+    assert files is not None, present
     assert not list(strangers(folder, files))
     # One that is older than manifests lists what is there.
-    assert found in (PAGE, {*files, MANIFEST}) or found == PAGE - {MANIFEST, "notes.yaml"}
+    assert present in (PAGE, {*files, MANIFEST}) or present == PAGE - {MANIFEST, "notes.yaml"}
     return json.loads((folder / "metrics.json").read_bytes())["value"]
 
 
@@ -105,14 +105,14 @@ def test_killed_at_any_moment(fork, root, tmp_path, kills):
         process.join(lasting * (i + moments.random()) / kills)
         process.kill()
         ended(process)
-        found = value(folder)
-        if found is None:
+        current = value(folder)
+        if current is None:
             assert value(folder.with_name(f".{folder.name}.srsinv") / "old") == held
-        assert found in (None, held, i + 4)
+        assert current in (None, held, i + 4)
         with claim(here / "outputs" / "other"):
             assert [path.name for path in folder.parent.iterdir()] == ["run"]
         held = value(folder)
-        assert held in (found, held)
+        assert held in (current, held)
         assert held is not None
     assert ended(fork(killed.command, root, here, [f"hydra.run.dir={folder}"])) == 0
     assert value(folder) == 2.0
@@ -412,13 +412,13 @@ def test_recording_is_whole(fork, tmp_path, suffix, how, held):
             killed.recording(path, held)
         code = ended(fork(killed.breaking, "recording", path, 3.0, last, how))
         try:
-            found = load(path).signal
+            written_signal = load(path).signal
         except BadInput:
             assert held is None
             assert not path.exists()
         else:
-            assert (found == found[0, 0]).all()
-            assert found[0, 0] in (held, 3.0)
+            assert (written_signal == written_signal[0, 0]).all()
+            assert written_signal[0, 0] in (held, 3.0)
         if how == "raise":
             assert {each.suffix for each in tmp_path.iterdir()} <= {".csv", ".json", ".nc"}
         killed.recording(path, 4.0)

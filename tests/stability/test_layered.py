@@ -29,7 +29,7 @@ def parts(value):
     return jnp.stack([value.real, value.imag])
 
 
-def felt(endless):
+def response_model(endless):
     """Of p and of q: stress, the surface's displacement times k E; and antiplane stress."""
 
     def model(v):
@@ -42,7 +42,7 @@ def felt(endless):
     return model
 
 
-def felt_reference(endless):
+def response_reference(endless):
     def reference(v):
         h = [*v["thickness_m"][:-1], None if endless else v["thickness_m"][-1]]
         layers = list(zip(v["modulus_Pa"], v["nu"], h, strict=True))
@@ -52,8 +52,8 @@ def felt_reference(endless):
         nu = v["nu"][np.count_nonzero(passed)]
         stress = np.concatenate([stress, nu * (stress[:1] + stress[1:2])])
         across = exact_layers.across(layers, v["depth_m"], v["k"])
-        found = stress[:, 0], stress[:, 1], moved[:, 0], moved[:, 1], across
-        return tuple(np.stack([one.real, one.imag])[..., None] for one in found)
+        responses = stress[:, 0], stress[:, 1], moved[:, 0], moved[:, 1], across
+        return tuple(np.stack([one.real, one.imag])[..., None] for one in responses)
 
     return reference
 
@@ -115,16 +115,16 @@ def relaxing(v):
 
 def relaxing_reference(v):
     mp = exact.mp
-    found = []
+    rows = []
     for k in v["k"]:
         modulus = mp.mpf(1)
         for fraction, time in zip(v["fractions"], v["times_s"], strict=True):
             turn = 1j * mp.mpf(float(k)) * mp.mpf(float(v["speed_m_per_s"])) * mp.mpf(float(time))
             modulus += mp.mpf(float(fraction)) * turn / (1 + turn)
         at_rest = 2 * (1 - mp.mpf(0.25)) / (mp.mpf(7e5) * mp.mpf(float(k)))
-        found.append([modulus + 0j, at_rest / modulus])
-    found = exact.as_float(found).T
-    return tuple(np.stack([one.real, one.imag]) for one in found.astype(complex))
+        rows.append([modulus + 0j, at_rest / modulus])
+    rows = exact.as_float(rows).T
+    return tuple(np.stack([one.real, one.imag]) for one in rows.astype(complex))
 
 
 def relaxes(name, hard, speed, times=(1e-3, 0.1), fractions=(2.0, 0.5), k=(1.0, 300.0)):
@@ -138,9 +138,11 @@ def relaxes(name, hard, speed, times=(1e-3, 0.1), fractions=(2.0, 0.5), k=(1.0, 
 
 
 # Values here, derivatives in test_more_derivatives.py.
-ON_A_CORE = Group("layers on a core", felt(False), felt_reference(False), tuple(cases()))
+ON_A_CORE = Group(
+    "layers on a core", response_model(False), response_reference(False), tuple(cases())
+)
 GROUPS = (
-    Group("layers on a half space", felt(True), felt_reference(True), tuple(cases())),
+    Group("layers on a half space", response_model(True), response_reference(True), tuple(cases())),
     Group(
         "viscoelastic",
         relaxing,

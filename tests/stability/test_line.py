@@ -40,9 +40,9 @@ def sums(kind, n, order):
     """Rate signals or charges of tractions p (load, n), q = mu p; and the transpose of `y`."""
 
     def model(v):
-        line, felt = LINES[kind](n, v["cell_m"]), sensor(v)
+        line, device = LINES[kind](n, v["cell_m"]), sensor(v)
         r = jnp.stack([v["p"], v["mu"] * v["p"]], axis=1)
-        operator = line.operator(felt.signal(ConstantSpeed(SPEED)) if order else felt.charge())
+        operator = line.operator(device.signal(ConstantSpeed(SPEED)) if order else device.charge())
         return jax.vmap(operator)(r), operator.adjoint(v["y"])
 
     return model
@@ -188,8 +188,8 @@ def test_other_lines(group, precision, margin):
 
 
 @eqx.filter_jit
-def both_ways(line, felt, r, y):
-    operator = line.operator(felt.signal(ConstantSpeed(SPEED)))
+def both_ways(line, device, r, y):
+    operator = line.operator(device.signal(ConstantSpeed(SPEED)))
     return operator(r), operator.adjoint(y)
 
 
@@ -201,9 +201,9 @@ def test_strip_of_many_depths_on_the_open_line(depths, precision, margin):
     element, cell_m = (depth_m, 0.4, depths * depth_m, 0.0), max(depths, 1.0) * depth_m
     with jax.enable_x64(precision == "float64"):
         strip = StripWidth.at_depth(element[2], depth_m)
-        felt = Sensor([Film(depth_m, 0.4, 1.0, 1.0, effects=(strip,))])
+        device = Sensor([Film(depth_m, 0.4, 1.0, 1.0, effects=(strip,))])
         r, y = np.stack([loads(n)[0], 0.5 * loads(n)[0]]), np.ones((1, n))
-        ours = both_ways(Open(n, cell_m), felt, as_real(r), as_real(y))
+        ours = both_ways(Open(n, cell_m), device, as_real(r), as_real(y))
     given = np.asarray(element, precision).astype(float), np.asarray(cell_m, precision)
     h = lines.kernels(False, n, given[1], [given[0]], 0.5, SPEED * OHM, 1)
     wanted = lines.signals(h, r), lines.transposed(h, y)
@@ -234,10 +234,10 @@ def test_twenty_elements(kind, precision, margin):
     rng = np.random.default_rng(1)
     r, y = rng.uniform(-1, 1, (2, n)), rng.uniform(-1, 1, (elements, n))
     with jax.enable_x64(precision == "float64"):
-        felt = Sensor([Film(z, a, 1.0, 1.0, effects=(Offset(o),)) for z, a, _, o in element])
+        device = Sensor([Film(z, a, 1.0, 1.0, effects=(Offset(o),)) for z, a, _, o in element])
         line = LINES[kind](n, CELL_M)
-        ours = both_ways(line, felt, as_real(r), as_real(y))
-        nothing = both_ways(line, felt, as_real(0 * r), as_real(0 * y))
+        ours = both_ways(line, device, as_real(r), as_real(y))
+        nothing = both_ways(line, device, as_real(0 * r), as_real(0 * y))
     assert not any(np.any(part) for part in nothing)
     rounded = np.asarray(element, precision).astype(float)
     cell_m = np.asarray(CELL_M, precision)
@@ -260,7 +260,7 @@ def test_one_and_two_samples_are_refused(kind, n):
 
 
 def test_a_strip_too_wide_for_the_open_line_is_refused():
-    felt = Sensor([Film(1e-9, effects=(StripWidth.at_depth(1e-3, 1e-9),))])
+    device = Sensor([Film(1e-9, effects=(StripWidth.at_depth(1e-3, 1e-9),))])
     r, y = jnp.ones((2, 3)), jnp.ones((1, 3))
-    refused(lambda: both_ways(Open(3, CELL_M), felt, r, y), "depths", "periodic line")
-    assert np.isfinite(both_ways(Periodic(3, CELL_M), felt, r, y)[0]).all()
+    refused(lambda: both_ways(Open(3, CELL_M), device, r, y), "depths", "periodic line")
+    assert np.isfinite(both_ways(Periodic(3, CELL_M), device, r, y)[0]).all()

@@ -58,8 +58,8 @@ def signal_reference(v):
         return mp.re(film * mp.expj(K * (x0 + u * t + a * mp.sin(w * t + phase))))
 
     with mp.workdps(60):
-        found = [mp.diff(charge, mp.mpf(float(t)), h=mp.mpf(10) ** -25) for t in v["time_s"]]
-    return np.array([float(each) for each in found]) / v["size_V"]
+        derivatives = [mp.diff(charge, mp.mpf(float(t)), h=mp.mpf(10) ** -25) for t in v["time_s"]]
+    return np.array([float(each) for each in derivatives]) / v["size_V"]
 
 
 def sliding(name, hard, end_s, speed, swing=0.0, turn=0.0, start=1e-4):
@@ -67,7 +67,7 @@ def sliding(name, hard, end_s, speed, swing=0.0, turn=0.0, start=1e-4):
     farthest = abs(start) + abs(speed) * end_s + abs(swing)
     angle = turn * end_s + 0.5
     # Round-offs of the position and of the swing's angle, as the wave makes them felt.
-    felt = 1 + K * (farthest + abs(swing) * angle) + angle
+    amplification = 1 + K * (farthest + abs(swing) * angle) + angle
     numbers = {
         "time_s": np.linspace(0, end_s, SAMPLES),
         "start_m": start,
@@ -77,7 +77,7 @@ def sliding(name, hard, end_s, speed, swing=0.0, turn=0.0, start=1e-4):
         "phase_rad": 0.5,
         "size_V": OHM * 33e-12 * 0.7e-3 * 8e-3 * PRESSURE_PA * K * (fastest or 1.0),
     }
-    return Case(name, hard, numbers, tuple(np.maximum(16 * EACH * felt, 1e-12)))
+    return Case(name, hard, numbers, tuple(np.maximum(16 * EACH * amplification, 1e-12)))
 
 
 # Paces at given times: a standstill, a reversal, a ripple, each alone.
@@ -100,10 +100,10 @@ def paced_reference(v):
         s = np.clip(t / ramp, 0, 1)
         return ramp * (s / 2 - np.sin(np.pi * s) / (2 * np.pi)) + np.maximum(t - ramp, 0)
 
-    share = begun(t - at) - begun(t - at - ramp - rest)
+    paused = begun(t - at) - begun(t - at - ramp - rest)
     turn = 2 * np.arccos(np.longdouble(-1)) * v["frequency_hz"]
     wave = 2 * np.cos(v["phase_rad"] + turn * t / 2) * np.sin(turn * t / 2)
-    ways = [t - share, t - 2 * share, t + v["fraction"] * wave / turn]
+    ways = [t - paused, t - 2 * paused, t + v["fraction"] * wave / turn]
     return np.array(ways, float) * v["speed_m_per_s"] / v["size_m"]
 
 
@@ -177,10 +177,10 @@ def test_the_position_does_not_drift_in_ten_million_samples(margin):
     with jax.enable_x64(False):
         time = jnp.asarray(np.arange(LONG, dtype="float32") / np.float32(RATE_HZ))
         moved = jax.jit(lambda t: at_times(t, 0.0, 0.05, (ripple,)).position_m)(time)
-        found, time = np.asarray(moved, float), np.asarray(time, float)
+        position_m, time = np.asarray(moved, float), np.asarray(time, float)
     turn = 2 * np.pi * 3.0
     exact_m = 0.05 * (time + (np.sin(turn * time + 0.3) - np.sin(0.3)) / turn)
-    error, bound = np.max(np.abs(found - exact_m)) / exact_m[-1], 16 * EPS["float32"]
+    error, bound = np.max(np.abs(position_m - exact_m)) / exact_m[-1], 16 * EPS["float32"]
     margin(error, bound)
     assert error < bound
 
@@ -239,21 +239,21 @@ def test_the_integral_goes_over_a_gap(hole_s, margin):
 @pytest.mark.parametrize("origin_s", [0.0, 1e9])
 def test_gaps_are_found_far_from_the_origin(origin_s):
     """To the rounding of the stamps, about a ten-thousandth of an interval at 1e9 s."""
-    kept = np.delete(np.arange(2000), np.r_[500:503, 1500])
-    found = timing(origin_s + kept / 1e3)
-    assert found is not None
-    assert [(gap.row, gap.lost) for gap in found.gaps] == [(500, 3), (1497, 1)]
-    assert found.disorder == ()
-    assert found.rate_hz == pytest.approx(1e3, rel=1e-6)
-    assert found.jitter_largest < 1e-3
+    remaining = np.delete(np.arange(2000), np.r_[500:503, 1500])
+    summary = timing(origin_s + remaining / 1e3)
+    assert summary is not None
+    assert [(gap.row, gap.lost) for gap in summary.gaps] == [(500, 3), (1497, 1)]
+    assert summary.disorder == ()
+    assert summary.rate_hz == pytest.approx(1e3, rel=1e-6)
+    assert summary.jitter_largest < 1e-3
 
 
 def test_stamps_that_rounding_repeats_are_refused():
     """At 1e9 s the next number is 1.2e-7 s off: samples at 20 MHz share their times."""
     time_s = 1e9 + np.arange(50) / 2e7
-    found = timing(time_s)
-    assert found is not None
-    assert found.disorder
+    summary = timing(time_s)
+    assert summary is not None
+    assert summary.disorder
     with pytest.raises(BadInput, match="must increase strictly"):
         Recording(np.zeros((1, 50)), time_s, np.full(50, 0.05), ("a",))
 

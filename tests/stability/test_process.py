@@ -86,9 +86,9 @@ def compilations():
 def configuration(overrides: str) -> dict[str, Any]:
     with initialize_config_dir(str(find_config_root()), version_base="1.3"):
         cfg = compose("config", [*GRID, *overrides.split()])
-    found = OmegaConf.to_container(cfg, resolve=True)
-    assert isinstance(found, dict)
-    return {str(key): value for key, value in found.items()}
+    resolved = OmegaConf.to_container(cfg, resolve=True)
+    assert isinstance(resolved, dict)
+    return {str(key): value for key, value in resolved.items()}
 
 
 def changed(node: Any, random: np.random.Generator, key: str = "") -> Any:
@@ -112,8 +112,10 @@ def inverting(cfg: Mapping[str, Any]) -> Callable[[int], list[np.ndarray]]:
     def inverted(seed: int) -> list[np.ndarray]:
         with build.precision(cfg):
             problem = noisy_problem(sim, jax.random.key(seed), build.friction(cfg))
-            found = [method(problem) for method in methods]
-            return [np.asarray(v) for each in found for v in (each.value, each.stderr, each.fitted)]
+            estimates = [method(problem) for method in methods]
+            return [
+                np.asarray(v) for each in estimates for v in (each.value, each.stderr, each.fitted)
+            ]
 
     return inverted
 
@@ -128,7 +130,7 @@ def fitted(seed: int) -> list[np.ndarray]:
     random = np.random.default_rng(seed)
     height, rate, rest, sigma, most = random.uniform(0.9, 1.1, 5) * (2.0, 3.0, 0.5, 0.01, 50.0)
     y = height * np.exp(-rate * FITTED) + rest + sigma * random.normal(size=FITTED.size)
-    found = srsinv.fit(
+    fit = srsinv.fit(
         decay,
         {"height": 0.9 * height, "rate": 0.8 * rate, "rest": 0.0},
         y,
@@ -136,9 +138,9 @@ def fitted(seed: int) -> list[np.ndarray]:
         bounds={"rate": (0.1 * rate, most)},
         priors={"rest": (0.9 * rest, rest)},
     )
-    assert found.converged
-    ratio = found.derive(Ratio(("height",), ("rate",)))
-    return [*(np.array(list(tree.values())) for tree in (found.value, found.stderr)), ratio]
+    assert fit.converged
+    ratio = fit.derive(Ratio(("height",), ("rate",)))
+    return [*(np.array(list(tree.values())) for tree in (fit.value, fit.stderr)), ratio]
 
 
 def resident_bytes() -> int:
@@ -170,8 +172,8 @@ def test_many_runs(compilations, margin, runs):
         name = turns[run // EACH % len(turns)]
         if run % EACH == 0:
             work = fitted if name == "fit" else inverting(changed(scenes[name], random))
-        found = work(run)
-        assert all(np.isfinite(values).all() for values in found), (name, run)
+        outputs = work(run)
+        assert all(np.isfinite(values).all() for values in outputs), (name, run)
         assert not (again := compilations.taken()), (name, run, again)
     margin(resident_bytes() - held, MOST_GROWTH_BYTES)
     assert resident_bytes() - held < MOST_GROWTH_BYTES
@@ -180,8 +182,8 @@ def test_many_runs(compilations, margin, runs):
 
 def test_a_count_of_compilations(compilations):
     """What is compiled is seen: a number that is part of a program is compiled anew."""
-    for share in (0.25, 0.5):
-        jax.jit(lambda x, share=share: x * share)(np.ones(3))
+    for factor in (0.25, 0.5):
+        jax.jit(lambda x, factor=factor: x * factor)(np.ones(3))
     assert len(compilations.taken()) == 2
 
 

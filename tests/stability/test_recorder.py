@@ -21,7 +21,7 @@ from tests.stability.matrix import PRECISIONS, Case, Group
 EACH = np.array([float(np.finfo(precision).eps) for precision in PRECISIONS])
 BITS = 2, 12, 24
 # In rails: far within, at steps, at halves of the coarsest step, at the rails, and far beyond.
-SHARES = (0.0, -0.0, 1e-30, 1e-9, 0.1, -0.3, 0.4375, 0.625, -0.6875, 0.999, -1.0, 1.0, 1e3, -1e12)
+RAILS = (0.0, -0.0, 1e-30, 1e-9, 0.1, -0.3, 0.4375, 0.625, -0.6875, 0.999, -1.0, 1.0, 1e3, -1e12)
 
 
 def converted(v):
@@ -32,18 +32,18 @@ def converted(v):
 
 
 def converted_reference(v):
-    share = np.asarray(v["signal"], np.longdouble) / np.longdouble(v["rail"])
-    rows = [np.clip(share, -1, 1)]
+    fraction = np.asarray(v["signal"], np.longdouble) / np.longdouble(v["rail"])
+    rows = [np.clip(fraction, -1, 1)]
     for bits in BITS:
         half = np.longdouble(2) ** (bits - 1)
-        rows.append(np.rint(np.clip(share * half, -half, half - 1)) / half)
+        rows.append(np.rint(np.clip(fraction * half, -half, half - 1)) / half)
     return np.array(rows, float)
 
 
 def signal_in(rail, name, hard):
     # A quotient at 24 bits is rounded to half a level in float32: it may come out the next one.
     bounds = (16 * EACH[0], 2.0**-23 + 4 * EACH[1])
-    return Case(name, hard, {"signal": rail * np.array(SHARES), "rail": rail}, bounds)
+    return Case(name, hard, {"signal": rail * np.array(RAILS), "rail": rail}, bounds)
 
 
 def drifting(v):
@@ -81,14 +81,14 @@ def bursts(rate_hz, decay_s, contact_m, patch_m=1.2e-3):
 
 def spectrum(rate_hz, decay_s, contact_m):
     line, scan = Periodic(CELLS, CELL_M), ConstantSpeed(SPEED_M_PER_S)
-    found = bursts(rate_hz, decay_s, contact_m).spectrum(line, scan, jnp.ones(()))
-    return found[1:]  # the mean of a rate is nothing
+    power = bursts(rate_hz, decay_s, contact_m).spectrum(line, scan, jnp.ones(()))
+    return power[1:]  # the mean of a rate is nothing
 
 
 def relaxing(v):
     usual = spectrum(v["rate_hz"], jnp.asarray(DT_S), v["contact_m"])
-    found = spectrum(v["rate_hz"], v["decay_s"], v["contact_m"])
-    return found / jax.lax.stop_gradient(usual) / v["size"]
+    power = spectrum(v["rate_hz"], v["decay_s"], v["contact_m"])
+    return power / jax.lax.stop_gradient(usual) / v["size"]
 
 
 def relaxing_reference(v):
@@ -200,13 +200,13 @@ DRAWS = {
 @pytest.mark.parametrize("name", DRAWS)
 def test_draws_stay_finite(name, precision):
     """Nothing where nothing is felt; else of the size that the spectrum says, within a factor."""
-    (rate, decay_s, contact, patch), felt = DRAWS[name]
+    (rate, decay_s, contact, patch), has_signal = DRAWS[name]
     with jax.enable_x64(precision == "float64"):
-        found = drawn(bursts(rate, decay_s, contact, patch))
-        signal, power = (np.asarray(each, float) for each in found)
+        arrays = drawn(bursts(rate, decay_s, contact, patch))
+        signal, power = (np.asarray(each, float) for each in arrays)
     assert np.all(np.isfinite(signal))
     assert np.all(np.isfinite(power))
-    if not felt:
+    if not has_signal:
         assert not signal.any()
         return
     expected = np.sqrt((power[0] + power[-1] + 2 * np.sum(power[1:-1])) / CELLS)

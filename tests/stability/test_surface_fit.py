@@ -22,7 +22,7 @@ MOTION = Motion.from_speed(np.arange(61) / 600, 0.05, -2.5e-3)
 RIDGE = {"height_m": 3e-5, "width_m": 0.8e-3, "position_m": 0.4e-3}
 FEATURES = {"ridge": RidgeFeature(EDGE_M)}
 DRAWN = np.random.default_rng(0).normal(size=(2, 61))
-SURE = 5  # standard errors from the truth at most
+MAX_ERROR_SIGMA = 5  # standard errors from the truth at most
 
 
 @cache
@@ -38,7 +38,7 @@ def fitter():
 
 
 @cache
-def plain():
+def simulate_ridge():
     """The clean signal, on cells in no simple ratio to the fit's, and its noise."""
     model = SurfaceModel(Rubbed(sensor(), MOTION, WINDOW, EDGE_M / 41), FEATURES)
     own = RIDGE | {"edge_length_m": EDGE_M}
@@ -49,31 +49,31 @@ def plain():
 
 def test_a_plain_ridge(margin):
     """So that honesty below is not silence."""
-    signal, noise = plain()
-    found = fitter()(FEATURES, signal + noise * DRAWN, noise).found
-    assert found.result == "converged"
-    assert found.untold == ()
+    signal, noise = simulate_ridge()
+    estimate = fitter()(FEATURES, signal + noise * DRAWN, noise).found
+    assert estimate.result == "converged"
+    assert estimate.untold == ()
     for name, true in (RIDGE | {"base_friction": MU}).items():
-        value, stderr = found.parameters[name]
-        margin(abs(value - true) / stderr, SURE)
-        assert abs(value - true) < SURE * stderr < np.inf, name
+        value, stderr = estimate.parameters[name]
+        margin(abs(value - true) / stderr, MAX_ERROR_SIGMA)
+        assert abs(value - true) < MAX_ERROR_SIGMA * stderr < np.inf, name
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0])
 def test_no_height(level):
     """Nothing at all, and noise alone."""
-    noise = plain()[1]
-    found = fitter()(FEATURES, level * noise * DRAWN, noise).found
-    assert found.untold == ("ridge",)
-    values, errors = np.array(list(found.parameters.values())).T
+    noise = simulate_ridge()[1]
+    estimate = fitter()(FEATURES, level * noise * DRAWN, noise).found
+    assert estimate.untold == ("ridge",)
+    values, errors = np.array(list(estimate.parameters.values())).T
     assert np.isfinite(values).all()
     assert np.isposinf(errors).all()
 
 
 def test_an_outlier():
-    signal, noise = plain()
+    signal, noise = simulate_ridge()
     y = signal + noise * DRAWN
     y[0, 20] += 1e6 * noise
-    found = fitter()(FEATURES, y, noise).found
-    assert np.isfinite([value for value, _ in found.parameters.values()]).all()
-    assert not found.explains
+    estimate = fitter()(FEATURES, y, noise).found
+    assert np.isfinite([value for value, _ in estimate.parameters.values()]).all()
+    assert not estimate.explains

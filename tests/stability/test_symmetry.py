@@ -60,8 +60,8 @@ def test_mirrored_signal(kind, precision, margin):
     in time: mirrored along the line."""
     with jax.enable_x64(precision == "float64"):
         signal = operator(kind)[1](jnp.asarray(truth()))
-        seen = operator(kind, side=-1.0)[1](jnp.asarray(mirrored(truth())))
-        check(np.asarray(seen)[:, ::-1], signal, FORWARD * eps(precision), margin)
+        mirrored_signal = operator(kind, side=-1.0)[1](jnp.asarray(mirrored(truth())))
+        check(np.asarray(mirrored_signal)[:, ::-1], signal, FORWARD * eps(precision), margin)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -77,8 +77,8 @@ def test_shifted_signal(cells, precision, margin):
 
     with jax.enable_x64(precision == "float64"):
         _, forward = operator("periodic")
-        here, there = (forward(jnp.asarray(r)) for r in shift(truth()))
-        check(there, shift(here)[1], FORWARD * eps(precision), margin)
+        here, shifted = (forward(jnp.asarray(r)) for r in shift(truth()))
+        check(shifted, shift(here)[1], FORWARD * eps(precision), margin)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -154,8 +154,8 @@ def test_answer(method, kind, change, precision, margin):
     bound = FORWARD * eps(precision) * grown
     assert bound < 0.1
     with jax.enable_x64(precision == "float64"):
-        plain = solved(method, kind, y, sigma)
+        original = solved(method, kind, y, sigma)
         other = solved(method, kind, of_data(y), sigma * power**0.5, order, side)
-    check(other.value, of_answer(np.asarray(plain.value)), bound, margin)
+    check(other.value, of_answer(np.asarray(original.value)), bound, margin)
     # A standard error has no sign.
-    check(other.stderr, np.abs(of_answer(np.asarray(plain.stderr))), bound, margin)
+    check(other.stderr, np.abs(of_answer(np.asarray(original.stderr))), bound, margin)

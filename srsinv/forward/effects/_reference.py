@@ -15,8 +15,8 @@ from jaxtyping import Complex, Float, Inexact
 
 from ...grid import Line, Periodic, half_spectrum_weights
 from ..scan import Motion
-from ..scene import SurfaceScene, deviation
 from ..scenario import Scenario
+from ..scene import SurfaceScene, deviation
 from ..skin import HalfSpace, half_space_stress
 from ._reference_contact import pressure_under
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from ...grid import Line
 from ..scenario import Scenario
-from ._effect import NoiseEffect, Effect, MultiplicativeEffect, Order, Resampling, Rounding
+from ._effect import Effect, MultiplicativeEffect, NoiseEffect, Order, Resampling, Rounding
 from ._reference import TINY, ReferenceSpectra, reference
 
 # Effects act on each other beyond their factors, and the reference's contact is accurate to 1 %.
@@ -60,11 +60,11 @@ def screen(
     and the stress at the films (e, 4, n), and the rest is screened again beside it.
     """
     spectra = _sampled(reference(scenario, line), effects)
-    found = _round(spectra, effects, set(effects), set(effects), tolerance)
-    off = found.off
+    screening = _round(spectra, effects, set(effects), set(effects), tolerance)
+    off = screening.off
     for _ in range(MOST_ROUNDS):
         on = effects.keys() - off
-        unsure = sum((found.bounds[n] for n in on if _alters(effects[n])), 0.0)
+        unsure = sum((screening.bounds[n] for n in on if _alters(effects[n])), 0.0)
         if unsure > LARGEST_UNSIMULATED_CHANGE and simulate is not None:
             transfer = math.prod(
                 _factors(spectra, effects, on).values(), start=spectra.transfer_of_others
@@ -74,12 +74,14 @@ def screen(
         else:
             least = min(unsure, LARGEST_UNSIMULATED_CHANGE)
             again = _round(spectra, effects, off, set(effects), tolerance, least)
-        found = found.updated(again)
+        screening = screening.updated(again)
         if again.off == off:
             break
         off = again.off
-    bounds = dict(sorted(found.bounds.items(), key=lambda each: -each[1]))
-    return ScreeningResult(frozenset(effects.keys() - off), found.bound, bounds, found.times)
+    bounds = dict(sorted(screening.bounds.items(), key=lambda each: -each[1]))
+    return ScreeningResult(
+        frozenset(effects.keys() - off), screening.bound, bounds, screening.times
+    )
 
 
 class _Round(NamedTuple):

@@ -7,8 +7,8 @@ import numpy as np
 
 from ...errors import mapping, refuse, shown
 from ..layered import Layer, Layered
-from ..scene import SurfaceScene
 from ..scenario import Scenario
+from ..scene import SurfaceScene
 from ..skin import HalfSpace
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
@@ -85,14 +85,14 @@ class LayeredSkin(Effect):
 
     def _interfaces(self) -> list[tuple[float, float]]:
         """Depth [m] of every interface, and how much its sides differ, at most 1."""
-        found, depth = [], 0.0
+        interfaces, depth = [], 0.0
         below = [*self.skin.layers[1:], None]
         for upper, lower in zip(self.skin.layers, below, strict=True):
             if upper.thickness_m is None:
                 break
             depth += float(upper.thickness_m)
-            found.append((depth, 1.0 if lower is None else _contrast(upper, lower)))
-        return found
+            interfaces.append((depth, 1.0 if lower is None else _contrast(upper, lower)))
+        return interfaces
 
 
 def _contrast(upper: Layer, lower: Layer) -> float:

@@ -26,5 +26,5 @@ class Reversal(Effect):
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         if not self.pace.stretch.duration_s:
             return 0.0
-        lost = 2 * float(self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
-        return 2.0 + displaced_bound(reference, abs(reference.speed_m_per_s) * lost)
+        delay_s = 2 * float(self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
+        return 2.0 + displaced_bound(reference, abs(reference.speed_m_per_s) * delay_s)

@@ -25,7 +25,7 @@ class Standstill(Effect):
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # All that comes after it comes later.
-        lost = float(self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
+        delay_s = float(self.pace.stretch.duration_s + self.pace.stretch.ramp_s)
         if not self.pace.stretch.duration_s:
             return 0.0
-        return 1.0 + displaced_bound(reference, abs(reference.speed_m_per_s) * lost)
+        return 1.0 + displaced_bound(reference, abs(reference.speed_m_per_s) * delay_s)

@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 
 from ...errors import number, refuse, shown
 from ...grid import as_real
-from ..scene import SurfaceScene
 from ..scenario import Scenario
+from ..scene import SurfaceScene
 from ..viscoelastic import Viscoelastic
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra

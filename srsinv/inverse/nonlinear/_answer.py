@@ -107,8 +107,8 @@ class Fit:
     def whitened_signal(self) -> np.ndarray:
         """The fitted signal in units of the noise, in a row like `whitened`."""
         misfit = self._misfit
-        seen = misfit.whiten.seen(misfit.y.shape)
-        signal = np.where(seen, np.asarray(misfit.y) - self.residual, 0.0)
+        observed = misfit.whiten.seen(misfit.y.shape)
+        signal = np.where(observed, np.asarray(misfit.y) - self.residual, 0.0)
         # Where the level alone is not known, neither is in units of it.
         level_counts = misfit.is_robust or misfit.prior_mean is not None
         unit = float(misfit.scale) if self.noise_rms is not None and level_counts else 1.0

@@ -18,7 +18,7 @@ SAME = 1e-8  # relative difference of two costs up to which they are one minimum
 
 
 def described(
-    misfit: Misfit, found: Parameters, ends: Found, level_known: bool, solver: Solver
+    misfit: Misfit, unknowns: Parameters, ends: Found, level_known: bool, solver: Solver
 ) -> Fit:
     """All that a minimum says."""
     layout, z = misfit.layout, np.asarray(ends.z, float)
@@ -36,7 +36,7 @@ def described(
     known = known.times(level)
     # A solver that works in other variables reaches a bound up to rounding only.
     near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1)) + 8 * eps * np.abs(z)
-    low, high = z - found.lower <= near, found.upper - z <= near
+    low, high = z - unknowns.lower <= near, unknowns.upper - z <= near
     held = (low & (gradient >= 0)) | (high & (gradient <= 0))
     least = 1.0 if level_known else 0.0  # of a noise that is known
     distance, along = offset(jacobian, terms, held, eps, least) if finite else (np.inf, 0.0)
@@ -58,8 +58,8 @@ def described(
     if level_known and finite and not misfit.is_robust:
         volume = misfit.whiten.log_volume(misfit.y.shape) + count / 2 * np.log(2 * np.pi)
         evidence = log_evidence(
-            terms, jacobian, volume, np.where(low, found.lower, np.where(high, found.upper, z)),
-            found.lower, found.upper, sigma,
+            terms, jacobian, volume, np.where(low, unknowns.lower, np.where(high, unknowns.upper,
+            z)), unknowns.lower, unknowns.upper, sigma,
         )  # fmt: skip
     return Fit(
         value=layout.host_tree(row),
@@ -138,8 +138,8 @@ def _inflation(misfit: Misfit, ends: Found, level_known: bool, freedom: int) -> 
     """
     white = np.asarray(ends.white, float)
     if misfit.is_robust:
-        seen = misfit.whiten.seen(misfit.y.shape).ravel()
-        influence, slope = (np.asarray(v)[seen] for v in misfit.loss.influence(ends.white))
+        observed = misfit.whiten.seen(misfit.y.shape).ravel()
+        influence, slope = (np.asarray(v)[observed] for v in misfit.loss.influence(ends.white))
         mean = max(float(slope.mean()), 1e-12)
         correction = 1 + ends.z.size / slope.size * float(slope.var()) / mean**2
         return float(correction * np.sqrt(influence @ influence / max(freedom, 1)) / mean)

@@ -66,12 +66,12 @@ def fit(
     Standard errors are those of the linearised problem: (J^T N^-1 J)^-1, with a robust loss Huber's
     M-estimator form. Raises `BadInput` for what disagrees or is out of range.
     """
-    found = parameters(initial, bounds, free, linear)
-    misfit, level_known = misfit_of(model, found, checked_data(y), noise, priors, loss)
-    points = starting_points(starts, found)
+    unknowns = parameters(initial, bounds, free, linear)
+    misfit, level_known = misfit_of(model, unknowns, checked_data(y), noise, priors, loss)
+    points = starting_points(starts, unknowns)
     check_linear(misfit, points, linear)
     solver = checked_solver(solver, polished=polished)
-    box = as_real(found.lower), as_real(found.upper)
+    box = as_real(unknowns.lower), as_real(unknowns.upper)
     settings = solver, points, *box, polished
     ends = search(misfit, *settings)
     if not level_known and (misfit.prior_mean is not None or misfit.is_robust):
@@ -85,7 +85,7 @@ def fit(
     ends = left_saddle(misfit, ends, *settings)
     if steps:
         ends = _differenced(misfit, ends, steps)
-    return described(misfit, found, ends, level_known, solver)
+    return described(misfit, unknowns, ends, level_known, solver)
 
 
 def fit_many(
@@ -109,23 +109,23 @@ def fit_many(
     slowest, and on a CPU jaxlib's batched LAPACK can lock up (seen with 0.10.2). Least squares
     only, and without priors where the noise is not known.
     """
-    found = parameters(initial, bounds, free, linear)
+    unknowns = parameters(initial, bounds, free, linear)
     ys = checked_data(ys)
     refuse(ys.ndim < 2 or not len(ys), "fit_many takes data with a leading axis: (batch, ...).")
     refuse(
         noise is None and bool(priors),
         "fit_many cannot weigh priors against noise that is not known: give noise, or use fit.",
     )
-    misfit, level_known = misfit_of(model, found, ys[0], noise, priors, "squares")
-    seen = misfit.whiten.seen(ys.shape[1:])
-    ys = filled(ys, seen)
+    misfit, level_known = misfit_of(model, unknowns, ys[0], noise, priors, "squares")
+    observed = misfit.whiten.seen(ys.shape[1:])
+    ys = filled(ys, observed)
     if not level_known:
-        misfit = dataclasses.replace(misfit, scale=as_real(data_unit(ys, seen)))
+        misfit = dataclasses.replace(misfit, scale=as_real(data_unit(ys, observed)))
     ys = as_real(ys)
-    points = starting_points(starts, found)
+    points = starting_points(starts, unknowns)
     check_linear(misfit, points, linear)
     solver = checked_solver(solver, polished=polished, at_once=at_once)
-    box = as_real(found.lower), as_real(found.upper)
+    box = as_real(unknowns.lower), as_real(unknowns.upper)
     at_once = min(at_once, len(ys))
     # Filled up to whole rounds: what is left over would be compiled a second time.
     rows = np.minimum(np.arange(-(-len(ys) // at_once) * at_once), len(ys) - 1)
@@ -136,18 +136,18 @@ def fit_many(
         ends = jax.tree.map(lambda leaf, i=i: leaf[i], batch)
         mine = dataclasses.replace(misfit, y=ys[i])
         ends = left_saddle(mine, ends, solver, points, *box, polished)
-        fits.append(described(mine, found, ends, level_known, solver))
+        fits.append(described(mine, unknowns, ends, level_known, solver))
     return fits
 
 
 def _level(misfit: Misfit, ends: Found) -> float:
     """The noise's level from a residual: its rms, or what outliers do not move."""
     white = np.asarray(ends.white, float) * float(misfit.scale)
-    seen = white[white != 0] if np.any(white) else white
+    nonzero = white[white != 0] if np.any(white) else white
     if misfit.is_robust:
-        level = NORMAL_MAD * np.median(np.abs(seen))
+        level = NORMAL_MAD * np.median(np.abs(nonzero))
     else:
-        level = np.sqrt(seen @ seen / max(len(seen) - ends.z.size, 1))
+        level = np.sqrt(nonzero @ nonzero / max(len(nonzero) - ends.z.size, 1))
     # Not below the data's own rounding, where nothing else is left.
     data = np.asarray(misfit.y)
     rounding = float(np.finfo(data.dtype).eps) * data_unit(data, misfit.whiten.seen(data.shape))

@@ -197,11 +197,11 @@ def _bend(residual_at, y, p, point: Point, model: QuadraticModel, held, damping,
     """
     eps = float(jnp.finfo(y.dtype).eps)
     part = eps ** (1 / 6)  # between what rounding and what the third derivative spoil
-    there = at_least(y.size, residual_at(y + part * p))
-    off = point.q.T @ there - point.c - part * (point.root @ p)
+    trial = at_least(y.size, residual_at(y + part * p))
+    off = point.q.T @ trial - point.c - part * (point.root @ p)
     rounding = eps * (jnp.sqrt(2 * begun) + jnp.linalg.norm(lengths(point.root) * y))
-    lost = jnp.linalg.norm(off) <= LOST * rounding
-    second = jnp.where(lost, 0.0, 2 / part**2 * off)
+    is_rounding = jnp.linalg.norm(off) <= LOST * rounding
+    second = jnp.where(is_rounding, 0.0, 2 / part**2 * off)
     acceleration = _step(model, model.lift @ second, held, damping)
     acceleration = jnp.where(jnp.isfinite(acceleration), acceleration, 0.0)
     tight = jnp.linalg.norm(model.scale * acceleration) <= BENT * jnp.linalg.norm(model.scale * p)
@@ -210,8 +210,8 @@ def _bend(residual_at, y, p, point: Point, model: QuadraticModel, held, damping,
 
 def _damping(state: _State, gain, accept):
     """Less after a step as good as predicted, ever more after failures."""
-    share = gain / jnp.where(state.predicted != 0, state.predicted, 1.0)
-    ease = jnp.clip(1 - (2 * share - 1) ** 3, 1 / 3, 2.0)
+    gain_ratio = gain / jnp.where(state.predicted != 0, state.predicted, 1.0)
+    ease = jnp.clip(1 - (2 * gain_ratio - 1) ** 3, 1 / 3, 2.0)
     damping = jnp.where(accept, state.damping * ease, state.damping * state.growth)
     growth = jnp.where(accept, 2.0, 2 * state.growth)
     damping = jnp.where(state.first, state.damping, damping)

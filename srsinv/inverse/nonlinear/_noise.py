@@ -40,8 +40,8 @@ class Independent(Whitener):
     stderr: Float[Array, "..."]
 
     def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
-        there = jnp.isfinite(self.stderr)
-        return jnp.ravel(jnp.where(there, residual, 0.0) / jnp.where(there, self.stderr, 1.0))
+        observed = jnp.isfinite(self.stderr)
+        return jnp.ravel(jnp.where(observed, residual, 0.0) / jnp.where(observed, self.stderr, 1.0))
 
     def log_volume(self, shape: tuple[int, ...]) -> float:
         stderr = np.broadcast_to(np.asarray(self.stderr), shape)
@@ -75,13 +75,13 @@ class Spectrum(Whitener):
 
     def log_volume(self, shape: tuple[int, ...]) -> float:
         power = np.asarray(self.power)
-        there = np.isfinite(power)
-        logs = np.log(np.where(there, power, 1.0))
+        finite = np.isfinite(power)
+        logs = np.log(np.where(finite, power, 1.0))
         return float(np.prod(shape) / 2 * np.sum(half_spectrum_weights(shape[-1]) * logs))
 
     def count(self, shape: tuple[int, ...]) -> int:
-        there = np.isfinite(np.asarray(self.power))
-        return round(np.prod(shape) * np.sum(half_spectrum_weights(shape[-1]) * there))
+        finite = np.isfinite(np.asarray(self.power))
+        return round(np.prod(shape) * np.sum(half_spectrum_weights(shape[-1]) * finite))
 
     def seen(self, shape: tuple[int, ...]) -> np.ndarray:
         refuse(
@@ -136,12 +136,12 @@ class Sliding(Whitener):
         self.passed = as_real(np.concatenate([np.ones_like(through[:1]), through[:-1]]))
 
     def __call__(self, residual: Float[Array, "e sample"]) -> Float[Array, " n"]:
-        there = jnp.isfinite(self.stderr)
-        known = jnp.where(there, residual, 0.0)
+        observed = jnp.isfinite(self.stderr)
+        known = jnp.where(observed, residual, 0.0)
 
         predicted = self._followed(self.take * known)
-        white = (known - predicted) / jnp.where(there, self.stderr, 1.0)
-        return jnp.ravel(jnp.where(there, white, 0.0))
+        white = (known - predicted) / jnp.where(observed, self.stderr, 1.0)
+        return jnp.ravel(jnp.where(observed, white, 0.0))
 
     def _followed(self, push: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
         """c_i of c_(i+1) = keep_i c_i + push_i, from c_0 = 0: in every block from nothing, and then

@@ -55,13 +55,13 @@ class Layout(eqx.Module):
         """The places in the row of a leaf (`"b"`) or of one of its numbers (`"b[1]"`)."""
         if name in self.names:
             return [self.names.index(name)]
-        found = [i for i, owner in enumerate(self._owners) if owner == name]
-        if not found:
+        places = [i for i, owner in enumerate(self._owners) if owner == name]
+        if not places:
             raise BadInput(
                 f"{what} names {name!r}, which is no parameter: the parameters are "
                 f"{', '.join(self.leaves)}."
             )
-        return found
+        return places
 
     def named(self, names: str | Iterable[str], what: str) -> set[int]:
         """The places in the row of what one name or several name."""
@@ -115,9 +115,9 @@ class Layout(eqx.Module):
 def real(value: Any, sentence: str) -> np.ndarray:
     """The value as an array of real numbers, refused with the sentence where it is none."""
     try:
-        found = np.asarray(value)
-        refuse(np.iscomplexobj(found), sentence)
-        return found.astype(float)
+        array = np.asarray(value)
+        refuse(np.iscomplexobj(array), sentence)
+        return array.astype(float)
     except (TypeError, ValueError) as error:
         raise BadInput(sentence) from error
 
@@ -238,23 +238,23 @@ def _bounds(layout: Layout, bounds: Any) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def starting_points(given: Any, found: Parameters) -> Float[Array, "s m"]:
+def starting_points(given: Any, unknowns: Parameters) -> Float[Array, "s m"]:
     """The points to start from, the first value among them.
 
     A number: so many points spread evenly over the bounds (a Sobol sequence); a mapping by name:
     values along a leading axis, the other parameters as in the first; None: the first value alone.
     """
-    layout = found.layout
-    first = found.first[list(layout.free)]
+    layout = unknowns.layout
+    first = unknowns.first[list(layout.free)]
     if given is None:
         return as_real(first[None])
     if isinstance(given, Mapping):
-        return as_real(np.concatenate([first[None], _listed(given, found)]))
+        return as_real(np.concatenate([first[None], _listed(given, unknowns)]))
     refuse(
         isinstance(given, bool) or not isinstance(given, int) or given < 1,
         f"starts is {given!r}: give a whole number from 1, or a mapping of names to values.",
     )
-    bounded = np.isfinite(found.lower) & np.isfinite(found.upper)
+    bounded = np.isfinite(unknowns.lower) & np.isfinite(unknowns.upper)
     searched = [j for j, i in enumerate(layout.free) if i not in layout.linear]
     open_ended = [layout.names[layout.free[j]] for j in searched if not bounded[j]]
     refuse(
@@ -268,13 +268,13 @@ def starting_points(given: Any, found: Parameters) -> Float[Array, "s m"]:
     if searched:
         power = int(np.ceil(np.log2(given)))
         unit = qmc.Sobol(len(searched), scramble=True, rng=0).random_base2(power)[:given]
-        low, high = found.lower[searched], found.upper[searched]
+        low, high = unknowns.lower[searched], unknowns.upper[searched]
         points[:, searched] = low + unit * (high - low)
     return as_real(np.concatenate([first[None], points]))
 
 
-def _listed(given: Mapping, found: Parameters) -> np.ndarray:
-    layout, rows = found.layout, None
+def _listed(given: Mapping, unknowns: Parameters) -> np.ndarray:
+    layout, rows = unknowns.layout, None
     for name, values in flat_mapping(given).items():
         where = layout.indices(name, "starts")
         listed = real(values, f"The starts of {name} are {values!r}: give rows of numbers.")
@@ -285,15 +285,16 @@ def _listed(given: Mapping, found: Parameters) -> np.ndarray:
             f"least one, each of {len(where)} numbers.",
         )
         refuse(not np.isfinite(listed).all(), f"A start of {name} is not finite: give numbers.")
-        rows = np.tile(found.first, (count, 1)) if rows is None else rows
+        rows = np.tile(unknowns.first, (count, 1)) if rows is None else rows
         rows[:, where] = listed.reshape(count, -1)
     refuse(rows is None, "starts names no parameter: give values for at least one.")
     rows = np.asarray(rows)[:, list(layout.free)]
-    inside = (rows >= found.lower) & (rows <= found.upper)
+    inside = (rows >= unknowns.lower) & (rows <= unknowns.upper)
     worst = int(np.argmin(inside.all(axis=0)))
     refuse(
         not inside.all(),
-        f"A start of {layout.free_names[worst]} lies outside its bounds [{found.lower[worst]:g}, "
-        f"{found.upper[worst]:g}]: start inside them.",
+        f"A start of {layout.free_names[worst]} lies outside its bounds "
+        f"[{unknowns.lower[worst]:g}, "
+        f"{unknowns.upper[worst]:g}]: start inside them.",
     )
     return rows

@@ -32,39 +32,39 @@ def checked_data(y) -> np.ndarray:
     return np.atleast_1d(real(y, sentence))
 
 
-def filled(data: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def filled(data: np.ndarray, observed: np.ndarray) -> np.ndarray:
     """The data with numbers wherever they do not count."""
-    bad = seen & ~np.isfinite(data)
+    bad = observed & ~np.isfinite(data)
     refuse(
         bool(bad.any()),
         f"The data hold {int(bad.sum())} values that are nan or infinite: leave them out by an "
         "infinite noise there, or correct them.",
     )
-    return np.where(seen, data, 0.0)
+    return np.where(observed, data, 0.0)
 
 
 NOTHING = 1e-8  # of the largest datum: where most are less, they say nothing of its size
 
 
-def data_unit(data: np.ndarray, seen: np.ndarray) -> float:
+def data_unit(data: np.ndarray, observed: np.ndarray) -> float:
     """What to measure a residual in whose noise is not known: the data's median size, which
     outliers do not move, or the largest where most are nothing; to a power of two, which changes no
     digit. In the data's own unit single precision cannot square 1e30."""
-    sizes = np.abs(data)[..., np.broadcast_to(seen, data.shape[-seen.ndim :])]
+    sizes = np.abs(data)[..., np.broadcast_to(observed, data.shape[-observed.ndim :])]
     median, most = np.median(sizes), np.max(sizes)
     size = median if median > NOTHING * most else most
     return float(2.0 ** np.round(np.log2(size))) if size > 0 else 1.0
 
 
-def misfit_of(model, found: Parameters, data, noise, priors, loss) -> tuple[Misfit, bool]:
-    whiten, seen = whitener(noise, data.shape)
-    data = filled(data, seen)
+def misfit_of(model, unknowns: Parameters, data, noise, priors, loss) -> tuple[Misfit, bool]:
+    whiten, observed = whitener(noise, data.shape)
+    data = filled(data, observed)
     refuse(not whiten.count(data.shape), "All of the data are left out: there is nothing to fit.")
-    layout = found.layout
+    layout = unknowns.layout
     mean, weight = _priors(layout, priors)
-    scale = 1.0 if noise is not None else data_unit(data, seen)
+    scale = 1.0 if noise is not None else data_unit(data, observed)
     misfit = Misfit(
-        model, layout, as_real(found.first), as_real(data), whiten,
+        model, layout, as_real(unknowns.first), as_real(data), whiten,
         as_real(scale), mean, weight, loss_of(loss),
     )  # fmt: skip
     _check_model(model, layout.tree(misfit.row), data.shape)

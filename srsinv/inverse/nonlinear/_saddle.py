@@ -39,8 +39,8 @@ def _lower_beside(misfit: Misfit, ends: Found, lower, upper):
     if not np.isfinite(rows).all():
         return None
     steps = np.sqrt(2 * cost / len(rows)) * spread(rows, eps).factor.T
-    for share in BESIDE:
-        for step in (*(share * steps), *(-share * steps)):
+    for fraction in BESIDE:
+        for step in (*(fraction * steps), *(-fraction * steps)):
             z = jnp.clip(ends.z + as_real(step), lower, upper)
             if float(_cost_at(misfit, z)) < cost * (1 - LOST * eps):
                 return z

@@ -108,9 +108,9 @@ class Split(eqx.Module):
         searched, linear = self._places
 
         def improved(z, asked):
-            found = self._linearised(z, asked)
-            terms, jacobian = self._with_priors(found)
-            return z.at[linear].add(_least_squares(jacobian[:, linear], -terms)), found
+            linearisation = self._linearised(z, asked)
+            terms, jacobian = self._with_priors(linearisation)
+            return z.at[linear].add(_least_squares(jacobian[:, linear], -terms)), linearisation
 
         start = self._from(v)
         every = jnp.ones_like(start)
@@ -212,8 +212,8 @@ def _search(misfit: Misfit, solver: Solver, starts, lower, upper, polished: int)
     split = Split(misfit)
     if misfit.layout.linear and not isinstance(misfit.loss, Squares):
         # A robust loss has no closed form: its linear parameters start from least squares.
-        plain = Split(dataclasses.replace(misfit, loss=Squares()))
-        starts = jax.lax.map(lambda z: plain.whole(plain.searched(z)), starts)
+        least_squares = Split(dataclasses.replace(misfit, loss=Squares()))
+        starts = jax.lax.map(lambda z: least_squares.whole(least_squares.searched(z)), starts)
         together = dataclasses.replace(misfit.layout, linear=())
         split = Split(dataclasses.replace(misfit, layout=together))
 

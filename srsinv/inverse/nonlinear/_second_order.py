@@ -52,9 +52,9 @@ def _derivatives(
     terms, jacobian = linearised(z)
     # A move that changes the terms by this share of their length: rounding and the fourth
     # derivative spoil the difference alike.
-    share = float(jnp.finfo(z.dtype).eps) ** (1 / 3)
+    relative_step = float(jnp.finfo(z.dtype).eps) ** (1 / 3)
     columns = lengths(jacobian)
-    steps = share * lengths(terms) / jnp.where(columns > 0, columns, 1.0)
+    steps = relative_step * lengths(terms) / jnp.where(columns > 0, columns, 1.0)
     points = z + jnp.concatenate([jnp.diag(steps), -jnp.diag(steps)])
     above, below = jnp.split(jax.lax.map(gradient, points), 2)
     hessian = (above - below) / (2 * steps[:, None])

@@ -228,8 +228,8 @@ def _box(lower, upper):
             return jnp.sqrt((jnp.maximum(distance, 1e-3) + 1) ** 2 - 1)
 
         # Off the bound itself, where the change of variables is flat.
-        share = (z - middle) / jnp.where(half > 0, half, 1.0)
-        between = jnp.arcsin(jnp.clip(share, -0.999, 0.999))
+        scaled = (z - middle) / jnp.where(half > 0, half, 1.0)
+        between = jnp.arcsin(jnp.clip(scaled, -0.999, 0.999))
         between = jnp.where(below & above, between, z)
         one_sided = jnp.where(below & ~above, away(z - low), away(high - z))
         return jnp.where(below ^ above, one_sided, between)

@@ -39,10 +39,10 @@ class Spread:
 
     def covariance(self) -> np.ndarray:
         """(m, m): infinite variances and nan beside them where the data do not determine."""
-        lost = self._lost()
+        undetermined = self._lost()
         covariance = self.factor @ self.factor.T
-        covariance[lost[:, None] | lost[None, :]] = np.nan
-        covariance[np.diag_indices(len(lost))] = self.stderr() ** 2
+        covariance[undetermined[:, None] | undetermined[None, :]] = np.nan
+        covariance[np.diag_indices(len(undetermined))] = self.stderr() ** 2
         return covariance
 
     def along(self, gradient: np.ndarray) -> np.ndarray:
@@ -59,14 +59,14 @@ class Spread:
         """Each undetermined direction: by how much each parameter can move, in its own unit, the
         largest relative move being one; parts below 1 % are left out."""
         size = np.where(np.isfinite(values) & (values != 0), np.abs(values), 1.0)
-        found = []
+        directions = []
         for direction in self.null.T:
             move = direction / self.columns
-            share = np.abs(move) / size
-            kept = share >= 0.01 * share.max()
-            move = move / share.max() * np.sign(move[np.argmax(share)])
-            found.append({names[i]: float(move[i]) for i in np.flatnonzero(kept)})
-        return tuple(found)
+            relative_move = np.abs(move) / size
+            selected = relative_move >= 0.01 * relative_move.max()
+            move = move / relative_move.max() * np.sign(move[np.argmax(relative_move)])
+            directions.append({names[i]: float(move[i]) for i in np.flatnonzero(selected)})
+        return tuple(directions)
 
     def _lost(self) -> np.ndarray:
         return np.any(np.abs(self.null) > 1e-6, axis=1) | (not self.is_scaled)
@@ -81,9 +81,9 @@ def spread(jacobian: np.ndarray, eps: float) -> Spread:
     if len(scaled) < m:
         scaled = np.vstack([scaled, np.zeros((m - len(scaled), m))])
     _, s, vt = np.linalg.svd(scaled, full_matrices=False)
-    kept = s > LOST * eps * max(s[0], eps)
-    factor = (vt[kept] / s[kept, None]).T / columns[:, None]
-    return Spread(factor, vt[~kept].T, columns)
+    determined = s > LOST * eps * max(s[0], eps)
+    factor = (vt[determined] / s[determined, None]).T / columns[:, None]
+    return Spread(factor, vt[~determined].T, columns)
 
 
 def nothing_known(m: int) -> Spread:
@@ -164,5 +164,5 @@ def _log_mass(
     low, high = sorted([(lower - z) * root + slope / root, (upper - z) * root + slope / root])
     if low > 0:  # the same mass in the other tail, where its log is precise
         low, high = -high, -low
-    share = log_ndtr(high) + np.log1p(-np.exp(log_ndtr(low) - log_ndtr(high)))
-    return float(0.5 * np.log(whole / curvature) + slope**2 / (2 * curvature) + share)
+    log_mass = log_ndtr(high) + np.log1p(-np.exp(log_ndtr(low) - log_ndtr(high)))
+    return float(0.5 * np.log(whole / curvature) + slope**2 / (2 * curvature) + log_mass)

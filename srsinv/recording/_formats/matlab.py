@@ -17,13 +17,13 @@ def read_matlab(file: DataFile) -> Table:
 
 
 def _is_hdf5(file: DataFile) -> bool:
-    at, found = 0, False
-    while at < file.size and not found:
+    at, has_signature = 0, False
+    while at < file.size and not has_signature:
         file.seek(at)
-        found = file.read(len(_HDF5)) == _HDF5
+        has_signature = file.read(len(_HDF5)) == _HDF5
         at = max(_FIRST_BLOCK, 2 * at)
     file.seek(0)
-    return found
+    return has_signature
 
 
 def _read_7_3(file: DataFile) -> Table:

@@ -91,9 +91,9 @@ def fit_counts(starts: Sequence[Row], together: Sequence[Row]) -> Figure:
     Rows have `family`, `count`, `found` [1] and `time_s` [s], for each signal.
     """
     figure, grid = grid_of_axes(1, 3, 3.4)
-    found, time, batch = grid[0]
+    success, time, batch = grid[0]
     for axes, rows, quantity, factor in (
-        (found, starts, "found", 100.0), (time, starts, "time_s", 1e3),
+        (success, starts, "found", 100.0), (time, starts, "time_s", 1e3),
         (batch, together, "time_s", 1e3),
     ):  # fmt: skip
         families = list(dict.fromkeys(str(row["family"]) for row in rows))
@@ -106,8 +106,8 @@ def fit_counts(starts: Sequence[Row], together: Sequence[Row]) -> Figure:
         axes.set_xscale("log", base=2)
         axes.set_xticks(counts, [str(count) for count in counts])
         axes.minorticks_off()
-    found.set(title="Minimum found", xlabel="starts", ylabel="share of the signals [%]")
-    found.set_ylim(-4, 104)
+    success.set(title="Minimum found", xlabel="starts", ylabel="share of the signals [%]")
+    success.set_ylim(-4, 104)
     time.set(title="Time", xlabel="starts", ylabel="steady time [ms per signal]", yscale="log")
     batch.set(title="Time, one start", xlabel="signals in one call", ylim=(0, None))
     batch.set_ylabel("steady time [ms per signal]")

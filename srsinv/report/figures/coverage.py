@@ -97,11 +97,11 @@ def normalised_errors(dataset: xarray.Dataset) -> Figure:
 def confusion(dataset: xarray.Dataset) -> Figure:
     """What was chosen (columns) for what was there (rows), in % of the draws of each row."""
     truths, chosen = names_of(dataset["truth"]), names_of(dataset["candidate"])
-    share = 100 * dataset["chosen"].values / dataset["chosen"].values.sum(1, keepdims=True)
+    percent = 100 * dataset["chosen"].values / dataset["chosen"].values.sum(1, keepdims=True)
     figure, grid = grid_of_axes(1, 1, 0.8 + 0.6 * len(truths))
     axes = grid[0, 0]
-    axes.imshow(share, cmap="Blues", vmin=0, vmax=100, aspect="auto")
-    for (row, column), value in np.ndenumerate(share):
+    axes.imshow(percent, cmap="Blues", vmin=0, vmax=100, aspect="auto")
+    for (row, column), value in np.ndenumerate(percent):
         if value > 0:
             colour = "white" if value > 55 else TRUTH
             axes.text(column, row, f"{value:.4g}", ha="center", va="center", color=colour)

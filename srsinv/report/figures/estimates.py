@@ -93,8 +93,8 @@ def full_width_at_half_maximum(lag_m: np.ndarray, kernel: np.ndarray) -> float:
         return float("nan")
 
     def crossing(i: Any, j: Any) -> float:
-        share = (half - kernel[i]) / (kernel[j] - kernel[i])
-        return float(lag_m[i] + share * (lag_m[j] - lag_m[i]))
+        fraction = (half - kernel[i]) / (kernel[j] - kernel[i])
+        return float(lag_m[i] + fraction * (lag_m[j] - lag_m[i]))
 
     return crossing(top + right[0] - 1, top + right[0]) - crossing(left[-1], left[-1] + 1)
 
@@ -141,9 +141,9 @@ def _title(name: str, unknown_mean: bool) -> str:
 
 
 def _centred(curves: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    seen = np.where(observed & np.isfinite(curves), curves, 0.0)
+    filled = np.where(observed & np.isfinite(curves), curves, 0.0)
     count = np.sum(observed & np.isfinite(curves), axis=-1, keepdims=True)
-    return curves - seen.sum(axis=-1, keepdims=True) / np.maximum(count, 1)
+    return curves - filled.sum(axis=-1, keepdims=True) / np.maximum(count, 1)
 
 
 def _limit(
@@ -157,11 +157,11 @@ def _limit(
     # A band may be huge where nothing was measured: it must not flatten what was.
     where = observed if observed.any() else np.ones_like(observed)
     band = np.nan_to_num(band)
-    seen = np.concatenate([truth, (values - band)[:, where], (values + band)[:, where]], None)
-    seen = seen[np.isfinite(seen)] * unit.factor
-    if seen.size:
-        margin = 0.06 * np.ptp(seen) or 1.0
-        axes.set_ylim(seen.min() - margin, seen.max() + margin)
+    in_view = np.concatenate([truth, (values - band)[:, where], (values + band)[:, where]], None)
+    in_view = in_view[np.isfinite(in_view)] * unit.factor
+    if in_view.size:
+        margin = 0.06 * np.ptp(in_view) or 1.0
+        axes.set_ylim(in_view.min() - margin, in_view.max() + margin)
 
 
 def _say_widths(method: str, components: list[str], widths: np.ndarray) -> str:

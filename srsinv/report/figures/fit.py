@@ -120,5 +120,5 @@ def _share_inside(values: np.ndarray) -> str:
     present = values[np.isfinite(values)]
     if not present.size:
         return ""
-    share = 100 * np.mean(np.abs(present) < NORMAL_90)
-    return f": {share:.1f} % of samples between the dashed lines"
+    percent = 100 * np.mean(np.abs(present) < NORMAL_90)
+    return f": {percent:.1f} % of samples between the dashed lines"

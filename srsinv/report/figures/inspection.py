@@ -132,13 +132,13 @@ def _curve(axes: Axes, time: np.ndarray, values: np.ndarray, colour: str, label:
     """A curve; of a long one the least and the greatest value in each of many short stretches."""
     block = math.ceil(2 * values.size / _MOST_POINTS)
     if block > 2:
-        kept = values.size // block * block
-        blocks = values[:kept].reshape(-1, block)
+        used = values.size // block * block
+        blocks = values[:used].reshape(-1, block)
         low = np.min(blocks, axis=1, where=np.isfinite(blocks), initial=np.inf)
         high = np.max(blocks, axis=1, where=np.isfinite(blocks), initial=-np.inf)
         values = np.stack([low, high], axis=1).ravel()
         values = np.where(np.isfinite(values), values, np.nan)
-        time = np.repeat(time[:kept:block], 2)
+        time = np.repeat(time[:used:block], 2)
     axes.plot(time, values, color=colour, linewidth=1.0, label=label)
 
 

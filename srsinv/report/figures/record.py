@@ -21,17 +21,21 @@ FELT = 0.02  # of a signal's peak: below, figures of a single feature show nothi
 
 
 @styled
-def with_and_without(time_s: np.ndarray, there: np.ndarray, bare: np.ndarray, unit: str) -> Figure:
+def with_and_without(
+    time_s: np.ndarray, with_effect: np.ndarray, ideal: np.ndarray, unit: str
+) -> Figure:
     """For each element (rows) the signals (element, sample) with something and without, and beside
     them what it makes: the first less the second. Shown is where there is a signal."""
-    figure, grid = grid_of_axes(len(there), 2, 1.7, sharex=True)
-    signals, made = scale(unit, there, bare), scale(unit, there - bare)
+    figure, grid = grid_of_axes(len(with_effect), 2, 1.7, sharex=True)
+    signals, made = scale(unit, with_effect, ideal), scale(unit, with_effect - ideal)
     for e, (left, right) in enumerate(grid):
-        left.plot(time_s, signals.factor * bare[e], color=GREY, label="without")
-        left.plot(time_s, signals.factor * there[e], "--", color=colours(["with"])["with"],
+        left.plot(time_s, signals.factor * ideal[e], color=GREY, label="without")
+        left.plot(time_s, signals.factor * with_effect[e], "--", color=colours(["with"])["with"],
                   label="with")  # fmt: skip
-        right.plot(time_s, made.factor * (there[e] - bare[e]), color=TRUTH, label="difference")
-        left.set(ylabel=signals.label(f"element {e}"), xlim=_felt_s(time_s, there, bare))
+        right.plot(
+            time_s, made.factor * (with_effect[e] - ideal[e]), color=TRUTH, label="difference"
+        )
+        left.set(ylabel=signals.label(f"element {e}"), xlim=_felt_s(time_s, with_effect, ideal))
         right.set(ylabel=made.label("change"))
     grid[0, 0].set_title("Signal")
     grid[0, 1].set_title("What the effect makes of it")
@@ -44,9 +48,9 @@ def with_and_without(time_s: np.ndarray, there: np.ndarray, bare: np.ndarray, un
 def _felt_s(time_s: np.ndarray, *signals: np.ndarray) -> tuple[float, float]:
     """From when to when any signal (element, sample) is above `FELT` of its peak, and a margin."""
     size = np.abs(np.concatenate(signals)).max(axis=0)
-    felt = time_s[size >= FELT * size.max()]
-    margin = 0.3 * (felt[-1] - felt[0]) + (time_s[-1] - time_s[0]) / 50
-    return max(felt[0] - margin, time_s[0]), min(felt[-1] + margin, time_s[-1])
+    active = time_s[size >= FELT * size.max()]
+    margin = 0.3 * (active[-1] - active[0]) + (time_s[-1] - time_s[0]) / 50
+    return max(active[0] - margin, time_s[0]), min(active[-1] + margin, time_s[-1])
 
 
 @styled

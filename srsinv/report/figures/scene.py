@@ -156,8 +156,10 @@ def _section(axes: Axes, dataset: xarray.Dataset, sensor: _Sensor) -> None:
     left, right = _view_mm(dataset, sensor)
     height = _section_height_in(dataset, sensor) * (right - left) / _PLOT_IN
     _skin(axes, (left, right), (-0.3 * height, 0.7 * height))
-    seen_mm = dataset["x"].values[observed_anywhere(dataset)] * MM_PER_M
-    middle = float((seen_mm[0] + seen_mm[-1]) / 2) if seen_mm.size else (left + right) / 2
+    observed_mm = dataset["x"].values[observed_anywhere(dataset)] * MM_PER_M
+    middle = (
+        float((observed_mm[0] + observed_mm[-1]) / 2) if observed_mm.size else (left + right) / 2
+    )
     for i in range(len(sensor.names)):
         x, z = sensor.ends(i)
         axes.plot(middle + x, z, color=_FILM, linewidth=2.0)

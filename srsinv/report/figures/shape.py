@@ -41,9 +41,9 @@ def shapes(dataset: xarray.Dataset) -> Figure:
         axes.plot(at, um["shape"], color=PALETTE[2], label="recovered")
         axes.plot(at, um["shape_resolved"], ":", color=TRUTH, linewidth=1.8, label="without noise")
         shown = np.abs(at) <= axes.get_xlim()[1]
-        seen = np.concatenate([um["shape"][shown], um["skin"][shown]])
-        margin = 0.1 * np.ptp(seen)
-        axes.set_ylim(seen.min() - margin, seen.max() + margin)
+        visible = np.concatenate([um["shape"][shown], um["skin"][shown]])
+        margin = 0.1 * np.ptp(visible)
+        axes.set_ylim(visible.min() - margin, visible.max() + margin)
         axes.set(title=name.replace("_", " ").capitalize(), ylabel="height [µm]")
         touching = ds["touching"].values == 1
         half = np.where(touching, NORMAL_90 * um["shape_stderr"], np.nan)
@@ -86,9 +86,9 @@ def pressures(dataset: xarray.Dataset) -> Figure:
         low, high = (middle - half).min(), (middle + half).max()
         axes.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
         top = f"; the truth reaches {truth.max():.0f} {unit.unit}"
-        beyond = top if truth.max() > 1.2 * high else ""
+        remark = top if truth.max() > 1.2 * high else ""
         axes.set(
-            title=f"{name.replace('_', ' ').capitalize()}{beyond}", ylabel=unit.label("p - mean")
+            title=f"{name.replace('_', ' ').capitalize()}{remark}", ylabel=unit.label("p - mean")
         )
     grid[-1, 0].set_xlabel("position x [mm]")
     figure.suptitle("Pressure less its mean; contact shaded")

@@ -202,6 +202,6 @@ def _finish(column: np.ndarray, k: np.ndarray, gain: np.ndarray, cutoff: np.ndar
 def _last_wavenumber(k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> float:
     """Where the gain has sunk out of sight, but well past every cut-off."""
     gain = np.nan_to_num(gain)
-    seen = k[(gain > gain.max() * _DEEPEST).any(axis=tuple(range(gain.ndim - 1)))]
-    ends = [2 * seen.max() if seen.size else k[-1], *(3 * cutoff[np.isfinite(cutoff)])]
+    visible = k[(gain > gain.max() * _DEEPEST).any(axis=tuple(range(gain.ndim - 1)))]
+    ends = [2 * visible.max() if visible.size else k[-1], *(3 * cutoff[np.isfinite(cutoff)])]
     return float(np.clip(max(ends), k[2], k[-1]))

@@ -73,8 +73,8 @@ def symmetry(dataset: xarray.Dataset) -> Figure:
     for axes in grid[-1]:
         axes.set_xlabel("distance from the edge [mm]")
     said = [f"{edge} {index[cases[0]][i]:.3g}" for i, edge in enumerate(edges)]
-    plain = f"without friction {index[_PLAIN][0]:.3g} at both"
-    figure.suptitle(f"Antisymmetry, rms of even over odd: {', '.join(said)}; {plain}")
+    frictionless = f"without friction {index[_PLAIN][0]:.3g} at both"
+    figure.suptitle(f"Antisymmetry, rms of even over odd: {', '.join(said)}; {frictionless}")
     legend_below(figure, grid[0])
     return figure
 
@@ -99,11 +99,11 @@ def traction(dataset: xarray.Dataset) -> Figure:
         axes.fill_between(at, middle - half, middle + half, **shade, label=f"{name}, 90 %")
         axes.plot(at, middle, color=palette[name], label=f"{name} recovered")
         _mark_edges(axes, dataset)
-        seen = np.concatenate([middle - half, middle + half])
-        axes.set_ylim(seen.min() - 0.1 * np.ptp(seen), seen.max() + 0.1 * np.ptp(seen))
+        band = np.concatenate([middle - half, middle + half])
+        axes.set_ylim(band.min() - 0.1 * np.ptp(band), band.max() + 0.1 * np.ptp(band))
         top = truth[i].max() * unit.factor
-        beyond = f"; the truth's peaks reach {top:.0f} {unit.unit}" if top > seen.max() else ""
-        axes.set(title=f"{name} beyond the background{beyond}", ylabel=unit.label(name))
+        remark = f"; the truth's peaks reach {top:.0f} {unit.unit}" if top > band.max() else ""
+        axes.set(title=f"{name} beyond the background{remark}", ylabel=unit.label(name))
         along_x(axes, x)
     grid[-1, 0].set_xlabel("position x [mm]")
     figure.suptitle("Pressure and shear under the tape, as recovered from the noisy signal")

@@ -33,9 +33,9 @@ def signals(dataset: xarray.Dataset) -> Figure:
             values = unit.factor * dataset["signal"].values[c, t]
             label = f"{contact} contact"
             axes.plot(x * MM_PER_M, values, color=_OF_CONTACT[contact], label=label)
-        share = float(dataset["contact_share"].values[-1, t])
+        fraction = float(dataset["contact_share"].values[-1, t])
         axes.set(
-            title=f"{name.capitalize()}; under light pressure {share:.0%} touches",
+            title=f"{name.capitalize()}; under light pressure {fraction:.0%} touches",
             ylabel=unit.label("signal"),
         )
         along_x(axes, x)
@@ -83,12 +83,12 @@ def spectra(dataset: xarray.Dataset) -> Figure:
         longest, shortest = 2 * np.pi / ends * MM_PER_M
         axes.set(xscale="log", yscale="log", xlabel="wavenumber k [rad/m]")
         axes.set_title(f"{name.capitalize()}: from {longest:.2g} down to {shortest:.2g} mm")
-    seen = np.concatenate(drawn)
-    seen = seen[seen > 0]
+    visible = np.concatenate(drawn)
+    visible = visible[visible > 0]
     grid[0, 0].set(
         ylabel="density of height [µm² mm]",
         xlim=(band[0] / 1.5, 1.3 * band[-1]),
-        ylim=(seen.min() / 5, 5 * seen.max()),
+        ylim=(visible.min() / 5, 5 * visible.max()),
     )
     figure.suptitle(
         "Height spectra from the signal: right in full contact, too low under light pressure"
@@ -100,15 +100,15 @@ def spectra(dataset: xarray.Dataset) -> Figure:
 @styled
 def confusion(dataset: xarray.Dataset) -> Figure:
     """What was chosen (columns) for what was there (rows), a panel for each way of telling."""
-    told, names = names_of(dataset["told_by"]), names_of(dataset["texture"])
-    figure, grid = grid_of_axes(1, len(told), 2.9, sharey=True)
+    ways, names = names_of(dataset["told_by"]), names_of(dataset["texture"])
+    figure, grid = grid_of_axes(1, len(ways), 2.9, sharey=True)
     for axes, way, counts, right in zip(
-        grid[0], told, dataset["chosen"].values, dataset["accuracy"].values, strict=True
+        grid[0], ways, dataset["chosen"].values, dataset["accuracy"].values, strict=True
     ):
-        share = counts / counts.sum(axis=1, keepdims=True)
-        axes.imshow(share, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+        fraction = counts / counts.sum(axis=1, keepdims=True)
+        axes.imshow(fraction, cmap="Blues", vmin=0, vmax=1, aspect="auto")
         for (row, column), count in np.ndenumerate(counts):
-            colour = "white" if share[row, column] > 0.55 else TRUTH
+            colour = "white" if fraction[row, column] > 0.55 else TRUTH
             axes.text(column, row, str(count), ha="center", va="center", color=colour)
         axes.set_xticks(range(len(names)), names)
         axes.set_yticks(range(len(names)), names)

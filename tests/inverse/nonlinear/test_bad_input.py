@@ -151,8 +151,8 @@ def test_refused_in_one_sentence(name):
 def test_allowed():
     """Whole numbers to start from, one name for several, and holes that noise leaves out."""
     noise = np.where(np.isnan(HOLE), np.inf, 0.1)
-    found = fit(initial={"amp": 1, "rate": 1, "c": 0}, y=HOLE, noise=noise, linear="amp")
-    assert found.converged, found.result
-    np.testing.assert_allclose(found.value["amp"], 3.0, rtol=1e-6)
-    np.testing.assert_array_equal(np.isnan(found.residual), np.isnan(HOLE))
-    assert found.stats["data"] == N - 1
+    solution = fit(initial={"amp": 1, "rate": 1, "c": 0}, y=HOLE, noise=noise, linear="amp")
+    assert solution.converged, solution.result
+    np.testing.assert_allclose(solution.value["amp"], 3.0, rtol=1e-6)
+    np.testing.assert_array_equal(np.isnan(solution.residual), np.isnan(HOLE))
+    assert solution.stats["data"] == N - 1

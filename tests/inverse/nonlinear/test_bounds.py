@@ -54,20 +54,20 @@ def test_constrained_minimum(solver):
             args=(y,), xtol=1e-15, ftol=1e-15, gtol=1e-15,
         )  # fmt: skip
         bounds = {name: (lower[i], upper[i]) for i, name in enumerate(NAMES)}
-        found = srsinv.fit(
+        fit = srsinv.fit(
             model, dict(zip(NAMES, start, strict=True)), y,
             noise=STDERR, bounds=bounds, solver=solver,
         )  # fmt: skip
-        z = np.array([found.value[name] for name in NAMES])
-        assert found.converged, (seed, found.result)
+        z = np.array([fit.value[name] for name in NAMES])
+        assert fit.converged, (seed, fit.result)
         assert (z >= lower).all()
         assert (z <= upper).all()
-        np.testing.assert_allclose(found.stats["cost"], expected.cost, rtol=1e-8)
+        np.testing.assert_allclose(fit.stats["cost"], expected.cost, rtol=1e-8)
         np.testing.assert_allclose(z, expected.x, atol=1e-6)
         # On its bound the cost rises inwards, elsewhere it is flat.
         slope = np.asarray(derivative(z, y)).T @ np.asarray(residual(z, y))
         unit = np.linalg.norm(np.asarray(derivative(z, y)), axis=0)
-        at = np.array([name in found.at_bound for name in NAMES])
+        at = np.array([name in fit.at_bound for name in NAMES])
         inward = np.where(z - lower < upper - z, 1.0, -1.0)
         assert (inward * slope / unit >= -1e-3)[at].all()
         assert (np.abs(slope / unit) <= 1e-3)[~at].all()
@@ -89,16 +89,16 @@ def test_one_parameter(bounds, expected):
     start = np.clip(1.5, *(b if b is not None else np.nan_to_num(s * np.inf)
                            for b, s in zip(bounds, (-1, 1), strict=True)))  # fmt: skip
     y = np.exp(-2 * X)
-    found = srsinv.fit(lambda p: jnp.exp(-p["k"] * X), {"k": start}, y, bounds={"k": bounds})
-    assert found.converged, found.result
-    np.testing.assert_allclose(found.value["k"], expected, atol=1e-9)
-    assert ("k" in found.at_bound) == (expected in bounds)
+    fit = srsinv.fit(lambda p: jnp.exp(-p["k"] * X), {"k": start}, y, bounds={"k": bounds})
+    assert fit.converged, fit.result
+    np.testing.assert_allclose(fit.value["k"], expected, atol=1e-9)
+    assert ("k" in fit.at_bound) == (expected in bounds)
 
 
 def test_two_trees_of_bounds():
     y = 3 * np.exp(-2 * X)
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda p: p[0] * jnp.exp(-p[1] * X), [1.0, 1.0], y, bounds=([0.0, None], [2.5, 9.0])
     )
-    assert found.value[0] == 2.5
-    assert found.at_bound == ("0",)
+    assert fit.value[0] == 2.5
+    assert fit.at_bound == ("0",)

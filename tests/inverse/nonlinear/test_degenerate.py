@@ -33,59 +33,59 @@ PROBLEMS = {  # model, start, data, names of each undetermined direction
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_undetermined(name):
     model, start, y, directions = PROBLEMS[name]
-    found = srsinv.fit(model, start, y, noise=STDERR)
-    lost = set("".join(directions))
-    kept = [n for n in found.names if n not in lost]
-    assert found.converged, found.result
-    assert sorted("".join(sorted(d)) for d in found.undetermined) == directions
-    assert {n for n in found.names if np.isposinf(found.stderr[n])} == lost
-    assert np.isnan(found.covariance).any() == (len(found.names) > 1)
+    fit = srsinv.fit(model, start, y, noise=STDERR)
+    undetermined = set("".join(directions))
+    determined = [n for n in fit.names if n not in undetermined]
+    assert fit.converged, fit.result
+    assert sorted("".join(sorted(d)) for d in fit.undetermined) == directions
+    assert {n for n in fit.names if np.isposinf(fit.stderr[n])} == undetermined
+    assert np.isnan(fit.covariance).any() == (len(fit.names) > 1)
     # The others' errors are those with one of each direction held.
     held = {d[0] for d in directions}
     fixed = srsinv.fit(
-        model, found.value, y, noise=STDERR, free=[n for n in found.names if n not in held]
+        model, fit.value, y, noise=STDERR, free=[n for n in fit.names if n not in held]
     )
     assert not fixed.undetermined
-    for n in kept:
-        np.testing.assert_allclose(found.stderr[n], fixed.stderr[n], rtol=1e-6)
+    for n in determined:
+        np.testing.assert_allclose(fit.stderr[n], fixed.stderr[n], rtol=1e-6)
 
 
 def test_determined_combination():
     model, start, y, _ = PROBLEMS["product"]
-    found = srsinv.fit(model, start, y, noise=STDERR)
+    fit = srsinv.fit(model, start, y, noise=STDERR)
     alone = srsinv.fit(lambda p: decay(p["a"], p), {"a": 1.0, "k": 1.0}, y, noise=STDERR)
-    value, stderr = found.derive(lambda p: p["a"] * p["b"])
+    value, stderr = fit.derive(lambda p: p["a"] * p["b"])
     np.testing.assert_allclose([value, stderr], [alone.value["a"], alone.stderr["a"]], rtol=1e-6)
     np.testing.assert_array_equal(
-        np.isinf(found.derive(lambda p: jnp.stack([p["a"], p["b"] + p["k"], p["k"]]))[1]),
+        np.isinf(fit.derive(lambda p: jnp.stack([p["a"], p["b"] + p["k"], p["k"]]))[1]),
         [True, True, False],
     )
-    (move,) = found.undetermined
-    share = {n: move[n] / found.value[n] for n in "ab"}
-    np.testing.assert_allclose(share["a"], -share["b"], rtol=1e-5)
+    (move,) = fit.undetermined
+    relative_move = {n: move[n] / fit.value[n] for n in "ab"}
+    np.testing.assert_allclose(relative_move["a"], -relative_move["b"], rtol=1e-5)
 
 
 def test_more_parameters_than_data():
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda p: jnp.asarray(X[:3, None] ** np.arange(5)) @ p, np.zeros(5), Y[:3], noise=STDERR
     )
-    assert found.converged, found.result
-    assert len(found.undetermined) == 2
-    np.testing.assert_allclose(found.residual, 0.0, atol=1e-9)
+    assert fit.converged, fit.result
+    assert len(fit.undetermined) == 2
+    np.testing.assert_allclose(fit.residual, 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_no_datum_left_for_the_noise(count):
     """As many parameters as data: the residual is zero and says nothing of the noise."""
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda p: jnp.asarray(X[:count, None] ** np.arange(count)) @ p, np.zeros(count), Y[:count]
     )
-    assert found.converged, found.result
-    assert np.isposinf(found.stderr).all()
-    assert np.isposinf(np.diagonal(found.covariance)).all()
-    assert np.isposinf(found.derive(lambda p: p[0])[1])
-    assert not found.undetermined
-    assert not found.at_bound
+    assert fit.converged, fit.result
+    assert np.isposinf(fit.stderr).all()
+    assert np.isposinf(np.diagonal(fit.covariance)).all()
+    assert np.isposinf(fit.derive(lambda p: p[0])[1])
+    assert not fit.undetermined
+    assert not fit.at_bound
 
 
 def exact_normal_matrix(basis):
@@ -97,19 +97,19 @@ def exact_normal_matrix(basis):
 def test_nearly_degenerate(apart):
     """Two columns that differ by little: determined, with the error of exact arithmetic."""
     basis = np.stack([1 + X, 1 + X + apart * X**2], axis=1)
-    found = srsinv.fit(lambda p: basis @ p, np.zeros(2), basis @ np.ones(2), noise=1.0)
+    fit = srsinv.fit(lambda p: basis @ p, np.zeros(2), basis @ np.ones(2), noise=1.0)
     (a, b), (_, d) = exact_normal_matrix(basis)
     stderr = [float(v / (a * d - b * b)) ** 0.5 for v in (d, a)]
-    assert found.converged, found.result
-    assert not found.undetermined
-    np.testing.assert_allclose(found.stderr, stderr, rtol=1e-8)
+    assert fit.converged, fit.result
+    assert not fit.undetermined
+    np.testing.assert_allclose(fit.stderr, stderr, rtol=1e-8)
 
 
 @pytest.mark.parametrize("noise", [None, 0.01])
 @pytest.mark.parametrize("linear", [(), ("a",)])
 def test_nothing_in_the_data(noise, linear):
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda p: decay(p["a"], p), {"a": 1.0, "k": 1.0}, 0 * Y, noise=noise, linear=linear
     )
-    assert found.converged, found.result
-    assert abs(found.value["a"]) < 1e-9
+    assert fit.converged, fit.result
+    assert abs(fit.value["a"]) < 1e-9

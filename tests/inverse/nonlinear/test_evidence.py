@@ -43,9 +43,9 @@ def test_one_bounded_parameter(slope, stderr):
     and one far beyond it."""
     y = slope * X + 0.3 * stderr * NOISE
     boxes = {"a": (0.0, 1.0)}
-    found = srsinv.fit(line, {"a": 0.5}, y, noise=stderr, bounds=boxes)
+    fit = srsinv.fit(line, {"a": 0.5}, y, noise=stderr, bounds=boxes)
     expected = integral(line, y, stderr, boxes, {})
-    np.testing.assert_allclose(found.log_evidence, expected, atol=2e-3)
+    np.testing.assert_allclose(fit.log_evidence, expected, atol=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -61,9 +61,9 @@ def test_one_bounded_parameter(slope, stderr):
 def test_two_parameters(stderr, priors, within):
     y = np.asarray(tilted({"a": 1.3, "k": 1.8})) + stderr * NOISE
     boxes = {"a": (0.0, 4.0), "k": (0.0, 5.0)}
-    found = srsinv.fit(tilted, {"a": 1.0, "k": 1.0}, y, noise=stderr, bounds=boxes, priors=priors)
+    fit = srsinv.fit(tilted, {"a": 1.0, "k": 1.0}, y, noise=stderr, bounds=boxes, priors=priors)
     expected = integral(tilted, y, stderr, boxes, priors)
-    np.testing.assert_allclose(found.log_evidence, expected, atol=within)
+    np.testing.assert_allclose(fit.log_evidence, expected, atol=within)
 
 
 @pytest.mark.parametrize("linear", [(), ("b",)])
@@ -73,7 +73,7 @@ def test_linear_gaussian(linear, width):
     widths, mean, stderr = width * np.array([1.0, 2.0, 0.5]), np.array([1.0, 0.0, -1.0]), 0.3
     y = basis @ np.array([1.0, 1.0, 0.0]) + stderr * NOISE
     priors = {f"b[{i}]": (mean[i], widths[i]) for i in range(3)}
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda p: basis @ p["b"], {"b": np.zeros(3)}, y, noise=stderr, priors=priors, linear=linear
     )
     covariance = stderr**2 * np.eye(20) + (basis * widths**2) @ basis.T
@@ -81,7 +81,7 @@ def test_linear_gaussian(linear, width):
         expected = multivariate_normal(basis @ mean, covariance).logpdf(y)
     else:
         expected = by_lemma(basis, widths, mean, stderr, y)
-    np.testing.assert_allclose(found.log_evidence, expected, rtol=1e-8)
+    np.testing.assert_allclose(fit.log_evidence, expected, rtol=1e-8)
 
 
 def by_lemma(basis, widths, mean, stderr, y):

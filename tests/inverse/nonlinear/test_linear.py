@@ -74,22 +74,22 @@ def test_closed_form(name, linear):
     case = CASES[name]
     y = BASIS @ TRUTH + 0.2 * np.random.default_rng(5).normal(size=N)
     initial = {"b": np.zeros(M), "basis": BASIS * case.scales}
-    found = srsinv.fit(
+    fit = srsinv.fit(
         model, initial, y, noise=case.noise, priors=case.priors, free="b", linear=linear
     )
     value, covariance = closed_form(case, y)
     stderr = np.sqrt(np.diagonal(covariance))
     unit = np.outer(stderr, stderr)
-    assert found.converged, found.result
-    assert not found.undetermined
-    np.testing.assert_allclose(found.value["b"] * case.scales, value * case.scales, rtol=1e-9)
-    np.testing.assert_allclose(found.stderr["b"], stderr, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance / unit, covariance / unit, atol=1e-9)
-    np.testing.assert_allclose(found.correlation, covariance / unit, atol=1e-9)
-    np.testing.assert_array_equal(found.stderr["basis"], 0.0)
+    assert fit.converged, fit.result
+    assert not fit.undetermined
+    np.testing.assert_allclose(fit.value["b"] * case.scales, value * case.scales, rtol=1e-9)
+    np.testing.assert_allclose(fit.stderr["b"], stderr, rtol=1e-9)
+    np.testing.assert_allclose(fit.covariance / unit, covariance / unit, atol=1e-9)
+    np.testing.assert_allclose(fit.correlation, covariance / unit, atol=1e-9)
+    np.testing.assert_array_equal(fit.stderr["basis"], 0.0)
     left_out = np.isposinf(case.noise) if name == "gaps" else np.zeros(N, bool)
-    left = np.where(left_out, np.nan, y - BASIS * case.scales @ found.value["b"])
-    np.testing.assert_allclose(found.residual, left, atol=1e-12)
+    left = np.where(left_out, np.nan, y - BASIS * case.scales @ fit.value["b"])
+    np.testing.assert_allclose(fit.residual, left, atol=1e-12)
 
 
 def test_ill_conditioned_basis():
@@ -98,12 +98,12 @@ def test_ill_conditioned_basis():
     x = np.linspace(1, 2, N)
     basis = x[:, None] ** np.arange(8)
     truth = np.ones(8)
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda p: basis @ p["b"], {"b": np.zeros(8)}, basis @ truth, noise=1.0, linear=["b"]
     )
     inverse = np.linalg.inv(np.linalg.qr(basis)[1])
     stderr = np.linalg.norm(inverse, axis=1)
-    assert found.converged, found.result
-    assert not found.undetermined
-    np.testing.assert_allclose(found.stderr["b"], stderr, rtol=1e-6)
-    np.testing.assert_allclose((found.value["b"] - truth) / stderr, 0.0, atol=1e-6)
+    assert fit.converged, fit.result
+    assert not fit.undetermined
+    np.testing.assert_allclose(fit.stderr["b"], stderr, rtol=1e-6)
+    np.testing.assert_allclose((fit.value["b"] - truth) / stderr, 0.0, atol=1e-6)

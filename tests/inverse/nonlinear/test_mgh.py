@@ -20,8 +20,8 @@ from tests.tiers import quick
 
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
 LARGE_RESIDUAL = ("brown_dennis", "penalty_1")
-RANK_LOST = ("freudenstein_roth", "jennrich_sampson", "chebyquad")  # of J in the minimum
-HARD = (*LARGE_RESIDUAL, *RANK_LOST)
+RANK_DEFICIENT = ("freudenstein_roth", "jennrich_sampson", "chebyquad")  # of J in the minimum
+HARD = (*LARGE_RESIDUAL, *RANK_DEFICIENT)
 MOST_STEPS = 200  # scipy's trf takes up to 119 over these
 LEAST_REACHED = 62  # of 75, scipy's trf reaches 63, its lm 59
 # Bard's second minimum and Kowalik and Osborne's lie at infinity: a search that is on its way there
@@ -43,9 +43,9 @@ def derivatives(name):
                               jax.jacfwd(residual)(x)))  # fmt: skip
 
 
-def assert_stationary(name, found):
+def assert_stationary(name, fit):
     """By the exact first and second derivatives of what is minimised, apart from srsinv."""
-    cost, gradient, hessian, jacobian = map(np.asarray, derivatives(name)(jnp.asarray(found.value)))
+    cost, gradient, hessian, jacobian = map(np.asarray, derivatives(name)(jnp.asarray(fit.value)))
     unit = np.linalg.norm(jacobian, axis=0)
     moving = unit > 0
     slope = gradient[moving] / unit[moving]
@@ -60,20 +60,20 @@ def assert_stationary(name, found):
 @cache
 def solved(name):
     """The fits of a problem from its three starts, and their rows of the claim's table."""
-    found = fits(BY_NAME[name])
-    return found, rows_of(BY_NAME[name], found)
+    solutions = fits(BY_NAME[name])
+    return solutions, rows_of(BY_NAME[name], solutions)
 
 
 @pytest.mark.parametrize("name", quick(HARD, "brown_dennis"))
 def test_hard_minima(name):
-    for factor, found, row in zip(FACTORS, *solved(name), strict=True):
+    for factor, fit, row in zip(FACTORS, *solved(name), strict=True):
         if name == "jennrich_sampson" and factor == 100:  # the square of exp(400) overflows
-            assert found.result.startswith("not finite")
+            assert fit.result.startswith("not finite")
             continue
         assert row["minimum"] is not None, (factor, row)
-        assert row["converged"], (factor, found.result)
+        assert row["converged"], (factor, fit.result)
         assert row["evaluations"] <= MOST_STEPS, (factor, row)
-        assert_stationary(name, found)
+        assert_stationary(name, fit)
 
 
 @pytest.mark.full
@@ -81,19 +81,19 @@ def test_strongly_damped_steps_are_no_arrival():
     """Polynomials of degree 8 at ten times the start: a step that does not fail falls by less than
     a loose tolerance of the cost, which is 1e22."""
     problem = BY_NAME["chebyquad"]
-    found = srsinv.fit(
+    fit = srsinv.fit(
         problem.residual, problem.start_at(10.0), np.zeros(8), solver=Optimistix(tolerance=1e-4)
     )
-    assert problem.minimum_at(2 * found.stats["cost"]) is not None
+    assert problem.minimum_at(2 * fit.stats["cost"]) is not None
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", BY_NAME)
 def test_converged_is_stationary(name):
-    for found, row in zip(*solved(name), strict=True):
-        assert found.converged or row["minimum"] not in FINITE, (row, found.result)
-        if found.converged:
-            assert_stationary(name, found)
+    for fit, row in zip(*solved(name), strict=True):
+        assert fit.converged or row["minimum"] not in FINITE, (row, fit.result)
+        if fit.converged:
+            assert_stationary(name, fit)
 
 
 @pytest.mark.full

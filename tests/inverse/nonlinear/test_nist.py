@@ -110,10 +110,10 @@ def fits(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_certified(name):
     problem = PROBLEMS[name]
-    for found in fits(name):
-        assert found.converged, found.result
-        assert not found.undetermined
-        np.testing.assert_allclose(found.value["b"], problem["certified"], rtol=5e-7)
+    for fit in fits(name):
+        assert fit.converged, fit.result
+        assert not fit.undetermined
+        np.testing.assert_allclose(fit.value["b"], problem["certified"], rtol=5e-7)
         np.testing.assert_allclose(
-            found.stderr["b"], problem["stderr"], rtol=LOOSER_STDERR.get(name, 5e-5)
+            fit.stderr["b"], problem["stderr"], rtol=LOOSER_STDERR.get(name, 5e-5)
         )

@@ -24,8 +24,8 @@ def wave(p):
     return p["s"] * jnp.sin(p["w"] * X) + p["c"] * jnp.cos(p["w"] * X)
 
 
-def values(found):
-    return np.array([found.value[name] for name in ("a", "c", "k")])
+def values(fit):
+    return np.array([fit.value[name] for name in ("a", "c", "k")])
 
 
 # --- starts ------------------------------------------------------------------------------------
@@ -44,16 +44,16 @@ def ringing(starts):
 @pytest.mark.full
 @pytest.mark.parametrize("starts", [40, LISTED], ids=["number", "listed"])
 def test_global_minimum(starts):
-    alone, found = ringing(None), ringing(starts)
+    alone, fit = ringing(None), ringing(starts)
     assert abs(alone.value["w"] - W) > 10
-    assert found.converged
-    np.testing.assert_allclose(found.value["w"], W, atol=4 * found.stderr["w"])
-    assert found.stats["starts"] == 41
-    assert found.stats["searches"] == 8
-    assert 1 <= found.stats["searches_at_best"] <= 8
+    assert fit.converged
+    np.testing.assert_allclose(fit.value["w"], W, atol=4 * fit.stderr["w"])
+    assert fit.stats["starts"] == 41
+    assert fit.stats["searches"] == 8
+    assert 1 <= fit.stats["searches_at_best"] <= 8
     again = ringing(starts)
-    assert again.value == found.value
-    assert again.stats == found.stats
+    assert again.value == fit.value
+    assert again.stats == fit.stats
 
 
 def test_a_wide_valley_does_not_take_all_starts():
@@ -66,10 +66,10 @@ def test_a_wide_valley_does_not_take_all_starts():
 
     starts = {"x": np.linspace(-0.93, 0.92, 38)}  # 0.82 is the nearest, at 0.36
     bounds = {"x": (-1.0, 1.0)}
-    found = srsinv.fit(
+    fit = srsinv.fit(
         residual, {"x": -1.0}, np.zeros(1), noise=1.0, bounds=bounds, starts=starts, polished=2
     )
-    np.testing.assert_allclose(found.value["x"], 0.8, atol=1e-3)
+    np.testing.assert_allclose(fit.value["x"], 0.8, atol=1e-3)
 
 
 # --- solvers -----------------------------------------------------------------------------------
@@ -77,22 +77,22 @@ def test_a_wide_valley_does_not_take_all_starts():
 
 @pytest.mark.parametrize("solver", SOLVERS[1:], ids=lambda solver: solver.__name__)
 def test_same_minimum(solver):
-    first, found = (srsinv.fit(model, START, Y, solver=s) for s in (None, solver()))
-    assert found.converged, found.result
-    assert found.stats["solver"] == solver.name
+    first, fit = (srsinv.fit(model, START, Y, solver=s) for s in (None, solver()))
+    assert fit.converged, fit.result
+    assert fit.stats["solver"] == solver.name
     for name in START:
         np.testing.assert_allclose(
-            found.value[name], first.value[name], atol=1e-3 * first.stderr[name]
+            fit.value[name], first.value[name], atol=1e-3 * first.stderr[name]
         )
-        np.testing.assert_allclose(found.stderr[name], first.stderr[name], rtol=1e-3)
+        np.testing.assert_allclose(fit.stderr[name], first.stderr[name], rtol=1e-3)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.__name__)
 def test_too_few_steps(solver):
-    found = srsinv.fit(model, START, Y, solver=solver(max_steps=2))
-    assert not found.converged
-    assert found.result == f"not converged: {solver.name} reached its 2 steps"
+    fit = srsinv.fit(model, START, Y, solver=solver(max_steps=2))
+    assert not fit.converged
+    assert fit.result == f"not converged: {solver.name} reached its 2 steps"
 
 
 @pytest.mark.parametrize(
@@ -103,10 +103,10 @@ def test_too_few_steps(solver):
     ],
 )
 def test_not_finite(of, start, solver):
-    found = srsinv.fit(of, {"a": start}, Y, solver=solver())
-    assert not found.converged
-    assert found.result.startswith("not finite")
-    assert np.isposinf(found.stderr["a"])
+    fit = srsinv.fit(of, {"a": start}, Y, solver=solver())
+    assert not fit.converged
+    assert fit.result.startswith("not finite")
+    assert np.isposinf(fit.stderr["a"])
 
 
 def test_a_last_step_to_where_the_model_is_infinite_is_not_taken():
@@ -115,26 +115,26 @@ def test_a_last_step_to_where_the_model_is_infinite_is_not_taken():
     def walled(p):
         return jnp.where(p["a"] < 1 - 1e-9, p["a"], jnp.inf) * (1 + X)
 
-    found = srsinv.fit(walled, {"a": 0.5}, 1 + X, noise=0.1, solver=Optimistix(tolerance=1e-6))
-    assert found.converged
-    assert found.value["a"] == pytest.approx(1, rel=1e-6)
+    fit = srsinv.fit(walled, {"a": 0.5}, 1 + X, noise=0.1, solver=Optimistix(tolerance=1e-6))
+    assert fit.converged
+    assert fit.value["a"] == pytest.approx(1, rel=1e-6)
 
 
 def test_minimum_at_a_kink_is_no_answer():
     """a^2 cannot follow falling data: the best a is 0, where the model does not respond."""
-    found = srsinv.fit(lambda p: p["a"] ** 2 * X, {"a": 1.0}, -2 * X + 0.01 * NOISE)
-    assert not found.converged or found.undetermined or found.stderr["a"] > 1e3
+    fit = srsinv.fit(lambda p: p["a"] ** 2 * X, {"a": 1.0}, -2 * X + 0.01 * NOISE)
+    assert not fit.converged or fit.undetermined or fit.stderr["a"] > 1e3
 
 
 def test_minimum_where_the_derivative_jumps_is_no_answer():
     """|a| cannot follow falling data: the best a is 0, where the slope changes its sign and not by
     its curvature, so that no standard error follows from it."""
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda p: jnp.abs(p["a"]) * X, {"a": 1.0}, -2 * X + 0.01 * NOISE,
         solver=Optimistix(rounding=0.1),
     )  # fmt: skip
-    assert abs(found.value["a"]) < 1e-2
-    assert not found.converged
+    assert abs(fit.value["a"]) < 1e-2
+    assert not fit.converged
 
 
 def test_saddle_beside_a_rank_that_is_lost_is_no_answer():
@@ -147,26 +147,26 @@ def test_saddle_beside_a_rank_that_is_lost_is_no_answer():
             a, 3 - a**2, -13 + x + ((5 - y) * y - 2) * y, -29 + x + ((y + 1) * y - 14) * y,
         ])  # fmt: skip
 
-    found = srsinv.fit(residual, {"a": 0.0, "x": 0.5, "y": -2.0}, np.zeros(4))
-    assert 2 * found.stats["cost"] == pytest.approx(48.9842 + 9, rel=1e-5)
-    assert not found.converged
+    fit = srsinv.fit(residual, {"a": 0.0, "x": 0.5, "y": -2.0}, np.zeros(4))
+    assert 2 * fit.stats["cost"] == pytest.approx(48.9842 + 9, rel=1e-5)
+    assert not fit.converged
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-12])
 def test_tolerance(tolerance):
-    found = srsinv.fit(model, START, Y, solver=Optimistix(tolerance=tolerance))
+    fit = srsinv.fit(model, START, Y, solver=Optimistix(tolerance=tolerance))
     best = srsinv.fit(model, START, Y)
-    away = np.max(np.abs(values(found) - values(best)) / TRUTH)
+    away = np.max(np.abs(values(fit) - values(best)) / TRUTH)
     assert away < tolerance + 1e-9
-    assert (found.stats["iterations"] < best.stats["iterations"]) == (tolerance == 1e-2)
+    assert (fit.stats["iterations"] < best.stats["iterations"]) == (tolerance == 1e-2)
 
 
 def test_bad_start_among_good_ones():
-    found = srsinv.fit(
+    fit = srsinv.fit(
         lambda p: jnp.log(p["a"]) * X, {"a": -1.0}, 2 * X + 0.01 * NOISE, starts={"a": [-2.0, 3.0]}
     )
-    assert found.converged, found.result
-    np.testing.assert_allclose(found.value["a"], np.exp(2), rtol=0.02)
+    assert fit.converged, fit.result
+    np.testing.assert_allclose(fit.value["a"], np.exp(2), rtol=0.02)
 
 
 # --- units and precision -----------------------------------------------------------------------
@@ -181,13 +181,13 @@ def in_units(p):
 def test_units_change_nothing(unit, scales):
     s = dict(zip(("a", "k", "c"), scales, strict=True))
     start = {name: s[name] * START[name] for name in START} | {"s": np.array(scales), "unit": unit}
-    found = srsinv.fit(in_units, start, unit * Y, noise=0.01 * unit, free=("a", "k", "c"))
-    plain = srsinv.fit(model, START, Y, noise=0.01)
-    assert found.converged, found.result
-    assert abs(found.stats["iterations"] - plain.stats["iterations"]) <= 1
+    fit = srsinv.fit(in_units, start, unit * Y, noise=0.01 * unit, free=("a", "k", "c"))
+    unscaled = srsinv.fit(model, START, Y, noise=0.01)
+    assert fit.converged, fit.result
+    assert abs(fit.stats["iterations"] - unscaled.stats["iterations"]) <= 1
     for name in START:
-        np.testing.assert_allclose(found.value[name] / s[name], plain.value[name], rtol=1e-8)
-        np.testing.assert_allclose(found.stderr[name] / s[name], plain.stderr[name], rtol=1e-8)
+        np.testing.assert_allclose(fit.value[name] / s[name], unscaled.value[name], rtol=1e-8)
+        np.testing.assert_allclose(fit.stderr[name] / s[name], unscaled.stderr[name], rtol=1e-8)
 
 
 @pytest.mark.parametrize("linear", [(), ("a", "c")], ids=["searched", "solved"])

@@ -27,11 +27,13 @@ def test_it_makes_its_own_noise_white(element):
     basis = np.zeros((157, 2, 157))
     basis[np.arange(157), element, np.arange(157)] = 1.0
     rows = np.array([np.asarray(noise(jnp.asarray(b))).reshape(2, -1)[element] for b in basis]).T
-    seen = np.isfinite(WHITE[element])
-    white = rows[np.ix_(seen, seen)] @ covariance(WHITE[element])[np.ix_(seen, seen)]
-    white = white @ rows[np.ix_(seen, seen)].T
-    np.testing.assert_allclose(white, np.eye(seen.sum()), atol=1e-12)
-    assert not rows[~seen].any()
+    observed = np.isfinite(WHITE[element])
+    white = (
+        rows[np.ix_(observed, observed)] @ covariance(WHITE[element])[np.ix_(observed, observed)]
+    )
+    white = white @ rows[np.ix_(observed, observed)].T
+    np.testing.assert_allclose(white, np.eye(observed.sum()), atol=1e-12)
+    assert not rows[~observed].any()
 
 
 def test_coloured_is_what_it_makes_white():
@@ -51,10 +53,10 @@ def test_samples_much_nearer_than_the_correlation():
 
 def test_its_volume_and_count():
     noise = Sliding(X, WHITE, 0.7, LENGTH)
-    seen = [np.isfinite(row) for row in WHITE]
+    observed = [np.isfinite(row) for row in WHITE]
     exact = sum(
         np.linalg.slogdet(covariance(row)[np.ix_(s, s)])[1] / 2
-        for row, s in zip(WHITE, seen, strict=True)
+        for row, s in zip(WHITE, observed, strict=True)
     )
     assert noise.log_volume(WHITE.shape) == pytest.approx(exact, rel=1e-12)
     assert noise.count(WHITE.shape) == 2 * 157 - 1
@@ -64,11 +66,11 @@ def test_a_fit_weighs_with_it_as_with_the_full_matrix():
     """A constant under it: its value and standard error by generalised least squares."""
     y = RNG.normal(size=(1, 157))
     noise = Sliding(X, WHITE[1:], 0.7, LENGTH)
-    found = fit(lambda p: p["level"] + jnp.zeros((1, 157)), {"level": 0.0}, y, noise=noise)
+    solution = fit(lambda p: p["level"] + jnp.zeros((1, 157)), {"level": 0.0}, y, noise=noise)
     inverse = np.linalg.inv(covariance(WHITE[1]))
     weight = inverse.sum()
-    assert found.stderr["level"] == pytest.approx(weight**-0.5, rel=1e-9)
-    assert found.value["level"] == pytest.approx((inverse @ y[0]).sum() / weight, rel=1e-7)
+    assert solution.stderr["level"] == pytest.approx(weight**-0.5, rel=1e-9)
+    assert solution.value["level"] == pytest.approx((inverse @ y[0]).sum() / weight, rel=1e-7)
 
 
 @pytest.mark.parametrize("uneven", [False, True])
@@ -87,10 +89,10 @@ def test_levels_come_back_from_the_noise(uneven):
         slow[:, i] = decay[i] * slow[:, i - 1] + np.sqrt(1 - decay[i] ** 2) * drive[:, i]
     y = sliding * slow + white[:, None] * RNG.normal(size=(2, n))
     y[0, 100:120] = np.nan
-    found = estimate(y, x, 7.5e-4)
-    np.testing.assert_allclose(found.white, white, rtol=0.04)
-    assert found.sliding == pytest.approx(sliding, rel=0.25)
-    assert found.correlation_m == pytest.approx(LENGTH, rel=0.6)
+    levels = estimate(y, x, 7.5e-4)
+    np.testing.assert_allclose(levels.white, white, rtol=0.04)
+    assert levels.sliding == pytest.approx(sliding, rel=0.25)
+    assert levels.correlation_m == pytest.approx(LENGTH, rel=0.6)
 
 
 @pytest.mark.full
@@ -136,9 +138,9 @@ def test_first_levels_are_those_of_white_noise_on_a_smooth_signal():
 
 def test_white_noise_alone_leaves_no_sliding():
     y = 1e-6 * RNG.normal(size=(2, 3000))
-    found = estimate(y, np.arange(3000) * 5e-6, 7.5e-4)
-    np.testing.assert_allclose(found.white, 1e-6, rtol=0.06)
-    assert found.sliding < 0.3e-6
+    levels = estimate(y, np.arange(3000) * 5e-6, 7.5e-4)
+    np.testing.assert_allclose(levels.white, 1e-6, rtol=0.06)
+    assert levels.sliding < 0.3e-6
 
 
 def test_levels_of_a_motion_that_stands_still():
@@ -148,8 +150,8 @@ def test_levels_of_a_motion_that_stands_still():
     for i in range(1, 300):
         slow[i] = step * slow[i - 1] + np.sqrt(1 - step**2) * slow[i]
     x = np.repeat(np.arange(300) * 5e-6, 2)
-    found = estimate(1e-6 * rng.normal(size=(1, 600)) + np.repeat(slow, 2), x, 7.5e-4)
-    assert found.white[0] == pytest.approx(1e-6, rel=0.15)
+    levels = estimate(1e-6 * rng.normal(size=(1, 600)) + np.repeat(slow, 2), x, 7.5e-4)
+    assert levels.white[0] == pytest.approx(1e-6, rel=0.15)
 
 
 def test_refusals():
