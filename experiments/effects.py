@@ -8,7 +8,7 @@ import xarray
 from srsinv.errors import refuse
 from srsinv.forward.effects._reference import reference
 from srsinv.jobs import build
-from srsinv.jobs.change import Cost, Felt, cost, difference, pair, with_only
+from srsinv.jobs.change import Cost, Trace, cost, difference, pair, select_effects
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -18,8 +18,8 @@ class Row(NamedTuple):
     """One effect: the signal with it and without, what that makes, and the bound on it."""
 
     name: str
-    there: Felt
-    bare: Felt
+    there: Trace
+    bare: Trace
     change: float
     bound: float
     cost: Cost
@@ -33,12 +33,12 @@ def run(cfg: build.Config) -> Outcome:
     refuse(not build.part(cfg, "effects"), "effects names none: give effects=[strip_width,...].")
     with build.precision(cfg):
         key = build.random_key(cfg)
-        none, ideal_cost = cost(with_only(cfg, ()), key)
+        none, ideal_cost = cost(select_effects(cfg, ()), key)
         spectra = reference(none.scenario, none.line)
         rows = []
         for name, effect in build.effects(cfg).items():
             with stage(f"effect: {name}"):
-                sim, taken = cost(with_only(cfg, (name,)), key)
+                sim, taken = cost(select_effects(cfg, (name,)), key)
                 with_effect, ideal = pair(sim, none, key)
                 change = difference(with_effect, ideal)
                 rows.append(

@@ -6,7 +6,7 @@ import xarray
 
 from srsinv.errors import refuse
 from srsinv.jobs import build
-from srsinv.jobs.change import felt, with_only
+from srsinv.jobs.change import select_effects, trace
 from srsinv.jobs.simulation import simulation
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -26,15 +26,15 @@ def run(cfg: build.Config) -> Outcome:
     refuse(bool(missing), f"effects lacks {missing and missing[0]}, which this experiment shows.")
     with build.precision(cfg):
         others = named - {"film_angle", "snap_back"}
-        ideal = simulation(with_only(cfg, others))
+        ideal = simulation(select_effects(cfg, others))
         elements = len(ideal.sensor.elements)
         refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
-        tilted = simulation(with_only(cfg, others | {"film_angle"}))
+        tilted = simulation(select_effects(cfg, others | {"film_angle"}))
         snapping = simulation(cfg)
         key = build.random_key(cfg)
-        clean = {IDEAL: felt(ideal, key).signal[0], TILTED: felt(tilted, key).signal[0]}
+        clean = {IDEAL: trace(ideal, key).signal[0], TILTED: trace(tilted, key).signal[0]}
         keys = jax.random.split(key, passes)
-        each = np.stack([felt(snapping, one).signal[0] for one in keys])
+        each = np.stack([trace(snapping, one).signal[0] for one in keys])
         x, k = np.asarray(ideal.line.x), np.asarray(ideal.line.k)
     unit = ideal.sensor.amplifier.unit
     bursts = each - clean[TILTED]

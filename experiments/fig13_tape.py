@@ -14,8 +14,8 @@ from srsinv.inverse.surface_fit import SurfaceFitter
 from srsinv.inverse.surface_model import Window
 from srsinv.jobs import build
 from srsinv.jobs.analysis import element_names, in_metrics, notes_on
-from srsinv.jobs.pressed import Pressed, resolved
 from srsinv.jobs.simulation import simulation
+from srsinv.jobs.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
 from srsinv.report.figures import tape as draw
 from srsinv.report.outcome import Outcome, Section, Table
@@ -48,7 +48,7 @@ def run(cfg: build.Config) -> Outcome:
     with build.precision(cfg):
         sim, method = simulation(cfg), _only("method", build.methods(cfg))
         feature = _only("feature", build.surface_features(cfg))
-        solved = Pressed(sim)
+        solved = SolvedContact(sim)
         tape = _only("scene.surfaces", dict(enumerate(solved.surface.shapes)))
         if not isinstance(tape, Tape):
             raise BadInput("scene is not one tape: use scene=tape.")
@@ -85,7 +85,7 @@ def run(cfg: build.Config) -> Outcome:
     )  # fmt: skip
 
 
-def _edges(solved: Pressed, tape: Tape, problem: Problem, around: float) -> Edges:
+def _edges(solved: SolvedContact, tape: Tape, problem: Problem, around: float) -> Edges:
     """With the frictions as they are, with the base's alone, with none, and with noise."""
     sim, base = solved.sim, float(solved.surface.base_friction)
     signals = [solved.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
@@ -122,7 +122,7 @@ def _metrics(solved, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
     return metrics
 
 
-def _dataset(solved: Pressed, problem: Problem, estimate: Estimate, edges: Edges):
+def _dataset(solved: SolvedContact, problem: Problem, estimate: Estimate, edges: Edges):
     sim, truth = solved.sim, solved.traction()
     along, parts = ("component", "x"), ("case", "edge", "element", "from_edge")
     unit = sim.sensor.amplifier.unit
@@ -132,7 +132,11 @@ def _dataset(solved: Pressed, problem: Problem, estimate: Estimate, edges: Edges
         "odd": (parts, edges.odd, unit),
         "antisymmetry": (("case", "edge"), edges.ratio, "1"),
         "traction": (along, truth, "Pa"),
-        "traction_resolved": (along, resolved(truth, estimate, problem.forward.is_circular), "Pa"),
+        "traction_resolved": (
+            along,
+            smoothed_truth(truth, estimate, problem.forward.is_circular),
+            "Pa",
+        ),
         "estimate": (along, np.asarray(estimate.value), "Pa"),
         "estimate_stderr": (along, np.asarray(estimate.stderr), "Pa"),
         "edge_position": (("edge",), edges.places, "m"),

@@ -11,8 +11,8 @@ from srsinv.inverse.quality import Quality
 from srsinv.inverse.shape import shape_band, shape_under
 from srsinv.jobs import build
 from srsinv.jobs.analysis import BAND_90, in_metrics
-from srsinv.jobs.pressed import Pressed, resolved
 from srsinv.jobs.simulation import simulation
+from srsinv.jobs.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
 from srsinv.report.figures import shape as draw
 from srsinv.report.outcome import Outcome, Section, Table
@@ -65,13 +65,13 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
     """One scene: its contact, what the signal gives of p, and the profile from that."""
     with stage(f"recovering the profile: {name}"):
         sim = simulation({**cfg, "scene": node})
-        solved = Pressed(sim)
+        solved = SolvedContact(sim)
         problem = solved.problem(build.random_key(cfg))
         estimate = method(problem).with_warnings(solved.contact.warnings)
         line, skin, p = sim.line, solved.scene.skin, solved.traction()
         touching = np.asarray(solved.contact.touching)[:: sim.refinement]
         shape, stderr = shape_band(line, skin, estimate, jnp.asarray(touching))
-        blurred = resolved(p, estimate, problem.forward.is_circular)
+        blurred = smoothed_truth(p, estimate, problem.forward.is_circular)
         shapes = {
             "shape": np.asarray(shape),
             "shape_resolved": np.asarray(shape_under(line, skin, jnp.asarray(blurred[0]))),

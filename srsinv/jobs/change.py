@@ -18,14 +18,14 @@ from . import build
 from .simulation import Simulation, simulation
 
 
-class Felt(NamedTuple):
+class Trace(NamedTuple):
     """A signal (e, sample) without noise but that of bursts, at `time_s` (sample,)."""
 
     time_s: Float[np.ndarray, " sample"]
     signal: Float[np.ndarray, "e sample"]
 
 
-def with_only(cfg: build.Config, names) -> dict[str, Any]:
+def select_effects(cfg: build.Config, names) -> dict[str, Any]:
     """The configuration with these of its effects."""
     named = build.part(cfg, "effects")
     return {**cfg, "effects": {name: node for name, node in named.items() if name in names}}
@@ -40,14 +40,14 @@ def merged(cfg: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
     return whole
 
 
-def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Felt, Felt]:
+def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Trace, Trace]:
     """The signals of two simulations that differ by effects, at the same instants: those at which
     `full` is sampled."""
     if not full.scenario.recorder.goes_by_time:
         instants = np.asarray(full.scan.time_s(full.line))
 
-        def one(sim: Simulation) -> Felt:
-            return Felt(instants, _kept(sim, sim.line, _on_line(sim), key))
+        def one(sim: Simulation) -> Trace:
+            return Trace(instants, _converted_with_bursts(sim, sim.line, _on_line(sim), key))
 
         return one(full), one(less)
     rate = full.scenario.recorder.rate_hz(full.fine, full.scan)
@@ -55,14 +55,14 @@ def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Felt, Felt
     common = min(motion.time_s.size for motion in motions)
     samples = Periodic(common, abs(float(full.scan.speed_m_per_s)) / rate)
 
-    def along(sim: Simulation, motion: Motion) -> Felt:
-        signal = _kept(sim, samples, sim.along(motion)[:, :common], key)
-        return Felt(np.asarray(motions[0].time_s[:common]), signal)
+    def along(sim: Simulation, motion: Motion) -> Trace:
+        signal = _converted_with_bursts(sim, samples, sim.along(motion)[:, :common], key)
+        return Trace(np.asarray(motions[0].time_s[:common]), signal)
 
     return along(full, motions[0]), along(less, motions[1])
 
 
-def difference(one: Felt, other: Felt) -> float:
+def difference(one: Trace, other: Trace) -> float:
     """Rms of the difference over the rms of the `other`; 0 where both are rounded to nothing."""
     change = np.linalg.norm(one.signal - other.signal)
     return float(change / np.linalg.norm(other.signal)) if change else 0.0
@@ -77,7 +77,9 @@ def _motion(sim: Simulation, rate_hz: float) -> Motion:
     return recorder.motion(sim.line, sim.fine, sim.scan)
 
 
-def _kept(sim: Simulation, line: Line, signal, key) -> Float[np.ndarray, "e sample"]:
+def _converted_with_bursts(
+    sim: Simulation, line: Line, signal, key
+) -> Float[np.ndarray, "e sample"]:
     """With bursts, converted."""
     for noise in sim.scenario.noises:
         if isinstance(noise, Drawn):
@@ -104,7 +106,7 @@ def cost(cfg: build.Config, key: jax.Array, repeats: int = 3) -> tuple[Simulatio
     def once():
         start = time.perf_counter()
         sim = simulation(cfg)
-        felt(sim, key)
+        trace(sim, key)
         return sim, time.perf_counter() - start
 
     jax.clear_caches()
@@ -112,12 +114,17 @@ def cost(cfg: build.Config, key: jax.Array, repeats: int = 3) -> tuple[Simulatio
     return sim, Cost(first, min(once()[1] for _ in range(repeats)))
 
 
-def felt(sim: Simulation, key: jax.Array) -> Felt:
+def trace(sim: Simulation, key: jax.Array) -> Trace:
     """The signal of a simulation at its own samples."""
     recorder = sim.scenario.recorder
     if not recorder.goes_by_time:
-        return Felt(np.asarray(sim.scan.time_s(sim.line)), _kept(sim, sim.line, _on_line(sim), key))
+        return Trace(
+            np.asarray(sim.scan.time_s(sim.line)),
+            _converted_with_bursts(sim, sim.line, _on_line(sim), key),
+        )
     motion = recorder.motion(sim.line, sim.fine, sim.scan)
     spacing = abs(float(sim.scan.speed_m_per_s)) / recorder.rate_hz(sim.fine, sim.scan)
     samples = Periodic(motion.time_s.size, spacing)
-    return Felt(np.asarray(motion.time_s), _kept(sim, samples, sim.along(motion), key))
+    return Trace(
+        np.asarray(motion.time_s), _converted_with_bursts(sim, samples, sim.along(motion), key)
+    )

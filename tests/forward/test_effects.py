@@ -22,7 +22,7 @@ from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scenario import Scenario
 from srsinv.forward.sensor import Sensor
 from srsinv.jobs import build
-from srsinv.jobs.change import Felt, difference, felt, pair, with_only
+from srsinv.jobs.change import Trace, difference, pair, select_effects, trace
 from srsinv.jobs.simulation import Simulation, screen_effects, simulation
 
 SMALL = ("grid.cells=128", "grid.refinement=2", "noise=[]")
@@ -132,7 +132,7 @@ def test_every_effect_is_tried():
 @pytest.mark.parametrize(("name", "settings"), CASES, ids=str)
 def test_it_changes_no_more_than_its_bound(name, settings):
     cfg = configuration(f"effects=[{name}]", *settings)
-    with_effect, ideal = simulation(cfg), simulation(with_only(cfg, ()))
+    with_effect, ideal = simulation(cfg), simulation(select_effects(cfg, ()))
     bound = build.effects(cfg)[name].relative_change_bound(reference(ideal.scenario, ideal.fine))
     both = pair(with_effect, ideal, KEY)
     assert np.isfinite(both[0].signal).all()
@@ -143,7 +143,7 @@ def test_it_changes_no_more_than_its_bound(name, settings):
 
 
 def test_signals_that_are_rounded_to_nothing_do_not_differ():
-    nothing = Felt(np.arange(3.0), np.zeros((1, 3)))
+    nothing = Trace(np.arange(3.0), np.zeros((1, 3)))
     assert difference(nothing, nothing) == 0.0
     assert difference(nothing, nothing._replace(signal=np.ones((1, 3)))) == 1.0
 
@@ -165,15 +165,15 @@ LOUD = {
 
 @pytest.fixture(scope="module")
 def silent():
-    return felt(simulation(configuration(*SILENT)), KEY)
+    return trace(simulation(configuration(*SILENT)), KEY)
 
 
 @pytest.mark.parametrize(("name", "settings"), LOUD.items(), ids=LOUD)
 def test_nor_beside_loud_bursts(name, settings, silent):
     """Which pass the film, the skin and the filters, and go beyond rails that the signal keeps."""
     cfg = configuration(*SILENT, *settings)
-    change = difference(felt(simulation(cfg), KEY), silent)
-    few = with_only(cfg, (name, "snap_back"))
+    change = difference(trace(simulation(cfg), KEY), silent)
+    few = select_effects(cfg, (name, "snap_back"))
     screening = screen(build.ideal(few), build.line(few), build.effects(few), 1e-3)
     assert 1e-3 < change <= screening.relative_change_bounds[name]
 
@@ -204,7 +204,7 @@ def test_what_stays_on_is_in_the_signal_that_the_rest_is_screened_by(case):
     assert screening is not None
     assert screening.on == {large, small}
     # By itself the small one is far below.
-    alone = with_only(cfg, (small,))
+    alone = select_effects(cfg, (small,))
     small_screening = screen(build.ideal(alone), build.line(alone), build.effects(alone), 0.003)
     assert not small_screening.on
 
@@ -230,7 +230,9 @@ def test_beside_a_skin_that_raises_the_traction():
         "effects=[layered_skin,viscoelastic_skin]", "scene=tape", STIFF,
         "effects.viscoelastic_skin.times_s=[1e-6,1e-5]",
     )  # fmt: skip
-    change = difference(*pair(simulation(cfg), simulation(with_only(cfg, ("layered_skin",))), KEY))
+    change = difference(
+        *pair(simulation(cfg), simulation(select_effects(cfg, ("layered_skin",))), KEY)
+    )
     _, screening = screen_effects({**cfg, "tolerance": 0.1})
     assert screening is not None
     assert screening.on == {"layered_skin"}
@@ -243,7 +245,7 @@ def test_filters_come_before_the_sampling():
     common = ("effects=[sampling,antialias_filter,speed_ripple]", "scene=ridge",
               "effects.antialias_filter.cutoff_hz=120")  # fmt: skip
     often, seldom = (
-        felt(simulation(configuration(*common, f"effects.sampling.rate_hz={rate}")), KEY)
+        trace(simulation(configuration(*common, f"effects.sampling.rate_hz={rate}")), KEY)
         for rate in (350, 50)
     )
     n = min(seldom.time_s.size, often.time_s[::7].size)

@@ -12,8 +12,8 @@ from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Tape
 from srsinv.grid import Periodic
-from srsinv.jobs.pressed import Pressed, cell_averages
 from srsinv.jobs.simulation import Simulation
+from srsinv.jobs.solved_contact import SolvedContact, cell_averages
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
@@ -71,14 +71,14 @@ def test_tape_is_fitted(outcomes):
     assert metrics["leading_edge_friction_stderr"] < 0.01
 
 
-def _solve_contact(speed_m_per_s: float) -> Pressed:
+def _solve_contact(speed_m_per_s: float) -> SolvedContact:
     """A tape pressed on, periodic, slid over at this speed."""
     tape = Tape(50e-6, 0.008, edge_length_m=4e-5, leading_edge_friction=1.1)
     scene = SurfaceScene(2e4, [tape], 0.35)
     sensor = Sensor([Film(), Film(angle_rad=np.pi / 2)])
     line, fine = Periodic(128, 0.02 / 128, -0.01), Periodic(768, 0.02 / 768, -0.01)
     scenario = Scenario(scene, sensor, ConstantSpeed(speed_m_per_s))
-    return Pressed(Simulation(scenario, line, fine, 6))
+    return SolvedContact(Simulation(scenario, line, fine, 6))
 
 
 def test_sliding_back_is_the_mirror_image():

@@ -6,7 +6,7 @@ import pytest
 
 from srsinv.forward.effects._screen import screen
 from srsinv.jobs import build
-from srsinv.jobs.change import difference, pair, with_only
+from srsinv.jobs.change import difference, pair, select_effects
 from srsinv.jobs.simulation import simulation
 from tests.claims.random_scenes import configuration
 from tests.claims.screening import measured
@@ -24,10 +24,11 @@ def test_what_is_left_out_changes_less_than_its_bound(scene):
 
 @pytest.mark.full
 def test_layers_change_loud_bursts_by_no_more_than_their_bound():
-    cfg = with_only(configuration(2), ("layered_skin", "snap_back"))
+    cfg = select_effects(configuration(2), ("layered_skin", "snap_back"))
     cfg["effects"]["snap_back"] |= {"shear_Pa": 1e5, "rate_hz": 200.0}
     both, loud, ideal = (
-        simulation(with_only(cfg, on)) for on in (("layered_skin", "snap_back"), ("snap_back",), ())
+        simulation(select_effects(cfg, on))
+        for on in (("layered_skin", "snap_back"), ("snap_back",), ())
     )
     with_it, without = pair(both, loud, jax.random.key(0))
     assert difference(pair(both, ideal, jax.random.key(0))[1], with_it) > 0.5

@@ -14,7 +14,7 @@ from ..inverse.problem import Estimate, Problem
 from .simulation import Simulation, problem_of, sampled
 
 
-class Pressed(eqx.Module):
+class SolvedContact(eqx.Module):
     """A simulation of a surface, its contact solved on the finer line.
 
     Tractions are cell averages (2, n) less the background, as those of the simulation. Raises
@@ -83,7 +83,7 @@ def cell_averages(values, refinement: int) -> np.ndarray:
     return np.sum(shifted, axis=0)[..., ::refinement] / refinement
 
 
-def resolved(
+def smoothed_truth(
     truth: Float[np.ndarray, "2 n"], estimate: Estimate, circular: bool
 ) -> Float[np.ndarray, "2 n"]:
     """The truth as the averaging kernels of an estimate of p and q show it, without any noise."""
