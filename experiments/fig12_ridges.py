@@ -12,7 +12,7 @@ from srsinv.errors import number, refuse, whole
 from srsinv.forward.film import Film
 from srsinv.forward.noise import with_noise
 from srsinv.forward.scan import ConstantSpeed
-from srsinv.forward.scanned import Sampling
+from srsinv.forward.scanned import PositionInterpolation
 from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Ridges
@@ -286,7 +286,7 @@ def _signals(setup: Setup, samples: Periodic, noises, waves: Pressed, key):
     """At the samples: the signal, the noise's power at their wavenumbers, and both together."""
     field = setup.line.operator(setup.sensor.signal(setup.scan))
     traction = _traction(setup, setup.scene, jnp.asarray(waves.pressure[-1]))
-    signal = jax.jit(lambda t: Sampling(setup.line, samples.x)(field(t)))(traction)
+    signal = jax.jit(lambda t: PositionInterpolation(setup.line, samples.x)(field(t)))(traction)
     data, spectrum, _ = with_noise(noises, samples, setup.scan, signal, key)
     refuse(not bool(jnp.all(spectrum > 0)), "There is no noise: give noise=[johnson].")
     return np.asarray(signal[0]), np.asarray(spectrum), np.asarray(data[0])

@@ -6,29 +6,31 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..grid import Line, Periodic, as_real
-from .converter import Converter
 from .drift import LoadDrift
 from .pace import Pace, paced
+from .sampling import SampleConversion
 from .scan import ConstantSpeed, Motion
 
 
 class Recorder(eqx.Module):
     """The recording side of a scenario; with nothing named it takes one sample a cell.
 
-    - `sample_rate_hz`: None for what the line's cells ask for; `paces`: how the motion departs from
-      constant speed; `drift`: of the load.
-    - `converters`: what is done to every sample alone, in their order.
+    - `sample_rate_hz`: None for what the line's cells ask for; `speed_profiles`: how the motion
+      departs from constant speed; `drift`: of the load.
+    - `conversions`: what is done to every sample alone, in their order.
     """
 
     sample_rate_hz: float | None = eqx.field(static=True, default=None)
-    paces: tuple[Pace, ...] = ()
+    speed_profiles: tuple[Pace, ...] = ()
     drift: LoadDrift | None = None
-    converters: tuple[Converter, ...] = ()
+    conversions: tuple[SampleConversion, ...] = ()
 
     @property
-    def goes_by_time(self) -> bool:
+    def samples_in_time(self) -> bool:
         """Whether samples differ from those of the line at constant speed."""
-        return self.sample_rate_hz is not None or bool(self.paces) or self.drift is not None
+        return (
+            self.sample_rate_hz is not None or bool(self.speed_profiles) or self.drift is not None
+        )
 
     def rate_hz(self, fine: Line, scan: ConstantSpeed) -> float:
         """Samples a second: as asked, or once a cell of the finer line."""
@@ -44,27 +46,27 @@ class Recorder(eqx.Module):
         speed, cell = float(scan.speed_m_per_s), float(line.cell_m)
         if isinstance(line, Periodic):
             start, length = float(line.start_m) - cell / 2, line.n * cell
-            return paced(start, length, speed, rate, self.paces)
+            return paced(start, length, speed, rate, self.speed_profiles)
         length = float(fine.x[-1] - line.start_m)
-        motion = paced(float(line.start_m), length, speed, rate, self.paces)
+        motion = paced(float(line.start_m), length, speed, rate, self.speed_profiles)
         # The last sample is beyond the end.
         return jax.tree.map(lambda column: column[:-1], motion)
 
-    def kept(self, signal: Float[Array, "e n"]) -> Bool[Array, "e n"]:
+    def valid(self, signal: Float[Array, "e n"]) -> Bool[Array, "e n"]:
         """Which samples still tell the signal once they are converted."""
         valid = jnp.ones(signal.shape, bool)
-        for converter in self.converters:
-            valid = valid & converter.kept(signal)
-            signal = converter.converted(signal)
+        for conversion in self.conversions:
+            valid = valid & conversion.valid(signal)
+            signal = conversion.convert(signal)
         return valid
 
-    def converted(self, signal: Float[Array, "e n"]) -> Float[Array, "e n"]:
+    def convert(self, signal: Float[Array, "e n"]) -> Float[Array, "e n"]:
         """The samples as they are kept."""
-        for converter in self.converters:
-            signal = converter.converted(signal)
+        for conversion in self.conversions:
+            signal = conversion.convert(signal)
         return signal
 
     @property
     def variance(self) -> Float[Array, ""]:
         """Of the noise that the conversion adds, in signal units squared."""
-        return sum((c.variance() for c in self.converters), as_real(0.0))
+        return sum((c.variance() for c in self.conversions), as_real(0.0))

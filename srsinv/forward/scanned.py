@@ -20,7 +20,7 @@ POINTS = 8
 AT_THE_END = 1e-3  # of a cell: a position this far beyond an end is there but for round-off
 
 
-class Sampling(eqx.Module):
+class PositionInterpolation(eqx.Module):
     """Interpolation from the samples of a line to the positions x(t), linear in the samples.
 
     Each position takes the polynomial through its 8 nearest samples (all, where a line has fewer):
@@ -73,7 +73,7 @@ class Scanned(eqx.Module):
     """
 
     field: Convolution
-    sampling: Sampling
+    sampling: PositionInterpolation
     gain: Float[Array, " sample"]
     direction: Float[Array, " sample"]
     filters: tuple[Filter, ...] = ()

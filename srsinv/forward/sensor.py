@@ -12,7 +12,7 @@ from .amplifier import Amplifier, CurrentAmplifier
 from .film import Film
 from .filter import Filter, even_interval
 from .scan import ConstantSpeed, Motion
-from .scanned import Sampling, Scanned
+from .scanned import PositionInterpolation, Scanned
 from .skin import HalfSpace, Skin
 
 
@@ -133,7 +133,7 @@ class Sensor(eqx.Module):
         of an open line, and with filters for samples that are not evenly spaced.
         """
         gain = self.amplifier.gain(motion.speed_m_per_s)
-        sampling = Sampling(line, motion.position_m)
+        sampling = PositionInterpolation(line, motion.position_m)
         field, interval = line.operator(self._field()), self._interval_s(motion)
         return Scanned(field, sampling, gain, motion.direction, self.filters, interval)
 

@@ -43,7 +43,7 @@ def merged(cfg: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Trace, Trace]:
     """The signals of two simulations that differ by effects, at the same instants: those at which
     `full` is sampled."""
-    if not full.scenario.recorder.goes_by_time:
+    if not full.scenario.recorder.samples_in_time:
         instants = np.asarray(full.scan.time_s(full.line))
 
         def one(sim: Simulation) -> Trace:
@@ -84,7 +84,7 @@ def _converted_with_bursts(
     for noise in sim.scenario.noises:
         if isinstance(noise, Drawn):
             signal = _with_bursts(noise, signal, line, sim.scan, key)
-    return np.asarray(sim.scenario.recorder.converted(signal))
+    return np.asarray(sim.scenario.recorder.convert(signal))
 
 
 @eqx.filter_jit
@@ -117,7 +117,7 @@ def cost(cfg: build.Config, key: jax.Array, repeats: int = 3) -> tuple[Simulatio
 def trace(sim: Simulation, key: jax.Array) -> Trace:
     """The signal of a simulation at its own samples."""
     recorder = sim.scenario.recorder
-    if not recorder.goes_by_time:
+    if not recorder.samples_in_time:
         return Trace(
             np.asarray(sim.scan.time_s(sim.line)),
             _converted_with_bursts(sim, sim.line, _on_line(sim), key),

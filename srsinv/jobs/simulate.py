@@ -55,7 +55,7 @@ def stages(sim: Simulation) -> dict[str, tuple[tuple[str, ...], Any, str]]:
 
 def as_recorded(sim: Simulation, key) -> dict[str, tuple[tuple[str, ...], Any, str]]:
     """What is recorded in time, where samples differ from those of the line at constant speed."""
-    if not sim.scenario.recorder.goes_by_time:
+    if not sim.scenario.recorder.samples_in_time:
         return {}
     record = recorded(sim, key)
     along, motion = ("sample",), record.motion
@@ -95,11 +95,12 @@ def _not_inverted(sim: Simulation) -> tuple[tuple[str, str], ...]:
     left = [
         *(["the load's drift"] if recorder.drift else []),
         *(["the filters' lag as the speed varies (that at constant speed is)"]
-          if recorder.paces and lags else []),
+          if recorder.speed_profiles and lags else []),
     ]  # fmt: skip
     return (("not in the inversion", ", ".join(left)),) if left else ()
 
 
 def _how(sim: Simulation) -> str:
-    paces = [type(pace).__name__.lower() for pace in sim.scenario.recorder.paces]
-    return f"with {', '.join(paces)}" if paces else "constant"
+    profiles = sim.scenario.recorder.speed_profiles
+    names = [type(profile).__name__.removesuffix("Profile").lower() for profile in profiles]
+    return f"with {', '.join(names)}" if names else "constant"

@@ -86,7 +86,7 @@ class Simulation(eqx.Module):
         Filters come before the sampling: they act on samples as dense as the finer line's cells.
         """
         if self.sensor.filters and (times := self._denser(motion)) > 1:
-            speed, paces = float(self.scan.speed_m_per_s), self.scenario.recorder.paces
+            speed, paces = float(self.scan.speed_m_per_s), self.scenario.recorder.speed_profiles
             return self.along(denser(motion, times, speed, paces))[:, ::times]
         own = self.scan.direction
         ways = (self.traction(self.fine),)
@@ -189,7 +189,7 @@ def _refuse_static(cfg: build.Config, scenario: Scenario) -> None:
 def noisy_problem(sim: Simulation, key, friction=None) -> Problem:
     """The simulated signal with noise, its traction's mean pressure known as the load."""
     mean_p_Pa = jnp.mean(sim.traction(sim.line)[0])
-    if sim.scenario.recorder.goes_by_time:
+    if sim.scenario.recorder.samples_in_time:
         return timed_problem(sim, mean_p_Pa, key, friction)
     signal = sim.sampled(sim.sensor.signal(sim.scan))
     return problem_of(sim, signal, mean_p_Pa, key, friction)
@@ -200,11 +200,11 @@ def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> Proble
     data, spectrum, rms = with_noise(sim.scenario.noises, sim.line, sim.scan, signal, key)
     _refuse_nothing(sim.scenario.noises, spectrum, rms)
     recorder, observed = sim.scenario.recorder, None
-    if recorder.converters:
-        valid = np.asarray(recorder.kept(data))
+    if recorder.conversions:
+        valid = np.asarray(recorder.valid(data))
         observed = None if valid.all() else valid
-        data, spectrum = recorder.converted(data), spectrum + recorder.variance
-    return _posed(sim, sim.sensor, data, spectrum, observed, mean_p_Pa, friction)
+        data, spectrum = recorder.convert(data), spectrum + recorder.variance
+    return _problem(sim, sim.sensor, data, spectrum, observed, mean_p_Pa, friction)
 
 
 def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> Problem:
@@ -218,7 +218,7 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> Problem:
     gain = sim.sensor.amplifier.gain
     a = np.asarray(gain(record.motion.speed_m_per_s) / gain(sim.scan.speed_m_per_s))
     onwards = np.maximum.accumulate(x)
-    valid = record.told & (onwards <= x)[None] & (np.asarray(record.motion.direction) == direction)
+    valid = record.valid & (onwards <= x)[None] & (np.asarray(record.motion.direction) == direction)
     samples = np.where(valid, record.signal, np.nan)
     cell = float(sim.line.cell_m)
     edges = np.sort(
@@ -237,23 +237,23 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> Problem:
     films = [film.with_effect(m) for film, m in zip(sim.sensor.elements, mean, strict=True)]
     sensor = dataclasses.replace(sim.sensor, elements=films)
     data, observed = jnp.nan_to_num(signal), np.isfinite(signal)
-    return _posed(sim, sensor, data, jnp.asarray(power), observed, mean_p_Pa, friction)
+    return _problem(sim, sensor, data, jnp.asarray(power), observed, mean_p_Pa, friction)
 
 
-class Record(NamedTuple):
-    """What is recorded in time: `signal` (e, sample), which of it is `told`, along `motion`.
+class TimedSamples(NamedTuple):
+    """What is recorded in time: `signal` (e, sample), which of it is `valid`, along `motion`.
 
     `spectrum` (k,): the noise's power per sample at `k` of the mean speed.
     """
 
     motion: Motion
     signal: np.ndarray
-    told: np.ndarray
+    valid: np.ndarray
     k: np.ndarray
     spectrum: np.ndarray
 
 
-def recorded(sim: Simulation, key) -> Record:
+def recorded(sim: Simulation, key) -> TimedSamples:
     """The samples along the real motion with noise, converted as the recorder does."""
     recorder = sim.scenario.recorder
     motion = recorder.motion(sim.line, sim.fine, sim.scan)
@@ -262,12 +262,14 @@ def recorded(sim: Simulation, key) -> Record:
     samples = Periodic(ideal.shape[1], spacing)
     noisy, spectrum, rms = with_noise(sim.scenario.noises, samples, sim.scan, ideal, key)
     _refuse_nothing(sim.scenario.noises, spectrum, rms)
-    signal, valid = recorder.converted(noisy), recorder.kept(noisy)
+    signal, valid = recorder.convert(noisy), recorder.valid(noisy)
     spectrum = spectrum + recorder.variance
-    return Record(motion, *(np.asarray(each) for each in (signal, valid, samples.k, spectrum)))
+    return TimedSamples(
+        motion, *(np.asarray(each) for each in (signal, valid, samples.k, spectrum))
+    )
 
 
-def _posed(
+def _problem(
     sim: Simulation, sensor: Sensor, data, spectrum, observed, mean_p_Pa, friction
 ) -> Problem:
     free_offset = sensor.amplifier.offset is None

@@ -31,7 +31,7 @@ class SolvedContact(eqx.Module):
             kind = type(scene).__name__
             raise BadInput(f"scene is a {kind}: name one of a surface, such as scene=ridge.")
         refuse(
-            sim.scenario.recorder.goes_by_time,
+            sim.scenario.recorder.samples_in_time,
             "effects names what acts in time (sampling, a speed that varies, a load that drifts), "
             "and this job takes one sample a cell at constant speed: leave it out.",
         )

@@ -20,7 +20,7 @@ _HANN_BINS = 1.5  # equivalent noise bandwidth of the window
 
 
 @dataclass(frozen=True)
-class Clipping:
+class ClippedSamples:
     """Samples at a signal's extremes.
 
     - `fraction`: of all samples at the least or the greatest value.
@@ -43,18 +43,18 @@ class Clipping:
         return "likely" if len(self.stretches) > 1 else "perhaps (one flat extreme)"
 
 
-def clipping(values: Float[np.ndarray, " sample"]) -> Clipping:
+def clipping(values: Float[np.ndarray, " sample"]) -> ClippedSamples:
     """How a signal (NaN: missing) sits at its least and greatest value; a constant one does not."""
     present = values[np.isfinite(values)]
     if not present.size or np.ptp(present) == 0:
-        return Clipping(0.0, ())
+        return ClippedSamples(0.0, ())
     stretches = []
     for extreme in (present.min(), present.max()):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], values == extreme, [0]]).astype(int)))
         ends = edges.reshape(-1, 2).tolist()
         stretches += [(start, stop) for start, stop in ends if stop - start >= FLAT]
     at_extreme = (present == present.min()) | (present == present.max())
-    return Clipping(float(np.mean(at_extreme)), tuple(sorted(stretches)))
+    return ClippedSamples(float(np.mean(at_extreme)), tuple(sorted(stretches)))
 
 
 def quantisation_step(values: Float[np.ndarray, " sample"]) -> float | None:
@@ -83,7 +83,7 @@ class SpectralLine:
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class SignalSpectrum:
     """Amplitude density (frequency,) [unit/sqrt(Hz)] and what stands out of it.
 
     `floor` is the level of the upper half of the band, as white noise would have it.
@@ -100,7 +100,9 @@ def segment_length(samples: int) -> int:
     return min(samples, max(_LEAST_SEGMENT, 2 ** int(np.log2(max(samples / _SEGMENTS, 1)))))
 
 
-def spectrum(values: Float[np.ndarray, " sample"], rate_hz: float, segment: int) -> Spectrum | None:
+def spectrum(
+    values: Float[np.ndarray, " sample"], rate_hz: float, segment: int
+) -> SignalSpectrum | None:
     """Welch's averaged spectrum at even times, missing samples drawn from their neighbours.
 
     None for a signal that is too short or constant.
@@ -117,7 +119,7 @@ def spectrum(values: Float[np.ndarray, " sample"], rate_hz: float, segment: int)
     averaged = (filled.size - segment) // max(segment // 2, 1) + 1
     upper = power[frequency > frequency[-1] / 2]
     floor = np.sqrt(np.median(upper) / _median_of_mean(averaged))
-    return Spectrum(
+    return SignalSpectrum(
         frequency_hz=frequency[1:],
         density=size * np.sqrt(power[1:]),
         floor=float(size * floor),

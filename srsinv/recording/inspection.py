@@ -18,8 +18,8 @@ from srsinv.errors import LARGEST, BadInput, refuse
 from ._guard import path_of, within_memory
 from ._health import (
     SHORTEST,
-    Clipping,
-    Spectrum,
+    ClippedSamples,
+    SignalSpectrum,
     clipping,
     quantisation_step,
     segment_length,
@@ -70,9 +70,9 @@ class Signal:
 
     values: Float[np.ndarray, " sample"]
     unit: str
-    clipping: Clipping
+    clipping: ClippedSamples
     step: float | None
-    spectrum: Spectrum | None
+    spectrum: SignalSpectrum | None
 
 
 @dataclass(frozen=True, eq=False)

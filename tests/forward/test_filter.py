@@ -13,7 +13,7 @@ from srsinv.forward.amplifier import SlowReadout
 from srsinv.forward.film import Film, Offset
 from srsinv.forward.filter import Butterworth, FirstOrder
 from srsinv.forward.scan import ConstantSpeed, Motion
-from srsinv.forward.scanned import Sampling
+from srsinv.forward.scanned import PositionInterpolation
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic, as_real
 from tests.forward.setups import fitted_order, largest_error
@@ -241,7 +241,7 @@ def test_along_a_steady_motion_it_becomes_that_of_constant_speed(speed):
 
     @eqx.filter_jit
     def both(moving):
-        expected = Sampling(line, moving.position_m)(steady)
+        expected = PositionInterpolation(line, moving.position_m)(steady)
         return sensor.scanned(line, moving)(traction), expected
 
     samples, errors = np.array([301, 601]), []

@@ -13,7 +13,7 @@ import pytest
 from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent, SlowReadout
 from srsinv.forward.film import Film, Offset, StripWidth
 from srsinv.forward.scan import ConstantSpeed, Motion
-from srsinv.forward.scanned import Sampling
+from srsinv.forward.scanned import PositionInterpolation
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open, Periodic, as_real
@@ -212,7 +212,7 @@ def test_between_the_samples_it_converges_to_it_at_eighth_order(make):
 
 @eqx.filter_jit
 def sampled(line, at, signal):
-    return Sampling(line, at)(signal)
+    return PositionInterpolation(line, at)(signal)
 
 
 @pytest.mark.parametrize(
@@ -251,8 +251,8 @@ OUTSIDE = {
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_positions_beyond_an_open_line_are_refused(name):
     at, *words = OUTSIDE[name]
-    refused(lambda: Sampling(Open(4, 1e-3), at), *words)
-    assert Sampling(Periodic(4, 1e-3), at)
+    refused(lambda: PositionInterpolation(Open(4, 1e-3), at), *words)
+    assert PositionInterpolation(Periodic(4, 1e-3), at)
 
 
 # Linear algebra and gradients.

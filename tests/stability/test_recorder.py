@@ -8,9 +8,9 @@ import pytest
 
 from srsinv.errors import BadInput
 from srsinv.forward.amplifier import CurrentAmplifier
-from srsinv.forward.converter import Clipping, Quantisation
 from srsinv.forward.drift import LoadDrift
 from srsinv.forward.film import Film
+from srsinv.forward.sampling import Quantiser, Saturation
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -27,8 +27,8 @@ RAILS = (0.0, -0.0, 1e-30, 1e-9, 0.1, -0.3, 0.4375, 0.625, -0.6875, 0.999, -1.0,
 def converted(v):
     """Clipped, and clipped and rounded to 2, 12 and 24 bits, in rails."""
     signal, rail = v["signal"][None], v["rail"]
-    rounded = [Quantisation(bits, rail).converted(signal) for bits in BITS]
-    return jnp.concatenate([Clipping(rail).converted(signal), *rounded]) / rail
+    rounded = [Quantiser(bits, rail).convert(signal) for bits in BITS]
+    return jnp.concatenate([Saturation(rail).convert(signal), *rounded]) / rail
 
 
 def converted_reference(v):
@@ -160,7 +160,7 @@ def test_hard_case(hard):
 @pytest.mark.parametrize("bits", [0, 1, 25, 64, 12.5])
 def test_bits_that_cannot_be_are_refused(bits):
     with pytest.raises(BadInput, match="a whole number from 2 to 24"):
-        Quantisation(bits, 1.0)
+        Quantiser(bits, 1.0)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -168,9 +168,9 @@ def test_bits_that_cannot_be_are_refused(bits):
 def test_what_is_converted_says_itself_whether_it_is_kept(bits, precision):
     """The ends may be anything beyond, and are told as such after conversion too."""
     with jax.enable_x64(precision == "float64"):
-        device = Quantisation(bits, 1.0)
+        device = Quantiser(bits, 1.0)
         signal = jnp.asarray([[0.0, -1e30, 1e30, -1.0, 1.0, -0.5 + 2.0**-23]], precision)
-        before, after = device.kept(signal), device.kept(device.converted(signal))
+        before, after = device.valid(signal), device.valid(device.convert(signal))
         assert np.array_equal(np.asarray(before), np.asarray(after))
         inside = [True, False, False, False, False, True]
         assert np.array_equal(np.asarray(before)[0], inside)

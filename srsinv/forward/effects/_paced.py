@@ -9,7 +9,7 @@ from ._reference import ReferenceSpectra
 
 def with_speed_profile(scenario: Scenario, by: Pace) -> Scenario:
     """The scenario with one more departure from constant speed."""
-    return scenario.with_recorder(paces=(*scenario.recorder.paces, by))
+    return scenario.with_recorder(speed_profiles=(*scenario.recorder.speed_profiles, by))
 
 
 def displaced_bound(reference: ReferenceSpectra, moved_m: float) -> float:

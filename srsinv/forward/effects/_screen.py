@@ -106,7 +106,7 @@ def _sampled(spectra: ReferenceSpectra, effects: Mapping[str, Effect]) -> Refere
         if isinstance(each, Resampling):
             rates.append(each.rate_hz)
     interval = min([spectra.interval_s, *(1 / rate for rate in rates)])
-    if not scenario.recorder.goes_by_time:
+    if not scenario.recorder.samples_in_time:
         return spectra.replace(interval_s=interval)
     motion = scenario.recorder.motion(spectra.line, spectra.line, scenario.scan)
     time_s = np.asarray(motion.time_s)

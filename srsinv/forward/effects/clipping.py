@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from ..converter import Clipping as Rails
+from ..sampling import Saturation as Rails
 from ..scenario import Scenario
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
@@ -14,18 +14,20 @@ class Clipping(Effect):
 
     order: ClassVar[Order] = Order.RECORD
     of_sensor: ClassVar[bool] = False
-    converter: Rails
+    saturation_stage: Rails
 
     def __init__(self, limit):
-        self.converter = Rails(limit)
+        self.saturation_stage = Rails(limit)
 
     def apply(self, scenario: Scenario) -> Scenario:
         # The rails come before the converter's levels, whatever is named first.
-        return scenario.with_recorder(converters=(self.converter, *scenario.recorder.converters))
+        return scenario.with_recorder(
+            conversions=(self.saturation_stage, *scenario.recorder.conversions)
+        )
 
     @property
     def saturation(self) -> float:
-        return float(self.converter.limit)
+        return float(self.saturation_stage.limit)
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         return reference.relative_excess(self.saturation)

@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from ..converter import Quantisation as Levels
+from ..sampling import Quantiser as Levels
 from ..scenario import Scenario
 from ._effect import Order, Rounding
 from ._reference import ReferenceSpectra
@@ -14,21 +14,21 @@ class Quantisation(Rounding):
 
     order: ClassVar[Order] = Order.RECORD
     of_sensor: ClassVar[bool] = False
-    converter: Levels
+    quantiser: Levels
 
     def __init__(self, bits, full_scale):
-        self.converter = Levels(bits, full_scale)
+        self.quantiser = Levels(bits, full_scale)
 
     def apply(self, scenario: Scenario) -> Scenario:
-        return scenario.with_recorder(converters=(*scenario.recorder.converters, self.converter))
+        return scenario.with_recorder(conversions=(*scenario.recorder.conversions, self.quantiser))
 
     def relative_quantisation_step(self, reference: ReferenceSpectra) -> float:
-        return 2 * float(self.converter.full_scale) / 2**self.converter.bits / reference.signal_rms
+        return 2 * float(self.quantiser.full_scale) / 2**self.quantiser.bits / reference.signal_rms
 
     @property
     def saturation(self) -> float:
         # The highest level is a step below the full scale.
-        return float(self.converter.full_scale) * (1 - 2.0 ** (1 - self.converter.bits))
+        return float(self.quantiser.full_scale) * (1 - 2.0 ** (1 - self.quantiser.bits))
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # Never more than half a step, which is what a signal below one step may lose.

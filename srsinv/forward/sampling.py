@@ -14,15 +14,15 @@ from ..grid import as_real
 MOST_BITS = 24  # of which single precision still holds every level
 
 
-class Converter(eqx.Module):
+class SampleConversion(eqx.Module):
     """What turns the signal at the samples into the recorded numbers, in the signal's unit."""
 
     @abc.abstractmethod
-    def converted(self, signal: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
+    def convert(self, signal: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
         """The recorded signal."""
 
     @abc.abstractmethod
-    def kept(self, signal: Float[Array, "e sample"]) -> Bool[Array, "e sample"]:
+    def valid(self, signal: Float[Array, "e sample"]) -> Bool[Array, "e sample"]:
         """Which samples still tell the signal, given either before conversion or after."""
 
     @abc.abstractmethod
@@ -30,7 +30,7 @@ class Converter(eqx.Module):
         """Of the noise that it adds to what is kept, in the signal's unit squared."""
 
 
-class Clipping(Converter):
+class Saturation(SampleConversion):
     """An amplifier that ends at its rails, |v| <= limit.
 
     A sample at a rail tells a bound only and is not kept. The derivative is 1 between the rails and
@@ -44,18 +44,18 @@ class Clipping(Converter):
         self.limit = as_real(number("converter limit", limit, wanted, above=0))
 
     @eqx.filter_jit
-    def converted(self, signal: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
+    def convert(self, signal: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
         return _between(signal, -self.limit, self.limit)
 
     @eqx.filter_jit
-    def kept(self, signal: Float[Array, "e sample"]) -> Bool[Array, "e sample"]:
+    def valid(self, signal: Float[Array, "e sample"]) -> Bool[Array, "e sample"]:
         return jnp.abs(signal) < self.limit
 
     def variance(self) -> Float[Array, ""]:
         return as_real(0.0)
 
 
-class Quantisation(Converter):
+class Quantiser(SampleConversion):
     """Rounding to the nearest of 2^bits levels, 0 among them, 2 full_scale/2^bits apart.
 
     The levels go from -full_scale to a step below full_scale, and a sample at one of these two may
@@ -85,12 +85,12 @@ class Quantisation(Converter):
         return 2.0 ** (self.bits - 1)
 
     @eqx.filter_jit
-    def converted(self, signal: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
+    def convert(self, signal: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
         level = _between(signal / self.step, as_real(-self._half), as_real(self._half - 1))
         return self.step * _rounded(level)
 
     @eqx.filter_jit
-    def kept(self, signal: Float[Array, "e sample"]) -> Bool[Array, "e sample"]:
+    def valid(self, signal: Float[Array, "e sample"]) -> Bool[Array, "e sample"]:
         level = jnp.round(signal / self.step)
         return (level > -self._half) & (level < self._half - 1)
 
