@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 from srsinv.errors import number, refuse
-from srsinv.forward.circular import Circle, Circling, Ridge
+from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.oblique import turned, turned_scan
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
@@ -41,7 +41,7 @@ def run(cfg: build.Config) -> Outcome:
         signals, directions = [], []
         with stage("finding the directions"):
             for angle in truth:
-                ridge = Ridge(np.deg2rad(angle), **settings["ridge"])
+                ridge = ObliqueRidge(np.deg2rad(angle), **settings["ridge"])
                 clean = np.asarray(circling(ridge))
                 noise = 10 ** (-snr / 20) * np.sqrt(np.mean(clean**2))
                 signals.append((clean, clean + noise * rng.normal(size=clean.shape)))

@@ -100,7 +100,7 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
             "touching": ("x", touching.astype(np.int8), {"units": "1"}),
         },
         {"x": ("x", np.asarray(line.x), {"units": "m"})},
-        {"contact": solved.contact.result, "recovery": estimate.result} | in_metrics(estimate),
+        {"contact": solved.contact.status, "recovery": estimate.result} | in_metrics(estimate),
     )
 
 

@@ -36,13 +36,13 @@ class Convolution(eqx.Module):
 
     `transfer` (e, c, k) is the half spectrum of the circular kernel of `length` samples; with
     `length` >= 2 n - 1 the convolution is linear (open line), with `length` = n circular.
-    `feels_uniform` says whether an endless uniform r gives any signal: a rate does not.
+    `has_dc_gain` says whether an endless uniform r gives any signal: a rate does not.
     """
 
     transfer: Complex[Array, "e c k"]
     n: int = eqx.field(static=True)
     length: int = eqx.field(static=True)
-    feels_uniform: bool = eqx.field(static=True, default=True)
+    has_dc_gain: bool = eqx.field(static=True, default=True)
 
     @eqx.filter_jit
     def __call__(self, r: Float[Array, "c n"]) -> Float[Array, "e n"]:
@@ -72,7 +72,7 @@ class Convolution(eqx.Module):
         wrapped = jnp.concatenate(
             [kernel[..., :ahead], kernel[..., self.length - (self.n - ahead) :]], axis=-1
         )
-        return Convolution(jnp.fft.rfft(wrapped), self.n, self.n, self.feels_uniform)
+        return Convolution(jnp.fft.rfft(wrapped), self.n, self.n, self.has_dc_gain)
 
     @property
     def is_circular(self) -> bool:
@@ -84,7 +84,7 @@ class Stage(eqx.Module):
     """A linear, shift-invariant physical stage from traction to signals, in both domains."""
 
     @property
-    def feels_uniform(self) -> bool:
+    def has_dc_gain(self) -> bool:
         """Whether an endless uniform traction gives any signal."""
         return True
 
@@ -156,7 +156,7 @@ class Periodic(Line):
         if self.n % 2 == 0:
             # The last wavenumber stands for +k and -k at once: only its real part can act.
             transfer = transfer.at[..., -1].set(transfer[..., -1].real)
-        return Convolution(transfer, self.n, self.n, stage.feels_uniform)
+        return Convolution(transfer, self.n, self.n, stage.has_dc_gain)
 
     def differences(self, r: Float[Array, "c n"], order: int) -> Float[Array, "c n"]:
         for _ in range(order):
@@ -185,7 +185,7 @@ class Open(Line):
         response = stage.cell_response(self.cell_m * lag, self.cell_m)
         # Lags that no pair of cells has are padding, and must not wrap into the window.
         response = jnp.where(np.abs(lag) < self.n, response, 0.0)
-        return Convolution(jnp.fft.rfft(response), self.n, length, stage.feels_uniform)
+        return Convolution(jnp.fft.rfft(response), self.n, length, stage.has_dc_gain)
 
     def differences(self, r: Float[Array, "c n"], order: int) -> Float[Array, "c m"]:
         return jnp.diff(r, order, axis=-1) if order else r

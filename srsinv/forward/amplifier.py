@@ -81,7 +81,7 @@ class IntegratedCurrent(Amplifier):
         return as_real(0.0)
 
 
-class SlowReadout(Amplifier):
+class ChargeReadout(Amplifier):
     """A slow, DC-coupled readout of the charge itself: signal = gain Q + offset.
 
     Pressure sensors are read this way. `gain_per_C` is in signal units per coulomb; `offset` in

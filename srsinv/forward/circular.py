@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from ..errors import BadInput, number, refuse, whole
 from ..grid import Scalar, as_real
-from .film import Film, Offset, SampleAverage, StripWidth
+from .film import Film, Offset, SampleAverage, StripAverage
 from .oblique import TurnedSkin, turned_effects
 from .sensor import Sensor
 
@@ -71,7 +71,7 @@ class Circle(eqx.Module):
         return Circle(self.radius_m, self.speed_m_per_s, count, start, count * size * step)
 
 
-class Ridge(eqx.Module):
+class ObliqueRidge(eqx.Module):
     """A straight ridge that presses uniformly on |xi - d| < W/2 with a load per length.
 
     - `angle_rad`: from +x to its normal; turned by pi with -d it is the same ridge.
@@ -119,7 +119,7 @@ class Circling(eqx.Module):
         self.sensor, self.circle = sensor, circle
 
     @eqx.filter_jit
-    def __call__(self, ridge: Ridge) -> Float[Array, "e sample"]:
+    def __call__(self, ridge: ObliqueRidge) -> Float[Array, "e sample"]:
         """The signal."""
         by_load, by_shear = self.unit(ridge.angle_rad, ridge.distance_m, ridge.width_m)
         return ridge.load_N_per_m * (by_load + ridge.friction * by_shear)
@@ -174,10 +174,10 @@ def _spots(film: Film, angle_rad, width_m, nodes: int) -> tuple[Array, Array]:
     """Shifts along xi, and the share of each: quadrature over the widths of film and ridge."""
     at, weights = np.polynomial.legendre.leggauss(nodes)
     shifts, fractions = jnp.zeros(1), jnp.ones(1)
-    for effect in (*turned_effects(film, angle_rad), StripWidth(width_m)):
+    for effect in (*turned_effects(film, angle_rad), StripAverage(width_m)):
         if isinstance(effect, Offset):
             shifts = shifts + effect.offset_m
-        if isinstance(effect, StripWidth):
+        if isinstance(effect, StripAverage):
             spread = effect.width_m / 2 * as_real(at)
             shifts = jnp.ravel(shifts[:, None] + spread[None])
             fractions = jnp.ravel(fractions[:, None] * as_real(weights / 2)[None])

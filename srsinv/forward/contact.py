@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Inexact
 
 from ..errors import number, refuse
 from ..grid import Line, as_real, sinc
-from . import contact_elastic, contact_lagging
+from . import contact_elastic, contact_viscoelastic
 from .contact_elastic import gap_and_error, least_error, times
 from .skin import Skin
 
@@ -36,7 +36,7 @@ class WakeFriction(NamedTuple):
     missing: Float[Array, " window"]
 
     @property
-    def share(self) -> Float[Array, " window"]:
+    def missing_fraction(self) -> Float[Array, " window"]:
         """The missing part of the whole."""
         whole = self.in_window + self.missing[0]
         return self.missing / jnp.where(whole == 0, 1.0, whole)
@@ -45,7 +45,7 @@ class WakeFriction(NamedTuple):
     def is_much(self) -> bool:
         """Whether too much is missing in the window as it is."""
         size = abs(float(self.missing[0]))
-        return size > LEAST_FRICTION and float(self.share[0]) > MUCH_MISSING
+        return size > LEAST_FRICTION and float(self.missing_fraction[0]) > MUCH_MISSING
 
 
 class Contact(eqx.Module):
@@ -71,13 +71,14 @@ class Contact(eqx.Module):
         messages = []
         if not self.converged:
             messages.append(
-                f"The contact is {self.result}, so that the pressure is not that of the surface: "
+                f"The contact is {self.status}, so that the pressure is not that of the surface: "
                 "take a skin that is less stiff beside what lies below it, or wider cells."
             )
         if self.wake is not None and self.wake.is_much:
             messages.append(
                 "The skin has not recovered when the window repeats, so that the contact meets "
-                f"its own wake: {float(self.wake.share[0]):.0%} of the friction that its lag makes "
+                f"its own wake: {float(self.wake.missing_fraction[0]):.0%} of the friction that "
+                "its lag makes "
                 "is missing, and the pressure lies too far back. Leave scene.contact_windows at "
                 "null, or give a longer grid.length_m."
             )
@@ -94,7 +95,7 @@ class Contact(eqx.Module):
         return self.residual <= self.tolerance
 
     @property
-    def result(self) -> str:
+    def status(self) -> str:
         """ "converged", or what went wrong."""
         if bool(self.converged):
             return "converged"
@@ -109,7 +110,7 @@ def press(line: Line, skin: Skin, height_m: Float[Array, " n"], nominal_pressure
 
     Projected conjugate gradients after Polonsky and Keer (1999), preconditioned on the contact set
     by 1/compliance (|k| for a half space), started from wider cells; full contact by its formula.
-    Where the compliance is complex, a sequence of such contacts (contact_lagging.py).
+    Where the compliance is complex, a sequence of such contacts (contact_viscoelastic.py).
     Differentiable in all that is given, forward and reverse, by the implicit function theorem:
     where a cell is about to touch or to part, the derivative is that of one side.
 
@@ -135,8 +136,8 @@ def _solved(height_m, nominal, compliance):
     """Pressure, gap, residual and iterations."""
     # From the crest: differences of heights near it are then exact, and all of a slight contact.
     height = height_m - jax.lax.stop_gradient(jnp.max(height_m))
-    solver = contact_lagging if jnp.iscomplexobj(compliance) else contact_elastic
-    deviation, iterations = solver.pressed(height, nominal, compliance)
+    solver = contact_viscoelastic if jnp.iscomplexobj(compliance) else contact_elastic
+    deviation, iterations = solver.pressure_deviation(height, nominal, compliance)
     gap, residual = gap_and_error(height, nominal, times(compliance, deviation), deviation)
     # Cells out of contact hold -nominal: their pressure is zero to the last digit.
     return jnp.maximum(nominal, 0.0) + deviation, gap, residual, iterations

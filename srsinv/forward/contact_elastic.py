@@ -67,7 +67,7 @@ def touches(nominal, deviation):
 
 
 @jax.custom_jvp
-def pressed(height, nominal, compliance):
+def pressure_deviation(height, nominal, compliance):
     """The pressure's deviation from its mean, and the number of iterations.
 
     As a deviation, so that features far smaller than the load keep their digits.
@@ -93,7 +93,7 @@ def _partial(height, nominal, compliance, most: int):
     return iterate(height, nominal, compliance, start, most, least_error(height.dtype))
 
 
-class _State(NamedTuple):
+class _DescentState(NamedTuple):
     deviation: Float[Array, " n"]
     moved: Float[Array, " n"]
     gap: Float[Array, " n"]
@@ -119,10 +119,10 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
     def on(active, values):
         return jnp.where(active, times(stiffness, values), 0.0)
 
-    def going(at: _State):
+    def going(at: _DescentState):
         return (at.residual > tolerance) & (at.steps < most)
 
-    def step(at: _State) -> _State:
+    def step(at: _DescentState) -> _DescentState:
         touching = touches(nominal, at.deviation)
         entering = ~touching & (at.gap < 0)
         active = touching | entering
@@ -149,7 +149,7 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
         )
         gap, residual = gap_and_error(height, nominal, moved, deviation)
         # A direction that lost cells would carry a net force.
-        return _State(
+        return _DescentState(
             deviation, moved, gap, residual, active, evenly, direction, norm, whole, at.steps + 1
         )
 
@@ -157,12 +157,14 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
     moved = times(compliance, start)
     gap, residual = gap_and_error(height, nominal, moved, start)
     active = jnp.zeros(height.shape, bool)
-    first = _State(start, moved, gap, residual, active, none, none, zero, jnp.array(False), zero)
+    first = _DescentState(
+        start, moved, gap, residual, active, none, none, zero, jnp.array(False), zero
+    )
     end = jax.lax.while_loop(going, step, first)
     return end.deviation, end.steps
 
 
-def _falling(at: _State, cut, height, compliance):
+def _falling(at: _DescentState, cut, height, compliance):
     """From the state to `cut`, or after some steps only as far that way as the energy falls: else
     cells can come and go in a circle. The deviation, and the displacement under it."""
     moved = times(compliance, cut)
@@ -188,9 +190,9 @@ def _balanced(values, evenly):
     return values - jnp.sum(values) / jnp.where(total != 0, total, 1.0) * evenly
 
 
-@pressed.defjvp
-def _pressed_jvp(primals, tangents):
-    deviation, iterations = pressed(*primals)
+@pressure_deviation.defjvp
+def _pressure_deviation_jvp(primals, tangents):
+    deviation, iterations = pressure_deviation(*primals)
     change = derivative(primals, tangents, deviation, _solve_on)
     return (deviation, iterations), (change, jnp.zeros_like(iterations))
 

@@ -74,7 +74,7 @@ def windows_for(wake: WakeFriction | None) -> int:
     """How many windows leave room enough for the wake; the most where none do."""
     if wake is None or not wake.is_much:
         return 1
-    enough = np.flatnonzero(np.asarray(wake.share) < ENOUGH)
+    enough = np.flatnonzero(np.asarray(wake.missing_fraction) < ENOUGH)
     return WINDOWS[enough[0]] if enough.size else WINDOWS[-1]
 
 

@@ -8,7 +8,7 @@ from ..errors import number
 from ..grid import as_real
 
 
-class LoadDrift(eqx.Module):
+class SinusoidalLoad(eqx.Module):
     """The load is 1 + d(t) times the nominal one, d = fraction sin(2 pi t/period + phase).
 
     Traction, and with it the charge Q of the whole field, its uniform mean included, is scaled by

@@ -38,7 +38,7 @@ class LineEffect(eqx.Module):
         """The film's kernel after the effect."""
 
 
-class StripWidth(LineEffect):
+class StripAverage(LineEffect):
     """The strip's charge is the mean over its width: sin(kw/2)/(kw/2), blind at k = 2 pi n / w.
 
     On the open line by Gauss's rule of `nodes` nodes on each of `panels` equal panels; there it
@@ -53,7 +53,7 @@ class StripWidth(LineEffect):
         self.width_m, self.nodes, self.panels = as_real(width_m), nodes, panels
 
     @classmethod
-    def at_depth(cls, width_m: float, depth_m: float) -> "StripWidth":
+    def at_depth(cls, width_m: float, depth_m: float) -> "StripAverage":
         """With as many nodes as round-off needs for a film at this depth, or more: 8, 16, ... 256,
         so that a change of the numbers seldom asks for another program."""
         # The kernel is analytic within a depth of the real axis, so that Gauss's rule converges as

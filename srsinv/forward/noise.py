@@ -30,7 +30,7 @@ class Noise(eqx.Module):
         """Power per sample at line.k, given the noise-free signal's rms over all elements."""
 
 
-class Drawn(Noise):
+class NonGaussianNoise(Noise):
     """A cause that is not Gaussian, or not independent from element to element, and brings its own
     draw. Its spectrum is then the mean over the elements."""
 
@@ -66,16 +66,16 @@ class White(Noise):
 class SignalToNoise(Noise):
     """White noise at `snr_db` = 20 log10(rms signal over all elements / rms noise)."""
 
-    snr_db: Float[Array, ""]
+    snr_dB: Float[Array, ""]
 
     def __init__(self, snr_db=40.0):
         wanted = f"a finite number of decibels, from -{MOST_DB} to {MOST_DB}"
-        self.snr_db = as_real(number("noise snr_db", snr_db, wanted, least=-MOST_DB, most=MOST_DB))
+        self.snr_dB = as_real(number("noise snr_db", snr_db, wanted, least=-MOST_DB, most=MOST_DB))
 
     def spectrum(
         self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
     ) -> Float[Array, " k"]:
-        return jnp.full(line.k.shape, (signal_rms * 10 ** (-self.snr_db / 20)) ** 2)
+        return jnp.full(line.k.shape, (signal_rms * 10 ** (-self.snr_dB / 20)) ** 2)
 
 
 class Johnson(Noise):
@@ -149,10 +149,10 @@ def with_noise(
     """The signal with noise, the noise's power at line.k, and the signal's rms, which some causes
     go by."""
     rms = jnp.sqrt(jnp.mean(signal**2))
-    gaussian = tuple(noise for noise in noises if not isinstance(noise, Drawn))
+    gaussian = tuple(noise for noise in noises if not isinstance(noise, NonGaussianNoise))
     spectrum = total_spectrum(gaussian, line, scan, rms)
     noisy = signal + draw(key, spectrum, *signal.shape)
-    for at, noise in enumerate(noise for noise in noises if isinstance(noise, Drawn)):
+    for at, noise in enumerate(noise for noise in noises if isinstance(noise, NonGaussianNoise)):
         noisy = noisy + noise.draw(jax.random.fold_in(key, at), line, scan, rms)
         spectrum = spectrum + noise.spectrum(line, scan, rms)
     return noisy, spectrum, rms

@@ -16,14 +16,14 @@ from jaxtyping import Array, Complex, Float, Inexact
 from ..errors import BadInput, number
 from ..grid import as_real
 from .antiplane import Antiplane
-from .film import Film, Kernel, LineEffect, Offset, SampleAverage, StripWidth
+from .film import Film, Kernel, LineEffect, Offset, SampleAverage, StripAverage
 from .scan import ConstantSpeed, Motion
 from .sensor import Sensor
 from .skin import Skin
 
 Scan = TypeVar("Scan", ConstantSpeed, Motion)
 
-# Enough for a strip of 15 depths: Gauss's rule converges as in `StripWidth.at_depth`.
+# Enough for a strip of 15 depths: Gauss's rule converges as in `StripAverage.at_depth`.
 LENGTH_NODES = 128
 QUARTER_RAD = math.pi / 2 + 1e-6  # a quarter turn, as single precision too rounds it
 
@@ -122,8 +122,8 @@ class StripLength(LineEffect):
         return self._mean.spread(kernel)
 
     @property
-    def _mean(self) -> StripWidth:
-        return StripWidth(self.reach_m, self.nodes)
+    def _mean(self) -> StripAverage:
+        return StripAverage(self.reach_m, self.nodes)
 
 
 def turned(sensor: Sensor, angle_rad) -> Sensor:
@@ -153,8 +153,8 @@ def turned_effects(film: Film, angle_rad: Float[Array, ""]) -> tuple[LineEffect,
 
     def one(effect: LineEffect) -> LineEffect:
         match effect:
-            case StripWidth():
-                return StripWidth(c * effect.width_m, effect.nodes, effect.panels)
+            case StripAverage():
+                return StripAverage(c * effect.width_m, effect.nodes, effect.panels)
             case Offset():
                 return Offset(c * effect.offset_m)
             case SampleAverage():

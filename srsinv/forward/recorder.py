@@ -6,10 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..grid import Line, Periodic, as_real
-from .drift import LoadDrift
-from .pace import Pace, paced
+from .drift import SinusoidalLoad
 from .sampling import SampleConversion
 from .scan import ConstantSpeed, Motion
+from .speed_profile import SpeedProfile, paced
 
 
 class Recorder(eqx.Module):
@@ -21,8 +21,8 @@ class Recorder(eqx.Module):
     """
 
     sample_rate_hz: float | None = eqx.field(static=True, default=None)
-    speed_profiles: tuple[Pace, ...] = ()
-    drift: LoadDrift | None = None
+    speed_profiles: tuple[SpeedProfile, ...] = ()
+    drift: SinusoidalLoad | None = None
     conversions: tuple[SampleConversion, ...] = ()
 
     @property

@@ -12,7 +12,7 @@ from ..errors import number, refuse
 from ..grid import Line, as_real
 
 MIN_SAMPLES = 3
-LOST = 1e-3  # of the shortest interval: what rounding the times may take off one
+MAX_INTERVAL_ROUNDING = 1e-3  # of the shortest interval: what rounding the times may take off one
 
 
 class ConstantSpeed(eqx.Module):
@@ -67,7 +67,7 @@ class Motion(eqx.Module):
 
     def __init__(self, time_s, position_m, speed_m_per_s):
         _check_columns(time_s=time_s, position_m=position_m, speed_m_per_s=speed_m_per_s)
-        self.time_s, self.position_m = _told_apart(time_s), as_real(position_m)
+        self.time_s, self.position_m = _distinct_times(time_s), as_real(position_m)
         self.speed_m_per_s = as_real(speed_m_per_s)
 
     @classmethod
@@ -104,7 +104,7 @@ class Motion(eqx.Module):
         At a standstill friction keeps the sign of the motion before, and ahead of the first motion
         it has the sign of that. Zero where nothing ever moves.
         """
-        return _kept_sign(self.speed_m_per_s)
+        return _last_sign(self.speed_m_per_s)
 
     @property
     def reverses(self) -> Bool[Array, ""]:
@@ -113,7 +113,7 @@ class Motion(eqx.Module):
 
 
 @jax.jit
-def _kept_sign(speed: Float[Array, " sample"]) -> Float[Array, " sample"]:
+def _last_sign(speed: Float[Array, " sample"]) -> Float[Array, " sample"]:
     sign = jnp.sign(speed)
     moved = jax.lax.cummax(jnp.where(sign != 0, jnp.arange(sign.size), -1))
     return sign[jnp.where(moved < 0, jnp.argmax(sign != 0), moved)]
@@ -155,14 +155,14 @@ def _check_columns(**columns) -> None:
         )
 
 
-def _told_apart(time_s) -> Float[Array, " sample"]:
+def _distinct_times(time_s) -> Float[Array, " sample"]:
     """The times in the precision worked in, in which a clock's 1e9 s would hide every interval."""
     if isinstance(time_s, Tracer):
         return as_real(time_s)
     time = np.asarray(time_s, dtype=float)
     interval, rounded = np.diff(time), time.astype(jnp.result_type(float)).astype(float)
     off = np.max(np.abs(np.diff(rounded) - interval))
-    return as_real(time - time[0] if off > LOST * np.min(interval) else time_s)
+    return as_real(time - time[0] if off > MAX_INTERVAL_ROUNDING * np.min(interval) else time_s)
 
 
 def _spline(time_s, values, degree: int) -> BSpline:

@@ -41,7 +41,7 @@ class PositionInterpolation(eqx.Module):
         at = (as_real(position_m) - line.start_m) / line.cell_m
         first = jnp.floor(at) - (points - 1) // 2
         if not wraps:
-            _refuse_beyond(line, at)
+            _refuse_outside(line, at)
             first = jnp.clip(first, 0, line.n - points)
         index = first.astype(int)[:, None] + np.arange(points)[None]
         self.index = index % line.n if wraps else index
@@ -132,7 +132,7 @@ def lagrange(t: Float[Array, " sample"], points: int) -> Float[Array, "sample po
     return weights
 
 
-def _refuse_beyond(line: Line, at: Float[Array, " sample"]) -> None:
+def _refuse_outside(line: Line, at: Float[Array, " sample"]) -> None:
     if isinstance(at, Tracer):
         return
     cells = np.asarray(at)

@@ -25,7 +25,7 @@ class FilmSignal(Stage):
     order: int = eqx.field(static=True)
 
     @property
-    def feels_uniform(self) -> bool:
+    def has_dc_gain(self) -> bool:
         return self.order == 0
 
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
@@ -117,7 +117,9 @@ class Sensor(eqx.Module):
         gain = self.amplifier.gain(scan.speed_m_per_s)
         return FilmSignal(self.skin, self._lagging(scan), gain, self.amplifier.order)
 
-    def beyond(self, line: Line, motion: Motion, reach_m: float) -> Float[Array, "e c sample"]:
+    def signal_of_continuation(
+        self, line: Line, motion: Motion, reach_m: float
+    ) -> Float[Array, "e c sample"]:
         """The signal along a motion, ahead of the filters, of unit traction from the line's end on,
         over `reach_m` [m]."""
         field = self._field()

@@ -16,19 +16,19 @@ from ..errors import number, refuse
 from ..grid import Line, as_real
 from .amplifier import Amplifier
 from .filter import Filter
-from .noise import Drawn, exponential_spectrum
+from .noise import NonGaussianNoise, exponential_spectrum
 from .scan import ConstantSpeed
 from .sensor import FilmSignal, Sensor
 
 PANELS, NODES = 32, 16  # of Gauss's rule over the contact: to round-off up to 50 depths
 MOST_TERMS = 512  # of the films' response over the contact, in Chebyshev polynomials: likewise
-LOST = 1e-10  # of the response, by what terms there are where the contact is shorter
+TRUNCATION_ERROR = 1e-10  # of the response, by what terms there are where the contact is shorter
 BLOCK = 128  # events drawn at once
 MOST_PER_S = 1e6
 MOST_DEPTHS = 200  # of contact: beyond, panels and terms miss what the shallowest film feels
 
 
-class SnapBack(Drawn):
+class SnapBackNoise(NonGaussianNoise):
     """Events at random times, `rate_hz` a second, at places uniform over the contact.
 
     - `shear_Pa`: rms of a jump's amplitude, Gaussian with mean zero; it decays as exp(-t/decay_s).
@@ -80,7 +80,9 @@ class SnapBack(Drawn):
         self.terms = _terms(contact_m, [film.depth_m for film in charge.elements])
 
     @classmethod
-    def felt_by(cls, sensor: Sensor, rate_hz, shear_Pa, patch_m, decay_s, contact_m) -> "SnapBack":
+    def recorded_by(
+        cls, sensor: Sensor, rate_hz, shear_Pa, patch_m, decay_s, contact_m
+    ) -> "SnapBackNoise":
         """The noise in what this sensor records."""
         readout = sensor.charge(), sensor.amplifier, sensor.filters
         return cls(*readout, rate_hz, shear_Pa, patch_m, decay_s, contact_m)
@@ -211,5 +213,5 @@ def _terms(contact_m, depths_m) -> int:
     if any(isinstance(value, Tracer) for value in (contact_m, *depths_m)):
         return MOST_TERMS
     half, depth = float(contact_m) / 2, min(float(depth) for depth in depths_m)
-    wanted = -np.log(LOST) / np.arcsinh(depth / half) if half > 0 else 1.0
+    wanted = -np.log(TRUNCATION_ERROR) / np.arcsinh(depth / half) if half > 0 else 1.0
     return int(min(MOST_TERMS, 2 ** np.ceil(np.log2(max(wanted, 16.0)))))

@@ -30,22 +30,22 @@ class Pressure(eqx.Module):
         half = line.cell_m / 2
         return (self.primitive(line.x + half) - self.primitive(line.x - half)) / line.cell_m
 
-    def shares(self, line: Line) -> Float[Array, " n"]:
+    def cell_values(self, line: Line) -> Float[Array, " n"]:
         """Values of the cells [Pa] whose signal is that of p, to higher order than its averages.
 
         What a cell feels is spread twice, by the averaging and by the cell: by a variance of
         cell^2/6, which half the second difference takes out again.
         """
-        return _sharpened(self.cell_average(line), 1 / 6)
+        return _deconvolve(self.cell_average(line), 1 / 6)
 
 
-def _sharpened(values: Float[Array, " n"], variance: float) -> Float[Array, " n"]:
+def _deconvolve(values: Float[Array, " n"], variance: float) -> Float[Array, " n"]:
     """`values` less the spread of this variance, in cells^2."""
     padded = jnp.pad(values, 1, mode="edge")
     return values - variance / 2 * (padded[2:] - 2 * values + padded[:-2])
 
 
-class Edged(Pressure):
+class Discontinuous(Pressure):
     """A profile of jumps, which would leave kinks in the signal as they cross from cell to cell.
 
     Its cells share it by the quadratic B-spline: the signal has a continuous derivative in every
@@ -53,11 +53,13 @@ class Edged(Pressure):
     """
 
     @abc.abstractmethod
-    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+    def bspline_average(
+        self, x: Float[Array, " n"], cell_m: Float[Array, ""]
+    ) -> Float[Array, " n"]:
         """Mean of p about x with the quadratic B-spline of cells `cell_m` as the weight."""
 
-    def shares(self, line: Line) -> Float[Array, " n"]:
-        return _sharpened(self.blurred(line.x, line.cell_m), 1 / 4 + 1 / 12)
+    def cell_values(self, line: Line) -> Float[Array, " n"]:
+        return _deconvolve(self.bspline_average(line.x, line.cell_m), 1 / 4 + 1 / 12)
 
 
 def _bell(t: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -100,7 +102,7 @@ class PressedStrip(Pressure):
         return self.pressure_Pa * self.edge_m / 2 * (log_cosh(rise) - log_cosh(fall))
 
 
-class UniformStrip(Edged):
+class UniformStrip(Discontinuous):
     """Uniform pressure on |x - x0| < W/2."""
 
     pressure_Pa: Float[Array, ""]
@@ -116,7 +118,9 @@ class UniformStrip(Edged):
         half = self.width_m / 2
         return self.pressure_Pa * jnp.clip(x - self.position_m, -half, half)
 
-    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+    def bspline_average(
+        self, x: Float[Array, " n"], cell_m: Float[Array, ""]
+    ) -> Float[Array, " n"]:
         t, half = (x - self.position_m) / cell_m, self.width_m / 2 / cell_m
         return self.pressure_Pa * (_rise(t + half) - _rise(t - half))
 
@@ -159,7 +163,7 @@ class Sinusoid(Pressure):
         return self.pressure_Pa / k * jnp.sin(k * (x - self.position_m))
 
 
-class LineLoad(Edged):
+class LineLoad(Discontinuous):
     """A load [N/m] on one line: p = F delta(x - x0)."""
 
     load_N_per_m: Float[Array, ""]
@@ -172,11 +176,13 @@ class LineLoad(Edged):
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         return self.load_N_per_m * jnp.heaviside(x - self.position_m, 0.5)
 
-    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+    def bspline_average(
+        self, x: Float[Array, " n"], cell_m: Float[Array, ""]
+    ) -> Float[Array, " n"]:
         return self.load_N_per_m / cell_m * _bell((x - self.position_m) / cell_m)
 
 
-class Step(Edged):
+class Step(Discontinuous):
     """More pressure from x0 on: p = P for x > x0."""
 
     pressure_Pa: Float[Array, ""]
@@ -189,11 +195,13 @@ class Step(Edged):
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         return self.pressure_Pa * jnp.maximum(x - self.position_m, 0.0)
 
-    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+    def bspline_average(
+        self, x: Float[Array, " n"], cell_m: Float[Array, ""]
+    ) -> Float[Array, " n"]:
         return self.pressure_Pa * _rise((x - self.position_m) / cell_m)
 
 
-class Bars(Edged):
+class Bars(Discontinuous):
     """A grating: bars of pressure P that take the part `duty` of each pitch, less their mean.
 
     `phase_rad` is that of the first harmonic at x = 0: a bar is centred where 2 pi x/pitch equals
@@ -218,7 +226,9 @@ class Bars(Edged):
         deviation = jnp.minimum(within, self.duty) - self.duty * within
         return self.pressure_Pa * self.pitch_m * deviation
 
-    def blurred(self, x: Float[Array, " n"], cell_m: Float[Array, ""]) -> Float[Array, " n"]:
+    def bspline_average(
+        self, x: Float[Array, " n"], cell_m: Float[Array, ""]
+    ) -> Float[Array, " n"]:
         """Of bars and gaps wider than three cells."""
         turns = x / self.pitch_m - self.phase_rad / (2 * jnp.pi)
         away = jnp.abs(turns - jnp.round(turns))  # from the nearest bar's middle, in pitches

@@ -49,7 +49,11 @@ class Felt(eqx.Module):
 
 @eqx.filter_jit
 def _responding(sensor: Sensor, motion: Motion, line: Line):
-    return sensor.scanned(line, motion), sensor.beyond(line, motion, FAR_M), _fade(line, motion)
+    return (
+        sensor.scanned(line, motion),
+        sensor.signal_of_continuation(line, motion, FAR_M),
+        _fade(line, motion),
+    )
 
 
 class FeatureModel(eqx.Module):
@@ -80,7 +84,7 @@ class FeatureModel(eqx.Module):
         """p and q [Pa] on the line while sliding towards +x."""
         total = jnp.zeros((2, self.line.n))
         for name, feature in self.features.items():
-            shape = feature.profile(params[name]).shares(self.line)
+            shape = feature.profile(params[name]).cell_values(self.line)
             shape = shape * self.felt.fade if feature.repeats else shape
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
         return total

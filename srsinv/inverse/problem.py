@@ -154,7 +154,7 @@ def _told(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, "
     gain = forward.transfer[..., 0]
     largest = jnp.max(jnp.abs(forward.transfer))
     size = jnp.linalg.norm(jnp.abs(gain), axis=0)
-    observable = forward.feels_uniform & (size > FAINT * largest) & jnp.isfinite(noise[0])
+    observable = forward.has_dc_gain & (size > FAINT * largest) & jnp.isfinite(noise[0])
     unit = jnp.where(observable, gain / jnp.where(observable, size, 1.0), 0.0)
     overlap = jnp.abs(unit.conj().T @ unit) - jnp.eye(len(known))
     alike = jnp.any((overlap > 1 - FAINT**2) & ~np.array(known)[:, None], axis=0)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..forward.noise import Drawn
+from ..forward.noise import NonGaussianNoise
 from ..forward.scan import ConstantSpeed, Motion
 from ..grid import Line, Periodic
 from . import build
@@ -82,13 +82,13 @@ def _converted_with_bursts(
 ) -> Float[np.ndarray, "e sample"]:
     """With bursts, converted."""
     for noise in sim.scenario.noises:
-        if isinstance(noise, Drawn):
+        if isinstance(noise, NonGaussianNoise):
             signal = _with_bursts(noise, signal, line, sim.scan, key)
     return np.asarray(sim.scenario.recorder.convert(signal))
 
 
 @eqx.filter_jit
-def _with_bursts(noise: Drawn, signal, line: Line, scan: ConstantSpeed, key):
+def _with_bursts(noise: NonGaussianNoise, signal, line: Line, scan: ConstantSpeed, key):
     return signal + noise.draw(key, line, scan, jnp.sqrt(jnp.mean(signal**2)))
 
 

@@ -8,19 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..errors import number, refuse
-from ..forward.amplifier import SlowReadout
+from ..forward.amplifier import ChargeReadout
 from ..forward.contact import refuse_both_ways
-from ..forward.drift import LoadDrift
+from ..forward.drift import SinusoidalLoad
 from ..forward.effects._screen import ScreeningResult, screen
-from ..forward.film import StripWidth
+from ..forward.film import StripAverage
 from ..forward.filter import even_interval, filtered
 from ..forward.noise import Noise, with_noise
-from ..forward.pace import denser
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.scenario import Scenario
 from ..forward.scene import Scene, deviation
 from ..forward.sensor import Sensor
 from ..forward.skin import STRESSES
+from ..forward.speed_profile import denser
 from ..grid import Line, Periodic, Stage, as_real
 from ..inverse.problem import Problem
 from . import build
@@ -86,8 +86,8 @@ class Simulation(eqx.Module):
         Filters come before the sampling: they act on samples as dense as the finer line's cells.
         """
         if self.sensor.filters and (times := self._denser(motion)) > 1:
-            speed, paces = float(self.scan.speed_m_per_s), self.scenario.recorder.speed_profiles
-            return self.along(denser(motion, times, speed, paces))[:, ::times]
+            speed, profiles = float(self.scan.speed_m_per_s), self.scenario.recorder.speed_profiles
+            return self.along(denser(motion, times, speed, profiles))[:, ::times]
         own = self.scan.direction
         ways = (self.traction(self.fine),)
         if bool(motion.reverses):
@@ -107,7 +107,7 @@ class Simulation(eqx.Module):
 @eqx.filter_jit
 def _along(
     sensor: Sensor,
-    drift: LoadDrift | None,
+    drift: SinusoidalLoad | None,
     scan: ConstantSpeed,
     line: Line,
     motion: Motion,
@@ -121,7 +121,7 @@ def _along(
     ideal = dataclasses.replace(sensor, filters=())
     signal, charge = ideal.scanned(line, motion)(*ways), None
     if sensor.amplifier.order:
-        readout = SlowReadout(sensor.amplifier.gain(as_real(1.0)))
+        readout = ChargeReadout(sensor.amplifier.gain(as_real(1.0)))
         slow = dataclasses.replace(ideal, amplifier=readout)
         uniform = slow.signal(scan).transfer(jnp.zeros(1))[..., 0].real
         charge = slow.scanned(line, motion)(*ways) + uniform @ background
@@ -233,7 +233,7 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> Problem:
     signal = signal if direction > 0 else signal[:, ::-1]
     power = np.interp(sim.line.k, record.k, record.spectrum) / typical
     # A cell has the mean of what is sampled on its way.
-    mean = [StripWidth.at_depth(cell, float(film.depth_m)) for film in sim.sensor.elements]
+    mean = [StripAverage.at_depth(cell, float(film.depth_m)) for film in sim.sensor.elements]
     films = [film.with_effect(m) for film, m in zip(sim.sensor.elements, mean, strict=True)]
     sensor = dataclasses.replace(sim.sensor, elements=films)
     data, observed = jnp.nan_to_num(signal), np.isfinite(signal)

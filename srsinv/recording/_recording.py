@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from srsinv.errors import LARGEST, BadInput, refuse
-from srsinv.sums import running_sum
+from srsinv.numerics import pairwise_cumsum
 
 from ._schema import check_facts
 
@@ -132,7 +132,7 @@ class Recording:
         if self.measured_position_m is not None:
             return self.measured_position_m
         mean_speed = (self.speed_m_per_s[1:] + self.speed_m_per_s[:-1]) / 2
-        travelled_m = running_sum(mean_speed * np.diff(self.time_s))
+        travelled_m = pairwise_cumsum(mean_speed * np.diff(self.time_s))
         return self._scan_start_m + np.concatenate(([0.0], travelled_m))
 
     @property

@@ -45,7 +45,7 @@ def _setting(rng: Rng, seed: int) -> dict[str, Any]:
     # Half the pressure over the film's charge constant, and for a rate signal over a millimetre.
     typical = 1e6 * 23e-12 * 0.008 * width * 2e3 * (speed / 1e-3 if is_current else 1.0)
     rate_amplifier = {"_target_": "srsinv.forward.amplifier.CurrentAmplifier"}
-    charge_amplifier = {"_target_": "srsinv.forward.amplifier.SlowReadout", "gain_per_C": 1e6}
+    charge_amplifier = {"_target_": "srsinv.forward.amplifier.ChargeReadout", "gain_per_C": 1e6}
     return {
         "scene": _surface_scene(rng, seed // 2) if is_surface else _load_scene(rng, seed // 2),
         "skin": {

@@ -3,8 +3,8 @@
 import equinox as eqx
 import numpy as np
 
-from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent, SlowReadout
-from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripWidth
+from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
+from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -14,7 +14,7 @@ SCAN = ConstantSpeed(0.05)
 AMPLIFIERS = {
     "current": CurrentAmplifier(1e6),
     "integrated": IntegratedCurrent(1e6),
-    "slow": SlowReadout(2e9, 0.1),
+    "slow": ChargeReadout(2e9, 0.1),
 }
 LINES = {
     "periodic_even": Periodic(64, 1e-4, -3.15e-3),
@@ -34,8 +34,8 @@ def full_sensor(amplifier=None) -> Sensor:
     """Three elements, no two alike, with every effect along the line."""
     return Sensor(
         [
-            Film(0.75e-3, 0.0, effects=(StripWidth(0.7e-3), Offset(0.3e-3))),
-            Film(0.9e-3, np.pi / 2, effects=(SampleAverage(3, 4e-5), StripWidth(0.5e-3))),
+            Film(0.75e-3, 0.0, effects=(StripAverage(0.7e-3), Offset(0.3e-3))),
+            Film(0.9e-3, np.pi / 2, effects=(SampleAverage(3, 4e-5), StripAverage(0.5e-3))),
             Film(0.6e-3, 0.5, 0.5e-3, 6e-3, Piezo(20e-12, 2e-12, -30e-12), (Offset(-2e-4),), 2),
         ],
         HalfSpace(0.45),

@@ -80,14 +80,14 @@ def test_a_cylinder_that_stands_alone(wake_m):
     reference = alone(wake_m)
     contact = scene(wake_m).contact(LINE)
     own = scene(wake_m, 1).contact(LINE)
-    assert contact.result == own.result == "converged"
+    assert contact.status == own.status == "converged"
     assert np.mean(np.asarray(contact.pressure_Pa)) == pytest.approx(NOMINAL_PA, rel=1e-9)
     assert friction(contact.pressure_Pa) == pytest.approx(friction(reference), rel=0.01)
     assert contact.warnings == ()
     missing = 1 - friction(own.pressure_Pa) / friction(reference)
     assert missing > 0.03
     assert own.wake is not None
-    assert float(own.wake.share[0]) == pytest.approx(missing, abs=0.03)
+    assert float(own.wake.missing_fraction[0]) == pytest.approx(missing, abs=0.03)
     assert len(own.warnings) == 1
     assert "wake" in own.warnings[0]
 

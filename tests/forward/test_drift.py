@@ -7,31 +7,31 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from srsinv.forward.amplifier import CurrentAmplifier, SlowReadout
-from srsinv.forward.drift import LoadDrift
-from srsinv.forward.film import Film, StripWidth
-from srsinv.forward.pace import Ripple, Standstill, paced
+from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier
+from srsinv.forward.drift import SinusoidalLoad
+from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
+from srsinv.forward.speed_profile import RippleProfile, StandstillProfile, paced
 from srsinv.grid import Periodic
 from tests.refusals import refused
 
 OHM = 2e6
-DRIFT = LoadDrift(0.3, 0.17, 0.8)
+DRIFT = SinusoidalLoad(0.3, 0.17, 0.8)
 LINE = Periodic(320, 5e-5)
 X = np.asarray(LINE.x)
 TURN = 2 * np.pi / 16e-3
 # Over a load of its own, which a rate signal does not feel unless it drifts.
 P = 4e3 + 900 * np.cos(2 * TURN * X) + 500 * np.sin(5 * TURN * X)
 TRACTION = jnp.asarray(np.stack([P, 0.4 * P]))
-STOP = Standstill(0.1, 0.05, 0.02)
+STOP = StandstillProfile(0.1, 0.05, 0.02)
 MOTION_BENDS = (0.1, 0.12, 0.17, 0.19)
-MOTION = paced(1e-3, 12e-3, 0.05, 4e3, [Ripple(0.3, 60.0), STOP])
+MOTION = paced(1e-3, 12e-3, 0.05, 4e3, [RippleProfile(0.3, 60.0), STOP])
 
 
 def sensor(amplifier):
-    films = [Film(0.75e-3, 0.0, effects=(StripWidth(0.7e-3, 12),)), Film(0.9e-3, 0.7)]
+    films = [Film(0.75e-3, 0.0, effects=(StripAverage(0.7e-3, 12),)), Film(0.9e-3, 0.7)]
     return Sensor(films, HalfSpace(0.45), amplifier)
 
 
@@ -49,7 +49,7 @@ def along():
     """Rate and charge (e, sample) along the motion."""
     return [
         eqx.filter_jit(sensor(amplifier).scanned)(LINE, MOTION)(TRACTION)
-        for amplifier in (CurrentAmplifier(OHM), SlowReadout(OHM))
+        for amplifier in (CurrentAmplifier(OHM), ChargeReadout(OHM))
     ]
 
 
@@ -103,7 +103,7 @@ def test_a_readout_of_charge_is_scaled(along):
 
 
 def test_no_drift_changes_nothing(along):
-    still = LoadDrift(0.0, 1.0, 0.3)(MOTION.time_s, *along)
+    still = SinusoidalLoad(0.0, 1.0, 0.3)(MOTION.time_s, *along)
     np.testing.assert_array_equal(still, along[0])
 
 
@@ -114,7 +114,7 @@ def test_gradients_are_those_of_differences(along, at):
 
     @jax.jit
     def total(values):
-        drift = LoadDrift(*values)
+        drift = SinusoidalLoad(*values)
         return jnp.sum(jnp.sin(drift(time, rate, charge) / scale))
 
     values = jnp.asarray([0.3, 0.17, 0.8])
@@ -128,7 +128,7 @@ def test_gradients_are_those_of_differences(along, at):
 def test_single_precision(along):
     with jax.enable_x64(False):
         args = [jnp.asarray(np.asarray(a), "float32") for a in (MOTION.time_s, *along)]
-        single = LoadDrift(0.3, 0.17, 0.8)(*args)
+        single = SinusoidalLoad(0.3, 0.17, 0.8)(*args)
     double = np.asarray(DRIFT(MOTION.time_s, *along))
     assert single.dtype == np.float32
     error = np.abs(np.asarray(single) - double).max() / np.abs(double).max()
@@ -136,10 +136,10 @@ def test_single_precision(along):
 
 
 REFUSED = {
-    "fraction": (lambda: LoadDrift(-0.1, 1.0), "drift.fraction", "-0.1", "between 0 and 1"),
-    "pull": (lambda: LoadDrift(1.1, 1.0), "drift.fraction", "1.1", "between 0 and 1"),
-    "period": (lambda: LoadDrift(0.1, 0.0), "drift.period_s", "0.0", "positive"),
-    "phase": (lambda: LoadDrift(0.1, 1.0, np.inf), "drift.phase_rad", "inf", "angle"),
+    "fraction": (lambda: SinusoidalLoad(-0.1, 1.0), "drift.fraction", "-0.1", "between 0 and 1"),
+    "pull": (lambda: SinusoidalLoad(1.1, 1.0), "drift.fraction", "1.1", "between 0 and 1"),
+    "period": (lambda: SinusoidalLoad(0.1, 0.0), "drift.period_s", "0.0", "positive"),
+    "phase": (lambda: SinusoidalLoad(0.1, 1.0, np.inf), "drift.phase_rad", "inf", "angle"),
 }
 
 

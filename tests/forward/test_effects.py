@@ -16,7 +16,7 @@ from srsinv.errors import BadInput
 from srsinv.forward.effects import NAMES
 from srsinv.forward.effects._reference import reference
 from srsinv.forward.effects._screen import screen
-from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.recorder import Recorder
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scenario import Scenario
@@ -77,7 +77,7 @@ def test_what_is_not_named_leaves_no_trace(line):
     """The program is that of a simulation put together by hand without it."""
     named = simulation(configuration("effects=[strip_width]", f"grid.line={line}"))
     none = simulation(configuration("effects=[]", f"grid.line={line}"))
-    width = StripWidth.at_depth(0.7e-3, 0.75e-3)
+    width = StripAverage.at_depth(0.7e-3, 0.75e-3)
     by_hand = [
         eqx.tree_at(
             lambda s: s.scenario, none, Scenario(none.scene, Sensor(films), ConstantSpeed(0.05))

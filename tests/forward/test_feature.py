@@ -24,7 +24,7 @@ from srsinv.forward.feature import (
     Stretch,
     StripFeature,
 )
-from srsinv.forward.film import Film, Offset, StripWidth
+from srsinv.forward.film import Film, Offset, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -40,7 +40,7 @@ D = (23e-12, 3e-12, -33e-12)
 # Two elements: (depth, angle, width, offset), active over 8 mm.
 ELEMENTS = ((0.75e-3, 0.0, 0.7e-3, 0.0), (0.9e-3, 1.3, 0.5e-3, 3e-4))
 SENSOR = Sensor(
-    [Film(z, angle, w, effects=(StripWidth(w), Offset(o))) for z, angle, w, o in ELEMENTS],
+    [Film(z, angle, w, effects=(StripAverage(w), Offset(o))) for z, angle, w, o in ELEMENTS],
     HalfSpace(NU),
     CurrentAmplifier(OHM),
 )
@@ -223,7 +223,7 @@ def test_shares_keep_load_and_place(name):
     """Sharpened or blurred, the cells hold the load and its first moment."""
     averages, cell_values = (
         np.asarray(eqx.filter_jit(of)(profile(name)))
-        for of in (lambda f: f.cell_average(LINE), lambda f: f.shares(LINE))
+        for of in (lambda f: f.cell_average(LINE), lambda f: f.cell_values(LINE))
     )
     assert cell_values.sum() == pytest.approx(averages.sum(), rel=1e-12)
     place = LINE.x @ cell_values / cell_values.sum()

@@ -10,7 +10,7 @@ from srsinv.forward.film import (
     Offset,
     Piezo,
     SampleAverage,
-    StripWidth,
+    StripAverage,
 )
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -62,7 +62,7 @@ def test_named_orientations_are_the_papers_two():
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 EFFECTS = {
-    "width": (StripWidth(0.7e-3), 0.35e-3 * NODES, WEIGHTS / 2),
+    "width": (StripAverage(0.7e-3), 0.35e-3 * NODES, WEIGHTS / 2),
     "offset": (Offset(0.23e-3), np.array([0.23e-3]), np.ones(1)),
     "average": (SampleAverage(3, 0.2e-3), 0.2e-3 * np.array([-1, 0, 1]), np.ones(3) / 3),
 }
@@ -106,7 +106,7 @@ def test_a_vanishing_strip_tends_to_the_thin_film(line):
     expected = thin_charge(line, np.asarray(line.x), 0.5)
     errors = []
     for width in widths:
-        sensor = Sensor([Film(DEPTH, 0.5, width, effects=(StripWidth(width),))])
+        sensor = Sensor([Film(DEPTH, 0.5, width, effects=(StripAverage(width),))])
         density = apply(line, sensor.charge(), cell_averages(line))[0] / (width * 8e-3)
         errors.append(largest_error(density, expected))
     assert fitted_order(widths, errors) >= 1.9
@@ -116,13 +116,13 @@ def test_a_vanishing_strip_tends_to_the_thin_film(line):
 def test_a_strip_is_blind_to_a_pitch_of_its_own_width():
     """The 0.7 mm strip does not see the paper's 0.7 mm ridges, the 0.5 mm one does."""
     k = jnp.asarray([2 * np.pi / 0.7e-3])
-    assert abs(float(StripWidth(0.7e-3).transfer(k)[0])) < 1e-15
-    assert abs(float(StripWidth(0.5e-3).transfer(k)[0])) > 0.3
+    assert abs(float(StripAverage(0.7e-3).transfer(k)[0])) < 1e-15
+    assert abs(float(StripAverage(0.5e-3).transfer(k)[0])) > 0.3
 
 
 def test_wide_strips_keep_their_digits():
     """Ten depths wide, on the open line, against the closed form under a narrow load."""
-    film = Film(DEPTH, 0.0, effects=(StripWidth(10 * DEPTH),))
+    film = Film(DEPTH, 0.0, effects=(StripAverage(10 * DEPTH),))
     line = Open(65, DEPTH / 4, -32 * DEPTH / 4)
     traction = jnp.zeros((2, 65)).at[0, 32].set(1.0)
     charge = apply(line, Sensor([film]).charge(), traction)[0]

@@ -9,7 +9,7 @@ import scipy.integrate
 import scipy.signal
 import scipy.special
 
-from srsinv.forward.amplifier import SlowReadout
+from srsinv.forward.amplifier import ChargeReadout
 from srsinv.forward.film import Film, Offset
 from srsinv.forward.filter import Butterworth, FirstOrder
 from srsinv.forward.scan import ConstantSpeed, Motion
@@ -295,7 +295,7 @@ def test_what_lies_beyond_the_line_is_filtered_too():
     @eqx.filter_jit
     def both():
         strip = jnp.zeros((2, 100)).at[:, 70:].set(jnp.asarray([[1.0], [0.4]]))
-        tail = SENSOR.beyond(part, MOVING, 30e-4)
+        tail = SENSOR.signal_of_continuation(part, MOVING, 30e-4)
         turned = tail[:, 0] + 0.4 * MOVING.direction[None] * tail[:, 1]
         expected = SENSOR.scanned(whole, MOVING)(strip, strip * jnp.asarray([[1.0], [-1.0]]))
         return SENSOR.scanned(part, MOVING)(nothing, continuation=turned), expected
@@ -373,7 +373,7 @@ def test_single_precision():
         line, r = Open(64, 1e-4, -3e-3), jnp.ones((2, 64)).at[:, 30:].set(0.0)
         films = (Film(), Film(angle_rad=1.3))
         sensor = Sensor(
-            films, amplifier=SlowReadout(1e9), filters=[FirstOrder(3e-4), Butterworth(2e3, 3)]
+            films, amplifier=ChargeReadout(1e9), filters=[FirstOrder(3e-4), Butterworth(2e3, 3)]
         )
         moving = Motion(1e-3 * np.arange(40), 1e-4 * np.arange(40) - 2e-3, np.full(40, 0.1))
         steady = line.operator(sensor.signal(ConstantSpeed(0.1)))(r)

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent, SlowReadout
-from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripWidth
+from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
+from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scene import TractionScene
 from srsinv.forward.sensor import Sensor
@@ -48,7 +48,7 @@ NOMINAL = {
 }
 NAMES = list(NOMINAL)
 LINES = {"periodic": Periodic, "open": Open}
-OTHERS = (IntegratedCurrent(1e6), SlowReadout(1e9, 0.0))
+OTHERS = (IntegratedCurrent(1e6), ChargeReadout(1e9, 0.0))
 RANDOM = np.random.default_rng(3).normal(size=(2, N))
 
 
@@ -57,7 +57,7 @@ def voltage(line, factors, added):
     v = dict(zip(NAMES, factors * jnp.asarray(list(NOMINAL.values())), strict=True))
     grid = LINES[line](N, v["cell_m"], v["start_m"])
     piezo = Piezo(v["d1"], v["d2"], v["d3"])
-    effects = (StripWidth(v["width_m"]), Offset(v["offset_m"]), SampleAverage(2, v["spacing_m"]))
+    effects = (StripAverage(v["width_m"]), Offset(v["offset_m"]), SampleAverage(2, v["spacing_m"]))
     elements = [Film(v["depth_m"], v["angle_rad"], v["width_m"], v["length_m"], piezo, effects)]
     amplifier = CurrentAmplifier(v["feedback_resistance_ohm"])
     sensor = Sensor(elements, HalfSpace(v["poisson_ratio"]), amplifier)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward.film import Film, Offset, StripWidth
+from srsinv.forward.film import Film, Offset, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scene import TractionScene
 from srsinv.forward.sensor import Sensor
@@ -47,7 +47,7 @@ def test_one_sinusoid(n, m, component):
     x, k = np.asarray(line.x), 2 * np.pi * m / (n * cell)
     traction = np.zeros((2, n))
     traction[component] = np.cos(k * x + phase) * np.sinc(k * cell / 2 / np.pi)
-    film = Film(DEPTH, angle, width, effects=(StripWidth(width), Offset(offset)))
+    film = Film(DEPTH, angle, width, effects=(StripAverage(width), Offset(offset)))
     sensor = Sensor([film], HalfSpace(NU), AMPLIFIERS["current"])
     sensor = eqx.tree_at(lambda s: s.amplifier.feedback_resistance_ohm, sensor, jnp.asarray(OHM))
     stress, charge, current, voltage = outputs(line, sensor, ConstantSpeed(SPEED), traction)

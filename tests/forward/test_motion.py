@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent, SlowReadout
-from srsinv.forward.film import Film, Offset, StripWidth
+from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
+from srsinv.forward.film import Film, Offset, StripAverage
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.scanned import PositionInterpolation
 from srsinv.forward.sensor import Sensor
@@ -28,7 +28,7 @@ WINDOW = 16e-3
 # Two elements: (depth, angle, width, offset), active over 8 mm.
 ELEMENTS = ((0.75e-3, 0.0, 0.7e-3, 0.0), (0.9e-3, 1.3, 0.5e-3, 3e-4))
 SENSOR = Sensor(
-    [Film(z, angle, w, effects=(StripWidth(w), Offset(o))) for z, angle, w, o in ELEMENTS],
+    [Film(z, angle, w, effects=(StripAverage(w), Offset(o))) for z, angle, w, o in ELEMENTS],
     HalfSpace(NU),
     CurrentAmplifier(OHM),
 )
@@ -161,7 +161,7 @@ def test_voltage_is_the_time_derivative_of_charge(kind, name, given):
 def test_a_slow_readout_is_the_charge_where_the_sensor_stands():
     line, p, cauchy = TRACTIONS["open"]
     name = "stopping_and_reversing"
-    sensor = Sensor(SENSOR.elements, SENSOR.skin, SlowReadout(1e9, 0.1))
+    sensor = Sensor(SENSOR.elements, SENSOR.skin, ChargeReadout(1e9, 0.1))
     at, speed = MOTIONS[name]
     q_per_p, cell = MU * going(speed), float(line.cell_m)
     expected = [charge(element, at(TIME), cell, cauchy, q_per_p) for element in ELEMENTS]
@@ -325,7 +325,7 @@ def test_a_standstill_is_exactly_silent():
     assert np.all(signal[:, ~still])
 
 
-@pytest.mark.parametrize(("amplifier", "sign"), [(CurrentAmplifier(OHM), -1), (SlowReadout(), 1)])
+@pytest.mark.parametrize(("amplifier", "sign"), [(CurrentAmplifier(OHM), -1), (ChargeReadout(), 1)])
 def test_time_reversed(amplifier, sign):
     """Without friction the way back gives the same charges, and minus the voltages; with friction
     it does not."""
@@ -430,7 +430,7 @@ def test_single_precision(make):
         @jax.jit
         def all_of_it():
             line = make(480)[0]
-            film = Film(0.75e-3, 1.3, effects=(StripWidth(0.7e-3), Offset(3e-4)))
+            film = Film(0.75e-3, 1.3, effects=(StripAverage(0.7e-3), Offset(3e-4)))
             scanned = Sensor([film]).scanned(line, Motion(TIME, x, u))
             r = as_real(np.stack([p, MU * p]))
             signal = scanned(r, 0.5 * r)

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward.amplifier import CurrentAmplifier, SlowReadout
-from srsinv.forward.circular import Circle, Circling, Ridge
-from srsinv.forward.film import Film, LineEffect, Offset, SampleAverage, StripWidth
+from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier
+from srsinv.forward.circular import Circle, Circling, ObliqueRidge
+from srsinv.forward.film import Film, LineEffect, Offset, SampleAverage, StripAverage
 from srsinv.forward.filter import FirstOrder
 from srsinv.forward.layered import Layer, Layered
 from srsinv.forward.oblique import TurnedSkin, turned, turned_scan
@@ -205,7 +205,7 @@ def test_features_that_lean_either_way_feel_the_same():
 
 
 def test_effects_turn():
-    effects = (StripWidth(0.7e-3), Offset(0.3e-3), SampleAverage(3, 4e-5))
+    effects = (StripAverage(0.7e-3), Offset(0.3e-3), SampleAverage(3, 4e-5))
     film = turned(Sensor([Film(effects=effects)]), 1.0).elements[0]
     width, offset, average, length = map(vars, film.effects)
     c = np.cos(1.0)
@@ -255,14 +255,14 @@ def test_gradient_in_the_angle(kind):
 
 PLACE = {"angle_rad": 2.1, "distance_m": 3e-3, "load_N_per_m": 1.5, "width_m": 4e-4}
 FILMS = (
-    Film(DEPTH, 0.4, effects=(StripWidth(0.7e-3), Offset(0.4e-3))),
+    Film(DEPTH, 0.4, effects=(StripAverage(0.7e-3), Offset(0.4e-3))),
     Film(0.9e-3, np.pi / 2),
 )
-CHARGE = SlowReadout(1.0, 0.0)
+CHARGE = ChargeReadout(1.0, 0.0)
 
 
 def round_once(amplifier, samples=1024, **changed):
-    ridge = Ridge(**(PLACE | {"friction": -0.4} | changed))
+    ridge = ObliqueRidge(**(PLACE | {"friction": -0.4} | changed))
     return np.asarray(Circling(Sensor(FILMS, amplifier=amplifier), Circle(samples=samples))(ridge))
 
 
@@ -270,7 +270,7 @@ def round_once(amplifier, samples=1024, **changed):
 def test_the_straight_model_where_the_finger_moves_along_x(amplifier, friction):
     """At the circle's lowest point; with friction the rate is that of a turning shear as well."""
     angle, circle = 0.8, Circle(samples=8, start_rad=-np.pi / 2)
-    ridge = Ridge(angle, -7e-3, 1.5, 4e-4, friction)
+    ridge = ObliqueRidge(angle, -7e-3, 1.5, 4e-4, friction)
     sensor = Sensor(FILMS, amplifier=amplifier)
     stage = turned(sensor, angle).signal(turned_scan(ConstantSpeed(0.05), angle))
     xi = jnp.asarray([10e-3 * np.cos(-np.pi / 2 - angle) + 7e-3])
@@ -317,7 +317,7 @@ def ways(factors):
     nominal = jnp.asarray([1.0, *list(PLACE.values())[1:], -0.4])
 
     def signal(factors):
-        return 1e6 * circling(Ridge(*(factors * nominal)))[0]
+        return 1e6 * circling(ObliqueRidge(*(factors * nominal)))[0]
 
     return signal(factors), jax.jacfwd(signal)(factors).T, jax.jacrev(signal)(factors).T
 
@@ -375,7 +375,7 @@ def test_single_precision():
         p = UniformStrip(1e3, 1e-3).cell_average(line)
         traction = jnp.stack([p, 0.4 * p])
         silent = oblique(np.pi / 2, line, sensor, traction)
-        circling = Circling(sensor, Circle(samples=64))(Ridge(1.1, 2e-3, friction=0.3))
+        circling = Circling(sensor, Circle(samples=64))(ObliqueRidge(1.1, 2e-3, friction=0.3))
         return oblique(1.1, line, sensor, traction), circling, silent
 
     *double, _ = simulate()
@@ -407,4 +407,4 @@ def test_refused():
     refused(lambda: Circle(radius_m=0.0), "circle.radius_m is 0.0")
     refused(lambda: Circle(samples=4), "circle.samples is 4")
     refused(lambda: Circle(speed_m_per_s=-0.05), "circle.speed_m_per_s is -0.05")
-    refused(lambda: Ridge(0.0, 0.0, width_m=0.0), "ridge.width_m is 0.0")
+    refused(lambda: ObliqueRidge(0.0, 0.0, width_m=0.0), "ridge.width_m is 0.0")

@@ -8,14 +8,14 @@ import pytest
 import scipy.signal
 from scipy import stats
 
-from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent, SlowReadout
+from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
 from srsinv.forward.film import Film, Offset
 from srsinv.forward.filter import Butterworth, FirstOrder
 from srsinv.forward.noise import Johnson, Sliding, White, draw, with_noise
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
-from srsinv.forward.snap_back import SnapBack
+from srsinv.forward.snap_back import SnapBackNoise
 from srsinv.grid import Periodic
 from tests.reference import closed_forms as cf
 from tests.refusals import refused
@@ -30,7 +30,7 @@ ELEMENTS = ((0.75e-3, 0.3, 0.0), (0.9e-3, 1.3, 1.5e-3))  # depth, angle, offset
 AMPLIFIERS = {
     "current": CurrentAmplifier(OHM),
     "integrated": IntegratedCurrent(OHM),
-    "slow": SlowReadout(3e9, 0.1),
+    "slow": ChargeReadout(3e9, 0.1),
 }
 
 
@@ -40,7 +40,7 @@ def sensor(amplifier="current", elements=ELEMENTS):
 
 
 def snap_back(decay_s=5e-3, amplifier="current", rate_hz=RATE, contact_m=CONTACT):
-    return SnapBack.felt_by(sensor(amplifier), rate_hz, SHEAR, PATCH, decay_s, contact_m)
+    return SnapBackNoise.recorded_by(sensor(amplifier), rate_hz, SHEAR, PATCH, decay_s, contact_m)
 
 
 @eqx.filter_jit
@@ -191,7 +191,9 @@ def test_more_events_than_a_block_holds():
 def test_the_polynomials_are_the_response(depths, error):
     """At places all over a contact this long in depths of the shallower film."""
     contact = depths * ELEMENTS[0][0]
-    coefficients = np.asarray(eqx.filter_jit(SnapBack._over_contact)(snap_back(contact_m=contact)))
+    coefficients = np.asarray(
+        eqx.filter_jit(SnapBackNoise._over_contact)(snap_back(contact_m=contact))
+    )
     at = np.linspace(-1, 1, 201)
     expected = response(contact / 2 * at)
     values = np.polynomial.chebyshev.chebval(at, coefficients.T)
@@ -214,7 +216,9 @@ def test_events_are_felt_by_every_element_in_its_measure():
 
 
 def test_elements_may_come_in_any_order():
-    turned = SnapBack.felt_by(sensor(elements=ELEMENTS[::-1]), RATE, SHEAR, PATCH, 5e-3, CONTACT)
+    turned = SnapBackNoise.recorded_by(
+        sensor(elements=ELEMENTS[::-1]), RATE, SHEAR, PATCH, 5e-3, CONTACT
+    )
     ours, other = drawn(snap_back(), SCAN), drawn(turned, SCAN)
     np.testing.assert_allclose(other, ours[:, ::-1], rtol=1e-12, atol=1e-14 * np.abs(ours).max())
 
@@ -244,7 +248,7 @@ def test_silence(name):
 
 FILTERS = (FirstOrder(4e-3), Butterworth(90.0, 3))
 FILTERED = Sensor(sensor().elements, HalfSpace(NU), AMPLIFIERS["current"], FILTERS)
-BEHIND = SnapBack.felt_by(FILTERED, RATE, SHEAR, PATCH, 5e-3, CONTACT)
+BEHIND = SnapBackNoise.recorded_by(FILTERED, RATE, SHEAR, PATCH, 5e-3, CONTACT)
 
 
 def test_spectrum_passes_the_filters():
@@ -313,7 +317,7 @@ VALUES = {"shear_Pa": SHEAR, "decay_s": 5e-3, "patch_m": PATCH, "contact_m": CON
 
 
 def spectrum_total(values):
-    noise = SnapBack.felt_by(sensor(), RATE, *(values[i] for i in (0, 2, 1, 3)))
+    noise = SnapBackNoise.recorded_by(sensor(), RATE, *(values[i] for i in (0, 2, 1, 3)))
     weights = jnp.cos(jnp.arange(33.0))
     return jnp.sum(weights * noise.spectrum(LINE, SCAN, RMS))
 
@@ -349,7 +353,7 @@ def test_single_precision():
         device = Sensor(sensor().elements, HalfSpace(NU), CurrentAmplifier(OHM))
         noise = jax.tree.map(
             lambda leaf: leaf.astype("float32"),
-            SnapBack.felt_by(device, RATE, SHEAR, PATCH, 5e-3, CONTACT),
+            SnapBackNoise.recorded_by(device, RATE, SHEAR, PATCH, 5e-3, CONTACT),
         )
         line, scan = Periodic(64, 1e-4), ConstantSpeed(0.05)
         single = spectrum_of(noise, line, scan)
@@ -363,7 +367,7 @@ def test_single_precision():
 
 def with_value(**changed):
     values = {"rate_hz": 1.0, "shear_Pa": 1.0, "patch_m": 1e-3, "decay_s": 1.0, "contact_m": 1e-3}
-    return lambda: SnapBack.felt_by(sensor(), **(values | changed))
+    return lambda: SnapBackNoise.recorded_by(sensor(), **(values | changed))
 
 
 REFUSED = {

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward import contact_lagging
+from srsinv.forward import contact_viscoelastic
 from srsinv.forward.contact import press
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Ridge, Rough, SineWave, Tape
@@ -289,14 +289,14 @@ def test_odd_lengths_and_single_precision():
     line = Periodic(255, LENGTH / 255, -LENGTH / 2)
     height = RIDGE.height(line)
     double = solve_contact(line, sliding(0.3), height, LOAD)
-    assert double.result == "converged"
+    assert double.status == "converged"
     with jax.enable_x64(False):
         small = jax.tree.map(
             lambda v: jnp.asarray(v, jnp.float32), (line, sliding(0.3), height, LOAD)
         )
         single = solve_contact(*small)
         assert single.pressure_Pa.dtype == jnp.float32
-        assert single.result == "converged"
+        assert single.status == "converged"
     error = np.asarray(single.pressure_Pa) - np.asarray(double.pressure_Pa)
     assert np.linalg.norm(error) < 2e-3 * np.linalg.norm(double.pressure_Pa)
 
@@ -305,7 +305,7 @@ def test_an_elastic_skin_is_solved_without_a_trace_of_this(monkeypatch):
     def untouched(*_):
         raise AssertionError("traced")
 
-    monkeypatch.setattr(contact_lagging, "pressed", untouched)
+    monkeypatch.setattr(contact_viscoelastic, "pressure_deviation", untouched)
     line = Periodic(17, 1e-3)  # of a length that nothing else has compiled
     trace = jax.make_jaxpr(lambda skin, height: press(line, skin, height, 1e3).pressure_Pa)
     trace(REST, jnp.zeros(17))

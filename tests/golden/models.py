@@ -10,8 +10,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from srsinv.forward.amplifier import CurrentAmplifier, IntegratedCurrent, SlowReadout
-from srsinv.forward.circular import Circle, Circling, Ridge
+from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
+from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.contact import press
 from srsinv.forward.feature import (
     GratingFeature,
@@ -20,7 +20,7 @@ from srsinv.forward.feature import (
     StepFeature,
     StripFeature,
 )
-from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripWidth
+from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripAverage
 from srsinv.forward.filter import Butterworth, FirstOrder
 from srsinv.forward.layered import Layer, Layered
 from srsinv.forward.oblique import turned, turned_scan
@@ -57,7 +57,7 @@ BACK = Motion.from_speed(TIME_S, 0.07 * np.cos(60 * TIME_S + 0.1), -1e-3)
 def sensor(v: Numbers, skin=None, amplifier=None, filters=()) -> Sensor:
     """Two elements, no two numbers of theirs alike."""
     piezo = Piezo(v["d1"], v["d2"], v["d3"])
-    effects = (StripWidth(v["strip_width_m"]), Offset(v["offset_m"]))
+    effects = (StripAverage(v["strip_width_m"]), Offset(v["offset_m"]))
     average = SampleAverage(2, v["spacing_m"])
     films = [
         Film(v["depth_m"], v["angle_rad"], v["strip_width_m"], v["length_m"], piezo, effects),
@@ -153,9 +153,9 @@ def differences(v: Numbers):
 
 def circular(v: Numbers):
     """A ridge under a circle."""
-    films = [Film(v["depth_m"], v["angle_rad"], effects=(StripWidth(v["strip_width_m"]),))]
+    films = [Film(v["depth_m"], v["angle_rad"], effects=(StripAverage(v["strip_width_m"]),))]
     circle = Circle(v["radius_m"], v["speed_m_per_s"], 16)
-    ridge = Ridge(v["ridge_rad"], v["distance_m"], 1.3, v["width_m"], v["friction"])
+    ridge = ObliqueRidge(v["ridge_rad"], v["distance_m"], 1.3, v["width_m"], v["friction"])
     return Circling(Sensor(films), circle)(ridge)
 
 
@@ -183,7 +183,7 @@ FEATURES = {
     ),
 }
 SHORT_MOTION = Motion.from_speed(TIME_S[:24], 0.06 * (1 - 20 * TIME_S[:24]), -4e-4)
-CHARGE_SENSOR = Sensor([Film(0.75e-3, 0.2), Film(0.9e-3, 1.6)], None, SlowReadout(1e9))
+CHARGE_SENSOR = Sensor([Film(0.75e-3, 0.2), Film(0.9e-3, 1.6)], None, ChargeReadout(1e9))
 
 
 def features() -> Model:
@@ -270,7 +270,7 @@ MODELS: dict[str, tuple[Callable[[], Model], Numbers]] = {
     "differences": (lambda: differences, LOAD),
     "circular": (lambda: circular, CIRCLE),
     "contact_elastic": (lambda: contact, CONTACT),
-    "contact_lagging": (lambda: contact, CONTACT | RELAXING),
+    "contact_viscoelastic": (lambda: contact, CONTACT | RELAXING),
     "features": (features, TRACED),
     **{f"surface_{name}": (partial(surface, name), PLATE_AND_EDGE | _own(own))
        for name, (_, own) in SURFACES.items()},

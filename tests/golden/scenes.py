@@ -76,7 +76,7 @@ SENSORS: Mapping[str, Mapping[str, Range]] = {
 AMPLIFIERS: Mapping[str, Mapping[str, Range]] = {
     "amplifier=current": {"amplifier.feedback_resistance_ohm": (1e5, 1e7)},
     "amplifier=integrated": {"amplifier.feedback_resistance_ohm": (1e5, 1e7)},
-    "amplifier=slow": {"amplifier.gain_per_C": (1e5, 1e7)},
+    "amplifier=charge_dc": {"amplifier.gain_per_C": (1e5, 1e7)},
 }
 LINES: Mapping[str, Mapping[str, Range]] = {"grid.line=periodic": {}, "grid.line=open": {}}
 EFFECTS: Mapping[str, Mapping[str, Range]] = {

@@ -19,7 +19,7 @@ QUICK = {
     "public/operator", "public/recording", "public/fit_readme",
     *(f"products/{name}" for name in (
         "half_space_periodic", "viscoelastic", "filters_periodic", "uneven_periodic",
-        "differences", "circular", "contact_elastic", "contact_lagging")),
+        "differences", "circular", "contact_elastic", "contact_viscoelastic")),
 }  # fmt: skip
 MOST_BYTES = 2_000_000
 MARGIN = 3  # of a tolerance over what the quantity moves by itself

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
-from srsinv.forward.amplifier import SlowReadout
+from srsinv.forward.amplifier import ChargeReadout
 from srsinv.forward.film import Film, Offset
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
@@ -30,7 +30,7 @@ FILMS = {
     "oblique": lambda: (Film(DEPTH_M, 0.3), Film(DEPTH_M, 0.7)),
     "same_turned": lambda: (Film(DEPTH_M, 0.5), Film(DEPTH_M, 0.5)),
 }
-RATE, SLOW = None, SlowReadout(1e9, 0.0)
+RATE, SLOW = None, ChargeReadout(1e9, 0.0)
 
 
 class Case(NamedTuple):

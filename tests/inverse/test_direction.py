@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from srsinv.forward.amplifier import SlowReadout
-from srsinv.forward.circular import Circle, Circling, Ridge
-from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.amplifier import ChargeReadout
+from srsinv.forward.circular import Circle, Circling, ObliqueRidge
+from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.direction import DirectionFinder
 from tests.refusals import refused
@@ -17,7 +17,7 @@ RIDGES = [(1.0, 4.5e-3), (89.0, -3e-3), (90.0, 0.0), (127.0, 0.0), (179.5, -4.7e
 
 
 def sensor(elements):
-    width = StripWidth.at_depth(0.7e-3, 0.75e-3)
+    width = StripAverage.at_depth(0.7e-3, 0.75e-3)
     films = [Film(0.75e-3, angle, effects=(width,)) for angle in (0.0, np.pi / 2)]
     return Sensor(films[:elements])
 
@@ -29,7 +29,7 @@ def directions(request):
     finder, circling = DirectionFinder(device, CIRCLE), Circling(device, CIRCLE)
     pairs = []
     for angle, distance in RIDGES:
-        clean = np.asarray(circling(Ridge(np.deg2rad(angle), distance, 1.0, 0.5e-3, -0.4)))
+        clean = np.asarray(circling(ObliqueRidge(np.deg2rad(angle), distance, 1.0, 0.5e-3, -0.4)))
         noise = rng.normal(size=clean.shape) * np.sqrt(np.mean(clean**2)) / 10
         pairs.append(((angle, distance, clean), finder(clean + noise)))
     return pairs
@@ -76,6 +76,6 @@ def test_standard_errors_are_those_of_the_noise(directions):
 
 
 def test_refused():
-    offset_unknown = Sensor([Film()], amplifier=SlowReadout(1.0))
+    offset_unknown = Sensor([Film()], amplifier=ChargeReadout(1.0))
     refused(lambda: DirectionFinder(offset_unknown, CIRCLE), "offset is not known")
     refused(lambda: DirectionFinder(sensor(1), CIRCLE, (1e-3, 5e-4)), "width_range_m")

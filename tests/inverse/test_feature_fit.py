@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward.amplifier import SlowReadout
+from srsinv.forward.amplifier import ChargeReadout
 from srsinv.forward.feature import (
     StripFeature,
 )
-from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.feature_fit import (
@@ -48,14 +48,14 @@ MOTIONS = {
 
 
 def films(count):
-    width = StripWidth(0.5e-3)
+    width = StripAverage(0.5e-3)
     return [Film(0.75e-3, angle, effects=(width,)) for angle in (0.0, np.pi / 2)[:count]]
 
 
 SENSORS = {
     "two": Sensor(films(2)),
     "one": Sensor(films(1)),
-    "slow": Sensor(films(2), amplifier=SlowReadout(1e6)),
+    "slow": Sensor(films(2), amplifier=ChargeReadout(1e6)),
 }
 
 

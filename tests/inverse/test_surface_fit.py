@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from srsinv.forward.amplifier import CurrentAmplifier
-from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -21,7 +21,7 @@ from tests.tiers import quick
 EDGE, NOMINAL = 4e-5, 2e4
 WINDOW = Window(-0.009, 0.009)
 TIME = np.arange(241) / 1200
-STRIP = StripWidth.at_depth(0.7e-3, 0.75e-3)
+STRIP = StripAverage.at_depth(0.7e-3, 0.75e-3)
 SENSOR = Sensor(
     [Film(0.75e-3, angle, effects=[STRIP]) for angle in (0.0, np.pi / 2)],
     HalfSpace(),

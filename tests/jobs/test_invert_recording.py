@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 from srsinv.errors import BadInput
 from srsinv.forward.amplifier import CurrentAmplifier
 from srsinv.forward.describe import elements
-from srsinv.forward.film import SampleAverage, StripWidth
+from srsinv.forward.film import SampleAverage, StripAverage
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import PressedStrip
@@ -149,7 +149,7 @@ def varying(speed):
     """A scan over a pressed strip at 0 with `speed` (sample,), and what blocks of ten samples at
     its mean speed would hold at any x."""
     spacing = abs(speed.mean()) * (TIME[1] - TIME[0])
-    films = [film.with_effect(StripWidth(film.width_m)) for film in elements(SENSOR)]
+    films = [film.with_effect(StripAverage(film.width_m)) for film in elements(SENSOR)]
     average = SampleAverage(10, spacing)
     sensor, blocks = Sensor(films), Sensor([film.with_effect(average) for film in films])
     line = Open(2000, 1e-5, -1e-2)

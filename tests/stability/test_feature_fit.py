@@ -14,7 +14,7 @@ import pytest
 import srsinv
 from srsinv.errors import BadInput
 from srsinv.forward.feature import LineFeature, StepFeature, StripFeature
-from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.feature_fit import FeatureFitter, FeatureModel, Felt
@@ -59,7 +59,7 @@ def bench(precision):
     del precision  # of the context: what is cached is of its own
     motion = Motion.from_speed(TIME, 2 * END_M / TIME[-1], -END_M)
     angles = (0.0, np.pi / 2)
-    sensor = Sensor([Film(DEPTH_M, angle, effects=(StripWidth(0.5e-3),)) for angle in angles])
+    sensor = Sensor([Film(DEPTH_M, angle, effects=(StripAverage(0.5e-3),)) for angle in angles])
     return Bench(FeatureFitter(sensor, motion), Felt(sensor, motion, 96))
 
 

@@ -17,7 +17,7 @@ import pytest
 import srsinv
 from srsinv.errors import BadInput
 from srsinv.forward.contact import press
-from srsinv.forward.film import Film, Offset, Piezo, StripWidth
+from srsinv.forward.film import Film, Offset, Piezo, StripAverage
 from srsinv.forward.layered import Layer, Layered
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
@@ -67,7 +67,7 @@ def sensor(u: Units) -> Sensor:
     films = [
         Film(
             u.length * DEPTH_M, angle, u.length * 7e-4, u.length * 8e-3, Piezo(*d),
-            (StripWidth(u.length * 5e-4), Offset(u.length * offset)),
+            (StripAverage(u.length * 5e-4), Offset(u.length * offset)),
         )
         for angle, offset in ((0.2, 0.0), (np.pi / 2, 2e-4))
     ]  # fmt: skip

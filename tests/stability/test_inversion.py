@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from srsinv.forward.amplifier import CurrentAmplifier
-from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Convolution, Periodic
@@ -30,7 +30,7 @@ def forward_of(v, n):
     line = Periodic(n, v["cell_m"])
 
     def one(angle, width):
-        film = Film(v["depth_m"], angle, width, STRIP_M, effects=(StripWidth(width),))
+        film = Film(v["depth_m"], angle, width, STRIP_M, effects=(StripAverage(width),))
         sensor = Sensor([film], amplifier=CurrentAmplifier(RESISTANCE_OHM))
         return line.operator(sensor.signal(ConstantSpeed(SPEED_M_PER_S))).transfer[0]
 

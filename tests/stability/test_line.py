@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward.film import Film, Offset, StripWidth
+from srsinv.forward.film import Film, Offset, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -106,7 +106,7 @@ PITCH_M, N_PITCH = 0.7e-3, 8
 
 
 def one_strip(kind, v, width):
-    effects = (StripWidth(width), Offset(v["offset_m"]))
+    effects = (StripAverage(width), Offset(v["offset_m"]))
     film = Film(v["depth_m"], 0.4, 1.0, 1.0, effects=effects)
     cell_m = v["pitch_m"] / N_PITCH
     operator = LINES[kind](N_PITCH, cell_m).operator(Sensor([film]).signal(ConstantSpeed(SPEED)))
@@ -200,7 +200,7 @@ def test_strip_of_many_depths_on_the_open_line(depths, precision, margin):
     n, depth_m = 5, 0.5e-3
     element, cell_m = (depth_m, 0.4, depths * depth_m, 0.0), max(depths, 1.0) * depth_m
     with jax.enable_x64(precision == "float64"):
-        strip = StripWidth.at_depth(element[2], depth_m)
+        strip = StripAverage.at_depth(element[2], depth_m)
         device = Sensor([Film(depth_m, 0.4, 1.0, 1.0, effects=(strip,))])
         r, y = np.stack([loads(n)[0], 0.5 * loads(n)[0]]), np.ones((1, n))
         ours = both_ways(Open(n, cell_m), device, as_real(r), as_real(y))
@@ -260,7 +260,7 @@ def test_one_and_two_samples_are_refused(kind, n):
 
 
 def test_a_strip_too_wide_for_the_open_line_is_refused():
-    device = Sensor([Film(1e-9, effects=(StripWidth.at_depth(1e-3, 1e-9),))])
+    device = Sensor([Film(1e-9, effects=(StripAverage.at_depth(1e-3, 1e-9),))])
     r, y = jnp.ones((2, 3)), jnp.ones((1, 3))
     refused(lambda: both_ways(Open(3, CELL_M), device, r, y), "depths", "periodic line")
     assert np.isfinite(both_ways(Periodic(3, CELL_M), device, r, y)[0]).all()

@@ -13,10 +13,10 @@ from srsinv.errors import BadInput
 from srsinv.forward.amplifier import CurrentAmplifier
 from srsinv.forward.film import Film
 from srsinv.forward.filter import even_interval
-from srsinv.forward.pace import Reversal, Ripple, Standstill, at_times
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
+from srsinv.forward.speed_profile import ReversalProfile, RippleProfile, StandstillProfile, at_times
 from srsinv.grid import Periodic
 from srsinv.recording import Recording
 from srsinv.recording._timing import timing
@@ -80,16 +80,18 @@ def sliding(name, hard, end_s, speed, swing=0.0, turn=0.0, start=1e-4):
     return Case(name, hard, numbers, tuple(np.maximum(16 * EACH * amplification, 1e-12)))
 
 
-# Paces at given times: a standstill, a reversal, a ripple, each alone.
+# Speed profiles at given times: a standstill, a reversal, a ripple, each alone.
 def paced(v):
     time, u = v["time_s"], v["speed_m_per_s"]
     stretch = v["at_s"], v["duration_s"], v["ramp_s"]
     each = (
-        Standstill(*stretch),
-        Reversal(*stretch),
-        Ripple(v["fraction"], v["frequency_hz"], v["phase_rad"]),
+        StandstillProfile(*stretch),
+        ReversalProfile(*stretch),
+        RippleProfile(v["fraction"], v["frequency_hz"], v["phase_rad"]),
     )
-    return jnp.stack([at_times(time, 0.0, u, (pace,)).position_m for pace in each]) / v["size_m"]
+    return (
+        jnp.stack([at_times(time, 0.0, u, (profile,)).position_m for profile in each]) / v["size_m"]
+    )
 
 
 def paced_reference(v):
@@ -107,7 +109,7 @@ def paced_reference(v):
     return np.array(ways, float) * v["speed_m_per_s"] / v["size_m"]
 
 
-def pace(name, hard, at, rest, ramp, fraction=1.0, frequency=7.0, speed=0.05, end=1.0):
+def profile(name, hard, at, rest, ramp, fraction=1.0, frequency=7.0, speed=0.05, end=1.0):
     numbers = {
         "time_s": np.linspace(0, end, SAMPLES),
         "at_s": at,
@@ -140,20 +142,20 @@ GROUPS = (
         frozenset(("time_s", "size_V")),
     ),
     Group(
-        "pace",
+        "profile",
         paced,
         paced_reference,
         (
-            pace("rests", "as usual", 0.3, 0.2, 0.05),
-            pace("rests nearly all along", "moves a hundredth of the time", 0.005, 10.0, 0.005),
-            pace("stops dead", "a ramp shorter than a sample", 0.3, 0.2, 1e-9),
-            pace("no rest", "a ramp and back", 0.3, 0.0, 0.1),
-            pace("rests later", "after the last sample", 5.0, 1.0, 1.0),
-            pace("at once", "begins with the first sample", 0.0, 0.5, 0.2),
-            pace("creeps", "1e-9 m/s", 0.3, 0.2, 0.05, speed=1e-9),
-            pace("flies", "1e3 m/s", 0.3, 0.2, 0.05, speed=1e3, end=1e-3, frequency=7e3),
-            pace("a slow ripple", "1e-9 Hz", 0.3, 0.2, 0.05, frequency=1e-9),
-            pace("no ripple", "of fraction 0", 0.3, 0.2, 0.05, fraction=0.0),
+            profile("rests", "as usual", 0.3, 0.2, 0.05),
+            profile("rests nearly all along", "moves a hundredth of the time", 0.005, 10.0, 0.005),
+            profile("stops dead", "a ramp shorter than a sample", 0.3, 0.2, 1e-9),
+            profile("no rest", "a ramp and back", 0.3, 0.0, 0.1),
+            profile("rests later", "after the last sample", 5.0, 1.0, 1.0),
+            profile("at once", "begins with the first sample", 0.0, 0.5, 0.2),
+            profile("creeps", "1e-9 m/s", 0.3, 0.2, 0.05, speed=1e-9),
+            profile("flies", "1e3 m/s", 0.3, 0.2, 0.05, speed=1e3, end=1e-3, frequency=7e3),
+            profile("a slow ripple", "1e-9 Hz", 0.3, 0.2, 0.05, frequency=1e-9),
+            profile("no ripple", "of fraction 0", 0.3, 0.2, 0.05, fraction=0.0),
         ),
         frozenset(("time_s", "size_m")),
     ),
@@ -173,7 +175,7 @@ LONG, RATE_HZ = 10_000_000, 1e5
 
 def test_the_position_does_not_drift_in_ten_million_samples(margin):
     """In single precision a sum from sample to sample would be off by thousands of round-offs."""
-    ripple = Ripple(1.0, 3.0, 0.3)
+    ripple = RippleProfile(1.0, 3.0, 0.3)
     with jax.enable_x64(False):
         time = jnp.asarray(np.arange(LONG, dtype="float32") / np.float32(RATE_HZ))
         moved = jax.jit(lambda t: at_times(t, 0.0, 0.05, (ripple,)).position_m)(time)

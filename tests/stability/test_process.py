@@ -22,7 +22,7 @@ from omegaconf import OmegaConf
 import srsinv
 from srsinv.__main__ import find_config_root
 from srsinv.forward.feature import LineFeature
-from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.feature_fit import Ratio
@@ -47,7 +47,7 @@ SCENES = {
         "effects=[strip_width,film_angle,layered_skin,quantisation,clipping]",
     ),
     "open": ("open line, direct path", "scene=strip grid.line=open method=[wiener]"),
-    "chosen": ("a weight chosen", "scene=sinusoid amplifier=slow method=[tikhonov]"),
+    "chosen": ("a weight chosen", "scene=sinusoid amplifier=charge_dc method=[tikhonov]"),
     "single": (
         "likely scale, noise of three causes, in float32",
         "scene=hertz sensor=one_element friction=0.3 method=[wiener_evidence] precision=float32 "
@@ -191,7 +191,7 @@ def test_a_feature_is_compiled_once(compilations):
     """Its signal, whatever its numbers, the strip's width and where it would be looked for."""
 
     def signal(i):
-        film = Film(7.5e-4, effects=(StripWidth.at_depth(7e-4 + 2e-5 * i, 7.5e-4),))
+        film = Film(7.5e-4, effects=(StripAverage.at_depth(7e-4 + 2e-5 * i, 7.5e-4),))
         motion = Motion.from_speed(np.arange(40) / 500, 0.06, 1e-5 * i)
         feature = LineFeature(position_range_m=[-1e-3, 1e-3 + 1e-5 * i])
         model = FeatureModel(Felt(Sensor([film]), motion, 8), {"line": feature})

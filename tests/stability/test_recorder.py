@@ -8,13 +8,13 @@ import pytest
 
 from srsinv.errors import BadInput
 from srsinv.forward.amplifier import CurrentAmplifier
-from srsinv.forward.drift import LoadDrift
+from srsinv.forward.drift import SinusoidalLoad
 from srsinv.forward.film import Film
 from srsinv.forward.sampling import Quantiser, Saturation
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
-from srsinv.forward.snap_back import SnapBack
+from srsinv.forward.snap_back import SnapBackNoise
 from srsinv.grid import Periodic
 from tests.stability.matrix import PRECISIONS, Case, Group
 
@@ -48,7 +48,7 @@ def signal_in(rail, name, hard):
 
 def drifting(v):
     """1 + d, and its rate over the fastest."""
-    drift = LoadDrift(v["fraction"], v["period_s"], v["phase_rad"])
+    drift = SinusoidalLoad(v["fraction"], v["period_s"], v["phase_rad"])
     rate = drift.load_rate(v["time_s"]) * (v["period_s"] / (2 * np.pi))
     return jnp.stack([drift.load(v["time_s"]), rate])
 
@@ -76,7 +76,7 @@ DT_S, CELLS, CELL_M, SPEED_M_PER_S = 2e-3, 32, 1e-4, 0.05
 
 def bursts(rate_hz, decay_s, contact_m, patch_m=1.2e-3):
     sensor = Sensor([Film(7.5e-4, 0.3)], HalfSpace(0.45), CurrentAmplifier(2e6))
-    return SnapBack.felt_by(sensor, rate_hz, 1e3, patch_m, decay_s, contact_m)
+    return SnapBackNoise.recorded_by(sensor, rate_hz, 1e3, patch_m, decay_s, contact_m)
 
 
 def spectrum(rate_hz, decay_s, contact_m):

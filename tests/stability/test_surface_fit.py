@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from srsinv.forward.amplifier import CurrentAmplifier
-from srsinv.forward.film import Film, StripWidth
+from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -27,7 +27,7 @@ MAX_ERROR_SIGMA = 5  # standard errors from the truth at most
 
 @cache
 def sensor():
-    width = StripWidth.at_depth(0.7e-3, DEPTH_M)
+    width = StripAverage.at_depth(0.7e-3, DEPTH_M)
     films = [Film(DEPTH_M, angle, effects=[width]) for angle in (0.0, np.pi / 2)]
     return Sensor(films, HalfSpace(), CurrentAmplifier(1e6))
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward.film import Film, Offset, StripWidth
+from srsinv.forward.film import Film, Offset, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.problem import Problem
@@ -29,7 +29,7 @@ def operator(kind, order=(0, 1), side=1.0, start_m=-4e-3):
         Film(
             DEPTH_M,
             side * ANGLES[i],
-            effects=(StripWidth(5e-4), Offset(side * OFFSETS[i])),
+            effects=(StripAverage(5e-4), Offset(side * OFFSETS[i])),
         )
         for i in order
     ]

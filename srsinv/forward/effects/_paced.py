@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from ..pace import Pace
 from ..scenario import Scenario
+from ..speed_profile import SpeedProfile
 from ._reference import ReferenceSpectra
 
 
-def with_speed_profile(scenario: Scenario, by: Pace) -> Scenario:
+def with_speed_profile(scenario: Scenario, by: SpeedProfile) -> Scenario:
     """The scenario with one more departure from constant speed."""
     return scenario.with_recorder(speed_profiles=(*scenario.recorder.speed_profiles, by))
 

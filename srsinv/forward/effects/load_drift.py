@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ..drift import LoadDrift as Drift
+from ..drift import SinusoidalLoad as Drift
 from ..scenario import Scenario
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra

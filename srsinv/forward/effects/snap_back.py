@@ -6,7 +6,7 @@ import numpy as np
 
 from ...errors import number
 from ..scenario import Scenario
-from ..snap_back import SnapBack as Bursts
+from ..snap_back import SnapBackNoise as Bursts
 from ._effect import NoiseEffect, Order
 from ._reference import ReferenceSpectra
 
@@ -47,7 +47,7 @@ class SnapBack(NoiseEffect):
     def apply(self, scenario: Scenario) -> Scenario:
         if not self.rate_hz:
             return scenario
-        bursts = Bursts.felt_by(
+        bursts = Bursts.recorded_by(
             scenario.sensor, self.rate_hz, self.shear_Pa, self.patch_m, self.decay_s, self.contact_m
         )
         return scenario.replace(noises=(*scenario.noises, bursts))

@@ -20,7 +20,7 @@ class StripWidth(MultiplicativeEffect):
     def apply(self, scenario: Scenario) -> Scenario:
         return scenario.with_films(
             lambda each: each.with_effect(
-                film.StripWidth.at_depth(float(each.width_m), float(each.depth_m))
+                film.StripAverage.at_depth(float(each.width_m), float(each.depth_m))
             )
         )
 

@@ -1,7 +1,7 @@
 """How the real motion departs from a constant speed: ripple, standstill, reversal.
 
-A pace is a factor on the nominal speed, and paces multiply. How many samples a motion takes is
-concrete, and numpy finds it in double precision; at given times the motion is differentiable.
+A profile is a factor on the nominal speed, and profiles multiply. How many samples a motion takes
+is concrete, and numpy finds it in double precision; at given times the motion is differentiable.
 """
 
 import abc
@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from ..errors import number, refuse
 from ..grid import Scalar
-from ..sums import running_sum
+from ..numerics import pairwise_cumsum
 from .scan import MIN_SAMPLES, Motion
 
 MOST_SAMPLES = 2**22
@@ -24,7 +24,7 @@ NODES = 8  # of Gauss's rule between samples: to round-off for half a period of 
 ARRIVED = 1e-12  # of the way: what is left then is rounding
 
 
-class Pace(eqx.Module):
+class SpeedProfile(eqx.Module):
     """The speed's factor over time, smooth but for its bends. After the last bend it is never
     negative, so that a motion arrives for good."""
 
@@ -43,7 +43,7 @@ class Pace(eqx.Module):
         """The highest frequency of the factor where it is periodic, else 0."""
 
 
-class Ripple(Pace):
+class RippleProfile(SpeedProfile):
     """1 + fraction cos(2 pi frequency t + phase): a drive that turns unevenly.
 
     Raises `BadInput` for a fraction outside [0, 1], which would turn the motion back, and a
@@ -56,10 +56,10 @@ class Ripple(Pace):
 
     def __init__(self, fraction, frequency_hz, phase_rad=0.0):
         wanted = "a number between 0 and 1"
-        self.fraction = _plain(number("ripple.fraction", fraction, wanted, least=0, most=1))
+        self.fraction = _concrete(number("ripple.fraction", fraction, wanted, least=0, most=1))
         wanted = "a positive frequency in Hz"
-        self.frequency_hz = _plain(number("ripple.frequency_hz", frequency_hz, wanted, above=0))
-        self.phase_rad = _plain(number("ripple.phase_rad", phase_rad, "an angle in radians"))
+        self.frequency_hz = _concrete(number("ripple.frequency_hz", frequency_hz, wanted, above=0))
+        self.phase_rad = _concrete(number("ripple.phase_rad", phase_rad, "an angle in radians"))
 
     def factor(self, time_s, xp: Any = np):
         turn = 2 * np.pi * self.frequency_hz
@@ -74,7 +74,7 @@ class Ripple(Pace):
         return self.frequency_hz
 
 
-class _Stretch(eqx.Module):
+class _TimeWindow(eqx.Module):
     """A stretch of time from `at_s` on: a ramp, `duration_s`, and a ramp back, each `ramp_s`."""
 
     at_s: Scalar
@@ -83,12 +83,12 @@ class _Stretch(eqx.Module):
 
     def __init__(self, name: str, at_s, duration_s, ramp_s):
         wanted = "a time in seconds that is at least 0"
-        self.at_s = _plain(number(f"{name}.at_s", at_s, wanted, least=0))
-        self.duration_s = _plain(number(f"{name}.duration_s", duration_s, wanted, least=0))
+        self.at_s = _concrete(number(f"{name}.at_s", at_s, wanted, least=0))
+        self.duration_s = _concrete(number(f"{name}.duration_s", duration_s, wanted, least=0))
         wanted = "a positive time in seconds, as no speed jumps"
-        self.ramp_s = _plain(number(f"{name}.ramp_s", ramp_s, wanted, above=0))
+        self.ramp_s = _concrete(number(f"{name}.ramp_s", ramp_s, wanted, above=0))
 
-    def share(self, time_s, xp: Any):
+    def fraction(self, time_s, xp: Any):
         """From 0 outside to 1 within, by raised cosines."""
         begun = xp.clip((time_s - self.at_s) / self.ramp_s, 0, 1)
         left = xp.clip((self.bends_s[-1] - time_s) / self.ramp_s, 0, 1)
@@ -101,56 +101,58 @@ class _Stretch(eqx.Module):
         return self.at_s, resting, leaving, leaving + self.ramp_s
 
 
-class Standstill(Pace):
+class StandstillProfile(SpeedProfile):
     """From `at_s` on the motion slows down over `ramp_s`, rests for `duration_s` and speeds up
     again over `ramp_s`.
 
     Raises `BadInput` for times below 0 and for a ramp that is not positive.
     """
 
-    stretch: _Stretch
+    window: _TimeWindow
 
     def __init__(self, at_s, duration_s, ramp_s):
-        self.stretch = _Stretch("standstill", at_s, duration_s, ramp_s)
+        self.window = _TimeWindow("standstill", at_s, duration_s, ramp_s)
 
     def factor(self, time_s, xp: Any = np):
-        return 1 - self.stretch.share(time_s, xp)
+        return 1 - self.window.fraction(time_s, xp)
 
     @property
     def bends_s(self) -> tuple[Scalar, ...]:
-        return self.stretch.bends_s
+        return self.window.bends_s
 
     @property
     def frequency_limit_hz(self) -> float:
         return 0.0
 
 
-class Reversal(Pace):
+class ReversalProfile(SpeedProfile):
     """From `at_s` on the motion turns within `ramp_s`, slides back at the same speed for
     `duration_s` and turns again within `ramp_s`.
 
     Raises `BadInput` for times below 0 and for a ramp that is not positive.
     """
 
-    stretch: _Stretch
+    window: _TimeWindow
 
     def __init__(self, at_s, duration_s, ramp_s):
-        self.stretch = _Stretch("reversal", at_s, duration_s, ramp_s)
+        self.window = _TimeWindow("reversal", at_s, duration_s, ramp_s)
 
     def factor(self, time_s, xp: Any = np):
-        return 1 - 2 * self.stretch.share(time_s, xp)
+        return 1 - 2 * self.window.fraction(time_s, xp)
 
     @property
     def bends_s(self) -> tuple[Scalar, ...]:
-        return self.stretch.bends_s
+        return self.window.bends_s
 
     @property
     def frequency_limit_hz(self) -> float:
         return 0.0
 
 
-def paced(start_m, length_m, speed_m_per_s, rate_hz, paces: Sequence[Pace] = ()) -> Motion:
-    """The motion at `speed_m_per_s` times every pace's factor, sampled `rate_hz` times a second.
+def paced(
+    start_m, length_m, speed_m_per_s, rate_hz, profiles: Sequence[SpeedProfile] = ()
+) -> Motion:
+    """The motion at `speed_m_per_s` times every profile's factor, sampled `rate_hz` times a second.
 
     It starts at `start_m`, at a negative speed at `start_m + length_m`, and ends with the first
     sample that is beyond the other end for good. On the way back it may go beyond its start. The
@@ -166,18 +168,18 @@ def paced(start_m, length_m, speed_m_per_s, rate_hz, paces: Sequence[Pace] = ())
     wanted = "a speed in m/s other than 0, at which the motion arrives"
     number("scan.speed_m_per_s", speed_m_per_s, wanted)
     refuse(speed_m_per_s == 0, f"scan.speed_m_per_s is {speed_m_per_s}: give {wanted}.")
-    _refuse_untold(paces, rate_hz)
+    _refuse_undersampled(profiles, rate_hz)
     begin = start_m if speed_m_per_s > 0 else start_m + length_m
-    time, travelled = _until(length_m / abs(speed_m_per_s), rate_hz, paces)
+    time, travelled = _until(length_m / abs(speed_m_per_s), rate_hz, profiles)
     position = begin + speed_m_per_s * travelled
-    return Motion(time, position, speed_m_per_s * _factor(time, paces))
+    return Motion(time, position, speed_m_per_s * _factor(time, profiles))
 
 
 def at_times(
     time_s: Float[Array, " sample"],
     start_m: Scalar,
     speed_m_per_s: Scalar,
-    paces: Sequence[Pace] = (),
+    profiles: Sequence[SpeedProfile] = (),
 ) -> Motion:
     """The motion from `start_m` on, at times from 0 on: that of [`paced`][], to the rounding of the
     precision worked in, and differentiable in every number but the times.
@@ -187,25 +189,27 @@ def at_times(
     if not isinstance(time_s, Tracer):
         first = float(np.asarray(time_s)[0])
         refuse(first < 0, f"The motion begins at {first:.6g} s: give times from 0 on.")
-    travelled = _travelled(time_s, paces, jnp)
-    speed = speed_m_per_s * _factor(time_s, paces, jnp)
+    travelled = _travelled(time_s, profiles, jnp)
+    speed = speed_m_per_s * _factor(time_s, profiles, jnp)
     return Motion(time_s, start_m + speed_m_per_s * travelled, speed)
 
 
-def denser(motion: Motion, times: int, speed_m_per_s: float, paces: Sequence[Pace] = ()) -> Motion:
+def denser(
+    motion: Motion, times: int, speed_m_per_s: float, profiles: Sequence[SpeedProfile] = ()
+) -> Motion:
     """The motion of [`paced`][] at a mean of `speed_m_per_s`, with `times` as many samples."""
     last = motion.time_s.size - 1
     time = np.linspace(0.0, float(motion.time_s[-1]), last * times + 1)
-    position = float(motion.position_m[0]) + speed_m_per_s * _travelled(time, paces)
-    return Motion(time, position, speed_m_per_s * _factor(time, paces))
+    position = float(motion.position_m[0]) + speed_m_per_s * _travelled(time, profiles)
+    return Motion(time, position, speed_m_per_s * _factor(time, profiles))
 
 
-def _plain(value: Any) -> Scalar:
+def _concrete(value: Any) -> Scalar:
     return value if isinstance(value, Tracer) else float(value)
 
 
-def _refuse_untold(paces: Sequence[Pace], rate_hz) -> None:
-    highest = max((pace.frequency_limit_hz for pace in paces), default=0.0)
+def _refuse_undersampled(profiles: Sequence[SpeedProfile], rate_hz) -> None:
+    highest = max((profile.frequency_limit_hz for profile in profiles), default=0.0)
     refuse(
         2 * highest >= rate_hz,
         f"scan.rate_hz is {rate_hz}, too low for a speed ripple of {highest} Hz: give more than "
@@ -213,27 +217,29 @@ def _refuse_untold(paces: Sequence[Pace], rate_hz) -> None:
     )
 
 
-def _factor(time, paces: Sequence[Pace], xp: Any = np):
+def _factor(time, profiles: Sequence[SpeedProfile], xp: Any = np):
     factor = xp.ones_like(time)
-    for pace in paces:
-        factor = factor * pace.factor(time, xp)
+    for profile in profiles:
+        factor = factor * profile.factor(time, xp)
     return factor
 
 
-def _until(way_s: float, rate_hz: float, paces: Sequence[Pace]) -> tuple[np.ndarray, np.ndarray]:
+def _until(
+    way_s: float, rate_hz: float, profiles: Sequence[SpeedProfile]
+) -> tuple[np.ndarray, np.ndarray]:
     """Times (sample,) and the factor's integral [s] up to them, which ends beyond `way_s`."""
-    last_bend = max((bend for pace in paces for bend in pace.bends_s), default=0.0)
+    last_bend = max((bend for profile in profiles for bend in profile.bends_s), default=0.0)
     samples = min(rate_hz * (way_s + last_bend), MOST_SAMPLES - 2)
     while True:
         time = np.arange(int(samples) + 2) / rate_hz
-        travelled = _travelled(time, paces)
+        travelled = _travelled(time, profiles)
         short = travelled < way_s * (1 - ARRIVED)
         if time[-1] >= last_bend and not short[-1]:
             break
         refuse(
             time.size == MOST_SAMPLES,
             f"The motion has not arrived for good after {MOST_SAMPLES} samples, {time[-1]:.4g} s: "
-            "lower scan.rate_hz or scan.length_m, raise the speed, or let its paces end sooner.",
+            "lower scan.rate_hz or scan.length_m, raise the speed, or let its profiles end sooner.",
         )
         samples = min(2 * samples, MOST_SAMPLES - 2)
     count = int(np.flatnonzero(short)[-1]) + 2
@@ -245,9 +251,9 @@ def _until(way_s: float, rate_hz: float, paces: Sequence[Pace]) -> tuple[np.ndar
     return time[:count], travelled[:count]
 
 
-def _travelled(time, paces: Sequence[Pace], xp: Any = np):
+def _travelled(time, profiles: Sequence[SpeedProfile], xp: Any = np):
     """The factor's integral from time 0 [s], of which all panels end at samples and bends."""
-    bends = [xp.minimum(bend, time[-1]) for pace in paces for bend in pace.bends_s]
+    bends = [xp.minimum(bend, time[-1]) for profile in profiles for bend in profile.bends_s]
     zero = xp.zeros(1, time.dtype)
     if bends:  # a sample comes before a bend at its time, whose derivative is not its own
         ends = xp.sort(xp.concatenate([time, zero, xp.asarray(bends, time.dtype)]))
@@ -256,9 +262,9 @@ def _travelled(time, paces: Sequence[Pace], xp: Any = np):
     middle, half = (ends[1:] + ends[:-1]) / 2, xp.diff(ends) / 2
     mean = xp.zeros_like(middle)
     for node, weight in zip(*np.polynomial.legendre.leggauss(NODES), strict=True):
-        mean = mean + weight * _factor(middle + node * half, paces, xp)
+        mean = mean + weight * _factor(middle + node * half, profiles, xp)
     # jax adds up in pairs of pairs by itself.
-    travelled = running_sum(half * mean) if xp is np else xp.cumsum(half * mean)
+    travelled = pairwise_cumsum(half * mean) if xp is np else xp.cumsum(half * mean)
     if not bends:  # every panel ends at a sample: millions need no search
         return travelled
     travelled = xp.concatenate([zero, travelled])

@@ -1,4 +1,4 @@
-"""Paces: the motion against closed forms, its end, and what is refused."""
+"""Speed profiles: the motion against closed forms, its end, and what is refused."""
 
 from itertools import pairwise
 
@@ -9,15 +9,21 @@ import pytest
 from scipy.integrate import quad
 
 from srsinv.forward.film import Film
-from srsinv.forward.pace import Reversal, Ripple, Standstill, at_times, paced
 from srsinv.forward.sensor import Sensor
+from srsinv.forward.speed_profile import (
+    ReversalProfile,
+    RippleProfile,
+    StandstillProfile,
+    at_times,
+    paced,
+)
 from srsinv.grid import Open
 from tests.refusals import refused
 
 SPEED, LENGTH, START = 0.05, 0.02, -3e-3
-STOP = Standstill(0.1, 0.05, 0.013)
-BACK = Reversal(0.1213, 0.07, 0.0111)
-RIPPLE = Ripple(0.4, 130.0, 1.0)
+STOP = StandstillProfile(0.1, 0.05, 0.013)
+BACK = ReversalProfile(0.1213, 0.07, 0.0111)
+RIPPLE = RippleProfile(0.4, 130.0, 1.0)
 
 
 def way(motion, start=START):
@@ -110,11 +116,11 @@ def test_paces_multiply():
 
 PACES = {
     "constant": [],
-    "ripple": [Ripple(1.0, 40.0, 2.0)],
-    "rest_before_the_end": [Standstill(0.39, 0.2, 0.02)],
-    "back_after_arrival": [Reversal(0.5, 0.2, 0.01)],
-    "back_to_before_the_start": [Reversal(0.01, 0.3, 0.01)],
-    "slow_start": [Ripple(1.0, 0.3, 3.0)],
+    "ripple": [RippleProfile(1.0, 40.0, 2.0)],
+    "rest_before_the_end": [StandstillProfile(0.39, 0.2, 0.02)],
+    "back_after_arrival": [ReversalProfile(0.5, 0.2, 0.01)],
+    "back_to_before_the_start": [ReversalProfile(0.01, 0.3, 0.01)],
+    "slow_start": [RippleProfile(1.0, 0.3, 3.0)],
 }
 
 
@@ -144,12 +150,12 @@ THETA = np.array([0.4, 130.0, 1.0, 0.1, 0.05, 0.013, 0.2, 0.06, 0.0111, SPEED])
 
 
 def paces_of(theta):
-    return [Ripple(*theta[:3]), Standstill(*theta[3:6]), Reversal(*theta[6:9])]
+    return [RippleProfile(*theta[:3]), StandstillProfile(*theta[3:6]), ReversalProfile(*theta[6:9])]
 
 
 @pytest.mark.full
 def test_gradients_of_the_motion():
-    """In all numbers of three paces and the speed, against differences of numpy's motion."""
+    """In all numbers of three profiles and the speed, against differences of numpy's motion."""
     first = paced(START, LENGTH, SPEED, 700.0, paces_of(THETA))
     time = np.asarray(first.time_s)
     weights = np.random.default_rng(4).normal(size=(2, time.size)) / [[SPEED], [50 * SPEED]]
@@ -199,7 +205,7 @@ def test_gradient_of_a_signal_in_the_ripple():
 
     @jax.jit
     def signal(fraction):
-        return sensor.scanned(line, at_times(time, 0.0, SPEED, [Ripple(fraction, 20.0)]))(r)
+        return sensor.scanned(line, at_times(time, 0.0, SPEED, [RippleProfile(fraction, 20.0)]))(r)
 
     derivative = jax.jit(jax.jacfwd(signal))(0.3)
     expected = (signal(0.3 + 1e-5) - signal(0.3 - 1e-5)) / 2e-5
@@ -215,19 +221,28 @@ def test_single_precision():
 
 
 REFUSED = {
-    "fraction": (lambda: Ripple(1.5, 10.0), "ripple.fraction", "1.5", "between 0 and 1"),
-    "frequency": (lambda: Ripple(0.5, 0.0), "frequency_hz", "0.0", "positive"),
-    "phase": (lambda: Ripple(0.5, 1.0, np.nan), "phase_rad", "nan", "angle"),
-    "early": (lambda: Standstill(-1.0, 1.0, 0.1), "standstill.at_s", "-1.0", "at least 0"),
-    "duration": (lambda: Reversal(1.0, -0.5, 0.1), "reversal.duration_s", "-0.5", "at least 0"),
-    "ramp": (lambda: Reversal(1.0, 0.5, 0), "reversal.ramp_s", "0", "positive"),
+    "fraction": (lambda: RippleProfile(1.5, 10.0), "ripple.fraction", "1.5", "between 0 and 1"),
+    "frequency": (lambda: RippleProfile(0.5, 0.0), "frequency_hz", "0.0", "positive"),
+    "phase": (lambda: RippleProfile(0.5, 1.0, np.nan), "phase_rad", "nan", "angle"),
+    "early": (lambda: StandstillProfile(-1.0, 1.0, 0.1), "standstill.at_s", "-1.0", "at least 0"),
+    "duration": (
+        lambda: ReversalProfile(1.0, -0.5, 0.1),
+        "reversal.duration_s",
+        "-0.5",
+        "at least 0",
+    ),
+    "ramp": (lambda: ReversalProfile(1.0, 0.5, 0), "reversal.ramp_s", "0", "positive"),
     "start": (lambda: paced(np.inf, 1.0, 1.0, 10.0), "start_m", "inf", "finite"),
     "length": (lambda: paced(0.0, -0.1, 1.0, 10.0), "length_m", "-0.1", "positive"),
     "rate": (lambda: paced(0.0, 0.1, 1.0, 0.0), "rate_hz", "0.0", "positive"),
     "rest": (lambda: paced(0.0, 0.1, 0.0, 10.0), "speed_m_per_s", "0.0", "other than 0"),
     "coarse": (lambda: paced(0.0, 0.1, 0.1, 260.0, [RIPPLE]), "rate_hz", "260.0", "130.0"),
     "too_many": (lambda: paced(0.0, 1.0, 1e-4, 1e3), "4194304 samples", "arrived", "lower"),
-    "too_late": (lambda: paced(0.0, 0.1, 0.1, 1e3, [Standstill(1e5, 1, 1)]), "paces", "4194 s"),
+    "too_late": (
+        lambda: paced(0.0, 0.1, 0.1, 1e3, [StandstillProfile(1e5, 1, 1)]),
+        "profiles",
+        "4194 s",
+    ),
     "too_few": (lambda: paced(0.0, 0.1, 1.0, 10.0), "2 samples", "rate_hz", "at least 3"),
 }
 

@@ -32,7 +32,7 @@ from .contact_elastic import (
 
 MOST_ROUNDS = 1000
 ROUND_STEPS = 40  # of one elastic contact, which need not converge before the last
-SHARE = 0.2  # of what a round takes off the error: an elastic contact's own error
+ERROR_FRACTION = 0.2  # of what a round takes off the error: an elastic contact's own error
 
 
 def _turned(compliance: Complex[Array, " k"]) -> Complex[Array, " k"]:
@@ -41,13 +41,13 @@ def _turned(compliance: Complex[Array, " k"]) -> Complex[Array, " k"]:
     return -1j * compliance.imag / jnp.where(total > 0, total, 1.0)
 
 
-def _share(turned: Complex[Array, " k"]) -> Float[Array, ""]:
+def _error_fraction(turned: Complex[Array, " k"]) -> Float[Array, ""]:
     """The share of the error that an elastic solution may leave, so that rounds still converge."""
-    return SHARE * (1 - jnp.max(jnp.abs(turned)))
+    return ERROR_FRACTION * (1 - jnp.max(jnp.abs(turned)))
 
 
 @jax.custom_jvp
-def pressed(height, nominal, compliance):
+def pressure_deviation(height, nominal, compliance):
     """The pressure's deviation from its mean, and the number of steps of all elastic contacts."""
     stiffness = jnp.where(compliance == 0, 0.0, 1 / compliance)
     full = times(stiffness, height)
@@ -58,7 +58,7 @@ def pressed(height, nominal, compliance):
     )
 
 
-class _State(NamedTuple):
+class _RoundState(NamedTuple):
     lag: Float[Array, " n"]
     deviation: Float[Array, " n"]
     residual: Float[Array, ""]
@@ -72,12 +72,12 @@ def _rounds(height, nominal, compliance):
     size, turned = jnp.abs(compliance), _turned(compliance)
     # Half of what is asked for, so that rounding elsewhere does not say otherwise.
     goal = least_error(height.dtype) / 2
-    error_fraction = _share(turned)
+    error_fraction = _error_fraction(turned)
 
-    def going(at: _State):
+    def going(at: _RoundState):
         return (at.residual > goal) & (at.rounds < MOST_ROUNDS) & (nominal > 0)
 
-    def step(at: _State) -> _State:
+    def step(at: _RoundState) -> _RoundState:
         target = height + at.lag
         deviation, steps = iterate(target, nominal, size, at.deviation, ROUND_STEPS, at.enough)
         moved, elastic = times(compliance, deviation), times(size, deviation)
@@ -88,17 +88,17 @@ def _rounds(height, nominal, compliance):
         enough = error_fraction * per_elastic * jnp.maximum(residual, goal)
         # h + 2 |C| p - t without the height: what a slight contact adds to it is far smaller.
         lag = times(turned, 2 * elastic - at.lag)
-        return _State(lag, deviation, residual, enough, at.steps + steps, at.rounds + 1)
+        return _RoundState(lag, deviation, residual, enough, at.steps + steps, at.rounds + 1)
 
     zero, none = jnp.zeros((), height.dtype), jnp.zeros_like(height)
-    first = _State(none, none, jnp.full_like(zero, jnp.inf), error_fraction, zero, zero)
+    first = _RoundState(none, none, jnp.full_like(zero, jnp.inf), error_fraction, zero, zero)
     end = jax.lax.while_loop(going, step, first)
     return end.deviation, end.steps
 
 
-@pressed.defjvp
-def _pressed_jvp(primals, tangents):
-    deviation, iterations = pressed(*primals)
+@pressure_deviation.defjvp
+def _pressure_deviation_jvp(primals, tangents):
+    deviation, iterations = pressure_deviation(*primals)
     change = derivative(primals, tangents, deviation, _solve_on)
     return (deviation, iterations), (change, jnp.zeros_like(iterations))
 
@@ -122,7 +122,7 @@ def _solve(lagging, right, elastic, compliance):
     """The pressure (n,) on the contact set with `lagging`(pressure) = `right`, in rounds too."""
     project, response, precondition = elastic
     size, turned = jnp.abs(compliance), _turned(compliance)
-    error_fraction, eps = _share(turned), jnp.finfo(right.dtype).eps
+    error_fraction, eps = _error_fraction(turned), jnp.finfo(right.dtype).eps
 
     def norm(values):
         return values @ precondition(values)

@@ -6,7 +6,7 @@ from jaxtyping import Float
 FEW = 64  # values that are added up one after the other
 
 
-def running_sum(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def pairwise_cumsum(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """As np.cumsum, whose rounding grows with the number of values; here with its logarithm.
 
     Sums of pairs first, and of these the same again (Blelloch 1990).
@@ -14,7 +14,7 @@ def running_sum(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     if values.size <= FEW:
         return np.cumsum(values)
     pairs = values.size // 2
-    upto = running_sum(values[: 2 * pairs : 2] + values[1 : 2 * pairs : 2])
+    upto = pairwise_cumsum(values[: 2 * pairs : 2] + values[1 : 2 * pairs : 2])
     total = np.empty_like(upto, shape=values.size)
     total[0], total[1 : 2 * pairs : 2] = values[0], upto
     later = total[2::2]
