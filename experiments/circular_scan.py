@@ -33,7 +33,7 @@ def run(cfg: build.Config) -> Outcome:
         f"circular_scan.shown_deg is {settings['shown_deg']}: give some of "
         f"circular_scan.angles_deg, {settings['angles_deg']}.",
     )
-    snr = number("circular_scan.snr_db", settings["snr_db"], "a ratio in dB")
+    snr = number("circular_scan.snr_dB", settings["snr_dB"], "a ratio in dB")
     rng = np.random.default_rng(build.seed(cfg))
     with build.precision(cfg):
         sensor, circle = build.sensor(cfg), Circle(**settings["circle"])
@@ -58,7 +58,7 @@ def run(cfg: build.Config) -> Outcome:
             "signal": (along, np.stack([noisy for _, noisy in signals]), {"units": "V"}),
             "fitted_signal": (along, np.stack([d.signal for d in directions]), {"units": "V"}),
             "signal_rms": ("direction", rms, {"units": "V"}),
-            "angle_found": ("direction", estimate, {"units": "deg"}),
+            "angle_estimate": ("direction", estimate, {"units": "deg"}),
             "angle_stderr": ("direction", stderr, {"units": "deg"}),
             "angle_error": ("direction", error, {"units": "deg"}),
             "gain": (("element", "scan_angle"), gain.T, {"units": "1"}),
@@ -131,7 +131,7 @@ def _sections(ds: xarray.Dataset, cfg: build.Config) -> tuple[Section, ...]:
         ]
         return figures.panels(along, parts, "way along the circle")
 
-    def found():
+    def error_figure():
         lines = {
             "error found": np.abs(ds["angle_error"].values),
             "standard error": ds["angle_stderr"].values,
@@ -149,7 +149,7 @@ def _sections(ds: xarray.Dataset, cfg: build.Config) -> tuple[Section, ...]:
             "Direction from a circle",
             ("The finger keeps its orientation on the circle and meets the ridge twice; when tells "
              "where the ridge lies, and friction turns with the velocity.",),
-            {"on_the_circle": on_the_circle, "found": found},
+            {"on_the_circle": on_the_circle, "found": error_figure},
             {"on_the_circle": "The fit has five parameters: angle, distance, width, load, shear. "
              "Where the strip lies along the ridge its pulse is short and strong; across it, two "
              "weak ones remain, of the strip's ends.",

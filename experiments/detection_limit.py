@@ -26,10 +26,10 @@ AXES = {
     "noise": ("noise_range_V", "V"),
     "speed": ("speed_range_m_per_s", "m/s"),
 }
-LIMITS = ("least_height", "narrowest_pair", "wavelength_kept")
+LIMITS = ("least_height", "narrowest_pair", "resolved_wavelength")
 
 
-class Pressed(NamedTuple):
+class RidgeTractions(NamedTuple):
     """Traction (2, n) [Pa] of every ridge, and of every pair with its derivatives by height,
     position and distance; `converged` of all."""
 
@@ -54,19 +54,19 @@ def run(cfg: build.Config) -> Outcome:
     with build.precision(cfg):
         line, scene, sensor, scan = _setup(cfg)
         distances = _distances(settings, line, scene)
-        tractions = _pressed(line, scene, heights, distances)
+        tractions = _solve_contacts(line, scene, heights, distances)
         depth, speed = float(sensor.depth_m), float(scan.speed_m_per_s)
         noise = _white(cfg, line, sensor, scan, tractions, rate)
         base = (depth, noise, speed)
-        detectability = _felt(line, sensor, tractions, rate)
+        detectability = _detectability(line, sensor, tractions, rate)
 
         def limits(at):
             z, sigma, u = at
             strength, pair_strength, stderr = (np.asarray(v) for v in detectability(z, u))
             return (
                 _crossing(heights, needed * sigma / strength),
-                _crossing(distances, settings["certainty"] * sigma * stderr / distances),
-                _kept(z, pair_strength[-1] / sigma),
+                _crossing(distances, settings["relative_precision"] * sigma * stderr / distances),
+                _resolved_wavelength(z, pair_strength[-1] / sigma),
             )
 
         curves = {
@@ -78,7 +78,7 @@ def run(cfg: build.Config) -> Outcome:
     metrics: dict[str, Any] = {
         "least_height_m": here[0],
         "narrowest_pair_m": here[1],
-        "wavelength_kept_m": here[2],
+        "resolved_wavelength_m": here[2],
         "least_distance_m": distances[0],
         "noise_rms_V": noise,
         "strength_needed": needed,
@@ -177,7 +177,7 @@ def _distances(settings, line: Line, scene: SurfaceScene) -> np.ndarray:
     return distances
 
 
-def _pressed(line: Line, scene: SurfaceScene, heights, distances) -> Pressed:
+def _solve_contacts(line: Line, scene: SurfaceScene, heights, distances) -> RidgeTractions:
     """What the skin does to single ridges of `heights` and to pairs at `distances`: the only part
     that is not linear, and one that neither depth nor speed changes.
 
@@ -214,15 +214,15 @@ def _pressed(line: Line, scene: SurfaceScene, heights, distances) -> Pressed:
     single, right = jax.jit(lambda h: jax.lax.map(one, h))(jnp.asarray(heights))
     cells = jnp.round(jnp.asarray(distances) / (2 * line.cell_m))
     both, slopes, as_well = jax.jit(lambda d: jax.lax.map(with_slopes, d))(cells)
-    return Pressed(single, both, slopes, bool(right.all() & as_well.all()))
+    return RidgeTractions(single, both, slopes, bool(right.all() & as_well.all()))
 
 
-def _felt(line: Line, sensor: Sensor, tractions: Pressed, rate: float):
+def _detectability(line: Line, sensor: Sensor, tractions: RidgeTractions, rate: float):
     """(depth, speed) to what white noise of 1 V makes of it: d' (height,) of single ridges, d' and
     the Cramer-Rao standard error [m] of the distance (distance,) of pairs. One program for all."""
 
     @jax.jit
-    def felt(depth, speed):
+    def at(depth, speed):
         films = [film.depth_m for film in sensor.elements]
         moved = [z + depth - sensor.depth_m for z in films]
         deeper = eqx.tree_at(lambda s: [film.depth_m for film in s.elements], sensor, moved)
@@ -245,10 +245,10 @@ def _felt(line: Line, sensor: Sensor, tractions: Pressed, rate: float):
             jax.lax.map(stderr, tractions.slopes),
         )
 
-    return lambda depth, speed: felt(jnp.asarray(depth, float), jnp.asarray(speed, float))
+    return lambda depth, speed: at(jnp.asarray(depth, float), jnp.asarray(speed, float))
 
 
-def _white(cfg, line, sensor, scan, tractions: Pressed, rate: float) -> float:
+def _white(cfg, line, sensor, scan, tractions: RidgeTractions, rate: float) -> float:
     """Noise [V rms] of one sample at `rate`."""
     samples = Periodic(line.n, float(scan.speed_m_per_s) / rate, 0.0)
     rms = jnp.sqrt(jnp.mean(line.operator(sensor.signal(scan))(tractions.pair[-1]) ** 2))
@@ -277,7 +277,7 @@ def _crossing(at: np.ndarray, falling: np.ndarray) -> float:
     return float(np.exp(x[0] - y[0] * (x[1] - x[0]) / (y[1] - y[0])))
 
 
-def _kept(depth_m: float, strength: float) -> float:
+def _resolved_wavelength(depth_m: float, strength: float) -> float:
     """The wavelength [m] at which e^(-kz) has brought a signal so strong down to the noise."""
     return 2 * np.pi * depth_m / np.log(strength) if strength > 1 else np.nan
 
@@ -319,7 +319,7 @@ def _sections(ds, m, cfg: build.Config, base) -> tuple[Section, ...]:
              f"noise^{law['narrowest_pair_against_noise']} and "
              f"speed^{law['narrowest_pair_against_speed']}.",
              f"Without such a model, what is kept are wavelengths above 2πz/ln(d') = "
-             f"{1e3 * m['wavelength_kept_m']:.3g} mm, where e^-kz has brought a signal of the "
+             f"{1e3 * m['resolved_wavelength_m']:.3g} mm, where e^-kz has brought a signal of the "
              "pair's d' down to the noise. A parametric fit goes below: it asks for one number, "
              "not for a picture, and knows what stands there.",),
             {"narrowest_pair": lambda: figures.pairs(ds, base, m["least_distance_m"])},

@@ -14,12 +14,12 @@ from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
 
 
-class Row(NamedTuple):
+class EffectRow(NamedTuple):
     """One effect: the signal with it and without, what that makes, and the bound on it."""
 
     name: str
-    there: Trace
-    bare: Trace
+    with_effect: Trace
+    ideal: Trace
     change: float
     bound: float
     cost: Cost
@@ -42,7 +42,7 @@ def run(cfg: build.Config) -> Outcome:
                 with_effect, ideal = pair(sim, none, key)
                 change = difference(with_effect, ideal)
                 rows.append(
-                    Row(
+                    EffectRow(
                         name,
                         with_effect,
                         ideal,
@@ -60,35 +60,35 @@ def run(cfg: build.Config) -> Outcome:
     )
 
 
-def _metrics(rows: list[Row], ideal_cost: Cost) -> dict[str, Any]:
-    metrics = {"time_s_first_none": ideal_cost.first_s, "time_s_steady_none": ideal_cost.steady_s}
+def _metrics(rows: list[EffectRow], ideal_cost: Cost) -> dict[str, Any]:
+    metrics = {"first_call_s_none": ideal_cost.first_s, "steady_call_s_none": ideal_cost.steady_s}
     for row in rows:
         metrics |= {
             f"change_{row.name}": row.change,
             f"bound_{row.name}": row.bound,
-            f"time_s_first_{row.name}": row.cost.first_s,
-            f"time_s_steady_{row.name}": row.cost.steady_s,
+            f"first_call_s_{row.name}": row.cost.first_s,
+            f"steady_call_s_{row.name}": row.cost.steady_s,
         }
     return metrics
 
 
-def _dataset(rows: list[Row], unit: str) -> xarray.Dataset:
+def _dataset(rows: list[EffectRow], unit: str) -> xarray.Dataset:
     """Signals by effect, over each one's own instants, which differ in number."""
     variables = {}
     for row in rows:
         along = (f"time_{row.name}",)
-        for which, record in (("with", row.there), ("without", row.bare)):
+        for which, record in (("with", row.with_effect), ("without", row.ideal)):
             variables[f"signal_{which}_{row.name}"] = (
                 ("element", *along), record.signal, {"units": unit},
             )  # fmt: skip
     coordinates = {
-        f"time_{row.name}": ((f"time_{row.name}",), row.there.time_s, {"units": "s"})
+        f"time_{row.name}": ((f"time_{row.name}",), row.with_effect.time_s, {"units": "s"})
         for row in rows
     }
     return xarray.Dataset(variables, coordinates)
 
 
-def _table(rows: list[Row], ideal_cost: Cost) -> Table:
+def _table(rows: list[EffectRow], ideal_cost: Cost) -> Table:
     return Table(
         ("effect", "changes", "bound", "first call [s]", "steady [ms]"),
         (
@@ -104,10 +104,10 @@ def _table(rows: list[Row], ideal_cost: Cost) -> Table:
 
 
 def _sections(
-    cfg: build.Config, rows: list[Row], ideal_cost: Cost, unit: str
+    cfg: build.Config, rows: list[EffectRow], ideal_cost: Cost, unit: str
 ) -> tuple[Section, ...]:
-    def drawn(row: Row):
-        with_effect, ideal = row.there, row.bare
+    def drawn(row: EffectRow):
+        with_effect, ideal = row.with_effect, row.ideal
         return figures.with_and_without(with_effect.time_s, with_effect.signal, ideal.signal, unit)
 
     each = [

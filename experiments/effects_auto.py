@@ -94,12 +94,12 @@ def _metrics(rows: list[Decided]) -> dict[str, Any]:
             f"error_{tag}": row.error,
             f"bound_{tag}": row.bound,
             f"effects_on_{tag}": len(row.on),
-            f"time_s_first_all_on_{tag}": row.full.first_s,
-            f"time_s_first_auto_{tag}": row.auto.first_s,
-            f"time_s_first_deciding_{tag}": row.deciding.first_s,
-            f"time_s_steady_all_on_{tag}": row.full.steady_s,
-            f"time_s_steady_auto_{tag}": row.auto.steady_s,
-            f"time_s_steady_deciding_{tag}": row.deciding.steady_s,
+            f"first_call_s_all_on_{tag}": row.full.first_s,
+            f"first_call_s_auto_{tag}": row.auto.first_s,
+            f"first_call_s_deciding_{tag}": row.deciding.first_s,
+            f"steady_call_s_all_on_{tag}": row.full.steady_s,
+            f"steady_call_s_auto_{tag}": row.auto.steady_s,
+            f"steady_call_s_deciding_{tag}": row.deciding.steady_s,
         }
     return metrics
 

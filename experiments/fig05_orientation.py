@@ -32,12 +32,12 @@ def run(cfg: build.Config) -> Outcome:
         p = UniformStrip(load / width, width).cell_average(line)
         tractions = {"p alone": (1, 0), "q alone": (0, 1), "p with friction": (1, mu)}
 
-        def felt(stage):
+        def responses(stage):
             respond = line.operator(stage)
             return np.stack([respond(jnp.outer(jnp.asarray(t), p)) for t in tractions.values()])
 
-        charge, voltage = felt(sensor.charge()), felt(sensor.signal(scan))
-        sigma_z = felt(sensor.stress())[0, 1]
+        charge, voltage = responses(sensor.charge()), responses(sensor.signal(scan))
+        sigma_z = responses(sensor.stress())[0, 1]
 
         depth, area = films[0].depth_m, films[0].width_m * films[0].length_m
         per_stress = np.stack([film.charge_per_stress() for film in films]) / float(area)

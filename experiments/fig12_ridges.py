@@ -17,18 +17,18 @@ from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Ridges
 from srsinv.grid import Line, Periodic
-from srsinv.inverse import detection, lines
+from srsinv.inverse import detection, spectral_lines
 from srsinv.jobs import build
 from srsinv.report.figures import ridges as figures
 from srsinv.report.outcome import Outcome, Section, Table
 
 PAPER_M = {"6.5 um": 6.5e-6, "0.65 um": 0.65e-6}  # seen; and expected to be
-KEPT = 20  # samples of a ridge; their means hold all but 0.4 % of its wave
+SAMPLES_PER_RIDGE = 20  # samples of a ridge; their means hold all but 0.4 % of its wave
 OVERSAMPLING = 4  # of the spectrum
 CONTACT_LOADS = (0.8, 0.95)  # of the closed form's, where the gap between ridges is looked at
 
 
-class Setup(NamedTuple):
+class RidgeScan(NamedTuple):
     """What is slid over what, on the line of whole pitches."""
 
     line: Line
@@ -42,7 +42,7 @@ class Setup(NamedTuple):
         return float(self.ridges.pitch_m)
 
 
-class Pressed(NamedTuple):
+class PitchWaves(NamedTuple):
     """For each point, the amplitude (point, 2) [V] of the wave at the pitch, of the sensor's film
     and of the wide one; pressure and gap (point, n); and whether all converged."""
 
@@ -75,7 +75,7 @@ class Simulated(NamedTuple):
     blind: float
     load: float
     load_closed: float
-    pressed: Pressed
+    waves: PitchWaves
 
 
 class Limits(NamedTuple):
@@ -112,14 +112,14 @@ def run(cfg: build.Config) -> Outcome:
     )
 
 
-def _simulated(cfg: build.Config, setup: Setup) -> Simulated:
+def _simulated(cfg: build.Config, setup: RidgeScan) -> Simulated:
     settings = cfg["fig12_ridges"]
     samples, noises = _samples(settings, setup), build.noises(cfg)
     heights, pressures = _heights(settings), _pressures(settings)
     nominal, height = setup.scene.nominal_pressure_Pa, setup.ridges.height_m
     load_closed = _closed_form_load(setup)
     loads = load_closed * np.asarray(CONTACT_LOADS)
-    waves = _pressed(setup, _wide(cfg), [
+    waves = _solve_pitch_waves(setup, _wide(cfg), [
         *((each, nominal) for each in heights),
         *((height, each) for each in pressures),
         *((height, each / setup.pitch_m) for each in loads),
@@ -142,11 +142,11 @@ def _simulated(cfg: build.Config, setup: Setup) -> Simulated:
         blind=blind,
         load=_load_between(setup, loads, waves.gap[-1 - loads.size : -1]),
         load_closed=load_closed,
-        pressed=waves,
+        waves=waves,
     )
 
 
-def _limits(settings, setup: Setup, simulated: Simulated, needed: float) -> Limits:
+def _limits(settings, setup: RidgeScan, simulated: Simulated, needed: float) -> Limits:
     k = np.fft.rfftfreq(simulated.x.size, simulated.x[1] - simulated.x[0])
     level = np.sqrt(np.interp(1 / setup.pitch_m, k, simulated.spectrum))
     counts = np.geomspace(1, settings["most_ridges"], 121)
@@ -155,7 +155,7 @@ def _limits(settings, setup: Setup, simulated: Simulated, needed: float) -> Limi
     return Limits(level, needed, counts, least_height)
 
 
-def _metrics(settings, setup: Setup, simulated: Simulated, limits: Limits) -> dict[str, Any]:
+def _metrics(settings, setup: RidgeScan, simulated: Simulated, limits: Limits) -> dict[str, Any]:
     pitch, level, amplitude = setup.pitch_m, limits.level, simulated.amplitude
     fitted = _pitch(simulated.x, simulated.data, simulated.per_ridge, settings["pitch_range_m"])
     tone_hz = float(setup.scan.speed_m_per_s) / pitch
@@ -179,8 +179,8 @@ def _metrics(settings, setup: Setup, simulated: Simulated, limits: Limits) -> di
         "snr_in_band": amplitude / np.sqrt(2) / in_band,
         "strength_over_scan": strength * np.sqrt(simulated.x.size),
         "strength_needed": limits.needed,
-        "short_of_distinct": settings["distinct"] * noise / amplitude,
-        "short_of_distinct_in_band": settings["distinct"] * in_band / amplitude,
+        "snr_shortfall": settings["peak_over_noise"] * noise / amplitude,
+        "snr_shortfall_in_band": settings["peak_over_noise"] * in_band / amplitude,
         "least_height_over_scan_m": np.interp(
             settings["ridges"], limits.counts, limits.least_height
         ),
@@ -195,11 +195,11 @@ def _metrics(settings, setup: Setup, simulated: Simulated, limits: Limits) -> di
         "load_per_ridge_N_per_m": float(setup.scene.nominal_pressure_Pa) * pitch,
     }
     known = {name: float(value) for name, value in metrics.items()}
-    return known | {"contact_converged": simulated.pressed.converged}
+    return known | {"contact_converged": simulated.waves.converged}
 
 
-def _dataset(settings, setup: Setup, simulated: Simulated, limits: Limits) -> xarray.Dataset:
-    amplitude_spectrum = _seen(
+def _dataset(settings, setup: RidgeScan, simulated: Simulated, limits: Limits) -> xarray.Dataset:
+    amplitude_spectrum = _detected_lines(
         simulated.x, simulated.data, simulated.spectrum, setup, settings["false_alarm"]
     )
     in_band, lengths = (
@@ -209,8 +209,8 @@ def _dataset(settings, setup: Setup, simulated: Simulated, limits: Limits) -> xa
     return xarray.Dataset(
         {
             "height": ("x", np.asarray(setup.scene.surface.height(setup.line)), {"units": "m"}),
-            "gap": ("x", simulated.pressed.gap[-1], {"units": "m"}),
-            "pressure": ("x", simulated.pressed.pressure[-1], {"units": "Pa"}),
+            "gap": ("x", simulated.waves.gap[-1], {"units": "m"}),
+            "pressure": ("x", simulated.waves.pressure[-1], {"units": "Pa"}),
             "signal": ("position", simulated.signal, {"units": "V"}),
             "data": ("position", simulated.data, {"units": "V"}),
             "data_in_band": ("position", in_band, {"units": "V"}),
@@ -231,7 +231,7 @@ def _dataset(settings, setup: Setup, simulated: Simulated, limits: Limits) -> xa
     )
 
 
-def _setup(cfg: build.Config) -> Setup:
+def _setup(cfg: build.Config) -> RidgeScan:
     line, sensor = build.line(cfg), build.sensor(cfg)
     scene: Any = build.scene(cfg)
     shapes: Any = scene.surface.shapes if isinstance(scene, SurfaceScene) else ()
@@ -250,7 +250,7 @@ def _setup(cfg: build.Config) -> Setup:
     scan = build.scan(cfg)
     speed = float(scan.speed_m_per_s)
     refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
-    return Setup(line, scene, shapes[0], sensor, scan)
+    return RidgeScan(line, scene, shapes[0], sensor, scan)
 
 
 def _heights(settings) -> np.ndarray:
@@ -269,7 +269,7 @@ def _pressures(settings) -> np.ndarray:
     return np.array([number("fig12_ridges.pressures_Pa", p, wanted, above=0) for p in given], float)
 
 
-def _samples(settings, setup: Setup) -> Periodic:
+def _samples(settings, setup: RidgeScan) -> Periodic:
     """Where the samples are taken, over whole ridges."""
     speed = float(setup.scan.speed_m_per_s)
     rate = number(
@@ -282,7 +282,7 @@ def _samples(settings, setup: Setup) -> Periodic:
     return Periodic(round(ridges * setup.pitch_m * rate / speed), speed / rate, 0.0)
 
 
-def _signals(setup: Setup, samples: Periodic, noises, waves: Pressed, key):
+def _signals(setup: RidgeScan, samples: Periodic, noises, waves: PitchWaves, key):
     """At the samples: the signal, the noise's power at their wavenumbers, and both together."""
     field = setup.line.operator(setup.sensor.signal(setup.scan))
     traction = _traction(setup, setup.scene, jnp.asarray(waves.pressure[-1]))
@@ -292,12 +292,12 @@ def _signals(setup: Setup, samples: Periodic, noises, waves: Pressed, key):
     return np.asarray(signal[0]), np.asarray(spectrum), np.asarray(data[0])
 
 
-def _traction(setup: Setup, scene: SurfaceScene, pressure):
+def _traction(setup: RidgeScan, scene: SurfaceScene, pressure):
     friction = scene.friction(setup.line, setup.scan.direction)
     return jnp.stack([pressure, setup.scan.direction * friction * pressure])
 
 
-def _pressed(setup: Setup, wide: Film, points) -> Pressed:
+def _solve_pitch_waves(setup: RidgeScan, wide: Film, points) -> PitchWaves:
     """The skin pressed on ridges, for points (height, nominal pressure)."""
     both = Sensor((*setup.sensor.elements, wide), setup.sensor.skin, setup.sensor.amplifier)
     field = setup.line.operator(both.signal(setup.scan))
@@ -312,7 +312,7 @@ def _pressed(setup: Setup, wide: Film, points) -> Pressed:
 
     press = jax.jit(lambda given: jax.lax.map(one, given))
     size, pressure, gap, right = (np.asarray(v) for v in press(jnp.asarray(points, float)))
-    return Pressed(size, pressure, gap, bool(right.all()))
+    return PitchWaves(size, pressure, gap, bool(right.all()))
 
 
 def _changed(scene: SurfaceScene, height, pressure) -> SurfaceScene:
@@ -330,7 +330,7 @@ def _wide(cfg: build.Config) -> Film:
     return build.sensor(dict(cfg) | {"sensor": sensor}).elements[0]
 
 
-def _closed_form_load(setup: Setup) -> float:
+def _closed_form_load(setup: RidgeScan) -> float:
     """Load per ridge [N/m] at which the skin reaches the plate between flat ridges: P = pi E* H /
     (2 arccosh(1/sin(pi a/L)))."""
     ridges, skin = setup.ridges, setup.scene.skin
@@ -340,7 +340,7 @@ def _closed_form_load(setup: Setup) -> float:
     return float(np.pi * plane * float(ridges.height_m) / (2 * np.arccosh(1 / half)))
 
 
-def _load_between(setup: Setup, loads, gaps) -> float:
+def _load_between(setup: RidgeScan, loads, gaps) -> float:
     """The same by contact: where the line through two gaps between ridges reaches zero."""
     from_ridge = np.asarray((setup.line.x - setup.ridges.position_m) % setup.pitch_m)
     between = gaps[:, np.abs(from_ridge - setup.pitch_m / 2).argmin()]
@@ -348,15 +348,17 @@ def _load_between(setup: Setup, loads, gaps) -> float:
     return float(loads[1] - between[1] / slope)
 
 
-def _pitch(x, data, per_ridge: float, range_m) -> lines.Pitch:
+def _pitch(x, data, per_ridge: float, range_m) -> spectral_lines.Pitch:
     """From means over so many samples that a ridge keeps `KEPT` of them."""
-    block = max(int(per_ridge / KEPT), 1)
+    block = max(int(per_ridge / SAMPLES_PER_RIDGE), 1)
     n = x.size // block * block
     x, data = (each[:n].reshape(-1, block).mean(axis=1) for each in (x, data))
-    return lines.scan_pitch(x, data[None], lines.drift(x, 2 * range_m[1]), tuple(range_m), 1)
+    return spectral_lines.scan_pitch(
+        x, data[None], spectral_lines.drift(x, 2 * range_m[1]), tuple(range_m), 1
+    )
 
 
-def _seen(x, data, spectrum, setup: Setup, false_alarm: float):
+def _detected_lines(x, data, spectrum, setup: RidgeScan, false_alarm: float):
     """Frequency [Hz] up to the fifth harmonic, amplitude [V] of the tapered data there, and what
     the noise alone reaches anywhere in this band with probability `false_alarm`."""
     taper, bins, step = np.hanning(x.size), OVERSAMPLING * x.size, x[1] - x[0]
@@ -401,7 +403,7 @@ def _summary(m, settings) -> Table:
     )
 
 
-def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: Setup) -> tuple[Section, ...]:
+def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: RidgeScan) -> tuple[Section, ...]:
     settings = cfg["fig12_ridges"]
     micro = {name: 1e6 * m[f"{name}_V"] for name in
              ("amplitude", "noise_rms", "noise_rms_in_band", "amplitude_blind_strip",
@@ -453,8 +455,8 @@ def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: Setup) -> tuple[S
             ("The paper calls its peaks at 6.5 µm \"large, distinct\" and expects ridges a tenth "
              "as high to be detectable. For peaks that stand "
              f"{settings['distinct']:g} rms of noise out of the trace, this model's signal is "
-             f"{m['short_of_distinct']:.3g} times too small in the whole band, and "
-             f"{m['short_of_distinct_in_band']:.2g} times after a low-pass filter at "
+             f"{m['snr_shortfall']:.3g} times too small in the whole band, and "
+             f"{m['snr_shortfall_in_band']:.2g} times after a low-pass filter at "
              f"{m['band_hz']:.3g} Hz. The load does not make up for it: at "
              f"{1e-3 * m['amplitude_most_at_Pa']:.3g} kPa, the best of those tried, the amplitude "
              f"is {micro['amplitude_most']:.3g} µV.",

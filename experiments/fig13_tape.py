@@ -27,11 +27,11 @@ CASES = ("as it is", "base friction alone", "no friction")
 class Edges(NamedTuple):
     """Signals about the tape's edges.
 
-    `felt` (case, element, x); at `from_edge` [m] their `even` and `odd` parts about the edges'
+    `signals` (case, element, x); at `from_edge` [m] their `even` and `odd` parts about the edges'
     `places` [m] (case, edge, element, from_edge); `ratio` (case, edge), rms of even over odd.
     """
 
-    felt: np.ndarray
+    signals: np.ndarray
     places: np.ndarray
     from_edge: np.ndarray
     even: np.ndarray
@@ -59,7 +59,7 @@ def run(cfg: build.Config) -> Outcome:
         with stage("inverting"):
             estimate = method(problem)
         with stage("fitting the tape"):
-            fitted = _fit(solved, feature, problem).found
+            fitted = _fit(solved, feature, problem).fit
         edges = _edges(solved, tape, problem, around)
         dataset = _dataset(solved, problem, estimate, edges)
     base = float(solved.surface.base_friction)
@@ -110,9 +110,9 @@ def _metrics(solved, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
     metrics |= {
         "pressure_min_Pa": float(solved.contact.pressure_Pa.min()),
         "pressure_max_Pa": float(solved.contact.pressure_Pa.max()),
-        "contact": solved.contact.result,
-        "recovery": estimate.result,
-        "fit": fitted.result,
+        "contact": solved.contact.status,
+        "recovery": estimate.status,
+        "fit": fitted.status,
         "chi2_per_freedom": fitted.chi2_per_freedom,
         **{f"{what}_recovery": said for what, said in in_metrics(estimate).items()},
         **{f"{what}_fit": said for what, said in in_metrics(fitted).items()},
@@ -127,7 +127,7 @@ def _dataset(solved: SolvedContact, problem: Problem, estimate: Estimate, edges:
     along, parts = ("component", "x"), ("case", "edge", "element", "from_edge")
     unit = sim.sensor.amplifier.unit
     variables = {
-        "signal": (("case", "element", "x"), edges.felt, unit),
+        "signal": (("case", "element", "x"), edges.signals, unit),
         "even": (parts, edges.even, unit),
         "odd": (parts, edges.odd, unit),
         "antisymmetry": (("case", "edge"), edges.ratio, "1"),

@@ -10,7 +10,7 @@ from srsinv.errors import BadInput, choice, mapping, refuse
 from srsinv.inverse.problem import COMPONENTS, Problem
 from srsinv.inverse.quality import Quality
 from srsinv.jobs import build
-from srsinv.jobs.analysis import deviation, seen
+from srsinv.jobs.analysis import deviation, observed_cells
 from srsinv.jobs.change import merged
 from srsinv.jobs.simulation import noisy_problem, simulation
 from srsinv.progress import stage
@@ -25,13 +25,13 @@ LARGEST_Z = 3.0  # standard errors: an rms error beyond is no chance where no wo
 class Cell(NamedTuple):
     """One case by one method in one precision.
 
-    - `error` (c,): of p and q, norm over that of the truth, means taken out; `over_band` (c,): the
+    - `error` (c,): of p and q, norm over that of the truth, means taken out; `z_rms` (c,): the
       error's rms in standard errors. NaN where there is no answer, or no truth to compare with.
     - `quality`, `reasons`: what the method says of its answer; where it refused, "refused" and why.
     """
 
     error: np.ndarray
-    over_band: np.ndarray
+    z_rms: np.ndarray
     condition: float
     quality: str
     reasons: tuple[str, ...]
@@ -39,7 +39,7 @@ class Cell(NamedTuple):
     @property
     def is_silent_failure(self) -> bool:
         """Whether an error beyond the band comes without a word."""
-        return self.quality == Quality.GOOD and bool(np.any(self.over_band > LARGEST_Z))
+        return self.quality == Quality.GOOD and bool(np.any(self.z_rms > LARGEST_Z))
 
 
 def run(cfg: build.Config) -> Outcome:
@@ -49,12 +49,12 @@ def run(cfg: build.Config) -> Outcome:
     """
     settings, methods = build.part(cfg, "hard_cases"), list(build.methods(cfg))
     cases = build.part(settings, "cases")
-    refuse(not cases, "hard_cases.cases is empty: give a case by name, none: {hard: nothing}.")
+    refuse(not cases, "hard_cases.cases is empty: give a case by name, none: {label: nothing}.")
     precisions = [choice("hard_cases.precisions", p, PRECISIONS) for p in settings["precisions"]]
     cells = {}
     for name, changes in cases.items():
         hard = dict(mapping(f"hard_cases.cases.{name}", changes))
-        label = str(hard.pop("hard", name))
+        label = str(hard.pop("label", name))
         refuse(
             (label, precisions[0]) in cells,
             f"Two cases of hard_cases.cases are {label!r}: name them apart.",
@@ -99,7 +99,7 @@ def _cell(method: Any, problem: Problem, truth: np.ndarray) -> Cell:
         estimate = method(problem)
     except BadInput as refused:
         return _refused(str(refused))
-    observed = seen(problem)
+    observed = observed_cells(problem)
     wanted = deviation(truth, observed)
     wrong = deviation(np.asarray(estimate.value), observed) - wanted
     size = np.linalg.norm(wanted, axis=-1)
@@ -114,23 +114,25 @@ def _cell(method: Any, problem: Problem, truth: np.ndarray) -> Cell:
     )
 
 
-Found = Mapping[str, list[list[Cell]]]  # by precision: (case, method)
+CellsByPrecision = Mapping[str, list[list[Cell]]]  # by precision: (case, method)
 
 
-def _each(by_precision: Found, get) -> np.ndarray:
+def _each(by_precision: CellsByPrecision, get) -> np.ndarray:
     """(precision, case, method, ...)."""
     return np.array(
         [[[get(cell) for cell in row] for row in rows] for rows in by_precision.values()]
     )
 
 
-def _dataset(by_precision: Found, labels, methods) -> xarray.Dataset:
+def _dataset(by_precision: CellsByPrecision, labels, methods) -> xarray.Dataset:
     along = ("precision", "case", "method")
     return xarray.Dataset(
         {
-            "error": ((*along, "component"), _each(by_precision, lambda c: c.error), {"units":
-            "1"}), "error_over_band": (
-                (*along, "component"), _each(by_precision, lambda c: c.over_band), {"units": "1"}
+            "error": (
+                (*along, "component"), _each(by_precision, lambda c: c.error), {"units": "1"},
+            ),
+            "z_rms": (
+                (*along, "component"), _each(by_precision, lambda c: c.z_rms), {"units": "1"},
             ),
             "condition": (along, _each(by_precision, lambda c: c.condition), {"units": "1"}),
             "quality": (along, _each(by_precision, lambda c: c.quality), {"units": "1"}),
@@ -145,7 +147,7 @@ def _dataset(by_precision: Found, labels, methods) -> xarray.Dataset:
     )  # fmt: skip
 
 
-def _metrics(by_precision: Found, labels, methods) -> dict[str, Any]:
+def _metrics(by_precision: CellsByPrecision, labels, methods) -> dict[str, Any]:
     metrics: dict[str, Any] = {"cases": len(labels), "methods": len(methods)}
     for precision, rows in by_precision.items():
         cells = [cell for row in rows for cell in row]
@@ -155,14 +157,12 @@ def _metrics(by_precision: Found, labels, methods) -> dict[str, Any]:
     return metrics
 
 
-def _table(by_precision: Found, labels, methods) -> Table:
+def _table(by_precision: CellsByPrecision, labels, methods) -> Table:
     rows = []
     for precision, cases in by_precision.items():
         for m, method in enumerate(methods):
             cells = [row[m] for row in cases]
-            worst_z = [
-                float(np.nanmax(c.over_band)) for c in cells if np.isfinite(c.over_band).any()
-            ]
+            worst_z = [float(np.nanmax(c.z_rms)) for c in cells if np.isfinite(c.z_rms).any()]
             counts = (sum(cell.quality == code for cell in cells) for code in CODES)
             wrong = sum(cell.is_silent_failure for cell in cells)
             rows.append((precision, method, *counts, wrong, max(worst_z, default=float("nan"))))
@@ -178,7 +178,7 @@ def _table(by_precision: Found, labels, methods) -> Table:
 
 
 def _sections(
-    ds: xarray.Dataset, by_precision: Found, labels, methods, table
+    ds: xarray.Dataset, by_precision: CellsByPrecision, labels, methods, table
 ) -> tuple[Section, ...]:
     marks = dict(zip(CODES, ("", "?", "!", "-"), strict=True))
     codes = ds["quality"].values
@@ -201,8 +201,8 @@ def _sections(
         shown = panels(values, "{:.2g}")
         return matrices(shown, labels, methods, f"error of {component} [%]", (1.0, 1e3))
 
-    def over_band():
-        shown = panels(_worst(ds["error_over_band"].values), "{:.2g}")
+    def z_rms():
+        shown = panels(_worst(ds["z_rms"].values), "{:.2g}")
         label = "rms error of p or q, the larger, over its standard error"
         return matrices(shown, labels, methods, label, (0.1, 1e2))
 
@@ -226,8 +226,8 @@ def _sections(
             "Errors over their bands",
             ("About one or less is honest; much above one without a mark would be a silent "
              "failure.",),
-            {"over_band": over_band},
-            {"over_band": key},
+            {"z_rms": z_rms},
+            {"z_rms": key},
             (table,),
         ),
         Section(
@@ -256,7 +256,7 @@ def _word(value: float, pattern: str) -> str:
     return "" if np.isnan(value) else pattern.format(value).replace("e+0", "e").replace("e+", "e")
 
 
-def _words(by_precision: Found, labels, methods) -> Table:
+def _words(by_precision: CellsByPrecision, labels, methods) -> Table:
     """What was said, each sentence once for each case."""
     said: dict[tuple[str, str], list[str]] = {}
     for precision, rows in by_precision.items():

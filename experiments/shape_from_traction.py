@@ -100,7 +100,7 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
             "touching": ("x", touching.astype(np.int8), {"units": "1"}),
         },
         {"x": ("x", np.asarray(line.x), {"units": "m"})},
-        {"contact": solved.contact.status, "recovery": estimate.result} | in_metrics(estimate),
+        {"contact": solved.contact.status, "recovery": estimate.status} | in_metrics(estimate),
     )
 
 
@@ -121,7 +121,7 @@ def _judge(ds: xarray.Dataset) -> dict[str, float]:
         "rms_exact_pressure_m": rms["shape_exact_pressure"],
         "rms_predicted_m": float(np.sqrt(np.mean(ds["shape_stderr"].values[touching] ** 2))),
         "coverage": float(inside.mean()),
-        "contact_share": float(touching.mean()),
+        "contact_fraction": float(touching.mean()),
     }
 
 

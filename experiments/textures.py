@@ -22,7 +22,7 @@ from srsinv.report.figures import textures as draw
 from srsinv.report.outcome import Outcome, Section, Table
 
 CONTACTS = ("full", "light")
-TOLD = {  # by which contact's stretches, and by what they are compared with
+CLASSIFICATIONS = {  # by which contact's stretches, and by what they are compared with
     "pressed full, linear law": (0, "law"),
     "pressed lightly, linear law": (1, "law"),
     "pressed lightly, learned": (1, "learned"),
@@ -31,13 +31,13 @@ TOLD = {  # by which contact's stretches, and by what they are compared with
 
 class Slid(NamedTuple):
     """Each texture slid over: noisy `signals` (contact, texture, draw, x), those after `draws`
-    to learn from; the `share` that touches (contact, texture); and the true density of heights,
-    `truth` (texture, k) [m^3]."""
+    to learn from; the `contact_fraction` that touches (contact, texture); and the true density of
+    heights, `truth` (texture, k) [m^3]."""
 
-    felt: "_Felt"
+    texture_sensor: "TextureSensor"
     names: list[str]
     signals: np.ndarray
-    share: np.ndarray
+    contact_fraction: np.ndarray
     truth: np.ndarray
     draws: int
     samples: int
@@ -46,14 +46,15 @@ class Slid(NamedTuple):
 class Spectra(NamedTuple):
     """Densities of height [m^3] in bands of wavenumber, by the linear law.
 
-    `found`, with its band of 90 % from `low` to `high` (contact, texture, draw, band); `mean` of
-    the draws (contact, texture, band); `expected`, and whether it is `usable` (texture, band), with
-    its `limits` (texture, end) [rad/m]. `ratio` (contact, texture): power found over the true one.
+    `densities`, with its band of 90 % from `low` to `high` (contact, texture, draw, band); `mean`
+    of the draws (contact, texture, band); `expected`, and whether it is `usable` (texture, band),
+    with its `limits` (texture, end) [rad/m]. `ratio` (contact, texture): power found over the true
+    one.
     """
 
     middle: np.ndarray
     power: np.ndarray
-    found: np.ndarray
+    densities: np.ndarray
     low: np.ndarray
     high: np.ndarray
     mean: np.ndarray
@@ -106,7 +107,7 @@ def _slid(cfg: build.Config) -> Slid:
     surfaces = {
         name: build.make(node, f"textures.surfaces.{name}", "rough") for name, node in named.items()
     }
-    texture_sensor = _Felt(cfg)
+    texture_sensor = TextureSensor(cfg)
     stretch = number(
         "textures.stretch_m",
         given["stretch_m"],
@@ -132,7 +133,7 @@ def _slid(cfg: build.Config) -> Slid:
 
 def _spectra(slid: Slid, count: int) -> Spectra:
     """From whole windows."""
-    texture_sensor, draws = slid.felt, slid.draws
+    texture_sensor, draws = slid.texture_sensor, slid.draws
     bands = Bands(
         texture_sensor.k,
         texture_sensor.gain,
@@ -155,7 +156,7 @@ def _spectra(slid: Slid, count: int) -> Spectra:
     return Spectra(
         middle=bands.middle,
         power=power,
-        found=densities,
+        densities=densities,
         low=low,
         high=high,
         mean=mean,
@@ -169,7 +170,7 @@ def _spectra(slid: Slid, count: int) -> Spectra:
 def _chosen(slid: Slid) -> np.ndarray:
     """From short stretches: how many went to the nearest of the known spectra (told, texture,
     texture)."""
-    texture_sensor, draws = slid.felt, slid.draws
+    texture_sensor, draws = slid.texture_sensor, slid.draws
     pieces = tapered_power(slid.signals, slid.samples)
     law = expected_power(
         texture_sensor.gain * slid.truth + texture_sensor.noise, texture_sensor.line.n, slid.samples
@@ -177,7 +178,7 @@ def _chosen(slid: Slid) -> np.ndarray:
     references = {"law": law, "learned": pieces[1, :, draws:].mean(axis=1)}
     return np.stack([
         _counted(nearest(pieces[contact, :, :draws], references[kind]))
-        for contact, kind in TOLD.values()
+        for contact, kind in CLASSIFICATIONS.values()
     ])  # fmt: skip
 
 
@@ -186,7 +187,10 @@ def _accuracy(chosen: np.ndarray) -> np.ndarray:
 
 
 def _metrics(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> dict[str, Any]:
-    metrics: dict[str, Any] = {"draws": slid.draws, "stretch_m": slid.samples * slid.felt.cell_m}
+    metrics: dict[str, Any] = {
+        "draws": slid.draws,
+        "stretch_m": slid.samples * slid.texture_sensor.cell_m,
+    }
     kinds = ("", "_light_linear_law", "_light_learned")
     for kind, value in zip(kinds, _accuracy(chosen), strict=True):
         metrics[f"accuracy{kind}"] = float(value)
@@ -197,14 +201,14 @@ def _metrics(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> dict[str, Any]
         metrics[f"limit_wavelength_{name}_m"] = 2 * np.pi / shortest
         for c, contact in enumerate(CONTACTS):
             metrics[f"height_power_ratio_{contact}_{name}"] = float(spectra.ratio[c, t])
-            metrics[f"contact_share_{contact}_{name}"] = float(slid.share[c, t])
+            metrics[f"contact_fraction_{contact}_{name}"] = float(slid.contact_fraction[c, t])
     return metrics
 
 
 def _dataset(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> xarray.Dataset:
-    texture_sensor, of = slid.felt, ("contact", "texture", "band")
+    texture_sensor, of = slid.texture_sensor, ("contact", "texture", "band")
     variables = {
-        "height_density": (of, spectra.found[:, :, 0], "m^3"),
+        "height_density": (of, spectra.densities[:, :, 0], "m^3"),
         "height_density_low": (of, spectra.low[:, :, 0], "m^3"),
         "height_density_high": (of, spectra.high[:, :, 0], "m^3"),
         "height_density_mean": (of, spectra.mean, "m^3"),
@@ -219,16 +223,16 @@ def _dataset(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> xarray.Dataset
             f"({texture_sensor.unit})^2",
         ),
         "noise_power": (("wavenumber",), texture_sensor.noise, f"({texture_sensor.unit})^2"),
-        "contact_share": (("contact", "texture"), slid.share, "1"),
-        "chosen": (("told_by", "truth", "candidate"), chosen, "1"),
-        "accuracy": (("told_by",), _accuracy(chosen), "1"),
+        "contact_fraction": (("contact", "texture"), slid.contact_fraction, "1"),
+        "chosen": (("classification", "truth", "candidate"), chosen, "1"),
+        "accuracy": (("classification",), _accuracy(chosen), "1"),
     }
     coordinates = {
         "contact": (list(CONTACTS), "1"),
         "texture": (slid.names, "1"),
         "truth": (slid.names, "1"),
         "candidate": (slid.names, "1"),
-        "told_by": (list(TOLD), "1"),
+        "classification": (list(CLASSIFICATIONS), "1"),
         "x": (np.asarray(texture_sensor.line.x), "m"),
         "wavenumber": (texture_sensor.k, "rad/m"),
         "band": (spectra.middle, "rad/m"),
@@ -241,7 +245,7 @@ def _dataset(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> xarray.Dataset
 
 
 def _table(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> Table:
-    right = zip(TOLD, _accuracy(chosen), strict=True)
+    right = zip(CLASSIFICATIONS, _accuracy(chosen), strict=True)
     return Table(
         ("texture", "shortest wavelength [mm]", "touches, full", "power over true, full",
          "touches, light", "power over true, light"),
@@ -249,7 +253,8 @@ def _table(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> Table:
             (name, f"{2e3 * np.pi / limit:.3g}", f"{full:.0%}", full_ratio, f"{light:.0%}",
              light_ratio)
             for name, limit, full, full_ratio, light, light_ratio in zip(
-                slid.names, spectra.limits[:, 1], slid.share[0], spectra.ratio[0], slid.share[1],
+                slid.names, spectra.limits[:, 1], slid.contact_fraction[0],
+                spectra.ratio[0], slid.contact_fraction[1],
                 spectra.ratio[1], strict=True,
             )
         ),
@@ -257,7 +262,7 @@ def _table(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> Table:
     )  # fmt: skip
 
 
-class _Felt:
+class TextureSensor:
     """The sensor on a line, q = mu p known: signals of surfaces, and what spectra they have."""
 
     def __init__(self, cfg: build.Config):
@@ -286,12 +291,12 @@ class _Felt:
         operator = self.fine.operator(stage)
 
         @eqx.filter_jit
-        def felt(height, nominal):
+        def signal_and_contact(height, nominal):
             p = press(self.fine, self.skin, height, nominal).pressure_Pa
             signal = operator(jnp.stack([p, mu * p]))[0, :: self.refinement]
             return signal, jnp.mean(p > 0)
 
-        self._felt = felt
+        self._signal_and_contact = signal_and_contact
 
     def signals(self, surfaces, pressures, draws: int, seed: int):
         """Noisy signals (contact, texture, draw, x), each of its own realisation and noise, and
@@ -303,7 +308,8 @@ class _Felt:
             for surface, row in zip(surfaces.values(), seeds, strict=True)
         ]
         simulated = [
-            [[self._felt(h, jnp.asarray(p)) for h in row] for row in heights] for p in pressures
+            [[self._signal_and_contact(h, jnp.asarray(p)) for h in row] for row in heights]
+            for p in pressures
         ]
         clean = np.array([[[signal for signal, _ in row] for row in each] for each in simulated])
         contact_fraction = np.array(

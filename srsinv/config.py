@@ -19,6 +19,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
+from .aliases import CLASSES, current_name
 from .errors import BadInput, mapping, refuse, shown, whole
 
 Config = Mapping[str, Any]
@@ -189,6 +190,7 @@ def _definition(target: Any) -> Any:
     """
     if not isinstance(target, str) or not target.isascii():
         return None
+    target = current_name(target, CLASSES)
     parts = target.split(".")
     if not all(part.isidentifier() for part in parts) or parts[0] not in _namespaces():
         return None
@@ -227,9 +229,9 @@ def check_early(cfg: Config) -> None:
             "recording.path names a file, and this job reads none: give one that does, such as "
             "experiment=inspect_recording, invert_recording or fit_recording.",
         )
-        from .recording import check_readable
+        from .recording import check_settings
 
-        check_readable(recording)
+        check_settings(recording)
 
 
 def seed(cfg: Config) -> int:

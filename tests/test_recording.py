@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 from srsinv.errors import BadInput
-from srsinv.recording import Recording, check_readable, load, merge, save
+from srsinv.recording import Recording, check_settings, load, merge, save
 from tests.shared import SHARED, needs_shared
 
 N = 12
@@ -781,12 +781,12 @@ def test_a_file_that_was_looked_at_is_not_read_again_unless_it_changed(tmp_path)
     path, other = tmp_path / "r.csv", tmp_path / "other.csv"
     write_csv(path, COLUMNS)
     text, before = path.read_text(), path.stat()
-    check_readable({"path": str(path)})
+    check_settings({"path": str(path)})
     path.write_text(text.replace("0", "7"))  # under the same size and time: not noticed, not read
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
     assert same(load(path).signal, SIGNAL)
     write_csv(path, COLUMNS)
-    check_readable({"path": str(path)})
+    check_settings({"path": str(path)})
     write_csv(other, columns(voltage_0_V=2 * SIGNAL[0]))
     other.replace(path)
     assert same(load(path).signal[0], 2 * SIGNAL[0])

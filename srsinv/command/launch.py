@@ -23,6 +23,7 @@ from hydra.core.override_parser.types import Override
 from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from ..aliases import current_configuration, current_override
 from ..config import check_early, load_job
 from ..errors import BadInput, refuse
 from ..run_folder import claim
@@ -50,6 +51,7 @@ def launch(arguments: Sequence[str], root: Path) -> int:
     flags = _flags(arguments)
     if flags.shell_completion:
         return _complete(root, flags.overrides)
+    flags.overrides = [current_override(word) for word in flags.overrides]
     typed = parse(flags.overrides, root)
     check_typed(typed)
     searched = _config_folder(flags)
@@ -67,7 +69,7 @@ def launch(arguments: Sequence[str], root: Path) -> int:
         config = hydra.compose_config("config", flags.overrides, run_mode=mode)
         check_hydra_settings(config)
         context = HydraContext(config_loader=hydra.config_loader, callbacks=Callbacks(config))
-        task = Task(root, ("--config-dir", flags.config_dir) if flags.config_dir else ())
+        task = LaunchedTask(root, ("--config-dir", flags.config_dir) if flags.config_dir else ())
         if not flags.multirun:
             return run(context, task, config)
         command = task.command(["-m", *config.hydra.overrides.task])
@@ -75,7 +77,7 @@ def launch(arguments: Sequence[str], root: Path) -> int:
 
 
 @dataclass(frozen=True)
-class Task:
+class LaunchedTask:
     """What Hydra launches, here or in another process: one job and its results.
 
     - `root`: the folder of configurations.
@@ -118,7 +120,7 @@ class Task:
         """What the job found, and the files, the command and the seed of its run."""
         with refusing():
             settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-        settings = cast(dict[str, Any], settings)
+        settings = cast(dict[str, Any], current_configuration(settings))
         check_early(settings)
         job = load_job(settings["job"], self.root)
         outcome = job(settings)

@@ -113,7 +113,7 @@ def _chosen(override: Override) -> Iterator[str | None]:
     """The options that a choice names: one, several of a sweep, several of a list."""
     for value in _values(override):
         for name in value if isinstance(value, list) else [value]:
-            yield None if name is None else str(_plain(name))
+            yield None if name is None else str(_unquoted(name))
 
 
 def _values(override: Override) -> list[Any]:
@@ -163,7 +163,7 @@ def _check_value(override: Override, base: dict[str, Any], added: list[str]) -> 
 
 
 def _check_fit(key: str, old: Any, new: Any, base: dict[str, Any]) -> None:
-    new = _plain(new)
+    new = _unquoted(new)
     if isinstance(old, dict) and isinstance(new, dict) and not _is_collection(old):
         for name, value in new.items():
             inner = f"{key}.{name}"
@@ -233,7 +233,7 @@ def _dotted(node: Any, prefix: str = "") -> Iterator[str]:
             yield from _dotted(value, f"{prefix}{name}.")
 
 
-def _plain(value: Any) -> Any:
+def _unquoted(value: Any) -> Any:
     return value.text if isinstance(value, QuotedString) else value
 
 

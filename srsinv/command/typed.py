@@ -39,7 +39,7 @@ def refusing() -> Iterator[None]:
 def parse(overrides: Sequence[str], root: Path) -> list[Override]:
     """Hydra's own reading of `overrides`, with configurations in `root`. Raises `BadInput`."""
     for override in overrides:
-        _check_readable(override)
+        _check_parsable(override)
         _check_word(override, root)
     with refusing():
         parsed = OverridesParser.create().parse_overrides(list(overrides))
@@ -48,7 +48,7 @@ def parse(overrides: Sequence[str], root: Path) -> list[Override]:
     return parsed
 
 
-def _check_readable(override: str) -> None:
+def _check_parsable(override: str) -> None:
     """Refuse what Hydra's parser would not survive, or no file could hold."""
     levels = itertools.accumulate((c in "([{") - (c in ")]}") for c in override)
     deepest = max(levels, default=0)

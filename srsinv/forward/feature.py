@@ -25,7 +25,7 @@ Shape = Mapping[str, Scalar]
 
 
 @dataclass(frozen=True)
-class Stretch:
+class ScanExtent:
     """Where the sensor has been, and the depth that blurs what it felt there."""
 
     start_m: float
@@ -43,16 +43,16 @@ class Axis:
     """One parameter of a shape: where it lies by default, and values to start from that are dense
     enough for one to lie near every minimum."""
 
-    default: Callable[[Stretch], Range]
-    tried: Callable[[Range, Stretch], np.ndarray]
+    default: Callable[[ScanExtent], Range]
+    tried: Callable[[Range, ScanExtent], np.ndarray]
     limits: Range = (-math.inf, math.inf)
 
 
-def _every_half_depth(within: Range, stretch: Stretch) -> np.ndarray:
+def _every_half_depth(within: Range, stretch: ScanExtent) -> np.ndarray:
     return np.linspace(*within, max(3, math.ceil(2 * (within[1] - within[0]) / stretch.depth_m)))
 
 
-def _pitches(within: Range, stretch: Stretch) -> np.ndarray:
+def _pitches(within: Range, stretch: ScanExtent) -> np.ndarray:
     """So near that over the stretch neighbours differ by half a turn."""
     low, high = 1 / within[1], 1 / within[0]
     return 1 / np.linspace(low, high, max(3, math.ceil(2 * (high - low) * stretch.length_m) + 1))
@@ -74,8 +74,8 @@ _PHASE = Axis(
 class Feature(eqx.Module):
     """A family of profiles.
 
-    - `searched`: where a parameter of the shape is looked for, (name, (least, greatest)), for those
-      that are not looked for everywhere.
+    - `search_ranges`: where a parameter of the shape is looked for, (name, (least, greatest)), for
+      those that are not looked for everywhere.
     - `friction`: mu in q = mu p, of either sign, where it is known; None lets it be fitted.
 
     Built from `friction` and, for each parameter, `position_range_m`, `width_range_m`, `duty_range`
@@ -84,15 +84,15 @@ class Feature(eqx.Module):
 
     amplitude: ClassVar[str] = "pressure_Pa"
     shear: ClassVar[str] = "shear_Pa"
-    continues: ClassVar[bool] = False  # beyond the end of every window
-    repeats: ClassVar[bool] = False
+    is_semi_infinite: ClassVar[bool] = False  # beyond the end of every window
+    is_periodic: ClassVar[bool] = False
     axes: ClassVar[Mapping[str, Axis]]
-    searched: tuple[tuple[str, Range], ...] = eqx.field(static=True)
+    search_ranges: tuple[tuple[str, Range], ...] = eqx.field(static=True)
     friction: float | None = eqx.field(static=True)
 
     def __init__(self, friction: Any = None, **ranges: Any):
         self.friction = _friction(friction)
-        self.searched = searched(type(self).__name__, self.axes, ranges, "friction")
+        self.search_ranges = checked_ranges(type(self).__name__, self.axes, ranges, "friction")
 
     @property
     def linear(self) -> tuple[str, ...]:
@@ -104,11 +104,11 @@ class Feature(eqx.Module):
         """The same family, looked for everywhere."""
         return type(self)(self.friction)
 
-    def ranges(self, stretch: Stretch) -> dict[str, Range]:
+    def ranges(self, stretch: ScanExtent) -> dict[str, Range]:
         """Where each parameter of the shape is looked for."""
-        return ranges(self.axes, self.searched, stretch)
+        return ranges(self.axes, self.search_ranges, stretch)
 
-    def starts(self, stretch: Stretch) -> dict[str, np.ndarray]:
+    def starts(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
         """Shapes to start from, one for each combination of tried values: (start,) by name."""
         ranges = self.ranges(stretch)
         tried = [axis.tried(ranges[name], stretch) for name, axis in self.axes.items()]
@@ -119,7 +119,7 @@ class Feature(eqx.Module):
     def profile(self, shape: Shape) -> Pressure:
         """The profile of amplitude one."""
 
-    def plain(self, own: dict[str, float]) -> dict[str, float]:
+    def canonical(self, own: dict[str, float]) -> dict[str, float]:
         """The same parameters (shape and `amplitude`), of several ways to write them the usual."""
         return own
 
@@ -156,7 +156,7 @@ class HertzFeature(Feature):
 class StepFeature(Feature):
     """A pressure that begins at a place and goes on to the end."""
 
-    continues: ClassVar[bool] = True
+    is_semi_infinite: ClassVar[bool] = True
     axes: ClassVar[Mapping[str, Axis]] = {"position_m": POSITION}
 
     def profile(self, shape: Shape) -> Pressure:
@@ -166,13 +166,13 @@ class StepFeature(Feature):
 class GratingFeature(Feature):
     """Bars of pressure with a pitch, a duty (their part of it) and a phase, less their mean."""
 
-    repeats: ClassVar[bool] = True
+    is_periodic: ClassVar[bool] = True
     axes: ClassVar[Mapping[str, Axis]] = {"pitch_m": _PITCH, "duty": _DUTY, "phase_rad": _PHASE}
 
     def profile(self, shape: Shape) -> Pressure:
         return Bars(1.0, shape["pitch_m"], shape["duty"], shape["phase_rad"])
 
-    def plain(self, own: dict[str, float]) -> dict[str, float]:
+    def canonical(self, own: dict[str, float]) -> dict[str, float]:
         """Gaps that pull are bars that press; a phase lies between -pi and pi."""
         pressure, duty, phase = own["pressure_Pa"], own["duty"], own["phase_rad"]
         if pressure < 0:
@@ -181,7 +181,7 @@ class GratingFeature(Feature):
         return own | {"pressure_Pa": pressure, "duty": duty, "phase_rad": turned}
 
 
-def searched(
+def checked_ranges(
     owner: str, axes: Mapping[str, Axis], given: Mapping[str, Any], also: str
 ) -> tuple[tuple[str, Range], ...]:
     """Where parameters are looked for, from `given`, ranges by their keys; refused where one is
@@ -201,7 +201,7 @@ def searched(
 
 
 def ranges(
-    axes: Mapping[str, Axis], known: tuple[tuple[str, Range], ...], stretch: Stretch
+    axes: Mapping[str, Axis], known: tuple[tuple[str, Range], ...], stretch: ScanExtent
 ) -> dict[str, Range]:
     """Where each parameter is looked for: as given, else by default."""
     return {name: axis.default(stretch) for name, axis in axes.items()} | dict(known)

@@ -64,13 +64,13 @@ class White(Noise):
 
 
 class SignalToNoise(Noise):
-    """White noise at `snr_db` = 20 log10(rms signal over all elements / rms noise)."""
+    """White noise at `snr_dB` = 20 log10(rms signal over all elements / rms noise)."""
 
     snr_dB: Float[Array, ""]
 
-    def __init__(self, snr_db=40.0):
+    def __init__(self, snr_dB=40.0):
         wanted = f"a finite number of decibels, from -{MOST_DB} to {MOST_DB}"
-        self.snr_dB = as_real(number("noise snr_db", snr_db, wanted, least=-MOST_DB, most=MOST_DB))
+        self.snr_dB = as_real(number("noise snr_dB", snr_dB, wanted, least=-MOST_DB, most=MOST_DB))
 
     def spectrum(
         self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]

@@ -13,14 +13,14 @@ import numpy as np
 
 from ..errors import BadInput, number
 from ..grid import Scalar
-from .feature import POSITION, Axis, Range, Stretch, range_name, ranges, searched
+from .feature import POSITION, Axis, Range, ScanExtent, checked_ranges, range_name, ranges
 from .surface import Ridge, Shape, StepDown, StepUp, Tape
 
 LEAST_HEIGHT_M, GREATEST_HEIGHT_M = 1e-7, 1e-3
 HEIGHTS = 7  # tried: the signal goes from linear in the height to independent of it
 
 
-def _heights(within: Range, stretch: Stretch) -> np.ndarray:
+def _heights(within: Range, stretch: ScanExtent) -> np.ndarray:
     """By equal factors; over zero, both signs."""
     low, high = within
     if low >= 0 or high <= 0:
@@ -32,7 +32,7 @@ def _heights(within: Range, stretch: Stretch) -> np.ndarray:
     return np.concatenate([-below, above])
 
 
-def _widths(within: Range, stretch: Stretch) -> np.ndarray:
+def _widths(within: Range, stretch: ScanExtent) -> np.ndarray:
     """So near that every edge is within a quarter of a depth of a tried one."""
     low, high = within
     even = np.arange(1, int(2 * high / stretch.depth_m) + 1) * stretch.depth_m / 2
@@ -42,7 +42,7 @@ def _widths(within: Range, stretch: Stretch) -> np.ndarray:
     return inside if inside.size else np.array([np.sqrt(low * high)])
 
 
-def _middle(within: Range, stretch: Stretch) -> np.ndarray:
+def _middle(within: Range, stretch: ScanExtent) -> np.ndarray:
     del stretch
     return np.array([np.sqrt(max(within[0], 1e-2 * within[1]) * within[1])])
 
@@ -55,8 +55,8 @@ ZONE = Axis(lambda s: (0.1 * s.depth_m, 4 * s.depth_m), _middle, (0.0, np.inf))
 class SurfaceFeature(eqx.Module):
     """A family of shapes.
 
-    - `searched`: where a parameter is looked for, (name, (least, greatest)), for those that are not
-      looked for everywhere.
+    - `search_ranges`: where a parameter is looked for, (name, (least, greatest)), for those that
+      are not looked for everywhere.
     - `edge_length_m`: over which its edges rise; None where the recording's sidecar is to say.
 
     `frictions` are the names of what enters linearly beside the plate's friction. Built from
@@ -66,7 +66,7 @@ class SurfaceFeature(eqx.Module):
 
     axes: ClassVar[Mapping[str, Axis]]
     frictions: ClassVar[tuple[str, ...]] = ()
-    searched: tuple[tuple[str, Range], ...] = eqx.field(static=True)
+    search_ranges: tuple[tuple[str, Range], ...] = eqx.field(static=True)
     edge_length_m: float | None = eqx.field(static=True)
 
     def __init__(self, edge_length_m: Any = None, **given: Any):
@@ -74,15 +74,15 @@ class SurfaceFeature(eqx.Module):
             wanted = "a positive length in metres, or null to take it from the sidecar"
             edge_length_m = float(number("feature.edge_length_m", edge_length_m, wanted, above=0))
         self.edge_length_m = edge_length_m
-        self.searched = searched(type(self).__name__, self.axes, given, "edge_length_m")
+        self.search_ranges = checked_ranges(type(self).__name__, self.axes, given, "edge_length_m")
 
-    def ranges(self, stretch: Stretch) -> dict[str, Range]:
+    def ranges(self, stretch: ScanExtent) -> dict[str, Range]:
         """Where each parameter that is not a friction is looked for."""
-        return ranges(self.axes, self.searched, stretch)
+        return ranges(self.axes, self.search_ranges, stretch)
 
     def with_edge(self, edge_length_m: Any) -> "SurfaceFeature":
         """The same with edges that rise over this length."""
-        given = {range_name(name): list(within) for name, within in self.searched}
+        given = {range_name(name): list(within) for name, within in self.search_ranges}
         return type(self)(edge_length_m, **given)
 
     @property

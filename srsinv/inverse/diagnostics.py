@@ -12,20 +12,20 @@ import numpy as np
 
 from .quality import is_excess
 
-LEAST_TOLD = 1.0  # numbers: with fewer, a component's estimate is its prior
+LEAST_RESOLVED_DOF = 1.0  # numbers: with fewer, a component's estimate is its prior
 # Of an inversion, in rms: bands so much too narrow cover 81 % in place of 90 %. Its noise and
 # degrees of freedom (a trace over the window) are rougher than a fit's.
 OVER_NOISE = 1.25
 GOOD_CHI2 = 1.2  # of a fit, per degree of freedom: bands so much too narrow cover 87 %
 OVER_PRIOR = 2.0  # of a prior: edges alone make 1.5 where the bands still cover
-KEPT = 0.5  # of a wave's amplitude, from which on it counts as told
+RESOLVED_GAIN = 0.5  # of a wave's amplitude, from which on it counts as told
 FEW_MISSING = 0.05  # of the samples
 MUCH_SLIDING = 0.1  # of the signal's rms: sliding makes less
 
 
 def prior_alone(name: str, resolved_dof: float, cells: int) -> Sequence[str]:
     """Of a component of which the signal tells `resolved_dof` numbers."""
-    if resolved_dof >= LEAST_TOLD:
+    if resolved_dof >= LEAST_RESOLVED_DOF:
         return ()
     return (
         f"The signal tells {resolved_dof:.2g} of the {cells} numbers of {name}: what is shown of "
@@ -43,7 +43,7 @@ def shared_out(gain: np.ndarray, root: np.ndarray, cells: int) -> Sequence[str]:
     small, of_p = _singular(gain.astype(complex))
     held = of_p * root[0].astype(float) ** 2 + (1 - of_p) * root[1].astype(float) ** 2
     resolved_dof = cells * np.mean(small / np.maximum(small + held, np.finfo(float).tiny))
-    if resolved_dof >= LEAST_TOLD:
+    if resolved_dof >= LEAST_RESOLVED_DOF:
         return ()
     return (
         "The elements feel one mix of p and q alone, and how it is shared out is the prior's: "
@@ -72,10 +72,11 @@ def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return small, np.clip(of_p, 0.0, 1.0)
 
 
-def beyond_prior(name: str, squares: float, resolved_dof: float) -> Sequence[str]:
+def stronger_than_prior(name: str, squares: float, resolved_dof: float) -> Sequence[str]:
     """Of a component whose squares in units of the prior are to be `resolved_dof`."""
     if not (
-        resolved_dof >= LEAST_TOLD and is_excess(squares / resolved_dof, resolved_dof, OVER_PRIOR)
+        resolved_dof >= LEAST_RESOLVED_DOF
+        and is_excess(squares / resolved_dof, resolved_dof, OVER_PRIOR)
     ):
         return ()
     excess = float(np.sqrt(squares / resolved_dof))
@@ -85,7 +86,7 @@ def beyond_prior(name: str, squares: float, resolved_dof: float) -> Sequence[str
     )
 
 
-def beyond_noise(
+def residual_over_noise(
     chi2_per_dof: float | None, degrees_of_freedom: float | int, most_rms: float = OVER_NOISE
 ) -> Sequence[str]:
     """Of a whitened residual with this chi-square, None where the noise is not known."""
@@ -97,9 +98,9 @@ def beyond_noise(
     )
 
 
-def beyond_cells(name: str, resolution: float) -> Sequence[str]:
+def unresolved_waves(name: str, resolution: float) -> Sequence[str]:
     """Of a component of whose shortest wave the estimate keeps `resolution`."""
-    if not resolution > KEPT:
+    if not resolution > RESOLVED_GAIN:
         return ()
     return (
         f"The signal tells {name} down to waves of two cells, so that shorter ones are heard too, "
@@ -153,7 +154,7 @@ def of_fit(
 ) -> tuple[str, ...]:
     """Of a nonlinear fit: its residual, and parameters whose standard errors say nothing."""
     return (
-        *beyond_noise(chi2_per_dof, degrees_of_freedom, np.sqrt(GOOD_CHI2)),
+        *residual_over_noise(chi2_per_dof, degrees_of_freedom, np.sqrt(GOOD_CHI2)),
         *(
             f"The data do not determine the direction ({direction_in_words(each)}): the parameters "
             "can move along it and the signal does not change."

@@ -58,26 +58,26 @@ class Posterior(NamedTuple):
     """
 
     root: Float[Array, "m m"]
-    centred: Bool[Array, " c"]
+    zero_mean: Bool[Array, " c"]
     scale: Float[Array, ""]
     norm: Float[Array, ""]  # the precision's 1-norm
 
     def covariance(self) -> Float[Array, "m m"]:
         """The posterior covariance, nothing of it along a fixed mean."""
         covariance = jax.scipy.linalg.cho_solve((self.root, True), jnp.eye(self.root.shape[0]))
-        return covariance - _means(self.root, self.centred) / self.scale
+        return covariance - _means(self.root, self.zero_mean) / self.scale
 
 
-def _means(like: Float[Array, "m m"], centred: Bool[Array, " c"]) -> Float[Array, "m m"]:
-    """The projection on the means of the components that are centred."""
-    n = like.shape[0] // centred.size
-    return jnp.kron(jnp.diag(centred.astype(like.dtype)), jnp.full((n, n), 1 / n, like.dtype))
+def _means(like: Float[Array, "m m"], zero_mean: Bool[Array, " c"]) -> Float[Array, "m m"]:
+    """The projection on the means of the components that are zero_mean."""
+    n = like.shape[0] // zero_mean.size
+    return jnp.kron(jnp.diag(zero_mean.astype(like.dtype)), jnp.full((n, n), 1 / n, like.dtype))
 
 
-def _centre(matrix: Float[Array, "m m"], centred: Bool[Array, " c"]) -> Float[Array, "m m"]:
-    """Rows' means taken out of the components that are centred."""
-    blocks = matrix.reshape(centred.size, -1, matrix.shape[-1])
-    means = jnp.where(centred[:, None, None], blocks.mean(axis=1, keepdims=True), 0.0)
+def _centre(matrix: Float[Array, "m m"], zero_mean: Bool[Array, " c"]) -> Float[Array, "m m"]:
+    """Rows' means taken out of the components that are zero_mean."""
+    blocks = matrix.reshape(zero_mean.size, -1, matrix.shape[-1])
+    means = jnp.where(zero_mean[:, None, None], blocks.mean(axis=1, keepdims=True), 0.0)
     return (blocks - means).reshape(matrix.shape)
 
 
@@ -111,7 +111,7 @@ def _variance(problem: Problem, covariance: Float[Array, "m m"]) -> Float[Array,
     variance = jnp.diagonal(covariance)
     if problem.forward.is_circular:
         return variance
-    hidden = ~problem.centred & ~problem.mean_is_told
+    hidden = ~problem.zero_mean & ~problem.mean_is_observable
     n, unknowns = problem.line.n, problem.unknowns
     observed = jnp.ones(n, bool) if problem.observed is None else jnp.any(problem.observed, axis=0)
     weights = jnp.kron(jnp.diag(hidden * 1.0), (observed / jnp.sum(observed))[None, :])
@@ -134,11 +134,11 @@ def score(problem: Problem, prior: Prior, white: Whitened) -> Score:
     model, right = half[:, :-1], half[:, -1]
     residual = white.data - model.T @ right
     root = prior.root(problem.line)
-    root = root.at[:, 0].set(jnp.where(problem.centred, 0.0, root[:, 0]))
+    root = root.at[:, 0].set(jnp.where(problem.zero_mean, 0.0, root[:, 0]))
     weights = problem.line.n * half_spectrum_weights(problem.line.n)
     log_prior = jnp.sum(weights * jnp.where(root > 0, jnp.log(jnp.where(root > 0, root, 1.0)), 0.0))
     log_posterior = jnp.sum(jnp.log(jnp.diagonal(posterior.root)))
-    log_posterior -= jnp.sum(problem.centred) * jnp.log(posterior.scale) / 2
+    log_posterior -= jnp.sum(problem.zero_mean) * jnp.log(posterior.scale) / 2
     square = white.data @ white.data - right @ right
     return Score(residual @ residual, jnp.sum(model**2), log_prior - log_posterior - square / 2)
 
@@ -149,7 +149,7 @@ def _posterior(problem: Problem, prior: Prior, white: Whitened) -> Posterior:
     basis = jnp.eye(size)
     penalty = jax.vmap(lambda r: prior.apply(problem.line, r))(basis.reshape(size, unknowns, n))
     precision = white.model.T @ white.model + penalty.reshape(size, size)
-    centred = _centre(_centre(precision, problem.centred).T, problem.centred)
+    zero_mean = _centre(_centre(precision, problem.zero_mean).T, problem.zero_mean)
     scale = jnp.mean(jnp.diagonal(precision))
-    root = jnp.linalg.cholesky(centred + scale * _means(precision, problem.centred))
-    return Posterior(root, problem.centred, scale, jnp.max(jnp.sum(jnp.abs(centred), axis=0)))
+    root = jnp.linalg.cholesky(zero_mean + scale * _means(precision, problem.zero_mean))
+    return Posterior(root, problem.zero_mean, scale, jnp.max(jnp.sum(jnp.abs(zero_mean), axis=0)))

@@ -77,7 +77,7 @@ class DirectionFinder:
         depth = float(sensor.depth_m)
         self._widths = _checked(width_range_m or (0.1 * depth, 2 * depth))
         self._model = RidgeModel(Circling(sensor, circle))
-        self._bank = _Bank(self._model.circling, float(np.mean(self._widths)))
+        self._bank = _RidgeBank(self._model.circling, float(np.mean(self._widths)))
 
     def __call__(self, y: Float[np.ndarray, "e sample"], noise: Any = None) -> Direction:
         """The ridge under which `y` is explained best.
@@ -106,10 +106,10 @@ class DirectionFinder:
             bounds={"distance_m": (-reach, reach), "width_m": self._widths},
             starts=starts,
             linear=LINEAR,
-            polished=1,
+            max_searches=1,
         )
         signal = self._model(jax.tree.map(as_real, fitted.value))
-        return Direction(_readable(fitted), fitted, np.asarray(signal))
+        return Direction(_canonical_angle(fitted), fitted, np.asarray(signal))
 
 
 def _checked(widths: Range) -> Range:
@@ -121,7 +121,7 @@ def _checked(widths: Range) -> Range:
     return low, high
 
 
-def _readable(fitted: Fit) -> dict[str, tuple[float, float]]:
+def _canonical_angle(fitted: Fit) -> dict[str, tuple[float, float]]:
     """Each parameter as a user reads it: of the two ways to write the ridge the one from 0 to 180
     degrees."""
     half_turns, angle = divmod(fitted.value["angle_deg"], 180.0)
@@ -133,7 +133,7 @@ def _readable(fitted: Fit) -> dict[str, tuple[float, float]]:
     return read | {"friction": (float(mu), float(stderr))}
 
 
-class _Bank:
+class _RidgeBank:
     """Signals of a ridge of one width at every angle and distance tried, on coarser samples."""
 
     def __init__(self, circling: Circling, width_m: float):

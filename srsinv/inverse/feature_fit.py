@@ -14,19 +14,19 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..forward.feature import Feature, Stretch
+from ..forward.feature import Feature, ScanExtent
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
-from .feature_model import FeatureModel, Features, Felt
+from .feature_model import FeatureModel, Features, SampledOperator
 from .feature_result import FeatureFit, explains
 from .feature_search import STARTS, Coarse
+from .identifiability import limited_by_bounds, undetected_features
 from .nonlinear import Fit, Solver, fit, fit_many
-from .told import beyond_bounds, untold
 
 # Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
 # Wide enough not to pull. The same rule for every candidate and every shape: one for the pressure
 # itself would favour shapes that the film hardly feels, as these take any pressure.
-BEYOND_DATA = 30.0
+AMPLITUDE_PRIOR_REACH = 30.0
 
 
 class FeatureFitter:
@@ -37,7 +37,7 @@ class FeatureFitter:
     """
 
     def __init__(self, sensor: Sensor, motion: Motion, solver: Solver | None = None):
-        self._felt, self._coarse = Felt(sensor, motion), Coarse(sensor, motion)
+        self._sampled, self._coarse = SampledOperator(sensor, motion), Coarse(sensor, motion)
         self._solver = solver
 
     def rank(
@@ -64,13 +64,13 @@ class FeatureFitter:
         y = np.asarray(y, float)
         parts: dict[str, Feature] = {}
         params, priors = self._offset(y)
-        result, model = None, FeatureModel(self._felt, parts)
+        result, model = None, FeatureModel(self._sampled, parts)
         if params and not features:
             result = fit(model, params, y, noise=noise, linear=model.linear, priors=priors)
         for name, feature in features.items():
             shapes, more = self._starts(y, parts, params, name, feature)
             parts, priors = parts | {name: feature}, priors | more
-            model = FeatureModel(self._felt, parts)
+            model = FeatureModel(self._sampled, parts)
             settings = self._settings(parts, model, noise, priors)
             first = [params | {name: shape} for shape in shapes[:starts]]
             result = _best(model, first, y, settings)
@@ -78,7 +78,7 @@ class FeatureFitter:
         if result is None:
             return FeatureFit.of_nothing(model, y, noise)
         evidence = self._evidence(parts, result)
-        return FeatureFit.of(parts, result, model, readable(model, result), evidence)
+        return FeatureFit.of(parts, result, model, reported_parameters(model, result), evidence)
 
     def _evidence(self, features: Features, result: Fit) -> float:
         """Log evidence, each amplitude's prior that of the shape found.
@@ -88,7 +88,7 @@ class FeatureFitter:
         if result.log_evidence is None:
             return -np.inf
         relative_signals = (
-            self._coarse.share(f, result.value[name]) for name, f in features.items()
+            self._coarse.relative_signal(f, result.value[name]) for name, f in features.items()
         )
         return float(
             result.log_evidence
@@ -104,13 +104,13 @@ class FeatureFitter:
         """
         params, priors = self._offset(ys[0])
         shapes, more = self._starts(ys[0], {}, {}, name, feature)
-        model = FeatureModel(self._felt, {name: feature})
+        model = FeatureModel(self._sampled, {name: feature})
         settings = self._settings({name: feature}, model, noise, priors | more)
         return model, fit_many(model, params | {name: shapes[0]}, ys, **settings)
 
     def _offset(self, y: np.ndarray) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
         """First value and prior of each element's constant, where it is not known."""
-        if not self._felt.free_offset:
+        if not self._sampled.free_offset:
             return {}, {}
         return {"offset": np.zeros(len(y))}, {"offset": (0.0, _reach(y))}
 
@@ -163,7 +163,7 @@ def fit_features(
     return FeatureFitter(sensor, motion, solver)(features, y, noise)
 
 
-def _bounds(parts: Features, stretch: Stretch) -> dict[str, tuple[float, float]]:
+def _bounds(parts: Features, stretch: ScanExtent) -> dict[str, tuple[float, float]]:
     return {
         f"{name}.{part}": within
         for name, feature in parts.items()
@@ -174,10 +174,10 @@ def _bounds(parts: Features, stretch: Stretch) -> dict[str, tuple[float, float]]
 def _reach(y) -> float:
     """What a prior amplitude's signal reaches: see `BEYOND_DATA`."""
     largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
-    return BEYOND_DATA * largest if largest > 0 else 1.0
+    return AMPLITUDE_PRIOR_REACH * largest if largest > 0 else 1.0
 
 
-def readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]:
+def reported_parameters(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]:
     """Each parameter as a user reads it.
 
     Its error is infinite where the linearised one would look sure and is not: of the shape and the
@@ -186,7 +186,7 @@ def readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]
     could share; of what stands on a bound, and what goes with it.
     """
     read: dict[str, tuple[float, float]] = {}
-    missed, bound_limited = untold(model.features, result), beyond_bounds(result)
+    missed, bound_limited = undetected_features(model.features, result), limited_by_bounds(result)
     for name, feature in model.features.items():
         prefix = f"{name}_" if len(model.features) > 1 else ""
         own, spread = result.value[name], dict(result.stderr[name])
@@ -199,7 +199,7 @@ def readable(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]
         if any(type(model.features[other]) is type(feature) for other in missed if other != name):
             unsure.add(feature.amplitude)
         listed = {part: float(own[part]) for part in (*feature.axes, feature.amplitude)}
-        for part, value in feature.plain(listed).items():
+        for part, value in feature.canonical(listed).items():
             read[prefix + part] = value, np.inf if part in unsure else float(spread[part])
         if feature.friction is None and own[feature.amplitude] != 0:
             mu, stderr = friction_of(result, name, feature)

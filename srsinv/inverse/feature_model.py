@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..forward.feature import Feature, Stretch
+from ..forward.feature import Feature, ScanExtent
 from ..forward.scan import Motion
 from ..forward.scanned import Scanned
 from ..forward.sensor import Sensor
@@ -22,7 +22,7 @@ FAR_M = 1e3  # how far a step goes on
 Features = Mapping[str, Feature]
 
 
-class Felt(eqx.Module):
+class SampledOperator(eqx.Module):
     """A sensor along a motion, on the open line that features' traction lies on.
 
     `scanned` maps traction on `line` to the signal; `tail` (e, c, sample) is the signal, ahead of
@@ -57,35 +57,35 @@ def _responding(sensor: Sensor, motion: Motion, line: Line):
 
 
 class FeatureModel(eqx.Module):
-    """The signal of features as `felt`: parameters by feature to (element, sample).
+    """The signal of features as `sampled`: parameters by feature to (element, sample).
 
     Where they are looked for is no part of it: one program serves every range.
     """
 
-    felt: Felt
+    sampled: SampledOperator
     features: dict[str, Feature]
 
-    def __init__(self, sampled: Felt, features: Features):
-        self.felt = sampled
+    def __init__(self, sampled: SampledOperator, features: Features):
+        self.sampled = sampled
         self.features = {name: feature.anywhere for name, feature in features.items()}
 
     @property
     def line(self) -> Line:
         """Where the traction lies."""
-        return self.felt.line
+        return self.sampled.line
 
     @property
     def linear(self) -> tuple[str, ...]:
         """Names of the parameters that enter linearly."""
         named = [f"{n}.{part}" for n, f in self.features.items() for part in f.linear]
-        return (*named, "offset") if self.felt.free_offset else tuple(named)
+        return (*named, "offset") if self.sampled.free_offset else tuple(named)
 
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] on the line while sliding towards +x."""
         total = jnp.zeros((2, self.line.n))
         for name, feature in self.features.items():
             shape = feature.profile(params[name]).cell_values(self.line)
-            shape = shape * self.felt.fade if feature.repeats else shape
+            shape = shape * self.sampled.fade if feature.is_periodic else shape
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
         return total
 
@@ -94,22 +94,22 @@ class FeatureModel(eqx.Module):
 
     @eqx.filter_jit
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
-        sampled, forward = self.felt, self.traction(params)
+        sampled, forward = self.sampled, self.traction(params)
         turn, backward = jnp.array([[1.0], [-1.0]]), None
         if sampled.reverses:
             backward = turn * forward
         else:
             forward = jnp.where(sampled.direction[0] < 0, turn, 1.0) * forward
-        signal = sampled.scanned(forward, backward, self._beyond(params))
+        signal = sampled.scanned(forward, backward, self._continuation(params))
         return signal + params["offset"][:, None] if sampled.free_offset else signal
 
-    def _beyond(self, params: Any) -> Float[Array, "e sample"] | None:
+    def _continuation(self, params: Any) -> Float[Array, "e sample"] | None:
         """Of what continues beyond the line's end."""
-        tail, total = self.felt.tail, None
+        tail, total = self.sampled.tail, None
         for name, feature in self.features.items():
-            if feature.continues:
+            if feature.is_semi_infinite:
                 p, q = amplitudes(feature, params[name])
-                own = p * tail[:, 0] + q * self.felt.direction[None] * tail[:, 1]
+                own = p * tail[:, 0] + q * self.sampled.direction[None] * tail[:, 1]
                 total = own if total is None else total + own
         return total
 
@@ -138,7 +138,7 @@ def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
     return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * outside - 1, 0.0, 1.0)))
 
 
-def stretch_of(sensor: Sensor, motion: Motion) -> Stretch:
+def scan_extent(sensor: Sensor, motion: Motion) -> ScanExtent:
     """Where the motion has been."""
     x = np.asarray(motion.position_m)
-    return Stretch(float(x.min()), float(x.max()), float(sensor.depth_m))
+    return ScanExtent(float(x.min()), float(x.max()), float(sensor.depth_m))

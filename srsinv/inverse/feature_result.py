@@ -15,10 +15,10 @@ from ..forward.surface_feature import SurfaceFeature
 from ..grid import as_real
 from .diagnostics import of_fit, undetected
 from .feature_model import FeatureModel
+from .identifiability import undetected_features
 from .nonlinear import Fit, whitener
 from .quality import Quality, quality, reasons
 from .surface_model import SurfaceModel
-from .told import untold
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class FeatureFit:
         return " + ".join(self.features) or "nothing"
 
     @property
-    def result(self) -> str:
+    def status(self) -> str:
         """Whether the fit is an answer: "converged", or what went wrong."""
-        return "converged" if self.fit is None else self.fit.result
+        return "converged" if self.fit is None else self.fit.status
 
     @property
     def explains(self) -> bool:
@@ -90,9 +90,9 @@ class FeatureFit:
         return cls({}, None, model, {}, float(-0.5 * rest @ rest - volume), chi2, count)
 
     @property
-    def untold(self) -> tuple[str, ...]:
+    def undetected(self) -> tuple[str, ...]:
         """Features that the data do not tell from nothing."""
-        return () if self.fit is None else untold(self.features, self.fit)
+        return () if self.fit is None else undetected_features(self.features, self.fit)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -100,18 +100,18 @@ class FeatureFit:
         if self.fit is None:
             chi2, freedom = self.chi2_per_freedom, self.degrees_of_freedom
             return (*of_fit(chi2, freedom, (), ()), *self.noise_warnings)
-        return (*self.fit.warnings, *map(undetected, self.untold), *self.noise_warnings)
+        return (*self.fit.warnings, *map(undetected, self.undetected), *self.noise_warnings)
 
     @property
     def quality(self) -> Quality:
         """Good, doubtful (any warning) or failed."""
         chi2, freedom = self.chi2_per_freedom, self.degrees_of_freedom
-        return quality(self.result, chi2, self.warnings, freedom)
+        return quality(self.status, chi2, self.warnings, freedom)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the quality is not good, as sentences."""
-        return reasons(self.result, self.warnings)
+        return reasons(self.status, self.warnings)
 
     def signal(self) -> Float[np.ndarray, "e sample"]:
         """The fitted signal."""

@@ -14,11 +14,11 @@ from ..forward.feature import Feature
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import as_real
-from .feature_model import FeatureModel, Features, Felt, stretch_of
+from .feature_model import FeatureModel, Features, SampledOperator, scan_extent
 
 COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
 STARTS = 3  # the best of the search that are fitted from
-LEAST_SHARE = 1e-6  # of the strongest signal: what is felt less is not felt
+LEAST_RELATIVE_SIGNAL = 1e-6  # of the strongest signal: what is felt less is not felt
 
 
 class Blocks:
@@ -53,7 +53,7 @@ def apart(tried: Sequence[np.ndarray], explained: np.ndarray) -> list[int]:
 
 
 @dataclass(frozen=True)
-class _Bank:
+class _MatchedFilterBank:
     """Signals of unit amplitudes (start, a, datum) for every shape tried, less each element's mean
     where the offset is free; their Gram matrices (start, a, a), and the largest signal (a,)."""
 
@@ -68,9 +68,9 @@ class Coarse:
 
     def __init__(self, sensor: Sensor, motion: Motion):
         self._blocks = Blocks(motion, float(sensor.depth_m) / COARSE_PER_DEPTH)
-        self.felt = Felt(sensor, self._blocks.motion, COARSE_PER_DEPTH)
-        self.stretch = stretch_of(sensor, motion)
-        self._banks: dict[Feature, _Bank] = {}
+        self.sampled = SampledOperator(sensor, self._blocks.motion, COARSE_PER_DEPTH)
+        self.stretch = scan_extent(sensor, motion)
+        self._banks: dict[Feature, _MatchedFilterBank] = {}
 
     def search(
         self, y: np.ndarray, parts: Features, params, feature: Feature
@@ -83,9 +83,9 @@ class Coarse:
         """
         rest = self._blocks.means(np.nan_to_num(y))
         if parts:
-            rest = rest - np.asarray(FeatureModel(self.felt, parts)(params))
+            rest = rest - np.asarray(FeatureModel(self.sampled, parts)(params))
         bank = self._known(feature)
-        projections = bank.signals @ self._centred(rest).ravel()
+        projections = bank.signals @ self._without_mean(rest).ravel()
         explained = np.sum(
             projections * np.linalg.solve(bank.gram, projections[..., None])[..., 0], axis=-1
         )
@@ -93,43 +93,43 @@ class Coarse:
         shapes = [{n: float(v[at]) for n, v in bank.tried.items()} for at in chosen]
         return shapes, bank.strongest
 
-    def share(self, feature: Feature, own: Mapping[str, Any]) -> Float[np.ndarray, " a"]:
+    def relative_signal(self, feature: Feature, own: Mapping[str, Any]) -> Float[np.ndarray, " a"]:
         """How strong the signal of each unit amplitude is, beside that of the shape felt most."""
         signals = self._responses(feature, {part: [own[part]] for part in feature.axes})
         peak = np.abs(signals).max(axis=(0, 2, 3))
         top = np.asarray(self._known(feature).strongest)
-        return np.maximum(peak / np.where(top > 0, top, 1.0), LEAST_SHARE)
+        return np.maximum(peak / np.where(top > 0, top, 1.0), LEAST_RELATIVE_SIGNAL)
 
-    def _known(self, feature: Feature) -> _Bank:
+    def _known(self, feature: Feature) -> _MatchedFilterBank:
         if feature not in self._banks:
             self._banks[feature] = self._bank(feature)
         return self._banks[feature]
 
     def _responses(self, feature: Feature, shapes: Mapping[str, Any]) -> np.ndarray:
-        model = FeatureModel(self.felt, {"one": feature})
+        model = FeatureModel(self.sampled, {"one": feature})
         return np.asarray(_responses(model, {k: as_real(v) for k, v in shapes.items()}))
 
-    def _bank(self, feature: Feature) -> _Bank:
+    def _bank(self, feature: Feature) -> _MatchedFilterBank:
         tried = feature.starts(self.stretch)
         signals = self._responses(feature, tried)
         strongest = np.abs(signals).max(axis=(0, 2, 3)).tolist()
-        signals = self._centred(signals).reshape(*signals.shape[:2], -1)
+        signals = self._without_mean(signals).reshape(*signals.shape[:2], -1)
         gram = signals @ signals.swapaxes(1, 2)
         # Faintly damped, for shapes that the film hardly feels.
         gram = gram + 1e-9 * np.trace(gram.mean(axis=0)) * np.eye(gram.shape[-1]) + 1e-300
-        return _Bank(tried, signals, gram, strongest)
+        return _MatchedFilterBank(tried, signals, gram, strongest)
 
-    def _centred(self, signals: np.ndarray) -> np.ndarray:
+    def _without_mean(self, signals: np.ndarray) -> np.ndarray:
         """Less each element's mean, where its offset is free."""
-        return signals - self.felt.free_offset * signals.mean(axis=-1, keepdims=True)
+        return signals - self.sampled.free_offset * signals.mean(axis=-1, keepdims=True)
 
 
 @eqx.filter_jit
 def _responses(model: FeatureModel, shapes) -> Float[Array, "start a e sample"]:
     """Signals of every unit amplitude of the model's only feature, for each shape."""
     ((name, feature),) = model.features.items()
-    elements = model.felt.tail.shape[0]
-    rest = {"offset": jnp.zeros(elements)} if model.felt.free_offset else {}
+    elements = model.sampled.tail.shape[0]
+    rest = {"offset": jnp.zeros(elements)} if model.sampled.free_offset else {}
 
     def of(shape, one: str):
         own = {part: as_real(float(part == one)) for part in feature.linear}

@@ -20,7 +20,7 @@ class NormalEquations(eqx.Module):
 
     problem: Problem
     prior: Prior
-    factor: spectral.Factor
+    factor: spectral.OrthogonalFactor
 
     def __call__(self, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
         r = self.centre(r)
@@ -45,7 +45,7 @@ class NormalEquations(eqx.Module):
     def centre(self, r: Array) -> Array:
         """r without the means that are not solved for."""
         mean = r.mean(axis=-1, keepdims=True)
-        return r - jnp.where(self.problem.centred[:, None], mean, 0.0)
+        return r - jnp.where(self.problem.zero_mean[:, None], mean, 0.0)
 
     def _weigh(self, y: Array) -> Array:
         problem = self.problem
@@ -70,7 +70,7 @@ def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
     solutions, steps, fine = jax.vmap(lambda b: _conjugate_gradients(normal, b, tolerance))(right)
     value, averaging = solutions[0], solutions[1:].swapaxes(0, 1)
     # As of the nearest periodic problem, over the cells that have samples.
-    resolved_dof = spectral.told_of(spectral.resolution_of(problem, factor), n)
+    resolved_dof = spectral.resolved_degrees_of_freedom(spectral.resolution_of(problem, factor), n)
     if problem.observed is not None:
         resolved_dof = resolved_dof * jnp.mean(jnp.any(problem.observed, axis=0))
     covariance = jnp.einsum("ijk,ljk->ilk", factor.inverse, factor.inverse.conj())

@@ -37,7 +37,8 @@ class Score(NamedTuple):
 class Solution(NamedTuple):
     """The traction's deviation from its known mean, as a path finds it.
 
-    - `told`: how many numbers of each component the signal tells, the trace of its resolution.
+    - `resolved_dof`: how many numbers of each component the signal tells, the trace of its
+      resolution.
     - `condition`: the condition number of what the path solves.
     """
 
@@ -45,5 +46,5 @@ class Solution(NamedTuple):
     stderr: Float[Array, "c n"]
     covariance: Array
     averaging: Float[Array, "c c n"]
-    told: Float[Array, " c"]
+    resolved_dof: Float[Array, " c"]
     condition: Float[Array, ""]

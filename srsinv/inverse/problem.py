@@ -34,9 +34,9 @@ class Problem(eqx.Module):
     - `background_Pa`: for each component a uniform traction that continues beyond the window of an
       open line, which the signal is blind to; it is added to the estimate. None: not known.
     - `friction`: mu in q = mu p; None leaves p and q apart.
-    - `centred` (c,): whether only the deviation from the mean is solved for: where the mean is
+    - `zero_mean` (c,): whether only the deviation from the mean is solved for: where the mean is
       known from outside, and where the signal is blind to it.
-    - `level` (e, n): the signal of the known means.
+    - `mean_signal` (e, n): the signal of the known means.
 
     Raises `BadInput` where shapes disagree, a number is not finite, fewer than three samples are
     there, the noise is zero, the model is zero, or one element is asked for p and q apart.
@@ -50,8 +50,8 @@ class Problem(eqx.Module):
     known_mean_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
     background_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
     friction: Float[Array, ""] | None
-    centred: Bool[Array, " c"]
-    level: Float[Array, "e n"]
+    zero_mean: Bool[Array, " c"]
+    mean_signal: Float[Array, "e n"]
 
     def __init__(
         self,
@@ -76,8 +76,8 @@ class Problem(eqx.Module):
         self.observed = observed
         self.known_mean_Pa = _pair(known_mean_Pa)
         self.background_Pa = _pair(background_Pa)
-        self.centred = _centred(forward, noise, self._known)
-        self.level, self.data = _less_means(
+        self.zero_mean = _has_zero_mean(forward, noise, self._known)
+        self.mean_signal, self.data = _less_means(
             forward, data, observed, self.known_mean_Pa[: self.unknowns]
         )
 
@@ -118,12 +118,12 @@ class Problem(eqx.Module):
         return jnp.where(jnp.isfinite(self.noise[0]), 0.0, mean)
 
     @property
-    def mean_is_told(self) -> Bool[Array, " c"]:
+    def mean_is_observable(self) -> Bool[Array, " c"]:
         """For each unknown, whether the signal tells its mean.
 
         Its gain at k = 0 must be there, and not the same as another unknown's up to a factor.
         """
-        return _told(self.forward, self.noise, self._known)
+        return _is_observable(self.forward, self.noise, self._known)
 
     @property
     def _known(self) -> tuple[bool, ...]:
@@ -141,7 +141,7 @@ class Problem(eqx.Module):
             return "unobserved: the estimate is the deviation from a background that is not known"
         if known is not None:
             return f"known from outside: {float(known + background):.6g} Pa"
-        if bool(self.mean_is_told[c]):
+        if bool(self.mean_is_observable[c]):
             return "from the signal"
         if self.forward.is_circular:
             return "unobserved: the signal is blind to it; the estimate is the deviation from it"
@@ -149,7 +149,7 @@ class Problem(eqx.Module):
 
 
 @eqx.filter_jit
-def _told(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, " c"]:
+def _is_observable(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, " c"]:
     """For each unknown, whether its gain at k = 0 is there, and not another one's."""
     gain = forward.transfer[..., 0]
     largest = jnp.max(jnp.abs(forward.transfer))
@@ -162,9 +162,9 @@ def _told(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, "
 
 
 @eqx.filter_jit
-def _centred(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, " c"]:
+def _has_zero_mean(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, " c"]:
     # On an open line the window's ends show a little of every mean.
-    return jnp.asarray(known) | (~_told(forward, noise, known) & forward.is_circular)
+    return jnp.asarray(known) | (~_is_observable(forward, noise, known) & forward.is_circular)
 
 
 @eqx.filter_jit
@@ -243,11 +243,11 @@ class Estimate(eqx.Module):
       the stretch with samples).
     - `covariance`: (c, c, k) per wavenumber on the spectral and the iterative path, (c n, c n) on
       the direct one.
-    - `result`: "converged", or what did not work; `warnings`: sentences on what speaks against the
+    - `status`: "converged", or what did not work; `warnings`: sentences on what speaks against the
       bands (see diagnostics.py); `quality`: what the estimate is worth.
-    - `stats`: numbers of the solution (iterations, weights, `told_p`, `told_q`, how many numbers of
-      each the signal tells, and `chi2_per_freedom` of the residual's `degrees_of_freedom`, None
-      where coloured noise has gaps).
+    - `stats`: numbers of the solution (iterations, weights, `resolved_dof_p`, `resolved_dof_q`, how
+      many numbers of each the signal tells, and `chi2_per_freedom` of the residual's
+      `degrees_of_freedom`, None where coloured noise has gaps).
     - `fitted` (e, n): the signal explained; `whitened` (e, n): residual over the noise, NaN where
       no sample is.
     - `averaging` (c, c, n): the estimate's response to a unit traction in the middle cell; the
@@ -260,7 +260,7 @@ class Estimate(eqx.Module):
     fitted: Float[Array, "e n"]
     whitened: Float[Array, "e n"]
     averaging: Float[Array, "c c n"]
-    result: str = eqx.field(static=True)
+    status: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
     stats: dict[str, Any] = eqx.field(static=True)
 
@@ -276,9 +276,9 @@ class Estimate(eqx.Module):
     def quality(self) -> Quality:
         """Good, doubtful or failed."""
         chi2, freedom = self.stats.get("chi2_per_freedom"), self.stats.get("degrees_of_freedom")
-        return quality(self.result, chi2, self.warnings, np.inf if freedom is None else freedom)
+        return quality(self.status, chi2, self.warnings, np.inf if freedom is None else freedom)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the quality is not good, as sentences."""
-        return reasons(self.result, self.warnings)
+        return reasons(self.status, self.warnings)

@@ -133,8 +133,8 @@ def _estimate(
     shown = _shown(problem, prior, solution)
     if not bool(shown.finite):
         result = "the solution is not finite"
-    names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.told, float)
-    stats |= {f"told_{name}": float(t) for name, t in zip(names, resolved_dof, strict=True)}
+    names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.resolved_dof, float)
+    stats |= {f"resolved_dof_{name}": float(t) for name, t in zip(names, resolved_dof, strict=True)}
     stats |= _chi2(problem, resolved_dof, float(shown.over_noise))
     return Estimate(
         shown.value,
@@ -168,24 +168,28 @@ def _chi2(
 def _warnings(
     problem: Problem, prior: Prior, solution: Solution, shown: "_Shown", stats: dict
 ) -> tuple[str, ...]:
-    resolved_dof, noise = np.asarray(solution.told, float), np.asarray(problem.noise)
+    resolved_dof, noise = np.asarray(solution.resolved_dof, float), np.asarray(problem.noise)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging))
     shortest = np.abs(np.fft.rfft(averaging.astype(float)))[:, -1]
     squares = np.asarray(shown.over_prior, float)
     columns = COMPONENTS[: problem.unknowns], resolved_dof, squares, shortest
     each = list(zip(*columns, strict=True))
-    largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.level))))
+    largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.mean_signal))))
     shared, n = (), problem.line.n
-    if problem.unknowns > 1 and resolved_dof.sum() >= diagnostics.LEAST_TOLD:
-        gain, root = (np.asarray(part)[..., 1:] for part in _felt(problem, prior))
+    if problem.unknowns > 1 and resolved_dof.sum() >= diagnostics.LEAST_RESOLVED_DOF:
+        gain, root = (np.asarray(part)[..., 1:] for part in _whitened_model(problem, prior))
         shared = diagnostics.shared_out(gain, root, n)
     gaps = stats["path"] == "iterative" and problem.observed is not None
     return (
         *shared,
         *(s for name, t, _, _ in each for s in diagnostics.prior_alone(name, t, n)),
-        *(s for name, t, over, _ in each for s in diagnostics.beyond_prior(name, over, t)),
-        *(s for name, _, _, resolution in each for s in diagnostics.beyond_cells(name, resolution)),
-        *diagnostics.beyond_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
+        *(s for name, t, over, _ in each for s in diagnostics.stronger_than_prior(name, over, t)),
+        *(
+            s
+            for name, _, _, resolution in each
+            for s in diagnostics.unresolved_waves(name, resolution)
+        ),
+        *diagnostics.residual_over_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
         *diagnostics.missing(_missing(problem), gaps),
     )
@@ -201,7 +205,7 @@ def _missing(problem: Problem) -> float:
 
 
 @eqx.filter_jit
-def _felt(problem: Problem, prior: Prior):
+def _whitened_model(problem: Problem, prior: Prior):
     """The nearest periodic model over the noise (e, c, k), and the prior's root (c, k)."""
     return problem.forward.circulant().transfer * problem.whitener, prior.root(problem.line)
 
@@ -237,7 +241,7 @@ def _shown(problem: Problem, prior: Prior, solution: Solution) -> _Shown:
         finite,
         value + jnp.stack(means)[:, None],
         stderr,
-        fitted + problem.level + problem.free_offset(problem.data - fitted),
+        fitted + problem.mean_signal + problem.free_offset(problem.data - fitted),
         whitened,
         jnp.nansum(whitened**2),
         over_prior,

@@ -20,7 +20,7 @@ class Choice(eqx.Module):
     """The chosen log10 weights (c,) and, in words, how it went."""
 
     log_weights: Float[Array, " c"]
-    result: str = eqx.field(static=True)
+    status: str = eqx.field(static=True)
 
 
 class Rule(eqx.Module):

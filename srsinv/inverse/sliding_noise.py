@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg import get_lapack_funcs
 from scipy.optimize import minimize
 
-from .nonlinear import Sliding
+from .nonlinear import WhitePlusOU
 
 # Of symmetric, positive definite, tridiagonal matrices.
 _FACTOR, _SOLVE = get_lapack_funcs(("pttrf", "pttrs"), dtype=float)
@@ -20,7 +20,7 @@ NOTICED = 0.03  # relative difference of a standard error, which itself is known
 LEAST_STEP = 1e-6  # of the correlation length: samples nearer than that are as good as one
 LEAST_START = 0.03  # of the white noise: from none at all no search would find some
 ALIKE = 1e-6  # directions whose difference is less than that share are one
-LEAST_SHARE = 1e-4  # of the white noise: less sliding noise than that is none
+LEAST_SLIDING = 1e-4  # of the white noise: less sliding noise than that is none
 RANGE = 50.0  # the correlation length lies within this factor of the film's depth
 MOST_WHITE = 1e3  # times what the residual's differences say
 
@@ -34,12 +34,12 @@ class Levels:
     sliding: float
     correlation_m: float
 
-    def whitener(self, position_m, observed: Bool[np.ndarray, "e sample"]) -> Sliding:
+    def whitener(self, position_m, observed: Bool[np.ndarray, "e sample"]) -> WhitePlusOU:
         """The noise of data along the motion, where they are seen."""
         white = np.where(observed, self.white[:, None], np.inf)
-        return Sliding(position_m, white, self.sliding, self.correlation_m)
+        return WhitePlusOU(position_m, white, self.sliding, self.correlation_m)
 
-    def far_from(self, other: "Levels", step_m: float) -> bool:
+    def differs_from(self, other: "Levels", step_m: float) -> bool:
         """Whether a fit to samples `step_m` apart would notice the difference: that of the noise at
         short waves, or at waves longer than the correlation."""
         ours, theirs = (np.append(each.white, each._long_waves(step_m)) for each in (self, other))
@@ -87,7 +87,7 @@ def estimate(
 
     bounds = [(s - np.log(MOST_WHITE), s + np.log(MOST_WHITE)) for s in np.log(first[:-2])]
     spread = float(np.nanmax(np.abs(residual))) / size
-    bounds.append((np.log(LEAST_SHARE), np.log(max(spread, 10 * LEAST_SHARE))))
+    bounds.append((np.log(LEAST_SLIDING), np.log(max(spread, 10 * LEAST_SLIDING))))
     bounds.append((np.log(depth_m / RANGE), np.log(depth_m * RANGE)))
     best = minimize(minus_log_likelihood, np.log(first), method="L-BFGS-B", bounds=bounds)
     *white, sliding, correlation = np.exp(best.x)

@@ -15,7 +15,7 @@ from .prior import Prior, Score, Solution
 from .problem import Problem
 
 
-class Factor(NamedTuple):
+class OrthogonalFactor(NamedTuple):
     """Orthogonal factor Q of the stacked rows, and R^-1, at every wavenumber.
 
     A component that neither data nor prior determine has zeros in both.
@@ -45,7 +45,7 @@ def solve(problem: Problem, prior: Prior) -> Solution:
         stationary_stderr(factor, n),
         covariance,
         jnp.roll(jnp.fft.irfft(resolution, n), n // 2, axis=-1),
-        told_of(resolution, n),
+        resolved_degrees_of_freedom(resolution, n),
         factor.condition,
     )
 
@@ -72,35 +72,35 @@ def score(problem: Problem, prior: Prior) -> Score:
     return Score(residual, freedom, evidence)
 
 
-def factorise(problem: Problem, prior: Prior) -> Factor:
+def factorise(problem: Problem, prior: Prior) -> OrthogonalFactor:
     """Orthogonalise [N^(-1/2) G; P^(1/2)] of the nearest periodic problem, column by column."""
     forward = problem.forward.circulant().transfer * problem.whitener
     penalty = jnp.eye(problem.unknowns)[..., None] * prior.root(problem.line)
     rows = jnp.concatenate([forward, penalty.astype(forward.dtype)])
-    keep = jnp.ones(rows.shape[1:], bool).at[:, 0].set(~problem.centred)
+    keep = jnp.ones(rows.shape[1:], bool).at[:, 0].set(~problem.zero_mean)
     return _gram_schmidt(jnp.where(keep, rows, 0.0))
 
 
-def resolution_of(problem: Problem, factor: Factor) -> Complex[Array, "c c k"]:
+def resolution_of(problem: Problem, factor: OrthogonalFactor) -> Complex[Array, "c c k"]:
     """What the estimate of the nearest periodic problem keeps of each wave."""
     forward = problem.forward.circulant().transfer * problem.whitener
     top = factor.q[: forward.shape[0]].conj()
     return jnp.einsum("ijk,ejk,edk->idk", factor.inverse, top, forward)
 
 
-def told_of(resolution: Complex[Array, "c c k"], n: int) -> Float[Array, " c"]:
+def resolved_degrees_of_freedom(resolution: Complex[Array, "c c k"], n: int) -> Float[Array, " c"]:
     """How many numbers of each component that tells, its trace over n cells."""
     return n * jnp.einsum("iik,k->i", resolution, half_spectrum_weights(n)).real
 
 
-def stationary_stderr(factor: Factor, n: int) -> Float[Array, "c n"]:
+def stationary_stderr(factor: OrthogonalFactor, n: int) -> Float[Array, "c n"]:
     """Posterior standard error, the same in every cell of a periodic line."""
     weights = half_spectrum_weights(n)
     variance = jnp.einsum("ick,ick,k->i", factor.inverse, factor.inverse.conj(), weights).real
     return jnp.broadcast_to(jnp.sqrt(variance)[:, None], (variance.size, n))
 
 
-def _gram_schmidt(rows: Complex[Array, "m c k"]) -> Factor:
+def _gram_schmidt(rows: Complex[Array, "m c k"]) -> OrthogonalFactor:
     size = rows.shape[1]
     zero = jnp.zeros_like(rows[0, 0])
     r = [[zero] * size for _ in range(size)]
@@ -125,7 +125,7 @@ def _gram_schmidt(rows: Complex[Array, "m c k"]) -> Factor:
             total = sum((inverse[i][m] * r[m][j] for m in range(i, j)), zero)
             inverse[i][j] = -total * inverse[j][j]
     whole = jnp.stack([jnp.stack(row) for row in inverse])
-    return Factor(
+    return OrthogonalFactor(
         jnp.stack(columns, axis=1), whole, jnp.stack(determined), _size(rows) * _size(whole)
     )
 

@@ -14,19 +14,19 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import number, refuse
-from ..forward.feature import Stretch
+from ..forward.feature import ScanExtent
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Line
 from .diagnostics import sliding_noise
-from .feature_model import stretch_of
+from .feature_model import scan_extent
 from .feature_result import FeatureFit
+from .identifiability import limited_by_bounds, undetected_features
 from .nonlinear import Fit, Optimistix, Solver, fit
 from .quality import Quality
 from .sliding_noise import Levels, estimate, first_levels
-from .surface_model import Rubbed, SurfaceFeatures, SurfaceModel, Window, cell_for
+from .surface_model import SlidingContact, SurfaceFeatures, SurfaceModel, Window, cell_for
 from .surface_search import SurfaceSearch
-from .told import beyond_bounds, untold
 
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
 PROFILES = ("height", "gap", "friction")  # beside p and q, in the order of the model's
@@ -49,7 +49,7 @@ ROUNDING = 1e-4
 class SurfaceFit:
     """Features fitted, and the noise's levels where they come from what the fit leaves."""
 
-    found: FeatureFit
+    fit: FeatureFit
     levels: Levels | None
 
 
@@ -81,10 +81,10 @@ class SurfaceFitter:
                 f"{', '.join(KNOWN)}.",
             )
         self._depth_m = float(sensor.depth_m)
-        self._stretch: Stretch = stretch_of(sensor, motion)
+        self._stretch: ScanExtent = scan_extent(sensor, motion)
         self._pressure, self._also = nominal_pressure_Pa, tuple(n for n in also if n in KNOWN)
-        self._rubbed = Rubbed(sensor, motion, window, cell_for(features, self._depth_m))
-        self._search = SurfaceSearch(self._rubbed, window, self._stretch)
+        self._sliding = SlidingContact(sensor, motion, window, cell_for(features, self._depth_m))
+        self._search = SurfaceSearch(self._sliding, window, self._stretch)
         self._solver = (solver or Optimistix()).tolerating(ROUNDING)
         self._models: dict[tuple[str, ...], SurfaceModel] = {}
 
@@ -108,7 +108,7 @@ class SurfaceFitter:
         first = first_levels(y, self._depth_m)
         using = self._noise(first, y) if noise is None else noise
         parts: dict[str, Any] = {}
-        result, params = None, self._plain(len(y))
+        result, params = None, self._plate(len(y))
         for name, feature in features.items():
             given = _own(start or {}, name, features)
             known = {"nominal_pressure_Pa": self._pressure, "edge_length_m": feature.edge_m}
@@ -130,34 +130,34 @@ class SurfaceFitter:
         model, levels = self._model(parts), None
         if noise is None:
             result, levels = self._settled(model, result, y, first)
-        read, against = readable(model, result), _against(levels, y)
+        read, against = reported_parameters(model, result), _against(levels, y)
         fitted = FeatureFit.of(dict(features), result, model, read, _evidence(result), against)
         return SurfaceFit(fitted, levels)
 
     @property
     def line(self) -> Line:
         """The cells of the contact."""
-        return self._rubbed.line
+        return self._sliding.line
 
     @property
     def _scale(self):
-        return self._rubbed.motion.position_m, self._depth_m
+        return self._sliding.motion.position_m, self._depth_m
 
     def _settled(self, model, result: Fit, y, levels: Levels) -> tuple[Fit, Levels]:
         """Fit and noise in turn, until the noise no longer changes."""
-        step = float(np.median(np.abs(np.diff(self._rubbed.motion.position_m))))
+        step = float(np.median(np.abs(np.diff(self._sliding.motion.position_m))))
         for _ in range(ROUNDS):
             last, fitted = levels, self._noise(levels, y).coloured(result.jacobian)
             levels = estimate(result.residual, *self._scale, fitted, last)
             result = self._fit(model, dict(result.value), y, self._noise(levels, y))
-            if not levels.far_from(last, max(step, 1e-9 * self._depth_m)):
+            if not levels.differs_from(last, max(step, 1e-9 * self._depth_m)):
                 break
         return result, levels
 
     def _noise(self, levels: Levels, y):
-        return levels.whitener(np.asarray(self._rubbed.motion.position_m), np.isfinite(y))
+        return levels.whitener(np.asarray(self._sliding.motion.position_m), np.isfinite(y))
 
-    def _plain(self, elements: int) -> dict[str, Any]:
+    def _plate(self, elements: int) -> dict[str, Any]:
         """The plate alone."""
         params: dict[str, Any] = {
             "base_friction": 0.0,
@@ -166,14 +166,14 @@ class SurfaceFitter:
         }
         if "depth_m" in self._also:
             params["depth_m"] = self._depth_m
-        if self._rubbed.free_offset:
+        if self._sliding.free_offset:
             params |= {"offset": np.zeros(elements)}
         return params
 
     def _model(self, parts) -> SurfaceModel:
         key = tuple(parts)
         if key not in self._models:
-            self._models[key] = SurfaceModel(self._rubbed, parts)
+            self._models[key] = SurfaceModel(self._sliding, parts)
         return self._models[key]
 
     def _fit(self, model: SurfaceModel, start: dict[str, Any], y, noise) -> Fit:
@@ -190,7 +190,7 @@ class SurfaceFitter:
         bounds |= {name: _about(name, whole[name]) for name in self._also if name in whole}
         free = [*bounds, *model.linear]
         priors = {name: (0.0, ANY_FRICTION) for name in model.linear if name != "offset"}
-        if self._rubbed.free_offset:
+        if self._sliding.free_offset:
             largest = float(np.nanmax(np.abs(y)))
             priors["offset"] = (0.0, 30 * largest if largest > 0 else 1.0)
         return fit(
@@ -248,13 +248,15 @@ def _evidence(result: Fit) -> float:
     return -np.inf if result.log_evidence is None else float(result.log_evidence)
 
 
-def readable(model: SurfaceModel, result: Fit) -> dict[str, tuple[float, float]]:
+def reported_parameters(model: SurfaceModel, result: Fit) -> dict[str, tuple[float, float]]:
     """Each parameter that was free as a user reads it, with its standard error: infinite for what
     stands on a bound and what goes with it, and for all where the data do not tell the features
     from the bare plate."""
     read: dict[str, tuple[float, float]] = {}
-    bound_limited = beyond_bounds(result)
-    unsure = frozenset(result.names) if untold(model.features, result) else bound_limited
+    bound_limited = limited_by_bounds(result)
+    unsure = (
+        frozenset(result.names) if undetected_features(model.features, result) else bound_limited
+    )
     for name, feature in model.features.items():
         prefix = f"{name}_" if len(model.features) > 1 else ""
         own, spread = result.value[name], result.stderr[name]

@@ -41,7 +41,7 @@ class Window:
         return self.end_m - self.start_m
 
 
-class Rubbed(eqx.Module):
+class SlidingContact(eqx.Module):
     """A sensor along a motion over a surface that repeats with `window`.
 
     `line` has the window's cells. Beyond an open one the traction is that of the plate, which a
@@ -107,29 +107,29 @@ def cell_for(features: SurfaceFeatures, depth_m: float) -> float:
 
 
 class SurfaceModel(eqx.Module):
-    """The signal of `features` as `rubbed`: parameters to (element, sample).
+    """The signal of `features` as `sliding`: parameters to (element, sample).
 
     Parameters are a tree: each feature's by its name, `base_friction`, `nominal_pressure_Pa`,
     `gain` (a factor on the signal), where the film's depth is to be found `depth_m`, and where each
     element has an unknown constant `offset`.
     """
 
-    rubbed: Rubbed
+    sliding: SlidingContact
     features: dict[str, SurfaceFeature]
 
-    def __init__(self, sliding: Rubbed, features: SurfaceFeatures):
-        self.rubbed, self.features = sliding, dict(features)
+    def __init__(self, sliding: SlidingContact, features: SurfaceFeatures):
+        self.sliding, self.features = sliding, dict(features)
 
     @property
     def line(self) -> Line:
         """Where the traction lies."""
-        return self.rubbed.line
+        return self.sliding.line
 
     @property
     def linear(self) -> tuple[str, ...]:
         """Names of the parameters that enter linearly."""
         own = [f"{name}.{each}" for name, f in self.features.items() for each in f.frictions]
-        return ("base_friction", *own, *(("offset",) if self.rubbed.free_offset else ()))
+        return ("base_friction", *own, *(("offset",) if self.sliding.free_offset else ()))
 
     def surface(self, params: Any) -> Surface:
         """The surface of these parameters."""
@@ -139,7 +139,7 @@ class SurfaceModel(eqx.Module):
     def contact(self, params: Any) -> Contact:
         """How the skin lies on it."""
         height = self.surface(params).height(self.line)
-        return press(self.line, self.rubbed.sensor.skin, height, params["nominal_pressure_Pa"])
+        return press(self.line, self.sliding.sensor.skin, height, params["nominal_pressure_Pa"])
 
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] beyond those on the bare plate, while sliding towards +x."""
@@ -189,7 +189,7 @@ class SurfaceModel(eqx.Module):
 
     @eqx.filter_jit
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
-        sliding = self.rubbed
+        sliding = self.sliding
         scanned = sliding.at_depth(params["depth_m"]) if "depth_m" in params else sliding.scanned
         signal = params["gain"] * scanned(*self._tractions(params, sliding.ways))
         return signal + params["offset"][:, None] if sliding.free_offset else signal
@@ -205,8 +205,8 @@ class SurfaceModel(eqx.Module):
             for name, feature in self.features.items():
                 units = {f: as_real(one == f"{name}.{f}") for f in feature.frictions}
                 own[name] = dict(own[name]) | units
-            ways = self._tractions(own, self.rubbed.ways)
-            return jnp.stack([self.rubbed.scanned.field(traction) for traction in ways])
+            ways = self._tractions(own, self.sliding.ways)
+            return jnp.stack([self.sliding.scanned.field(traction) for traction in ways])
 
         frictionless = of(None)
         return jnp.stack([frictionless, *(of(name) - frictionless for name in names)])

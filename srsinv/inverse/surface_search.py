@@ -13,11 +13,11 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..forward.feature import Stretch
+from ..forward.feature import ScanExtent
 from ..forward.surface_feature import SurfaceFeature
 from ..grid import as_real
 from .feature_search import Blocks, apart
-from .surface_model import Rubbed, SurfaceModel, Window
+from .surface_model import SlidingContact, SurfaceModel, Window
 
 CELLS_PER_DEPTH = 12
 SAMPLES_PER_DEPTH = 4
@@ -28,10 +28,12 @@ PLACE = "position_m"
 class SurfaceSearch:
     """The best shapes and places of a feature, by a coarse model."""
 
-    def __init__(self, sliding: Rubbed, window: Window, stretch: Stretch):
+    def __init__(self, sliding: SlidingContact, window: Window, stretch: ScanExtent):
         depth = float(sliding.sensor.depth_m)
         self._blocks = Blocks(sliding.motion, depth / SAMPLES_PER_DEPTH)
-        self._coarse = Rubbed(sliding.sensor, self._blocks.motion, window, depth / CELLS_PER_DEPTH)
+        self._coarse = SlidingContact(
+            sliding.sensor, self._blocks.motion, window, depth / CELLS_PER_DEPTH
+        )
         self._stretch = stretch
 
     def signal(self, features: Mapping[str, SurfaceFeature], params: Any) -> np.ndarray:
@@ -106,7 +108,7 @@ class SurfaceSearch:
         fields = fields / white[:, None]
         gain, way = np.asarray(self._coarse.scanned.gain), self._ways()
         position, start, cell = np.asarray(motion.position_m), float(line.x[0]), float(line.cell_m)
-        white_y = self._centred(white_y).ravel()
+        white_y = self._without_mean(white_y).ravel()
         misfit = np.empty((len(fields), places.size))
         for i, place in enumerate(places):
             at = (position - place + middle - start) / cell
@@ -135,7 +137,7 @@ class SurfaceSearch:
         onwards = np.asarray(self._coarse.motion.direction) >= 0
         return np.array([self._coarse.ways.index(bool(each)) for each in onwards])
 
-    def _centred(self, y: np.ndarray) -> np.ndarray:
+    def _without_mean(self, y: np.ndarray) -> np.ndarray:
         return y - self._coarse.free_offset * y.mean(axis=-1, keepdims=True)
 
 

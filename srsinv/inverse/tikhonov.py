@@ -110,13 +110,13 @@ class Tikhonov(eqx.Module):
             "method": "tikhonov",
             "order": self.order,
             "rule": "given" if fixed else self.rule.name,
-            "rule_result": choice.result,
+            "rule_status": choice.status,
         }
         stats |= {
             f"weight_{c}_per_Pa2": float(w) for c, w in zip("pq", prior.weights, strict=False)
         }
         estimate = solve(problem, prior, self.path, self.tolerance).with_stats(stats)
-        return estimate.with_warnings(undetermined_weights(choice.result))
+        return estimate.with_warnings(undetermined_weights(choice.status))
 
     def _choose(self, problem: Problem, given) -> Choice:
         box = self._box(problem, given)

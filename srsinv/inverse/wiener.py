@@ -163,7 +163,7 @@ def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"
     middle = _log_scale(problem, power, problem.samples)
     box = jnp.stack([middle - 6, middle + 6])
     choice = Evidence().choose(Scorer(ScaledSpectra(power), problem, path), box)
-    return 10.0**choice.log_weights, choice.result
+    return 10.0**choice.log_weights, choice.status
 
 
 @eqx.filter_jit

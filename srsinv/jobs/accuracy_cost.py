@@ -71,7 +71,7 @@ def _against_peers(rows: list[Row], size: str) -> None:
     baselines = {(row["part"], row["line"], row["family"], row[size]): row for row in rows}
     for row in rows:
         peer = baselines.get((row["part"], row["line"], row["peer"], row[size]))
-        row["against_peer"] = peer and row["time_s_steady"] / peer["time_s_steady"]
+        row["against_peer"] = peer and row["steady_call_s"] / peer["steady_call_s"]
 
 
 def _check(settings: dict[str, Any]) -> None:
@@ -134,8 +134,8 @@ def _forward(cfg: build.Config, line: str) -> Iterator[Row]:
             "value": value,
             "error": _relative(value[:, :: cells // common], reference),
             "algebraic_error": 0.0 if exact is None else _relative(value, exact),
-            "time_s_first": compile_s + first,
-            "time_s_steady": steady,
+            "first_call_s": compile_s + first,
+            "steady_call_s": steady,
             "peer": NUMPY,
         }
 
@@ -220,8 +220,8 @@ def _inversions(settings, priors, line: str, problem: Problem, truth: np.ndarray
                 "error": _relative(value, truth),
                 **{f"error_{c}": float(e) for c, e in zip(COMPONENTS, errors, strict=False)},
                 "algebraic_error": _relative(value, exact),
-                "time_s_first": compile_s + first,
-                "time_s_steady": steady,
+                "first_call_s": compile_s + first,
+                "steady_call_s": steady,
                 "peer": peer,
             }
 
@@ -278,7 +278,7 @@ def _iterative(problem: Problem, prior: Prior, tolerance):
 
 # --- what is shown ---------------------------------------------------------------------------
 
-MEASURES = ("error", "error_p", "error_q", "algebraic_error", "time_s_first", "time_s_steady")
+MEASURES = ("error", "error_p", "error_q", "algebraic_error", "first_call_s", "steady_call_s")
 
 
 def _metrics(rows: list[Row]) -> dict[str, Any]:
@@ -309,7 +309,7 @@ def _table(rows: list[Row]) -> Table:
         tuple(
             (
                 row["line"], row["family"], row["cells"], *(row[m] for m in apart),
-                row["algebraic_error"], 1e3 * row["time_s_steady"], 1e3 * row["time_s_first"],
+                row["algebraic_error"], 1e3 * row["steady_call_s"], 1e3 * row["first_call_s"],
                 "-" if row["against_peer"] is None else round(row["against_peer"], 2), row["peer"],
             )
             for row in rows
@@ -325,7 +325,7 @@ def _curves(rows: list[Row], measure: str, title: str) -> Callable:
             "label": "",
             "size": row["cells"],
             "error": row[measure],
-            "time_s": row["time_s_steady"],
+            "time_s": row["steady_call_s"],
         }
         for row in rows
         if row[measure] > 0
@@ -374,20 +374,20 @@ def _forward_caption(rows: list[Row]) -> str:
         f"{first['error'] / last['error']:.3g}-fold (second order: "
         f"{(last['cells'] / first['cells']) ** 2:.3g}). There float32 has "
         f"{members['float32'][-1]['error'] / last['error']:.3g} times its error; float64 takes "
-        f"{1e3 * last['time_s_steady']:.3g} ms, float32 "
-        f"{1e3 * members['float32'][-1]['time_s_steady']:.3g} ms and numpy "
-        f"{1e3 * members[NUMPY][-1]['time_s_steady']:.3g} ms."
+        f"{1e3 * last['steady_call_s']:.3g} ms, float32 "
+        f"{1e3 * members['float32'][-1]['steady_call_s']:.3g} ms and numpy "
+        f"{1e3 * members[NUMPY][-1]['steady_call_s']:.3g} ms."
     )
 
 
 def _inversion_caption(rows: list[Row]) -> str:
     cells = max(row["cells"] for row in rows)
-    largest = sorted((r for r in rows if r["cells"] == cells), key=lambda row: row["time_s_steady"])
+    largest = sorted((r for r in rows if r["cells"] == cells), key=lambda row: row["steady_call_s"])
     fast, slow = largest[0], largest[-1]
     errors = [row["error"] for row in largest]
     return (
-        f"At {cells} cells the fastest is {fast['family']} ({1e3 * fast['time_s_steady']:.3g} ms), "
-        f"the slowest {slow['family']} ({1e3 * slow['time_s_steady']:.3g} ms). Errors against the "
+        f"At {cells} cells the fastest is {fast['family']} ({1e3 * fast['steady_call_s']:.3g} ms), "
+        f"the slowest {slow['family']} ({1e3 * slow['steady_call_s']:.3g} ms). Errors against the "
         f"truth lie between {min(errors):.4g} and {max(errors):.4g}. What is exact by definition "
         "is not drawn."
     )
@@ -429,7 +429,7 @@ def _summary(rows: list[Row], fits: list[Row]) -> Table:
         tuple(
             (
                 row["part"], row["line"], row["family"], row["cells"], row["error"],
-                1e3 * row["time_s_steady"],
+                1e3 * row["steady_call_s"],
                 "-" if row["against_peer"] is None else round(row["against_peer"], 2),
             )
             for row in (*(r for r in rows if r["cells"] == largest[r["part"]]), *tightest)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ..errors import refuse
 from ..forward.feature import StripFeature
 from ..forward.scan import Motion
-from ..inverse.feature_model import FeatureModel, Felt
+from ..inverse.feature_model import FeatureModel, SampledOperator
 from ..inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix, Solver, fit, fit_many
 from ..progress import stage
 from ..report import figures
@@ -28,7 +28,7 @@ from .peers import NumpyStrip
 CELLS_PER_DEPTH = 16
 FINER = 4  # cells of the model that makes the data, so many times finer
 EXACT = 1e-13  # tolerance of the reference minimum
-FOUND = 0.1  # standard errors from the minimum up to which it counts as found
+CONVERGED_WITHIN = 0.1  # standard errors from the minimum up to which it counts as found
 SCAN_M = 0.012
 MOST_STEPS = 60  # of a search from a far start: those that end in no minimum must not go on
 TRUE = {"width_m": 3e-3, "pressure_Pa": 5e3, "shear_Pa": 2e3}
@@ -67,7 +67,7 @@ def check(settings: Mapping[str, Any]) -> None:
 
 
 @dataclass(frozen=True)
-class Task:
+class FitTask:
     """Signals to fit, the model, and each signal's exact minimum with its covariance.
 
     `ys` (signal, e, sample) [V]; `truth`, `exact` (signal, 4): position, width, pressure, shear;
@@ -117,20 +117,22 @@ def rows_of(cfg: build.Config) -> list[Row]:
     return rows
 
 
-def _task(cfg: build.Config, settings: Mapping[str, Any]) -> Task:
+def _task(cfg: build.Config, settings: Mapping[str, Any]) -> FitTask:
     sensor, scan = build.sensor(cfg), build.scan(cfg)
     x = np.linspace(-SCAN_M / 2, SCAN_M / 2, settings["samples"])
     speed = abs(float(scan.speed_m_per_s))
     motion = Motion((x - x[0]) / speed, x, np.full(x.shape, speed))
     model, fine = (
-        FeatureModel(Felt(sensor, motion, n * CELLS_PER_DEPTH), {"strip": StripFeature(**WHERE)})
+        FeatureModel(
+            SampledOperator(sensor, motion, n * CELLS_PER_DEPTH), {"strip": StripFeature(**WHERE)}
+        )
         for n in (1, FINER)
     )
     rng = np.random.default_rng(build.seed(cfg))
     positions = rng.uniform(*POSITIONS_M, max(settings["signals"], *settings["batches"]))
     truth = np.array([[at, *TRUE.values()] for at in positions])
     clean = np.asarray(jax.jit(jax.vmap(lambda z: fine(_tree(z))))(truth))
-    noise_rms = float(np.sqrt(np.mean(clean**2)) * 10 ** (-settings["snr_db"] / 20))
+    noise_rms = float(np.sqrt(np.mean(clean**2)) * 10 ** (-settings["snr_dB"] / 20))
     ys = clean + noise_rms * rng.normal(size=clean.shape)
     depth = float(sensor.depth_m)
     bounds = {
@@ -146,11 +148,11 @@ def _task(cfg: build.Config, settings: Mapping[str, Any]) -> Task:
         linear=model.linear,
         starts={"strip.position_m": np.linspace(*POSITIONS_M, 7)},
         solver=Optimistix(EXACT),
-        polished=2,
+        max_searches=2,
     )
     order = [fits[0].names.index(f"strip.{name}") for name in ("position_m", *TRUE)]
     covariance = [f.covariance[np.ix_(order, order)] for f in fits]
-    return Task(
+    return FitTask(
         model,
         NumpyStrip(model),
         bounds,
@@ -178,7 +180,7 @@ def _initial(shape: Mapping[str, float]) -> dict[str, dict[str, float]]:
 
 
 def _measured(
-    task: Task, estimates, sweep: str, family: str, setting: float | int, **more: Any
+    task: FitTask, estimates, sweep: str, family: str, setting: float | int, **more: Any
 ) -> Row:
     """A row: `estimates` are parameters (signal, 4) of the first signals."""
     away = [task.distance(i, z, task.exact[i]) for i, z in enumerate(estimates)]
@@ -189,20 +191,20 @@ def _measured(
         "family": family,
         "setting": setting,
         "error": float(np.median(away)),
-        "found": float(np.mean(np.array(away) < FOUND)),
+        "converged": float(np.mean(np.array(away) < CONVERGED_WITHIN)),
         "error_cramer_rao": float(np.sqrt(np.mean(np.square(wrong)))),
         **more,
     }
 
 
-def _tolerances(task: Task, settings, repeats: int) -> Iterator[Row]:
+def _tolerances(task: FitTask, settings, repeats: int) -> Iterator[Row]:
     """One signal from one near start, to several tolerances."""
 
     def row(family: str, tolerance: float, work, read) -> Row:
         value, first, steady = timed(work, repeats)
         return _measured(
             task, [read(value)], "tolerance", family, tolerance,
-            time_s_first=first, time_s_steady=steady, peer="scipy, 2-point",
+            first_call_s=first, steady_call_s=steady, peer="scipy, 2-point",
         )  # fmt: skip
 
     for tolerance in settings["tolerances"]:
@@ -219,10 +221,10 @@ def _tolerances(task: Task, settings, repeats: int) -> Iterator[Row]:
             def peer(tolerance=tolerance, analytic=analytic):
                 return _scipy(task, 0, [task.start(0)], tolerance, analytic)
 
-            yield row(family, tolerance, peer, lambda found: found)
+            yield row(family, tolerance, peer, lambda answer: answer)
 
 
-def _starts(task: Task, settings) -> Iterator[Row]:
+def _starts(task: FitTask, settings) -> Iterator[Row]:
     """A few signals, one after the other, from nowhere in particular."""
     initial, low, high = _initial(task.far()), *np.array(list(task.bounds.values())).T
     unit = np.random.default_rng(1).uniform(size=(max(settings["starts"]), 2))
@@ -247,12 +249,12 @@ def _starts(task: Task, settings) -> Iterator[Row]:
             ends = [timed(lambda i=i, work=work: work(i), 0) for i in range(settings["signals"])]
             times = [first for _, first, _ in ends]
             yield _measured(
-                task, [z for z, *_ in ends], "starts", family, count, time_s_first=times[0],
-                time_s_steady=float(np.median(times[1:] or times)), peer="scipy, analytic",
+                task, [z for z, *_ in ends], "starts", family, count, first_call_s=times[0],
+                steady_call_s=float(np.median(times[1:] or times)), peer="scipy, analytic",
             )  # fmt: skip
 
 
-def _batches(task: Task, settings, repeats: int) -> Iterator[Row]:
+def _batches(task: FitTask, settings, repeats: int) -> Iterator[Row]:
     """Signals fitted together, from one start each: time for each signal."""
     middle = _initial({"position_m": 0.0, "width_m": TRUE["width_m"]})
     start = middle["strip"]
@@ -269,13 +271,13 @@ def _batches(task: Task, settings, repeats: int) -> Iterator[Row]:
         for family, work in (("optimistix", ours), ("scipy, analytic", peer)):
             estimates, first, steady = timed(work, repeats)
             yield _measured(
-                task, estimates, "batch", family, count, time_s_first=first / count,
-                time_s_steady=(first if steady is None else steady) / count,
+                task, estimates, "batch", family, count, first_call_s=first / count,
+                steady_call_s=(first if steady is None else steady) / count,
                 peer="scipy, analytic",
             )  # fmt: skip
 
 
-def _scipy(task: Task, i: int, shapes, tolerance: float, analytic: bool) -> np.ndarray:
+def _scipy(task: FitTask, i: int, shapes, tolerance: float, analytic: bool) -> np.ndarray:
     """The best of scipy's ends from these shapes, with amplitudes of the right size."""
     low, high = np.array(list(task.bounds.values())).T
     box = np.array([*low, -np.inf, -np.inf]), np.array([*high, np.inf, np.inf])
@@ -289,7 +291,7 @@ def _scipy(task: Task, i: int, shapes, tolerance: float, analytic: bool) -> np.n
 
 # --- what is shown ---------------------------------------------------------------------------
 
-MEASURES = ("error", "error_cramer_rao", "found", "time_s_first", "time_s_steady")
+MEASURES = ("error", "error_cramer_rao", "converged", "first_call_s", "steady_call_s")
 
 
 def metrics(rows: list[Row]) -> dict[str, Any]:
@@ -305,7 +307,7 @@ def dataset(rows: list[Row]) -> xarray.Dataset:
     """The measurements, by fit."""
     names = {"fit_sweep": "line", "fit_family": "family"}
     measured = {f"fit_{m}": [row[m] for row in rows] for m in (*MEASURES, "setting")}
-    units = {"fit_time_s_first": "s", "fit_time_s_steady": "s"}
+    units = {"fit_first_call_s": "s", "fit_steady_call_s": "s"}
     return xarray.Dataset(
         {name: ("fit", values, {"units": units.get(name, "1")})
          for name, values in measured.items()},
@@ -327,7 +329,7 @@ def sections(cfg: build.Config, rows: list[Row]) -> tuple[Section, ...]:
             "Feature fit",
             (
                 f"A strip of pressure and shear (position, width, two amplitudes) fitted to "
-                f"{settings['samples']} samples of every element at {settings['snr_db']:g} dB. "
+                f"{settings['samples']} samples of every element at {settings['snr_dB']:g} dB. "
                 "The distance to the exact minimum is in standard errors, the rms over the four "
                 "parameters: below 0.1 the fit is as good as the data let it be, and what is "
                 "left is the noise. The error against the truth is in Cramer-Rao bounds: about 1 "
@@ -364,7 +366,7 @@ def _curves(rows: list[Row]) -> list[dict[str, Any]]:
             "label": f"{row['setting']:g}",
             "size": -np.log10(row["setting"]),
             "error": row["error"],
-            "time_s": row["time_s_steady"],
+            "time_s": row["steady_call_s"],
         }
         for row in rows
         if row["error"] > 0
@@ -376,21 +378,21 @@ def _counted(rows: list[Row]) -> list[dict[str, Any]]:
         {
             "family": row["family"],
             "count": row["setting"],
-            "found": row["found"],
-            "time_s": row["time_s_steady"],
+            "converged": row["converged"],
+            "time_s": row["steady_call_s"],
         }
         for row in rows
     ]
 
 
 def _said(rows: list[Row]) -> str:
-    good = [row for row in rows if row["error"] < FOUND]
+    good = [row for row in rows if row["error"] < CONVERGED_WITHIN]
     if not good:
-        return f"None comes within {FOUND:g} standard errors of the minimum."
-    best = min(good, key=lambda row: row["time_s_steady"])
+        return f"None comes within {CONVERGED_WITHIN:g} standard errors of the minimum."
+    best = min(good, key=lambda row: row["steady_call_s"])
     return (
-        f"The fastest within {FOUND:g} standard errors is {best['family']} at "
-        f"{best['setting']:g} ({1e3 * best['time_s_steady']:.3g} ms)."
+        f"The fastest within {CONVERGED_WITHIN:g} standard errors is {best['family']} at "
+        f"{best['setting']:g} ({1e3 * best['steady_call_s']:.3g} ms)."
     )
 
 
@@ -402,7 +404,7 @@ def _tolerance_table(rows: list[Row]) -> Table:
         tuple(
             (
                 row["family"], f"{row['setting']:g}", row["error"], row["error_cramer_rao"],
-                1e3 * row["time_s_steady"], 1e3 * row["time_s_first"],
+                1e3 * row["steady_call_s"], 1e3 * row["first_call_s"],
                 round(row["against_peer"], 2),
             )
             for row in rows
@@ -417,11 +419,11 @@ def _count_table(rows: list[Row], what: str) -> Table:
          "steady [ms per signal]", "first call [ms per signal]", "steady / scipy, analytic"),
         tuple(
             (
-                row["family"], row["setting"], f"{row['found']:.0%}", row["error_cramer_rao"],
-                1e3 * row["time_s_steady"], 1e3 * row["time_s_first"],
+                row["family"], row["setting"], f"{row['converged']:.0%}", row["error_cramer_rao"],
+                1e3 * row["steady_call_s"], 1e3 * row["first_call_s"],
                 round(row["against_peer"], 2),
             )
             for row in rows
         ),
-        f"Over the number of {what}; found: within {FOUND:g} standard errors.",
+        f"Over the number of {what}; found: within {CONVERGED_WITHIN:g} standard errors.",
     )  # fmt: skip

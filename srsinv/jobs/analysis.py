@@ -25,7 +25,7 @@ BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standa
 
 
 @dataclass(frozen=True)
-class Case:
+class InversionCase:
     """One inversion to make and to report.
 
     - `problem`: what is inverted; `sensor`: with which sensor; `methods`: by name.
@@ -57,7 +57,7 @@ def element_names(sensor: Sensor) -> list[str]:
     return [f"{i}: {names.get(round(a, 6), f'at {a:.4g} deg')}" for i, a in enumerate(angles)]
 
 
-def run(case: Case) -> Outcome:
+def run(case: InversionCase) -> Outcome:
     """Invert by every method and gather the result."""
     estimates, rows = {}, []
     for name, method in case.methods.items():
@@ -67,7 +67,7 @@ def run(case: Case) -> Outcome:
             )
         estimates[name] = estimates[name].with_warnings(case.warnings)
         row = _judge(name, case, estimates[name]) | _features(case, estimates[name])
-        rows.append(row | {"time_s_first": first, "time_s_steady": steady})
+        rows.append(row | {"first_call_s": first, "steady_call_s": steady})
     dataset = _dataset(case, estimates)
     return Outcome(
         case.title,
@@ -93,7 +93,7 @@ def timed(work: Callable[[], Any], repeats: int) -> tuple[Any, float, float | No
 # --- judging ---------------------------------------------------------------------------------
 
 
-def seen(problem: Problem) -> np.ndarray:
+def observed_cells(problem: Problem) -> np.ndarray:
     """Cells (n,) at which at least one element was sampled."""
     if problem.observed is None:
         return np.ones(problem.line.n, bool)
@@ -106,17 +106,17 @@ def deviation(values: np.ndarray, observed: np.ndarray) -> np.ndarray:
     return values - values.mean(axis=-1, keepdims=True)
 
 
-def _judge(name: str, case: Case, estimate: Estimate) -> dict[str, Any]:
+def _judge(name: str, case: InversionCase, estimate: Estimate) -> dict[str, Any]:
     row: dict[str, Any] = {
         "method": name,
-        "result": estimate.result,
+        "status": estimate.status,
         "quality": estimate.quality,
         "reasons": estimate.reasons,
     }
     row |= {f"{what}_{c}": None for what in ("error", "coverage") for c in COMPONENTS}
     if "traction" not in case.stages:
         return row
-    observed = seen(case.problem)
+    observed = observed_cells(case.problem)
     truth = deviation(case.stages["traction"][1], observed)
     error = deviation(np.asarray(estimate.value), observed) - truth
     inside = np.abs(error) <= BAND_90 * np.asarray(estimate.stderr)[:, observed]
@@ -127,7 +127,7 @@ def _judge(name: str, case: Case, estimate: Estimate) -> dict[str, Any]:
     return row
 
 
-def _metrics(case: Case, estimates: Mapping[str, Estimate], rows) -> dict[str, Any]:
+def _metrics(case: InversionCase, estimates: Mapping[str, Estimate], rows) -> dict[str, Any]:
     metrics: dict[str, Any] = {"samples": case.problem.samples, "cells": case.problem.line.n}
     finite = np.asarray(case.problem.noise)[1:]
     signal = np.asarray(case.problem.data)
@@ -149,16 +149,16 @@ def _metrics(case: Case, estimates: Mapping[str, Estimate], rows) -> dict[str, A
     return metrics
 
 
-def _named(case: Case, key: str) -> str:
+def _named(case: InversionCase, key: str) -> str:
     """A number's name, without Pa where p and q have no unit."""
     if case.traction_unit == "Pa":
         return key
     return key.replace("_per_Pa2", "_relative").replace("_Pa", "_relative")
 
 
-def _features(case: Case, estimate: Estimate) -> dict[str, float | None]:
+def _features(case: InversionCase, estimate: Estimate) -> dict[str, float | None]:
     """What stands out where there are samples: each component's highest value, p's main line."""
-    observed = seen(case.problem)
+    observed = observed_cells(case.problem)
     x, value = np.asarray(case.problem.line.x)[observed], np.asarray(estimate.value)[:, observed]
     row: dict[str, float | None] = {"p_line_wavelength_m": strongest_line_m(x, value[0])}
     for component, values in zip(COMPONENTS, value, strict=True):
@@ -202,7 +202,7 @@ def notes_on(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
 # --- every stage, as arrays ------------------------------------------------------------------
 
 
-def _dataset(case: Case, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
+def _dataset(case: InversionCase, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
     problem, sensor = case.problem, case.sensor
     n, unit, pressure = problem.line.n, case.signal_unit, case.traction_unit
     observed = (
@@ -308,8 +308,8 @@ def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:
 # --- the page --------------------------------------------------------------------------------
 
 
-def _summary(case: Case, rows) -> Table:
-    return _against_truth(rows) if "traction" in case.stages else _as_found(case, rows)
+def _summary(case: InversionCase, rows) -> Table:
+    return _against_truth(rows) if "traction" in case.stages else _recovered(case, rows)
 
 
 def _against_truth(rows) -> Table:
@@ -326,8 +326,8 @@ def _against_truth(rows) -> Table:
                 cell(row["error_q"], "{:.1%}"),
                 cell(row["coverage_p"], "{:.0%}"),
                 cell(row["coverage_q"], "{:.0%}"),
-                row["time_s_first"],
-                1e3 * row["time_s_steady"],
+                row["first_call_s"],
+                1e3 * row["steady_call_s"],
                 str(row["quality"]),
             )
             for row in rows
@@ -337,7 +337,7 @@ def _against_truth(rows) -> Table:
     )  # fmt: skip
 
 
-def _as_found(case: Case, rows) -> Table:
+def _recovered(case: InversionCase, rows) -> Table:
     unit = "Pa" if case.traction_unit == "Pa" else "relative"
     return Table(
         ("method", f"highest p [{unit}]", "at x [mm]", "strongest line of p [mm]", "first call [s]",
@@ -347,7 +347,7 @@ def _as_found(case: Case, rows) -> Table:
                 row["method"],
                 *(_or_none(row, *what) for what in (("p_peak_Pa", 1.0), ("p_peak_position_m", 1e3),
                                                     ("p_line_wavelength_m", 1e3))),
-                row["time_s_first"],
+                row["first_call_s"],
                 str(row["quality"]),
             )
             for row in rows
@@ -363,7 +363,7 @@ def _or_none(row: Mapping[str, Any], name: str, factor: float) -> float | str:
     return "-" if value is None or row["quality"] is Quality.FAILED else factor * value
 
 
-def _sections(case: Case, ds: xarray.Dataset, estimates, rows) -> tuple[Section, ...]:
+def _sections(case: InversionCase, ds: xarray.Dataset, estimates, rows) -> tuple[Section, ...]:
     simulated = "traction" in ds
     parts = [
         Section(
@@ -470,7 +470,7 @@ def _cutoff_table(ds: xarray.Dataset) -> Table:
     return Table(("method", "component", "cut-off [rad/m]", "wavelength [mm]"), tuple(rows))
 
 
-def _stats_table(case: Case, name: str, estimate: Estimate) -> Table:
+def _stats_table(case: InversionCase, name: str, estimate: Estimate) -> Table:
     rows = [(_named(case, key).replace("_", " "), value) for key, value in estimate.stats.items()]
-    own = (("result", estimate.result), ("quality", str(estimate.quality)))
+    own = (("status", estimate.status), ("quality", str(estimate.quality)))
     return Table((name, "value"), (*own, *rows))

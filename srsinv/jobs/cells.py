@@ -38,7 +38,7 @@ FEW = 0.25  # of the median: a cell that tells less than this has twice the nois
 
 
 @dataclass(frozen=True)
-class Posed:
+class RecordingProblem:
     """A recording and the problem of inverting it, p and q in `traction_unit`; `assumed` says in
     words what was taken."""
 
@@ -50,7 +50,7 @@ class Posed:
     assumed: tuple[tuple[str, str], ...]
 
 
-def pose(cfg: build.Config, cells_per_depth: int | None = None) -> Posed:
+def recording_problem(cfg: build.Config, cells_per_depth: int | None = None) -> RecordingProblem:
     """The recording that the configuration names, on an open line over its contact window.
 
     Cells are `recording.cell_m` wide; where that is null `cells_per_depth` are in a depth, or, by
@@ -92,7 +92,7 @@ def pose(cfg: build.Config, cells_per_depth: int | None = None) -> Posed:
         friction=friction,
     )
     assumed = _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal, unit)
-    return Posed(recording, sensor, speed, problem, unit, assumed)
+    return RecordingProblem(recording, sensor, speed, problem, unit, assumed)
 
 
 def _traction_unit(cfg: build.Config, recording: Recording) -> str:

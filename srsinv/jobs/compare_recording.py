@@ -15,8 +15,8 @@ from ..inverse.problem import COMPONENTS, Problem
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build, contest
-from .analysis import BAND_90, deviation, element_names, in_metrics, notes_on, seen
-from .cells import pose
+from .analysis import BAND_90, deviation, element_names, in_metrics, notes_on, observed_cells
+from .cells import recording_problem
 from .contest import Runs, Setting
 
 CELLS_PER_DEPTH = 5  # each half then has a sample every 0.4 depths, where e^(-k z) is 4e-4
@@ -30,10 +30,10 @@ def on_recording(cfg: build.Config) -> Outcome:
 
     Raises `BadInput` for a recording that cannot be inverted, and for fewer than two contestants.
     """
-    loaded = pose(cfg, CELLS_PER_DEPTH)
+    loaded = recording_problem(cfg, CELLS_PER_DEPTH)
     title, whole = loaded.recording.name, loaded.problem
-    setting = Setting(loaded.sensor, loaded.speed_m_per_s, [whole, *contest.halves(whole)])
-    runs = contest.run_all(contest.contestants(cfg, setting), setting.problems)
+    setting = Setting(loaded.sensor, loaded.speed_m_per_s, [whole, *contest.split_odd_even(whole)])
+    runs = contest.run_all(contest.compared_methods(cfg, setting), setting.problems)
     dataset = _dataset(title, setting, loaded.recording.signal_unit, runs)
     return Outcome(
         f"{title}: {', '.join(runs)} compared",
@@ -49,19 +49,27 @@ def on_recording(cfg: build.Config) -> Outcome:
 
 def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) -> xarray.Dataset:
     whole, even, odd = setting.problems
-    observed = seen(whole)
+    observed = observed_cells(whole)
 
     def each(get) -> np.ndarray:
         """(method, part, ...)"""
         return np.asarray(
-            [[get(reconstruction) for reconstruction in one.found] for one in runs.values()]
+            [
+                [get(reconstruction) for reconstruction in one.reconstructions]
+                for one in runs.values()
+            ]
         )
 
     value, stderr = each(lambda f: f.value), each(contest.stderr_that_holds)
     fitted = each(lambda f: f.fitted)
-    signal = np.where(contest.samples_there(whole), np.asarray(whole.data + whole.level), np.nan)
+    signal = np.where(
+        contest.observed_samples(whole), np.asarray(whole.data + whole.mean_signal), np.nan
+    )
     holdout = [
-        [contest.predicts(one.found[1], odd), contest.predicts(one.found[2], even)]
+        [
+            contest.holdout_chi2(one.reconstructions[1], odd),
+            contest.holdout_chi2(one.reconstructions[2], even),
+        ]
         for one in runs.values()
     ]
     moved = deviation(value[:, 1], observed) - deviation(value[:, 2], observed)
@@ -70,7 +78,7 @@ def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) 
     apart = np.linalg.norm(p[:, None] - p[None], axis=-1)
     variables = {
         "signal": (samples, signal, unit),
-        "observed": (samples, contest.samples_there(whole).astype(np.int8), "1"),
+        "observed": (samples, contest.observed_samples(whole).astype(np.int8), "1"),
         "estimate": ((*DRAWN, *along), value, "Pa"),
         "estimate_stderr": ((*DRAWN, *along), stderr, "Pa"),
         "fitted_signal": ((*DRAWN, *samples), fitted, unit),
@@ -78,7 +86,7 @@ def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) 
             (*DRAWN, *samples), (signal - fitted) / contest.noise_rms(whole), "1"
         ),
         "misfit": (DRAWN, each(lambda f: f.misfit), "1"),
-        "unseen": (("method", "half"), holdout, "1"),
+        "holdout_chi2": (("method", "half"), holdout, "1"),
         "rank": (("method", "half"), contest.ranks(np.asarray(holdout)), "1"),
         "repeatability": (
             ("method", "component"), np.sqrt(np.mean(moved**2, axis=-1)) / 2, "Pa"
@@ -93,10 +101,10 @@ def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) 
         "difference_of_p": (
             ("method", "other"), apart / (np.linalg.norm(p, axis=-1) + 1e-300)[None], "1"
         ),
-        "converged": (DRAWN, each(lambda f: f.result == "converged").astype(np.int8), "1"),
+        "converged": (DRAWN, each(lambda f: f.status == "converged").astype(np.int8), "1"),
         "quality": (DRAWN, each(lambda f: str(f.quality)), "1"),
-        "time_s_first": (("method",), [one.time_s_first for one in runs.values()], "s"),
-        "time_s_steady": (("method",), [one.time_s_steady for one in runs.values()], "s"),
+        "first_call_s": (("method",), [one.first_call_s for one in runs.values()], "s"),
+        "steady_call_s": (("method",), [one.steady_s for one in runs.values()], "s"),
     }  # fmt: skip
     coordinates = {
         "x": ("x", np.asarray(whole.line.x), {"units": "m"}),
@@ -119,13 +127,15 @@ def _metrics(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> dict[str, Any]:
     metrics: dict[str, Any] = {"cells": ds.sizes["x"]}
     for m, (name, one) in enumerate(runs.items()):
         key = name.lower().replace(" ", "_")
-        metrics |= {f"{what}_{key}": said for what, said in in_metrics(one.found[0]).items()}
+        metrics |= {
+            f"{what}_{key}": said for what, said in in_metrics(one.reconstructions[0]).items()
+        }
         metrics[f"misfit_{key}"] = float(ds["misfit"].values[m, 0])
-        metrics[f"unseen_{key}"] = float(ds["unseen"].values[m].mean())
+        metrics[f"holdout_chi2_{key}"] = float(ds["holdout_chi2"].values[m].mean())
         metrics[f"rank_mean_{key}"] = float(ds["rank"].values[m].mean())
         metrics[f"converged_{key}"] = bool(ds["converged"].values[m].all())
-        metrics[f"time_s_first_{key}"] = float(ds["time_s_first"].values[m])
-        metrics[f"time_s_steady_{key}"] = float(ds["time_s_steady"].values[m])
+        metrics[f"first_call_s_{key}"] = float(ds["first_call_s"].values[m])
+        metrics[f"steady_call_s_{key}"] = float(ds["steady_call_s"].values[m])
         for c, component in enumerate(COMPONENTS):
             of = {
                 f"{component}_peak_position_m": "peak_position",
@@ -142,7 +152,7 @@ def _metrics(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> dict[str, Any]:
 
 
 def _summary(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
-    holdout, rank = ds["unseen"].values, ds["rank"].values
+    holdout, rank = ds["holdout_chi2"].values, ds["rank"].values
     rows = [
         (
             str(ds["method"].values[m]),
@@ -151,14 +161,14 @@ def _summary(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
             float(np.ptp(holdout[m]) / 2),
             float(ds["misfit"].values[m, 0]),
             *(1e3 * float(ds["peak_position"].values[m, c]) for c in range(2)),
-            1e3 * float(ds["time_s_steady"].values[m]),
-            float(ds["time_s_first"].values[m]),
+            1e3 * float(ds["steady_call_s"].values[m]),
+            float(ds["first_call_s"].values[m]),
             str(ds["quality"].values[m, 0]),
         )
         for m in np.argsort(holdout.mean(axis=1), kind="stable")
     ]
     return Table(
-        ("method", "mean rank (range)", "unseen samples", "±", "seen samples",
+        ("method", "mean rank (range)", "held-out samples", "±", "fitted samples",
          "highest p at x [mm]", "highest q at x [mm]", "steady [ms]", "first call [s]",
          "quality"),
         tuple(rows),
@@ -171,7 +181,7 @@ def _summary(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
 
 def _worth(runs: Mapping[str, Runs]) -> list[dict[str, Any]]:
     """What each method's answer from all samples is worth."""
-    wholes = {name: one.found[0] for name, one in runs.items()}
+    wholes = {name: one.reconstructions[0] for name, one in runs.items()}
     return [
         {"method": name, "quality": reconstruction.quality, "reasons": reconstruction.reasons}
         for name, reconstruction in wholes.items()
@@ -221,7 +231,7 @@ def _sections(cfg, ds, runs, rows, whole: Problem) -> tuple[Section, ...]:
                 "noise level. Nobody knows the truth here, so a method is judged by what it says "
                 "of samples that it was not given: every other cell is held back, and then the "
                 "other way around.",
-                *_told(ds, runs),
+                *_verdicts(ds, runs),
             ),
         ),
         Section(
@@ -250,10 +260,11 @@ def _sections(cfg, ds, runs, rows, whole: Problem) -> tuple[Section, ...]:
         ),
         Section(
             "Ranking",
-            ("By the unseen samples; two halves are two draws, and cannot give more than a first "
+            ("By the held-out samples; two halves are two draws, and cannot give more than a first "
              "impression of the spread.",),
             {"ranking": lambda: figures.ranking(
-                ds["rank"].values[:, None], methods, ["unseen samples"], "Rank over the two halves"
+                ds["rank"].values[:, None], methods, ["held-out samples"],
+                "Rank over the two halves"
             )},
             {"ranking": "Mean rank, with the best and the worst."},
             (_pair_table(ds), _repeat_table(ds)),
@@ -266,11 +277,12 @@ def _sections(cfg, ds, runs, rows, whole: Problem) -> tuple[Section, ...]:
     return tuple(parts)
 
 
-def _told(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
+def _verdicts(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
     """What the residuals say, in words."""
     said = []
     for m, (name, one) in enumerate(runs.items()):
-        misfit, holdout = float(ds["misfit"].values[m, 0]), float(ds["unseen"].values[m].mean())
+        misfit = float(ds["misfit"].values[m, 0])
+        holdout = float(ds["holdout_chi2"].values[m].mean())
         if holdout <= WELL:
             verdict = "noise alone explains what it leaves"
         elif misfit <= WELL:
@@ -280,9 +292,9 @@ def _told(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
                 "more than noise is left: what it assumes does not hold everywhere on this scan"
             )
         bad = [
-            reconstruction.result
-            for reconstruction in one.found[1:]
-            if reconstruction.result != "converged"
+            reconstruction.status
+            for reconstruction in one.reconstructions[1:]
+            if reconstruction.status != "converged"
         ]
         warning = f" From one half of the samples: {bad[0]}." if bad else ""
         said.append(
@@ -299,10 +311,10 @@ def _pair_table(ds: xarray.Dataset) -> Table:
             names[pair.better], names[pair.worse], f"{pair.difference:.3g} ± {pair.spread:.2g}",
             f"{pair.wins} of 2", "told apart" if pair.apart else "not told apart",
         )
-        for pair in contest.pairs(ds["unseen"].values)
+        for pair in contest.pairs(ds["holdout_chi2"].values)
     )  # fmt: skip
     return Table(
-        ("less left of unseen samples", "more left", "by", "halves in which it is so", "verdict"),
+        ("less left of held-out samples", "more left", "by", "halves in which it is so", "verdict"),
         rows,
         "In units of the noise's power, mean ± standard deviation over the halves; told apart by "
         "Student's t at 95 %, which two halves seldom allow.",
@@ -311,7 +323,7 @@ def _pair_table(ds: xarray.Dataset) -> Table:
 
 def _feature_section(cfg: build.Config, one: Runs) -> Section:
     names = " + ".join(cfg["feature"]).replace("_", " ")
-    whole, *parts = [reconstruction.parameters for reconstruction in one.found]
+    whole, *parts = [reconstruction.parameters for reconstruction in one.reconstructions]
     rows = tuple(
         (name, value, stderr, *(part[name][0] for part in parts))
         for name, (value, stderr) in whole.items()

@@ -16,7 +16,7 @@ from ..recording import merge
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build, contest
-from .analysis import BAND_90, deviation, element_names, seen
+from .analysis import BAND_90, deviation, element_names, observed_cells
 from .contest import Runs, Setting
 from .recorded import amplifier_node, coloured_noises
 from .simulate import assumed
@@ -46,18 +46,18 @@ def on_scene(cfg: build.Config) -> Outcome:
             jax.random.key(build.seed(cfg) + i),
             build.friction(cfg),
         )
-        for level in settings["snr_db"]
+        for level in settings["snr_dB"]
         for i in range(settings["seeds"])
     ]
     setting = Setting(sim.sensor, float(sim.scan.speed_m_per_s), problems)
-    runs = contest.run_all(contest.contestants(cfg, setting), problems)
+    runs = contest.run_all(contest.compared_methods(cfg, setting), problems)
     dataset = _dataset(cfg, sim, setting, runs)
     wrong = None
     if settings["wrong_feature"] is not None:
         features = {
             "wrong": build.make(settings["wrong_feature"], "compare.wrong_feature", "feature")
         }
-        alone = {"A feature that is not there": contest.feature_contestant(features, cfg, setting)}
+        alone = {"A feature that is not there": contest.feature_method(features, cfg, setting)}
         wrong = _dataset(cfg, sim, setting, contest.run_all(alone, problems))
     return Outcome(
         f"{', '.join(runs)} compared on a simulated scene",
@@ -69,11 +69,11 @@ def on_scene(cfg: build.Config) -> Outcome:
 
 
 def _check(settings: Mapping[str, Any]) -> None:
-    levels, seeds = settings["snr_db"], settings["seeds"]
+    levels, seeds = settings["snr_dB"], settings["seeds"]
     numbers = isinstance(levels, list) and all(map(is_number, levels))
     refuse(
         not numbers or not levels or len(set(levels)) < len(levels),
-        f"compare.snr_db is {levels}: give one number or more in dB, each once, as [20,40].",
+        f"compare.snr_dB is {levels}: give one number or more in dB, each once, as [20,40].",
     )
     refuse(
         not (isinstance(seeds, int) and seeds >= 1),
@@ -94,13 +94,16 @@ def _complete(cfg: build.Config) -> dict[str, Any]:
 def _dataset(
     cfg: build.Config, sim: Simulation, setting: Setting, runs: Mapping[str, Runs]
 ) -> xarray.Dataset:
-    levels, seeds = cfg["compare"]["snr_db"], cfg["compare"]["seeds"]
+    levels, seeds = cfg["compare"]["snr_dB"], cfg["compare"]["seeds"]
     shape, problems = (len(levels), seeds), setting.problems
 
     def each(get) -> np.ndarray:
         """(method, snr, seed, ...)"""
         rows = np.asarray(
-            [[get(reconstruction) for reconstruction in one.found] for one in runs.values()]
+            [
+                [get(reconstruction) for reconstruction in one.reconstructions]
+                for one in runs.values()
+            ]
         )
         return rows.reshape(len(runs), *shape, *rows.shape[2:])
 
@@ -111,12 +114,12 @@ def _dataset(
 
     truth = np.asarray(sim.traction(sim.line))
     value, stderr = each(lambda f: f.value), each(lambda f: f.stderr)
-    error, overall, inside = _judged(value, stderr, truth, seen(problems[0]))
-    signal = data(lambda p: np.asarray(p.data + p.level))
+    error, overall, inside = _scores(value, stderr, truth, observed_cells(problems[0]))
+    signal = data(lambda p: np.asarray(p.data + p.mean_signal))
     fitted = each(lambda f: f.fitted)
     rms = data(contest.noise_rms)[..., None, None]
     along, unit = ("component", "x"), sim.sensor.amplifier.unit
-    observed = contest.samples_there(problems[0]).astype(np.int8)
+    observed = contest.observed_samples(problems[0]).astype(np.int8)
     variables = {
         "traction": (along, truth, "Pa"),
         "signal": (("snr", "seed", "element", "x"), signal, unit),
@@ -129,14 +132,14 @@ def _dataset(
         "error_overall": (DRAWN, overall, "1"),
         "coverage": ((*DRAWN, "component"), inside, "1"),
         "misfit": (DRAWN, each(lambda f: f.misfit), "1"),
-        "converged": (DRAWN, each(lambda f: f.result == "converged").astype(np.int8), "1"),
+        "converged": (DRAWN, each(lambda f: f.status == "converged").astype(np.int8), "1"),
         "quality": (DRAWN, each(lambda f: str(f.quality)), "1"),
         "log_evidence": (
             DRAWN, each(lambda f: np.nan if f.log_evidence is None else f.log_evidence), "1"
         ),
         "rank": (DRAWN, contest.ranks(overall), "1"),
-        "time_s_first": (("method",), [one.time_s_first for one in runs.values()], "s"),
-        "time_s_steady": (("method",), [one.time_s_steady for one in runs.values()], "s"),
+        "first_call_s": (("method",), [one.first_call_s for one in runs.values()], "s"),
+        "steady_call_s": (("method",), [one.steady_s for one in runs.values()], "s"),
     }  # fmt: skip
     coordinates = {
         "x": ("x", np.asarray(sim.line.x), {"units": "m"}),
@@ -154,7 +157,7 @@ def _dataset(
     )  # fmt: skip
 
 
-def _judged(
+def _scores(
     value: Float[np.ndarray, "*draws 2 n"],
     stderr: Float[np.ndarray, "*draws 2 n"],
     truth: Float[np.ndarray, "2 n"],
@@ -177,8 +180,8 @@ def _metrics(ds: xarray.Dataset) -> dict[str, Any]:
     for m, name in enumerate(ds["method"].values):
         key = _key(name)
         metrics[f"rank_mean_{key}"] = float(ds["rank"].values[m].mean())
-        metrics[f"time_s_first_{key}"] = float(ds["time_s_first"].values[m])
-        metrics[f"time_s_steady_{key}"] = float(ds["time_s_steady"].values[m])
+        metrics[f"first_call_s_{key}"] = float(ds["first_call_s"].values[m])
+        metrics[f"steady_call_s_{key}"] = float(ds["steady_call_s"].values[m])
         for s, level in enumerate(ds["snr"].values):
             at = f"{key}_{level:g}_dB"
             metrics[f"rank_mean_{at}"] = float(ds["rank"].values[m, s].mean())
@@ -235,8 +238,8 @@ def _summary(ds: xarray.Dataset) -> Table:
                 str(ds["method"].values[m]),
                 f"{rank.mean():.2f} ({rank.min():g} to {rank.max():g})",
                 *(_percent(error[s, :, c]) for s in range(len(levels)) for c in range(2)),
-                1e3 * float(ds["time_s_steady"].values[m]),
-                float(ds["time_s_first"].values[m]),
+                1e3 * float(ds["steady_call_s"].values[m]),
+                float(ds["first_call_s"].values[m]),
             )
         )
     heads = (f"{c} at {level}" for level in levels for c in COMPONENTS)
@@ -254,7 +257,7 @@ def _coverage_table(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
         f"{name}, {level:g} dB, draw {i + 1}: {' '.join(reconstruction.reasons)}"
         for name, one in runs.items()
         for s, level in enumerate(ds["snr"].values)
-        for i, reconstruction in _first_not_good(one.found[s * seeds : (s + 1) * seeds])
+        for i, reconstruction in _first_not_good(one.reconstructions[s * seeds : (s + 1) * seeds])
     )
     rows = [
         (
@@ -276,7 +279,9 @@ def _coverage_table(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
     )  # fmt: skip
 
 
-def _first_not_good(draws: list[contest.Found]) -> list[tuple[int, contest.Found]]:
+def _first_not_good(
+    draws: list[contest.Reconstruction],
+) -> list[tuple[int, contest.Reconstruction]]:
     return [
         (i, reconstruction) for i, reconstruction in enumerate(draws) if reconstruction.reasons
     ][:1]
@@ -309,7 +314,8 @@ def _parameter_table(ds: xarray.Dataset, runs: Runs) -> Table:
     seeds, rows = ds.sizes["seed"], []
     for s, level in enumerate(ds["snr"].values):
         of_level = [
-            reconstruction.parameters for reconstruction in runs.found[s * seeds : (s + 1) * seeds]
+            reconstruction.parameters
+            for reconstruction in runs.reconstructions[s * seeds : (s + 1) * seeds]
         ]
         for name in of_level[0]:
             drawn = np.array([parameters[name] for parameters in of_level])
@@ -486,7 +492,7 @@ def _wrong_section(cfg: build.Config, ds: xarray.Dataset, wrong: xarray.Dataset)
 
 
 def _assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
-    levels = ", ".join(f"{level:g}" for level in cfg["compare"]["snr_db"])
+    levels = ", ".join(f"{level:g}" for level in cfg["compare"]["snr_dB"])
     more = [name for name in cfg["noise"] if name != "white"]
     noise = ", ".join([f"white at {levels} dB", *more])
     rows = tuple((what, noise if what == "noise" else value) for what, value in assumed(cfg, sim))

@@ -29,15 +29,15 @@ from ..inverse.problem import Estimate, Problem
 from ..inverse.quality import Quality
 from ..progress import stage
 from . import build
-from .analysis import seen
+from .analysis import observed_cells
 
 FEATURE_FIT = "Feature fit"
 MISSING = 1e8  # of the noise's variance: where coloured noise has a sample that is not there
-SURE = 0.95  # probability at which two contestants are told apart
+CONFIDENCE = 0.95  # probability at which two contestants are told apart
 
 
 @dataclass(frozen=True)
-class Found:
+class Reconstruction:
     """What one contestant made of one problem, on the problem's line.
 
     - `value` (2, n) [Pa]; `stderr` (2, n) [Pa]: of the deviation from the mean.
@@ -51,7 +51,7 @@ class Found:
     stderr: Float[np.ndarray, "2 n"]
     fitted: Float[np.ndarray, "e n"]
     misfit: float
-    result: str
+    status: str
     quality: Quality
     warnings: tuple[str, ...]
     reasons: tuple[str, ...]
@@ -59,13 +59,13 @@ class Found:
     log_evidence: float | None = None
 
 
-def stderr_that_holds(reconstruction: Found) -> Float[np.ndarray, "2 n"]:
+def stderr_that_holds(reconstruction: Reconstruction) -> Float[np.ndarray, "2 n"]:
     """Standard errors as stated, infinite where the answer failed."""
     failed = reconstruction.quality is Quality.FAILED
     return np.full_like(reconstruction.stderr, np.inf) if failed else reconstruction.stderr
 
 
-Contestant = Callable[[Problem], Found]
+ComparedMethod = Callable[[Problem], Reconstruction]
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,14 @@ class Inversion:
 
     method: Callable[[Problem], Estimate]
 
-    def __call__(self, problem: Problem) -> Found:
+    def __call__(self, problem: Problem) -> Reconstruction:
         estimate = jax.block_until_ready(self.method(problem))
-        return Found(
+        return Reconstruction(
             np.asarray(estimate.value),
             np.asarray(estimate.stderr),
-            np.asarray(estimate.fitted + problem.level),
+            np.asarray(estimate.fitted + problem.mean_signal),
             float(np.nanmean(np.asarray(estimate.whitened) ** 2)),
-            estimate.result,
+            estimate.status,
             estimate.quality,
             estimate.warnings,
             estimate.reasons,
@@ -89,7 +89,7 @@ class Inversion:
 
 
 @dataclass(frozen=True)
-class FeatureContestant:
+class FeatureMethod:
     """Features fitted together, as a sum, to the samples that are there.
 
     `cells`: those that the scan passed, in its order, of a line whose centres are `x_m` there.
@@ -110,9 +110,9 @@ class FeatureContestant:
             self.sensor, Motion((x - x[0]) / speed, x, np.full(x.shape, speed)), self.solver
         )
 
-    def __call__(self, problem: Problem) -> Found:
+    def __call__(self, problem: Problem) -> Reconstruction:
         at = self.cells
-        y = np.asarray(problem.data + problem.level)[:, at]
+        y = np.asarray(problem.data + problem.mean_signal)[:, at]
         feature_fit = self._fitter(self.features, y, _noise(problem, at))
         if feature_fit.fit is None:
             raise ValueError("a contest of features needs one feature at least")
@@ -122,12 +122,12 @@ class FeatureContestant:
         )
         fitted = np.full(problem.data.shape, np.nan)
         fitted[:, at] = feature_fit.signal()
-        return Found(
+        return Reconstruction(
             value,
             stderr,
             fitted,
             float(np.mean(feature_fit.fit.whitened**2) * y.size / problem.samples),
-            feature_fit.result,
+            feature_fit.status,
             feature_fit.quality,
             feature_fit.warnings,
             feature_fit.reasons,
@@ -136,14 +136,14 @@ class FeatureContestant:
         )
 
 
-def _passed(problem: Problem, speed_m_per_s: float) -> np.ndarray:
+def _scanned_cells(problem: Problem, speed_m_per_s: float) -> np.ndarray:
     """The cells from the first to the last with a sample, in the order in which they are passed."""
-    indices = np.flatnonzero(seen(problem))
+    indices = np.flatnonzero(observed_cells(problem))
     cells = np.arange(indices[0], indices[-1] + 1)
     return cells if speed_m_per_s > 0 else cells[::-1]
 
 
-def samples_there(problem: Problem) -> np.ndarray:
+def observed_samples(problem: Problem) -> np.ndarray:
     """Which samples (e, n) are there."""
     if problem.observed is None:
         return np.ones(problem.data.shape, bool)
@@ -159,7 +159,7 @@ def _noise(problem: Problem, at: np.ndarray):
     """The noise of these samples, as a fit takes it."""
     power = np.asarray(problem.noise)
     power = np.where(np.isfinite(power), power, power[1])
-    observed = samples_there(problem)[:, at]
+    observed = observed_samples(problem)[:, at]
     if np.ptp(power) <= 1e-9 * power.max():
         return np.where(observed, np.sqrt(power[1]), np.inf)
     toeplitz = scipy.linalg.toeplitz(np.fft.irfft(power, problem.line.n)[: at.size])
@@ -172,7 +172,7 @@ def _noise(problem: Problem, at: np.ndarray):
 def _on_cells(model: FeatureModel, fit: Fit, problem: Problem, direction: float):
     """p and q (2, n) on the problem's cells, and the standard error of their deviation from the
     mean where there are samples."""
-    indices, n = np.flatnonzero(seen(problem)), problem.line.n
+    indices, n = np.flatnonzero(observed_cells(problem)), problem.line.n
     turn = jnp.array([[1.0], [direction]])
 
     def deviation(params):
@@ -190,8 +190,8 @@ def cell_traction(model: FeatureModel, params, line: Line) -> Float[Array, "2 n"
     total = jnp.zeros((2, line.n))
     for name, feature in model.features.items():
         shape = feature.profile(params[name]).cell_average(line)
-        if feature.repeats:
-            shape = shape * jnp.interp(line.x, model.line.x, model.felt.fade)
+        if feature.is_periodic:
+            shape = shape * jnp.interp(line.x, model.line.x, model.sampled.fade)
         total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape
     return total
 
@@ -213,21 +213,21 @@ class Runs:
     """One contestant on many problems: what it found, the first call's time [s] and the median of
     the further ones."""
 
-    found: list[Found]
-    time_s_first: float
-    time_s_steady: float
+    reconstructions: list[Reconstruction]
+    first_call_s: float
+    steady_s: float
 
 
-def contestants(cfg: build.Config, setting: Setting) -> dict[str, Contestant]:
+def compared_methods(cfg: build.Config, setting: Setting) -> dict[str, ComparedMethod]:
     """The methods and the sum of features that the configuration names, by the page's names.
 
     Raises `BadInput` for fewer than two.
     """
-    named: dict[str, Contestant] = {}
+    named: dict[str, ComparedMethod] = {}
     if cfg.get("method"):
         named |= {name: Inversion(method) for name, method in build.methods(cfg).items()}
     if cfg.get("feature"):
-        named[FEATURE_FIT] = feature_contestant(build.features(cfg), cfg, setting)
+        named[FEATURE_FIT] = feature_method(build.features(cfg), cfg, setting)
     refuse(
         len(named) < 2,
         f"Only {len(named)} contestants are named: give two at least, by "
@@ -236,17 +236,17 @@ def contestants(cfg: build.Config, setting: Setting) -> dict[str, Contestant]:
     return named
 
 
-def feature_contestant(
+def feature_method(
     features: dict[str, Feature], cfg: build.Config, setting: Setting
-) -> FeatureContestant:
+) -> FeatureMethod:
     """These features with the setting's sensor and the configured solver."""
     whole, speed = setting.problems[0], setting.speed_m_per_s
-    cells = _passed(whole, speed)
+    cells = _scanned_cells(whole, speed)
     x_m = np.asarray(whole.line.x)[cells]
-    return FeatureContestant(features, setting.sensor, speed, cells, x_m, build.solver(cfg))
+    return FeatureMethod(features, setting.sensor, speed, cells, x_m, build.solver(cfg))
 
 
-def run_all(named: Mapping[str, Contestant], problems: Sequence[Problem]) -> dict[str, Runs]:
+def run_all(named: Mapping[str, ComparedMethod], problems: Sequence[Problem]) -> dict[str, Runs]:
     """Every contestant on every problem."""
     runs = {}
     for name, method in named.items():
@@ -255,7 +255,7 @@ def run_all(named: Mapping[str, Contestant], problems: Sequence[Problem]) -> dic
     return runs
 
 
-def run(method: Contestant, problems: Sequence[Problem]) -> Runs:
+def run(method: ComparedMethod, problems: Sequence[Problem]) -> Runs:
     """One after the other; the first call includes what compilation there is."""
     reconstructions, times = [], []
     for problem in problems:
@@ -265,26 +265,26 @@ def run(method: Contestant, problems: Sequence[Problem]) -> Runs:
     return Runs(reconstructions, times[0], float(np.median(times[1:] or times)))
 
 
-def halves(problem: Problem) -> tuple[Problem, Problem]:
+def split_odd_even(problem: Problem) -> tuple[Problem, Problem]:
     """The same problem with the samples of every other cell: two draws of the noise."""
     parity = np.arange(problem.line.n) % 2
-    observed = samples_there(problem)
+    observed = observed_samples(problem)
 
-    def kept(mask):
+    def restricted(mask):
         both = jnp.asarray(mask), jnp.where(mask, problem.data, 0.0)
         is_none = {"is_leaf": lambda leaf: leaf is None}
         return eqx.tree_at(lambda p: (p.observed, p.data), problem, both, **is_none)
 
-    return kept(observed & (parity == 0)), kept(observed & (parity == 1))
+    return restricted(observed & (parity == 0)), restricted(observed & (parity == 1))
 
 
-def predicts(reconstruction: Found, problem: Problem) -> float:
+def holdout_chi2(reconstruction: Reconstruction, problem: Problem) -> float:
     """Mean square, in units of the noise, of what the found signal leaves of the problem's samples.
 
     For samples that it was not fitted to: 1 and its own uncertainty where it says what is there.
     """
-    rest = np.asarray(problem.data + problem.level) - reconstruction.fitted
-    rest = np.where(samples_there(problem), rest, np.nan)
+    rest = np.asarray(problem.data + problem.mean_signal) - reconstruction.fitted
+    rest = np.where(observed_samples(problem), rest, np.nan)
     if not np.isfinite(float(problem.noise[0])):
         rest = rest - np.nanmean(rest, axis=-1, keepdims=True)
     return float(np.nanmean(rest**2)) / noise_rms(problem) ** 2
@@ -324,5 +324,5 @@ def pairs(score: Float[np.ndarray, "method draw"]) -> list[Pair]:
 def _pair(a: int, b: int, more: Float[np.ndarray, " draw"]) -> Pair:
     draws = more.size
     spread = float(more.std(ddof=1)) if draws > 1 else np.inf
-    reach = scipy.stats.t.ppf((1 + SURE) / 2, max(draws - 1, 1)) * spread / np.sqrt(draws)
+    reach = scipy.stats.t.ppf((1 + CONFIDENCE) / 2, max(draws - 1, 1)) * spread / np.sqrt(draws)
     return Pair(a, b, float(more.mean()), spread, int(np.sum(more > 0)), bool(more.mean() > reach))

@@ -14,20 +14,20 @@ import xarray
 
 from ..errors import number, refuse, whole
 from ..forward.feature import Feature
-from ..inverse.feature_fit import FeatureFitter, readable
-from ..inverse.feature_model import stretch_of
+from ..inverse.feature_fit import FeatureFitter, reported_parameters
+from ..inverse.feature_model import scan_extent
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build, coverage_surface
-from .judged import LEVELS, Found, Quantity, bounds_of, ratio_dB
+from .judged import LEVELS, FitStatistics, Quantity, bounds_of, ratio_dB
 from .simulated_features import (
-    Bench,
-    TractionBench,
-    bench,
+    SyntheticScan,
+    SyntheticTractionScan,
     known_noise,
     named,
     parameters,
+    synthetic_scan,
     unit_of,
 )
 
@@ -40,7 +40,7 @@ def run(cfg: build.Config) -> Outcome:
         settings, on_surface = cfg["coverage"], "surfaces" in build.part(cfg, "scene")
         draws = _draws(settings, on_surface)
         if on_surface:
-            on, statistics = coverage_surface.judged(cfg, draws)
+            on, statistics = coverage_surface.fit_statistics(cfg, draws)
         else:
             on, statistics = _each(cfg, settings, draws)
     rows = [quantity for each in statistics.values() for quantity in each.quantities]
@@ -65,25 +65,25 @@ def _draws(settings: Mapping[str, Any], on_surface: bool) -> int:
 
 def _each(
     cfg: build.Config, settings: Mapping[str, Any], draws: int
-) -> tuple[TractionBench, dict[str, Found]]:
+) -> tuple[SyntheticTractionScan, dict[str, FitStatistics]]:
     """Every feature of traction that is named."""
     features = build.features(cfg)
     refuse(not features, "No feature is named: give feature=[strip_load] or several.")
-    on = bench(cfg, "coverage")
+    on = synthetic_scan(cfg, "coverage")
     truths = {name: _truth(settings, on, name, f) for name, f in features.items()}
     keys = jax.random.split(build.random_key(cfg), len(features))
     fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
     statistics = {}
     for key, (name, feature) in zip(keys, features.items(), strict=True):
         with stage(f"fitting {draws} draws of {name}"):
-            statistics[name] = _judged(on, fitter, name, feature, truths[name], key, draws)
+            statistics[name] = _fit_statistics(on, fitter, name, feature, truths[name], key, draws)
     return on, statistics
 
 
-def _truth(settings, on: TractionBench, name: str, feature: Feature) -> Mapping[str, float]:
+def _truth(settings, on: SyntheticTractionScan, name: str, feature: Feature) -> Mapping[str, float]:
     """What is simulated, checked against where the fit looks."""
     truth = named("coverage.truth", settings["truth"], name, feature)
-    ranges = feature.ranges(stretch_of(on.sensor, on.motion))
+    ranges = feature.ranges(scan_extent(on.sensor, on.motion))
     for part, value in truth.items():
         key = f"coverage.truth.{name}.{part}"
         number(key, value)
@@ -105,15 +105,21 @@ def _truth(settings, on: TractionBench, name: str, feature: Feature) -> Mapping[
     return truth
 
 
-def _judged(
-    on: TractionBench, fitter: FeatureFitter, name: str, feature: Feature, truth, key, draws: int
-) -> Found:
+def _fit_statistics(
+    on: SyntheticTractionScan,
+    fitter: FeatureFitter,
+    name: str,
+    feature: Feature,
+    truth,
+    key,
+    draws: int,
+) -> FitStatistics:
     clean = on.signal(name, feature, parameters(feature, truth))
     rms = float(np.sqrt(np.mean(clean**2)))
     power = on.power(rms)
     ys = clean + on.noise(key, power, draws)
     model, fits = fitter.many(name, feature, ys, known_noise(power))
-    read = [readable(model, fit) for fit in fits]
+    read = [reported_parameters(model, fit) for fit in fits]
     bounds = cramer_rao(on, name, feature, truth, power)
     quantities = tuple(
         Quantity(
@@ -127,11 +133,15 @@ def _judged(
         for part, bound in bounds.items()
     )
     ratio = ratio_dB(rms, power, on.shape[1])
-    return Found(quantities, sum(fit.converged for fit in fits), ratio)
+    return FitStatistics(quantities, sum(fit.converged for fit in fits), ratio)
 
 
 def cramer_rao(
-    on: TractionBench, name: str, feature: Feature, truth: Mapping[str, float], power: np.ndarray
+    on: SyntheticTractionScan,
+    name: str,
+    feature: Feature,
+    truth: Mapping[str, float],
+    power: np.ndarray,
 ) -> dict[str, float]:
     """The least standard deviation of each parameter, friction among them where it is fitted."""
     free = [part for part in truth if part != "friction" or feature.friction is None]
@@ -150,11 +160,11 @@ def cramer_rao(
 # --- what is shown ---------------------------------------------------------------------------
 
 
-def _metrics(statistics: dict[str, Found], draws: int) -> dict[str, Any]:
+def _metrics(statistics: dict[str, FitStatistics], draws: int) -> dict[str, Any]:
     metrics: dict[str, Any] = {"draws": draws}
     for name, each in statistics.items():
         metrics[f"{name}_converged"] = each.converged
-        metrics[f"{name}_snr_db"] = each.snr_db
+        metrics[f"{name}_snr_dB"] = each.snr_dB
         for quantity in each.quantities:
             label = quantity.label
             metrics |= {
@@ -218,8 +228,8 @@ def _table(rows: list[Quantity]) -> Table:
 
 def _sections(
     cfg: build.Config,
-    on: Bench,
-    statistics: dict[str, Found],
+    on: SyntheticScan,
+    statistics: dict[str, FitStatistics],
     data: xarray.Dataset,
     table: Table,
     draws: int,
@@ -262,11 +272,11 @@ def _sections(
 
 
 def _assumed(
-    cfg: build.Config, on: Bench, statistics: dict[str, Found]
+    cfg: build.Config, on: SyntheticScan, statistics: dict[str, FitStatistics]
 ) -> tuple[tuple[str, str], ...]:
     elements, samples = on.shape
     x = np.asarray(on.motion.position_m)
-    ratios = ", ".join(f"{name} {each.snr_db:.3g} dB" for name, each in statistics.items())
+    ratios = ", ".join(f"{name} {each.snr_dB:.3g} dB" for name, each in statistics.items())
     return (
         ("scan", f"{samples} samples of {elements} elements, "
          f"{1e6 * abs(x[1] - x[0]):.4g} um apart, at {float(on.scan.speed_m_per_s):.4g} m/s"),

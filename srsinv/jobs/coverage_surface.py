@@ -24,13 +24,13 @@ from ..forward.surface_feature import (
 )
 from ..grid import as_real
 from ..inverse.surface_fit import SurfaceFitter
-from ..inverse.surface_model import MOVES, Rubbed, SurfaceModel, Window, cell_for
+from ..inverse.surface_model import MOVES, SlidingContact, SurfaceModel, Window, cell_for
 from ..inverse.surface_search import PLACE
 from ..progress import stage
 from . import build
-from .judged import STEP, Found, Quantity, bounds_of, ratio_dB
+from .judged import STEP, FitStatistics, Quantity, bounds_of, ratio_dB
 from .recorded import MARGIN_DEPTHS, check_cells
-from .simulated_features import Bench, evenly
+from .simulated_features import SyntheticScan, evenly
 
 FINER = 2.5  # times as many cells as the fit has, and in no simple ratio to them
 MOVED_M = 0.5e-3  # how far the feature stands from its place, at most
@@ -43,7 +43,7 @@ FEATURES: Mapping[type[Shape], type[SurfaceFeature]] = {
 
 
 @dataclass(frozen=True)
-class SurfaceBench(Bench):
+class SyntheticSurfaceScan(SyntheticScan):
     """For one feature of a surface, simulated on fine cells; `fit_cells` are the fit's."""
 
     name: str
@@ -66,7 +66,9 @@ class SurfaceBench(Bench):
         return np.asarray(self.model(dict(self.rest) | {self.name: own, "base_friction": base}))
 
 
-def judged(cfg: build.Config, draws: int) -> tuple[SurfaceBench, dict[str, Found]]:
+def fit_statistics(
+    cfg: build.Config, draws: int
+) -> tuple[SyntheticSurfaceScan, dict[str, FitStatistics]]:
     """The scene's feature fitted to so many recordings."""
     name, feature, truth, scene = _scene(cfg)
     sensor, scan = build.sensor(cfg), build.scan(cfg)
@@ -81,14 +83,14 @@ def judged(cfg: build.Config, draws: int) -> tuple[SurfaceBench, dict[str, Found
     fitter = SurfaceFitter(
         sensor, motion, {name: feature}, window, pressure, solver=build.solver(cfg)
     )
-    fine = SurfaceModel(Rubbed(sensor, motion, window, cell / FINER), {name: feature})
+    fine = SurfaceModel(SlidingContact(sensor, motion, window, cell / FINER), {name: feature})
     rest = {"nominal_pressure_Pa": as_real(pressure), "gain": as_real(1.0)}
     if sensor.amplifier.offset is None:
         rest["offset"] = jnp.zeros(len(sensor.elements))
     edge = feature.edge_m
     fit_cells = fitter.line.n
     noises = build.noises(cfg)
-    on = SurfaceBench(sensor, scan, motion, noises, name, fine, rest, edge, fit_cells)
+    on = SyntheticSurfaceScan(sensor, scan, motion, noises, name, fine, rest, edge, fit_cells)
     clean = on.signal(truth)
     rms = float(np.sqrt(np.mean(clean**2)))
     power = on.power(rms)
@@ -99,12 +101,12 @@ def judged(cfg: build.Config, draws: int) -> tuple[SurfaceBench, dict[str, Found
     with stage(f"fitting {draws} recordings of {name}"):
         for off, added in zip(moved, noise, strict=True):
             shifted = {**truth, "position_m": truth["position_m"] + float(off)}
-            fitted = fitter({name: feature}, on.signal(shifted) + added, start=start).found
+            fitted = fitter({name: feature}, on.signal(shifted) + added, start=start).fit
             own = dict(fitted.parameters)
             start = start or {part: own[part][0] for part in feature.axes if part != PLACE}
             own["position_m"] = own["position_m"][0] - float(off), own["position_m"][1]
             read.append(own)
-            converged += fitted.result == "converged"
+            converged += fitted.status == "converged"
     sizes = {part: _size(part, truth, depth, float(fine.line.cell_m)) for part in truth}
     bounds = bounds_of(on, on.signal, truth, sizes, power)
     quantities = tuple(
@@ -116,7 +118,7 @@ def judged(cfg: build.Config, draws: int) -> tuple[SurfaceBench, dict[str, Found
         for part, bound in bounds.items()
     )  # fmt: skip
     ratio = ratio_dB(rms, power, on.shape[1])
-    return on, {name: Found(quantities, converged, ratio)}
+    return on, {name: FitStatistics(quantities, converged, ratio)}
 
 
 def _size(part: str, truth: Mapping[str, float], depth: float, cell: float) -> float:

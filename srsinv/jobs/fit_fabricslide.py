@@ -1,6 +1,6 @@
 """The pitch of a ridged surface from all channels of a recording together, and its other lines.
 
-Method, and why its standard errors are what they are: [`srsinv.inverse.lines`][].
+Method, and why its standard errors are what they are: [`srsinv.inverse.spectral_lines`][].
 """
 
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ import xarray
 from jaxtyping import Float
 
 from ..errors import is_number, refuse
-from ..inverse.lines import (
+from ..inverse.quality import Quality, quality, reasons
+from ..inverse.spectral_lines import (
     LEAST_PERIODS,
-    Line,
-    Lines,
     Pitch,
+    SpectralPeak,
+    SpectralPeaks,
     channel_pitches,
     drift,
     find_lines,
     fit_pitch,
 )
-from ..inverse.quality import Quality, quality, reasons
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import load_steady
@@ -49,7 +49,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Found:
+class BoardPitch:
     """All that the page is made of; `channels` and their standard errors are pitches (c,) [m]."""
 
     recording: Recording
@@ -60,7 +60,7 @@ class Found:
     pitch: Pitch
     channels: Float[np.ndarray, " c"]
     channels_stderr: Float[np.ndarray, " c"]
-    others: Lines
+    others: SpectralPeaks
 
     @property
     def false_alarm(self) -> float:
@@ -68,16 +68,16 @@ class Found:
         return self.others.false_alarm_at(self.pitch.pitch_m, self.settings.harmonics)
 
     @property
-    def result(self) -> str:
+    def status(self) -> str:
         """Whether the pitch may be used: "converged", or why not."""
-        if self.pitch.result == "converged" and self.false_alarm > self.settings.false_alarm:
+        if self.pitch.status == "converged" and self.false_alarm > self.settings.false_alarm:
             return "no line of feature.pitch_range_m stands out from noise"
-        return self.pitch.result
+        return self.pitch.status
 
     @property
     def quality(self) -> Quality:
         """Good or failed: the standard error is the scan's own, whatever the noise is."""
-        return quality(self.result, None, self.warnings)
+        return quality(self.status, None, self.warnings)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -87,7 +87,7 @@ class Found:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the quality is not good, as sentences."""
-        return reasons(self.result, self.warnings)
+        return reasons(self.status, self.warnings)
 
 
 def run(cfg: build.Config) -> Outcome:
@@ -109,7 +109,9 @@ def run(cfg: build.Config) -> Outcome:
                 LONGEST_LINE * (x_m[-1] - x_m[0]),
                 settings.false_alarm,
             )
-    analysis = Found(recording, x_m, signal, settings, slow.shape[1] - 1, pitch, *alone, others)
+    analysis = BoardPitch(
+        recording, x_m, signal, settings, slow.shape[1] - 1, pitch, *alone, others
+    )
     return Outcome(
         _title(analysis),
         _metrics(analysis),
@@ -119,7 +121,7 @@ def run(cfg: build.Config) -> Outcome:
     )
 
 
-def _title(analysis: Found) -> str:
+def _title(analysis: BoardPitch) -> str:
     name, pitch = analysis.recording.name, analysis.pitch
     if analysis.quality is Quality.FAILED:
         return f"{name}: no pitch found"
@@ -207,7 +209,7 @@ def _mm(value_m: float, stderr_m: float) -> str:
 # --- what is shown ---------------------------------------------------------------------------
 
 
-def _metrics(analysis: Found) -> dict[str, Any]:
+def _metrics(analysis: BoardPitch) -> dict[str, Any]:
     pitch = analysis.pitch
     metrics: dict[str, Any] = {
         "pitch_m": pitch.pitch_m,
@@ -215,7 +217,7 @@ def _metrics(analysis: Found) -> dict[str, Any]:
         "pitch_m_stderr_white": pitch.stderr_white_m,
         "pitch_false_alarm": analysis.false_alarm,
         "pitch_channel_spread_m": float(np.std(analysis.channels)),
-        "result": analysis.result,
+        "status": analysis.status,
         **in_metrics(analysis),
         "harmonics": analysis.settings.harmonics,
         "periods": pitch.shifts.shift_m.size,
@@ -229,15 +231,15 @@ def _metrics(analysis: Found) -> dict[str, Any]:
         metrics |= {
             f"line_{i}_m": line.wavelength_m,
             f"line_{i}_m_stderr": line.stderr_m,
-            f"line_{i}_share": line.share,
+            f"line_{i}_explained_fraction": line.explained_fraction,
             f"line_{i}_false_alarm": line.false_alarm,
         }
     return metrics
 
 
-def _dataset(analysis: Found) -> xarray.Dataset:
+def _dataset(analysis: BoardPitch) -> xarray.Dataset:
     unit, pitch, others = analysis.recording.signal_unit, analysis.pitch, analysis.others
-    by_line = np.array(others.lines).reshape(-1, len(Line._fields)).T
+    by_line = np.array(others.lines).reshape(-1, len(SpectralPeak._fields)).T
     m, one, traces, per_line = {"units": "m"}, {"units": "1"}, ("channel", "x"), "line"
     return xarray.Dataset(
         {
@@ -253,7 +255,7 @@ def _dataset(analysis: Found) -> xarray.Dataset:
             "false_alarm_level": ("per_m", others.left.level(analysis.settings.false_alarm), one),
             "line_wavelength": (per_line, by_line[0], m),
             "line_stderr": (per_line, by_line[1], m),
-            "line_share": (per_line, by_line[2], one),
+            "line_explained_fraction": (per_line, by_line[2], one),
             "line_false_alarm": (per_line, by_line[3], one),
             "pitch": ((), pitch.pitch_m, m),
             "pitch_stderr": ((), pitch.stderr_m, m),
@@ -269,7 +271,7 @@ def _dataset(analysis: Found) -> xarray.Dataset:
     )
 
 
-def _summary(analysis: Found) -> Table:
+def _summary(analysis: BoardPitch) -> Table:
     pitch, failed = analysis.pitch, analysis.quality is Quality.FAILED
     lines = ", ".join(_mm(line.wavelength_m, line.stderr_m) for line in analysis.others.lines)
     return Table(
@@ -285,7 +287,7 @@ def _summary(analysis: Found) -> Table:
     )
 
 
-def _sections(cfg: build.Config, analysis: Found) -> tuple[Section, ...]:
+def _sections(cfg: build.Config, analysis: BoardPitch) -> tuple[Section, ...]:
     data = _dataset(analysis)
     return (
         _pitch_section(analysis, data),
@@ -313,7 +315,7 @@ def _sections(cfg: build.Config, analysis: Found) -> tuple[Section, ...]:
     )
 
 
-def _pitch_section(analysis: Found, data: xarray.Dataset) -> Section:
+def _pitch_section(analysis: BoardPitch, data: xarray.Dataset) -> Section:
     pitch = analysis.pitch
     ratio = pitch.stderr_m / pitch.stderr_white_m
     return Section(
@@ -341,7 +343,7 @@ def _pitch_section(analysis: Found, data: xarray.Dataset) -> Section:
     )
 
 
-def _channel_table(analysis: Found) -> Table:
+def _channel_table(analysis: BoardPitch) -> Table:
     amplitude = analysis.pitch.pattern.std(axis=1)
     rows = zip(
         analysis.recording.channels,
@@ -357,12 +359,12 @@ def _channel_table(analysis: Found) -> Table:
     return Table(columns, tuple(rows))
 
 
-def _line_table(analysis: Found) -> Table:
+def _line_table(analysis: BoardPitch) -> Table:
     """The pitch and every other line, with what it is a fraction of."""
     speed = abs(float(np.mean(analysis.recording.speed_m_per_s)))
     total = np.sum(analysis.pitch.pattern**2 + analysis.pitch.rest**2, axis=1)
     explained_fraction = np.mean(np.sum(analysis.pitch.pattern**2, axis=1) / total)
-    pitch = Line(
+    pitch = SpectralPeak(
         analysis.pitch.pitch_m,
         analysis.pitch.stderr_m,
         float(explained_fraction),
@@ -376,7 +378,7 @@ def _line_table(analysis: Found) -> Table:
             MM * line.wavelength_m,
             MM * line.stderr_m,
             speed / line.wavelength_m,
-            100 * line.share,
+            100 * line.explained_fraction,
             line.false_alarm,
             _fraction(line, named),
         )
@@ -387,7 +389,7 @@ def _line_table(analysis: Found) -> Table:
     return Table(columns, rows, "The pitch's share is of what its drift leaves, harmonics and all.")
 
 
-def _fraction(line: Line, named: dict[str, Line]) -> str:
+def _fraction(line: SpectralPeak, named: dict[str, SpectralPeak]) -> str:
     """Which line this one is a whole fraction of, within both errors."""
     for name, base in named.items():
         n = round(base.wavelength_m / line.wavelength_m)
@@ -397,7 +399,7 @@ def _fraction(line: Line, named: dict[str, Line]) -> str:
     return ""
 
 
-def _assumed(cfg: build.Config, analysis: Found) -> tuple[tuple[str, str], ...]:
+def _assumed(cfg: build.Config, analysis: BoardPitch) -> tuple[tuple[str, str], ...]:
     settings, x_m = analysis.settings, analysis.x_m
     low, high = (MM * end for end in settings.range_m)
     return (

@@ -106,11 +106,11 @@ def run(cfg: build.Config) -> Outcome:
         else:
             _refuse_surface_only(settings)
             one = _traction_fitter(cfg, data)
-        sums = [{n: feature} for n, feature in named.items()] if settings["choose"] else [named]
+        sums = [{n: feature} for n, feature in named.items()] if settings["select"] else [named]
         # The one looked for first: its programs serve all.
         candidates = [_timed(one, features) for features in [*sums, {}]]
         candidates = [candidates[-1], *candidates[:-1]]
-        if settings["choose"]:
+        if settings["select"]:
             best = max(candidates, key=lambda candidate: candidate.fit.log_evidence)
         else:
             best = candidates[-1]
@@ -129,11 +129,11 @@ def run(cfg: build.Config) -> Outcome:
 
 def _settings(cfg: build.Config) -> Mapping[str, Any]:
     given = build.part(cfg, "fit")
-    known = {"choose": False, "free": None, "start": None}
+    known = {"select": False, "free": None, "start": None}
     unknown = sorted(set(given) - set(known))
     refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: {', '.join(known)}.")
-    choose = given.get("choose", False)
-    refuse(not isinstance(choose, bool), f"fit.choose is {shown(choose)}: give true or false.")
+    select = given.get("select", False)
+    refuse(not isinstance(select, bool), f"fit.select is {shown(select)}: give true or false.")
     return known | dict(given)
 
 
@@ -177,8 +177,8 @@ def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> 
         "feature": best.name,
         "samples": int(np.isfinite(data.y).sum()),
         f"noise_rms_{data.recording.signal_unit}": data.noise_rms,
-        "time_s_first": float(sum(candidate.time_s for candidate in candidates)),
-        "result": best.result,
+        "first_call_s": float(sum(candidate.time_s for candidate in candidates)),
+        "status": best.status,
         "chi2_per_freedom": best.chi2_per_freedom,
         **in_metrics(best),
     }
@@ -198,7 +198,7 @@ def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> 
             "iterations": best.fit.stats["iterations"],
             "at_bound": ", ".join(best.fit.at_bound),
             "undetermined": "; ".join(direction_in_words(d) for d in best.fit.undetermined),
-            "not_told_from_nothing": ", ".join(best.untold),
+            "undetected_features": ", ".join(best.undetected),
         }
     return metrics
 
@@ -324,7 +324,7 @@ def _identifiability(best: FeatureFit):
                     f"{names[j]} and {names[i]} are hard to tell apart: their errors are "
                     f"correlated by {correlation[i, j]:.3f}."
                 )
-    if best.fit.undetermined or best.fit.at_bound or best.untold:
+    if best.fit.undetermined or best.fit.at_bound or best.undetected:
         yield "The data do not determine every parameter: see the first part."
     else:
         yield "The data determine every parameter."

@@ -75,7 +75,7 @@ def surface_fitter(
         if fitted.levels is not None:
             position = np.asarray(data.motion.position_m)
             noise = fitted.levels.whitener(position, np.isfinite(data.y))
-        return Candidate(fitted.found, noise, fitted.levels, 0.0)
+        return Candidate(fitted.fit, noise, fitted.levels, 0.0)
 
     return one
 

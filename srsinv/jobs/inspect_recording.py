@@ -62,7 +62,7 @@ def _metrics(inspection: Inspection) -> dict[str, Any]:
             "jitter_largest": timing.jitter_largest,
             "gaps": len(timing.gaps),
             "longest_gap_s": max((gap.length_s for gap in timing.gaps), default=0.0),
-            "samples_lost": sum(gap.lost for gap in timing.gaps),
+            "samples_missing": sum(gap.missing for gap in timing.gaps),
             "rows_out_of_order": len(timing.disorder),
         }
     for column in inspection.of_role("signal"):
@@ -236,7 +236,7 @@ def _timing_in_words(inspection: Inspection) -> str:
         rate_hz, source = inspection.rate_hz, inspection.time_source
         return f"{samples} samples at {rate_hz:.6g} Hz, as stated ({source})."
     gaps, disorder = inspection.timing.gaps, inspection.timing.disorder
-    missing = sum(gap.lost for gap in gaps)
+    missing = sum(gap.missing for gap in gaps)
     words = f"{_several(len(gaps), 'gap')} with about {missing} samples lost" if gaps else "no gaps"
     order = f"; {_several(len(disorder), 'row')} out of the order of time" if disorder else ""
     return f"{samples} samples at {inspection.rate_hz:.6g} Hz, {words}{order}."
@@ -269,7 +269,7 @@ def _gaps(inspection: Inspection) -> Table:
     gaps = inspection.timing.gaps if inspection.timing else ()
     longest = sorted(gaps, key=lambda gap: gap.length_s, reverse=True)[:_SHOWN_GAPS]
     rows = tuple(
-        (gap.row, gap.start_s - _origin(inspection), gap.length_s, gap.lost) for gap in longest
+        (gap.row, gap.start_s - _origin(inspection), gap.length_s, gap.missing) for gap in longest
     )
     columns = ("after data row", "since the first sample [s]", "length [s]", "samples lost, about")
     return Table(columns, rows, f"The longest of {_several(len(gaps), 'gap')}")

@@ -2,17 +2,17 @@
 
 from ..report.outcome import Outcome
 from . import build
-from .analysis import Case
+from .analysis import InversionCase
 from .analysis import run as analyse
-from .cells import pose
+from .cells import recording_problem
 
 
 def run(cfg: build.Config) -> Outcome:
     """The job: load, put on a line of cells, invert, report."""
     with build.precision(cfg):
-        methods, loaded = build.methods(cfg), pose(cfg)
+        methods, loaded = build.methods(cfg), recording_problem(cfg)
         return analyse(
-            Case(
+            InversionCase(
                 title=f"{loaded.recording.name}: {', '.join(cfg['method'])}",
                 problem=loaded.problem,
                 sensor=loaded.sensor,

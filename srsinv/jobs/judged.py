@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.special import ndtri
 
 from ..grid import half_spectrum_weights
-from .simulated_features import Bench
+from .simulated_features import SyntheticScan
 
 LEVELS = (0.68, 0.90, 0.95)
 STEP = 1e-3  # of the depth, of the amplitude, of one: for the bound's differences
@@ -57,16 +57,16 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Found:
+class FitStatistics:
     """One feature's quantities, and how many of its fits converged."""
 
     quantities: tuple[Quantity, ...]
     converged: int
-    snr_db: float
+    snr_dB: float
 
 
 def bounds_of(
-    on: Bench,
+    on: SyntheticScan,
     signal: Callable[[Mapping[str, float]], np.ndarray],
     truth: Mapping[str, float],
     sizes: Mapping[str, float],

@@ -28,7 +28,7 @@ class NumpyNormal:
         self.circulant = np.asarray(problem.forward.circulant().transfer)
         self.data, self.weight = np.asarray(problem.data), np.asarray(problem.whitener) ** 2
         self.root2 = np.asarray(prior.root(problem.line)) ** 2
-        self.centred = np.asarray(problem.centred)
+        self.zero_mean = np.asarray(problem.zero_mean)
         self.order, self.scale = 0, None
         if isinstance(prior, DerivativePenalty) and not problem.forward.is_circular:
             self.order = prior.order
@@ -42,11 +42,11 @@ class NumpyNormal:
         matrix += self.root2.T[:, :, None] * np.eye(self.root2.shape[0])
         # Where nothing tells the mean its row is empty: any diagonal makes it solvable.
         empty = np.abs(np.diagonal(matrix[0])) == 0
-        matrix[0] += np.diag(np.where(empty | self.centred, np.abs(matrix[1]).max(), 0.0))
+        matrix[0] += np.diag(np.where(empty | self.zero_mean, np.abs(matrix[1]).max(), 0.0))
         return matrix
 
     def _centre(self, r: np.ndarray) -> np.ndarray:
-        return r - np.where(self.centred[:, None], r.mean(axis=-1, keepdims=True), 0.0)
+        return r - np.where(self.zero_mean[:, None], r.mean(axis=-1, keepdims=True), 0.0)
 
     def _right_side(self, y: np.ndarray) -> np.ndarray:
         weighed = np.fft.irfft(self.weight * np.fft.rfft(y), self.n)
@@ -102,11 +102,11 @@ class NumpyStrip:
     """
 
     def __init__(self, model: FeatureModel):
-        field, sampling = model.felt.scanned.field, model.felt.scanned.sampling
+        field, sampling = model.sampled.scanned.field, model.sampled.scanned.sampling
         self.x, self.cell = np.asarray(model.line.x), float(model.line.cell_m)
         self.transfer, self.length = np.asarray(field.transfer), field.length
         self.index, self.weights = np.asarray(sampling.index), np.asarray(sampling.weights)
-        self.gain = np.asarray(model.felt.scanned.gain)
+        self.gain = np.asarray(model.sampled.scanned.gain)
 
     def _signal(self, cells: np.ndarray) -> np.ndarray:
         """Signals (e, c, sample) of each component alone with these shares of the cells (n,)."""

@@ -22,11 +22,11 @@ from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
 from .simulated_features import (
-    TractionBench,
-    bench,
+    SyntheticTractionScan,
     known_noise,
     named,
     parameters,
+    synthetic_scan,
     unit_of,
 )
 
@@ -44,7 +44,7 @@ class Ranked:
 
     candidates: tuple[str, ...]
     log_evidence: Float[np.ndarray, "t draw c"]
-    drawn: dict[str, dict[str, np.ndarray]]
+    truths: dict[str, dict[str, np.ndarray]]
     time_s: Float[np.ndarray, "t draw"]
 
     @property
@@ -75,7 +75,7 @@ def run(cfg: build.Config) -> Outcome:
         draws = whole("ranking.draws", settings["draws"], "a whole number from 1", least=1)
         features = build.features(cfg)
         refuse(len(features) < 2, "A ranking needs candidates: name at least two in feature=[...].")
-        on = bench(cfg, "ranking")
+        on = synthetic_scan(cfg, "ranking")
         ranges = {name: _ranges(settings, name, f) for name, f in features.items()}
         fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
         ranking = _ranked(cfg, on, fitter, features, ranges, draws)
@@ -100,17 +100,20 @@ def wilson(right: int, total: int) -> tuple[float, float]:
 def _ranges(settings, name: str, feature: Feature) -> Ranges:
     """Between what each parameter is drawn."""
     ranges: Ranges = {}
-    for part, pair in named("ranking.drawn", settings["drawn"], name, feature).items():
+    given = named("ranking.truth_ranges", settings["truth_ranges"], name, feature)
+    for part, pair in given.items():
         is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and all(map(is_number, pair))
         if not is_pair or pair[0] > pair[1]:
             raise BadInput(
-                f"ranking.drawn.{name}.{part} is {shown(pair)}: give [least, greatest] in SI units."
+                f"ranking.truth_ranges.{name}.{part} is {shown(pair)}: give [least, greatest] in "
+                "SI units."
             )
         ranges[part] = float(pair[0]), float(pair[1])
     least = ranges[feature.amplitude][0]
     refuse(
         not least > 0,
-        f"ranking.drawn.{name}.{feature.amplitude} begins at {least}: give sizes above 0, either "
+        f"ranking.truth_ranges.{name}.{feature.amplitude} begins at {least}: give sizes above 0, "
+        "either "
         "sign is drawn.",
     )
     refuse(
@@ -128,7 +131,7 @@ def _drawn(rng: np.random.Generator, feature: Feature, ranges: Ranges) -> dict[s
 
 def _ranked(
     cfg: build.Config,
-    on: TractionBench,
+    on: SyntheticTractionScan,
     fitter: FeatureFitter,
     features: dict[str, Feature],
     ranges: dict[str, Ranges],
@@ -137,7 +140,7 @@ def _ranked(
     candidates = {name: {name: feature} for name, feature in features.items()} | {NOTHING: {}}
     rng = np.random.default_rng(build.seed(cfg))
     keys = jax.random.split(build.random_key(cfg), (len(candidates), draws))
-    drawn = {
+    truths = {
         name: [_drawn(rng, f, ranges[name]) for _ in range(draws)] for name, f in features.items()
     }
     first = next(iter(features))
@@ -148,7 +151,7 @@ def _ranked(
             for i in range(draws):
                 # Noise alone is as strong as beside the first feature; its level does not matter.
                 source = first if truth == NOTHING else truth
-                own = parameters(features[source], drawn[source][i])
+                own = parameters(features[source], truths[source][i])
                 clean = on.signal(source, features[source], own)
                 power = on.power(float(np.sqrt(np.mean(clean**2))))
                 y = on.noise(keys[t, i], power, 1)[0] + (truth != NOTHING) * clean
@@ -159,7 +162,7 @@ def _ranked(
                 time_s[t, i] = time.perf_counter() - begun
     columns = {
         name: {part: np.array([own[part] for own in rows]) for part in rows[0]}
-        for name, rows in drawn.items()
+        for name, rows in truths.items()
     }
     return Ranked(tuple(candidates), evidence, columns, time_s)
 
@@ -170,20 +173,20 @@ def _ranked(
 def _metrics(ranking: Ranked) -> dict[str, Any]:
     draws = ranking.margin.shape[1]
     features = int(ranking.right[:-1].sum()), draws * (len(ranking.candidates) - 1)
-    metrics: dict[str, Any] = {"draws": draws, "share_right": features[0] / features[1]}
-    metrics["share_right_low_90"], metrics["share_right_high_90"] = wilson(*features)
+    metrics: dict[str, Any] = {"draws": draws, "fraction_right": features[0] / features[1]}
+    metrics["fraction_right_low_90"], metrics["fraction_right_high_90"] = wilson(*features)
     for name, right, margin in zip(ranking.candidates, ranking.right, ranking.margin, strict=True):
         low, high = wilson(int(right), draws)
         metrics |= {
-            f"{name}_share_right": float(right) / draws,
-            f"{name}_share_right_low_90": low,
-            f"{name}_share_right_high_90": high,
+            f"{name}_fraction_right": float(right) / draws,
+            f"{name}_fraction_right_low_90": low,
+            f"{name}_fraction_right_high_90": high,
             f"{name}_margin_mean": float(margin.mean()),
             f"{name}_margin_least": float(margin.min()),
         }
     steady = ranking.time_s.ravel()[1:] if ranking.time_s.size > 1 else ranking.time_s.ravel()
-    metrics["time_s_first"] = float(ranking.time_s[0, 0])
-    metrics["time_s_steady"] = float(np.median(steady))
+    metrics["first_call_s"] = float(ranking.time_s[0, 0])
+    metrics["steady_call_s"] = float(np.median(steady))
     return metrics
 
 
@@ -194,7 +197,7 @@ def _dataset(ranking: Ranked) -> xarray.Dataset:
         "chosen": (("truth", "candidate"), ranking.chosen, one),
         "margin": (("truth", "draw"), ranking.margin, one),
     }
-    for name, columns in ranking.drawn.items():
+    for name, columns in ranking.truths.items():
         for part, values in columns.items():
             variables[f"{name}_{part}"] = ("draw", values, {"units": unit_of(part)})
     return xarray.Dataset(
@@ -221,12 +224,16 @@ def _table(ranking: Ranked) -> Table:
 
 
 def _sections(
-    cfg: build.Config, on: TractionBench, ranking: Ranked, data: xarray.Dataset, table: Table
+    cfg: build.Config,
+    on: SyntheticTractionScan,
+    ranking: Ranked,
+    data: xarray.Dataset,
+    table: Table,
 ) -> tuple[Section, ...]:
     drawn = tuple(
         (name.replace("_", " "), ", ".join(
             f"{part} {values.min():.3g} to {values.max():.3g}" for part, values in columns.items()))
-        for name, columns in ranking.drawn.items()
+        for name, columns in ranking.truths.items()
     )  # fmt: skip
     elements, samples = on.shape
     return (

@@ -82,14 +82,14 @@ def check_cells(name: str, length_m: float, cell_m: float) -> None:
 def times_rows(cfg: build.Config, recording: Recording) -> tuple[tuple[str, str], ...]:
     """Rows of a page: samples that are missing, and times that were left out."""
     rows = []
-    if recording.lost_rows:
+    if recording.missing_rows:
         rows.append((
             "lost rows",
-            f"{recording.lost_rows} at {recording.gaps} places, by the time stamps: missing "
+            f"{recording.missing_rows} at {recording.gaps} places, by the time stamps: missing "
             "samples, speed and measured position interpolated there",
         ))  # fmt: skip
     missing = np.isnan(recording.signal)
-    empty = int(missing.sum()) - recording.lost_rows * len(recording.channels)
+    empty = int(missing.sum()) - recording.missing_rows * len(recording.channels)
     if empty > 0:
         rows.append(("other missing samples", f"{empty} of {missing.size}"))
     if build.part(cfg, "recording").get("times") == "ignore":

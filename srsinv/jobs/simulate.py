@@ -6,7 +6,7 @@ import numpy as np
 
 from ..report.outcome import Outcome
 from . import build
-from .analysis import Case
+from .analysis import InversionCase
 from .analysis import run as analyse
 from .simulation import Simulation, noisy_problem, recorded, screen_effects, simulation
 
@@ -19,7 +19,7 @@ def run(cfg: build.Config) -> Outcome:
         sim = simulation(cfg)
         problem = noisy_problem(sim, build.random_key(cfg), build.friction(cfg))
         names = ", ".join(cfg["method"])
-        case = Case(
+        case = InversionCase(
             title=f"Simulated scene, {len(sim.sensor.elements)} film elements: {names}",
             problem=problem,
             sensor=sim.sensor,

@@ -21,7 +21,7 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Periodic
 from ..inverse.feature_model import CELLS_PER_DEPTH as FIT_CELLS_PER_DEPTH
-from ..inverse.feature_model import FeatureModel, Felt
+from ..inverse.feature_model import FeatureModel, SampledOperator
 from ..inverse.nonlinear import Spectrum
 from . import build
 
@@ -30,7 +30,7 @@ UNITS = {"N_per_m": "N/m", "Pa": "Pa", "rad": "rad", "m": "m"}
 
 
 @dataclass(frozen=True)
-class Bench(abc.ABC):
+class SyntheticScan(abc.ABC):
     """A sensor along a constant scan of samples evenly in time, and what disturbs it.
 
     `known`, `start`: in words, what the fit knows of the noise, and where it starts.
@@ -77,10 +77,10 @@ class Bench(abc.ABC):
 
 
 @dataclass(frozen=True)
-class TractionBench(Bench):
+class SyntheticTractionScan(SyntheticScan):
     """For features of traction, simulated on fine cells."""
 
-    fine: Felt
+    fine: SampledOperator
     known: ClassVar[str] = "its spectrum known to the fit"
     start: ClassVar[str] = "where the search puts the feature in the first draw, for all draws"
 
@@ -94,13 +94,15 @@ class TractionBench(Bench):
         return np.asarray(FeatureModel(self.fine, {name: feature})({name: dict(own)} | offset))
 
 
-def bench(cfg: build.Config, job: str) -> TractionBench:
+def synthetic_scan(cfg: build.Config, job: str) -> SyntheticTractionScan:
     """The scan of a configuration, from one end of its grid to the other, sampled as `job` says."""
     length = build.line(cfg).n * float(build.line(cfg).cell_m)
     sensor, scan = build.sensor(cfg), build.scan(cfg)
     motion = evenly(cfg, job, sensor, scan, (cfg["grid"]["start_m"], length))
     noises = build.noises(cfg)
-    return TractionBench(sensor, scan, motion, noises, Felt(sensor, motion, CELLS_PER_DEPTH))
+    return SyntheticTractionScan(
+        sensor, scan, motion, noises, SampledOperator(sensor, motion, CELLS_PER_DEPTH)
+    )
 
 
 def evenly(

@@ -1,6 +1,6 @@
 """What a measured signal is, and its way in from a file and out to one (without jax)."""
 
-from ._read import check_readable as check_readable
+from ._read import check_settings as check_settings
 from ._read import load as load
 from ._recording import Recording as Recording
 from ._sidecar import merge as merge

@@ -24,7 +24,7 @@ import numpy as np
 from srsinv.errors import BadInput
 
 from ._guard import DataFile
-from ._table import Table
+from ._table import ColumnTable
 
 _SECONDS = 5  # of computing that a small file may take
 _BYTES_PER_SECOND = 3 * 10**6  # and how many more bytes a further second: chunks of one value
@@ -39,7 +39,9 @@ _START = (
 _ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
 
 
-def read_apart(file: DataFile, readers: Mapping[str, Callable[[DataFile], Table]]) -> Table:
+def read_apart(
+    file: DataFile, readers: Mapping[str, Callable[[DataFile], ColumnTable]]
+) -> ColumnTable:
     """What the reader of the file's suffix makes of it.
 
     Raises what the reader does: `BadInput`, `MemoryError`, and `EOFError` for all else.
@@ -56,7 +58,7 @@ def read_apart(file: DataFile, readers: Mapping[str, Callable[[DataFile], Table]
             return _table(answer, file)
 
 
-def _table(answer: BufferedReader, file: DataFile) -> Table:
+def _table(answer: BufferedReader, file: DataFile) -> ColumnTable:
     said = answer.readline()
     if not said.endswith(b"\n"):
         raise EOFError("the process that read it ended")
@@ -66,7 +68,7 @@ def _table(answer: BufferedReader, file: DataFile) -> Table:
     if "memory" in header:
         raise MemoryError
     columns, units = header.pop("columns"), header.pop("units")
-    table = Table(**header)
+    table = ColumnTable(**header)
     for name, kind, size in columns:
         values = np.empty(size, kind)
 
@@ -147,7 +149,7 @@ def serve(descriptor: int) -> None:
 
 
 def _read(
-    name: str, source: int, sending: int, readers: Mapping[str, Callable[[DataFile], Table]]
+    name: str, source: int, sending: int, readers: Mapping[str, Callable[[DataFile], ColumnTable]]
 ) -> None:
     with open(sending, "wb") as answer, DataFile(source, Path(name)) as file:
         _limit(file.size)

@@ -15,7 +15,7 @@ from srsinv.errors import refuse
 from ._timing import JITTER, Timing, line_through, resolution_s, timing
 
 ROUNDED = 0.25  # of an interval: stamps nearer to even ones than this are only rounded
-MOST_LOST = 9  # lost rows for each that is there
+MAX_MISSING_RATIO = 9  # lost rows for each that is there
 # How far a stated rate may be from the stamps': half a unit of the third digit, to which rates are
 # stated at least (35.5, 333); clocks themselves agree to 1e-4. The stamps are used in either case;
 # what this finds is another unit, another setting, or rows lost throughout.
@@ -37,7 +37,7 @@ class EvenTimes:
     is_gap: Bool[np.ndarray, " interval"]
 
     @property
-    def lost_rows(self) -> int:
+    def missing_rows(self) -> int:
         """How many rows were lost between the first and the last."""
         return self.time_s.size - self.row.size
 
@@ -117,7 +117,7 @@ def _agree(stated_hz: float | int, rate_hz: float, time_s: Float[np.ndarray, " s
 
 def _check_loss(name: str, stamps: Timing, row: np.ndarray) -> None:
     missing = int(row[-1]) + 1 - row.size
-    if missing <= MOST_LOST * row.size:
+    if missing <= MAX_MISSING_RATIO * row.size:
         return
     longest = max(stamps.gaps, key=lambda gap: gap.length_s)
     refuse(

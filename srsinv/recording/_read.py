@@ -18,14 +18,14 @@ from ._guard import path_of, within_memory
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import check_elements, merge, read_sidecar
-from ._table import Table, listing
-from ._units import BARE_TIMES, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, in_volts, unit_of_name
+from ._table import ColumnTable, listing
+from ._units import PER_S, PER_V, POSITIONS, SPEEDS, TIMES, UNITLESS_TIMES, in_volts, unit_of_name
 
 _VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)})")
 # What these say of the file is in the Recording's own fields once it is read.
 _LAYOUT = ("time_unit", "channels", "signal_unit", "polarity", "gain")
 # The table that was read to see whether it can be, for the job that comes after: one at most.
-_AHEAD: dict[tuple[Any, ...] | None, Table] = {}
+_AHEAD: dict[tuple[Any, ...] | None, ColumnTable] = {}
 _QUINTIC = 5
 MISSING = ("refuse", "allow")  # what becomes of an empty cell, the default first
 TIMES_OF_ROWS = ("use", "ignore")  # what becomes of a column of times
@@ -112,7 +112,7 @@ def _load(
     )
 
 
-def check_readable(settings: Mapping[str, Any]) -> None:
+def check_settings(settings: Mapping[str, Any]) -> None:
     """Refuse settings of a recording (`path`, `sidecar` and facts) that name no readable table or
     state what cannot be. Columns are not looked at: not every job needs the same ones."""
     path = path_of(settings["path"], "recording.path")
@@ -123,7 +123,7 @@ def check_readable(settings: Mapping[str, Any]) -> None:
     _AHEAD[_state(path)] = table
 
 
-def take_table(path: Path) -> Table:
+def take_table(path: Path) -> ColumnTable:
     """The table in `path`, the one that [`check_readable`][] has read if the file is as it was.
 
     Raises `BadInput` as `read_table` does.
@@ -143,7 +143,7 @@ def _state(path: Path) -> tuple[Any, ...] | None:
 
 
 def read_facts(
-    path: Path, table: Table, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
+    path: Path, table: ColumnTable, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What is known beside the columns: the file's own sidecar, the one beside it, and `known`."""
     given = None if sidecar is None else path_of(sidecar, "recording.sidecar")
@@ -161,7 +161,7 @@ def _with_listed_elements(known: Mapping[str, Any]) -> dict[str, Any]:
     return {**known, "sensor": {**sensor, "elements": list(elements.values())}}
 
 
-def choose_channels(table: Table, facts: Mapping[str, Any]) -> tuple[str, ...]:
+def choose_channels(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, ...]:
     """The columns that are the signals, in order."""
     chosen = facts.get("channels")
     if chosen is not None:
@@ -178,7 +178,7 @@ def choose_channels(table: Table, facts: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _time_s(
-    table: Table, facts: Mapping[str, Any], column: str | None, samples: int
+    table: ColumnTable, facts: Mapping[str, Any], column: str | None, samples: int
 ) -> Float[np.ndarray, " sample"]:
     if column is not None:
         return table.numbers(column) / PER_S[_time_unit(table, facts, column)]
@@ -196,19 +196,19 @@ def _time_s(
         return np.arange(samples) / float(facts["sample_rate_hz"])
 
 
-def time_column(table: Table) -> str | None:
+def time_column(table: ColumnTable) -> str | None:
     """The column of times, those first whose name states the unit."""
-    return next((column for column in (*TIMES, *BARE_TIMES) if column in table), None)
+    return next((column for column in (*TIMES, *UNITLESS_TIMES) if column in table), None)
 
 
-def stated_time_unit(table: Table, facts: Mapping[str, Any], column: str) -> str | None:
+def stated_time_unit(table: ColumnTable, facts: Mapping[str, Any], column: str) -> str | None:
     """The unit of a column of times, as its name, the experimenter or the file has it."""
     if column in TIMES:
         return column.removeprefix("time_")
     return facts.get("time_unit") or table.units.get(column)
 
 
-def _time_unit(table: Table, facts: Mapping[str, Any], column: str) -> str:
+def _time_unit(table: ColumnTable, facts: Mapping[str, Any], column: str) -> str:
     unit = stated_time_unit(table, facts, column)
     refuse(
         unit not in list(PER_S),
@@ -218,7 +218,7 @@ def _time_unit(table: Table, facts: Mapping[str, Any], column: str) -> str:
     return str(unit)
 
 
-def _motion(table: Table) -> dict[str, Float[np.ndarray, " _"]]:
+def _motion(table: ColumnTable) -> dict[str, Float[np.ndarray, " _"]]:
     """The measured speed [m/s] and position [m], as far as the file has them."""
     motion = {}
     for quantity, names in ((SPEED, SPEEDS), (POSITION, POSITIONS)):
@@ -229,7 +229,7 @@ def _motion(table: Table) -> dict[str, Float[np.ndarray, " _"]]:
 
 
 def _speed_m_per_s(
-    table: Table, facts: Mapping[str, Any], columns: Mapping[str, Float[np.ndarray, " _"]]
+    table: ColumnTable, facts: Mapping[str, Any], columns: Mapping[str, Float[np.ndarray, " _"]]
 ) -> Float[np.ndarray, " sample"]:
     if SPEED in columns:
         return columns[SPEED]
@@ -268,7 +268,7 @@ def _derivative(
         ) from error
 
 
-def _check_lengths(table: Table, columns: Mapping[str, np.ndarray]) -> None:
+def _check_lengths(table: ColumnTable, columns: Mapping[str, np.ndarray]) -> None:
     lengths = listing(f"{column} {values.size}" for column, values in columns.items())
     refuse(
         len({values.size for values in columns.values()}) > 1,
@@ -278,7 +278,7 @@ def _check_lengths(table: Table, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def _signal(
-    table: Table,
+    table: ColumnTable,
     facts: Mapping[str, Any],
     channels: tuple[str, ...],
     values: list[Float[np.ndarray, " sample"]],
@@ -298,7 +298,7 @@ def _signal(
     return names, signal, units.pop() if len(units) == 1 else "counts"
 
 
-def signal_unit(table: Table, facts: Mapping[str, Any], column: str) -> str | None:
+def signal_unit(table: ColumnTable, facts: Mapping[str, Any], column: str) -> str | None:
     """The unit of a signal's column, as the experimenter, the file or its name has it."""
     return facts.get("signal_unit") or table.units.get(column) or unit_of_name(column)
 

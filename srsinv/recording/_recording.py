@@ -27,7 +27,7 @@ class Recording:
     - `signal_unit`: "V", "counts" or another.
     - `name`: what messages and titles call it; the file's name when it was loaded.
     - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
-    - `lost_rows`, `gaps`: how many rows the times show to be lost, at how many places; they are
+    - `missing_rows`, `gaps`: how many rows the times show to be lost, at how many places; they are
       missing samples.
 
     Raises `BadInput` for shapes that do not agree, fewer than 3 samples, times that do not increase
@@ -43,7 +43,7 @@ class Recording:
     signal_unit: str = "V"
     name: str = "recording"
     measured_position_m: np.ndarray | None = None
-    lost_rows: int = 0
+    missing_rows: int = 0
     gaps: int = 0
 
     def __post_init__(self):
@@ -183,11 +183,14 @@ class Recording:
         """
         time_s = np.linspace(self.time_s[0], self.time_s[-1], self.time_s.size)
 
-        def there(values: np.ndarray) -> np.ndarray:
+        def at_even_times(values: np.ndarray) -> np.ndarray:
             return np.interp(time_s, self.time_s, values)
 
-        signal = np.stack([there(row) for row in self.signal])
-        speed_m_per_s, position_m = there(self.speed_m_per_s), there(self.position_m)
+        signal = np.stack([at_even_times(row) for row in self.signal])
+        speed_m_per_s, position_m = (
+            at_even_times(self.speed_m_per_s),
+            at_even_times(self.position_m),
+        )
         return self._resampled(signal, time_s, speed_m_per_s, position_m, 0.0)
 
     def _resampled(self, signal, time_s, speed_m_per_s, position_m, shift_m: float) -> "Recording":

@@ -25,7 +25,7 @@ def listing(names: Iterable[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Table:
+class ColumnTable:
     """The columns of one file, by name: 1-D arrays of real numbers.
 
     `unusable` says of every other array why it is no column; `units` holds the file's own words;

@@ -26,7 +26,7 @@ class Gap:
     row: int
     start_s: float
     length_s: float
-    lost: int
+    missing: int
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Timing:
         step = np.ones(samples, int)
         step[0] = 0
         for gap in self.gaps:
-            step[gap.row] += gap.lost
+            step[gap.row] += gap.missing
         return np.cumsum(step)
 
 

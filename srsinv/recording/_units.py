@@ -17,14 +17,14 @@ def names(quantity: str, units: Mapping[str, int]) -> dict[str, int]:
 
 
 TIMES = names("time", PER_S)
-BARE_TIMES = ("time", "timestamp", "t")
+UNITLESS_TIMES = ("time", "timestamp", "t")
 SPEEDS = names("speed", PER_M_PER_S)
 POSITIONS = names("position", PER_M)
 
 
 def may_be_signal(column: str) -> bool:
     """Whether a column's name says nothing else of it: no time, speed or position."""
-    return column not in {*TIMES, *BARE_TIMES, *SPEEDS, *POSITIONS}
+    return column not in {*TIMES, *UNITLESS_TIMES, *SPEEDS, *POSITIONS}
 
 
 def unit_of_name(column: str) -> str | None:

@@ -108,9 +108,9 @@ def on_even_times(recording: Recording) -> Recording:
     white. Else the signal is interpolated. Raises `BadInput` for intervals that vary too much.
     """
     even = even_times(recording.name, recording.time_s, recording.sidecar.get("sample_rate_hz"))
-    if even.is_rounded and not even.lost_rows:
+    if even.is_rounded and not even.missing_rows:
         return replace(recording, time_s=even.time_s)
-    if not even.lost_rows:
+    if not even.missing_rows:
         return recording.resample_uniform()
     signal = _placed(recording, even) if even.is_rounded else _interpolated(recording, even)
     # Where the rows themselves stand, so that each keeps the speed and position of its own.
@@ -123,7 +123,7 @@ def on_even_times(recording: Recording) -> Recording:
         time_s=even.time_s,
         speed_m_per_s=np.interp(every, at, recording.speed_m_per_s),
         measured_position_m=None if position_m is None else np.interp(every, at, position_m),
-        lost_rows=even.lost_rows,
+        missing_rows=even.missing_rows,
         gaps=even.gaps,
     )
 

@@ -27,7 +27,7 @@ from ._health import (
 )
 from ._read import choose_channels, read_facts, stated_time_unit, take_table, time_column
 from ._recording import SPEED
-from ._table import Table, listing
+from ._table import ColumnTable, listing
 from ._timing import Timing, timing
 from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, unit_of_name
 
@@ -159,7 +159,7 @@ def _inspect(
     )
 
 
-def _signal_columns(table: Table, facts: Mapping[str, Any]) -> tuple[str, ...]:
+def _signal_columns(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, ...]:
     """As `load` would choose them; else what is named like a signal; else all that is left."""
     if facts.get("channels") is not None:
         channels = choose_channels(table, facts)
@@ -175,14 +175,16 @@ def _signal_columns(table: Table, facts: Mapping[str, Any]) -> tuple[str, ...]:
         return tuple(named or left)
 
 
-def _role_of_name(table: Table, name: str) -> Role:
+def _role_of_name(table: ColumnTable, name: str) -> Role:
     if name == time_column(table) or name in TIMES:
         return "time"
     fitting: list[Role] = [role for role, pattern in _NAMES.items() if pattern.search(name)]
     return fitting[0] if fitting else "other"
 
 
-def _column(table: Table, facts: Mapping[str, Any], name: str, signals: tuple[str, ...]) -> Column:
+def _column(
+    table: ColumnTable, facts: Mapping[str, Any], name: str, signals: tuple[str, ...]
+) -> Column:
     if name in table.unusable:
         return Column(name, "other", UNKNOWN, table.unusable[name])
     values = table.finite(name)
@@ -211,7 +213,7 @@ def _column(table: Table, facts: Mapping[str, Any], name: str, signals: tuple[st
 
 
 def _unit(
-    table: Table, facts: Mapping[str, Any], name: str, role: Role, present: np.ndarray
+    table: ColumnTable, facts: Mapping[str, Any], name: str, role: Role, present: np.ndarray
 ) -> tuple[str, str]:
     """A column's unit and why."""
     if role == "time":
@@ -231,7 +233,7 @@ def _unit(
     return UNKNOWN, "neither the name nor the file states one"
 
 
-def _time_unit(table: Table, facts: Mapping[str, Any], name: str) -> tuple[str, str]:
+def _time_unit(table: ColumnTable, facts: Mapping[str, Any], name: str) -> tuple[str, str]:
     unit = stated_time_unit(table, facts, name)
     if unit in PER_S:
         source = "the column's name" if name in TIMES else "stated in the file"
@@ -250,7 +252,7 @@ def _time_unit(table: Table, facts: Mapping[str, Any], name: str) -> tuple[str, 
 
 
 def _time(
-    table: Table, facts: Mapping[str, Any]
+    table: ColumnTable, facts: Mapping[str, Any]
 ) -> tuple[Float[np.ndarray, " sample"] | None, str | None, str]:
     """The stamps [s], their unit, and where that is from."""
     name = time_column(table)
@@ -262,14 +264,14 @@ def _time(
     return table.finite(name, LARGEST) / PER_S[unit], unit, f"column {name} in {unit} ({reason})"
 
 
-def _stated(table: Table, names: Mapping[str, int]) -> Float[np.ndarray, " _"] | None:
+def _stated(table: ColumnTable, names: Mapping[str, int]) -> Float[np.ndarray, " _"] | None:
     """The first column of these names, in SI units."""
     column = next((name for name in names if name in table.columns), None)
     return None if column is None else table.finite(column, LARGEST) / names[column]
 
 
 def _signals(
-    table: Table, facts: Mapping[str, Any], names: tuple[str, ...], rate_hz: float | None
+    table: ColumnTable, facts: Mapping[str, Any], names: tuple[str, ...], rate_hz: float | None
 ) -> dict[str, Signal]:
     signals = {}
     values = {name: table.finite(name, LARGEST) for name in names if name in table.columns}

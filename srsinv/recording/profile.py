@@ -6,7 +6,7 @@ from srsinv.errors import refuse
 
 from ._formats import read_table
 from ._guard import path_of, within_memory
-from ._table import Table, listing
+from ._table import ColumnTable, listing
 from ._units import PER_M, POSITIONS, names
 
 HEIGHTS = names("height", PER_M)
@@ -30,7 +30,7 @@ def load_profile(
         }
 
 
-def _column(table: Table, what: str, known: dict[str, int]) -> list[float]:
+def _column(table: ColumnTable, what: str, known: dict[str, int]) -> list[float]:
     column = next((name for name in known if name in table), None)
     refuse(
         column is None,

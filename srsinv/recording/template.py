@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from ._units import BARE_TIMES
+from ._units import UNITLESS_TIMES
 from .inspection import UNKNOWN, Inspection
 
 # What only the experimenter knows, and what to write there.
@@ -91,7 +91,7 @@ def _guessed(inspection: Inspection) -> list[str]:
         "signal_unit": None if unit == UNKNOWN else unit,
     }
     comments = {"channels": "the signals, in the order of sensor.elements"}
-    if any(column.name in BARE_TIMES for column in inspection.of_role("time")):
+    if any(column.name in UNITLESS_TIMES for column in inspection.of_role("time")):
         comments["time_unit"] = inspection.time_source
     comments["signal_unit"] = reason
     return _lines(facts, comments)

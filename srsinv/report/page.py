@@ -53,7 +53,7 @@ def render(
 def metrics_json(metrics: Mapping[str, Any]) -> str:
     """`metrics` as JSON with sorted keys, old names beside new ones; what is not finite becomes
     null."""
-    values = {key: _plain(key, value) for key, value in with_old_names(metrics).items()}
+    values = {key: _json_value(key, value) for key, value in with_old_names(metrics).items()}
     return json.dumps(values, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
@@ -75,7 +75,7 @@ def _png(figure: Figure) -> bytes:
     return image.getvalue()
 
 
-def _plain(key: str, value: object) -> object:
+def _json_value(key: str, value: object) -> object:
     if value is None or isinstance(value, bool | str):
         return value
     if isinstance(value, Integral):

@@ -39,7 +39,7 @@ def hold(folder: Path) -> Iterator[Workspace]:
     """
     place = locate(folder)
     with writing(folder):
-        _recover_abandoned(place)
+        _recover_stale(place)
         place.mkdir(parents=True, exist_ok=True)
         space, lock = _take_workspace(place)
     try:
@@ -113,7 +113,7 @@ def _give_back(space: Path, lock: BinaryIO) -> None:
         space.rmdir()
 
 
-def _recover_abandoned(place: Path) -> None:
+def _recover_stale(place: Path) -> None:
     """Recover, where that can be done, what killed runs left beside a folder or under `outputs`."""
     roots = {above for above in (*place.parents, Path.cwd() / OUTPUTS) if above.name == OUTPUTS}
     name = f".?*{WORKSPACE}"

@@ -48,7 +48,7 @@ def listed(folder: Path) -> Listing | None:
     manifests, as they are there; None where no run of srsinv has been."""
     if (files := read(folder)) is not None:
         return files
-    if not all(_is_file(folder / sign) for sign in _OLDER_SIGNS) or _is_there(folder / MANIFEST):
+    if not all(_is_file(folder / sign) for sign in _OLDER_SIGNS) or _exists(folder / MANIFEST):
         return None
     page = (folder / "report.html").read_bytes()
     if not _OLDER_JOB.search((folder / _OLDER_SIGNS[0]).read_bytes()) or b"srsinv" not in page:
@@ -88,7 +88,7 @@ def strangers(folder: Path, *listings: Listing) -> Iterator[str]:
     files included, in order; a folder's name ends with a slash and stands for all in it."""
     names = {name for listing in listings for name in listing}
     folders = {str(above) for name in names for above in PurePosixPath(name).parents}
-    if _is_there(folder / MANIFEST) and read(folder) is None:
+    if _exists(folder / MANIFEST) and read(folder) is None:
         yield MANIFEST  # first, as it is why nothing else is known
     for name, is_folder in _walk(folder, folders):
         if is_folder:
@@ -140,7 +140,7 @@ def _is_name(name: str) -> bool:
     return name == "/".join(parts) != MANIFEST and ".." not in parts and "\0" not in name
 
 
-def _is_there(path: Path) -> bool:
+def _exists(path: Path) -> bool:
     return os.path.lexists(path)
 
 

@@ -103,10 +103,10 @@ class Draw(NamedTuple):
     covered: float
 
 
-def problems(scene: str, snr_db: float, draws: int) -> tuple[np.ndarray, list[Problem]]:
+def problems(scene: str, snr_dB: float, draws: int) -> tuple[np.ndarray, list[Problem]]:
     """The true traction (2, n) less its mean over the samples' stretch, and noisy problems."""
     with initialize_config_dir(str(find_config_root()), version_base="1.3"):
-        composed = compose("config", [*SCENES[scene], f"noise.snr.snr_db={snr_db}"])
+        composed = compose("config", [*SCENES[scene], f"noise.snr.snr_dB={snr_dB}"])
     cfg: Any = OmegaConf.to_container(composed, resolve=True)
     sim, friction = simulation(cfg), build.friction(cfg)
     keys = jax.random.split(jax.random.key(0), draws)
@@ -175,9 +175,9 @@ def best_weights(problem: Problem, truth: np.ndarray) -> tuple[np.ndarray, np.nd
     return centre, along
 
 
-def measured(scene: str, snr_db: float, draws: int) -> dict[str, dict[str, float]]:
+def measured(scene: str, snr_dB: float, draws: int) -> dict[str, dict[str, float]]:
     """Of every rule: root mean square error over the oracle's, and coverage of its bands."""
-    truth, made = problems(scene, snr_db, draws)
+    truth, made = problems(scene, snr_dB, draws)
     by_method: dict[str, list[Draw]] = {name: [] for name in (*ORACLES, *RULES)}
     for problem in made:
         for name, best in zip(ORACLES, best_weights(problem, truth), strict=True):

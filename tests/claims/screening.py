@@ -39,7 +39,7 @@ SILENT: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-class Row(NamedTuple):
+class ScreenedScene(NamedTuple):
     """One scene at one tolerance: how many effects are off, that change anything (`active`) or not,
     the bound on what they change together and what they do change."""
 
@@ -51,7 +51,7 @@ class Row(NamedTuple):
     error: float
 
 
-def measured(scene: int, is_silenced: bool = True) -> list[Row]:
+def measured(scene: int, is_silenced: bool = True) -> list[ScreenedScene]:
     """One scene at every tolerance; with `is_silenced` what is off is there at silent numbers."""
     rows, done = [], {}
     with jax.enable_x64(True):
@@ -67,12 +67,14 @@ def measured(scene: int, is_silenced: bool = True) -> list[Row]:
             off = [name for name in cfg["effects"] if name not in screening.on]
             active = sum(screening.relative_change_bounds[name] > 0 for name in off)
             rows.append(
-                Row(scene, tolerance, len(off), active, screening.bound, done[screening.on])
+                ScreenedScene(
+                    scene, tolerance, len(off), active, screening.bound, done[screening.on]
+                )
             )
     return rows
 
 
-def summary(rows: list[Row]) -> dict[str, Any]:
+def summary(rows: list[ScreenedScene]) -> dict[str, Any]:
     """What README and docs say of the rows."""
     changed = [row for row in rows if row.error > 0]
     by_tolerance = {f"{t:g}": [r for r in rows if r.tolerance == t] for t in TOLERANCES}
@@ -102,7 +104,7 @@ def _silenced(cfg: Mapping[str, Any], on: frozenset[str]) -> build.Config:
 def main(first: int, last: int, afresh: bool) -> None:
     """Run the scenes that are not there yet, or all of them anew."""
     held = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else []
-    rows = {(row["scene"], row["tolerance"]): Row(**row) for row in held}
+    rows = {(row["scene"], row["tolerance"]): ScreenedScene(**row) for row in held}
     done = set() if afresh else {scene for scene, _ in rows}
     for scene in (each for each in range(first, last) if each not in done):
         new_rows = measured(scene)

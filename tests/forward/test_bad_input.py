@@ -33,7 +33,7 @@ REFUSED = {
     "negative_cell": (lambda: Open(8, -1e-4), "cell_m", "-0.0001", "positive"),
     "cell_nan": (lambda: Periodic(8, math.nan), "cell_m", "nan", "positive"),
     "rms": (lambda: White(-1.0), "rms", "-1.0", "at least 0"),
-    "snr": (lambda: SignalToNoise(math.inf), "snr_db", "inf", "finite"),
+    "snr": (lambda: SignalToNoise(math.inf), "snr_dB", "inf", "finite"),
     "johnson_ohm": (lambda: Johnson(-1.0), "resistance_ohm", "-1.0", "at least 0"),
     "johnson_cold": (lambda: Johnson(1e6, -4.0), "temperature_K", "-4.0", "at least 0"),
     "sliding": (lambda: Sliding(-0.1), "fraction", "-0.1", "at least 0"),

@@ -20,8 +20,8 @@ from srsinv.forward.feature import (
     GratingFeature,
     HertzFeature,
     LineFeature,
+    ScanExtent,
     StepFeature,
-    Stretch,
     StripFeature,
 )
 from srsinv.forward.film import Film, Offset, StripAverage
@@ -29,7 +29,7 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open, as_real
-from srsinv.inverse.feature_model import CELLS_PER_DEPTH, FeatureModel, Felt
+from srsinv.inverse.feature_model import CELLS_PER_DEPTH, FeatureModel, SampledOperator
 from tests.features import FEATURES
 from tests.forward.setups import fitted_order, largest_error
 from tests.reference import closed_forms as cf
@@ -116,7 +116,7 @@ def closed_form(name, motion, p, mu):
 
 @cache
 def operator_along(motion, cells_per_depth=CELLS_PER_DEPTH):
-    return Felt(SENSOR, Motion(TIME, *MOTIONS[motion]), cells_per_depth)
+    return SampledOperator(SENSOR, Motion(TIME, *MOTIONS[motion]), cells_per_depth)
 
 
 def parameters(name, p, mu):
@@ -232,7 +232,7 @@ def test_shares_keep_load_and_place(name):
 
 # What is looked for, and what is refused.
 
-STRETCH = Stretch(-5e-3, 5e-3, 0.75e-3)
+STRETCH = ScanExtent(-5e-3, 5e-3, 0.75e-3)
 
 
 @pytest.mark.parametrize("name", FEATURES)
@@ -255,7 +255,7 @@ def test_a_range_is_where_it_is_looked_for():
 
 def test_the_usual_way_to_write_a_grating():
     own = {"pitch_m": 2e-3, "duty": 0.3, "phase_rad": 0.5, "pressure_Pa": -800.0}
-    canonical = FEATURES["grating"].plain(own)
+    canonical = FEATURES["grating"].canonical(own)
     expected = {"pitch_m": 2e-3, "duty": 0.7, "phase_rad": 0.5 - np.pi, "pressure_Pa": 800.0}
     assert canonical == pytest.approx(expected)
     model = FeatureModel(operator_along("steady"), {"grating": GratingFeature(friction=0.3)})

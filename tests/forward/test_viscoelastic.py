@@ -56,7 +56,7 @@ def compliance(skin):
 def check(contact, skin, height, nominal, size=1e-8):
     """Load, signs, complementarity and the skin's own displacement."""
     p, gap, span = np.asarray(contact.pressure_Pa), np.asarray(contact.gap_m), np.ptp(height)
-    assert contact.result == "converged"
+    assert contact.status == "converged"
     assert float(contact.residual) <= 1e-10
     assert np.mean(p) == pytest.approx(nominal, rel=1e-10)
     assert np.all(p >= 0)

@@ -23,11 +23,11 @@ from rich.console import Console
 from rich.table import Table
 
 import tests.conftest  # noqa: F401  the tests' own setting of XLA
-from srsinv.aliases import METRICS
+from srsinv.aliases import METRICS, current_name
 from tests.golden import scenes
 from tests.golden.compare import MISSING, Movement, differences
 from tests.golden.entries import Entries, entry
-from tests.golden.forms import TIME
+from tests.golden.forms import is_time
 from tests.jobs.run import ROOT
 
 # What both trees run, which has to work with an old one: folder, and sets of overrides as JSON.
@@ -89,7 +89,7 @@ def _read(folder: Path, name: str) -> Entries:
         with xarray.open_dataset(folder / f"{name}.nc", engine="h5netcdf") as data:
             for key, each in data.variables.items():
                 entries[f"variables.{key}"] = entry(each.values, each.attrs.get("units", "1"))
-    return {key: each for key, each in entries.items() if TIME not in key}
+    return {key: each for key, each in entries.items() if not is_time(key)}
 
 
 def renamed(entries: Entries, given: Mapping[str, str]) -> Entries:
@@ -100,16 +100,9 @@ def renamed(entries: Entries, given: Mapping[str, str]) -> Entries:
         if name in given:
             name = given[name]
         elif kind == "metrics":
-            name = next(filter(None, (_newer(alias, name) for alias in METRICS)), name)
+            name = current_name(name, METRICS)
         new_entries[f"{kind}.{name}"] = each
     return new_entries
-
-
-def _newer(alias: Any, name: str) -> str | None:
-    start, end = alias.old.split("*")
-    if not (name.startswith(start) and name.endswith(end)):
-        return None
-    return alias.new.replace("*", name[len(start) : len(name) - len(end)])
 
 
 def compared(old: Entries, new: Entries, name: str, added: bool) -> list[Movement]:

@@ -10,7 +10,7 @@ from tests.golden.entries import Entries
 DATA = Path(__file__).parent / "data"
 
 
-class Family(NamedTuple):
+class GoldenFamily(NamedTuple):
     """`cases()`: names; `entries(case)`: what the tree gives."""
 
     cases: Callable[[], list[str]]
@@ -18,10 +18,10 @@ class Family(NamedTuple):
 
 
 FAMILIES = {
-    "forms": Family(forms.cases, forms.entries),
-    "products": Family(lambda: list(models.MODELS), products.entries),
-    "public": Family(lambda: list(public.SCRIPTS), public.entries),
-    "random": Family(random_sets.cases, random_sets.entries),
+    "forms": GoldenFamily(forms.cases, forms.entries),
+    "products": GoldenFamily(lambda: list(models.MODELS), products.entries),
+    "public": GoldenFamily(lambda: list(public.SCRIPTS), public.entries),
+    "random": GoldenFamily(random_sets.cases, random_sets.entries),
 }
 
 

@@ -30,8 +30,8 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, TapeFeature
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Open, Periodic
-from srsinv.inverse.feature_model import FeatureModel, Felt
-from srsinv.inverse.surface_model import Rubbed, SurfaceModel, Window
+from srsinv.inverse.feature_model import FeatureModel, SampledOperator
+from srsinv.inverse.surface_model import SlidingContact, SurfaceModel, Window
 
 Numbers = Mapping[str, Any]
 Model = Callable[[Numbers], Any]
@@ -189,7 +189,8 @@ CHARGE_SENSOR = Sensor([Film(0.75e-3, 0.2), Film(0.9e-3, 1.6)], None, ChargeRead
 def features() -> Model:
     """The signal and the traction of all features of traction together."""
     whole = FeatureModel(
-        Felt(CHARGE_SENSOR, SHORT_MOTION, 8), {name: f for name, (f, _) in FEATURES.items()}
+        SampledOperator(CHARGE_SENSOR, SHORT_MOTION, 8),
+        {name: f for name, (f, _) in FEATURES.items()},
     )
 
     def model(v: Numbers):
@@ -218,7 +219,7 @@ PLATE = {"nominal_pressure_Pa": 2e4, "gain": 1.1, "base_friction": 0.4, "depth_m
 def surface(name: str) -> Model:
     """The signal of a feature of a surface, through contact."""
     feature, own = SURFACES[name]
-    trace = Rubbed(
+    trace = SlidingContact(
         Sensor(CHARGE_SENSOR.elements), SHORT_MOTION, Window(-3e-3, 3e-3), 2.4e-5, Periodic
     )
     whole = SurfaceModel(trace, {name: feature})

@@ -38,7 +38,7 @@ def of_fit(fit: srsinv.Fit) -> dict[str, Any]:
         "covariance": fit.covariance,
         "residual": fit.residual,
         "noise_rms": fit.noise_rms,
-        "result": fit.result,
+        "status": fit.status,
         "at_bound": " ".join(fit.at_bound),
         "log_evidence": fit.log_evidence,
         "cost": fit.stats["cost"],
@@ -57,7 +57,7 @@ def fit_priors():
 
 
 def fit_sliding():
-    noise = nonlinear.Sliding(X, np.full((1, X.size), 0.005), 0.01, 0.05)
+    noise = nonlinear.WhitePlusOU(X, np.full((1, X.size), 0.005), 0.01, 0.05)
     return of_fit(srsinv.fit(lambda params: decay(params)[None], START, Y[None], noise=noise))
 
 

@@ -12,7 +12,7 @@ import yaml
 from srsinv.errors import BadInput
 from tests.golden import scenes
 from tests.golden.entries import Entries, entry
-from tests.golden.forms import TIME
+from tests.golden.forms import is_time
 from tests.jobs.run import composed, result_of
 
 FILE = Path(__file__).parent / "random.yaml"
@@ -69,7 +69,7 @@ def _of(cfg: dict[str, Any]) -> Entries:
     except BadInput as refusal:
         return {"refused": str(refusal)}
     metrics = {
-        f"metrics.{key}": entry(each) for key, each in result.metrics.items() if TIME not in key
+        f"metrics.{key}": entry(each) for key, each in result.metrics.items() if not is_time(key)
     }
     norms = {
         f"norm.{key}": entry(result.dataset[key].values)["norm"]

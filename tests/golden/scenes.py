@@ -99,7 +99,7 @@ EFFECTS: Mapping[str, Mapping[str, Range]] = {
     "snap_back": {"rate_hz": (50, 500), "shear_Pa": (10, 500)},
 }
 NOISES: Mapping[str, Mapping[str, Range]] = {
-    "noise=[snr]": {"noise.snr.snr_db": (10, 70)},
+    "noise=[snr]": {"noise.snr.snr_dB": (10, 70)},
     "noise=[white]": {"noise.white.rms": (1e-8, 1e-5)},
     "noise=[johnson]": {"noise.johnson.temperature_K": (200, 400)},
     "noise=[snr,sliding]": {"noise.sliding.fraction": (1e-3, 0.1)},

@@ -33,7 +33,7 @@ FILMS = {
 RATE, SLOW = None, ChargeReadout(1e9, 0.0)
 
 
-class Case(NamedTuple):
+class ProblemCase(NamedTuple):
     """A problem, the traction (2, n) behind its data, and its white noise's standard deviation."""
 
     problem: Problem
@@ -79,7 +79,7 @@ def make_case(
     scale=1.0,
     seed=0,
     **known,
-) -> Case:
+) -> ProblemCase:
     """Signals of the bumps in noise of `noise_fraction` of their rms, all of it times `scale`."""
     line = make_line(kind, n)
     operator = make_operator(line, films, amplifier)
@@ -93,7 +93,7 @@ def make_case(
     noise = sigma**2 * shape
     noise[0] = np.inf if free_offset else noise[0]
     problem = Problem(line, operator, data, noise, friction=friction, **known)
-    return Case(problem, truth, float(sigma))
+    return ProblemCase(problem, truth, float(sigma))
 
 
 def gaps(n=N) -> np.ndarray:
@@ -109,7 +109,7 @@ def deviation(problem: Problem, traction: np.ndarray) -> np.ndarray:
     """The traction less its mean, where the problem solves for the deviation only."""
     traction = traction[..., : problem.unknowns, :]
     mean = traction.mean(axis=-1, keepdims=True)
-    return traction - mean * np.array(problem.centred)[:, None]
+    return traction - mean * np.array(problem.zero_mean)[:, None]
 
 
 def from_reference(problem: Problem) -> np.ndarray:
@@ -120,7 +120,7 @@ def from_reference(problem: Problem) -> np.ndarray:
     """
     n, is_observed = problem.line.n, observed(problem).reshape(-1, problem.line.n).any(axis=0)
     mean = np.outer(np.ones(n), is_observed / is_observed.sum())
-    weakly = isinstance(problem.line, Open) & ~np.array(problem.centred)
+    weakly = isinstance(problem.line, Open) & ~np.array(problem.zero_mean)
     return np.array(scipy.linalg.block_diag(*[np.eye(n) - mean * w for w in weakly]))
 
 
@@ -174,7 +174,7 @@ def noise_covariance(problem: Problem) -> np.ndarray:
 def prior_covariance(problem: Problem, power) -> np.ndarray:
     """Covariance (c n, c n) of traction of the given spectra, its fixed means apart."""
     power = np.array(power, float)
-    power[np.asarray(problem.centred), 0] = 0.0
+    power[np.asarray(problem.zero_mean), 0] = 0.0
     return blocks(power, problem.line.n)
 
 
@@ -226,7 +226,7 @@ def minimiser(problem: Problem) -> Callable[[np.ndarray], Dense]:
     """
     n, is_observed = problem.line.n, observed(problem)
     deviations = scipy.linalg.null_space(np.ones((1, n)))
-    solved = scipy.linalg.block_diag(*[deviations if c else np.eye(n) for c in problem.centred])
+    solved = scipy.linalg.block_diag(*[deviations if c else np.eye(n) for c in problem.zero_mean])
     columns = matrix(problem)[is_observed] @ solved
     if np.isinf(problem.noise[0]):
         ones = np.kron(np.eye(problem.data.shape[0]), np.ones((n, 1)))[is_observed]

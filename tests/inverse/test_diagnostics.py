@@ -55,11 +55,15 @@ def test_a_warning_is_given_where_it_is_due(words):
 # that diagnostics.py gives reasons for.
 THRESHOLDS = {
     "numbers told": (lambda resolved_dof: diagnostics.prior_alone("p", resolved_dof, 48), 1.2, 0.8),
-    "shortest wave": (lambda fraction: diagnostics.beyond_cells("p", fraction), 0.4, 0.6),
-    "samples missing": (lambda share: diagnostics.missing(share, False), 0.03, 0.08),
+    "shortest wave": (lambda fraction: diagnostics.unresolved_waves("p", fraction), 0.4, 0.6),
+    "samples missing": (lambda fraction: diagnostics.missing(fraction, False), 0.03, 0.08),
     "sliding over signal": (diagnostics.sliding_noise, 0.07, 0.15),
-    "rms over noise": (lambda rms: diagnostics.beyond_noise(rms**2, 1e4), 1.2, 1.3),
-    "rms over prior": (lambda rms: diagnostics.beyond_prior("p", rms**2 * 1e4, 1e4), 1.8, 2.2),
+    "rms over noise": (lambda rms: diagnostics.residual_over_noise(rms**2, 1e4), 1.2, 1.3),
+    "rms over prior": (
+        lambda rms: diagnostics.stronger_than_prior("p", rms**2 * 1e4, 1e4),
+        1.8,
+        2.2,
+    ),
     "chi-square of a fit": (lambda chi2: diagnostics.of_fit(chi2, 1e4, (), ()), 1.1, 1.3),
 }
 
@@ -90,9 +94,9 @@ def test_an_estimate_that_did_not_converge_failed():
     estimate = Wiener(P, Q, path="iterative", tolerance=1e-12)(
         louder(make_case("open", observed=gaps()).problem, 1e-6)
     )
-    assert estimate.result != "converged"
+    assert estimate.status != "converged"
     assert estimate.quality == "failed"
-    assert estimate.result in estimate.reasons[0]
+    assert estimate.status in estimate.reasons[0]
 
 
 def test_waves_shorter_than_cells_are_warned_of():
@@ -152,7 +156,7 @@ def test_what_is_told_is_so_with_samples_missing():
     """The iterative path's is that of the nearest periodic problem over the cells that are seen."""
     problem = make_case(observed=gaps(), noise_fraction=0.1).problem
     exact, near = (Wiener(P, Q, path=path)(problem).stats for path in ("direct", "iterative"))
-    for name in ("told_p", "told_q"):
+    for name in ("resolved_dof_p", "resolved_dof_q"):
         assert near[name] == pytest.approx(exact[name], rel=0.25)
 
 
@@ -169,5 +173,5 @@ def test_what_is_told_is_the_trace_of_the_resolution(path):
         data = problem.forward(jnp.asarray(impulse))
         answer = np.asarray(method(eqx.tree_at(lambda p: p.data, problem, data)).value) - offset
         # On a periodic line every cell is resolved alike.
-        resolved_dof = method(problem).stats[f"told_{name}"]
+        resolved_dof = method(problem).stats[f"resolved_dof_{name}"]
         assert resolved_dof == pytest.approx(problem.line.n * answer[c, 7], rel=1e-6)

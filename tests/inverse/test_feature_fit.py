@@ -17,10 +17,10 @@ from srsinv.forward.sensor import Sensor
 from srsinv.inverse.feature_fit import (
     FeatureFitter,
     FeatureModel,
-    Felt,
+    SampledOperator,
     fit_features,
     friction_of,
-    readable,
+    reported_parameters,
 )
 from srsinv.inverse.feature_result import probabilities
 from tests.features import FEATURES
@@ -66,7 +66,7 @@ def fitter(sensor="two", motion="steady"):
 
 @cache
 def finer(sensor="two", motion="steady"):
-    return Felt(SENSORS[sensor], MOTIONS[motion](), 96)
+    return SampledOperator(SENSORS[sensor], MOTIONS[motion](), 96)
 
 
 def parameters(name, truth, feature):
@@ -105,7 +105,7 @@ def assert_recovered(read, truth, within):
 def test_found_where_nothing_is_said(name):
     y = simulated(name)
     estimate = fitter()({name: FEATURES[name]}, y, 1e-3 * rms(y))
-    assert estimate.result == "converged"
+    assert estimate.status == "converged"
     assert_recovered(estimate.parameters, TRUTHS[name], 2e-4)
 
 
@@ -208,7 +208,7 @@ def test_error_is_the_bound_and_intervals_hold():
     ys = y + noise * rng.normal(size=(DRAWS, *y.shape))
     model, fits = fitter().many("strip", FEATURES["strip"], ys, noise)
     assert all(fit.converged for fit in fits)
-    read = [readable(model, fit) for fit in fits]
+    read = [reported_parameters(model, fit) for fit in fits]
     bound = cramer_rao("strip", truth, noise)
     for part, expected in truth.items():
         value, stderr = np.array([each[part] for each in read]).T

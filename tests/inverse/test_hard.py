@@ -35,7 +35,7 @@ def nearly_equal(apart_rad):
 @pytest.mark.parametrize("name", METHODS)
 def test_nearly_equal_elements_give_a_finite_unsure_answer(name, apart_rad):
     estimate = METHODS[name](make_case(films=nearly_equal(apart_rad)).problem)
-    assert estimate.result == "converged"
+    assert estimate.status == "converged"
     value, stderr = np.asarray(estimate.value), np.asarray(estimate.stderr)
     assert np.all(np.isfinite(value))
     assert np.all(stderr > 0)
@@ -73,7 +73,7 @@ def test_means_that_two_equal_elements_cannot_part_are_not_claimed():
 def test_friction_of_either_sign(friction):
     problem, truth, _ = make_case(films="one", friction=friction)
     estimate = Wiener(P)(problem)
-    assert estimate.result == "converged"
+    assert estimate.status == "converged"
     wanted = truth - truth.mean(axis=-1, keepdims=True)
     assert np.linalg.norm(np.asarray(estimate.value) - wanted) < 0.25 * np.linalg.norm(wanted)
     np.testing.assert_allclose(estimate.value[1], friction * estimate.value[0], atol=1e-9)
@@ -97,7 +97,7 @@ def test_a_model_that_feels_nothing_is_never_sure(name):
     except BadInput:
         return
     certain = np.asarray(estimate.stderr) < 1e-3 * np.abs(case.truth).max()
-    assert estimate.result != "converged" or not np.any(certain)
+    assert estimate.status != "converged" or not np.any(certain)
 
 
 @pytest.mark.parametrize("noise_fraction", [1e-9, 1e3])
@@ -108,7 +108,7 @@ def test_noise_of_any_size(name, noise_fraction):
     estimate = METHODS[name](problem)
     wanted = deviation(problem, truth)
     error = np.abs(np.asarray(estimate.value) - wanted).max(axis=-1)
-    assert estimate.result == "converged"
+    assert estimate.status == "converged"
     if noise_fraction < 1:
         assert np.all(error < 0.3 * np.abs(wanted).max(axis=-1))
     else:

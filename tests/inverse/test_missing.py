@@ -88,7 +88,7 @@ def test_an_element_missing_altogether_leaves_p_and_q_apart_unsure():
     observed[1] = False
     half = METHODS["wiener"](make_case(observed=observed).problem)
     full = METHODS["wiener"](make_case().problem)
-    assert half.result == "converged"
+    assert half.status == "converged"
     assert np.all(np.asarray(half.stderr) >= np.asarray(full.stderr) * (1 - 1e-9))
     assert np.any(np.asarray(half.stderr) > 1.5 * np.asarray(full.stderr))
 

@@ -37,8 +37,8 @@ def test_single_precision(name):
         single = run(name)
     bound = RUNS[name][2]
     assert (double.value.dtype.name, single.value.dtype.name) == ("float64", "float32")
-    assert single.result == double.result == "converged"
-    assert single.stats.get("rule_result") == double.stats.get("rule_result")
+    assert single.status == double.status == "converged"
+    assert single.stats.get("rule_status") == double.stats.get("rule_status")
     assert np.all(np.isfinite(single.value))
     assert relative(single.value, double.value) < bound
     assert relative(single.stderr, double.stderr) < bound
@@ -49,4 +49,4 @@ def test_the_default_tolerance_is_within_reach():
     with jax.enable_x64(False):
         problem = make_case(**OPEN).problem
         estimate = Tikhonov(1, 2e-4, 8e-4, path="iterative")(problem)
-    assert estimate.result == "converged"
+    assert estimate.status == "converged"

@@ -82,7 +82,7 @@ def test_a_fit_says_what_it_is_worth(case):
     if bounds is not None:
         y = y + 2.99 * X  # so that the bound is near, and the residual small
     fit = srsinv.fit(line, {"a": 0.0, "b": 6.0}, y, noise=0.02, bounds=bounds)
-    assert fit.result == "converged"
+    assert fit.status == "converged"
     assert fit.quality == worth
     assert len(fit.warnings) == len(words)
     assert all(said.startswith(word) for said, word in zip(fit.warnings, words, strict=True))

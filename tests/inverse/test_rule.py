@@ -38,7 +38,7 @@ def chosen(rule, problem, path):
     """The log10 weights that a rule chooses from all in the box."""
     box = jnp.asarray(BOX[:, : problem.unknowns])
     choice = RULES[rule].choose(Scorer(penalties(), problem, path), box)
-    assert choice.result == "converged"
+    assert choice.status == "converged"
     return np.asarray(choice.log_weights)
 
 
@@ -192,5 +192,5 @@ def test_pure_noise_is_said_to_determine_nothing():
     noise = case.sigma * np.random.default_rng(8).normal(size=case.problem.data.shape)
     problem = eqx.tree_at(lambda p: p.data, case.problem, noise)
     estimate = Tikhonov(1, rule=RULES["evidence"])(problem)
-    assert "end of its range" in estimate.stats["rule_result"]
+    assert "end of its range" in estimate.stats["rule_status"]
     assert np.abs(estimate.value).max() < 0.05 * np.abs(case.truth).max()

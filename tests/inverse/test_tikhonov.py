@@ -53,7 +53,7 @@ def test_paths_agree_with_a_dense_solve(name, order):
     stderr = stderr_of(problem, dense.covariance)
     for path in paths:
         estimate = Tikhonov(order, *WEIGHTS, length_m=DEPTH_M, path=path)(problem)
-        assert (estimate.result, estimate.stats["path"]) == ("converged", path)
+        assert (estimate.status, estimate.stats["path"]) == ("converged", path)
         assert relative(estimate.value[: problem.unknowns], dense.value) < 1e-6, path
         if path != "iterative" or problem.forward.is_circular:  # else that of a periodic line
             assert relative(estimate.stderr[: problem.unknowns], stderr) < 1e-6, path

@@ -143,7 +143,7 @@ def test_posterior_is_dense_conditioning(name):
     mean, covariance = condition(problem, power)
     for path in ("spectral", "direct") if name == "whole" else ("auto",):
         estimate = Wiener(P, Q, path=path)(problem)
-        assert estimate.result == "converged"
+        assert estimate.status == "converged"
         ours = estimate.covariance
         if estimate.stats["path"] == "spectral":
             full = np.fft.irfft(np.asarray(ours), n)  # (c, c, lag)

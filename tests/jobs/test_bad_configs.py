@@ -77,7 +77,7 @@ NO_NUMBERS = {"elements", "piezo_constants_C_per_N", "path", "sidecar", "channel
               "signal_unit"}  # fmt: skip
 EITHER_SIGN = re.compile(
     r"pressure_Pa|background_pressure_Pa|.*friction|change|.*position_m|.*start_m|offset_m|d[123]"
-    r"|snr_db|angle_deg|speed_m_per_s|polarity"
+    r"|snr_dB|angle_deg|speed_m_per_s|polarity"
 )
 FROM_ZERO = re.compile(r"order|poisson_ratio|seed|fraction|correlation_m|nominal_pressure_Pa")
 # What cannot be elsewhere, and is taken here: (job, keys, value, why).
@@ -230,7 +230,7 @@ OTHERS = (
     ("invert_recording", "recording.missing", NO_CHOICE),
     ("invert_recording", "recording.times", NO_CHOICE),
     ("invert_recording", "traction_unit", NO_CHOICE),
-    ("fit_recording", "fit.choose", NO_CHOICE),
+    ("fit_recording", "fit.select", NO_CHOICE),
     ("simulate", "scene._target_ scene.pressures.strip._target_ skin._target_ scan._target_ "
      "method.tikhonov._target_ method.wiener.p._target_ method.tikhonov.rule._target_", NO_CLASS),
     ("invert_recording", "noise.sliding._target_", NO_CLASS),
@@ -286,7 +286,7 @@ def test_what_is_right_is_computed(job, key, value):
 COMMANDS = {
     "word": ("scene.base_friction=rough", r"'scene\.base_friction' takes a number, not 'rough'"),
     "list": ("seed=[1,2]", r"seed is \[1, 2\]: give a whole number"),
-    "null": ("noise.snr.snr_db=null", r"noise snr_db is null: give a finite number"),
+    "null": ("noise.snr.snr_dB=null", r"noise snr_dB is null: give a finite number"),
     "nan": ("grid.start_m=nan", r"grid\.start_m is nan: give a position"),
     "huge": ("grid.cells=100000000000", r"grid\.cells is 100000000000: give a whole number from 3"),
     "too fine": ("grid.refinement=1000000", r"grid\.refinement is 1000000, which makes 1024000000"),

@@ -9,7 +9,7 @@ from srsinv.__main__ import find_config_root
 from srsinv.forward.feature import StripFeature
 from srsinv.jobs import coverage
 from srsinv.jobs.judged import Quantity
-from srsinv.jobs.simulated_features import bench
+from srsinv.jobs.simulated_features import synthetic_scan
 from srsinv.report import figures
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_run
@@ -37,7 +37,7 @@ def test_every_parameter_is_judged(coloured):
     """16 draws: a root mean squared error scatters by 18 %."""
     metrics = coloured.metrics
     assert metrics["line_load_converged"] == DRAWS
-    assert 36 < metrics["line_load_snr_db"] < 40  # sliding noise comes on top of 40 dB
+    assert 36 < metrics["line_load_snr_dB"] < 40  # sliding noise comes on top of 40 dB
     for name in PARAMETERS:
         label = f"line_load_{name}"
         assert 0.45 < metrics[f"{label}_rmse_over_crb"] < 1.6
@@ -95,7 +95,7 @@ def test_refused_in_one_sentence(name):
 def test_known_friction_is_no_parameter():
     with initialize_config_dir(str(find_config_root()), version_base="1.3"):
         cfg = OmegaConf.to_container(compose("config", list(SHORT)), resolve=True)
-    on = bench(cfg, "coverage")
+    on = synthetic_scan(cfg, "coverage")
     truth = {"position_m": 1e-3, "width_m": 3e-3, "pressure_Pa": 5e3, "friction": 0.4}
     power = np.full(on.shape[1] // 2 + 1, 1e-12)
     free = coverage.cramer_rao(on, "strip", StripFeature(), truth, power)

@@ -60,6 +60,6 @@ def test_a_sensor_is_inverted_with_the_effects_that_it_has(effect):
         outcome(*small, f"effects=[{','.join(names)}]").metrics
         for names in (("strip_width", effect), ("strip_width",))
     )
-    assert with_effect["result_wiener"] == "converged"
+    assert with_effect["status_wiener"] == "converged"
     assert with_effect["error_p_wiener"] < 1.3 * ideal["error_p_wiener"] < 0.13
     assert with_effect["error_q_wiener"] < 1.3 * ideal["error_q_wiener"] < 0.13

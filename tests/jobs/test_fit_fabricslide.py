@@ -8,7 +8,7 @@ import pytest
 from scipy import signal, stats
 
 from srsinv.errors import BadInput
-from srsinv.inverse import lines
+from srsinv.inverse import spectral_lines
 from srsinv.recording import Recording, load, save
 from tests.jobs.run import command, outcome
 from tests.shared import SHARED, needs_shared
@@ -42,8 +42,8 @@ def scan(seed, pitch_m, samples=240, level=0.3, memory=5.0, common=0.5):
     return x_m, pattern + slow + level * noise(rng, samples, memory, common)
 
 
-def fitted(x_m, channels, range_m, by=lines.scan_pitch, harmonics=HARMONICS):
-    return by(x_m, channels, lines.drift(x_m, 2 * range_m[1]), range_m, harmonics)
+def fitted(x_m, channels, range_m, by=spectral_lines.scan_pitch, harmonics=HARMONICS):
+    return by(x_m, channels, spectral_lines.drift(x_m, 2 * range_m[1]), range_m, harmonics)
 
 
 def written(path, x_m, channels, speed_m_per_s=SPEED):
@@ -82,9 +82,9 @@ def test_standard_error_is_the_spread(pitch_m, range_m, memory, common):
 
 def test_white_noise_error_is_too_small_for_red_noise():
     scans = [scan(seed, 0.0201, level=1.0) for seed in range(3)]
-    pitches = [fitted(*each, COARSE, by=lines.fit_pitch) for each in scans]
+    pitches = [fitted(*each, COARSE, by=spectral_lines.fit_pitch) for each in scans]
     for pitch, each in zip(pitches, scans, strict=True):
-        assert pitch.result == "converged"
+        assert pitch.status == "converged"
         scanned = fitted(*each, COARSE)
         assert abs(pitch.pitch_m - scanned.pitch_m) < 0.05 * pitch.stderr_m
         assert pitch.stderr_m == pytest.approx(scanned.stderr_m, rel=0.05)
@@ -98,7 +98,7 @@ def test_shift_of_the_pattern_is_read_in_each_period():
     moved_m = 2e-4 * np.sign(x_m - 0.05)
     k = 2 * np.pi / 0.01 * x_m
     slope = np.stack([np.cos(k), 3 * np.sin(k)])
-    shifts = lines.shifts(x_m, slope, -slope * moved_m, np.array([1.0, 3.0]), 0.01)
+    shifts = spectral_lines.shifts(x_m, slope, -slope * moved_m, np.array([1.0, 3.0]), 0.01)
     np.testing.assert_allclose(shifts.shift_m, 2e-4 * np.repeat([-1, 1], 5), rtol=1e-12)
 
 
@@ -108,14 +108,14 @@ def test_other_lines_are_those_put_in(memory, common):
     for seed in range(8):
         x_m, channels = scan(seed, 0.00399, memory=memory, common=common)
         given = (0.00399, HARMONICS)
-        false += len(lines.find_lines(x_m, channels, given, 0.04, 0.01).lines)
+        false += len(spectral_lines.find_lines(x_m, channels, given, 0.04, 0.01).lines)
         for wavelength, size in ((0.0201, 1.0), (0.0067, 0.7)):
             phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, (len(CHANNELS), 1))
             channels = channels + size * np.cos(2 * np.pi / wavelength * x_m + phase)
-        long, short = lines.find_lines(x_m, channels, given, 0.04, 0.01).lines
+        long, short = spectral_lines.find_lines(x_m, channels, given, 0.04, 0.01).lines
         assert abs(long.wavelength_m - 0.0201) < 6 * long.stderr_m
         assert abs(short.wavelength_m - 0.0067) < 6 * short.stderr_m
-        assert long.share > short.share
+        assert long.explained_fraction > short.explained_fraction
     assert false <= 1
 
 
@@ -135,7 +135,7 @@ def known(folder):
 
 def test_job_finds_the_pitch_whichever_way_the_finger_goes(known):
     forward, backward = (each.metrics for each in known)
-    assert forward["result"] == "converged"
+    assert forward["status"] == "converged"
     assert abs(forward["pitch_m"] - 0.0201) < 4 * forward["pitch_m_stderr"] < 4e-4
     assert backward["pitch_m"] == pytest.approx(forward["pitch_m"], rel=1e-9)
     assert forward["periods"] == 7
@@ -165,7 +165,7 @@ def test_page_shows_what_was_fitted(known):
 )
 def test_what_is_no_pitch_does_not_pass_as_one(folder, pitch_m, level, result):
     path = written(folder / "none.csv", *scan(5, pitch_m, level=level, memory=0.1, common=0.0))
-    assert result in job(path).metrics["result"]
+    assert result in job(path).metrics["status"]
 
 
 @pytest.mark.full
@@ -195,7 +195,7 @@ def test_all_scans_of_a_real_board_agree_within_their_errors(board, pitch_m, wit
 def test_a_real_board_of_4_mm_shows_a_line_near_20_mm_too():
     path = BOARDS / "Board2mm_F150_V-30mmps_0.csv"
     metrics = job(path, "recording.speed_m_per_s=0.03", range_m=FINE).metrics
-    assert metrics["result"] == "converged"
+    assert metrics["status"] == "converged"
     assert metrics["pitch_m"] == pytest.approx(0.00399, abs=5e-5)
     assert 0.0195 < metrics["line_1_m"] < 0.0205
 

@@ -24,7 +24,7 @@ def example():
 def test_the_bundled_example_gives_its_truth_without_a_start(example):
     """The data come from the strip's closed form, the model from cells."""
     metrics = example.metrics
-    assert metrics["result"] == "converged"
+    assert metrics["status"] == "converged"
     for name in SHAPE:
         error = metrics[name] - TRUTH[name]
         assert abs(error) < 4 * metrics[f"{name}_stderr"], name
@@ -69,7 +69,7 @@ def noise_only(tmp_path_factory):
 def test_nothing_is_chosen_on_noise(noise_only):
     metrics = outcome(
         "experiment=fit_recording", f"recording.path={noise_only}",
-        "feature=[line_load,step_load]", "fit.choose=true",
+        "feature=[line_load,step_load]", "fit.select=true",
     ).metrics  # fmt: skip
     assert metrics["feature"] == "nothing"
     assert metrics["probability_nothing"] > 0.9

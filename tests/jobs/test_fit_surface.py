@@ -56,7 +56,7 @@ def result_of():
 )
 def test_the_shared_recordings_give_their_truth_without_a_start(result_of, name):
     metrics, (truth, read) = result_of(name).metrics, truth_of(name)
-    assert metrics["result"] == "converged"
+    assert metrics["status"] == "converged"
     parameters = [key for key in truth if f"{key}_stderr" in metrics]
     assert set(truth) - set(parameters) == {"edge_length_m"}
     for key in parameters:

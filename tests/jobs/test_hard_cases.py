@@ -20,7 +20,7 @@ def result():
 
 
 def test_page(result):
-    check_page(result, images=("error_p", "error_q", "over_band", "condition"))
+    check_page(result, images=("error_p", "error_q", "z_rms", "condition"))
 
 
 def test_nothing_that_is_called_good_is_wrong(result):

@@ -57,7 +57,7 @@ def test_numbers(run):
     metrics = json.loads((run / "run" / "metrics.json").read_text())
     assert (metrics["samples"], metrics["columns"], metrics["signals"]) == (N, 5, 2)
     assert metrics["sample_rate_hz"] == pytest.approx(RATE_HZ)
-    assert (metrics["gaps"], metrics["samples_lost"]) == (1, 200)
+    assert (metrics["gaps"], metrics["samples_missing"]) == (1, 200)
     assert metrics["longest_gap_s"] == pytest.approx(0.201)
     assert metrics["flat_stretches_voltage_0_mV"] > 50
     assert metrics["flat_stretches_voltage_1_mV"] == 0

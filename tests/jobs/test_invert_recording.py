@@ -58,7 +58,7 @@ def ridge(tmp_path_factory):
 @needs_shared
 @pytest.mark.parametrize("method", METHODS)
 def test_pressure_rises_at_the_ridge(ridge, method):
-    assert ridge[f"result_{method}"] == "converged"
+    assert ridge[f"status_{method}"] == "converged"
     assert ridge[f"p_peak_position_m_{method}"] == pytest.approx(0.010, abs=3e-4)
     assert ridge[f"p_peak_Pa_{method}"] > NOMINAL_PA
 
@@ -68,7 +68,7 @@ def test_pressure_rises_at_the_ridge(ridge, method):
 def test_the_same_ridge_at_a_varying_speed(ridge):
     metrics = of_file(VARYING, *WIDE).metrics
     for method in METHODS:
-        assert metrics[f"result_{method}"] == "converged"
+        assert metrics[f"status_{method}"] == "converged"
         assert metrics[f"p_peak_position_m_{method}"] == pytest.approx(0.010, abs=3e-4)
         assert metrics[f"p_peak_Pa_{method}"] == pytest.approx(
             ridge[f"p_peak_Pa_{method}"], rel=0.1
@@ -94,7 +94,7 @@ def test_strongest_line_of_a_real_board():
         "experiment=invert_fabricslide", f"recording.path={BOARD}", "recording.speed_m_per_s=0.01"
     ).metrics
     for method in METHODS:
-        assert metrics[f"result_{method}"] == "converged"
+        assert metrics[f"status_{method}"] == "converged"
         assert 0.0195 < metrics[f"p_line_wavelength_m_{method}"] < 0.0205
 
 
@@ -183,7 +183,7 @@ def test_a_strip_found_through_a_halt(tmp_path):
     save(varying(SPEEDS["halting"])[0], tmp_path / "scan.nc")
     settings = ("recording.cell_m=1.5e-4", "method=wiener", "effects=[strip_width]")
     metrics = of_file(tmp_path / "scan.nc", *settings).metrics
-    assert metrics["result_wiener"] == "converged"
+    assert metrics["status_wiener"] == "converged"
     assert metrics["p_peak_position_m_wiener"] == pytest.approx(0.0, abs=3e-4)
 
 

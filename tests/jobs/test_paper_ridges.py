@@ -86,7 +86,7 @@ def test_least_height_falls_as_one_over_root_length(ridges):
 
 def test_half_the_noise_halves_what_the_paper_needs(ridges):
     cooler = run("fig12_ridges", "noise.johnson.temperature_K=75.0").metrics
-    for name in ("short_of_distinct", "noise_rms_V"):
+    for name in ("snr_shortfall", "noise_rms_V"):
         assert cooler[name] == pytest.approx(ridges.metrics[name] / 2)
     for name in ("averaging_length_6.5um_m", "averaging_length_0.65um_m"):
         assert cooler[name] == pytest.approx(ridges.metrics[name] / 4)
@@ -101,7 +101,7 @@ def test_least_height_is_linear_in_the_noise_where_the_skin_lies_on_the_plate(li
 
 
 def test_depth_hides(limits):
-    for limit in ("least_height", "narrowest_pair", "wavelength_kept"):
+    for limit in ("least_height", "narrowest_pair", "resolved_wavelength"):
         values = limits.dataset[f"{limit}_against_depth"].values
         assert np.all(np.diff(values) > 0)
 
@@ -119,7 +119,7 @@ def test_speed_shows_as_less_noise_does(limits):
 
 def test_fit_tells_apart_what_a_picture_does_not(limits):
     m = limits.metrics
-    assert m["least_distance_m"] < m["narrowest_pair_m"] < m["wavelength_kept_m"] / 3
+    assert m["least_distance_m"] < m["narrowest_pair_m"] < m["resolved_wavelength_m"] / 3
     # Two close ridges differ from one as the square of their distance.
     assert m["narrowest_pair_against_noise_exponent"] == pytest.approx(0.5, abs=0.15)
 

@@ -128,7 +128,7 @@ def test_spectra_lie_in_their_bands(outcomes):
     usable = ds["usable"].values == 1
     assert usable.sum(axis=1).min() >= 4
     for t, name in enumerate(ds["texture"].values):
-        assert metrics[f"contact_share_full_{name}"] > 0.99
+        assert metrics[f"contact_fraction_full_{name}"] > 0.99
         assert metrics[f"height_power_ratio_full_{name}"] == pytest.approx(1.0, abs=0.3)
         assert metrics[f"height_power_ratio_light_{name}"] < 0.6
         # Long waves of the mean over the draws: its scatter is that of all of them.

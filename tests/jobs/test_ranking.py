@@ -22,9 +22,9 @@ def ranked():
 
 def test_all_is_told_apart(ranked):
     metrics = ranked.metrics
-    assert metrics["share_right"] == 1.0
+    assert metrics["fraction_right"] == 1.0
     for name in CANDIDATES:
-        assert metrics[f"{name}_share_right"] == 1.0
+        assert metrics[f"{name}_fraction_right"] == 1.0
         assert metrics[f"{name}_margin_least"] > 0
     assert metrics["line_load_margin_mean"] > 100
 
@@ -74,9 +74,13 @@ REFUSED = {
     "seed": ("seed=0.5", "seed is 0.5", "whole number from 0"),
     "alone": ("feature=[line_load]", "at least two"),
     "rate": ("ranking.sample_rate_hz=fast", "sample_rate_hz", "above 0"),
-    "backwards": ("ranking.drawn.line_load.friction=[1,0]", "friction", "[least, greatest]"),
-    "sign": ("ranking.drawn.step_load.pressure_Pa=[-1,1]", "pressure_Pa", "either sign"),
-    "missing": ("ranking.drawn.step_load=null", "step_load", "position_m, pressure_Pa, friction"),
+    "backwards": ("ranking.truth_ranges.line_load.friction=[1,0]", "friction", "[least, greatest]"),
+    "sign": ("ranking.truth_ranges.step_load.pressure_Pa=[-1,1]", "pressure_Pa", "either sign"),
+    "missing": (
+        "ranking.truth_ranges.step_load=null",
+        "step_load",
+        "position_m, pressure_Pa, friction",
+    ),
     "known": ("feature.step_load.friction=0.1", "friction", "null"),
 }
 

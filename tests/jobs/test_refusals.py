@@ -129,8 +129,8 @@ REFUSALS = {
     ),
     "order": (("method.tikhonov.order=3",), r"order is 3: give 0, 1 or 2"),
     "snr": (
-        ("noise.snr.snr_db=loud",),
-        r"'noise\.snr\.snr_db' takes a number, not 'loud'; it is 40\.0",
+        ("noise.snr.snr_dB=loud",),
+        r"'noise\.snr\.snr_dB' takes a number, not 'loud'; it is 40\.0",
     ),
     "no signal": (
         (*TINY, "scene=ridge", "scene.surfaces.ridge.height_m=0"),

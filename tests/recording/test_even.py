@@ -79,10 +79,10 @@ def test_every_row_stays_where_its_stamp_is(stamps, dropout):
     np.testing.assert_allclose(even.position_m, 2 * (even.time_s - time_s[0]), atol=2e-3)
     between = np.ptp(np.flatnonzero(observed)) + 1 - observed.sum()
     if placed:
-        assert even.lost_rows == np.isnan(even.signal[0]).sum() == between
+        assert even.missing_rows == np.isnan(even.signal[0]).sum() == between
         np.testing.assert_array_equal(even.signal[0][~np.isnan(even.signal[0])], given.signal[0])
     else:  # the clock is elsewhere by the end of a long gap
-        assert abs(even.lost_rows - between) <= 0.01 * max(between, 1)
+        assert abs(even.missing_rows - between) <= 0.01 * max(between, 1)
         # Nothing is drawn across rows that are not there.
         row, stood_s = np.flatnonzero(observed), time_s[observed]
         before = np.searchsorted(stood_s[1:-1], even.time_s, side="right")
@@ -97,15 +97,15 @@ def test_nothing_is_moved_where_no_row_is_lost():
     even = on_even_times(given)
     np.testing.assert_array_equal(even.signal, given.signal)
     np.testing.assert_array_equal(even.time_s, np.linspace(0, given.time_s[-1], N))
-    assert (even.lost_rows, even.gaps) == (0, 0)
+    assert (even.missing_rows, even.gaps) == (0, 0)
 
 
 def test_a_stated_rate_tells_rounding_from_lost_rows():
     """833 Hz in whole milliseconds looks like 1000 Hz with a sixth of the rows lost."""
     time_s = np.round(1.2 * ROW) / 1000
-    assert even_times("r", time_s).lost_rows > 300
-    assert even_times("r", time_s, 833.3).lost_rows == 0
-    assert even_times("r", np.arange(N) / 1000, 1000).lost_rows == 0
+    assert even_times("r", time_s).missing_rows > 300
+    assert even_times("r", time_s, 833.3).missing_rows == 0
+    assert even_times("r", np.arange(N) / 1000, 1000).missing_rows == 0
 
 
 REFUSED = {
@@ -138,7 +138,7 @@ def test_a_rate_beside_times(tmp_path, rate, by):
     (tmp_path / "r.json").write_text(f'{{"sample_rate_hz": {rate}}}' if by == "sidecar" else "{}")
     settings = {"path": str(path)} | ({} if by == "sidecar" else {"sample_rate_hz": rate})
     if RATES[rate]:
-        assert load_even(settings, {}).lost_rows == np.sum(~observed)
+        assert load_even(settings, {}).missing_rows == np.sum(~observed)
         return
     refused(
         lambda: load_even(settings, {}),
@@ -146,7 +146,7 @@ def test_a_rate_beside_times(tmp_path, rate, by):
         "recording.times=ignore",
     )  # fmt: skip
     forced = load_even(settings | {"times": "ignore"}, {})
-    assert forced.lost_rows == 0
+    assert forced.missing_rows == 0
     assert forced.sample_rate_hz == pytest.approx(rate)
 
 

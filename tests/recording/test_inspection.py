@@ -77,7 +77,7 @@ def test_gaps_and_disorder():
     assert summary.rate_hz == pytest.approx(100)
     assert summary.disorder == (71,)
     first, second = summary.gaps
-    assert (first.row, first.lost) == (40, 5)
+    assert (first.row, first.missing) == (40, 5)
     assert (first.start_s, first.length_s) == pytest.approx((0.39, 0.06))
     assert second.row == 71
     assert timing(np.array([1.0, 1.0, np.nan])) is None

@@ -27,11 +27,11 @@ PAGE = (
 ROWS = (
     {
         "method": "Wiener", "error_p": 0.031, "error_q": 0.085, "coverage_p": 0.91,
-        "coverage_q": 0.88, "time_s_first": 0.35, "time_s_steady": 2.1e-5,
+        "coverage_q": 0.88, "first_call_s": 0.35, "steady_call_s": 2.1e-5,
     },
     {
         "method": "Tikhonov", "error_p": None, "error_q": None, "coverage_p": None,
-        "coverage_q": None, "time_s_first": 0.61, "time_s_steady": None,
+        "coverage_q": None, "first_call_s": 0.61, "steady_call_s": None,
     },
 )  # fmt: skip
 COSTS = tuple(

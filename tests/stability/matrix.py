@@ -19,7 +19,7 @@ PRECISIONS = ("float64", "float32")
 AGREEMENT = {"float64": 1e-9, "float32": 1e-2}
 
 
-class Case(NamedTuple):
+class HardCase(NamedTuple):
     """One hard case.
 
     - `hard`: what is hard about it; `numbers`: what the group's model and reference take.
@@ -58,7 +58,7 @@ class Group:
     name: str
     model: Callable[[Mapping[str, Any]], Any]
     reference: Callable[[Mapping[str, Any]], Any]
-    cases: tuple[Case, ...]
+    cases: tuple[HardCase, ...]
     fixed: frozenset[str] = frozenset()
     side_by_side: bool = True
     error: Callable[[np.ndarray, np.ndarray, Mapping[str, Any]], float] = over_largest

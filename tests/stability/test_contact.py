@@ -17,7 +17,7 @@ from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
 from tests.reference import dense_contact as dense
 from tests.reference import layered
-from tests.stability.matrix import PRECISIONS, Case, Group
+from tests.stability.matrix import PRECISIONS, Group, HardCase
 
 CELL_M = 1e-4
 MODULUS_PA = 1e5  # E*, of the plane strain that contact knows
@@ -97,10 +97,10 @@ def case(name, hard, height, nominal, bounds, modulus=MODULUS_PA):
     numbers = {"height_m": height, "nominal_Pa": nominal, "modulus_Pa": modulus}
     deviation, _ = dense.solve_contact(column(numbers), height, nominal)
     sizes = {"size_Pa": float(nominal + np.max(deviation)), "size_m": float(np.ptp(height)) or 1.0}
-    return Case(name, hard, numbers | sizes, bounds)
+    return HardCase(name, hard, numbers | sizes, bounds)
 
 
-def changed(made: Case) -> Case:
+def changed(made: HardCase) -> HardCase:
     """The case of the derivative along changes of about their own size, without a pattern."""
     random, numbers = np.random.default_rng(5), made.numbers
     moves = {
@@ -184,7 +184,7 @@ def lagging_column(v):
     return dense.kernel(v["height_m"].size, CELL_M, compliance)
 
 
-def lag(made: Case, fraction, time_s, bounds):
+def lag(made: HardCase, fraction, time_s, bounds):
     numbers = {
         **made.numbers,
         "fractions": np.array([fraction]),
@@ -192,7 +192,7 @@ def lag(made: Case, fraction, time_s, bounds):
         "speed_m_per_s": 0.05,
     }
     hard = f"{made.hard}, {fraction:g} times stiffer after {time_s:g} s"
-    return Case(f"{made.name}, lag {fraction:g}", hard, numbers, bounds)
+    return HardCase(f"{made.name}, lag {fraction:g}", hard, numbers, bounds)
 
 
 def lags(n):
@@ -260,7 +260,7 @@ def edge(name, hard, edge_m, ridge_m=1e-4, tape_m=5e-5, nominal=2e3):
     places = {"width_m": 1.234e-3, "ridge_x_m": 1.05e-3, "tape_x_m": 3.37e-3, "edge_m": edge_m}
     sizes = {"size_Pa": 2 * nominal, "size_m": abs(ridge_m) + abs(tape_m)}
     given = {"ridge_m": ridge_m, "tape_m": tape_m, "nominal_Pa": nominal, "modulus_Pa": MODULUS_PA}
-    return Case(name, hard, places | given | sizes, tuple(2 * np.array(iterated(48))))
+    return HardCase(name, hard, places | given | sizes, tuple(2 * np.array(iterated(48))))
 
 
 GROUPS = (

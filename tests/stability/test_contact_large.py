@@ -42,7 +42,7 @@ def test_a_quarter_of_a_million_cells(name, precision, margin):
     with jax.enable_x64(precision == "float64"):
         height, nominal = (jnp.asarray(each, precision) for each in large(name))
         contact = solve_many_cells(height, nominal)
-    assert contact.result == "converged"
+    assert contact.status == "converged"
     p, height = np.asarray(contact.pressure_Pa, float), np.asarray(height, float)
     k = 2 * np.pi * np.arange(1, MANY // 2 + 1) / (MANY * CELL_M)
     compliance = 2 / (MODULUS_PA * k) / np.sinc(k * CELL_M / 2 / np.pi)

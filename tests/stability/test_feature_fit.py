@@ -17,7 +17,7 @@ from srsinv.forward.feature import LineFeature, StepFeature, StripFeature
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.feature_fit import FeatureFitter, FeatureModel, Felt
+from srsinv.inverse.feature_fit import FeatureFitter, FeatureModel, SampledOperator
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, outcome
 from tests.stability.matrix import PRECISIONS
@@ -48,9 +48,9 @@ LIMITS = [
 ]  # fmt: skip
 
 
-class Bench(NamedTuple):
+class FittedScan(NamedTuple):
     fitter: FeatureFitter
-    finer: Felt
+    finer: SampledOperator
 
 
 @cache
@@ -60,7 +60,7 @@ def bench(precision):
     motion = Motion.from_speed(TIME, 2 * END_M / TIME[-1], -END_M)
     angles = (0.0, np.pi / 2)
     sensor = Sensor([Film(DEPTH_M, angle, effects=(StripAverage(0.5e-3),)) for angle in angles])
-    return Bench(FeatureFitter(sensor, motion), Felt(sensor, motion, 96))
+    return FittedScan(FeatureFitter(sensor, motion), SampledOperator(sensor, motion, 96))
 
 
 @pytest.fixture(params=PRECISIONS)
@@ -91,7 +91,7 @@ def assert_honest(estimate, truth, margin):
     values = np.array([value for value, _ in estimate.parameters.values()])
     assert np.isfinite(values).all()
     assert not np.isnan([stderr for _, stderr in estimate.parameters.values()]).any()
-    if estimate.result != "converged" or not estimate.explains:
+    if estimate.status != "converged" or not estimate.explains:
         return
     read = estimate.parameters
     error = max(abs(read[part][0] - true) / read[part][1] for part, true in truth.items())
@@ -99,7 +99,7 @@ def assert_honest(estimate, truth, margin):
     assert error < MAX_ERROR_SIGMA
 
 
-class Scene(NamedTuple):
+class HardScene(NamedTuple):
     """`determined`: what must have a finite error, so that honesty is not silence."""
 
     hard: str
@@ -109,21 +109,22 @@ class Scene(NamedTuple):
 
 
 SCENES = {
-    "plain strip": Scene("nothing", "strip", STRIP, ("position_m", "width_m", "friction")),
-    "narrower than a cell": Scene(
+    "plain strip": HardScene("nothing", "strip", STRIP, ("position_m", "width_m", "friction")),
+    "narrower than a cell": HardScene(
         "a line to the film, of any width up to a tenth of its depth",
         "strip", STRIP | {"width_m": 2e-6, "pressure_Pa": 4e6}, ("position_m", "friction"),
     ),
-    "wider than the scan": Scene(
+    "wider than the scan": HardScene(
         "both edges outside", "strip", STRIP | {"width_m": 30e-3, "position_m": 0.0}, (),
     ),
-    "line outside": Scene(
+    "line outside": HardScene(
         "felt by its tail", "line", {"position_m": 9e-3, "load_N_per_m": 5.0}, (),
     ),
-    "line far outside": Scene("not felt", "line", LINE | {"position_m": 40e-3}, ()),
-    "step outside": Scene("felt by its tail", "step", STEP | {"position_m": 9e-3}, ()),
-    "step at the scan's end": Scene("half of it", "step", STEP | {"position_m": END_M - 2e-4}, ()),
-    "plain step": Scene("nothing", "step", STEP, ("position_m", "pressure_Pa", "friction")),
+    "line far outside": HardScene("not felt", "line", LINE | {"position_m": 40e-3}, ()),
+    "step outside": HardScene("felt by its tail", "step", STEP | {"position_m": 9e-3}, ()),
+    "step at the scan's "
+    "end": HardScene("half of it", "step", STEP | {"position_m": END_M - 2e-4}, ()),
+    "plain step": HardScene("nothing", "step", STEP, ("position_m", "pressure_Pa", "friction")),
 }  # fmt: skip
 NOMINAL = {"line": LINE, "strip": STRIP, "step": STEP}
 
@@ -148,7 +149,7 @@ def test_no_load(name, seed, precision):
     noise = NOISE_FRACTION * rms(clean_signal(name, **NOMINAL[name]))
     y = noise * np.random.default_rng(seed).normal(size=DRAWN.shape)
     estimate = fitted(precision, [name], y, noise)
-    assert estimate.untold == (name,)
+    assert estimate.undetected == (name,)
     amplitude = FEATURES[name].amplitude
     for part, (value, stderr) in estimate.parameters.items():
         assert np.isfinite(value)
@@ -163,7 +164,7 @@ def test_no_load(name, seed, precision):
 def test_a_signal_of_zeros(name, precision):
     noise = NOISE_FRACTION * rms(clean_signal(name, **NOMINAL[name]))
     estimate = fitted(precision, [name], np.zeros(DRAWN.shape), noise)
-    assert estimate.untold == (name,)
+    assert estimate.undetected == (name,)
     assert_honest(estimate, {FEATURES[name].amplitude: 0.0}, lambda *_: None)
 
 
@@ -187,13 +188,13 @@ def test_two_begun_on_one_spot(precision):
     noise = NOISE_FRACTION * rms(half)
     pair = {"line": FEATURES["line"], "other": FEATURES["other"]}
     fitter = bench(precision).fitter
-    model = FeatureModel(fitter._felt, pair)
+    model = FeatureModel(fitter._sampled, pair)
     shape = {"position_m": LINE["position_m"], "load_N_per_m": 0.0, "shear_N_per_m": 0.0}
     fit = srsinv.fit(
         model, {"line": shape, "other": dict(shape)}, 2 * half + noise * DRAWN, noise=noise,
         free=model.linear, linear=model.linear,
     )  # fmt: skip
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     named = {name for direction in fit.undetermined for name in direction}
     assert {"line.load_N_per_m", "other.load_N_per_m"} <= named
     assert np.isposinf(fit.stderr["line"]["load_N_per_m"])
@@ -205,7 +206,7 @@ def test_begun_ten_widths_away(precision, margin):
     """Alone, without the search for a start, it is not sure of a wrong place."""
     y = clean_signal("line", **LINE)
     noise = NOISE_FRACTION * rms(y)
-    model = FeatureModel(bench(precision).fitter._felt, {"line": FEATURES["line"]})
+    model = FeatureModel(bench(precision).fitter._sampled, {"line": FEATURES["line"]})
     away = {"position_m": LINE["position_m"] - 7e-3, "load_N_per_m": 0.0, "shear_N_per_m": 0.0}
     fit = srsinv.fit(model, {"line": away}, y + noise * DRAWN, noise=noise, linear=model.linear)
     place, error = fit.value["line"]["position_m"], fit.stderr["line"]["position_m"]
@@ -253,7 +254,7 @@ def test_clipped(precision):
     """Every sample at the rail: what is fitted to it explains nothing."""
     noise = NOISE_FRACTION * rms(clean_signal("line", **LINE))
     estimate = fitted(precision, ["line"], np.full(DRAWN.shape, 100 * noise), noise)
-    assert estimate.result != "converged" or not estimate.explains
+    assert estimate.status != "converged" or not estimate.explains
 
 
 # --- the page -----------------------------------------------------------------------------------
@@ -288,8 +289,8 @@ def test_the_page_of_no_load(recorded):
     noise = 1e-6 * np.random.default_rng(5).normal(size=(2, COUNT))
     result = outcome("experiment=fit_recording", recorded(noise), "feature=[line_load]")
     metrics = result.metrics
-    assert metrics["result"] == "converged"
-    assert metrics["not_told_from_nothing"] == "line_load"
+    assert metrics["status"] == "converged"
+    assert metrics["undetected_features"] == "line_load"
     assert np.isposinf([metrics["position_m_stderr"], metrics["friction_stderr"]]).all()
     assert abs(metrics["load_N_per_m"]) < MAX_ERROR_SIGMA * metrics["load_N_per_m_stderr"]
     said = words(result)

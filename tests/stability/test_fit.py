@@ -102,7 +102,7 @@ def largest_z_score(fit, truth, rounding=0.0):
 # --- units --------------------------------------------------------------------------------------
 
 
-class Units(NamedTuple):
+class FitUnits(NamedTuple):
     ua: float
     uk: float
     uy: float
@@ -110,13 +110,13 @@ class Units(NamedTuple):
 
 
 UNITS = {
-    "data of 1e-30": Units(1.0, 1.0, 1e-30, None),
-    "data of 1e30": Units(1.0, 1.0, 1e30, None),
-    "data of 1e-30, known noise": Units(1.0, 1.0, 1e-30, STDERR),
-    "parameters of 1e-10 and 1e10": Units(1e-10, 1e10, 1.0, STDERR),
-    "a parameter of 1e-20": Units(1e-20, 1.0, 1.0, STDERR),
-    "a parameter of 1e20": Units(1e20, 1.0, 1.0, None),
-    "all of 1e-25": Units(1e-25, 1e-25, 1e-25, None),
+    "data of 1e-30": FitUnits(1.0, 1.0, 1e-30, None),
+    "data of 1e30": FitUnits(1.0, 1.0, 1e30, None),
+    "data of 1e-30, known noise": FitUnits(1.0, 1.0, 1e-30, STDERR),
+    "parameters of 1e-10 and 1e10": FitUnits(1e-10, 1e10, 1.0, STDERR),
+    "a parameter of 1e-20": FitUnits(1e-20, 1.0, 1.0, STDERR),
+    "a parameter of 1e20": FitUnits(1e20, 1.0, 1.0, None),
+    "all of 1e-25": FitUnits(1e-25, 1e-25, 1e-25, None),
 }
 BY_SOLVER = [
     *((name, solver) for name in UNITS for solver in QUICK),
@@ -135,7 +135,7 @@ def test_units(name, solver, precision, margin):
         u.uy * y, start(ua=u.ua, uk=u.uk, uy=u.uy),
         noise=u.noise and u.noise * u.uy, solver=SOLVERS[solver],
     )  # fmt: skip
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     scale = {"a": u.ua, "k": u.uk}
     wanted = dict(zip("ak", zip((a, k), unit * level, strict=True), strict=True))
     error = max(abs(fit.value[n] / scale[n] - v) / s for n, (v, s) in wanted.items())
@@ -161,7 +161,7 @@ def test_an_outlier_among_squares(precision, margin):
     value, unit = least_squares(y, 767, 1.74)
     fit = fitted(y, noise=STDERR)
     freely = fitted(y)
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert fit.explains is False
     assert freely.explains is None
     rms = np.linalg.norm(y - value[0] * np.exp(-value[1] * X)) / np.sqrt(N - 2)
@@ -177,7 +177,7 @@ def test_an_outlier_among_robust_losses(loss, noise, precision, margin):
     """Within its own error of the truth, which is no wider than twice that of clean data."""
     fit = fitted(CLEAN + NOISE + SPIKE, noise=noise, loss=loss)
     clean = least_squares(CLEAN + NOISE, 3, 2)[1] * STDERR
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     error = largest_z_score(fit, TRUTH)
     margin(error, MAX_ERROR_SIGMA)
     assert error < MAX_ERROR_SIGMA
@@ -192,7 +192,7 @@ FLAT = {"all equal": 2.5, "nothing": 0.0}
 def test_flat_data(level, precision):
     """A decay and a constant: what is told is their sum."""
     fit = fitted(np.full(N, level), noise=STDERR, free=("a", "k", "c"))
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert np.isposinf([fit.stderr["a"], fit.stderr["c"]]).all()
     total, stderr = fit.derive(lambda p: p["a"] + p["c"])
     assert abs(total - level) <= stderr < np.inf
@@ -204,7 +204,7 @@ def test_no_noise(loss, precision):
     eps = float(np.finfo(precision).eps)
     y = CLEAN.astype(precision).astype(float)
     fit = fitted(y, loss=loss)
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     # The model's own rounding, some 4 eps of each datum, moves a and k alike.
     assert largest_z_score(fit, TRUTH, rounding=4 * eps) < MAX_ERROR_SIGMA
     # A robust search ends linearly: at eps^(2/3) of the data what is left counts as rounding.
@@ -233,7 +233,7 @@ def test_more_parameters_than_data(solver, precision):
     noise[[0, -1]] = STDERR
     fit = fitted(CLEAN, noise=noise, free=("a", "k", "c"), solver=SOLVERS[solver])
     if solver == "optimistix":
-        assert fit.converged, fit.result
+        assert fit.converged, fit.status
         left = fit.residual[[0, -1]]
         np.testing.assert_allclose(left, 0.0, atol=TOLERANCE_SIGMA[precision] * STDERR)
     assert not fit.converged or len(fit.undetermined) == 1
@@ -266,7 +266,7 @@ def test_ten_widths_away(noise, level, precision):
     else:
         assert largest_z_score(alone, truth) < MAX_ERROR_SIGMA
     fit = srsinv.fit(bell, AWAY, y, noise=noise, bounds=BOX, starts=63)
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert (
         largest_z_score(fit, truth, rounding=4 * float(np.finfo(precision).eps)) < MAX_ERROR_SIGMA
     )
@@ -283,7 +283,7 @@ def test_on_a_maximum(solver, precision):
     first = {"x": 0.0, "b": 1.0}
     y = np.array([-1.0, 0.0])
     fit = srsinv.fit(circle, first, y, noise=STDERR, free=["x"], solver=SOLVERS[solver])
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert largest_z_score(fit, {"x": np.pi * np.sign(fit.value["x"])}) < MAX_ERROR_SIGMA
     assert fit.explains
 
@@ -307,7 +307,7 @@ def test_on_a_maximum_among_many(precision):
 def test_start_on(first, bounds, solver, precision, margin):
     """Exactly in the minimum of clean data, and on a bound."""
     fit = fitted(CLEAN, first, noise=STDERR, bounds=bounds, solver=SOLVERS[solver])
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     error = max(abs(fit.value[n] - t) / fit.stderr[n] for n, t in TRUTH.items())
     margin(error, TOLERANCE_SIGMA[precision])
     assert error < TOLERANCE_SIGMA[precision]
@@ -320,7 +320,7 @@ def test_bounds_one_rounding_apart(at, solver, precision, margin):
     bounds = {"k": (at, float(np.nextafter(at, 3.0)))}
     y = CLEAN + NOISE
     fit = fitted(y, start(k=at), noise=STDERR, bounds=bounds, solver=SOLVERS[solver])
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert bounds["k"][0] <= fit.value["k"] <= bounds["k"][1]
     wave = np.exp(-at * X)
     error = abs(fit.value["a"] - wave @ y / (wave @ wave)) * np.linalg.norm(wave) / STDERR
@@ -343,7 +343,7 @@ def test_an_exponential_that_overflows(solver, precision, margin):
     noise = 1e-3 * height
     y = height + 0.1 * height * NOISE
     fit = srsinv.fit(steep, {"k": -3.0}, y, noise=noise, solver=SOLVERS[solver])
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     slope = (20 * X + 1) * height / noise
     stderr = 1 / np.linalg.norm(slope)
     error = abs(fit.value["k"] - 1 - slope @ (0.1 * height * NOISE / noise) * stderr**2) / stderr
@@ -367,7 +367,7 @@ def test_a_square_root_from_zero(solver, precision):
     if solver == "optax L-BFGS":  # which begins off the bound
         assert abs(fit.value["a"] - 4) < MAX_ERROR_SIGMA * fit.stderr["a"] < 0.1
     else:
-        assert fit.result.startswith("not finite")
+        assert fit.status.startswith("not finite")
         assert np.isposinf(fit.stderr["a"])
 
 
@@ -380,7 +380,7 @@ def test_only_a_product_is_told(solver, precision, margin):
     fit = srsinv.fit(
         product, {"a": 1.0, "b": 7.0, "n": 5.0}, y, noise=STDERR, solver=SOLVERS[solver]
     )
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert np.isposinf([fit.stderr[n] for n in "abn"]).all()
     assert sorted("".join(sorted(d)) for d in fit.undetermined) == ["ab", "n"]
     assert fit.value["n"] == 5.0
@@ -437,7 +437,7 @@ def test_rates_nearly_equal(apart, precision, margin):
     assert error < MAX_ERROR_SIGMA
     if precision == "float64" and apart >= 0.1:
         wanted = standard_errors(apart, noise)
-        assert fit.converged, fit.result
+        assert fit.converged, fit.status
         np.testing.assert_allclose([fit.stderr[n] for n in "abjk"], wanted, rtol=1e-3)
 
 
@@ -450,7 +450,7 @@ def test_nearly_equal_columns_solved_for(margin):
         columns[0] + 3 * columns[1], noise=1e-12, linear=("a", "b"),
     )  # fmt: skip
     least = np.linalg.svd(columns / np.linalg.norm(columns, axis=1)[:, None])[1][1]
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     error, bound = max(abs(fit.value["a"] - 1), abs(fit.value["b"] - 3)), 64 * 2.2e-16 / least
     margin(error, bound)
     assert error < bound

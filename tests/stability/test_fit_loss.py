@@ -5,7 +5,7 @@ import mpmath as mp
 import numpy as np
 
 from srsinv.inverse.nonlinear._loss import Cauchy, Huber, SoftL1
-from tests.stability.matrix import Case, Group
+from tests.stability.matrix import Group, HardCase
 
 RESIDUALS = np.array(
     [-1e30, -1e20, -3e6, -50.0, -1.4, -1.3, -1e-2, -1e-20, 1e-3, 2.4, 2e9, 3e9, 1e30]
@@ -46,7 +46,7 @@ def reference_of(name):
 
 def losses(name, loss):
     size = np.array([float(abs(exact_root(name, r))) for r in RESIDUALS])
-    case = Case(
+    case = HardCase(
         "to 1e30",
         "its square overflows",
         {"r": RESIDUALS, "size": size},

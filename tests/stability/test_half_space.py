@@ -8,7 +8,7 @@ from srsinv.forward.antiplane import AntiplaneHalfSpace
 from srsinv.forward.film import Film, Piezo
 from srsinv.forward.skin import HalfSpace
 from tests.reference import exact
-from tests.stability.matrix import PRECISIONS, Case, Group
+from tests.stability.matrix import PRECISIONS, Group, HardCase
 
 CELL_M, DEPTH_M = 1e-4, 0.75e-3
 # |k| from nothing to the shortest wave that cells of CELL_M hold.
@@ -49,7 +49,7 @@ def with_across(rows, nu):
 
 def wave(name, hard, k, depth_m, nu=0.5, count=8.0):
     """exp(-kz) alone has the condition kz."""
-    return Case(name, hard, {"k": k, "depth_m": depth_m, "nu": nu}, round_offs(count))
+    return HardCase(name, hard, {"k": k, "depth_m": depth_m, "nu": nu}, round_offs(count))
 
 
 def deep(kz, nu):
@@ -84,7 +84,7 @@ def under(name, hard, x, width, depth_m=DEPTH_M, nu=0.5, count=32.0):
     """x and width in depths."""
     x = np.resize(np.asarray(x, float), 6) * depth_m
     numbers = {"x": x, "depth_m": depth_m, "width_m": width * depth_m, "nu": nu}
-    return Case(name, hard, numbers, round_offs(count))
+    return HardCase(name, hard, numbers, round_offs(count))
 
 
 def strips():
@@ -126,7 +126,7 @@ def charge_reference(v):
 
 def turned(angle_rad, hard, count=16.0):
     numbers = {"angle_rad": angle_rad, "d1": 23e-12, "d2": 3e-12, "d3": -33e-12}
-    return Case(f"{angle_rad:.9g} rad", hard, numbers, round_offs(count))
+    return HardCase(f"{angle_rad:.9g} rad", hard, numbers, round_offs(count))
 
 
 GROUPS = (

@@ -35,7 +35,7 @@ PRECISIONS = ("float64", "float32")
 SMALL, LOW, HIGH, LARGE = 2.0**-30, 2.0**-13, 2.0**13, 2.0**30
 
 
-class Units(NamedTuple):
+class UnitFactors(NamedTuple):
     """What numbers of length, traction and charge are multiplied by."""
 
     name: str
@@ -49,20 +49,20 @@ class Units(NamedTuple):
         return self.charge * self.traction * self.length**2
 
 
-SAME = Units("same")
+SAME = UnitFactors("same")
 UNITS = (
-    *(Units(f"{what} {f:.0e}", **{what: f})
-      for what in Units._fields[1:] for f in (SMALL, LARGE)),
-    Units("all small", LOW, LOW, LOW),
-    Units("all large", HIGH, HIGH, HIGH),
-    Units("short and stiff", SMALL, LARGE, LARGE),
-    Units("long and soft", LARGE, SMALL, SMALL),
-    Units("weak charge, large load", 1.0, LARGE, SMALL),
+    *(UnitFactors(f"{what} {f:.0e}", **{what: f})
+      for what in UnitFactors._fields[1:] for f in (SMALL, LARGE)),
+    UnitFactors("all small", LOW, LOW, LOW),
+    UnitFactors("all large", HIGH, HIGH, HIGH),
+    UnitFactors("short and stiff", SMALL, LARGE, LARGE),
+    UnitFactors("long and soft", LARGE, SMALL, SMALL),
+    UnitFactors("weak charge, large load", 1.0, LARGE, SMALL),
 )  # fmt: skip
 LINES = {"periodic": Periodic, "open": Open}
 
 
-def sensor(u: Units) -> Sensor:
+def sensor(u: UnitFactors) -> Sensor:
     d = [u.charge * each for each in (23e-12, 3e-12, -33e-12)]
     films = [
         Film(
@@ -74,7 +74,7 @@ def sensor(u: Units) -> Sensor:
     return Sensor(films)
 
 
-def operator(kind: str, u: Units):
+def operator(kind: str, u: UnitFactors):
     line = LINES[kind](N, u.length * CELL_M, -u.length * 4e-3)
     return line, _operator(line, sensor(u), ConstantSpeed(u.length * SPEED_M_PER_S))
 
@@ -95,7 +95,7 @@ def data(kind: str) -> tuple[np.ndarray, float]:
     return noisy.astype("float32").astype(float), sigma
 
 
-def problem(kind: str, u: Units, gaps: bool = False) -> Problem:
+def problem(kind: str, u: UnitFactors, gaps: bool = False) -> Problem:
     signal, sigma = data(kind)
     line, forward = operator(kind, u)
     observed = np.ones(signal.shape, bool)
@@ -105,7 +105,7 @@ def problem(kind: str, u: Units, gaps: bool = False) -> Problem:
     return Problem(line, forward, y, noise, observed=observed)
 
 
-def wiener(u: Units, path: str) -> Wiener:
+def wiener(u: UnitFactors, path: str) -> Wiener:
     spectrum = Exponential(u.traction * 1e3, u.length * 1e-3)
     return Wiener(spectrum, spectrum, path=path)
 
@@ -134,7 +134,7 @@ METHODS = {
 }  # fmt: skip
 
 
-def answer(method: str, precision: str, u: Units):
+def answer(method: str, precision: str, u: UnitFactors):
     kind, make = METHODS[method]
     data(kind)
     with jax.enable_x64(precision == "float64"):
@@ -145,7 +145,7 @@ def answer(method: str, precision: str, u: Units):
             "fitted": np.asarray(estimate.fitted, float) / u.signal,
             "whitened": np.asarray(estimate.whitened, float),
         }
-    return estimate.result, parts
+    return estimate.status, parts
 
 
 # Of 64 round-offs: the longest chain here, log10 weights of up to 40 that a rule chose, takes as
@@ -184,7 +184,7 @@ def test_answer_in_other_units(method, precision, margin):
 # --- the forward model -----------------------------------------------------------------------
 
 
-def layered(u: Units):
+def layered(u: UnitFactors):
     modulus = u.traction
     layers = [
         Layer(u.length * 1.5e-3, modulus * 7e5, 0.5),
@@ -199,7 +199,7 @@ def layered(u: Units):
 def test_signal_in_other_units(kind, skin, precision, margin):
     """The signal of a given traction, and its adjoint."""
 
-    def both(u: Units):
+    def both(u: UnitFactors):
         made = sensor(u)
         if skin == "layered":
             made = Sensor(made.elements, layered(u))
@@ -224,7 +224,7 @@ def test_contact_in_other_units(precision, margin):
     height = (4e-5 * (1 - x**2) + 3e-6 * np.cos(9 * np.pi * x)).astype("float32").astype(float)
     weights = jnp.asarray(np.random.default_rng(1).uniform(0.5, 1.0, N).astype("float32"))
 
-    def contact_in(u: Units):
+    def contact_in(u: UnitFactors):
         line = Periodic(N, u.length * CELL_M)
         skin = HalfSpace(0.5, u.traction * 7e5)
         contact, slope = _solve_contact(
@@ -274,11 +274,11 @@ def test_fit_in_other_units(precision, margin):
     start = {"pressure_Pa": 2e3, "half_width_m": 1e-3, "position_m": 1e-4, "friction": 0.2}
     true = {"pressure_Pa": 3e3, "half_width_m": 1.3e-3, "position_m": 3e-4, "friction": 0.4}
 
-    def in_units(u: Units, params):
+    def in_units(u: UnitFactors, params):
         scale = {"Pa": u.traction, "m": u.length}
         return {name: v * scale.get(name.split("_")[-1], 1.0) for name, v in params.items()}
 
-    def model(u: Units):
+    def model(u: UnitFactors):
         return HertzSignal(*operator("periodic", u))
 
     signal = np.asarray(model(SAME)(jax.tree.map(jnp.asarray, true)))
@@ -286,13 +286,13 @@ def test_fit_in_other_units(precision, margin):
     y = signal + sigma * np.random.default_rng(2).normal(size=signal.shape)
     y = y.astype("float32").astype(float)
 
-    def fitted(u: Units):
+    def fitted(u: UnitFactors):
         bounds = in_units(u, {"half_width_m": 1e-4}), in_units(u, {"half_width_m": 4e-3})
         fit = srsinv.fit(
             model(u), in_units(u, start), y * u.signal, noise=sigma * u.signal,
             bounds={name: (bounds[0][name], bounds[1][name]) for name in bounds[0]},
         )  # fmt: skip
-        assert fit.converged, (u, fit.result)
+        assert fit.converged, (u, fit.status)
         one = in_units(u, dict.fromkeys(start, 1.0))
         return {n: (fit.value[n] / one[n], fit.stderr[n] / one[n]) for n in start}
 

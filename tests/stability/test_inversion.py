@@ -18,7 +18,7 @@ from srsinv.inverse.problem import Problem
 from srsinv.inverse.tikhonov import DerivativePenalty
 from srsinv.inverse.wiener import Exponential, SpectralPrior
 from tests.reference import exact, posterior
-from tests.stability.matrix import PRECISIONS, Case, Group, errors
+from tests.stability.matrix import PRECISIONS, Group, HardCase, errors
 
 WINDOW_M, WIDTH_M, STRIP_M = 4e-3, 0.7e-3, 8e-3
 SPEED_M_PER_S, RESISTANCE_OHM = 0.05, 1e6
@@ -163,7 +163,7 @@ ROUNDOFFS = 64
 def case(name, hard, *, single=True, **changes):
     """`single`: whether float32 holds the numbers."""
     double, narrow = ROUNDOFFS * EPS
-    return Case(name, hard, numbers(**changes), (double, narrow if single else None))
+    return HardCase(name, hard, numbers(**changes), (double, narrow if single else None))
 
 
 def turned(angle_rad, **changes):

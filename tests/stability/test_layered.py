@@ -9,7 +9,7 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.viscoelastic import Viscoelastic
 from tests.reference import exact, exact_layers
 from tests.stability import matrix
-from tests.stability.matrix import PRECISIONS, Case, Group
+from tests.stability.matrix import PRECISIONS, Group, HardCase
 
 EPS = np.array([np.finfo(precision).eps for precision in PRECISIONS])
 SOFT, STIFF = 1e-2, 1e6
@@ -105,7 +105,7 @@ def cases():
                 # What arrives at kz has that condition.
                 bounds = tuple((128 + 8 * kh / MM * numbers["depth_m"]) * EPS)
                 hard = "moduli 1e8 apart" if name != "like" else "waves of all lengths"
-                yield Case(f"{name}, kh {kh:g}, film {film}", hard, numbers, bounds)
+                yield HardCase(f"{name}, kh {kh:g}, film {film}", hard, numbers, bounds)
 
 
 def relaxing(v):
@@ -134,7 +134,7 @@ def relaxes(name, hard, speed, times=(1e-3, 0.1), fractions=(2.0, 0.5), k=(1.0, 
         "times_s": np.array(times),
         "fractions": np.array(fractions),
     }
-    return Case(name, hard, numbers, tuple(float(bound) for bound in 32 * EPS))
+    return HardCase(name, hard, numbers, tuple(float(bound) for bound in 32 * EPS))
 
 
 # Values here, derivatives in test_more_derivatives.py.

@@ -14,7 +14,7 @@ from srsinv.grid import Open, Periodic, as_real
 from tests.reference import exact, lines
 from tests.refusals import refused
 from tests.stability import matrix
-from tests.stability.matrix import PRECISIONS, Case, Group
+from tests.stability.matrix import PRECISIONS, Group, HardCase
 
 CELL_M, SPEED, OHM = 1e-4, 0.05, 1e6
 LINES = {"periodic": Periodic, "open": Open}
@@ -78,7 +78,7 @@ def case(n, name, hard, depth_cells=5.0, mu=0.5, cell_m=CELL_M, nu=0.5, p=None, 
         "p": loads(n) if p is None else p,
         "y": np.random.default_rng(n + 1).uniform(-1, 1, (2, n)),
     }
-    return Case(name, hard, numbers, round_offs(count))
+    return HardCase(name, hard, numbers, round_offs(count))
 
 
 def on_a_line(n):
@@ -144,7 +144,7 @@ def width(pitches, hard):
         "mu": 0.5,
         "p": np.cos(2 * np.pi * np.arange(N_PITCH) / N_PITCH),
     }
-    return Case(f"width {pitches:.9g} pitches", hard, numbers, round_offs(128.0))
+    return HardCase(f"width {pitches:.9g} pitches", hard, numbers, round_offs(128.0))
 
 
 def widths():

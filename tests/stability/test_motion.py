@@ -21,7 +21,7 @@ from srsinv.grid import Periodic
 from srsinv.recording import Recording
 from srsinv.recording._timing import timing
 from tests.reference import closed_forms, exact
-from tests.stability.matrix import PRECISIONS, Case, Group
+from tests.stability.matrix import PRECISIONS, Group, HardCase
 
 EPS = {precision: float(np.finfo(precision).eps) for precision in PRECISIONS}
 EACH = np.array(list(EPS.values()))
@@ -77,7 +77,7 @@ def sliding(name, hard, end_s, speed, swing=0.0, turn=0.0, start=1e-4):
         "phase_rad": 0.5,
         "size_V": OHM * 33e-12 * 0.7e-3 * 8e-3 * PRESSURE_PA * K * (fastest or 1.0),
     }
-    return Case(name, hard, numbers, tuple(np.maximum(16 * EACH * amplification, 1e-12)))
+    return HardCase(name, hard, numbers, tuple(np.maximum(16 * EACH * amplification, 1e-12)))
 
 
 # Speed profiles at given times: a standstill, a reversal, a ripple, each alone.
@@ -121,7 +121,7 @@ def profile(name, hard, at, rest, ramp, fraction=1.0, frequency=7.0, speed=0.05,
         "speed_m_per_s": speed,
         "size_m": speed * end,
     }
-    return Case(name, hard, numbers, tuple(16 * EACH))
+    return HardCase(name, hard, numbers, tuple(16 * EACH))
 
 
 GROUPS = (
@@ -244,7 +244,7 @@ def test_gaps_are_found_far_from_the_origin(origin_s):
     remaining = np.delete(np.arange(2000), np.r_[500:503, 1500])
     summary = timing(origin_s + remaining / 1e3)
     assert summary is not None
-    assert [(gap.row, gap.lost) for gap in summary.gaps] == [(500, 3), (1497, 1)]
+    assert [(gap.row, gap.missing) for gap in summary.gaps] == [(500, 3), (1497, 1)]
     assert summary.disorder == ()
     assert summary.rate_hz == pytest.approx(1e3, rel=1e-6)
     assert summary.jitter_largest < 1e-3

@@ -16,7 +16,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.snap_back import SnapBackNoise
 from srsinv.grid import Periodic
-from tests.stability.matrix import PRECISIONS, Case, Group
+from tests.stability.matrix import PRECISIONS, Group, HardCase
 
 EACH = np.array([float(np.finfo(precision).eps) for precision in PRECISIONS])
 BITS = 2, 12, 24
@@ -43,7 +43,7 @@ def converted_reference(v):
 def signal_in(rail, name, hard):
     # A quotient at 24 bits is rounded to half a level in float32: it may come out the next one.
     bounds = (16 * EACH[0], 2.0**-23 + 4 * EACH[1])
-    return Case(name, hard, {"signal": rail * np.array(RAILS), "rail": rail}, bounds)
+    return HardCase(name, hard, {"signal": rail * np.array(RAILS), "rail": rail}, bounds)
 
 
 def drifting(v):
@@ -67,7 +67,7 @@ def drift(name, hard, period, end=1.0, fraction=1.0):
         "fraction": fraction,
     }
     # A round-off of a time is one of the angle that it makes.
-    return Case(name, hard, numbers, tuple(EACH * (8 + 4 * 2 * np.pi * end / period)))
+    return HardCase(name, hard, numbers, tuple(EACH * (8 + 4 * 2 * np.pi * end / period)))
 
 
 # The bursts' spectrum over that of bursts that last a sample: only the decay is left.
@@ -105,7 +105,7 @@ def relaxing_reference(v):
 
 def decay(name, hard, decay_s, rate=300.0, contact=9e-3):
     numbers = {"rate_hz": rate, "decay_s": decay_s, "contact_m": contact, "size": min(decay_s, 1.0)}
-    return Case(name, hard, numbers, tuple(64 * EACH))
+    return HardCase(name, hard, numbers, tuple(64 * EACH))
 
 
 GROUPS = (

@@ -14,7 +14,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.inverse.surface_fit import SurfaceFitter
-from srsinv.inverse.surface_model import Rubbed, SurfaceModel, Window
+from srsinv.inverse.surface_model import SlidingContact, SurfaceModel, Window
 
 DEPTH_M, EDGE_M, PRESSURE_PA, MU = 0.75e-3, 1e-4, 2e4, 0.4
 WINDOW = Window(-6e-3, 6e-3)
@@ -40,7 +40,7 @@ def fitter():
 @cache
 def simulate_ridge():
     """The clean signal, on cells in no simple ratio to the fit's, and its noise."""
-    model = SurfaceModel(Rubbed(sensor(), MOTION, WINDOW, EDGE_M / 41), FEATURES)
+    model = SurfaceModel(SlidingContact(sensor(), MOTION, WINDOW, EDGE_M / 41), FEATURES)
     own = RIDGE | {"edge_length_m": EDGE_M}
     rest = {"nominal_pressure_Pa": PRESSURE_PA, "gain": 1.0, "base_friction": MU}
     signal = np.asarray(model(jax.tree.map(jnp.asarray, rest | {"ridge": own})))
@@ -50,9 +50,9 @@ def simulate_ridge():
 def test_a_plain_ridge(margin):
     """So that honesty below is not silence."""
     signal, noise = simulate_ridge()
-    estimate = fitter()(FEATURES, signal + noise * DRAWN, noise).found
-    assert estimate.result == "converged"
-    assert estimate.untold == ()
+    estimate = fitter()(FEATURES, signal + noise * DRAWN, noise).fit
+    assert estimate.status == "converged"
+    assert estimate.undetected == ()
     for name, true in (RIDGE | {"base_friction": MU}).items():
         value, stderr = estimate.parameters[name]
         margin(abs(value - true) / stderr, MAX_ERROR_SIGMA)
@@ -63,8 +63,8 @@ def test_a_plain_ridge(margin):
 def test_no_height(level):
     """Nothing at all, and noise alone."""
     noise = simulate_ridge()[1]
-    estimate = fitter()(FEATURES, level * noise * DRAWN, noise).found
-    assert estimate.untold == ("ridge",)
+    estimate = fitter()(FEATURES, level * noise * DRAWN, noise).fit
+    assert estimate.undetected == ("ridge",)
     values, errors = np.array(list(estimate.parameters.values())).T
     assert np.isfinite(values).all()
     assert np.isposinf(errors).all()
@@ -74,6 +74,6 @@ def test_an_outlier():
     signal, noise = simulate_ridge()
     y = signal + noise * DRAWN
     y[0, 20] += 1e6 * noise
-    estimate = fitter()(FEATURES, y, noise).found
+    estimate = fitter()(FEATURES, y, noise).fit
     assert np.isfinite([value for value, _ in estimate.parameters.values()]).all()
     assert not estimate.explains

@@ -10,8 +10,8 @@ from ._loss import Loss as Loss
 from ._loss import SoftL1 as SoftL1
 from ._loss import Squares as Squares
 from ._noise import Correlated as Correlated
-from ._noise import Sliding as Sliding
 from ._noise import Spectrum as Spectrum
+from ._noise import WhitePlusOU as WhitePlusOU
 from ._noise import whitener as whitener
 from ._solvers import OptaxLBFGS as OptaxLBFGS
 from ._solvers import Optimistix as Optimistix

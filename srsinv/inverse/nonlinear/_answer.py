@@ -13,7 +13,7 @@ from ...grid import as_real
 from ..diagnostics import of_fit
 from ..quality import Quality, quality, reasons
 from ._parameters import Layout, Tree
-from ._search import Misfit
+from ._search import Objective
 from ._uncertainty import Spread
 
 ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
@@ -30,7 +30,7 @@ class Fit:
     - `residual`: data - model, like the data, nan where they are left out; `whitened`: the same in
       units of the noise, in a row, 0 there. `jacobian` (n, m): the derivative of `whitened`.
     - `noise_rms`: the noise's level where it was not given, else None.
-    - `result`: "converged", or what went wrong; `at_bound`: who stands on a bound. Standard errors
+    - `status`: "converged", or what went wrong; `at_bound`: who stands on a bound. Standard errors
       there are those without the bound.
     - `undetermined`: directions along which the data do not notice a move, each a mapping of names
       to moves.
@@ -50,19 +50,19 @@ class Fit:
     whitened: np.ndarray
     jacobian: np.ndarray
     noise_rms: float | None
-    result: str
+    status: str
     at_bound: tuple[str, ...]
     undetermined: tuple[dict[str, float], ...]
     log_evidence: float | None
     stats: dict[str, Any]
-    _misfit: Misfit
+    _misfit: Objective
     _z: np.ndarray
     _spread: Spread
 
     @property
     def converged(self) -> bool:
         """Whether the search ended in a minimum. It may be one of several: see `explains`."""
-        return self.result == "converged"
+        return self.status == "converged"
 
     @property
     def explains(self) -> bool | None:
@@ -90,12 +90,12 @@ class Fit:
     def quality(self) -> Quality:
         """Good, doubtful or failed."""
         freedom = self.stats["degrees_of_freedom"]
-        return quality(self.result, self.known_chi2, self.warnings, freedom)
+        return quality(self.status, self.known_chi2, self.warnings, freedom)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the quality is not good, as sentences."""
-        return reasons(self.result, self.warnings)
+        return reasons(self.status, self.warnings)
 
     @property
     def prior_stderr(self) -> dict[str, float]:
@@ -107,7 +107,7 @@ class Fit:
     def whitened_signal(self) -> np.ndarray:
         """The fitted signal in units of the noise, in a row like `whitened`."""
         misfit = self._misfit
-        observed = misfit.whiten.seen(misfit.y.shape)
+        observed = misfit.whiten.observed(misfit.y.shape)
         signal = np.where(observed, np.asarray(misfit.y) - self.residual, 0.0)
         # Where the level alone is not known, neither is in units of it.
         level_counts = misfit.is_robust or misfit.prior_mean is not None

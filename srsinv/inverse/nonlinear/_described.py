@@ -8,7 +8,7 @@ import numpy as np
 from ._answer import Fit
 from ._loss import Loss
 from ._parameters import Parameters
-from ._search import Found, Misfit
+from ._search import Objective, SearchEnd
 from ._second_order import newton_fall
 from ._solvers import Solver
 from ._uncertainty import log_evidence, nothing_known, offset, spread
@@ -17,12 +17,12 @@ AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter stands o
 SAME = 1e-8  # relative difference of two costs up to which they are one minimum
 
 
-def described(
-    misfit: Misfit, unknowns: Parameters, ends: Found, level_known: bool, solver: Solver
+def summarise(
+    misfit: Objective, unknowns: Parameters, ends: SearchEnd, level_known: bool, solver: Solver
 ) -> Fit:
     """All that a minimum says."""
     layout, z = misfit.layout, np.asarray(ends.z, float)
-    eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.lost)
+    eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.derivative_rounding)
     terms, jacobian = _terms(misfit, ends)
     free = np.asarray(layout.free)
     with np.errstate(all="ignore"):
@@ -58,8 +58,9 @@ def described(
     if level_known and finite and not misfit.is_robust:
         volume = misfit.whiten.log_volume(misfit.y.shape) + count / 2 * np.log(2 * np.pi)
         evidence = log_evidence(
-            terms, jacobian, volume, np.where(low, unknowns.lower, np.where(high, unknowns.upper,
-            z)), unknowns.lower, unknowns.upper, sigma,
+            terms, jacobian, volume,
+            np.where(low, unknowns.lower, np.where(high, unknowns.upper, z)),
+            unknowns.lower, unknowns.upper, sigma,
         )  # fmt: skip
     return Fit(
         value=layout.host_tree(row),
@@ -67,11 +68,11 @@ def described(
         names=layout.free_names,
         covariance=covariance,
         correlation=_correlation(covariance),
-        residual=np.where(misfit.whiten.seen(misfit.y.shape), ends.residual, np.nan),
+        residual=np.where(misfit.whiten.observed(misfit.y.shape), ends.residual, np.nan),
         whitened=unit * np.asarray(ends.white),
         jacobian=unit * np.asarray(ends.jacobian),
         noise_rms=None if level_known else _rms(misfit, ends, freedom),
-        result=_result(
+        status=_status(
             finite, distance, near_enough, terms, jacobian, held, misfit, ends, solver, eps
         ),
         at_bound=tuple(layout.free_names[i] for i in np.flatnonzero(low | high)),
@@ -95,7 +96,7 @@ def described(
     )
 
 
-def _rms(misfit: Misfit, ends: Found, freedom: int) -> float:
+def _rms(misfit: Objective, ends: SearchEnd, freedom: int) -> float:
     """The level of the noise, where it is estimated."""
     if misfit.is_robust:
         return float(misfit.scale)
@@ -104,7 +105,7 @@ def _rms(misfit: Misfit, ends: Found, freedom: int) -> float:
         return float(misfit.scale) * float(np.linalg.norm(white)) / np.sqrt(max(freedom, 1))
 
 
-def _terms(misfit: Misfit, ends: Found) -> tuple[np.ndarray, np.ndarray]:
+def _terms(misfit: Objective, ends: SearchEnd) -> tuple[np.ndarray, np.ndarray]:
     """What is squared, and its derivative."""
     root, slope = _rooted(misfit.loss, ends.white)
     jacobian = np.asarray(slope)[:, None] * np.asarray(ends.jacobian)
@@ -117,12 +118,14 @@ def _rooted(loss: Loss, white):
     return jax.jvp(loss.root, (white,), (jnp.ones_like(white),))
 
 
-def rows_of(misfit: Misfit, ends: Found) -> np.ndarray:
+def rows_of(misfit: Objective, ends: SearchEnd) -> np.ndarray:
     """The derivative of the whitened residual and of the priors' terms."""
     return _with_priors(misfit, ends, np.asarray(ends.white), np.asarray(ends.jacobian))[1]
 
 
-def _with_priors(misfit: Misfit, ends: Found, terms, jacobian) -> tuple[np.ndarray, np.ndarray]:
+def _with_priors(
+    misfit: Objective, ends: SearchEnd, terms, jacobian
+) -> tuple[np.ndarray, np.ndarray]:
     if misfit.prior_mean is None or misfit.prior_weight is None:
         return terms.astype(float), jacobian.astype(float)
     weight = np.asarray(misfit.prior_weight, float)
@@ -130,7 +133,7 @@ def _with_priors(misfit: Misfit, ends: Found, terms, jacobian) -> tuple[np.ndarr
     return np.concatenate([terms, more]), np.vstack([jacobian, np.diag(weight)])
 
 
-def _inflation(misfit: Misfit, ends: Found, level_known: bool, freedom: int) -> float:
+def _inflation(misfit: Objective, ends: SearchEnd, level_known: bool, freedom: int) -> float:
     """What the standard errors under unit noise are multiplied by.
 
     One for least squares with known noise; the residual's rms where its level is not known; Huber's
@@ -138,7 +141,7 @@ def _inflation(misfit: Misfit, ends: Found, level_known: bool, freedom: int) -> 
     """
     white = np.asarray(ends.white, float)
     if misfit.is_robust:
-        observed = misfit.whiten.seen(misfit.y.shape).ravel()
+        observed = misfit.whiten.observed(misfit.y.shape).ravel()
         influence, slope = (np.asarray(v)[observed] for v in misfit.loss.influence(ends.white))
         mean = max(float(slope.mean()), 1e-12)
         correction = 1 + ends.z.size / slope.size * float(slope.var()) / mean**2
@@ -156,8 +159,8 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
     return correlation
 
 
-def _result(
-    finite, distance, near_enough, terms, jacobian, held, misfit: Misfit, ends: Found,
+def _status(
+    finite, distance, near_enough, terms, jacobian, held, misfit: Objective, ends: SearchEnd,
     solver: Solver, eps: float,
 ) -> str:  # fmt: skip
     if not finite:
@@ -168,7 +171,8 @@ def _result(
         return f"not converged: {solver.name} reached its {solver.max_steps} steps"
     if _rounding_holds(terms, jacobian, held, ends, eps) or (
         # Differences of a derivative that jumps are no second one.
-        solver.lost == 0 and newton_fall(misfit, ends.z, jacobian, held) <= eps ** (2 / 3)
+        solver.derivative_rounding == 0
+        and newton_fall(misfit, ends.z, jacobian, held) <= eps ** (2 / 3)
     ):
         return "converged"
     return (
@@ -177,7 +181,7 @@ def _result(
     )
 
 
-def _nothing_left(terms, misfit: Misfit, ends: Found, eps: float) -> bool:
+def _nothing_left(terms, misfit: Objective, ends: SearchEnd, eps: float) -> bool:
     """Whether the residual is rounding beside the data, or beside where the search began."""
     data = np.linalg.norm(np.asarray(misfit.whiten(misfit.y), float)) / float(misfit.scale)
     begun = np.asarray(ends.start_costs)
@@ -185,7 +189,7 @@ def _nothing_left(terms, misfit: Misfit, ends: Found, eps: float) -> bool:
     return bool(np.linalg.norm(terms) <= eps ** (2 / 3) * max(data, begun))
 
 
-def _rounding_holds(terms, jacobian, held, ends: Found, eps: float) -> bool:
+def _rounding_holds(terms, jacobian, held, ends: SearchEnd, eps: float) -> bool:
     """Whether rounding of the parameters alone changes the terms by as much as is left of them."""
     moved = np.abs(jacobian) @ np.where(held, 0.0, np.abs(np.asarray(ends.z, float)))
     return bool(np.linalg.norm(terms) <= eps * np.linalg.norm(moved))

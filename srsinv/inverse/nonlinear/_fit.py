@@ -13,15 +13,15 @@ from jaxtyping import Array
 from ...errors import refuse
 from ...grid import as_real
 from ._answer import Fit
-from ._described import described
+from ._described import summarise
 from ._loss import Loss
 from ._parameters import Tree, parameters, starting_points
-from ._request import check_linear, checked_data, checked_solver, data_unit, filled, misfit_of
-from ._saddle import left_saddle
-from ._search import Found, Misfit, search, search_many
+from ._request import check_linear, checked_data, checked_solver, data_unit, filled, objective_of
+from ._saddle import escape_saddle
+from ._search import Objective, SearchEnd, search, search_many
 from ._solvers import Solver
 
-POLISHED = 8  # of many starts, so many of the best are searched from
+MAX_SEARCHES = 8  # of many starts, so many of the best are searched from
 SCALES = 8  # rounds in which an unknown noise level is sought where the minimum depends on it
 NORMAL_MAD = 1.4826022185056018  # a normal's standard deviation over its median deviation
 
@@ -39,7 +39,7 @@ def fit(
     linear: Collection[str] = (),
     loss: Loss | str = "squares",
     solver: Solver | None = None,
-    polished: int = POLISHED,
+    max_searches: int = MAX_SEARCHES,
     steps: Mapping[str, float] | None = None,
 ) -> Fit:
     """The parameters under which `model` explains the data `y` best, and how well they are known.
@@ -54,7 +54,7 @@ def fit(
     - `free`: names of what is fitted, or a tree of truth values; None: everything.
     - `priors`: `{name: (mean, standard deviation)}`, Gaussian.
     - `starts`: further points to start from: `{name: values}` along a leading axis, or a number of
-      points spread over the bounds. The `polished` best of all are searched from.
+      points spread over the bounds. The `max_searches` best of all are searched from.
     - `linear`: names of parameters that enter the model linearly: they need no start and are solved
       out (variable projection). Whether they do is tried, unless they are those that the model
       itself names, as its attribute `linear`.
@@ -67,12 +67,12 @@ def fit(
     M-estimator form. Raises `BadInput` for what disagrees or is out of range.
     """
     unknowns = parameters(initial, bounds, free, linear)
-    misfit, level_known = misfit_of(model, unknowns, checked_data(y), noise, priors, loss)
+    misfit, level_known = objective_of(model, unknowns, checked_data(y), noise, priors, loss)
     points = starting_points(starts, unknowns)
     check_linear(misfit, points, linear)
-    solver = checked_solver(solver, polished=polished)
+    solver = checked_solver(solver, max_searches=max_searches)
     box = as_real(unknowns.lower), as_real(unknowns.upper)
-    settings = solver, points, *box, polished
+    settings = solver, points, *box, max_searches
     ends = search(misfit, *settings)
     if not level_known and (misfit.prior_mean is not None or misfit.is_robust):
         for _ in range(SCALES):
@@ -82,10 +82,10 @@ def fit(
             ends = search(misfit, *settings)
             if settled:
                 break
-    ends = left_saddle(misfit, ends, *settings)
+    ends = escape_saddle(misfit, ends, *settings)
     if steps:
         ends = _differenced(misfit, ends, steps)
-    return described(misfit, unknowns, ends, level_known, solver)
+    return summarise(misfit, unknowns, ends, level_known, solver)
 
 
 def fit_many(
@@ -100,7 +100,7 @@ def fit_many(
     starts: Any = None,
     linear: Collection[str] = (),
     solver: Solver | None = None,
-    polished: int = POLISHED,
+    max_searches: int = MAX_SEARCHES,
     at_once: int = 1,
 ) -> list[Fit]:
     """[`fit`][] of the same model to many data, `ys` (batch, ...), in one compiled program.
@@ -116,31 +116,31 @@ def fit_many(
         noise is None and bool(priors),
         "fit_many cannot weigh priors against noise that is not known: give noise, or use fit.",
     )
-    misfit, level_known = misfit_of(model, unknowns, ys[0], noise, priors, "squares")
-    observed = misfit.whiten.seen(ys.shape[1:])
+    misfit, level_known = objective_of(model, unknowns, ys[0], noise, priors, "squares")
+    observed = misfit.whiten.observed(ys.shape[1:])
     ys = filled(ys, observed)
     if not level_known:
         misfit = dataclasses.replace(misfit, scale=as_real(data_unit(ys, observed)))
     ys = as_real(ys)
     points = starting_points(starts, unknowns)
     check_linear(misfit, points, linear)
-    solver = checked_solver(solver, polished=polished, at_once=at_once)
+    solver = checked_solver(solver, max_searches=max_searches, at_once=at_once)
     box = as_real(unknowns.lower), as_real(unknowns.upper)
     at_once = min(at_once, len(ys))
     # Filled up to whole rounds: what is left over would be compiled a second time.
     rows = np.minimum(np.arange(-(-len(ys) // at_once) * at_once), len(ys) - 1)
-    batch = search_many(misfit, ys[rows], solver, points, *box, polished, at_once)
+    batch = search_many(misfit, ys[rows], solver, points, *box, max_searches, at_once)
     batch = jax.device_get(batch)
     fits = []
     for i in range(len(ys)):
         ends = jax.tree.map(lambda leaf, i=i: leaf[i], batch)
         mine = dataclasses.replace(misfit, y=ys[i])
-        ends = left_saddle(mine, ends, solver, points, *box, polished)
-        fits.append(described(mine, unknowns, ends, level_known, solver))
+        ends = escape_saddle(mine, ends, solver, points, *box, max_searches)
+        fits.append(summarise(mine, unknowns, ends, level_known, solver))
     return fits
 
 
-def _level(misfit: Misfit, ends: Found) -> float:
+def _level(misfit: Objective, ends: SearchEnd) -> float:
     """The noise's level from a residual: its rms, or what outliers do not move."""
     white = np.asarray(ends.white, float) * float(misfit.scale)
     nonzero = white[white != 0] if np.any(white) else white
@@ -150,11 +150,11 @@ def _level(misfit: Misfit, ends: Found) -> float:
         level = np.sqrt(nonzero @ nonzero / max(len(nonzero) - ends.z.size, 1))
     # Not below the data's own rounding, where nothing else is left.
     data = np.asarray(misfit.y)
-    rounding = float(np.finfo(data.dtype).eps) * data_unit(data, misfit.whiten.seen(data.shape))
+    rounding = float(np.finfo(data.dtype).eps) * data_unit(data, misfit.whiten.observed(data.shape))
     return float(max(level, rounding))
 
 
-def _differenced(misfit: Misfit, ends: Found, steps: Mapping[str, float]) -> Found:
+def _differenced(misfit: Objective, ends: SearchEnd, steps: Mapping[str, float]) -> SearchEnd:
     """What was found, with central differences in the Jacobian's columns of these parameters."""
     names, jacobian = misfit.layout.free_names, np.array(ends.jacobian)
     for name, step in steps.items():
@@ -170,5 +170,5 @@ def _differenced(misfit: Misfit, ends: Found, steps: Mapping[str, float]) -> Fou
 
 
 @eqx.filter_jit
-def _white_at(misfit: Misfit, z, off):
+def _white_at(misfit: Objective, z, off):
     return misfit.white(z + off)[0]

@@ -39,11 +39,11 @@ FIRST_DAMPING = 1e-3
 LEAST_DAMPING, MOST_DAMPING = 1e-18, 1e18
 ACCEPTED = 1e-4  # share of the predicted fall that a step has to bring
 BENT = 0.75  # the bend's second derivative, beside p, up to which a step is tried
-LOST = 10  # roundings of a residual, or of a cost, within which two are the same
+ROUNDING_FACTOR = 10  # roundings of a residual, or of a cost, within which two are the same
 REMEMBERED = 0.5  # of D from one accepted point to the next
 
 
-class _State(eqx.Module):
+class _DampedState(eqx.Module):
     trial: Float[Array, " m"]
     predicted: Float[Array, ""]
     point: Point
@@ -72,9 +72,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     atol: float = 0.0
     norm: Callable[[Any], Array] = optx.two_norm
 
-    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _DampedState:
         zero = jnp.zeros((), y.dtype)
-        return _State(
+        return _DampedState(
             trial=jnp.clip(y, self.lower, self.upper),
             predicted=zero,
             point=no_point(f_struct.size, y.size, y.dtype),
@@ -87,7 +87,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             done=jnp.array(False),
         )
 
-    def step(self, fn, y, args, options, state: _State, tags):
+    def step(self, fn, y, args, options, state: _DampedState, tags):
         def residual_at(y):
             return fn(y, args)[0]
 
@@ -95,7 +95,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         cost = 0.5 * jnp.vdot(residual, residual)
         gain = state.point.cost - cost
         # The last step may fall by less than the cost's own rounding.
-        harmless = gain >= -LOST * jnp.finfo(cost.dtype).eps * state.point.cost
+        harmless = gain >= -ROUNDING_FACTOR * jnp.finfo(cost.dtype).eps * state.point.cost
         accept = state.first | (gain > ACCEPTED * state.predicted) | (state.ready & harmless)
         moved = state.trial - y
         y = jnp.where(accept, state.trial, y)
@@ -122,7 +122,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             bend, tight = _bend(residual_at, y, straight, point, model, held, damping, begun)
         else:
             bend, tight = jnp.zeros_like(straight), jnp.array(True)
-        state = _State(
+        state = _DampedState(
             trial=y + self._cut(y, straight + bend),
             predicted=jnp.where(tight, predicted, jnp.inf),  # else it will not be accepted
             point=point,
@@ -136,12 +136,12 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         )
         return y, state, None
 
-    def terminate(self, fn, y, args, options, state: _State, tags):
+    def terminate(self, fn, y, args, options, state: _DampedState, tags):
         failed = ~jnp.isfinite(state.point.cost) & ~state.first
         result = optx.RESULTS.where(failed, optx.RESULTS.nonfinite, optx.RESULTS.successful)
         return state.done, result
 
-    def postprocess(self, fn, y, aux, args, options, state: _State, tags, result):
+    def postprocess(self, fn, y, aux, args, options, state: _DampedState, tags, result):
         return y, aux, {}
 
     @property
@@ -200,7 +200,7 @@ def _bend(residual_at, y, p, point: Point, model: QuadraticModel, held, damping,
     trial = at_least(y.size, residual_at(y + part * p))
     off = point.q.T @ trial - point.c - part * (point.root @ p)
     rounding = eps * (jnp.sqrt(2 * begun) + jnp.linalg.norm(lengths(point.root) * y))
-    is_rounding = jnp.linalg.norm(off) <= LOST * rounding
+    is_rounding = jnp.linalg.norm(off) <= ROUNDING_FACTOR * rounding
     second = jnp.where(is_rounding, 0.0, 2 / part**2 * off)
     acceleration = _step(model, model.lift @ second, held, damping)
     acceleration = jnp.where(jnp.isfinite(acceleration), acceleration, 0.0)
@@ -208,7 +208,7 @@ def _bend(residual_at, y, p, point: Point, model: QuadraticModel, held, damping,
     return 0.5 * acceleration, tight
 
 
-def _damping(state: _State, gain, accept):
+def _damping(state: _DampedState, gain, accept):
     """Less after a step as good as predicted, ever more after failures."""
     gain_ratio = gain / jnp.where(state.predicted != 0, state.predicted, 1.0)
     ease = jnp.clip(1 - (2 * gain_ratio - 1) ** 3, 1 / 3, 2.0)

@@ -26,12 +26,12 @@ class Whitener(eqx.Module):
         """Half the log of the determinant of the noise's covariance over data of this shape."""
 
     @abc.abstractmethod
-    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+    def observed(self, shape: tuple[int, ...]) -> np.ndarray:
         """Which of the data count, as truth values of the data's shape."""
 
     def count(self, shape: tuple[int, ...]) -> int:
         """How many independent numbers the data hold."""
-        return int(self.seen(shape).sum())
+        return int(self.observed(shape).sum())
 
 
 class Independent(Whitener):
@@ -47,7 +47,7 @@ class Independent(Whitener):
         stderr = np.broadcast_to(np.asarray(self.stderr), shape)
         return float(np.sum(np.log(stderr[np.isfinite(stderr)])))
 
-    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+    def observed(self, shape: tuple[int, ...]) -> np.ndarray:
         return np.broadcast_to(np.isfinite(np.asarray(self.stderr)), shape)
 
 
@@ -83,7 +83,7 @@ class Spectrum(Whitener):
         finite = np.isfinite(np.asarray(self.power))
         return round(np.prod(shape) * np.sum(half_spectrum_weights(shape[-1]) * finite))
 
-    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+    def observed(self, shape: tuple[int, ...]) -> np.ndarray:
         refuse(
             shape[-1] // 2 + 1 != self.power.size,
             f"The noise's power spectrum has {self.power.size} numbers, but {shape[-1]} samples in "
@@ -92,7 +92,7 @@ class Spectrum(Whitener):
         return np.ones(shape, bool)
 
 
-class Sliding(Whitener):
+class WhitePlusOU(Whitener):
     """White noise and one that is correlated along the motion as exp(-|dx|/correlation_m).
 
     Rows are independent. Samples may lie unevenly in x, or be missing: the correlated part is an
@@ -105,8 +105,8 @@ class Sliding(Whitener):
     take: Float[Array, "e sample"]
     stderr: Float[Array, "e sample"]
     keep: Float[Array, "place e block"]
-    passed: Float[Array, "place e block"]
-    handed: Float[Array, "block e"]
+    decay_within: Float[Array, "place e block"]
+    decay_across: Float[Array, "block e"]
 
     def __init__(self, position_m, white, sliding, correlation_m):
         """`position_m` (sample,); `white` (e, sample), infinite where a sample is left out;
@@ -132,8 +132,8 @@ class Sliding(Whitener):
         # In about sqrt(n) blocks side by side, with what each place and each block passes on.
         blocked = _by_place(keep, np)
         through = np.cumprod(blocked, axis=0)
-        self.keep, self.handed = as_real(blocked), as_real(through[-1].T)
-        self.passed = as_real(np.concatenate([np.ones_like(through[:1]), through[:-1]]))
+        self.keep, self.decay_across = as_real(blocked), as_real(through[-1].T)
+        self.decay_within = as_real(np.concatenate([np.ones_like(through[:1]), through[:-1]]))
 
     def __call__(self, residual: Float[Array, "e sample"]) -> Float[Array, " n"]:
         observed = jnp.isfinite(self.stderr)
@@ -148,8 +148,8 @@ class Sliding(Whitener):
         what each hands on."""
         pushed = _by_place(push, jnp)
         ends, within = jax.lax.scan(_follow, jnp.zeros_like(pushed[0]), (self.keep, pushed))
-        _, before = jax.lax.scan(_follow, jnp.zeros_like(ends[:, 0]), (self.handed, ends.T))
-        total = within + self.passed * before.T[None]
+        _, before = jax.lax.scan(_follow, jnp.zeros_like(ends[:, 0]), (self.decay_across, ends.T))
+        total = within + self.decay_within * before.T[None]
         return total.transpose(1, 2, 0).reshape(len(push), -1)[:, : push.shape[1]]
 
     def coloured(self, white: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "e sample m"]:
@@ -169,7 +169,7 @@ class Sliding(Whitener):
         stderr = np.asarray(self.stderr)
         return float(np.sum(np.log(stderr[np.isfinite(stderr)])))
 
-    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+    def observed(self, shape: tuple[int, ...]) -> np.ndarray:
         refuse(
             self.stderr.shape != shape,
             f"The noise is for data of shape {self.stderr.shape}, but they have {shape}.",
@@ -218,7 +218,7 @@ class Correlated(Whitener):
     def log_volume(self, shape: tuple[int, ...]) -> float:
         return float(np.sum(np.log(np.diagonal(np.asarray(self.factor)))))
 
-    def seen(self, shape: tuple[int, ...]) -> np.ndarray:
+    def observed(self, shape: tuple[int, ...]) -> np.ndarray:
         size = int(np.prod(shape))
         refuse(
             self.factor.shape[0] != size,
@@ -245,4 +245,4 @@ def whitener(noise: Any, shape: tuple[int, ...]) -> tuple[Whitener, np.ndarray]:
             "infinite for a sample to leave out.",
         )
         noise = Independent(as_real(stderr))
-    return noise, noise.seen(shape)
+    return noise, noise.observed(shape)

@@ -24,7 +24,7 @@ from ._lengths import lengths
 # Of the diagonal of S, in the square of D: a column of J that vanishes where S does not is no
 # measure of how far a variable may move. Between 0.1 and 0.5 the steps over 25 test problems differ
 # by a tenth; without it those on penalty I never end.
-CURVATURE_SHARE = 0.25
+CURVATURE_FRACTION = 0.25
 # Curvature along a step beyond J^T J's, over J^T J's, from which on S is used: half as much makes
 # MGH10 (Meyer) slower by a fifth.
 LARGE_CURVATURE = 1.0
@@ -112,7 +112,7 @@ def quadratic_model(point: Point, uses: Bool[Array, ""]) -> QuadraticModel:
     leads downhill from a saddle, as far as the damping lets it."""
     diagonal = jnp.abs(jnp.diagonal(point.secant))
     # Not the root of the squares' sum: they can overflow.
-    scale = positive(jnp.hypot(point.scale, jnp.sqrt(CURVATURE_SHARE * diagonal)))
+    scale = positive(jnp.hypot(point.scale, jnp.sqrt(CURVATURE_FRACTION * diagonal)))
 
     def gauss_newton():
         return QuadraticModel(point.root, jnp.eye(scale.size, dtype=scale.dtype), scale)

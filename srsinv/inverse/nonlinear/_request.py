@@ -13,7 +13,7 @@ from ...grid import as_real
 from ._loss import loss_of
 from ._noise import whitener
 from ._parameters import Parameters, Tree, flat_mapping, real
-from ._search import Misfit
+from ._search import Objective
 from ._solvers import Optimistix, Solver
 
 
@@ -56,14 +56,14 @@ def data_unit(data: np.ndarray, observed: np.ndarray) -> float:
     return float(2.0 ** np.round(np.log2(size))) if size > 0 else 1.0
 
 
-def misfit_of(model, unknowns: Parameters, data, noise, priors, loss) -> tuple[Misfit, bool]:
+def objective_of(model, unknowns: Parameters, data, noise, priors, loss) -> tuple[Objective, bool]:
     whiten, observed = whitener(noise, data.shape)
     data = filled(data, observed)
     refuse(not whiten.count(data.shape), "All of the data are left out: there is nothing to fit.")
     layout = unknowns.layout
     mean, weight = _priors(layout, priors)
     scale = 1.0 if noise is not None else data_unit(data, observed)
-    misfit = Misfit(
+    misfit = Objective(
         model, layout, as_real(unknowns.first), as_real(data), whiten,
         as_real(scale), mean, weight, loss_of(loss),
     )  # fmt: skip
@@ -114,7 +114,7 @@ def _priors(layout, priors) -> tuple[Any, Any]:
     return as_real(mean[free]), as_real(1 / stderr[free])
 
 
-def check_linear(misfit: Misfit, points, linear: Collection[str]) -> None:
+def check_linear(misfit: Objective, points, linear: Collection[str]) -> None:
     """Refuse a parameter that is called linear and is not; a model that says so is believed, as
     trying compiles it once more."""
     layout = misfit.layout
@@ -131,7 +131,7 @@ def check_linear(misfit: Misfit, points, linear: Collection[str]) -> None:
 
 
 @eqx.filter_jit
-def _is_affine(misfit: Misfit, z):
+def _is_affine(misfit: Objective, z):
     places = np.array([i for i, at in enumerate(misfit.layout.free) if at in misfit.layout.linear])
     size = jnp.maximum(jnp.abs(z[places]), 1.0)
 

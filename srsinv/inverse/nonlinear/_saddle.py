@@ -6,15 +6,17 @@ import numpy as np
 
 from ...grid import as_real
 from ._described import rows_of
-from ._search import Found, Misfit, search
+from ._search import Objective, SearchEnd, search
 from ._solvers import Solver
-from ._uncertainty import LOST, spread
+from ._uncertainty import ROUNDING_FACTOR, spread
 
 ESCAPES = 3  # times that a search is begun again
 BESIDE = (1.0, 0.1, 0.01)  # standard errors at which a lower cost is looked for
 
 
-def left_saddle(misfit: Misfit, ends: Found, solver: Solver, starts, lower, upper, polished):
+def escape_saddle(
+    misfit: Objective, ends: SearchEnd, solver: Solver, starts, lower, upper, polished
+):
     """What a search finds from beside a saddle or a maximum, where one began and could not leave:
     the slope is zero there as it is in a minimum."""
     for _ in range(ESCAPES):
@@ -26,12 +28,12 @@ def left_saddle(misfit: Misfit, ends: Found, solver: Solver, starts, lower, uppe
     return ends
 
 
-def _lower_beside(misfit: Misfit, ends: Found, lower, upper):
+def _lower_beside(misfit: Objective, ends: SearchEnd, lower, upper):
     """A point within a standard error where the cost is lower, None where there is none, or where
     the search has moved and so ends in no such place."""
     dtype = np.asarray(ends.z).dtype
     eps, cost = float(np.finfo(dtype).eps), float(np.min(ends.costs))
-    moved = cost < float(np.min(ends.start_costs)) * (1 - LOST * eps)
+    moved = cost < float(np.min(ends.start_costs)) * (1 - ROUNDING_FACTOR * eps)
     searched = misfit.is_robust or len(misfit.layout.linear) < ends.z.size
     if moved or not searched or not 0 < cost < np.inf:
         return None
@@ -42,11 +44,11 @@ def _lower_beside(misfit: Misfit, ends: Found, lower, upper):
     for fraction in BESIDE:
         for step in (*(fraction * steps), *(-fraction * steps)):
             z = jnp.clip(ends.z + as_real(step), lower, upper)
-            if float(_cost_at(misfit, z)) < cost * (1 - LOST * eps):
+            if float(_cost_at(misfit, z)) < cost * (1 - ROUNDING_FACTOR * eps):
                 return z
     return None
 
 
 @eqx.filter_jit
-def _cost_at(misfit: Misfit, z):
+def _cost_at(misfit: Objective, z):
     return 0.5 * jnp.sum(misfit.terms(z) ** 2)

@@ -19,7 +19,7 @@ from ._solvers import Minimum, Solver
 NEAREST = 2  # neighbours of a start for each parameter that is searched
 
 
-class Misfit(eqx.Module):
+class Objective(eqx.Module):
     """What is minimised, as a function of the free parameters z (m,).
 
     Half the sum over the data of t(r)^2, with r the whitened residual y - model and t the loss's
@@ -68,23 +68,23 @@ class Linearised(eqx.Module):
     residual: Float[Array, "..."]
 
 
-class Split(eqx.Module):
+class VariableProjection(eqx.Module):
     """Variable projection: the linear parameters are the best ones for the others.
 
     Golub and Pereyra (1973), with the derivative of Kaufman (1975): what the linear parameters
     cannot take up of the model's own. The cost's gradient is exact with it.
     """
 
-    misfit: Misfit
+    objective: Objective
 
     @property
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
         """Where in z the searched and the linear parameters stand."""
-        free, linear = self.misfit.layout.free, set(self.misfit.layout.linear)
+        free, linear = self.objective.layout.free, set(self.objective.layout.linear)
         is_linear = np.array([i in linear for i in free], bool)
         return np.flatnonzero(~is_linear), np.flatnonzero(is_linear)
 
-    def searched(self, z: Float[Array, "... m"]) -> Float[Array, "... v"]:
+    def nonlinear(self, z: Float[Array, "... m"]) -> Float[Array, "... v"]:
         """The parameters that are searched for."""
         return z[..., self._places[0]]
 
@@ -95,7 +95,7 @@ class Split(eqx.Module):
     def terms(self, v: Float[Array, " v"]) -> Float[Array, " terms"]:
         """What is left of the terms."""
         if not len(self._places[1]):
-            return self.misfit.terms(self._from(v))
+            return self.objective.terms(self._from(v))
         return _left(v, split=self)
 
     def linearised(self, v: Float[Array, " v"]) -> Linearised:
@@ -132,11 +132,11 @@ class Split(eqx.Module):
 
     def _linearised(self, z: Float[Array, " m"], asked: Float[Array, " m"]) -> Linearised:
         """At z, with zeros for the derivatives that are not `asked` for (0 or 1)."""
-        white, push, residual = jax.linearize(self.misfit.white, z, has_aux=True)
+        white, push, residual = jax.linearize(self.objective.white, z, has_aux=True)
         return Linearised(z, white, jax.vmap(push, out_axes=1)(jnp.diag(asked)), residual)
 
     def _with_priors(self, at: Linearised) -> tuple[Array, Array]:
-        weight, mean = self.misfit.prior_weight, self.misfit.prior_mean
+        weight, mean = self.objective.prior_weight, self.objective.prior_mean
         if weight is None or mean is None:
             return at.white, at.jacobian
         terms = jnp.concatenate([at.white, (at.z - mean) * weight])
@@ -146,10 +146,10 @@ class Split(eqx.Module):
         """`whole` and `terms`."""
         linear, start = self._places[1], self._from(v)
         if not len(linear):
-            return start, self.misfit.terms(start)
+            return start, self.objective.terms(start)
 
         def along(c):
-            return self.misfit.terms(start.at[linear].set(c))
+            return self.objective.terms(start.at[linear].set(c))
 
         rest, push = jax.linearize(along, jnp.zeros(len(linear), v.dtype))
         basis = jax.vmap(push, out_axes=1)(jnp.eye(len(linear), dtype=v.dtype))
@@ -158,12 +158,12 @@ class Split(eqx.Module):
 
 
 @eqx.filter_custom_jvp
-def _left(v: Float[Array, " v"], split: Split) -> Float[Array, " terms"]:
+def _left(v: Float[Array, " v"], split: VariableProjection) -> Float[Array, " terms"]:
     return split.solved(v)[1]
 
 
 @_left.def_jvp
-def _left_jvp(primals, tangents, split: Split):
+def _left_jvp(primals, tangents, split: VariableProjection):
     terms, jacobian = split.projected(*primals)
     return terms, jacobian @ tangents[0]
 
@@ -182,7 +182,7 @@ def _least_squares(basis: Float[Array, "n m"], target: Float[Array, "n *k"]):
     return c.reshape(size, *target.shape[1:])
 
 
-class Found(Linearised):
+class SearchEnd(Linearised):
     """The best minimum, the problem linearised there, as its uncertainty is computed from it; the
     `costs` (s,) at the ends of the searches, and the `start_costs` of every start."""
 
@@ -193,44 +193,48 @@ class Found(Linearised):
 
 
 @eqx.filter_jit
-def search(misfit: Misfit, solver: Solver, starts, lower, upper, polished: int) -> Found:
-    """The best of the minima reached from the `polished` best starts (s, m)."""
-    return _search(misfit, solver, starts, lower, upper, polished)
+def search(misfit: Objective, solver: Solver, starts, lower, upper, max_searches: int) -> SearchEnd:
+    """The best of the minima reached from the `max_searches` best starts (s, m)."""
+    return _search(misfit, solver, starts, lower, upper, max_searches)
 
 
 @eqx.filter_jit
-def search_many(misfit: Misfit, ys, solver: Solver, starts, lower, upper, polished: int, at_once):
+def search_many(
+    misfit: Objective, ys, solver: Solver, starts, lower, upper, max_searches: int, at_once
+):
     """The same for data (batch, ...), `at_once` of them side by side."""
 
     def one(y):
-        return _search(dataclasses.replace(misfit, y=y), solver, starts, lower, upper, polished)
+        return _search(dataclasses.replace(misfit, y=y), solver, starts, lower, upper, max_searches)
 
     return jax.lax.map(one, ys, batch_size=at_once)
 
 
-def _search(misfit: Misfit, solver: Solver, starts, lower, upper, polished: int) -> Found:
-    split = Split(misfit)
+def _search(
+    misfit: Objective, solver: Solver, starts, lower, upper, max_searches: int
+) -> SearchEnd:
+    split = VariableProjection(misfit)
     if misfit.layout.linear and not isinstance(misfit.loss, Squares):
         # A robust loss has no closed form: its linear parameters start from least squares.
-        least_squares = Split(dataclasses.replace(misfit, loss=Squares()))
-        starts = jax.lax.map(lambda z: least_squares.whole(least_squares.searched(z)), starts)
+        least_squares = VariableProjection(dataclasses.replace(misfit, loss=Squares()))
+        starts = jax.lax.map(lambda z: least_squares.whole(least_squares.nonlinear(z)), starts)
         together = dataclasses.replace(misfit.layout, linear=())
-        split = Split(dataclasses.replace(misfit, layout=together))
+        split = VariableProjection(dataclasses.replace(misfit, layout=together))
 
     def cost(v):
         return _known(0.5 * jnp.sum(split.terms(v) ** 2))
 
-    v0 = split.searched(starts)
-    box = split.searched(lower), split.searched(upper)
+    v0 = split.nonlinear(starts)
+    box = split.nonlinear(lower), split.nonlinear(upper)
     start_costs = None
-    if len(v0) > polished:
+    if len(v0) > max_searches:
         start_costs = jax.lax.map(cost, v0)
-        v0 = v0[_promising(v0, start_costs)[:polished]]
+        v0 = v0[_promising(v0, start_costs)[:max_searches]]
     ends = _minima(split, solver, v0, box, cost)
     costs = _known(ends.cost)
     at = jnp.argmin(costs)
     best = jax.tree.map(lambda leaf: leaf[at], ends)
-    return Found(
+    return SearchEnd(
         **vars(split.linearised(best.point)),
         costs=costs,
         start_costs=_known(ends.start_cost) if start_costs is None else start_costs,
@@ -239,7 +243,7 @@ def _search(misfit: Misfit, solver: Solver, starts, lower, upper, polished: int)
     )
 
 
-def _minima(split: Split, solver: Solver, v0, box, cost) -> Minimum:
+def _minima(split: VariableProjection, solver: Solver, v0, box, cost) -> Minimum:
     """The end of the search from each start; nothing is searched where all is linear."""
     if v0.shape[1] == 0:
         at = cost(v0[0])

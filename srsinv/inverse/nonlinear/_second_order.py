@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ._lengths import lengths
-from ._search import Misfit
+from ._search import Objective
 
 
-def newton_fall(misfit: Misfit, z, jacobian: np.ndarray, held: np.ndarray) -> float:
+def newton_fall(misfit: Objective, z, jacobian: np.ndarray, held: np.ndarray) -> float:
     """The fall of the cost that its whole second derivative promises, over the cost; infinite where
     the point (m,) is a saddle or a maximum. `jacobian` (terms, m), `held` (m,) by bounds."""
     columns = np.linalg.norm(jacobian, axis=0)
@@ -36,7 +36,7 @@ def newton_fall(misfit: Misfit, z, jacobian: np.ndarray, held: np.ndarray) -> fl
 
 @eqx.filter_jit
 def _derivatives(
-    misfit: Misfit, z: Float[Array, " m"]
+    misfit: Objective, z: Float[Array, " m"]
 ) -> tuple[Float[Array, ""], Float[Array, " m"], Float[Array, "m m"]]:
     """The cost, its gradient and its second derivative: central differences of the gradient, which
     take no more of a model than the search does."""

@@ -56,7 +56,7 @@ class Solver(eqx.Module):
         return CONVERGED
 
     @property
-    def lost(self) -> float:
+    def derivative_rounding(self) -> float:
         """What of a derivative counts as rounding, where that is more than the precision's."""
         return 0.0
 
@@ -113,7 +113,7 @@ class Optimistix(Solver):
         return max(CONVERGED, ROUGH * (self.rounding or 0.0))
 
     @property
-    def lost(self) -> float:
+    def derivative_rounding(self) -> float:
         return EXACT * (self.rounding or 0.0)
 
     def tolerating(self, rounding: float) -> "Solver":

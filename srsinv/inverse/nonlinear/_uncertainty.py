@@ -7,7 +7,7 @@ from scipy.special import log_ndtr
 
 # A singular value of the Jacobian with columns of length one, relative to the largest, below which
 # its direction is lost in rounding: the parameters can move along it and the data do not notice.
-LOST = 5e3
+ROUNDING_FACTOR = 5e3
 CONVERGED = 1e-3  # standard errors from the minimum of the linearised problem (Bates, Watts 1981)
 
 LEAST_CURVATURE = 1e-4  # of the whole curvature, left where the bounds gave nearly all of it
@@ -35,11 +35,11 @@ class Spread:
     def stderr(self) -> np.ndarray:
         """Standard errors (m,), infinite for what takes part in an undetermined direction."""
         finite = np.sqrt(np.sum(self.factor**2, axis=1))
-        return np.where(self._lost(), np.inf, finite)
+        return np.where(self._is_undetermined(), np.inf, finite)
 
     def covariance(self) -> np.ndarray:
         """(m, m): infinite variances and nan beside them where the data do not determine."""
-        undetermined = self._lost()
+        undetermined = self._is_undetermined()
         covariance = self.factor @ self.factor.T
         covariance[undetermined[:, None] | undetermined[None, :]] = np.nan
         covariance[np.diag_indices(len(undetermined))] = self.stderr() ** 2
@@ -68,7 +68,7 @@ class Spread:
             directions.append({names[i]: float(move[i]) for i in np.flatnonzero(selected)})
         return tuple(directions)
 
-    def _lost(self) -> np.ndarray:
+    def _is_undetermined(self) -> np.ndarray:
         return np.any(np.abs(self.null) > 1e-6, axis=1) | (not self.is_scaled)
 
 
@@ -81,7 +81,7 @@ def spread(jacobian: np.ndarray, eps: float) -> Spread:
     if len(scaled) < m:
         scaled = np.vstack([scaled, np.zeros((m - len(scaled), m))])
     _, s, vt = np.linalg.svd(scaled, full_matrices=False)
-    determined = s > LOST * eps * max(s[0], eps)
+    determined = s > ROUNDING_FACTOR * eps * max(s[0], eps)
     factor = (vt[determined] / s[determined, None]).T / columns[:, None]
     return Spread(factor, vt[~determined].T, columns)
 
@@ -104,7 +104,7 @@ def offset(
     if not moving.any():
         return 0.0, 0.0
     u, s, _ = np.linalg.svd(jacobian[:, moving] / columns[moving], full_matrices=False)
-    along = u[:, s > LOST * eps * s[0]].T @ terms
+    along = u[:, s > ROUNDING_FACTOR * eps * s[0]].T @ terms
     across = max(terms @ terms - along @ along, 0.0)
     freedom = len(terms) - len(along)
     rms = max(np.sqrt(across / freedom) if freedom > 0 else 0.0, least)

@@ -12,7 +12,7 @@ from srsinv.errors import BadInput, refuse
 
 from .._apart import read_apart
 from .._guard import DataFile, open_file, quoted
-from .._table import Table
+from .._table import ColumnTable
 from .hdf5 import read_hdf5
 from .matlab import read_matlab
 from .netcdf import read_netcdf
@@ -21,7 +21,7 @@ from .tdms import read_tdms
 from .text import read_text
 from .wav import read_wav
 
-READERS: dict[str, Callable[[DataFile], Table]] = {
+READERS: dict[str, Callable[[DataFile], ColumnTable]] = {
     ".csv": read_text,
     ".txt": read_text,
     ".tsv": read_text,
@@ -37,7 +37,7 @@ READERS: dict[str, Callable[[DataFile], Table]] = {
 _APART = (".h5", ".hdf5", ".nc", ".mat")
 
 
-def read_table(path: Path, key: str = "recording.path") -> Table:
+def read_table(path: Path, key: str = "recording.path") -> ColumnTable:
     """The table in `path`, by its suffix; `key` is what names the path in the configuration.
 
     Raises `BadInput` for a file that cannot be one, and `MemoryError` as Python does.
@@ -57,7 +57,7 @@ def read_table(path: Path, key: str = "recording.path") -> Table:
     return table
 
 
-def _parsed(file: DataFile, name: str, suffix: str) -> Table:
+def _parsed(file: DataFile, name: str, suffix: str) -> ColumnTable:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

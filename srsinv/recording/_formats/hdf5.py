@@ -16,7 +16,7 @@ from h5py import h5pl, h5z  # pyright: ignore[reportAttributeAccessIssue]
 from srsinv.errors import BadInput, refuse
 
 from .._guard import DataFile, is_broken, quoted
-from .._table import Table, listing
+from .._table import ColumnTable, listing
 
 _Member = TypeVar("_Member", h5py.Dataset, h5py.Group)
 _LZF = 32000
@@ -31,9 +31,9 @@ _PIECE = 2**20  # bytes that are unpacked at once
 _MOST_MEMBERS = 10_000  # of all groups that are looked into
 
 
-def read_hdf5(file: DataFile) -> Table:
+def read_hdf5(file: DataFile) -> ColumnTable:
     """The datasets of the root or of the one group that has any, with their `units`."""
-    table = Table(quoted(file.path.name))
+    table = ColumnTable(quoted(file.path.name))
     with open_hdf5(file) as opened:
         group = _group_of_columns(table, opened)
         leave_links_out(table, group)
@@ -56,7 +56,9 @@ def open_hdf5(file: DataFile) -> Iterator[h5py.File]:
             h5pl.append(folder)
 
 
-def take(table: Table, name: str, dataset: h5py.Dataset, shape: tuple[int, ...] | None) -> None:
+def take(
+    table: ColumnTable, name: str, dataset: h5py.Dataset, shape: tuple[int, ...] | None
+) -> None:
     """Take in a dataset as `shape`, unless there is a reason that it is no column."""
     if reason := why_no_column(dataset):
         table.leave_out(name, reason)
@@ -87,7 +89,7 @@ def why_no_column(dataset: h5py.Dataset) -> str | None:
     return None
 
 
-def check_chunks(table: Table, name: str, dataset: h5py.Dataset) -> None:
+def check_chunks(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
     """Refuse chunks that hold, or unpack to, much more than their dataset."""
     if dataset.chunks is None:
         return
@@ -131,7 +133,7 @@ def _unpacked(skipped: int, packed: bytes, packing: list[int], most: int) -> int
     return count
 
 
-def attribute(table: Table, holder: h5py.Dataset | h5py.File, name: str) -> Any:
+def attribute(table: ColumnTable, holder: h5py.Dataset | h5py.File, name: str) -> Any:
     """A small attribute of a dataset or a file, or None. Raises `BadInput` for a large one."""
     if name not in holder.attrs:
         return None
@@ -144,7 +146,7 @@ def attribute(table: Table, holder: h5py.Dataset | h5py.File, name: str) -> Any:
     return holder.attrs[name]
 
 
-def members(table: Table, group: h5py.Group, kind: type[_Member]) -> dict[str, _Member]:
+def members(table: ColumnTable, group: h5py.Group, kind: type[_Member]) -> dict[str, _Member]:
     """The members of `kind` in the file itself: a link may lead to another file, or nowhere."""
     table.check_count(len(group))
     for name in filter(is_broken, _names(group)):
@@ -153,7 +155,7 @@ def members(table: Table, group: h5py.Group, kind: type[_Member]) -> dict[str, _
     return {name: member for name, member in own.items() if isinstance(member, kind)}
 
 
-def leave_links_out(table: Table, group: h5py.Group) -> None:
+def leave_links_out(table: ColumnTable, group: h5py.Group) -> None:
     """Links are not followed; one that is asked for is refused by its name."""
     for name in _names(group):
         if _is_link(group, name):
@@ -178,7 +180,7 @@ def _filters(dataset: h5py.Dataset) -> list[int]:
     return [int(pipeline.get_filter(index)[0]) for index in range(pipeline.get_nfilters())]
 
 
-def _group_of_columns(table: Table, file: h5py.File) -> h5py.Group:
+def _group_of_columns(table: ColumnTable, file: h5py.File) -> h5py.Group:
     """The root if it has columns, else the one group that has."""
     if members(table, file, h5py.Dataset):
         return file

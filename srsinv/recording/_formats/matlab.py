@@ -3,7 +3,7 @@
 import h5py
 
 from .._guard import DataFile, quoted
-from .._table import Table
+from .._table import ColumnTable
 from .hdf5 import attribute, leave_links_out, members, open_hdf5, take
 from .matlab5 import NUMERIC, read_matlab5, vector
 
@@ -11,7 +11,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _FIRST_BLOCK = 512  # bytes; HDF5 begins at 0, at this or at a double of it
 
 
-def read_matlab(file: DataFile) -> Table:
+def read_matlab(file: DataFile) -> ColumnTable:
     """The vectors of a file; all else (structs, cells, objects, matrices) is no column."""
     return _read_7_3(file) if _is_hdf5(file) else read_matlab5(file)
 
@@ -26,8 +26,8 @@ def _is_hdf5(file: DataFile) -> bool:
     return has_signature
 
 
-def _read_7_3(file: DataFile) -> Table:
-    table = Table(quoted(file.path.name))
+def _read_7_3(file: DataFile) -> ColumnTable:
+    table = ColumnTable(quoted(file.path.name))
     with open_hdf5(file) as opened:
         leave_links_out(table, opened)
         for name in members(table, opened, h5py.Group):

@@ -11,7 +11,7 @@ import zlib
 import numpy as np
 
 from .._guard import DataFile, quoted
-from .._table import Table
+from .._table import ColumnTable
 
 _HEADER = 128  # bytes, the last two of which say the byte order
 _ORDERS = {b"IM": "<", b"MI": ">"}
@@ -68,9 +68,9 @@ def vector(shape: tuple[int, ...]) -> tuple[int, ...]:
     return (max(shape),) if len(shape) == 2 and min(shape) == 1 else tuple(shape)
 
 
-def read_matlab5(file: DataFile) -> Table:
+def read_matlab5(file: DataFile) -> ColumnTable:
     """The vectors of numbers in the file."""
-    table = Table(quoted(file.path.name))
+    table = ColumnTable(quoted(file.path.name))
     order = _ORDERS[file.read(_HEADER)[_HEADER - 2 :]]
     end, count = _HEADER, 0
     while end < file.size:
@@ -91,7 +91,7 @@ def read_matlab5(file: DataFile) -> Table:
     return table
 
 
-def _take(table: Table, stream: _Stream, order: str) -> None:
+def _take(table: ColumnTable, stream: _Stream, order: str) -> None:
     flags = int(np.frombuffer(_element(stream, order)[1], f"{order}u4")[0])
     name_of_class = _CLASSES[flags & 0xFF]
     # An opaque object has no dimensions before its name.

@@ -11,7 +11,7 @@ from xarray.conventions import decode_cf_variable
 
 from .._guard import DataFile, quoted
 from .._sidecar import parse
-from .._table import Table
+from .._table import ColumnTable
 from .hdf5 import attribute, check_chunks, leave_links_out, members, open_hdf5, why_no_column
 
 _PACKING = ("_FillValue", "missing_value", "scale_factor", "add_offset", "_Unsigned", "dtype")
@@ -20,9 +20,9 @@ _ONLY_A_DIMENSION = b"This is a netCDF dimension but not a netCDF variable"
 _NOT_THE_DIMENSION = "_nc4_non_coord_"
 
 
-def read_netcdf(file: DataFile) -> Table:
+def read_netcdf(file: DataFile) -> ColumnTable:
     """The variables of the root with their `units`, and the sidecar in attribute `sidecar`."""
-    table = Table(quoted(file.path.name))
+    table = ColumnTable(quoted(file.path.name))
     with open_hdf5(file) as opened:
         leave_links_out(table, opened)
         for name, dataset in members(table, opened, h5py.Dataset).items():
@@ -35,7 +35,7 @@ def read_netcdf(file: DataFile) -> Table:
     return table
 
 
-def _take(table: Table, name: str, dataset: h5py.Dataset) -> None:
+def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
     if reason := why_no_column(dataset):
         table.leave_out(name, reason)
         return

@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 
 from .._guard import MOST_COLUMNS, DataFile, quoted
-from .._table import Table
+from .._table import ColumnTable
 
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -17,9 +17,9 @@ _LARGEST_DIRECTORY = 4096 * MOST_COLUMNS  # bytes; an entry is its name and some
 _WRITTEN_BY_NUMPY = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
-def read_npz(file: DataFile) -> Table:
+def read_npz(file: DataFile) -> ColumnTable:
     """The arrays of an archive. Headers are read first: one can state any size, or objects."""
-    table = Table(quoted(file.path.name))
+    table = ColumnTable(quoted(file.path.name))
     file.limit(most_bytes=_LARGEST_DIRECTORY)
     with zipfile.ZipFile(file) as archive:
         table.check_count(len(archive.infolist()))
@@ -28,7 +28,7 @@ def read_npz(file: DataFile) -> Table:
     return table
 
 
-def _take(table: Table, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> None:
+def _take(table: ColumnTable, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> None:
     name = info.filename.removesuffix(".npy")
     header = _header(archive, info)
     if header is None:

@@ -9,7 +9,7 @@ import numpy as np
 from srsinv.errors import BadInput
 
 from .._guard import DataFile, quoted
-from .._table import Table
+from .._table import ColumnTable
 from .._units import may_be_signal
 
 _MOST_READS = 2_000_000  # of all segments' descriptions: some seconds
@@ -17,12 +17,12 @@ _MOST_SCALES = 10  # steps from raw values to a channel's; each may refer to two
 _SCALE = re.compile(r"NI_Scale\[(\d+)\]")
 
 
-def read_tdms(file: DataFile) -> Table:
+def read_tdms(file: DataFile) -> ColumnTable:
     """The channels, named group/channel where there are several groups, with their units.
 
     Raises `BadInput` where the package that reads them is not installed.
     """
-    table = Table(quoted(file.path.name))
+    table = ColumnTable(quoted(file.path.name))
     try:
         from nptdms import TdmsFile
         from nptdms.log import log_manager
@@ -60,7 +60,7 @@ def _most_scales(*holders: Any) -> int:
     return max(numbers)
 
 
-def _take(table: Table, name: str, channel: Any, most: int) -> None:
+def _take(table: ColumnTable, name: str, channel: Any, most: int) -> None:
     dtype = np.dtype(channel.dtype)
     unit = channel.properties.get("unit_string")
 

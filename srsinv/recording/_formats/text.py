@@ -12,7 +12,7 @@ from jaxtyping import Float
 from srsinv.errors import BadInput, refuse
 
 from .._guard import DataFile, quoted
-from .._table import Table
+from .._table import ColumnTable
 
 _DELIMITERS = ",;\t"
 LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
@@ -21,9 +21,9 @@ _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
 _TEXT = 80  # characters kept of a cell that is no number
 
 
-def read_text(file: DataFile) -> Table:
+def read_text(file: DataFile) -> ColumnTable:
     """The columns of a UTF-8 text; blank lines and lines of # before the header are skipped."""
-    table = Table(quoted(file.path.name))
+    table = ColumnTable(quoted(file.path.name))
     text = io.TextIOWrapper(file, encoding="utf-8-sig")
     lines = _Lines(table.name, text)
     header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
@@ -139,7 +139,7 @@ class _Column:
 
 
 def _blocks(
-    table: Table, lines: _Lines, delimiter: str, names: list[str]
+    table: ColumnTable, lines: _Lines, delimiter: str, names: list[str]
 ) -> Iterator[list[list[str]]]:
     """Rows of as many cells as there are names, a block of them at a time.
 
@@ -180,7 +180,7 @@ def _next_rows(lines: _Lines, reader: Iterator[list[str]], delimiter: str) -> li
     return rows
 
 
-def _checked(table: Table, rows: list[list[str]], names: list[str], done: int) -> int:
+def _checked(table: ColumnTable, rows: list[list[str]], names: list[str], done: int) -> int:
     """How many rows there are with these, after the first `done`."""
     odd = next((index for index, row in enumerate(rows) if len(row) != len(names)), None)
     if odd is not None:
@@ -193,7 +193,7 @@ def _checked(table: Table, rows: list[list[str]], names: list[str], done: int) -
     return done
 
 
-def _check_names(table: Table, names: list[str]) -> None:
+def _check_names(table: ColumnTable, names: list[str]) -> None:
     table.check_count(len(names))
     named = [column for column in names if column]
     refuse(

@@ -8,19 +8,19 @@ import scipy.io.wavfile
 from jaxtyping import Float
 
 from .._guard import DataFile, quoted
-from .._table import Table
+from .._table import ColumnTable
 
 UNIT = "full scale"
 _MOST_READS = 10_000  # of the file's parts, of which there are a handful
 _MOST_PARTS = 1_000
 
 
-def read_wav(file: DataFile) -> Table:
+def read_wav(file: DataFile) -> ColumnTable:
     """`channel_0`, `channel_1`, ... as fractions of full scale, with `sample_rate_hz`.
 
     What a full scale is in volts only the experimenter knows: it is the inverse of `gain`.
     """
-    table = Table(quoted(file.path.name))
+    table = ColumnTable(quoted(file.path.name))
     channels, samples = _stated(file)
     table.check_count(channels)
     table.check_size("channel_0", samples * channels)

@@ -11,7 +11,7 @@ from .style import TRUTH, grid_of_axes, legend_below, method_lines, styled
 
 @styled
 def errors_against_noise(
-    snr_db: np.ndarray,
+    snr_dB: np.ndarray,
     error: np.ndarray,
     coverage: np.ndarray,
     methods: Sequence[str],
@@ -24,12 +24,12 @@ def errors_against_noise(
     """
     figure, grid = grid_of_axes(2, len(components), 2.6, sharex=True, sharey="row")
     for c, (name, (above, below)) in enumerate(zip(components, grid.T, strict=True)):
-        _spread(above, snr_db, 100 * error[..., c], methods)
+        _spread(above, snr_dB, 100 * error[..., c], methods)
         above.set(title=f"Relative error of {name}", yscale="log")
-        _spread(below, snr_db, 100 * coverage[..., c], methods)
+        _spread(below, snr_dB, 100 * coverage[..., c], methods)
         below.axhline(90, color=TRUTH, linestyle="--", linewidth=0.9, label="90 %, expected")
         below.set(title=f"True {name} inside the 90 % band", ylim=(-4, 104))
-        below.set_xticks(snr_db, [f"{level:g}" for level in snr_db])
+        below.set_xticks(snr_dB, [f"{level:g}" for level in snr_dB])
         below.set_xlabel("signal-to-noise ratio [dB]")
     grid[0, 0].set_ylabel("error [%]")
     grid[1, 0].set_ylabel("coverage [%]")

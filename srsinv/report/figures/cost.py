@@ -33,7 +33,7 @@ def errors_and_time(rows: Sequence[Row]) -> Figure:
     """Relative error, coverage of the 90 % band and time of each method.
 
     `rows`: one mapping for each method, with `method`, `error_p`, `error_q`, `coverage_p`,
-    `coverage_q` [1], `time_s_first` and `time_s_steady` [s]; None where it is not known.
+    `coverage_q` [1], `first_call_s` and `steady_call_s` [s]; None where it is not known.
     """
     figure, grid = grid_of_axes(1, 3, 0.7 + 0.55 * len(rows), sharey=True)
     error, coverage, time = grid[0]
@@ -45,7 +45,7 @@ def errors_and_time(rows: Sequence[Row]) -> Figure:
     coverage.axvline(90, color=TRUTH, linestyle="--", linewidth=0.9, label="90 %, expected")
     coverage.set(title="Truth inside the 90 % band", xlabel=_PERCENT.label("coverage"))
     coverage.set_xlim(-4, 118)  # room for a number beside 100 %
-    unit = scale("s", *(row["time_s_steady"] or 0.0 for row in rows))
+    unit = scale("s", *(row["steady_call_s"] or 0.0 for row in rows))
     _dots(time, rows, "time_s", {"first": GREY, "steady": PALETTE[4]}, unit)
     time.set(title="Time, with and without compiling", xlabel=unit.label("time"))
     if any(row[f"time_s_{name}"] for row in rows for name in ("first", "steady")):
@@ -88,12 +88,12 @@ def fit_counts(starts: Sequence[Row], together: Sequence[Row]) -> Figure:
     """How often a fit finds the minimum and how long it takes, over the number of starts, and its
     time over the number of signals fitted together.
 
-    Rows have `family`, `count`, `found` [1] and `time_s` [s], for each signal.
+    Rows have `family`, `count`, `converged` [1] and `time_s` [s], for each signal.
     """
     figure, grid = grid_of_axes(1, 3, 3.4)
     success, time, batch = grid[0]
     for axes, rows, quantity, factor in (
-        (success, starts, "found", 100.0), (time, starts, "time_s", 1e3),
+        (success, starts, "converged", 100.0), (time, starts, "time_s", 1e3),
         (batch, together, "time_s", 1e3),
     ):  # fmt: skip
         families = list(dict.fromkeys(str(row["family"]) for row in rows))

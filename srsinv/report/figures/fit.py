@@ -55,7 +55,7 @@ def residual(dataset: xarray.Dataset) -> Figure:
     palette = colours(methods)
     for (trace, histogram), (e, m) in zip(grid, rows, strict=True):
         values = dataset["whitened_residual"].values[m, e]
-        inside = _share_inside(values)
+        inside = _percent_inside(values)
         trace.set_title(f"Element {elements[e]}, {methods[m]}{inside}")
         _residual_trace(trace, dataset["x"].values, values, palette[methods[m]])
         _residual_histogram(histogram, values, palette[methods[m]])
@@ -116,7 +116,7 @@ def _reach(values: np.ndarray) -> float:
     return max(4.0, 1.05 * peak(values))
 
 
-def _share_inside(values: np.ndarray) -> str:
+def _percent_inside(values: np.ndarray) -> str:
     present = values[np.isfinite(values)]
     if not present.size:
         return ""

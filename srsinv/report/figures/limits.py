@@ -27,11 +27,11 @@ def heights(dataset: xarray.Dataset, base: Mapping[str, float]) -> Figure:
 
 @styled
 def pairs(dataset: xarray.Dataset, base: Mapping[str, float], least_m: float) -> Figure:
-    """`narrowest_pair_against_NAME` and `wavelength_kept_against_NAME` [m], and `least_m`, the
+    """`narrowest_pair_against_NAME` and `resolved_wavelength_against_NAME` [m], and `least_m`, the
     least distance tried."""
     lines = {
         "narrowest_pair": ("narrowest pair, by a fit", PALETTE[0], "-"),
-        "wavelength_kept": ("wavelength kept, without a model", PALETTE[1], "--"),
+        "resolved_wavelength": ("wavelength kept, without a model", PALETTE[1], "--"),
     }
     figure = _panels(dataset, base, lines, "distance [mm]", 1e3, least_m)
     figure.suptitle("A fit tells ridges apart that lie closer than the wavelengths kept")

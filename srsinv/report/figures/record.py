@@ -17,7 +17,7 @@ from .style import (
     units_of,
 )
 
-FELT = 0.02  # of a signal's peak: below, figures of a single feature show nothing
+ACTIVE_FRACTION = 0.02  # of a signal's peak: below, figures of a single feature show nothing
 
 
 @styled
@@ -35,7 +35,10 @@ def with_and_without(
         right.plot(
             time_s, made.factor * (with_effect[e] - ideal[e]), color=TRUTH, label="difference"
         )
-        left.set(ylabel=signals.label(f"element {e}"), xlim=_felt_s(time_s, with_effect, ideal))
+        left.set(
+            ylabel=signals.label(f"element {e}"),
+            xlim=_active_interval_s(time_s, with_effect, ideal),
+        )
         right.set(ylabel=made.label("change"))
     grid[0, 0].set_title("Signal")
     grid[0, 1].set_title("What the effect makes of it")
@@ -45,10 +48,10 @@ def with_and_without(
     return figure
 
 
-def _felt_s(time_s: np.ndarray, *signals: np.ndarray) -> tuple[float, float]:
+def _active_interval_s(time_s: np.ndarray, *signals: np.ndarray) -> tuple[float, float]:
     """From when to when any signal (element, sample) is above `FELT` of its peak, and a margin."""
     size = np.abs(np.concatenate(signals)).max(axis=0)
-    active = time_s[size >= FELT * size.max()]
+    active = time_s[size >= ACTIVE_FRACTION * size.max()]
     margin = 0.3 * (active[-1] - active[0]) + (time_s[-1] - time_s[0]) / 50
     return max(active[0] - margin, time_s[0]), min(active[-1] + margin, time_s[-1])
 

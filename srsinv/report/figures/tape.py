@@ -22,7 +22,7 @@ from .style import (
     units_of,
 )
 
-_PLAIN = "no friction"
+_NO_FRICTION = "no friction"
 _SOLID = {"even": PALETTE[1], "odd": PALETTE[0]}
 
 
@@ -36,7 +36,7 @@ def signals(dataset: xarray.Dataset) -> Figure:
     for axes, name in zip(grid[:, 0], names, strict=True):
         for case, label, look in (
             ("with noise", "with friction and noise", {"color": PALETTE[2]}),
-            (_PLAIN, _PLAIN, {"color": GREY, "linestyle": "--"}),
+            (_NO_FRICTION, _NO_FRICTION, {"color": GREY, "linestyle": "--"}),
         ):
             values = dataset["signal"].sel(case=case, element=name).values
             axes.plot(x * MM_PER_M, unit.factor * values, label=label, **look)
@@ -63,7 +63,7 @@ def symmetry(dataset: xarray.Dataset) -> Figure:
             for part, colour in _SOLID.items():
                 for case, look, label in (
                     (cases[0], "-", part),
-                    (_PLAIN, "--", f"{part}, without friction"),
+                    (_NO_FRICTION, "--", f"{part}, without friction"),
                 ):
                     values = dataset[part].sel(case=case, edge=edge, element=name).values
                     axes.plot(at, unit.factor * values, look, color=colour, label=label)
@@ -73,7 +73,7 @@ def symmetry(dataset: xarray.Dataset) -> Figure:
     for axes in grid[-1]:
         axes.set_xlabel("distance from the edge [mm]")
     said = [f"{edge} {index[cases[0]][i]:.3g}" for i, edge in enumerate(edges)]
-    frictionless = f"without friction {index[_PLAIN][0]:.3g} at both"
+    frictionless = f"without friction {index[_NO_FRICTION][0]:.3g} at both"
     figure.suptitle(f"Antisymmetry, rms of even over odd: {', '.join(said)}; {frictionless}")
     legend_below(figure, grid[0])
     return figure

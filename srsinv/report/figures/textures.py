@@ -33,7 +33,7 @@ def signals(dataset: xarray.Dataset) -> Figure:
             values = unit.factor * dataset["signal"].values[c, t]
             label = f"{contact} contact"
             axes.plot(x * MM_PER_M, values, color=_OF_CONTACT[contact], label=label)
-        fraction = float(dataset["contact_share"].values[-1, t])
+        fraction = float(dataset["contact_fraction"].values[-1, t])
         axes.set(
             title=f"{name.capitalize()}; under light pressure {fraction:.0%} touches",
             ylabel=unit.label("signal"),
@@ -100,7 +100,7 @@ def spectra(dataset: xarray.Dataset) -> Figure:
 @styled
 def confusion(dataset: xarray.Dataset) -> Figure:
     """What was chosen (columns) for what was there (rows), a panel for each way of telling."""
-    ways, names = names_of(dataset["told_by"]), names_of(dataset["texture"])
+    ways, names = names_of(dataset["classification"]), names_of(dataset["texture"])
     figure, grid = grid_of_axes(1, len(ways), 2.9, sharey=True)
     for axes, way, counts, right in zip(
         grid[0], ways, dataset["chosen"].values, dataset["accuracy"].values, strict=True

@@ -118,7 +118,7 @@ REFUSED = {
     "loss_threshold": (lambda: Huber(-1.0), "loss.threshold", "-1.0", "positive"),
     "loss_threshold_text": (lambda: Huber("wide"), "loss.threshold", "'wide'"),
     "solver": (lambda: fit(solver="lm"), "'lm'", "Optimistix()"),
-    "polished": (lambda: fit(polished=0), "polished", "0", "from 1"),
+    "max_searches": (lambda: fit(max_searches=0), "max_searches", "0", "from 1"),
     "tolerance": (lambda: Optimistix(tolerance=2.0), "solver.tolerance", "2.0", "0 and 1"),
     "tolerance_text": (lambda: OptaxLBFGS(tolerance="fine"), "solver.tolerance", "'fine'"),
     "steps": (lambda: JaxoptLBFGSB(max_steps=0), "solver.max_steps", "0", "from 1"),
@@ -152,7 +152,7 @@ def test_allowed():
     """Whole numbers to start from, one name for several, and holes that noise leaves out."""
     noise = np.where(np.isnan(HOLE), np.inf, 0.1)
     solution = fit(initial={"amp": 1, "rate": 1, "c": 0}, y=HOLE, noise=noise, linear="amp")
-    assert solution.converged, solution.result
+    assert solution.converged, solution.status
     np.testing.assert_allclose(solution.value["amp"], 3.0, rtol=1e-6)
     np.testing.assert_array_equal(np.isnan(solution.residual), np.isnan(HOLE))
     assert solution.stats["data"] == N - 1

@@ -59,7 +59,7 @@ def test_constrained_minimum(solver):
             noise=STDERR, bounds=bounds, solver=solver,
         )  # fmt: skip
         z = np.array([fit.value[name] for name in NAMES])
-        assert fit.converged, (seed, fit.result)
+        assert fit.converged, (seed, fit.status)
         assert (z >= lower).all()
         assert (z <= upper).all()
         np.testing.assert_allclose(fit.stats["cost"], expected.cost, rtol=1e-8)
@@ -90,7 +90,7 @@ def test_one_parameter(bounds, expected):
                            for b, s in zip(bounds, (-1, 1), strict=True)))  # fmt: skip
     y = np.exp(-2 * X)
     fit = srsinv.fit(lambda p: jnp.exp(-p["k"] * X), {"k": start}, y, bounds={"k": bounds})
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     np.testing.assert_allclose(fit.value["k"], expected, atol=1e-9)
     assert ("k" in fit.at_bound) == (expected in bounds)
 

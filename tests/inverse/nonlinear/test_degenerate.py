@@ -36,7 +36,7 @@ def test_undetermined(name):
     fit = srsinv.fit(model, start, y, noise=STDERR)
     undetermined = set("".join(directions))
     determined = [n for n in fit.names if n not in undetermined]
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert sorted("".join(sorted(d)) for d in fit.undetermined) == directions
     assert {n for n in fit.names if np.isposinf(fit.stderr[n])} == undetermined
     assert np.isnan(fit.covariance).any() == (len(fit.names) > 1)
@@ -69,7 +69,7 @@ def test_more_parameters_than_data():
     fit = srsinv.fit(
         lambda p: jnp.asarray(X[:3, None] ** np.arange(5)) @ p, np.zeros(5), Y[:3], noise=STDERR
     )
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert len(fit.undetermined) == 2
     np.testing.assert_allclose(fit.residual, 0.0, atol=1e-9)
 
@@ -80,7 +80,7 @@ def test_no_datum_left_for_the_noise(count):
     fit = srsinv.fit(
         lambda p: jnp.asarray(X[:count, None] ** np.arange(count)) @ p, np.zeros(count), Y[:count]
     )
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert np.isposinf(fit.stderr).all()
     assert np.isposinf(np.diagonal(fit.covariance)).all()
     assert np.isposinf(fit.derive(lambda p: p[0])[1])
@@ -100,7 +100,7 @@ def test_nearly_degenerate(apart):
     fit = srsinv.fit(lambda p: basis @ p, np.zeros(2), basis @ np.ones(2), noise=1.0)
     (a, b), (_, d) = exact_normal_matrix(basis)
     stderr = [float(v / (a * d - b * b)) ** 0.5 for v in (d, a)]
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert not fit.undetermined
     np.testing.assert_allclose(fit.stderr, stderr, rtol=1e-8)
 
@@ -111,5 +111,5 @@ def test_nothing_in_the_data(noise, linear):
     fit = srsinv.fit(
         lambda p: decay(p["a"], p), {"a": 1.0, "k": 1.0}, 0 * Y, noise=noise, linear=linear
     )
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert abs(fit.value["a"]) < 1e-9

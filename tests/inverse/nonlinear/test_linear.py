@@ -28,7 +28,7 @@ def circulant(power):
     return np.stack([np.roll(row, j) for j in range(N)])
 
 
-class Case(NamedTuple):
+class LinearCase(NamedTuple):
     """Noise as a user gives it, and its covariance matrix."""
 
     noise: object
@@ -38,15 +38,15 @@ class Case(NamedTuple):
 
 
 CASES = {
-    "white": Case(0.2, 0.04 * np.eye(N)),
-    "unknown_level": Case(None, np.eye(N)),
-    "each": Case(EACH, np.diag(EACH**2)),
-    "gaps": Case(WITH_GAPS, np.diag(np.minimum(WITH_GAPS, 1e9) ** 2)),
-    "spectrum": Case(Spectrum(POWER), circulant(POWER)),
-    "correlated": Case(Correlated(ROUGH), ROUGH),
-    "scaled": Case(0.2, 0.04 * np.eye(N), SCALES),
-    "scaled_unknown_level": Case(None, np.eye(N), SCALES),
-    "priors": Case(0.2, 0.04 * np.eye(N), priors=PRIORS),
+    "white": LinearCase(0.2, 0.04 * np.eye(N)),
+    "unknown_level": LinearCase(None, np.eye(N)),
+    "each": LinearCase(EACH, np.diag(EACH**2)),
+    "gaps": LinearCase(WITH_GAPS, np.diag(np.minimum(WITH_GAPS, 1e9) ** 2)),
+    "spectrum": LinearCase(Spectrum(POWER), circulant(POWER)),
+    "correlated": LinearCase(Correlated(ROUGH), ROUGH),
+    "scaled": LinearCase(0.2, 0.04 * np.eye(N), SCALES),
+    "scaled_unknown_level": LinearCase(None, np.eye(N), SCALES),
+    "priors": LinearCase(0.2, 0.04 * np.eye(N), priors=PRIORS),
 }
 
 
@@ -54,7 +54,7 @@ def model(p):
     return p["basis"] @ p["b"]
 
 
-def closed_form(case: Case, y):
+def closed_form(case: LinearCase, y):
     """The best parameters and their covariance, through a factor of the noise's covariance."""
     whiten = np.linalg.inv(np.linalg.cholesky(case.covariance))
     rows, data = whiten @ BASIS, whiten @ y
@@ -80,7 +80,7 @@ def test_closed_form(name, linear):
     value, covariance = closed_form(case, y)
     stderr = np.sqrt(np.diagonal(covariance))
     unit = np.outer(stderr, stderr)
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert not fit.undetermined
     np.testing.assert_allclose(fit.value["b"] * case.scales, value * case.scales, rtol=1e-9)
     np.testing.assert_allclose(fit.stderr["b"], stderr, rtol=1e-9)
@@ -103,7 +103,7 @@ def test_ill_conditioned_basis():
     )
     inverse = np.linalg.inv(np.linalg.qr(basis)[1])
     stderr = np.linalg.norm(inverse, axis=1)
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert not fit.undetermined
     np.testing.assert_allclose(fit.stderr["b"], stderr, rtol=1e-6)
     np.testing.assert_allclose((fit.value["b"] - truth) / stderr, 0.0, atol=1e-6)

@@ -68,10 +68,10 @@ def solved(name):
 def test_hard_minima(name):
     for factor, fit, row in zip(FACTORS, *solved(name), strict=True):
         if name == "jennrich_sampson" and factor == 100:  # the square of exp(400) overflows
-            assert fit.result.startswith("not finite")
+            assert fit.status.startswith("not finite")
             continue
         assert row["minimum"] is not None, (factor, row)
-        assert row["converged"], (factor, fit.result)
+        assert row["converged"], (factor, fit.status)
         assert row["evaluations"] <= MOST_STEPS, (factor, row)
         assert_stationary(name, fit)
 
@@ -91,7 +91,7 @@ def test_strongly_damped_steps_are_no_arrival():
 @pytest.mark.parametrize("name", BY_NAME)
 def test_converged_is_stationary(name):
     for fit, row in zip(*solved(name), strict=True):
-        assert fit.converged or row["minimum"] not in FINITE, (row, fit.result)
+        assert fit.converged or row["minimum"] not in FINITE, (row, fit.status)
         if fit.converged:
             assert_stationary(name, fit)
 

@@ -111,7 +111,7 @@ def fits(name):
 def test_certified(name):
     problem = PROBLEMS[name]
     for fit in fits(name):
-        assert fit.converged, fit.result
+        assert fit.converged, fit.status
         assert not fit.undetermined
         np.testing.assert_allclose(fit.value["b"], problem["certified"], rtol=5e-7)
         np.testing.assert_allclose(

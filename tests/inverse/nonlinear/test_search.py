@@ -67,7 +67,7 @@ def test_a_wide_valley_does_not_take_all_starts():
     starts = {"x": np.linspace(-0.93, 0.92, 38)}  # 0.82 is the nearest, at 0.36
     bounds = {"x": (-1.0, 1.0)}
     fit = srsinv.fit(
-        residual, {"x": -1.0}, np.zeros(1), noise=1.0, bounds=bounds, starts=starts, polished=2
+        residual, {"x": -1.0}, np.zeros(1), noise=1.0, bounds=bounds, starts=starts, max_searches=2
     )
     np.testing.assert_allclose(fit.value["x"], 0.8, atol=1e-3)
 
@@ -78,7 +78,7 @@ def test_a_wide_valley_does_not_take_all_starts():
 @pytest.mark.parametrize("solver", SOLVERS[1:], ids=lambda solver: solver.__name__)
 def test_same_minimum(solver):
     first, fit = (srsinv.fit(model, START, Y, solver=s) for s in (None, solver()))
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert fit.stats["solver"] == solver.name
     for name in START:
         np.testing.assert_allclose(
@@ -92,7 +92,7 @@ def test_same_minimum(solver):
 def test_too_few_steps(solver):
     fit = srsinv.fit(model, START, Y, solver=solver(max_steps=2))
     assert not fit.converged
-    assert fit.result == f"not converged: {solver.name} reached its 2 steps"
+    assert fit.status == f"not converged: {solver.name} reached its 2 steps"
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_too_few_steps(solver):
 def test_not_finite(of, start, solver):
     fit = srsinv.fit(of, {"a": start}, Y, solver=solver())
     assert not fit.converged
-    assert fit.result.startswith("not finite")
+    assert fit.status.startswith("not finite")
     assert np.isposinf(fit.stderr["a"])
 
 
@@ -165,7 +165,7 @@ def test_bad_start_among_good_ones():
     fit = srsinv.fit(
         lambda p: jnp.log(p["a"]) * X, {"a": -1.0}, 2 * X + 0.01 * NOISE, starts={"a": [-2.0, 3.0]}
     )
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     np.testing.assert_allclose(fit.value["a"], np.exp(2), rtol=0.02)
 
 
@@ -183,7 +183,7 @@ def test_units_change_nothing(unit, scales):
     start = {name: s[name] * START[name] for name in START} | {"s": np.array(scales), "unit": unit}
     fit = srsinv.fit(in_units, start, unit * Y, noise=0.01 * unit, free=("a", "k", "c"))
     unscaled = srsinv.fit(model, START, Y, noise=0.01)
-    assert fit.converged, fit.result
+    assert fit.converged, fit.status
     assert abs(fit.stats["iterations"] - unscaled.stats["iterations"]) <= 1
     for name in START:
         np.testing.assert_allclose(fit.value[name] / s[name], unscaled.value[name], rtol=1e-8)
@@ -200,7 +200,7 @@ def test_single_precision(linear):
 
     with jax.enable_x64(False):
         single = srsinv.fit(again, START, Y, linear=linear)
-    assert single.converged, single.result
+    assert single.converged, single.status
     for name in START:
         np.testing.assert_allclose(single.value[name], double.value[name], rtol=2e-4)
         np.testing.assert_allclose(single.stderr[name], double.stderr[name], rtol=1e-2)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.inverse.nonlinear import Sliding, fit
+from srsinv.inverse.nonlinear import WhitePlusOU, fit
 from srsinv.inverse.sliding_noise import Levels, estimate, first_levels
 from tests.refusals import refused
 
@@ -23,7 +23,7 @@ def covariance(row):
 @pytest.mark.parametrize("element", [0, 1])
 def test_it_makes_its_own_noise_white(element):
     """W N W^T = 1 over the samples that are seen, and the volume is the determinant's."""
-    noise = Sliding(X, WHITE, 0.7, LENGTH)
+    noise = WhitePlusOU(X, WHITE, 0.7, LENGTH)
     basis = np.zeros((157, 2, 157))
     basis[np.arange(157), element, np.arange(157)] = 1.0
     rows = np.array([np.asarray(noise(jnp.asarray(b))).reshape(2, -1)[element] for b in basis]).T
@@ -37,7 +37,7 @@ def test_it_makes_its_own_noise_white(element):
 
 
 def test_coloured_is_what_it_makes_white():
-    noise = Sliding(X, WHITE, 0.7, LENGTH)
+    noise = WhitePlusOU(X, WHITE, 0.7, LENGTH)
     data = RNG.normal(size=(3, 2, 157))
     white = np.stack([np.asarray(noise(jnp.asarray(each))) for each in data], axis=1)
     expected = np.where(np.isfinite(WHITE), data, 0.0)
@@ -46,13 +46,13 @@ def test_coloured_is_what_it_makes_white():
 
 def test_samples_much_nearer_than_the_correlation():
     """Without white noise the second of two differs from the first by s sqrt(2 d/l)."""
-    noise = Sliding(np.array([0.0, 1e-12 * LENGTH]), np.full((1, 2), 1e-30), 0.7, LENGTH)
+    noise = WhitePlusOU(np.array([0.0, 1e-12 * LENGTH]), np.full((1, 2), 1e-30), 0.7, LENGTH)
     white = np.asarray(noise(jnp.array([[0.0, 1.0]])))
     assert white[1] == pytest.approx(1 / (0.7 * np.sqrt(2e-12)), rel=1e-10)
 
 
 def test_its_volume_and_count():
-    noise = Sliding(X, WHITE, 0.7, LENGTH)
+    noise = WhitePlusOU(X, WHITE, 0.7, LENGTH)
     observed = [np.isfinite(row) for row in WHITE]
     exact = sum(
         np.linalg.slogdet(covariance(row)[np.ix_(s, s)])[1] / 2
@@ -65,7 +65,7 @@ def test_its_volume_and_count():
 def test_a_fit_weighs_with_it_as_with_the_full_matrix():
     """A constant under it: its value and standard error by generalised least squares."""
     y = RNG.normal(size=(1, 157))
-    noise = Sliding(X, WHITE[1:], 0.7, LENGTH)
+    noise = WhitePlusOU(X, WHITE[1:], 0.7, LENGTH)
     solution = fit(lambda p: p["level"] + jnp.zeros((1, 157)), {"level": 0.0}, y, noise=noise)
     inverse = np.linalg.inv(covariance(WHITE[1]))
     weight = inverse.sum()
@@ -155,7 +155,7 @@ def test_levels_of_a_motion_that_stands_still():
 
 
 def test_refusals():
-    refused(lambda: Sliding(X, WHITE, 0.0, LENGTH), "sliding", "above 0")
-    refused(lambda: Sliding(X, WHITE, 1.0, -1.0), "correlation_m", "above 0")
-    refused(lambda: Sliding(X, np.zeros((2, 157)), 1.0, LENGTH), "level", "above 0")
-    refused(lambda: Sliding(X, WHITE, 1.0, LENGTH).seen((3, 5)), "shape", "(3, 5)")
+    refused(lambda: WhitePlusOU(X, WHITE, 0.0, LENGTH), "sliding", "above 0")
+    refused(lambda: WhitePlusOU(X, WHITE, 1.0, -1.0), "correlation_m", "above 0")
+    refused(lambda: WhitePlusOU(X, np.zeros((2, 157)), 1.0, LENGTH), "level", "above 0")
+    refused(lambda: WhitePlusOU(X, WHITE, 1.0, LENGTH).observed((3, 5)), "shape", "(3, 5)")

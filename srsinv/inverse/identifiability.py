@@ -11,28 +11,32 @@ from .nonlinear import Fit
 
 # Standard errors of a strength from nothing. Noise alone, looked through at every place and width,
 # makes features of up to four.
-TOLD = 5.0
-TRADED = 0.3  # of a correlation, from which a parameter goes where one on its bound would
+DETECTION_SIGMA = 5.0
+STRONG_CORRELATION = (
+    0.3  # of a correlation, from which a parameter goes where one on its bound would
+)
 
 
-def untold(features: Mapping[str, Feature | SurfaceFeature], fit: Fit) -> tuple[str, ...]:
+def undetected_features(
+    features: Mapping[str, Feature | SurfaceFeature], fit: Fit
+) -> tuple[str, ...]:
     """Features that the data do not tell from nothing: their place, width and friction are then
     those of noise."""
     if not all(isinstance(feature, Feature) for feature in features.values()):
-        return () if _gain(fit) >= TOLD**2 else tuple(features)
+        return () if _gain(fit) >= DETECTION_SIGMA**2 else tuple(features)
     return tuple(
         name
         for name, feature in features.items()
-        if isinstance(feature, Feature) and not _strength(name, feature, fit) >= TOLD
+        if isinstance(feature, Feature) and not _strength(name, feature, fit) >= DETECTION_SIGMA
     )
 
 
-def beyond_bounds(fit: Fit) -> frozenset[str]:
+def limited_by_bounds(fit: Fit) -> frozenset[str]:
     """Parameters that stand on a bound, and those that go with them: where the data would have them
     lies beyond, and no error says how far."""
     rows = [fit.names.index(name) for name in fit.at_bound]
     with np.errstate(invalid="ignore"):
-        traded = np.any(np.abs(fit.correlation[rows]) > TRADED, axis=0)
+        traded = np.any(np.abs(fit.correlation[rows]) > STRONG_CORRELATION, axis=0)
     return frozenset(np.array(fit.names, object)[traded]) | frozenset(fit.at_bound)
 
 

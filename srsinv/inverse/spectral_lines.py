@@ -65,30 +65,30 @@ class Pitch(NamedTuple):
     - `pattern` (c, n): what repeats; `rest` (c, n): what is left beside it and the drift;
     - `noise` (c,): the channels' standard deviations that weigh them;
     - `stderr_white_m`: as if the noise were white and the channels' independent;
-    - `result`: "converged", or what went wrong.
+    - `status`: "converged", or what went wrong.
     """
 
     pitch_m: float
     stderr_m: float
     stderr_white_m: float
-    result: str
+    status: str
     pattern: Float[np.ndarray, "c n"]
     rest: Float[np.ndarray, "c n"]
     noise: Float[np.ndarray, " c"]
     shifts: Shifts
 
 
-class Line(NamedTuple):
-    """A significant line: `share` of the channels' variance that it explains (mean over channels),
-    `false_alarm` how often noise alone has one as strong anywhere."""
+class SpectralPeak(NamedTuple):
+    """A significant line: `explained_fraction` of the channels' variance that it explains (mean
+    over channels), `false_alarm` how often noise alone has one as strong anywhere."""
 
     wavelength_m: float
     stderr_m: float
-    share: float
+    explained_fraction: float
     false_alarm: float
 
 
-class Spectrum(NamedTuple):
+class Periodogram(NamedTuple):
     """A periodogram summed over channels, at `per_m` (k,) [cycles/m], and what noise does to it.
 
     - `power` (k,), in the square of the channels' unit; `floor` (k,): its level between lines;
@@ -116,12 +116,12 @@ class Spectrum(NamedTuple):
         return self.floor * (self.shift + self.step * self.dof * excess)
 
 
-class Lines(NamedTuple):
+class SpectralPeaks(NamedTuple):
     """The lines found, the strongest first, the spectrum of what is left without them, and the
     power `before` (k,) any was taken out, in the same units."""
 
-    lines: tuple[Line, ...]
-    left: Spectrum
+    lines: tuple[SpectralPeak, ...]
+    left: Periodogram
     before: Float[np.ndarray, " k"]
 
     def false_alarm_at(self, wavelength_m: float, harmonics: int) -> float:
@@ -170,9 +170,9 @@ def fit_pitch(
         noise=np.broadcast_to(noise[:, None], y.shape),
         bounds={"pitch_m": range_m},
     )
-    fitted = _judged(x_m, y, known, float(estimate.value["pitch_m"]), harmonics, noise)
-    result = "at an end of the range: widen it" if estimate.at_bound else estimate.result
-    return fitted._replace(stderr_white_m=float(estimate.stderr["pitch_m"]), result=result)
+    fitted = _with_uncertainty(x_m, y, known, float(estimate.value["pitch_m"]), harmonics, noise)
+    result = "at an end of the range: widen it" if estimate.at_bound else estimate.status
+    return fitted._replace(stderr_white_m=float(estimate.stderr["pitch_m"]), status=result)
 
 
 class _Pattern(eqx.Module):
@@ -199,7 +199,7 @@ def scan_pitch(
     by a small part of the standard error."""
     y = without(known, signal)
     pitch_m, noise = _locate(x_m, y, known, range_m, harmonics)
-    return _judged(x_m, y, known, pitch_m, harmonics, noise)
+    return _with_uncertainty(x_m, y, known, pitch_m, harmonics, noise)
 
 
 def channel_pitches(
@@ -221,7 +221,7 @@ def find_lines(
     pitch: tuple[float, int],
     longest_m: float,
     false_alarm: float,
-) -> Lines:
+) -> SpectralPeaks:
     """The significant lines, up to `longest_m`, beside `pitch` (its value [m] and harmonics).
 
     The most significant is taken out and the rest looked at again, until none exceeds what noise
@@ -256,15 +256,15 @@ def find_lines(
         others = known(other for other in detected if other != wavelength)
         alone = scan_pitch(x_m, signal, others, _resolved(x_m, wavelength), 1)
         explained_fraction = np.mean(np.sum(alone.pattern**2, axis=1) / np.sum(total**2, axis=1))
-        lines.append(Line(alone.pitch_m, alone.stderr_m, float(explained_fraction), chance))
-    lines.sort(key=lambda line: -line.share)
+        lines.append(SpectralPeak(alone.pitch_m, alone.stderr_m, float(explained_fraction), chance))
+    lines.sort(key=lambda line: -line.explained_fraction)
     before = spectrum(x_m, total / scale[:, None], longest_m).power
-    return Lines(tuple(lines), left, before)
+    return SpectralPeaks(tuple(lines), left, before)
 
 
 def spectrum(
     x_m: Float[np.ndarray, " n"], y: Float[np.ndarray, "c n"], longest_m: float
-) -> Spectrum:
+) -> Periodogram:
     """The Hann-tapered periodogram of y (channels of like noise), from `longest_m` down to two
     samples, and its own scale.
 
@@ -278,7 +278,7 @@ def spectrum(
     power = np.maximum(np.sum(np.abs(amplitude) ** 2, axis=0), _TINY)
     floor = _floor(per_m[in_band], power)
     trials = _length(x_m) * (0.5 / step - 1 / longest_m)
-    return Spectrum(per_m[in_band], power, floor, *_scatter(amplitude, power, floor), trials)
+    return Periodogram(per_m[in_band], power, floor, *_scatter(amplitude, power, floor), trials)
 
 
 def _floor(per_m, power) -> Float[np.ndarray, " k"]:
@@ -372,7 +372,7 @@ def _resolved(x_m, wavelength_m: float) -> tuple[float, float]:
     return 1 / (1 / wavelength_m + half), 1 / (1 / wavelength_m - half)
 
 
-def _judged(x_m, y, known, pitch_m: float, harmonics: int, noise) -> Pitch:
+def _with_uncertainty(x_m, y, known, pitch_m: float, harmonics: int, noise) -> Pitch:
     """The pattern at this pitch, with its standard error from the shifts."""
     rest = _rest(x_m, y, known, pitch_m, harmonics)
     columns = waves(x_m, pitch_m, harmonics)
