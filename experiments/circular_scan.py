@@ -94,7 +94,7 @@ def run(cfg: build.Config) -> Outcome:
 
 @eqx.filter_jit
 def _signal(sensor: Sensor, scan, line: Periodic, traction):
-    return line.operator(sensor.signal(scan))(traction)
+    return sensor.operator(line, scan)(traction)
 
 
 def _gain(sensor: Sensor, scan, ridge, angle_deg: float) -> np.ndarray:

@@ -226,7 +226,7 @@ def _detectability(line: Line, sensor: Sensor, tractions: RidgeTractions, rate: 
         films = [film.depth_m for film in sensor.elements]
         moved = [z + depth - sensor.depth_m for z in films]
         deeper = eqx.tree_at(lambda s: [film.depth_m for film in s.elements], sensor, moved)
-        field = line.operator(deeper.signal(ConstantSpeed(speed)))
+        field = deeper.operator(line, ConstantSpeed(speed))
         samples = rate / speed * line.cell_m  # for each cell
 
         def strength(traction):
@@ -251,7 +251,7 @@ def _detectability(line: Line, sensor: Sensor, tractions: RidgeTractions, rate: 
 def _white(cfg, line, sensor, scan, tractions: RidgeTractions, rate: float) -> float:
     """Noise [V rms] of one sample at `rate`."""
     samples = Periodic(line.n, float(scan.speed_m_per_s) / rate, 0.0)
-    rms = jnp.sqrt(jnp.mean(line.operator(sensor.signal(scan))(tractions.pair[-1]) ** 2))
+    rms = jnp.sqrt(jnp.mean(sensor.operator(line, scan)(tractions.pair[-1]) ** 2))
     spectrum = np.asarray(total_spectrum(build.noises(cfg), samples, scan, rms))
     refuse(
         not spectrum.min() > 0 or float(np.ptp(spectrum)) > 1e-9 * spectrum.max(),
@@ -312,7 +312,8 @@ def _sections(ds, m, cfg: build.Config, base) -> tuple[Section, ...]:
         Section(
             "The narrowest pair",
             (f"Two ridges {1e6 * ridge['height_m']:.3g} µm high are told apart where the distance "
-             f"of their middles is known to one part in {settings['certainty']:g}: its Cramer-Rao "
+             f"of their middles is known to one part in {settings['relative_precision']:g}: its "
+             "Cramer-Rao "
              "standard error, with their height and place unknown as well (width, friction and "
              f"pressure known). Here {1e3 * m['narrowest_pair_m']:.3g} mm; it goes as "
              f"depth^{law['narrowest_pair_against_depth']}, "

@@ -36,7 +36,7 @@ def run(cfg: build.Config) -> Outcome:
             respond = line.operator(stage)
             return np.stack([respond(jnp.outer(jnp.asarray(t), p)) for t in tractions.values()])
 
-        charge, voltage = responses(sensor.charge()), responses(sensor.signal(scan))
+        charge, voltage = responses(sensor.charge()), responses(sensor.output(scan))
         sigma_z = responses(sensor.stress())[0, 1]
 
         depth, area = films[0].depth_m, films[0].width_m * films[0].length_m

@@ -11,8 +11,8 @@ import xarray
 from srsinv.errors import number, refuse, whole
 from srsinv.forward.film import Film
 from srsinv.forward.noise import with_noise
+from srsinv.forward.operator import PositionInterpolation
 from srsinv.forward.scan import ConstantSpeed
-from srsinv.forward.scanned import PositionInterpolation
 from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Ridges
@@ -284,7 +284,7 @@ def _samples(settings, setup: RidgeScan) -> Periodic:
 
 def _signals(setup: RidgeScan, samples: Periodic, noises, waves: PitchWaves, key):
     """At the samples: the signal, the noise's power at their wavenumbers, and both together."""
-    field = setup.line.operator(setup.sensor.signal(setup.scan))
+    field = setup.sensor.operator(setup.line, setup.scan)
     traction = _traction(setup, setup.scene, jnp.asarray(waves.pressure[-1]))
     signal = jax.jit(lambda t: PositionInterpolation(setup.line, samples.x)(field(t)))(traction)
     data, spectrum, _ = with_noise(noises, samples, setup.scan, signal, key)
@@ -300,7 +300,7 @@ def _traction(setup: RidgeScan, scene: SurfaceScene, pressure):
 def _solve_pitch_waves(setup: RidgeScan, wide: Film, points) -> PitchWaves:
     """The skin pressed on ridges, for points (height, nominal pressure)."""
     both = Sensor((*setup.sensor.elements, wide), setup.sensor.skin, setup.sensor.amplifier)
-    field = setup.line.operator(both.signal(setup.scan))
+    field = both.operator(setup.line, setup.scan)
     wave = round(setup.line.n * float(setup.line.cell_m) / setup.pitch_m)
 
     def one(given):
@@ -454,7 +454,8 @@ def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: RidgeScan) -> tup
             "Beside the paper",
             ("The paper calls its peaks at 6.5 µm \"large, distinct\" and expects ridges a tenth "
              "as high to be detectable. For peaks that stand "
-             f"{settings['distinct']:g} rms of noise out of the trace, this model's signal is "
+             f"{settings['peak_over_noise']:g} rms of noise out of the trace, this model's signal "
+             "is "
              f"{m['snr_shortfall']:.3g} times too small in the whole band, and "
              f"{m['snr_shortfall_in_band']:.2g} times after a low-pass filter at "
              f"{m['band_hz']:.3g} Hz. The load does not make up for it: at "

@@ -39,7 +39,7 @@ def run(cfg: build.Config) -> Outcome:
         for name, changes in {ASSUMED: {}, **settings["truths"]}.items():
             with stage(f"inverting as a half space: {name}"):
                 true = simulation(merged(cfg, changes))
-                signal = true.sampled(true.sensor.signal(true.scan))
+                signal = true.signal()
                 mean_p_Pa = jnp.mean(assumed.traction(assumed.line)[0])
                 problem = problem_of(assumed, signal, mean_p_Pa, key)
                 estimates[name] = np.asarray(method(problem).value)
@@ -69,7 +69,7 @@ def _waves(sim: Simulation, settings: Mapping[str, Any]) -> np.ndarray:
 def _gains(true: Simulation, problem: Problem, method, waves: np.ndarray) -> np.ndarray:
     """(component out, component in, wave): complex amplitude recovered per unit of true one."""
     line = true.line
-    respond = line.operator(true.sensor.signal(true.scan))
+    respond = true.sensor.operator(line, true.scan)
     size = np.sqrt(np.mean(np.asarray(problem.data) ** 2))
     gains = np.zeros((2, 2, waves.size), complex)
     for j, m in enumerate(waves):

@@ -280,7 +280,7 @@ class TextureSensor:
         self.skin: HalfSpace = build.make(cfg["skin"], "skin", "skin")
         self.cell_m, self.k = float(self.line.cell_m), np.asarray(self.line.k)
         self.unit = self.sensor.amplifier.unit
-        stage = self.sensor.signal(self.scan)
+        stage = self.sensor.output(self.scan)
         transfer = np.asarray(stage.transfer(self.line.k))[0]
         # Signal power per sample of a unit density of height, all in contact.
         stiffness = np.asarray(self.skin.contact_modulus_Pa) * self.k / 2

@@ -31,35 +31,71 @@ def as_real(value) -> Float[Array, "..."]:
     return jnp.asarray(value, dtype=jnp.result_type(float))
 
 
-class Convolution(eqx.Module):
-    """A linear map between signals on one line: y[e] = sum_c h[e, c] * r[c].
+class Operator(eqx.Module):
+    """A linear map from traction on the cells of a line to a sensor's signal.
 
-    `transfer` (e, c, k) is the half spectrum of the circular kernel of `length` samples; with
-    `length` >= 2 n - 1 the convolution is linear (open line), with `length` = n circular.
-    `has_dc_gain` says whether an endless uniform r gives any signal: a rate does not.
+    Traction is (component, cell) [Pa], or (way, component, cell) along a motion that turns: while
+    sliding towards +x, then towards -x. The signal is (element, sample), in the amplifier's unit.
+    """
+
+    @abc.abstractmethod
+    def __call__(self, traction: Float[Array, "*way c n"]) -> Float[Array, "e sample"]:
+        """The signal."""
+
+    @abc.abstractmethod
+    def adjoint(self, signal: Float[Array, "e sample"]) -> Float[Array, "c n"]:
+        """The transpose for one traction, whichever way: <y, self(r)> = <self.adjoint(y), r>."""
+
+    def symbol(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"] | None:
+        """The signal's spectrum over the traction's at the wavenumbers k [rad/m], far from the
+        line's ends; None where samples do not follow the cells."""
+        del k
+        return None
+
+    @property
+    def is_circular(self) -> bool:
+        """Whether the line wraps around, so that each wavenumber can be treated alone."""
+        return False
+
+
+class Convolution(Operator):
+    """The operator with a sample at every cell: y[e] = sum_c h[e, c] * r[c].
+
+    `transfer` (e, c, k) is the half spectrum of the circular kernel of `length` samples `cell_m`
+    apart; with `length` >= 2 n - 1 the convolution is linear (open line), with `length` = n
+    circular. `has_dc_gain` says whether an endless uniform r gives any signal: a rate does not.
     """
 
     transfer: Complex[Array, "e c k"]
+    cell_m: Float[Array, ""]
     n: int = eqx.field(static=True)
     length: int = eqx.field(static=True)
     has_dc_gain: bool = eqx.field(static=True, default=True)
 
     @eqx.filter_jit
-    def __call__(self, r: Float[Array, "c n"]) -> Float[Array, "e n"]:
-        """y (e, n) for r (c, n)."""
-        spectrum = jnp.fft.rfft(r, self.length)
+    def __call__(self, traction: Float[Array, "c n"]) -> Float[Array, "e n"]:
+        spectrum = jnp.fft.rfft(traction, self.length)
         # A sum of products over the (one or two) components: faster than a batched matrix product.
         total = sum(self.transfer[:, c] * spectrum[c][None] for c in range(self.transfer.shape[1]))
         return jnp.fft.irfft(total, self.length)[:, : self.n]
 
     @eqx.filter_jit
-    def adjoint(self, y: Float[Array, "e n"]) -> Float[Array, "c n"]:
-        """The transpose: <y, self(r)> = <self.adjoint(y), r>."""
-        spectrum = jnp.fft.rfft(y, self.length)
+    def adjoint(self, signal: Float[Array, "e n"]) -> Float[Array, "c n"]:
+        spectrum = jnp.fft.rfft(signal, self.length)
         total = sum(
             self.transfer[e].conj() * spectrum[e][None] for e in range(self.transfer.shape[0])
         )
         return jnp.fft.irfft(total, self.length)[:, : self.n]
+
+    @eqx.filter_jit
+    def symbol(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
+        """The kernel's Fourier sum at any k [rad/m], |k| cell <= pi; as many terms as the kernel
+        has samples for each k. On a periodic line `transfer` at its own wavenumbers."""
+        ahead = self.n // 2 + 1 if self.is_circular else self.n
+        lag = np.arange(self.length)
+        lag = np.where(lag < ahead, lag, lag - self.length)
+        waves = jnp.exp(-1j * k[:, None] * self.cell_m * lag[None])
+        return jnp.einsum("ecl,kl->eck", jnp.fft.irfft(self.transfer, self.length), waves)
 
     def circulant(self) -> "Convolution":
         """The circular convolution nearest to this one: itself, or its n most central lags."""
@@ -72,11 +108,10 @@ class Convolution(eqx.Module):
         wrapped = jnp.concatenate(
             [kernel[..., :ahead], kernel[..., self.length - (self.n - ahead) :]], axis=-1
         )
-        return Convolution(jnp.fft.rfft(wrapped), self.n, self.n, self.has_dc_gain)
+        return Convolution(jnp.fft.rfft(wrapped), self.cell_m, self.n, self.n, self.has_dc_gain)
 
     @property
     def is_circular(self) -> bool:
-        """Whether the line wraps around, so that each wavenumber can be treated alone."""
         return self.length == self.n
 
 
@@ -156,7 +191,7 @@ class Periodic(Line):
         if self.n % 2 == 0:
             # The last wavenumber stands for +k and -k at once: only its real part can act.
             transfer = transfer.at[..., -1].set(transfer[..., -1].real)
-        return Convolution(transfer, self.n, self.n, stage.has_dc_gain)
+        return Convolution(transfer, self.cell_m, self.n, self.n, stage.has_dc_gain)
 
     def differences(self, r: Float[Array, "c n"], order: int) -> Float[Array, "c n"]:
         for _ in range(order):
@@ -185,7 +220,8 @@ class Open(Line):
         response = stage.cell_response(self.cell_m * lag, self.cell_m)
         # Lags that no pair of cells has are padding, and must not wrap into the window.
         response = jnp.where(np.abs(lag) < self.n, response, 0.0)
-        return Convolution(jnp.fft.rfft(response), self.n, length, stage.has_dc_gain)
+        transfer = jnp.fft.rfft(response)
+        return Convolution(transfer, self.cell_m, self.n, length, stage.has_dc_gain)
 
     def differences(self, r: Float[Array, "c n"], order: int) -> Float[Array, "c m"]:
         return jnp.diff(r, order, axis=-1) if order else r

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from scipy.special import erfc
 
 from ..grid import as_real
-from .scanned import lagrange
+from .operator import lagrange
 
 KAPPA_STEP = 0.03
 KAPPA = np.exp(np.arange(np.log(1e-11), np.log(80.0), KAPPA_STEP))  # |k| depth

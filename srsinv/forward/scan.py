@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ..errors import number, refuse
@@ -107,9 +107,11 @@ class Motion(eqx.Module):
         return _last_sign(self.speed_m_per_s)
 
     @property
-    def reverses(self) -> Bool[Array, ""]:
-        """Whether the sensor slides both ways."""
-        return jnp.any(self.speed_m_per_s > 0) & jnp.any(self.speed_m_per_s < 0)
+    def ways(self) -> tuple[bool, ...]:
+        """Whether the sensor slides towards +x, and towards -x: True and False, in this order. Of a
+        motion that is not traced."""
+        onwards = np.asarray(self.direction) >= 0
+        return tuple(way for way in (True, False) if np.any(onwards == way))
 
 
 @jax.jit

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..errors import refuse
-from ..grid import Line, Stage, as_real
+from ..grid import Convolution, Line, Stage, as_real
 from .amplifier import Amplifier, CurrentAmplifier
 from .film import Film
 from .filter import Filter, even_interval
+from .operator import MotionOperator, PositionInterpolation
 from .scan import ConstantSpeed, Motion
-from .scanned import PositionInterpolation, Scanned
 from .skin import HalfSpace, Skin
 
 
@@ -73,8 +73,8 @@ class FilmStress(Stage):
 class Sensor(eqx.Module):
     """Film elements in a skin, read by one kind of amplifier, then by `filters` in their order.
 
-    Its stages map traction (2, n) to signals (element, n) on any line:
-    `line.operator(sensor.signal(scan))`. Raises `BadInput` when there is no element.
+    Its stages, `stress()` to `output(scan)`, act on any line; `operator` and `operator_along` map
+    traction (2, n) on one to what is recorded. Raises `BadInput` when there is no element.
     """
 
     skin: Skin
@@ -112,32 +112,42 @@ class Sensor(eqx.Module):
         """Film current i = u dQ/dx [A]: the paper's (3)."""
         return FilmSignal(self.skin, self.elements, scan.speed_m_per_s, 1)
 
-    def signal(self, scan: ConstantSpeed) -> FilmSignal:
+    def output(self, scan: ConstantSpeed) -> FilmSignal:
         """The recorded signal less its offset, in the amplifier's unit."""
         gain = self.amplifier.gain(scan.speed_m_per_s)
         return FilmSignal(self.skin, self._lagging(scan), gain, self.amplifier.order)
 
-    def signal_of_continuation(
-        self, line: Line, motion: Motion, reach_m: float
-    ) -> Float[Array, "e c sample"]:
-        """The signal along a motion, ahead of the filters, of unit traction from the line's end on,
-        over `reach_m` [m]."""
-        field = self._field()
-        end = line.x[-1] + line.cell_m / 2
-        away = motion.position_m - (end + reach_m / 2)
-        gain = self.amplifier.gain(motion.speed_m_per_s)
-        return gain[None, None] * field.cell_response(away, as_real(reach_m))
+    def operator(self, line: Line, scan: ConstantSpeed) -> Convolution:
+        """From traction on a line to the recorded signal less its offset, at constant speed and at
+        the line's own positions."""
+        return line.operator(self.output(scan))
 
-    def scanned(self, line: Line, motion: Motion) -> Scanned:
-        """The recorded signal less its offset, at every sample of a measured motion.
+    def operator_along(
+        self,
+        line: Line,
+        motion: Motion,
+        reach_m: float | None = None,
+        ways: tuple[bool, ...] = (True, False),
+    ) -> MotionOperator:
+        """From traction on a line to the recorded signal less its offset, at every sample of a
+        measured motion.
 
-        Raises `BadInput` for an amplifier that needs a constant speed, for a motion beyond the ends
-        of an open line, and with filters for samples that are not evenly spaced.
+        `reach_m`: how far traction may go on beyond the line's last cell; None: nowhere. `ways`: as
+        the motion has them, where that is known. Raises `BadInput` for an amplifier that needs a
+        constant speed, for a motion beyond the ends of an open line, and with filters for samples
+        that are not evenly spaced.
         """
-        gain = self.amplifier.gain(motion.speed_m_per_s)
-        sampling = PositionInterpolation(line, motion.position_m)
-        field, interval = line.operator(self._field()), self._interval_s(motion)
-        return Scanned(field, sampling, gain, motion.direction, self.filters, interval)
+        gain, field = self.amplifier.gain(motion.speed_m_per_s), self._field()
+        interval = even_interval(motion.time_s) if self.filters else None
+        end = None
+        if reach_m is not None:
+            away = motion.position_m - (line.x[-1] + line.cell_m / 2 + reach_m / 2)
+            end = gain[None, None] * field.cell_response(away, as_real(reach_m))
+        return MotionOperator(
+            line, motion.position_m, line.operator(field),
+            PositionInterpolation(line, motion.position_m), gain, motion.direction, self.filters,
+            interval, end, ways,
+        )  # fmt: skip
 
     def _field(self) -> FilmSignal:
         """What the amplifier reads of the charge, before its gain."""
@@ -152,6 +162,3 @@ class Sensor(eqx.Module):
             return film
 
         return tuple(one(film) for film in self.elements)
-
-    def _interval_s(self, motion: Motion) -> Float[Array, ""] | None:
-        return even_interval(motion.time_s) if self.filters else None

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from ..forward.feature import Feature, ScanExtent
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
-from .feature_model import FeatureModel, Features, SampledOperator
+from .feature_model import FeatureModel, Features
 from .feature_result import FeatureFit, explains
 from .feature_search import STARTS, Coarse
 from .identifiability import limited_by_bounds, undetected_features
@@ -37,7 +37,7 @@ class FeatureFitter:
     """
 
     def __init__(self, sensor: Sensor, motion: Motion, solver: Solver | None = None):
-        self._sampled, self._coarse = SampledOperator(sensor, motion), Coarse(sensor, motion)
+        self._model, self._coarse = FeatureModel.along(sensor, motion), Coarse(sensor, motion)
         self._solver = solver
 
     def rank(
@@ -64,13 +64,13 @@ class FeatureFitter:
         y = np.asarray(y, float)
         parts: dict[str, Feature] = {}
         params, priors = self._offset(y)
-        result, model = None, FeatureModel(self._sampled, parts)
+        result, model = None, self._model.with_features(parts)
         if params and not features:
             result = fit(model, params, y, noise=noise, linear=model.linear, priors=priors)
         for name, feature in features.items():
             shapes, more = self._starts(y, parts, params, name, feature)
             parts, priors = parts | {name: feature}, priors | more
-            model = FeatureModel(self._sampled, parts)
+            model = self._model.with_features(parts)
             settings = self._settings(parts, model, noise, priors)
             first = [params | {name: shape} for shape in shapes[:starts]]
             result = _best(model, first, y, settings)
@@ -104,13 +104,13 @@ class FeatureFitter:
         """
         params, priors = self._offset(ys[0])
         shapes, more = self._starts(ys[0], {}, {}, name, feature)
-        model = FeatureModel(self._sampled, {name: feature})
+        model = self._model.with_features({name: feature})
         settings = self._settings({name: feature}, model, noise, priors | more)
         return model, fit_many(model, params | {name: shapes[0]}, ys, **settings)
 
     def _offset(self, y: np.ndarray) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
         """First value and prior of each element's constant, where it is not known."""
-        if not self._sampled.free_offset:
+        if not self._model.free_offset:
             return {}, {}
         return {"offset": np.zeros(len(y))}, {"offset": (0.0, _reach(y))}
 

@@ -1,5 +1,6 @@
-"""The signal of features of traction: parameters to voltage along a motion."""
+"""Forward model of traction features: parameters to voltage along a motion."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..forward.feature import Feature, ScanExtent
+from ..forward.operator import MotionOperator
 from ..forward.scan import Motion
-from ..forward.scanned import Scanned
 from ..forward.sensor import Sensor
 from ..grid import Line, Open, as_real
 
@@ -22,96 +23,95 @@ FAR_M = 1e3  # how far a step goes on
 Features = Mapping[str, Feature]
 
 
-class SampledOperator(eqx.Module):
-    """A sensor along a motion, on the open line that features' traction lies on.
+class FeatureModel(eqx.Module):
+    """Parameters of traction features to the signal (element, sample) along a motion.
 
-    `scanned` maps traction on `line` to the signal; `tail` (e, c, sample) is the signal, ahead of
-    the filters, of unit traction on everything beyond the line's end, for what continues; `fade`
-    (n,) takes out what repeats towards the line's ends. With `free_offset` each element has an
-    unknown constant.
+    The traction lies on an open line with fine cells and a margin beyond the scan; a semi-infinite
+    feature goes on beyond the line's end, and a periodic one fades out towards both ends. With
+    `free_offset` each element has an unknown constant. Where features are searched is no part of
+    the model: one program serves every range.
     """
 
-    scanned: Scanned
-    tail: Float[Array, "e c sample"]
-    fade: Float[Array, " n"]
-    line: Line
-    direction: Float[Array, " sample"]
-    reverses: bool = eqx.field(static=True)
+    operator: MotionOperator
+    features: dict[str, Feature]
     free_offset: bool = eqx.field(static=True)
 
-    def __init__(self, sensor: Sensor, motion: Motion, cells_per_depth: int = CELLS_PER_DEPTH):
-        self.line = line_under(sensor, motion, cells_per_depth)
-        self.scanned, self.tail, self.fade = _responding(sensor, motion, self.line)
-        self.direction = motion.direction
-        self.reverses = bool(motion.reverses)
-        self.free_offset = sensor.amplifier.offset is None
+    @classmethod
+    def along(
+        cls, sensor: Sensor, motion: Motion, cells_per_depth: int = CELLS_PER_DEPTH
+    ) -> "FeatureModel":
+        """The model of a sensor along a motion, without any feature."""
+        line = line_under(sensor, motion, cells_per_depth)
+        operator = operator_along(sensor, line, motion, FAR_M, motion.ways)
+        return cls(operator, {}, sensor.amplifier.offset is None)
 
-
-@eqx.filter_jit
-def _responding(sensor: Sensor, motion: Motion, line: Line):
-    return (
-        sensor.scanned(line, motion),
-        sensor.signal_of_continuation(line, motion, FAR_M),
-        _fade(line, motion),
-    )
-
-
-class FeatureModel(eqx.Module):
-    """The signal of features as `sampled`: parameters by feature to (element, sample).
-
-    Where they are looked for is no part of it: one program serves every range.
-    """
-
-    sampled: SampledOperator
-    features: dict[str, Feature]
-
-    def __init__(self, sampled: SampledOperator, features: Features):
-        self.sampled = sampled
-        self.features = {name: feature.anywhere for name, feature in features.items()}
+    def with_features(self, features: Features) -> "FeatureModel":
+        """The same sensor and motion with these features in place of its own."""
+        anywhere = {name: feature.anywhere for name, feature in features.items()}
+        return dataclasses.replace(self, features=anywhere)
 
     @property
     def line(self) -> Line:
-        """Where the traction lies."""
-        return self.sampled.line
+        """The cells of the traction."""
+        return self.operator.line
 
     @property
     def linear(self) -> tuple[str, ...]:
         """Names of the parameters that enter linearly."""
         named = [f"{n}.{part}" for n, f in self.features.items() for part in f.linear]
-        return (*named, "offset") if self.sampled.free_offset else tuple(named)
+        return (*named, "offset") if self.free_offset else tuple(named)
 
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] on the line while sliding towards +x."""
         total = jnp.zeros((2, self.line.n))
         for name, feature in self.features.items():
             shape = feature.profile(params[name]).cell_values(self.line)
-            shape = shape * self.sampled.fade if feature.is_periodic else shape
+            shape = shape * self.fade if feature.is_periodic else shape
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
         return total
+
+    @property
+    def fade(self) -> Float[Array, " n"]:
+        """The window of a periodic feature: one over the scan and half its margins, falling to zero
+        at the line's ends as a cosine."""
+        position = self.operator.position_m
+        x, low, high = self.line.x, jnp.min(position), jnp.max(position)
+        outside = jnp.maximum(low - x, x - high) / jnp.maximum(low - x[0], self.line.cell_m)
+        return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * outside - 1, 0.0, 1.0)))
 
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
         return self._signal(jax.tree.map(as_real, params))  # Python's numbers would be compiled in
 
     @eqx.filter_jit
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
-        sampled, forward = self.sampled, self.traction(params)
-        turn, backward = jnp.array([[1.0], [-1.0]]), None
-        if sampled.reverses:
-            backward = turn * forward
-        else:
-            forward = jnp.where(sampled.direction[0] < 0, turn, 1.0) * forward
-        signal = sampled.scanned(forward, backward, self._continuation(params))
-        return signal + params["offset"][:, None] if sampled.free_offset else signal
+        end = self._end(params)
+        signal = self.operator(
+            self._each_way(self.traction(params)), None if end is None else self._each_way(end)
+        )
+        return signal + params["offset"][:, None] if self.free_offset else signal
 
-    def _continuation(self, params: Any) -> Float[Array, "e sample"] | None:
-        """Of what continues beyond the line's end."""
-        tail, total = self.sampled.tail, None
-        for name, feature in self.features.items():
-            if feature.is_semi_infinite:
-                p, q = amplitudes(feature, params[name])
-                own = p * tail[:, 0] + q * self.sampled.direction[None] * tail[:, 1]
-                total = own if total is None else total + own
-        return total
+    def _each_way(self, traction: Float[Array, "2 *n"]) -> Float[Array, "..."]:
+        """p and q for each way of the motion from those while sliding towards +x."""
+        back = traction * jnp.array([1.0, -1.0]).reshape(2, *[1] * (traction.ndim - 1))
+        ways = [traction if way else back for way in self.operator.ways]
+        return jnp.stack(ways) if len(ways) > 1 else ways[0]
+
+    def _end(self, params: Any) -> Float[Array, " 2"] | None:
+        """p and q of semi-infinite features, which go on beyond the line's end."""
+        ends = [
+            jnp.stack(amplitudes(feature, params[name]))
+            for name, feature in self.features.items()
+            if feature.is_semi_infinite
+        ]
+        return sum(ends[1:], ends[0]) if ends else None
+
+
+@eqx.filter_jit
+def operator_along(
+    sensor: Sensor, line: Line, motion: Motion, reach_m: float | None, ways: tuple[bool, ...]
+) -> MotionOperator:
+    """[`Sensor.operator_along`][] as one program."""
+    return sensor.operator_along(line, motion, reach_m, ways)
 
 
 def amplitudes(feature: Feature, own: Mapping[str, Any]) -> tuple[Array, Array]:
@@ -129,13 +129,6 @@ def line_under(sensor: Sensor, motion: Motion, cells_per_depth: int) -> Open:
     start = float(x.min()) - MARGIN_DEPTHS * depth
     n = int(np.ceil((float(x.max()) + MARGIN_DEPTHS * depth - start) / cell)) + 1
     return Open(n, cell, start)
-
-
-def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
-    """One over the scan and half its margins, falling to zero at the line's ends as a cosine."""
-    x, low, high = line.x, jnp.min(motion.position_m), jnp.max(motion.position_m)
-    outside = jnp.maximum(low - x, x - high) / jnp.maximum(low - line.x[0], line.cell_m)
-    return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * outside - 1, 0.0, 1.0)))
 
 
 def scan_extent(sensor: Sensor, motion: Motion) -> ScanExtent:

@@ -14,7 +14,7 @@ from ..forward.feature import Feature
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import as_real
-from .feature_model import FeatureModel, Features, SampledOperator, scan_extent
+from .feature_model import FeatureModel, Features, scan_extent
 
 COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
 STARTS = 3  # the best of the search that are fitted from
@@ -68,7 +68,7 @@ class Coarse:
 
     def __init__(self, sensor: Sensor, motion: Motion):
         self._blocks = Blocks(motion, float(sensor.depth_m) / COARSE_PER_DEPTH)
-        self.sampled = SampledOperator(sensor, self._blocks.motion, COARSE_PER_DEPTH)
+        self._model = FeatureModel.along(sensor, self._blocks.motion, COARSE_PER_DEPTH)
         self.stretch = scan_extent(sensor, motion)
         self._banks: dict[Feature, _MatchedFilterBank] = {}
 
@@ -83,7 +83,7 @@ class Coarse:
         """
         rest = self._blocks.means(np.nan_to_num(y))
         if parts:
-            rest = rest - np.asarray(FeatureModel(self.sampled, parts)(params))
+            rest = rest - np.asarray(self._model.with_features(parts)(params))
         bank = self._known(feature)
         projections = bank.signals @ self._without_mean(rest).ravel()
         explained = np.sum(
@@ -106,7 +106,7 @@ class Coarse:
         return self._banks[feature]
 
     def _responses(self, feature: Feature, shapes: Mapping[str, Any]) -> np.ndarray:
-        model = FeatureModel(self.sampled, {"one": feature})
+        model = self._model.with_features({"one": feature})
         return np.asarray(_responses(model, {k: as_real(v) for k, v in shapes.items()}))
 
     def _bank(self, feature: Feature) -> _MatchedFilterBank:
@@ -121,15 +121,15 @@ class Coarse:
 
     def _without_mean(self, signals: np.ndarray) -> np.ndarray:
         """Less each element's mean, where its offset is free."""
-        return signals - self.sampled.free_offset * signals.mean(axis=-1, keepdims=True)
+        return signals - self._model.free_offset * signals.mean(axis=-1, keepdims=True)
 
 
 @eqx.filter_jit
 def _responses(model: FeatureModel, shapes) -> Float[Array, "start a e sample"]:
     """Signals of every unit amplitude of the model's only feature, for each shape."""
     ((name, feature),) = model.features.items()
-    elements = model.sampled.tail.shape[0]
-    rest = {"offset": jnp.zeros(elements)} if model.sampled.free_offset else {}
+    elements = model.operator.field.transfer.shape[0]
+    rest = {"offset": jnp.zeros(elements)} if model.free_offset else {}
 
     def of(shape, one: str):
         own = {part: as_real(float(part == one)) for part in feature.linear}

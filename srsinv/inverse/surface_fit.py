@@ -25,7 +25,7 @@ from .identifiability import limited_by_bounds, undetected_features
 from .nonlinear import Fit, Optimistix, Solver, fit
 from .quality import Quality
 from .sliding_noise import Levels, estimate, first_levels
-from .surface_model import SlidingContact, SurfaceFeatures, SurfaceModel, Window, cell_for
+from .surface_model import SurfaceFeatures, SurfaceModel, Window, cell_for
 from .surface_search import SurfaceSearch
 
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
@@ -83,8 +83,9 @@ class SurfaceFitter:
         self._depth_m = float(sensor.depth_m)
         self._stretch: ScanExtent = scan_extent(sensor, motion)
         self._pressure, self._also = nominal_pressure_Pa, tuple(n for n in also if n in KNOWN)
-        self._sliding = SlidingContact(sensor, motion, window, cell_for(features, self._depth_m))
-        self._search = SurfaceSearch(self._sliding, window, self._stretch)
+        cell_m = cell_for(features, self._depth_m)
+        self._model_of_plate = SurfaceModel.on_window(sensor, motion, window, cell_m)
+        self._search = SurfaceSearch(self._model_of_plate, window, self._stretch)
         self._solver = (solver or Optimistix()).tolerating(ROUNDING)
         self._models: dict[tuple[str, ...], SurfaceModel] = {}
 
@@ -137,15 +138,15 @@ class SurfaceFitter:
     @property
     def line(self) -> Line:
         """The cells of the contact."""
-        return self._sliding.line
+        return self._model_of_plate.line
 
     @property
     def _scale(self):
-        return self._sliding.motion.position_m, self._depth_m
+        return self._model_of_plate.motion.position_m, self._depth_m
 
     def _settled(self, model, result: Fit, y, levels: Levels) -> tuple[Fit, Levels]:
         """Fit and noise in turn, until the noise no longer changes."""
-        step = float(np.median(np.abs(np.diff(self._sliding.motion.position_m))))
+        step = float(np.median(np.abs(np.diff(self._model_of_plate.motion.position_m))))
         for _ in range(ROUNDS):
             last, fitted = levels, self._noise(levels, y).coloured(result.jacobian)
             levels = estimate(result.residual, *self._scale, fitted, last)
@@ -155,7 +156,7 @@ class SurfaceFitter:
         return result, levels
 
     def _noise(self, levels: Levels, y):
-        return levels.whitener(np.asarray(self._sliding.motion.position_m), np.isfinite(y))
+        return levels.whitener(np.asarray(self._model_of_plate.motion.position_m), np.isfinite(y))
 
     def _plate(self, elements: int) -> dict[str, Any]:
         """The plate alone."""
@@ -166,14 +167,14 @@ class SurfaceFitter:
         }
         if "depth_m" in self._also:
             params["depth_m"] = self._depth_m
-        if self._sliding.free_offset:
+        if self._model_of_plate.free_offset:
             params |= {"offset": np.zeros(elements)}
         return params
 
     def _model(self, parts) -> SurfaceModel:
         key = tuple(parts)
         if key not in self._models:
-            self._models[key] = SurfaceModel(self._sliding, parts)
+            self._models[key] = self._model_of_plate.with_features(parts)
         return self._models[key]
 
     def _fit(self, model: SurfaceModel, start: dict[str, Any], y, noise) -> Fit:
@@ -190,7 +191,7 @@ class SurfaceFitter:
         bounds |= {name: _about(name, whole[name]) for name in self._also if name in whole}
         free = [*bounds, *model.linear]
         priors = {name: (0.0, ANY_FRICTION) for name in model.linear if name != "offset"}
-        if self._sliding.free_offset:
+        if self._model_of_plate.free_offset:
             largest = float(np.nanmax(np.abs(y)))
             priors["offset"] = (0.0, 30 * largest if largest > 0 else 1.0)
         return fit(

@@ -1,5 +1,6 @@
 """The signal of features of a surface, pressed on and slid over: parameters to voltage."""
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, cast
@@ -13,12 +14,13 @@ from jaxtyping import Array, Float
 
 from ..errors import number, refuse
 from ..forward.contact import Contact, press, refuse_both_ways
+from ..forward.operator import MotionOperator
 from ..forward.scan import Motion
-from ..forward.scanned import Scanned
 from ..forward.sensor import Sensor
 from ..forward.surface import Surface
 from ..forward.surface_feature import SurfaceFeature
 from ..grid import Line, Open, Periodic, as_real
+from .feature_model import operator_along
 
 SurfaceFeatures = Mapping[str, SurfaceFeature]
 
@@ -41,29 +43,40 @@ class Window:
         return self.end_m - self.start_m
 
 
-class SlidingContact(eqx.Module):
-    """A sensor along a motion over a surface that repeats with `window`.
+def cell_for(features: SurfaceFeatures, depth_m: float) -> float:
+    """How wide the cells may be."""
+    edges = [feature.edge_length_m for feature in features.values() if feature.edge_length_m]
+    return min([depth_m / CELLS_PER_DEPTH, *(edge / CELLS_PER_EDGE for edge in edges)])
 
-    `line` has the window's cells. Beyond an open one the traction is that of the plate, which a
-    rate does not feel; on a periodic one, quicker to set up, everything repeats. `ways`: whether
-    the sensor slides towards +x, and towards -x.
+
+class SurfaceModel(eqx.Module):
+    """Parameters of surface features to the signal (element, sample) of a sensor along a motion.
+
+    The surface repeats with a window, whose cells are the operator's line. Beyond an open line the
+    traction is that of the plate, to which a rate has no response; on a periodic one, quicker to
+    set up, everything repeats.
+
+    Parameters are a tree: each feature's by its name, `base_friction`, `nominal_pressure_Pa`,
+    `gain` (a factor on the signal), where the film's depth is to be found `depth_m`, and where each
+    element has an unknown constant `offset`.
     """
 
     sensor: Sensor
     motion: Motion
-    line: Line
-    scanned: Scanned
-    ways: tuple[bool, ...] = eqx.field(static=True)
-    free_offset: bool = eqx.field(static=True)
+    operator: MotionOperator
+    features: dict[str, SurfaceFeature]
 
-    def __init__(
-        self,
+    @classmethod
+    def on_window(
+        cls,
         sensor: Sensor,
         motion: Motion,
         window: Window,
         cell_m: float,
         kind: type[Open] | type[Periodic] = Open,
-    ):
+    ) -> "SurfaceModel":
+        """The model of the bare plate on a window of cells of at most `cell_m`. Raises `BadInput`
+        for a window that does not hold the scan."""
         x = np.asarray(motion.position_m)
         refuse(
             not (window.start_m <= x.min() and x.max() <= window.end_m),
@@ -74,62 +87,30 @@ class SlidingContact(eqx.Module):
         blocks = int(np.ceil(window.length_m / cell_m / BLOCK))
         n = BLOCK * int(cast(int, scipy.fft.next_fast_len(max(blocks, 1), real=True)))
         cell = window.length_m / n
-        self.sensor, self.motion = sensor, motion
-        self.line = kind(n, cell, window.start_m + cell / 2)
-        self.scanned = _scanned(sensor, motion, self.line)
-        onwards = np.asarray(motion.direction) >= 0
-        self.ways = tuple(way for way in (True, False) if bool(np.any(onwards == way)))
-        if len(self.ways) > 1:
+        line, ways = kind(n, cell, window.start_m + cell / 2), motion.ways
+        if len(ways) > 1:
             refuse_both_ways(sensor.skin)
-        self.free_offset = sensor.amplifier.offset is None
+        return cls(sensor, motion, operator_along(sensor, line, motion, None, ways), {})
 
-    def at_depth(self, depth_m: Any) -> Scanned:
-        """The signal of every sample with the film at another depth."""
-        films = self.sensor.elements
-        moved = depth_m - self.sensor.depth_m
-        deeper = eqx.tree_at(
-            lambda s: [film.depth_m for film in s.elements],
-            self.sensor,
-            [film.depth_m + moved for film in films],
-        )
-        return deeper.scanned(self.line, self.motion)
+    def with_features(self, features: SurfaceFeatures) -> "SurfaceModel":
+        """The same sensor, motion and window with these features in place of its own."""
+        return dataclasses.replace(self, features=dict(features))
 
-
-@eqx.filter_jit
-def _scanned(sensor: Sensor, motion: Motion, line: Line) -> Scanned:
-    return sensor.scanned(line, motion)
-
-
-def cell_for(features: SurfaceFeatures, depth_m: float) -> float:
-    """How wide the cells may be."""
-    edges = [feature.edge_length_m for feature in features.values() if feature.edge_length_m]
-    return min([depth_m / CELLS_PER_DEPTH, *(edge / CELLS_PER_EDGE for edge in edges)])
-
-
-class SurfaceModel(eqx.Module):
-    """The signal of `features` as `sliding`: parameters to (element, sample).
-
-    Parameters are a tree: each feature's by its name, `base_friction`, `nominal_pressure_Pa`,
-    `gain` (a factor on the signal), where the film's depth is to be found `depth_m`, and where each
-    element has an unknown constant `offset`.
-    """
-
-    sliding: SlidingContact
-    features: dict[str, SurfaceFeature]
-
-    def __init__(self, sliding: SlidingContact, features: SurfaceFeatures):
-        self.sliding, self.features = sliding, dict(features)
+    @property
+    def free_offset(self) -> bool:
+        """Whether each element has an unknown constant."""
+        return self.sensor.amplifier.offset is None
 
     @property
     def line(self) -> Line:
-        """Where the traction lies."""
-        return self.sliding.line
+        """The cells of the traction."""
+        return self.operator.line
 
     @property
     def linear(self) -> tuple[str, ...]:
         """Names of the parameters that enter linearly."""
         own = [f"{name}.{each}" for name, f in self.features.items() for each in f.frictions]
-        return ("base_friction", *own, *(("offset",) if self.sliding.free_offset else ()))
+        return ("base_friction", *own, *(("offset",) if self.free_offset else ()))
 
     def surface(self, params: Any) -> Surface:
         """The surface of these parameters."""
@@ -139,23 +120,20 @@ class SurfaceModel(eqx.Module):
     def contact(self, params: Any) -> Contact:
         """How the skin lies on it."""
         height = self.surface(params).height(self.line)
-        return press(self.line, self.sliding.sensor.skin, height, params["nominal_pressure_Pa"])
+        return press(self.line, self.sensor.skin, height, params["nominal_pressure_Pa"])
 
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] beyond those on the bare plate, while sliding towards +x."""
-        return self._tractions(params, (True,))[0]
+        return self._tractions(params, self.contact(params), (True,))[0]
 
     def profiles(self, params: Any) -> Float[Array, "5 n"]:
         """p and q as [`traction`][] has them, height and gap [m] and friction, along the line."""
         surface = self.surface(params)
         contact, height = self.contact(params), surface.height(self.line)
-        (p, q), *_ = self._sliding(params, contact, (True,))
+        (p, q), *_ = self._tractions(params, contact, (True,))
         return jnp.stack([p, q, height, contact.gap_m, surface.friction(self.line)])
 
-    def _tractions(self, params: Any, ways: tuple[bool, ...]) -> list[Float[Array, "2 n"]]:
-        return self._sliding(params, self.contact(params), ways)
-
-    def _sliding(
+    def _tractions(
         self, params: Any, contact: Contact, ways: tuple[bool, ...]
     ) -> list[Float[Array, "2 n"]]:
         surface, nominal = self.surface(params), params["nominal_pressure_Pa"]
@@ -189,10 +167,22 @@ class SurfaceModel(eqx.Module):
 
     @eqx.filter_jit
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
-        sliding = self.sliding
-        scanned = sliding.at_depth(params["depth_m"]) if "depth_m" in params else sliding.scanned
-        signal = params["gain"] * scanned(*self._tractions(params, sliding.ways))
-        return signal + params["offset"][:, None] if sliding.free_offset else signal
+        operator, ways = self.operator, self._each_way(params)
+        if "depth_m" in params:
+            operator = self._sensor_at(params["depth_m"]).operator_along(
+                self.line, self.motion, ways=operator.ways
+            )
+        signal = params["gain"] * operator(jnp.stack(ways) if len(ways) > 1 else ways[0])
+        return signal + params["offset"][:, None] if self.free_offset else signal
+
+    def _each_way(self, params: Any) -> list[Float[Array, "2 n"]]:
+        return self._tractions(params, self.contact(params), self.operator.ways)
+
+    def _sensor_at(self, depth_m: Any) -> Sensor:
+        """The sensor with its shallowest film at another depth, and the others with it."""
+        moved = depth_m - self.sensor.depth_m
+        depths = [film.depth_m + moved for film in self.sensor.elements]
+        return eqx.tree_at(lambda s: [film.depth_m for film in s.elements], self.sensor, depths)
 
     @eqx.filter_jit
     def fields(self, params: Any) -> Float[Array, "part way e n"]:
@@ -205,8 +195,7 @@ class SurfaceModel(eqx.Module):
             for name, feature in self.features.items():
                 units = {f: as_real(one == f"{name}.{f}") for f in feature.frictions}
                 own[name] = dict(own[name]) | units
-            ways = self._tractions(own, self.sliding.ways)
-            return jnp.stack([self.sliding.scanned.field(traction) for traction in ways])
+            return jnp.stack([self.operator.field(traction) for traction in self._each_way(own)])
 
         frictionless = of(None)
         return jnp.stack([frictionless, *(of(name) - frictionless for name in names)])

@@ -17,7 +17,7 @@ from ..forward.feature import ScanExtent
 from ..forward.surface_feature import SurfaceFeature
 from ..grid import as_real
 from .feature_search import Blocks, apart
-from .surface_model import SlidingContact, SurfaceModel, Window
+from .surface_model import SurfaceModel, Window
 
 CELLS_PER_DEPTH = 12
 SAMPLES_PER_DEPTH = 4
@@ -28,17 +28,17 @@ PLACE = "position_m"
 class SurfaceSearch:
     """The best shapes and places of a feature, by a coarse model."""
 
-    def __init__(self, sliding: SlidingContact, window: Window, stretch: ScanExtent):
-        depth = float(sliding.sensor.depth_m)
-        self._blocks = Blocks(sliding.motion, depth / SAMPLES_PER_DEPTH)
-        self._coarse = SlidingContact(
-            sliding.sensor, self._blocks.motion, window, depth / CELLS_PER_DEPTH
+    def __init__(self, model: SurfaceModel, window: Window, stretch: ScanExtent):
+        depth = float(model.sensor.depth_m)
+        self._blocks = Blocks(model.motion, depth / SAMPLES_PER_DEPTH)
+        self._coarse = SurfaceModel.on_window(
+            model.sensor, self._blocks.motion, window, depth / CELLS_PER_DEPTH
         )
         self._stretch = stretch
 
     def signal(self, features: Mapping[str, SurfaceFeature], params: Any) -> np.ndarray:
         """The coarse signal of features already found."""
-        return np.asarray(SurfaceModel(self._coarse, features)(params))
+        return np.asarray(self._coarse.with_features(features)(params))
 
     def starts(
         self,
@@ -96,7 +96,7 @@ class SurfaceSearch:
         """Half the squares that the best frictions leave, (shape, place)."""
         line, motion = self._coarse.line, self._coarse.motion
         middle = float(line.x[line.n // 2])
-        model = SurfaceModel(self._coarse, {"one": feature})
+        model = self._coarse.with_features({"one": feature})
         # Edges that no cell resolves would be seen or missed as a whole.
         edge = max(known["edge_length_m"], float(line.cell_m))
         rest = {
@@ -106,7 +106,7 @@ class SurfaceSearch:
         }
         fields = np.asarray(_fields(model, {k: as_real(v) for k, v in shapes.items()}, rest))
         fields = fields / white[:, None]
-        gain, way = np.asarray(self._coarse.scanned.gain), self._ways()
+        gain, way = np.asarray(self._coarse.operator.gain), self._ways()
         position, start, cell = np.asarray(motion.position_m), float(line.x[0]), float(line.cell_m)
         white_y = self._without_mean(white_y).ravel()
         misfit = np.empty((len(fields), places.size))
@@ -135,7 +135,7 @@ class SurfaceSearch:
     def _ways(self) -> np.ndarray:
         """Which of the model's ways each sample slides."""
         onwards = np.asarray(self._coarse.motion.direction) >= 0
-        return np.array([self._coarse.ways.index(bool(each)) for each in onwards])
+        return np.array([self._coarse.operator.ways.index(bool(each)) for each in onwards])
 
     def _without_mean(self, y: np.ndarray) -> np.ndarray:
         return y - self._coarse.free_offset * y.mean(axis=-1, keepdims=True)

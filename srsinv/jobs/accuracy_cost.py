@@ -118,7 +118,7 @@ def _forward(cfg: build.Config, line: str) -> Iterator[Row]:
 
     def model(cells: int):
         sim = _simulation(cfg, line, cells)
-        return sim.line.operator(sim.sensor.signal(sim.scan)), sim.traction(sim.line)
+        return sim.sensor.operator(sim.line, sim.scan), sim.traction(sim.line)
 
     operator, traction = model(REFERENCE * max(sizes))
     reference = np.asarray(operator(traction))[:, :: REFERENCE * max(sizes) // common]

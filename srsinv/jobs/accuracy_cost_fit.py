@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ..errors import refuse
 from ..forward.feature import StripFeature
 from ..forward.scan import Motion
-from ..inverse.feature_model import FeatureModel, SampledOperator
+from ..inverse.feature_model import FeatureModel
 from ..inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix, Solver, fit, fit_many
 from ..progress import stage
 from ..report import figures
@@ -123,8 +123,8 @@ def _task(cfg: build.Config, settings: Mapping[str, Any]) -> FitTask:
     speed = abs(float(scan.speed_m_per_s))
     motion = Motion((x - x[0]) / speed, x, np.full(x.shape, speed))
     model, fine = (
-        FeatureModel(
-            SampledOperator(sensor, motion, n * CELLS_PER_DEPTH), {"strip": StripFeature(**WHERE)}
+        FeatureModel.along(sensor, motion, n * CELLS_PER_DEPTH).with_features(
+            {"strip": StripFeature(**WHERE)}
         )
         for n in (1, FINER)
     )

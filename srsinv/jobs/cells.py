@@ -83,7 +83,7 @@ def recording_problem(cfg: build.Config, cells_per_depth: int | None = None) -> 
         data = np.where(observed, data - np.asarray(offset), 0.0)
     problem = Problem(
         line,
-        line.operator(sensor.signal(scan)),
+        sensor.operator(line, scan),
         data,
         noise,
         observed=observed,

@@ -47,7 +47,7 @@ def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Trace, Tra
         instants = np.asarray(full.scan.time_s(full.line))
 
         def one(sim: Simulation) -> Trace:
-            return Trace(instants, _converted_with_bursts(sim, sim.line, _on_line(sim), key))
+            return Trace(instants, _converted_with_bursts(sim, sim.line, sim.signal(), key))
 
         return one(full), one(less)
     rate = full.scenario.recorder.rate_hz(full.fine, full.scan)
@@ -56,7 +56,7 @@ def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Trace, Tra
     samples = Periodic(common, abs(float(full.scan.speed_m_per_s)) / rate)
 
     def along(sim: Simulation, motion: Motion) -> Trace:
-        signal = _converted_with_bursts(sim, samples, sim.along(motion)[:, :common], key)
+        signal = _converted_with_bursts(sim, samples, sim.signal_along(motion)[:, :common], key)
         return Trace(np.asarray(motions[0].time_s[:common]), signal)
 
     return along(full, motions[0]), along(less, motions[1])
@@ -66,10 +66,6 @@ def difference(one: Trace, other: Trace) -> float:
     """Rms of the difference over the rms of the `other`; 0 where both are rounded to nothing."""
     change = np.linalg.norm(one.signal - other.signal)
     return float(change / np.linalg.norm(other.signal)) if change else 0.0
-
-
-def _on_line(sim: Simulation):
-    return sim.sampled(sim.sensor.signal(sim.scan))
 
 
 def _motion(sim: Simulation, rate_hz: float) -> Motion:
@@ -120,11 +116,12 @@ def trace(sim: Simulation, key: jax.Array) -> Trace:
     if not recorder.samples_in_time:
         return Trace(
             np.asarray(sim.scan.time_s(sim.line)),
-            _converted_with_bursts(sim, sim.line, _on_line(sim), key),
+            _converted_with_bursts(sim, sim.line, sim.signal(), key),
         )
     motion = recorder.motion(sim.line, sim.fine, sim.scan)
     spacing = abs(float(sim.scan.speed_m_per_s)) / recorder.rate_hz(sim.fine, sim.scan)
     samples = Periodic(motion.time_s.size, spacing)
     return Trace(
-        np.asarray(motion.time_s), _converted_with_bursts(sim, samples, sim.along(motion), key)
+        np.asarray(motion.time_s),
+        _converted_with_bursts(sim, samples, sim.signal_along(motion), key),
     )

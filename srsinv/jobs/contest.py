@@ -191,7 +191,7 @@ def cell_traction(model: FeatureModel, params, line: Line) -> Float[Array, "2 n"
     for name, feature in model.features.items():
         shape = feature.profile(params[name]).cell_average(line)
         if feature.is_periodic:
-            shape = shape * jnp.interp(line.x, model.line.x, model.sampled.fade)
+            shape = shape * jnp.interp(line.x, model.line.x, model.fade)
         total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape
     return total
 

@@ -24,7 +24,7 @@ from ..forward.surface_feature import (
 )
 from ..grid import as_real
 from ..inverse.surface_fit import SurfaceFitter
-from ..inverse.surface_model import MOVES, SlidingContact, SurfaceModel, Window, cell_for
+from ..inverse.surface_model import MOVES, SurfaceModel, Window, cell_for
 from ..inverse.surface_search import PLACE
 from ..progress import stage
 from . import build
@@ -83,7 +83,9 @@ def fit_statistics(
     fitter = SurfaceFitter(
         sensor, motion, {name: feature}, window, pressure, solver=build.solver(cfg)
     )
-    fine = SurfaceModel(SlidingContact(sensor, motion, window, cell / FINER), {name: feature})
+    fine = SurfaceModel.on_window(sensor, motion, window, cell / FINER).with_features(
+        {name: feature}
+    )
     rest = {"nominal_pressure_Pa": as_real(pressure), "gain": as_real(1.0)}
     if sensor.amplifier.offset is None:
         rest["offset"] = jnp.zeros(len(sensor.elements))

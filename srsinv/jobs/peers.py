@@ -102,11 +102,14 @@ class NumpyStrip:
     """
 
     def __init__(self, model: FeatureModel):
-        field, sampling = model.sampled.scanned.field, model.sampled.scanned.sampling
+        field, interpolation = model.operator.field, model.operator.interpolation
         self.x, self.cell = np.asarray(model.line.x), float(model.line.cell_m)
         self.transfer, self.length = np.asarray(field.transfer), field.length
-        self.index, self.weights = np.asarray(sampling.index), np.asarray(sampling.weights)
-        self.gain = np.asarray(model.sampled.scanned.gain)
+        self.index, self.weights = (
+            np.asarray(interpolation.index),
+            np.asarray(interpolation.weights),
+        )
+        self.gain = np.asarray(model.operator.gain)
 
     def _signal(self, cells: np.ndarray) -> np.ndarray:
         """Signals (e, c, sample) of each component alone with these shares of the cells (n,)."""

@@ -37,17 +37,17 @@ def run(cfg: build.Config) -> Outcome:
 def stages(sim: Simulation) -> dict[str, tuple[tuple[str, ...], Any, str]]:
     """Every stage of the simulation at the line's positions: (dims, values, units) by name."""
     elements = len(sim.sensor.elements)
-    stress = sim.sampled(sim.sensor.stress()).reshape(elements, 4, -1)
+    stress = sim.response(sim.sensor.stress()).reshape(elements, 4, -1)
     along = ("element", "x")
     return {
         "traction": (("component", "x"), np.asarray(sim.traction(sim.line)), "Pa"),
         "friction": (("x",), np.asarray(sim.scene.friction(sim.line)), "1"),
         "stress": (("element", "stress_name", "x"), np.asarray(stress), "Pa"),
-        "charge": (along, np.asarray(sim.sampled(sim.sensor.charge())), "C"),
-        "current": (along, np.asarray(sim.sampled(sim.sensor.current(sim.scan))), "A"),
+        "charge": (along, np.asarray(sim.response(sim.sensor.charge())), "C"),
+        "current": (along, np.asarray(sim.response(sim.sensor.current(sim.scan))), "A"),
         "signal_noise_free": (
             along,
-            np.asarray(sim.sampled(sim.sensor.signal(sim.scan))),
+            np.asarray(sim.signal()),
             sim.sensor.amplifier.unit,
         ),
     }

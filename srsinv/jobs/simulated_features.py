@@ -21,7 +21,7 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Periodic
 from ..inverse.feature_model import CELLS_PER_DEPTH as FIT_CELLS_PER_DEPTH
-from ..inverse.feature_model import FeatureModel, SampledOperator
+from ..inverse.feature_model import FeatureModel
 from ..inverse.nonlinear import Spectrum
 from . import build
 
@@ -80,7 +80,7 @@ class SyntheticScan(abc.ABC):
 class SyntheticTractionScan(SyntheticScan):
     """For features of traction, simulated on fine cells."""
 
-    fine: SampledOperator
+    fine: FeatureModel
     known: ClassVar[str] = "its spectrum known to the fit"
     start: ClassVar[str] = "where the search puts the feature in the first draw, for all draws"
 
@@ -91,7 +91,7 @@ class SyntheticTractionScan(SyntheticScan):
     def signal(self, name: str, feature: Feature, own: Mapping[str, Any]) -> np.ndarray:
         """The noise-free signal (element, sample) of one feature."""
         offset = {"offset": jnp.zeros(self.shape[0])} if self.fine.free_offset else {}
-        return np.asarray(FeatureModel(self.fine, {name: feature})({name: dict(own)} | offset))
+        return np.asarray(self.fine.with_features({name: feature})({name: dict(own)} | offset))
 
 
 def synthetic_scan(cfg: build.Config, job: str) -> SyntheticTractionScan:
@@ -101,7 +101,7 @@ def synthetic_scan(cfg: build.Config, job: str) -> SyntheticTractionScan:
     motion = evenly(cfg, job, sensor, scan, (cfg["grid"]["start_m"], length))
     noises = build.noises(cfg)
     return SyntheticTractionScan(
-        sensor, scan, motion, noises, SampledOperator(sensor, motion, CELLS_PER_DEPTH)
+        sensor, scan, motion, noises, FeatureModel.along(sensor, motion, CELLS_PER_DEPTH)
     )
 
 

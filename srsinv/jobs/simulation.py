@@ -76,27 +76,33 @@ class Simulation(eqx.Module):
         """Cell averages of p and q (2, n) on `line`, less the background."""
         return deviation(self.scene, line, self.scan.direction, self._periodic)
 
-    def sampled(self, stage: Stage):
+    def response(self, stage: Stage):
         """A stage's signals (e, n) at the coarse line's positions, computed on the fine one."""
-        return sampled(stage, self.fine, self.traction(self.fine), self.refinement)
+        return response(stage, self.fine, self.traction(self.fine), self.refinement)
 
-    def along(self, motion: Motion):
+    def signal(self):
+        """The noise-free signal (element, n) at the coarse line's positions."""
+        return self.response(self.sensor.output(self.scan))
+
+    def signal_along(self, motion: Motion):
         """The noise-free signal (element, sample) at the samples of the recorder's motion.
 
         Filters come before the sampling: they act on samples as dense as the finer line's cells.
         """
         if self.sensor.filters and (times := self._denser(motion)) > 1:
             speed, profiles = float(self.scan.speed_m_per_s), self.scenario.recorder.speed_profiles
-            return self.along(denser(motion, times, speed, profiles))[:, ::times]
-        own = self.scan.direction
-        ways = (self.traction(self.fine),)
-        if bool(motion.reverses):
+            return self.signal_along(denser(motion, times, speed, profiles))[:, ::times]
+        own = float(self.scan.direction)
+        traction, ways = self.traction(self.fine), motion.ways
+        if len(ways) > 1:
             refuse_both_ways(self.sensor.skin)
-            back = deviation(self.scene, self.fine, -own, self._periodic)
+            back = deviation(self.scene, self.fine, -self.scan.direction, self._periodic)
             # The scan's own direction is that of a motion towards +x, or towards -x.
-            ways = (*ways, back) if float(own) > 0 else (back, *ways)
-        return _along(self.sensor, self.scenario.recorder.drift, self.scan, self.fine, motion, ways,
-                      self.background)  # fmt: skip
+            traction = jnp.stack([traction, back] if own > 0 else [back, traction])
+        recorder = self.scenario.recorder
+        return _signal_along(
+            self.sensor, recorder.drift, self.scan, self.fine, motion, traction, self.background
+        )
 
     def _denser(self, motion: Motion) -> int:
         """How many times as many samples the finer line's cells ask for."""
@@ -105,33 +111,33 @@ class Simulation(eqx.Module):
 
 
 @eqx.filter_jit
-def _along(
+def _signal_along(
     sensor: Sensor,
     drift: SinusoidalLoad | None,
     scan: ConstantSpeed,
     line: Line,
     motion: Motion,
-    ways,
+    traction,
     background,
 ):
-    """The signal (element, sample) of the traction on `line`, one for each way that it slides."""
+    """The signal (element, sample) of the traction on `line`, one or one for each way."""
     if drift is None:
-        return sensor.scanned(line, motion)(*ways)
+        return sensor.operator_along(line, motion)(traction)
     # The load scales the charge ahead of the filters, that of the uniform load with the rest.
     ideal = dataclasses.replace(sensor, filters=())
-    signal, charge = ideal.scanned(line, motion)(*ways), None
+    signal, charge = ideal.operator_along(line, motion)(traction), None
     if sensor.amplifier.order:
         readout = ChargeReadout(sensor.amplifier.gain(as_real(1.0)))
-        slow = dataclasses.replace(ideal, amplifier=readout)
-        uniform = slow.signal(scan).transfer(jnp.zeros(1))[..., 0].real
-        charge = slow.scanned(line, motion)(*ways) + uniform @ background
+        of_charge = dataclasses.replace(ideal, amplifier=readout)
+        uniform = of_charge.output(scan).transfer(jnp.zeros(1))[..., 0].real
+        charge = of_charge.operator_along(line, motion)(traction) + uniform @ background
     signal = drift(motion.time_s, signal, charge)
     interval = even_interval(motion.time_s) if sensor.filters else None
     return filtered(sensor.filters, signal, interval)
 
 
 @eqx.filter_jit
-def sampled(stage: Stage, line: Line, traction, refinement: int):
+def response(stage: Stage, line: Line, traction, refinement: int):
     """The stage's signals (e, n) under `traction` on `line`, at every so many positions."""
     return line.operator(stage)(traction)[:, ::refinement]
 
@@ -162,8 +168,8 @@ def screen_effects(cfg: build.Config) -> tuple[build.Config, ScreeningResult | N
 
     def simulated(names) -> tuple[np.ndarray, np.ndarray]:
         sim = _as_named(only(names))
-        signal = np.asarray(sim.sampled(sim.sensor.signal(sim.scan)))
-        stress = np.asarray(sim.sampled(sim.sensor.stress()))
+        signal = np.asarray(sim.signal())
+        stress = np.asarray(sim.response(sim.sensor.stress()))
         return signal, stress.reshape(signal.shape[0], len(STRESSES), -1)
 
     fine = build.line(cfg, build.part(cfg, "grid").get("refinement"))
@@ -191,8 +197,7 @@ def noisy_problem(sim: Simulation, key, friction=None) -> Problem:
     mean_p_Pa = jnp.mean(sim.traction(sim.line)[0])
     if sim.scenario.recorder.samples_in_time:
         return timed_problem(sim, mean_p_Pa, key, friction)
-    signal = sim.sampled(sim.sensor.signal(sim.scan))
-    return problem_of(sim, signal, mean_p_Pa, key, friction)
+    return problem_of(sim, sim.signal(), mean_p_Pa, key, friction)
 
 
 def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> Problem:
@@ -257,7 +262,7 @@ def recorded(sim: Simulation, key) -> TimedSamples:
     """The samples along the real motion with noise, converted as the recorder does."""
     recorder = sim.scenario.recorder
     motion = recorder.motion(sim.line, sim.fine, sim.scan)
-    ideal = sim.along(motion)
+    ideal = sim.signal_along(motion)
     spacing = abs(float(sim.scan.speed_m_per_s)) / recorder.rate_hz(sim.fine, sim.scan)
     samples = Periodic(ideal.shape[1], spacing)
     noisy, spectrum, rms = with_noise(sim.scenario.noises, samples, sim.scan, ideal, key)
@@ -275,7 +280,7 @@ def _problem(
     free_offset = sensor.amplifier.offset is None
     return Problem(
         sim.line,
-        sim.line.operator(sensor.signal(sim.scan)),
+        sensor.operator(sim.line, sim.scan),
         data if observed is None else jnp.where(observed, data, 0.0),
         spectrum.at[0].set(jnp.inf) if free_offset else spectrum,
         observed=observed,

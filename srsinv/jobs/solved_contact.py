@@ -11,7 +11,7 @@ from ..forward.contact import Contact
 from ..forward.scene import SurfaceScene
 from ..forward.surface import Surface
 from ..inverse.problem import Estimate, Problem
-from .simulation import Simulation, problem_of, sampled
+from .simulation import Simulation, problem_of, response
 
 
 class SolvedContact(eqx.Module):
@@ -61,8 +61,8 @@ class SolvedContact(eqx.Module):
     def signal(self, surface: Surface | None = None) -> Float[Array, "e n"]:
         """The signal without noise at the line's positions."""
         sim = self.sim
-        stage = sim.sensor.signal(sim.scan)
-        return sampled(stage, sim.fine, self.fine_traction(surface), sim.refinement)
+        stage = sim.sensor.output(sim.scan)
+        return response(stage, sim.fine, self.fine_traction(surface), sim.refinement)
 
     def problem(self, key, friction=None) -> Problem:
         """The signal with noise, and what inverts it; the mean pressure is known as the load."""

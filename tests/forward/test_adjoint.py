@@ -14,7 +14,7 @@ STAGES = {
     "stress": full_sensor().stress(),
     "charge": full_sensor().charge(),
     "current": full_sensor().current(SCAN),
-    **{name: full_sensor(amplifier).signal(SCAN) for name, amplifier in AMPLIFIERS.items()},
+    **{name: full_sensor(amplifier).output(SCAN) for name, amplifier in AMPLIFIERS.items()},
 }
 DRAW = np.random.default_rng(7).normal(size=(14, 64))
 
@@ -59,3 +59,24 @@ def test_adjoint_identity_of_differences(line, order):
     y = jnp.asarray(draw(size=forward.shape))
     (adjoint,) = jax.linear_transpose(differ, r)(y)
     assert abs(float(jnp.vdot(y, forward) - jnp.vdot(adjoint, r))) < 1e-12 * line.n
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_symbol_is_the_spectrum_of_the_kernel(name):
+    """The signals of unit cells at both ends hold every lag of an open line's kernel; on a periodic
+    one the symbol at its wavenumbers is the transfer."""
+    line, stage = LINES[name], STAGES["current"]
+    k = np.linspace(0.0, np.pi / 1e-4, 7) if name.startswith("open") else line.k
+    operator = line.operator(stage)
+    symbol = np.asarray(operator.symbol(jnp.asarray(k)))
+    if operator.is_circular:
+        expected = operator.transfer
+    else:
+        ends = jnp.zeros((2, 2, 2, line.n))  # end, component, of which component is the unit
+        ends = ends.at[0, 0, 0, 0].set(1).at[0, 1, 1, 0].set(1)
+        ends = ends.at[1, 0, 0, -1].set(1).at[1, 1, 1, -1].set(1)
+        onwards, back = (np.stack([operator(unit) for unit in end], 1) for end in ends)
+        lags = np.arange(line.n)
+        expected = onwards @ np.exp(-1j * np.outer(lags, k) * 1e-4)
+        expected = expected + back[..., ::-1][..., 1:] @ np.exp(1j * np.outer(lags[1:], k) * 1e-4)
+    np.testing.assert_allclose(symbol, expected, atol=1e-12 * np.abs(expected).max(), rtol=0)

@@ -48,7 +48,7 @@ def slope(time, values):
 def along():
     """Rate and charge (e, sample) along the motion."""
     return [
-        eqx.filter_jit(sensor(amplifier).scanned)(LINE, MOTION)(TRACTION)
+        eqx.filter_jit(sensor(amplifier).operator_along)(LINE, MOTION)(TRACTION)
         for amplifier in (CurrentAmplifier(OHM), ChargeReadout(OHM))
     ]
 
@@ -85,7 +85,7 @@ def test_at_constant_speed_a_uniform_load_is_felt_by_its_drift():
     scan = ConstantSpeed(-0.05)
     traction = jnp.zeros((2, LINE.n)).at[0].set(4e3)
     device = sensor(CurrentAmplifier(OHM))
-    rate = LINE.operator(device.signal(scan))(traction)
+    rate = LINE.operator(device.output(scan))(traction)
     charge = LINE.operator(device.charge())(traction)
     time = scan.time_s(LINE)
     drifted = np.asarray(DRIFT(time, rate, OHM * charge))

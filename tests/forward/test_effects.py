@@ -37,7 +37,7 @@ def configuration(*overrides: str) -> dict:
 
 
 def signal(sim: Simulation):
-    return sim.fine.operator(sim.sensor.signal(sim.scan))(sim.traction(sim.fine))
+    return sim.fine.operator(sim.sensor.output(sim.scan))(sim.traction(sim.fine))
 
 
 def program(sim: Simulation) -> str:
@@ -46,7 +46,7 @@ def program(sim: Simulation) -> str:
     traction, sensor = sim.traction(sim.fine), sim.sensor
     ways = (
         eqx.filter_make_jaxpr(signal)(sim)[0],
-        eqx.filter_make_jaxpr(lambda s: s.scanned(sim.fine, motion)(traction))(sensor)[0],
+        eqx.filter_make_jaxpr(lambda s: s.operator_along(sim.fine, motion)(traction))(sensor)[0],
     )
     return "\n".join(map(str, ways))
 
@@ -292,7 +292,7 @@ def test_sliding_along_the_features_is_silent():
     cfg = configuration("effects=[oblique_features]", "effects.oblique_features.angle_deg=90")
     scenario = build.scenario(cfg)
     line = build.line(cfg)
-    output = line.operator(scenario.sensor.signal(scenario.scan))(
+    output = line.operator(scenario.sensor.output(scenario.scan))(
         jnp.ones((2, line.n)).at[0, 3].set(5.0)
     )
     np.testing.assert_array_equal(output, 0.0)

@@ -29,7 +29,7 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open, as_real
-from srsinv.inverse.feature_model import CELLS_PER_DEPTH, FeatureModel, SampledOperator
+from srsinv.inverse.feature_model import CELLS_PER_DEPTH, FeatureModel
 from tests.features import FEATURES
 from tests.forward.setups import fitted_order, largest_error
 from tests.reference import closed_forms as cf
@@ -116,7 +116,7 @@ def closed_form(name, motion, p, mu):
 
 @cache
 def operator_along(motion, cells_per_depth=CELLS_PER_DEPTH):
-    return SampledOperator(SENSOR, Motion(TIME, *MOTIONS[motion]), cells_per_depth)
+    return FeatureModel.along(SENSOR, Motion(TIME, *MOTIONS[motion]), cells_per_depth)
 
 
 def parameters(name, p, mu):
@@ -125,7 +125,7 @@ def parameters(name, p, mu):
 
 
 def signal(name, motion, p=2e3, mu=0.6, cells_per_depth=CELLS_PER_DEPTH):
-    model = FeatureModel(operator_along(motion, cells_per_depth), {name: FEATURES[name]})
+    model = operator_along(motion, cells_per_depth).with_features({name: FEATURES[name]})
     return np.asarray(model(jax.tree.map(as_real, parameters(name, p, mu))))
 
 
@@ -155,7 +155,7 @@ def test_order_in_the_cell(name, least):
 def test_a_sum_is_the_sum_and_friction_is_its_own():
     both = {"strip": FEATURES["strip"], "grating": GratingFeature(friction=-0.2)}
     own = parameters("strip", 2e3, 0.6) | {"grating": SHAPES["grating"] | {"pressure_Pa": 900.0}}
-    together = FeatureModel(operator_along("reversing"), both)(jax.tree.map(as_real, own))
+    together = operator_along("reversing").with_features(both)(jax.tree.map(as_real, own))
     apart = signal("strip", "reversing") + signal("grating", "reversing", 900.0, -0.2)
     np.testing.assert_allclose(together, apart, atol=1e-12 * np.abs(apart).max(), rtol=0)
 
@@ -163,7 +163,7 @@ def test_a_sum_is_the_sum_and_friction_is_its_own():
 @pytest.mark.parametrize("name", FEATURES)
 def test_gradient_by_finite_differences(name):
     """Where positions and widths put edges inside cells, and on them, all the same."""
-    model = FeatureModel(operator_along("steady"), {name: FEATURES[name]})
+    model = operator_along("steady").with_features({name: FEATURES[name]})
     tree = jax.tree.map(as_real, parameters(name, 2e3, 0.6))
     flat, unravel = jax.flatten_util.ravel_pytree(tree)
     size = np.where(np.abs(flat) > 1, np.abs(flat), np.where(np.abs(flat) < 0.1, 0.75e-3, 1.0))
@@ -258,7 +258,7 @@ def test_the_usual_way_to_write_a_grating():
     canonical = FEATURES["grating"].canonical(own)
     expected = {"pitch_m": 2e-3, "duty": 0.7, "phase_rad": 0.5 - np.pi, "pressure_Pa": 800.0}
     assert canonical == pytest.approx(expected)
-    model = FeatureModel(operator_along("steady"), {"grating": GratingFeature(friction=0.3)})
+    model = operator_along("steady").with_features({"grating": GratingFeature(friction=0.3)})
     same = [np.asarray(model({"grating": jax.tree.map(as_real, way)})) for way in (own, canonical)]
     np.testing.assert_allclose(*same, atol=1e-9 * np.abs(same[0]).max(), rtol=0)
 

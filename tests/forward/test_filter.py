@@ -12,8 +12,8 @@ import scipy.special
 from srsinv.forward.amplifier import ChargeReadout
 from srsinv.forward.film import Film, Offset
 from srsinv.forward.filter import Butterworth, FirstOrder
+from srsinv.forward.operator import PositionInterpolation
 from srsinv.forward.scan import ConstantSpeed, Motion
-from srsinv.forward.scanned import PositionInterpolation
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic, as_real
 from tests.forward.setups import fitted_order, largest_error
@@ -154,12 +154,12 @@ def test_the_open_lines_kernel_has_the_transfer_for_its_spectrum(speed):
         averaged = stage.transfer(k) * (2e-4 * jnp.sinc(k * 1e-4 / jnp.pi))[None, None]
         return kernel, jnp.fft.irfft(averaged, n) / step
 
-    stage = Sensor(elements, filters=filters[:1]).signal(ConstantSpeed(speed))
+    stage = Sensor(elements, filters=filters[:1]).output(ConstantSpeed(speed))
     cell_response, expected = both(stage)
     assert largest_error(cell_response[:, 0], expected[:, 0]) < 1e-8
     assert largest_error(cell_response[:, 1], expected[:, 1]) < 1e-5
     one, two = (
-        Sensor(elements, filters=each).signal(ConstantSpeed(speed)).transfer(jnp.asarray([300.0]))
+        Sensor(elements, filters=each).output(ConstantSpeed(speed)).transfer(jnp.asarray([300.0]))
         for each in (filters[:1], filters)
     )
     factor = filters[1].response(jnp.asarray([300.0 * speed]))
@@ -174,7 +174,7 @@ def test_charge_and_current_are_those_before_the_filters():
         given = () if stage == "charge" else (scan,)
         same = (line.operator(getattr(sensor, stage)(*given))(r) for sensor in (unfiltered, slow))
         np.testing.assert_array_equal(*same)
-    assert largest_error(*(line.operator(s.signal(scan))(r) for s in (slow, unfiltered))) > 0.1
+    assert largest_error(*(s.operator(line, scan)(r) for s in (slow, unfiltered))) > 0.1
 
 
 def test_beyond_what_the_nodes_hold_the_kernel_is_nan():
@@ -237,12 +237,12 @@ def test_along_a_steady_motion_it_becomes_that_of_constant_speed(speed):
     traction = jnp.stack([jnp.asarray(p), 0.3 * jnp.asarray(p)])
     filters = (FirstOrder(3e-3), Butterworth(150.0, 3))
     sensor = Sensor([Film(), Film(angle_rad=1.3, effects=[Offset(2e-4)])], filters=filters)
-    steady = line.operator(sensor.signal(ConstantSpeed(speed)))(traction)
+    steady = sensor.operator(line, ConstantSpeed(speed))(traction)
 
     @eqx.filter_jit
     def both(moving):
         expected = PositionInterpolation(line, moving.position_m)(steady)
-        return sensor.scanned(line, moving)(traction), expected
+        return sensor.operator_along(line, moving)(traction), expected
 
     samples, errors = np.array([301, 601]), []
     for n in samples:
@@ -274,9 +274,9 @@ def test_adjoint_along_a_motion():
 
     @eqx.filter_jit
     def solve(line):
-        scanned = SENSOR.scanned(line, MOVING)
-        signals = scanned(forward), scanned(forward, backward)
-        return *signals, scanned.adjoint(y), scanned.adjoint_each_way(y)
+        scanned = SENSOR.operator_along(line, MOVING)
+        signals = scanned(forward), scanned(jnp.stack([forward, backward]))
+        return *signals, scanned.adjoint(y), scanned.adjoint(y, each_way=True)
 
     one, both, adjoint, (ahead, back) = solve(line)
     scale = np.linalg.norm(both) * np.linalg.norm(y)
@@ -290,15 +290,16 @@ def test_what_lies_beyond_the_line_is_filtered_too():
     """A strip beyond the end, as part of the line and as beyond a shorter one; its shear turns
     with the motion, ahead of the filters."""
     whole, part = Open(100, 1e-4, -2e-3), Open(70, 1e-4, -2e-3)
-    nothing = jnp.zeros((2, 70))
+    nothing = jnp.zeros((2, 2, 70))
 
     @eqx.filter_jit
     def both():
         strip = jnp.zeros((2, 100)).at[:, 70:].set(jnp.asarray([[1.0], [0.4]]))
-        tail = SENSOR.signal_of_continuation(part, MOVING, 30e-4)
-        turned = tail[:, 0] + 0.4 * MOVING.direction[None] * tail[:, 1]
-        expected = SENSOR.scanned(whole, MOVING)(strip, strip * jnp.asarray([[1.0], [-1.0]]))
-        return SENSOR.scanned(part, MOVING)(nothing, continuation=turned), expected
+        expected = SENSOR.operator_along(whole, MOVING)(
+            jnp.stack([strip, strip * jnp.asarray([[1.0], [-1.0]])])
+        )
+        end = jnp.asarray([[1.0, 0.4], [1.0, -0.4]])
+        return SENSOR.operator_along(part, MOVING, 30e-4)(nothing, end), expected
 
     # The line is sampled by polynomials of eighth order, of cells of a seventh of the depth.
     assert largest_error(*both()) < 1e-5
@@ -326,8 +327,8 @@ def test_gradients(kind):
         def sensor(*given):
             return Sensor([Film(DEPTH * theta[3], 0.5)], filters=given)
 
-        steady = [line.operator(sensor(each).signal(scan))(r) for each in filters]
-        signals = (*steady, sensor(*filters).scanned(line, moving)(r))
+        steady = [sensor(each).operator(line, scan)(r) for each in filters]
+        signals = (*steady, sensor(*filters).operator_along(line, moving)(r))
         return 1e5 * jnp.stack([jnp.sum(signal * weights) for signal in signals])
 
     step = 2e-3
@@ -376,8 +377,8 @@ def test_single_precision():
             films, amplifier=ChargeReadout(1e9), filters=[FirstOrder(3e-4), Butterworth(2e3, 3)]
         )
         moving = Motion(1e-3 * np.arange(40), 1e-4 * np.arange(40) - 2e-3, np.full(40, 0.1))
-        steady = line.operator(sensor.signal(ConstantSpeed(0.1)))(r)
-        scanned = eqx.filter_jit(sensor.scanned)(line, moving)
+        steady = sensor.operator(line, ConstantSpeed(0.1))(r)
+        scanned = eqx.filter_jit(sensor.operator_along)(line, moving)
         return jax.device_get((steady, scanned(r), scanned.adjoint(scanned(r))))
 
     double = run()
@@ -392,7 +393,7 @@ def _uneven():
     time = 1e-3 * np.arange(40)
     time[7] += 2e-6
     moving = Motion(time, np.linspace(0, 1e-3, 40), np.full(40, 0.02))
-    return SENSOR.scanned(Open(64, 1e-4), moving)
+    return SENSOR.operator_along(Open(64, 1e-4), moving)
 
 
 REFUSED = {
@@ -405,7 +406,7 @@ REFUSED = {
     "uneven": (_uneven, "scan.time_s", "0.001002", "sample 7", "resample", "leave"),
     "too_slow": (
         lambda: Open(8, 1e-4).operator(
-            Sensor([Film()], filters=[FirstOrder(10.0)]).signal(ConstantSpeed(0.05))
+            Sensor([Film()], filters=[FirstOrder(10.0)]).output(ConstantSpeed(0.05))
         ),
         "1024 depths",
         "65536",
@@ -422,4 +423,4 @@ def test_refused_in_one_sentence(name):
 def test_a_periodic_line_takes_the_slowest_filter():
     line, sensor = Periodic(8, 1e-4), Sensor([Film()], filters=[FirstOrder(10.0)])
     r = jnp.asarray(np.random.default_rng(1).normal(size=(2, 8)))
-    assert np.all(np.isfinite(line.operator(sensor.signal(ConstantSpeed(0.05)))(r)))
+    assert np.all(np.isfinite(sensor.operator(line, ConstantSpeed(0.05))(r)))

@@ -66,7 +66,7 @@ def voltage(line, factors, added):
     step = FrictionStep(v["change"], v["step_position_m"], v["step_edge_m"])
     scene = TractionScene(v["background_pressure_Pa"], v["base_friction"], [strip], [step])
     traction = scene.traction(grid, scan.direction) + 1e3 * added
-    return grid.operator(sensor.signal(scan))(traction)
+    return sensor.operator(grid, scan)(traction)
 
 
 def number(line, theta):
@@ -118,7 +118,7 @@ def test_gradient_in_depth_of_the_other_readouts(line):
     def sums(depth):
         grid = LINES[line](N, 1.3e-4, -3e-3)
         sensors = (Sensor([Film(depth, 0.5)], HalfSpace(), readout) for readout in OTHERS)
-        signals = (grid.operator(sensor.signal(ConstantSpeed())) for sensor in sensors)
+        signals = (sensor.operator(grid, ConstantSpeed()) for sensor in sensors)
         return jnp.stack([jnp.sum((1e6 * signal(jnp.asarray(RANDOM))) ** 2) for signal in signals])
 
     step = 1e-8

@@ -30,7 +30,7 @@ def _everything(line, sensor, scene, scan):
         "stress": sensor.stress(),
         "charge": sensor.charge(),
         "current": sensor.current(scan),
-        "signal": sensor.signal(scan),
+        "signal": sensor.output(scan),
     }
     outputs = {name: line.operator(stage)(r) for name, stage in stages.items()}
     return {**outputs, "p": r[:1], "q": r[1:]}

@@ -31,7 +31,7 @@ D = (23e-12, 3e-12, -33e-12)
 @eqx.filter_jit
 def outputs(line, sensor, scan, r):
     """Stress, charge, current and voltage of the first element, and of the slow readouts."""
-    stages = (sensor.stress(), sensor.charge(), sensor.current(scan), sensor.signal(scan))
+    stages = (sensor.stress(), sensor.charge(), sensor.current(scan), sensor.output(scan))
     return [line.operator(stage)(r) for stage in stages]
 
 
@@ -102,7 +102,7 @@ def under_hertz(line, places):
 
     def one(place):
         r = TractionScene(0.0, MU, [Hertz(1.0, HALF_WIDTH, place)]).traction(line)
-        voltage = line.operator(sensor.signal(SCAN))(r)[0]
+        voltage = sensor.operator(line, SCAN)(r)[0]
         return line.operator(sensor.stress())(r)[:3], voltage
 
     return jax.vmap(one)(places)
@@ -144,7 +144,7 @@ def test_hertz_converges_at_second_order(kind):
 
 @pytest.mark.parametrize("line", [LINES["open_even"], LINES["open_odd"]], ids=["even", "odd"])
 def test_the_open_line_is_a_sum_over_cells_and_wraps_nothing(line):
-    stage = full_sensor(AMPLIFIERS["current"]).signal(SCAN)
+    stage = full_sensor(AMPLIFIERS["current"]).output(SCAN)
     r = np.random.default_rng(0).normal(size=(2, line.n))
     lag = np.arange(line.n)[:, None] - np.arange(line.n)
     lags = jnp.arange(1 - line.n, line.n)
@@ -156,7 +156,7 @@ def test_the_open_line_is_a_sum_over_cells_and_wraps_nothing(line):
 def test_the_open_line_has_no_lags_but_those_of_its_cells():
     """The gain at k = 0, by which it is told whether a mean is seen, is the sum over these."""
     n, line = 45, Open(45, 2e-4, -4.5e-3)
-    operator = line.operator(Sensor([Film()]).signal(ConstantSpeed(0.05)))
+    operator = line.operator(Sensor([Film()]).output(ConstantSpeed(0.05)))
     ends = jnp.zeros((2, 2, n)).at[0, :, 0].set(1.0).at[1, :, -1].set(1.0)
     for c in range(2):
         first, last = (np.asarray(operator(end * (jnp.arange(2) == c)[:, None]))[0] for end in ends)
@@ -185,7 +185,7 @@ def test_both_lines_agree_far_from_the_ends():
     both = [kind(n, cell, -22.5e-3) for kind in (Periodic, Open)]
     scene = TractionScene(0.0, 0.0, [Hertz(1.0, HALF_WIDTH, 0.0)])
     sensor = Sensor([Film(DEPTH, 0.0)])
-    solve = eqx.filter_jit(lambda line: line.operator(sensor.signal(SCAN))(scene.traction(line)))
+    solve = eqx.filter_jit(lambda line: sensor.operator(line, SCAN)(scene.traction(line)))
     one, other = (solve(line)[0] for line in both)
     assert largest_error(one[192:320], other[192:320]) < 5e-3
 

@@ -12,8 +12,8 @@ import pytest
 
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
 from srsinv.forward.film import Film, Offset, StripAverage
+from srsinv.forward.operator import PositionInterpolation
 from srsinv.forward.scan import ConstantSpeed, Motion
-from srsinv.forward.scanned import PositionInterpolation
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open, Periodic, as_real
@@ -140,7 +140,7 @@ def reference_voltage(name, line, cauchy, mu):
 
 @eqx.filter_jit
 def scan_both_ways(sensor, line, moving, forward, backward):
-    return sensor.scanned(line, moving)(forward, backward)
+    return sensor.operator_along(line, moving)(jnp.stack([forward, backward]))
 
 
 def voltage(sensor, line, moving, p, mu):
@@ -174,7 +174,7 @@ def test_a_slow_readout_is_the_charge_where_the_sensor_stands():
 
 @eqx.filter_jit
 def steady_and_scanned(line, sensor, moving, r, speed):
-    return line.operator(sensor.signal(ConstantSpeed(speed)))(r), sensor.scanned(line, moving)(r)
+    return sensor.operator(line, ConstantSpeed(speed))(r), sensor.operator_along(line, moving)(r)
 
 
 @pytest.mark.parametrize("speed", [0.05, -0.03])
@@ -199,8 +199,8 @@ def test_between_the_samples_it_converges_to_it_at_eighth_order(make):
         r, speed = jnp.stack([p, 0.3 * p]), np.full(line.n - 1, 0.05)
         still, moved = (Sensor([Film(0.75e-3, 0.5, effects=(Offset(o),))]) for o in (0.0, shift))
         moving = Motion(np.arange(line.n - 1), line.x[:-1] + shift, speed)
-        exact = line.operator(moved.signal(ConstantSpeed(0.05)))(r)[:, :-1]
-        return still.scanned(line, moving)(r), exact
+        exact = moved.operator(line, ConstantSpeed(0.05))(r)[:, :-1]
+        return still.operator_along(line, moving)(r), exact
 
     cells = np.array([96, 120, 150])
     errors = [largest_error(*both(make(int(n))[0])) for n in cells]
@@ -267,9 +267,9 @@ def test_adjoint_identity(kind):
 
     @eqx.filter_jit
     def solve(line):
-        scanned = SENSOR.scanned(line, motion("stopping_and_reversing"))
-        signals = scanned(forward), scanned(forward, backward)
-        return *signals, scanned.adjoint(y), scanned.adjoint_each_way(y)
+        scanned = SENSOR.operator_along(line, motion("stopping_and_reversing"))
+        signals = scanned(forward), scanned(jnp.stack([forward, backward]))
+        return *signals, scanned.adjoint(y), scanned.adjoint(y, each_way=True)
 
     one, both, adjoint, (ahead, back) = solve(line)
     scale = np.linalg.norm(both) * np.linalg.norm(y)
@@ -298,7 +298,7 @@ def test_gradients_in_position_and_speed(kind, mode):
 
     def number(theta):
         moving = Motion(time, x + 1e-4 * theta[:6], u * (1 + theta[6:]))
-        v = sensor.scanned(line, moving)(forward, -0.5 * forward)
+        v = sensor.operator_along(line, moving)(jnp.stack([forward, -0.5 * forward]))
         return jnp.sum(jnp.sin(1e5 * v) * weights)
 
     step, origin = 1e-3, np.zeros(12)
@@ -342,9 +342,10 @@ def test_time_reversed(amplifier, sign):
 
 def test_one_traction_costs_one_convolution():
     line, p, _ = TRACTIONS["open"]
-    scanned = eqx.filter_jit(SENSOR.scanned)(line, motion("stopping_and_reversing"))
+    scanned = eqx.filter_jit(SENSOR.operator_along)(line, motion("stopping_and_reversing"))
     r = jnp.stack([p, MU * p])
-    lowered = (jax.jit(lambda *given: scanned(*given)).lower(*given) for given in ((r,), (r, r)))
+    solve = jax.jit(lambda traction: scanned(traction))
+    lowered = (solve.lower(given) for given in (r, jnp.stack([r, r])))
     programs = [each.compile().as_text() for each in lowered]
     assert [program.count(" fft(") for program in programs] == [2, 4]
 
@@ -362,7 +363,7 @@ def test_direction(name):
     speed, expected, reverses = DIRECTIONS[name]
     moving = Motion.from_speed(np.arange(len(speed)), speed)
     np.testing.assert_array_equal(moving.direction, expected)
-    assert bool(moving.reverses) is reverses
+    assert (len(moving.ways) > 1) is reverses
 
 
 # Motions from one column.
@@ -405,7 +406,7 @@ REFUSED = {
     "time_stuck": (lambda: Motion.from_position([0, 1, 1, 3], T), "time_s", "sample 3", "drop"),
     "start": (lambda: Motion.from_speed(T, T, np.nan), "start_m", "nan", "finite"),
     "integrated": (
-        lambda: Sensor([Film()], amplifier=IntegratedCurrent()).scanned(
+        lambda: Sensor([Film()], amplifier=IntegratedCurrent()).operator_along(
             Periodic(8, 1.0), Motion(T, T, T)
         ),
         "amplifier=integrated",
@@ -431,9 +432,9 @@ def test_single_precision(make):
         def all_of_it():
             line = make(480)[0]
             film = Film(0.75e-3, 1.3, effects=(StripAverage(0.7e-3), Offset(3e-4)))
-            scanned = Sensor([film]).scanned(line, Motion(TIME, x, u))
+            scanned = Sensor([film]).operator_along(line, Motion(TIME, x, u))
             r = as_real(np.stack([p, MU * p]))
-            signal = scanned(r, 0.5 * r)
+            signal = scanned(jnp.stack([r, 0.5 * r]))
             return signal, scanned.adjoint(signal)
 
         return jax.device_get(all_of_it())

@@ -39,14 +39,14 @@ def stress(skin, x, width):
 
 def oblique(angle, line, sensor, r):
     scan = turned_scan(ConstantSpeed(0.05), angle)
-    return apply(line, turned(sensor, angle).signal(scan), r)
+    return apply(line, turned(sensor, angle).output(scan), r)
 
 
 @pytest.mark.parametrize("name", LINES)
 def test_straight_features_are_the_straight_model(name):
     """Every element and effect, on every line."""
     sensor, r = full_sensor(CurrentAmplifier()), per_line(name)
-    straight = apply(LINES[name], sensor.signal(SCAN), r)
+    straight = apply(LINES[name], sensor.output(SCAN), r)
     assert largest_error(oblique(0.0, LINES[name], sensor, r), straight) < 1e-12
 
 
@@ -227,7 +227,7 @@ def test_contact_is_across_the_features():
 def value(kind, angle):
     sensor = Sensor([Film(DEPTH, 0.5, effects=(Offset(2e-4),))])
     line = LINES_SHORT[kind]
-    signal = line.operator(turned(sensor, angle).signal(turned_scan(SCAN, angle)))(RANDOM[:, :24])
+    signal = turned(sensor, angle).operator(line, turned_scan(SCAN, angle))(RANDOM[:, :24])
     return jnp.sum(jnp.sin(2e7 * signal) * RANDOM[:1, 24:48])
 
 
@@ -272,7 +272,7 @@ def test_the_straight_model_where_the_finger_moves_along_x(amplifier, friction):
     angle, circle = 0.8, Circle(samples=8, start_rad=-np.pi / 2)
     ridge = ObliqueRidge(angle, -7e-3, 1.5, 4e-4, friction)
     sensor = Sensor(FILMS, amplifier=amplifier)
-    stage = turned(sensor, angle).signal(turned_scan(ConstantSpeed(0.05), angle))
+    stage = turned(sensor, angle).output(turned_scan(ConstantSpeed(0.05), angle))
     xi = jnp.asarray([10e-3 * np.cos(-np.pi / 2 - angle) + 7e-3])
     each = eqx.filter_jit(stage.cell_response)(xi, ridge.width_m)[..., 0]
     expected = 1.5 / 4e-4 * (each[:, 0] + friction * each[:, 1])

@@ -30,9 +30,9 @@ def run(kind):
     @jax.jit
     def all_of_it():
         r = scene.traction(line, scan.direction)
-        operator = line.operator(full_sensor(CurrentAmplifier(1e6)).signal(scan))
+        operator = line.operator(full_sensor(CurrentAmplifier(1e6)).output(scan))
         signal = operator(r)
-        integrated = line.operator(full_sensor(IntegratedCurrent(1e6)).signal(scan))(r)
+        integrated = line.operator(full_sensor(IntegratedCurrent(1e6)).output(scan))(r)
         spectrum = total_spectrum(noises, line, scan, jnp.sqrt(jnp.mean(signal**2)))
         noise = draw(jax.random.key(0), spectrum, 3, 64)
         return {

@@ -91,7 +91,7 @@ def test_reversal_returns_its_way(speed, rate):
     np.testing.assert_allclose(way(motion, start)[after], expected, rtol=0, atol=1e-15)
     back = (time > 0.1213 + 0.0111) & (time < 0.1213 + 0.0111 + 0.07)
     np.testing.assert_allclose(np.asarray(motion.speed_m_per_s)[back], -speed, rtol=1e-14)
-    assert bool(motion.reverses)
+    assert motion.ways == (True, False)
 
 
 def test_paces_multiply():
@@ -205,7 +205,9 @@ def test_gradient_of_a_signal_in_the_ripple():
 
     @jax.jit
     def signal(fraction):
-        return sensor.scanned(line, at_times(time, 0.0, SPEED, [RippleProfile(fraction, 20.0)]))(r)
+        return sensor.operator_along(
+            line, at_times(time, 0.0, SPEED, [RippleProfile(fraction, 20.0)])
+        )(r)
 
     derivative = jax.jit(jax.jacfwd(signal))(0.3)
     expected = (signal(0.3 + 1e-5) - signal(0.3 - 1e-5)) / 2e-5

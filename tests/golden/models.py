@@ -30,8 +30,8 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, TapeFeature
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Open, Periodic
-from srsinv.inverse.feature_model import FeatureModel, SampledOperator
-from srsinv.inverse.surface_model import SlidingContact, SurfaceModel, Window
+from srsinv.inverse.feature_model import FeatureModel
+from srsinv.inverse.surface_model import SurfaceModel, Window
 
 Numbers = Mapping[str, Any]
 Model = Callable[[Numbers], Any]
@@ -97,7 +97,7 @@ def operators(kind: str, skin=half_space) -> Model:
         line, scan = line_of(v, kind), ConstantSpeed(v["speed_m_per_s"])
         own = sensor(v, skin(v))
         integrated = sensor(v, skin(v), IntegratedCurrent(v["resistance_ohm"]))
-        stages = (own.stress(), own.signal(scan), integrated.signal(scan))
+        stages = (own.stress(), own.output(scan), integrated.output(scan))
         return tuple(line.operator(stage)(v["traction_Pa"]) for stage in stages)
 
     return model
@@ -107,7 +107,7 @@ def signal(kind: str, skin) -> Model:
     """The rate signal of one film."""
 
     def model(v: Numbers):
-        stage = Sensor([Film(v["depth_m"], v["angle_rad"])], skin(v)).signal(ConstantSpeed())
+        stage = Sensor([Film(v["depth_m"], v["angle_rad"])], skin(v)).output(ConstantSpeed())
         return line_of(v, kind).operator(stage)(v["traction_Pa"])
 
     return model
@@ -120,7 +120,7 @@ def filters(kind: str) -> Model:
 
     def model(v: Numbers):
         film = Film(0.75e-3, 0.4, piezo=Piezo(v["d1"], v["d2"], v["d3"]))
-        stage = Sensor([film], filters=lags).signal(ConstantSpeed(0.05))
+        stage = Sensor([film], filters=lags).output(ConstantSpeed(0.05))
         return line_of(SENSOR, kind).operator(stage)(v["traction_Pa"])
 
     return model
@@ -129,7 +129,7 @@ def filters(kind: str) -> Model:
 def oblique(v: Numbers):
     """Features turned from the sliding direction."""
     own, scan = turned(sensor(v, half_space(v)), 0.5), turned_scan(ConstantSpeed(0.05), 0.5)
-    return line_of(v, "periodic").operator(own.signal(scan))(v["traction_Pa"])
+    return line_of(v, "periodic").operator(own.output(scan))(v["traction_Pa"])
 
 
 def scanned(kind: str, motion: Motion, lag: bool = False, turns: bool = False) -> Model:
@@ -137,10 +137,10 @@ def scanned(kind: str, motion: Motion, lag: bool = False, turns: bool = False) -
 
     def model(v: Numbers):
         own = (FirstOrder(v["time_s"]),) if lag else ()
-        along = sensor(v, half_space(v), None, own).scanned(line_of(v, kind), motion)
+        along = sensor(v, half_space(v), None, own).operator_along(line_of(v, kind), motion)
         forward = v["traction_Pa"]
-        backward = jnp.array([[1.0], [-1.0]]) * forward if turns else None
-        return along(forward, backward)
+        backward = jnp.array([[1.0], [-1.0]]) * forward
+        return along(jnp.stack([forward, backward]) if turns else forward)
 
     return model
 
@@ -188,9 +188,8 @@ CHARGE_SENSOR = Sensor([Film(0.75e-3, 0.2), Film(0.9e-3, 1.6)], None, ChargeRead
 
 def features() -> Model:
     """The signal and the traction of all features of traction together."""
-    whole = FeatureModel(
-        SampledOperator(CHARGE_SENSOR, SHORT_MOTION, 8),
-        {name: f for name, (f, _) in FEATURES.items()},
+    whole = FeatureModel.along(CHARGE_SENSOR, SHORT_MOTION, 8).with_features(
+        {name: f for name, (f, _) in FEATURES.items()}
     )
 
     def model(v: Numbers):
@@ -219,10 +218,10 @@ PLATE = {"nominal_pressure_Pa": 2e4, "gain": 1.1, "base_friction": 0.4, "depth_m
 def surface(name: str) -> Model:
     """The signal of a feature of a surface, through contact."""
     feature, own = SURFACES[name]
-    trace = SlidingContact(
+    plate = SurfaceModel.on_window(
         Sensor(CHARGE_SENSOR.elements), SHORT_MOTION, Window(-3e-3, 3e-3), 2.4e-5, Periodic
     )
-    whole = SurfaceModel(trace, {name: feature})
+    whole = plate.with_features({name: feature})
 
     def model(v: Numbers):
         params = {part: v[part] for part in PLATE}
@@ -271,7 +270,7 @@ MODELS: dict[str, tuple[Callable[[], Model], Numbers]] = {
     "differences": (lambda: differences, LOAD),
     "circular": (lambda: circular, CIRCLE),
     "contact_elastic": (lambda: contact, CONTACT),
-    "contact_viscoelastic": (lambda: contact, CONTACT | RELAXING),
+    "contact_lagging": (lambda: contact, CONTACT | RELAXING),
     "features": (features, TRACED),
     **{f"surface_{name}": (partial(surface, name), PLATE_AND_EDGE | _own(own))
        for name, (_, own) in SURFACES.items()},

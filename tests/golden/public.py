@@ -90,7 +90,7 @@ def fit_many():
 def operator():
     line = Periodic(1024, cell_m=4e-5)
     sensor = Sensor([Film(), Film(angle_rad=math.pi / 2)])
-    voltage = line.operator(sensor.signal(ConstantSpeed(0.05)))
+    voltage = sensor.operator(line, ConstantSpeed(0.05))
     traction = np.random.default_rng(zlib.crc32(b"operator")).normal(size=(2, 1024))
     signal = voltage(jnp.asarray(traction))
     return {"signal": signal, "back": voltage.adjoint(signal)}

@@ -54,7 +54,7 @@ def make_operator(line, films: str | Sequence[Film] = "pair", amplifier=RATE):
 
 @eqx.filter_jit
 def _operator(line, sensor, scan):
-    return line.operator(sensor.signal(scan))
+    return sensor.operator(line, scan)
 
 
 def bumps(line, background_Pa=0.0, friction=None) -> np.ndarray:

@@ -17,7 +17,6 @@ from srsinv.forward.sensor import Sensor
 from srsinv.inverse.feature_fit import (
     FeatureFitter,
     FeatureModel,
-    SampledOperator,
     fit_features,
     friction_of,
     reported_parameters,
@@ -66,7 +65,7 @@ def fitter(sensor="two", motion="steady"):
 
 @cache
 def finer(sensor="two", motion="steady"):
-    return SampledOperator(SENSORS[sensor], MOTIONS[motion](), 96)
+    return FeatureModel.along(SENSORS[sensor], MOTIONS[motion](), 96)
 
 
 def parameters(name, truth, feature):
@@ -82,7 +81,7 @@ def simulated(name, sensor="two", motion="steady", truth=None, feature=None, off
     own = parameters(name, truth or TRUTHS[name], feature)
     if offset is not None:
         own["offset"] = offset
-    model = FeatureModel(finer(sensor, motion), {name: feature})
+    model = finer(sensor, motion).with_features({name: feature})
     return np.asarray(model(jax.tree.map(jnp.asarray, own)))
 
 

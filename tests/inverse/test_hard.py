@@ -88,9 +88,8 @@ STATIC["wiener_evidence"] = Wiener(P, Q, scale="evidence")
 def test_a_model_that_feels_nothing_is_never_sure(name):
     """A static touch: no number may come with a standard error of nothing, or it is refused."""
     case = make_case()
-    silent = Convolution(
-        0 * case.problem.forward.transfer, case.problem.line.n, case.problem.line.n
-    )
+    line, forward = case.problem.line, case.problem.forward
+    silent = Convolution(0 * forward.transfer, line.cell_m, line.n, line.n)
     try:
         problem = Problem(case.problem.line, silent, case.problem.data, case.problem.noise)
         estimate = STATIC[name](problem)

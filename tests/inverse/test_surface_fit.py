@@ -14,7 +14,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, StepUpFeature, TapeFeature
 from srsinv.inverse.surface_fit import SurfaceFitter
-from srsinv.inverse.surface_model import SlidingContact, SurfaceModel, Window
+from srsinv.inverse.surface_model import SurfaceModel, Window
 from tests.refusals import refused
 from tests.tiers import quick
 
@@ -39,7 +39,7 @@ TAPE = {
 
 def fine(feature, motion):
     """The model on cells in no simple ratio to the fit's."""
-    return SurfaceModel(SlidingContact(SENSOR, motion, WINDOW, EDGE / 13), {"it": feature})
+    return SurfaceModel.on_window(SENSOR, motion, WINDOW, EDGE / 13).with_features({"it": feature})
 
 
 def tree(own, base):
@@ -129,7 +129,9 @@ def test_standard_errors_are_the_bound(ridges, simulated):
 
 def test_derivatives_of_the_signal_are_differences_in_both_modes():
     """To 1e-4 where the contact stays: steps that move no cell in or out of it."""
-    model = SurfaceModel(SlidingContact(SENSOR, ONWARDS, WINDOW, 2e-5), {"it": RidgeFeature(EDGE)})
+    model = SurfaceModel.on_window(SENSOR, ONWARDS, WINDOW, 2e-5).with_features(
+        {"it": RidgeFeature(EDGE)}
+    )
     units = {"height_m": 1e-11, "width_m": 1e-11, "position_m": 1e-11, "nominal": 1e-2}
 
     def own(values):

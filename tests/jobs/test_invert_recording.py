@@ -157,11 +157,13 @@ def varying(speed):
     start = -(travelled.min() + travelled.max()) / 2
     p = PressedStrip(2e3, 1e-3, 0.0, 1e-4).cell_average(line)
     traction = jnp.stack([p, 0.5 * np.sign(speed.sum()) * p])
-    signal = np.asarray(sensor.scanned(line, Motion(TIME, start + travelled, speed))(traction))
+    signal = np.asarray(
+        sensor.operator_along(line, Motion(TIME, start + travelled, speed))(traction)
+    )
     noise = 2e-9 * np.random.default_rng(2).normal(size=signal.shape)
     facts = {"sensor": SENSOR, "scan_start_m": float(start)}
     scan = Recording(signal + noise, TIME, speed, ("voltage_0_V", "voltage_1_V"), facts)
-    steady = np.asarray(line.operator(blocks.signal(ConstantSpeed(speed.mean())))(traction))
+    steady = np.asarray(blocks.operator(line, ConstantSpeed(speed.mean()))(traction))
     return scan, lambda x: np.stack([np.interp(x, np.asarray(line.x), row) for row in steady])
 
 

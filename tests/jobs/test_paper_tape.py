@@ -93,7 +93,7 @@ def test_sliding_back_is_the_mirror_image():
 def test_what_is_pressed_once_is_what_the_simulation_feels():
     contact = _solve_contact(0.05)
     sim = contact.sim
-    expected = sim.sampled(sim.sensor.signal(sim.scan))
+    expected = sim.signal()
     np.testing.assert_allclose(
         contact.signal(), expected, rtol=0, atol=1e-9 * float(jnp.abs(expected).max())
     )

@@ -17,7 +17,7 @@ from srsinv.forward.feature import LineFeature, StepFeature, StripFeature
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.feature_fit import FeatureFitter, FeatureModel, SampledOperator
+from srsinv.inverse.feature_fit import FeatureFitter, FeatureModel
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, outcome
 from tests.stability.matrix import PRECISIONS
@@ -50,7 +50,7 @@ LIMITS = [
 
 class FittedScan(NamedTuple):
     fitter: FeatureFitter
-    finer: SampledOperator
+    finer: FeatureModel
 
 
 @cache
@@ -60,7 +60,7 @@ def bench(precision):
     motion = Motion.from_speed(TIME, 2 * END_M / TIME[-1], -END_M)
     angles = (0.0, np.pi / 2)
     sensor = Sensor([Film(DEPTH_M, angle, effects=(StripAverage(0.5e-3),)) for angle in angles])
-    return FittedScan(FeatureFitter(sensor, motion), SampledOperator(sensor, motion, 96))
+    return FittedScan(FeatureFitter(sensor, motion), FeatureModel.along(sensor, motion, 96))
 
 
 @pytest.fixture(params=PRECISIONS)
@@ -74,7 +74,7 @@ def clean_signal(name, **own):
     with jax.enable_x64(True):
         feature = FEATURES[name]
         own = own | {feature.shear: MU * own[feature.amplitude]}
-        model = FeatureModel(bench("float64").finer, {name: feature})
+        model = bench("float64").finer.with_features({name: feature})
         return np.asarray(model({name: {k: jnp.asarray(v) for k, v in own.items()}}))
 
 
@@ -188,7 +188,7 @@ def test_two_begun_on_one_spot(precision):
     noise = NOISE_FRACTION * rms(half)
     pair = {"line": FEATURES["line"], "other": FEATURES["other"]}
     fitter = bench(precision).fitter
-    model = FeatureModel(fitter._sampled, pair)
+    model = fitter._model.with_features(pair)
     shape = {"position_m": LINE["position_m"], "load_N_per_m": 0.0, "shear_N_per_m": 0.0}
     fit = srsinv.fit(
         model, {"line": shape, "other": dict(shape)}, 2 * half + noise * DRAWN, noise=noise,
@@ -206,7 +206,7 @@ def test_begun_ten_widths_away(precision, margin):
     """Alone, without the search for a start, it is not sure of a wrong place."""
     y = clean_signal("line", **LINE)
     noise = NOISE_FRACTION * rms(y)
-    model = FeatureModel(bench(precision).fitter._sampled, {"line": FEATURES["line"]})
+    model = bench(precision).fitter._model.with_features({"line": FEATURES["line"]})
     away = {"position_m": LINE["position_m"] - 7e-3, "load_N_per_m": 0.0, "shear_N_per_m": 0.0}
     fit = srsinv.fit(model, {"line": away}, y + noise * DRAWN, noise=noise, linear=model.linear)
     place, error = fit.value["line"]["position_m"], fit.stderr["line"]["position_m"]

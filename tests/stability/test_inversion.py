@@ -32,9 +32,11 @@ def forward_of(v, n):
     def one(angle, width):
         film = Film(v["depth_m"], angle, width, STRIP_M, effects=(StripAverage(width),))
         sensor = Sensor([film], amplifier=CurrentAmplifier(RESISTANCE_OHM))
-        return line.operator(sensor.signal(ConstantSpeed(SPEED_M_PER_S))).transfer[0]
+        return sensor.operator(line, ConstantSpeed(SPEED_M_PER_S)).transfer[0]
 
-    return line, Convolution(jax.vmap(one)(v["angles_rad"], v["widths_m"]), n, n, False)
+    return line, Convolution(
+        jax.vmap(one)(v["angles_rad"], v["widths_m"]), line.cell_m, n, n, False
+    )
 
 
 def problem_of(v, n, observed=None):

@@ -42,7 +42,7 @@ def sums(kind, n, order):
     def model(v):
         line, device = LINES[kind](n, v["cell_m"]), sensor(v)
         r = jnp.stack([v["p"], v["mu"] * v["p"]], axis=1)
-        operator = line.operator(device.signal(ConstantSpeed(SPEED)) if order else device.charge())
+        operator = line.operator(device.output(ConstantSpeed(SPEED)) if order else device.charge())
         return jax.vmap(operator)(r), operator.adjoint(v["y"])
 
     return model
@@ -109,7 +109,7 @@ def one_strip(kind, v, width):
     effects = (StripAverage(width), Offset(v["offset_m"]))
     film = Film(v["depth_m"], 0.4, 1.0, 1.0, effects=effects)
     cell_m = v["pitch_m"] / N_PITCH
-    operator = LINES[kind](N_PITCH, cell_m).operator(Sensor([film]).signal(ConstantSpeed(SPEED)))
+    operator = LINES[kind](N_PITCH, cell_m).operator(Sensor([film]).output(ConstantSpeed(SPEED)))
     return operator(jnp.stack([v["p"], v["mu"] * v["p"]]))
 
 
@@ -189,7 +189,7 @@ def test_other_lines(group, precision, margin):
 
 @eqx.filter_jit
 def both_ways(line, device, r, y):
-    operator = line.operator(device.signal(ConstantSpeed(SPEED)))
+    operator = device.operator(line, ConstantSpeed(SPEED))
     return operator(r), operator.adjoint(y)
 
 

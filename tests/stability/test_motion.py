@@ -40,7 +40,7 @@ def signal(v):
     position = v["start_m"] + v["speed_m_per_s"] * v["time_s"] + v["swing_m"] * jnp.sin(angle)
     speed = v["speed_m_per_s"] + v["swing_m"] * v["turn_rad_per_s"] * jnp.cos(angle)
     wave = PRESSURE_PA * float(np.sinc(K * WINDOW_M / N / 2 / np.pi)) * jnp.cos(K * line.x)
-    moved = sensor.scanned(line, Motion(v["time_s"], position, speed))
+    moved = sensor.operator_along(line, Motion(v["time_s"], position, speed))
     return moved(jnp.stack([wave, 0 * wave]))[0] / v["size_V"]
 
 

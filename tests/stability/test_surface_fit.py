@@ -14,7 +14,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.inverse.surface_fit import SurfaceFitter
-from srsinv.inverse.surface_model import SlidingContact, SurfaceModel, Window
+from srsinv.inverse.surface_model import SurfaceModel, Window
 
 DEPTH_M, EDGE_M, PRESSURE_PA, MU = 0.75e-3, 1e-4, 2e4, 0.4
 WINDOW = Window(-6e-3, 6e-3)
@@ -40,7 +40,7 @@ def fitter():
 @cache
 def simulate_ridge():
     """The clean signal, on cells in no simple ratio to the fit's, and its noise."""
-    model = SurfaceModel(SlidingContact(sensor(), MOTION, WINDOW, EDGE_M / 41), FEATURES)
+    model = SurfaceModel.on_window(sensor(), MOTION, WINDOW, EDGE_M / 41).with_features(FEATURES)
     own = RIDGE | {"edge_length_m": EDGE_M}
     rest = {"nominal_pressure_Pa": PRESSURE_PA, "gain": 1.0, "base_friction": MU}
     signal = np.asarray(model(jax.tree.map(jnp.asarray, rest | {"ridge": own})))

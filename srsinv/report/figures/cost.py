@@ -38,17 +38,17 @@ def errors_and_time(rows: Sequence[Row]) -> Figure:
     figure, grid = grid_of_axes(1, 3, 0.7 + 0.55 * len(rows), sharey=True)
     error, coverage, time = grid[0]
     components = colours(("p", "q"))
-    _dots(error, rows, "error", components, _PERCENT)
+    _dots(error, rows, "error_{}", components, _PERCENT)
     error.set(title="Relative error against the truth", xlabel=_PERCENT.label("error"))
     error.set_xlim(left=0)
-    _dots(coverage, rows, "coverage", components, _PERCENT)
+    _dots(coverage, rows, "coverage_{}", components, _PERCENT)
     coverage.axvline(90, color=TRUTH, linestyle="--", linewidth=0.9, label="90 %, expected")
     coverage.set(title="Truth inside the 90 % band", xlabel=_PERCENT.label("coverage"))
     coverage.set_xlim(-4, 118)  # room for a number beside 100 %
     unit = scale("s", *(row["steady_call_s"] or 0.0 for row in rows))
-    _dots(time, rows, "time_s", {"first": GREY, "steady": PALETTE[4]}, unit)
+    _dots(time, rows, "{}_call_s", {"first": GREY, "steady": PALETTE[4]}, unit)
     time.set(title="Time, with and without compiling", xlabel=unit.label("time"))
-    if any(row[f"time_s_{name}"] for row in rows for name in ("first", "steady")):
+    if any(row[f"{name}_call_s"] for row in rows for name in ("first", "steady")):
         time.set_xscale("log")
         time.margins(x=0.25)
     error.set_yticks(range(len(rows)), [str(row["method"]) for row in rows])
@@ -119,11 +119,12 @@ def fit_counts(starts: Sequence[Row], together: Sequence[Row]) -> Figure:
 def _dots(
     axes: Axes, rows: Sequence[Row], quantity: str, palette: Mapping[str, str], unit: Scale
 ) -> None:
-    """A dot for every known `quantity_name`, with its number written beside it."""
+    """A dot for every known value under `quantity`, filled in with each name of the palette, with
+    its number written beside it."""
     known = False
     for i, (name, colour) in enumerate(palette.items()):
         place = [row_at + 0.3 * (i - (len(palette) - 1) / 2) for row_at in range(len(rows))]
-        values = [row[f"{quantity}_{name}"] for row in rows]
+        values = [row[quantity.format(name)] for row in rows]
         pairs = [
             (v * unit.factor, y)
             for v, y in zip(values, place, strict=True)

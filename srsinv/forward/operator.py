@@ -1,4 +1,4 @@
-"""The signal along a measured motion x(t): the stage after the line, in time.
+"""The operator along a measured motion x(t).
 
 The stress pattern is fixed to the surface, so that the film's charge is Q(x(t)) and its current
 dQ/dt = u(t) Q'(x(t)). The line gives Q' by its exact transfer or kernel; what is left is to
@@ -13,7 +13,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from ..errors import refuse
-from ..grid import Convolution, Line, Periodic, as_real
+from ..grid import Convolution, Line, Operator, Periodic, as_real
 from .filter import Filter, filtered, filtered_adjoint
 
 POINTS = 8
@@ -58,64 +58,71 @@ class PositionInterpolation(eqx.Module):
         return zero.at[:, self.index].add(self.weights[None] * y[..., None])
 
 
-class Scanned(eqx.Module):
-    """The signal of every sample of a motion: traction (2, n) on a line to (element, sample).
+class MotionOperator(Operator):
+    """The operator along a measured motion: a sample wherever the sensor is at its times.
 
+    - `line`: of the traction; `position_m` (sample,): where the sensor is.
     - `field`: the `order`-th derivative of charge along x on the line, order 1 for a rate signal.
     - `gain`, `direction` (sample,): the amplifier's factor, R_f u(t) for a rate signal, and
       sign(u), kept through a standstill.
     - `filters`: what the electronics then do in time, the samples being `interval_s` apart; before
       the first sample the signal was what it is there.
+    - `end` (e, c, sample): the signal, ahead of the filters, of unit traction on everything beyond
+      the line's last cell; None where nothing goes on there.
+    - `ways`: whether the sensor slides towards +x, and towards -x: True and False, in this order.
 
     Coulomb friction turns with the motion, q = sign(u) mu p. In this idealisation the shear jumps
     at the instant of reversal and sends an impulse of current; no sample stands at that instant,
     and the impulse is not in the signal.
     """
 
+    line: Line
+    position_m: Float[Array, " sample"]
     field: Convolution
-    sampling: PositionInterpolation
+    interpolation: PositionInterpolation
     gain: Float[Array, " sample"]
     direction: Float[Array, " sample"]
     filters: tuple[Filter, ...] = ()
     interval_s: Float[Array, ""] | None = None
+    end: Float[Array, "e c sample"] | None = None
+    ways: tuple[bool, ...] = eqx.field(static=True, default=(True, False))
 
     def __call__(
         self,
-        forward: Float[Array, "c n"],
-        backward: Float[Array, "c n"] | None = None,
-        continuation: Float[Array, "e sample"] | None = None,
+        traction: Float[Array, "*way c n"],
+        end: Float[Array, "*way c"] | None = None,
     ) -> Float[Array, "e sample"]:
-        """The signal under `forward`, the traction [Pa] while sliding towards +x, and `backward`,
-        the one while sliding towards -x; with `continuation`, what the amplifier reads of traction
-        off the line.
+        """The signal under one `traction` [Pa] all along, as without friction or where the motion
+        does not turn, or under one for each way; with `end`, the traction that goes on beyond the
+        last cell.
 
-        Without `backward` the traction is the same all along: without friction, or where the
-        motion does not reverse. Only one convolution is then in the program.
+        One traction is one convolution in the program, both ways are two.
         """
-        signal = self.sampling(self.field(forward))
-        if backward is not None:
-            turned = self.sampling(self.field(backward))
-            signal = jnp.where(self.direction[None] < 0, turned, signal)
-        signal = self.gain[None] * signal
-        signal = signal if continuation is None else signal + continuation
-        return filtered(self.filters, signal, self.interval_s)
+        return filtered(self.filters, self._before_filters(traction, end), self.interval_s)
 
-    def adjoint(self, y: Float[Array, "e sample"]) -> Float[Array, "c n"]:
-        """The transpose for one traction all along: <y, self(r)> = <self.adjoint(y), r>."""
-        y = filtered_adjoint(self.filters, y, self.interval_s)
-        return self._before_filters(y)
+    def _before_filters(self, traction, end) -> Float[Array, "e sample"]:
+        if traction.ndim == 3:
+            ahead, back = (
+                self._before_filters(own, None if end is None else end[way])
+                for way, own in enumerate(traction)
+            )
+            return jnp.where(self.direction[None] < 0, back, ahead)
+        signal = self.gain[None] * self.interpolation(self.field(traction))
+        return signal if end is None else signal + jnp.einsum("ecs,c->es", self.end, end)
 
-    def adjoint_each_way(
-        self, y: Float[Array, "e sample"]
-    ) -> tuple[Float[Array, "c n"], Float[Array, "c n"]]:
-        """The transpose for two tractions: <y, self(f, b)> = <a, f> + <c, b> with (a, c) this."""
-        y = filtered_adjoint(self.filters, y, self.interval_s)
+    def adjoint(
+        self, signal: Float[Array, "e sample"], each_way: bool = False
+    ) -> Float[Array, "*way c n"]:
+        """The transpose for one traction all along, or for one for each way."""
+        y = filtered_adjoint(self.filters, signal, self.interval_s)
+        if not each_way:
+            return self._adjoint(y)
         turned = self.direction[None] < 0
-        ahead = self._before_filters(jnp.where(turned, 0.0, y))
-        return ahead, self._before_filters(jnp.where(turned, y, 0.0))
+        ways = jnp.where(turned, 0.0, y), jnp.where(turned, y, 0.0)
+        return jnp.stack([self._adjoint(own) for own in ways])
 
-    def _before_filters(self, y: Float[Array, "e sample"]) -> Float[Array, "c n"]:
-        return self.field.adjoint(self.sampling.adjoint(self.gain[None] * y))
+    def _adjoint(self, y: Float[Array, "e sample"]) -> Float[Array, "c n"]:
+        return self.field.adjoint(self.interpolation.adjoint(self.gain[None] * y))
 
 
 def lagrange(t: Float[Array, " sample"], points: int) -> Float[Array, "sample point"]:
