@@ -71,10 +71,10 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
         line, skin, p = sim.line, solved.scene.skin, solved.traction()
         touching = np.asarray(solved.contact.touching)[:: sim.refinement]
         shape, stderr = shape_band(line, skin, estimate, jnp.asarray(touching))
-        blurred = smoothed_truth(p, estimate, problem.forward.is_circular)
+        smoothed = smoothed_truth(p, estimate, problem.forward.is_circular)
         shapes = {
             "shape": np.asarray(shape),
-            "shape_resolved": np.asarray(shape_under(line, skin, jnp.asarray(blurred[0]))),
+            "shape_resolved": np.asarray(shape_under(line, skin, jnp.asarray(smoothed[0]))),
             "shape_exact_pressure": np.asarray(shape_under(line, skin, jnp.asarray(p[0]))),
             "height": np.asarray(solved.surface.height(line)),
             "skin": np.asarray(solved.surface.height(sim.fine) + solved.contact.gap_m)[
@@ -88,7 +88,7 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
     lengths = {key: ("x", values, {"units": "m"}) for key, values in shapes.items()}
     pressures = {
         "pressure": p[0],
-        "pressure_resolved": blurred[0],
+        "pressure_resolved": smoothed[0],
         "pressure_estimate": np.asarray(estimate.value[0]),
         "pressure_estimate_stderr": np.asarray(estimate.stderr[0]),
     }

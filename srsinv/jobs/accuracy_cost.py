@@ -169,11 +169,11 @@ def _problems(cfg: build.Config) -> Problems:
             sim = _simulation(cfg, line, cells)
             problem = noisy_problem(sim, key, cfg["friction"])
             truth = np.asarray(sim.traction(sim.line))[: problem.unknowns]
-            problems[line, cells] = problem, _centred(truth)
+            problems[line, cells] = problem, _without_mean(truth)
     return problems
 
 
-def _centred(values) -> np.ndarray:
+def _without_mean(values) -> np.ndarray:
     """Deviation from the mean over all cells."""
     return deviation(np.asarray(values, float), np.ones(np.shape(values)[-1], bool))
 
@@ -210,7 +210,7 @@ def _inversions(settings, priors, line: str, problem: Problem, truth: np.ndarray
         exact, solvers = _solvers(settings, problem, prior_of(problem))
         for family, peer, work, compile_s in solvers:
             value, first, steady = timed(work, settings["repeats"])
-            value = _centred(value)
+            value = _without_mean(value)
             errors = np.linalg.norm(value - truth, axis=1) / size
             yield {
                 "part": part,
@@ -256,7 +256,7 @@ def _solvers(settings, problem: Problem, prior: Prior) -> tuple[np.ndarray, list
         work = partial(iterate, *given, jnp.asarray(tolerance))
         ways.append(_Solver(f"iterative, {tolerance:g}", peer, work, iterate_s))
         ways.append(_Solver(peer, peer, partial(normal.conjugate_gradients, tolerance)))
-    return _centred(exact), ways
+    return _without_mean(exact), ways
 
 
 def _single(tree):

@@ -55,7 +55,7 @@ class Fit:
     undetermined: tuple[dict[str, float], ...]
     log_evidence: float | None
     stats: dict[str, Any]
-    _misfit: Objective
+    _objective: Objective
     _z: np.ndarray
     _spread: Spread
 
@@ -100,19 +100,19 @@ class Fit:
     @property
     def prior_stderr(self) -> dict[str, float]:
         """Standard deviations of the priors, infinite where there is none."""
-        weight = self._misfit.prior_weight
+        weight = self._objective.prior_weight
         known = np.zeros(len(self.names)) if weight is None else np.asarray(weight, float)
         return {n: 1 / w if w > 0 else np.inf for n, w in zip(self.names, known, strict=True)}
 
     def whitened_signal(self) -> np.ndarray:
         """The fitted signal in units of the noise, in a row like `whitened`."""
-        misfit = self._misfit
-        observed = misfit.whiten.observed(misfit.y.shape)
-        signal = np.where(observed, np.asarray(misfit.y) - self.residual, 0.0)
+        objective = self._objective
+        observed = objective.whiten.observed(objective.y.shape)
+        signal = np.where(observed, np.asarray(objective.y) - self.residual, 0.0)
         # Where the level alone is not known, neither is in units of it.
-        level_counts = misfit.is_robust or misfit.prior_mean is not None
-        unit = float(misfit.scale) if self.noise_rms is not None and level_counts else 1.0
-        return np.asarray(misfit.whiten(as_real(signal)), float) / unit
+        level_counts = objective.is_robust or objective.prior_mean is not None
+        unit = float(objective.scale) if self.noise_rms is not None and level_counts else 1.0
+        return np.asarray(objective.whiten(as_real(signal)), float) / unit
 
     def derive(
         self, function: Callable[[Tree], Any], steps: Mapping[str, float] | None = None
@@ -126,13 +126,13 @@ class Fit:
         """
 
         def of(z):
-            return jnp.asarray(function(self._misfit.tree(z)))
+            return jnp.asarray(function(self._objective.tree(z)))
 
         # Compiled whole: operation by operation takes seconds where a traction is derived.
         if steps is None:
             slope = _shared_slope if isinstance(function, eqx.Module) else eqx.filter_jit(_slope)
-            misfit = self._misfit
-            value, gradient = slope(function, misfit.layout, misfit.row, as_real(self._z))
+            objective = self._objective
+            value, gradient = slope(function, objective.layout, objective.row, as_real(self._z))
         else:
             value, gradient = self._differences(jax.jit(of), steps)
         along = np.atleast_2d(np.asarray(gradient))

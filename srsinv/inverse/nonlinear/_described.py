@@ -18,21 +18,21 @@ SAME = 1e-8  # relative difference of two costs up to which they are one minimum
 
 
 def summarise(
-    misfit: Objective, unknowns: Parameters, ends: SearchEnd, level_known: bool, solver: Solver
+    objective: Objective, unknowns: Parameters, ends: SearchEnd, level_known: bool, solver: Solver
 ) -> Fit:
     """All that a minimum says."""
-    layout, z = misfit.layout, np.asarray(ends.z, float)
+    layout, z = objective.layout, np.asarray(ends.z, float)
     eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.derivative_rounding)
-    terms, jacobian = _terms(misfit, ends)
+    terms, jacobian = _terms(objective, ends)
     free = np.asarray(layout.free)
     with np.errstate(all="ignore"):
         gradient, squares = jacobian.T @ terms, np.sum(jacobian**2, axis=0)
         cost = 0.5 * float(terms @ terms)
     finite = bool(np.isfinite([*gradient, *squares, cost]).all())
-    known = spread(rows_of(misfit, ends), eps) if finite else nothing_known(z.size)
-    count = misfit.whiten.count(misfit.y.shape)
+    known = spread(rows_of(objective, ends), eps) if finite else nothing_known(z.size)
+    count = objective.whiten.count(objective.y.shape)
     freedom = count - known.factor.shape[1]
-    level = _inflation(misfit, ends, level_known, freedom) if finite else 1.0
+    level = _inflation(objective, ends, level_known, freedom) if finite else 1.0
     known = known.times(level)
     # A solver that works in other variables reaches a bound up to rounding only.
     near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1)) + 8 * eps * np.abs(z)
@@ -45,18 +45,18 @@ def summarise(
         # Nothing is left but rounding, of which this much can still be a move.
         known = known.times(along / level)
     covariance, errors = known.covariance(), known.stderr()
-    row, stderr = np.asarray(misfit.row, float).copy(), np.zeros(len(layout.names))
+    row, stderr = np.asarray(objective.row, float).copy(), np.zeros(len(layout.names))
     row[free], stderr[free] = z, errors
     costs = np.asarray(ends.costs)
-    weight = misfit.prior_weight
+    weight = objective.prior_weight
     weight = np.zeros(z.size) if weight is None else np.asarray(weight, float)
     sigma = np.where(weight > 0, 1 / np.where(weight > 0, weight, 1.0), np.inf)
     # Back from the unit that stands for a noise that is not known.
-    is_unit = level_known or misfit.is_robust or misfit.prior_mean is not None
-    unit = 1.0 if is_unit else float(misfit.scale)
+    is_unit = level_known or objective.is_robust or objective.prior_mean is not None
+    unit = 1.0 if is_unit else float(objective.scale)
     evidence = None
-    if level_known and finite and not misfit.is_robust:
-        volume = misfit.whiten.log_volume(misfit.y.shape) + count / 2 * np.log(2 * np.pi)
+    if level_known and finite and not objective.is_robust:
+        volume = objective.whiten.log_volume(objective.y.shape) + count / 2 * np.log(2 * np.pi)
         evidence = log_evidence(
             terms, jacobian, volume,
             np.where(low, unknowns.lower, np.where(high, unknowns.upper, z)),
@@ -68,12 +68,12 @@ def summarise(
         names=layout.free_names,
         covariance=covariance,
         correlation=_correlation(covariance),
-        residual=np.where(misfit.whiten.observed(misfit.y.shape), ends.residual, np.nan),
+        residual=np.where(objective.whiten.observed(objective.y.shape), ends.residual, np.nan),
         whitened=unit * np.asarray(ends.white),
         jacobian=unit * np.asarray(ends.jacobian),
-        noise_rms=None if level_known else _rms(misfit, ends, freedom),
+        noise_rms=None if level_known else _rms(objective, ends, freedom),
         status=_status(
-            finite, distance, near_enough, terms, jacobian, held, misfit, ends, solver, eps
+            finite, distance, near_enough, terms, jacobian, held, objective, ends, solver, eps
         ),
         at_bound=tuple(layout.free_names[i] for i in np.flatnonzero(low | high)),
         undetermined=known.directions(layout.free_names, z),
@@ -90,26 +90,26 @@ def summarise(
             "searches_at_best": int(np.sum(costs <= costs.min() * (1 + SAME) + SAME**2)),
             "distance_to_minimum": distance,
         },
-        _misfit=misfit,
+        _objective=objective,
         _z=z,
         _spread=known,
     )
 
 
-def _rms(misfit: Objective, ends: SearchEnd, freedom: int) -> float:
+def _rms(objective: Objective, ends: SearchEnd, freedom: int) -> float:
     """The level of the noise, where it is estimated."""
-    if misfit.is_robust:
-        return float(misfit.scale)
+    if objective.is_robust:
+        return float(objective.scale)
     with np.errstate(over="ignore"):
         white = np.asarray(ends.white, float)
-        return float(misfit.scale) * float(np.linalg.norm(white)) / np.sqrt(max(freedom, 1))
+        return float(objective.scale) * float(np.linalg.norm(white)) / np.sqrt(max(freedom, 1))
 
 
-def _terms(misfit: Objective, ends: SearchEnd) -> tuple[np.ndarray, np.ndarray]:
+def _terms(objective: Objective, ends: SearchEnd) -> tuple[np.ndarray, np.ndarray]:
     """What is squared, and its derivative."""
-    root, slope = _rooted(misfit.loss, ends.white)
+    root, slope = _rooted(objective.loss, ends.white)
     jacobian = np.asarray(slope)[:, None] * np.asarray(ends.jacobian)
-    return _with_priors(misfit, ends, np.asarray(root), jacobian)
+    return _with_priors(objective, ends, np.asarray(root), jacobian)
 
 
 @eqx.filter_jit
@@ -118,35 +118,35 @@ def _rooted(loss: Loss, white):
     return jax.jvp(loss.root, (white,), (jnp.ones_like(white),))
 
 
-def rows_of(misfit: Objective, ends: SearchEnd) -> np.ndarray:
+def rows_of(objective: Objective, ends: SearchEnd) -> np.ndarray:
     """The derivative of the whitened residual and of the priors' terms."""
-    return _with_priors(misfit, ends, np.asarray(ends.white), np.asarray(ends.jacobian))[1]
+    return _with_priors(objective, ends, np.asarray(ends.white), np.asarray(ends.jacobian))[1]
 
 
 def _with_priors(
-    misfit: Objective, ends: SearchEnd, terms, jacobian
+    objective: Objective, ends: SearchEnd, terms, jacobian
 ) -> tuple[np.ndarray, np.ndarray]:
-    if misfit.prior_mean is None or misfit.prior_weight is None:
+    if objective.prior_mean is None or objective.prior_weight is None:
         return terms.astype(float), jacobian.astype(float)
-    weight = np.asarray(misfit.prior_weight, float)
-    more = (np.asarray(ends.z) - np.asarray(misfit.prior_mean)) * weight
+    weight = np.asarray(objective.prior_weight, float)
+    more = (np.asarray(ends.z) - np.asarray(objective.prior_mean)) * weight
     return np.concatenate([terms, more]), np.vstack([jacobian, np.diag(weight)])
 
 
-def _inflation(misfit: Objective, ends: SearchEnd, level_known: bool, freedom: int) -> float:
+def _inflation(objective: Objective, ends: SearchEnd, level_known: bool, freedom: int) -> float:
     """What the standard errors under unit noise are multiplied by.
 
     One for least squares with known noise; the residual's rms where its level is not known; Huber's
     ratio (1981, section 7.6) for a robust loss. Infinite where no datum is left over to tell it.
     """
     white = np.asarray(ends.white, float)
-    if misfit.is_robust:
-        observed = misfit.whiten.observed(misfit.y.shape).ravel()
-        influence, slope = (np.asarray(v)[observed] for v in misfit.loss.influence(ends.white))
+    if objective.is_robust:
+        observed = objective.whiten.observed(objective.y.shape).ravel()
+        influence, slope = (np.asarray(v)[observed] for v in objective.loss.influence(ends.white))
         mean = max(float(slope.mean()), 1e-12)
         correction = 1 + ends.z.size / slope.size * float(slope.var()) / mean**2
         return float(correction * np.sqrt(influence @ influence / max(freedom, 1)) / mean)
-    if level_known or misfit.prior_mean is not None:
+    if level_known or objective.prior_mean is not None:
         return 1.0
     return float(np.sqrt(white @ white / freedom)) if freedom > 0 else np.inf
 
@@ -160,19 +160,19 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 
 
 def _status(
-    finite, distance, near_enough, terms, jacobian, held, misfit: Objective, ends: SearchEnd,
+    finite, distance, near_enough, terms, jacobian, held, objective: Objective, ends: SearchEnd,
     solver: Solver, eps: float,
 ) -> str:  # fmt: skip
     if not finite:
         return "not finite: the model or its derivative is nan or infinite where the search stopped"
-    if distance <= near_enough or _nothing_left(terms, misfit, ends, eps):
+    if distance <= near_enough or _nothing_left(terms, objective, ends, eps):
         return "converged"
     if not bool(ends.done):
         return f"not converged: {solver.name} reached its {solver.max_steps} steps"
     if _rounding_holds(terms, jacobian, held, ends, eps) or (
         # Differences of a derivative that jumps are no second one.
         solver.derivative_rounding == 0
-        and newton_fall(misfit, ends.z, jacobian, held) <= eps ** (2 / 3)
+        and newton_fall(objective, ends.z, jacobian, held) <= eps ** (2 / 3)
     ):
         return "converged"
     return (
@@ -181,9 +181,9 @@ def _status(
     )
 
 
-def _nothing_left(terms, misfit: Objective, ends: SearchEnd, eps: float) -> bool:
+def _nothing_left(terms, objective: Objective, ends: SearchEnd, eps: float) -> bool:
     """Whether the residual is rounding beside the data, or beside where the search began."""
-    data = np.linalg.norm(np.asarray(misfit.whiten(misfit.y), float)) / float(misfit.scale)
+    data = np.linalg.norm(np.asarray(objective.whiten(objective.y), float)) / float(objective.scale)
     begun = np.asarray(ends.start_costs)
     begun = np.sqrt(2 * np.max(begun, where=np.isfinite(begun), initial=0.0))
     return bool(np.linalg.norm(terms) <= eps ** (2 / 3) * max(data, begun))

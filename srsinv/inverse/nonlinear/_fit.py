@@ -67,25 +67,25 @@ def fit(
     M-estimator form. Raises `BadInput` for what disagrees or is out of range.
     """
     unknowns = parameters(initial, bounds, free, linear)
-    misfit, level_known = objective_of(model, unknowns, checked_data(y), noise, priors, loss)
+    objective, level_known = objective_of(model, unknowns, checked_data(y), noise, priors, loss)
     points = starting_points(starts, unknowns)
-    check_linear(misfit, points, linear)
+    check_linear(objective, points, linear)
     solver = checked_solver(solver, max_searches=max_searches)
     box = as_real(unknowns.lower), as_real(unknowns.upper)
     settings = solver, points, *box, max_searches
-    ends = search(misfit, *settings)
-    if not level_known and (misfit.prior_mean is not None or misfit.is_robust):
+    ends = search(objective, *settings)
+    if not level_known and (objective.prior_mean is not None or objective.is_robust):
         for _ in range(SCALES):
-            scale = _level(misfit, ends)
-            settled = abs(scale / float(misfit.scale) - 1) < 1e-3
-            misfit = dataclasses.replace(misfit, scale=as_real(scale))
-            ends = search(misfit, *settings)
+            scale = _level(objective, ends)
+            settled = abs(scale / float(objective.scale) - 1) < 1e-3
+            objective = dataclasses.replace(objective, scale=as_real(scale))
+            ends = search(objective, *settings)
             if settled:
                 break
-    ends = escape_saddle(misfit, ends, *settings)
+    ends = escape_saddle(objective, ends, *settings)
     if steps:
-        ends = _differenced(misfit, ends, steps)
-    return summarise(misfit, unknowns, ends, level_known, solver)
+        ends = _differenced(objective, ends, steps)
+    return summarise(objective, unknowns, ends, level_known, solver)
 
 
 def fit_many(
@@ -116,47 +116,49 @@ def fit_many(
         noise is None and bool(priors),
         "fit_many cannot weigh priors against noise that is not known: give noise, or use fit.",
     )
-    misfit, level_known = objective_of(model, unknowns, ys[0], noise, priors, "squares")
-    observed = misfit.whiten.observed(ys.shape[1:])
+    objective, level_known = objective_of(model, unknowns, ys[0], noise, priors, "squares")
+    observed = objective.whiten.observed(ys.shape[1:])
     ys = filled(ys, observed)
     if not level_known:
-        misfit = dataclasses.replace(misfit, scale=as_real(data_unit(ys, observed)))
+        objective = dataclasses.replace(objective, scale=as_real(data_unit(ys, observed)))
     ys = as_real(ys)
     points = starting_points(starts, unknowns)
-    check_linear(misfit, points, linear)
+    check_linear(objective, points, linear)
     solver = checked_solver(solver, max_searches=max_searches, at_once=at_once)
     box = as_real(unknowns.lower), as_real(unknowns.upper)
     at_once = min(at_once, len(ys))
     # Filled up to whole rounds: what is left over would be compiled a second time.
     rows = np.minimum(np.arange(-(-len(ys) // at_once) * at_once), len(ys) - 1)
-    batch = search_many(misfit, ys[rows], solver, points, *box, max_searches, at_once)
+    batch = search_many(objective, ys[rows], solver, points, *box, max_searches, at_once)
     batch = jax.device_get(batch)
     fits = []
     for i in range(len(ys)):
         ends = jax.tree.map(lambda leaf, i=i: leaf[i], batch)
-        mine = dataclasses.replace(misfit, y=ys[i])
+        mine = dataclasses.replace(objective, y=ys[i])
         ends = escape_saddle(mine, ends, solver, points, *box, max_searches)
         fits.append(summarise(mine, unknowns, ends, level_known, solver))
     return fits
 
 
-def _level(misfit: Objective, ends: SearchEnd) -> float:
+def _level(objective: Objective, ends: SearchEnd) -> float:
     """The noise's level from a residual: its rms, or what outliers do not move."""
-    white = np.asarray(ends.white, float) * float(misfit.scale)
+    white = np.asarray(ends.white, float) * float(objective.scale)
     nonzero = white[white != 0] if np.any(white) else white
-    if misfit.is_robust:
+    if objective.is_robust:
         level = NORMAL_MAD * np.median(np.abs(nonzero))
     else:
         level = np.sqrt(nonzero @ nonzero / max(len(nonzero) - ends.z.size, 1))
     # Not below the data's own rounding, where nothing else is left.
-    data = np.asarray(misfit.y)
-    rounding = float(np.finfo(data.dtype).eps) * data_unit(data, misfit.whiten.observed(data.shape))
+    data = np.asarray(objective.y)
+    rounding = float(np.finfo(data.dtype).eps) * data_unit(
+        data, objective.whiten.observed(data.shape)
+    )
     return float(max(level, rounding))
 
 
-def _differenced(misfit: Objective, ends: SearchEnd, steps: Mapping[str, float]) -> SearchEnd:
+def _differenced(objective: Objective, ends: SearchEnd, steps: Mapping[str, float]) -> SearchEnd:
     """What was found, with central differences in the Jacobian's columns of these parameters."""
-    names, jacobian = misfit.layout.free_names, np.array(ends.jacobian)
+    names, jacobian = objective.layout.free_names, np.array(ends.jacobian)
     for name, step in steps.items():
         refuse(not step > 0, f"The step of {name} is {step!r}: give a number above 0.")
         if name not in names:
@@ -164,11 +166,11 @@ def _differenced(misfit: Objective, ends: SearchEnd, steps: Mapping[str, float])
         at = names.index(name)
         off = np.zeros(ends.z.size)
         off[at] = step
-        above, below = (_white_at(misfit, ends.z, as_real(sign * off)) for sign in (1, -1))
+        above, below = (_white_at(objective, ends.z, as_real(sign * off)) for sign in (1, -1))
         jacobian[:, at] = (np.asarray(above) - np.asarray(below)) / (2 * step)
     return dataclasses.replace(ends, jacobian=jnp.asarray(jacobian))
 
 
 @eqx.filter_jit
-def _white_at(misfit: Objective, z, off):
-    return misfit.white(z + off)[0]
+def _white_at(objective: Objective, z, off):
+    return objective.white(z + off)[0]

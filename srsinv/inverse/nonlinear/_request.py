@@ -63,12 +63,12 @@ def objective_of(model, unknowns: Parameters, data, noise, priors, loss) -> tupl
     layout = unknowns.layout
     mean, weight = _priors(layout, priors)
     scale = 1.0 if noise is not None else data_unit(data, observed)
-    misfit = Objective(
+    objective = Objective(
         model, layout, as_real(unknowns.first), as_real(data), whiten,
         as_real(scale), mean, weight, loss_of(loss),
     )  # fmt: skip
-    _check_model(model, layout.tree(misfit.row), data.shape)
-    return misfit, noise is not None
+    _check_model(model, layout.tree(objective.row), data.shape)
+    return objective, noise is not None
 
 
 def _check_model(model, tree: Tree, shape: tuple[int, ...]) -> None:
@@ -114,15 +114,15 @@ def _priors(layout, priors) -> tuple[Any, Any]:
     return as_real(mean[free]), as_real(1 / stderr[free])
 
 
-def check_linear(misfit: Objective, points, linear: Collection[str]) -> None:
+def check_linear(objective: Objective, points, linear: Collection[str]) -> None:
     """Refuse a parameter that is called linear and is not; a model that says so is believed, as
     trying compiles it once more."""
-    layout = misfit.layout
-    said = getattr(misfit.model, "linear", ())
+    layout = objective.layout
+    said = getattr(objective.model, "linear", ())
     if not layout.linear or (isinstance(said, tuple) and set(linear) <= set(said)):
         return
     names = ", ".join(layout.names[i] for i in layout.linear[:4])
-    if not bool(_is_affine(misfit, points[0])):
+    if not bool(_is_affine(objective, points[0])):
         refuse(
             True,
             f"The model is not linear in {names}: leave out of linear what multiplies or bends "
@@ -131,12 +131,14 @@ def check_linear(misfit: Objective, points, linear: Collection[str]) -> None:
 
 
 @eqx.filter_jit
-def _is_affine(misfit: Objective, z):
-    places = np.array([i for i, at in enumerate(misfit.layout.free) if at in misfit.layout.linear])
+def _is_affine(objective: Objective, z):
+    places = np.array(
+        [i for i, at in enumerate(objective.layout.free) if at in objective.layout.linear]
+    )
     size = jnp.maximum(jnp.abs(z[places]), 1.0)
 
     def at(reach):
-        return misfit.model(misfit.tree(z.at[places].set(reach * size)))
+        return objective.model(objective.tree(z.at[places].set(reach * size)))
 
     zero, one, two = jax.lax.map(at, jnp.array([0.0, 1.0, 2.5], size.dtype))
     bent = jnp.linalg.norm(two - zero - 2.5 * (one - zero))

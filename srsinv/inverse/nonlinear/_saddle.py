@@ -15,40 +15,40 @@ BESIDE = (1.0, 0.1, 0.01)  # standard errors at which a lower cost is looked for
 
 
 def escape_saddle(
-    misfit: Objective, ends: SearchEnd, solver: Solver, starts, lower, upper, polished
+    objective: Objective, ends: SearchEnd, solver: Solver, starts, lower, upper, max_searches
 ):
     """What a search finds from beside a saddle or a maximum, where one began and could not leave:
     the slope is zero there as it is in a minimum."""
     for _ in range(ESCAPES):
-        beside = _lower_beside(misfit, ends, lower, upper)
+        beside = _lower_beside(objective, ends, lower, upper)
         if beside is None:
             break
         starts = jnp.broadcast_to(beside, starts.shape)
-        ends = search(misfit, solver, starts, lower, upper, polished)
+        ends = search(objective, solver, starts, lower, upper, max_searches)
     return ends
 
 
-def _lower_beside(misfit: Objective, ends: SearchEnd, lower, upper):
+def _lower_beside(objective: Objective, ends: SearchEnd, lower, upper):
     """A point within a standard error where the cost is lower, None where there is none, or where
     the search has moved and so ends in no such place."""
     dtype = np.asarray(ends.z).dtype
     eps, cost = float(np.finfo(dtype).eps), float(np.min(ends.costs))
     moved = cost < float(np.min(ends.start_costs)) * (1 - ROUNDING_FACTOR * eps)
-    searched = misfit.is_robust or len(misfit.layout.linear) < ends.z.size
+    searched = objective.is_robust or len(objective.layout.linear) < ends.z.size
     if moved or not searched or not 0 < cost < np.inf:
         return None
-    rows = rows_of(misfit, ends)
+    rows = rows_of(objective, ends)
     if not np.isfinite(rows).all():
         return None
     steps = np.sqrt(2 * cost / len(rows)) * spread(rows, eps).factor.T
     for fraction in BESIDE:
         for step in (*(fraction * steps), *(-fraction * steps)):
             z = jnp.clip(ends.z + as_real(step), lower, upper)
-            if float(_cost_at(misfit, z)) < cost * (1 - ROUNDING_FACTOR * eps):
+            if float(_cost_at(objective, z)) < cost * (1 - ROUNDING_FACTOR * eps):
                 return z
     return None
 
 
 @eqx.filter_jit
-def _cost_at(misfit: Objective, z):
-    return 0.5 * jnp.sum(misfit.terms(z) ** 2)
+def _cost_at(objective: Objective, z):
+    return 0.5 * jnp.sum(objective.terms(z) ** 2)

@@ -193,33 +193,37 @@ class SearchEnd(Linearised):
 
 
 @eqx.filter_jit
-def search(misfit: Objective, solver: Solver, starts, lower, upper, max_searches: int) -> SearchEnd:
+def search(
+    objective: Objective, solver: Solver, starts, lower, upper, max_searches: int
+) -> SearchEnd:
     """The best of the minima reached from the `max_searches` best starts (s, m)."""
-    return _search(misfit, solver, starts, lower, upper, max_searches)
+    return _search(objective, solver, starts, lower, upper, max_searches)
 
 
 @eqx.filter_jit
 def search_many(
-    misfit: Objective, ys, solver: Solver, starts, lower, upper, max_searches: int, at_once
+    objective: Objective, ys, solver: Solver, starts, lower, upper, max_searches: int, at_once
 ):
     """The same for data (batch, ...), `at_once` of them side by side."""
 
     def one(y):
-        return _search(dataclasses.replace(misfit, y=y), solver, starts, lower, upper, max_searches)
+        return _search(
+            dataclasses.replace(objective, y=y), solver, starts, lower, upper, max_searches
+        )
 
     return jax.lax.map(one, ys, batch_size=at_once)
 
 
 def _search(
-    misfit: Objective, solver: Solver, starts, lower, upper, max_searches: int
+    objective: Objective, solver: Solver, starts, lower, upper, max_searches: int
 ) -> SearchEnd:
-    split = VariableProjection(misfit)
-    if misfit.layout.linear and not isinstance(misfit.loss, Squares):
+    split = VariableProjection(objective)
+    if objective.layout.linear and not isinstance(objective.loss, Squares):
         # A robust loss has no closed form: its linear parameters start from least squares.
-        least_squares = VariableProjection(dataclasses.replace(misfit, loss=Squares()))
+        least_squares = VariableProjection(dataclasses.replace(objective, loss=Squares()))
         starts = jax.lax.map(lambda z: least_squares.whole(least_squares.nonlinear(z)), starts)
-        together = dataclasses.replace(misfit.layout, linear=())
-        split = VariableProjection(dataclasses.replace(misfit, layout=together))
+        together = dataclasses.replace(objective.layout, linear=())
+        split = VariableProjection(dataclasses.replace(objective, layout=together))
 
     def cost(v):
         return _known(0.5 * jnp.sum(split.terms(v) ** 2))

@@ -15,12 +15,12 @@ from ._lengths import lengths
 from ._search import Objective
 
 
-def newton_fall(misfit: Objective, z, jacobian: np.ndarray, held: np.ndarray) -> float:
+def newton_fall(objective: Objective, z, jacobian: np.ndarray, held: np.ndarray) -> float:
     """The fall of the cost that its whole second derivative promises, over the cost; infinite where
     the point (m,) is a saddle or a maximum. `jacobian` (terms, m), `held` (m,) by bounds."""
     columns = np.linalg.norm(jacobian, axis=0)
     moving = ~held & (columns > 0)
-    cost, gradient, hessian = (np.asarray(v, float) for v in _derivatives(misfit, z))
+    cost, gradient, hessian = (np.asarray(v, float) for v in _derivatives(objective, z))
     if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
         return np.inf
     unit = columns[moving]
@@ -36,13 +36,13 @@ def newton_fall(misfit: Objective, z, jacobian: np.ndarray, held: np.ndarray) ->
 
 @eqx.filter_jit
 def _derivatives(
-    misfit: Objective, z: Float[Array, " m"]
+    objective: Objective, z: Float[Array, " m"]
 ) -> tuple[Float[Array, ""], Float[Array, " m"], Float[Array, "m m"]]:
     """The cost, its gradient and its second derivative: central differences of the gradient, which
     take no more of a model than the search does."""
 
     def linearised(z):
-        terms, push = jax.linearize(misfit.terms, z)
+        terms, push = jax.linearize(objective.terms, z)
         return terms, jax.vmap(push, out_axes=1)(jnp.eye(z.size, dtype=z.dtype))
 
     def gradient(z):

@@ -104,7 +104,7 @@ def _component(axes: Axes, dataset: xarray.Dataset, name: str) -> None:
     values, truth, band = _curves(dataset, name)
     unknown_mean = name in str(dataset.attrs.get("mean_unobserved", "")).split(",")
     if unknown_mean:
-        values, truth = _centred(values, observed), _centred(truth, observed)
+        values, truth = _without_mean(values, observed), _without_mean(truth, observed)
     unit = pressure_scale(units_of(dataset["estimate"]), values, truth)
     shade_unobserved(axes, x, observed)
     for curve in truth:
@@ -140,7 +140,7 @@ def _title(name: str, unknown_mean: bool) -> str:
     return f"{quantity}, less its mean over the observed stretch: the mean is not in the data"
 
 
-def _centred(curves: np.ndarray, observed: np.ndarray) -> np.ndarray:
+def _without_mean(curves: np.ndarray, observed: np.ndarray) -> np.ndarray:
     filled = np.where(observed & np.isfinite(curves), curves, 0.0)
     count = np.sum(observed & np.isfinite(curves), axis=-1, keepdims=True)
     return curves - filled.sum(axis=-1, keepdims=True) / np.maximum(count, 1)

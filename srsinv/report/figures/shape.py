@@ -72,10 +72,10 @@ def pressures(dataset: xarray.Dataset) -> Figure:
         middle = values * unit.factor
         half = NORMAL_90 * ds["pressure_estimate_stderr"].values * unit.factor
         truth = (ds["pressure"].values - level) * unit.factor
-        blurred = ds["pressure_resolved"].values
+        smoothed = ds["pressure_resolved"].values
         axes.plot(at, truth, color=TRUTH, linewidth=0.9, label="truth")
         axes.plot(
-            at, (blurred - blurred.mean()) * unit.factor, ":", color=TRUTH, linewidth=1.8,
+            at, (smoothed - smoothed.mean()) * unit.factor, ":", color=TRUTH, linewidth=1.8,
             label="truth, resolved",
         )  # fmt: skip
         axes.fill_between(
