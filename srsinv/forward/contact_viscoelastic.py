@@ -42,7 +42,8 @@ def _turned(compliance: Complex[Array, " k"]) -> Complex[Array, " k"]:
 
 
 def _error_fraction(turned: Complex[Array, " k"]) -> Float[Array, ""]:
-    """The share of the error that an elastic solution may leave, so that rounds still converge."""
+    """The fraction of the error that an elastic solution may leave, so that rounds still
+    converge."""
     return ERROR_FRACTION * (1 - jnp.max(jnp.abs(turned)))
 
 

@@ -1,4 +1,4 @@
-"""From a transfer known as numbers to its kernel along the open line.
+"""Kernels along the open line of transfers known numerically.
 
 What layers add to a half space has no closed form in x. It is sampled at wavenumbers, and brought
 to places, that are both even in their logarithms, as stacks have lengths of all sizes. One rule
@@ -88,7 +88,7 @@ def _rules() -> tuple[_Rule, _Rule]:
 
 
 def _from_zero(weights: np.ndarray, order: int) -> np.ndarray:
-    """With all below the first sample, a geometric series as the integrand falls there as
-    kappa^order."""
+    """Weights that include all below the first sample, a geometric series as the integrand falls
+    there as kappa^order."""
     weights[0] /= -np.expm1(-order * KAPPA_STEP)
     return weights

@@ -175,8 +175,8 @@ class Layered(Skin):
         return own * half.strip_slope(x, depth_m, width_m) + step / depth_m
 
     def _added(self, depth_m):
-        """A share of a half space of the material around the film, that half space, and what the
-        layers add to it at |k| depth = `KAPPA`.
+        """A fraction of a half space of the material around the film, that half space, and the
+        layers' addition to it at |k| depth = `KAPPA`.
 
         Below a layer far stiffer little is left of the half space's stress, and would cancel.
         """
@@ -216,13 +216,13 @@ class AntiplaneLayers(Antiplane):
         return own * AntiplaneHalfSpace().strip_slope(x, depth_m, width_m) + step / depth_m
 
     def _added(self, depth_m):
-        """As that of the layers in plane."""
+        """As `Layered._added`, for antiplane shear."""
         k, own = as_real(KAPPA) / depth_m, LayerStack(self.layers, depth_m).passed_on
         return own, self.transfer(k, depth_m) - own * AntiplaneHalfSpace().transfer(k, depth_m)
 
 
 def ends(primitive, x, depth_m, width_m):
-    """What `primitive` rises by from one end of a strip to the other."""
+    """Increment of `primitive` from one end of a strip to the other."""
     return primitive((x + width_m / 2) / depth_m) - primitive((x - width_m / 2) / depth_m)
 
 

@@ -1,4 +1,4 @@
-"""A skin that relaxes, sliding steadily: it answers a load that moves over it with a lag."""
+"""Viscoelastic skin in steady sliding: its surface displacement lags behind a moving load."""
 
 from collections.abc import Sequence
 from typing import Any

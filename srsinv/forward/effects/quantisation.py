@@ -9,8 +9,8 @@ from ._reference import ReferenceSpectra
 
 
 class Quantisation(Rounding):
-    """2^`bits` levels from -`full_scale` to `full_scale`, in signal units; what is beyond stays at
-    the ends. Raises `BadInput` as the converter does."""
+    """2^`bits` levels from -`full_scale` to `full_scale`, in signal units; values beyond are
+    clipped. Raises `BadInput` as the converter does."""
 
     order: ClassVar[Order] = Order.RECORD
     of_sensor: ClassVar[bool] = False
