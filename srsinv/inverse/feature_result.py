@@ -51,7 +51,7 @@ class FeatureFit:
 
     @property
     def status(self) -> str:
-        """"converged", or what went wrong."""
+        """ "converged", or what went wrong."""
         return "converged" if self.fit is None else self.fit.status
 
     @property
