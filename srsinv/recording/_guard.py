@@ -1,4 +1,4 @@
-"""The one way in for files, data and sidecars alike.
+"""Opening of files, data and sidecars alike, under limits.
 
 Only regular files are opened, never waited for; what a library's parser may read of one is bounded,
 so that no header, however wrong, costs more than the file's own size. The limits on what a file may
@@ -70,7 +70,7 @@ def path_of(value: Any, key: str) -> Path:
 class DataFile(io.BufferedReader):
     """A regular file that is read to the size it had when it was opened, and no further.
 
-    `limit` bounds what a parser may ask for, where it believes what the file says of itself.
+    `limit` bounds what a parser may ask for, where it trusts the file's own headers.
     """
 
     def __init__(self, descriptor: int, path: Path):
