@@ -283,7 +283,8 @@ def _samples(settings, setup: RidgeScan) -> Periodic:
 
 
 def _signals(setup: RidgeScan, samples: Periodic, noises, waves: PitchWaves, key):
-    """At the samples: the signal, the noise's power at their wavenumbers, and both together."""
+    """The signal at the samples, the noise's power at their wavenumbers, and the signal with
+    noise."""
     field = setup.line.operator(setup.sensor.signal(setup.scan))
     traction = _traction(setup, setup.scene, jnp.asarray(waves.pressure[-1]))
     signal = jax.jit(lambda t: PositionInterpolation(setup.line, samples.x)(field(t)))(traction)

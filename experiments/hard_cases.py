@@ -184,7 +184,7 @@ def _sections(
     codes = ds["quality"].values
 
     def panels(values, pattern) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """By precision."""
+        """Panels by precision."""
         return {
             precision: (
                 values[i],

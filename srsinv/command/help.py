@@ -76,7 +76,7 @@ def help_text(root: Path) -> str:
 def _first_comment(path: Path) -> str:
     with path.open(encoding="utf-8") as lines:
         for line in lines:
-            # `# @package _global_` speaks to Hydra, not to the reader.
+            # `# @package _global_` is for Hydra, not for the reader.
             if line.startswith("#") and not line.startswith("# @package"):
                 return line.lstrip("#").strip()
     return ""

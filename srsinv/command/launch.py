@@ -1,6 +1,6 @@
 """One run or a sweep: compose, run the job that the configuration names, write its results.
 
-Hydra composes, sweeps and launches; its exit codes are ours.
+Hydra composes, sweeps and launches; srsinv returns its exit codes.
 """
 
 import os
@@ -81,7 +81,7 @@ class LaunchedTask:
     """The task that Hydra launches, here or in another process: one job and its results.
 
     - `root`: the folder of configurations.
-    - `flags`: those of the command that say where configurations come from.
+    - `flags`: those of the command that set where configurations come from.
     - `written`: the folders written so far, in this process.
     """
 

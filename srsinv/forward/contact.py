@@ -53,8 +53,8 @@ class Contact(eqx.Module):
 
     - `residual`: how far the gap is from zero in contact, or below it elsewhere, at most, over the
       range of the skin's displacement; and with the pressure over the nominal one, over the
-      profile's height. `tolerance`: what it has to reach. `iterations`: on the finest cells.
-    - `wake`: what its window leaves out of the friction of a skin that lags; None: not computed.
+      profile's height. `tolerance`: its bound. `iterations`: on the finest cells.
+    - `wake`: the friction of a lagging skin that the window leaves out; None: not computed.
     """
 
     pressure_Pa: Float[Array, " n"]

@@ -16,9 +16,9 @@ beside L, on a half space with one mode, it is
 psi the digamma function: pi^2/3 (u tau'/L)^2 in the bracket where L is long, so that it falls by
 a power and no exponential.
 
-Where the skin lies on a plate at the window's ends, what a shape adds to the load it takes from
-the plate about it: p(k) goes to zero with k, and next to nothing is missing (below 2 % with a
-wake of 1.6 windows under a ridge that lifts a third of the skin). There the window stays.
+Where the skin lies on a plate at the window's ends, what a shape adds to the load it takes from the
+plate about it: p(k) goes to zero with k, and little is missing (below 2 % with a wake of 1.6
+windows under a ridge that lifts a third of the skin). There the window is not extended.
 """
 
 from dataclasses import replace

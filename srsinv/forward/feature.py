@@ -1,9 +1,8 @@
-"""Features of traction: families of load profiles with friction, to be looked for in a signal.
+"""Features of traction: families of load profiles with friction, to fit to a signal.
 
-A feature names the parameters of its shape and where to look for them; its traction is p =
-amplitude times a profile and q = mu p. The amplitude enters every signal linearly, and so does mu
-times it. (Features of the surface itself, with a height, act through contact: see
-`surface_feature`.)
+A feature names the parameters of its shape and their search ranges; its traction is p = amplitude
+times a profile and q = mu p. The amplitude enters every signal linearly, and so does mu times it.
+(Features of the surface itself, with a height, act through contact: see `surface_feature`.)
 """
 
 import abc
@@ -64,7 +63,7 @@ _WIDTH = Axis(lambda s: (0.1 * s.depth_m, s.length_m), _every_half_depth, (0.0, 
 _HALF_WIDTH = Axis(lambda s: (0.05 * s.depth_m, s.length_m / 2), _every_half_depth, (0.0, math.inf))
 _PITCH = Axis(lambda s: (s.depth_m, max(s.length_m / 2, 2 * s.depth_m)), _pitches, (0.0, math.inf))
 _DUTY = Axis(lambda _: (0.1, 0.9), lambda r, _: np.linspace(*r, 5)[1:4:2], (0.0, 1.0))
-# Two turns, so that no phase stands on a bound.
+# Two turns, so that no phase lies on a bound.
 _PHASE = Axis(
     lambda _: (-2 * math.pi, 2 * math.pi),
     lambda r, _: np.linspace(r[0] / 2, r[1] / 2, 6, endpoint=False),
@@ -74,8 +73,8 @@ _PHASE = Axis(
 class Feature(eqx.Module):
     """A family of profiles.
 
-    - `search_ranges`: where a parameter of the shape is looked for, (name, (least, greatest)), for
-      those that are not looked for everywhere.
+    - `search_ranges`: search ranges of parameters of the shape, (name, (least, greatest)), where
+      they are not the default.
     - `friction`: mu in q = mu p, of either sign, where it is known; None lets it be fitted.
 
     Built from `friction` and, for each parameter, `position_range_m`, `width_range_m`, `duty_range`

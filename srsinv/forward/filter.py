@@ -30,7 +30,7 @@ DEPTHS_IF_TRACED = 0.25
 _FEWEST_DEPTHS = 2.0**-10
 _E_FOLDS = 31.0  # until h has fallen to 3e-14
 _WIDEST = 36.0  # panel in units of T
-_SHORTEST = 1e-4  # time scale per interval, below which nothing of exp(p dt) is left
+_SHORTEST = 1e-4  # time scale per interval, below which exp(p dt) is negligible
 _REAL = 1e-12  # imaginary part of a pole that has none but for round-off
 
 
@@ -159,8 +159,8 @@ class Lag(LineEffect):
     integral over t > 0 of h(t) kernel(x - u t).
 
     The integral is Gauss's rule on panels no wider than two depths, for a kernel that is analytic
-    within a depth of the real axis. `depths` says for how large a u T, in depths, its nodes are
-    enough: beyond that the kernel is NaN. Raises `BadInput` for more than 65536 nodes.
+    within a depth of the real axis. Its nodes are enough for u T up to `depths`, in depths: beyond,
+    the kernel is NaN. Raises `BadInput` for more than 65536 nodes.
     """
 
     filter: Filter

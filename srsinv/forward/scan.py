@@ -50,8 +50,8 @@ class ConstantSpeed(eqx.Module):
 class Motion(eqx.Module):
     """Sliding as measured: where the sensor stands, x(t), and how fast it moves, u(t) = dx/dt.
 
-    - `time_s` (sample,): strictly increasing, from any origin, evenly spaced or not. Kept from the
-      first sample on where the origin is so far off that the precision worked in would round the
+    - `time_s` (sample,): strictly increasing, from any origin, evenly spaced or not. Stored from
+      the first sample on where the origin is so far off that the working precision would round the
       intervals.
     - `position_m`, `speed_m_per_s` (sample,): both as measured. [`Motion.from_speed`][] and
       [`Motion.from_position`][] make one from the other.

@@ -15,8 +15,8 @@ from .skin import Skin
 class Scenario(eqx.Module):
     """A scene, the sensor that slides over it, and the recorder of its signal.
 
-    Effects are added to it one by one (srsinv/forward/effects); one that is not added leaves no
-    trace. `scene` is None where only the sensor is needed.
+    Effects are added to it one by one (srsinv/forward/effects); one that is not added costs
+    nothing. `scene` is None where only the sensor is needed.
     """
 
     scene: Scene | None

@@ -21,7 +21,7 @@ from .scan import MIN_SAMPLES, Motion
 
 MOST_SAMPLES = 2**22
 NODES = 8  # of Gauss's rule between samples: to round-off for half a period of a ripple
-ARRIVED = 1e-12  # of the way: what is left then is rounding
+ARRIVED = 1e-12  # of the way: the rest is rounding
 
 
 class SpeedProfile(eqx.Module):

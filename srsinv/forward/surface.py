@@ -227,7 +227,7 @@ def _from(line: Line, position, edge_length) -> Float[Array, " n"]:
 
 
 class Ridges(Shape):
-    """Ridges on a pitch, as many as the window holds; one stands at `position_m`.
+    """Ridges on a pitch, as many as the window holds; one at `position_m`.
 
     With a window of whole pitches the surface is periodic.
     """

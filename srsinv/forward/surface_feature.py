@@ -1,7 +1,7 @@
 """Features of a surface: families of shapes to fit to a signal through contact.
 
-A feature names its parameters and where to look for them. Frictions enter the signal linearly,
-heights and lengths do not.
+A feature names its parameters and their search ranges. Frictions enter the signal linearly, heights
+and lengths do not.
 """
 
 import abc
@@ -55,8 +55,7 @@ ZONE = Axis(lambda s: (0.1 * s.depth_m, 4 * s.depth_m), _middle, (0.0, np.inf))
 class SurfaceFeature(eqx.Module):
     """A family of shapes.
 
-    - `search_ranges`: where a parameter is looked for, (name, (least, greatest)), for those that
-      are not looked for everywhere.
+    - `search_ranges`: search ranges, (name, (least, greatest)), where they are not the default.
     - `edge_length_m`: over which its edges rise; None where the recording's sidecar gives it.
 
     `frictions` are the names of the parameters that enter linearly beside the plate's friction.

@@ -49,8 +49,8 @@ class Discontinuous(Pressure):
     """A profile of jumps, which would leave kinks in the signal as they cross from cell to cell.
 
     It is distributed over cells by the quadratic B-spline: the signal has a continuous derivative
-    in every position and width, and what the spline spreads, cell^2/4, is the same wherever a jump
-    stands.
+    in every position and width, and the spline's variance, cell^2/4, is the same wherever a jump
+    lies.
     """
 
     @abc.abstractmethod

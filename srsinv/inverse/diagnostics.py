@@ -1,9 +1,9 @@
-"""Checks of whether the credible intervals of estimates and fits are valid: each gives warnings,
-as sentences, or nothing.
+"""Checks of whether the credible intervals of estimates and fits are valid: each gives warnings, as
+sentences, or none.
 
 Under the model, the squares of the whitened residual add up to the samples less the numbers that
 were fitted, and those of the traction in units of its prior to the numbers fitted of it: both are
-chi-square. Bands hold what the model allows, and are too narrow where these do not.
+chi-square. Bands hold under the model, and are too narrow where these sums do not.
 """
 
 from collections.abc import Mapping, Sequence

@@ -134,7 +134,7 @@ class FeatureFitter:
 
 
 def _best(model: FeatureModel, starts: list[dict[str, Any]], y, settings: dict[str, Any]) -> Fit:
-    """From the starts in order, until one explains the data to the noise."""
+    """Fit from the starts in order, until one explains the data to the noise."""
     ends: list[Fit] = []
     for start in starts:
         ends.append(fit(model, start, y, **settings))

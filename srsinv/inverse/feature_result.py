@@ -25,8 +25,8 @@ from .surface_model import SurfaceModel
 class FeatureFit:
     """A fitted candidate.
 
-    - `features`: by name; none for "nothing there". `fit`: the fit below, None where there was
-      nothing to fit. `model`: parameters to signal and traction.
+    - `features`: by name; none for "nothing there". `fit`: the fit below, None without any free
+      parameter. `model`: parameters to signal and traction.
     - `parameters`: reported (value, standard error) by name: the shape, the amplitude and the
       friction of each feature, of a surface the height and the frictions; names begin with the
       feature's where there are several. Their standard errors are infinite where the fit failed.

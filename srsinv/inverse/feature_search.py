@@ -64,7 +64,7 @@ class _MatchedFilterBank:
 
 
 class Coarse:
-    """The same signal on coarser samples and cells, for the search of a start."""
+    """Coarse model: fewer samples and cells, for the search of a start."""
 
     def __init__(self, sensor: Sensor, motion: Motion):
         self._blocks = Blocks(motion, float(sensor.depth_m) / COARSE_PER_DEPTH)

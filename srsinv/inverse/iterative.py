@@ -34,8 +34,8 @@ class NormalEquations(eqx.Module):
     def precondition(self, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
         """The posterior covariance of the nearest periodic problem, applied to r."""
         inverse = self.factor.inverse
-        # A mode that the periodic problem leaves free still has to move: it takes the largest
-        # step that any other mode of its component takes.
+        # A mode that the periodic problem does not determine still has to move: it takes the
+        # largest step that any other mode of its component takes.
         largest = jnp.max(jnp.sum(jnp.abs(inverse) ** 2, axis=1), axis=-1)[:, None]
         spectrum = jnp.fft.rfft(r)
         step = jnp.einsum("ijk,ljk,lk->ik", inverse, inverse.conj(), spectrum)

@@ -37,8 +37,7 @@ class Score(NamedTuple):
 class Solution(NamedTuple):
     """The traction's deviation from its known mean, as a path finds it.
 
-    - `resolved_dof`: how many numbers of each component the signal tells, the trace of its
-      resolution.
+    - `resolved_dof`: effective degrees of freedom of each component, the trace of its resolution.
     - `condition`: the condition number of the path's system.
     """
 

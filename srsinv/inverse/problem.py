@@ -24,18 +24,17 @@ class Problem(eqx.Module):
     The model is data = forward(r) + noise with r (c, n) the traction [Pa]: both components
     ("p and q apart"), or p alone where `friction` says q = mu p.
 
-    - `data` (e, n): signal less its known offset and less what the known means make of it; zero
-      where it is missing.
+    - `data` (e, n): signal less its known offset and less the signal of the known means; zero where
+      it is missing.
     - `noise` (k,): power per sample at `line.k` (see `forward.noise`); infinite at k = 0 where the
       signal's offset is not known, which takes its mean out of the data.
     - `observed` (e, n): mask of valid samples; None means all.
-    - `known_mean_Pa`: for each component its mean over the window where the experimenter knows it,
-      else None.
+    - `known_mean_Pa`: for each component its mean over the window where it is known, else None.
     - `background_Pa`: for each component a uniform traction that continues beyond the window of an
       open line, which is unobservable; it is added to the estimate. None: not known.
     - `friction`: mu in q = mu p; None leaves p and q apart.
     - `zero_mean` (c,): whether only the deviation from the mean is solved for: where the mean is
-      known from outside, and where the signal is blind to it.
+      known, and where it is unobservable.
     - `mean_signal` (e, n): the signal of the known means.
 
     Raises `BadInput` where shapes disagree, a number is not finite, fewer than three samples are
@@ -239,17 +238,17 @@ class Estimate(eqx.Module):
     """Recovered traction with its uncertainty.
 
     - `value` (2, n): p and q [Pa]; `stderr` (2, n): posterior standard error [Pa] of the value
-      where its mean is in the signal, else of its deviation from the mean (on an open line: over
-      the stretch with samples).
+      where its mean is observable, else of its deviation from the mean (on an open line: over the
+      cells with samples).
     - `covariance`: (c, c, k) per wavenumber on the spectral and the iterative path, (c n, c n) on
       the direct one.
-    - `status`: "converged", or what did not work; `warnings`: sentences on what speaks against the
-      bands (see diagnostics.py); `quality`: what the estimate is worth.
-    - `stats`: numbers of the solution (iterations, weights, `resolved_dof_p`, `resolved_dof_q`, how
-      many numbers of each the signal tells, and `chi2_per_freedom` of the residual's
+    - `status`: "converged", or what went wrong; `warnings`: sentences on the validity of the bands
+      (see diagnostics.py); `quality`: good, doubtful or failed.
+    - `stats`: numbers of the solution (iterations, weights, `resolved_dof_p`, `resolved_dof_q`, the
+      effective degrees of freedom of each, and `chi2_per_freedom` of the residual's
       `degrees_of_freedom`, None where coloured noise has gaps).
-    - `fitted` (e, n): the signal explained; `whitened` (e, n): residual over the noise, NaN where
-      no sample is.
+    - `fitted` (e, n): the fitted signal; `whitened` (e, n): residual over the noise, NaN where a
+      sample is missing.
     - `averaging` (c, c, n): the estimate's response to a unit traction in the middle cell; the
       transform of its diagonal is the resolution at each wavenumber.
     """

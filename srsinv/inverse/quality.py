@@ -21,7 +21,7 @@ class Quality(enum.StrEnum):
     - `GOOD`: no warnings on it or its bands.
     - `DOUBTFUL`: an answer with warnings; its bands may be too narrow.
     - `FAILED`: no answer: the search did not converge, or the residual is so far beyond the noise
-      that no band holds.
+      that no band is valid.
     """
 
     GOOD = "good"
@@ -39,7 +39,7 @@ def quality(
 
     - `status`: "converged", or what went wrong.
     - `chi2_per_dof`: squares of the whitened residual over their degrees of freedom; None where the
-      noise was not known, so that it says nothing.
+      noise was not known.
     - `warnings`: sentences on the validity of the result.
     - `degrees_of_freedom`: of the residual; with few of them a large chi-square can be chance.
     """

@@ -66,8 +66,8 @@ def estimate(
 ) -> Levels:
     """The levels of maximum restricted likelihood of the residual (nan where missing).
 
-    - `fitted`: the fit's derivatives. Along them noise has been taken out of the residual, slow
-      noise most of all: what is likely is then asked of all other directions only.
+    - `fitted`: the fit's derivatives. The fit removes noise from the residual along them, slow
+      noise most of all: the likelihood is that of all other directions only.
     - `start`: levels to begin with.
     """
     start = first_levels(residual, depth_m) if start is None else start

@@ -10,10 +10,9 @@ pattern of all channels lies from the fit, and the scatter of these readings abo
 gives the error of that line's slope, which is the pitch's. The residual near a line is mostly the
 pattern itself, changing with load and posture: smooth over many samples, and common to channels.
 The white-noise error (Cramer and Rao's) counts every sample of every channel as new and is several
-times too small; scatter between channels misses what they have in common. A reading is summed over
-the channels first and spans more than the noise's correlation length, so that it needs to know
-neither. Not covered: noise that lasts for several periods, and a pattern that is the same in every
-scan.
+times too small; scatter between channels misses their common noise. A reading is summed over the
+channels first and spans more than the noise's correlation length, so that it needs to know neither.
+Not covered: noise that lasts for several periods, and a pattern that is the same in every scan.
 """
 
 from typing import Any, NamedTuple, TypeVar
@@ -32,7 +31,7 @@ STEPS = 20  # of the scan over pitches, in the time that it takes the scan's end
 OVERSAMPLING = 4  # of the periodogram
 LOBE = 2.0  # half-width of the Hann taper's main lobe, in 1/length
 FLOOR = 16  # width of the running median, in 1/length: a line's lobe takes a quarter of it
-FLOOR_BINS = FLOOR / 1.5 * 2 / np.pi  # as good as a mean of so many: Hann's 1.5, a median's 2/pi
+FLOOR_BINS = FLOOR / 1.5 * 2 / np.pi  # bins of a mean as precise: Hann's 1.5, a median's 2/pi
 MOST_LINES = 8
 LEAST_PERIODS = 3  # a straight line through the shifts, and one reading to spare
 _TINY = np.finfo(float).tiny

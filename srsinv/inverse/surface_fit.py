@@ -99,8 +99,8 @@ class SurfaceFitter:
 
         - `noise`: as [`nonlinear.fit`][] takes it; None: estimated from the residual, in rounds.
         - `start`: values to start from, by the parameters' names as in the result: all of a
-          feature's, taken where they explain the data better than what a search finds, or some of
-          them, and the rest is looked for.
+          feature's, taken where they explain the data better than the search, or some of them, and
+          the rest is searched.
 
         Features of a sum are found one after the other, and then fitted together.
         """

@@ -54,8 +54,8 @@ class SurfaceSearch:
 
         - `y`, `white`: the data and their white noise; `previous`: features found before, and all
           of their parameters; `known`: `nominal_pressure_Pa` and the feature's `edge_length_m`;
-        - `start`: what is given by the user, of the feature's `axes`: a part of them is kept, and
-          the rest looked for; all of them are one start more.
+        - `start`: user's values of the feature's `axes`: some of them are fixed, and the rest
+          searched; all of them are one more start.
         """
         whole = feature.axes.keys() <= start.keys()
         tried = {

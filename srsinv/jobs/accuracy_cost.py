@@ -276,7 +276,7 @@ def _iterative(problem: Problem, prior: Prior, tolerance):
     return iterative.solve(problem, prior, tolerance)[0].value
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 MEASURES = ("error", "error_p", "error_q", "algebraic_error", "first_call_s", "steady_call_s")
 

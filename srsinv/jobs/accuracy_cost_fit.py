@@ -289,7 +289,7 @@ def _scipy(task: FitTask, i: int, shapes, tolerance: float, analytic: bool) -> n
     return min(ends, key=lambda end: end[1])[0]
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 MEASURES = ("error", "error_cramer_rao", "converged", "first_call_s", "steady_call_s")
 

@@ -32,8 +32,8 @@ class InversionCase:
     - `traction_unit`: "Pa", or "1" for p and q that are relative.
     - `stages`: (dims, values, units) of the simulation's stages, by variable name; the truth is
       `traction`. Empty for a recording.
-    - `assumed`: rows (what, value) of the page's last section; `screening`: which effects the scene
-      called for, where it was asked; `warnings`: what speaks against the simulated scene.
+    - `assumed`: rows (quantity, value) of the page's last section; `screening`: the result of
+      screening effects, if any; `warnings`: those on the simulated scene.
     """
 
     title: str
@@ -90,7 +90,7 @@ def timed(work: Callable[[], Any], repeats: int) -> tuple[Any, float, float | No
     return result, first, min((once()[1] for _ in range(repeats)), default=None)
 
 
-# --- judging ---------------------------------------------------------------------------------
+# --- errors ----------------------------------------------------------------------------------
 
 
 def observed_cells(problem: Problem) -> np.ndarray:

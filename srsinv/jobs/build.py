@@ -31,7 +31,7 @@ MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 
 @contextmanager
 def precision(cfg: Config) -> Iterator[None]:
-    """Work in float64 or float32, as `cfg["precision"]` says."""
+    """Work in float64 or float32, by `cfg["precision"]`."""
     with jax.enable_x64(precision_name(cfg) == "float64"):
         yield
 

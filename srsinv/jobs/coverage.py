@@ -157,7 +157,7 @@ def cramer_rao(
     return bounds_of(on, signal, truth, {part: size(part) for part in free}, power)
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 
 def _metrics(statistics: dict[str, FitStatistics], draws: int) -> dict[str, Any]:

@@ -206,7 +206,7 @@ def _mm(value_m: float, stderr_m: float) -> str:
     return f"{format_with_error(MM * value_m, MM * stderr_m)} mm"
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 
 def _metrics(analysis: BoardPitch) -> dict[str, Any]:

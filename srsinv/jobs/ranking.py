@@ -167,7 +167,7 @@ def _ranked(
     return Ranked(tuple(candidates), evidence, columns, time_s)
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 
 def _metrics(ranking: Ranked) -> dict[str, Any]:

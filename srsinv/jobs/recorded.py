@@ -18,7 +18,7 @@ from ..recording.noise import white_level
 from . import build
 
 MARGIN_DEPTHS = 8  # distance beyond the scan's ends at which traction still gives a signal
-SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # where neither sidecar nor command says
+SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # if neither sidecar nor command gives them
 
 
 def elements_named(cfg: build.Config) -> dict[str, Any]:

@@ -95,7 +95,8 @@ class SyntheticTractionScan(SyntheticScan):
 
 
 def synthetic_scan(cfg: build.Config, job: str) -> SyntheticTractionScan:
-    """The scan of a configuration, from one end of its grid to the other, sampled as `job` says."""
+    """The scan of a configuration, from one end of its grid to the other, sampled at `job`'s
+    rate."""
     length = build.line(cfg).n * float(build.line(cfg).cell_m)
     sensor, scan = build.sensor(cfg), build.scan(cfg)
     motion = evenly(cfg, job, sensor, scan, (cfg["grid"]["start_m"], length))
@@ -108,7 +109,7 @@ def synthetic_scan(cfg: build.Config, job: str) -> SyntheticTractionScan:
 def evenly(
     cfg: build.Config, job: str, sensor: Sensor, scan: ConstantSpeed, stretch: tuple[float, float]
 ) -> Motion:
-    """The motion over `stretch`, (start, length), sampled as `job` says."""
+    """The motion over `stretch`, (start, length), sampled at `job`'s rate."""
     speed, (start, length) = float(scan.speed_m_per_s), stretch
     key, wanted = f"{job}.sample_rate_hz", "the samples per second, above 0"
     rate = float(number(key, cfg[job]["sample_rate_hz"], wanted, above=0))

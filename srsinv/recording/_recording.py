@@ -27,8 +27,8 @@ class Recording:
     - `signal_unit`: "V", "counts" or another.
     - `name`: for messages and titles; the file's name when it was loaded.
     - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
-    - `missing_rows`, `gaps`: how many rows the times show to be lost, at how many places; they are
-      missing samples.
+    - `missing_rows`, `gaps`: number of rows missing by the times, and of gaps; they are missing
+      samples.
 
     Raises `BadInput` for shapes that do not agree, fewer than 3 samples, times that do not increase
     strictly, infinite values, NaN outside `signal`, names that cannot head a column, and facts that
@@ -164,7 +164,7 @@ class Recording:
             with np.errstate(over="ignore"):  # the result is refused where it is infinite
                 return values[..., :used].reshape(*values.shape[:-1], -1, r).mean(axis=-1)
 
-        # A block stands at the middle of its samples, so the first no longer stands at the start.
+        # A block is at the middle of its samples, so that the first is no longer at the start.
         position_m = means(self.position_m)
         return self._resampled(
             means(self.signal),

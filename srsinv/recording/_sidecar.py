@@ -153,7 +153,7 @@ def _check_event(event: Any, depth: int, documents: int, values: int) -> None:
 
 
 def _pairs(held: list[Any]) -> Iterator[tuple[str, Any]]:
-    """Keys and values, which events give in turn. A key is what it would be as text."""
+    """Keys and values, from alternating events. A key is taken as text."""
     for key, value in zip(held[::2], held[1::2], strict=True):
         if not isinstance(key, str | int | float | None):
             raise ValueError("a key is not text")

@@ -82,7 +82,7 @@ def _check_signal(recording: Recording) -> None:
 
 
 def check_volts(recording: Recording) -> None:
-    """Refuse a signal from which nothing in Pa can follow: one that is in no unit of voltage."""
+    """Refuse a signal in no unit of voltage, which does not give Pa."""
     unit = recording.signal_unit
     refuse(
         unit not in VOLTS,

@@ -1,6 +1,6 @@
 """Inspection of a file without facts on the experiment: a first look at a recording.
 
-Nothing has to be stated here that `load` asks for; guesses are marked as such, with the reason.
+No facts that `load` requires are needed; guesses are marked as such, with the reason.
 """
 
 import os
@@ -79,8 +79,8 @@ class Signal:
 class Inspection:
     """Contents of the file `name`.
 
-    - `time_s`: (sample,) stamps [s] as far as they can be told, else None; `timing` says how even
-      they are, `time_unit` what they were taken to be in, `time_source` where that is from.
+    - `time_s`: (sample,) stamps [s] where their unit is determined, else None; `timing` their
+      evenness, `time_unit` the unit assumed, `time_source` its origin.
     - `rate_hz`: from the stamps, or stated; None without either.
     - `speed_m_per_s`, `position_m`: (sample,) where a column states them.
     - `facts`: those of the sidecar and the caller.

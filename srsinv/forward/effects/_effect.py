@@ -65,7 +65,7 @@ class MultiplicativeEffect(Effect):
     """An effect that multiplies the signal's spectrum, and so attenuates the changes by others,
     too.
 
-    `is_exact`: whether it does nothing else.
+    `is_exact`: whether the factor is its whole effect.
     """
 
     is_exact: ClassVar[bool] = True

@@ -87,8 +87,8 @@ class ReferenceSpectra:
         stress: Float[np.ndarray, "e 4 n"],
         transfer: Inexact[np.ndarray, "e k"],
     ) -> "ReferenceSpectra":
-        """With the signal (e, n), and the stress at the films (e, 4, n), simulated with effects
-        whose factors make up `transfer`: traction is raised as the signal is."""
+        """The reference with the signal (e, n), and the stress at the films (e, 4, n), simulated
+        with effects whose factors make up `transfer`: traction is raised as the signal is."""
         simulated = self._spectrum(signal)
         raised = max(1.0, self.rms(simulated) / max(self.rms(transfer * self.signal), TINY))
         return self.replace(

@@ -85,7 +85,7 @@ def screen(
 
 
 class _Round(NamedTuple):
-    """Bounds by name, what is off, the bound on all that is, and what each bound took [s]."""
+    """Bounds by name, effects that are off, their joint bound, and the time of each bound [s]."""
 
     bounds: dict[str, float]
     off: set[str]

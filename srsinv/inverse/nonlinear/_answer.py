@@ -23,8 +23,8 @@ ENOUGH = 2.0  # standard deviations of chi squared up to which a residual counts
 class Fit:
     """Result of a nonlinear fit.
 
-    - `value`, `stderr`: trees like the parameters; the standard error is 0 for what was not free
-      and infinite for what the data do not determine.
+    - `value`, `stderr`: trees like the parameters; the standard error is 0 for fixed parameters and
+      infinite for those that the data do not determine.
     - `names` (m,): the free parameters in a row; `covariance`, `correlation` (m, m) in that order,
       nan for pairs that are not determined.
     - `residual`: data - model, like the data, nan where they are left out; `whitened`: the same in
@@ -32,8 +32,7 @@ class Fit:
     - `noise_rms`: the noise's level where it was not given, else None.
     - `status`: "converged", or what went wrong; `at_bound`: parameters on a bound. Standard errors
       there are those without the bound.
-    - `undetermined`: directions along which the data do not notice a move, each a mapping of names
-      to moves.
+    - `undetermined`: directions of unidentifiable moves, each a mapping of names to moves.
     - `warnings`: sentences on the validity of the standard errors; `quality`: good, doubtful (any
       warning) or failed; `reasons`: why it is not good.
     - `log_evidence`: the log marginal likelihood (Laplace), where the noise and proper priors for

@@ -57,12 +57,12 @@ def fit(
     - `starts`: further points to start from: `{name: values}` along a leading axis, or a number of
       points spread over the bounds. The `max_searches` best of all are searched from.
     - `linear`: names of parameters that enter the model linearly: they need no start and are solved
-      out (variable projection). Whether they do is tried, unless they are those that the model
-      itself names, as its attribute `linear`.
+      out (variable projection). Linearity is tested, unless they are those of the model's own
+      attribute `linear`.
     - `loss`: "squares", "huber", "soft_l1", "cauchy", or a [`Loss`][] with its threshold.
     - `solver`: [`Optimistix`][] (default), [`OptaxLBFGS`][], [`JaxoptLBFGSB`][].
-    - `steps`: `{name: step}` for parameters whose derivative jumps with their place between cells:
-      for the standard errors it is then the central difference over this step.
+    - `steps`: `{name: step}` for parameters whose derivative jumps with their position between
+      cells: the standard errors then use the central difference over this step.
 
     Standard errors are those of the linearised problem: (J^T N^-1 J)^-1, with a robust loss Huber's
     M-estimator form. Raises `BadInput` for values that disagree or are out of range.

@@ -87,7 +87,7 @@ def spread(jacobian: np.ndarray, eps: float) -> Spread:
 
 
 def nothing_known(m: int) -> Spread:
-    """The spread where nothing could be computed."""
+    """The spread where the derivatives are not finite."""
     return Spread(np.zeros((m, 0)), np.eye(m), np.ones(m))
 
 

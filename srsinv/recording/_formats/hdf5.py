@@ -28,7 +28,7 @@ _FEWEST_IN_CHUNK = 2**22  # values that a chunk may have more than its dataset
 _CHECKSUM = 4  # bytes of fletcher32
 _LARGEST_ATTRIBUTE = 2**20  # bytes
 _PIECE = 2**20  # bytes that are unpacked at once
-_MOST_MEMBERS = 10_000  # of all groups that are looked into
+_MOST_MEMBERS = 10_000  # of all groups that are read
 
 
 def read_hdf5(file: DataFile) -> ColumnTable:
