@@ -1,4 +1,4 @@
-"""Which way a ridge runs, from one circle over it, and what a straight scan feels of its angle."""
+"""Direction of a ridge from one circle over it, and the angle's effect on a straight scan."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,10 +20,10 @@ from srsinv.report.outcome import Outcome, Section, Table
 
 
 def run(cfg: build.Config) -> Outcome:
-    """Directions found on a circle with noise, and the straight scan's gain over the angle.
+    """Directions estimated on a circle with noise, and the straight scan's gain over the angle.
 
-    Raises `BadInput` for no direction, a shown one that is not tried, and what the configuration's
-    parts refuse.
+    Raises `BadInput` for no direction, a shown one that is not tried, and refusals of the
+    configuration's parts.
     """
     settings = cfg["circular_scan"]
     truth = np.asarray(settings["angles_deg"], float)
@@ -98,7 +98,7 @@ def _signal(sensor: Sensor, scan, line: Periodic, traction):
 
 
 def _gain(sensor: Sensor, scan, ridge, angle_deg: float) -> np.ndarray:
-    """The rms signal in time (element,) of a straight scan over the ridge, beside that of 0."""
+    """Rms signal in time (element,) of a straight scan over the ridge, relative to that at 0."""
     line = Periodic(2048, 0.1e-3, -102.4e-3)
     p = UniformStrip(1.0, ridge["width_m"]).cell_average(line)
     traction = jnp.stack([p, ridge["friction"] * p])

@@ -1,4 +1,4 @@
-"""How small a ridge is found, and how close a pair told apart: against depth, noise and speed."""
+"""Detection limit of a ridge and resolution limit of a pair, over depth, noise and speed."""
 
 from typing import Any, NamedTuple
 
@@ -105,7 +105,7 @@ def run(cfg: build.Config) -> Outcome:
 
 def _along(axes, curves, floors) -> dict[str, Any]:
     """Each limit at both ends of each axis, and the power of the axis that it follows above the
-    least height and distance that were looked at, `floors`."""
+    least height and distance tried, `floors`."""
     ends = {
         f"{limit}_at_{end}_{name}_m": curves[name][i, j]
         for i, limit in enumerate(LIMITS[:2])
@@ -178,8 +178,8 @@ def _distances(settings, line: Line, scene: SurfaceScene) -> np.ndarray:
 
 
 def _solve_contacts(line: Line, scene: SurfaceScene, heights, distances) -> RidgeTractions:
-    """What the skin does to single ridges of `heights` and to pairs at `distances`: the only part
-    that is not linear, and one that neither depth nor speed changes.
+    """Contact with single ridges of `heights` and pairs at `distances`: the only nonlinear part,
+    and independent of depth and speed.
 
     Ridges are moved by whole cells: the derivative of the contact jumps where a cell touches or
     parts on a steep edge, which would scatter the standard errors by a tenth.
@@ -218,8 +218,8 @@ def _solve_contacts(line: Line, scene: SurfaceScene, heights, distances) -> Ridg
 
 
 def _detectability(line: Line, sensor: Sensor, tractions: RidgeTractions, rate: float):
-    """(depth, speed) to what white noise of 1 V makes of it: d' (height,) of single ridges, d' and
-    the Cramer-Rao standard error [m] of the distance (distance,) of pairs. One program for all."""
+    """Map from (depth, speed), in white noise of 1 V, to d' (height,) of single ridges, d' and the
+    Cramer-Rao standard error [m] of the distance (distance,) of pairs. One program for all."""
 
     @jax.jit
     def at(depth, speed):
@@ -265,8 +265,8 @@ def _with(values: tuple, index: int, value: Any) -> tuple:
 
 
 def _crossing(at: np.ndarray, falling: np.ndarray) -> float:
-    """Where `falling` (at,) comes below 1 for good: NaN where it never does, and the first of `at`
-    where it is below all along."""
+    """Last crossing of `falling` (at,) below 1: NaN where there is none, and the first of `at`
+    where it is always below."""
     above = np.flatnonzero(~(falling < 1))
     if not above.size:
         return float(at[0])
@@ -278,12 +278,12 @@ def _crossing(at: np.ndarray, falling: np.ndarray) -> float:
 
 
 def _resolved_wavelength(depth_m: float, strength: float) -> float:
-    """The wavelength [m] at which e^(-kz) has brought a signal so strong down to the noise."""
+    """The wavelength [m] at which e^(-kz) attenuates a signal of this strength to the noise."""
     return 2 * np.pi * depth_m / np.log(strength) if strength > 1 else np.nan
 
 
 def _exponent(at, values, floor: float) -> float:
-    """The slope of a straight line through the logarithms, without NaN and what is at `floor`."""
+    """The slope of a straight line through the logarithms, without NaN and values at `floor`."""
     good = np.isfinite(values) & (values > floor)
     if good.sum() < 2:
         return np.nan

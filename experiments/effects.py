@@ -1,4 +1,4 @@
-"""Each effect with it and without: what it changes of a scene's signal, and what it costs."""
+"""Each effect on and off: change of a scene's signal, and cost."""
 
 import importlib
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from srsinv.report.outcome import Outcome, Section, Table
 
 
 class EffectRow(NamedTuple):
-    """One effect: the signal with it and without, what that makes, and the bound on it."""
+    """One effect: the signal with it and without, the change, and the bound on it."""
 
     name: str
     with_effect: Trace
@@ -28,7 +28,7 @@ class EffectRow(NamedTuple):
 def run(cfg: build.Config) -> Outcome:
     """Every named effect alone against none.
 
-    Raises `BadInput` where no effect is named, and what the configuration's parts refuse.
+    Raises `BadInput` where no effect is named, and refusals of the configuration's parts.
     """
     refuse(not build.part(cfg, "effects"), "effects names none: give effects=[strip_width,...].")
     with build.precision(cfg):
@@ -73,7 +73,7 @@ def _metrics(rows: list[EffectRow], ideal_cost: Cost) -> dict[str, Any]:
 
 
 def _dataset(rows: list[EffectRow], unit: str) -> xarray.Dataset:
-    """Signals by effect, over each one's own instants, which differ in number."""
+    """Signals by effect, over each one's own sample times, which differ in number."""
     variables = {}
     for row in rows:
         along = (f"time_{row.name}",)
@@ -140,6 +140,6 @@ def _sections(
 
 
 def _words(name: str) -> str:
-    """What the effect is, as its module says."""
+    """Description of an effect: the first line of its module's docstring."""
     module = importlib.import_module(f"srsinv.forward.effects.{name}")
     return (module.__doc__ or "").strip().split("\n")[0]

@@ -1,4 +1,4 @@
-"""Scenes that decide on their own effects: the error of what they leave out, and the time saved."""
+"""Screening of effects: the error by those left out, and the time saved."""
 
 from typing import Any, NamedTuple
 
@@ -15,8 +15,8 @@ from srsinv.report.outcome import Outcome, Section, Table
 
 
 class Decided(NamedTuple):
-    """One scene at one tolerance: what is on, its bound and measured error, and what it takes: with
-    all effects on, deciding for itself, and with the same effects named."""
+    """One scene at one tolerance: effects on, bound and measured error, and the cost with all
+    effects on, with screening, and with the same effects named."""
 
     scene: str
     tolerance: float
@@ -29,19 +29,19 @@ class Decided(NamedTuple):
 
     @property
     def saved(self) -> Cost:
-        """Against all effects on, deciding included."""
+        """Cost saved against all effects on, screening included."""
         return Cost(*(a - b for a, b in zip(self.full, self.auto, strict=True)))
 
     @property
     def deciding(self) -> Cost:
-        """What deciding adds to naming the effects."""
+        """Cost of screening over naming the effects."""
         return Cost(*(a - b for a, b in zip(self.auto, self.named, strict=True)))
 
 
 def run(cfg: build.Config) -> Outcome:
-    """Every scene with all effects, and with those it calls for at each tolerance.
+    """Every scene with all effects, and with those screened at each tolerance.
 
-    Raises `BadInput` for tolerances that are none, and what the configuration's parts refuse.
+    Raises `BadInput` for invalid tolerances, and refusals of the configuration's parts.
     """
     settings = cfg["effects_auto"]
     tolerances, scenes = settings["tolerances"], settings["scenes"]
@@ -54,7 +54,7 @@ def run(cfg: build.Config) -> Outcome:
                 own = merged(cfg, changes)
                 named = {k: v for k, v in own.items() if k != "tolerance"}
                 full, all_on = cost(named, key)
-                # Tolerances that call for the same effects share what was measured.
+                # Measured once for tolerances that need the same effects.
                 done = {}
                 for tolerance in tolerances:
                     asked = {**own, "tolerance": tolerance}

@@ -1,4 +1,4 @@
-"""The paper's Fig. 5: what a film flat in the skin and one on edge feel of a line load."""
+"""The paper's Fig. 5: response of a film flat in the skin and one on edge to a line load."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,9 +16,9 @@ LOADS = ("p alone", "q alone", "p with friction")
 
 
 def run(cfg: build.Config) -> Outcome:
-    """Charge and voltage of every element under the line load, and how well the pair is posed.
+    """Charge and voltage of every element under the line load, and the pair's condition number.
 
-    Raises `BadInput` for a load of no width, and what the configuration's parts refuse.
+    Raises `BadInput` for a load of no width, and refusals of the configuration's parts.
     """
     settings = cfg["fig05_orientation"]
     load, width, mu = (settings[k] for k in ("load_N_per_m", "load_width_m", "friction"))

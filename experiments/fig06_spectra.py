@@ -1,4 +1,4 @@
-"""The paper's Fig. 6: what one element passes, where noise takes over, the filter between them."""
+"""The paper's Fig. 6: one element's transfer, the noise, and the Wiener filter."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +17,7 @@ LONG_WAVES_KZ = 1e-3
 def run(cfg: build.Config) -> Outcome:
     """|G|, the powers of signal and noise, and each Wiener filter with its cut-off.
 
-    Raises `BadInput` for what the configuration's parts refuse.
+    Raises `BadInput` for refusals of the configuration's parts.
     """
     with build.precision(cfg):
         sim, methods = simulation(cfg), build.methods(cfg)
@@ -35,7 +35,7 @@ def run(cfg: build.Config) -> Outcome:
             for name, method in methods.items()
             if isinstance(method, Wiener)
         }
-        # Octaves apart at long waves, where depth and strip width do not yet matter.
+        # An octave apart at long waves, where depth and strip width do not yet matter.
         low = jnp.asarray([1.0, 2.0]) * LONG_WAVES_KZ / sim.sensor.depth_m
         slopes = {
             name: _octave_dB(stage.transfer(low)[0], cfg["friction"])
@@ -113,6 +113,6 @@ def _octave_dB(transfer, friction: float) -> float:
 
 
 def _last_half(k: np.ndarray, resolution: np.ndarray) -> float:
-    """The last wavenumber [rad/m] that keeps half or more, NaN if none does."""
+    """The last wavenumber [rad/m] with a resolution of at least one half, NaN if none."""
     resolved = np.flatnonzero(resolution >= 0.5)
     return float(k[resolved[-1]]) if resolved.size else float("nan")

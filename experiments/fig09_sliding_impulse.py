@@ -1,4 +1,4 @@
-"""The paper's Fig. 9: what tilt and snap-back make of an impulse that slides over the film."""
+"""The paper's Fig. 9: effects of tilt and snap-back on an impulse that slides over the film."""
 
 import jax
 import numpy as np
@@ -18,7 +18,7 @@ def run(cfg: build.Config) -> Outcome:
     """The signal of the impulse, ideal, from a tilted film, and with bursts of snap-back.
 
     Raises `BadInput` for a sensor that has not one element, without film_angle and snap_back among
-    the effects, for fewer than 2 passes, and what the configuration's parts refuse.
+    the effects, for fewer than 2 passes, and refusals of the configuration's parts.
     """
     passes, named = cfg["fig09_sliding_impulse"]["passes"], set(build.part(cfg, "effects"))
     refuse(passes < 2, f"fig09_sliding_impulse.passes is {passes}: give at least 2.")
@@ -82,7 +82,7 @@ def _lobes(signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _finest(k, ideal, tilted, bursts) -> float:
-    """Shortest wavelength [m] at which one pass of the impulse still stands above the bursts."""
+    """Shortest wavelength [m] at which one pass of the impulse is still above the bursts."""
     power = np.abs(np.fft.rfft(tilted)) ** 2
     noise = np.mean(np.abs(np.fft.rfft(bursts)) ** 2, axis=0)
     # Both smoothed over a few wavenumbers, as the periodogram of some passes scatters.

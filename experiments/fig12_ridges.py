@@ -1,4 +1,4 @@
-"""The paper's Fig. 12: ridges 6.5 um high, their signal beside the noise, what averaging shows."""
+"""The paper's Fig. 12: ridges 6.5 um high, their signal and noise, and detection by averaging."""
 
 from typing import Any, NamedTuple
 
@@ -22,14 +22,14 @@ from srsinv.jobs import build
 from srsinv.report.figures import ridges as figures
 from srsinv.report.outcome import Outcome, Section, Table
 
-PAPER_M = {"6.5 um": 6.5e-6, "0.65 um": 0.65e-6}  # seen; and expected to be
+PAPER_M = {"6.5 um": 6.5e-6, "0.65 um": 0.65e-6}  # measured; and expected to be measurable
 SAMPLES_PER_RIDGE = 20  # samples of a ridge; their means hold all but 0.4 % of its wave
 OVERSAMPLING = 4  # of the spectrum
-CONTACT_LOADS = (0.8, 0.95)  # of the closed form's, where the gap between ridges is looked at
+CONTACT_LOADS = (0.8, 0.95)  # of the closed form's, where the gap between ridges is evaluated
 
 
 class RidgeScan(NamedTuple):
-    """What is slid over what, on the line of whole pitches."""
+    """Scan of a sensor over ridges, on a line of whole pitches."""
 
     line: Line
     scene: SurfaceScene
@@ -53,7 +53,7 @@ class PitchWaves(NamedTuple):
 
 
 class Simulated(NamedTuple):
-    """What is felt of the ridges.
+    """Simulated signals of the ridges.
 
     At the samples `x` (sample,): `signal`, `data` with noise [V], and the noise's power `spectrum`;
     `per_ridge` of them lie on a pitch. Amplitude [V] of the wave at the pitch: of the scene's film
@@ -79,8 +79,8 @@ class Simulated(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """White noise as strong as at the pitch, `level` [V], and what it allows: the `needed` d', and
-    the `least_height` [m] that is found over `counts` of ridges."""
+    """White noise as strong as at the pitch, `level` [V], and the limits in it: the `needed` d',
+    and the `least_height` [m] detected over `counts` of ridges."""
 
     level: float
     needed: float
@@ -89,7 +89,7 @@ class Limits(NamedTuple):
 
 
 def run(cfg: build.Config) -> Outcome:
-    """The pitch from a noisy signal, and what the signal's size says of the paper's words.
+    """The pitch from a noisy signal, and the signal's amplitude against the paper's statements.
 
     Raises `BadInput` for another surface than ridges, a window that does not hold whole pitches,
     and more than one film element.
@@ -270,7 +270,7 @@ def _pressures(settings) -> np.ndarray:
 
 
 def _samples(settings, setup: RidgeScan) -> Periodic:
-    """Where the samples are taken, over whole ridges."""
+    """The samples' positions, over whole ridges."""
     speed = float(setup.scan.speed_m_per_s)
     rate = number(
         "fig12_ridges.sample_rate_hz",
@@ -283,7 +283,8 @@ def _samples(settings, setup: RidgeScan) -> Periodic:
 
 
 def _signals(setup: RidgeScan, samples: Periodic, noises, waves: PitchWaves, key):
-    """At the samples: the signal, the noise's power at their wavenumbers, and both together."""
+    """The signal at the samples, the noise's power at their wavenumbers, and the signal with
+    noise."""
     field = setup.sensor.operator(setup.line, setup.scan)
     traction = _traction(setup, setup.scene, jnp.asarray(waves.pressure[-1]))
     signal = jax.jit(lambda t: PositionInterpolation(setup.line, samples.x)(field(t)))(traction)
@@ -298,7 +299,7 @@ def _traction(setup: RidgeScan, scene: SurfaceScene, pressure):
 
 
 def _solve_pitch_waves(setup: RidgeScan, wide: Film, points) -> PitchWaves:
-    """The skin pressed on ridges, for points (height, nominal pressure)."""
+    """Contact with ridges and waves at the pitch, for points (height, nominal pressure)."""
     both = Sensor((*setup.sensor.elements, wide), setup.sensor.skin, setup.sensor.amplifier)
     field = both.operator(setup.line, setup.scan)
     wave = round(setup.line.n * float(setup.line.cell_m) / setup.pitch_m)
@@ -341,7 +342,8 @@ def _closed_form_load(setup: RidgeScan) -> float:
 
 
 def _load_between(setup: RidgeScan, loads, gaps) -> float:
-    """The same by contact: where the line through two gaps between ridges reaches zero."""
+    """The load of `_closed_form_load` by contact: where the line through two gaps between ridges
+    reaches zero."""
     from_ridge = np.asarray((setup.line.x - setup.ridges.position_m) % setup.pitch_m)
     between = gaps[:, np.abs(from_ridge - setup.pitch_m / 2).argmin()]
     slope = (between[1] - between[0]) / (loads[1] - loads[0])
@@ -349,7 +351,7 @@ def _load_between(setup: RidgeScan, loads, gaps) -> float:
 
 
 def _pitch(x, data, per_ridge: float, range_m) -> spectral_lines.Pitch:
-    """From means over so many samples that a ridge keeps `KEPT` of them."""
+    """The pitch from block means, with `SAMPLES_PER_RIDGE` of them for each ridge."""
     block = max(int(per_ridge / SAMPLES_PER_RIDGE), 1)
     n = x.size // block * block
     x, data = (each[:n].reshape(-1, block).mean(axis=1) for each in (x, data))
@@ -359,8 +361,8 @@ def _pitch(x, data, per_ridge: float, range_m) -> spectral_lines.Pitch:
 
 
 def _detected_lines(x, data, spectrum, setup: RidgeScan, false_alarm: float):
-    """Frequency [Hz] up to the fifth harmonic, amplitude [V] of the tapered data there, and what
-    the noise alone reaches anywhere in this band with probability `false_alarm`."""
+    """Frequency [Hz] up to the fifth harmonic, amplitude [V] of the tapered data there, and the
+    level that noise alone reaches anywhere in this band with probability `false_alarm`."""
     taper, bins, step = np.hanning(x.size), OVERSAMPLING * x.size, x[1] - x[0]
     per_m = np.fft.rfftfreq(bins, step)
     in_band = (per_m > 0.1 / setup.pitch_m) & (per_m <= 5.5 / setup.pitch_m)

@@ -42,7 +42,7 @@ class Edges(NamedTuple):
 def run(cfg: build.Config) -> Outcome:
     """Signal, recovered p and q, each edge's antisymmetry and the fitted frictions.
 
-    Raises `BadInput` for a scene that is not one tape, a feature that is not one of it, and edges
+    Raises `BadInput` for a scene that is not one tape, a feature that is not a tape, and edges
     whose surroundings reach beyond the tape's middle.
     """
     with build.precision(cfg):
@@ -86,7 +86,7 @@ def run(cfg: build.Config) -> Outcome:
 
 
 def _edges(solved: SolvedContact, tape: Tape, problem: Problem, around: float) -> Edges:
-    """With the frictions as they are, with the base's alone, with none, and with noise."""
+    """Edges with the given frictions, with the base's alone, with none, and with noise."""
     sim, base = solved.sim, float(solved.surface.base_friction)
     signals = [solved.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
     all_signals = np.stack([*signals, problem.data])
@@ -164,7 +164,7 @@ def _only(name: str, named: dict):
 
 def _fit(solved, feature, problem):
     """The tape's parameters from the signal along x(t); white noise is known, any other kind is
-    estimated from what is left."""
+    estimated from the residual."""
     sim, line, scene = solved.sim, solved.sim.line, solved.scene
     start = float(line.x[0] - sim.fine.cell_m / 2)
     window = Window(start, start + line.n * float(line.cell_m))

@@ -1,4 +1,4 @@
-"""Where each inversion's edge is: hard cases through every method, in both precisions."""
+"""Limits of the inversions: hard cases by every method, in both precisions."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -19,15 +19,15 @@ from srsinv.report.outcome import Outcome, Section, Table
 
 PRECISIONS = ("float64", "float32")
 CODES = (*Quality, "refused")
-LARGEST_Z = 3.0  # standard errors: an rms error beyond is no chance where no word is said
+LARGEST_Z = 3.0  # standard errors: an rms error beyond, without a warning, is a failure
 
 
 class Cell(NamedTuple):
     """One case by one method in one precision.
 
-    - `error` (c,): of p and q, norm over that of the truth, means taken out; `z_rms` (c,): the
+    - `error` (c,): of p and q, norm over that of the truth, means removed; `z_rms` (c,): the
       error's rms in standard errors. NaN where there is no answer, or no truth to compare with.
-    - `quality`, `reasons`: what the method says of its answer; where it refused, "refused" and why.
+    - `quality`, `reasons`: the method's own; where it refused, "refused" and why.
     """
 
     error: np.ndarray
@@ -38,14 +38,14 @@ class Cell(NamedTuple):
 
     @property
     def is_silent_failure(self) -> bool:
-        """Whether an error beyond the band comes without a word."""
+        """Whether an error beyond the band comes without a warning."""
         return self.quality == Quality.GOOD and bool(np.any(self.z_rms > LARGEST_Z))
 
 
 def run(cfg: build.Config) -> Outcome:
     """Every case by every method in every precision.
 
-    Raises `BadInput` for a precision that is none, and for no case or method.
+    Raises `BadInput` for an invalid precision, and for no case or method.
     """
     settings, methods = build.part(cfg, "hard_cases"), list(build.methods(cfg))
     cases = build.part(settings, "cases")
@@ -184,7 +184,7 @@ def _sections(
     codes = ds["quality"].values
 
     def panels(values, pattern) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """By precision."""
+        """Panels by precision."""
         return {
             precision: (
                 values[i],
@@ -248,7 +248,7 @@ def _sections(
 
 
 def _worst(values: np.ndarray) -> np.ndarray:
-    """The larger of p's and q's, NaN where neither is known."""
+    """The larger of p's and q's, NaN where both are unknown."""
     return np.where(np.isnan(values).all(-1), np.nan, np.max(np.nan_to_num(values), axis=-1))
 
 
@@ -257,7 +257,7 @@ def _word(value: float, pattern: str) -> str:
 
 
 def _words(by_precision: CellsByPrecision, labels, methods) -> Table:
-    """What was said, each sentence once for each case."""
+    """The warnings and refusals, each sentence once for each case."""
     said: dict[tuple[str, str], list[str]] = {}
     for precision, rows in by_precision.items():
         for label, row in zip(labels, rows, strict=True):

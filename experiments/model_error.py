@@ -1,4 +1,4 @@
-"""Data from another sensor than the one that is assumed: how wrong, and for which wavelengths."""
+"""Model error: data of another sensor than the one assumed, over wavelengths."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -24,8 +24,8 @@ def run(cfg: build.Config) -> Outcome:
     """The scene, and one sinusoid of p and of q after another, made by each true sensor and
     inverted as the assumed one.
 
-    Raises `BadInput` for methods that are not one, a line that is not periodic, and what the
-    configuration's parts refuse.
+    Raises `BadInput` for methods that are not one, a line that is not periodic, and refusals of the
+    configuration's parts.
     """
     settings, methods = cfg["model_error"], build.methods(cfg)
     refuse(len(methods) != 1, f"method names {len(methods)}: give one, method=wiener.")
@@ -56,7 +56,7 @@ def run(cfg: build.Config) -> Outcome:
 
 
 def _waves(sim: Simulation, settings: Mapping[str, Any]) -> np.ndarray:
-    """Numbers of whole waves on the line, nearest to the wavelengths asked for."""
+    """Numbers of whole waves on the line, nearest to the given wavelengths."""
     first, last = settings["wavelengths_m"]
     refuse(
         not 0 < first < last,

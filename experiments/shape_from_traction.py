@@ -1,4 +1,4 @@
-"""The profile under the finger, from the pressure that the signal gives: contact inverted."""
+"""Profile under the finger, from the estimated pressure: the inverse of contact."""
 
 from typing import Any
 
@@ -21,9 +21,9 @@ _OF_THE_SCENE = ("contact", "recovery", "quality", "warnings")
 
 
 def run(cfg: build.Config) -> Outcome:
-    """For each scene the recovered profile with its band, against the true one where they touch.
+    """For each scene the recovered profile with its band, against the true one in contact.
 
-    Raises `BadInput` for scenes that are none, or not of surfaces, and more than one method.
+    Raises `BadInput` for invalid scenes, or scenes without surfaces, and more than one method.
     """
     scenes = mapping("shape_from_traction.scenes", cfg["shape_from_traction"]["scenes"])
     refuse(not scenes, "shape_from_traction.scenes names none: give one or more, each a scene.")
@@ -62,7 +62,7 @@ def run(cfg: build.Config) -> Outcome:
 
 
 def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
-    """One scene: its contact, what the signal gives of p, and the profile from that."""
+    """One scene: its contact, p estimated from the signal, and the profile from that."""
     with stage(f"recovering the profile: {name}"):
         sim = simulation({**cfg, "scene": node})
         solved = SolvedContact(sim)
@@ -105,7 +105,7 @@ def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
 
 
 def _judge(ds: xarray.Dataset) -> dict[str, float]:
-    """Errors of the recovered profile where the skin touches."""
+    """Errors of the recovered profile in contact."""
     touching = ds["touching"].values == 1
     height = ds["height"].values[touching]
     error = {

@@ -1,4 +1,4 @@
-"""Rough surfaces slid over: their spectra from the signal, and told apart by them."""
+"""Rough surfaces: their spectra from the signal, and classification by them."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from srsinv.report.figures import textures as draw
 from srsinv.report.outcome import Outcome, Section, Table
 
 CONTACTS = ("full", "light")
-CLASSIFICATIONS = {  # by which contact's stretches, and by what they are compared with
+CLASSIFICATIONS = {  # contact of the stretches, and their references
     "pressed full, linear law": (0, "law"),
     "pressed lightly, linear law": (1, "law"),
     "pressed lightly, learned": (1, "learned"),
@@ -30,8 +30,8 @@ CLASSIFICATIONS = {  # by which contact's stretches, and by what they are compar
 
 
 class Slid(NamedTuple):
-    """Each texture slid over: noisy `signals` (contact, texture, draw, x), those after `draws`
-    to learn from; the `contact_fraction` that touches (contact, texture); and the true density of
+    """Scans of each texture: noisy `signals` (contact, texture, draw, x), those after `draws` for
+    learning; the `contact_fraction` that touches (contact, texture); and the true density of
     heights, `truth` (texture, k) [m^3]."""
 
     texture_sensor: "TextureSensor"
@@ -48,8 +48,8 @@ class Spectra(NamedTuple):
 
     `densities`, with its band of 90 % from `low` to `high` (contact, texture, draw, band); `mean`
     of the draws (contact, texture, band); `expected`, and whether it is `usable` (texture, band),
-    with its `limits` (texture, end) [rad/m]. `ratio` (contact, texture): power found over the true
-    one.
+    with its `limits` (texture, end) [rad/m]. `ratio` (contact, texture): estimated power over the
+    true one.
     """
 
     middle: np.ndarray
@@ -65,7 +65,7 @@ class Spectra(NamedTuple):
 
     @property
     def coverage(self) -> float:
-        """How often the band in full contact holds what is expected."""
+        """Fraction of bands in full contact that hold the expected density."""
         expected = self.expected[:, None]
         inside = (self.low[0] <= expected) & (expected <= self.high[0])
         return float(inside[np.broadcast_to(self.usable[:, None], inside.shape)].mean())
@@ -132,7 +132,7 @@ def _slid(cfg: build.Config) -> Slid:
 
 
 def _spectra(slid: Slid, count: int) -> Spectra:
-    """From whole windows."""
+    """Spectra from whole windows."""
     texture_sensor, draws = slid.texture_sensor, slid.draws
     bands = Bands(
         texture_sensor.k,
@@ -168,8 +168,8 @@ def _spectra(slid: Slid, count: int) -> Spectra:
 
 
 def _chosen(slid: Slid) -> np.ndarray:
-    """From short stretches: how many went to the nearest of the known spectra (told, texture,
-    texture)."""
+    """Classification of short stretches by the nearest known spectrum: counts (classification,
+    texture, texture)."""
     texture_sensor, draws = slid.texture_sensor, slid.draws
     pieces = tapered_power(slid.signals, slid.samples)
     law = expected_power(
@@ -263,7 +263,7 @@ def _table(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> Table:
 
 
 class TextureSensor:
-    """The sensor on a line, q = mu p known: signals of surfaces, and what spectra they have."""
+    """The sensor on a line, q = mu p known: signals of surfaces, and their spectra."""
 
     def __init__(self, cfg: build.Config):
         self.sensor, self.scan, self.noises = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
@@ -285,7 +285,7 @@ class TextureSensor:
         # Signal power per sample of a unit density of height, all in contact.
         stiffness = np.asarray(self.skin.contact_modulus_Pa) * self.k / 2
         self.gain = np.abs((transfer[0] + mu * transfer[1]) * stiffness) ** 2 / self.cell_m
-        # Up to the strip's first blind wavelength, and well within the sampling.
+        # Up to the first zero of the strip's response, and well within the sampling.
         widths = [float(film.width_m) for film in self.sensor.elements]
         self.blind_from = min(2 * np.pi / max(widths), 0.9 * self.k[-1])
         operator = self.fine.operator(stage)
@@ -299,8 +299,8 @@ class TextureSensor:
         self._signal_and_contact = signal_and_contact
 
     def signals(self, surfaces, pressures, draws: int, seed: int):
-        """Noisy signals (contact, texture, draw, x), each of its own realisation and noise, and
-        the share that touches (contact, texture)."""
+        """Noisy signals (contact, texture, draw, x), each of its own realisation and noise, and the
+        contact fraction (contact, texture)."""
         seeds = np.random.SeedSequence(seed).generate_state(len(surfaces) * draws) >> 1
         seeds = seeds.reshape(len(surfaces), draws)
         heights = [
@@ -331,7 +331,7 @@ class TextureSensor:
 
 
 def _counted(chosen: np.ndarray) -> np.ndarray:
-    """How many draws (texture, draw) went to each texture."""
+    """Number of draws (texture, draw) assigned to each texture."""
     return np.stack([np.bincount(row, minlength=len(chosen)) for row in chosen])
 
 

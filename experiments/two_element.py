@@ -1,4 +1,4 @@
-"""p and q told apart by two film elements, by the angle between them; and one with mu wrong."""
+"""p and q resolved by two film elements, over their angle; and by one with a wrong mu."""
 
 import equinox as eqx
 import jax
@@ -19,7 +19,7 @@ COMPONENTS = ("p", "q")
 
 
 def run(cfg: build.Config) -> Outcome:
-    """Errors of p and q over angles and draws of noise, with what was predicted.
+    """Errors of p and q over angles and draws of noise, with their predictions.
 
     Raises `BadInput` for a shown angle that is not swept, or no draw of noise.
     """

@@ -1,6 +1,6 @@
-"""srsinv: what a stress-rate tactile sensor feels, and what that says about the surface.
+"""srsinv: forward and inverse model of stress-rate tactile sensors.
 
-Double precision is the default: stress decays as exp(-kz), so an inversion spends digits quickly.
+Double precision is the default: stress decays as exp(-kz), so an inversion loses digits quickly.
 The variable is set before jax is imported, so that `import srsinv` itself stays quick; a value that
 the user has set in JAX_ENABLE_X64 is left as it is.
 """

@@ -1,7 +1,7 @@
 """The one command: `srsinv experiment=NAME key=value ...`, in Hydra's grammar.
 
 Exit codes: 0 done, 1 a fault of the program (with its traceback), 2 an input that cannot be used
-(one sentence on standard error, nothing left behind), 130, 143 or 129 stopped by SIGINT, SIGTERM or
+(one sentence on standard error, no files left), 130, 143 or 129 stopped by SIGINT, SIGTERM or
 SIGHUP (the same).
 """
 

@@ -1,4 +1,4 @@
-"""Names that were changed: what they were, and until when the old ones are read or given, too."""
+"""Aliases of renamed keys and classes, and the version until which the old names are supported."""
 
 import re
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Alias:
-    """An old name and the new one, each `*` of which stands for the same rest of both.
+    """An old name and the new one; a `*` matches the same text in both.
 
     `until`: the version that no longer knows the old one.
     """
@@ -83,7 +83,7 @@ def with_old_names(metrics: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def current_name(name: str, table: tuple[Alias, ...]) -> str:
-    """The new name of what may have an old one in `table`."""
+    """The new name of a name that may be an old one in `table`."""
     return next(filter(None, (alias.newer(name) for alias in table)), name)
 
 
@@ -101,7 +101,7 @@ def current_override(override: str) -> str:
 
 def current_configuration(cfg: Any, above: str = "") -> Any:
     """A composed configuration with the new names of its keys. An old name comes from a user's own
-    file and counts before the value that stood under the new one."""
+    file and overrides the value under the new one."""
     if isinstance(cfg, list):
         return [current_configuration(each, f"{above}{i}.") for i, each in enumerate(cfg)]
     if not isinstance(cfg, Mapping):

@@ -1,12 +1,13 @@
-"""From configuration to objects: what may be named, found by its own name and checked before use.
+"""Construction of objects from the configuration: allowed classes, found by name and checked before
+use.
 
 A node `{_target_: package.module.Class, key: value, ...}` stands for an object. The class has to
 lie in an allowed namespace, to be found there under the very name that it was defined with, and to
 derive from the base of the slot that the node stands in; nodes inside, in mappings and in lists,
-are held to the same rule. What is checked is what is called: hydra's own `instantiate`, which would
-look the name up a second time and takes any callable, has no part in it.
+follow the same rule. The checked class itself is called: hydra's own `instantiate`, which would
+look the name up a second time and takes any callable, is not used.
 
-Nothing here imports jax: a base is looked up when a node of its kind is made.
+Nothing here imports jax: a base is imported when a node of its kind is made.
 """
 
 import importlib
@@ -25,7 +26,7 @@ from .errors import BadInput, mapping, refuse, shown, whole
 Config = Mapping[str, Any]
 PRECISIONS = ("float64", "float32")
 
-# The bases of each kind of part, by configuration group or by what a group's parts are made of.
+# The bases of each kind of part, by configuration group or by the kind of a group's parts.
 KINDS: Mapping[str, Sequence[str]] = {
     "amplifier": ("srsinv.forward.amplifier.Amplifier",),
     "effects": ("srsinv.forward.effects._effect.Effect",),
@@ -48,7 +49,7 @@ KINDS: Mapping[str, Sequence[str]] = {
     "surface_feature": ("srsinv.forward.surface_feature.SurfaceFeature",),
     "traction_feature": ("srsinv.forward.feature.Feature",),
 }
-# The kind of what stands under a key of another part, alone or in a list or mapping of several.
+# The kind of a part under a key of another one, alone or in a list or mapping of several.
 PARTS: Mapping[str, str] = {
     "frictions": "friction",
     "p": "spectrum",
@@ -66,7 +67,7 @@ def make(node: Any, name: str, kind: str) -> Any:
     """The object of `kind` (a key of `KINDS`) that a node stands for; refusals call it `name`.
 
     Raises `BadInput` for a node that names no class of the kind, or keys that the class does not
-    take, and what the class itself refuses.
+    take, and values that the class itself refuses.
     """
     check(node, name, kind)
     return _made(node)
@@ -138,7 +139,7 @@ def _check_inside(value: Any, name: str, kind: str | None, depth: int = 1) -> No
 
 
 def _is_private(key: Any) -> bool:
-    """Whether a key would speak to hydra, or is no name."""
+    """Whether a key is reserved for hydra, or is no name."""
     return not isinstance(key, str) or key.startswith("_")
 
 
@@ -183,10 +184,10 @@ def import_experiments(root: Path) -> None:
 
 
 def _definition(target: Any) -> Any:
-    """What is defined as `target` in a module of `srsinv` or of the experiments, else None.
+    """The object defined as `target` in a module of `srsinv` or of the experiments, else None.
 
-    Modules are found below these two packages only, and what a module has merely imported does not
-    count: the name has to be the one under which the thing was defined.
+    Modules are found below these two packages only, and imported names do not count: the name has
+    to be the one under which the object was defined.
     """
     if not isinstance(target, str) or not target.isascii():
         return None
@@ -216,8 +217,8 @@ def _is_module(package: ModuleType, path: str) -> bool:
 
 
 def check_early(cfg: Config) -> None:
-    """Refuse what can be told before anything heavy is imported: scalars that no job can work with,
-    and a recording whose file, sidecar or stated facts cannot be read."""
+    """Refuse, before any heavy import, scalars that are invalid in every job, and a recording whose
+    file, sidecar or stated facts cannot be read."""
     if "seed" in cfg:
         seed(cfg)
     if "precision" in cfg:
@@ -235,7 +236,7 @@ def check_early(cfg: Config) -> None:
 
 
 def seed(cfg: Config) -> int:
-    """What all random numbers start from."""
+    """Seed of all random numbers."""
     return whole("seed", cfg["seed"], "a whole number from 0 to 2147483647", least=0)
 
 

@@ -1,4 +1,4 @@
-"""What a user can get wrong, said in one sentence."""
+"""Refusals of invalid input, each of one sentence."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -17,7 +17,7 @@ class BadInput(ValueError):
 def refuse(condition: bool, sentence: str) -> None:
     """Raise [`BadInput`][] with `sentence` when `condition` holds.
 
-    Only for concrete values before any computing: a traced value has no truth to test.
+    Only for concrete values before any computing: a traced value has no truth value.
     """
     if condition:
         raise BadInput(sentence)
@@ -35,8 +35,8 @@ def number(
 ) -> Any:
     """`value`, which is refused unless it is one finite number within the bounds.
 
-    `above` and `below` are themselves out of bounds, `least` and `most` are not; `wanted` says what
-    to give. A jax array passes unchecked: where it is traced its value is not known.
+    `above` and `below` are themselves out of bounds, `least` and `most` are not; `wanted` describes
+    the valid values. A jax array passes unchecked: where it is traced its value is not known.
     """
     if hasattr(value, "aval"):
         return value
@@ -76,10 +76,10 @@ def is_number(value: Any) -> TypeGuard[float]:
 
 
 def shown(value: Any) -> str:
-    """A wrong value as the configuration has it, cut short."""
+    """An invalid value as in the configuration, cut short."""
     word = value is None or isinstance(value, bool)
     try:
         text = {None: "null", True: "true", False: "false"}[value] if word else repr(value)
-    except (ValueError, RecursionError):  # a number of thousands of digits, or no end of brackets
+    except (ValueError, RecursionError):  # a number of thousands of digits, or very deep nesting
         return f"a {type(value).__name__} too long to show"
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -1,4 +1,4 @@
-"""Leases: a lock on a file, held by whoever is at work and let go by the system when that one ends.
+"""Leases: locks on files, held by a process and released by the system when it ends.
 
 Unlike a process's number, a lock means the same in every container and, over NFS, on every host.
 """
@@ -20,11 +20,11 @@ def take(path: Path) -> BinaryIO | None:
     """The file at `path`, made if it is not there, locked until it is closed; None where another
     holds it.
 
-    Whoever is done removes the file before closing it. Raises `BadInput` where the file system has
-    no locks, `OSError` where the file cannot be opened.
+    The holder removes the file before closing it. Raises `BadInput` where the file system has no
+    locks, `OSError` where the file cannot be opened.
     """
     while True:
-        # Neither a link nor a pipe that somebody has put there is followed or waited for.
+        # A link there is not followed, nor a pipe waited for.
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         file = os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0)
         try:

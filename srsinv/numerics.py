@@ -1,9 +1,9 @@
-"""Sums along millions of samples that keep their digits."""
+"""Sums along millions of samples without loss of digits."""
 
 import numpy as np
 from jaxtyping import Float
 
-FEW = 64  # values that are added up one after the other
+FEW = 64  # values that are added in sequence
 
 
 def pairwise_cumsum(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

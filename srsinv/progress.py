@@ -1,4 +1,4 @@
-"""A word on standard error about what takes longer than two seconds."""
+"""Progress messages on stderr, for stages of more than two seconds."""
 
 import sys
 import threading
@@ -6,12 +6,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_running: list[object] = []  # stages within stages: only the innermost speaks
+_running: list[object] = []  # nested stages: only the innermost prints
 
 
 @contextmanager
 def stage(name: str, *, delay_s: float = 2.0, refresh_s: float = 1.0) -> Iterator[None]:
-    """Say `name` on standard error if the body runs for more than `delay_s` [s].
+    """Print `name` on standard error if the body runs for more than `delay_s` [s].
 
     On a terminal one line counts the seconds, every `refresh_s` [s], and goes away at the end;
     elsewhere `name ...` is printed once.

@@ -1,1 +1,1 @@
-"""The command line: help by hand, overrides checked, one run or a sweep, nothing left behind."""
+"""The command line: help, checks of overrides, one run or a sweep."""

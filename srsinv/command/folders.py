@@ -1,4 +1,4 @@
-"""One run or a sweep through Hydra, in folders that stay as they were where nothing is done."""
+"""One run or a sweep through Hydra, in folders that stay unchanged where no job is done."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ _RECORD = "multirun.yaml"  # of a sweep, by Hydra's sweepers
 
 
 def run(context: HydraContext, task: Callable[[DictConfig], int], config: DictConfig) -> int:
-    """One run; its exit code. Raises `BadInput` for a folder that it cannot have."""
+    """One run; its exit code. Raises `BadInput` for a folder that cannot be used."""
     folder = Path(config.hydra.run.dir)
     check(folder)
     with _no_empty_folders(folder), writing(folder):
@@ -49,10 +49,10 @@ def sweep(
     command: str,
     written: set[Path],
 ) -> int:
-    """A sweep; its exit code. Every job runs, whatever became of those before; a fault outranks a
-    refusal. `command` is what was typed, `written` the folders written so far.
+    """A sweep; its exit code. Every job runs, whatever the outcome of earlier ones; a fault
+    outranks a refusal. `command` as typed, `written` the folders written so far.
 
-    Raises `BadInput` for a folder that it cannot have.
+    Raises `BadInput` for a folder that cannot be used.
     """
     folder = Path(config.hydra.sweep.dir)
     inside = cast(dict[str, Any], OmegaConf.to_container(config.hydra.sweep))["subdir"]  # as typed

@@ -1,6 +1,6 @@
 """`srsinv --help`, read from the files of the configuration folder.
 
-Nothing is composed and neither Hydra nor jax is imported, so that help is there at once.
+Nothing is composed and neither Hydra nor jax is imported, so that help is immediate.
 """
 
 import re
@@ -29,7 +29,7 @@ results
 
 @dataclass(frozen=True)
 class Experiment:
-    """One file of `configs/experiment`: its name, what it shows, and whether its job is here."""
+    """One file of `configs/experiment`: its name, its subject, and whether its job is installed."""
 
     name: str
     summary: str
@@ -37,7 +37,7 @@ class Experiment:
 
 
 def experiments_folder(root: Path) -> Path:
-    """Where a clone keeps the experiments' code: beside the configuration folder `root`."""
+    """Folder of the experiments' code in a clone: beside the configuration folder `root`."""
     return root.parent / "experiments"
 
 
@@ -76,7 +76,7 @@ def help_text(root: Path) -> str:
 def _first_comment(path: Path) -> str:
     with path.open(encoding="utf-8") as lines:
         for line in lines:
-            # `# @package _global_` speaks to Hydra, not to the reader.
+            # `# @package _global_` is for Hydra, not for the reader.
             if line.startswith("#") and not line.startswith("# @package"):
                 return line.lstrip("#").strip()
     return ""

@@ -1,8 +1,8 @@
-"""What of Hydra's own configuration may name code to run, and may not.
+"""Checks of Hydra's own configuration, which can name code to run.
 
 Hydra makes its launcher, sweeper, callbacks and loggers from whatever class a configuration names.
-srsinv takes the launchers and sweepers below, by an exact list, and no callbacks and no loggers:
-there is nothing that they would be for.
+srsinv takes the launchers and sweepers below, by an exact list, and no callbacks and no loggers, as
+it has no use for them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +25,7 @@ ALLOWED = {
 }
 
 
-# What is refused as typed, as Hydra acts on it, or breaks, while it composes.
+# Settings refused as typed, as Hydra acts on them, or fails, while it composes.
 NOT_TYPED = {
     "hydra.searchpath": "add a folder of your own options with --config-dir FOLDER",
     "hydra.job.env_set": "set variables in the shell instead",
@@ -35,7 +35,7 @@ NOT_TYPED = {
 
 
 def check_typed(overrides: Sequence[Override]) -> None:
-    """Refuse settings of Hydra's that are not for srsinv, before anything is composed."""
+    """Refuse Hydra's settings that srsinv does not support, before anything is composed."""
     for override in overrides:
         for key in _keys(override.key_or_group, override.value()):
             for refused, remedy in NOT_TYPED.items():
@@ -54,7 +54,7 @@ def _keys(key: str, value: Any) -> Iterator[str]:
 
 
 def check_hydra_settings(config: DictConfig) -> None:
-    """Refuse a composed configuration in which Hydra would make what is not in the list."""
+    """Refuse a composed configuration in which Hydra would create objects not in the list."""
     settings: Any = OmegaConf.to_container(config.hydra, resolve=False)
     for part, allowed in ALLOWED.items():
         target, *inner = [*_targets(settings.get(part))] or [None]

@@ -17,7 +17,7 @@ Value = TypeVar("Value")
 _ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
-_STACK_BYTES = 2**24  # compilers recurse; what a thread has unless told otherwise may be 512 kB
+_STACK_BYTES = 2**24  # compilers recurse; a thread's default may be 512 kB
 
 
 class Stopped(BaseException):
@@ -53,8 +53,8 @@ def stoppable(main: Callable[..., int]) -> Callable[..., int]:
 
 
 def apart(work: Callable[[], Value]) -> Value:
-    """What `work` returns or raises, in a thread of its own: a signal is then answered at once,
-    though compiled code, which hears none, may be running for minutes."""
+    """Run `work` in a thread of its own, and return or raise as it does: a signal is then handled
+    at once, though compiled code, which handles none, may be running for minutes."""
     if threading.current_thread() is not threading.main_thread():
         return work()
     done: Future[Value] = Future()

@@ -1,6 +1,6 @@
-"""One run or a sweep: compose, run the job that the configuration names, write what it found.
+"""One run or a sweep: compose, run the job that the configuration names, write its results.
 
-Hydra composes, sweeps and launches; its exit codes are ours.
+Hydra composes, sweeps and launches; srsinv returns its exit codes.
 """
 
 import os
@@ -44,9 +44,9 @@ def say(refusal: BadInput) -> int:
 
 
 def launch(arguments: Sequence[str], root: Path) -> int:
-    """Do what `arguments` ask with the configurations in `root`; the exit code.
+    """Run the command of `arguments` with the configurations in `root`; the exit code.
 
-    Raises `BadInput` for what cannot be composed; a job's own refusals are already said.
+    Raises `BadInput` where nothing can be composed; a job's own refusals are already printed.
     """
     flags = _flags(arguments)
     if flags.shell_completion:
@@ -78,10 +78,10 @@ def launch(arguments: Sequence[str], root: Path) -> int:
 
 @dataclass(frozen=True)
 class LaunchedTask:
-    """What Hydra launches, here or in another process: one job and its results.
+    """The task that Hydra launches, here or in another process: one job and its results.
 
     - `root`: the folder of configurations.
-    - `flags`: those of the command that say where configurations come from.
+    - `flags`: those of the command that set where configurations come from.
     - `written`: the folders written so far, in this process.
     """
 
@@ -113,11 +113,11 @@ class LaunchedTask:
         return DONE
 
     def command(self, overrides: Sequence[str]) -> str:
-        """What was typed."""
+        """The command as typed."""
         return shlex.join(["srsinv", *self.flags, *overrides])
 
     def _run(self, config: DictConfig) -> tuple[Any, dict[str, bytes], str, Any]:
-        """What the job found, and the files, the command and the seed of its run."""
+        """The job's outcome, and the files, the command and the seed of its run."""
         with refusing():
             settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
         settings = cast(dict[str, Any], current_configuration(settings))
@@ -157,7 +157,7 @@ def _show_outcome(outcome: Any, folder: Path) -> None:
     try:
         print_table(outcome.summary)
         print(f"{folder / 'report.html'}\n{folder}", flush=True)
-    except OSError as error:  # a full disk, or a pipe that nobody reads
+    except OSError as error:  # a full disk, or a pipe without a reader
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python tries again when it ends
         raise BadInput(
             f"cannot print what was found ({error.strerror}); it is in {folder}"
@@ -189,7 +189,7 @@ def _flags(arguments: Sequence[str]) -> Namespace:
 
 
 def _run_name(overrides: Sequence[Override]) -> str:
-    """Which folder of `outputs` a run belongs to: its experiment's."""
+    """Name of a run's folder in `outputs`: that of its experiment."""
     chosen = [o for o in overrides if o.key_or_group == "experiment" and not o.is_delete()]
     if not chosen:
         return "default"
@@ -214,7 +214,7 @@ def _shows_only(flags: Namespace) -> bool:
 
 
 def _show(hydra: Hydra, flags: Namespace) -> int:
-    """Hydra's own flags that look at the configuration and run nothing."""
+    """Handle Hydra's own flags that print the configuration and run nothing."""
     if flags.hydra_help:
         hydra.hydra_help("config", get_args_parser(), flags)
     elif flags.cfg:
@@ -225,7 +225,7 @@ def _show(hydra: Hydra, flags: Namespace) -> int:
 
 
 def _complete(root: Path, words: list[str]) -> int:
-    """What a shell asks when Tab is pressed, or the lines that make it ask."""
+    """Completions for a shell, or the lines that install the completion."""
     commands = ("install", "uninstall", "query")
     asked = [word for word in words if word.partition("=")[0] in commands and "=" in word]
     refuse(

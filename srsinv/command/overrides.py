@@ -1,9 +1,9 @@
-"""What the user asked for, checked against the configuration before anything is run.
+"""Checks of the user's overrides against the configuration before anything is run.
 
-Hydra reports a mistake as a paragraph that names its own internals. Here every override is held
-against the configuration that the chosen options compose to, so that a refusal can name the nearest
-valid name, and one that no job would read is refused too. Whatever Hydra and OmegaConf still object
-to becomes one sentence in [`refusing`][].
+Hydra reports a mistake as a paragraph that names its own internals. Here every override is compared
+with the configuration that the chosen options compose to, so that a refusal can name the nearest
+valid name, and one that no job would read is refused too. Further errors of Hydra and OmegaConf
+become one sentence in [`refusing`][].
 """
 
 import itertools
@@ -35,7 +35,8 @@ SEVERAL = ("effects", "feature", "method", "noise")  # groups of which none may 
 
 
 def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: bool) -> None:
-    """Raise `BadInput` for the first override that names what is not there, or cannot fit."""
+    """Raise `BadInput` for the first override of an absent key, or with a value that does not
+    fit."""
     for override in overrides:
         refuse(
             override.is_sweep_override() and not multirun,
@@ -125,7 +126,7 @@ def _values(override: Override) -> list[Any]:
 
 
 def _count(override: Override) -> float:
-    """How many jobs an override makes of each that there would be without it."""
+    """Factor of an override on the number of jobs."""
     value = override.value()
     if isinstance(value, RangeSweep):  # not listed: it may be endless
         first, last, step = (float(v or 0) for v in (value.start, value.stop, value.step))
@@ -134,7 +135,7 @@ def _count(override: Override) -> float:
 
 
 def _alternatives(override: Override) -> list[str]:
-    """The overrides that a sweep over one choice stands for; one for a plain choice."""
+    """The overrides that a sweep over one choice stands for; one for a single choice."""
     if not override.is_sweep_override():
         return [text_of(override)]
     key = override.get_key_element()
@@ -200,8 +201,8 @@ def _look_up(node: Any, key: str) -> Any:
 
 
 def _is_collection(node: Any) -> bool:
-    """Whether a mapping holds named parts, which may be more or fewer; elsewhere nothing would
-    read a key of the user's own."""
+    """Whether a mapping holds named parts, to which the user may add; elsewhere no job would read a
+    new key."""
     return isinstance(node, dict) and all(isinstance(value, dict) for value in node.values())
 
 

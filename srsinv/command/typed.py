@@ -1,4 +1,4 @@
-"""What was typed, read by Hydra's own parser, and its errors in one sentence each."""
+"""Parsing of the typed command by Hydra's own parser, with errors of one sentence each."""
 
 import itertools
 import os
@@ -49,7 +49,7 @@ def parse(overrides: Sequence[str], root: Path) -> list[Override]:
 
 
 def _check_parsable(override: str) -> None:
-    """Refuse what Hydra's parser would not survive, or no file could hold."""
+    """Refuse text that would crash Hydra's parser, or that no file could hold."""
     levels = itertools.accumulate((c in "([{") - (c in ")]}") for c in override)
     deepest = max(levels, default=0)
     refuse(
@@ -68,7 +68,7 @@ def _check_parsable(override: str) -> None:
 
 
 def _check_word(word: str, root: Path) -> None:
-    """Refuse a word that is no key=value, and say what to type where it is clear."""
+    """Refuse a word that is no key=value, with the correction where it is clear."""
     if "=" in word or word.startswith("~"):
         return
     remedy = ""
@@ -95,5 +95,5 @@ def _unreadable(text: str) -> str:
 
 def _one_line(text: str) -> str:
     lines = (re.sub(r"\s+", " ", line).strip(" .") for line in text.splitlines())
-    # The types of OmegaConf's nodes say nothing to a user.
+    # The types of OmegaConf's nodes mean nothing to a user.
     return "; ".join(line for line in lines if line and "_type=" not in line)

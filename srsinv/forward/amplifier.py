@@ -1,4 +1,4 @@
-"""From film charge to the recorded signal, while sliding at the speed u.
+"""Amplifiers: film charge to the recorded signal, while sliding at the speed u.
 
 Every readout here is signal = gain(u) d^order/dx^order Q + offset. At constant speed that folds
 into the transfer; along a measured motion the gain has one value for each sample. Both are exact.
@@ -16,14 +16,14 @@ from ..grid import Scalar, as_real
 
 
 class Amplifier(eqx.Module):
-    """What turns charge [C] into the recorded signal."""
+    """A linear readout of the film charge [C]."""
 
     order: ClassVar[int]
     unit: ClassVar[str]
 
     @abc.abstractmethod
     def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
-        """The factor on the `order`-th derivative of charge along x, for each speed."""
+        """Gain on the `order`-th derivative of charge along x, for each speed."""
 
     @property
     @abc.abstractmethod
@@ -85,8 +85,8 @@ class ChargeReadout(Amplifier):
     """A slow, DC-coupled readout of the charge itself: signal = gain Q + offset.
 
     Pressure sensors are read this way. `gain_per_C` is in signal units per coulomb; `offset` in
-    signal units, or None where it is not known: then the signal's mean says nothing. Raises
-    `BadInput` for a gain of 0, and for what is not a number.
+    signal units, or None where it is not known: then the signal's mean is not observable. Raises
+    `BadInput` for a gain of 0, and for values that are not numbers.
     """
 
     order: ClassVar[int] = 0

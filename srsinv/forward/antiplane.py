@@ -1,4 +1,4 @@
-"""Shear along straight features, which moves the skin along them and nothing else (antiplane).
+"""Antiplane shear: traction along straight features, which displaces the skin along them only.
 
 Rows are always (tau_xieta, tau_etaz): xi across the features, eta along them, z into the finger.
 """

@@ -20,11 +20,11 @@ from .oblique import TurnedSkin, turned_effects
 from .sensor import Sensor
 
 NODES = 10  # of Gauss's rule: enough for widths up to 2 depths, to 1e-7
-LEAST_DEPTHS = 1e-6  # the reach of a strip's length that stands for none: right to its square
+LEAST_DEPTHS = 1e-6  # least projected length of a strip, for one of zero: right to its square
 
 
 class Circle(eqx.Module):
-    """Round a circle counter-clockwise at a constant speed, in `samples` even steps from
+    """Counter-clockwise motion on a circle at a constant speed, in `samples` even steps from
     `start_rad` over `sweep_rad`, one turn by default.
 
     Raises `BadInput` for a radius, a speed or a sweep that is not positive, and for fewer than 8
@@ -56,16 +56,17 @@ class Circle(eqx.Module):
 
     @property
     def angle_rad(self) -> Float[Array, " sample"]:
-        """Where the finger stands, from +x towards +y."""
+        """Angular position of the finger, from +x towards +y."""
         return self.start_rad + self.sweep_rad / self.samples * np.arange(self.samples)
 
     @property
     def time_s(self) -> Float[Array, " sample"]:
-        """When, from the first sample on."""
+        """Sample times, from the first sample on."""
         return (self.angle_rad - self.start_rad) * self.radius_m / self.speed_m_per_s
 
     def coarser(self, size: int) -> "Circle":
-        """Where the means of `size` samples each stand; what is left over at the end is dropped."""
+        """The circle at the means of `size` samples each; an incomplete group at the end is
+        dropped."""
         count, step = self.samples // size, self.sweep_rad / self.samples
         start = self.start_rad + (size - 1) / 2 * step
         return Circle(self.radius_m, self.speed_m_per_s, count, start, count * size * step)
@@ -171,7 +172,7 @@ class Circling(eqx.Module):
 
 
 def _spots(film: Film, angle_rad, width_m, nodes: int) -> tuple[Array, Array]:
-    """Shifts along xi, and the share of each: quadrature over the widths of film and ridge."""
+    """Shifts along xi, and the weight of each: quadrature over the widths of film and ridge."""
     at, weights = np.polynomial.legendre.leggauss(nodes)
     shifts, fractions = jnp.zeros(1), jnp.ones(1)
     for effect in (*turned_effects(film, angle_rad), StripAverage(width_m)):

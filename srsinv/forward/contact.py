@@ -25,7 +25,7 @@ from .contact_elastic import gap_and_error, least_error, times
 from .skin import Skin
 
 MUCH_MISSING = 0.02  # of the lag's friction: below, the window is long enough
-LEAST_FRICTION = 1e-4  # a coefficient of friction that nobody measures
+LEAST_FRICTION = 1e-4  # a friction coefficient below what is measurable
 
 
 class WakeFriction(NamedTuple):
@@ -37,7 +37,7 @@ class WakeFriction(NamedTuple):
 
     @property
     def missing_fraction(self) -> Float[Array, " window"]:
-        """The missing part of the whole."""
+        """Missing friction over the whole."""
         whole = self.in_window + self.missing[0]
         return self.missing / jnp.where(whole == 0, 1.0, whole)
 
@@ -53,8 +53,8 @@ class Contact(eqx.Module):
 
     - `residual`: how far the gap is from zero in contact, or below it elsewhere, at most, over the
       range of the skin's displacement; and with the pressure over the nominal one, over the
-      profile's height. `tolerance`: what it has to reach. `iterations`: on the finest cells.
-    - `wake`: what its window leaves out of the friction of a skin that lags; None: not looked at.
+      profile's height. `tolerance`: its bound. `iterations`: on the finest cells.
+    - `wake`: the friction of a lagging skin that the window leaves out; None: not computed.
     """
 
     pressure_Pa: Float[Array, " n"]
@@ -66,8 +66,7 @@ class Contact(eqx.Module):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the pressure: iterations that ended too early, and a window that the
-        skin's wake does not fit in."""
+        """Warnings: iterations that ended too early, and a window shorter than the skin's wake."""
         messages = []
         if not self.converged:
             messages.append(
@@ -86,7 +85,7 @@ class Contact(eqx.Module):
 
     @property
     def touching(self) -> Bool[Array, " n"]:
-        """Where the skin touches."""
+        """Contact mask."""
         return self.pressure_Pa > 0
 
     @property

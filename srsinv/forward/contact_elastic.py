@@ -22,12 +22,12 @@ FREE_STEPS = 20
 
 
 def rounding(dtype) -> float:
-    """What rounding may leave of the gap, over the displacement's range."""
+    """Bound on the gap's rounding error, over the displacement's range."""
     return 40 * float(jnp.finfo(dtype).eps)
 
 
 def least_error(dtype) -> float:
-    """What the gap's error has to reach, in the measure of `gap_and_error`."""
+    """Tolerance on the gap's error, in the measure of `gap_and_error`."""
     return max(1e-10, rounding(dtype))
 
 
@@ -37,7 +37,7 @@ def times(spectrum: Inexact[Array, " k"], values: Float[Array, " n"]) -> Float[A
 
 
 def _stiffness(compliance: Float[Array, " k"]) -> Float[Array, " k"]:
-    """1/compliance, with something of the size of the longest wave's at k = 0."""
+    """1/compliance, with a value of the size of the longest wave's at k = 0."""
     inverse = 1 / compliance  # infinite at k = 0; no derivative goes through it
     return jnp.where(compliance > 0, inverse, inverse[1] / 2)
 
@@ -62,7 +62,7 @@ def gap_and_error(height, nominal, moved, deviation):
 
 
 def touches(nominal, deviation):
-    """Where the pressure is not zero."""
+    """Contact mask: cells where the pressure is not zero."""
     return deviation > -nominal
 
 
@@ -178,14 +178,14 @@ def _falling(at: _DescentState, cut, height, compliance):
 
 
 def _cut(deviation, active, nominal):
-    """Without the cells that pull, which are let go, and with the same load on the rest."""
+    """The deviation with cells in tension released, and the same load on the rest."""
     pressure = jnp.where(active, jnp.maximum(nominal + deviation, 0.0), 0.0)
     mean = jnp.mean(pressure)
     return nominal / jnp.where(mean > 0, mean, 1.0) * pressure - nominal
 
 
 def _balanced(values, evenly):
-    """`values` with no net force, what is missing spread as `evenly`."""
+    """`values` with no net force, the balance spread as `evenly`."""
     total = jnp.sum(evenly)
     return values - jnp.sum(values) / jnp.where(total != 0, total, 1.0) * evenly
 

@@ -32,7 +32,7 @@ from .contact_elastic import (
 
 MOST_ROUNDS = 1000
 ROUND_STEPS = 40  # of one elastic contact, which need not converge before the last
-ERROR_FRACTION = 0.2  # of what a round takes off the error: an elastic contact's own error
+ERROR_FRACTION = 0.2  # of a round's reduction of the error: an elastic contact's own error
 
 
 def _turned(compliance: Complex[Array, " k"]) -> Complex[Array, " k"]:
@@ -42,7 +42,8 @@ def _turned(compliance: Complex[Array, " k"]) -> Complex[Array, " k"]:
 
 
 def _error_fraction(turned: Complex[Array, " k"]) -> Float[Array, ""]:
-    """The share of the error that an elastic solution may leave, so that rounds still converge."""
+    """The fraction of the error that an elastic solution may leave, so that rounds still
+    converge."""
     return ERROR_FRACTION * (1 - jnp.max(jnp.abs(turned)))
 
 
@@ -70,7 +71,7 @@ class _RoundState(NamedTuple):
 def _rounds(height, nominal, compliance):
     """Partial contact: elastic ones on the target h + `lag`, each started from the one before."""
     size, turned = jnp.abs(compliance), _turned(compliance)
-    # Half of what is asked for, so that rounding elsewhere does not say otherwise.
+    # Half the tolerance, so that rounding elsewhere does not exceed it.
     goal = least_error(height.dtype) / 2
     error_fraction = _error_fraction(turned)
 

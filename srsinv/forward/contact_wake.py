@@ -1,4 +1,4 @@
-"""What a window leaves out of the friction of a skin that lags.
+"""Friction of a viscoelastic skin that a periodic window leaves out.
 
 Behind a load such a skin recovers over the length u tau', tau' = (1 + f) tau for one mode. Where
 everything repeats with a window L that is not far longer, a contact meets its own wake, which
@@ -16,9 +16,9 @@ beside L, on a half space with one mode, it is
 psi the digamma function: pi^2/3 (u tau'/L)^2 in the bracket where L is long, so that it falls by
 a power and no exponential.
 
-Where the skin lies on a plate at the window's ends, what a shape adds to the load it takes from
-the plate about it: p(k) goes to zero with k, and next to nothing is missing (below 2 % with a
-wake of 1.6 windows under a ridge that lifts a third of the skin). There the window stays.
+Where the skin lies on a plate at the window's ends, what a shape adds to the load it takes from the
+plate about it: p(k) goes to zero with k, and little is missing (below 2 % with a wake of 1.6
+windows under a ridge that lifts a third of the skin). There the window is not extended.
 """
 
 from dataclasses import replace
@@ -35,7 +35,7 @@ from .contact import Contact, WakeFriction, cell_compliance, is_lagging, press
 from .skin import Skin
 
 HARMONICS = 64  # of the window, beyond which sum and integral agree: they differ as n^-3
-POINTS = 32  # of the integral over a harmonic's share of k; per decade below the first one's end
+POINTS = 32  # of the integral over a harmonic's interval of k; per decade below the first one's end
 DECADES = 6  # below the first harmonic, where the integral begins
 
 
@@ -71,7 +71,7 @@ def press_with_wake(
 
 
 def windows_for(wake: WakeFriction | None) -> int:
-    """How many windows leave room enough for the wake; the most where none do."""
+    """Number of windows that leave room enough for the wake; the most where none do."""
     if wake is None or not wake.is_much:
         return 1
     enough = np.flatnonzero(np.asarray(wake.missing_fraction) < ENOUGH)
@@ -79,8 +79,8 @@ def windows_for(wake: WakeFriction | None) -> int:
 
 
 def _press_among(line: Line, skin: Skin, height_m, nominal_pressure_Pa, windows: int) -> Contact:
-    """Pressed on the line's window among others in which nothing stands."""
-    longer = Periodic(windows * line.n, line.cell_m)  # where it begins matters to nobody
+    """The contact in the line's window, among further windows without a profile."""
+    longer = Periodic(windows * line.n, line.cell_m)  # its start does not matter
     kernel = jnp.fft.irfft(cell_compliance(longer, skin), longer.n)
     # Deeper than the load displaces the skin, whatever it lies on.
     free = jnp.min(height_m) - nominal_pressure_Pa * line.n * jnp.ptp(kernel)
@@ -95,7 +95,8 @@ def _press_among(line: Line, skin: Skin, height_m, nominal_pressure_Pa, windows:
 def wake_friction(
     line: Line, skin: Skin, pressure_Pa: Float[Array, " n"], windows: tuple[int, ...] = (1,)
 ) -> WakeFriction:
-    """Of a contact solved on the line with this pressure, and for windows so many times as long.
+    """Friction of the lag, for a contact with this pressure, and its missing part in longer
+    windows.
 
     `skin` has a complex compliance; `windows` begins with 1.
     """

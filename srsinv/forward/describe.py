@@ -29,7 +29,7 @@ def elements(description: Mapping[str, Any]) -> tuple[Film, ...]:
     `strip_width_m`, `active_length_m`, `offset_m`, and its own `depth_m` or `strips` where they
     differ.
 
-    Raises `BadInput` for what is missing, of the wrong type or out of range.
+    Raises `BadInput` for values that are missing, of the wrong type or out of range.
     """
     listed = description.get("elements")
     if not listed:

@@ -50,8 +50,8 @@ class SinusoidalLoad(eqx.Module):
         """The signal, less its offset, under the drifting load, from that under the nominal one.
 
         A rate signal R_f dQ/dt becomes R_f d/dt[(1 + d) Q] = (1 + d) signal + d' charge_signal,
-        with `charge_signal` = R_f Q in the signal's unit times s: the load's change is felt at a
-        standstill too. A readout of the charge itself (an amplifier of order 0) has no
+        with `charge_signal` = R_f Q in the signal's unit times s: the load's change gives a signal
+        at a standstill too. A readout of the charge itself (an amplifier of order 0) has no
         `charge_signal`: it becomes (1 + d) signal.
         """
         drifted = self.load(time_s)[None] * signal

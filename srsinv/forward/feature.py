@@ -1,9 +1,8 @@
-"""Features of traction: families of load profiles with friction, to be looked for in a signal.
+"""Features of traction: families of load profiles with friction, to fit to a signal.
 
-A feature names the parameters of its shape and where to look for them; its traction is p =
-amplitude times a profile and q = mu p. The amplitude enters every signal linearly, and so does mu
-times it. (Features of the surface itself, with a height, act through contact: see
-`surface_feature`.)
+A feature names the parameters of its shape and their search ranges; its traction is p = amplitude
+times a profile and q = mu p. The amplitude enters every signal linearly, and so does mu times it.
+(Features of the surface itself, with a height, act through contact: see `surface_feature`.)
 """
 
 import abc
@@ -26,7 +25,7 @@ Shape = Mapping[str, Scalar]
 
 @dataclass(frozen=True)
 class ScanExtent:
-    """Where the sensor has been, and the depth that blurs what it felt there."""
+    """The interval that the sensor scanned, and the film's depth, which sets the blur there."""
 
     start_m: float
     end_m: float
@@ -34,14 +33,14 @@ class ScanExtent:
 
     @property
     def length_m(self) -> float:
-        """How long it is, at least a depth."""
+        """Length [m], at least a depth."""
         return max(self.end_m - self.start_m, self.depth_m)
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One parameter of a shape: where it lies by default, and values to start from that are dense
-    enough for one to lie near every minimum."""
+    """One parameter of a shape: its default range, and start values dense enough for one to lie
+    near every minimum."""
 
     default: Callable[[ScanExtent], Range]
     tried: Callable[[Range, ScanExtent], np.ndarray]
@@ -53,18 +52,18 @@ def _every_half_depth(within: Range, stretch: ScanExtent) -> np.ndarray:
 
 
 def _pitches(within: Range, stretch: ScanExtent) -> np.ndarray:
-    """So near that over the stretch neighbours differ by half a turn."""
+    """Start pitches, so close that over the scan's extent neighbours differ by half a turn."""
     low, high = 1 / within[1], 1 / within[0]
     return 1 / np.linspace(low, high, max(3, math.ceil(2 * (high - low) * stretch.length_m) + 1))
 
 
 POSITION = Axis(lambda s: (s.start_m, s.end_m), _every_half_depth)
-# To the film a strip narrower than a tenth of its depth is a line.
+# A strip narrower than a tenth of the film's depth is not distinguished from a line.
 _WIDTH = Axis(lambda s: (0.1 * s.depth_m, s.length_m), _every_half_depth, (0.0, math.inf))
 _HALF_WIDTH = Axis(lambda s: (0.05 * s.depth_m, s.length_m / 2), _every_half_depth, (0.0, math.inf))
 _PITCH = Axis(lambda s: (s.depth_m, max(s.length_m / 2, 2 * s.depth_m)), _pitches, (0.0, math.inf))
 _DUTY = Axis(lambda _: (0.1, 0.9), lambda r, _: np.linspace(*r, 5)[1:4:2], (0.0, 1.0))
-# Two turns, so that no phase stands on a bound.
+# Two turns, so that no phase lies on a bound.
 _PHASE = Axis(
     lambda _: (-2 * math.pi, 2 * math.pi),
     lambda r, _: np.linspace(r[0] / 2, r[1] / 2, 6, endpoint=False),
@@ -74,8 +73,8 @@ _PHASE = Axis(
 class Feature(eqx.Module):
     """A family of profiles.
 
-    - `search_ranges`: where a parameter of the shape is looked for, (name, (least, greatest)), for
-      those that are not looked for everywhere.
+    - `search_ranges`: search ranges of parameters of the shape, (name, (least, greatest)), where
+      they are not the default.
     - `friction`: mu in q = mu p, of either sign, where it is known; None lets it be fitted.
 
     Built from `friction` and, for each parameter, `position_range_m`, `width_range_m`, `duty_range`
@@ -84,7 +83,7 @@ class Feature(eqx.Module):
 
     amplitude: ClassVar[str] = "pressure_Pa"
     shear: ClassVar[str] = "shear_Pa"
-    is_semi_infinite: ClassVar[bool] = False  # beyond the end of every window
+    is_semi_infinite: ClassVar[bool] = False  # extends beyond the end of every window
     is_periodic: ClassVar[bool] = False
     axes: ClassVar[Mapping[str, Axis]]
     search_ranges: tuple[tuple[str, Range], ...] = eqx.field(static=True)
@@ -96,16 +95,16 @@ class Feature(eqx.Module):
 
     @property
     def linear(self) -> tuple[str, ...]:
-        """The names of what enters a signal linearly."""
+        """Names of the parameters that enter a signal linearly."""
         return (self.amplitude,) if self.friction is not None else (self.amplitude, self.shear)
 
     @property
     def anywhere(self) -> "Feature":
-        """The same family, looked for everywhere."""
+        """The same family with default search ranges."""
         return type(self)(self.friction)
 
     def ranges(self, stretch: ScanExtent) -> dict[str, Range]:
-        """Where each parameter of the shape is looked for."""
+        """Search range of each parameter of the shape."""
         return ranges(self.axes, self.search_ranges, stretch)
 
     def starts(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
@@ -120,12 +119,12 @@ class Feature(eqx.Module):
         """The profile of amplitude one."""
 
     def canonical(self, own: dict[str, float]) -> dict[str, float]:
-        """The same parameters (shape and `amplitude`), of several ways to write them the usual."""
+        """Canonical form of equivalent parameters (shape and `amplitude`)."""
         return own
 
 
 class LineFeature(Feature):
-    """A load on one line, [N/m]: narrower than the film can tell."""
+    """A load on one line, [N/m]: narrower than the film resolves."""
 
     amplitude: ClassVar[str] = "load_N_per_m"
     shear: ClassVar[str] = "shear_N_per_m"
@@ -164,7 +163,7 @@ class StepFeature(Feature):
 
 
 class GratingFeature(Feature):
-    """Bars of pressure with a pitch, a duty (their part of it) and a phase, less their mean."""
+    """Bars of pressure with a pitch, a duty (their fraction of it) and a phase, less their mean."""
 
     is_periodic: ClassVar[bool] = True
     axes: ClassVar[Mapping[str, Axis]] = {"pitch_m": _PITCH, "duty": _DUTY, "phase_rad": _PHASE}
@@ -184,8 +183,8 @@ class GratingFeature(Feature):
 def checked_ranges(
     owner: str, axes: Mapping[str, Axis], given: Mapping[str, Any], also: str
 ) -> tuple[tuple[str, Range], ...]:
-    """Where parameters are looked for, from `given`, ranges by their keys; refused where one is
-    none. `also`: the owner's other key."""
+    """Search ranges of parameters, from `given`, ranges by their keys; refused where one is
+    invalid. `also`: the owner's other key."""
     names = {range_name(name): name for name in axes}
     unknown = sorted(set(given) - set(names))
     refuse(
@@ -203,12 +202,12 @@ def checked_ranges(
 def ranges(
     axes: Mapping[str, Axis], known: tuple[tuple[str, Range], ...], stretch: ScanExtent
 ) -> dict[str, Range]:
-    """Where each parameter is looked for: as given, else by default."""
+    """Search range of each parameter: as given, else the default."""
     return {name: axis.default(stretch) for name, axis in axes.items()} | dict(known)
 
 
 def range_name(parameter: str) -> str:
-    """`width_m` is looked for within `width_range_m`."""
+    """Key of a parameter's search range: `width_m` has `width_range_m`."""
     stem, _, unit = parameter.rpartition("_")
     return f"{stem}_range_{unit}" if stem else f"{unit}_range"
 

@@ -1,4 +1,4 @@
-"""Piezoelectric film: stress to charge, and what a strip's size and place do along the line.
+"""Piezoelectric film: stress to charge, and the effects of a strip's size and position.
 
 Charge per electrode area D = d1 S11 + d2 Syy + d3 S33 [C/m^2], the paper's (1), S the stress in
 film axes. An effect along the line (strip width, offset, averaging of samples) is a module of its
@@ -39,7 +39,7 @@ class LineEffect(eqx.Module):
 
 
 class StripAverage(LineEffect):
-    """The strip's charge is the mean over its width: sin(kw/2)/(kw/2), blind at k = 2 pi n / w.
+    """The strip's charge is the mean over its width: sin(kw/2)/(kw/2), zero at k = 2 pi n / w.
 
     On the open line by Gauss's rule of `nodes` nodes on each of `panels` equal panels; there it
     raises `BadInput` for a strip wider than about 7000 depths.
@@ -54,8 +54,8 @@ class StripAverage(LineEffect):
 
     @classmethod
     def at_depth(cls, width_m: float, depth_m: float) -> "StripAverage":
-        """With as many nodes as round-off needs for a film at this depth, or more: 8, 16, ... 256,
-        so that a change of the numbers seldom asks for another program."""
+        """The average with nodes enough for round-off at this depth: 8, 16, ... 256, so that a
+        change of the numbers seldom needs another program."""
         # The kernel is analytic within a depth of the real axis, so that Gauss's rule converges as
         # r^(-2 nodes), r the sum of the half axes of the ellipse up to there.
         panels = max(1, int(np.ceil(width_m / (PANEL_DEPTHS * depth_m))))
@@ -120,8 +120,8 @@ class SampleAverage(LineEffect):
 class Piezo(eqx.Module):
     """Piezoelectric constants [C/N]: axis 1 drawn, 2 across, 3 through the thickness.
 
-    The defaults are uniaxial PVDF (manufacturer's values). Raises `BadInput` for what is not a
-    number.
+    The defaults are uniaxial PVDF (manufacturer's values). Raises `BadInput` for values that are
+    not numbers.
     """
 
     d1: Float[Array, ""]
@@ -140,7 +140,7 @@ class Film(eqx.Module):
     - `depth_m`: below the skin's surface; `angle_rad`: axis 1 turned from +x toward +z.
     - `width_m` x `length_m`: electrode area of one strip; `strips`: how many are laminated
       (their charges add). `offset_m`: where it sits beside the sensor's origin.
-    - `effects`: what acts along the line; empty for an ideal thin strip at the origin, whatever its
+    - `effects`: effects along the line; empty for an ideal thin strip at the origin, whatever its
       width and offset are.
 
     Raises `BadInput` for a depth, width, length or number of strips that is not positive.

@@ -1,4 +1,4 @@
-"""What the electronics do in time: the amplifier's bandwidth, an antialias filter.
+"""Filters of the electronics in time: the amplifier's bandwidth, an antialias filter.
 
 A filter is linear, causal and the same at all times, a constant signal passes it unchanged, and its
 impulse response is a sum of decaying exponentials, h(t) = Re sum_j r_j exp(p_j t), t > 0. In units
@@ -30,7 +30,7 @@ DEPTHS_IF_TRACED = 0.25
 _FEWEST_DEPTHS = 2.0**-10
 _E_FOLDS = 31.0  # until h has fallen to 3e-14
 _WIDEST = 36.0  # panel in units of T
-_SHORTEST = 1e-4  # time scale per interval, below which nothing of exp(p dt) is left
+_SHORTEST = 1e-4  # time scale per interval, below which exp(p dt) is negligible
 _REAL = 1e-12  # imaginary part of a pole that has none but for round-off
 
 
@@ -155,12 +155,12 @@ class Butterworth(Filter):
 
 
 class Lag(LineEffect):
-    """A filter at constant speed: the factor H(k u), and the kernel's mean over what was met
-    before, the integral over t > 0 of h(t) kernel(x - u t).
+    """A filter at constant speed: the factor H(k u), and the kernel's mean over the past, the
+    integral over t > 0 of h(t) kernel(x - u t).
 
     The integral is Gauss's rule on panels no wider than two depths, for a kernel that is analytic
-    within a depth of the real axis. `depths` says for how large a u T, in depths, its nodes are
-    enough: beyond that the kernel is NaN. Raises `BadInput` for more than 65536 nodes.
+    within a depth of the real axis. Its nodes are enough for u T up to `depths`, in depths: beyond,
+    the kernel is NaN. Raises `BadInput` for more than 65536 nodes.
     """
 
     filter: Filter
@@ -268,7 +268,7 @@ def _gauss(panels: int, half: float, nodes: int) -> tuple[np.ndarray, np.ndarray
 
 
 def _panels(poles: tuple[complex, ...], depths: float) -> tuple[int, float, int]:
-    """How many panels, half their width in units of T, and how many nodes each.
+    """Number of panels, half their width in units of T, and number of nodes each.
 
     Gauss's rule converges as r^(-2 nodes), r the sum of the half axes of the ellipse up to where
     the kernel is singular; h, which is so nowhere, takes one more node for each T of half width.
@@ -281,20 +281,20 @@ def _panels(poles: tuple[complex, ...], depths: float) -> tuple[int, float, int]
 
 
 def _whole(poles: tuple[complex, ...], depths: float) -> tuple[float, int]:
-    """Half the time that h lasts, and how many nodes a polynomial through the kernel takes there:
-    it converges as r^(-nodes)."""
+    """Half the duration of h, and the number of nodes of a polynomial through the kernel there: it
+    converges as r^(-nodes)."""
     half = _lasts(poles) / 2
     return half, int(np.ceil(_E_FOLDS / np.arcsinh(1 / (depths * half)))) + 2
 
 
 def _lasts(poles: tuple[complex, ...]) -> float:
-    """How long h lasts in units of T."""
+    """Duration of h in units of T."""
     return _E_FOLDS / min(-pole.real for pole in poles)
 
 
 def _rounded_up(depths: float) -> float:
-    """To a power of 2, so that sensors that differ little share one program, a little above what
-    is given: rounding must not lead beyond."""
+    """Round up to a power of 2, so that similar sensors share one program; a little above the
+    input, as rounding must not exceed the result."""
     return float(2 ** np.ceil(np.log2(max(1.001 * depths, _FEWEST_DEPTHS))))
 
 

@@ -1,4 +1,4 @@
-"""From a transfer known as numbers to its kernel along the open line.
+"""Kernels along the open line of transfers known numerically.
 
 What layers add to a half space has no closed form in x. It is sampled at wavenumbers, and brought
 to places, that are both even in their logarithms, as stacks have lengths of all sizes. One rule
@@ -22,7 +22,7 @@ from .operator import lagrange
 KAPPA_STEP = 0.03
 KAPPA = np.exp(np.arange(np.log(1e-11), np.log(80.0), KAPPA_STEP))  # |k| depth
 # |k x| where the rule ends, and how smoothly. The step resolves waves up to 2 pi/KAPPA_STEP = 209
-# less what the transfer has; an end before 60 or a sharper one cuts what counts.
+# less what the transfer has; an end before 60 or a sharper one truncates significant parts.
 LAST, FADE = 80.0, 10.0
 STEP = 0.04  # of arcsinh(x/depth)
 POINTS = 12  # of the polynomial between
@@ -75,12 +75,12 @@ class _Rule(NamedTuple):
 
 @cache
 def _rules() -> tuple[_Rule, _Rule]:
-    """For the integral of the kernel over x/depth, and for the kernel times the depth."""
+    """Rules for the integral of the kernel over x/depth, and for the kernel times the depth."""
     angle = KAPPA[:, None] * np.sinh(STEP * np.arange(FURTHEST + 1))[None]
     ended = erfc((LAST - angle) / FADE) / 2
     left = KAPPA_STEP / np.pi * erfc((angle - LAST) / FADE) / 2
     cosine, sine = left * np.cos(angle), left * np.sin(angle)
-    # cos - 1, as the integral from x = 0 has no use for what it is there.
+    # cos - 1, as the integral begins at x = 0.
     cosine_over = -2 * left * np.sin(angle / 2) ** 2 - KAPPA_STEP / np.pi * ended
     kappa = KAPPA[:, None]
     integral = _Rule(_from_zero(sine, 1), _from_zero(cosine_over, 2), False)
@@ -88,7 +88,7 @@ def _rules() -> tuple[_Rule, _Rule]:
 
 
 def _from_zero(weights: np.ndarray, order: int) -> np.ndarray:
-    """With all below the first sample, a geometric series as the integrand falls there as
-    kappa^order."""
+    """Weights that include all below the first sample, a geometric series as the integrand falls
+    there as kappa^order."""
     weights[0] /= -np.expm1(-order * KAPPA_STEP)
     return weights

@@ -65,13 +65,13 @@ class LayerStack(eqx.Module):
         self.at_film = _from_below(jnp.zeros_like(holds), holds)
 
     def film_of(self, values: Float[Array, " n"]) -> Float[Array, ""]:
-        """What the film's layer has of `values`."""
+        """The element of `values` for the film's layer."""
         return jnp.sum(jnp.where(self.at_film, values, 0.0))
 
     @property
     def passed_on(self) -> Float[Array, ""]:
-        """About how much of a half space's stress the layers above the film pass on to it, which is
-        1 in one material: the product of min(1, G below/G above) over their interfaces."""
+        """Approximate fraction of a half space's stress that the layers above the film transmit, 1
+        in one material: the product of min(1, G below/G above) over their interfaces."""
         ratio = jnp.minimum(1.0, self.softness[1:] / self.softness[:-1])
         above = np.tri(self.at_film.size, k=-1, dtype=bool) & self.at_film[None]
         ratio = jnp.where(jnp.any(above, axis=1)[1:], ratio, 1.0)
@@ -112,7 +112,7 @@ class LayerStack(eqx.Module):
         return Compliance(zero, zero, zero, zero)
 
     def _parts(self, wavenumber) -> tuple:
-        """Of each part: Poisson's ratio, softness below over its own, and its waves."""
+        """Per part: Poisson's ratio, softness below over its own, and its waves."""
         before = jnp.concatenate([self.softness[:1], self.softness[:-1]])
         return self.poisson_ratio, before / self.softness, self._waves(wavenumber)
 
@@ -159,7 +159,7 @@ class Compliance(NamedTuple):
         return cls(own, zero + (0.5 - nu), own, zero + (0.75 - nu))
 
     def in_units(self, ratio) -> "Compliance":
-        """The same in a unit of softness that is smaller by `ratio`."""
+        """The compliance in a unit of softness that is smaller by `ratio`."""
         uu, uw, ww, det = self
         return Compliance(ratio * uu, ratio * uw, ratio * ww, ratio * (ratio * det))
 
@@ -170,7 +170,7 @@ class Compliance(NamedTuple):
 
 
 class _Waves(NamedTuple):
-    """Of parts of thickness eta/|k|, all times exp(-eta): cosh(eta), sinh(eta), eta,
+    """Functions of parts of thickness eta/|k|, all times exp(-eta): cosh(eta), sinh(eta), eta,
     cosh(eta) - 1 and sinh(eta) - eta; and exp(-eta)."""
 
     cosh: Float[Array, "*shape"]

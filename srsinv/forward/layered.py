@@ -117,8 +117,8 @@ class Layered(Skin):
     def strip_response(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "4 2 x"]:
-        """Stress [Pa/Pa] at (x, depth_m) under unit uniform traction on |x'| < width_m/2: that of
-        a half space in closed form, and what the layers add to it."""
+        """Stress [Pa/Pa] at (x, depth_m) under unit uniform traction on |x'| < width_m/2: that of a
+        half space in closed form, and the layers' addition to it."""
         self.check_depth(depth_m)
         return self._strip(x, as_real(depth_m), as_real(width_m))
 
@@ -175,10 +175,10 @@ class Layered(Skin):
         return own * half.strip_slope(x, depth_m, width_m) + step / depth_m
 
     def _added(self, depth_m):
-        """A share of a half space of the material around the film, that half space, and what the
-        layers add to it at |k| depth = `KAPPA`.
+        """A fraction of a half space of the material around the film, that half space, and the
+        layers' addition to it at |k| depth = `KAPPA`.
 
-        Below a layer far stiffer little is left of the half space's stress, and would cancel.
+        Below a far stiffer layer little of the half space's stress remains, and it would cancel.
         """
         stack = LayerStack(self.layers, depth_m)
         own, nu = stack.passed_on, stack.film_of(stack.poisson_ratio)
@@ -216,17 +216,17 @@ class AntiplaneLayers(Antiplane):
         return own * AntiplaneHalfSpace().strip_slope(x, depth_m, width_m) + step / depth_m
 
     def _added(self, depth_m):
-        """As that of the layers in plane."""
+        """As `Layered._added`, for antiplane shear."""
         k, own = as_real(KAPPA) / depth_m, LayerStack(self.layers, depth_m).passed_on
         return own, self.transfer(k, depth_m) - own * AntiplaneHalfSpace().transfer(k, depth_m)
 
 
 def ends(primitive, x, depth_m, width_m):
-    """What `primitive` rises by from one end of a strip to the other."""
+    """Increment of `primitive` from one end of a strip to the other."""
     return primitive((x + width_m / 2) / depth_m) - primitive((x - width_m / 2) / depth_m)
 
 
 def _never_zero(k):
-    """|k|, and at k = 0 so little that every transfer has its limit there."""
+    """|k|, replaced at k = 0 by a value so small that every transfer has its limit there."""
     zero = k == 0
     return jnp.where(zero, LONGEST, jnp.abs(jnp.where(zero, 1.0, k)))

@@ -147,7 +147,7 @@ def with_noise(
     key: PRNGKeyArray,
 ) -> tuple[Float[Array, "e n"], Float[Array, " k"], Float[Array, ""]]:
     """The signal with noise, the noise's power at line.k, and the signal's rms, which some causes
-    go by."""
+    scale with."""
     rms = jnp.sqrt(jnp.mean(signal**2))
     gaussian = tuple(noise for noise in noises if not isinstance(noise, NonGaussianNoise))
     spectrum = total_spectrum(gaussian, line, scan, rms)

@@ -1,9 +1,9 @@
 """Straight features that cross the sliding direction at an angle.
 
 The features' normal xi makes the angle phi with the sliding direction x; eta runs along them. All
-that depends on place depends on xi alone, so that xi is the coordinate of the line. The stress is
-plane strain in (xi, z) and antiplane shear along eta, turned back into the sensor's frame
-(docs/physics.md, section 13).
+fields depend on xi alone, so that xi is the coordinate of the line. The stress is plane strain in
+(xi, z) and antiplane shear along eta, turned back into the sensor's frame (docs/physics.md, section
+13).
 """
 
 import math
@@ -77,7 +77,7 @@ class TurnedSkin(Skin):
     def response_to_each(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "4 3 x"]:
-        """As [`strip_response`][], for p and shear along xi and along eta apart."""
+        """As [`strip_response`][], for p, shear along xi and shear along eta separately."""
         plane = self.skin.strip_response(x, depth_m, width_m)
         return self._in_frame(plane, self.antiplane.strip_response(x, depth_m, width_m))
 
@@ -100,7 +100,7 @@ class TurnedSkin(Skin):
         return jnp.concatenate([along, across[:, None]], axis=1)
 
     def _sliding(self, each) -> Array:
-        """Under p, and under shear along x = cos(phi) xi - sin(phi) eta."""
+        """Response to p, and to shear along x = cos(phi) xi - sin(phi) eta."""
         c, s = cosine(self.angle_rad), jnp.sin(self.angle_rad)
         return jnp.stack([each[:, 0], c * each[:, 1] - s * each[:, 2]], axis=1)
 
@@ -171,7 +171,7 @@ def turned_scan(scan: Scan, angle_rad) -> Scan:
     """The scan along xi, the features' normal: speeds and positions times cos(phi).
 
     Up to a quarter turn, where it stands still, its direction is that along x, so that friction
-    enters as ever. Raises `BadInput` for an angle beyond.
+    keeps its sign. Raises `BadInput` for an angle beyond.
     """
     _check_angle(angle_rad)
     c = cosine(as_real(angle_rad))

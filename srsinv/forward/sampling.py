@@ -1,4 +1,4 @@
-"""The analogue-to-digital side: what happens to each recorded sample by itself, not linearly."""
+"""Analogue-to-digital conversion: pointwise nonlinear effects on each recorded sample."""
 
 import abc
 from typing import Any
@@ -15,7 +15,7 @@ MOST_BITS = 24  # of which single precision still holds every level
 
 
 class SampleConversion(eqx.Module):
-    """What turns the signal at the samples into the recorded numbers, in the signal's unit."""
+    """Conversion of the signal at the samples to the recorded numbers, in the signal's unit."""
 
     @abc.abstractmethod
     def convert(self, signal: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
@@ -23,18 +23,19 @@ class SampleConversion(eqx.Module):
 
     @abc.abstractmethod
     def valid(self, signal: Float[Array, "e sample"]) -> Bool[Array, "e sample"]:
-        """Which samples still tell the signal, given either before conversion or after."""
+        """Mask of samples that still give the signal; `signal` is from before conversion or
+        after."""
 
     @abc.abstractmethod
     def variance(self) -> Float[Array, ""]:
-        """Of the noise that it adds to what is kept, in the signal's unit squared."""
+        """Variance of the noise added to valid samples, in the signal's unit squared."""
 
 
 class Saturation(SampleConversion):
     """An amplifier that ends at its rails, |v| <= limit.
 
-    A sample at a rail tells a bound only and is not kept. The derivative is 1 between the rails and
-    0 beyond. Raises `BadInput` for a limit that is not positive.
+    A sample at a rail is a bound only and not valid. The derivative is 1 between the rails and 0
+    beyond. Raises `BadInput` for a limit that is not positive.
     """
 
     limit: Float[Array, ""]
@@ -59,7 +60,7 @@ class Quantiser(SampleConversion):
     """Rounding to the nearest of 2^bits levels, 0 among them, 2 full_scale/2^bits apart.
 
     The levels go from -full_scale to a step below full_scale, and a sample at one of these two may
-    be anything beyond: it is not kept. The error of a signal that covers many steps is uniform, of
+    be anything beyond: it is not valid. The error of a signal that covers many steps is uniform, of
     variance step^2/12, and independent of it (Bennett 1948). The derivative is straight through,
     that of the signal before rounding, and 0 beyond the ends. Raises `BadInput` for a full scale
     that is not positive, and for bits outside 2 to 24.
@@ -76,12 +77,12 @@ class Quantiser(SampleConversion):
 
     @property
     def step(self) -> Float[Array, ""]:
-        """From one level to the next."""
+        """Spacing of the levels."""
         return self.full_scale / self._half
 
     @property
     def _half(self) -> float:
-        """How many levels lie below 0."""
+        """Number of levels below 0."""
         return 2.0 ** (self.bits - 1)
 
     @eqx.filter_jit

@@ -1,4 +1,4 @@
-"""How the finger moves over the surface."""
+"""Scans: the motion of the finger over the surface."""
 
 import equinox as eqx
 import jax
@@ -18,8 +18,8 @@ MAX_INTERVAL_ROUNDING = 1e-3  # of the shortest interval: what rounding the time
 class ConstantSpeed(eqx.Module):
     """Sliding at u [m/s]: x(t) = x0 + u t, d/dt = u d/dx (the paper's (3)).
 
-    A negative speed slides towards -x, and friction turns with it. Zero is a static touch: the
-    rate signal is then nothing. Raises `BadInput` for a speed that is not finite.
+    A negative speed slides towards -x, and friction turns with it. Zero is a static touch: the rate
+    signal is then zero. Raises `BadInput` for a speed that is not finite.
     """
 
     speed_m_per_s: Float[Array, ""]
@@ -35,9 +35,9 @@ class ConstantSpeed(eqx.Module):
         return jnp.sign(self.speed_m_per_s)
 
     def time_s(self, line: Line) -> Float[Array, " n"]:
-        """When the sensor stands at each x, from zero at the first one met.
+        """Time at which the sensor is at each x, from zero at the first one met.
 
-        NaN for a static touch, which stands at one x for ever.
+        NaN for a static touch, which stays at one x.
         """
         time = (line.x - line.start_m) / self.speed_m_per_s
         return time - time.min()
@@ -50,8 +50,8 @@ class ConstantSpeed(eqx.Module):
 class Motion(eqx.Module):
     """Sliding as measured: where the sensor stands, x(t), and how fast it moves, u(t) = dx/dt.
 
-    - `time_s` (sample,): strictly increasing, from any origin, evenly spaced or not. Kept from the
-      first sample on where the origin is so far off that the precision worked in would round the
+    - `time_s` (sample,): strictly increasing, from any origin, evenly spaced or not. Stored from
+      the first sample on where the origin is so far off that the working precision would round the
       intervals.
     - `position_m`, `speed_m_per_s` (sample,): both as measured. [`Motion.from_speed`][] and
       [`Motion.from_position`][] make one from the other.
@@ -89,8 +89,8 @@ class Motion(eqx.Module):
         """The motion through a position column (sample,).
 
         The speed is the derivative of the quintic spline through the positions: its error is of
-        fifth order in the sampling interval. The positions are taken at their word, and what noise
-        or rounding they have comes out divided by the interval: smooth them first. Columns are
+        fifth order in the sampling interval. The positions are interpolated exactly, and their
+        noise or rounding comes out divided by the interval: smooth them first. Columns are
         concrete, not traced. Raises `BadInput` as the class does.
         """
         _check_columns(time_s=time_s, position_m=position_m)
@@ -158,7 +158,7 @@ def _check_columns(**columns) -> None:
 
 
 def _distinct_times(time_s) -> Float[Array, " sample"]:
-    """The times in the precision worked in, in which a clock's 1e9 s would hide every interval."""
+    """The times in the working precision, in which a clock's 1e9 s would hide every interval."""
     if isinstance(time_s, Tracer):
         return as_real(time_s)
     time = np.asarray(time_s, dtype=float)

@@ -1,4 +1,4 @@
-"""What is measured with what: the whole of a simulation but the grid it is computed on."""
+"""Scenario: scene, sensor and recorder, the whole of a simulation but its grid."""
 
 import dataclasses
 
@@ -13,10 +13,10 @@ from .skin import Skin
 
 
 class Scenario(eqx.Module):
-    """A scene, the sensor that slides over it, and what is recorded of its signal.
+    """A scene, the sensor that slides over it, and the recorder of its signal.
 
-    Effects are added to it one by one (srsinv/forward/effects); one that is not added leaves no
-    trace. `scene` is None where only the sensor is asked for.
+    Effects are added to it one by one (srsinv/forward/effects); one that is not added costs
+    nothing. `scene` is None where only the sensor is needed.
     """
 
     scene: Scene | None
@@ -30,17 +30,17 @@ class Scenario(eqx.Module):
         return dataclasses.replace(self, **changed)
 
     def with_skin(self, skin: Skin) -> "Scenario":
-        """With another skin, which the film lies in and which is pressed on the surface."""
+        """The scenario with another skin, around the film and in contact with the surface."""
         scene = self.scene
         if isinstance(scene, SurfaceScene):
             scene = eqx.tree_at(lambda s: s.skin, scene, skin)
         return self.replace(scene=scene, sensor=eqx.tree_at(lambda s: s.skin, self.sensor, skin))
 
     def with_films(self, change) -> "Scenario":
-        """With `change` applied to every film element."""
+        """The scenario with `change` applied to every film element."""
         films = tuple(change(film) for film in self.sensor.elements)
         return self.replace(sensor=dataclasses.replace(self.sensor, elements=films))
 
     def with_recorder(self, **changed) -> "Scenario":
-        """With other parts of the recorder."""
+        """The scenario with other parts of the recorder."""
         return self.replace(recorder=dataclasses.replace(self.recorder, **changed))

@@ -1,4 +1,4 @@
-"""What lies on the line: pressure and friction, and the window they are seen in."""
+"""Scenes: pressure and friction along the line."""
 
 import abc
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from .traction import FrictionStep, Pressure
 
 
 class Scene(eqx.Module):
-    """What the finger slides over, with Coulomb friction q = sign(u) mu(x) p."""
+    """A scene for the finger to slide over, with Coulomb friction q = sign(u) mu(x) p."""
 
     @abc.abstractmethod
     def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:
@@ -33,7 +33,7 @@ class Scene(eqx.Module):
         """Cell averages of p [Pa]."""
 
     def warnings(self, line: Line) -> tuple[str, ...]:
-        """What speaks against the traction on `line`."""
+        """Warnings about the traction on `line`."""
         del line
         return ()
 
@@ -58,8 +58,8 @@ def deviation(
     p: Float[ArrayLike, " n"] | None = None,
 ) -> Float[Array, "2 n"]:
     """The traction that a line holds: all of it on a periodic one, where it repeats; on an open one
-    what differs from the background, which has no end to feel. `p` where the pressure of a contact
-    is known already.
+    its deviation from the background, which has no end. `p` where the pressure of a contact is
+    known already.
 
     Programs of their own, as many ask for the same traction; that of the contact, which is long to
     compile, serves every elastic skin.
@@ -68,7 +68,7 @@ def deviation(
         p = scene.pressure(line) if p is None else jnp.asarray(p)
         scene = eqx.tree_at(
             lambda surface_scene: surface_scene.skin, scene, None
-        )  # it has done its part
+        )  # not used once p is solved: one program serves all skins
     return _deviation(scene, line, direction, periodic, p)
 
 
@@ -81,7 +81,7 @@ def _deviation(scene: Scene, line: Line, direction: Scalar, periodic: bool, p):
 class TractionScene(Scene):
     """Features of pressure over a background.
 
-    - `background_pressure_Pa` and `base_friction`: what is there without any feature.
+    - `background_pressure_Pa` and `base_friction`: values without any feature.
     - `pressures`: added to the background; `frictions`: added to the base, of either sign.
 
     Raises `BadInput` for a background or a base that is not a finite number.
@@ -165,7 +165,7 @@ class SurfaceScene(Scene):
         return any(shape.is_periodic for shape in self.surface.shapes)
 
     def contact(self, line: Line) -> Contact:
-        """How the skin lies on the surface."""
+        """Contact of the skin with the surface."""
         given = (line, self.skin, self.height(line), self.nominal_pressure_Pa)
         # A wake that meets the next period of a surface that has one is right as it is.
         return press(*given) if self._goes_on else press_with_wake(*given, self.contact_windows)
@@ -174,7 +174,7 @@ class SurfaceScene(Scene):
         return self.contact(line).warnings
 
     def height(self, line: Line) -> Float[Array, " n"]:
-        """Of the surface at the cell centres [m]: a program of its own, whatever the skin."""
+        """Surface height [m] at the cell centres: a program of its own, whatever the skin."""
         return _height(self.surface, line)
 
     def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:

@@ -19,7 +19,7 @@ STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
 
 
 class Skin(eqx.Module):
-    """What lies between the surface that is felt and the film: its stress, and how far it yields.
+    """The skin between the surface and the film: its subsurface stress and surface compliance.
 
     Stress is that at `depth_m` in Pa per Pa of traction (p, q); x [m] is the film's position from
     the middle of the load.
@@ -28,7 +28,7 @@ class Skin(eqx.Module):
     @property
     @abc.abstractmethod
     def words(self) -> str:
-        """What the skin is, for the page."""
+        """Description of the skin, for the page."""
 
     @abc.abstractmethod
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
@@ -50,7 +50,7 @@ class Skin(eqx.Module):
     def compliance(self, k: Float[Array, " k"]) -> Inexact[Array, " k"]:
         """The surface's displacement into the finger per unit pressure exp(ikx) [m/Pa], k > 0.
 
-        Complex where the skin answers a moving load with a lag.
+        Complex where the displacement lags behind a moving load.
         """
 
     @property
@@ -63,7 +63,7 @@ class HalfSpace(Skin):
     """A homogeneous elastic half space: no modulus enters the in-plane stress.
 
     - `poisson_ratio` sets sigma_y = nu (sigma_x + sigma_z); the paper's (4) is nu = 1/2.
-    - `youngs_modulus_Pa` says how far the surface yields, for contact.
+    - `youngs_modulus_Pa` sets the surface's compliance, for contact.
 
     Raises `BadInput` for a ratio outside [0, 1/2] and a modulus that is not positive.
     """

@@ -1,7 +1,7 @@
 """Stick-slip: patches of skin that stick while the finger slides, and snap back.
 
 Each event is a jump of the shear on one patch, which stays where it is on the finger while it
-relaxes. What a film feels of it is the charge Q of a uniform shear on a strip of the patch's
+relaxes. A film's response to it is the charge Q of a uniform shear on a strip of the patch's
 length: the recording is a shot noise (Campbell's theorem; Rice 1944, part I).
 """
 
@@ -25,7 +25,7 @@ MOST_TERMS = 512  # of the films' response over the contact, in Chebyshev polyno
 TRUNCATION_ERROR = 1e-10  # of the response, by what terms there are where the contact is shorter
 BLOCK = 128  # events drawn at once
 MOST_PER_S = 1e6
-MOST_DEPTHS = 200  # of contact: beyond, panels and terms miss what the shallowest film feels
+MOST_DEPTHS = 200  # of contact: beyond, panels and terms do not resolve the shallowest response
 
 
 class SnapBackNoise(NonGaussianNoise):
@@ -33,12 +33,12 @@ class SnapBackNoise(NonGaussianNoise):
 
     - `shear_Pa`: rms of a jump's amplitude, Gaussian with mean zero; it decays as exp(-t/decay_s).
     - `patch_m`: a patch's length; `contact_m`: that of the contact, about the sensor's origin.
-    - `charge`, `amplifier`, `filters`: what a load gives, how it is read, and what it then passes.
+    - `charge`, `amplifier`, `filters`: the response to a load, its readout, and the filters behind.
 
-    All elements feel the same events, and the spectrum is the mean over them. A sample of a rate
-    signal is the mean over the sampling interval before it, v_j = R_f (Q_j - Q_{j-1})/dt, one of an
-    amplifier of order 0 its gain times Q_j. The filters act on these samples. Nothing happens at
-    rest, nor without a contact. The film's effects act as on a load, so that an average of
+    All elements respond to the same events, and the spectrum is the mean over them. A sample of a
+    rate signal is the mean over the sampling interval before it, v_j = R_f (Q_j - Q_{j-1})/dt, one
+    of an amplifier of order 0 its gain times Q_j. The filters act on these samples. Nothing happens
+    at rest, nor without a contact. The film's effects act as on a load, so that an average of
     neighbouring samples, which is one over time, has no meaning here.
 
     Raises `BadInput` for a rate, shear or contact below 0, more than 10^6 events a second, a patch
@@ -83,7 +83,7 @@ class SnapBackNoise(NonGaussianNoise):
     def recorded_by(
         cls, sensor: Sensor, rate_hz, shear_Pa, patch_m, decay_s, contact_m
     ) -> "SnapBackNoise":
-        """The noise in what this sensor records."""
+        """The noise as this sensor records it."""
         readout = sensor.charge(), sensor.amplifier, sensor.filters
         return cls(*readout, rate_hz, shear_Pa, patch_m, decay_s, contact_m)
 
@@ -121,7 +121,7 @@ class SnapBackNoise(NonGaussianNoise):
     def _interval_and_rate(
         self, line: Line, scan: ConstantSpeed
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """The sampling interval [s], anything at rest, and the events per second that are felt."""
+        """Sampling interval [s], arbitrary at rest, and rate of events [1/s], 0 at rest."""
         samples_per_s = scan.sample_rate_hz(line)
         moves = samples_per_s > 0
         interval = 1 / jnp.where(moves, samples_per_s, 1.0)
@@ -134,7 +134,7 @@ class SnapBackNoise(NonGaussianNoise):
         return self.amplifier.gain(jnp.abs(scan.speed_m_per_s)) / line.cell_m
 
     def _passed(self, line: Line, interval: Float[Array, ""]) -> Complex[Array, " k"]:
-        """What the filters make of the samples, which come one an interval."""
+        """Transfer of the filters for samples one `interval` apart."""
         passed = jnp.ones(line.k.shape, complex)
         for each in self.filters:
             passed = passed * each.response(line.k * line.cell_m / interval)
@@ -146,13 +146,13 @@ class SnapBackNoise(NonGaussianNoise):
 
     def _over_contact(self) -> Float[Array, "e term"]:
         """The response over the contact by Chebyshev polynomials: one event's is then a sum of
-        cosines, however much goes on in the skin."""
+        cosines, whatever the skin."""
         angle = np.pi * (np.arange(self.terms) + 0.5) / self.terms
         response = self._response(self.contact_m / 2 * as_real(np.cos(angle)))
         return (jax.scipy.fft.dct(response) / self.terms).at[:, 0].multiply(0.5)
 
     def _mean_square(self, line: Line, scan: ConstantSpeed) -> Float[Array, ""]:
-        """Of a jump in the signal: over amplitudes, the contact and the elements."""
+        """Mean square of a jump in the signal: over amplitudes, the contact and the elements."""
         node, weight = np.polynomial.legendre.leggauss(NODES)
         middle = 2 * np.arange(PANELS) + 1 - PANELS
         places = ((middle[:, None] + node[None]) / PANELS).ravel()
@@ -187,7 +187,7 @@ class SnapBackNoise(NonGaussianNoise):
         return jax.lax.fori_loop(0, blocks, add, none)
 
     def _relaxing(self, line: Line, ratio: Float[Array, ""]) -> Complex[Array, " k"]:
-        """From fresh charge to what is recorded of it, over the samples in time."""
+        """Transfer from fresh charge to the recorded signal, over the samples in time."""
         half = line.k * line.cell_m / 2
         difference = 2j * jnp.sin(half) * jnp.exp(-1j * half)
         # 1 - exp(-ratio - ik cell), without cancelling where the decay is slow.
@@ -207,9 +207,9 @@ def _refuse_wide(contact_m, depths_m) -> None:
 
 
 def _terms(contact_m, depths_m) -> int:
-    """How many Chebyshev polynomials tell a response that is analytic within a depth of the real
+    """Number of Chebyshev polynomials that resolve a response analytic within a depth of the real
     axis: they converge as (s + sqrt(1 + s^2))^-terms, s the depth over half the contact. A power of
-    2, so that contacts that differ little share one program."""
+    2, so that similar contacts share one program."""
     if any(isinstance(value, Tracer) for value in (contact_m, *depths_m)):
         return MOST_TERMS
     half, depth = float(contact_m) / 2, min(float(depth) for depth in depths_m)

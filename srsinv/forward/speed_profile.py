@@ -1,4 +1,4 @@
-"""How the real motion departs from a constant speed: ripple, standstill, reversal.
+"""Speed profiles: departures from a constant speed by ripple, standstill or reversal.
 
 A profile is a factor on the nominal speed, and profiles multiply. How many samples a motion takes
 is concrete, and numpy finds it in double precision; at given times the motion is differentiable.
@@ -21,7 +21,7 @@ from .scan import MIN_SAMPLES, Motion
 
 MOST_SAMPLES = 2**22
 NODES = 8  # of Gauss's rule between samples: to round-off for half a period of a ripple
-ARRIVED = 1e-12  # of the way: what is left then is rounding
+ARRIVED = 1e-12  # of the way: the rest is rounding
 
 
 class SpeedProfile(eqx.Module):
@@ -30,7 +30,7 @@ class SpeedProfile(eqx.Module):
 
     @abc.abstractmethod
     def factor(self, time_s, xp: Any = np):
-        """(sample,): what the nominal speed is multiplied by, by `xp`: numpy or jax.numpy."""
+        """(sample,): factor on the nominal speed, by `xp`: numpy or jax.numpy."""
 
     @property
     @abc.abstractmethod
@@ -89,7 +89,7 @@ class _TimeWindow(eqx.Module):
         self.ramp_s = _concrete(number(f"{name}.ramp_s", ramp_s, wanted, above=0))
 
     def fraction(self, time_s, xp: Any):
-        """From 0 outside to 1 within, by raised cosines."""
+        """Window function: 0 outside, 1 within, ramps of raised cosines."""
         begun = xp.clip((time_s - self.at_s) / self.ramp_s, 0, 1)
         left = xp.clip((self.bends_s[-1] - time_s) / self.ramp_s, 0, 1)
         return (xp.sin(np.pi / 2 * begun) * xp.sin(np.pi / 2 * left)) ** 2
@@ -160,7 +160,7 @@ def paced(
     bend, exact to round-off.
 
     Raises `BadInput` for values out of range, a speed of 0, which never arrives, a ripple that the
-    samples do not tell, and fewer samples than 3 or more than 2^22.
+    samples do not resolve, and fewer samples than 3 or more than 2^22.
     """
     number("scan.start_m", start_m, "a finite position in m")
     number("scan.length_m", length_m, "a positive length in metres", above=0)
@@ -182,7 +182,7 @@ def at_times(
     profiles: Sequence[SpeedProfile] = (),
 ) -> Motion:
     """The motion from `start_m` on, at times from 0 on: that of [`paced`][], to the rounding of the
-    precision worked in, and differentiable in every number but the times.
+    working precision, and differentiable in every number but the times.
 
     Raises `BadInput` for times that do not increase, are fewer than 3, or begin before 0.
     """

@@ -45,7 +45,7 @@ class EdgeFriction(eqx.Module):
     length_m: Float[Array, ""]
 
     def weight(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
-        """How much of its friction stands in for the base's: exp(-((x - x_edge)/l)^2)."""
+        """Weight of the edge's friction against the base's: exp(-((x - x_edge)/l)^2)."""
         return jnp.exp(-(((x - self.position_m) / self.length_m) ** 2))
 
 
@@ -65,7 +65,7 @@ class Shape(eqx.Module):
 
 
 def rise(x: Float[Array, " n"], edge_length_m: Float[Array, ""]) -> Float[Array, " n"]:
-    """From 0 to 1 about x = 0, tanh over `edge_length_m`; a vertical edge where that is 0."""
+    """A smooth step from 0 to 1 at x = 0, tanh over `edge_length_m`; vertical where that is 0."""
     sharp = edge_length_m <= 0
     smooth = jnp.tanh(x / jnp.where(sharp, 1.0, edge_length_m))
     return 0.5 * (1 + jnp.where(sharp, jnp.sign(x), smooth))
@@ -146,7 +146,7 @@ class Tape(Shape):
 
 
 class _Step(Shape):
-    """One edge, its other one at the seam of the window, where the surface comes back."""
+    """A step, its other edge at the seam of the periodic window."""
 
     height_m: eqx.AbstractVar[Float[Array, ""]]
     position_m: eqx.AbstractVar[Float[Array, ""]]
@@ -220,14 +220,14 @@ class StepDown(_Step):
 
 
 def _from(line: Line, position, edge_length) -> Float[Array, " n"]:
-    """One from `position` to the window's end, both edges alike."""
+    """A plateau of one from `position` to the window's end, both edges alike."""
     start, end = line.x[0] - line.cell_m / 2, line.x[-1] + line.cell_m / 2
     seam = 1 - rise(line.x - start, edge_length) - rise(line.x - end, edge_length)
     return rise(line.x - position, edge_length) + seam
 
 
 class Ridges(Shape):
-    """Ridges on a pitch, as many as the window holds; one stands at `position_m`.
+    """Ridges on a pitch, as many as the window holds; one at `position_m`.
 
     With a window of whole pitches the surface is periodic.
     """

@@ -1,7 +1,7 @@
-"""Features of a surface: families of shapes, to be looked for in a signal through contact.
+"""Features of a surface: families of shapes to fit to a signal through contact.
 
-A feature names its parameters and where to look for them. Frictions enter the signal linearly,
-heights and lengths do not.
+A feature names its parameters and their search ranges. Frictions enter the signal linearly, heights
+and lengths do not.
 """
 
 import abc
@@ -21,7 +21,7 @@ HEIGHTS = 7  # tried: the signal goes from linear in the height to independent o
 
 
 def _heights(within: Range, stretch: ScanExtent) -> np.ndarray:
-    """By equal factors; over zero, both signs."""
+    """Start heights by equal factors; where the range contains zero, of both signs."""
     low, high = within
     if low >= 0 or high <= 0:
         least, most = sorted((abs(low), abs(high)))
@@ -33,7 +33,7 @@ def _heights(within: Range, stretch: ScanExtent) -> np.ndarray:
 
 
 def _widths(within: Range, stretch: ScanExtent) -> np.ndarray:
-    """So near that every edge is within a quarter of a depth of a tried one."""
+    """Start widths so close that every edge is within a quarter of a depth of a tried one."""
     low, high = within
     even = np.arange(1, int(2 * high / stretch.depth_m) + 1) * stretch.depth_m / 2
     narrow = stretch.depth_m * np.array([0.12, 0.25])
@@ -55,13 +55,12 @@ ZONE = Axis(lambda s: (0.1 * s.depth_m, 4 * s.depth_m), _middle, (0.0, np.inf))
 class SurfaceFeature(eqx.Module):
     """A family of shapes.
 
-    - `search_ranges`: where a parameter is looked for, (name, (least, greatest)), for those that
-      are not looked for everywhere.
-    - `edge_length_m`: over which its edges rise; None where the recording's sidecar is to say.
+    - `search_ranges`: search ranges, (name, (least, greatest)), where they are not the default.
+    - `edge_length_m`: over which its edges rise; None where the recording's sidecar gives it.
 
-    `frictions` are the names of what enters linearly beside the plate's friction. Built from
-    `edge_length_m` and, for each parameter, `height_range_m`, `width_range_m` and so on. Raises
-    `BadInput` for a range that is none, or not of the feature's parameters.
+    `frictions` are the names of the parameters that enter linearly beside the plate's friction.
+    Built from `edge_length_m` and, for each parameter, `height_range_m`, `width_range_m` and so on.
+    Raises `BadInput` for a range that is none, or not of the feature's parameters.
     """
 
     axes: ClassVar[Mapping[str, Axis]]
@@ -77,11 +76,11 @@ class SurfaceFeature(eqx.Module):
         self.search_ranges = checked_ranges(type(self).__name__, self.axes, given, "edge_length_m")
 
     def ranges(self, stretch: ScanExtent) -> dict[str, Range]:
-        """Where each parameter that is not a friction is looked for."""
+        """Search range of each parameter that is not a friction."""
         return ranges(self.axes, self.search_ranges, stretch)
 
     def with_edge(self, edge_length_m: Any) -> "SurfaceFeature":
-        """The same with edges that rise over this length."""
+        """The same feature with edges that rise over this length."""
         given = {range_name(name): list(within) for name, within in self.search_ranges}
         return type(self)(edge_length_m, **given)
 

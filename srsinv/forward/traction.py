@@ -33,7 +33,7 @@ class Pressure(eqx.Module):
     def cell_values(self, line: Line) -> Float[Array, " n"]:
         """Values of the cells [Pa] whose signal is that of p, to higher order than its averages.
 
-        What a cell feels is spread twice, by the averaging and by the cell: by a variance of
+        A cell's signal is spread twice, by the averaging and by the cell: by a variance of
         cell^2/6, which half the second difference takes out again.
         """
         return _deconvolve(self.cell_average(line), 1 / 6)
@@ -48,8 +48,9 @@ def _deconvolve(values: Float[Array, " n"], variance: float) -> Float[Array, " n
 class Discontinuous(Pressure):
     """A profile of jumps, which would leave kinks in the signal as they cross from cell to cell.
 
-    Its cells share it by the quadratic B-spline: the signal has a continuous derivative in every
-    position and width, and what the spline spreads, cell^2/4, is the same wherever a jump stands.
+    It is distributed over cells by the quadratic B-spline: the signal has a continuous derivative
+    in every position and width, and the spline's variance, cell^2/4, is the same wherever a jump
+    lies.
     """
 
     @abc.abstractmethod
@@ -70,7 +71,7 @@ def _bell(t: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def _rise(t: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Its integral from -infinity: from 0 to 1."""
+    """Integral of `_bell` from -infinity: from 0 to 1."""
     size = jnp.minimum(jnp.abs(t), 1.5)
     half = jnp.where(size < 0.5, 0.75 * size - size**3 / 3, 0.5 - (1.5 - size) ** 3 / 6)
     return 0.5 + jnp.sign(t) * half
@@ -202,7 +203,7 @@ class Step(Discontinuous):
 
 
 class Bars(Discontinuous):
-    """A grating: bars of pressure P that take the part `duty` of each pitch, less their mean.
+    """A grating: bars of pressure P over the fraction `duty` of each pitch, less their mean.
 
     `phase_rad` is that of the first harmonic at x = 0: a bar is centred where 2 pi x/pitch equals
     it. The mean is left out, as a rate signal does not show it.
@@ -229,7 +230,7 @@ class Bars(Discontinuous):
     def bspline_average(
         self, x: Float[Array, " n"], cell_m: Float[Array, ""]
     ) -> Float[Array, " n"]:
-        """Of bars and gaps wider than three cells."""
+        """Mean for bars and gaps wider than three cells."""
         turns = x / self.pitch_m - self.phase_rad / (2 * jnp.pi)
         away = jnp.abs(turns - jnp.round(turns))  # from the nearest bar's middle, in pitches
         inside = (self.duty / 2 - away) * self.pitch_m / cell_m

@@ -1,4 +1,4 @@
-"""A skin that relaxes, sliding steadily: it answers a load that moves over it with a lag."""
+"""Viscoelastic skin in steady sliding: its surface displacement lags behind a moving load."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,8 +21,8 @@ class Viscoelastic(Skin):
     stiffer. Poisson's ratio stays.
 
     - `skin`: at rest. `fractions` f_j (mode,) and `times_s` tau_j (mode,).
-    - `speed_m_per_s`: u of the finger along +x. The pattern is fixed to the surface, so that the
-      skin's material sees d/dt = u d/dx, w = k u (docs/physics.md, section 10).
+    - `speed_m_per_s`: u of the finger along +x. The pattern is fixed to the surface, so that for
+      the skin's material d/dt = u d/dx, w = k u (docs/physics.md, section 10).
 
     The stress inside is the wrapped skin's, as one factor on all moduli leaves it alone for given
     traction; only the surface's displacement lags. Raises `BadInput` for no mode at all, as many

@@ -1,4 +1,4 @@
-"""How strong a signal has to be to be told from noise.
+"""Detection: the signal strength that a matched filter needs against noise.
 
 A signal's strength is d' = sqrt(signal^T N^-1 signal), its size over that of the noise along it; in
 white noise sqrt(sum of squares)/rms.
@@ -11,7 +11,7 @@ from scipy.stats import chi2, ncx2, norm
 
 from ..errors import number
 
-STRONGEST = 100.0  # d'; a stronger one nobody fails to see
+STRONGEST = 100.0  # d'; a stronger one is never missed
 
 
 def needed_known(false_alarm: float, detection: float) -> float:

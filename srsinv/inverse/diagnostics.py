@@ -1,9 +1,9 @@
-"""Checks of whether the credible intervals of estimates and fits are valid: each gives warnings,
-as sentences, or nothing.
+"""Checks of whether the credible intervals of estimates and fits are valid: each gives warnings, as
+sentences, or none.
 
 Under the model, the squares of the whitened residual add up to the samples less the numbers that
 were fitted, and those of the traction in units of its prior to the numbers fitted of it: both are
-chi-square. Bands hold what the model allows, and are too narrow where these do not.
+chi-square. Bands hold under the model, and are too narrow where these sums do not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,19 +12,19 @@ import numpy as np
 
 from .quality import is_excess
 
-LEAST_RESOLVED_DOF = 1.0  # numbers: with fewer, a component's estimate is its prior
-# Of an inversion, in rms: bands so much too narrow cover 81 % in place of 90 %. Its noise and
-# degrees of freedom (a trace over the window) are rougher than a fit's.
+LEAST_RESOLVED_DOF = 1.0  # degrees of freedom: with fewer, a component's estimate is its prior
+# Limit on an inversion's residual, in rms: bands so much too narrow cover 81 % in place of 90 %.
+# Its noise and degrees of freedom (a trace over the window) are rougher than a fit's.
 OVER_NOISE = 1.25
 GOOD_CHI2 = 1.2  # of a fit, per degree of freedom: bands so much too narrow cover 87 %
 OVER_PRIOR = 2.0  # of a prior: edges alone make 1.5 where the bands still cover
-RESOLVED_GAIN = 0.5  # of a wave's amplitude, from which on it counts as told
+RESOLVED_GAIN = 0.5  # of a wave's amplitude, from which on it counts as resolved
 FEW_MISSING = 0.05  # of the samples
 MUCH_SLIDING = 0.1  # of the signal's rms: sliding makes less
 
 
 def prior_alone(name: str, resolved_dof: float, cells: int) -> Sequence[str]:
-    """Of a component of which the signal tells `resolved_dof` numbers."""
+    """Warning on a component of which the signal resolves `resolved_dof` degrees of freedom."""
     if resolved_dof >= LEAST_RESOLVED_DOF:
         return ()
     return (
@@ -35,10 +35,10 @@ def prior_alone(name: str, resolved_dof: float, cells: int) -> Sequence[str]:
 
 
 def shared_out(gain: np.ndarray, root: np.ndarray, cells: int) -> Sequence[str]:
-    """Of p and q felt through one mix alone.
+    """Warning on p and q that are observed through one linear combination alone.
 
-    `gain` (e, 2, k) is the model over the noise, `root` (2, k) the prior's. Of the second singular
-    direction v of each wavenumber the signal tells s^2/(s^2 + v^H P v) numbers.
+    `gain` (e, 2, k) is the model over the noise, `root` (2, k) the prior's. The second singular
+    direction v of each wavenumber has s^2/(s^2 + v^H P v) resolved degrees of freedom.
     """
     small, of_p = _singular(gain.astype(complex))
     held = of_p * root[0].astype(float) ** 2 + (1 - of_p) * root[1].astype(float) ** 2
@@ -52,10 +52,10 @@ def shared_out(gain: np.ndarray, root: np.ndarray, cells: int) -> Sequence[str]:
 
 
 def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of (e, 2, k): the second singular value squared, and the share of p in its direction.
+    """The second singular value squared of (e, 2, k), and the fraction of p in its direction.
 
-    The product of both values is what is left of the smaller column beside the larger one, so that
-    it keeps its digits where both are nearly one.
+    Both squares have the product of the larger column's square and that of the smaller one's
+    residual beside it, which loses no digits where the columns are nearly parallel.
     """
     squares = np.sum(np.abs(gain) ** 2, axis=0)
     first = np.where(squares[0] >= squares[1], 0, 1)
@@ -73,7 +73,7 @@ def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def stronger_than_prior(name: str, squares: float, resolved_dof: float) -> Sequence[str]:
-    """Of a component whose squares in units of the prior are to be `resolved_dof`."""
+    """Warning on a component whose squares in units of the prior should sum to `resolved_dof`."""
     if not (
         resolved_dof >= LEAST_RESOLVED_DOF
         and is_excess(squares / resolved_dof, resolved_dof, OVER_PRIOR)
@@ -89,7 +89,7 @@ def stronger_than_prior(name: str, squares: float, resolved_dof: float) -> Seque
 def residual_over_noise(
     chi2_per_dof: float | None, degrees_of_freedom: float | int, most_rms: float = OVER_NOISE
 ) -> Sequence[str]:
-    """Of a whitened residual with this chi-square, None where the noise is not known."""
+    """Warning on a whitened residual with this chi-square, None where the noise is not known."""
     if chi2_per_dof is None or not is_excess(chi2_per_dof, degrees_of_freedom, most_rms):
         return ()
     return (
@@ -99,7 +99,7 @@ def residual_over_noise(
 
 
 def unresolved_waves(name: str, resolution: float) -> Sequence[str]:
-    """Of a component of whose shortest wave the estimate keeps `resolution`."""
+    """Warning on a component whose shortest wave has this `resolution`."""
     if not resolution > RESOLVED_GAIN:
         return ()
     return (
@@ -109,8 +109,8 @@ def unresolved_waves(name: str, resolution: float) -> Sequence[str]:
 
 
 def missing(fraction: float, stderr_with_all: bool) -> Sequence[str]:
-    """Of samples of which `fraction` is missing within the scan, and standard errors that are
-    perhaps those with every sample there."""
+    """Warnings on a `fraction` of samples missing within the scan, and on standard errors that
+    assume every sample is valid."""
     words = []
     if fraction > FEW_MISSING:
         words.append(
@@ -127,14 +127,14 @@ def missing(fraction: float, stderr_with_all: bool) -> Sequence[str]:
 
 
 def undetermined_weights(result: str) -> Sequence[str]:
-    """Of weights that a rule chose, or did not."""
+    """Warning on weights that a rule failed to choose."""
     if result in ("converged", "given"):
         return ()
     return (f"The band takes the weights as known, of which the rule says: {result}.",)
 
 
 def below_rounding(noise_rms: float, largest: float, dtype: np.dtype) -> Sequence[str]:
-    """Of noise that is less than the rounding of the data."""
+    """Warning on noise below the rounding of the data."""
     if noise_rms >= np.finfo(dtype).eps * largest:
         return ()
     return (
@@ -152,7 +152,7 @@ def of_fit(
     at_bound: Sequence[str],
     undetermined: Sequence[Mapping[str, float]],
 ) -> tuple[str, ...]:
-    """Of a nonlinear fit: its residual, and parameters whose standard errors say nothing."""
+    """Warnings on a nonlinear fit: its residual, and parameters without valid standard errors."""
     return (
         *residual_over_noise(chi2_per_dof, degrees_of_freedom, np.sqrt(GOOD_CHI2)),
         *(
@@ -179,7 +179,7 @@ def _on_bounds(names: Sequence[str]) -> Sequence[str]:
 
 
 def undetected(name: str) -> str:
-    """Of a feature that may not be there at all."""
+    """Warning on a feature that is not detected."""
     return (
         f"The data do not tell {name.replace('_', ' ')} from nothing: noise alone, searched "
         "everywhere, makes as much. Its place, width and friction are those of noise, and their "
@@ -188,7 +188,8 @@ def undetected(name: str) -> str:
 
 
 def sliding_noise(fraction: float) -> Sequence[str]:
-    """Of noise estimated from a fit's residual, its correlated part `fraction` of the signal."""
+    """Warning on noise estimated from a fit's residual, its correlated part `fraction` of the
+    signal."""
     if not fraction > MUCH_SLIDING:
         return ()
     return (

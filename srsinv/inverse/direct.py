@@ -13,7 +13,7 @@ from .problem import Problem
 
 
 class Whitened(NamedTuple):
-    """Model and data over the samples that are there, in units of the noise.
+    """Model and data over the valid samples, in units of the noise.
 
     Rows of missing samples are zero. An unknown offset has been projected out.
     """
@@ -45,7 +45,7 @@ def whiten(problem: Problem) -> Whitened:
         rows = rows - jnp.where(free_offset, one[:, None] * coefficients[None, :], 0.0)
         return rows[:, :-2], rows[:, -2]
 
-    # Not side by side: batched LAPACK on a CPU can wait for itself (see `nonlinear`).
+    # Not batched: batched LAPACK on a CPU can deadlock (see `nonlinear`).
     model, data = jax.lax.map(lambda each: one(*each), (columns, problem.data, observed))
     return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
 
@@ -63,7 +63,7 @@ class Posterior(NamedTuple):
     norm: Float[Array, ""]  # the precision's 1-norm
 
     def covariance(self) -> Float[Array, "m m"]:
-        """The posterior covariance, nothing of it along a fixed mean."""
+        """The posterior covariance, zero along a fixed mean."""
         covariance = jax.scipy.linalg.cho_solve((self.root, True), jnp.eye(self.root.shape[0]))
         return covariance - _means(self.root, self.zero_mean) / self.scale
 
@@ -75,7 +75,7 @@ def _means(like: Float[Array, "m m"], zero_mean: Bool[Array, " c"]) -> Float[Arr
 
 
 def _centre(matrix: Float[Array, "m m"], zero_mean: Bool[Array, " c"]) -> Float[Array, "m m"]:
-    """Rows' means taken out of the components that are zero_mean."""
+    """Remove rows' means from the components that are zero_mean."""
     blocks = matrix.reshape(zero_mean.size, -1, matrix.shape[-1])
     means = jnp.where(zero_mean[:, None, None], blocks.mean(axis=1, keepdims=True), 0.0)
     return (blocks - means).reshape(matrix.shape)
@@ -106,8 +106,8 @@ def solve(problem: Problem, prior: Prior, white: Whitened) -> Solution:
 
 
 def _variance(problem: Problem, covariance: Float[Array, "m m"]) -> Float[Array, " m"]:
-    """Of the deviation from the mean over the samples' stretch where the mean is weakly observed:
-    its own error would hide how well the rest is known."""
+    """Variance of the deviation from the mean over the sampled cells where the mean is weakly
+    observed: the mean's error would mask the others."""
     variance = jnp.diagonal(covariance)
     if problem.forward.is_circular:
         return variance
@@ -122,7 +122,7 @@ def _variance(problem: Problem, covariance: Float[Array, "m m"]) -> Float[Array,
 
 
 def score(problem: Problem, prior: Prior, white: Whitened) -> Score:
-    """The prior's score over the samples that are there, exact but for the prior's determinant.
+    """The prior's score over the valid samples, exact but for the prior's determinant.
 
     That one is the periodic line's: its weights enter alike, up to the two cells at the ends.
     """

@@ -1,7 +1,7 @@
-"""Which way a straight ridge runs, from the signal of one circle over it.
+"""Direction of a straight ridge, from the signal of one circle over it.
 
-A ridge that crosses the circle is met twice, at a = phi +- arccos(d/r): when tells its angle and
-its distance, how strongly the load and the friction. Both of these enter linearly.
+A ridge that crosses the circle is met twice, at a = phi +- arccos(d/r): the times determine its
+angle and distance, the amplitudes its load and friction. Both of these enter linearly.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Direction:
-    """The ridge found.
+    """The fitted ridge.
 
     - `parameters`: (value, standard error) of `angle_deg` (from x to the ridge's normal, from 0 to
       180), `distance_m`, `load_N_per_m`, `width_m` and `friction`.
@@ -65,8 +65,8 @@ class DirectionFinder:
     """Finds the direction of a ridge in signals of one sensor on one circle.
 
     `width_range_m`: where the ridge's width lies, by default from a tenth of the film's depth to
-    two depths: the film hardly tells it. What does not depend on the signal is computed once.
-    Raises `BadInput` for a range that is none, and a readout whose offset is not known.
+    two depths: it is weakly identifiable. Computations that do not depend on the signal are done
+    once. Raises `BadInput` for an invalid range, and a readout whose offset is not known.
     """
 
     def __init__(self, sensor: Sensor, circle: Circle, width_range_m: Range | None = None):
@@ -80,7 +80,7 @@ class DirectionFinder:
         self._bank = _RidgeBank(self._model.circling, float(np.mean(self._widths)))
 
     def __call__(self, y: Float[np.ndarray, "e sample"], noise: Any = None) -> Direction:
-        """The ridge under which `y` is explained best.
+        """Fit the ridge to `y`.
 
         `noise`: as [`nonlinear.fit`][] takes it; None: white, its level from the residual.
         """
@@ -122,7 +122,7 @@ def _checked(widths: Range) -> Range:
 
 
 def _canonical_angle(fitted: Fit) -> dict[str, tuple[float, float]]:
-    """Each parameter as a user reads it: of the two ways to write the ridge the one from 0 to 180
+    """Reported parameters: of the two equivalent angles of the ridge the one from 0 to 180
     degrees."""
     half_turns, angle = divmod(fitted.value["angle_deg"], 180.0)
     side = -1.0 if half_turns % 2 else 1.0
@@ -147,13 +147,13 @@ class _RidgeBank:
         signals = np.asarray(_signals(coarse, angles, distances, as_real(width_m)))
         self._signals = signals.reshape(*signals.shape[:2], -1)
         gram = self._signals @ self._signals.swapaxes(1, 2)
-        # Faintly damped, for ridges beside the circle.
+        # Slightly damped, for ridges outside the circle.
         size = np.trace(gram.mean(axis=0))
         self._gram = gram + 1e-9 * size * np.eye(len(LINEAR)) + 1e-300
 
     def search(self, y: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, "start 2"]:
-        """Angles [deg] and distances [m] to start from, the best first: those under which the best
-        amplitudes explain most."""
+        """Angles [deg] and distances [m] to start from, the best first: those whose best amplitudes
+        explain most."""
         used = y.shape[1] // self._size * self._size
         means = np.nan_to_num(y)[:, :used].reshape(len(y), -1, self._size).mean(axis=-1)
         projections = self._signals @ means.ravel()

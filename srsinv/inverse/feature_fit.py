@@ -1,4 +1,4 @@
-"""Features fitted to a signal: which, where, how wide, how strong, with what friction.
+"""Fit of features to a signal: type, position, width, amplitude and friction.
 
 The shape is searched from many starts; amplitudes of p and of q enter linearly and are solved out.
 Friction is their ratio. Candidates are ranked by their evidence, the probability of the data under
@@ -25,15 +25,15 @@ from .nonlinear import Fit, Solver, fit, fit_many
 
 # Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
 # Wide enough not to pull. The same rule for every candidate and every shape: one for the pressure
-# itself would favour shapes that the film hardly feels, as these take any pressure.
+# itself would favour shapes with hardly any signal, as these take any pressure.
 AMPLITUDE_PRIOR_REACH = 30.0
 
 
 class FeatureFitter:
-    """Fits features to signals of one sensor along one motion.
+    """Fitter of features to signals of one sensor along one motion.
 
-    What does not depend on the signal is computed once, and the programs compiled for the first
-    signal serve all.
+    Computations that do not depend on the signal are done once, and the programs compiled for the
+    first signal serve all.
     """
 
     def __init__(self, sensor: Sensor, motion: Motion, solver: Solver | None = None):
@@ -43,7 +43,7 @@ class FeatureFitter:
     def rank(
         self, candidates: Sequence[Features], y: Float[np.ndarray, "e sample"], noise: Any
     ) -> list[FeatureFit]:
-        """Every candidate fitted, for its evidence.
+        """Fit every candidate, for its evidence.
 
         All are fitted from their best start, and only where none explains the data to the noise
         from the others too.
@@ -60,7 +60,7 @@ class FeatureFitter:
         noise: Any,
         starts: int = STARTS,
     ) -> FeatureFit:
-        """As [`fit_features`][], from so many of the best starts of each feature."""
+        """As [`fit_features`][], from the best `starts` of each feature."""
         y = np.asarray(y, float)
         parts: dict[str, Feature] = {}
         params, priors = self._offset(y)
@@ -81,9 +81,9 @@ class FeatureFitter:
         return FeatureFit.of(parts, result, model, reported_parameters(model, result), evidence)
 
     def _evidence(self, features: Features, result: Fit) -> float:
-        """Log evidence, each amplitude's prior that of the shape found.
+        """Log evidence, with each amplitude's prior at the fitted shape.
 
-        The fit had the one of the shape felt most; both are too wide to move it.
+        The fit used that of the shape with the strongest signal; both are too wide to move it.
         """
         if result.log_evidence is None:
             return -np.inf
@@ -98,9 +98,9 @@ class FeatureFitter:
     def many(
         self, name: str, feature: Feature, ys: Float[np.ndarray, "draw e sample"], noise: Any
     ) -> tuple[FeatureModel, list[Fit]]:
-        """One feature fitted to many signals of the same scene.
+        """Fit one feature to many signals of the same scene.
 
-        All start from where the search finds it in the first signal.
+        All start from the search in the first signal.
         """
         params, priors = self._offset(ys[0])
         shapes, more = self._starts(ys[0], {}, {}, name, feature)
@@ -134,7 +134,7 @@ class FeatureFitter:
 
 
 def _best(model: FeatureModel, starts: list[dict[str, Any]], y, settings: dict[str, Any]) -> Fit:
-    """From the starts in order, until one explains the data to the noise."""
+    """Fit from the starts in order, until one explains the data to the noise."""
     ends: list[Fit] = []
     for start in starts:
         ends.append(fit(model, start, y, **settings))
@@ -151,7 +151,7 @@ def fit_features(
     noise: Any,
     solver: Solver | None = None,
 ) -> FeatureFit:
-    """The features' parameters under which they explain `y` (element, sample) best.
+    """Fit the features' parameters to `y` (element, sample).
 
     - `noise`: as [`nonlinear.fit`][] takes it, and known.
     - Features of a sum are found one after the other, each beside those found before, and then
@@ -172,18 +172,18 @@ def _bounds(parts: Features, stretch: ScanExtent) -> dict[str, tuple[float, floa
 
 
 def _reach(y) -> float:
-    """What a prior amplitude's signal reaches: see `BEYOND_DATA`."""
+    """Signal at one prior standard deviation of an amplitude: see `AMPLITUDE_PRIOR_REACH`."""
     largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
     return AMPLITUDE_PRIOR_REACH * largest if largest > 0 else 1.0
 
 
 def reported_parameters(model: FeatureModel, result: Fit) -> dict[str, tuple[float, float]]:
-    """Each parameter as a user reads it.
+    """Reported value and standard error of each parameter.
 
-    Its error is infinite where the linearised one would look sure and is not: of the shape and the
-    friction of a feature that the data do not tell from nothing (its strength has the prior's, as
-    it could stand where the film hardly feels it); of a strength that such a one of the same kind
-    could share; of what stands on a bound, and what goes with it.
+    The error is infinite where the linearised one is not valid: for the shape and friction of an
+    undetected feature (its amplitude has the prior's, as it could lie where its signal is weak);
+    for an amplitude beside an undetected feature of the same kind; for parameters on a bound, and
+    those strongly correlated with them.
     """
     read: dict[str, tuple[float, float]] = {}
     missed, bound_limited = undetected_features(model.features, result), limited_by_bounds(result)
@@ -194,7 +194,7 @@ def reported_parameters(model: FeatureModel, result: Fit) -> dict[str, tuple[flo
         if name in missed:
             unsure |= {*feature.axes, "friction"}
             spread[feature.amplitude] = result.prior_stderr[f"{name}.{feature.amplitude}"]
-        if f"{name}.position_m" in result.at_bound:  # of the scan, beyond which it may stand
+        if f"{name}.position_m" in result.at_bound:  # a bound of the scan: it may lie outside
             unsure.add("friction")
         if any(type(model.features[other]) is type(feature) for other in missed if other != name):
             unsure.add(feature.amplitude)

@@ -1,4 +1,4 @@
-"""What a fit of features found: a candidate, its parameters, what speaks against them."""
+"""Result of a fit of features: a candidate, its parameters and its warnings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,17 +23,16 @@ from .surface_model import SurfaceModel
 
 @dataclass(frozen=True)
 class FeatureFit:
-    """A candidate fitted.
+    """A fitted candidate.
 
-    - `features`: by name; none for "nothing there". `fit`: the fit below, None where there was
-      nothing to fit. `model`: parameters to signal and traction.
-    - `parameters`: what a user reads, (value, standard error) by name: the shape, the amplitude and
-      the friction of each feature, of a surface the height and the frictions; names begin with the
-      feature's where there are several.
-      Their standard errors are infinite where the fit failed.
+    - `features`: by name; none for "nothing there". `fit`: the fit below, None without any free
+      parameter. `model`: parameters to signal and traction.
+    - `parameters`: reported (value, standard error) by name: the shape, the amplitude and the
+      friction of each feature, of a surface the height and the frictions; names begin with the
+      feature's where there are several. Their standard errors are infinite where the fit failed.
     - `log_evidence`: log probability density of the data under the candidate.
-    - `chi2_per_freedom` of the residual's `degrees_of_freedom`; None where it says nothing.
-    - `noise_warnings`: what speaks against noise that was estimated from what the fit leaves.
+    - `chi2_per_freedom` of the residual's `degrees_of_freedom`; None where it is undefined.
+    - `noise_warnings`: warnings on noise that was estimated from the residual.
     """
 
     features: Mapping[str, Feature | SurfaceFeature]
@@ -52,12 +51,12 @@ class FeatureFit:
 
     @property
     def status(self) -> str:
-        """Whether the fit is an answer: "converged", or what went wrong."""
+        """ "converged", or what went wrong."""
         return "converged" if self.fit is None else self.fit.status
 
     @property
     def explains(self) -> bool:
-        """Whether features leave no more of the data than the noise."""
+        """Whether the residual is no larger than the noise."""
         return self.fit is not None and explains(self.fit)
 
     @classmethod
@@ -71,7 +70,7 @@ class FeatureFit:
         noise_warnings: tuple[str, ...] = (),
     ) -> "FeatureFit":
         """A candidate with features or constants fitted."""
-        if fit.quality is Quality.FAILED:  # its errors would look as if they held
+        if fit.quality is Quality.FAILED:  # its standard errors are not valid
             parameters = {name: (value, np.inf) for name, (value, _) in parameters.items()}
         freedom = fit.stats["degrees_of_freedom"]
         return cls(
@@ -91,12 +90,12 @@ class FeatureFit:
 
     @property
     def undetected(self) -> tuple[str, ...]:
-        """Features that the data do not tell from nothing."""
+        """Features that are not detected."""
         return () if self.fit is None else undetected_features(self.features, self.fit)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the parameters and their standard errors, as sentences."""
+        """Warnings on the parameters and their standard errors, as sentences."""
         if self.fit is None:
             chi2, freedom = self.chi2_per_freedom, self.degrees_of_freedom
             return (*of_fit(chi2, freedom, (), ()), *self.noise_warnings)
@@ -120,7 +119,7 @@ class FeatureFit:
 
 
 def explains(end: Fit) -> bool:
-    """Whether a fit leaves no more of the data than the noise."""
+    """Whether a fit's residual is no larger than the noise."""
     return bool(end.converged and end.explains)
 
 
@@ -137,5 +136,5 @@ def traction_band(fitted: FeatureFit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def probabilities(candidates: Sequence[FeatureFit]) -> np.ndarray:
-    """Of each candidate (c,), all taken as equally probable beforehand."""
+    """Posterior probability of each candidate (c,), all equally probable a priori."""
     return np.asarray(softmax([candidate.log_evidence for candidate in candidates]))

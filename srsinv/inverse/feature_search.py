@@ -1,4 +1,4 @@
-"""Where a fit of features starts: banks of matched filters on coarser samples."""
+"""Start values of a fit of features: banks of matched filters on coarser samples."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from .feature_model import FeatureModel, Features, scan_extent
 
 COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
 STARTS = 3  # the best of the search that are fitted from
-LEAST_RELATIVE_SIGNAL = 1e-6  # of the strongest signal: what is felt less is not felt
+LEAST_RELATIVE_SIGNAL = 1e-6  # of the strongest signal: a floor
 
 
 class Blocks:
@@ -39,8 +39,8 @@ class Blocks:
 
 
 def apart(tried: Sequence[np.ndarray], explained: np.ndarray) -> list[int]:
-    """The best of all that were tried, each a row of `tried`'s columns (start,), that are not
-    neighbours on their grid."""
+    """Indices of the best starts that are not neighbours on their grid, by `tried`'s columns
+    (start,)."""
     places = np.stack([np.unique(v, return_inverse=True)[1] for v in tried], axis=1)
     chosen: list[int] = []
     for at in np.argsort(-explained):
@@ -64,7 +64,7 @@ class _MatchedFilterBank:
 
 
 class Coarse:
-    """The same signal on coarser samples and cells, for the search of a start."""
+    """Coarse model: fewer samples and cells, for the search of a start."""
 
     def __init__(self, sensor: Sensor, motion: Motion):
         self._blocks = Blocks(motion, float(sensor.depth_m) / COARSE_PER_DEPTH)
@@ -78,8 +78,8 @@ class Coarse:
         """The shapes of one more feature to start from, the best first, and the strongest signal of
         each of its unit amplitudes over all shapes tried.
 
-        A bank of matched filters: for each shape tried, how much of what the features found so far
-        leave (their shape and amplitudes kept) its best amplitudes explain.
+        A bank of matched filters: for each shape tried, the part of the residual of the features
+        found so far (their shape and amplitudes fixed) that its best amplitudes explain.
         """
         rest = self._blocks.means(np.nan_to_num(y))
         if parts:
@@ -94,7 +94,7 @@ class Coarse:
         return shapes, bank.strongest
 
     def relative_signal(self, feature: Feature, own: Mapping[str, Any]) -> Float[np.ndarray, " a"]:
-        """How strong the signal of each unit amplitude is, beside that of the shape felt most."""
+        """Signal of each unit amplitude, relative to the shape with the strongest signal."""
         signals = self._responses(feature, {part: [own[part]] for part in feature.axes})
         peak = np.abs(signals).max(axis=(0, 2, 3))
         top = np.asarray(self._known(feature).strongest)
@@ -115,12 +115,12 @@ class Coarse:
         strongest = np.abs(signals).max(axis=(0, 2, 3)).tolist()
         signals = self._without_mean(signals).reshape(*signals.shape[:2], -1)
         gram = signals @ signals.swapaxes(1, 2)
-        # Faintly damped, for shapes that the film hardly feels.
+        # Slightly damped, for shapes with hardly any signal.
         gram = gram + 1e-9 * np.trace(gram.mean(axis=0)) * np.eye(gram.shape[-1]) + 1e-300
         return _MatchedFilterBank(tried, signals, gram, strongest)
 
     def _without_mean(self, signals: np.ndarray) -> np.ndarray:
-        """Less each element's mean, where its offset is free."""
+        """Signals less each element's mean, where its offset is free."""
         return signals - self._model.free_offset * signals.mean(axis=-1, keepdims=True)
 
 

@@ -1,5 +1,5 @@
-"""What a fit of features tells, and what it does not: strengths that may be nothing, and parameters
-that stand on a bound. Their linearised errors look sure and are not."""
+"""Identifiability in a fit of features: undetected features, and parameters on a bound. Their
+linearised standard errors are not valid."""
 
 from collections.abc import Mapping
 
@@ -9,19 +9,17 @@ from ..forward.feature import Feature
 from ..forward.surface_feature import SurfaceFeature
 from .nonlinear import Fit
 
-# Standard errors of a strength from nothing. Noise alone, looked through at every place and width,
-# makes features of up to four.
+# Standard errors of a strength from zero. Noise alone, searched at every place and width, gives
+# features of up to four.
 DETECTION_SIGMA = 5.0
-STRONG_CORRELATION = (
-    0.3  # of a correlation, from which a parameter goes where one on its bound would
-)
+STRONG_CORRELATION = 0.3  # of a correlation, from which a parameter moves with one on its bound
 
 
 def undetected_features(
     features: Mapping[str, Feature | SurfaceFeature], fit: Fit
 ) -> tuple[str, ...]:
-    """Features that the data do not tell from nothing: their place, width and friction are then
-    those of noise."""
+    """Features not detected above the noise: their place, width and friction are then those of
+    noise."""
     if not all(isinstance(feature, Feature) for feature in features.values()):
         return () if _gain(fit) >= DETECTION_SIGMA**2 else tuple(features)
     return tuple(
@@ -32,8 +30,8 @@ def undetected_features(
 
 
 def limited_by_bounds(fit: Fit) -> frozenset[str]:
-    """Parameters that stand on a bound, and those that go with them: where the data would have them
-    lies beyond, and no error says how far."""
+    """Parameters on a bound, and those correlated with them: the unbounded optimum lies beyond, and
+    no standard error covers it."""
     rows = [fit.names.index(name) for name in fit.at_bound]
     with np.errstate(invalid="ignore"):
         traded = np.any(np.abs(fit.correlation[rows]) > STRONG_CORRELATION, axis=0)
@@ -41,7 +39,7 @@ def limited_by_bounds(fit: Fit) -> frozenset[str]:
 
 
 def _strength(name: str, feature: Feature, fit: Fit) -> float:
-    """How far the amplitudes of p and q together are from nothing, in standard errors."""
+    """Mahalanobis distance of the amplitudes of p and q from zero, in standard errors."""
     at = [fit.names.index(f"{name}.{part}") for part in feature.linear]
     value = np.array([fit.value[name][part] for part in feature.linear])
     stderr = np.sqrt(np.diagonal(fit.covariance))[at]
@@ -52,7 +50,7 @@ def _strength(name: str, feature: Feature, fit: Fit) -> float:
 
 
 def _gain(fit: Fit) -> float:
-    """By how much the features bring chi squared down, constants taken out."""
+    """Reduction of chi squared by the features, constants taken out."""
     white = fit.whitened + fit.whitened_signal()
     constant = [i for i, name in enumerate(fit.names) if name.partition("[")[0] == "offset"]
     if constant:

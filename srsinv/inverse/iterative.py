@@ -34,8 +34,8 @@ class NormalEquations(eqx.Module):
     def precondition(self, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
         """The posterior covariance of the nearest periodic problem, applied to r."""
         inverse = self.factor.inverse
-        # A mode that the periodic problem leaves free still has to move: it takes the largest
-        # step that any other mode of its component takes.
+        # A mode that the periodic problem does not determine still has to move: it takes the
+        # largest step that any other mode of its component takes.
         largest = jnp.max(jnp.sum(jnp.abs(inverse) ** 2, axis=1), axis=-1)[:, None]
         spectrum = jnp.fft.rfft(r)
         step = jnp.einsum("ijk,ljk,lk->ik", inverse, inverse.conj(), spectrum)
@@ -43,7 +43,7 @@ class NormalEquations(eqx.Module):
         return self.centre(jnp.fft.irfft(step, self.problem.line.n))
 
     def centre(self, r: Array) -> Array:
-        """r without the means that are not solved for."""
+        """Project out the means that are not solved for."""
         mean = r.mean(axis=-1, keepdims=True)
         return r - jnp.where(self.problem.zero_mean[:, None], mean, 0.0)
 
@@ -51,7 +51,7 @@ class NormalEquations(eqx.Module):
         problem = self.problem
         if problem.observed is None:
             return jnp.fft.irfft(jnp.fft.rfft(y) * problem.whitener**2, problem.line.n)
-        # White noise: the last wavenumber tells its level.
+        # White noise: the last wavenumber gives its level.
         y = y - problem.free_offset(y)
         return jnp.where(problem.observed, y, 0.0) * problem.whitener[-1] ** 2
 
@@ -86,10 +86,10 @@ def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
 
 
 def _condition(problem: Problem, prior: Prior) -> Float[Array, ""]:
-    """About the condition number: of what the signal tells best to what the prior alone holds.
+    """Estimate of the condition number: the best observed mode over one held by the prior alone.
 
-    Where samples are missing, or an open line ends, some traction is held by the prior alone. How
-    firmly is taken from the mean over its wavenumbers.
+    Where samples are missing, or an open line ends, some traction is held by the prior alone, with
+    its mean precision over wavenumbers.
     """
     information = jnp.max(problem.information)
     held = jnp.mean(prior.root(problem.line) ** 2, axis=-1)

@@ -1,4 +1,4 @@
-"""The prior precision of the traction, and how well a prior explains the data.
+"""The prior precision of the traction, and scores of a prior given the data.
 
 Wiener's filter and Tikhonov's method minimise |N^(-1/2) (m - G r)|^2 + |P^(1/2) r|^2 and differ in
 P alone: the inverse traction spectrum, or a weighted derivative penalty. The minimiser is the
@@ -27,7 +27,7 @@ class Prior(eqx.Module):
 
 
 class Score(NamedTuple):
-    """What a rule needs to judge a prior: scalars, or one number for each prior of a batch."""
+    """Terms of a rule's criterion for a prior: scalars, or one number for each prior of a batch."""
 
     residual: Float[Array, "..."]  # whitened residual sum of squares
     freedom: Float[Array, "..."]  # effective number of fitted parameters
@@ -37,9 +37,8 @@ class Score(NamedTuple):
 class Solution(NamedTuple):
     """The traction's deviation from its known mean, as a path finds it.
 
-    - `resolved_dof`: how many numbers of each component the signal tells, the trace of its
-      resolution.
-    - `condition`: the condition number of what the path solves.
+    - `resolved_dof`: effective degrees of freedom of each component, the trace of its resolution.
+    - `condition`: the condition number of the path's system.
     """
 
     value: Float[Array, "c n"]

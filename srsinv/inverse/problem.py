@@ -1,4 +1,4 @@
-"""What every inversion takes and gives back."""
+"""Input and result of every inversion: `Problem` and `Estimate`."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -15,31 +15,30 @@ from ..grid import Convolution, Line, as_real
 from .quality import Quality, quality, reasons
 
 COMPONENTS = ("p", "q")
-FAINT = 1e-3  # a gain at k = 0 below this share of the largest tells nothing of a mean
+FAINT = 1e-3  # a gain at k = 0 below this fraction of the largest leaves a mean unobservable
 
 
 class Problem(eqx.Module):
-    """Signals, the model that explains them, and what is known beside them.
+    """Signals, their linear model, and further known quantities.
 
     The model is data = forward(r) + noise with r (c, n) the traction [Pa]: both components
     ("p and q apart"), or p alone where `friction` says q = mu p.
 
-    - `data` (e, n): signal less its known offset and less what the known means make of it; zero
-      where it is missing.
+    - `data` (e, n): signal less its known offset and less the signal of the known means; zero where
+      it is missing.
     - `noise` (k,): power per sample at `line.k` (see `forward.noise`); infinite at k = 0 where the
       signal's offset is not known, which takes its mean out of the data.
-    - `observed` (e, n): which samples are there; None means all.
-    - `known_mean_Pa`: for each component its mean over the window where the experimenter knows it,
-      else None.
+    - `observed` (e, n): mask of valid samples; None means all.
+    - `known_mean_Pa`: for each component its mean over the window where it is known, else None.
     - `background_Pa`: for each component a uniform traction that continues beyond the window of an
-      open line, which the signal is blind to; it is added to the estimate. None: not known.
+      open line, which is unobservable; it is added to the estimate. None: not known.
     - `friction`: mu in q = mu p; None leaves p and q apart.
     - `zero_mean` (c,): whether only the deviation from the mean is solved for: where the mean is
-      known from outside, and where the signal is blind to it.
+      known, and where it is unobservable.
     - `mean_signal` (e, n): the signal of the known means.
 
     Raises `BadInput` where shapes disagree, a number is not finite, fewer than three samples are
-    there, the noise is zero, the model is zero, or one element is asked for p and q apart.
+    valid, the noise is zero, the model is zero, or one element is asked for p and q apart.
     """
 
     line: Line
@@ -83,18 +82,18 @@ class Problem(eqx.Module):
 
     @property
     def unknowns(self) -> int:
-        """How many components are solved for."""
+        """Number of components that are solved for."""
         return self.forward.transfer.shape[1]
 
     @property
     def separable(self) -> bool:
-        """Whether each wavenumber can be treated alone: a periodic line with every sample there."""
+        """Whether each wavenumber can be treated alone: a periodic line with every sample valid."""
         return self.forward.is_circular and self.observed is None
 
     @property
     def information(self) -> Float[Array, "c k"]:
-        """What the signal tells of each component at line.k, sum over elements of |G|^2/N
-        [1/Pa^2], of the nearest periodic problem."""
+        """Fisher information on each component at line.k, sum over elements of |G|^2/N [1/Pa^2], of
+        the nearest periodic problem."""
         gain = jnp.abs(self.forward.circulant().transfer * self.whitener) ** 2
         return jnp.sum(gain, axis=0)
 
@@ -105,13 +104,13 @@ class Problem(eqx.Module):
 
     @property
     def samples(self) -> int:
-        """How many samples are there, over all elements."""
+        """Number of valid samples, over all elements."""
         return int(self.data.size if self.observed is None else np.sum(np.asarray(self.observed)))
 
     @eqx.filter_jit
     def free_offset(self, y: Float[Array, "e n"]) -> Float[Array, "e 1"]:
-        """The mean of y over the samples that are there, where the signal's offset is not known
-        and takes it up; else zero."""
+        """The mean of y over the valid samples, where the signal's offset is not known and absorbs
+        it; else zero."""
         is_observed = jnp.ones(y.shape, bool) if self.observed is None else self.observed
         count = jnp.maximum(jnp.sum(is_observed, axis=-1, keepdims=True), 1)
         mean = jnp.sum(jnp.where(is_observed, y, 0.0), axis=-1, keepdims=True) / count
@@ -119,9 +118,9 @@ class Problem(eqx.Module):
 
     @property
     def mean_is_observable(self) -> Bool[Array, " c"]:
-        """For each unknown, whether the signal tells its mean.
+        """For each unknown, whether its mean is observable.
 
-        Its gain at k = 0 must be there, and not the same as another unknown's up to a factor.
+        Its gain at k = 0 must not vanish, nor be proportional to another unknown's.
         """
         return _is_observable(self.forward, self.noise, self._known)
 
@@ -130,7 +129,7 @@ class Problem(eqx.Module):
         return tuple(mean is not None for mean in self.known_mean_Pa[: self.unknowns])
 
     def mean_statement(self) -> dict[str, str]:
-        """For p and q, in words, where the mean of the estimate comes from."""
+        """Origin of the estimate's mean for p and q, in words."""
         return {name: self._mean_of(c) for c, name in enumerate(COMPONENTS)}
 
     def _mean_of(self, c: int) -> str:
@@ -150,7 +149,7 @@ class Problem(eqx.Module):
 
 @eqx.filter_jit
 def _is_observable(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, " c"]:
-    """For each unknown, whether its gain at k = 0 is there, and not another one's."""
+    """For each unknown, whether its gain at k = 0 is neither zero nor proportional to another's."""
     gain = forward.transfer[..., 0]
     largest = jnp.max(jnp.abs(forward.transfer))
     size = jnp.linalg.norm(jnp.abs(gain), axis=0)
@@ -163,13 +162,13 @@ def _is_observable(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool
 
 @eqx.filter_jit
 def _has_zero_mean(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool[Array, " c"]:
-    # On an open line the window's ends show a little of every mean.
+    # On an open line the window's ends respond weakly to every mean.
     return jnp.asarray(known) | (~_is_observable(forward, noise, known) & forward.is_circular)
 
 
 @eqx.filter_jit
 def _less_means(forward: Convolution, data, observed, means):
-    """The signal of the known means, and the data without it, zero where none are."""
+    """The signal of the known means, and the data without it, zero where none are valid."""
     each = jnp.stack([jnp.zeros(()) if mean is None else mean for mean in means])
     level = forward(jnp.tile(each[:, None], (1, data.shape[-1])))
     data = data - level
@@ -239,17 +238,17 @@ class Estimate(eqx.Module):
     """Recovered traction with its uncertainty.
 
     - `value` (2, n): p and q [Pa]; `stderr` (2, n): posterior standard error [Pa] of the value
-      where its mean is in the signal, else of its deviation from the mean (on an open line: over
-      the stretch with samples).
+      where its mean is observable, else of its deviation from the mean (on an open line: over the
+      cells with samples).
     - `covariance`: (c, c, k) per wavenumber on the spectral and the iterative path, (c n, c n) on
       the direct one.
-    - `status`: "converged", or what did not work; `warnings`: sentences on what speaks against the
-      bands (see diagnostics.py); `quality`: what the estimate is worth.
-    - `stats`: numbers of the solution (iterations, weights, `resolved_dof_p`, `resolved_dof_q`, how
-      many numbers of each the signal tells, and `chi2_per_freedom` of the residual's
+    - `status`: "converged", or what went wrong; `warnings`: sentences on the validity of the bands
+      (see diagnostics.py); `quality`: good, doubtful or failed.
+    - `stats`: numbers of the solution (iterations, weights, `resolved_dof_p`, `resolved_dof_q`, the
+      effective degrees of freedom of each, and `chi2_per_freedom` of the residual's
       `degrees_of_freedom`, None where coloured noise has gaps).
-    - `fitted` (e, n): the signal explained; `whitened` (e, n): residual over the noise, NaN where
-      no sample is.
+    - `fitted` (e, n): the fitted signal; `whitened` (e, n): residual over the noise, NaN where a
+      sample is missing.
     - `averaging` (c, c, n): the estimate's response to a unit traction in the middle cell; the
       transform of its diagonal is the resolution at each wavenumber.
     """
@@ -265,11 +264,11 @@ class Estimate(eqx.Module):
     stats: dict[str, Any] = eqx.field(static=True)
 
     def with_stats(self, stats: dict[str, Any]) -> "Estimate":
-        """The same estimate, saying more about how it was made."""
+        """The same estimate with further stats."""
         return dataclasses.replace(self, stats=stats | self.stats)
 
     def with_warnings(self, warnings: Sequence[str]) -> "Estimate":
-        """The same estimate with more that speaks against it."""
+        """The same estimate with further warnings."""
         return dataclasses.replace(self, warnings=(*self.warnings, *warnings))
 
     @property

@@ -1,6 +1,6 @@
 """The quadratic problem under Wiener's filter and Tikhonov's method, and its three paths.
 
-- *spectral*: exact and quickest; a periodic line with every sample there.
+- *spectral*: exact and quickest; a periodic line with every sample valid.
 - *direct*: exact; any line, any missing samples, any noise; up to a few thousand unknowns.
 - *iterative*: conjugate gradients; any length; its standard error is that of the nearest periodic
   problem.
@@ -21,9 +21,9 @@ from .prior import Prior, Score, Solution
 from .problem import COMPONENTS, Estimate, Problem
 
 DIRECT_LIMIT = 4096
-# Condition numbers up to which a solution is an answer. Of Cholesky's: beyond these, errors of 1 %
-# and more were seen, some 70 times the condition's round-off. Of conjugate gradients', in units of
-# its root: beyond, a residual of 1e-10 was seen on values wrong by their own size.
+# Condition numbers up to which a solution is accepted. Of Cholesky's: beyond these, errors of 1 %
+# and more occur, some 70 times the condition's round-off. Of conjugate gradients', in units of its
+# root: beyond, a residual of 1e-10 occurs with values wrong by their own size.
 TRUSTED, TRUSTED_ITERATIVE = {"float64": 6e11, "float32": 1.7e4}, 0.3
 PATHS = ("auto", "spectral", "direct", "iterative")
 
@@ -50,7 +50,7 @@ def solve(problem: Problem, prior: Prior, path: str = "auto", tolerance: float =
         if not bool(fine):
             result = f"not converged: the limit of {int(steps)} iterations was reached"
         elif not problem.separable:
-            # The residual says little of directions that hardly count in it.
+            # The residual hardly constrains directions of small weight in it.
             result = _trusted(solution, TRUSTED_ITERATIVE / eps**0.5)
     stats["condition"] = float(solution.condition)
     return _estimate(problem, prior, solution, result, stats)
@@ -89,7 +89,7 @@ def choose_path(problem: Problem, path: str) -> str:
 
 
 class Family(eqx.Module):
-    """Priors by their log10 weights: what a rule chooses from."""
+    """A family of priors, by their log10 weights, for a rule to choose from."""
 
     @abc.abstractmethod
     def __call__(self, log_weights: Float[Array, " c"]) -> Prior:
@@ -152,11 +152,12 @@ def _estimate(
 def _chi2(
     problem: Problem, resolved_dof: Float[np.ndarray, " c"], squares: float
 ) -> dict[str, float | None]:
-    """Chi-square of the residual per degree of freedom; None where it says nothing."""
+    """Chi-square of the residual per degree of freedom; None where it is undefined."""
     noise = np.asarray(problem.noise)
     offsets = 0 if np.isfinite(noise[0]) else problem.data.shape[0]
     freedom = float(problem.samples - offsets - resolved_dof.sum())
-    # With samples missing, what is whitened over the gaps as zeros is so for white noise alone.
+    # With samples missing, a residual whitened with zeros in the gaps is white for white noise
+    # alone.
     whitened = problem.observed is None or not np.ptp(noise[1:])
     known = whitened and freedom >= 1
     return {
@@ -196,7 +197,7 @@ def _warnings(
 
 
 def _missing(problem: Problem) -> float:
-    """The share of samples missing between the first and the last cell that has any."""
+    """The fraction of samples missing between the first and the last cell that has any."""
     if problem.observed is None:
         return 0.0
     observed = np.asarray(problem.observed)
@@ -211,8 +212,8 @@ def _whitened_model(problem: Problem, prior: Prior):
 
 
 class _Shown(NamedTuple):
-    """What an estimate shows of a solution: of p and q, the signal explained, the whitened
-    residual; and the squares of the latter and of the traction in units of its prior."""
+    """Parts of an estimate from a solution: p and q, the fitted signal, the whitened residual; and
+    the squares of the latter and of the traction in units of its prior."""
 
     finite: Bool[Array, ""]
     value: Float[Array, "2 n"]
@@ -249,7 +250,7 @@ def _shown(problem: Problem, prior: Prior, solution: Solution) -> _Shown:
 
 
 def _whitened(problem: Problem, residual: Float[Array, "e n"]) -> Float[Array, "e n"]:
-    """The residual in units of the noise, NaN where no sample is."""
+    """The residual in units of the noise, NaN where a sample is missing."""
     residual = residual - problem.free_offset(residual)
     observed = problem.observed
     if observed is not None:

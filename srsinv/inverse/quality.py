@@ -1,4 +1,4 @@
-"""Whether an answer may be used: good, doubtful or failed, by one rule for inversions and fits."""
+"""Quality of a result: good, doubtful or failed, by one rule for inversions and fits."""
 
 import enum
 import math
@@ -7,8 +7,8 @@ from collections.abc import Collection
 # The root of chi-square per degree of freedom beyond which an answer has failed. Bands are those of
 # the noise as stated; where the residual is s times that noise, so are the errors, or more, and a
 # 90 % band covers P(|z| < 1.645 / s). At s = 1.645 / 0.674 = 2.44 (chi-square 5.9) that is a half:
-# beyond it a band misses the truth more often than it holds it. The model or the noise is wrong
-# then, and no band says by how much.
+# beyond it a band misses the truth more often than it covers it. The model or the noise is wrong
+# then, by an unknown amount.
 FAILED_RMS = 1.6449 / 0.6745
 # Standard deviations of the root of a chi-square (1 / sqrt(2 dof) each) that count as chance: with
 # fewer than six degrees of freedom they reach beyond `FAILED_RMS`.
@@ -16,12 +16,12 @@ SIGNIFICANT = 5.0
 
 
 class Quality(enum.StrEnum):
-    """What an answer is worth.
+    """Quality of a result.
 
-    - `GOOD`: nothing speaks against it or its bands.
+    - `GOOD`: no warnings on it or its bands.
     - `DOUBTFUL`: an answer with warnings; its bands may be too narrow.
     - `FAILED`: no answer: the search did not converge, or the residual is so far beyond the noise
-      that no band holds.
+      that no band is valid.
     """
 
     GOOD = "good"
@@ -35,12 +35,12 @@ def quality(
     warnings: Collection[str],
     degrees_of_freedom: float | int = math.inf,
 ) -> Quality:
-    """The quality of an answer.
+    """The quality of a result.
 
     - `status`: "converged", or what went wrong.
     - `chi2_per_dof`: squares of the whitened residual over their degrees of freedom; None where the
-      noise was not known, so that it says nothing.
-    - `warnings`: sentences on what speaks against the answer.
+      noise was not known.
+    - `warnings`: sentences on the validity of the result.
     - `degrees_of_freedom`: of the residual; with few of them a large chi-square can be chance.
     """
     if status != "converged":
@@ -51,8 +51,8 @@ def quality(
 
 
 def is_excess(chi2_per_dof: float | int, degrees_of_freedom: float | int, most_rms: float) -> bool:
-    """Whether a chi-square per degree of freedom has a root above `most_rms` that is no chance; one
-    that is not a number has."""
+    """Whether the root of a chi-square per degree of freedom exceeds `most_rms` beyond chance; NaN
+    does."""
     if not degrees_of_freedom >= 1:
         return False
     chance = 1 + SIGNIFICANT / math.sqrt(2 * degrees_of_freedom)
@@ -60,7 +60,7 @@ def is_excess(chi2_per_dof: float | int, degrees_of_freedom: float | int, most_r
 
 
 def reasons(status: str, warnings: Collection[str]) -> tuple[str, ...]:
-    """Why an answer is not good, as sentences; none for a good one.
+    """Reasons why a result is not good, as sentences; none for a good one.
 
     A chi-square that makes it fail is among the warnings, too.
     """

@@ -1,6 +1,6 @@
 """Choosing the regularisation: generalised cross validation, evidence.
 
-A rule sees a method only through its scores, a batch of log10 weights (b, c) at a time. So it
+A rule depends on a method only through its scores, a batch of log10 weights (b, c) at a time. So it
 serves every method and every path alike.
 """
 
@@ -17,14 +17,14 @@ from .quadratic import Scorer
 
 
 class Choice(eqx.Module):
-    """The chosen log10 weights (c,) and, in words, how it went."""
+    """The chosen log10 weights (c,) and a status in words."""
 
     log_weights: Float[Array, " c"]
     status: str = eqx.field(static=True)
 
 
 class Rule(eqx.Module):
-    """How regularisation weights are chosen."""
+    """A rule for the choice of regularisation weights."""
 
     name: ClassVar[str]
 
@@ -32,7 +32,7 @@ class Rule(eqx.Module):
     def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
         """The weights, within the box from its lower to its upper log10 weights.
 
-        A component whose two ends are equal keeps its weight.
+        A component whose two ends are equal has a fixed weight.
         """
 
 
@@ -41,7 +41,7 @@ class _Minimise(Rule):
 
     @abc.abstractmethod
     def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
-        """What is minimised."""
+        """The criterion to minimise, for each score."""
 
     def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
         # A scan along the box's diagonal, then grids about the best point, each half as wide: no

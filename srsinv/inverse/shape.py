@@ -1,4 +1,4 @@
-"""The profile that the skin is pressed on, from the pressure: contact the other way round.
+"""Surface profile from the pressure: the inverse of the contact problem.
 
 Where the skin touches, its displacement is the surface's height up to a constant, and at nu = 1/2
 pressure alone displaces it, w(k) = compliance(k) p(k) (docs/physics.md, section 5). Between, w is
@@ -21,7 +21,7 @@ def shape_under(
 ) -> Float[Array, "*rows n"]:
     """The skin's displacement [m] at the cell centres, its mean zero, under cell averages of p.
 
-    What [`press`][srsinv.forward.contact.press] solves for p: everything repeats with the window.
+    The inverse of [`press`][srsinv.forward.contact.press]: everything repeats with the window.
     """
     spectrum = cell_compliance(line, skin) * jnp.fft.rfft(pressure_Pa)
     return jnp.fft.irfft(spectrum, line.n)
@@ -30,7 +30,7 @@ def shape_under(
 def shape_band(
     line: Line, skin: Skin, estimate: Estimate, touching: Bool[Array, " n"]
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """The displacement [m] under the estimate's p, less its mean over the cells that touch, and its
+    """The displacement [m] under the estimate's p, less its mean over the cells in contact, and its
     standard error.
 
     p enters linearly, so that the error is the estimate's own covariance carried through, exactly.
@@ -46,7 +46,7 @@ def _band(line: Line, skin: Skin, pressure, covariance, touching):
         own, shared = _stationary(line, skin, covariance[0, 0].real, weights)
     else:
         own, shared = _whole(line, skin, covariance[: line.n, : line.n], weights)
-    # Of w less its mean: var w - 2 cov(w, mean) + var mean.
+    # Variance of w less its mean: var w - 2 cov(w, mean) + var mean.
     variance = own - 2 * shared + weights @ shared
     return w - weights @ w, jnp.sqrt(jnp.maximum(variance, 0.0))
 
@@ -60,6 +60,6 @@ def _stationary(line: Line, skin: Skin, power: Float[Array, " k"], weights):
 
 
 def _whole(line: Line, skin: Skin, covariance: Float[Array, "n n"], weights):
-    """The same from the covariance between all cells."""
+    """As `_stationary`, from the covariance between all cells."""
     carried = shape_under(line, skin, shape_under(line, skin, covariance).T)
     return jnp.diagonal(carried), carried @ weights

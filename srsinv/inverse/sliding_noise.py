@@ -1,4 +1,4 @@
-"""How much noise there is, from what a fit leaves: a white part and one correlated along the path.
+"""Noise levels from a fit's residual: a white part and one correlated along the path.
 
 The correlated part, from sliding, has the covariance s^2 exp(-|dx|/l) along the motion
 (docs/physics.md, section 10). The levels are those of greatest restricted likelihood (Patterson and
@@ -14,15 +14,15 @@ from scipy.optimize import minimize
 
 from .nonlinear import WhitePlusOU
 
-# Of symmetric, positive definite, tridiagonal matrices.
+# Factors and solutions of symmetric, positive definite, tridiagonal matrices.
 _FACTOR, _SOLVE = get_lapack_funcs(("pttrf", "pttrs"), dtype=float)
-NOTICED = 0.03  # relative difference of a standard error, which itself is known no better
+NOTICED = 0.03  # relative difference of a standard error, about its own accuracy
 LEAST_STEP = 1e-6  # of the correlation length: samples nearer than that are as good as one
-LEAST_START = 0.03  # of the white noise: from none at all no search would find some
-ALIKE = 1e-6  # directions whose difference is less than that share are one
+LEAST_START = 0.03  # of the white noise: a search from zero would not leave it
+ALIKE = 1e-6  # relative singular value below which directions are dependent
 LEAST_SLIDING = 1e-4  # of the white noise: less sliding noise than that is none
 RANGE = 50.0  # the correlation length lies within this factor of the film's depth
-MOST_WHITE = 1e3  # times what the residual's differences say
+MOST_WHITE = 1e3  # times the estimate from the residual's differences
 
 
 @dataclass(frozen=True)
@@ -35,25 +35,25 @@ class Levels:
     correlation_m: float
 
     def whitener(self, position_m, observed: Bool[np.ndarray, "e sample"]) -> WhitePlusOU:
-        """The noise of data along the motion, where they are seen."""
+        """Whitener of the noise along the motion, at `observed` samples."""
         white = np.where(observed, self.white[:, None], np.inf)
         return WhitePlusOU(position_m, white, self.sliding, self.correlation_m)
 
     def differs_from(self, other: "Levels", step_m: float) -> bool:
-        """Whether a fit to samples `step_m` apart would notice the difference: that of the noise at
+        """Whether the difference changes a fit to samples `step_m` apart: that of the noise at
         short waves, or at waves longer than the correlation."""
         ours, theirs = (np.append(each.white, each._long_waves(step_m)) for each in (self, other))
         return bool(np.any(np.abs(np.log(ours / theirs)) > NOTICED))
 
     def _long_waves(self, step_m: float) -> Float[np.ndarray, " e"]:
-        """The white noise that would have the density of all noise at long waves."""
+        """Rms of white noise with the density of all noise at long waves."""
         return np.sqrt(self.white**2 + 2 * self.sliding**2 * self.correlation_m / step_m)
 
 
 def first_levels(y: Float[np.ndarray, "e sample"], depth_m: float) -> Levels:
-    """To begin with: the white noise that the samples' differences show, and little sliding."""
+    """Initial levels: the white noise from the samples' differences, and little sliding noise."""
     white = np.maximum(_from_differences(y), 1e-9 * np.nanmax(np.abs(y)))
-    white = np.where(white > 0, white, 1.0)  # of zeros any level is as good
+    white = np.where(white > 0, white, 1.0)  # zeros do not determine a level
     return Levels(white, float(0.3 * white.mean()), 0.3 * depth_m)
 
 
@@ -64,10 +64,10 @@ def estimate(
     fitted: Float[np.ndarray, "e sample m"] | None = None,
     start: Levels | None = None,
 ) -> Levels:
-    """The levels under which the residual (nan where missing) is the most likely.
+    """The levels of maximum restricted likelihood of the residual (nan where missing).
 
-    - `fitted`: the fit's derivatives. Along them noise has been taken out of the residual, slow
-      noise most of all: what is likely is then asked of all other directions only.
+    - `fitted`: the fit's derivatives. The fit removes noise from the residual along them, slow
+      noise most of all: the likelihood is that of all other directions only.
     - `start`: levels to begin with.
     """
     start = first_levels(residual, depth_m) if start is None else start
@@ -95,8 +95,7 @@ def estimate(
 
 
 def _directions(fitted, residual) -> Float[np.ndarray, "e sample k"]:
-    """An orthonormal basis of the derivatives where data are seen: columns that are not independent
-    are no direction more."""
+    """An orthonormal basis of the derivatives at valid data; dependent columns are dropped."""
     known = np.isfinite(residual)[..., None] & np.isfinite(fitted)
     columns = np.where(known, fitted, 0.0).reshape(residual.size, -1)
     length = np.linalg.norm(columns, axis=0)
@@ -108,7 +107,7 @@ def _directions(fitted, residual) -> Float[np.ndarray, "e sample k"]:
 
 
 class _Row:
-    """One element's residual and the directions taken out of it, where it is seen on the path."""
+    """One element's residual and the directions taken out of it, at its valid samples."""
 
     def __init__(self, position_m, residual, taken):
         observed = np.isfinite(residual)
@@ -116,7 +115,7 @@ class _Row:
         self.steps = np.abs(np.diff(np.asarray(position_m, float)[observed]))
 
     def products(self, white: float, sliding: float, correlation: float):
-        """The columns' products V^T N^-1 V, and log |N|, in the number of samples' time.
+        """The columns' products V^T N^-1 V, and log |N|, in time linear in the number of samples.
 
         An Ornstein-Uhlenbeck process has the tridiagonal precision Q/s^2, and
         w^2 + s^2 Q^-1 = (w^2 Q + s^2) Q^-1.
@@ -136,7 +135,7 @@ class _Row:
 
 
 def _from_differences(y: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, " e"]:
-    """White noise from third differences, which a smooth signal hardly has; their median, as edges
-    do have some."""
+    """White noise from third differences, which are small for a smooth signal; by their median, as
+    they are large at edges."""
     third = np.diff(y, 3, axis=-1)
     return np.nanmedian(np.abs(third), axis=-1) * 1.4826 / np.sqrt(20.0)

@@ -29,7 +29,7 @@ class OrthogonalFactor(NamedTuple):
 
 @jax.jit
 def solve(problem: Problem, prior: Prior) -> Solution:
-    """Posterior of the traction on a periodic line with every sample there.
+    """Posterior of the traction on a periodic line with every sample valid.
 
     The condition number is that of the rows, over all wavenumbers, in Frobenius' norm.
     """
@@ -82,14 +82,14 @@ def factorise(problem: Problem, prior: Prior) -> OrthogonalFactor:
 
 
 def resolution_of(problem: Problem, factor: OrthogonalFactor) -> Complex[Array, "c c k"]:
-    """What the estimate of the nearest periodic problem keeps of each wave."""
+    """Resolution matrix of the nearest periodic problem, for each wavenumber."""
     forward = problem.forward.circulant().transfer * problem.whitener
     top = factor.q[: forward.shape[0]].conj()
     return jnp.einsum("ijk,ejk,edk->idk", factor.inverse, top, forward)
 
 
 def resolved_degrees_of_freedom(resolution: Complex[Array, "c c k"], n: int) -> Float[Array, " c"]:
-    """How many numbers of each component that tells, its trace over n cells."""
+    """Effective degrees of freedom of each component: the resolution's trace over n cells."""
     return n * jnp.einsum("iik,k->i", resolution, half_spectrum_weights(n)).real
 
 
@@ -131,5 +131,5 @@ def _gram_schmidt(rows: Complex[Array, "m c k"]) -> OrthogonalFactor:
 
 
 def _size(matrices: Complex[Array, "a b k"]) -> Float[Array, ""]:
-    """The largest Frobenius norm over the wavenumbers; no derivative is asked of it."""
+    """The largest Frobenius norm over the wavenumbers; without a derivative."""
     return jax.lax.stop_gradient(jnp.max(jnp.linalg.norm(matrices, axis=(0, 1))))

@@ -1,4 +1,4 @@
-"""Lines: what repeats along x in several channels at once, and how well its pitch is known.
+"""Spectral lines: patterns periodic along x in several channels, and the error of their pitch.
 
 Model of channel c: drift[c](x) + sum over h of a[c, h] cos(2 pi h x / pitch) + b[c, h] sin(...) +
 noise of its own level. The drift is a polynomial, slower than twice the longest pitch sought. Only
@@ -7,12 +7,12 @@ Golub and Pereyra 1973), so that the fit has one parameter.
 
 The standard error comes from [`shifts`][]. Each period of the surface is one reading of how far the
 pattern of all channels lies from the fit, and the scatter of these readings about a straight line
-gives the error of that line's slope, which is the pitch's. What is left near a line is mostly the
-pattern itself, changing with load and pose: smooth over many samples, and common to channels. The
-white-noise error (Cramer and Rao's) counts every sample of every channel as new and is several
-times too small; scatter between channels misses what they have in common. A reading is summed over
-the channels first and spans more than the noise remembers, so that it needs to know neither. What
-stays out of it: noise that lasts for several periods, and a pattern that is the same in every scan.
+gives the error of that line's slope, which is the pitch's. The residual near a line is mostly the
+pattern itself, changing with load and posture: smooth over many samples, and common to channels.
+The white-noise error (Cramer and Rao's) counts every sample of every channel as new and is several
+times too small; scatter between channels misses their common noise. A reading is summed over the
+channels first and spans more than the noise's correlation length, so that it needs to know neither.
+Not covered: noise that lasts for several periods, and a pattern that is the same in every scan.
 """
 
 from typing import Any, NamedTuple, TypeVar
@@ -31,7 +31,7 @@ STEPS = 20  # of the scan over pitches, in the time that it takes the scan's end
 OVERSAMPLING = 4  # of the periodogram
 LOBE = 2.0  # half-width of the Hann taper's main lobe, in 1/length
 FLOOR = 16  # width of the running median, in 1/length: a line's lobe takes a quarter of it
-FLOOR_BINS = FLOOR / 1.5 * 2 / np.pi  # as good as a mean of so many: Hann's 1.5, a median's 2/pi
+FLOOR_BINS = FLOOR / 1.5 * 2 / np.pi  # bins of a mean as precise: Hann's 1.5, a median's 2/pi
 MOST_LINES = 8
 LEAST_PERIODS = 3  # a straight line through the shifts, and one reading to spare
 _TINY = np.finfo(float).tiny
@@ -40,7 +40,7 @@ Samples = TypeVar("Samples", Array, np.ndarray)
 
 
 class Shifts(NamedTuple):
-    """Where the pattern lies in each period, from the fit forward along x.
+    """Shift of the pattern in each period from the fit, forward along x.
 
     - `x_m` (b,): the periods' middles; `shift_m` (b,); `weight` (b,): inverse variances, relative.
     """
@@ -60,9 +60,9 @@ class Shifts(NamedTuple):
 
 
 class Pitch(NamedTuple):
-    """A pattern of one pitch, fitted.
+    """A fitted pattern of one pitch.
 
-    - `pattern` (c, n): what repeats; `rest` (c, n): what is left beside it and the drift;
+    - `pattern` (c, n): the periodic part; `rest` (c, n): the residual of it and the drift;
     - `noise` (c,): the channels' standard deviations that weigh them;
     - `stderr_white_m`: as if the noise were white and the channels' independent;
     - `status`: "converged", or what went wrong.
@@ -79,8 +79,8 @@ class Pitch(NamedTuple):
 
 
 class SpectralPeak(NamedTuple):
-    """A significant line: `explained_fraction` of the channels' variance that it explains (mean
-    over channels), `false_alarm` how often noise alone has one as strong anywhere."""
+    """A significant line: `explained_fraction` of the channels' variance (mean over channels),
+    `false_alarm` the probability that noise alone has one as strong anywhere."""
 
     wavelength_m: float
     stderr_m: float
@@ -89,7 +89,8 @@ class SpectralPeak(NamedTuple):
 
 
 class Periodogram(NamedTuple):
-    """A periodogram summed over channels, at `per_m` (k,) [cycles/m], and what noise does to it.
+    """A periodogram summed over channels, at `per_m` (k,) [cycles/m], and its distribution under
+    noise.
 
     - `power` (k,), in the square of the channels' unit; `floor` (k,): its level between lines;
     - `shift`, `step`, `dof`: power / floor is like shift + step chi-square(dof), matched in three
@@ -106,18 +107,18 @@ class Periodogram(NamedTuple):
     trials: float
 
     def false_alarm(self, power: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """How often noise alone reaches `power` (k,) at any wavenumber."""
+        """Probability that noise alone reaches `power` (k,) at any wavenumber."""
         excess = (power / self.floor - self.shift) / (self.step * self.dof)
         return np.minimum(1.0, self.trials * f.sf(excess, self.dof, self.dof * FLOOR_BINS))
 
     def level(self, false_alarm: float) -> Float[np.ndarray, " k"]:
-        """The power (k,) that noise alone reaches anywhere this often."""
+        """The power (k,) that noise alone reaches anywhere with this probability."""
         excess = f.isf(false_alarm / self.trials, self.dof, self.dof * FLOOR_BINS)
         return self.floor * (self.shift + self.step * self.dof * excess)
 
 
 class SpectralPeaks(NamedTuple):
-    """The lines found, the strongest first, the spectrum of what is left without them, and the
+    """The lines found, the strongest first, the spectrum of the residual without them, and the
     power `before` (k,) any was taken out, in the same units."""
 
     lines: tuple[SpectralPeak, ...]
@@ -125,7 +126,8 @@ class SpectralPeaks(NamedTuple):
     before: Float[np.ndarray, " k"]
 
     def false_alarm_at(self, wavelength_m: float, harmonics: int) -> float:
-        """How often noise alone is as strong anywhere as the strongest of these harmonics was."""
+        """Probability that noise alone is as strong anywhere as the strongest of these harmonics
+        was."""
         at = [
             np.argmin(np.abs(self.left.per_m - h / wavelength_m)) for h in range(1, harmonics + 1)
         ]
@@ -145,7 +147,7 @@ def waves(x_m: Samples, pitch_m: Any, harmonics: int, xp: Any = np) -> Samples:
 
 
 def without(known: Samples, y: Samples) -> Samples:
-    """Rows y (..., n) less what the orthonormal columns `known` (n, d) hold of them."""
+    """Rows y (..., n) less their projection on the orthonormal columns `known` (n, d)."""
     return y - (y @ known) @ known.T
 
 
@@ -156,7 +158,7 @@ def fit_pitch(
     range_m: tuple[float, float],
     harmonics: int,
 ) -> Pitch:
-    """The pitch in `range_m` that explains all channels best, each weighed by what it leaves.
+    """Fit the pitch in `range_m` to all channels, each weighted by its residual.
 
     x even [m], `known` orthonormal columns that every channel may hold besides. The likelihood of
     channels with unknown noise levels is scanned over the range, and the fit starts at its top.
@@ -176,7 +178,8 @@ def fit_pitch(
 
 
 class _Pattern(eqx.Module):
-    """What of y has this pitch. Its arrays are traced, so that all scans alike compile once."""
+    """The part of y with this pitch. Its arrays are traced, so that scans of one shape compile
+    once."""
 
     x_m: Float[Array, " n"]
     y: Float[Array, "c n"]
@@ -224,9 +227,9 @@ def find_lines(
 ) -> SpectralPeaks:
     """The significant lines, up to `longest_m`, beside `pitch` (its value [m] and harmonics).
 
-    The most significant is taken out and the rest looked at again, until none exceeds what noise
-    reaches with probability `false_alarm`, or `MOST_LINES` are found. What the scan cannot resolve
-    from a line that is already out does not count as another.
+    The most significant is taken out and the rest searched again, until none exceeds the level that
+    noise reaches with probability `false_alarm`, or `MOST_LINES` are found. A line that the scan
+    cannot resolve from one already out does not count as another.
     """
     base = [drift(x_m, 2 * longest_m), waves(x_m, *pitch)]
     taken = [h / pitch[0] for h in range(1, pitch[1] + 1)]
@@ -282,8 +285,8 @@ def spectrum(
 
 
 def _floor(per_m, power) -> Float[np.ndarray, " k"]:
-    """The running median, taken about a parabola in the logarithms: a red spectrum has its ends
-    right too."""
+    """The running median, taken about a parabola in the logarithms: unbiased at the ends of a red
+    spectrum too."""
     at = np.log(per_m)
     trend = np.exp(np.polyval(np.polyfit(at, np.log(power), 2), at))
     width = min(FLOOR * OVERSAMPLING, power.size) // 2 * 2 + 1
@@ -294,7 +297,7 @@ def _scatter(amplitude, power, floor) -> tuple[float, float, float]:
     """Shift, step and degrees of freedom of power / floor, whose median is 1.
 
     From the eigenvalues of the channels' covariance: the sum over channels is one of as many
-    exponential variables. No bin weighs more than all but a tenth do, so that lines hardly count.
+    exponential variables. Bins are capped at their 90 % quantile, so that lines hardly count.
     """
     ratio = power / floor
     weight = np.minimum(1.0, np.quantile(ratio, 0.9) / ratio) / floor
@@ -334,7 +337,7 @@ def _length(x_m) -> float:
 def _rest(
     x_m: Samples, y: Samples, known: Samples, pitch_m: Any, harmonics: int, xp: Any = np
 ) -> Samples:
-    """What of y, `known` already out of it, is not of the pitch (c, n)."""
+    """The part of y (c, n), `known` already out of it, that does not have the pitch."""
     columns = without(known, waves(x_m, pitch_m, harmonics, xp).T).T
     return without(xp.linalg.qr(columns)[0], y)
 
@@ -347,7 +350,7 @@ def _locate(x_m, y, known, range_m, harmonics: int) -> tuple[float, Float[np.nda
     squares = np.stack(
         [np.sum(_rest(x_m, y, known, 1 / each, harmonics) ** 2, axis=1) for each in per_m]
     )
-    # Noise-free data leave nothing but rounding, whose logarithm would be noise.
+    # The residual of noise-free data is rounding, whose logarithm would be noise.
     least = np.finfo(float).eps * np.sum(y**2, axis=1) + _TINY
     squares = np.maximum(squares, least)
     top = int(np.argmin(np.sum(np.log(squares), axis=1)))
@@ -358,7 +361,7 @@ def _locate(x_m, y, known, range_m, harmonics: int) -> tuple[float, Float[np.nda
 
 
 def _vertex(at, values, least: int) -> float:
-    """Where the parabola through the least of `values` and its neighbours has its minimum."""
+    """The minimum of the parabola through the least of `values` and its neighbours."""
     if not 0 < least < at.size - 1:
         return at[least]
     before, here, after = values[least - 1 : least + 2]
@@ -367,7 +370,7 @@ def _vertex(at, values, least: int) -> float:
 
 
 def _resolved(x_m, wavelength_m: float) -> tuple[float, float]:
-    """The wavelengths that the scan hardly tells from this one."""
+    """The range of wavelengths that the scan does not resolve from this one."""
     half = 0.5 / _length(x_m)
     return 1 / (1 / wavelength_m + half), 1 / (1 / wavelength_m - half)
 

@@ -1,7 +1,7 @@
-"""Features of a surface fitted to a signal: how high, how wide, where, with what friction.
+"""Fit of features of a surface to a signal: height, width, position and friction.
 
-Between height and signal stands contact. Frictions enter linearly and are solved out; heights and
-lengths are searched from a bank of shapes. The noise is what the fit leaves.
+Height acts on the signal through contact. Frictions enter linearly and are solved out; heights and
+lengths are searched from a bank of shapes. The noise is estimated from the residual.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,38 +30,38 @@ from .surface_search import SurfaceSearch
 
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
 PROFILES = ("height", "gap", "friction")  # beside p and q, in the order of the model's
-LEAST_EDGE = 2.0  # cells: the sharpest edge that is looked for
-ROUNDS = 4  # of fitting, and estimating the noise from what is left
+LEAST_EDGE = 2.0  # cells: the sharpest edge in the search
+ROUNDS = 4  # of fitting, and estimating the noise from the residual
 # Prior standard deviation of a friction: far beyond any, so as not to pull.
 ANY_FRICTION = 10.0
-REACH = {  # where what is known is looked for once it is freed, as factors
+REACH = {  # search ranges of known quantities once freed, as factors
     "edge_length_m": 20.0,
     "depth_m": 3.0,
     "gain": 10.0,
     "nominal_pressure_Pa": 10.0,
 }
 KNOWN = tuple(REACH)
-# Share of the signal within which it jumps in its derivative: cells touch and part one by one.
+# Fraction of the signal within which its derivative jumps: cells touch and part one by one.
 ROUNDING = 1e-4
 
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """Features fitted, and the noise's levels where they come from what the fit leaves."""
+    """Fitted features, and the noise's levels where they come from the residual."""
 
     fit: FeatureFit
     levels: Levels | None
 
 
 class SurfaceFitter:
-    """Fits features of a surface to signals of one sensor along one motion.
+    """Fitter of features of a surface to signals of one sensor along one motion.
 
-    - `window`: what the surface repeats with; `nominal_pressure_Pa`: the mean pressure over it.
-    - `also`: what is to be found beside heights, lengths and frictions, of `KNOWN`.
+    - `window`: the surface's period; `nominal_pressure_Pa`: the mean pressure over it.
+    - `also`: names of `KNOWN` to fit beside heights, lengths and frictions.
 
-    What does not depend on the signal is computed once, and the programs compiled for the first
-    signal serve all. Raises `BadInput` for a window that does not hold the scan, and for names that
-    are not known.
+    Computations that do not depend on the signal are done once, and the programs compiled for the
+    first signal serve all. Raises `BadInput` for a window that does not hold the scan, and for
+    names that are not known.
     """
 
     def __init__(
@@ -96,12 +96,12 @@ class SurfaceFitter:
         noise: Any = None,
         start: Mapping[str, float] | None = None,
     ) -> SurfaceFit:
-        """The features' parameters under which they explain `y` best.
+        """Fit the features' parameters to `y`.
 
-        - `noise`: as [`nonlinear.fit`][] takes it; None: estimated from what is left, in rounds.
+        - `noise`: as [`nonlinear.fit`][] takes it; None: estimated from the residual, in rounds.
         - `start`: values to start from, by the parameters' names as in the result: all of a
-          feature's, taken where they explain the data better than what a search finds, or some of
-          them, and the rest is looked for.
+          feature's, taken where they explain the data better than the search, or some of them, and
+          the rest is searched.
 
         Features of a sum are found one after the other, and then fitted together.
         """
@@ -159,7 +159,7 @@ class SurfaceFitter:
         return levels.whitener(np.asarray(self._model_of_plate.motion.position_m), np.isfinite(y))
 
     def _plate(self, elements: int) -> dict[str, Any]:
-        """The plate alone."""
+        """Parameters of the plate alone."""
         params: dict[str, Any] = {
             "base_friction": 0.0,
             "nominal_pressure_Pa": self._pressure,
@@ -183,7 +183,7 @@ class SurfaceFitter:
             for part, within in feature.ranges(self._stretch).items():
                 bounds[f"{name}.{part}"] = within
             if "edge_length_m" in self._also:
-                # Sharper ones no cell resolves, nor its derivative.
+                # Cells do not resolve sharper ones, nor their derivative.
                 low, high = _about("edge_length_m", feature.edge_m)
                 low = max(low, LEAST_EDGE * float(model.line.cell_m))
                 bounds[f"{name}.edge_length_m"] = low, high
@@ -211,7 +211,7 @@ class SurfaceFitter:
 def _in_turn(
     search: Callable[[Mapping[str, float]], list[Any]], given: Mapping[str, float], whole: bool
 ):
-    """Shapes to start from: with what is given, then, where that is a part only, without it."""
+    """Start shapes: with the values given, then, where these are incomplete, without them."""
     yield from search(given)
     if given and not whole:
         yield from search({})
@@ -228,7 +228,7 @@ def _is_parameter(features: SurfaceFeatures, name: str) -> bool:
 
 
 def _own(start: Mapping[str, float], name: str, features: SurfaceFeatures) -> dict[str, float]:
-    """What of the start is this feature's."""
+    """The start values of this feature."""
     prefix = f"{name}_" if len(features) > 1 else ""
     own = {}
     for part in features[name].axes:
@@ -239,7 +239,7 @@ def _own(start: Mapping[str, float], name: str, features: SurfaceFeatures) -> di
 
 
 def _against(levels: Levels | None, y: Float[np.ndarray, "e sample"]) -> tuple[str, ...]:
-    """What speaks against noise that was estimated from what the fit leaves."""
+    """Warnings on noise that was estimated from the residual."""
     if levels is None:
         return ()
     return tuple(sliding_noise(levels.sliding / float(np.sqrt(np.nanmean(y**2)))))
@@ -250,9 +250,8 @@ def _evidence(result: Fit) -> float:
 
 
 def reported_parameters(model: SurfaceModel, result: Fit) -> dict[str, tuple[float, float]]:
-    """Each parameter that was free as a user reads it, with its standard error: infinite for what
-    stands on a bound and what goes with it, and for all where the data do not tell the features
-    from the bare plate."""
+    """Reported value and standard error of each free parameter: infinite for those on a bound and
+    those correlated with them, and for all where the features are not detected."""
     read: dict[str, tuple[float, float]] = {}
     bound_limited = limited_by_bounds(result)
     unsure = (

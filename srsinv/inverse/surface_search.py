@@ -1,7 +1,8 @@
-"""Where a fit of a surface's features starts: shapes pressed on once, then looked for everywhere.
+"""Start values of a fit of a surface's features: contact solved once per shape, shifted to every
+place.
 
-A surface that repeats gives the same traction wherever its feature stands, so that contact is
-solved for one place only, and its signal is shifted.
+A periodic surface gives the same traction wherever its feature lies, so that contact is solved for
+one place only, and its signal is shifted.
 """
 
 import itertools
@@ -53,8 +54,8 @@ class SurfaceSearch:
 
         - `y`, `white`: the data and their white noise; `previous`: features found before, and all
           of their parameters; `known`: `nominal_pressure_Pa` and the feature's `edge_length_m`;
-        - `start`: what is given by the user, of the feature's `axes`: a part of them is kept, and
-          the rest looked for; all of them are one start more.
+        - `start`: user's values of the feature's `axes`: some of them are fixed, and the rest
+          searched; all of them are one more start.
         """
         whole = feature.axes.keys() <= start.keys()
         tried = {
@@ -73,7 +74,7 @@ class SurfaceSearch:
         if whole:
             shapes = np.vstack([shapes, [start[name] for name in tried]])
             places = np.append(places, start[PLACE])
-        # Filled up to whole rounds: what is left over would be compiled a second time.
+        # Filled up to whole rounds: an incomplete round would be compiled a second time.
         rounds = -(-len(shapes) // AT_ONCE)
         size = -(-len(shapes) // rounds)
         filled = shapes[np.minimum(np.arange(rounds * size), len(shapes) - 1)]
@@ -93,11 +94,11 @@ class SurfaceSearch:
         ]
 
     def _misfits(self, white_y, white, feature, shapes, places, known) -> np.ndarray:
-        """Half the squares that the best frictions leave, (shape, place)."""
+        """Half the residual sum of squares under the best frictions, (shape, place)."""
         line, motion = self._coarse.line, self._coarse.motion
         middle = float(line.x[line.n // 2])
         model = self._coarse.with_features({"one": feature})
-        # Edges that no cell resolves would be seen or missed as a whole.
+        # Edges sharper than a cell would be sampled or missed as a whole.
         edge = max(known["edge_length_m"], float(line.cell_m))
         rest = {
             "nominal_pressure_Pa": as_real(known["nominal_pressure_Pa"]),
@@ -133,7 +134,7 @@ class SurfaceSearch:
         return misfit / 2
 
     def _ways(self) -> np.ndarray:
-        """Which of the model's ways each sample slides."""
+        """Index into the model's `ways` (directions of sliding) of each sample."""
         onwards = np.asarray(self._coarse.motion.direction) >= 0
         return np.array([self._coarse.operator.ways.index(bool(each)) for each in onwards])
 
@@ -148,7 +149,7 @@ def names_to(tried: Mapping[str, Any], rows: np.ndarray) -> dict[str, np.ndarray
 
 @eqx.filter_jit
 def _fields(model: SurfaceModel, shapes, rest) -> Float[Array, "start part way e n"]:
-    """What the amplifier reads along the line, of the model's only feature."""
+    """The amplifier's input along the line, of the model's only feature."""
     ((name, feature),) = model.features.items()
     pressure = {"nominal_pressure_Pa": rest["nominal_pressure_Pa"]}
     own = {k: v for k, v in rest.items() if k not in pressure}

@@ -33,14 +33,15 @@ class Bands:
         return self._add(values[..., self._waves])
 
     def average(self, density: Float[np.ndarray, "*rows k"]) -> Float[np.ndarray, "*rows band"]:
-        """A density averaged over each band, with the weights that its estimate has."""
+        """A density averaged over each band, with the weights of its estimate."""
         return self.sum(self._gain * density) / self.sum(self._gain)
 
     def density(self, power: Float[np.ndarray, "*rows k"]) -> tuple[np.ndarray, ...]:
-        """The density (..., band) that the power says, and the two ends of its band.
+        """The density (..., band) estimated from the power, and the two ends of its confidence
+        interval.
 
-        Each wave's power is exponential about what is expected: a band's is taken as chi-square
-        with two degrees of freedom for each wave, fewer where they weigh unequally.
+        Each wave's power is exponential about its expectation: a band's is taken as chi-square with
+        two degrees of freedom for each wave, fewer where they weigh unequally.
         """
         total, noise, gain = self.sum(power), self.sum(self._noise), self.sum(self._gain)
         value = (total - noise) / gain
@@ -59,7 +60,7 @@ class Bands:
         return np.stack([_run_about(int(row.argmax()), row > 2) for row in ratio])
 
     def limits(self, usable: Bool[np.ndarray, " band"]) -> Float[np.ndarray, "2"]:
-        """Where the usable bands begin and end [rad/m]."""
+        """Lower and upper limit of the usable bands [rad/m]."""
         at = np.flatnonzero(usable)
         return self.edges[[at[0], at[-1] + 1]]
 
@@ -69,7 +70,7 @@ class Bands:
 
 
 def _run_about(top: int, mask: np.ndarray) -> np.ndarray:
-    """Which of a row of truth values hold together with the one at `top`."""
+    """Mask of the run of true values about `top`."""
     left, right = mask[: top + 1][::-1], mask[top:]
     return np.concatenate([np.cumprod(left)[::-1][:-1], np.cumprod(right)]) == 1
 
@@ -85,7 +86,7 @@ def tapered_power(
 def expected_power(
     power: Float[np.ndarray, "*rows k"], n: int, samples: int
 ) -> Float[np.ndarray, "*rows j"]:
-    """What [`tapered_power`][] is on average, where the signal has this power over windows of n."""
+    """Expectation of [`tapered_power`][] where the signal has this power over windows of n."""
     taper, lags = _hann(samples), np.arange(samples)
     overlap = np.correlate(taper, taper, "full")[samples - 1 :] / np.sum(taper**2)
     covariance = np.fft.irfft(power, n)[..., lags]

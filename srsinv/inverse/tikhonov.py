@@ -129,7 +129,7 @@ class Tikhonov(eqx.Module):
         return Penalties(self.length_m, self.order)
 
     def _box(self, problem: Problem, given) -> Float[Array, "2 c"]:
-        """Ends of log10 weight: from far below to above all that the signal says per mode."""
+        """Range of the log10 weight: from far below to above the signal's information per mode."""
         # Normal equations square the condition number, so there round-off sets the lower end.
         below = 12.0
         if choose_path(problem, self.path) != "spectral":

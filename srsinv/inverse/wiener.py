@@ -105,7 +105,7 @@ class Wiener(eqx.Module):
       under which the data are most likely.
     - `path`, `tolerance`: see [`solve`][srsinv.inverse.quadratic.solve].
 
-    Raises `BadInput` for what is none of these.
+    Raises `BadInput` for other values.
     """
 
     p: TractionSpectrum

@@ -1,9 +1,9 @@
 """Error against time: forward model, inversions and feature fit, with numpy and scipy beside them.
 
-Every measurement is a row: what was run (part, line, family, cells), how wrong it is and how long
-it took. Functions are compiled with their arrays as arguments, and give back the traction or the
-signal alone. Two rows of a part do more than that: the direct path forms the whole covariance, and
-the iterative one solves for the averaging kernel too.
+Every measurement is a row: part, line, family and cells, the error and the time. Functions are
+compiled with their arrays as arguments, and return the traction or the signal alone. Two rows of a
+part do more: the direct path forms the whole covariance, and the iterative one solves for the
+averaging kernel too.
 """
 
 import time
@@ -30,7 +30,7 @@ from . import build, peers
 from .analysis import deviation, timed
 from .simulation import Simulation, noisy_problem, simulation
 
-REFERENCE = 8  # the forward reference's cells are so many times finer than the finest tried
+REFERENCE = 8  # refinement of the forward reference over the finest cells tried
 DIRECT_CELLS = 512  # beyond, the dense factors take longer than all the rest
 TIGHT = 1e-12  # tolerance of the open line's reference solution
 PRECISIONS = ("float64", "float32")
@@ -40,7 +40,7 @@ Row = dict[str, Any]
 
 
 def run(cfg: build.Config) -> Outcome:
-    """The job: measure everything, lay it out."""
+    """The job: measure all parts, lay out the page."""
     _check(cfg["accuracy_cost"])
     with build.precision({"precision": "float64"}):
         rows = []
@@ -195,7 +195,7 @@ def _priors(cfg: build.Config, problems: Problems) -> dict[str, Callable[[Proble
 
 
 class _Solver(NamedTuple):
-    """One way to solve a problem, the family to compare its time with, its compilation [s]."""
+    """One solver of a problem, the family to compare its time with, its compilation [s]."""
 
     family: str
     peer: str
@@ -227,7 +227,7 @@ def _inversions(settings, priors, line: str, problem: Problem, truth: np.ndarray
 
 
 def _solvers(settings, problem: Problem, prior: Prior) -> tuple[np.ndarray, list[_Solver]]:
-    """The exact minimiser, and the ways to it.
+    """The exact minimiser, and the solvers to compare with it.
 
     Exact is the spectral solution; on the open line that of conjugate gradients to `TIGHT`.
     """
@@ -260,7 +260,7 @@ def _solvers(settings, problem: Problem, prior: Prior) -> tuple[np.ndarray, list
 
 
 def _single(tree):
-    """The same arrays in the working precision, float32."""
+    """Convert arrays to the working precision, float32."""
     return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)), tree)
 
 
@@ -276,7 +276,7 @@ def _iterative(problem: Problem, prior: Prior, tolerance):
     return iterative.solve(problem, prior, tolerance)[0].value
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 MEASURES = ("error", "error_p", "error_q", "algebraic_error", "first_call_s", "steady_call_s")
 
@@ -301,7 +301,7 @@ def _dataset(rows: list[Row]) -> xarray.Dataset:
 
 
 def _table(rows: list[Row]) -> Table:
-    """Rows of one part; forward rows know no p and q apart."""
+    """Table of one part; forward rows have no separate p and q."""
     apart = [m for m in ("error_p", "error_q") if m in rows[0]] or ["error"]
     return Table(
         ("line", "family", "cells", *(m.replace("_", " of ") for m in apart), "algebraic error",
@@ -318,7 +318,8 @@ def _table(rows: list[Row]) -> Table:
 
 
 def _curves(rows: list[Row], measure: str, title: str) -> Callable:
-    """The figure of `measure` against steady time; what is zero by definition is left out."""
+    """The figure of `measure` against steady time; values that are zero by definition are left
+    out."""
     shown = [
         {
             "family": row["family"],

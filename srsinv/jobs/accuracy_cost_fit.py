@@ -26,14 +26,14 @@ from .analysis import timed
 from .peers import NumpyStrip
 
 CELLS_PER_DEPTH = 16
-FINER = 4  # cells of the model that makes the data, so many times finer
+FINER = 4  # refinement of the cells of the model that makes the data
 EXACT = 1e-13  # tolerance of the reference minimum
 CONVERGED_WITHIN = 0.1  # standard errors from the minimum up to which it counts as found
 SCAN_M = 0.012
-MOST_STEPS = 60  # of a search from a far start: those that end in no minimum must not go on
+MOST_STEPS = 60  # of a search from a far start: bounds those that reach no minimum
 TRUE = {"width_m": 3e-3, "pressure_Pa": 5e3, "shear_Pa": 2e3}
 POSITIONS_M = (-6e-4, 6e-4)  # true positions are drawn from here, one for each signal
-NEAR = {"position_m": 6e-4, "width_m": -1e-3}  # where the one start of a solver lies from the truth
+NEAR = {"position_m": 6e-4, "width_m": -1e-3}  # offset of a solver's start from the truth
 WHERE: dict[str, Any] = {"position_range_m": [-SCAN_M / 2, SCAN_M / 2]}
 SHAPE = ("position_m", "width_m")
 PART = "feature fit"
@@ -48,7 +48,7 @@ Row = dict[str, Any]
 
 
 def check(settings: Mapping[str, Any]) -> None:
-    """Refuse what cannot be measured, under the key `accuracy_cost.fit`."""
+    """Refuse settings under the key `accuracy_cost.fit` that cannot be measured."""
     for name in ("starts", "batches"):
         counts = settings[name]
         refuse(
@@ -93,11 +93,11 @@ class FitTask:
         return {name: self.bounds[f"strip.{name}"][0] for name in SHAPE}
 
     def distance(self, i: int, point: np.ndarray, other: np.ndarray) -> float:
-        """How far two points are apart, in standard errors: the rms over the parameters."""
+        """Distance of two points in standard errors: the rms over the parameters."""
         return float(np.linalg.norm(self.factor[i] @ (point - other)) / 2)
 
     def options(self) -> dict[str, Any]:
-        """What every fit of ours is told."""
+        """Options of every fit by srsinv."""
         return {"noise": self.noise_rms, "bounds": self.bounds, "linear": self.model.linear}
 
 
@@ -225,7 +225,7 @@ def _tolerances(task: FitTask, settings, repeats: int) -> Iterator[Row]:
 
 
 def _starts(task: FitTask, settings) -> Iterator[Row]:
-    """A few signals, one after the other, from nowhere in particular."""
+    """A few signals, in sequence, from one far start and random ones within the bounds."""
     initial, low, high = _initial(task.far()), *np.array(list(task.bounds.values())).T
     unit = np.random.default_rng(1).uniform(size=(max(settings["starts"]), 2))
     spread = [dict(zip(SHAPE, z, strict=True)) for z in low + unit * (high - low)]
@@ -278,7 +278,7 @@ def _batches(task: FitTask, settings, repeats: int) -> Iterator[Row]:
 
 
 def _scipy(task: FitTask, i: int, shapes, tolerance: float, analytic: bool) -> np.ndarray:
-    """The best of scipy's ends from these shapes, with amplitudes of the right size."""
+    """The best of scipy's minima from these shapes, with amplitudes of the right size."""
     low, high = np.array(list(task.bounds.values())).T
     box = np.array([*low, -np.inf, -np.inf]), np.array([*high, np.inf, np.inf])
     ends = []
@@ -289,7 +289,7 @@ def _scipy(task: FitTask, i: int, shapes, tolerance: float, analytic: bool) -> n
     return min(ends, key=lambda end: end[1])[0]
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 MEASURES = ("error", "error_cramer_rao", "converged", "first_call_s", "steady_call_s")
 

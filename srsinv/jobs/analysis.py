@@ -1,4 +1,4 @@
-"""What every job with an inversion does: run the methods, gather every stage, lay out the page."""
+"""Steps of every job with an inversion: run the methods, gather every stage, lay out the page."""
 
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -26,14 +26,14 @@ BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standa
 
 @dataclass(frozen=True)
 class InversionCase:
-    """One inversion to make and to report.
+    """One inversion to run and to report.
 
-    - `problem`: what is inverted; `sensor`: with which sensor; `methods`: by name.
+    - `problem` to invert; `sensor`; `methods` by name.
     - `traction_unit`: "Pa", or "1" for p and q that are relative.
-    - `stages`: (dims, values, units) of what the simulation knows, by variable name; the truth is
+    - `stages`: (dims, values, units) of the simulation's stages, by variable name; the truth is
       `traction`. Empty for a recording.
-    - `assumed`: rows (what, value) of the page's last section; `screening`: which effects the scene
-      called for, where it was asked; `warnings`: what speaks against the simulated scene.
+    - `assumed`: rows (quantity, value) of the page's last section; `screening`: the result of
+      screening effects, if any; `warnings`: those on the simulated scene.
     """
 
     title: str
@@ -90,7 +90,7 @@ def timed(work: Callable[[], Any], repeats: int) -> tuple[Any, float, float | No
     return result, first, min((once()[1] for _ in range(repeats)), default=None)
 
 
-# --- judging ---------------------------------------------------------------------------------
+# --- errors ----------------------------------------------------------------------------------
 
 
 def observed_cells(problem: Problem) -> np.ndarray:
@@ -157,7 +157,7 @@ def _named(case: InversionCase, key: str) -> str:
 
 
 def _features(case: InversionCase, estimate: Estimate) -> dict[str, float | None]:
-    """What stands out where there are samples: each component's highest value, p's main line."""
+    """Features over the sampled cells: each component's highest value, p's main line."""
     observed = observed_cells(case.problem)
     x, value = np.asarray(case.problem.line.x)[observed], np.asarray(estimate.value)[:, observed]
     row: dict[str, float | None] = {"p_line_wavelength_m": strongest_line_m(x, value[0])}
@@ -171,8 +171,8 @@ def _features(case: InversionCase, estimate: Estimate) -> dict[str, float | None
 def strongest_line_m(x: np.ndarray, values: np.ndarray) -> float | None:
     """Wavelength [m] of the strongest line of evenly spaced values, drift taken out.
 
-    The windowed, finely sampled periodogram of what a straight line leaves, over wavelengths from
-    two cells to two fifths of the stretch (a Hann window blurs longer ones into the drift).
+    By the windowed, finely sampled periodogram of the residual of a straight line, over wavelengths
+    from two cells to two fifths of the stretch (a Hann window blurs longer ones into the drift).
     """
     if len(x) < 16:
         return None
@@ -186,12 +186,12 @@ def strongest_line_m(x: np.ndarray, values: np.ndarray) -> float | None:
 
 
 def in_metrics(estimate: Any) -> dict[str, str]:
-    """What an estimate or a fit is worth, as values of `metrics.json`."""
+    """Quality and warnings of an estimate or a fit, as values of `metrics.json`."""
     return {"quality": str(estimate.quality), "warnings": " ".join(estimate.warnings) or "none"}
 
 
 def notes_on(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
-    """What speaks against the answers of rows (`method`, `quality`, `reasons`), by method."""
+    """Notes on rows (`method`, `quality`, `reasons`) that are not good, by method."""
     return tuple(
         f"{row['method']} {_VERBS[row['quality']]}: {' '.join(row['reasons'])}"
         for row in rows
@@ -288,14 +288,15 @@ def _dataset(case: InversionCase, estimates: Mapping[str, Estimate]) -> xarray.D
 
 
 def _stderr(estimate: Estimate) -> np.ndarray:
-    """Standard errors (2, n) [Pa], infinite where no band holds."""
+    """Standard errors (2, n) [Pa], infinite where no band is valid."""
     if estimate.quality is Quality.FAILED:
         return np.full(estimate.stderr.shape, np.inf)
     return np.asarray(estimate.stderr)
 
 
 def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:
-    """Where the resolution (..., k) falls through one half for the last time, NaN if nowhere."""
+    """Cut-off wavenumber: where the resolution (..., k) last falls through one half; NaN if
+    nowhere."""
     high = resolution[..., :-1] >= 0.5
     falls = high & (resolution[..., 1:] < 0.5)
     last = falls.shape[-1] - 1 - np.argmax(falls[..., ::-1], axis=-1)
@@ -358,7 +359,7 @@ def _recovered(case: InversionCase, rows) -> Table:
 
 
 def _or_none(row: Mapping[str, Any], name: str, factor: float) -> float | str:
-    """A number found, where the method gave an answer with one."""
+    """An estimated number, where the method gave an answer with one."""
     value = row[name]
     return "-" if value is None or row["quality"] is Quality.FAILED else factor * value
 
@@ -432,7 +433,7 @@ def _sections(case: InversionCase, ds: xarray.Dataset, estimates, rows) -> tuple
 
 
 def _screening_section(screening: ScreeningResult | None) -> tuple[Section, ...]:
-    """Every effect that was screened."""
+    """Page section of the effects that were screened."""
     if screening is None:
         return ()
     rows = tuple(

@@ -1,4 +1,4 @@
-"""From a resolved configuration to the objects it names."""
+"""Construction of objects from a resolved configuration."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -31,13 +31,13 @@ MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 
 @contextmanager
 def precision(cfg: Config) -> Iterator[None]:
-    """Work in float64 or float32, as `cfg["precision"]` says."""
+    """Work in float64 or float32, by `cfg["precision"]`."""
     with jax.enable_x64(precision_name(cfg) == "float64"):
         yield
 
 
 def part(cfg: Config, name: str) -> Mapping[str, Any]:
-    """The mapping `cfg[name]`; null stands for an empty one."""
+    """The mapping `cfg[name]`; null means an empty one."""
     node = cfg.get(name)
     return {} if node is None else mapping(name, node)
 
@@ -60,7 +60,7 @@ def line(cfg: Config, refinement: Any = 1) -> Line:
 
 
 def scenario(cfg: Config) -> Scenario:
-    """All that is measured with what, with the effects that are named."""
+    """The scenario, with the named effects."""
     whole = ideal(cfg).replace(noises=noises(cfg))
     for effect in effects(cfg).values():
         whole = effect.apply(whole)
@@ -68,7 +68,7 @@ def scenario(cfg: Config) -> Scenario:
 
 
 def ideal(cfg: Config) -> Scenario:
-    """What is measured with what, without noise and effects."""
+    """The scenario without noise and effects."""
     return Scenario(_scene(cfg), _sensor(cfg), scan(cfg))
 
 
@@ -136,7 +136,7 @@ def _sensor(cfg: Config) -> Sensor:
 
 
 def _scene(cfg: Config) -> Scene:
-    """The scene, what it names in order; one with a surface is pressed on by the half space."""
+    """The scene, its named parts in order; one with a surface is in contact with the half space."""
     node = dict(part(cfg, "scene"))
     kinds = ("pressures", "frictions", "surfaces")
     for name in sorted({*kinds} & node.keys()):
@@ -161,7 +161,7 @@ def _profile_read(node: Any, at: str) -> Any:
 
 
 def amplifier(cfg: Config) -> Amplifier:
-    """The amplifier; one from a recording has to be told its resistor."""
+    """The amplifier; for a recording its resistor has to be given."""
     node = part(cfg, "amplifier")
     refuse(
         node.get("feedback_resistance_ohm", 0) is None,
@@ -171,7 +171,7 @@ def amplifier(cfg: Config) -> Amplifier:
 
 
 def scan(cfg: Config) -> ConstantSpeed:
-    """How the finger moves."""
+    """The scan at constant speed."""
     node = part(cfg, "scan")
     refuse(
         node.get("speed_m_per_s", 0) is None, "No speed is known: give scan.speed_m_per_s in m/s."
@@ -180,7 +180,7 @@ def scan(cfg: Config) -> ConstantSpeed:
 
 
 def friction(cfg: Config) -> float | None:
-    """mu in q = mu p; None keeps p and q apart."""
+    """mu in q = mu p; None leaves p and q apart."""
     given = cfg["friction"]
     wanted = "a number, of either sign, or null to keep p and q apart"
     return None if given is None else float(number("friction", given, wanted))
@@ -198,13 +198,13 @@ def noises(cfg: Config) -> tuple[Noise, ...]:
 
 
 def features(cfg: Config) -> dict[str, Feature]:
-    """The named features of traction: their sum is what is looked for."""
+    """The named features of traction, to be fitted as a sum."""
     named = part(cfg, "feature")
     return {name: make(node, f"feature.{name}", "traction_feature") for name, node in named.items()}
 
 
 def surface_features(cfg: Config) -> dict[str, SurfaceFeature]:
-    """The named features of a surface, where there are some: their sum is what is looked for."""
+    """The named features of a surface, if any, to be fitted as a sum."""
     named = part(cfg, "feature")
     on_surface = [name for name, node in named.items() if _is_surface(f"feature.{name}", node)]
     if not on_surface:
@@ -222,12 +222,12 @@ def _is_surface(name: str, node: Any) -> bool:
 
 
 def solver(cfg: Config) -> Solver:
-    """What minimises a fit's sum of squares."""
+    """The solver of nonlinear fits."""
     return make(cfg["solver"], "solver", "solver")
 
 
 def methods(cfg: Config) -> dict[str, Wiener | Tikhonov]:
-    """The methods by the names that the page calls them."""
+    """The methods by their names on the page."""
     named = part(cfg, "method")
     refuse(not named, "No method is named: give method=[wiener,tikhonov] or one of them.")
     return {

@@ -1,4 +1,4 @@
-"""A recording put on a line of cells: the problem that its inversion solves."""
+"""Recordings on a line of cells: the problem that an inversion solves."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -31,16 +31,16 @@ from .recorded import (
     white_rms,
 )
 
-CELLS_PER_DEPTH = 8  # e^(-k z) leaves nothing beyond: at the cells' last wavenumber it is e^(-25)
+CELLS_PER_DEPTH = 8  # beyond, e^(-k z) is negligible: at the cells' last wavenumber it is e^(-25)
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
 LEAST_CELLS = 3  # as a line needs
-FEW = 0.25  # of the median: a cell that tells less than this has twice the noise of the others
+FEW = 0.25  # of the median information: a cell with less has twice the noise of the others
 
 
 @dataclass(frozen=True)
 class RecordingProblem:
-    """A recording and the problem of inverting it, p and q in `traction_unit`; `assumed` says in
-    words what was taken."""
+    """A recording and the problem of inverting it, p and q in `traction_unit`; `assumed`: its
+    assumptions in words."""
 
     recording: Recording
     sensor: Sensor
@@ -96,8 +96,8 @@ def recording_problem(cfg: build.Config, cells_per_depth: int | None = None) -> 
 
 
 def _traction_unit(cfg: build.Config, recording: Recording) -> str:
-    """The unit of p and q: Pa, or "1" where nothing is known of the sensor's or the amplifier's
-    gain and they are relative."""
+    """The unit of p and q: Pa, or "1" where the sensor's or the amplifier's gain is not known and
+    they are relative."""
     wanted = choice("traction_unit", cfg.get("traction_unit", "Pa"), ("Pa", "relative"))
     if wanted == "Pa":
         check_volts(recording)
@@ -132,7 +132,7 @@ def _cell_m(cfg: build.Config) -> float | None:
 def _block(
     wanted: float | None, recording: Recording, depth: float, spacing: float, unknowns: int
 ) -> int:
-    """How many samples are averaged into one cell, `wanted` metres wide where that is given."""
+    """Number of samples averaged into one cell, `wanted` metres wide where that is given."""
     length = spacing * recording.time_s.size + 2 * MARGIN_DEPTHS * depth
     cell = max(depth / CELLS_PER_DEPTH, length * unknowns / DIRECT_LIMIT)
     return int(np.clip(round((wanted or cell) / spacing), 1, recording.time_s.size // 3))
@@ -142,7 +142,7 @@ def cell_signals(
     recording: Recording, amplifier: Amplifier, block: int, spacing: float
 ) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "e cell"], float]:
     """Position [m] and signal of cells of block * spacing, the signal NaN where it is missing, and
-    how many samples at the mean speed a cell is worth.
+    the number of samples at the mean speed that a cell is equivalent to.
 
     At constant speed a cell is a block of samples and has their mean, where none is missing.
     """
@@ -155,7 +155,7 @@ def cell_signals(
 def _fitted_cells(
     recording: Recording, amplifier: Amplifier, cell: float
 ) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "e cell"], float]:
-    """Cells of a speed that varies, along the way that the recording goes."""
+    """Cells at a varying speed, along the recording's direction."""
     speed, mean = recording.speed_m_per_s, recording.speed_m_per_s.mean()
     a = np.asarray(amplifier.gain(as_real(speed)) / amplifier.gain(as_real(mean)))
     x = np.maximum.accumulate(np.sign(mean) * recording.position_m)
@@ -171,19 +171,19 @@ def fitted_on(
     a: Float[np.ndarray, " sample"],
     signal: Float[np.ndarray, "e sample"],
 ) -> tuple[Float[np.ndarray, "e cell"], float]:
-    """The signal at the mean speed that explains best the samples of each cell, and how many
-    samples at that speed a cell is worth; NaN where too few tell.
+    """The least-squares signal of each cell at the mean speed, NaN with too little information, and
+    the number of samples at that speed that a cell is equivalent to.
 
     A sample at x, which never falls, is v = a s + white noise, a = gain(u) / gain(mean u): u over
     its mean for a rate signal. Least squares give s = sum(a v) / sum(a^2) with the noise's variance
     over sum(a^2), and nothing is divided by a small u. A cell where sum(a^2) is far below the
-    median is missing (a standstill, a hole); the median stands for the others, less the part of
-    their samples that is missing.
+    median is missing (a standstill, a gap); the median is taken for the others, less the fraction
+    of their samples that is missing.
 
-    What a cell of whole samples tells is off its centre by up to half a spacing, which on a clean
-    recording is more than the noise. So a sample counts in each cell by the part of its way, from
-    middle to middle between neighbours, that lies there; and s, which belongs where the samples
-    weigh, is interpolated to the centres: beside a standstill that is not the same.
+    The mean of whole samples is off the cell's centre by up to half a spacing, which on a clean
+    recording matters more than the noise. So a sample is weighted in each cell by the fraction of
+    its interval, from middle to middle between neighbours, inside; and s, which is at the samples'
+    weighted mean position, is interpolated to the centres: the two differ beside a standstill.
     """
     middles = _middles(x)
 
@@ -228,15 +228,15 @@ def _interpolated(
     at: Float[np.ndarray, " cell"],
     values: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
-    """The values, told at `at`, at the centres of the same cells; NaN stays.
+    """Values given at `at`, interpolated to the centres of the same cells; NaN stays.
 
-    Beside a hole by the slope on its other side: one drawn across the hole is not that of its edge.
+    Beside a gap by the slope on its other side: one across the gap is not that at its edge.
     """
     moved = values.copy()
     side = np.where(centres > at, 1, -1)
     for i in np.flatnonzero(np.isfinite(values) & (centres != at)):
         j = i + side[i]
-        if not 0 <= j < values.size:  # at the scan's ends the value stands for the cell
+        if not 0 <= j < values.size:  # at the scan's ends the value is taken as it is
             continue
         j = j if np.isfinite(values[j]) else max(i - side[i], 0)
         if j != i and j < values.size and np.isfinite(values[j]):
@@ -245,7 +245,8 @@ def _interpolated(
 
 
 def _on_line(x, signal, facts: dict[str, Any], depth: float):
-    """The open line over the contact window, the signal on its cells, and where there is one."""
+    """The open line over the contact window, the signal on its cells, and the mask of valid
+    ones."""
     if x[-1] < x[0]:
         x, signal = x[::-1], signal[:, ::-1]
     cell = (x[-1] - x[0]) / (x.size - 1)
@@ -260,15 +261,15 @@ def _on_line(x, signal, facts: dict[str, Any], depth: float):
 
 
 def _widest_spacing(recording: Recording, spacing: float) -> float:
-    """Metres between samples where the motion is fastest: a frequency that is above the cut-off
-    there is so everywhere."""
+    """Distance [m] between samples where the motion is fastest: a frequency above the cut-off there
+    is above it everywhere."""
     if recording.is_constant_speed(STEADY):
         return spacing
     return float(np.max(np.abs(recording.speed_m_per_s))) / recording.sample_rate_hz
 
 
 def _spectrum(cfg, line, scan, data, observed, white_rms: float):
-    """Noise power per block; white noise is what the recording shows, other causes as named."""
+    """Noise power per block; white noise as estimated from the recording, other causes as named."""
     noises = coloured_noises(cfg)
     signal_rms = np.sqrt(np.sum(data**2) / np.sum(observed))
     return total_spectrum(noises, line, scan, signal_rms) + white_rms**2
@@ -299,7 +300,7 @@ def _assumed(cfg, recording, sensor, line, block, spacing, noise_rms, nominal, t
 
 
 def _filled_with(recording: Recording, block: int) -> str:
-    """How cells come from samples, in words."""
+    """Computation of cells from samples, in words."""
     steady = recording.is_constant_speed(STEADY)
     if steady and not np.isfinite(recording.signal).all():
         return (

@@ -1,8 +1,8 @@
 """Wiener, Tikhonov and a feature fit compared: on a scene whose truth is known, or on a recording.
 
 On a scene: errors of p and of q, coverage of the 90 % band and time, over noise levels and draws of
-the noise. On a recording, which has no truth: how well each method predicts the samples that it has
-not seen, how far it repeats itself, and how far the methods agree.
+the noise. On a recording, without a truth: each method's prediction of held-out samples, its
+repeatability, and the agreement between methods.
 """
 
 from ..report.outcome import Outcome

@@ -1,8 +1,8 @@
-"""The comparison on a recording: no truth, so the methods are judged by samples they did not see.
+"""The comparison on a recording, without a truth: methods are scored on held-out samples.
 
-The recording's cells are dealt into two halves, every other one to each: over a depth there are
-several cells, so that either half tells the same traction, with noise of its own. What a method
-finds from one half is held against the samples of the other.
+The recording's cells are split into two halves, every other one to each: over a depth there are
+several cells, so that either half determines the same traction, with independent noise. A method's
+fit to one half is compared with the samples of the other.
 """
 
 from collections.abc import Mapping
@@ -20,15 +20,15 @@ from .cells import recording_problem
 from .contest import Runs, Setting
 
 CELLS_PER_DEPTH = 5  # each half then has a sample every 0.4 depths, where e^(-k z) is 4e-4
-WELL = 1.2  # mean square of the residual, in units of the noise, up to which noise explains it
+WELL = 1.2  # mean square of the whitened residual, up to which noise explains it
 PARTS = ("all", "even cells", "odd cells")
 DRAWN = ("method", "part")
 
 
 def on_recording(cfg: build.Config) -> Outcome:
-    """Every contestant on the whole recording and on its two halves.
+    """Every method on the whole recording and on its two halves.
 
-    Raises `BadInput` for a recording that cannot be inverted, and for fewer than two contestants.
+    Raises `BadInput` for a recording that cannot be inverted, and for fewer than two methods.
     """
     loaded = recording_problem(cfg, CELLS_PER_DEPTH)
     title, whole = loaded.recording.name, loaded.problem
@@ -180,7 +180,7 @@ def _summary(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
 
 
 def _worth(runs: Mapping[str, Runs]) -> list[dict[str, Any]]:
-    """What each method's answer from all samples is worth."""
+    """Quality of each method's answer from all samples."""
     wholes = {name: one.reconstructions[0] for name, one in runs.items()}
     return [
         {"method": name, "quality": reconstruction.quality, "reasons": reconstruction.reasons}
@@ -278,7 +278,7 @@ def _sections(cfg, ds, runs, rows, whole: Problem) -> tuple[Section, ...]:
 
 
 def _verdicts(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
-    """What the residuals say, in words."""
+    """Verdicts on the residuals, in words."""
     said = []
     for m, (name, one) in enumerate(runs.items()):
         misfit = float(ds["misfit"].values[m, 0])

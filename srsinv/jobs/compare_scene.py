@@ -26,9 +26,9 @@ DRAWN = ("method", "snr", "seed")
 
 
 def on_scene(cfg: build.Config) -> Outcome:
-    """Every contestant at every noise level and draw, and one fit of a feature that is not there.
+    """Every method at every noise level and draw, and one fit of a feature that is absent.
 
-    Raises `BadInput` for levels or draws that are none, and for fewer than two contestants.
+    Raises `BadInput` for invalid levels or draws, and for fewer than two methods.
     """
     settings = cfg["compare"]
     _check(settings)
@@ -82,7 +82,7 @@ def _check(settings: Mapping[str, Any]) -> None:
 
 
 def _complete(cfg: build.Config) -> dict[str, Any]:
-    """The configuration with what a recording's sidecar would say of the sensor."""
+    """The configuration with the sensor facts that a recording's sidecar would give."""
     sensor = merge(cfg["compare"]["scene_sensor"], cfg["sensor"])
     skin = merge({"poisson_ratio": 0.5}, cfg["skin"])
     return {**cfg, "sensor": sensor, "skin": skin, **amplifier_node(cfg, sensor)}
@@ -163,7 +163,7 @@ def _scores(
     truth: Float[np.ndarray, "2 n"],
     observed: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Relative error of p and of q, of both together, and the part of the cells in the band.
+    """Relative error of p and of q, of both together, and the fraction of cells in the band.
 
     Of the deviation from the mean; q and p together by the norm of both.
     """
@@ -310,7 +310,7 @@ def _pair_table(ds: xarray.Dataset) -> Table:
 
 
 def _parameter_table(ds: xarray.Dataset, runs: Runs) -> Table:
-    """What the features' parameters came to at each level, beside the errors they stated."""
+    """Errors of the features' parameters at each level, beside the stated standard errors."""
     seeds, rows = ds.sizes["seed"], []
     for s, level in enumerate(ds["snr"].values):
         of_level = [
@@ -455,7 +455,7 @@ def _words(cfg: build.Config, ds: xarray.Dataset) -> tuple[str, ...]:
 
 
 def _verdicts(ds: xarray.Dataset) -> tuple[str, ...]:
-    """For each level, who is ahead of whom in words."""
+    """Ranking of the methods at each level, in words."""
     names = [str(name) for name in ds["method"].values]
     said = []
     for s, level in enumerate(ds["snr"].values):

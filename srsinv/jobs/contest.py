@@ -1,7 +1,7 @@
-"""Who is compared: inversions and a feature fit, each from one problem to traction with a band.
+"""Methods compared: inversions and a feature fit, each from one problem to traction with a band.
 
-The feature fit is put on the line of the others: cell averages of the fitted features, with the
-standard errors that the parameters' covariance gives them to first order.
+The feature fit is put on the line of the others: cell averages of the fitted features, with
+standard errors from the parameters' covariance to first order.
 """
 
 import time
@@ -32,18 +32,18 @@ from . import build
 from .analysis import observed_cells
 
 FEATURE_FIT = "Feature fit"
-MISSING = 1e8  # of the noise's variance: where coloured noise has a sample that is not there
-CONFIDENCE = 0.95  # probability at which two contestants are told apart
+MISSING = 1e8  # of the noise's variance: at missing samples in coloured noise
+CONFIDENCE = 0.95  # confidence at which two methods differ
 
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What one contestant made of one problem, on the problem's line.
+    """One method's solution of one problem, on the problem's line.
 
     - `value` (2, n) [Pa]; `stderr` (2, n) [Pa]: of the deviation from the mean.
-    - `fitted` (e, n): the signal explained, NaN where the contestant says nothing.
+    - `fitted` (e, n): the fitted signal, NaN where the method gives none.
     - `misfit`: mean square of the residual in units of the noise, 1 where only noise is left.
-    - `quality`, `warnings`, `reasons`: what it is worth, as the method itself says.
+    - `quality`, `warnings`, `reasons`: the method's own.
     - `parameters`: (value, standard error) by name, of a feature fit.
     """
 
@@ -90,7 +90,7 @@ class Inversion:
 
 @dataclass(frozen=True)
 class FeatureMethod:
-    """Features fitted together, as a sum, to the samples that are there.
+    """Features fitted together, as a sum, to the valid samples.
 
     `cells`: those that the scan passed, in its order, of a line whose centres are `x_m` there.
     """
@@ -104,7 +104,7 @@ class FeatureMethod:
 
     @cached_property
     def _fitter(self) -> FeatureFitter:
-        """Made in the first call, whose time it belongs to."""
+        """Created in the first call, and counted in its time."""
         x, speed = self.x_m, self.speed_m_per_s
         return FeatureFitter(
             self.sensor, Motion((x - x[0]) / speed, x, np.full(x.shape, speed)), self.solver
@@ -144,7 +144,7 @@ def _scanned_cells(problem: Problem, speed_m_per_s: float) -> np.ndarray:
 
 
 def observed_samples(problem: Problem) -> np.ndarray:
-    """Which samples (e, n) are there."""
+    """Mask of valid samples (e, n)."""
     if problem.observed is None:
         return np.ones(problem.data.shape, bool)
     return np.asarray(problem.observed)
@@ -201,7 +201,7 @@ def cell_traction(model: FeatureModel, params, line: Line) -> Float[Array, "2 n"
 
 @dataclass(frozen=True)
 class Setting:
-    """What all contestants are given; the first problem has all samples that any of them has."""
+    """Input of all methods; the first problem has all samples of any of them."""
 
     sensor: Sensor
     speed_m_per_s: float
@@ -210,8 +210,8 @@ class Setting:
 
 @dataclass(frozen=True)
 class Runs:
-    """One contestant on many problems: what it found, the first call's time [s] and the median of
-    the further ones."""
+    """One method on many problems: reconstructions, the first call's time [s] and the median of the
+    further ones."""
 
     reconstructions: list[Reconstruction]
     first_call_s: float
@@ -239,7 +239,7 @@ def compared_methods(cfg: build.Config, setting: Setting) -> dict[str, ComparedM
 def feature_method(
     features: dict[str, Feature], cfg: build.Config, setting: Setting
 ) -> FeatureMethod:
-    """These features with the setting's sensor and the configured solver."""
+    """Method of fitting these features, with the setting's sensor and the configured solver."""
     whole, speed = setting.problems[0], setting.speed_m_per_s
     cells = _scanned_cells(whole, speed)
     x_m = np.asarray(whole.line.x)[cells]
@@ -247,7 +247,7 @@ def feature_method(
 
 
 def run_all(named: Mapping[str, ComparedMethod], problems: Sequence[Problem]) -> dict[str, Runs]:
-    """Every contestant on every problem."""
+    """Every method on every problem."""
     runs = {}
     for name, method in named.items():
         with stage(f"{name}, {len(problems)} times"):
@@ -256,7 +256,7 @@ def run_all(named: Mapping[str, ComparedMethod], problems: Sequence[Problem]) ->
 
 
 def run(method: ComparedMethod, problems: Sequence[Problem]) -> Runs:
-    """One after the other; the first call includes what compilation there is."""
+    """One method on the problems in sequence; the first call includes any compilation."""
     reconstructions, times = [], []
     for problem in problems:
         start = time.perf_counter()
@@ -279,9 +279,9 @@ def split_odd_even(problem: Problem) -> tuple[Problem, Problem]:
 
 
 def holdout_chi2(reconstruction: Reconstruction, problem: Problem) -> float:
-    """Mean square, in units of the noise, of what the found signal leaves of the problem's samples.
+    """Mean square of the problem's samples less the fitted signal, in units of the noise.
 
-    For samples that it was not fitted to: 1 and its own uncertainty where it says what is there.
+    For held-out samples; under a correct model 1 plus the reconstruction's own uncertainty.
     """
     rest = np.asarray(problem.data + problem.mean_signal) - reconstruction.fitted
     rest = np.where(observed_samples(problem), rest, np.nan)
@@ -294,16 +294,17 @@ def holdout_chi2(reconstruction: Reconstruction, problem: Problem) -> float:
 
 
 def ranks(score: Float[np.ndarray, "method ... draw"]) -> Float[np.ndarray, "method ... draw"]:
-    """1 for the least score of each draw, and so on; equal scores share the mean of their ranks."""
+    """1 for the least score of each draw, and so on; equal scores get the mean of their ranks."""
     return np.asarray(scipy.stats.rankdata(score, axis=0))
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two contestants on the same draws: how much less the better one's score is.
+    """Two methods on the same draws: difference of their scores, the better one first.
 
-    `difference`, `spread`: mean and standard deviation over the draws; `wins`: how often it was
-    less; `apart`: whether the mean differs from 0 by Student's t at 95 %.
+    `difference`, `spread`: mean and standard deviation over the draws; `wins`: number of draws with
+    a lower score of the better one; `apart`: whether the mean exceeds 0 by Student's t with
+    probability `CONFIDENCE`.
     """
 
     better: int
@@ -315,7 +316,7 @@ class Pair:
 
 
 def pairs(score: Float[np.ndarray, "method draw"]) -> list[Pair]:
-    """Every two contestants, the best first."""
+    """All pairs of methods, the best first."""
     order = np.argsort(score.mean(axis=1), kind="stable")
     index_pairs = [(int(a), int(b)) for i, a in enumerate(order) for b in order[i + 1 :]]
     return [_pair(a, b, score[b] - score[a]) for a, b in index_pairs]

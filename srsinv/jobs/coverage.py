@@ -1,8 +1,8 @@
-"""Is the feature fit as good as it can be, and as good as it says? Many draws of the noise tell.
+"""Efficiency (RMSE over the Cramer-Rao bound) and interval coverage of the feature fit.
 
 For each feature its truth is simulated on finer cells, and every draw of the noise is fitted. The
-errors are set against the Cramer-Rao bound at the truth and against the fit's own standard errors.
-A scene with a surface is a feature of height and friction, else features of traction are fitted.
+errors are compared with the Cramer-Rao bound at the truth and with the fit's own standard errors. A
+scene with a surface is a feature of height and friction, else features of traction are fitted.
 """
 
 from collections.abc import Mapping
@@ -66,7 +66,7 @@ def _draws(settings: Mapping[str, Any], on_surface: bool) -> int:
 def _each(
     cfg: build.Config, settings: Mapping[str, Any], draws: int
 ) -> tuple[SyntheticTractionScan, dict[str, FitStatistics]]:
-    """Every feature of traction that is named."""
+    """Fit statistics of every named feature of traction."""
     features = build.features(cfg)
     refuse(not features, "No feature is named: give feature=[strip_load] or several.")
     on = synthetic_scan(cfg, "coverage")
@@ -81,7 +81,7 @@ def _each(
 
 
 def _truth(settings, on: SyntheticTractionScan, name: str, feature: Feature) -> Mapping[str, float]:
-    """What is simulated, checked against where the fit looks."""
+    """The simulated truth, checked against the fit's search ranges."""
     truth = named("coverage.truth", settings["truth"], name, feature)
     ranges = feature.ranges(scan_extent(on.sensor, on.motion))
     for part, value in truth.items():
@@ -157,7 +157,7 @@ def cramer_rao(
     return bounds_of(on, signal, truth, {part: size(part) for part in free}, power)
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 
 def _metrics(statistics: dict[str, FitStatistics], draws: int) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Coverage of the fit of a surface's feature: recordings simulated on finer cells, each fitted.
 
-Every recording has its own noise and its own place of the feature, so that edges fall anywhere
-within the cells; the noise is estimated from what each fit leaves.
+Every recording has its own noise and its own position of the feature, so that edges fall anywhere
+within the cells; the noise is estimated from each fit's residual.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ from .recorded import MARGIN_DEPTHS, check_cells
 from .simulated_features import SyntheticScan, evenly
 
 FINER = 2.5  # times as many cells as the fit has, and in no simple ratio to them
-MOVED_M = 0.5e-3  # how far the feature stands from its place, at most
+MOVED_M = 0.5e-3  # largest shift of the feature from its nominal position
 FEATURES: Mapping[type[Shape], type[SurfaceFeature]] = {
     Ridge: RidgeFeature,
     Tape: TapeFeature,
@@ -44,7 +44,7 @@ FEATURES: Mapping[type[Shape], type[SurfaceFeature]] = {
 
 @dataclass(frozen=True)
 class SyntheticSurfaceScan(SyntheticScan):
-    """For one feature of a surface, simulated on fine cells; `fit_cells` are the fit's."""
+    """A synthetic scan of one feature of a surface, on fine cells; `fit_cells` are the fit's."""
 
     name: str
     model: SurfaceModel
@@ -69,7 +69,7 @@ class SyntheticSurfaceScan(SyntheticScan):
 def fit_statistics(
     cfg: build.Config, draws: int
 ) -> tuple[SyntheticSurfaceScan, dict[str, FitStatistics]]:
-    """The scene's feature fitted to so many recordings."""
+    """Statistics of the scene's feature fitted to `draws` recordings."""
     name, feature, truth, scene = _scene(cfg)
     sensor, scan = build.sensor(cfg), build.scan(cfg)
     depth = float(sensor.depth_m)
@@ -124,7 +124,7 @@ def fit_statistics(
 
 
 def _size(part: str, truth: Mapping[str, float], depth: float, cell: float) -> float:
-    """What a step of the bound's differences is measured by; edges move by whole cells."""
+    """Scale of the step of the bound's differences; edges move by whole cells."""
     if part == "height_m":
         return 10 * abs(truth[part])
     if part in MOVES:

@@ -1,6 +1,6 @@
 """The pitch of a ridged surface from all channels of a recording together, and its other lines.
 
-Method, and why its standard errors are what they are: [`srsinv.inverse.spectral_lines`][].
+Method and derivation of the standard errors: [`srsinv.inverse.spectral_lines`][].
 """
 
 from dataclasses import dataclass
@@ -33,8 +33,8 @@ from . import build
 from .analysis import in_metrics
 from .recorded import times_rows
 
-LONGEST_LINE = 0.25  # of the scan: what repeats less often cannot be told from drift
-HIGHEST_FRACTION = 6  # of a line that another is called: beyond, some fraction always fits
+LONGEST_LINE = 0.25  # of the scan: longer periods are not distinguished from drift
+HIGHEST_FRACTION = 6  # of one line to another: beyond, some fraction always fits
 SHORT_GAP = 0.25  # of the shortest pitch: a spline over it is off by some hundredths of a pattern
 MM = 1e3
 
@@ -50,7 +50,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class BoardPitch:
-    """All that the page is made of; `channels` and their standard errors are pitches (c,) [m]."""
+    """Results for the page; `channels` and their standard errors are pitches (c,) [m]."""
 
     recording: Recording
     x_m: Float[np.ndarray, " n"]
@@ -64,12 +64,12 @@ class BoardPitch:
 
     @property
     def false_alarm(self) -> float:
-        """How often noise alone has a line as strong as the pitch's strongest."""
+        """Probability that noise alone has a line as strong as the pitch's strongest."""
         return self.others.false_alarm_at(self.pitch.pitch_m, self.settings.harmonics)
 
     @property
     def status(self) -> str:
-        """Whether the pitch may be used: "converged", or why not."""
+        """ "converged", or why the pitch is not usable."""
         if self.pitch.status == "converged" and self.false_alarm > self.settings.false_alarm:
             return "no line of feature.pitch_range_m stands out from noise"
         return self.pitch.status
@@ -81,7 +81,7 @@ class BoardPitch:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the pitch: nothing that is not in its result."""
+        """Warnings on the pitch: none beside its status."""
         return ()
 
     @property
@@ -149,7 +149,7 @@ def _along_x(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _without_gaps(name: str, x_m: np.ndarray, signal: np.ndarray, shortest_m: float) -> np.ndarray:
-    """The signals (c, n) with gaps that are short beside the shortest pitch drawn from their
+    """The signals (c, n) with gaps that are short beside the shortest pitch interpolated from their
     neighbours."""
     rows = np.flatnonzero(~np.isnan(signal).any(axis=0))
     if rows.size == x_m.size:
@@ -206,7 +206,7 @@ def _mm(value_m: float, stderr_m: float) -> str:
     return f"{format_with_error(MM * value_m, MM * stderr_m)} mm"
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 
 def _metrics(analysis: BoardPitch) -> dict[str, Any]:
@@ -360,7 +360,7 @@ def _channel_table(analysis: BoardPitch) -> Table:
 
 
 def _line_table(analysis: BoardPitch) -> Table:
-    """The pitch and every other line, with what it is a fraction of."""
+    """The pitch and every other line, with the line that it is a fraction of."""
     speed = abs(float(np.mean(analysis.recording.speed_m_per_s)))
     total = np.sum(analysis.pitch.pattern**2 + analysis.pitch.rest**2, axis=1)
     explained_fraction = np.mean(np.sum(analysis.pitch.pattern**2, axis=1) / total)
@@ -390,7 +390,7 @@ def _line_table(analysis: BoardPitch) -> Table:
 
 
 def _fraction(line: SpectralPeak, named: dict[str, SpectralPeak]) -> str:
-    """Which line this one is a whole fraction of, within both errors."""
+    """The line of which this one is a whole fraction, within both errors."""
     for name, base in named.items():
         n = round(base.wavelength_m / line.wavelength_m)
         error = 2 * np.hypot(line.stderr_m, base.stderr_m / max(n, 1))

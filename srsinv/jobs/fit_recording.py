@@ -1,4 +1,4 @@
-"""Fit features to a recording: where, how wide, how high or strong, with what friction.
+"""Fit of features to a recording: position, width, height or amplitude, and friction.
 
 Features of traction, or features of a surface that act through contact.
 """
@@ -107,7 +107,7 @@ def run(cfg: build.Config) -> Outcome:
             _refuse_surface_only(settings)
             one = _traction_fitter(cfg, data)
         sums = [{n: feature} for n, feature in named.items()] if settings["select"] else [named]
-        # The one looked for first: its programs serve all.
+        # The first one in the search: its programs serve all.
         candidates = [_timed(one, features) for features in [*sums, {}]]
         candidates = [candidates[-1], *candidates[:-1]]
         if settings["select"]:
@@ -243,14 +243,14 @@ def _dataset(data: Measured, chosen: Candidate) -> xarray.Dataset:
 
 
 def _fitted(data: Measured, best: FeatureFit) -> np.ndarray:
-    """The fitted signal; what the fit already has where no sample is missing."""
+    """The fitted signal; from the fit's own residual where no sample is missing."""
     if best.fit is not None and bool(np.isfinite(best.fit.residual).all()):
         return data.y - best.fit.residual
     return best.signal()
 
 
 def _whitened(data: Measured, left: np.ndarray) -> np.ndarray:
-    """The residual over the noise, nan where no sample is."""
+    """The residual over the noise, nan where a sample is missing."""
     whiten, _ = whitener(data.noise, left.shape)
     white = np.asarray(whiten(jnp.nan_to_num(jnp.asarray(left)))).reshape(left.shape)
     return np.where(np.isfinite(left), white, np.nan)
@@ -305,7 +305,7 @@ def _correlation_figure(best: FeatureFit, ds):
 
 
 def _verdict(chosen: Candidate) -> tuple[str, ...]:
-    """What the fit is worth, and what speaks against it."""
+    """Quality of the fit, and the reasons against it."""
     best = chosen.fit
     chi2 = best.chi2_per_freedom
     left = "" if chi2 is None else f" Chi-square per degree of freedom is {chi2:.3g}."

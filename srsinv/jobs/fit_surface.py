@@ -1,4 +1,4 @@
-"""Features of a surface fitted to a recording: what the fit of a recording needs beside."""
+"""Fit of features of a surface to a recording: its data, fitter and page sections."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from .recorded import check_cells, coloured_noises, contact_window, nominal_pres
 
 @dataclass(frozen=True)
 class Measured:
-    """A recording with all that a fit needs of it: `y` and `noise` as [`nonlinear.fit`][] has them.
+    """A recording prepared for a fit: `y` and `noise` as [`nonlinear.fit`][] has them.
 
     `noise_rms` is the white noise per sample.
     """
@@ -40,9 +40,9 @@ class Measured:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Features fitted, with the noise as it was taken, and the seconds that it took.
+    """Fitted features, with the noise assumed, and the time [s].
 
-    `levels`: of the noise, where it comes from what the fit leaves.
+    `levels`: of the noise, where it is estimated from the residual.
     """
 
     fit: FeatureFit
@@ -54,7 +54,7 @@ class Candidate:
 def surface_fitter(
     cfg: build.Config, data: Measured, features: SurfaceFeatures, settings: Mapping[str, Any]
 ) -> Callable[[Any], Candidate]:
-    """What fits features of a surface, its edges as the sidecar has them."""
+    """The fitter of features of a surface, with the sidecar's edges."""
     facts = data.recording.sidecar
     pressure = checked_pressure(nominal_pressure(data.recording))
     features = {name: _with_edge(name, each, facts) for name, each in features.items()}
@@ -115,7 +115,7 @@ def _start(given: Any, features: SurfaceFeatures) -> dict[str, float]:
 
 
 def contact_section(ds: xarray.Dataset) -> tuple[Section, ...]:
-    """How the skin lies on a fitted surface."""
+    """Page section of the contact with a fitted surface."""
     if "gap" not in ds:
         return ()
     return (
@@ -131,7 +131,7 @@ def contact_section(ds: xarray.Dataset) -> tuple[Section, ...]:
 
 
 def ground(data: Measured, best: FeatureFit) -> tuple[tuple[str, str], ...]:
-    """What the features stand on."""
+    """Page rows of the plate under the features."""
     model = best.model
     if not isinstance(model, SurfaceModel):
         return (("traction", "features over a uniform background, on an open line"),)

@@ -21,7 +21,7 @@ _NOT_FACTS = ("path", "missing", "times", "cell_m", "sidecar")
 
 
 def run(cfg: Mapping[str, Any]) -> Outcome:
-    """The job: read the table, look at every column, report, and write a sidecar's template."""
+    """The job: read the table, inspect every column, report, and write a sidecar's template."""
     settings = dict(cfg["recording"])
     path = settings["path"]
     refuse(path is None, "No recording is named: give recording.path=FILE.")
@@ -160,7 +160,7 @@ def _origin(inspection: Inspection) -> float:
 
 
 def _time(inspection: Inspection, rows: int) -> tuple[np.ndarray, str]:
-    """Times since the first [s]; the number of the sample where there are none."""
+    """Times since the first [s]; the sample's index where there are none."""
     if inspection.time_s is not None:
         return _padded(inspection.time_s - _origin(inspection), rows), "s"
     if inspection.rate_hz:

@@ -1,4 +1,4 @@
-"""Invert a recorded signal: p and q by every method named, with bands, and what cannot be seen."""
+"""Invert a recorded signal: p and q by every method named, with bands and resolution."""
 
 from ..report.outcome import Outcome
 from . import build

@@ -1,4 +1,4 @@
-"""What many fits of one truth say of the fit: errors, bounds, coverage."""
+"""Statistics of many fits of one truth: errors, Cramer-Rao bounds, coverage."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -52,13 +52,13 @@ class Quantity:
         return self.error / self.stderr
 
     def coverage(self, level: float) -> float:
-        """The share of draws whose central interval of this level holds the truth."""
+        """The fraction of draws whose central interval of this level holds the truth."""
         return float(np.mean(np.abs(self.normalised) <= ndtri((1 + level) / 2)))
 
 
 @dataclass(frozen=True)
 class FitStatistics:
-    """One feature's quantities, and how many of its fits converged."""
+    """One feature's quantities, and the number of its fits that converged."""
 
     quantities: tuple[Quantity, ...]
     converged: int
@@ -72,7 +72,7 @@ def bounds_of(
     sizes: Mapping[str, float],
     power: np.ndarray,
 ) -> dict[str, float]:
-    """The Cramer-Rao bound of each parameter of `sizes`, which holds what a step is measured by.
+    """The Cramer-Rao bound of each parameter of `sizes`, which holds the scales of the steps.
 
     From central differences of the simulation at the truth and the noise's spectrum `power` (k,),
     apart from the fit, its cells and its derivatives.

@@ -1,4 +1,4 @@
-"""Forward model, inversions and fit by numpy and scipy alone: what ours are timed against."""
+"""Forward model, inversions and fit by numpy and scipy alone, for comparison of times."""
 
 from typing import Any
 
@@ -40,7 +40,7 @@ class NumpyNormal:
         g = np.moveaxis(self.circulant, -1, 0)
         matrix = g.conj().swapaxes(1, 2) @ (self.weight[:, None, None] * g)
         matrix += self.root2.T[:, :, None] * np.eye(self.root2.shape[0])
-        # Where nothing tells the mean its row is empty: any diagonal makes it solvable.
+        # Where the mean is unobservable its row is zero: any diagonal makes it solvable.
         empty = np.abs(np.diagonal(matrix[0])) == 0
         matrix[0] += np.diag(np.where(empty | self.zero_mean, np.abs(matrix[1]).max(), 0.0))
         return matrix
@@ -96,9 +96,9 @@ class NumpyNormal:
 class NumpyStrip:
     """The signal of a strip of pressure and shear along a scan, and scipy's fit of it.
 
-    The cells and the spline that shares an edge among them are those of ours, `transfer` (e, c, k)
-    and the interpolation (`index`, `weights`, `gain`) are handed over; parameters are position [m],
-    width [m], pressure and shear [Pa].
+    The cells and the spline that distributes an edge among them are as in srsinv; `transfer` (e, c,
+    k) and the interpolation (`index`, `weights`, `gain`) are taken from it; parameters are position
+    [m], width [m], pressure and shear [Pa].
     """
 
     def __init__(self, model: FeatureModel):
@@ -112,14 +112,14 @@ class NumpyStrip:
         self.gain = np.asarray(model.operator.gain)
 
     def _signal(self, cells: np.ndarray) -> np.ndarray:
-        """Signals (e, c, sample) of each component alone with these shares of the cells (n,)."""
+        """Signals (e, c, sample) of each component alone with these fractions of the cells (n,)."""
         padded = np.pad(cells, 1, mode="edge")
         cells = cells - (padded[2:] - 2 * cells + padded[:-2]) / 6
         along = np.fft.irfft(self.transfer * np.fft.rfft(cells, self.length), self.length)
         return self.gain * np.sum(self.weights * along[..., self.index], axis=-1)
 
     def _edges(self, position: float, width: float) -> tuple[np.ndarray, np.ndarray]:
-        """How far, in cells, each cell is within the left edge and within the right one."""
+        """Distance, in cells, of each cell inside the left edge and inside the right one."""
         away, half = (self.x - position) / self.cell, width / 2 / self.cell
         return away + half, half - away
 

@@ -1,4 +1,4 @@
-"""Is the right feature chosen? Random features and noise alone, each explained by every candidate.
+"""Model selection: random features and noise alone, each fitted by every candidate.
 
 Every draw has its own shape, sign, friction and noise, simulated on finer cells. All the named
 features, and "nothing there", are fitted to it and ranked by their evidence.
@@ -49,13 +49,13 @@ class Ranked:
 
     @property
     def chosen(self) -> Int[np.ndarray, "t c"]:
-        """How often each candidate is the most probable."""
+        """Number of draws in which each candidate is the most probable."""
         best = self.log_evidence.argmax(axis=-1)
         return np.array([np.bincount(row, minlength=len(self.candidates)) for row in best])
 
     @property
     def margin(self) -> Float[np.ndarray, "t draw"]:
-        """The log evidence of what is there, less that of the best other."""
+        """The log evidence of the true candidate, less that of the best other."""
         size = len(self.candidates)
         own = np.arange(size)
         true = self.log_evidence[own, :, own]
@@ -64,7 +64,7 @@ class Ranked:
 
     @property
     def right(self) -> Int[np.ndarray, " t"]:
-        """In how many draws of each truth it was chosen."""
+        """Number of draws of each truth in which it was chosen."""
         return np.diagonal(self.chosen)
 
 
@@ -92,13 +92,13 @@ def run(cfg: build.Config) -> Outcome:
 
 
 def wilson(right: int, total: int) -> tuple[float, float]:
-    """Wilson's central 90 % interval of a share (1927)."""
+    """Wilson's central 90 % interval of a proportion (1927)."""
     interval = binomtest(right, total).proportion_ci(0.9, "wilson")
     return float(interval.low), float(interval.high)
 
 
 def _ranges(settings, name: str, feature: Feature) -> Ranges:
-    """Between what each parameter is drawn."""
+    """Ranges from which each parameter is drawn."""
     ranges: Ranges = {}
     given = named("ranking.truth_ranges", settings["truth_ranges"], name, feature)
     for part, pair in given.items():
@@ -167,7 +167,7 @@ def _ranked(
     return Ranked(tuple(candidates), evidence, columns, time_s)
 
 
-# --- what is shown ---------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------
 
 
 def _metrics(ranking: Ranked) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What jobs take from a recording at even times: its sensor, its motion and its white noise."""
+"""Sensor, motion and white noise of a recording at even times."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,8 +17,8 @@ from ..recording import Recording, merge
 from ..recording.noise import white_level
 from . import build
 
-MARGIN_DEPTHS = 8  # how far beyond the scan's ends the traction can still be felt
-SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # where neither sidecar nor command says
+MARGIN_DEPTHS = 8  # distance beyond the scan's ends at which traction still gives a signal
+SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # if neither sidecar nor command gives them
 
 
 def elements_named(cfg: build.Config) -> dict[str, Any]:
@@ -27,10 +27,10 @@ def elements_named(cfg: build.Config) -> dict[str, Any]:
 
 
 def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect] = ()) -> Sensor:
-    """The sensor that the sidecar and the configuration describe; what is configured wins.
+    """The sensor that the sidecar and the configuration describe; the configuration overrides.
 
-    `also`: effects that every element gets. Raises `BadInput` for what is missing, and where there
-    are not as many elements as signal columns.
+    `also`: effects added to every element. Raises `BadInput` for missing facts, and where the
+    numbers of elements and signal columns differ.
     """
     facts = recording.sidecar
     description = merge(facts.get("sensor") or {}, build.part(cfg, "sensor"))
@@ -69,7 +69,7 @@ def amplifier_node(cfg: build.Config, description: Mapping[str, Any]) -> dict[st
 
 
 def check_cells(name: str, length_m: float, cell_m: float) -> None:
-    """Refuse a line that no machine holds: something is in another unit than it is taken to be."""
+    """Refuse a line that exceeds the memory of any machine: a unit is probably wrong."""
     cells = length_m / cell_m
     refuse(
         not cells <= build.MOST_CELLS,
@@ -99,7 +99,7 @@ def times_rows(cfg: build.Config, recording: Recording) -> tuple[tuple[str, str]
 
 
 def motion_of(recording: Recording) -> Motion:
-    """How the sensor moved: along the measured positions, else by the integral of the speed."""
+    """The sensor's motion: the measured positions, else the integral of the speed."""
     time_s, speed = recording.time_s, recording.speed_m_per_s
     if recording.measured_position_m is not None:
         return Motion(time_s, recording.measured_position_m, speed)
@@ -115,7 +115,7 @@ def nominal_pressure(recording: Recording) -> float | None:
 
 
 def contact_window(facts: Mapping[str, Any], position_m, depth_m: float) -> Window:
-    """What the surface repeats with: as known, else the scan and a margin beyond its ends."""
+    """The surface's period: as known, else the scan and a margin beyond its ends."""
     given = facts.get("contact_window_m")
     if given:
         return Window(float(given[0]), float(given[1]))
@@ -124,7 +124,7 @@ def contact_window(facts: Mapping[str, Any], position_m, depth_m: float) -> Wind
 
 
 def coloured_noises(cfg: build.Config) -> tuple[Noise, ...]:
-    """The named causes of noise but the white one, which the recording itself shows."""
+    """The named causes of noise but the white one, which is estimated from the recording."""
     others = {name: node for name, node in build.part(cfg, "noise").items() if name != "white"}
     noises = build.noises({"noise": others})
     for noise in noises:
@@ -137,7 +137,8 @@ def coloured_noises(cfg: build.Config) -> tuple[Noise, ...]:
 
 
 def white_rms(cfg: build.Config, recording: Recording, depth: float, spacing: float) -> float:
-    """The white noise per sample: given, or the level where the skin lets nothing through."""
+    """The white noise per sample: given, or the level at wavenumbers that the skin does not
+    transmit."""
     white = build.part(build.part(cfg, "noise"), "white")
     if (given := white.get("rms")) is not None:
         wanted = "a positive number in the signal's unit, or null to take it from the recording"

@@ -54,7 +54,8 @@ def stages(sim: Simulation) -> dict[str, tuple[tuple[str, ...], Any, str]]:
 
 
 def as_recorded(sim: Simulation, key) -> dict[str, tuple[tuple[str, ...], Any, str]]:
-    """What is recorded in time, where samples differ from those of the line at constant speed."""
+    """The recorded signal and motion, where samples differ from those of the line at constant
+    speed."""
     if not sim.scenario.recorder.samples_in_time:
         return {}
     record = recorded(sim, key)
@@ -90,7 +91,7 @@ def assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
 
 
 def _not_inverted(sim: Simulation) -> tuple[tuple[str, str], ...]:
-    """What acts on the signal but not in the model that inverts it, where there is something."""
+    """Page rows of effects on the signal that the inversion's model leaves out, if any."""
     recorder, lags = sim.scenario.recorder, bool(sim.sensor.filters)
     left = [
         *(["the load's drift"] if recorder.drift else []),

@@ -1,4 +1,4 @@
-"""Signals of known features along one constant scan, for jobs that judge the feature fit.
+"""Signals of known features along one constant scan, for jobs that evaluate the feature fit.
 
 They are simulated on cells several times finer than those of the fit.
 """
@@ -31,9 +31,9 @@ UNITS = {"N_per_m": "N/m", "Pa": "Pa", "rad": "rad", "m": "m"}
 
 @dataclass(frozen=True)
 class SyntheticScan(abc.ABC):
-    """A sensor along a constant scan of samples evenly in time, and what disturbs it.
+    """A sensor along a constant scan of samples evenly in time, and its noise.
 
-    `known`, `start`: in words, what the fit knows of the noise, and where it starts.
+    `known`, `start`: in words, the fit's knowledge of the noise, and its starts.
     """
 
     known: ClassVar[str]
@@ -56,7 +56,7 @@ class SyntheticScan(abc.ABC):
     @property
     @abc.abstractmethod
     def cells(self) -> str:
-        """In words, how fine the simulation is."""
+        """Resolution of the simulation, in words."""
 
     def power(self, rms: float) -> Float[np.ndarray, " k"]:
         """The noise's power per sample, given the rms of the noise-free signal."""
@@ -78,7 +78,7 @@ class SyntheticScan(abc.ABC):
 
 @dataclass(frozen=True)
 class SyntheticTractionScan(SyntheticScan):
-    """For features of traction, simulated on fine cells."""
+    """A synthetic scan of features of traction, on fine cells."""
 
     fine: FeatureModel
     known: ClassVar[str] = "its spectrum known to the fit"
@@ -95,7 +95,8 @@ class SyntheticTractionScan(SyntheticScan):
 
 
 def synthetic_scan(cfg: build.Config, job: str) -> SyntheticTractionScan:
-    """The scan of a configuration, from one end of its grid to the other, sampled as `job` says."""
+    """The scan of a configuration, from one end of its grid to the other, sampled at `job`'s
+    rate."""
     length = build.line(cfg).n * float(build.line(cfg).cell_m)
     sensor, scan = build.sensor(cfg), build.scan(cfg)
     motion = evenly(cfg, job, sensor, scan, (cfg["grid"]["start_m"], length))
@@ -108,7 +109,7 @@ def synthetic_scan(cfg: build.Config, job: str) -> SyntheticTractionScan:
 def evenly(
     cfg: build.Config, job: str, sensor: Sensor, scan: ConstantSpeed, stretch: tuple[float, float]
 ) -> Motion:
-    """The motion over `stretch`, (start, length), sampled as `job` says."""
+    """The motion over `stretch`, (start, length), sampled at `job`'s rate."""
     speed, (start, length) = float(scan.speed_m_per_s), stretch
     key, wanted = f"{job}.sample_rate_hz", "the samples per second, above 0"
     rate = float(number(key, cfg[job]["sample_rate_hz"], wanted, above=0))
@@ -133,7 +134,7 @@ def known_noise(power: np.ndarray) -> Any:
 
 
 def parameters(feature: Feature, given: Mapping[str, float]) -> dict[str, float]:
-    """What a model takes, from the shape, the amplitude and the friction."""
+    """A model's parameters from the shape, the amplitude and the friction."""
     own = {name: given[name] for name in (*feature.axes, feature.amplitude)}
     if feature.friction is None:
         own[feature.shear] = given["friction"] * given[feature.amplitude]

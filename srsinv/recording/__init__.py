@@ -1,4 +1,4 @@
-"""What a measured signal is, and its way in from a file and out to one (without jax)."""
+"""Recordings of measured signals, read from files and written to them (without jax)."""
 
 from ._read import check_settings as check_settings
 from ._read import load as load

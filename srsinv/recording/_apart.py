@@ -1,9 +1,9 @@
-"""Reads a file in a process of its own, which takes a crash or an endless loop upon itself.
+"""Reading of a file in a separate process, which isolates crashes and endless loops.
 
 HDF5's library does either on damaged bytes (in version 2.0, on one in a few hundred damaged chunked
 files). A server is started with the first such file and ends with its caller. It forks for every
 file, which costs milliseconds and is safe where the caller, with jax, is not: it is small and has
-one thread. Where a system cannot do that, the file is read at home.
+one thread. Where a system cannot fork, the file is read in the caller's process.
 """
 
 import atexit
@@ -29,7 +29,7 @@ from ._table import ColumnTable
 _SECONDS = 5  # of computing that a small file may take
 _BYTES_PER_SECOND = 3 * 10**6  # and how many more bytes a further second: chunks of one value
 _MOST_SECONDS = 60  # of computing that any file may take
-_PATIENCE = 20  # times longer that it may take where the machine has other things to do
+_PATIENCE = 20  # times longer that it may take on a busy machine
 _MEMORY = 2**32  # bytes: the limits on what a file may hold leave a factor of four
 _MESSAGE = 2**16  # bytes that ask for a file, of which its name is at most 255
 _START = (
@@ -42,7 +42,7 @@ _ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", 
 def read_apart(
     file: DataFile, readers: Mapping[str, Callable[[DataFile], ColumnTable]]
 ) -> ColumnTable:
-    """What the reader of the file's suffix makes of it.
+    """Read the file by the reader of its suffix.
 
     Raises what the reader does: `BadInput`, `MemoryError`, and `EOFError` for all else.
     """
@@ -91,7 +91,7 @@ class _Server:
         self._owner = 0
 
     def ask(self, file: DataFile, sending: int) -> None:
-        """Have the file read and its table written to descriptor `sending`."""
+        """Ask for the file to be read and its table written to descriptor `sending`."""
         if self._process is None or self._process.poll() is not None or self._owner != os.getpid():
             self._start()
         assert self._socket is not None
@@ -115,7 +115,8 @@ class _Server:
         self._owner = os.getpid()
 
     def stop(self) -> None:
-        """End it, if it is this process's own; it ends as soon as nobody can ask any more."""
+        """Close the socket, on which the server ends, and wait for it if it is this process's
+        own."""
         if self._socket is not None:
             self._socket.close()
         if self._process is not None and self._owner == os.getpid():
@@ -128,10 +129,11 @@ atexit.register(_SERVER.stop)
 
 
 def serve(descriptor: int) -> None:
-    """Read, each in a process of its own, the files that are asked for, until nobody can ask."""
+    """Read, each in a process of its own, the files that are asked for, until no process can
+    ask."""
     from ._formats import READERS
 
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that have ended
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended children are not waited for
     with socket.socket(fileno=descriptor) as asked:
         while True:
             message, descriptors, *_ = socket.recv_fds(asked, _MESSAGE, 2)

@@ -1,8 +1,8 @@
-"""Even times for the rows of a recording: where each row stands, and which rows were lost.
+"""Even times for the rows of a recording: the index of each row, and which rows are missing.
 
-Stamps say where samples are; nothing here moves one by more than a quarter of the interval or half
-the stamps' own last digit without interpolating the signal. A row that the stamps show to be lost
-is a missing sample.
+Stamps determine the samples' times; none is moved by more than a quarter of the interval or half
+the stamps' last digit without interpolating the signal. A row missing by the stamps is a missing
+sample.
 """
 
 from dataclasses import dataclass
@@ -15,20 +15,20 @@ from srsinv.errors import refuse
 from ._timing import JITTER, Timing, line_through, resolution_s, timing
 
 ROUNDED = 0.25  # of an interval: stamps nearer to even ones than this are only rounded
-MAX_MISSING_RATIO = 9  # lost rows for each that is there
+MAX_MISSING_RATIO = 9  # missing rows for each valid one
 # How far a stated rate may be from the stamps': half a unit of the third digit, to which rates are
 # stated at least (35.5, 333); clocks themselves agree to 1e-4. The stamps are used in either case;
-# what this finds is another unit, another setting, or rows lost throughout.
+# a difference means another unit, another setting, or rows missing throughout.
 AGREES = 5e-3
 
 
 @dataclass(frozen=True, eq=False)
 class EvenTimes:
-    """Even times [s] and where the rows stand on them.
+    """Even times [s] and the rows' indices on them.
 
     - `time_s` (n,): even; `row` (sample,): each row's index there, strictly increasing.
     - `is_rounded`: whether the stamps are `time_s` but for rounding; else the signal has to be
-      interpolated. `is_gap` (sample - 1,): the intervals in which rows are lost.
+      interpolated. `is_gap` (sample - 1,): the intervals in which rows are missing.
     """
 
     time_s: Float[np.ndarray, " n"]
@@ -38,23 +38,23 @@ class EvenTimes:
 
     @property
     def missing_rows(self) -> int:
-        """How many rows were lost between the first and the last."""
+        """Number of rows missing between the first and the last."""
         return self.time_s.size - self.row.size
 
     @property
     def gaps(self) -> int:
-        """At how many places."""
+        """Number of gaps."""
         return int(self.is_gap.sum())
 
 
 def even_times(
     name: str, time_s: Float[np.ndarray, " sample"], stated_hz: float | int | None = None
 ) -> EvenTimes:
-    """Where the rows at the strictly increasing stamps `time_s` [s] stand on even times.
+    """Even times for the rows at the strictly increasing stamps `time_s` [s].
 
-    `stated_hz`: the rate as the experimenter has it, which decides where stamps are too coarse to
-    tell lost rows from rounding. Raises `BadInput` where the intervals vary too much, gaps aside,
-    and where nearly all rows are lost; `name` is what refusals call the recording.
+    `stated_hz`: the rate by the experimenter, which decides where stamps are too coarse to
+    distinguish missing rows from rounding. Raises `BadInput` where the intervals vary too much,
+    gaps aside, and where nearly all rows are missing; refusals call the recording `name`.
     """
     stamps = timing(time_s)
     refuse(
@@ -80,9 +80,9 @@ def even_times(
 
 
 def _on(time_s: Float[np.ndarray, " sample"], row: Int[np.ndarray, " sample"]) -> EvenTimes:
-    """Even times from the first stamp to the last; where stamps are further from them than
-    rounding to a fraction of an interval, along the line through all of them, if their last digit
-    explains what they are off by."""
+    """Even times from the first stamp to the last; where stamps are further from them than rounding
+    to a fraction of an interval, along the line through all of them, if their last digit explains
+    the residual."""
     n = int(row[-1]) + 1
     even_s = np.linspace(time_s[0], time_s[-1], n)
     interval_s = (time_s[-1] - time_s[0]) / (n - 1)
@@ -131,8 +131,8 @@ def _check_loss(name: str, stamps: Timing, row: np.ndarray) -> None:
 def _without_loss(
     time_s: Float[np.ndarray, " sample"], stated_hz: float | int | None
 ) -> EvenTimes | None:
-    """The rows as they come, where their own rate is the stated one and rounding explains the rest:
-    stamps in whole milliseconds at 833 Hz look like rows lost at 1000 Hz."""
+    """Even times without gaps, where the rows' rate is the stated one and rounding explains the
+    rest: stamps in whole milliseconds at 833 Hz look like rows missing at 1000 Hz."""
     own_hz = (time_s.size - 1) / float(time_s[-1] - time_s[0])
     if stated_hz is None or not _agree(stated_hz, own_hz, time_s):
         return None

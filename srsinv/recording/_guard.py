@@ -1,7 +1,7 @@
-"""The one way in for files, data and sidecars alike.
+"""Opening of files, data and sidecars alike, under limits.
 
-Only regular files are opened, never waited for; what a library's parser may read of one is bounded,
-so that no header, however wrong, costs more than the file's own size. The limits on what a file may
+Only regular files are opened, never waited for; the reads of a library's parser are bounded, so
+that no header, however wrong, costs more than the file's own size. The limits on what a file may
 hold are here as well.
 """
 
@@ -24,7 +24,7 @@ LONGEST_NAME = 200  # characters of a column's name or unit
 LARGEST_FILE = 2**32  # bytes: MOST_SAMPLES numbers written to 17 digits, and half as much again
 _SHOWN = 60  # characters of a name within a sentence
 _COMPARED = 60  # characters of each of two names: the time it takes is their product
-_NEIGHBOURS = 1_000  # files of a folder that are looked at for one of a similar name
+_NEIGHBOURS = 1_000  # files of a folder that are compared for a similar name
 # Control characters, line separators and halves of characters: nothing that can be printed.
 _BROKEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
@@ -50,7 +50,7 @@ def nearest(name: str, names: Iterable[str], cutoff: float = 0.6) -> str | None:
 def path_of(value: Any, key: str) -> Path:
     """The path that `value`, given by configuration key `key`, names; `~` is the user's folder.
 
-    Raises `BadInput` for what is no path or could not be shown.
+    Raises `BadInput` for values that are no path or not printable.
     """
     refuse(
         not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes),
@@ -70,7 +70,7 @@ def path_of(value: Any, key: str) -> Path:
 class DataFile(io.BufferedReader):
     """A regular file that is read to the size it had when it was opened, and no further.
 
-    `limit` bounds what a parser may ask for, where it believes what the file says of itself.
+    `limit` bounds what a parser may ask for, where it trusts the file's own headers.
     """
 
     def __init__(self, descriptor: int, path: Path):
@@ -115,8 +115,8 @@ def open_file(
 ) -> Iterator[DataFile]:
     """The file at `path`, which a refusal calls `what` and configuration key `key` names.
 
-    Raises `BadInput` for what is absent, no regular file, unreadable, empty or larger than `most`
-    bytes, and at the end for a file that changed while it was read.
+    Raises `BadInput` for a path that is absent, no regular file, unreadable, empty or larger than
+    `most` bytes, and at the end for a file that changed while it was read.
     """
     with DataFile(_opened(path, what, key), path) as file:
         before = os.fstat(file.fileno())
@@ -169,8 +169,8 @@ def within_memory(path: Path) -> Iterator[None]:
 def _opened(path: Path, what: str, key: str) -> int:
     """A descriptor of the regular file at `path`.
 
-    Looked at before it is opened, as to open a pipe or a device does something; and looked at again
-    by its descriptor, as another file may have taken the name in between.
+    Checked before it is opened, as opening a pipe or a device has effects; and again by its
+    descriptor, as the name may have been given to another file in between.
     """
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
     try:

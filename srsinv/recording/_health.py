@@ -1,4 +1,4 @@
-"""What a signal shows of the wiring: clipping, rounding and noise."""
+"""Signal health: clipping, quantisation and noise."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from jaxtyping import Float
 FLAT = 3  # equal samples in a row at a signal's extreme that count as one flat stretch
 _ROUNDING = 1e-3  # of a step: how far from whole steps rounded values may lie
 _MOST_STEPS = 2**24  # a range of more steps is that of printed digits, not of a converter
-SHORTEST = 16  # samples: below it a spectrum says nothing
+SHORTEST = 16  # samples: below, a spectrum is not estimated
 _SEGMENTS = 8
 _LEAST_SEGMENT = 256
 _AROUND = 31  # frequencies whose median is a line's surroundings
@@ -37,14 +37,16 @@ class ClippedSamples:
 
     @property
     def verdict(self) -> str:
-        """What to make of it: a slow signal in coarse steps can rest at its peak once."""
+        """Whether the signal is clipped, in words: a slow signal in coarse steps can rest at its
+        peak once."""
         if not self.stretches:
             return "no"
         return "likely" if len(self.stretches) > 1 else "perhaps (one flat extreme)"
 
 
 def clipping(values: Float[np.ndarray, " sample"]) -> ClippedSamples:
-    """How a signal (NaN: missing) sits at its least and greatest value; a constant one does not."""
+    """Samples of a signal (NaN: missing) at its least and greatest value; none for a constant
+    one."""
     present = values[np.isfinite(values)]
     if not present.size or np.ptp(present) == 0:
         return ClippedSamples(0.0, ())
@@ -84,7 +86,7 @@ class SpectralLine:
 
 @dataclass(frozen=True, eq=False)
 class SignalSpectrum:
-    """Amplitude density (frequency,) [unit/sqrt(Hz)] and what stands out of it.
+    """Amplitude density (frequency,) [unit/sqrt(Hz)] and its spectral lines.
 
     `floor` is the level of the upper half of the band, as white noise would have it.
     """
@@ -103,7 +105,7 @@ def segment_length(samples: int) -> int:
 def spectrum(
     values: Float[np.ndarray, " sample"], rate_hz: float, segment: int
 ) -> SignalSpectrum | None:
-    """Welch's averaged spectrum at even times, missing samples drawn from their neighbours.
+    """Welch's averaged spectrum at even times, missing samples interpolated from their neighbours.
 
     None for a signal that is too short or constant.
     """

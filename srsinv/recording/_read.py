@@ -1,4 +1,4 @@
-"""From a file and its sidecar to a `Recording`."""
+"""Reading of a `Recording` from a file and its sidecar."""
 
 import os
 import re
@@ -22,13 +22,13 @@ from ._table import ColumnTable, listing
 from ._units import PER_S, PER_V, POSITIONS, SPEEDS, TIMES, UNITLESS_TIMES, in_volts, unit_of_name
 
 _VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)})")
-# What these say of the file is in the Recording's own fields once it is read.
+# Facts on the file that are in the Recording's own fields once it is read.
 _LAYOUT = ("time_unit", "channels", "signal_unit", "polarity", "gain")
-# The table that was read to see whether it can be, for the job that comes after: one at most.
+# The table read by the check of settings, cached for the job that follows: one at most.
 _AHEAD: dict[tuple[Any, ...] | None, ColumnTable] = {}
 _QUINTIC = 5
-MISSING = ("refuse", "allow")  # what becomes of an empty cell, the default first
-TIMES_OF_ROWS = ("use", "ignore")  # what becomes of a column of times
+MISSING = ("refuse", "allow")  # treatment of an empty cell, the default first
+TIMES_OF_ROWS = ("use", "ignore")  # treatment of a column of times
 
 
 def load(
@@ -56,17 +56,17 @@ def load(
 
     `sidecar` names a JSON or YAML mapping of further facts; without it NAME.json, NAME.yaml or
     NAME.yml beside the file is read if it is there. `known` holds facts too (None: not given) and
-    wins over the sidecar, in depth, and over the file's speed and position.
+    overrides the sidecar, in depth, and the file's speed and position.
 
     A signal's unit is `signal_unit`, or the file's own, or that of its column's name, or else
-    "counts"; what is in mV or uV comes in V. It is multiplied by `polarity` (1 or -1) and divided
-    by `gain`, each one number or one for each channel; a gain is so many of the signal's unit per
-    volt, so that the result is in V whatever that unit is.
+    "counts"; values in mV or uV are converted to V. It is multiplied by `polarity` (1 or -1) and
+    divided by `gain`, each one number or one for each channel; a gain is so many of the signal's
+    unit per volt, so that the result is in V whatever that unit is.
 
     `missing="allow"` takes an empty cell of a signal (NaN in an array) for a missing sample, NaN in
     the result; by default it is refused. `times="ignore"` leaves a column of times out, for stamps
-    that are wrong: the rows are taken as even at `sample_rate_hz`, none lost. Raises `BadInput` for
-    everything that cannot be read as such a recording.
+    that are wrong: the rows are taken as even at `sample_rate_hz`, none missing. Raises `BadInput`
+    for files that cannot be read as such a recording.
     """
     path = path_of(path, "recording.path")
     choice(f"{path.name}: recording.missing", missing, MISSING)
@@ -114,7 +114,7 @@ def _load(
 
 def check_settings(settings: Mapping[str, Any]) -> None:
     """Refuse settings of a recording (`path`, `sidecar` and facts) that name no readable table or
-    state what cannot be. Columns are not looked at: not every job needs the same ones."""
+    state invalid facts. Columns are not checked: not every job needs the same ones."""
     path = path_of(settings["path"], "recording.path")
     known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
     with within_memory(path):
@@ -124,7 +124,7 @@ def check_settings(settings: Mapping[str, Any]) -> None:
 
 
 def take_table(path: Path) -> ColumnTable:
-    """The table in `path`, the one that [`check_readable`][] has read if the file is as it was.
+    """The table in `path`, the one that [`check_settings`][] has read if the file is unchanged.
 
     Raises `BadInput` as `read_table` does.
     """
@@ -134,7 +134,7 @@ def take_table(path: Path) -> ColumnTable:
 
 
 def _state(path: Path) -> tuple[Any, ...] | None:
-    """What tells a file from another, and from itself once it has changed; None: not there."""
+    """Identity of a file: path, device, inode, size and modification time; None: absent."""
     try:
         stat = path.stat()
     except OSError:
@@ -145,7 +145,7 @@ def _state(path: Path) -> tuple[Any, ...] | None:
 def read_facts(
     path: Path, table: ColumnTable, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What is known beside the columns: the file's own sidecar, the one beside it, and `known`."""
+    """Facts beside the columns: from the file's own sidecar, the one beside it, and `known`."""
     given = None if sidecar is None else path_of(sidecar, "recording.sidecar")
     facts = merge(merge(table.sidecar, read_sidecar(path, given)), _with_listed_elements(known))
     check_facts(path.name, facts)
@@ -166,7 +166,7 @@ def choose_channels(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, 
     chosen = facts.get("channels")
     if chosen is not None:
         return (chosen,) if isinstance(chosen, str) else tuple(chosen)
-    # An unusable one too: it is refused, where leaving it out would go unseen.
+    # An unusable one too: it is refused, as leaving it out would be silent.
     named = [*table.columns, *table.unusable]
     voltages = [(int(m[1]), c) for c in named if (m := _VOLTAGE.fullmatch(c))]
     refuse(
@@ -251,14 +251,14 @@ def _derivative(
     since_s = time_s - time_s[0]
     steps_m = np.diff(position_m)
     if np.ptp(position_m) <= 2 * np.spacing(np.max(np.abs(position_m))):
-        return np.zeros_like(time_s)  # at rest: what differs is rounding
+        return np.zeros_like(time_s)  # at rest: differences are rounding
     try:
         with np.errstate(all="ignore"):
             spline = make_interp_spline(since_s, position_m, min(_QUINTIC, time_s.size - 1))
             speed = np.asarray(spline.derivative()(since_s))
             goes_one_way = bool(np.all(steps_m >= 0) or np.all(steps_m <= 0))
             if goes_one_way and np.ptp(np.sign(speed)) > 1:
-                # It swings at a start or a stop; a monotone curve turns nowhere.
+                # The spline overshoots at a start or a stop; a monotone curve does not.
                 speed = np.asarray(PchipInterpolator(since_s, position_m).derivative()(since_s))
             return speed
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -283,7 +283,7 @@ def _signal(
     channels: tuple[str, ...],
     values: list[Float[np.ndarray, " sample"]],
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "element sample"], str]:
-    """The channels' names, their signals as they were before the wiring, and their unit."""
+    """The channels' names, their signals corrected for polarity and gain, and their unit."""
     stated = [signal_unit(table, facts, channel) or "counts" for channel in channels]
     names = tuple(map(in_volts, channels, stated))
     per_unit = np.array([PER_V.get(unit, 1) for unit in stated])

@@ -1,4 +1,4 @@
-"""A measured signal with its times, its sliding speed and what is known about the experiment."""
+"""A measured signal with its times, its sliding speed and facts about the experiment."""
 
 import copy
 from dataclasses import dataclass, field, replace
@@ -17,18 +17,18 @@ TIME, SPEED, POSITION = "time_s", "speed_m_per_s", "position_m"
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One scan. Arrays are kept as read-only float64 copies.
+    """One scan. Arrays are stored as read-only float64 copies.
 
     - `signal`: (element, sample), in `signal_unit`; NaN marks a missing sample.
     - `time_s`: (sample,), strictly increasing [s], from any origin.
     - `speed_m_per_s`: (sample,), sliding speed along x [m/s].
     - `channels`: the elements' names, in the order of `signal`'s rows.
-    - `sidecar`: what the experimenter knows, a nested dict with SI units in its keys (_schema.py).
+    - `sidecar`: the experimenter's facts, a nested dict with SI units in its keys (_schema.py).
     - `signal_unit`: "V", "counts" or another.
-    - `name`: what messages and titles call it; the file's name when it was loaded.
+    - `name`: for messages and titles; the file's name when it was loaded.
     - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
-    - `missing_rows`, `gaps`: how many rows the times show to be lost, at how many places; they are
-      missing samples.
+    - `missing_rows`, `gaps`: number of rows missing by the times, and of gaps; they are missing
+      samples.
 
     Raises `BadInput` for shapes that do not agree, fewer than 3 samples, times that do not increase
     strictly, infinite values, NaN outside `signal`, names that cannot head a column, and facts that
@@ -146,7 +146,7 @@ class Recording:
         return bool(np.max(np.abs(self.speed_m_per_s - mean)) <= rtol * abs(mean))
 
     def block_average(self, r: int) -> "Recording":
-        """Means over blocks of `r` consecutive samples; what is left over at the end is dropped.
+        """Means over blocks of `r` consecutive samples; an incomplete block at the end is dropped.
 
         A block with a missing sample is missing. Positions keep their origin. Raises `BadInput`
         for r < 1 or when fewer than 3 blocks are left.
@@ -164,7 +164,7 @@ class Recording:
             with np.errstate(over="ignore"):  # the result is refused where it is infinite
                 return values[..., :used].reshape(*values.shape[:-1], -1, r).mean(axis=-1)
 
-        # A block stands at the middle of its samples, so the first no longer stands at the start.
+        # A block is at the middle of its samples, so that the first is no longer at the start.
         position_m = means(self.position_m)
         return self._resampled(
             means(self.signal),
@@ -178,8 +178,8 @@ class Recording:
         """Signal, speed and measured position interpolated linearly onto as many uniform times
         between the same ends.
 
-        Meant for a small `sampling_jitter`; a sample is missing where a neighbour that it is drawn
-        from is.
+        Meant for a small `sampling_jitter`; a sample is missing where a neighbour that it is
+        interpolated from is.
         """
         time_s = np.linspace(self.time_s[0], self.time_s[-1], self.time_s.size)
 

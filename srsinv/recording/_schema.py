@@ -1,8 +1,8 @@
 """The facts that may stand beside a recording: every key, and what its value is.
 
 This is the one table of them. It is closed: a key that is not here is refused, a number is a number
-(a text never stands for one), and free text has a place in `description` alone. Facts come from
-files that nobody vouches for, so nothing here names a class or a function.
+(never a text), and free text is allowed in `description` alone. Facts come from untrusted files, so
+that none names a class or a function.
 """
 
 import difflib
@@ -131,7 +131,7 @@ class ElementFacts(Facts):
 
 
 class SensorFacts(Facts):
-    """The film elements and what reads them."""
+    """The film elements and their readout."""
 
     depth_m: Positive = None
     feedback_resistance_ohm: Positive = None
@@ -149,7 +149,7 @@ class SkinFacts(Facts):
 
 
 class FeatureFacts(Facts):
-    """What is known of the surface's feature."""
+    """Facts on the surface's feature."""
 
     edge_length_m: Positive = None
 
@@ -220,7 +220,7 @@ def _sentence(error: Any) -> str:
 
 
 def _typed(key: str) -> str:
-    """What a fact is called on the command line."""
+    """Name of a fact on the command line."""
     is_part = key.partition(".")[0] in ("sensor", "skin", "feature")
     return key if is_part else f"recording.{key}"
 

@@ -1,4 +1,4 @@
-"""The sidecar: what the experimenter knows about a recording, beside it as JSON or YAML.
+"""Sidecars: the experimenter's facts about a recording, beside it as JSON or YAML.
 
 Both are read into text, numbers, truth values, null, lists and mappings, and nothing else: no
 tags, no aliases, no dates, no key twice. YAML is read by the rules of its version 1.2, in which
@@ -80,7 +80,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def parse(name: str, text: str, kind: Literal["JSON", "YAML"]) -> dict[str, Any]:
-    """The mapping in `text`, in JSON's types; `name` is what a refusal calls it.
+    """The mapping in `text`, in JSON's types; refusals call it `name`.
 
     Raises `BadInput` for text that is too long or nested too deeply, that repeats a key, or that is
     no mapping.
@@ -121,7 +121,7 @@ def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _from_yaml(text: str) -> Any:
     """The value of one document, built from the parser's events, which need no recursion."""
     events = yaml.parse(text, _Loader)
-    starts: list[tuple[Any, list[Any]]] = [(None, [])]  # what is open, and what it holds so far
+    starts: list[tuple[Any, list[Any]]] = [(None, [])]  # open collections and their content
     documents = values = 0
     for event in events:
         documents += isinstance(event, yaml.DocumentStartEvent)
@@ -139,7 +139,7 @@ def _from_yaml(text: str) -> Any:
 
 
 def _check_event(event: Any, depth: int, documents: int, values: int) -> None:
-    """Raise `ValueError` for what no sidecar needs."""
+    """Raise `ValueError` for YAML that no sidecar needs."""
     if isinstance(event, yaml.AliasEvent):
         # An alias can grow into any amount of data, or refer to itself.
         raise ValueError("aliases (*name) are not taken, only values written out")
@@ -153,7 +153,7 @@ def _check_event(event: Any, depth: int, documents: int, values: int) -> None:
 
 
 def _pairs(held: list[Any]) -> Iterator[tuple[str, Any]]:
-    """Keys and values, which events give in turn. A key is what it would be as text."""
+    """Keys and values, from alternating events. A key is taken as text."""
     for key, value in zip(held[::2], held[1::2], strict=True):
         if not isinstance(key, str | int | float | None):
             raise ValueError("a key is not text")
@@ -161,7 +161,7 @@ def _pairs(held: list[Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _scalar(event: Any) -> Any:
-    """A scalar by YAML 1.2's core rules, decimal numbers alone; what is quoted is text."""
+    """A scalar by YAML 1.2's core rules, decimal numbers alone; quoted scalars are text."""
     text = event.value
     if not event.implicit[0]:
         return text

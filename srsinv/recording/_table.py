@@ -28,10 +28,10 @@ def listing(names: Iterable[str]) -> str:
 class ColumnTable:
     """The columns of one file, by name: 1-D arrays of real numbers.
 
-    `unusable` says of every other array why it is no column; `units` holds the file's own words;
-    `sidecar` what the file itself carries of one; `signals` the columns that can be nothing else.
-    A column of text is NaN where its cell is empty and infinite where it holds no finite number,
-    and `texts` has the first such cell (empty where there is none).
+    `unusable` gives the reason why any other array is no column; `units` the file's own units;
+    `sidecar` the file's embedded one; `signals` the columns that are certainly signals. A column of
+    text is NaN where its cell is empty and infinite where it holds no finite number, and `texts`
+    has the first such cell (empty where there is none).
     """
 
     name: str
@@ -74,7 +74,8 @@ class ColumnTable:
                 self.units[name] = unit
 
     def leave_out(self, name: str, reason: str) -> None:
-        """An array that is no column, and why. Raises `BadInput` as [`check_name`][] does."""
+        """Record an array that is no column, and why. Raises `BadInput` as [`check_name`][]
+        does."""
         self.check_name(name)
         self.unusable[name] = reason
 
@@ -88,7 +89,7 @@ class ColumnTable:
         )
 
     def check_count(self, columns: int) -> None:
-        """Refuse more columns than can be."""
+        """Refuse more columns than the limit."""
         refuse(
             columns > MOST_COLUMNS,
             f"{self.name}: the file names {columns} columns or more, above the limit of "

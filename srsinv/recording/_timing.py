@@ -1,6 +1,6 @@
-"""How evenly samples were taken: the interval, its jitter, and gaps where samples were lost.
+"""Sample timing: the interval, its jitter, and gaps with missing samples.
 
-The one place where gaps are found.
+The only module that detects gaps.
 """
 
 from dataclasses import dataclass, replace
@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-GAP = 1.5  # of the interval: beyond it a sample is lost
+GAP = 1.5  # of the interval: beyond it a sample is missing
 JITTER = 0.2  # of the interval: beyond it a signal is too coarse to be interpolated to even times
-# Half a last digit, and what the line through the stamps is off by, as a share of the last digit.
+# Half a last digit, and the error of the line through the stamps, as fractions of the last digit.
 HALF_A_DIGIT = 0.55
 # Which of the intervals in order of length is the usual one: the median, and where those near it
-# are not even, as when half of the rows are lost, one among the shortest.
+# are not even, as when half of the rows are missing, one among the shortest.
 USUAL = (0.5, 0.1)
 _DIGITS_S = tuple(10.0**-digit for digit in range(10))
 _TINY = 1e-100  # no interval, and the inverse of none
@@ -21,7 +21,7 @@ _TINY = 1e-100  # no interval, and the inverse of none
 
 @dataclass(frozen=True)
 class Gap:
-    """A longer interval than usual: after which data row, when, for how long, how many lost."""
+    """A longer interval than usual: preceding data row, time, duration, number of missing rows."""
 
     row: int
     start_s: float
@@ -31,7 +31,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Timing:
-    """How evenly samples were taken.
+    """Timing of the samples.
 
     - `rate_hz`: one over the mean interval, gaps aside.
     - `jitter_rms`, `jitter_largest`: departures from that interval, as fractions of it, gaps aside.
@@ -47,7 +47,7 @@ class Timing:
     disorder: tuple[int, ...]
 
     def rows(self, samples: int) -> Int[np.ndarray, " sample"]:
-        """Where each data row stands, from 0, had none been lost."""
+        """Index of each data row, from 0, missing rows counted."""
         step = np.ones(samples, int)
         step[0] = 0
         for gap in self.gaps:
@@ -99,7 +99,7 @@ def line_through(
     time_s: Float[np.ndarray, " sample"], row: Int[np.ndarray, " sample"]
 ) -> tuple[Float[np.ndarray, " n"], bool]:
     """Times of all rows from 0 to the last along the line through the stamps, and whether the
-    stamps' last digit explains what they are off by."""
+    stamps' last digit explains the residual."""
     since_s, from_middle = time_s - time_s[0], row - row.mean()
     slope_s = float(from_middle @ since_s / (from_middle @ from_middle))
     line_s = since_s.mean() + slope_s * (np.arange(int(row[-1]) + 1) - row.mean())
@@ -108,7 +108,7 @@ def line_through(
 
 
 def resolution_s(time_s: Float[np.ndarray, " sample"]) -> float:
-    """The power of ten [s] that all stamps are whole multiples of: what they were rounded to."""
+    """The power of ten [s] to which all stamps are rounded."""
     for digit in _DIGITS_S:
         whole = time_s / digit
         off = np.abs(whole - np.round(whole))

@@ -12,7 +12,7 @@ PER_V: Mapping[str, int] = {"V": 1, "mV": 1_000, "uV": 1_000_000, "µV": 1_000_0
 
 
 def names(quantity: str, units: Mapping[str, int]) -> dict[str, int]:
-    """The names that a column of `quantity` may have, with what each is divided by."""
+    """The names that a column of `quantity` may have, with the divisor of each."""
     return {f"{quantity}_{unit}": per_si for unit, per_si in units.items()}
 
 
@@ -23,7 +23,7 @@ POSITIONS = names("position", PER_M)
 
 
 def may_be_signal(column: str) -> bool:
-    """Whether a column's name says nothing else of it: no time, speed or position."""
+    """Whether a column's name allows a signal: it names no time, speed or position."""
     return column not in {*TIMES, *UNITLESS_TIMES, *SPEEDS, *POSITIONS}
 
 

@@ -1,4 +1,4 @@
-"""From a `Recording` to a file that `load` gives back bit by bit."""
+"""Writing of a `Recording` to a file that `load` restores bit by bit."""
 
 import csv
 import glob
@@ -26,11 +26,10 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write `recording` to NAME.csv with NAME.json beside it, or to NAME.nc, which holds both.
 
     A missing sample is an empty cell, or NaN. A signal in mV is written as such, and `load` gives
-    it in V. Each file appears whole or not at all, the sidecar first. An earlier
-    recording in NAME.nc is replaced; NAME.csv only where NAME.json says the same, as another
-    sidecar may be somebody's work and would be read with the wrong data if this ended half-way.
-    Raises `BadInput` for that, another suffix, a sidecar that JSON cannot hold, and a place that
-    cannot be written to.
+    it in V. Each file appears whole or not at all, the sidecar first. An earlier recording in
+    NAME.nc is replaced; NAME.csv only where NAME.json is identical, as another sidecar may be a
+    user's work and would be read with the wrong data if this ended half-way. Raises `BadInput` for
+    that, another suffix, a sidecar that JSON cannot hold, and a place that cannot be written to.
     """
     path = Path(path).expanduser()
     writer = _WRITERS.get(path.suffix.lower())
@@ -82,8 +81,8 @@ def _save_csv(recording: Recording, path: Path, sidecar: str) -> None:
 
 
 def _check_sidecars(path: Path, facts: bytes) -> bool:
-    """Whether there is no sidecar yet; refused where one says something else, or where data stand
-    without one, which `save` has not written."""
+    """Whether there is no sidecar yet; refused where one differs, or where data exist without one,
+    as `save` has not written these."""
     other = next((p for s in SUFFIXES[1:] if os.path.lexists(p := path.with_suffix(s))), None)
     beside = path.with_suffix(".json")
     is_new = not os.path.lexists(beside)
@@ -122,7 +121,7 @@ def _save_netcdf(recording: Recording, path: Path, sidecar: str) -> None:
 
 
 def _check_netcdf(path: Path, facts: bytes) -> None:
-    """Refuse to replace what `save` has not written, and to write beside another's sidecar."""
+    """Refuse to replace a file not written by `save`, and to write beside another's sidecar."""
     beside = [p for suffix in SUFFIXES if os.path.lexists(p := path.with_suffix(suffix))]
     other = next((p for p in beside if not p.is_file() or p.read_bytes() != facts), None)
     refuse(
@@ -155,15 +154,15 @@ def _motion(recording: Recording) -> dict[str, tuple[np.ndarray, str]]:
 
 @contextmanager
 def _scratch(path: Path, data: bytes) -> Iterator[Path]:
-    """A file of `data` beside `path`, to take its place; it is gone at the end, and so are those
-    that killed processes left."""
+    """A file of `data` beside `path`, to take its place; removed at the end, with any left by
+    killed processes."""
     for left_over in path.parent.glob(f".{glob.escape(path.name)}.*.srsinv"):
         with suppress(OSError):  # another user's
             if (lock := lease.take(left_over)) is not None:
                 with lock:
                     left_over.unlink(missing_ok=True)
     scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.srsinv")
-    if (lock := lease.take(scratch)) is None:  # somebody who clears up was quicker
+    if (lock := lease.take(scratch)) is None:  # another process's clean-up was quicker
         raise BlockingIOError(f"{scratch} is locked")
     with lock:
         try:

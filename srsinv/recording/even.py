@@ -1,4 +1,4 @@
-"""A recording as the jobs want it: at even times, lost rows as missing samples (without jax)."""
+"""Recordings for jobs: at even times, missing rows as missing samples (without jax)."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,9 +13,9 @@ from ._guard import path_of
 from ._read import MISSING, TIMES_OF_ROWS, load
 from ._recording import MIN_SAMPLES, Recording
 
-STEADY = 1e-3  # how far a speed may stray from its mean and still be taken as constant
-VOLTS = ("V", "V m")  # what amplifiers give: a voltage, or its integral along x
-OF_A_JOB = ("cell_m",)  # keys of `recording` that say nothing about the file
+STEADY = 1e-3  # largest relative deviation of a constant speed from its mean
+VOLTS = ("V", "V m")  # units of amplifiers: a voltage, or its integral along x
+OF_A_JOB = ("cell_m",)  # keys of `recording` that are not facts of the file
 MOTION = {
     "sample_rate_hz": "a positive number in Hz",
     "speed_m_per_s": "a speed in m/s",
@@ -24,7 +24,7 @@ MOTION = {
 
 
 def load_steady(settings: Any, known: Mapping[str, Any]) -> Recording:
-    """[`load_even`][] for what takes the speed as constant: raises `BadInput` where it varies."""
+    """[`load_even`][] for jobs at constant speed: raises `BadInput` where it varies."""
     recording = load_even(settings, known)
     refuse(
         not recording.is_constant_speed(STEADY),
@@ -37,9 +37,9 @@ def load_steady(settings: Any, known: Mapping[str, Any]) -> Recording:
 def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
     """The recording that `settings`, the configuration's `recording`, names, at even times.
 
-    `known` are further facts of the command line, beside the sidecar's. Rows that the time stamps
-    show to be lost are missing samples. Raises `BadInput` for a file that cannot be read, a speed
-    that is 0 throughout, and times that cannot be put on even ones.
+    `known` are further facts of the command line, beside the sidecar's. Rows missing by the time
+    stamps are missing samples. Raises `BadInput` for a file that cannot be read, a speed that is 0
+    throughout, and times that cannot be put on even ones.
     """
     named = mapping("recording", settings)
     facts = {key: value for key, value in named.items() if key not in OF_A_JOB}
@@ -65,7 +65,7 @@ def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
 
 
 def _check_signal(recording: Recording) -> None:
-    """Refuse a signal with next to no samples, or beyond what a quantity can be."""
+    """Refuse a signal with hardly any valid samples, or beyond the range of quantities."""
     present = np.isfinite(recording.signal)
     for channel, row, observed in zip(recording.channels, recording.signal, present, strict=True):
         refuse(
@@ -82,7 +82,7 @@ def _check_signal(recording: Recording) -> None:
 
 
 def check_volts(recording: Recording) -> None:
-    """Refuse a signal from which nothing in Pa can follow: one that is in no unit of voltage."""
+    """Refuse a signal in no unit of voltage, which does not give Pa."""
     unit = recording.signal_unit
     refuse(
         unit not in VOLTS,
@@ -94,14 +94,14 @@ def check_volts(recording: Recording) -> None:
 
 
 def _given(known: dict[str, Any]) -> dict[str, Any]:
-    """What the command line gives, in depth: null means not given."""
+    """The values given on the command line, in depth: null means not given."""
     trimmed = {k: _given(v) if isinstance(v, dict) else v for k, v in known.items()}
     return {k: v for k, v in trimmed.items() if v is not None and v != {}}
 
 
 def on_even_times(recording: Recording) -> Recording:
-    """The recording at even times, a missing sample for every row that its time stamps show to be
-    lost; speed and measured position are interpolated there.
+    """The recording at even times, with missing samples for rows missing by its time stamps; speed
+    and measured position are interpolated there.
 
     Stamps that are off by less than a quarter of an interval, or than half their last digit, are
     only rounded, and are replaced: interpolating would colour the noise, which the rules take as
@@ -113,7 +113,7 @@ def on_even_times(recording: Recording) -> Recording:
     if not even.missing_rows:
         return recording.resample_uniform()
     signal = _placed(recording, even) if even.is_rounded else _interpolated(recording, even)
-    # Where the rows themselves stand, so that each keeps the speed and position of its own.
+    # At the rows' own times, so that each has its own speed and position.
     at = even.row if even.is_rounded else recording.time_s
     every = np.arange(even.time_s.size) if even.is_rounded else even.time_s
     position_m = recording.measured_position_m
@@ -135,7 +135,8 @@ def _placed(recording: Recording, even: EvenTimes) -> np.ndarray:
 
 
 def _interpolated(recording: Recording, even: EvenTimes) -> np.ndarray:
-    """The signal drawn from the rows before and after, where none is lost between them."""
+    """The signal interpolated from the rows before and after, where none is missing between
+    them."""
     time_s = recording.time_s
     before = np.clip(np.searchsorted(time_s, even.time_s, side="right") - 1, 0, time_s.size - 2)
     is_between = (even.time_s > time_s[before]) & (even.time_s < time_s[before + 1])

@@ -1,6 +1,6 @@
-"""What a file holds, told without knowing the experiment: for a first look at a recording.
+"""Inspection of a file without facts on the experiment: a first look at a recording.
 
-Nothing has to be stated here that `load` asks for; what is guessed says so, with the reason.
+No facts that `load` requires are needed; guesses are marked as such, with the reason.
 """
 
 import os
@@ -46,7 +46,7 @@ _FEW_TICKS = 100  # whole time stamps this close together are milliseconds: 10 H
 
 @dataclass(frozen=True)
 class Column:
-    """One column: what it seems to be, and its numbers in its own unit (None: it has none)."""
+    """One column: its inferred role, and its numbers in its own unit (None: it has none)."""
 
     name: str
     role: Role
@@ -77,13 +77,13 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """What is in the file `name`.
+    """Contents of the file `name`.
 
-    - `time_s`: (sample,) stamps [s] as far as they can be told, else None; `timing` says how even
-      they are, `time_unit` what they were taken to be in, `time_source` where that is from.
-    - `rate_hz`: from the stamps, or stated; None where neither is there.
+    - `time_s`: (sample,) stamps [s] where their unit is determined, else None; `timing` their
+      evenness, `time_unit` the unit assumed, `time_source` its origin.
+    - `rate_hz`: from the stamps, or stated; None without either.
     - `speed_m_per_s`, `position_m`: (sample,) where a column states them.
-    - `facts`: what the sidecar and the caller state.
+    - `facts`: those of the sidecar and the caller.
     """
 
     name: str
@@ -115,8 +115,8 @@ def inspect(
 ) -> Inspection:
     """Look at the file `path`, in any format of `load`, whose arguments these are.
 
-    Raises `BadInput` for a file that cannot be read or has no column of numbers, for a sidecar that
-    cannot be right, and for `channels` that are not there.
+    Raises `BadInput` for a file that cannot be read or has no column of numbers, for an invalid
+    sidecar, and for `channels` that are absent.
     """
     path = path_of(path, "recording.path")
     with within_memory(path):
@@ -160,7 +160,7 @@ def _inspect(
 
 
 def _signal_columns(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, ...]:
-    """As `load` would choose them; else what is named like a signal; else all that is left."""
+    """Signal columns as `load` chooses them; else those named like a signal; else all others."""
     if facts.get("channels") is not None:
         channels = choose_channels(table, facts)
         for channel in channels:
@@ -254,7 +254,7 @@ def _time_unit(table: ColumnTable, facts: Mapping[str, Any], name: str) -> tuple
 def _time(
     table: ColumnTable, facts: Mapping[str, Any]
 ) -> tuple[Float[np.ndarray, " sample"] | None, str | None, str]:
-    """The stamps [s], their unit, and where that is from."""
+    """The stamps [s], their unit, and its origin."""
     name = time_column(table)
     if name is None or name in table.unusable:
         return None, None, "no column of times"

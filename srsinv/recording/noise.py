@@ -1,10 +1,10 @@
-"""The white noise of a signal, where the skin lets nothing else through (without jax).
+"""White noise of a signal, from wavenumbers that the skin does not transmit (without jax).
 
 The median of the periodogram over the upper wavenumbers, which a few lines do not move. Where
 samples are missing, short gaps are filled by a cubic spline, so that the signal has no jumps; long
-ones part the signal into stretches, each with its trend out and its own taper. What that makes of
-white noise depends on the pattern of what is missing (a spline follows noise and has less of it),
-and is found by doing the same to white noise of level one on the same pattern.
+ones part the signal into stretches, each with its trend out and its own taper. The bias depends on
+the pattern of missing samples (a spline follows noise and has less of it), and is found from white
+noise of level one on the same pattern.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.interpolate import make_interp_spline
 
 ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
-LONG_GAP = 8  # samples: shorter gaps are filled, so that single losses leave the signal whole
+LONG_GAP = 8  # samples: shorter gaps are filled, so that single ones do not split the signal
 SHORT_STRETCH = 32  # samples: of a shorter one hardly a wavenumber is above the signal's
 CUBIC = 3
 DRAWN = 2**20  # samples of white noise drawn in all, so that its own scatter is below 1 %
@@ -27,7 +27,7 @@ def white_level(
     """Standard deviation of the white noise per sample, one for all elements; NaN is missing.
 
     `depth_m` of the film nearest to the skin, `spacing_m` from sample to sample, of at least 3. 0
-    where the signal is constant or rounded, and where hardly any sample is there.
+    where the signal is constant or rounded, and where hardly any sample is valid.
     """
     if np.isfinite(signal).all():
         return float(np.sqrt(np.median(_upper(signal, depth_m, spacing_m)) / np.log(2)))
@@ -47,7 +47,8 @@ def white_level(
 
 
 def _stretches(observed: np.ndarray) -> Iterator[slice]:
-    """Where one element has samples, long gaps left out; all of it where they leave nothing."""
+    """Stretches of one element's samples between long gaps, short ones left out; where none is
+    left, from its first valid sample to the last."""
     at = np.flatnonzero(observed)
     if not at.size:
         return
@@ -60,7 +61,7 @@ def _stretches(observed: np.ndarray) -> Iterator[slice]:
 
 
 def _median(signal, stretches: list[list[slice]], depth_m: float, spacing_m: float) -> float:
-    """Of the periodograms of all stretches together."""
+    """Median of the periodograms of all stretches together."""
     powers = [
         _upper(filled(row[stretch])[None], depth_m, spacing_m).ravel()
         for row, parts in zip(signal, stretches, strict=True)
@@ -71,8 +72,8 @@ def _median(signal, stretches: list[list[slice]], depth_m: float, spacing_m: flo
 
 
 def filled(values: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
-    """With what is missing drawn from its neighbours: along a straight line in long gaps, where a
-    spline would swing."""
+    """The values with missing ones interpolated: by a cubic spline, or linearly where any gap is
+    long, as a spline would overshoot."""
     observed = np.isfinite(values)
     if observed.all():
         return values
@@ -85,8 +86,8 @@ def filled(values: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]
 def _upper(
     signal: Float[np.ndarray, "element sample"], depth_m: float, spacing_m: float
 ) -> Float[np.ndarray, "element k"]:
-    """The periodogram at wavenumbers where there is noise only, of mean 1 for white noise of level
-    one: trend out, Hann taper."""
+    """The periodogram at wavenumbers of noise only, of mean 1 for white noise of level one: trend
+    out, Hann taper."""
     n = signal.shape[-1]
     taper = np.hanning(n)
     slope = np.linspace(-1, 1, n)

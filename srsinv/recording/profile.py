@@ -1,4 +1,4 @@
-"""A measured profile's way in from a file: heights along a line."""
+"""Reading of measured profiles from a file: heights along a line."""
 
 import os
 
@@ -19,7 +19,7 @@ def load_profile(
 
     The file is of any format that recordings have, with a column `position_m` (or `_mm`, `_um`) and
     one `height_m` (or `_mm`, `_um`). `key` is what names the path in the configuration. Raises
-    `BadInput` for what cannot be read as such.
+    `BadInput` for files that cannot be read as such.
     """
     file = path_of(path, key)
     with within_memory(file):

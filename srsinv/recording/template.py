@@ -1,4 +1,4 @@
-"""A sidecar to fill in: what only the experimenter knows is blank, what the file shows is there."""
+"""Sidecar templates: facts only the experimenter has are blank, those in the file are filled in."""
 
 import json
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from typing import Any
 from ._units import UNITLESS_TIMES
 from .inspection import UNKNOWN, Inspection
 
-# What only the experimenter knows, and what to write there.
+# Facts that only the experimenter has, and the hint to write there.
 SIGNAL = {
     "polarity": "1, or -1 where the wiring turns the signal around; or one for each channel",
     "gain": "recorded signal per volt of the film's amplifier; or one for each channel",
@@ -32,7 +32,7 @@ _RATE = {"sample_rate_hz": "samples a second: the file has no times"}
 
 
 def blanks(inspection: Inspection) -> dict[str, str]:
-    """The keys that the sidecar's template leaves blank, with what to write there."""
+    """The keys that the sidecar's template leaves blank, with the hint to write there."""
     scan = {
         key: text for key, text in _scan(inspection).items() if inspection.facts.get(key) is None
     }
@@ -98,7 +98,7 @@ def _guessed(inspection: Inspection) -> list[str]:
 
 
 def _elements(inspection: Inspection, known: Any) -> list[str]:
-    """A line for each film element: as it is known, or one blank for each signal."""
+    """A line for each film element: as known, or one blank for each signal."""
     if known is not None and not isinstance(known, list):
         return [f"  elements: {_inline(known)}"]
     signals = [column.name for column in inspection.of_role("signal")]
@@ -117,7 +117,7 @@ def _lines(facts: Mapping[str, Any], comments: Mapping[str, str], indent: str = 
 
 
 def _rest(facts: Mapping[str, Any], shown: set[str], indent: str) -> list[str]:
-    """What else is known, so that the template can take the old sidecar's place."""
+    """Further known facts, so that the template can replace the old sidecar."""
     return [
         f"{indent}{_inline(key)}: {_inline(value)}"
         for key, value in facts.items()

@@ -1,4 +1,4 @@
-"""What a job hands back: numbers, arrays and the parts of its page. Nothing is written here."""
+"""Outcome of a job: numbers, arrays and the parts of its page. Nothing is written here."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ class Table:
     """Rows under column headings, as printed and as shown on the page.
 
     Cells are strings or numbers; numbers are shown to three or four significant digits, by one
-    formatter for the terminal and the page alike. `notes` are sentences that stand below.
+    formatter for the terminal and the page alike. `notes` are sentences below the table.
     """
 
     columns: tuple[str, ...]
@@ -26,7 +26,7 @@ class Section:
     """One part of the page: a heading, paragraphs, figures drawn on demand, tables.
 
     `figures` maps a file stem (`traction` becomes `figures/traction.png`) to a function that draws
-    it, so that a job that is only looked at as numbers draws nothing.
+    it, so that a job used for its numbers alone draws nothing.
     """
 
     heading: str
@@ -40,7 +40,7 @@ class Section:
 class Outcome:
     """The result of one job.
 
-    - `title`: one line that says what was done.
+    - `title`: one line on the job.
     - `metrics`: flat, SI units in the key's suffix; written to `metrics.json`.
     - `dataset`: every stage with `units` on every variable; written to `result.nc`.
     - `sections`: the page, in order.

@@ -1,4 +1,4 @@
-"""The files of a run: numbers, arrays, figures and one page that needs nothing beside itself.
+"""The files of a run: numbers, arrays, figures and one self-contained page.
 
 The same outcome gives the same bytes: no date, no random name, no version of a drawing library.
 """
@@ -31,8 +31,8 @@ def render(
     `figures/*.png`, `.hydra/` and the outcome's own.
 
     Nothing is written: all is made in memory, where no full disk can cut it short. `record` maps
-    the names in `.hydra` to their text, `command` is what the page says was run. Raises
-    `ValueError` for a variable without `units`, `TypeError` for a metric that is not a plain value.
+    the names in `.hydra` to their text, `command` is the command on the page. Raises `ValueError`
+    for a variable without `units`, `TypeError` for a metric that JSON cannot hold.
     """
     figures = {
         stem: _png(draw()) for section in outcome.sections for stem, draw in section.figures.items()
@@ -51,8 +51,8 @@ def render(
 
 
 def metrics_json(metrics: Mapping[str, Any]) -> str:
-    """`metrics` as JSON with sorted keys, old names beside new ones; what is not finite becomes
-    null."""
+    """`metrics` as JSON with sorted keys, old names beside new ones; numbers that are not finite
+    become null."""
     values = {key: _json_value(key, value) for key, value in with_old_names(metrics).items()}
     return json.dumps(values, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 

@@ -1,4 +1,4 @@
-"""How a number is written, and a table on the terminal."""
+"""Formatting of numbers, and of tables on the terminal."""
 
 import math
 import sys
@@ -46,7 +46,8 @@ def is_numeric(cells: tuple[object, ...]) -> bool:
 
 
 def print_table(table: Table) -> None:
-    """Print `table` on standard output: plain and as wide as it needs where that is no terminal."""
+    """Print `table` on standard output: without styles and as wide as needed where that is no
+    terminal."""
     console = Console(file=sys.stdout, highlight=False)
     drawn = RichTable(box=box.SIMPLE_HEAD if console.is_terminal else box.MARKDOWN)
     columns = tuple(zip(*table.rows, strict=True)) or ((),) * len(table.columns)

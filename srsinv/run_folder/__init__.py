@@ -1,17 +1,17 @@
-"""A run's folder: who may write to it, and how a run takes the place of an earlier one as a whole.
+"""A run's folder: exclusive access, and replacement of an earlier run as a whole.
 
 While a run is at work it has a workspace beside its folder NAME, or inside where nothing can be
 beside it:
 
     .NAME.srsinv/lock   held for as long as the run lives
     .NAME.srsinv/new    its files, as they are written
-    .NAME.srsinv/old    the earlier run, on its way out
-    .NAME.srsinv/trash  what is being deleted
+    .NAME.srsinv/old    the earlier run, to be deleted
+    .NAME.srsinv/trash  files being deleted
 
 Two renames, NAME to old and new to NAME, replace the earlier run. Killed between them, a run leaves
-no NAME; the next command that comes by finds the lock free and moves old back. A folder that cannot
-be renamed (the current one, one that is mounted) takes the files one by one, its manifest last:
-killed meanwhile, a run leaves `new` with the rest, and the next command moves that in too.
+no NAME; the next command finds the lock free and moves old back. A folder that cannot be renamed
+(the current one, one that is mounted) takes the files one by one, its manifest last: killed
+meanwhile, a run leaves `new` with the rest, and the next command moves that in too.
 """
 
 from ._claim import check as check

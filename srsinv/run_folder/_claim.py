@@ -1,4 +1,4 @@
-"""Who may write to a run's folder: one run at a time, and only over an earlier run."""
+"""Exclusive access to a run's folder: one run at a time, and only over an earlier run."""
 
 import errno
 import os
@@ -16,14 +16,14 @@ from ._names import CONTENTS, LOCK, WORKSPACE, is_workspace, workspaces
 from ._place import REMEDY, locate, writing
 from ._workspace import Workspace
 
-OUTPUTS = "outputs"  # where runs go unless told otherwise, as OUTPUTS/NAME/TIME[_sweep/NUMBER]
+OUTPUTS = "outputs"  # default folder of runs, as OUTPUTS/NAME/TIME[_sweep/NUMBER]
 _PATIENCE_S = 2.0  # for a lock: clearing up after another run takes milliseconds
 _POLL_S = 0.05
 
 
 def check(folder: Path) -> None:
     """Raise `BadInput` unless `folder` can be made or written to, and is empty or holds an earlier
-    run of srsinv, or what is left of one that was killed."""
+    run of srsinv, or the remains of one that was killed."""
     place = locate(folder)
     with writing(folder):
         if place.exists() and not any(map(is_workspace, workspaces(place))):
@@ -32,10 +32,10 @@ def check(folder: Path) -> None:
 
 @contextmanager
 def hold(folder: Path) -> Iterator[Workspace]:
-    """Keep other runs out of `folder`, which is made, until the end.
+    """Lock `folder`, which is created, against other runs until the end.
 
-    What a killed run left of it is finished or undone first, and so is what killed runs left beside
-    it or elsewhere under `outputs`. Raises `BadInput` where another run is at work in it.
+    The remains of killed runs in it, beside it or elsewhere under `outputs` are finished or undone
+    first. Raises `BadInput` where another run is at work in it.
     """
     place = locate(folder)
     with writing(folder):
@@ -95,7 +95,7 @@ def _lock(space: Path, place: Path) -> BinaryIO:
     latest = time.monotonic() + _PATIENCE_S
     while True:
         space.mkdir(exist_ok=True)
-        with suppress(FileNotFoundError):  # whoever had it has just removed it
+        with suppress(FileNotFoundError):  # its owner has just removed it
             if space.is_symlink() or not {*os.listdir(space)} <= CONTENTS:
                 raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(space))
             if (lock := lease.take(space / LOCK)) is not None:
@@ -114,7 +114,7 @@ def _give_back(space: Path, lock: BinaryIO) -> None:
 
 
 def _recover_stale(place: Path) -> None:
-    """Recover, where that can be done, what killed runs left beside a folder or under `outputs`."""
+    """Recover, where possible, the remains of killed runs beside a folder or under `outputs`."""
     roots = {above for above in (*place.parents, Path.cwd() / OUTPUTS) if above.name == OUTPUTS}
     name = f".?*{WORKSPACE}"
     stale = {

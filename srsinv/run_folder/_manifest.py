@@ -1,4 +1,4 @@
-"""What a run's folder holds: its manifest `run.json`, and what is there that no run wrote."""
+"""Contents of a run's folder: its manifest `run.json`, and files that no run wrote."""
 
 import base64
 import hashlib
@@ -16,8 +16,8 @@ from srsinv.errors import BadInput
 from ._names import WORKSPACE, is_workspace
 
 MANIFEST = "run.json"
-# Runs of versions that wrote no manifest: what they are known by (other programs have a .hydra and
-# metrics, too), and what they wrote.
+# Runs of versions that wrote no manifest: the files that identify them (other programs have a
+# .hydra and metrics, too), and those that they wrote.
 _OLDER_SIGNS = (".hydra/config.yaml", "metrics.json", "result.nc", "report.html")
 _OLDER_JOB = re.compile(rb"^job: (srsinv|experiments)\.", re.MULTILINE)
 _OLDER_FILES = re.compile(
@@ -64,12 +64,12 @@ def listed(folder: Path) -> Listing | None:
 
 
 def _shows(page: bytes, figure: Path) -> bool:
-    """Whether a page holds this figure; another one in its folder is somebody's own."""
+    """Whether a page holds this figure; another one in its folder is the user's."""
     return base64.b64encode(figure.read_bytes()) in page
 
 
 def read(folder: Path) -> Listing | None:
-    """What the manifest in `folder` lists; None where there is none that srsinv wrote."""
+    """The listing of the manifest in `folder`; None where there is none that srsinv wrote."""
     path = folder / MANIFEST
     if not _is_file(path) or path.stat().st_size > _MOST_BYTES:
         return None
@@ -84,8 +84,8 @@ def read(folder: Path) -> Listing | None:
 
 
 def strangers(folder: Path, *listings: Listing) -> Iterator[str]:
-    """The names of what is in `folder` and was not written by the runs of these listings, changed
-    files included, in order; a folder's name ends with a slash and stands for all in it."""
+    """Names of files in `folder` that were not written by the runs of these listings, changed files
+    included, in order; a folder's name ends with a slash and stands for all in it."""
     names = {name for listing in listings for name in listing}
     folders = {str(above) for name in names for above in PurePosixPath(name).parents}
     if _exists(folder / MANIFEST) and read(folder) is None:
@@ -122,7 +122,7 @@ def _text(content: dict[str, Any]) -> bytes:
 
 def _walk(folder: Path, entered: set[str], above: str = "") -> Iterator[tuple[str, bool]]:
     """Name, and whether it is a folder, of all in `folder` but its workspace; links are not
-    followed, and only the folders `entered` are looked into."""
+    followed, and only the folders `entered` are traversed."""
     with os.scandir(folder / above) as entries:
         children = sorted(entries, key=lambda entry: entry.name)
     for entry in children:
@@ -135,7 +135,7 @@ def _walk(folder: Path, entered: set[str], above: str = "") -> Iterator[tuple[st
 
 
 def _is_name(name: str) -> bool:
-    """Whether a name stays within its folder, however it was meant."""
+    """Whether a name stays within its folder."""
     parts = PurePosixPath(name).parts
     return name == "/".join(parts) != MANIFEST and ".." not in parts and "\0" not in name
 

@@ -1,4 +1,4 @@
-"""What a run at work calls its workspace, and what it has in there."""
+"""Names of a run's workspace and of its contents."""
 
 import os
 from pathlib import Path
@@ -9,12 +9,12 @@ CONTENTS = {LOCK, NEW, OLD, TRASH}
 
 
 def workspaces(place: Path) -> tuple[Path, Path]:
-    """Where the workspace of a folder may be: beside it or, failing that, inside."""
+    """Possible workspaces of a folder: beside it or, failing that, inside."""
     return place.parent / f".{place.name}{WORKSPACE}", place / WORKSPACE
 
 
 def is_workspace(path: Path) -> bool:
-    """Whether `path` is a folder with nothing in it but what a run at work has there."""
+    """Whether `path` is a folder with nothing in it but the contents of a workspace."""
     try:
         return not path.is_symlink() and {*os.listdir(path)} <= CONTENTS
     except OSError:

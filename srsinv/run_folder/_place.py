@@ -1,4 +1,4 @@
-"""Where a run's folder is, and what stands against writing there, in one sentence."""
+"""Location of a run's folder, and refusals where it cannot be written to."""
 
 import errno
 import os
@@ -59,6 +59,6 @@ def _exists(path: Path) -> bool:
 
 
 def named(path: Path) -> str:
-    """A path as a sentence shows it."""
+    """A path for a sentence."""
     text = str(path)
     return text if text.isprintable() and len(text) <= _LONGEST else shown(text)

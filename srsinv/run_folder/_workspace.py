@@ -1,4 +1,4 @@
-"""Where a run prepares its files, and how they take the place of an earlier run's."""
+"""Workspaces: preparation of a run's files, and replacement of an earlier run's."""
 
 import errno
 import os
@@ -19,7 +19,7 @@ from ._place import writing
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where a run prepares its files before they take their place in its folder.
+    """Workspace of a run's files before they are moved to its folder.
 
     - `folder`: the run's, without links.
     - `path`: the workspace's own, beside the folder or inside.
@@ -29,11 +29,11 @@ class Workspace:
     path: Path
 
     def replace(self, files: Mapping[str, bytes], command: str, seed: Any) -> None:
-        """Put `files` (contents by name, with slashes) and their manifest in the place of all that
-        an earlier run wrote.
+        """Replace all files of an earlier run by `files` (contents by name, with slashes) and their
+        manifest.
 
-        Raises `BadInput` where they cannot be written, and where something has appeared in the
-        folder that no run wrote.
+        Raises `BadInput` where they cannot be written, and where the folder has files that no run
+        wrote.
         """
         record = manifest(listing(files), command, seed)
         with writing(self.folder):
@@ -47,9 +47,9 @@ class Workspace:
                 self._move_in()
 
     def recover(self) -> None:
-        """Undo or finish what a run that ended early began, and empty the workspace.
+        """Undo or finish the replacement by a run that ended early, and empty the workspace.
 
-        Raises `BadInput` where something that no run wrote is in the way.
+        Raises `BadInput` where files that no run wrote are in the way.
         """
         new, old = self.path / NEW, self.path / OLD
         if old.is_dir():
@@ -73,7 +73,7 @@ class Workspace:
         try:
             if not is_empty(self.folder):
                 os.rename(self.folder, old)
-                # Where it is now nothing more can come in.
+                # After the rename no further file can be added.
                 check_ours(old, listed(old) or {})
             os.rename(self.path / NEW, self.folder)
         except OSError:
@@ -95,7 +95,7 @@ class Workspace:
         coming = read(new) or {}
         check_ours(self.folder, present, coming)
         if present and not (self.folder / MANIFEST).exists():
-            # A run older than manifests gets one, to be known by when half of it is replaced.
+            # A run older than manifests gets one, which identifies it when half of it is replaced.
             self._write_whole(self.folder / MANIFEST, manifest(present, "", None))
         names = [*(name for name in coming if (new / name).exists()), MANIFEST]
         for name in names:
@@ -113,7 +113,7 @@ class Workspace:
         os.replace(new / MANIFEST, self.folder / MANIFEST)
 
     def _move_inside(self, names: list[str]) -> "Workspace":
-        """The same inside the folder, which is a mount though it did not look so."""
+        """The same workspace inside the folder, for a mount that was not recognised as one."""
         inside = Workspace(self.folder, self.folder / WORKSPACE)
         for name in names:
             target = inside.path / NEW / name
@@ -137,7 +137,7 @@ class Workspace:
         return coming is not None and not all((self.path / NEW / name).exists() for name in coming)
 
     def _discard(self, path: Path) -> None:
-        """Delete a folder of the workspace, which is known as trash however far that comes."""
+        """Delete a folder of the workspace, renamed to trash first in case it is interrupted."""
         trash = self.path / TRASH
         shutil.rmtree(trash, ignore_errors=True)
         with suppress(OSError):  # there is none, or no room for another name

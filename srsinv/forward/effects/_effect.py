@@ -1,4 +1,4 @@
-"""What an effect is: something that can be added to a scenario, and bounded without doing so."""
+"""Base classes of effects: each is added to a scenario, or bounded without doing so."""
 
 import abc
 import math
@@ -14,7 +14,8 @@ from ._reference import ReferenceSpectra
 
 
 class Order(IntEnum):
-    """When an effect is added: from the film outwards, as later ones act on what is there."""
+    """Order in which effects are added: from the film outwards, as later ones act on earlier
+    ones."""
 
     FILM = 0
     SKIN = 1
@@ -27,7 +28,7 @@ class Order(IntEnum):
 
 
 class Effect(eqx.Module):
-    """Something that acts beside the ideal sensor.
+    """A departure from the ideal sensor.
 
     `order`: when it is added. `of_sensor`: whether it belongs to the sensor and its skin, so that
     recordings are inverted with it too; else to a simulated scene and its recording.
@@ -38,12 +39,12 @@ class Effect(eqx.Module):
 
     @property
     def saturation(self) -> float:
-        """Beyond which, in signal units, it leaves nothing of a sample."""
+        """Saturation level, in signal units."""
         return math.inf
 
     @property
     def max_gain(self) -> float:
-        """By how much it may raise the signal for a while."""
+        """The largest factor by which it may raise the signal for a while."""
         return 1.0
 
     def load(self, time_s: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
@@ -56,14 +57,15 @@ class Effect(eqx.Module):
 
     @abc.abstractmethod
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
-        """A bound on what it changes of the signal, beside the effects that the reference is with:
-        rms change over rms signal."""
+        """A bound on its change of the signal, rms over rms, beside the effects in the
+        reference."""
 
 
 class MultiplicativeEffect(Effect):
-    """An effect that multiplies the signal's spectrum, and so takes of what others change, too.
+    """An effect that multiplies the signal's spectrum, and so attenuates the changes by others,
+    too.
 
-    `is_exact`: whether it does nothing else.
+    `is_exact`: whether the factor is its whole effect.
     """
 
     is_exact: ClassVar[bool] = True
@@ -72,7 +74,7 @@ class MultiplicativeEffect(Effect):
     def factor(
         self, reference: ReferenceSpectra
     ) -> Complex[np.ndarray, "e k"] | Float[np.ndarray, "e k"]:
-        """What it multiplies the spectrum of every element by; of modulus 1 at most."""
+        """The factor on the spectrum of every element; of modulus 1 at most."""
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         return reference.relative_rms((self.factor(reference) - 1) * reference.signal)
@@ -83,7 +85,7 @@ class NoiseEffect(Effect):
 
     @abc.abstractmethod
     def noise(self, reference: ReferenceSpectra) -> ReferenceSpectra:
-        """Of the noise alone, its spectrum along the line that of the charge."""
+        """Reference spectra of the noise alone, its spectrum along the line that of the charge."""
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         noise = self.noise(reference)
@@ -97,7 +99,7 @@ class Resampling(Effect):
 
 
 class Rounding(Effect):
-    """An effect that rounds samples, and makes a step of its own of a small change."""
+    """An effect that rounds samples, which may turn a small change into a whole step."""
 
     @abc.abstractmethod
     def relative_quantisation_step(self, reference: ReferenceSpectra) -> float:

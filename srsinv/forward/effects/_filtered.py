@@ -1,4 +1,4 @@
-"""What the two filters have in common."""
+"""Base class of the two filter effects."""
 
 import dataclasses
 from typing import ClassVar
@@ -14,7 +14,7 @@ from ._reference import ReferenceSpectra
 
 
 class Filtered(MultiplicativeEffect):
-    """One more filter behind the amplifier."""
+    """A further filter behind the amplifier."""
 
     order: ClassVar[Order] = Order.ELECTRONICS
     of_sensor: ClassVar[bool] = True

@@ -1,4 +1,4 @@
-"""What departures from constant speed have in common."""
+"""Functions shared by the effects that depart from constant speed."""
 
 import numpy as np
 

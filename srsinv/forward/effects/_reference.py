@@ -1,7 +1,7 @@
-"""Reference spectra of a scene: enough to bound what an effect would change, without simulating it.
+"""Reference spectra of a scene: they bound the change by an effect, without simulating it.
 
 All is numpy, on one grid, with the half space's stress and contact: beside the traction or a
-surface's height, which a simulation needs too, next to nothing is compiled.
+surface's height, which a simulation needs too, little is compiled.
 """
 
 import dataclasses
@@ -22,7 +22,8 @@ from ._reference_contact import pressure_under
 
 TINY = np.finfo(float).tiny
 NO_PRESSURE = 1e-12  # of the highest one, below which a cell does not touch
-# Over which samples are counted: the signal varies little within, and a slow sampling has some.
+# Cells per bin of the sample count: the signal varies little within a bin, and a slow sampling
+# still has samples in it.
 CELLS_A_BIN = 8
 
 
@@ -86,8 +87,8 @@ class ReferenceSpectra:
         stress: Float[np.ndarray, "e 4 n"],
         transfer: Inexact[np.ndarray, "e k"],
     ) -> "ReferenceSpectra":
-        """With the signal (e, n), and the stress at the films (e, 4, n), simulated with effects
-        whose factors make up `transfer`: traction is raised as the signal is."""
+        """The reference with the signal (e, n), and the stress at the films (e, 4, n), simulated
+        with effects whose factors make up `transfer`: traction is raised as the signal is."""
         simulated = self._spectrum(signal)
         raised = max(1.0, self.rms(simulated) / max(self.rms(transfer * self.signal), TINY))
         return self.replace(
@@ -98,13 +99,13 @@ class ReferenceSpectra:
         )
 
     def _spectrum(self, samples: Float[np.ndarray, "... n"]) -> Complex[np.ndarray, "... k"]:
-        """On this line, of samples on one with the same window and wider cells."""
+        """Spectrum on this line of samples on one with the same window and wider cells."""
         some = np.fft.rfft(samples) * (self.line.n / samples.shape[-1])
         more = self.k.size - some.shape[-1]
         return np.concatenate([some, np.zeros((*some.shape[:-1], more))], axis=-1)
 
     def with_motion(self, motion: Motion, load: Float[np.ndarray, " sample"]) -> "ReferenceSpectra":
-        """Sampled along `motion`, under a load that varies by the factor `load`."""
+        """The reference sampled along `motion`, under a load that varies by the factor `load`."""
         width = CELLS_A_BIN * float(self.line.cell_m)
         count = -(-self.line.n // CELLS_A_BIN)
         away = (
@@ -132,7 +133,7 @@ class ReferenceSpectra:
 
     @property
     def speed_m_per_s(self) -> float:
-        """Of the sliding."""
+        """Sliding speed."""
         return float(self.scenario.scan.speed_m_per_s)
 
     def rms(self, spectrum: Inexact[np.ndarray, "e k"]) -> float:
@@ -140,25 +141,25 @@ class ReferenceSpectra:
         return self._weighted(np.fft.irfft(spectrum, self.line.n))
 
     def relative_rms(self, change: Inexact[np.ndarray, "e k"]) -> float:
-        """A change with this spectrum, behind the other effects, over the signal, rms each."""
+        """Relative rms of a change with this spectrum, behind the other effects."""
         return self.rms(self.transfer_of_others * change) / self.signal_rms
 
     def relative_rms_of_modulus(self, modulus: Float[np.ndarray, "e k"]) -> float:
-        """At most, for a change whose spectrum is known by its modulus alone: it may be where most
-        samples are."""
+        """Bound on `relative_rms` for a change known by the modulus of its spectrum alone: it may
+        lie where most samples are."""
         weights = half_spectrum_weights(self.line.n) / self.line.n
         square = np.mean(np.abs(self.transfer_of_others * modulus) ** 2 @ weights)
         return float(np.sqrt(square * self.sample_weight.max())) / self.signal_rms
 
     def relative_excess(self, limit: float) -> float:
-        """What is beyond +-`limit` over the signal, rms each, the noise's peak added."""
+        """Relative rms of the signal's excess beyond +-`limit`, the noise's peak added."""
         samples = np.fft.irfft(self.transfer_of_others * self.signal, self.line.n)
         over = self.max_gain_of_others * np.abs(samples) + self.noise_peak - limit
         return self._weighted(np.maximum(over, 0.0)) / self.signal_rms
 
     def relative_contact_change(self, ratio: Inexact[np.ndarray, " k"]) -> float:
-        """A bound on the change over the signal, rms each, where the skin's compliance becomes
-        `ratio` (k,) times its own, Re ratio > 0.
+        """A bound on the relative rms of the change where the skin's compliance becomes `ratio`
+        (k,) times its own, Re ratio > 0.
 
         Where the skin touches everywhere before and after, pressure goes as 1/ratio. Elsewhere two
         contacts under one load differ by d with
@@ -187,7 +188,7 @@ class ReferenceSpectra:
 
     @property
     def _friction(self) -> Float[np.ndarray, " n"]:
-        """q over p [1], where there is pressure."""
+        """Friction q/p [1] in contact, 0 outside."""
         p, q = np.fft.irfft(self.traction, self.line.n) + self.background_Pa[:, None]
         touching = p > NO_PRESSURE * p.max()
         return np.divide(q, p, out=np.zeros_like(q), where=touching)
@@ -204,7 +205,7 @@ def reference(scenario: Scenario, line: Line) -> ReferenceSpectra:
     scene, sensor, direction = scenario.scene, scenario.sensor, scenario.scan.direction
     assert scene is not None
     assert isinstance(sensor.skin, HalfSpace), "a reference is without effects"
-    # All that can be is numpy: what is run once takes longer to compile.
+    # In numpy as far as possible: what runs once takes longer to compile.
     k = 2 * np.pi * np.fft.rfftfreq(line.n, np.asarray(line.cell_m))
     nu = np.asarray(sensor.skin.poisson_ratio)
     films = [jax.tree.map(np.asarray, film) for film in sensor.elements]

@@ -17,7 +17,7 @@ def pressure_under(
     """Cell averages of pressure [Pa] whose mean is `nominal_Pa`, under a profile that repeats, with
     `compliance` [m/Pa] that of cells at the half spectrum, zero at k = 0.
 
-    Full contact by its formula; else conjugate gradients on what touches, begun anew whenever a
+    Full contact by its formula; else conjugate gradients on the contact set, begun anew whenever a
     cell parts or enters (Polonsky and Keer 1999).
     """
     n, height = height_m.size, height_m - height_m.mean()

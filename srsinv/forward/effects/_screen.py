@@ -1,8 +1,8 @@
-"""Which effects a scene calls for: all but those that together change next to nothing.
+"""Screening of effects: a scene needs all but those whose joint change is below a tolerance.
 
-What is left out changes the signal by no more than the sum of what each of them changes beside the
+The effects left out change the signal by no more than the sum of their own changes beside the
 others, as a rms is a norm. Each effect bounds its own change on reference spectra of the scene; the
-sum is raised by `INTERACTION` for what the reference is without.
+sum is raised by `INTERACTION` for interactions that the reference lacks.
 """
 
 import math
@@ -23,7 +23,7 @@ from ._reference import TINY, ReferenceSpectra, reference
 # Over random scenes the measured change is at most tests/claims/results/screening.json's
 # `error_over_bound_max` of the bound with this factor.
 INTERACTION = 1.25
-# Of the signal: what effects that stay on may change of it before it is simulated with them.
+# Fraction of the signal that effects that stay on may change before it is simulated with them.
 LARGEST_UNSIMULATED_CHANGE = 0.1
 MOST_ROUNDS = 4  # each turns on more than the one before
 LEAST_EXPECTED_FLIPS = 1e-3  # of samples over all of them: fewer do not happen
@@ -33,8 +33,8 @@ Simulate = Callable[[Set[str]], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class ScreeningResult:
-    """Which effects are `on`, and a `bound` on what the others change together: rms change over rms
-    signal with all of them.
+    """The effects that are `on`, and a `bound` on the joint change by the others: rms change over
+    rms signal with all of them.
 
     - `relative_change_bounds` of every effect by itself, the largest first; `times_s` each took.
     """
@@ -85,7 +85,7 @@ def screen(
 
 
 class _Round(NamedTuple):
-    """Bounds by name, what is off, the bound on all that is, and what each bound took [s]."""
+    """Bounds by name, effects that are off, their joint bound, and the time of each bound [s]."""
 
     bounds: dict[str, float]
     off: set[str]
@@ -98,7 +98,7 @@ class _Round(NamedTuple):
 
 
 def _sampled(spectra: ReferenceSpectra, effects: Mapping[str, Effect]) -> ReferenceSpectra:
-    """At the samples that a recorder takes with all that moves, loads and samples."""
+    """The reference at the recorder's samples, under all effects of motion, load and sampling."""
     scenario, rates = spectra.scenario, []
     for each in effects.values():
         if each.order in (Order.MOTION, Order.LOAD) or isinstance(each, Resampling):
@@ -122,8 +122,8 @@ def _round(
     tolerance: float,
     unsure: float = 0.0,
 ) -> _Round:
-    """Bounds of those that are `screened`, beside the factors of those that are `acting` and are
-    not in the signal yet, which may be off by the part `unsure`."""
+    """Bounds of the `screened` effects, beside the factors of the `acting` ones that are not in the
+    signal yet, which may be off by the fraction `unsure`."""
     every_one = effects.values()
     factors = _factors(spectra, effects, acting)
     every = math.prod(factors.values(), start=spectra.transfer_of_others)
@@ -165,7 +165,7 @@ def _alters(effect: Effect) -> bool:
 
 
 def _of_noise(effect: Effect, noise: ReferenceSpectra) -> float:
-    """What an effect may change of the noise that another one adds."""
+    """Bound on the change by an effect of the noise that another one adds."""
     if effect.order <= Order.DIRECTION:
         return effect.relative_change_bound(noise)
     if isinstance(effect, MultiplicativeEffect):  # in time, where the noise may have any spectrum
@@ -182,9 +182,9 @@ def _left_out(
     spectra: ReferenceSpectra,
     tolerance: float,
 ) -> tuple[set[str], float]:
-    """Those of the `bounds` that can be left out together, from the smallest on, and a bound on
-    what they change."""
-    # What rounds stays on where it has to: its step is then in what the others change.
+    """Names of effects that can be left out together, from the smallest on, and a bound on their
+    joint change."""
+    # A rounding effect stays on where it has to: its step then enters the change by the others.
     rounding = {n: each for n, each in effects.items() if isinstance(each, Rounding)}
     off, bound = _smallest(bounds, {n: rounding[n] for n in rounding if n not in bounds}, spectra,
                            tolerance)  # fmt: skip
@@ -212,9 +212,9 @@ def rounded(spectra: ReferenceSpectra, change: float, step: float) -> float:
     the signal's rms.
 
     A change of d turns a sample over where a tie is within d, by a step beyond the change itself:
-    in all, d^2 + step^2 times the part of samples that turn. The signal is known but for an offset,
-    so that this is the part within d at the worst one; samples that are sure to be rounded to zero
-    do not turn.
+    in all, d^2 + step^2 times the fraction of samples that turn. The signal is known but for an
+    offset, so that this is the fraction within d at the worst one; samples that are always rounded
+    to zero do not turn.
     """
     samples = np.fft.irfft(spectra.transfer_of_others * spectra.signal, spectra.line.n).ravel()
     turned = _turned_part(samples / spectra.signal_rms, change, step) if step > 0 else 0.0

@@ -7,7 +7,7 @@ from ._filtered import Filtered
 
 class AmplifierBandwidth(Filtered):
     """A feedback resistor `resistance_ohm` beside the capacitance `capacitance_F` lags by their
-    product. Raises `BadInput` for what is not positive."""
+    product. Raises `BadInput` for values that are not positive."""
 
     def __init__(self, resistance_ohm, capacitance_F):
         key = "effects.amplifier_bandwidth"

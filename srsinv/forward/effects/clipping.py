@@ -9,8 +9,8 @@ from ._reference import ReferenceSpectra
 
 
 class Clipping(Effect):
-    """No sample is beyond `limit`, in signal units, and what stands there tells nothing more.
-    Raises `BadInput` for a limit that is not positive."""
+    """Samples are clipped at +-`limit`, in signal units; clipped ones are a bound only. Raises
+    `BadInput` for a limit that is not positive."""
 
     order: ClassVar[Order] = Order.RECORD
     of_sensor: ClassVar[bool] = False

@@ -12,7 +12,7 @@ from ._reference import ReferenceSpectra
 
 
 class ElementOffsets(MultiplicativeEffect):
-    """Every element sits where the sensor says, `offset_m`; without it all sit at the origin."""
+    """Every element lies at the sensor's `offset_m`; without the effect all lie at the origin."""
 
     order: ClassVar[Order] = Order.FILM
     of_sensor: ClassVar[bool] = True

@@ -16,7 +16,7 @@ from ._reference import ReferenceSpectra
 class FilmAngle(Effect):
     """All films turned by `tilt_deg`, from +x toward +z, beyond their own orientation.
 
-    Raises `BadInput` for what is not a number.
+    Raises `BadInput` for a tilt that is not a number.
     """
 
     order: ClassVar[Order] = Order.FILM

@@ -13,7 +13,7 @@ from ..skin import HalfSpace
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 
-MOST_STIFFENING = 0.9  # of the compliance, by what lies below: such a skin is called for
+MOST_STIFFENING = 0.9  # of the compliance, by the layers below: such a skin is never left out
 ECHO = 1.5  # at most 1.35 times the form below, over stacks of ratios from 0.01 to 100
 _KEYS = {"thickness_m", "youngs_modulus_Pa", "poisson_ratio"}
 
@@ -24,7 +24,7 @@ class LayeredSkin(Effect):
 
     A last layer of thickness null is a half space below; without one the last layer is bonded to a
     rigid core. The layers take the place of the skin's own modulus and ratio, in the stress and in
-    contact. Raises `BadInput` for what no layer can be.
+    contact. Raises `BadInput` for values that no layer can have.
     """
 
     order: ClassVar[Order] = Order.SKIN
@@ -57,7 +57,7 @@ class LayeredSkin(Effect):
         return bound + self._contact_change_bound(reference, at_surface)
 
     def _across(self, reference: ReferenceSpectra, depth) -> float:
-        """What the film's own layer changes by its Poisson's ratio: sigma_y alone."""
+        """Bound on the change by the Poisson's ratio of the film's layer: sigma_y alone."""
         below = [[0.0, *(height for height, _ in self._interfaces())]] * depth.size
         at = [int(np.searchsorted(tops, z) - 1) for tops, z in zip(below, depth, strict=True)]
         last = len(self.skin.layers) - 1
@@ -69,7 +69,8 @@ class LayeredSkin(Effect):
         return reference.relative_rms(reference.read(weight[:, None] * in_plane))
 
     def _contact_change_bound(self, reference: ReferenceSpectra, echo) -> float:
-        """Pressed on a surface, the top layer's own modulus counts, and how all of them yield."""
+        """Bound on the change of the contact, by the top layer's modulus and the compliance of all
+        layers."""
         if not isinstance(reference.scenario.scene, SurfaceScene):
             return 0.0
         top, was = self.skin.layers[0], reference.scenario.sensor.skin

@@ -37,7 +37,7 @@ class LoadDrift(Effect):
         fraction = abs(float(self.drift.fraction))
         if not reference.order or not fraction:
             return fraction
-        # R_f d' Q, of all the charge there is: what the film feels of the mean load, too.
+        # R_f d' Q, of the whole charge, the film's response to the mean load included.
         per_second = fraction * 2 * np.pi / float(self.drift.period_s)
         stress = np.real(reference.stress[..., 0]) @ reference.background_Pa
         uniform = np.sum(reference.weights * stress, axis=-1)

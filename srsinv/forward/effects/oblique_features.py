@@ -16,8 +16,8 @@ from ._reference import ReferenceSpectra
 class ObliqueFeatures(MultiplicativeEffect):
     """The features' normal makes `angle_deg` with the sliding direction; the line runs along it.
 
-    The film slides along the line at u cos(angle), averages over its length as sin(a)/a with
-    a = k l sin(angle)/2, and feels the stress turned. Raises `BadInput` for an angle beyond 90.
+    The film slides along the line at u cos(angle), averages over its length as sin(a)/a with a = k
+    l sin(angle)/2, and responds to the stress turned. Raises `BadInput` for an angle beyond 90.
     """
 
     order: ClassVar[Order] = Order.DIRECTION
@@ -45,6 +45,6 @@ class ObliqueFeatures(MultiplicativeEffect):
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         s = np.sin(abs(float(self.angle_rad)))
         less = (1 - self.factor(reference)) * reference.signal
-        # Stress that turns into other components, by s^2 and s.
+        # Stress rotated into other components, by s^2 and s.
         turned = 2 * s**2 * np.abs(reference.read(reference.largest))
         return reference.relative_rms(less) + reference.relative_rms_of_modulus(turned)

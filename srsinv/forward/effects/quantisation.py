@@ -9,8 +9,8 @@ from ._reference import ReferenceSpectra
 
 
 class Quantisation(Rounding):
-    """2^`bits` levels from -`full_scale` to `full_scale`, in signal units; what is beyond stays at
-    the ends. Raises `BadInput` as the converter does."""
+    """2^`bits` levels from -`full_scale` to `full_scale`, in signal units; values beyond are
+    clipped. Raises `BadInput` as the converter does."""
 
     order: ClassVar[Order] = Order.RECORD
     of_sensor: ClassVar[bool] = False
@@ -31,7 +31,7 @@ class Quantisation(Rounding):
         return float(self.quantiser.full_scale) * (1 - 2.0 ** (1 - self.quantiser.bits))
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
-        # Never more than half a step, which is what a signal below one step may lose.
+        # Never more than half a step, the largest error of a signal below one step.
         return (
             reference.relative_excess(self.saturation)
             + self.relative_quantisation_step(reference) / 2

@@ -26,6 +26,6 @@ class Sampling(Resampling):
         return scenario.with_recorder(sample_rate_hz=self.rate_hz)
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
-        # What is above half the rate comes back as something else; the rest is told in full.
+        # Above half the rate the signal is aliased; the rest is resolved in full.
         folded = reference.k * abs(reference.speed_m_per_s) > np.pi * self.rate_hz
         return 2 * reference.relative_rms(np.where(folded, reference.signal, 0.0))

@@ -30,8 +30,8 @@ class SpeedRipple(Effect):
         return 1 + float(self.speed_profile.fraction)
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
-        # A rate signal changes with the speed, and comes from where the sensor then is: the mean
-        # square of s(x + d(x)) - s(x) is at most d^2 s'^2/(1 - fraction), as |d'| <= fraction.
+        # A rate signal changes with the speed and with the sensor's position: the mean square of
+        # s(x + d(x)) - s(x) is at most d^2 s'^2/(1 - fraction), as |d'| <= fraction.
         fraction, frequency = (
             float(self.speed_profile.fraction),
             float(self.speed_profile.frequency_hz),

@@ -1,4 +1,4 @@
-"""What a fit found."""
+"""Result of a nonlinear fit."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -16,26 +16,25 @@ from ._parameters import Layout, Tree
 from ._search import Objective
 from ._uncertainty import Spread
 
-ENOUGH = 2.0  # standard deviations of chi squared up to which data count as explained
+ENOUGH = 2.0  # standard deviations of chi squared up to which a residual counts as noise
 
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """What a fit found.
+    """Result of a nonlinear fit.
 
-    - `value`, `stderr`: trees like the parameters; the standard error is 0 for what was not free
-      and infinite for what the data do not determine.
+    - `value`, `stderr`: trees like the parameters; the standard error is 0 for fixed parameters and
+      infinite for those that the data do not determine.
     - `names` (m,): the free parameters in a row; `covariance`, `correlation` (m, m) in that order,
-      nan beside what is not determined.
+      nan for pairs that are not determined.
     - `residual`: data - model, like the data, nan where they are left out; `whitened`: the same in
       units of the noise, in a row, 0 there. `jacobian` (n, m): the derivative of `whitened`.
     - `noise_rms`: the noise's level where it was not given, else None.
-    - `status`: "converged", or what went wrong; `at_bound`: who stands on a bound. Standard errors
+    - `status`: "converged", or what went wrong; `at_bound`: parameters on a bound. Standard errors
       there are those without the bound.
-    - `undetermined`: directions along which the data do not notice a move, each a mapping of names
-      to moves.
-    - `warnings`: sentences on what speaks against the standard errors; `quality`: good, doubtful
-      (any warning) or failed; `reasons`: why it is not good.
+    - `undetermined`: directions of unidentifiable moves, each a mapping of names to moves.
+    - `warnings`: sentences on the validity of the standard errors; `quality`: good, doubtful (any
+      warning) or failed; `reasons`: why it is not good.
     - `log_evidence`: the log marginal likelihood (Laplace), where the noise and proper priors for
       all free parameters are given, else None.
     - `stats`: cost (half the sum of squares), chi2 per degree of freedom, iterations, starts.
@@ -66,9 +65,9 @@ class Fit:
 
     @property
     def explains(self) -> bool | None:
-        """Whether no more is left of the data than the noise, by chi squared; None where the noise
+        """Whether the residual is no larger than the noise, by chi squared; None where the noise
         was not known. Where it is False the standard errors, which are those of the noise, are too
-        small: the model is another, or the minimum, or some data are outliers."""
+        small: the model is wrong, or the minimum is local, or some data are outliers."""
         freedom = self.stats["degrees_of_freedom"]
         if self.noise_rms is not None:
             return None
@@ -76,13 +75,13 @@ class Fit:
 
     @property
     def known_chi2(self) -> float | None:
-        """Chi-square per degree of freedom; None where the noise was not known, or nothing is left
-        over to tell."""
+        """Chi-square per degree of freedom; None where the noise was not known, or no degrees of
+        freedom remain."""
         return self.stats["chi2_per_freedom"] if self.noise_rms is None else None
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the standard errors, as sentences."""
+        """Warnings on the standard errors, as sentences."""
         freedom = self.stats["degrees_of_freedom"]
         return of_fit(self.known_chi2, freedom, self.at_bound, self.undetermined)
 
@@ -109,7 +108,8 @@ class Fit:
         objective = self._objective
         observed = objective.whiten.observed(objective.y.shape)
         signal = np.where(observed, np.asarray(objective.y) - self.residual, 0.0)
-        # Where the level alone is not known, neither is in units of it.
+        # With an unknown noise level, least squares and no priors, neither is in units of the
+        # noise.
         level_counts = objective.is_robust or objective.prior_mean is not None
         unit = float(objective.scale) if self.noise_rms is not None and level_counts else 1.0
         return np.asarray(objective.whiten(as_real(signal)), float) / unit
@@ -120,7 +120,7 @@ class Fit:
         """A function of the parameters, and its standard error to first order (the delta method).
 
         `function` maps the tree of parameters to a number or an array (k,). With `steps` its
-        gradient is taken by central differences: over these steps where a parameter is named, else
+        gradient is taken by central differences: over these steps for the parameters named, else
         over its standard error. Infinite standard errors where the data do not determine it. It is
         compiled at each call, once for all where it is an equinox module.
         """

@@ -1,4 +1,4 @@
-"""How a minimum becomes a fit."""
+"""Summary of a minimum as a `Fit`."""
 
 import equinox as eqx
 import jax
@@ -13,14 +13,14 @@ from ._second_order import newton_fall
 from ._solvers import Solver
 from ._uncertainty import log_evidence, nothing_known, offset, spread
 
-AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter stands on it
+AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter counts as on it
 SAME = 1e-8  # relative difference of two costs up to which they are one minimum
 
 
 def summarise(
     objective: Objective, unknowns: Parameters, ends: SearchEnd, level_known: bool, solver: Solver
 ) -> Fit:
-    """All that a minimum says."""
+    """The `Fit` at a minimum: values, errors, warnings and statistics."""
     layout, z = objective.layout, np.asarray(ends.z, float)
     eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.derivative_rounding)
     terms, jacobian = _terms(objective, ends)
@@ -38,11 +38,11 @@ def summarise(
     near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1)) + 8 * eps * np.abs(z)
     low, high = z - unknowns.lower <= near, unknowns.upper - z <= near
     held = (low & (gradient >= 0)) | (high & (gradient <= 0))
-    least = 1.0 if level_known else 0.0  # of a noise that is known
+    least = 1.0 if level_known else 0.0  # where the noise is known
     distance, along = offset(jacobian, terms, held, eps, least) if finite else (np.inf, 0.0)
     near_enough = max(solver.near_enough, 2 * np.sqrt(eps * count / z.size))
     if 0 < level < along and distance > near_enough:
-        # Nothing is left but rounding, of which this much can still be a move.
+        # The residual is rounding, of which this much can still be a move.
         known = known.times(along / level)
     covariance, errors = known.covariance(), known.stderr()
     row, stderr = np.asarray(objective.row, float).copy(), np.zeros(len(layout.names))
@@ -51,7 +51,7 @@ def summarise(
     weight = objective.prior_weight
     weight = np.zeros(z.size) if weight is None else np.asarray(weight, float)
     sigma = np.where(weight > 0, 1 / np.where(weight > 0, weight, 1.0), np.inf)
-    # Back from the unit that stands for a noise that is not known.
+    # Back from the unit in place of an unknown noise level.
     is_unit = level_known or objective.is_robust or objective.prior_mean is not None
     unit = 1.0 if is_unit else float(objective.scale)
     evidence = None
@@ -106,7 +106,7 @@ def _rms(objective: Objective, ends: SearchEnd, freedom: int) -> float:
 
 
 def _terms(objective: Objective, ends: SearchEnd) -> tuple[np.ndarray, np.ndarray]:
-    """What is squared, and its derivative."""
+    """The terms of the sum of squares, and their derivative."""
     root, slope = _rooted(objective.loss, ends.white)
     jacobian = np.asarray(slope)[:, None] * np.asarray(ends.jacobian)
     return _with_priors(objective, ends, np.asarray(root), jacobian)
@@ -134,10 +134,10 @@ def _with_priors(
 
 
 def _inflation(objective: Objective, ends: SearchEnd, level_known: bool, freedom: int) -> float:
-    """What the standard errors under unit noise are multiplied by.
+    """Factor on the standard errors under unit noise.
 
     One for least squares with known noise; the residual's rms where its level is not known; Huber's
-    ratio (1981, section 7.6) for a robust loss. Infinite where no datum is left over to tell it.
+    ratio (1981, section 7.6) for a robust loss. Infinite where no degrees of freedom remain.
     """
     white = np.asarray(ends.white, float)
     if objective.is_robust:
@@ -170,7 +170,7 @@ def _status(
     if not bool(ends.done):
         return f"not converged: {solver.name} reached its {solver.max_steps} steps"
     if _rounding_holds(terms, jacobian, held, ends, eps) or (
-        # Differences of a derivative that jumps are no second one.
+        # Differences of a discontinuous derivative give no second one.
         solver.derivative_rounding == 0
         and newton_fall(objective, ends.z, jacobian, held) <= eps ** (2 / 3)
     ):
@@ -190,6 +190,6 @@ def _nothing_left(terms, objective: Objective, ends: SearchEnd, eps: float) -> b
 
 
 def _rounding_holds(terms, jacobian, held, ends: SearchEnd, eps: float) -> bool:
-    """Whether rounding of the parameters alone changes the terms by as much as is left of them."""
+    """Whether rounding of the parameters alone changes the terms by as much as they are."""
     moved = np.abs(jacobian) @ np.where(held, 0.0, np.abs(np.asarray(ends.z, float)))
     return bool(np.linalg.norm(terms) <= eps * np.linalg.norm(moved))

@@ -1,4 +1,5 @@
-"""The general nonlinear fit: any differentiable model to data, with what the data do not tell."""
+"""The general nonlinear fit: any differentiable model to data, with the directions that are not
+identifiable."""
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping
@@ -21,8 +22,8 @@ from ._saddle import escape_saddle
 from ._search import Objective, SearchEnd, search, search_many
 from ._solvers import Solver
 
-MAX_SEARCHES = 8  # of many starts, so many of the best are searched from
-SCALES = 8  # rounds in which an unknown noise level is sought where the minimum depends on it
+MAX_SEARCHES = 8  # number of best starts to search from
+SCALES = 8  # rounds of estimating an unknown noise level where the minimum depends on it
 NORMAL_MAD = 1.4826022185056018  # a normal's standard deviation over its median deviation
 
 
@@ -42,7 +43,7 @@ def fit(
     max_searches: int = MAX_SEARCHES,
     steps: Mapping[str, float] | None = None,
 ) -> Fit:
-    """The parameters under which `model` explains the data `y` best, and how well they are known.
+    """Fit the parameters of `model` to the data `y`, with their uncertainty.
 
     - `model(params)`: an array like `y`, by differentiable jax operations. A model that is the same
       object compiles once for data of the same shape.
@@ -51,20 +52,20 @@ def fit(
     - `noise`: standard deviation, one or one for each of `y` (infinite leaves a sample out), a
       [`Spectrum`][], a [`Correlated`][]; None: white, its level taken from the residual.
     - `bounds`: `{name: (lower, upper)}`, None for no bound, or two trees (lower, upper).
-    - `free`: names of what is fitted, or a tree of truth values; None: everything.
+    - `free`: names of the fitted parameters, or a tree of truth values; None: all.
     - `priors`: `{name: (mean, standard deviation)}`, Gaussian.
     - `starts`: further points to start from: `{name: values}` along a leading axis, or a number of
       points spread over the bounds. The `max_searches` best of all are searched from.
     - `linear`: names of parameters that enter the model linearly: they need no start and are solved
-      out (variable projection). Whether they do is tried, unless they are those that the model
-      itself names, as its attribute `linear`.
+      out (variable projection). Linearity is tested, unless they are those of the model's own
+      attribute `linear`.
     - `loss`: "squares", "huber", "soft_l1", "cauchy", or a [`Loss`][] with its threshold.
     - `solver`: [`Optimistix`][] (default), [`OptaxLBFGS`][], [`JaxoptLBFGSB`][].
-    - `steps`: `{name: step}` for parameters whose derivative jumps with their place between cells:
-      for the standard errors it is then the central difference over this step.
+    - `steps`: `{name: step}` for parameters whose derivative jumps with their position between
+      cells: the standard errors then use the central difference over this step.
 
     Standard errors are those of the linearised problem: (J^T N^-1 J)^-1, with a robust loss Huber's
-    M-estimator form. Raises `BadInput` for what disagrees or is out of range.
+    M-estimator form. Raises `BadInput` for values that disagree or are out of range.
     """
     unknowns = parameters(initial, bounds, free, linear)
     objective, level_known = objective_of(model, unknowns, checked_data(y), noise, priors, loss)
@@ -105,9 +106,9 @@ def fit_many(
 ) -> list[Fit]:
     """[`fit`][] of the same model to many data, `ys` (batch, ...), in one compiled program.
 
-    `at_once` of them go side by side, which pays on an accelerator only: each waits for the
-    slowest, and on a CPU jaxlib's batched LAPACK can lock up (seen with 0.10.2). Least squares
-    only, and without priors where the noise is not known.
+    `at_once` of them run in parallel, which pays on an accelerator only: each waits for the
+    slowest, and on a CPU jaxlib's batched LAPACK can deadlock (with 0.10.2). Least squares only,
+    and without priors where the noise is not known.
     """
     unknowns = parameters(initial, bounds, free, linear)
     ys = checked_data(ys)
@@ -127,7 +128,7 @@ def fit_many(
     solver = checked_solver(solver, max_searches=max_searches, at_once=at_once)
     box = as_real(unknowns.lower), as_real(unknowns.upper)
     at_once = min(at_once, len(ys))
-    # Filled up to whole rounds: what is left over would be compiled a second time.
+    # Filled up to whole rounds: an incomplete round would be compiled a second time.
     rows = np.minimum(np.arange(-(-len(ys) // at_once) * at_once), len(ys) - 1)
     batch = search_many(objective, ys[rows], solver, points, *box, max_searches, at_once)
     batch = jax.device_get(batch)
@@ -141,14 +142,15 @@ def fit_many(
 
 
 def _level(objective: Objective, ends: SearchEnd) -> float:
-    """The noise's level from a residual: its rms, or what outliers do not move."""
+    """The noise's level from a residual: its rms, or for a robust loss an estimate robust to
+    outliers."""
     white = np.asarray(ends.white, float) * float(objective.scale)
     nonzero = white[white != 0] if np.any(white) else white
     if objective.is_robust:
         level = NORMAL_MAD * np.median(np.abs(nonzero))
     else:
         level = np.sqrt(nonzero @ nonzero / max(len(nonzero) - ends.z.size, 1))
-    # Not below the data's own rounding, where nothing else is left.
+    # Not below the rounding of the data.
     data = np.asarray(objective.y)
     rounding = float(np.finfo(data.dtype).eps) * data_unit(
         data, objective.whiten.observed(data.shape)
@@ -157,7 +159,7 @@ def _level(objective: Objective, ends: SearchEnd) -> float:
 
 
 def _differenced(objective: Objective, ends: SearchEnd, steps: Mapping[str, float]) -> SearchEnd:
-    """What was found, with central differences in the Jacobian's columns of these parameters."""
+    """The search's end with central differences in the Jacobian's columns of these parameters."""
     names, jacobian = objective.layout.free_names, np.array(ends.jacobian)
     for name, step in steps.items():
         refuse(not step > 0, f"The step of {name} is {step!r}: give a number above 0.")

@@ -1,4 +1,4 @@
-"""The one place that knows jaxopt, which is no longer maintained and says so when imported."""
+"""The only module that imports jaxopt, which is no longer maintained and warns so when imported."""
 
 import warnings
 from typing import ClassVar
@@ -26,7 +26,7 @@ class JaxoptLBFGSB(LimitedMemory):
             history_size=self.memory,
         )  # fmt: skip
         s, state = method.run(z0 / unit, bounds=(lower / unit, upper / unit))
-        # Back in its own unit a variable can end a rounding beyond its bound.
+        # In its own unit a variable can end beyond its bound by rounding.
         point = jnp.clip(unit * s, lower, upper)
         done = state.error <= tolerance
         return Minimum(point, cost(point) * scale / 2, scale / 2, state.iter_num, done)

@@ -37,9 +37,9 @@ from ._quadratic_model import (
 
 FIRST_DAMPING = 1e-3
 LEAST_DAMPING, MOST_DAMPING = 1e-18, 1e18
-ACCEPTED = 1e-4  # share of the predicted fall that a step has to bring
+ACCEPTED = 1e-4  # fraction of the predicted fall that a step has to achieve
 BENT = 0.75  # the bend's second derivative, beside p, up to which a step is tried
-ROUNDING_FACTOR = 10  # roundings of a residual, or of a cost, within which two are the same
+ROUNDING_FACTOR = 10  # roundings of a residual, or of a cost, within which two are equal
 REMEMBERED = 0.5  # of D from one accepted point to the next
 
 
@@ -59,8 +59,8 @@ class _DampedState(eqx.Module):
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """Least squares over lower <= y <= upper, for `optimistix.least_squares` on vectors y (m,).
 
-    Where the residual's derivative jumps, a second one is none: `bends` is then False. It ends when
-    a step is below `rtol` of y, when the cosine between the residual and every free
+    Where the residual's derivative is discontinuous it has no second one: `bends` is then False. It
+    ends when a step is below `rtol` of y, when the cosine between the residual and every free
     column of the Jacobian is below it, or when its square bounds the fall of the cost; the last
     step is still taken where it does no harm.
     """
@@ -116,7 +116,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         step = _step(model, c, held, damping)
         straight = self._cut(y, step)
         predicted = model.fall(c, straight)
-        # Of the whole step: one that the box cuts short is no sign of a minimum.
+        # By the whole step: one that the box cuts short is no sign of a minimum.
         ready = self._converged(y, point, model, held, damping, step, model.fall(c, step))
         if self.bends:
             bend, tight = _bend(residual_at, y, straight, point, model, held, damping, begun)
@@ -149,7 +149,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return max(self.rtol**2, 4 * float(jnp.finfo(self.lower.dtype).eps))
 
     def _held(self, y, point: Point) -> Bool[Array, " m"]:
-        """Which variables stand on a bound beyond which the cost would fall."""
+        """Mask of variables on a bound beyond which the cost would fall."""
         gradient = point.root.T @ point.c
         return ((y <= self.lower) & (gradient >= 0)) | ((y >= self.upper) & (gradient <= 0))
 
@@ -165,8 +165,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         cosine = jnp.max(jnp.where(held, 0.0, cosines), initial=0.0)
         scale = jnp.where(held, 0.0, model.scale)
         length, size = self.norm(scale * p), self.norm(scale * y)
-        # A strongly damped step is the undamped one over about the damping: it says nothing by
-        # itself until it is below the variables' rounding.
+        # A strongly damped step is the undamped one over about the damping: it indicates
+        # convergence only below the variables' rounding.
         undamped = 1 + damping
         small = (undamped * length <= self.rtol * size) | (length <= jnp.finfo(y.dtype).eps * size)
         flat = undamped * predicted <= self._ftol * point.cost
@@ -191,12 +191,12 @@ def _step(model: QuadraticModel, c, held, damping) -> Float[Array, " m"]:
 def _bend(residual_at, y, p, point: Point, model: QuadraticModel, held, damping, begun):
     """Half the acceleration along p, and whether it is small beside p.
 
-    From one more residual a part of the way along, which takes a fraction of what the exact second
-    derivative does, to run and to compile. What may be rounding of the residual that the search
-    began with, `begun` half its square, or what rounding of y makes of it, is no bend.
+    From one more residual at a fraction of the step, which is cheaper to run and to compile than
+    the exact second derivative. Changes within the rounding of the initial residual, `begun` half
+    its square, or within the effect of rounding of y, count as no bend.
     """
     eps = float(jnp.finfo(y.dtype).eps)
-    part = eps ** (1 / 6)  # between what rounding and what the third derivative spoil
+    part = eps ** (1 / 6)  # balances the errors of rounding and of the third derivative
     trial = at_least(y.size, residual_at(y + part * p))
     off = point.q.T @ trial - point.c - part * (point.root @ p)
     rounding = eps * (jnp.sqrt(2 * begun) + jnp.linalg.norm(lengths(point.root) * y))
@@ -209,7 +209,7 @@ def _bend(residual_at, y, p, point: Point, model: QuadraticModel, held, damping,
 
 
 def _damping(state: _DampedState, gain, accept):
-    """Less after a step as good as predicted, ever more after failures."""
+    """The next damping: less after a step as good as predicted, ever more after failures."""
     gain_ratio = gain / jnp.where(state.predicted != 0, state.predicted, 1.0)
     ease = jnp.clip(1 - (2 * gain_ratio - 1) ** 3, 1 / 3, 2.0)
     damping = jnp.where(accept, state.damping * ease, state.damping * state.growth)

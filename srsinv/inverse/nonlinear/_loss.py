@@ -1,4 +1,4 @@
-"""How much a whitened residual r counts: rho(r), r^2/2 for Gaussian noise, less for outliers.
+"""Losses rho(r) of a whitened residual r: r^2/2 for Gaussian noise, less for outliers.
 
 Each loss is given by t(r) with t^2/2 = rho, so that least squares of t minimises it. The default
 thresholds cost 5 % more variance than least squares where the noise is Gaussian (Huber 1981).
@@ -45,7 +45,7 @@ def _checked(threshold: float) -> float:
 
 
 class Squares(Loss):
-    """r^2/2: what Gaussian noise asks for."""
+    """r^2/2: least squares, for Gaussian noise."""
 
     threshold: float = eqx.field(static=True, default=float("inf"))
 
@@ -66,17 +66,17 @@ class Huber(Loss):
 
 
 class SoftL1(Loss):
-    """d^2 (sqrt(1 + (r/d)^2) - 1): Huber's with every derivative."""
+    """d^2 (sqrt(1 + (r/d)^2) - 1): as Huber's, but smooth."""
 
     threshold: float = eqx.field(static=True, default=1.345, converter=_checked)
 
     def root(self, r: Rows) -> Rows:
-        # hypot, as the square of a value like 1e30 would be infinite, and its weight nothing.
+        # hypot, as the square of a value like 1e30 would be infinite, and its weight zero.
         return r * jnp.sqrt(2 / (1 + jnp.hypot(1.0, r / self.threshold)))
 
 
 class Cauchy(Loss):
-    """d^2/2 log(1 + (r/d)^2): outliers hardly count; needs a start near the answer."""
+    """d^2/2 log(1 + (r/d)^2): outliers hardly count; needs a start near the solution."""
 
     threshold: float = eqx.field(static=True, default=2.385, converter=_checked)
 

@@ -1,4 +1,4 @@
-"""Noise of the data, as what makes a residual white: z = N^(-1/2) r, and the log of its volume."""
+"""Whitening of residuals by the noise of the data: z = N^(-1/2) r, and log det N^(1/2)."""
 
 import abc
 from typing import Any
@@ -27,10 +27,10 @@ class Whitener(eqx.Module):
 
     @abc.abstractmethod
     def observed(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Which of the data count, as truth values of the data's shape."""
+        """Mask of valid data, of the data's shape."""
 
     def count(self, shape: tuple[int, ...]) -> int:
-        """How many independent numbers the data hold."""
+        """Number of independent values in the data."""
         return int(self.observed(shape).sum())
 
 
@@ -97,7 +97,7 @@ class WhitePlusOU(Whitener):
 
     Rows are independent. Samples may lie unevenly in x, or be missing: the correlated part is an
     Ornstein-Uhlenbeck process along the path, and a Kalman filter gives each sample's prediction
-    from those before it, exactly. Where the motion turns back the noise is taken as new.
+    from those before it, exactly. Where the motion turns back the noise is taken as independent.
 
     Raises `BadInput` for a level or a length that is not positive.
     """
@@ -129,7 +129,7 @@ class WhitePlusOU(Whitener):
             stderr[:, i] = np.sqrt(total)
             expected = decay[i] ** 2 * (1 - gain) * expected + renewed[i] * float(sliding) ** 2
         self.take, self.stderr = as_real(take), as_real(stderr)
-        # In about sqrt(n) blocks side by side, with what each place and each block passes on.
+        # In about sqrt(n) parallel blocks, with the decay over each place and over each block.
         blocked = _by_place(keep, np)
         through = np.cumprod(blocked, axis=0)
         self.keep, self.decay_across = as_real(blocked), as_real(through[-1].T)
@@ -144,8 +144,8 @@ class WhitePlusOU(Whitener):
         return jnp.ravel(jnp.where(observed, white, 0.0))
 
     def _followed(self, push: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
-        """c_i of c_(i+1) = keep_i c_i + push_i, from c_0 = 0: in every block from nothing, and then
-        what each hands on."""
+        """c_i of c_(i+1) = keep_i c_i + push_i, from c_0 = 0: in every block from zero, then the
+        carry from block to block."""
         pushed = _by_place(push, jnp)
         ends, within = jax.lax.scan(_follow, jnp.zeros_like(pushed[0]), (self.keep, pushed))
         _, before = jax.lax.scan(_follow, jnp.zeros_like(ends[:, 0]), (self.decay_across, ends.T))
@@ -153,7 +153,8 @@ class WhitePlusOU(Whitener):
         return total.transpose(1, 2, 0).reshape(len(push), -1)[:, : push.shape[1]]
 
     def coloured(self, white: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "e sample m"]:
-        """What it makes the columns of `white` of; nothing where no sample is seen."""
+        """Inverse of whitening: noise with the columns of `white` as its whitened form; zero where
+        samples are missing."""
         elements, n = self.stderr.shape
         stderr, take = (np.asarray(each)[..., None] for each in (self.stderr, self.take))
         keep = np.asarray(self.keep).transpose(1, 2, 0).reshape(elements, -1, 1)
@@ -228,7 +229,8 @@ class Correlated(Whitener):
 
 
 def whitener(noise: Any, shape: tuple[int, ...]) -> tuple[Whitener, np.ndarray]:
-    """What `noise` says, and which data count; None is white noise of rms one, to be scaled."""
+    """The whitener that `noise` specifies, and the mask of valid data; None is white noise of rms
+    one, to be scaled."""
     if not isinstance(noise, Whitener):
         sentence = (
             f"The noise does not fit data of shape {shape}: give one standard deviation, or one "

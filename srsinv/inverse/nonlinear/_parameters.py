@@ -1,4 +1,4 @@
-"""Parameters as a tree of arrays on one side, as named numbers in a row on the other."""
+"""Conversion of parameters between a tree of arrays and a row of named numbers."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ Tree = Any
 
 
 class Layout(eqx.Module):
-    """How the numbers of a tree lie in a row: all of it static, so that it is part of a program.
+    """Layout of a tree's numbers in a row: all static, so that it is part of a program.
 
     `free` and `linear` are indices into the row: those that are fitted, and of them those that
     enter the model linearly.
@@ -48,11 +48,11 @@ class Layout(eqx.Module):
 
     @property
     def free_names(self) -> tuple[str, ...]:
-        """Names of what is fitted."""
+        """Names of the fitted parameters."""
         return tuple(self.names[i] for i in self.free)
 
     def indices(self, name: str, what: str) -> list[int]:
-        """The places in the row of a leaf (`"b"`) or of one of its numbers (`"b[1]"`)."""
+        """Indices in the row of a leaf (`"b"`) or of one of its numbers (`"b[1]"`)."""
         if name in self.names:
             return [self.names.index(name)]
         places = [i for i, owner in enumerate(self._owners) if owner == name]
@@ -64,7 +64,7 @@ class Layout(eqx.Module):
         return places
 
     def named(self, names: str | Iterable[str], what: str) -> set[int]:
-        """The places in the row of what one name or several name."""
+        """Indices in the row of one name or several."""
         names = [names] if isinstance(names, str) else names
         return {i for name in names for i in self.indices(name, what)}
 
@@ -75,7 +75,7 @@ class Layout(eqx.Module):
 
     def row_of(self, what: str, given: Tree, default: float) -> np.ndarray:
         """A number for each place: `given` is one number, a tree like the parameters, or a mapping
-        by name with `default` elsewhere; None anywhere stands for the default."""
+        by name with `default` elsewhere; None anywhere means the default."""
         row = np.full(len(self.names), default)
         if given is None:
             return row
@@ -113,7 +113,7 @@ class Layout(eqx.Module):
 
 
 def real(value: Any, sentence: str) -> np.ndarray:
-    """The value as an array of real numbers, refused with the sentence where it is none."""
+    """The value as an array of real numbers; else refused with the sentence."""
     try:
         array = np.asarray(value)
         refuse(np.iscomplexobj(array), sentence)
@@ -140,7 +140,7 @@ def flat_mapping(given: Mapping, above: str = "") -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Parameters:
-    """What is fitted from where: layout, the row of first values, and a box for the free ones."""
+    """Parameters of a fit: layout, the row of first values, and a box for the free ones."""
 
     layout: Layout
     first: np.ndarray
@@ -149,7 +149,7 @@ class Parameters:
 
 
 def parameters(initial: Tree, bounds: Any, free: Any, linear: Collection[str]) -> Parameters:
-    """Read what a user gives; raises `BadInput` for what disagrees."""
+    """Parameters from the user's arguments; raises `BadInput` where these disagree."""
     layout, first = _layout(initial)
     chosen = _free(layout, free)
     refuse(not _are_names(linear), f"linear is {linear!r}: give names of parameters.")

@@ -21,9 +21,9 @@ from jaxtyping import Array, Bool, Float
 
 from ._lengths import lengths
 
-# Of the diagonal of S, in the square of D: a column of J that vanishes where S does not is no
-# measure of how far a variable may move. Between 0.1 and 0.5 the steps over 25 test problems differ
-# by a tenth; without it those on penalty I never end.
+# Of the diagonal of S, in the square of D: a column of J that vanishes where S does not sets no
+# bound on the variable's step. Between 0.1 and 0.5 the steps over 25 test problems differ by a
+# tenth; without it those on penalty I never end.
 CURVATURE_FRACTION = 0.25
 # Curvature along a step beyond J^T J's, over J^T J's, from which on S is used: half as much makes
 # MGH10 (Meyer) slower by a fifth.
@@ -50,13 +50,13 @@ class QuadraticModel(eqx.Module):
     scale: Float[Array, " m"]
 
     def fall(self, c: Float[Array, " m"], p: Float[Array, " m"]) -> Float[Array, ""]:
-        """By how much the cost falls over the step p; `c` is lifted."""
+        """Fall of the cost over the step p; `c` is lifted."""
         change = self.root @ p
         return -(jnp.vdot(c, change) + 0.5 * jnp.vdot(change, change))
 
 
 def no_point(size: int, m: int, dtype) -> Point:
-    """What stands for a point before the first one, of `size` data."""
+    """Placeholder for the point before the first one, of `size` data."""
     square, row = jnp.zeros((m, m), dtype), jnp.zeros(m, dtype)
     return Point(jnp.array(jnp.inf, dtype), jnp.zeros((max(size, m), m), dtype), square, row, row,
                  square)  # fmt: skip
@@ -108,8 +108,8 @@ def uses_secant(point: Point, p, fall) -> Bool[Array, ""]:
 
 def quadratic_model(point: Point, uses: Bool[Array, ""]) -> QuadraticModel:
     """Gauss and Newton's model, through R as it is; or that with S, through the eigenvectors of its
-    second derivative. Of eigenvalues that are not positive rounding is left: along these the step
-    leads downhill from a saddle, as far as the damping lets it."""
+    second derivative. Eigenvalues that are not positive are raised to rounding: along these the
+    step leads downhill from a saddle, as far as the damping lets it."""
     diagonal = jnp.abs(jnp.diagonal(point.secant))
     # Not the root of the squares' sum: they can overflow.
     scale = positive(jnp.hypot(point.scale, jnp.sqrt(CURVATURE_FRACTION * diagonal)))
@@ -130,7 +130,7 @@ def quadratic_model(point: Point, uses: Bool[Array, ""]) -> QuadraticModel:
 
 
 def at_least(m: int, rows):
-    """Rows of zeros, which change nothing, where there are fewer data than variables."""
+    """`rows`, padded with zeros where there are fewer data than variables."""
     return jnp.pad(rows, [(0, max(m - rows.shape[0], 0))] + [(0, 0)] * (rows.ndim - 1))
 
 

@@ -1,4 +1,4 @@
-"""What a fit is asked for, checked and put into the form that the search takes."""
+"""Arguments of a fit, checked and converted for the search."""
 
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -33,7 +33,7 @@ def checked_data(y) -> np.ndarray:
 
 
 def filled(data: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """The data with numbers wherever they do not count."""
+    """The data with zeros in place of invalid ones."""
     bad = observed & ~np.isfinite(data)
     refuse(
         bool(bad.any()),
@@ -43,13 +43,13 @@ def filled(data: np.ndarray, observed: np.ndarray) -> np.ndarray:
     return np.where(observed, data, 0.0)
 
 
-NOTHING = 1e-8  # of the largest datum: where most are less, they say nothing of its size
+NOTHING = 1e-8  # of the largest datum: where most are less, their median is no scale
 
 
 def data_unit(data: np.ndarray, observed: np.ndarray) -> float:
-    """What to measure a residual in whose noise is not known: the data's median size, which
-    outliers do not move, or the largest where most are nothing; to a power of two, which changes no
-    digit. In the data's own unit single precision cannot square 1e30."""
+    """Unit of a residual whose noise is not known: the data's median size, which is robust to
+    outliers, or the largest where most are zero; a power of two, which changes no digit. In the
+    data's own unit single precision cannot square 1e30."""
     sizes = np.abs(data)[..., np.broadcast_to(observed, data.shape[-observed.ndim :])]
     median, most = np.median(sizes), np.max(sizes)
     size = median if median > NOTHING * most else most
@@ -72,7 +72,7 @@ def objective_of(model, unknowns: Parameters, data, noise, priors, loss) -> tupl
 
 
 def _check_model(model, tree: Tree, shape: tuple[int, ...]) -> None:
-    if not callable(model):  # what jax holds takes long to put into words
+    if not callable(model):  # the repr of jax arrays is slow
         raise BadInput(f"The model is {model!r}: give a function of the parameters.")
     try:
         made = jax.eval_shape(lambda params: model(params), tree)
@@ -115,8 +115,8 @@ def _priors(layout, priors) -> tuple[Any, Any]:
 
 
 def check_linear(objective: Objective, points, linear: Collection[str]) -> None:
-    """Refuse a parameter that is called linear and is not; a model that says so is believed, as
-    trying compiles it once more."""
+    """Refuse a parameter that is declared linear and is not; a model's own declaration is trusted,
+    as the test compiles it once more."""
     layout = objective.layout
     said = getattr(objective.model, "linear", ())
     if not layout.linear or (isinstance(said, tuple) and set(linear) <= set(said)):
@@ -144,5 +144,5 @@ def _is_affine(objective: Objective, z):
     bent = jnp.linalg.norm(two - zero - 2.5 * (one - zero))
     eps = jnp.finfo(size.dtype).eps
     straight = bent <= eps**0.5 * (jnp.linalg.norm(two - zero) + eps**0.5 * jnp.linalg.norm(zero))
-    # Where it is not finite the search will say so.
+    # Where it is not finite the search reports it.
     return straight | ~jnp.isfinite(two).all()

@@ -1,4 +1,4 @@
-"""A search that began on a saddle or a maximum and could not leave: seen, and begun again."""
+"""Restart of a search that began on a saddle or a maximum and could not leave it."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,14 +11,14 @@ from ._solvers import Solver
 from ._uncertainty import ROUNDING_FACTOR, spread
 
 ESCAPES = 3  # times that a search is begun again
-BESIDE = (1.0, 0.1, 0.01)  # standard errors at which a lower cost is looked for
+BESIDE = (1.0, 0.1, 0.01)  # standard errors at which a lower cost is tried
 
 
 def escape_saddle(
     objective: Objective, ends: SearchEnd, solver: Solver, starts, lower, upper, max_searches
 ):
-    """What a search finds from beside a saddle or a maximum, where one began and could not leave:
-    the slope is zero there as it is in a minimum."""
+    """Search again from beside a saddle or a maximum where a search began and could not leave: the
+    slope is zero there as in a minimum."""
     for _ in range(ESCAPES):
         beside = _lower_beside(objective, ends, lower, upper)
         if beside is None:
@@ -30,7 +30,7 @@ def escape_saddle(
 
 def _lower_beside(objective: Objective, ends: SearchEnd, lower, upper):
     """A point within a standard error where the cost is lower, None where there is none, or where
-    the search has moved and so ends in no such place."""
+    the search has moved and so does not end on a saddle."""
     dtype = np.asarray(ends.z).dtype
     eps, cost = float(np.finfo(dtype).eps), float(np.min(ends.costs))
     moved = cost < float(np.min(ends.start_costs)) * (1 - ROUNDING_FACTOR * eps)

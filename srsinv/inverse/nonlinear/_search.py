@@ -1,4 +1,4 @@
-"""From data and starting points to the best minimum: pure, compiled once for each model."""
+"""Search for the best minimum from starting points: pure, compiled once for each model."""
 
 import dataclasses
 from collections.abc import Callable
@@ -20,7 +20,7 @@ NEAREST = 2  # neighbours of a start for each parameter that is searched
 
 
 class Objective(eqx.Module):
-    """What is minimised, as a function of the free parameters z (m,).
+    """The objective, as a function of the free parameters z (m,).
 
     Half the sum over the data of t(r)^2, with r the whitened residual y - model and t the loss's
     root, and half the sum over the priors of ((z - mean)/stderr)^2.
@@ -38,7 +38,7 @@ class Objective(eqx.Module):
 
     @property
     def is_robust(self) -> bool:
-        """Whether outliers count less than their square."""
+        """Whether outliers weigh less than their square."""
         return not isinstance(self.loss, Squares)
 
     def tree(self, z: Float[Array, " m"]) -> Any:
@@ -46,12 +46,12 @@ class Objective(eqx.Module):
         return self.layout.tree(self.row.at[np.asarray(self.layout.free)].set(z))
 
     def white(self, z: Float[Array, " m"]) -> tuple[Float[Array, " n"], Float[Array, "..."]]:
-        """The residual in units of the noise, and as it is."""
+        """The whitened residual, and the residual itself."""
         residual = self.y - self.model(self.tree(z))
         return self.whiten(residual) / self.scale, residual
 
     def terms(self, z: Float[Array, " m"]) -> Float[Array, " terms"]:
-        """What is squared and summed."""
+        """The terms of the sum of squares."""
         data = self.loss.root(self.white(z)[0])
         if self.prior_mean is None or self.prior_weight is None:
             return data
@@ -71,15 +71,15 @@ class Linearised(eqx.Module):
 class VariableProjection(eqx.Module):
     """Variable projection: the linear parameters are the best ones for the others.
 
-    Golub and Pereyra (1973), with the derivative of Kaufman (1975): what the linear parameters
-    cannot take up of the model's own. The cost's gradient is exact with it.
+    Golub and Pereyra (1973), with the derivative of Kaufman (1975): the model's own, less its
+    projection on the linear parameters' columns. The cost's gradient is exact with it.
     """
 
     objective: Objective
 
     @property
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where in z the searched and the linear parameters stand."""
+        """Indices in z of the searched and of the linear parameters."""
         free, linear = self.objective.layout.free, set(self.objective.layout.linear)
         is_linear = np.array([i in linear for i in free], bool)
         return np.flatnonzero(~is_linear), np.flatnonzero(is_linear)
@@ -93,7 +93,7 @@ class VariableProjection(eqx.Module):
         return self.solved(v)[0]
 
     def terms(self, v: Float[Array, " v"]) -> Float[Array, " terms"]:
-        """What is left of the terms."""
+        """The terms at the best linear parameters."""
         if not len(self._places[1]):
             return self.objective.terms(self._from(v))
         return _left(v, split=self)
@@ -102,8 +102,8 @@ class VariableProjection(eqx.Module):
         """The whole problem at the best linear parameters.
 
         By two rounds of one program, in place of one that solves for these parameters and one that
-        differentiates at them: a model takes longer to compile than to run. The first round asks
-        for the linear parameters' derivatives only.
+        differentiates at them: a model takes longer to compile than to run. The first round
+        computes the linear parameters' derivatives only.
         """
         searched, linear = self._places
 
@@ -131,7 +131,8 @@ class VariableProjection(eqx.Module):
         return jnp.zeros(len(searched) + len(linear), v.dtype).at[searched].set(v)
 
     def _linearised(self, z: Float[Array, " m"], asked: Float[Array, " m"]) -> Linearised:
-        """At z, with zeros for the derivatives that are not `asked` for (0 or 1)."""
+        """The problem linearised at z, with zeros for the derivatives that are not `asked` for (0
+        or 1)."""
         white, push, residual = jax.linearize(self.objective.white, z, has_aux=True)
         return Linearised(z, white, jax.vmap(push, out_axes=1)(jnp.diag(asked)), residual)
 
@@ -169,8 +170,8 @@ def _left_jvp(primals, tangents, split: VariableProjection):
 
 
 def _least_squares(basis: Float[Array, "n m"], target: Float[Array, "n *k"]):
-    """argmin |basis c - target| (m, *k), its columns scaled and faintly damped: finite where a
-    column vanishes (a feature beside the scan)."""
+    """argmin |basis c - target| (m, *k), its columns scaled and slightly damped: finite where a
+    column vanishes (a feature outside the scan)."""
     norm = lengths(basis)
     norm = jnp.where(norm > 0, norm, 1.0)
     size, wanted = basis.shape[1], target.reshape(len(target), -1)
@@ -204,7 +205,7 @@ def search(
 def search_many(
     objective: Objective, ys, solver: Solver, starts, lower, upper, max_searches: int, at_once
 ):
-    """The same for data (batch, ...), `at_once` of them side by side."""
+    """As [`search`][], for data (batch, ...), `at_once` of them in parallel."""
 
     def one(y):
         return _search(
@@ -255,16 +256,16 @@ def _minima(split: VariableProjection, solver: Solver, v0, box, cost) -> Minimum
     elif len(v0) == 1:
         only = solver(split.terms, v0[0], *box)
     else:
-        # One after the other: side by side each waits for the slowest, and jaxlib's batched LAPACK
-        # can wait for itself on a CPU (seen with 0.10.2: all workers inside, none left to work).
+        # In sequence: in parallel each waits for the slowest, and jaxlib's batched LAPACK can
+        # deadlock on a CPU (with 0.10.2: all workers inside, none left to work).
         return jax.lax.map(lambda v: solver(split.terms, v, *box), v0)
     return jax.tree.map(lambda leaf: leaf[None], only)
 
 
 def _promising(v: Float[Array, "s v"], costs: Float[Array, " s"]) -> Int[Array, " s"]:
     """Starts in the order in which to search from them: first those with no better one among their
-    nearest, so that one wide valley does not take all (the topograph of Torn and Viitanen, 1992).
-    """
+    nearest, so that they do not all fall in one wide valley (the topograph of Torn and Viitanen,
+    1992)."""
     span = jnp.max(v, axis=0) - jnp.min(v, axis=0)
     unit = v / jnp.where(span > 0, span, 1.0)
     count = min(NEAREST * v.shape[1], len(v) - 1)
@@ -278,5 +279,5 @@ def _promising(v: Float[Array, "s v"], costs: Float[Array, " s"]) -> Int[Array, 
 
 
 def _known(cost):
-    """Infinite where it is not a number."""
+    """The cost, infinite where it is not a number."""
     return jnp.where(jnp.isnan(cost), jnp.inf, cost)

@@ -1,8 +1,8 @@
-"""How much lower the cost can become, by Newton's method: for a search that stopped where the
-linearised problem says that it should go on.
+"""The remaining fall of the cost by Newton's method: a check of a search that stopped where the
+linearised problem predicts further progress.
 
-It is mistaken where the residual's own curvature decides: J can lose rank in a minimum whose
-residual is not nothing (Freudenstein and Roth, Jennrich and Sampson, chebyquad of 8).
+The linearised problem is mistaken where the residual's own curvature decides: J can lose rank in a
+minimum whose residual is not zero (Freudenstein and Roth, Jennrich and Sampson, chebyquad of 8).
 """
 
 import equinox as eqx
@@ -16,8 +16,8 @@ from ._search import Objective
 
 
 def newton_fall(objective: Objective, z, jacobian: np.ndarray, held: np.ndarray) -> float:
-    """The fall of the cost that its whole second derivative promises, over the cost; infinite where
-    the point (m,) is a saddle or a maximum. `jacobian` (terms, m), `held` (m,) by bounds."""
+    """The relative fall of the cost that its whole second derivative predicts; infinite where the
+    point (m,) is a saddle or a maximum. `jacobian` (terms, m), `held` (m,) by bounds."""
     columns = np.linalg.norm(jacobian, axis=0)
     moving = ~held & (columns > 0)
     cost, gradient, hessian = (np.asarray(v, float) for v in _derivatives(objective, z))
@@ -39,7 +39,7 @@ def _derivatives(
     objective: Objective, z: Float[Array, " m"]
 ) -> tuple[Float[Array, ""], Float[Array, " m"], Float[Array, "m m"]]:
     """The cost, its gradient and its second derivative: central differences of the gradient, which
-    take no more of a model than the search does."""
+    ask no more of a model than the search does."""
 
     def linearised(z):
         terms, push = jax.linearize(objective.terms, z)
@@ -50,8 +50,8 @@ def _derivatives(
         return jacobian.T @ terms
 
     terms, jacobian = linearised(z)
-    # A move that changes the terms by this share of their length: rounding and the fourth
-    # derivative spoil the difference alike.
+    # A move that changes the terms by this fraction of their length: it balances the difference's
+    # errors by rounding and by the fourth derivative.
     relative_step = float(jnp.finfo(z.dtype).eps) ** (1 / 3)
     columns = lengths(jacobian)
     steps = relative_step * lengths(terms) / jnp.where(columns > 0, columns, 1.0)

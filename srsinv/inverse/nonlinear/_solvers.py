@@ -1,4 +1,5 @@
-"""What minimises the sum of squares: one interface, so that each way shows what it costs."""
+"""Solvers that minimise the sum of squares, behind one interface, so that their cost can be
+compared."""
 
 import abc
 from collections.abc import Callable
@@ -17,16 +18,16 @@ from ._lengths import lengths
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._uncertainty import CONVERGED
 
-# Beside a derivative's jumps: the standard errors within which they let a minimum be found.
+# Where the derivative jumps: the standard errors within which a minimum can be located.
 ROUGH = 100.0
-EXACT = 1e-6  # of the jumps of a derivative: what is lost of it between two of them
+EXACT = 1e-6  # of the jumps of a derivative: its error between two of them
 
 Residual = Callable[[Float[Array, " m"]], Float[Array, " n"]]
 
 
 class Minimum(eqx.Module):
-    """Where a solver stopped: the point (m,), half the sum of squares there and where it began, its
-    iterations, and whether it says it is done."""
+    """End of a solver's run: the point (m,), half the sum of squares there and at the start,
+    iterations, and whether it reports convergence."""
 
     point: Float[Array, " m"]
     cost: Float[Array, ""]
@@ -52,16 +53,17 @@ class Solver(eqx.Module):
 
     @property
     def near_enough(self) -> float:
-        """Within how many standard errors of the linearised minimum a search has converged."""
+        """Distance from the linearised minimum, in standard errors, within which a search has
+        converged."""
         return CONVERGED
 
     @property
     def derivative_rounding(self) -> float:
-        """What of a derivative counts as rounding, where that is more than the precision's."""
+        """Relative rounding of a derivative, where that exceeds the precision's."""
         return 0.0
 
     def tolerating(self, rounding: float) -> "Solver":
-        """The same for a residual that is smooth only beyond this share of its size."""
+        """The same solver for a residual that is smooth only beyond this fraction of its size."""
         del rounding
         return self
 
@@ -80,7 +82,7 @@ def known_count(name: str, value: Any) -> int:
 
 
 def relative(tolerance: float | None, dtype) -> float:
-    """The tolerance, or what the precision allows."""
+    """The tolerance, or the default for the precision."""
     if tolerance is not None:
         return tolerance
     return 1e-10 if np.finfo(dtype).eps < 1e-12 else 1e-5
@@ -89,7 +91,7 @@ def relative(tolerance: float | None, dtype) -> float:
 class Optimistix(Solver):
     """Levenberg and Marquardt's method inside the bounds, on optimistix: the default.
 
-    `rounding` [1]: the share of a residual within which its derivative jumps; None where it is
+    `rounding` [1]: the fraction of a residual within which its derivative jumps; None where it is
     smooth.
     """
 
@@ -117,7 +119,7 @@ class Optimistix(Solver):
         return EXACT * (self.rounding or 0.0)
 
     def tolerating(self, rounding: float) -> "Solver":
-        # Its square, by which the cost is off there, is as near as a minimum can be told.
+        # Its square, the relative error of the cost there, limits how well a minimum is located.
         tolerance = rounding**2 if self.tolerance is None else self.tolerance
         return Optimistix(tolerance, self.max_steps, self.rounding or rounding)
 
@@ -190,15 +192,15 @@ class OptaxLBFGS(LimitedMemory):
 
 
 def unit_of(residual: Residual, z0) -> Float[Array, " m"]:
-    """What to measure each variable in: a move that changes the residual by its length at z0, so
-    that gradients and steps are numbers about one there whatever the data's unit."""
+    """Unit of each variable: a move that changes the residual by its length at z0, so that
+    gradients and steps are numbers about one there whatever the data's unit."""
     columns, start = lengths(jax.jacfwd(residual)(z0)), lengths(residual(z0))
     usable = jnp.isfinite(columns) & (columns > 0)
     return jnp.where(start > 0, start, 1.0) / jnp.where(usable, columns, 1.0)
 
 
 def scaled_cost(residual: Residual, z0):
-    """The sum of squares over its value at z0, which gives a tolerance its meaning, and that."""
+    """The sum of squares over its value at z0, so that a tolerance is relative, and that value."""
     start = residual(z0)
     scale = jnp.maximum(jnp.vdot(start, start), jnp.finfo(z0.dtype).tiny)
 
@@ -210,10 +212,10 @@ def scaled_cost(residual: Residual, z0):
 
 
 def _box(lower, upper):
-    """From free variables s to the box, and back."""
+    """The maps from free variables s to the box, and back."""
     below, above = jnp.isfinite(lower), jnp.isfinite(upper)
     low, high = jnp.where(below, lower, 0.0), jnp.where(above, upper, 0.0)
-    # Bounds that the precision cannot tell apart leave no room, not one of 1.
+    # Bounds equal within the precision give an interval of width 0, not 1.
     middle, half = (low + high) / 2, jnp.where(below & above, (high - low) / 2, 1.0)
 
     def to_box(s):
@@ -227,7 +229,7 @@ def _box(lower, upper):
         def away(distance):
             return jnp.sqrt((jnp.maximum(distance, 1e-3) + 1) ** 2 - 1)
 
-        # Off the bound itself, where the change of variables is flat.
+        # Away from the bound itself, where the change of variables is flat.
         scaled = (z - middle) / jnp.where(half > 0, half, 1.0)
         between = jnp.arcsin(jnp.clip(scaled, -0.999, 0.999))
         between = jnp.where(below & above, between, z)

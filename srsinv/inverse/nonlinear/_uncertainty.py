@@ -1,4 +1,4 @@
-"""What a minimum says of its parameters: covariance, what is not determined, evidence."""
+"""Uncertainty of the parameters at a minimum: covariance, undetermined directions, evidence."""
 
 from dataclasses import dataclass, replace
 
@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 # A singular value of the Jacobian with columns of length one, relative to the largest, below which
-# its direction is lost in rounding: the parameters can move along it and the data do not notice.
+# its direction is rounding: it is not identifiable from the data.
 ROUNDING_FACTOR = 5e3
 CONVERGED = 1e-3  # standard errors from the minimum of the linearised problem (Bates, Watts 1981)
 
@@ -15,10 +15,10 @@ LEAST_CURVATURE = 1e-4  # of the whole curvature, left where the bounds gave nea
 
 @dataclass(frozen=True)
 class Spread:
-    """Covariance = `factor` factor^T over what is determined; `null` (m, d) spans the rest.
+    """Covariance = `factor` factor^T over the determined directions; `null` (m, d) spans the rest.
 
-    `columns` (m,) are the norms by which the parameters are scaled to speak of directions. Where no
-    datum is left over to tell the noise, `is_scaled` is False and every error is infinite.
+    `columns` (m,) are the norms that scale the parameters for directions. Where no degrees of
+    freedom remain to estimate the noise, `is_scaled` is False and every error is infinite.
     """
 
     factor: np.ndarray
@@ -33,7 +33,7 @@ class Spread:
         return replace(self, factor=self.factor * level)
 
     def stderr(self) -> np.ndarray:
-        """Standard errors (m,), infinite for what takes part in an undetermined direction."""
+        """Standard errors (m,), infinite for parameters in an undetermined direction."""
         finite = np.sqrt(np.sum(self.factor**2, axis=1))
         return np.where(self._is_undetermined(), np.inf, finite)
 
@@ -56,8 +56,8 @@ class Spread:
     def directions(
         self, names: tuple[str, ...], values: np.ndarray
     ) -> tuple[dict[str, float], ...]:
-        """Each undetermined direction: by how much each parameter can move, in its own unit, the
-        largest relative move being one; parts below 1 % are left out."""
+        """Each undetermined direction: the move of each parameter in its own unit, the largest
+        relative move being one; parts below 1 % are left out."""
         size = np.where(np.isfinite(values) & (values != 0), np.abs(values), 1.0)
         directions = []
         for direction in self.null.T:
@@ -73,7 +73,7 @@ class Spread:
 
 
 def spread(jacobian: np.ndarray, eps: float) -> Spread:
-    """The spread under unit noise of what a Jacobian (n, m) of whitened terms determines."""
+    """The spread under unit noise, from the Jacobian (n, m) of whitened terms."""
     columns = np.linalg.norm(jacobian, axis=0)
     columns = np.where(columns > 0, columns, 1.0)
     m = len(columns)
@@ -87,17 +87,17 @@ def spread(jacobian: np.ndarray, eps: float) -> Spread:
 
 
 def nothing_known(m: int) -> Spread:
-    """The spread where nothing could be computed."""
+    """The spread where the derivatives are not finite."""
     return Spread(np.zeros((m, 0)), np.eye(m), np.ones(m))
 
 
 def offset(
     jacobian: np.ndarray, terms: np.ndarray, held: np.ndarray, eps: float, least: float
 ) -> tuple[float, float]:
-    """How far a point is from the minimum of the problem linearised there.
+    """Distance of a point from the minimum of the problem linearised there.
 
     The length of the residual's part along the Jacobian's columns, bounds that hold left out, per
-    root parameter: in units of its rms across them or of `least`, the greater, and as it is.
+    root parameter: in units of its rms across them or of `least`, the greater, and absolute.
     """
     columns = np.linalg.norm(jacobian, axis=0)
     moving = ~held & (columns > 0)
@@ -152,10 +152,10 @@ def log_evidence(
 def _log_mass(
     z: float, slope: float, stderr: float, lower: float, upper: float, added: float
 ) -> float:
-    """The log of what the Gaussian of this standard error keeps within the bounds.
+    """Log of the mass of the Gaussian of this standard error within the bounds.
 
-    Within, the curvature that was `added` for the bounds' sake is left out, and the slope that a
-    bound holds is kept in, so that it is exact for one parameter.
+    Within, the curvature that was `added` for the bounds' sake is left out, and the slope at a
+    bound is included, so that it is exact for one parameter.
     """
     whole = stderr**-2
     curvature = max(whole - added, LEAST_CURVATURE * whole)

@@ -1,7 +1,7 @@
 """Files of named columns, one format a file, all as one `Table`.
 
 Nothing in a file is ever executed: no pickle, no object arrays, no MATLAB objects, no filter that
-is loaded. What lies in another file is not followed.
+is loaded. Links to other files are not followed.
 """
 
 import warnings
@@ -33,7 +33,7 @@ READERS: dict[str, Callable[[DataFile], ColumnTable]] = {
     ".wav": read_wav,
     ".tdms": read_tdms,
 }
-# HDF5, whose library a damaged file can bring down or keep busy for ever.
+# HDF5, whose library a damaged file can crash or put in an endless loop.
 _APART = (".h5", ".hdf5", ".nc", ".mat")
 
 
@@ -64,7 +64,7 @@ def _parsed(file: DataFile, name: str, suffix: str) -> ColumnTable:
             return read_apart(file, READERS) if suffix in _APART else READERS[suffix](file)
     except (BadInput, MemoryError):
         raise
-    # On damaged bytes a library's parser raises whatever it stumbles over.
+    # On damaged bytes a library's parser raises arbitrary exceptions.
     except Exception as error:
         raise BadInput(
             f"{name}: the file cannot be read as {suffix}, being cut short or of another "

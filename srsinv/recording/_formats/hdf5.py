@@ -1,7 +1,7 @@
 """HDF5: a column a dataset, at the root or in the one group that has any.
 
 Checked before anything is read: that a dataset lies in the file itself, the filters it is packed
-by, and what its chunks unpack to, which HDF5 finds out only by doing it.
+by, and what its chunks unpack to, which HDF5 finds out only by unpacking.
 """
 
 import math
@@ -20,7 +20,7 @@ from .._table import ColumnTable, listing
 
 _Member = TypeVar("_Member", h5py.Dataset, h5py.Group)
 _LZF = 32000
-# What each of a chunk's bytes can become at most; 0: no more than it states.
+# Largest expansion of each of a chunk's bytes; 0: no more than it states.
 _MOST_PER_BYTE: dict[int, int] = {h5z.FILTER_DEFLATE: 1032, _LZF: 88, h5z.FILTER_SZIP: 0}
 _FILTERS = {*_MOST_PER_BYTE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32}
 _UNPACKED = 2**28  # bytes that a chunk may unpack to, unchecked
@@ -28,7 +28,7 @@ _FEWEST_IN_CHUNK = 2**22  # values that a chunk may have more than its dataset
 _CHECKSUM = 4  # bytes of fletcher32
 _LARGEST_ATTRIBUTE = 2**20  # bytes
 _PIECE = 2**20  # bytes that are unpacked at once
-_MOST_MEMBERS = 10_000  # of all groups that are looked into
+_MOST_MEMBERS = 10_000  # of all groups that are read
 
 
 def read_hdf5(file: DataFile) -> ColumnTable:

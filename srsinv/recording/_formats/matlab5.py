@@ -1,7 +1,7 @@
 """MATLAB's version 5 files ("MAT-File Level 5" in MathWorks' description of the format).
 
 Read here rather than by scipy, whose reader can take the whole process down on a damaged file, and
-builds structs and objects that are never wanted. Only the vectors' own bytes are looked at.
+builds structs and objects that are not needed. Only the vectors' own bytes are read.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 from .._guard import DataFile, quoted
 from .._table import ColumnTable
 
-_HEADER = 128  # bytes, the last two of which say the byte order
+_HEADER = 128  # bytes, the last two of which give the byte order
 _ORDERS = {b"IM": "<", b"MI": ">"}
 _MATRIX, _COMPRESSED = 14, 15
 _STORED = {

@@ -31,7 +31,7 @@ def read_tdms(file: DataFile) -> ColumnTable:
             f"{table.name}: reading .tdms takes a package that is not installed: add it by "
             "pip install srsinv[tdms], or save the recording in another format."
         ) from error
-    log_manager.set_level(logging.CRITICAL)  # what is wrong is said here, once
+    log_manager.set_level(logging.CRITICAL)  # errors are reported here, once
     # By a handle: beside a path the package would also read an index file, which may be stale.
     file.limit(reads=_MOST_READS)
     with TdmsFile.open(file) as tdms:
@@ -75,6 +75,6 @@ def _take(table: ColumnTable, name: str, channel: Any, most: int) -> None:
 
 
 def _rate(channels: list[Any]) -> dict[str, float]:
-    """The one sample rate of the channels' waveforms; nothing where they state none, or several."""
+    """The one sample rate of the channels' waveforms; empty where they state none, or several."""
     steps_s = {channel.properties.get("wf_increment") for channel in channels} - {None, 0.0}
     return {"sample_rate_hz": 1 / float(steps_s.pop())} if len(steps_s) == 1 else {}

@@ -18,7 +18,7 @@ _DELIMITERS = ",;\t"
 LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
 _BLOCK = 2**18  # characters whose cells are turned into numbers together
 _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
-_TEXT = 80  # characters kept of a cell that is no number
+_TEXT = 80  # characters stored of a cell that is no number
 
 
 def read_text(file: DataFile) -> ColumnTable:
@@ -56,15 +56,15 @@ class _Lines(Iterator[str]):
         self._rows, self._characters = 0, 0
 
     def begin_after(self, rows: int) -> None:
-        """Another row begins, after so many."""
+        """Begin the next row, after `rows` of them."""
         self._rows, self._characters = self._rows + rows, 0
 
     def has_more_at_hand(self) -> bool:
-        """Whether a line waits that needs no reading."""
+        """Whether a line is buffered."""
         return bool(self._waiting)
 
     def rows_at_hand(self) -> list[str]:
-        """All the lines that wait, if each is sure to be a row; else none."""
+        """All buffered lines, if each is certainly a row; else none."""
         if not self._waiting:
             self._fill()
         lines = list(self._waiting)
@@ -98,7 +98,7 @@ class _Lines(Iterator[str]):
         )
 
     def _fill(self) -> None:
-        """Have a line wait, unless the text is at its end."""
+        """Buffer a line, unless the text is at its end."""
         read = " "
         while read and not self._waiting:
             read = self._text.read(_BLOCK)
@@ -106,7 +106,7 @@ class _Lines(Iterator[str]):
                 raise ValueError("binary")
             *lines, self._begun = (self._begun + read).split("\n")
             self._waiting.extend(line + "\n" for line in lines)
-            # The last line needs no end; nor is one waited for that is too long already.
+            # The last line needs no end; nor is the end of one read that is too long already.
             if self._begun and (not read or len(self._begun) > LONGEST_ROW):
                 self._waiting.append(self._begun)
                 self._begun = ""
@@ -132,7 +132,7 @@ class _Column:
         self._parts.append(values)
 
     def numbers(self) -> Float[np.ndarray, " row"]:
-        """All cells, of which nothing is kept here."""
+        """All cells, removed from the column."""
         values = np.concatenate([np.zeros(0), *self._parts])
         self._parts.clear()
         return values
@@ -181,7 +181,7 @@ def _next_rows(lines: _Lines, reader: Iterator[list[str]], delimiter: str) -> li
 
 
 def _checked(table: ColumnTable, rows: list[list[str]], names: list[str], done: int) -> int:
-    """How many rows there are with these, after the first `done`."""
+    """Number of rows in all: these and the first `done`."""
     odd = next((index for index, row in enumerate(rows) if len(row) != len(names)), None)
     if odd is not None:
         raise BadInput(

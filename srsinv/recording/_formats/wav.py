@@ -18,7 +18,7 @@ _MOST_PARTS = 1_000
 def read_wav(file: DataFile) -> ColumnTable:
     """`channel_0`, `channel_1`, ... as fractions of full scale, with `sample_rate_hz`.
 
-    What a full scale is in volts only the experimenter knows: it is the inverse of `gain`.
+    The full scale in volts is not in the file: it is the inverse of `gain`.
     """
     table = ColumnTable(quoted(file.path.name))
     channels, samples = _stated(file)
@@ -40,7 +40,7 @@ def read_wav(file: DataFile) -> ColumnTable:
 
 
 def _stated(file: DataFile) -> tuple[int, int]:
-    """How many channels the file states, and how many samples of each."""
+    """Number of channels stated by the file, and of samples of each."""
     kind = file.read(12)[:4]
     order = ">" if kind == b"RIFX" else "<"
     channels = block = 0

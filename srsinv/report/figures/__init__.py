@@ -1,9 +1,9 @@
 """The figures of the page and of the experiments. Nothing else in the package draws.
 
 Each of the page's figures is drawn from the one dataset that holds every stage of a run, by
-`name(dataset) -> Figure`; what a dataset does not hold (a recording has no truth) is left out, or
-said in place of the figure. Components, methods and stresses keep their colours from one figure to
-the next; truth is black. The same input gives the same picture.
+`name(dataset) -> Figure`; data missing from a dataset (a recording has no truth) are left out, or
+noted in place of the figure. Components, methods and stresses have the same colours in all figures;
+truth is black. The same input gives the same picture.
 """
 
 from .compare import errors_against_noise as errors_against_noise

@@ -1,4 +1,4 @@
-"""Methods beside each other over many draws of the noise."""
+"""Comparison of methods over many draws of the noise."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""How the skin lies on a surface: heights, gaps and the pressure where they touch."""
+"""Contact of the skin with a surface: heights, gaps and pressure."""
 
 import numpy as np
 import xarray
@@ -17,13 +17,13 @@ from .style import (
 )
 
 UM_PER_M = 1e6
-_AROUND = 2.0  # of the length of what is drawn, at each end
+_AROUND = 2.0  # of the length of the raised part, at each end
 _RAISED = 1e-3  # of the greatest height: less is the plate
 
 
 @styled
 def contact(dataset: xarray.Dataset) -> Figure:
-    """Surface and skin about what stands out, and pressure and shear below them.
+    """Surface and skin about the raised part, and pressure and shear below them.
 
     `dataset`: `height`, `gap` [m] along x; `estimate` (component, x) [Pa] as deviations.
     """
@@ -58,7 +58,7 @@ def contact(dataset: xarray.Dataset) -> Figure:
 
 
 def _around(x: np.ndarray, height: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Which cells to draw: what stands out from the plate within the scan, and what is beside."""
+    """Mask of cells to draw: those raised from the plate within the scan, and a margin."""
     inside = (x >= position.min()) & (x <= position.max())
     level = np.abs(height - np.median(height))
     out = inside & (level > _RAISED * max(float(level.max()), 1e-300))

@@ -1,4 +1,4 @@
-"""How wrong, how honest about it, and how long it took."""
+"""Errors, interval coverage and time of methods."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -33,7 +33,7 @@ def errors_and_time(rows: Sequence[Row]) -> Figure:
     """Relative error, coverage of the 90 % band and time of each method.
 
     `rows`: one mapping for each method, with `method`, `error_p`, `error_q`, `coverage_p`,
-    `coverage_q` [1], `first_call_s` and `steady_call_s` [s]; None where it is not known.
+    `coverage_q` [1], `first_call_s` and `steady_call_s` [s]; None where unknown.
     """
     figure, grid = grid_of_axes(1, 3, 0.7 + 0.55 * len(rows), sharey=True)
     error, coverage, time = grid[0]
@@ -65,7 +65,7 @@ def accuracy_cost(
     """Error against steady time, one line for each family, from its smallest size to its largest.
 
     `rows`: mappings with `family`, `label`, `size`, `error` and `time_s` [s]. The label (the size
-    where it is empty) is written at both ends of a family's line; `ends` says what it is.
+    where it is empty) is written at both ends of a family's line; `ends` is its meaning.
     """
     figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
     axes = figure.subplots()
@@ -85,8 +85,8 @@ def accuracy_cost(
 
 @styled
 def fit_counts(starts: Sequence[Row], together: Sequence[Row]) -> Figure:
-    """How often a fit finds the minimum and how long it takes, over the number of starts, and its
-    time over the number of signals fitted together.
+    """Frequency of convergence to the minimum and time of a fit over the number of starts, and time
+    over the number of signals fitted together.
 
     Rows have `family`, `count`, `converged` [1] and `time_s` [s], for each signal.
     """

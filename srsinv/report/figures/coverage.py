@@ -1,5 +1,5 @@
-"""Many draws of the noise: errors against the bound, intervals against their word, what was chosen
-for what."""
+"""Many draws of the noise: errors over the bound, coverage of intervals, confusion of
+candidates."""
 
 import numpy as np
 import xarray
@@ -24,7 +24,7 @@ _OFFSET = 0.22  # of a row, between two marks of one quantity
 
 @styled
 def bound_and_coverage(dataset: xarray.Dataset) -> Figure:
-    """For every quantity its error over the Cramer-Rao bound and how often intervals hold it."""
+    """For every quantity its error over the Cramer-Rao bound and the coverage of its intervals."""
     names = [name.replace("_", " ") for name in names_of(dataset["quantity"])]
     draws = dataset.sizes["draw"]
     rows = np.arange(len(names))
@@ -77,7 +77,7 @@ def normalised_errors(dataset: xarray.Dataset) -> Figure:
         for name, error in zip(
             names_of(members["parameter"]), members["normalised_error"].values, strict=True
         ):
-            # What lies beyond is counted in the last bin, and not lost.
+            # Values beyond are counted in the last bin.
             shown = np.clip(error, _BINS[0], _BINS[-1])
             axes.hist(shown, _BINS, density=True, histtype="step", label=name, **looks[name])
         axes.plot(t, normal, color=TRUTH, linewidth=1.0, label="unit normal")
@@ -95,7 +95,8 @@ def normalised_errors(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def confusion(dataset: xarray.Dataset) -> Figure:
-    """What was chosen (columns) for what was there (rows), in % of the draws of each row."""
+    """Confusion matrix: the chosen candidate (columns) for the true one (rows), in % of each
+    row."""
     truths, chosen = names_of(dataset["truth"]), names_of(dataset["candidate"])
     percent = 100 * dataset["chosen"].values / dataset["chosen"].values.sum(1, keepdims=True)
     figure, grid = grid_of_axes(1, 1, 0.8 + 0.6 * len(truths))
@@ -115,7 +116,7 @@ def confusion(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def evidence_margins(dataset: xarray.Dataset) -> Figure:
-    """By how much the log evidence of what is there exceeds that of the best other, every draw."""
+    """Log evidence of the true candidate less that of the best other, every draw."""
     truths = names_of(dataset["truth"])
     margin = dataset["margin"].values
     figure, grid = grid_of_axes(1, 1, 0.8 + 0.5 * len(truths))

@@ -1,4 +1,4 @@
-"""Curves over something else than x, in the look of the page."""
+"""Curves over other quantities than x, in the style of the page."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,7 +18,7 @@ def figure(
     *,
     logarithmic: str = "",
 ) -> Figure:
-    """One panel of curves (x,) by label; `logarithmic` names the axes that are so, "xy" both."""
+    """One panel of curves (x,) by label; `logarithmic` names the logarithmic axes, "xy" both."""
     picture, grid = grid_of_axes(1, 1, 3.2)
     axes = grid[0, 0]
     for name, colour in colours(lines).items():
@@ -37,7 +37,7 @@ def with_spread(
     xlabel: str,
     ylabel: str,
 ) -> Figure:
-    """Panels by title: curves by label with samples (x, draw) and what was predicted (x,).
+    """Panels by title: curves by label with samples (x, draw) and predictions (x,).
 
     Samples are drawn as their mean with least and greatest, predictions dashed in the same colour;
     `levels` are horizontal lines by title and label. The y axis is logarithmic.
@@ -65,7 +65,7 @@ def stacked(
     xlabel: str,
     ylabel: str,
 ) -> Figure:
-    """Panels by title, of curves (x,) by label, over one logarithmic x; the labels are shared."""
+    """Panels by title, of curves (x,) by label, over one logarithmic x; with common labels."""
     picture, grid = grid_of_axes(len(panels), 1, 1.9, sharex=True)
     for axes, (title, lines) in zip(grid[:, 0], panels.items(), strict=True):
         for i, (name, colour) in enumerate(colours(lines).items()):

@@ -1,4 +1,4 @@
-"""The recovered traction, and how finely it is seen."""
+"""The recovered traction and its resolution."""
 
 import itertools
 from typing import Any
@@ -36,7 +36,7 @@ _QUANTITY = {"p": "pressure", "q": "shear"}
 def estimates(dataset: xarray.Dataset) -> Figure:
     """p and q as each method recovers them, with 90 % bands, over the truth where it is known.
 
-    A component whose mean is not in the data is drawn as its deviation from its own mean over the
+    A component whose mean is unobservable is drawn as its deviation from its own mean over the
     observed stretch, truth and estimates alike.
     """
     components = names_of(dataset["component"])
@@ -51,8 +51,8 @@ def estimates(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def averaging_kernel(dataset: xarray.Dataset) -> Figure:
-    """What one point of the estimate is an average of: a row for each component estimated, a
-    column for each that it comes from; only those that were solved for."""
+    """Averaging kernel of one point of the estimate: a row for each component estimated, a column
+    for each that contributes; only those that were solved for."""
     lag, kernels = dataset["lag"].values, dataset["averaging_kernel"].values
     solved = [c for c in range(kernels.shape[1]) if shown(kernels[:, c, c])]
     if not solved:
@@ -154,7 +154,7 @@ def _limit(
     values: np.ndarray,
     band: np.ndarray,
 ) -> None:
-    # A band may be huge where nothing was measured: it must not flatten what was.
+    # A band may be huge where nothing was measured: it must not set the scale.
     where = observed if observed.any() else np.ones_like(observed)
     band = np.nan_to_num(band)
     in_view = np.concatenate([truth, (values - band)[:, where], (values + band)[:, where]], None)

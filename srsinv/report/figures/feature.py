@@ -1,4 +1,4 @@
-"""A feature's fit: signal, residual, traction with its band, and which parameters go together."""
+"""A feature's fit: signal, residual, traction with its band, and correlation of parameters."""
 
 import numpy as np
 import xarray
@@ -62,7 +62,7 @@ def feature_signals(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def feature_traction(dataset: xarray.Dataset) -> Figure:
-    """p and q of the fitted feature over the scanned stretch, with their 90 % bands."""
+    """p and q of the fitted feature over the scan, with their 90 % bands."""
     x, position = dataset["x"].values, dataset["position"].values
     inside = (x >= position.min()) & (x <= position.max())
     at, components = x[inside] * MM_PER_M, names_of(dataset["component"])

@@ -1,4 +1,4 @@
-"""What was measured, what each method says should have been, and what is left between them."""
+"""Measured signals, the fit of each method, and the residual."""
 
 import numpy as np
 import xarray
@@ -47,8 +47,8 @@ def signals(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def residual(dataset: xarray.Dataset) -> Figure:
-    """Signal less fit, in standard deviations of the noise: white and normal where the fit is
-    as good as the noise lets it be."""
+    """Signal less fit, in standard deviations of the noise: white and normal where the noise limits
+    the fit."""
     elements, methods = names_of(dataset["element"]), names_of(dataset["method"])
     rows = [(e, m) for e in range(len(elements)) for m in range(len(methods))]
     figure, grid = grid_of_axes(len(rows), 2, 1.6, sharex="col", sharey="row", width_ratios=(4, 1))

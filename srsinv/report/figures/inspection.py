@@ -1,4 +1,4 @@
-"""A recording as it is in its file: signals, spectra and motion, with what looks wrong marked."""
+"""A recording as in its file: signals, spectra and motion, with suspect parts marked."""
 
 import math
 from typing import Any
@@ -100,7 +100,7 @@ def _panels(count: int, height_in: float) -> tuple[Figure, list[Axes]]:
     """A panel for each signal: full width for a few, two beside each other for many."""
     columns = 1 if count <= _TALL else 2
     rows = math.ceil(count / columns)
-    # More of them are only compared at a glance.
+    # Many signals are compared in small panels.
     height_in *= 1.0 if columns == 1 else 0.75
     figure, grid = grid_of_axes(rows, columns, height_in, sharex=True)
     panels = list(grid.flat)

@@ -1,7 +1,7 @@
 """Text on a figure as it was written: a name from a file is never a formula.
 
-matplotlib takes what stands between two dollar signs for mathematics, and fails where it is none.
-Only the formulae below are meant as such.
+matplotlib parses text between two dollar signs as mathematics, and fails on other text. Only the
+formulae below are meant as such.
 """
 
 import functools
@@ -28,13 +28,13 @@ SIGN_CONVENTION = r"$\sigma_z=-p,\ \tau_{xz}=-q$"
 _FORMULAE = re.compile("(" + "|".join(map(re.escape, (*SYMBOLS.values(), SIGN_CONVENTION))) + ")")
 _DOLLAR = re.compile(r"(?<!\\)\$")
 _LONGEST_LINE = 160  # characters, as many as the figure is wide
-_LONGEST_LABEL = 48  # of a legend or an axis, which the panels make room for
+_LONGEST_LABEL = 48  # of a legend or an axis, which takes room from the panels
 _NO_GLYPH = "\ufffd"
 
 
 def show_as_written(figure: Figure) -> None:
-    """Have every text of the figure shown as it was given, cut short and without the characters
-    that the font lacks; the formulae of this module stay formulae."""
+    """Show every text of the figure as given, cut short and without the characters that the font
+    lacks; the formulae of this module stay formulae."""
     for text, longest in _texts(figure, _LONGEST_LINE):
         words = _drawable(text.get_text(), longest)
         has_formula = bool(_FORMULAE.search(words))

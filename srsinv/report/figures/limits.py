@@ -1,4 +1,4 @@
-"""Limits of detection against what they depend on, one panel for each."""
+"""Limits of detection over the parameters that they depend on, one panel for each."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""A pitch common to many channels: what it explains, how well it is known, what else repeats."""
+"""A pitch common to many channels: its pattern, its uncertainty, and other spectral lines."""
 
 import numpy as np
 import xarray
@@ -47,7 +47,7 @@ def channel_fits(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def pattern_shifts(dataset: xarray.Dataset) -> Figure:
-    """How far forward along x the pattern of all channels lies from the fit, period by period."""
+    """Forward shift along x of the pattern of all channels from the fit, period by period."""
     figure, grid = grid_of_axes(1, 1, 2.6)
     axes = grid[0, 0]
     at, shift = dataset["period_x"].values, dataset["shift"].values
@@ -99,7 +99,7 @@ def channel_pitches(dataset: xarray.Dataset) -> Figure:
         label="one channel",
     )  # fmt: skip
     axes.set_xticks(range(len(channels)), channels, rotation=60, ha="right")
-    # A channel that hardly feels the surface has bars that would flatten all others.
+    # A channel with hardly any signal has bars that would dominate the scale.
     reach = 1.1 * float(np.max(np.abs(alone - pitch))) + max(np.median(alone_stderr), stderr)
     axes.set_ylim(pitch - reach, pitch + reach)
     axes.set_ylabel("pitch [mm]")

@@ -1,4 +1,4 @@
-"""Cases beside methods: one coloured cell for each pair, with its number."""
+"""Matrices of cases and methods: one coloured cell for each pair, with its number."""
 
 from collections.abc import Mapping, Sequence
 
@@ -20,7 +20,7 @@ def matrices(
     limits: tuple[float, float],
 ) -> Figure:
     """Panels by title beside each other: positive values (row, column), coloured on a logarithmic
-    scale between `limits`, and the word (row, column) that stands in each cell. NaN is grey."""
+    scale between `limits`, and the text (row, column) of each cell. NaN is grey."""
     height = CELL_IN * len(rows) + 2.4
     figure = Figure(figsize=(WIDTH_IN, height), layout="constrained")
     grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]

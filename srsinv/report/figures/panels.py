@@ -1,4 +1,4 @@
-"""Curves over x in stacked panels, and the two figures that are no more than that."""
+"""Curves over x in stacked panels, and the two figures made of these alone."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
@@ -26,7 +26,7 @@ from .style import (
 
 
 class Panel(TypedDict):
-    """One panel: curves (x,) by label, in the unit that `ylabel` says."""
+    """One panel: curves (x,) by label, in the unit of `ylabel`."""
 
     title: str
     ylabel: str
@@ -79,7 +79,7 @@ def traction(dataset: xarray.Dataset) -> Figure:
 
 
 def stress(dataset: xarray.Dataset) -> Figure:
-    """Stress at the film, one panel for each depth: elements at the same depth feel the same."""
+    """Stress at the film, one panel for each depth: elements at the same depth have the same."""
     title = "Stress at the film, tension positive"
     if "stress" not in dataset:
         return note_alone(title, "Not known: a recording comes without the stress at the film.")

@@ -1,4 +1,4 @@
-"""Signals in time: with something and without it, and a recording with its speed."""
+"""Signals in time: with an effect and without it, and a recording with its speed."""
 
 import numpy as np
 import xarray
@@ -17,15 +17,15 @@ from .style import (
     units_of,
 )
 
-ACTIVE_FRACTION = 0.02  # of a signal's peak: below, figures of a single feature show nothing
+ACTIVE_FRACTION = 0.02  # of a signal's peak: below, the signal is not drawn
 
 
 @styled
 def with_and_without(
     time_s: np.ndarray, with_effect: np.ndarray, ideal: np.ndarray, unit: str
 ) -> Figure:
-    """For each element (rows) the signals (element, sample) with something and without, and beside
-    them what it makes: the first less the second. Shown is where there is a signal."""
+    """For each element (rows) the signals (element, sample) with an effect and without, and beside
+    them their difference, over the interval with a signal."""
     figure, grid = grid_of_axes(len(with_effect), 2, 1.7, sharex=True)
     signals, made = scale(unit, with_effect, ideal), scale(unit, with_effect - ideal)
     for e, (left, right) in enumerate(grid):
@@ -49,7 +49,8 @@ def with_and_without(
 
 
 def _active_interval_s(time_s: np.ndarray, *signals: np.ndarray) -> tuple[float, float]:
-    """From when to when any signal (element, sample) is above `FELT` of its peak, and a margin."""
+    """Interval in which any signal (element, sample) is above `ACTIVE_FRACTION` of its peak, and a
+    margin."""
     size = np.abs(np.concatenate(signals)).max(axis=0)
     active = time_s[size >= ACTIVE_FRACTION * size.max()]
     margin = 0.3 * (active[-1] - active[0]) + (time_s[-1] - time_s[0]) / 50

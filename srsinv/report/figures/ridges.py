@@ -1,4 +1,4 @@
-"""Ridges on a pitch: contact, the signal beside the noise, and how high they have to be."""
+"""Ridges on a pitch: contact, signal and noise, and the least detectable height."""
 
 from collections.abc import Iterable
 

@@ -57,7 +57,7 @@ def scene(dataset: xarray.Dataset) -> Figure:
 
 @dataclass(frozen=True)
 class _Sensor:
-    """The film elements: names, and in mm and radians where they lie."""
+    """The film elements: names, and positions in mm and radians."""
 
     names: list[str]
     depth: np.ndarray
@@ -73,7 +73,7 @@ class _Sensor:
 
     @property
     def reach(self) -> float:
-        """The length that close-ups are measured by: the deepest film, or the widest."""
+        """The length scale of close-ups: the deepest film, or the widest."""
         return float(max(self.depth.max(), self.width.max() * 0.6))
 
     def ends(self, i: int) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +85,7 @@ class _Sensor:
     def axes_of(self, i: int) -> dict[str, np.ndarray]:
         """Unit vectors (x, z) of axis 1 and axis 3 of strip `i`.
 
-        Stress does not tell an axis from its opposite: 3 is drawn towards +x or +z, as the
+        The response is the same for an axis and its opposite: 3 is drawn towards +x or +z, as the
         element's orientation is called.
         """
         c, s = np.cos(self.angle[i]), np.sin(self.angle[i])
@@ -214,7 +214,7 @@ def _skin(axes: Axes, x_mm: tuple[float, float], z_mm: tuple[float, float]) -> N
 
 def _signs(axes: Axes, reach: float) -> None:
     palette = colours(("p", "q"))
-    arrows = (  # text and where it stands; the arrow's start and end; all in close-up lengths
+    arrows = (  # text and its position; the arrow's start and end; all in close-up lengths
         ("p > 0", (-0.75, -0.36), (-0.85, -0.62), (-0.85, 0.0), palette["p"]),
         ("q > 0", (0.12, -0.36), (0.05, -0.16), (0.95, -0.16), palette["q"]),
         ("x", (-0.22, 0.5), (-0.9, 0.5), (-0.3, 0.5), TRUTH),

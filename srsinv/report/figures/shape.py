@@ -1,4 +1,4 @@
-"""Profiles recovered inside the contact, and the pressures they come from."""
+"""Profiles recovered inside the contact, and the pressures behind them."""
 
 from collections.abc import Iterator
 
@@ -97,7 +97,7 @@ def pressures(dataset: xarray.Dataset) -> Figure:
 
 
 def _by_scene(column, dataset: xarray.Dataset) -> Iterator[tuple[Axes, str, xarray.Dataset]]:
-    """Panels with their scene, the contact shaded, seen about the middle."""
+    """Panels with their scene, the contact shaded, about the middle."""
     for axes, name in zip(column, names_of(dataset["scene"]), strict=True):
         ds = dataset.sel(scene=name)
         touching = ds["touching"].values == 1

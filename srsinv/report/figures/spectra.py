@@ -1,4 +1,4 @@
-"""What the sensor passes, where the noise takes over, and what a method makes of the two."""
+"""Spectra of sensor gain, signal and noise, and resolution of the methods."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -28,14 +28,14 @@ from .style import (
     units_of,
 )
 
-_DEEPEST = 1e-8  # of the largest gain: what is below it no recording shows
+_DEEPEST = 1e-8  # of the largest gain: below, no recording has a signal
 
 
 @styled
 def spectra(dataset: xarray.Dataset) -> Figure:
     """Sensor gain; power of signal and noise; resolution of each method with its cut-off.
 
-    k = 0 is not on a logarithmic axis; what happens to the mean is said with the estimates.
+    k = 0 is not on a logarithmic axis; the mean is described with the estimates.
     """
     figure, grid = grid_of_axes(3, 1, 2.4, sharex=True)
     gain_axes, power_axes, resolution_axes = grid[:, 0]
@@ -173,7 +173,7 @@ def _deepest(axes: Axes, gain: np.ndarray) -> None:
 
 
 def _around_filters(axes: Axes, filters: Mapping[str, Any]) -> None:
-    # A plain inverse grows without end: the filter that stays lowest sets the view.
+    # An unregularised inverse grows without bound: the lowest filter sets the limits.
     axes.set_yscale("log")
     tops = [peak(np.asarray(values)[1:]) for values in filters.values()]
     lowest = min((top for top in tops if top > 0), default=1.0)
@@ -186,7 +186,8 @@ def _wavelength_mm(k: Any) -> Any:
 
 
 def _finish(column: np.ndarray, k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> None:
-    """Legends, the shared k axis up to where something is seen, and the wavelength on top."""
+    """Legends, the common k axis up to where the sensor has a response, and the wavelength on
+    top."""
     for axes in column:
         legend_beside(axes, least=1)
     column[-1].set_xlabel("wavenumber k [rad/m]")
@@ -200,7 +201,7 @@ def _finish(column: np.ndarray, k: np.ndarray, gain: np.ndarray, cutoff: np.ndar
 
 
 def _last_wavenumber(k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> float:
-    """Where the gain has sunk out of sight, but well past every cut-off."""
+    """Where the gain has become negligible, but well past every cut-off."""
     gain = np.nan_to_num(gain)
     visible = k[(gain > gain.max() * _DEEPEST).any(axis=tuple(range(gain.ndim - 1)))]
     ends = [2 * visible.max() if visible.size else k[-1], *(3 * cutoff[np.isfinite(cutoff)])]

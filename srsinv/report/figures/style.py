@@ -1,4 +1,4 @@
-"""One look for all figures: colours, units scaled for reading, legends beside the curves."""
+"""Style of all figures: colours, scaled units, legends beside the curves."""
 
 import functools
 import re
@@ -22,7 +22,7 @@ TRUTH = "#000000"
 GREY = "#6b747c"
 SHADE = "#dfe3e7"
 
-# Okabe and Ito's palette, told apart without red-green vision.
+# Okabe and Ito's palette, distinguishable without red-green vision.
 _ORANGE, _SKY, _GREEN, _BLUE = "#e69f00", "#56b4e9", "#009e73", "#0072b2"
 _VERMILLION, _PURPLE = "#d55e00", "#cc79a7"
 PALETTE = (_BLUE, _VERMILLION, _GREEN, _PURPLE, _ORANGE, _SKY, TRUTH)
@@ -73,7 +73,7 @@ def styled(draw: Callable[_Inputs, Figure]) -> Callable[_Inputs, Figure]:
             figure = draw(*args, **kwargs)
         for axes in figure.axes:
             for panel in (axes, *axes.child_axes):
-                # How many ticks there is room for is asked at saving, when the look is no more.
+                # The number of ticks is set when saving, after this style's context has ended.
                 panel.tick_params(labelsize=_POINTS)
         show_as_written(figure)
         return figure
@@ -90,7 +90,7 @@ def colours(names: Iterable[str]) -> dict[str, str]:
     """A colour for each name: its own where it has one, else the next that is free."""
     names = [str(name) for name in names]
     taken = {_NAMED[name] for name in names if name in _NAMED}
-    # From the end: what has no colour of its own starts far from p and q.
+    # From the end: names without a colour of their own start far from p and q.
     free = [colour for colour in PALETTE[-2::-1] if colour not in taken] or list(PALETTE)
     others = [name for name in names if name not in _NAMED]
     cycled = {name: free[i % len(free)] for i, name in enumerate(others)}
@@ -99,7 +99,7 @@ def colours(names: Iterable[str]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Scale:
-    """What SI values are multiplied by to be drawn, and the unit they are then in."""
+    """Factor on SI values for drawing, and the resulting unit."""
 
     factor: float
     unit: str
@@ -138,22 +138,22 @@ def peak(values: Any) -> float:
 
 
 def units_of(variable: DataArray) -> str:
-    """The variable's SI unit as a plain string."""
+    """The variable's SI unit as a `str`."""
     return str(variable.attrs["units"])
 
 
 def names_of(coordinate: DataArray) -> list[str]:
-    """A coordinate's labels as plain strings."""
+    """A coordinate's labels as `str`."""
     return [str(name) for name in coordinate.values]
 
 
 def shown(values: np.ndarray) -> bool:
-    """Whether there is anything to draw: what a method did not solve for is all NaN."""
+    """Whether there is anything to draw: components not solved for are all NaN."""
     return bool(np.isfinite(values).any())
 
 
 def short(element: str) -> str:
-    """An element's number, without how it lies: for legends."""
+    """An element's number, without its orientation: for legends."""
     return element.partition(":")[0]
 
 
@@ -171,7 +171,7 @@ def grid_of_axes(
 
 
 def note(axes: Axes, sentence: str) -> None:
-    """Say in the panel's middle why nothing is drawn in it."""
+    """Note in the panel's middle why nothing is drawn in it."""
     axes.text(0.5, 0.5, sentence, transform=axes.transAxes, ha="center", va="center", color=GREY)
 
 
@@ -193,7 +193,7 @@ def legend_beside(axes: Axes, least: int = 2) -> None:
 
 
 def legend_below(figure: Figure, axes: Iterable[Axes]) -> None:
-    """One legend under panels that share their labels, each label once."""
+    """One legend under panels with common labels, each label once."""
     entries: dict[str, Any] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
@@ -223,10 +223,10 @@ def observed_anywhere(dataset: Dataset) -> np.ndarray:
 
 
 def shade_unobserved(axes: Axes, x_m: np.ndarray, observed: np.ndarray) -> None:
-    """Hatch the cells that `observed` (x,) leaves out; the legend says what that means."""
+    """Hatch the cells that `observed` (x,) leaves out; with an entry in the legend."""
     for i, (left, right) in enumerate(stretches_mm(x_m, ~observed)):
         label = "no samples here" if i == 0 else None
-        # Over the bands, which are widest here and would hide it, and under the lines.
+        # Drawn over the bands, which are widest here and would hide it, and under the lines.
         axes.axvspan(
             left, right, facecolor=SHADE, alpha=0.55, edgecolor=GREY, hatch="//", linewidth=0,
             zorder=1.5, label=label,

@@ -28,7 +28,7 @@ _SOLID = {"even": PALETTE[1], "odd": PALETTE[0]}
 
 @styled
 def signals(dataset: xarray.Dataset) -> Figure:
-    """Each element's signal over the tape with noise, and what it is without friction."""
+    """Each element's signal over the tape with noise, and the one without friction."""
     names = names_of(dataset["element"])
     unit = scale(units_of(dataset["signal"]), dataset["signal"].values)
     x = dataset["x"].values
@@ -81,7 +81,7 @@ def symmetry(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def traction(dataset: xarray.Dataset) -> Figure:
-    """Recovered p and q with their bands; the truth, and what of it can be resolved."""
+    """Recovered p and q with their bands; the truth, and its resolvable part."""
     x, components = dataset["x"].values, names_of(dataset["component"])
     values, stderr = dataset["estimate"].values, dataset["estimate_stderr"].values
     truth, resolved = dataset["traction"].values, dataset["traction_resolved"].values

@@ -1,4 +1,4 @@
-"""Signals of rough surfaces, the spectra they say, and which texture was taken for which."""
+"""Signals of rough surfaces, the spectra estimated from them, and confusion of textures."""
 
 import numpy as np
 import xarray
@@ -99,7 +99,8 @@ def spectra(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def confusion(dataset: xarray.Dataset) -> Figure:
-    """What was chosen (columns) for what was there (rows), a panel for each way of telling."""
+    """Confusion matrices: chosen texture (columns) for the true one (rows), a panel for each
+    classifier."""
     ways, names = names_of(dataset["classification"]), names_of(dataset["texture"])
     figure, grid = grid_of_axes(1, len(ways), 2.9, sharey=True)
     for axes, way, counts, right in zip(
