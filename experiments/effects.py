@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import xarray
 
+from srsinv.effects import reference
 from srsinv.errors import refuse
-from srsinv.forward.effects._reference import reference
 from srsinv.jobs import build
 from srsinv.jobs.change import Cost, Trace, cost, difference, pair, select_effects
 from srsinv.progress import stage
@@ -141,5 +141,5 @@ def _sections(
 
 def _words(name: str) -> str:
     """Description of an effect: the first line of its module's docstring."""
-    module = importlib.import_module(f"srsinv.forward.effects.{name}")
+    module = importlib.import_module(f"srsinv.effects.{name}")
     return (module.__doc__ or "").strip().split("\n")[0]

@@ -69,6 +69,7 @@ CLASSES = (
     Alias(
         "srsinv.forward.amplifier.SlowReadout", "srsinv.forward.amplifier.ChargeReadout", "0.3.0"
     ),
+    Alias("srsinv.forward.effects.*", "srsinv.effects.*", "0.3.0"),
 )
 
 

@@ -10,9 +10,11 @@ look the name up a second time and takes any callable, is not used.
 Nothing here imports jax: a base is imported when a node of its kind is made.
 """
 
+import hashlib
 import importlib
 import importlib.util
 import inspect
+import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -26,34 +28,43 @@ from .errors import BadInput, mapping, refuse, shown, whole
 Config = Mapping[str, Any]
 PRECISIONS = ("float64", "float32")
 
-# The bases of each kind of part, by configuration group or by the kind of a group's parts.
+# The base of each kind of part, by configuration group or by the name of the slot; resolved when a
+# part of the kind is made, as most import jax.
 KINDS: Mapping[str, Sequence[str]] = {
     "amplifier": ("srsinv.forward.amplifier.Amplifier",),
-    "effects": ("srsinv.forward.effects._effect.Effect",),
+    "effects": ("srsinv.effects.Effect",),
     "feature": (
         "srsinv.forward.feature.Feature",
         "srsinv.forward.surface_feature.SurfaceFeature",
     ),
+    "film": ("srsinv.forward.film.LineEffect",),
+    "filter": ("srsinv.forward.filter.Filter",),
     "friction": ("srsinv.forward.traction.FrictionStep",),
-    "method": ("srsinv.inverse.wiener.Wiener", "srsinv.inverse.tikhonov.Tikhonov"),
+    "method": ("srsinv.inverse.method.Method",),
     "noise": ("srsinv.forward.noise.Noise",),
+    "operator": ("srsinv.grid.Operator",),
     "pressure": ("srsinv.forward.traction.Pressure",),
+    "prior": ("srsinv.inverse.prior.Prior",),
     "rough": ("srsinv.forward.surface.Rough",),
     "rule": ("srsinv.inverse.rule.Rule",),
     "scan": ("srsinv.forward.scan.ConstantSpeed",),
     "scene": ("srsinv.forward.scene.Scene",),
     "skin": ("srsinv.forward.skin.HalfSpace",),
-    "solver": ("srsinv.inverse.nonlinear._solvers.Solver",),
+    "solver": ("srsinv.inverse.nonlinear.Solver",),
     "spectrum": ("srsinv.inverse.wiener.TractionSpectrum",),
+    "speed_profile": ("srsinv.forward.speed_profile.SpeedProfile",),
     "surface": ("srsinv.forward.surface.Shape",),
     "surface_feature": ("srsinv.forward.surface_feature.SurfaceFeature",),
     "traction_feature": ("srsinv.forward.feature.Feature",),
 }
-# The kind of a part under a key of another one, alone or in a list or mapping of several.
+# The kind of what stands under a key of another part, alone or in a list or mapping of several.
 PARTS: Mapping[str, str] = {
+    "filter": "filter",
     "frictions": "friction",
     "p": "spectrum",
     "pressures": "pressure",
+    "prior": "prior",
+    "profile": "speed_profile",
     "q": "spectrum",
     "rule": "rule",
     "skin": "skin",
@@ -61,6 +72,8 @@ PARTS: Mapping[str, str] = {
 }
 _TARGET = "_target_"
 _DEEPEST = 20  # parts, lists and mappings within each other
+_PLUGINS = "plugins/*.py in the folder of --config-dir"
+_JOB = re.compile(r"(srsinv\.jobs|experiments|plugins)\..+\.run")
 
 
 def make(node: Any, name: str, kind: str) -> Any:
@@ -88,15 +101,15 @@ def class_of(node: Any, name: str, kind: str) -> type:
     made = _definition(target)
     refuse(
         not inspect.isclass(made),
-        f"{name}.{_TARGET} is {shown(target)}, which is no class of srsinv or of the experiments: "
-        "name one as package.module.Class, where it is defined.",
+        f"{name}.{_TARGET} is {shown(target)}, which is no class of srsinv, of the experiments or "
+        f"of {_PLUGINS}: name one as package.module.Class, where it is defined.",
     )
     assert isinstance(made, type)
-    bases = tuple(_definition(base) for base in KINDS[kind])
+    bases = tuple(map(base_of, KINDS[kind]))
     refuse(
         not issubclass(made, bases),
         f"{name}.{_TARGET} is {shown(target)}, which cannot stand there: name a class that derives "
-        f"from {' or '.join(KINDS[kind])}.",
+        f"from {' or '.join(f'srsinv.kinds.{base.__name__}' for base in bases)}.",
     )
     return made
 
@@ -153,11 +166,17 @@ def _made(value: Any) -> Any:
     return _definition(value[_TARGET])(**parts) if _TARGET in value else parts
 
 
+def base_of(name: str) -> type:
+    """The class that a dotted name of `KINDS` stands for."""
+    module, _, base = name.rpartition(".")
+    return getattr(importlib.import_module(module), base)
+
+
 def load_job(name: Any, root: Path) -> FunctionType:
-    """The function `run` of a module in `srsinv.jobs`, or in the experiments beside the
-    configuration folder `root`, that `job` names. Raises `BadInput` for anything else."""
+    """The function `run` of a module in `srsinv.jobs`, in the experiments beside the configuration
+    folder `root`, or among the plugins, that `job` names. Raises `BadInput` for anything else."""
     import_experiments(root)
-    is_job = isinstance(name, str) and re.fullmatch(r"(srsinv\.jobs|experiments)\..+\.run", name)
+    is_job = isinstance(name, str) and _JOB.fullmatch(name)
     job = _definition(name) if is_job else None
     if not isinstance(job, FunctionType):
         raise BadInput(
@@ -170,24 +189,46 @@ def load_job(name: Any, root: Path) -> FunctionType:
 def import_experiments(root: Path) -> None:
     """Make the folder `experiments` beside the configuration folder importable under that name,
     and nothing else beside it."""
-    folder = str(root.resolve().parent / "experiments")
-    loaded = sys.modules.get("experiments")
-    if loaded is not None and folder in list(loaded.__path__):
+    _open_namespace("experiments", root.resolve().parent / "experiments")
+
+
+def open_plugins(config_dir: str | None) -> None:
+    """Let targets name classes of `config_dir`/plugins/*.py as plugins.FILE.Class.
+
+    A file is run when a configuration names it, as the module plugins.FILE: nothing of the folder
+    is importable under another name, so that none can take the place of a library.
+    """
+    _open_namespace("plugins", Path(config_dir or os.devnull).resolve() / "plugins")
+
+
+def plugin_files() -> dict[str, str]:
+    """SHA-256 of every plugin that was loaded, by its file's name."""
+    modules = [m for name, m in sorted(sys.modules.items()) if name.startswith("plugins.")]
+    paths = [Path(module.__file__) for module in modules if module.__file__]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def _open_namespace(name: str, folder: Path) -> None:
+    """Make a folder importable under `name`, in place of another one that was before."""
+    loaded = sys.modules.get(name)
+    if loaded is not None and str(folder) in list(loaded.__path__):
         return
-    for name in [name for name in sys.modules if name.partition(".")[0] == "experiments"]:
-        del sys.modules[name]
-    if Path(folder).is_dir():
-        package = ModuleType("experiments", "The experiments of a clone.")
-        package.__path__ = [folder]
-        package.__spec__ = importlib.util.spec_from_loader("experiments", None, is_package=True)
-        sys.modules["experiments"] = package
+    for each in [each for each in sys.modules if each.partition(".")[0] == name]:
+        del sys.modules[each]
+    if folder.is_dir():
+        package = ModuleType(name, f"The {name} of a clone or a user.")
+        package.__path__ = [str(folder)]
+        package.__spec__ = importlib.util.spec_from_loader(name, None, is_package=True)
+        sys.modules[name] = package
 
 
 def _definition(target: Any) -> Any:
-    """The object defined as `target` in a module of `srsinv` or of the experiments, else None.
+    """What is defined as `target` in a module of `srsinv`, of the experiments or of the plugins,
+    else None.
 
-    Modules are found below these two packages only, and imported names do not count: the name has
-    to be the one under which the object was defined.
+    Modules are found below these packages only, and what a module has merely imported does not
+    count: the name has to be the one under which the thing was defined. Raises `BadInput` for a
+    plugin that cannot be run.
     """
     if not isinstance(target, str) or not target.isascii():
         return None
@@ -195,21 +236,34 @@ def _definition(target: Any) -> Any:
     parts = target.split(".")
     if not all(part.isidentifier() for part in parts) or parts[0] not in _namespaces():
         return None
-    definition: Any = sys.modules[parts[0]]
+    found: Any = sys.modules[parts[0]]
     for index, part in enumerate(parts[1:], 2):
         path = ".".join(parts[:index])
-        if isinstance(definition, ModuleType) and _is_module(definition, path):
-            definition = importlib.import_module(path)
-        elif isinstance(definition, ModuleType | type):
-            definition = vars(definition).get(part)
+        if isinstance(found, ModuleType) and _is_module(found, path):
+            found = _imported(path)
+        elif isinstance(found, ModuleType | type):
+            found = vars(found).get(part)
         else:
             return None
-    own = (getattr(definition, "__module__", None), getattr(definition, "__qualname__", None))
-    return definition if ".".join(map(str, own)) == target else None
+    own = (getattr(found, "__module__", None), getattr(found, "__qualname__", None))
+    return found if ".".join(map(str, own)) == target else None
+
+
+def _imported(path: str) -> ModuleType:
+    if not path.startswith("plugins."):
+        return importlib.import_module(path)
+    try:
+        return importlib.import_module(path)
+    except Exception as error:  # a user's own code may raise anything
+        raise BadInput(
+            f"{path.replace('.', '/')}.py cannot be run: {type(error).__name__}: {error}. Mend it, "
+            "or leave out what names it."
+        ) from error
 
 
 def _namespaces() -> tuple[str, ...]:
-    return ("srsinv", "experiments") if "experiments" in sys.modules else ("srsinv",)
+    optional = ("experiments", "plugins")
+    return ("srsinv", *(name for name in optional if name in sys.modules))
 
 
 def _is_module(package: ModuleType, path: str) -> bool:

@@ -72,7 +72,17 @@ def test_an_old_option_is_the_new_one(alias):
     assert composed(alias.old) == composed(alias.new)
 
 
-@pytest.mark.parametrize("alias", CLASSES, ids=lambda alias: alias.old)
-def test_an_old_class_is_the_new_one(alias):
-    own = {"_target_": alias.old, "gain_per_C": 2.0}
-    assert type(make(own, "amplifier", "amplifier")).__qualname__ == alias.new.rpartition(".")[2]
+OLD_CLASSES = {
+    "srsinv.forward.amplifier.SlowReadout": ("amplifier", {"gain_per_C": 2.0}, "ChargeReadout"),
+    "srsinv.forward.effects.clipping.Clipping": ("effects", {"limit": 2.0}, "Clipping"),
+}
+
+
+@pytest.mark.parametrize("old", OLD_CLASSES)
+def test_an_old_class_is_the_new_one(old):
+    kind, settings, new = OLD_CLASSES[old]
+    assert type(make({"_target_": old, **settings}, kind, kind)).__name__ == new
+
+
+def test_every_alias_of_a_class_is_tried():
+    assert all(any(alias.newer(old) for old in OLD_CLASSES) for alias in CLASSES)

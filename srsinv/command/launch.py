@@ -24,7 +24,7 @@ from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from ..aliases import current_configuration, current_override
-from ..config import check_early, load_job
+from ..config import check_early, load_job, open_plugins, plugin_files
 from ..errors import BadInput, refuse
 from ..run_folder import claim
 from .folders import DONE, FAULT, REFUSED, run, sweep
@@ -69,7 +69,9 @@ def launch(arguments: Sequence[str], root: Path) -> int:
         config = hydra.compose_config("config", flags.overrides, run_mode=mode)
         check_hydra_settings(config)
         context = HydraContext(config_loader=hydra.config_loader, callbacks=Callbacks(config))
-        task = LaunchedTask(root, ("--config-dir", flags.config_dir) if flags.config_dir else ())
+        given = ("--config-dir", flags.config_dir) if flags.config_dir else ()
+        here = str(Path(flags.config_dir).resolve()) if flags.config_dir else None
+        task = LaunchedTask(root, given, here)
         if not flags.multirun:
             return run(context, task, config)
         command = task.command(["-m", *config.hydra.overrides.task])
@@ -82,11 +84,13 @@ class LaunchedTask:
 
     - `root`: the folder of configurations.
     - `flags`: those of the command that set where configurations come from.
+    - `config_dir`: the user's own folder of options and plugins, wherever the job is run.
     - `written`: the folders written so far, in this process.
     """
 
     root: Path
     flags: tuple[str, ...]
+    config_dir: str | None
     written: set[Path] = field(default_factory=set)
 
     def __call__(self, config: DictConfig) -> int:
@@ -99,8 +103,8 @@ class LaunchedTask:
                     f"{folder} holds an earlier run of this sweep; give each its own folder with "
                     "hydra.sweep.subdir, which is the job's number unless given",
                 )
-                outcome, files, command, seed = apart(lambda: self._run(config))
-                workspace.replace(files, command, seed)
+                outcome, files, command, seed, plugins = apart(lambda: self._run(config))
+                workspace.replace(files, command, seed, plugins)
                 self.written.add(workspace.folder)
             _show_outcome(outcome, folder)
         except BadInput as refusal:
@@ -116,11 +120,12 @@ class LaunchedTask:
         """The command as typed."""
         return shlex.join(["srsinv", *self.flags, *overrides])
 
-    def _run(self, config: DictConfig) -> tuple[Any, dict[str, bytes], str, Any]:
-        """The job's outcome, and the files, the command and the seed of its run."""
+    def _run(self, config: DictConfig) -> tuple[Any, dict[str, bytes], str, Any, dict[str, str]]:
+        """The job's outcome, and the files, the command, the seed and the plugins of its run."""
         with refusing():
             settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
         settings = cast(dict[str, Any], current_configuration(settings))
+        open_plugins(self.config_dir)
         check_early(settings)
         job = load_job(settings["job"], self.root)
         outcome = job(settings)
@@ -129,7 +134,8 @@ class LaunchedTask:
         from ..report.page import render
 
         command = self.command(HydraConfig.get().overrides.task)
-        return outcome, render(outcome, _record(config), command), command, settings.get("seed")
+        files = render(outcome, _record(config), command)
+        return outcome, files, command, settings.get("seed"), plugin_files()
 
 
 def _record(config: DictConfig) -> dict[str, str]:

@@ -15,7 +15,7 @@ from .skin import Skin
 class Scenario(eqx.Module):
     """A scene, the sensor that slides over it, and the recorder of its signal.
 
-    Effects are added to it one by one (srsinv/forward/effects); one that is not added costs
+    Effects are added to it one by one (srsinv/effects); one that is not added costs
     nothing. `scene` is None where only the sensor is needed.
     """
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from ..errors import choice, number, refuse, shown, whole
 from ..grid import Line, as_real
 from .diagnostics import undetermined_weights
+from .method import Method
 from .prior import Prior
 from .problem import Estimate, Problem
 from .quadratic import PATHS, Family, Scorer, choose_path, solve
@@ -55,7 +56,7 @@ def _weight(name: str, value) -> Float[Array, ""] | None:
     return as_real(number(f"method.tikhonov.{name}", value, wanted, above=0))
 
 
-class Tikhonov(eqx.Module):
+class Tikhonov(Method):
     """Minimise |N^(-1/2) (m - G r)|^2 + sum_c lambda_c |(z d/dx)^order r_c|^2.
 
     - `order`: 0 penalises the value, 1 the first, 2 the second derivative; `length_m` is the z

@@ -12,6 +12,7 @@ from ..errors import choice, number, refuse, shown
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
 from .diagnostics import undetermined_weights
+from .method import Method
 from .prior import Prior
 from .problem import Estimate, Problem
 from .quadratic import PATHS, Family, Scorer, solve
@@ -97,7 +98,7 @@ class ScaledSpectra(Family):
         return SpectralPrior(10.0 ** log_weights[:, None] * self.power)
 
 
-class Wiener(eqx.Module):
+class Wiener(Method):
     """(G^H N^-1 G + S^-1)^-1 G^H N^-1 m with S the spectra of p and q.
 
     - `p`, `q`: their spectra; p and q are taken as independent.

@@ -236,7 +236,7 @@ def _starts(task: FitTask, settings) -> Iterator[Row]:
             **task.options(),
             "solver": Optimistix(max_steps=MOST_STEPS),
             "starts": listed if count > 1 else None,
-            "polished": count,
+            "max_searches": count,
         }
 
         def ours(i: int, given=given):

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
-from ..forward.effects._screen import ScreeningResult
+from ..effects import ScreeningResult
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
 from ..inverse.problem import COMPONENTS, Estimate, Problem

@@ -7,11 +7,10 @@ from typing import Any
 import jax
 
 from ..config import PARTS, Config, check, class_of, make, precision_name, seed
+from ..effects import NAMES, Effect
 from ..errors import choice, mapping, number, refuse, whole
 from ..forward.amplifier import Amplifier
 from ..forward.describe import elements
-from ..forward.effects import NAMES
-from ..forward.effects._effect import Effect
 from ..forward.feature import Feature
 from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed
@@ -20,9 +19,8 @@ from ..forward.scene import Scene
 from ..forward.sensor import Sensor
 from ..forward.surface_feature import SurfaceFeature
 from ..grid import Line, Open, Periodic
+from ..inverse.method import Method
 from ..inverse.nonlinear import Solver
-from ..inverse.tikhonov import Tikhonov
-from ..inverse.wiener import Wiener
 from ..recording import load_profile
 
 LINES = {"periodic": Periodic, "open": Open}
@@ -106,12 +104,13 @@ def effects(cfg: Config) -> dict[str, Effect]:
     """The named effects, in the order in which they are added."""
     named = part(cfg, "effects")
     for name in named:
+        is_named = "_target_" in mapping(f"effects.{name}", named[name])
         refuse(
-            name not in NAMES,
+            name not in NAMES and not is_named,
             f"There is no effect {name!r}: effects holds any of {', '.join(NAMES)}.",
         )
         refuse(
-            "_target_" not in mapping(f"effects.{name}", named[name]),
+            not is_named,
             f"effects.{name} has settings, and {name} is not among the effects: name it in "
             "effects=[...] too, or leave its settings out.",
         )
@@ -226,7 +225,7 @@ def solver(cfg: Config) -> Solver:
     return make(cfg["solver"], "solver", "solver")
 
 
-def methods(cfg: Config) -> dict[str, Wiener | Tikhonov]:
+def methods(cfg: Config) -> dict[str, Method]:
     """The methods by their names on the page."""
     named = part(cfg, "method")
     refuse(not named, "No method is named: give method=[wiener,tikhonov] or one of them.")

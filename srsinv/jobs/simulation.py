@@ -7,11 +7,11 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from ..effects import ScreeningResult, screen
 from ..errors import number, refuse
 from ..forward.amplifier import ChargeReadout
 from ..forward.contact import refuse_both_ways
 from ..forward.drift import SinusoidalLoad
-from ..forward.effects._screen import ScreeningResult, screen
 from ..forward.film import StripAverage
 from ..forward.filter import even_interval, filtered
 from ..forward.noise import Noise, with_noise

@@ -25,6 +25,7 @@ _OLDER_FILES = re.compile(
     r"|\.hydra/(config|overrides|hydra)\.yaml"
 )
 _KEYS = {"command", "files", "seed", "version"}
+_OPTIONAL = {"plugins"}
 _MOST_BYTES = 2**24  # of a manifest: a hundred thousand files
 
 Listing = Mapping[str, str]  # name within the folder, with slashes, to SHA-256
@@ -35,12 +36,14 @@ def listing(files: Mapping[str, bytes]) -> Listing:
     return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
 
-def manifest(files: Listing, command: str, seed: Any) -> bytes:
-    """The manifest of a run: the version, the command, the seed and every file's SHA-256.
+def manifest(files: Listing, command: str, seed: Any, plugins: Listing | None = None) -> bytes:
+    """The manifest of a run: the version, the command, the seed and every file's SHA-256, and of a
+    run with `plugins` theirs.
 
-    The same files, command and seed give the same bytes.
+    The same files, command, seed and plugins give the same bytes.
     """
-    return _text({"command": command, "files": files, "seed": seed, "version": __version__})
+    whole = {"command": command, "files": files, "seed": seed, "version": __version__}
+    return _text(whole | ({"plugins": plugins} if plugins else {}))
 
 
 def listed(folder: Path) -> Listing | None:
@@ -76,7 +79,8 @@ def read(folder: Path) -> Listing | None:
     text = path.read_bytes()
     try:
         document = json.loads(text)
-        ours = isinstance(document, dict) and document.keys() == _KEYS and _text(document) == text
+        keys = document.keys() - _OPTIONAL if isinstance(document, dict) else set()
+        ours = keys == _KEYS and _text(document) == text
     except (ValueError, RecursionError):
         return None
     files = document["files"] if ours else None

@@ -28,14 +28,20 @@ class Workspace:
     folder: Path
     path: Path
 
-    def replace(self, files: Mapping[str, bytes], command: str, seed: Any) -> None:
+    def replace(
+        self,
+        files: Mapping[str, bytes],
+        command: str,
+        seed: Any,
+        plugins: Mapping[str, str] | None = None,
+    ) -> None:
         """Replace all files of an earlier run by `files` (contents by name, with slashes) and their
-        manifest.
+        manifest, which lists the SHA-256 of `plugins`, too.
 
         Raises `BadInput` where they cannot be written, and where the folder has files that no run
         wrote.
         """
-        record = manifest(listing(files), command, seed)
+        record = manifest(listing(files), command, seed, plugins)
         with writing(self.folder):
             for name, data in {**files, MANIFEST: record}.items():
                 path = self.path / NEW / name

@@ -4,7 +4,7 @@ bursts behind layers: programs that take long to compile."""
 import jax
 import pytest
 
-from srsinv.forward.effects._screen import screen
+from srsinv.effects import screen
 from srsinv.jobs import build
 from srsinv.jobs.change import difference, pair, select_effects
 from srsinv.jobs.simulation import simulation

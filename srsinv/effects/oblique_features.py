@@ -5,10 +5,10 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...errors import number
-from ...grid import as_real
-from ..oblique import turned, turned_scan
-from ..scenario import Scenario
+from ..errors import number
+from ..forward.oblique import turned, turned_scan
+from ..forward.scenario import Scenario
+from ..grid import as_real
 from ._effect import MultiplicativeEffect, Order
 from ._reference import ReferenceSpectra
 

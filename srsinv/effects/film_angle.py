@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...errors import number
-from ...grid import as_real
-from ..scenario import Scenario
+from ..errors import number
+from ..forward.scenario import Scenario
+from ..grid import as_real
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 

@@ -5,8 +5,8 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from .. import film
-from ..scenario import Scenario
+from ..forward import film
+from ..forward.scenario import Scenario
 from ._effect import MultiplicativeEffect, Order
 from ._reference import ReferenceSpectra
 

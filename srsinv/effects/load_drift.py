@@ -5,8 +5,8 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ..drift import SinusoidalLoad as Drift
-from ..scenario import Scenario
+from ..forward.drift import SinusoidalLoad as Drift
+from ..forward.scenario import Scenario
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 

@@ -2,8 +2,8 @@
 
 from typing import ClassVar
 
-from ..scenario import Scenario
-from ..speed_profile import StandstillProfile as Rest
+from ..forward.scenario import Scenario
+from ..forward.speed_profile import StandstillProfile as Rest
 from ._effect import Effect, Order
 from ._paced import displaced_bound, with_speed_profile
 from ._reference import ReferenceSpectra

@@ -9,7 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ..scenario import Scenario
+from ..forward.scenario import Scenario
 from ._reference import ReferenceSpectra
 
 
@@ -34,8 +34,8 @@ class Effect(eqx.Module):
     recordings are inverted with it too; else to a simulated scene and its recording.
     """
 
-    order: ClassVar[Order]
-    of_sensor: ClassVar[bool]
+    order: ClassVar[Order] = Order.RECORD
+    of_sensor: ClassVar[bool] = False
 
     @property
     def saturation(self) -> float:
@@ -55,10 +55,13 @@ class Effect(eqx.Module):
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with this effect."""
 
-    @abc.abstractmethod
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
-        """A bound on its change of the signal, rms over rms, beside the effects in the
-        reference."""
+        """A bound on its change of the signal, rms over rms, beside the effects in the reference.
+
+        Infinite where none is known, so that `effects=auto` keeps the effect on.
+        """
+        del reference
+        return math.inf
 
 
 class MultiplicativeEffect(Effect):

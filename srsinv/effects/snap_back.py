@@ -4,9 +4,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...errors import number
-from ..scenario import Scenario
-from ..snap_back import SnapBackNoise as Bursts
+from ..errors import number
+from ..forward.scenario import Scenario
+from ..forward.snap_back import SnapBackNoise as Bursts
 from ._effect import NoiseEffect, Order
 from ._reference import ReferenceSpectra
 

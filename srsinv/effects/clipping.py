@@ -2,8 +2,8 @@
 
 from typing import ClassVar
 
-from ..sampling import Saturation as Rails
-from ..scenario import Scenario
+from ..forward.sampling import Saturation as Rails
+from ..forward.scenario import Scenario
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 

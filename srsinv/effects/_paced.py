@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..scenario import Scenario
-from ..speed_profile import SpeedProfile
+from ..forward.scenario import Scenario
+from ..forward.speed_profile import SpeedProfile
 from ._reference import ReferenceSpectra
 
 

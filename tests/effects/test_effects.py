@@ -12,10 +12,8 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root
+from srsinv.effects import NAMES, Effect, reference, screen
 from srsinv.errors import BadInput
-from srsinv.forward.effects import NAMES
-from srsinv.forward.effects._reference import reference
-from srsinv.forward.effects._screen import screen
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.recorder import Recorder
 from srsinv.forward.scan import ConstantSpeed
@@ -63,9 +61,9 @@ def test_no_other_module_is_imported():
     script = (
         "import sys; from srsinv.config import make\n"
         "import srsinv.jobs.build\n"
-        "make({'limit': 1.0, '_target_': 'srsinv.forward.effects.clipping.Clipping'}, "
+        "make({'limit': 1.0, '_target_': 'srsinv.effects.clipping.Clipping'}, "
         "'effects.clipping', 'effects')\n"
-        "print(*(n.split('.')[-1] for n in sys.modules if n.startswith('srsinv.forward.effects.')))"
+        "print(*(n.split('.')[-1] for n in sys.modules if n.startswith('srsinv.effects.')))"
     )
     process = subprocess.run([sys.executable, "-c", script], text=True, capture_output=True)
     assert process.returncode == 0, process.stderr[-2000:]
@@ -207,6 +205,21 @@ def test_what_stays_on_is_in_the_signal_that_the_rest_is_screened_by(case):
     alone = select_effects(cfg, (small,))
     small_screening = screen(build.ideal(alone), build.line(alone), build.effects(alone), 0.003)
     assert not small_screening.on
+
+
+class Unbounded(Effect):
+    """One of a user's own, that states no bound."""
+
+    def apply(self, scenario):
+        return scenario
+
+
+def test_an_effect_without_a_bound_stays_on():
+    """And the others are screened as they are without it."""
+    cfg = configuration("effects=[strip_width,film_angle]", "effects.film_angle.tilt_deg=1e-3")
+    given = build.ideal(cfg), build.line(cfg)
+    own = {**build.effects(cfg), "own": Unbounded()}
+    assert screen(*given, own, 1e-3).on == {"strip_width", "own"}
 
 
 def test_what_is_left_out_adds_up():

@@ -5,8 +5,8 @@ from typing import ClassVar
 import equinox as eqx
 import numpy as np
 
-from ...errors import number
-from ..scenario import Scenario
+from ..errors import number
+from ..forward.scenario import Scenario
 from ._effect import Order, Resampling
 from ._reference import ReferenceSpectra
 

@@ -2,8 +2,8 @@
 
 from typing import ClassVar
 
-from ..sampling import Quantiser as Levels
-from ..scenario import Scenario
+from ..forward.sampling import Quantiser as Levels
+from ..forward.scenario import Scenario
 from ._effect import Order, Rounding
 from ._reference import ReferenceSpectra
 

@@ -7,8 +7,8 @@ import jax
 import numpy as np
 from jaxtyping import Complex
 
-from ..filter import Filter
-from ..scenario import Scenario
+from ..forward.filter import Filter
+from ..forward.scenario import Scenario
 from ._effect import MultiplicativeEffect, Order
 from ._reference import ReferenceSpectra
 

@@ -4,14 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from srsinv.effects._reference import _pressure, reference
+from srsinv.effects._reference_contact import pressure_under
+from srsinv.effects._screen import rounded
 from srsinv.forward.contact import press
-from srsinv.forward.effects._reference import _pressure, reference
-from srsinv.forward.effects._reference_contact import pressure_under
-from srsinv.forward.effects._screen import rounded
 from srsinv.forward.skin import HalfSpace
 from srsinv.jobs import build
 from srsinv.jobs.simulation import simulation
-from tests.forward.test_effects import configuration
+from tests.effects.test_effects import configuration
 
 
 @pytest.mark.parametrize("name", ["ridge", "tape", "rough"])

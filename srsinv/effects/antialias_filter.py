@@ -1,6 +1,6 @@
 """The low-pass filter before sampling: Butterworth, of any order from 1 to 8."""
 
-from ..filter import Butterworth
+from ..forward.filter import Butterworth
 from ._filtered import Filtered
 
 

@@ -13,11 +13,11 @@ import jax
 import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
-from ...grid import Line, Periodic, half_spectrum_weights
-from ..scan import Motion
-from ..scenario import Scenario
-from ..scene import SurfaceScene, deviation
-from ..skin import HalfSpace, half_space_stress
+from ..forward.scan import Motion
+from ..forward.scenario import Scenario
+from ..forward.scene import SurfaceScene, deviation
+from ..forward.skin import HalfSpace, half_space_stress
+from ..grid import Line, Periodic, half_spectrum_weights
 from ._reference_contact import pressure_under
 
 TINY = np.finfo(float).tiny

@@ -5,11 +5,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...errors import mapping, refuse, shown
-from ..layered import Layer, Layered
-from ..scenario import Scenario
-from ..scene import SurfaceScene
-from ..skin import HalfSpace
+from ..errors import mapping, refuse, shown
+from ..forward.layered import Layer, Layered
+from ..forward.scenario import Scenario
+from ..forward.scene import SurfaceScene
+from ..forward.skin import HalfSpace
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 

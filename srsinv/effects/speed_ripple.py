@@ -4,8 +4,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..scenario import Scenario
-from ..speed_profile import RippleProfile
+from ..forward.scenario import Scenario
+from ..forward.speed_profile import RippleProfile
 from ._effect import Effect, Order
 from ._paced import displaced_bound, with_speed_profile
 from ._reference import ReferenceSpectra

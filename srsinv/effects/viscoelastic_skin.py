@@ -5,11 +5,11 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...errors import number, refuse, shown
-from ...grid import as_real
-from ..scenario import Scenario
-from ..scene import SurfaceScene
-from ..viscoelastic import Viscoelastic
+from ..errors import number, refuse, shown
+from ..forward.scenario import Scenario
+from ..forward.scene import SurfaceScene
+from ..forward.viscoelastic import Viscoelastic
+from ..grid import as_real
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 

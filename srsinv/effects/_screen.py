@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...grid import Line
-from ..scenario import Scenario
+from ..forward.scenario import Scenario
+from ..grid import Line
 from ._effect import Effect, MultiplicativeEffect, NoiseEffect, Order, Resampling, Rounding
 from ._reference import TINY, ReferenceSpectra, reference
 

@@ -1,7 +1,7 @@
 """The amplifier's finite bandwidth, 1/(1 + i omega R_f C_f)."""
 
-from ...errors import number
-from ..filter import FirstOrder
+from ..errors import number
+from ..forward.filter import FirstOrder
 from ._filtered import Filtered
 
 

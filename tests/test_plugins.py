@@ -1,0 +1,133 @@
+"""A folder of a user's own: classes in FOLDER/plugins, named by YAML files in FOLDER."""
+
+import hashlib
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import srsinv.kinds
+from srsinv.__main__ import main
+from srsinv.config import KINDS, base_of, check, make, open_plugins
+from srsinv.errors import BadInput
+from srsinv.forward.film import Film
+from srsinv.forward.scan import Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.inverse.feature_fit import fit_features
+from srsinv.inverse.feature_model import FeatureModel
+from tests.jobs.run import ROOT
+
+# The examples of docs/extend.md: blocks whose first line is a file's name.
+GUIDE = (ROOT / "docs" / "extend.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(?:python|yaml)\n# (\S+)\n(.*?)```", GUIDE, re.DOTALL)
+FILES = dict(BLOCKS) | {
+    "plugins/numpy.py": "raise RuntimeError('this file was never named')\n",
+    "plugins/broken.py": "import srsinv\nsrsinv.absent\n",
+    "rule/noisy.yaml": "_target_: plugins.hum.Hum\nrms: 1.0\n",
+    "rule/broken.yaml": "_target_: plugins.broken.Rule\n",
+    "rule/absent.yaml": "_target_: plugins.absent.Rule\n",
+    "rule/borrowed.yaml": "_target_: plugins.blur.StripAverage\n",
+}
+SMALL = ("grid.cells=64", "grid.refinement=2", "method=[tikhonov,bending]")
+
+
+SENSOR = Sensor([Film(angle_rad=angle) for angle in (0.0, 1.6)])
+MOTION = Motion.from_speed(np.arange(160) / 500, 0.05, -8e-3)
+
+
+def simulated(feature, position_m):
+    own = {"position_m": position_m, "pressure_Pa": 4e3, "shear_Pa": -1e3}
+    return np.asarray(
+        FeatureModel.along(SENSOR, MOTION).with_features({"it": feature})({"it": own})
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mine")
+    for name, text in FILES.items():
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    yield folder
+    open_plugins(None)
+
+
+@pytest.fixture(scope="module")
+def run(folder, tmp_path_factory):
+    into = tmp_path_factory.mktemp("runs") / "run"
+    own = ("effects=[blur]", "noise=[snr,hum]", "rule=fixed", f"hydra.run.dir={into}")
+    assert main(["--config-dir", str(folder), *SMALL, *own]) == 0
+    return into
+
+
+def test_what_is_named_acts(run):
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert metrics["weight_p_per_Pa2_tikhonov"] == pytest.approx(1e-7)
+    assert metrics["status_bending"] == "converged"
+    assert 0 < metrics["error_p_bending"] < 1
+    assert "blur" in (run / "report.html").read_text()
+
+
+def test_an_example_is_short():
+    lines = {name: text.count("\n") for name, text in BLOCKS}
+    assert lines.pop("plugins/bending.py") <= 26  # a method and a prior
+    assert max(lines.values()) <= 15
+
+
+def test_a_feature_of_ones_own_is_found(folder):
+    open_plugins(str(folder))
+    own = make({"_target_": "plugins.pad.Pad"}, "feature.pad", "traction_feature")
+    fit = fit_features(SENSOR, MOTION, {"pad": own}, simulated(own, 3e-3), 1e-9)
+    assert fit.quality == "good"
+    assert fit.parameters["position_m"][0] == pytest.approx(3e-3, abs=1e-6)
+
+
+def test_a_run_lists_the_plugins_that_it_was_made_with(folder, run):
+    manifest = json.loads((run / "run.json").read_text())
+    used = ("bending.py", "blur.py", "fixed.py", "hum.py")
+    texts = {name: (folder / "plugins" / name).read_bytes() for name in used}
+    assert manifest["plugins"] == {
+        name: hashlib.sha256(text).hexdigest() for name, text in texts.items()
+    }
+    assert str(folder) in manifest["command"]
+
+
+def test_nothing_of_the_folder_takes_the_place_of_a_library(run):
+    assert Path(np.__file__).parent.name == "numpy"
+    assert not any(name in sys.modules for name in ("blur", "plugins.numpy"))
+
+
+REFUSED = {
+    "noisy": r"rule\._target_ is 'plugins\.hum\.Hum', .* derives from srsinv\.kinds\.Rule",
+    "broken": r"plugins/broken\.py cannot be run: AttributeError: .*absent.*Mend it",
+    "absent": r"'plugins\.absent\.Rule', which is no class of srsinv, .* plugins/\*\.py",
+    "borrowed": r"'plugins\.blur\.StripAverage', which is no class",
+}
+
+
+@pytest.mark.parametrize("rule", REFUSED)
+def test_what_cannot_stand_there_is_refused(rule, folder, tmp_path, capsys):
+    given = ["--config-dir", str(folder), *SMALL, f"rule={rule}", f"hydra.run.dir={tmp_path}/r"]
+    assert main(given) == 2
+    assert re.search(REFUSED[rule], capsys.readouterr().err)
+    assert not (tmp_path / "r").exists()
+
+
+def test_without_the_folder_a_plugin_is_no_class(folder):
+    node = {"_target_": "plugins.hum.Hum", "rms": 1.0}
+    open_plugins(str(folder))
+    assert type(make(node, "noise.hum", "noise")).__module__ == "plugins.hum"
+    open_plugins(None)
+    with pytest.raises(BadInput, match="which is no class of srsinv"):
+        check(node, "noise.hum", "noise")
+
+
+@pytest.mark.parametrize("name", srsinv.kinds.__all__)
+def test_every_base_is_public(name):
+    base = getattr(srsinv.kinds, name)
+    assert base in {base_of(each) for names in KINDS.values() for each in names}
+    assert base.__doc__
