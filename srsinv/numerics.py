@@ -7,7 +7,7 @@ FEW = 64  # values that are added in sequence
 
 
 def pairwise_cumsum(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """As np.cumsum, whose rounding grows with the number of values; here with its logarithm.
+    """Cumulative sum with rounding that grows as the logarithm of the number of values.
 
     Sums of pairs first, and of these the same again (Blelloch 1990).
     """

@@ -10,8 +10,8 @@ from ._reference import ReferenceSpectra
 
 
 class Reversal(Effect):
-    """Backwards for `duration_s` from `at_s` on, turning over `ramp_s`; friction turns with it.
-    A duration of 0 is none. Raises `BadInput` as the speed profile does."""
+    """Sliding backwards for `duration_s` from `at_s` on, turning over `ramp_s`; friction turns with
+    it. A duration of 0 is none. Raises `BadInput` as the speed profile does."""
 
     order: ClassVar[Order] = Order.MOTION
     of_sensor: ClassVar[bool] = False

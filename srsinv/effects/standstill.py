@@ -10,8 +10,8 @@ from ._reference import ReferenceSpectra
 
 
 class Standstill(Effect):
-    """At rest for `duration_s` from `at_s` on, slowing down and speeding up over `ramp_s`. A
-    duration of 0 is none. Raises `BadInput` as the speed profile does."""
+    """A rest of `duration_s` from `at_s` on, slowing down and speeding up over `ramp_s`. A duration
+    of 0 is none. Raises `BadInput` as the speed profile does."""
 
     order: ClassVar[Order] = Order.MOTION
     of_sensor: ClassVar[bool] = False

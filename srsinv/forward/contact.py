@@ -29,21 +29,21 @@ LEAST_FRICTION = 1e-4  # a friction coefficient below what is measurable
 
 
 class WakeFriction(NamedTuple):
-    """The friction coefficient of the skin's lag alone (contact_wake.py): `in_window`, and what is
-    `missing` of it in windows so many times as long, the first of them 1."""
+    """The friction coefficient of the skin's lag alone (contact_wake.py): `in_window`, and the part
+    `missing` of it in windows longer by given factors, the first of them 1."""
 
     in_window: Float[Array, ""]
     missing: Float[Array, " window"]
 
     @property
     def missing_fraction(self) -> Float[Array, " window"]:
-        """Missing friction over the whole."""
+        """Missing fraction of the whole friction."""
         whole = self.in_window + self.missing[0]
         return self.missing / jnp.where(whole == 0, 1.0, whole)
 
     @property
     def is_much(self) -> bool:
-        """Whether too much is missing in the window as it is."""
+        """Whether too much is missing in the window itself."""
         size = abs(float(self.missing[0]))
         return size > LEAST_FRICTION and float(self.missing_fraction[0]) > MUCH_MISSING
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Inexact
 
-COARSER = 16  # the start comes from cells so many times wider
+COARSER = 16  # ratio of the widths of the start's cells
 COARSEST = 2048  # cells: below, a coarse start gains nothing, and costs compilation
 COARSE_STEPS = 60  # of the start on coarser cells, which need not converge
 MOST_STEPS = 1000
@@ -165,8 +165,8 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
 
 
 def _falling(at: _DescentState, cut, height, compliance):
-    """From the state to `cut`, or after some steps only as far that way as the energy falls: else
-    cells can come and go in a circle. The deviation, and the displacement under it."""
+    """The step from the state to `cut`, after some steps shortened to where the energy falls: else
+    cells can come and go in a circle. Returns the deviation, and the displacement under it."""
     moved = times(compliance, cut)
     change, response = cut - at.deviation, moved - at.moved
     slope, curvature = change @ (at.moved - height), change @ response

@@ -46,10 +46,10 @@ ENOUGH = 0.01  # of the lag's friction may be missing where the window is chosen
 def press_with_wake(
     line: Line, skin: Skin, height_m: Float[Array, " n"], nominal_pressure_Pa, windows: int | None
 ) -> Contact:
-    """As [`press`][srsinv.forward.contact.press], the line's window being one of so many that the
-    contact repeats with: the skin is free in the others, and bears the same load.
+    """As [`press`][srsinv.forward.contact.press], the contact repeating with `windows` windows of
+    the line: the skin is free in all but the line's own, and bears the same load.
 
-    None: as many as the wake of a lagging skin asks, where it does not touch at the line's ends;
+    None: as many as the wake of a lagging skin needs, where it does not touch at the line's ends;
     else one, as always where values are traced. Raises `BadInput` for several windows where the
     skin touches at the line's ends.
     """

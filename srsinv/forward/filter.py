@@ -293,8 +293,8 @@ def _lasts(poles: tuple[complex, ...]) -> float:
 
 
 def _rounded_up(depths: float) -> float:
-    """Round up to a power of 2, so that similar sensors share one program; a little above the
-    input, as rounding must not exceed the result."""
+    """Round up to a power of 2, so that similar sensors share one program; of a little more than
+    the input, so that rounding does not exceed it."""
     return float(2 ** np.ceil(np.log2(max(1.001 * depths, _FEWEST_DEPTHS))))
 
 

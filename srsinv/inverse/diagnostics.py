@@ -3,7 +3,7 @@ sentences, or none.
 
 Under the model, the squares of the whitened residual add up to the samples less the numbers that
 were fitted, and those of the traction in units of its prior to the numbers fitted of it: both are
-chi-square. Bands hold under the model, and are too narrow where these sums do not.
+chi-square. Bands are valid under the model, and too narrow where these relations fail.
 """
 
 from collections.abc import Mapping, Sequence

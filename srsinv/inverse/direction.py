@@ -64,9 +64,9 @@ class RidgeModel(eqx.Module):
 class DirectionFinder:
     """Finds the direction of a ridge in signals of one sensor on one circle.
 
-    `width_range_m`: where the ridge's width lies, by default from a tenth of the film's depth to
-    two depths: it is weakly identifiable. Computations that do not depend on the signal are done
-    once. Raises `BadInput` for an invalid range, and a readout whose offset is not known.
+    `width_range_m`: range of the ridge's width, by default from a tenth of the film's depth to two
+    depths: it is weakly identifiable. Computations that do not depend on the signal are done once.
+    Raises `BadInput` for an invalid range, and a readout whose offset is not known.
     """
 
     def __init__(self, sensor: Sensor, circle: Circle, width_range_m: Range | None = None):

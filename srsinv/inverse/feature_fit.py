@@ -23,9 +23,9 @@ from .feature_search import STARTS, Coarse
 from .identifiability import limited_by_bounds, undetected_features
 from .nonlinear import Fit, Solver, fit, fit_many
 
-# Prior standard deviation of an amplitude: the one whose signal is so many times the largest datum.
-# Wide enough not to pull. The same rule for every candidate and every shape: one for the pressure
-# itself would favour shapes with hardly any signal, as these take any pressure.
+# Prior standard deviation of an amplitude: the one whose signal is this multiple of the largest
+# datum. Wide enough not to pull. The same rule for every candidate and every shape: one for the
+# pressure itself would favour shapes with hardly any signal, as these take any pressure.
 AMPLITUDE_PRIOR_REACH = 30.0
 
 

@@ -12,7 +12,7 @@ from .nonlinear import Fit
 # Standard errors of a strength from zero. Noise alone, searched at every place and width, gives
 # features of up to four.
 DETECTION_SIGMA = 5.0
-STRONG_CORRELATION = 0.3  # of a correlation, from which a parameter moves with one on its bound
+STRONG_CORRELATION = 0.3  # correlation above which one parameter's bound limits another
 
 
 def undetected_features(

@@ -168,7 +168,7 @@ def _has_zero_mean(forward: Convolution, noise, known: tuple[bool, ...]) -> Bool
 
 @eqx.filter_jit
 def _less_means(forward: Convolution, data, observed, means):
-    """The signal of the known means, and the data without it, zero where none are valid."""
+    """The signal of the known means, and the data without it, zero where they are missing."""
     each = jnp.stack([jnp.zeros(()) if mean is None else mean for mean in means])
     level = forward(jnp.tile(each[:, None], (1, data.shape[-1])))
     data = data - level

@@ -81,18 +81,18 @@ class DataFile(io.BufferedReader):
         self._most_bytes = LARGEST_FILE
 
     def limit(self, *, reads: int | None = None, most_bytes: int = LARGEST_FILE) -> None:
-        """From now on allow so many reads (None: any number), none of more than `most_bytes`."""
+        """Limit further reads in number (None: unlimited) and each to `most_bytes`."""
         self._reads_left, self._most_bytes = reads, most_bytes
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """As of any file, except that a limit raises `ValueError`."""
+        """Read as from any file; raises `ValueError` beyond a limit."""
         left = max(self.size - self.tell(), 0)
         size = left if size is None or size < 0 else min(size, left)
         self._count(size)
         return super().read(size)
 
     def readinto(self, buffer: Any, /) -> int:
-        """As of any file, except that a limit raises `ValueError`."""
+        """Read as from any file; raises `ValueError` beyond a limit."""
         self._count(0)
         return super().readinto(buffer)
 

@@ -60,8 +60,8 @@ def load(
 
     A signal's unit is `signal_unit`, or the file's own, or that of its column's name, or else
     "counts"; values in mV or uV are converted to V. It is multiplied by `polarity` (1 or -1) and
-    divided by `gain`, each one number or one for each channel; a gain is so many of the signal's
-    unit per volt, so that the result is in V whatever that unit is.
+    divided by `gain`, each one number or one for each channel; a gain is in the signal's unit per
+    volt, so that the result is in V whatever that unit is.
 
     `missing="allow"` takes an empty cell of a signal (NaN in an array) for a missing sample, NaN in
     the result; by default it is refused. `times="ignore"` leaves a column of times out, for stamps

@@ -22,7 +22,7 @@ ORIENTATIONS = ("1_to_x_3_to_z", "1_to_z_3_to_x")
 
 
 def _wanted(expected: str, fits: Callable[[Any], bool]) -> PlainValidator:
-    """For a value that `fits`, which a refusal describes as `expected`; null: as if not given."""
+    """Validator by `fits`, which a refusal describes as `expected`; null: as if not given."""
 
     def checked(value: Any) -> Any:
         if value is not None and not fits(value):

@@ -97,7 +97,7 @@ class ColumnTable:
         )
 
     def check_size(self, name: str, samples: int) -> None:
-        """Refuse a column of so many samples where all together are too many."""
+        """Refuse a column of `samples` samples where the table's total is too large."""
         total = samples + sum(column.size for column in self.columns.values())
         refuse(
             total > MOST_SAMPLES,

@@ -38,7 +38,7 @@ def summarise(
     near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1)) + 8 * eps * np.abs(z)
     low, high = z - unknowns.lower <= near, unknowns.upper - z <= near
     held = (low & (gradient >= 0)) | (high & (gradient <= 0))
-    least = 1.0 if level_known else 0.0  # where the noise is known
+    least = 1.0 if level_known else 0.0  # rms of a known noise in its own units
     distance, along = offset(jacobian, terms, held, eps, least) if finite else (np.inf, 0.0)
     near_enough = max(solver.near_enough, 2 * np.sqrt(eps * count / z.size))
     if 0 < level < along and distance > near_enough:

@@ -39,7 +39,7 @@ class Layout(eqx.Module):
         )
 
     def host_tree(self, row: np.ndarray) -> Tree:
-        """The same with numpy arrays; a scalar leaf becomes a float."""
+        """The tree of `row` in numpy arrays; a scalar leaf becomes a float."""
         sizes = [int(np.prod(shape)) for shape in self.shapes]
         parts = np.split(np.asarray(row), np.cumsum(sizes)[:-1])
         leaves = [p.reshape(s) if s else float(p[0])
@@ -241,7 +241,7 @@ def _bounds(layout: Layout, bounds: Any) -> tuple[np.ndarray, np.ndarray]:
 def starting_points(given: Any, unknowns: Parameters) -> Float[Array, "s m"]:
     """The points to start from, the first value among them.
 
-    A number: so many points spread evenly over the bounds (a Sobol sequence); a mapping by name:
+    A number: that many points spread evenly over the bounds (a Sobol sequence); a mapping by name:
     values along a leading axis, the other parameters as in the first; None: the first value alone.
     """
     layout = unknowns.layout

@@ -201,7 +201,7 @@ def _finish(column: np.ndarray, k: np.ndarray, gain: np.ndarray, cutoff: np.ndar
 
 
 def _last_wavenumber(k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> float:
-    """Where the gain has become negligible, but well past every cut-off."""
+    """The wavenumber where the gain has become negligible, but well past every cut-off."""
     gain = np.nan_to_num(gain)
     visible = k[(gain > gain.max() * _DEEPEST).any(axis=tuple(range(gain.ndim - 1)))]
     ends = [2 * visible.max() if visible.size else k[-1], *(3 * cutoff[np.isfinite(cutoff)])]
