@@ -42,7 +42,8 @@ def run(cfg: build.Config) -> Outcome:
         depth, area = films[0].depth_m, films[0].width_m * films[0].length_m
         per_stress = np.stack([film.charge_per_stress() for film in films]) / float(area)
         # Plane strain: sigma_y = nu (sigma_x + sigma_z).
-        per_pair = per_stress[:, :2] + cfg["skin"]["poisson_ratio"] * per_stress[:, 3:]
+        skin = build.make(cfg["skin"], "skin", "half_space")
+        per_pair = per_stress[:, :2] + float(skin.poisson_ratio) * per_stress[:, 3:]
         gains = np.linalg.svd(per_pair, compute_uv=False)
         kz = jnp.geomspace(1e-2, 10, 301)
         pair = np.moveaxis(np.asarray(sensor.charge().transfer(kz / depth)), -1, 0)

@@ -277,7 +277,7 @@ class TextureSensor:
             not isinstance(self.line, build.Periodic),
             "grid.line is open: a texture has no end, use grid.line=periodic.",
         )
-        self.skin: HalfSpace = build.make(cfg["skin"], "skin", "skin")
+        self.skin: HalfSpace = build.make(cfg["skin"], "skin", "half_space")
         self.cell_m, self.k = float(self.line.cell_m), np.asarray(self.line.k)
         self.unit = self.sensor.amplifier.unit
         stage = self.sensor.output(self.scan)

@@ -51,6 +51,11 @@ class Effect(eqx.Module):
         """The load over the nominal one."""
         return np.ones_like(time_s)
 
+    def is_defined_in(self, scenario: Scenario) -> bool:
+        """Whether the scenario's own definition has what it adds, so that it cannot be added."""
+        del scenario
+        return False
+
     @abc.abstractmethod
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with this effect."""

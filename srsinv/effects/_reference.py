@@ -16,7 +16,6 @@ from jaxtyping import Complex, Float, Inexact
 from ..forward.scan import Motion
 from ..forward.scenario import Scenario
 from ..forward.scene import SurfaceScene, deviation
-from ..forward.skin import HalfSpace, half_space_stress
 from ..grid import Line, Periodic, half_spectrum_weights
 from ._reference_contact import pressure_under
 
@@ -204,12 +203,10 @@ def reference(scenario: Scenario, line: Line) -> ReferenceSpectra:
     """
     scene, sensor, direction = scenario.scene, scenario.sensor, scenario.scan.direction
     assert scene is not None
-    assert isinstance(sensor.skin, HalfSpace), "a reference is without effects"
     # In numpy as far as possible: what runs once takes longer to compile.
     k = 2 * np.pi * np.fft.rfftfreq(line.n, np.asarray(line.cell_m))
-    nu = np.asarray(sensor.skin.poisson_ratio)
     films = [jax.tree.map(np.asarray, film) for film in sensor.elements]
-    stress = np.stack([half_space_stress(np, k, film.depth_m, nu) for film in films])
+    stress = np.stack([sensor.skin.transfer_once(k, float(film.depth_m)) for film in films])
     weights = np.stack([film.charge_per_stress(np) for film in films])
     background, gain = map(np.asarray, _background_and_gain(scenario))
     periodic = isinstance(line, Periodic)
@@ -225,9 +222,9 @@ def reference(scenario: Scenario, line: Line) -> ReferenceSpectra:
 
 
 def _pressure(scene: SurfaceScene, line: Line, k) -> Float[np.ndarray, " n"]:
-    skin = jax.tree.map(float, scene.skin)
     mean = np.sinc(k * np.asarray(line.cell_m) / (2 * np.pi))
-    at_centres = 2 / (skin.contact_modulus_Pa * k[1:] * mean[1:])
+    # A skin that lags is taken without its lag.
+    at_centres = np.abs(scene.skin.compliance_once(k[1:])) / mean[1:]
     height = np.asarray(scene.height(line))
     return pressure_under(height, float(scene.nominal_pressure_Pa), np.append(0.0, at_centres))
 

@@ -5,8 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import mapping, refuse, shown
-from ..forward.layered import Layer, Layered
+from ..forward.layered import Layer, Layered, layers_of
 from ..forward.scenario import Scenario
 from ..forward.scene import SurfaceScene
 from ..forward.skin import HalfSpace
@@ -15,7 +14,6 @@ from ._reference import ReferenceSpectra
 
 MOST_STIFFENING = 0.9  # of the compliance, by the layers below: such a skin is never left out
 ECHO = 1.5  # at most 1.35 times the form below, over stacks of ratios from 0.01 to 100
-_KEYS = {"thickness_m", "youngs_modulus_Pa", "poisson_ratio"}
 
 
 class LayeredSkin(Effect):
@@ -32,8 +30,10 @@ class LayeredSkin(Effect):
     skin: Layered
 
     def __init__(self, layers: Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]]):
-        named = _listed(layers)
-        self.skin = Layered([_layer(f"effects.layered_skin.layers.{n}", each) for n, each in named])
+        self.skin = Layered(layers_of(layers, "effects.layered_skin"))
+
+    def is_defined_in(self, scenario: Scenario) -> bool:
+        return not scenario.sensor.skin.is_homogeneous
 
     def apply(self, scenario: Scenario) -> Scenario:
         for film in scenario.sensor.elements:
@@ -101,20 +101,3 @@ def _contrast(upper: Layer, lower: Layer) -> float:
     moduli = [float(each.youngs_modulus_Pa) for each in (upper, lower)]
     shear = [modulus / (1 + nu) for modulus, nu in zip(moduli, nus, strict=True)]
     return min(1.0, abs(shear[0] - shear[1]) / sum(shear) + abs(nus[0] - nus[1]))
-
-
-def _listed(layers: Any):
-    refuse(
-        not isinstance(layers, Mapping | list | tuple) or not layers,
-        f"effects.layered_skin.layers is {shown(layers)}: give a list of layers, or a mapping of "
-        "them by name, from the surface down.",
-    )
-    return layers.items() if isinstance(layers, Mapping) else enumerate(layers)
-
-
-def _layer(key: str, node: Any) -> Layer:
-    known = mapping(key, node, f"a mapping of {', '.join(sorted(_KEYS))}")
-    missing, unknown = sorted(_KEYS - set(known)), sorted(set(known) - _KEYS, key=str)
-    refuse(bool(unknown), f"{key} has no key {unknown and unknown[0]!r}: give {', '.join(_KEYS)}.")
-    refuse(bool(missing), f"{key} lacks {missing and missing[0]}: give it in SI units.")
-    return Layer(**known)

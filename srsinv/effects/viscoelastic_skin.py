@@ -41,6 +41,9 @@ class ViscoelasticSkin(Effect):
         )
         self.fractions, self.times_s = as_real(fractions), as_real(times_s)
 
+    def is_defined_in(self, scenario: Scenario) -> bool:
+        return scenario.sensor.skin.relaxes
+
     def apply(self, scenario: Scenario) -> Scenario:
         speed = scenario.scan.speed_m_per_s
         skin = Viscoelastic(scenario.sensor.skin, self.fractions, self.times_s, speed)

@@ -1,7 +1,7 @@
 """Bonded elastic layers over a half space or a rigid core, in plane strain (docs/physics.md,
 section 11)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 import equinox as eqx
@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Complex, Float
 
-from ..errors import number, refuse
+from ..errors import mapping, number, refuse, shown
 from ..grid import as_real
 from .antiplane import Antiplane, AntiplaneHalfSpace
 from .kernel_table import KAPPA, integral_over_x, kernel
@@ -50,6 +50,10 @@ class Layer(eqx.Module):
         self.poisson_ratio = as_real(poisson_ratio)
 
 
+Layers = Sequence[Layer | Mapping[str, Any]] | Mapping[str, Mapping[str, Any]]
+_KEYS = {"thickness_m", "youngs_modulus_Pa", "poisson_ratio"}
+
+
 class Layered(Skin):
     """Layers from the surface down, each bonded to the next one.
 
@@ -57,20 +61,21 @@ class Layered(Skin):
     that lies on an interface belongs to the layer above. Differentiable in the depth and in every
     number of the layers; a traced depth below the core's face counts as at that face.
 
-    Raises `BadInput` when there is no layer, and for a layer without thickness above another one.
+    Built from layers, or mappings of what they take, in a list or by name. Raises `BadInput` when
+    there is no layer, and for a layer without thickness above another one.
     """
 
     layers: tuple[Layer, ...]
 
-    def __init__(self, layers: Sequence[Layer]):
-        refuse(not layers, "The skin has 0 layers: give at least 1 in skin.layers.")
-        for at, layer in enumerate(layers[:-1], 1):
+    def __init__(self, layers: Layers):
+        listed = layers_of(layers, "skin")
+        for at, layer in enumerate(listed[:-1], 1):
             refuse(
                 layer.thickness_m is None,
-                f"Layer {at} of {len(layers)} in skin.layers has no thickness_m: give one in "
+                f"Layer {at} of {len(listed)} in skin.layers has no thickness_m: give one in "
                 "metres, as only the last layer can be a half space.",
             )
-        self.layers = tuple(layers)
+        self.layers = tuple(listed)
 
     @property
     def words(self) -> str:
@@ -230,3 +235,25 @@ def _never_zero(k):
     """|k|, replaced at k = 0 by a value so small that every transfer has its limit there."""
     zero = k == 0
     return jnp.where(zero, LONGEST, jnp.abs(jnp.where(zero, 1.0, k)))
+
+
+def layers_of(layers: Any, key: str) -> list[Layer]:
+    """Layers as they are or as mappings of what [`Layer`][] takes, in a list or by name. Raises
+    `BadInput` for anything else, which it calls `key`.layers."""
+    refuse(
+        not isinstance(layers, Mapping | list | tuple) or not layers,
+        f"{key}.layers is {shown(layers)}: give a list of layers, or a mapping of them by name, "
+        "from the surface down.",
+    )
+    named = layers.items() if isinstance(layers, Mapping) else enumerate(layers)
+    return [_layer(f"{key}.layers.{name}", node) for name, node in named]
+
+
+def _layer(key: str, node: Any) -> Layer:
+    if isinstance(node, Layer):
+        return node
+    known = mapping(key, node, f"a mapping of {', '.join(sorted(_KEYS))}")
+    missing, unknown = sorted(_KEYS - set(known)), sorted(set(known) - _KEYS, key=str)
+    refuse(bool(unknown), f"{key} has no key {unknown and unknown[0]!r}: give {', '.join(_KEYS)}.")
+    refuse(bool(missing), f"{key} lacks {missing and missing[0]}: give it in SI units.")
+    return Layer(**known)

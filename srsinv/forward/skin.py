@@ -9,6 +9,7 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact
 
 from ..errors import number
@@ -29,6 +30,29 @@ class Skin(eqx.Module):
     @abc.abstractmethod
     def words(self) -> str:
         """Description of the skin, for the page."""
+
+    @property
+    def is_homogeneous(self) -> bool:
+        """Whether it is one elastic half space, which effects may put another skin in place of."""
+        return False
+
+    @property
+    def relaxes(self) -> bool:
+        """Whether its modulus depends on the sliding speed."""
+        return False
+
+    def sliding_at(self, speed_m_per_s: Scalar) -> "Skin":
+        """The skin as the finger slides at this speed."""
+        del speed_m_per_s
+        return self
+
+    def transfer_once(self, k: np.ndarray, depth_m: float) -> Complex[np.ndarray, "4 2 k"]:
+        """[`transfer`][] for use outside a compiled program."""
+        return np.asarray(self.transfer(as_real(k), as_real(depth_m)))
+
+    def compliance_once(self, k: np.ndarray) -> Inexact[np.ndarray, " k"]:
+        """[`compliance`][] for use outside a compiled program."""
+        return np.asarray(self.compliance(as_real(k)))
 
     @abc.abstractmethod
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
@@ -85,6 +109,18 @@ class HalfSpace(Skin):
     def words(self) -> str:
         modulus, nu = float(self.youngs_modulus_Pa), float(self.poisson_ratio)
         return f"half space of {modulus:.4g} Pa, Poisson's ratio {nu:.4g}"
+
+    @property
+    def is_homogeneous(self) -> bool:
+        return True
+
+    # In numpy: what runs once takes longer to compile.
+
+    def transfer_once(self, k: np.ndarray, depth_m: float) -> Complex[np.ndarray, "4 2 k"]:
+        return half_space_stress(np, k, depth_m, np.asarray(self.poisson_ratio))
+
+    def compliance_once(self, k: np.ndarray) -> Float[np.ndarray, " k"]:
+        return 2 / (float(self.youngs_modulus_Pa) / (1 - float(self.poisson_ratio) ** 2) * k)
 
     @property
     def antiplane(self) -> AntiplaneHalfSpace:

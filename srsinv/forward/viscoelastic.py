@@ -1,5 +1,6 @@
 """Viscoelastic skin in steady sliding: its surface displacement lags behind a moving load."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -59,6 +60,13 @@ class Viscoelastic(Skin):
             f"time{'s' if modes > 1 else ''}, {stiffer:.4g} times stiffer when fast, sliding at "
             f"{float(self.speed_m_per_s):.4g} m/s"
         )
+
+    @property
+    def relaxes(self) -> bool:
+        return True
+
+    def sliding_at(self, speed_m_per_s: Scalar) -> "Viscoelastic":
+        return dataclasses.replace(self, speed_m_per_s=as_real(speed_m_per_s))
 
     def relative_modulus(self, frequency_rad_per_s: Float[Array, " w"]) -> Complex[Array, " w"]:
         """m(iw) (w,) for w of either sign or 0: storage and loss over the modulus at rest."""

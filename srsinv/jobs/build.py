@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from inspect import signature
 from typing import Any
 
 import jax
@@ -59,15 +60,14 @@ def line(cfg: Config, refinement: Any = 1) -> Line:
 
 def scenario(cfg: Config) -> Scenario:
     """The scenario, with the named effects."""
-    whole = ideal(cfg).replace(noises=noises(cfg))
-    for effect in effects(cfg).values():
-        whole = effect.apply(whole)
-    return whole
+    return _applied(effects(cfg), ideal(cfg).replace(noises=noises(cfg)))
 
 
 def ideal(cfg: Config) -> Scenario:
     """The scenario without noise and effects."""
-    return Scenario(_scene(cfg), _sensor(cfg), scan(cfg))
+    motion, sensor = scan(cfg), _sensor(cfg)
+    whole = Scenario(_scene(cfg), sensor, motion)
+    return whole.with_skin(sensor.skin.sliding_at(motion.speed_m_per_s))
 
 
 def scene(cfg: Config) -> Scene:
@@ -90,11 +90,22 @@ def with_effects(cfg: Config, scenario: Scenario) -> Scenario:
         "effects=auto decides by a simulated scene, which this job does not take: name the effects "
         "of the sensor, as effects=[strip_width,layered_skin].",
     )
-    for name, effect in effects(cfg).items():
+    named = effects(cfg)
+    for name, effect in named.items():
         refuse(
             not effect.of_sensor,
             f"effects names {name}, which acts on a simulated scene and its recording; this job "
             "takes effects of the sensor alone: leave it out.",
+        )
+    return _applied(named, scenario)
+
+
+def _applied(named: Mapping[str, Effect], scenario: Scenario) -> Scenario:
+    for name, effect in named.items():
+        refuse(
+            effect.is_defined_in(scenario),
+            f"effects names {name}, and skin defines another one ({scenario.sensor.skin.words}): "
+            "leave the effect out, or take skin=half_space.",
         )
         scenario = effect.apply(scenario)
     return scenario
@@ -132,6 +143,13 @@ def _sensor_scenario(cfg: Config) -> Scenario:
 def _sensor(cfg: Config) -> Sensor:
     films = elements(part(cfg, "sensor"))
     return Sensor(films, skin=make(cfg["skin"], "skin", "skin"), amplifier=amplifier(cfg))
+
+
+def skin_node(node: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
+    """The node of a skin, what it leaves at null from what is `known` of a half space."""
+    given = {key: value for key, value in node.items() if value is not None}
+    taken = signature(class_of(node, "skin", "skin")).parameters
+    return {key: known[key] for key in known if key in taken} | given
 
 
 def _scene(cfg: Config) -> Scene:

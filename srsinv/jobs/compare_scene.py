@@ -84,7 +84,7 @@ def _check(settings: Mapping[str, Any]) -> None:
 def _complete(cfg: build.Config) -> dict[str, Any]:
     """The configuration with the sensor facts that a recording's sidecar would give."""
     sensor = merge(cfg["compare"]["scene_sensor"], cfg["sensor"])
-    skin = merge({"poisson_ratio": 0.5}, cfg["skin"])
+    skin = build.skin_node(cfg["skin"], {"poisson_ratio": 0.5})
     return {**cfg, "sensor": sensor, "skin": skin, **amplifier_node(cfg, sensor)}
 
 

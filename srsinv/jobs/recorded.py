@@ -40,9 +40,10 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
         f"{recording.name}: {len(recording.channels)} signal columns but {len(films)} film "
         "elements: name as many in recording.channels as the sensor has elements.",
     )
-    skin = build.make(merge(SKIN | _skin(facts), build.part(cfg, "skin")), "skin", "skin")
-    ideal = Sensor(films, skin, build.amplifier(amplifier_node(cfg, description)))
     speed = ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
+    node = build.skin_node(build.part(cfg, "skin"), SKIN | _skin(facts))
+    skin = build.make(node, "skin", "skin").sliding_at(speed.speed_m_per_s)
+    ideal = Sensor(films, skin, build.amplifier(amplifier_node(cfg, description)))
     scenario = build.with_effects(cfg, Scenario(None, ideal, speed))
     for effect in also:
         scenario = scenario.with_films(lambda film, effect=effect: film.with_effect(effect))

@@ -160,7 +160,8 @@ def screen_effects(cfg: build.Config) -> tuple[build.Config, ScreeningResult | N
     tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
     ideal = build.ideal(cfg)
     _refuse_static(cfg, ideal)
-    named = build.part(cfg, "effects")
+    addable = {n: e for n, e in build.effects(cfg).items() if not e.is_defined_in(ideal)}
+    named = {n: node for n, node in build.part(cfg, "effects").items() if n in addable}
     rest = {key: value for key, value in cfg.items() if key != "tolerance"}
 
     def only(names) -> dict[str, Any]:
@@ -173,7 +174,7 @@ def screen_effects(cfg: build.Config) -> tuple[build.Config, ScreeningResult | N
         return signal, stress.reshape(signal.shape[0], len(STRESSES), -1)
 
     fine = build.line(cfg, build.part(cfg, "grid").get("refinement"))
-    screening = screen(ideal, fine, build.effects(cfg), tolerance, simulated)
+    screening = screen(ideal, fine, addable, tolerance, simulated)
     return only(screening.on), screening
 
 

@@ -207,6 +207,35 @@ def test_what_stays_on_is_in_the_signal_that_the_rest_is_screened_by(case):
     assert not small_screening.on
 
 
+SKINS = ("layered", "viscoelastic")
+
+
+@pytest.mark.parametrize("name", SKINS)
+def test_a_skin_is_the_effect_that_sets_it(name):
+    by_skin, by_effect = (
+        trace(simulation(configuration("scene=ridge", *given)), KEY).signal
+        for given in ((f"skin={name}", "effects=[]"), (f"effects=[{name}_skin]",))
+    )
+    np.testing.assert_allclose(by_skin, by_effect, rtol=0, atol=1e-12 * np.abs(by_effect).max())
+
+
+@pytest.mark.parametrize("skin", SKINS)
+def test_skin_and_effect_together_are_refused(skin):
+    for named in {f"{skin}_skin", "layered_skin"}:
+        cfg = configuration(f"skin={skin}", f"effects=[{named}]")
+        with pytest.raises(BadInput, match=rf"^effects names {named}, and skin defines another"):
+            build.scenario(cfg)
+        with pytest.raises(BadInput, match=rf"^effects names {named}, and skin defines another"):
+            build.sensor(cfg)
+
+
+def test_a_skin_that_is_defined_is_no_effect_to_decide_on():
+    cfg = configuration("skin=layered", "effects=[layered_skin,viscoelastic_skin,strip_width]")
+    _, screening = screen_effects({**cfg, "tolerance": 1e-3})
+    assert screening is not None
+    assert screening.relative_change_bounds.keys() == {"viscoelastic_skin", "strip_width"}
+
+
 class Unbounded(Effect):
     """One of a user's own, that states no bound."""
 
