@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Inexact
 
 from ..errors import number, refuse
 from ..grid import Line, as_real, sinc
+from ..status import Status
 from . import contact_elastic, contact_viscoelastic
 from .contact_elastic import gap_and_error, least_error, times
 from .skin import Skin
@@ -70,8 +71,10 @@ class Contact(eqx.Module):
         messages = []
         if not self.converged:
             messages.append(
-                f"The contact is {self.status}, so that the pressure is not that of the surface: "
-                "take a skin that is less stiff beside what lies below it, or wider cells."
+                f"The contact is not converged: after {int(self.iterations)} iterations the gap is "
+                f"off by {float(self.residual):.2g} of the skin's displacement, so that the "
+                "pressure is not that of the surface: take a skin that is less stiff beside what "
+                "lies below it, or wider cells."
             )
         if self.wake is not None and self.wake.is_much:
             messages.append(
@@ -94,14 +97,9 @@ class Contact(eqx.Module):
         return self.residual <= self.tolerance
 
     @property
-    def status(self) -> str:
-        """ "converged", or what went wrong."""
-        if bool(self.converged):
-            return "converged"
-        return (
-            f"not converged: after {int(self.iterations)} iterations the gap is off by "
-            f"{float(self.residual):.2g} of the skin's displacement"
-        )
+    def status(self) -> Status:
+        """How the solution ended."""
+        return Status.CONVERGED if bool(self.converged) else Status.STEP_LIMIT
 
 
 def press(line: Line, skin: Skin, height_m: Float[Array, " n"], nominal_pressure_Pa) -> Contact:

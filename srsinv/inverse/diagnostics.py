@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..status import Status
 from .quality import is_excess
 
 LEAST_RESOLVED_DOF = 1.0  # degrees of freedom: with fewer, a component's estimate is its prior
@@ -28,9 +29,8 @@ def prior_alone(name: str, resolved_dof: float, cells: int) -> Sequence[str]:
     if resolved_dof >= LEAST_RESOLVED_DOF:
         return ()
     return (
-        f"The signal tells {resolved_dof:.2g} of the {cells} numbers of {name}: what is shown of "
-        "it is the "
-        "prior, with the prior's band.",
+        f"The signal resolves {resolved_dof:.2g} of the {cells} degrees of freedom of {name}: what "
+        "is shown of it is the prior, with the prior's band.",
     )
 
 
@@ -46,8 +46,8 @@ def shared_out(gain: np.ndarray, root: np.ndarray, cells: int) -> Sequence[str]:
     if resolved_dof >= LEAST_RESOLVED_DOF:
         return ()
     return (
-        "The elements feel one mix of p and q alone, and how it is shared out is the prior's: "
-        f"the signal tells {resolved_dof:.2g} numbers of their difference.",
+        "The elements respond to one mix of p and q alone, and the prior divides it between them: "
+        f"the signal resolves {resolved_dof:.2g} degrees of freedom of their difference.",
     )
 
 
@@ -103,8 +103,8 @@ def unresolved_waves(name: str, resolution: float) -> Sequence[str]:
     if not resolution > RESOLVED_GAIN:
         return ()
     return (
-        f"The signal tells {name} down to waves of two cells, so that shorter ones are heard too, "
-        "and taken for longer ones: take narrower cells.",
+        f"The signal resolves {name} down to waves of two cells, so that shorter ones are in it, "
+        "too, and are taken for longer ones: take narrower cells.",
     )
 
 
@@ -126,11 +126,12 @@ def missing(fraction: float, stderr_with_all: bool) -> Sequence[str]:
     return words
 
 
-def undetermined_weights(result: str) -> Sequence[str]:
+def undetermined_weights(status: Status) -> Sequence[str]:
     """Warning on weights that a rule failed to choose."""
-    if result in ("converged", "given"):
+    if status.is_answer:
         return ()
-    return (f"The band takes the weights as known, of which the rule says: {result}.",)
+    return (f"The band takes the weights as known, of which one is {status}: the signal does not "
+            "determine it.",)  # fmt: skip
 
 
 def below_rounding(noise_rms: float, largest: float, dtype: np.dtype) -> Sequence[str]:
@@ -181,9 +182,9 @@ def _on_bounds(names: Sequence[str]) -> Sequence[str]:
 def undetected(name: str) -> str:
     """Warning on a feature that is not detected."""
     return (
-        f"The data do not tell {name.replace('_', ' ')} from nothing: noise alone, searched "
-        "everywhere, makes as much. Its place, width and friction are those of noise, and their "
-        "standard errors are infinite; its strength has the prior's."
+        f"The data do not detect {name.replace('_', ' ')}: noise alone, searched everywhere, gives "
+        "as much. Its position, width and friction are those of noise, and their standard errors "
+        "are infinite; its strength has the prior's."
     )
 
 

@@ -13,6 +13,7 @@ from scipy.special import softmax
 from ..forward.feature import Feature
 from ..forward.surface_feature import SurfaceFeature
 from ..grid import as_real
+from ..status import Status
 from .diagnostics import of_fit, undetected
 from .feature_model import FeatureModel
 from .identifiability import undetected_features
@@ -50,9 +51,9 @@ class FeatureFit:
         return " + ".join(self.features) or "nothing"
 
     @property
-    def status(self) -> str:
-        """ "converged", or what went wrong."""
-        return "converged" if self.fit is None else self.fit.status
+    def status(self) -> Status:
+        """How the search ended."""
+        return Status.CONVERGED if self.fit is None else self.fit.status
 
     @property
     def explains(self) -> bool:

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from ..errors import refuse
 from ..grid import Convolution, Line, as_real
+from ..status import Status
 from .quality import Quality, quality, reasons
 
 COMPONENTS = ("p", "q")
@@ -242,7 +243,7 @@ class Estimate(eqx.Module):
       cells with samples).
     - `covariance`: (c, c, k) per wavenumber on the spectral and the iterative path, (c n, c n) on
       the direct one.
-    - `status`: "converged", or what went wrong; `warnings`: sentences on the validity of the bands
+    - `status`: how the solution ended; `warnings`: sentences on the validity of the bands
       (see diagnostics.py); `quality`: good, doubtful or failed.
     - `stats`: numbers of the solution (iterations, weights, `resolved_dof_p`, `resolved_dof_q`, the
       effective degrees of freedom of each, and `chi2_per_freedom` of the residual's
@@ -259,7 +260,7 @@ class Estimate(eqx.Module):
     fitted: Float[Array, "e n"]
     whitened: Float[Array, "e n"]
     averaging: Float[Array, "c c n"]
-    status: str = eqx.field(static=True)
+    status: Status = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
     stats: dict[str, Any] = eqx.field(static=True)
 

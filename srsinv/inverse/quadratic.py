@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..errors import refuse
+from ..status import Status
 from . import diagnostics, direct, iterative, spectral
 from .prior import Prior, Score, Solution
 from .problem import COMPONENTS, Estimate, Problem
@@ -36,31 +37,29 @@ def solve(problem: Problem, prior: Prior, path: str = "auto", tolerance: float =
     """
     path = choose_path(problem, path)
     stats: dict = {"path": path}
-    result, eps = "converged", float(jnp.finfo(problem.data.dtype).eps)
+    status, eps = Status.CONVERGED, float(jnp.finfo(problem.data.dtype).eps)
     if path == "spectral":
         solution = spectral.solve(problem, prior)
     elif path == "direct":
         solution = direct.solve(problem, prior, direct.whiten(problem))
-        result = _trusted(solution, TRUSTED[problem.data.dtype.name])
+        status = _trusted(solution, TRUSTED[problem.data.dtype.name])
     else:
         tolerance = max(tolerance, 100 * eps)  # round-off allows no less
         solution, steps, fine = iterative.solve(problem, prior, jnp.asarray(tolerance))
         stats |= {"iterations": int(steps), "tolerance": tolerance}
         stats["standard_error"] = "of the nearest periodic problem, with every sample there"
         if not bool(fine):
-            result = f"not converged: the limit of {int(steps)} iterations was reached"
+            status = Status.STEP_LIMIT
         elif not problem.separable:
             # The residual hardly constrains directions of small weight in it.
-            result = _trusted(solution, TRUSTED_ITERATIVE / eps**0.5)
+            status = _trusted(solution, TRUSTED_ITERATIVE / eps**0.5)
     stats["condition"] = float(solution.condition)
-    return _estimate(problem, prior, solution, result, stats)
+    return _estimate(problem, prior, solution, status, stats)
 
 
-def _trusted(solution: Solution, most: float) -> str:
-    condition = float(solution.condition)
-    if condition < most:
-        return "converged"
-    return f"ill-conditioned ({condition:.0e}): give larger weights"
+def _trusted(solution: Solution, most: float) -> Status:
+    is_trusted = float(solution.condition) < most
+    return Status.CONVERGED if is_trusted else Status.ILL_CONDITIONED
 
 
 def choose_path(problem: Problem, path: str) -> str:
@@ -128,11 +127,11 @@ def _scores(scorer: Scorer, log_weights: Float[Array, "b c"]) -> Score:
 
 
 def _estimate(
-    problem: Problem, prior: Prior, solution: Solution, result: str, stats: dict
+    problem: Problem, prior: Prior, solution: Solution, status: Status, stats: dict
 ) -> Estimate:
     shown = _shown(problem, prior, solution)
     if not bool(shown.finite):
-        result = "the solution is not finite"
+        status = Status.NOT_FINITE
     names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.resolved_dof, float)
     stats |= {f"resolved_dof_{name}": float(t) for name, t in zip(names, resolved_dof, strict=True)}
     stats |= _chi2(problem, resolved_dof, float(shown.over_noise))
@@ -143,7 +142,7 @@ def _estimate(
         shown.fitted,
         shown.whitened,
         solution.averaging,
-        result,
+        status,
         _warnings(problem, prior, solution, shown, stats),
         stats,
     )

@@ -4,6 +4,8 @@ import enum
 import math
 from collections.abc import Collection
 
+from ..status import Status
+
 # The root of chi-square per degree of freedom beyond which an answer has failed. Bands are those of
 # the noise as stated; where the residual is s times that noise, so are the errors, or more, and a
 # 90 % band covers P(|z| < 1.645 / s). At s = 1.645 / 0.674 = 2.44 (chi-square 5.9) that is a half:
@@ -30,20 +32,20 @@ class Quality(enum.StrEnum):
 
 
 def quality(
-    status: str,
+    status: Status,
     chi2_per_dof: float | int | None,
     warnings: Collection[str],
     degrees_of_freedom: float | int = math.inf,
 ) -> Quality:
     """The quality of a result.
 
-    - `status`: "converged", or what went wrong.
+    - `status`: how the computation ended.
     - `chi2_per_dof`: squares of the whitened residual over their degrees of freedom; None where the
       noise was not known.
     - `warnings`: sentences on the validity of the result.
     - `degrees_of_freedom`: of the residual; with few of them a large chi-square can be chance.
     """
-    if status != "converged":
+    if not status.is_answer:
         return Quality.FAILED
     if chi2_per_dof is not None and is_excess(chi2_per_dof, degrees_of_freedom, FAILED_RMS):
         return Quality.FAILED
@@ -59,10 +61,10 @@ def is_excess(chi2_per_dof: float | int, degrees_of_freedom: float | int, most_r
     return not chi2_per_dof <= max(most_rms, chance) ** 2
 
 
-def reasons(status: str, warnings: Collection[str]) -> tuple[str, ...]:
+def reasons(status: Status, warnings: Collection[str]) -> tuple[str, ...]:
     """Reasons why a result is not good, as sentences; none for a good one.
 
     A chi-square that makes it fail is among the warnings, too.
     """
-    stopped = () if status == "converged" else (f"There is no answer: {status}.",)
+    stopped = () if status.is_answer else (f"There is no answer: {status}. {status.advice}",)
     return (*stopped, *warnings)

@@ -12,15 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..status import Status
 from .prior import Score
 from .quadratic import Scorer
 
 
 class Choice(eqx.Module):
-    """The chosen log10 weights (c,) and a status in words."""
+    """The chosen log10 weights (c,) and how the choice ended."""
 
     log_weights: Float[Array, " c"]
-    status: str = eqx.field(static=True)
+    status: Status = eqx.field(static=True)
 
 
 class Rule(eqx.Module):
@@ -64,10 +65,8 @@ class _Minimise(Rule):
                 np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(low))
             )
         ended = (high > low) & ((centre <= low) | (centre >= high))
-        result = "converged"
-        if np.any(ended):
-            result = "a weight lies at the end of its range: the signal does not determine it"
-        return Choice(jnp.asarray(centre), result)
+        status = Status.RANGE_END if np.any(ended) else Status.CONVERGED
+        return Choice(jnp.asarray(centre), status)
 
 
 class GeneralisedCrossValidation(_Minimise):

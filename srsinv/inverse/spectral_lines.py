@@ -25,6 +25,7 @@ from scipy.ndimage import median_filter
 from scipy.stats import chi2, f
 
 from ..grid import as_real
+from ..status import Status
 from .nonlinear import fit
 
 STEPS = 20  # of the scan over pitches, in the time that it takes the scan's end to lose one period
@@ -65,13 +66,13 @@ class Pitch(NamedTuple):
     - `pattern` (c, n): the periodic part; `rest` (c, n): the residual of it and the drift;
     - `noise` (c,): the channels' standard deviations that weigh them;
     - `stderr_white_m`: as if the noise were white and the channels' independent;
-    - `status`: "converged", or what went wrong.
+    - `status`: how the search ended.
     """
 
     pitch_m: float
     stderr_m: float
     stderr_white_m: float
-    status: str
+    status: Status
     pattern: Float[np.ndarray, "c n"]
     rest: Float[np.ndarray, "c n"]
     noise: Float[np.ndarray, " c"]
@@ -173,8 +174,8 @@ def fit_pitch(
         bounds={"pitch_m": range_m},
     )
     fitted = _with_uncertainty(x_m, y, known, float(estimate.value["pitch_m"]), harmonics, noise)
-    result = "at an end of the range: widen it" if estimate.at_bound else estimate.status
-    return fitted._replace(stderr_white_m=float(estimate.stderr["pitch_m"]), status=result)
+    status = Status.RANGE_END if estimate.at_bound else estimate.status
+    return fitted._replace(stderr_white_m=float(estimate.stderr["pitch_m"]), status=status)
 
 
 class _Pattern(eqx.Module):
@@ -385,4 +386,4 @@ def _with_uncertainty(x_m, y, known, pitch_m: float, harmonics: int, noise) -> P
     slope = (np.hstack([-k * sine, k * cosine]) @ amplitude).T
     readings = shifts(x_m, slope, rest, noise, pitch_m)
     stderr = pitch_m * readings.slope_stderr()
-    return Pitch(pitch_m, stderr, np.nan, "", y - rest, rest, noise, readings)
+    return Pitch(pitch_m, stderr, np.nan, Status.GIVEN, y - rest, rest, noise, readings)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..errors import choice, number, refuse, shown, whole
 from ..grid import Line, as_real
+from ..status import Status
 from .diagnostics import undetermined_weights
 from .method import Method
 from .prior import Prior
@@ -122,7 +123,7 @@ class Tikhonov(Method):
     def _choose(self, problem: Problem, given) -> Choice:
         box = self._box(problem, given)
         if all(weight is not None for weight in given):
-            return Choice(box[0], "given")
+            return Choice(box[0], Status.GIVEN)
         return self.rule.choose(Scorer(self._family, problem, self.path), box)
 
     @property

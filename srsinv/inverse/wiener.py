@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from ..errors import choice, number, refuse, shown
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
+from ..status import Status
 from .diagnostics import undetermined_weights
 from .method import Method
 from .prior import Prior
@@ -133,17 +134,17 @@ class Wiener(Method):
         """Posterior mean and standard error of p and q."""
         power = _powers(problem, (self.p, self.q)[: problem.unknowns])
         stats: dict = {"method": "wiener", "scale": self.scale}
-        result = "given"
+        status = Status.GIVEN
         if self.scale == "evidence":
-            scale, result = _likely_scale(problem, power, self.path)
+            scale, status = _likely_scale(problem, power, self.path)
             power = scale[:, None] * power
-            stats["scale_rule"] = result
+            stats["scale_rule"] = status
         stats |= {
             f"rms_{c}_Pa": float(np.sqrt(half_spectrum_weights(problem.line.n) @ s))
             for c, s in zip("pq", np.asarray(power), strict=False)
         }
         estimate = solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
-        return estimate.with_warnings(undetermined_weights(result))
+        return estimate.with_warnings(undetermined_weights(status))
 
 
 def _spectrum(name: str, given: Any) -> TractionSpectrum:
@@ -159,7 +160,7 @@ def _powers(problem: Problem, spectra: tuple[TractionSpectrum, ...]) -> Float[Ar
     return jnp.stack([spectrum.power(problem) for spectrum in spectra])
 
 
-def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"], str]:
+def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"], Status]:
     """The factors on the powers that maximise the evidence, six decades about the data's level."""
     middle = _log_scale(problem, power, problem.samples)
     box = jnp.stack([middle - 6, middle + 6])

@@ -28,6 +28,7 @@ from ..inverse.nonlinear import Correlated, Fit, Solver
 from ..inverse.problem import Estimate, Problem
 from ..inverse.quality import Quality
 from ..progress import stage
+from ..status import Status
 from . import build
 from .analysis import observed_cells
 
@@ -51,7 +52,7 @@ class Reconstruction:
     stderr: Float[np.ndarray, "2 n"]
     fitted: Float[np.ndarray, "e n"]
     misfit: float
-    status: str
+    status: Status
     quality: Quality
     warnings: tuple[str, ...]
     reasons: tuple[str, ...]

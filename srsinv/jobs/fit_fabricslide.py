@@ -29,6 +29,7 @@ from ..recording.noise import filled
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from ..report.text import format_with_error
+from ..status import Status
 from . import build
 from .analysis import in_metrics
 from .recorded import times_rows
@@ -68,10 +69,10 @@ class BoardPitch:
         return self.others.false_alarm_at(self.pitch.pitch_m, self.settings.harmonics)
 
     @property
-    def status(self) -> str:
-        """ "converged", or why the pitch is not usable."""
-        if self.pitch.status == "converged" and self.false_alarm > self.settings.false_alarm:
-            return "no line of feature.pitch_range_m stands out from noise"
+    def status(self) -> Status:
+        """How the search ended; an insignificant pitch is no answer."""
+        if self.pitch.status.is_answer and self.false_alarm > self.settings.false_alarm:
+            return Status.NOT_SIGNIFICANT
         return self.pitch.status
 
     @property

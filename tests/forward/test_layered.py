@@ -392,7 +392,7 @@ def test_adjoint_on_a_line(line):
 
 def test_refusals():
     layer = Layer(1e-3)
-    refused(lambda: Layered([]), "0 layers", "at least 1")
+    refused(lambda: Layered([]), "skin.layers", "[]", "give a list")
     refused(lambda: Layered([Layer(), layer]), "Layer 1 of 2", "thickness_m", "half space")
     refused(lambda: Layer(0.0), "thickness_m", "0.0", "positive")
     refused(lambda: Layer(1e-3, -7e5), "youngs_modulus_Pa", "-700000.0", "positive")

@@ -33,8 +33,8 @@ def noise_alone(problem):
 
 # Warning by its first words: a method, and a problem that calls for it and nothing else.
 CALLED = {
-    "The signal tells": (WIENER, lambda: louder(make_case().problem, 1e5)),
-    "The elements feel one mix": (WIENER, lambda: make_case(films=SAME).problem),
+    "The signal resolves": (WIENER, lambda: louder(make_case().problem, 1e5)),
+    "The elements respond to one mix": (WIENER, lambda: make_case(films=SAME).problem),
     "p is": (Wiener(Exponential(15.0, 0.8e-3), Q), lambda: make_case().problem),
     "The residual is": (WIENER, lambda: louder(make_case().problem, 0.3)),
     "The noise (": (WIENER, lambda: louder(make_case().problem, 1e-15)),

@@ -6,6 +6,7 @@ import scipy.stats
 
 import srsinv
 from srsinv.inverse.quality import quality, reasons
+from srsinv.status import Status
 
 N = 400
 RNG = np.random.default_rng(3)
@@ -14,18 +15,18 @@ NOISE = RNG.normal(size=N)
 
 # status, chi-square per degree of freedom, warnings, degrees of freedom, what that is worth
 CASES = {
-    "noise is all that is left": ("converged", 1.0, (), 1000, "good"),
-    "the noise is not known": ("converged", None, (), 1000, "good"),
-    "a warning": ("converged", 1.0, ("samples are missing",), 1000, "doubtful"),
-    "beyond the noise": ("converged", 4.0, ("beyond the noise",), 1000, "doubtful"),
-    "far beyond the noise": ("converged", 7.0, ("beyond the noise",), 1000, "failed"),
-    "nothing that a band survives": ("converged", 978_422.0, (), 1000, "failed"),
-    "not a number": ("converged", np.nan, (), 1000, "failed"),
-    "one number, by chance": ("converged", 15.0, (), 1, "good"),
-    "one number, no chance": ("converged", 40.0, (), 1, "failed"),
-    "no number left": ("converged", 1e9, (), 0, "good"),
-    "stopped": ("not converged: 10 steps", 1.0, (), 1000, "failed"),
-    "stopped, with a warning": ("ill-conditioned", None, ("x",), 1000, "failed"),
+    "noise is all that is left": (Status.CONVERGED, 1.0, (), 1000, "good"),
+    "the noise is not known": (Status.CONVERGED, None, (), 1000, "good"),
+    "a warning": (Status.CONVERGED, 1.0, ("samples are missing",), 1000, "doubtful"),
+    "beyond the noise": (Status.CONVERGED, 4.0, ("beyond the noise",), 1000, "doubtful"),
+    "far beyond the noise": (Status.CONVERGED, 7.0, ("beyond the noise",), 1000, "failed"),
+    "nothing that a band survives": (Status.CONVERGED, 978_422.0, (), 1000, "failed"),
+    "not a number": (Status.CONVERGED, np.nan, (), 1000, "failed"),
+    "one number, by chance": (Status.CONVERGED, 15.0, (), 1, "good"),
+    "one number, no chance": (Status.CONVERGED, 40.0, (), 1, "failed"),
+    "no number left": (Status.CONVERGED, 1e9, (), 0, "good"),
+    "stopped": (Status.STEP_LIMIT, 1.0, (), 1000, "failed"),
+    "stopped, with a warning": (Status.ILL_CONDITIONED, None, ("x",), 1000, "failed"),
 }
 
 
@@ -36,11 +37,17 @@ def test_quality(case):
 
 
 def test_reasons_name_the_status_and_the_warnings():
-    assert reasons("converged", ()) == ()
-    assert reasons("converged", ("a.",)) == ("a.",)
-    stopped, *rest = reasons("not finite", ("a.",))
-    assert "not finite" in stopped
+    assert reasons(Status.CONVERGED, ()) == ()
+    assert reasons(Status.CONVERGED, ("a.",)) == ("a.",)
+    stopped, *rest = reasons(Status.NOT_FINITE, ("a.",))
+    assert stopped.startswith("There is no answer: not finite. The model")
     assert rest == ["a."]
+
+
+@pytest.mark.parametrize("status", Status)
+def test_what_is_no_answer_advises(status):
+    assert status.is_answer == (status.advice == "")
+    assert status.is_answer or status.advice.endswith(".")
 
 
 def test_a_band_that_covers_less_than_half_has_failed():
@@ -50,7 +57,7 @@ def test_a_band_that_covers_less_than_half_has_failed():
         return 2 * scipy.stats.norm.cdf(scipy.stats.norm.ppf(0.95) / s) - 1
 
     for s in np.linspace(1.0, 4.0, 61):
-        failed = quality("converged", s**2, (), 1e9) == "failed"
+        failed = quality(Status.CONVERGED, s**2, (), 1e9) == "failed"
         assert failed == (covered(s) < 0.5) or abs(covered(s) - 0.5) < 1e-3
 
 
@@ -58,7 +65,7 @@ def test_a_band_that_covers_less_than_half_has_failed():
 def test_chance_alone_hardly_ever_fails(freedom):
     """Less than once in 50,000 answers, by the chi-square distribution itself."""
     values = np.geomspace(1.0, 1e3, 2000)
-    least = next(c for c in values if quality("converged", c, (), freedom) == "failed")
+    least = next(c for c in values if quality(Status.CONVERGED, c, (), freedom) == "failed")
     assert scipy.stats.chi2.sf(least * freedom, freedom) < 2e-5
 
 

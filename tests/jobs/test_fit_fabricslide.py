@@ -160,7 +160,7 @@ def test_page_shows_what_was_fitted(known):
 
 @pytest.mark.parametrize(
     ("pitch_m", "level", "result"),
-    [(0.0201, 300.0, "no line of feature.pitch_range_m stands out"), (0.034, 0.1, "at an end")],
+    [(0.0201, 300.0, "not above the noise"), (0.034, 0.1, "at an end")],
     ids=["noise alone", "pitch out of range"],
 )
 def test_what_is_no_pitch_does_not_pass_as_one(folder, pitch_m, level, result):

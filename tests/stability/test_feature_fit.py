@@ -294,7 +294,7 @@ def test_the_page_of_no_load(recorded):
     assert np.isposinf([metrics["position_m_stderr"], metrics["friction_stderr"]]).all()
     assert abs(metrics["load_N_per_m"]) < MAX_ERROR_SIGMA * metrics["load_N_per_m_stderr"]
     said = words(result)
-    assert "do not tell line load from nothing" in said
+    assert "do not detect line load" in said
     assert "The data determine every parameter" not in said
 
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...grid import as_real
+from ...status import Status
 from ..diagnostics import of_fit
 from ..quality import Quality, quality, reasons
 from ._parameters import Layout, Tree
@@ -30,7 +31,7 @@ class Fit:
     - `residual`: data - model, like the data, nan where they are left out; `whitened`: the same in
       units of the noise, in a row, 0 there. `jacobian` (n, m): the derivative of `whitened`.
     - `noise_rms`: the noise's level where it was not given, else None.
-    - `status`: "converged", or what went wrong; `at_bound`: parameters on a bound. Standard errors
+    - `status`: how the search ended; `at_bound`: parameters on a bound. Standard errors
       there are those without the bound.
     - `undetermined`: directions of unidentifiable moves, each a mapping of names to moves.
     - `warnings`: sentences on the validity of the standard errors; `quality`: good, doubtful (any
@@ -49,7 +50,7 @@ class Fit:
     whitened: np.ndarray
     jacobian: np.ndarray
     noise_rms: float | None
-    status: str
+    status: Status
     at_bound: tuple[str, ...]
     undetermined: tuple[dict[str, float], ...]
     log_evidence: float | None
@@ -61,7 +62,7 @@ class Fit:
     @property
     def converged(self) -> bool:
         """Whether the search ended in a minimum. It may be one of several: see `explains`."""
-        return self.status == "converged"
+        return self.status is Status.CONVERGED
 
     @property
     def explains(self) -> bool | None:

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...status import Status
 from ._answer import Fit
 from ._loss import Loss
 from ._parameters import Parameters
@@ -162,23 +163,20 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 def _status(
     finite, distance, near_enough, terms, jacobian, held, objective: Objective, ends: SearchEnd,
     solver: Solver, eps: float,
-) -> str:  # fmt: skip
+) -> Status:  # fmt: skip
     if not finite:
-        return "not finite: the model or its derivative is nan or infinite where the search stopped"
+        return Status.NOT_FINITE
     if distance <= near_enough or _nothing_left(terms, objective, ends, eps):
-        return "converged"
+        return Status.CONVERGED
     if not bool(ends.done):
-        return f"not converged: {solver.name} reached its {solver.max_steps} steps"
+        return Status.STEP_LIMIT
     if _rounding_holds(terms, jacobian, held, ends, eps) or (
         # Differences of a discontinuous derivative give no second one.
         solver.derivative_rounding == 0
         and newton_fall(objective, ends.z, jacobian, held) <= eps ** (2 / 3)
     ):
-        return "converged"
-    return (
-        f"not converged: {solver.name} stopped {distance:.2g} standard errors from the minimum of "
-        "the linearised problem"
-    )
+        return Status.CONVERGED
+    return Status.STALLED
 
 
 def _nothing_left(terms, objective: Objective, ends: SearchEnd, eps: float) -> bool:

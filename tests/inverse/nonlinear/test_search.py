@@ -7,6 +7,7 @@ import pytest
 
 import srsinv
 from srsinv.inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix
+from srsinv.status import Status
 
 X = np.linspace(0, 1, 60)
 NOISE = np.random.default_rng(4).normal(size=60)
@@ -92,7 +93,8 @@ def test_same_minimum(solver):
 def test_too_few_steps(solver):
     fit = srsinv.fit(model, START, Y, solver=solver(max_steps=2))
     assert not fit.converged
-    assert fit.status == f"not converged: {solver.name} reached its 2 steps"
+    assert fit.status is Status.STEP_LIMIT
+    assert "more steps" in fit.reasons[0]
 
 
 @pytest.mark.parametrize(
