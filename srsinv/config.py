@@ -227,7 +227,7 @@ def _definition(target: Any) -> Any:
     """What is defined as `target` in a module of `srsinv`, of the experiments or of the plugins,
     else None.
 
-    Modules are found below these packages only, and what a module has merely imported does not
+    Modules are looked up below these packages only, and what a module has merely imported does not
     count: the name has to be the one under which the thing was defined. Raises `BadInput` for a
     plugin that cannot be run.
     """
@@ -237,17 +237,17 @@ def _definition(target: Any) -> Any:
     parts = target.split(".")
     if not all(part.isidentifier() for part in parts) or parts[0] not in _namespaces():
         return None
-    found: Any = sys.modules[parts[0]]
+    definition: Any = sys.modules[parts[0]]
     for index, part in enumerate(parts[1:], 2):
         path = ".".join(parts[:index])
-        if isinstance(found, ModuleType) and _is_module(found, path):
-            found = _imported(path)
-        elif isinstance(found, ModuleType | type):
-            found = vars(found).get(part)
+        if isinstance(definition, ModuleType) and _is_module(definition, path):
+            definition = _imported(path)
+        elif isinstance(definition, ModuleType | type):
+            definition = vars(definition).get(part)
         else:
             return None
-    own = (getattr(found, "__module__", None), getattr(found, "__qualname__", None))
-    return found if ".".join(map(str, own)) == target else None
+    own = (getattr(definition, "__module__", None), getattr(definition, "__qualname__", None))
+    return definition if ".".join(map(str, own)) == target else None
 
 
 def _imported(path: str) -> ModuleType:

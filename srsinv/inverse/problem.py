@@ -260,7 +260,7 @@ class Estimate(eqx.Module):
     fitted: Float[Array, "e n"]
     whitened: Float[Array, "e n"]
     averaging: Float[Array, "c c n"]
-    status: Status = eqx.field(static=True)
+    status: Status = eqx.field(static=True, converter=Status)
     warnings: tuple[str, ...] = eqx.field(static=True)
     stats: dict[str, Any] = eqx.field(static=True)
 

@@ -21,7 +21,7 @@ class Choice(eqx.Module):
     """The chosen log10 weights (c,) and how the choice ended."""
 
     log_weights: Float[Array, " c"]
-    status: Status = eqx.field(static=True)
+    status: Status = eqx.field(static=True, converter=Status)
 
 
 class Rule(eqx.Module):

@@ -277,7 +277,15 @@ def test_the_profile_s_band_from_the_pressure_s():
     for covariance in (jnp.asarray(power)[None, None] + 0j, jnp.asarray(errors)):
         none = jnp.zeros((1, N))
         estimate = Estimate(
-            jnp.zeros((2, N)), jnp.zeros((2, N)), covariance, none, none, none[None], "", (), {}
+            jnp.zeros((2, N)),
+            jnp.zeros((2, N)),
+            covariance,
+            none,
+            none,
+            none[None],
+            "converged",
+            (),
+            {},
         )
         with jax.numpy_rank_promotion("allow"):  # it is the inverse's
             _, stderr = shape_band(LINE, skin, estimate, jnp.asarray(touching))
