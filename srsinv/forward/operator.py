@@ -61,7 +61,7 @@ class PositionInterpolation(eqx.Module):
 class MotionOperator(Operator):
     """The operator along a measured motion: a sample wherever the sensor is at its times.
 
-    - `line`: of the traction; `position_m` (sample,): where the sensor is.
+    - `line`: of the traction; `interpolation`: from its cells to where the sensor is.
     - `field`: the `order`-th derivative of charge along x on the line, order 1 for a rate signal.
     - `gain`, `direction` (sample,): the amplifier's factor, R_f u(t) for a rate signal, and
       sign(u), kept through a standstill.
@@ -77,7 +77,6 @@ class MotionOperator(Operator):
     """
 
     line: Line
-    position_m: Float[Array, " sample"]
     field: Convolution
     interpolation: PositionInterpolation
     gain: Float[Array, " sample"]

@@ -144,7 +144,7 @@ class Sensor(eqx.Module):
             away = motion.position_m - (line.x[-1] + line.cell_m / 2 + reach_m / 2)
             end = gain[None, None] * field.cell_response(away, as_real(reach_m))
         return MotionOperator(
-            line, motion.position_m, line.operator(field),
+            line, line.operator(field),
             PositionInterpolation(line, motion.position_m), gain, motion.direction, self.filters,
             interval, end, ways,
         )  # fmt: skip

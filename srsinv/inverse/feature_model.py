@@ -27,12 +27,13 @@ class FeatureModel(eqx.Module):
     """Parameters of traction features to the signal (element, sample) along a motion.
 
     The traction lies on an open line with fine cells and a margin beyond the scan; a semi-infinite
-    feature goes on beyond the line's end, and a periodic one fades out towards both ends. With
-    `free_offset` each element has an unknown constant. Where features are searched is no part of
-    the model: one program serves every range.
+    feature goes on beyond the line's end, and a periodic one fades out towards both ends by `fade`
+    (n,). With `free_offset` each element has an unknown constant. Where features are searched is no
+    part of the model: one program serves every range.
     """
 
     operator: MotionOperator
+    fade: Float[Array, " n"]
     features: dict[str, Feature]
     free_offset: bool = eqx.field(static=True)
 
@@ -43,7 +44,7 @@ class FeatureModel(eqx.Module):
         """The model of a sensor along a motion, without any feature."""
         line = line_under(sensor, motion, cells_per_depth)
         operator = operator_along(sensor, line, motion, FAR_M, motion.ways)
-        return cls(operator, {}, sensor.amplifier.offset is None)
+        return cls(operator, _fade(line, motion), {}, sensor.amplifier.offset is None)
 
     def with_features(self, features: Features) -> "FeatureModel":
         """The same sensor and motion with these features in place of its own."""
@@ -69,15 +70,6 @@ class FeatureModel(eqx.Module):
             shape = shape * self.fade if feature.is_periodic else shape
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
         return total
-
-    @property
-    def fade(self) -> Float[Array, " n"]:
-        """The window of a periodic feature: one over the scan and half its margins, falling to zero
-        at the line's ends as a cosine."""
-        position = self.operator.position_m
-        x, low, high = self.line.x, jnp.min(position), jnp.max(position)
-        outside = jnp.maximum(low - x, x - high) / jnp.maximum(low - x[0], self.line.cell_m)
-        return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * outside - 1, 0.0, 1.0)))
 
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
         return self._signal(jax.tree.map(as_real, params))  # Python's numbers would be compiled in
@@ -129,6 +121,14 @@ def line_under(sensor: Sensor, motion: Motion, cells_per_depth: int) -> Open:
     start = float(x.min()) - MARGIN_DEPTHS * depth
     n = int(np.ceil((float(x.max()) + MARGIN_DEPTHS * depth - start) / cell)) + 1
     return Open(n, cell, start)
+
+
+@eqx.filter_jit
+def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
+    """One over the scan and half its margins, falling to zero at the line's ends as a cosine."""
+    x, low, high = line.x, jnp.min(motion.position_m), jnp.max(motion.position_m)
+    outside = jnp.maximum(low - x, x - high) / jnp.maximum(low - x[0], line.cell_m)
+    return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * outside - 1, 0.0, 1.0)))
 
 
 def scan_extent(sensor: Sensor, motion: Motion) -> ScanExtent:
