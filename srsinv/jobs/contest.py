@@ -80,7 +80,7 @@ class Inversion:
         return Reconstruction(
             np.asarray(estimate.value),
             np.asarray(estimate.stderr),
-            np.asarray(estimate.fitted + problem.mean_signal),
+            np.asarray(estimate.fitted),
             float(np.nanmean(np.asarray(estimate.whitened) ** 2)),
             estimate.status,
             estimate.quality,
