@@ -9,7 +9,8 @@ from scipy.interpolate import CubicSpline
 from srsinv.errors import BadInput, number, refuse
 from srsinv.forward.scan import Motion
 from srsinv.forward.surface import Surface, Tape
-from srsinv.inverse.problem import COMPONENTS, Estimate, Problem
+from srsinv.inverse.estimate import COMPONENTS, Estimate
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.surface_fit import SurfaceFitter
 from srsinv.inverse.surface_model import Window
 from srsinv.jobs import build
@@ -59,7 +60,7 @@ def run(cfg: build.Config) -> Outcome:
         with stage("inverting"):
             estimate = method(problem)
         with stage("fitting the tape"):
-            fitted = _fit(solved, feature, problem).fit
+            fitted = _fit(solved, feature, problem)
         edges = _edges(solved, tape, problem, around)
         dataset = _dataset(solved, problem, estimate, edges)
     base = float(solved.surface.base_friction)
@@ -85,7 +86,7 @@ def run(cfg: build.Config) -> Outcome:
     )  # fmt: skip
 
 
-def _edges(solved: SolvedContact, tape: Tape, problem: Problem, around: float) -> Edges:
+def _edges(solved: SolvedContact, tape: Tape, problem: LineProblem, around: float) -> Edges:
     """Edges with the given frictions, with the base's alone, with none, and with noise."""
     sim, base = solved.sim, float(solved.surface.base_friction)
     signals = [solved.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
@@ -122,7 +123,7 @@ def _metrics(solved, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
     return metrics
 
 
-def _dataset(solved: SolvedContact, problem: Problem, estimate: Estimate, edges: Edges):
+def _dataset(solved: SolvedContact, problem: LineProblem, estimate: Estimate, edges: Edges):
     sim, truth = solved.sim, solved.traction()
     along, parts = ("component", "x"), ("case", "edge", "element", "from_edge")
     unit = sim.sensor.amplifier.unit

@@ -7,10 +7,11 @@ import numpy as np
 import xarray
 
 from srsinv.errors import BadInput, choice, mapping, refuse
-from srsinv.inverse.problem import COMPONENTS, Problem
+from srsinv.inverse.estimate import COMPONENTS
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.quality import Quality
 from srsinv.jobs import build
-from srsinv.jobs.analysis import deviation, observed_cells
+from srsinv.jobs.analysis import deviation
 from srsinv.jobs.change import merged
 from srsinv.jobs.simulation import noisy_problem, simulation
 from srsinv.progress import stage
@@ -94,12 +95,12 @@ def _refused(sentence: str) -> Cell:
     return Cell(nothing, nothing, np.nan, "refused", (sentence,))
 
 
-def _cell(method: Any, problem: Problem, truth: np.ndarray) -> Cell:
+def _cell(method: Any, problem: LineProblem, truth: np.ndarray) -> Cell:
     try:
         estimate = method(problem)
     except BadInput as refused:
         return _refused(str(refused))
-    observed = observed_cells(problem)
+    observed = problem.observed_cells
     wanted = deviation(truth, observed)
     wrong = deviation(np.asarray(estimate.value), observed) - wanted
     size = np.linalg.norm(wanted, axis=-1)

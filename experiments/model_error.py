@@ -8,7 +8,8 @@ import numpy as np
 import xarray
 
 from srsinv.errors import refuse
-from srsinv.inverse.problem import COMPONENTS, Problem
+from srsinv.inverse.estimate import COMPONENTS
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.jobs import build
 from srsinv.jobs.analysis import deviation
 from srsinv.jobs.change import merged
@@ -66,7 +67,7 @@ def _waves(sim: Simulation, settings: Mapping[str, Any]) -> np.ndarray:
     return np.unique(np.clip(np.round(wanted).astype(int), 1, sim.line.n // 2 - 1))
 
 
-def _gains(true: Simulation, problem: Problem, method, waves: np.ndarray) -> np.ndarray:
+def _gains(true: Simulation, problem: LineProblem, method, waves: np.ndarray) -> np.ndarray:
     """(component out, component in, wave): complex amplitude recovered per unit of true one."""
     line = true.line
     respond = true.sensor.operator(line, true.scan)
@@ -79,7 +80,7 @@ def _gains(true: Simulation, problem: Problem, method, waves: np.ndarray) -> np.
             traction[c] = wave
             data = respond(jnp.asarray(traction))
             scale = size / np.sqrt(np.mean(np.asarray(data) ** 2))
-            wave_problem = Problem(
+            wave_problem = LineProblem(
                 line, problem.forward, scale * data, problem.noise, known_mean_Pa=(0.0, None)
             )
             spectrum = np.fft.rfft(np.asarray(method(wave_problem).value))[:, m] / scale

@@ -31,7 +31,7 @@ FILES = dict(BLOCKS) | {
     "rule/absent.yaml": "_target_: plugins.absent.Rule\n",
     "rule/borrowed.yaml": "_target_: plugins.blur.StripAverage\n",
 }
-SMALL = ("grid.cells=64", "grid.refinement=2", "method=[tikhonov,bending]")
+SMALL = ("grid.cells=64", "grid.refinement=2", "method=[tikhonov,bending,lasso]")
 
 
 SENSOR = Sensor([Film(angle_rad=angle) for angle in (0.0, 1.6)])
@@ -67,14 +67,16 @@ def run(folder, tmp_path_factory):
 def test_what_is_named_acts(run):
     metrics = json.loads((run / "metrics.json").read_text())
     assert metrics["weight_p_per_Pa2_tikhonov"] == pytest.approx(1e-7)
-    assert metrics["status_bending"] == "converged"
-    assert 0 < metrics["error_p_bending"] < 1
+    for method in ("bending", "lasso"):
+        assert metrics[f"status_{method}"] == "converged"
+        assert 0 < metrics[f"error_p_{method}"] < 1
+    assert metrics["chi2_per_freedom_lasso"] is not None
     assert "blur" in (run / "report.html").read_text()
 
 
 def test_an_example_is_short():
     lines = {name: text.count("\n") for name, text in BLOCKS}
-    assert lines.pop("plugins/bending.py") <= 26  # a method and a prior
+    assert lines.pop("plugins/bending.py") <= 27  # a method and a prior
     assert max(lines.values()) <= 15
 
 
@@ -88,7 +90,7 @@ def test_a_feature_of_ones_own_is_found(folder):
 
 def test_a_run_lists_the_plugins_that_it_was_made_with(folder, run):
     manifest = json.loads((run / "run.json").read_text())
-    used = ("bending.py", "blur.py", "fixed.py", "hum.py")
+    used = ("bending.py", "blur.py", "fixed.py", "hum.py", "lasso.py")
     texts = {name: (folder / "plugins" / name).read_bytes() for name in used}
     assert manifest["plugins"] == {
         name: hashlib.sha256(text).hexdigest() for name, text in texts.items()

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..grid import half_spectrum_weights
+from .line_problem import LineProblem
 from .prior import Prior, Score, Solution
-from .problem import Problem
 
 
 class Whitened(NamedTuple):
@@ -23,7 +23,7 @@ class Whitened(NamedTuple):
 
 
 @jax.jit
-def whiten(problem: Problem) -> Whitened:
+def whiten(problem: LineProblem) -> Whitened:
     """Whiten every element by the Cholesky factor of its noise covariance."""
     n, unknowns = problem.line.n, problem.unknowns
     basis = jnp.eye(unknowns * n).reshape(-1, unknowns, n)
@@ -82,7 +82,7 @@ def _centre(matrix: Float[Array, "m m"], zero_mean: Bool[Array, " c"]) -> Float[
 
 
 @jax.jit
-def solve(problem: Problem, prior: Prior, white: Whitened) -> Solution:
+def solve(problem: LineProblem, prior: Prior, white: Whitened) -> Solution:
     """Posterior of the traction, its covariance (c n, c n) whole.
 
     The condition number is that of the precision, in the 1-norm.
@@ -105,23 +105,22 @@ def solve(problem: Problem, prior: Prior, white: Whitened) -> Solution:
     )
 
 
-def _variance(problem: Problem, covariance: Float[Array, "m m"]) -> Float[Array, " m"]:
+def _variance(problem: LineProblem, covariance: Float[Array, "m m"]) -> Float[Array, " m"]:
     """Variance of the deviation from the mean over the sampled cells where the mean is weakly
     observed: the mean's error would mask the others."""
     variance = jnp.diagonal(covariance)
     if problem.forward.is_circular:
         return variance
-    hidden = ~problem.zero_mean & ~problem.mean_is_observable
     n, unknowns = problem.line.n, problem.unknowns
-    observed = jnp.ones(n, bool) if problem.observed is None else jnp.any(problem.observed, axis=0)
-    weights = jnp.kron(jnp.diag(hidden * 1.0), (observed / jnp.sum(observed))[None, :])
+    of_each = jnp.eye(unknowns)[:, :, None] * problem.mean_weights[None]
+    weights = of_each.reshape(unknowns, unknowns * n)
     shared = covariance @ weights.T
     of_mean = jnp.diagonal(weights @ shared)
     along = jnp.repeat(jnp.eye(unknowns), n, axis=0)
     return variance - 2 * jnp.sum(shared * along, axis=1) + along @ of_mean
 
 
-def score(problem: Problem, prior: Prior, white: Whitened) -> Score:
+def score(problem: LineProblem, prior: Prior, white: Whitened) -> Score:
     """The prior's score over the valid samples, exact but for the prior's determinant.
 
     That one is the periodic line's: its weights enter alike, up to the two cells at the ends.
@@ -143,7 +142,7 @@ def score(problem: Problem, prior: Prior, white: Whitened) -> Score:
     return Score(residual @ residual, jnp.sum(model**2), log_prior - log_posterior - square / 2)
 
 
-def _posterior(problem: Problem, prior: Prior, white: Whitened) -> Posterior:
+def _posterior(problem: LineProblem, prior: Prior, white: Whitened) -> Posterior:
     n, unknowns = problem.line.n, problem.unknowns
     size = unknowns * n
     basis = jnp.eye(size)

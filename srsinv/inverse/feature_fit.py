@@ -17,8 +17,8 @@ from jaxtyping import Array, Float
 from ..forward.feature import Feature, ScanExtent
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
+from .feature_estimate import FeatureEstimate, explains
 from .feature_model import FeatureModel, Features
-from .feature_result import FeatureFit, explains
 from .feature_search import STARTS, Coarse
 from .identifiability import limited_by_bounds, undetected_features
 from .nonlinear import Fit, Solver, fit, fit_many
@@ -42,7 +42,7 @@ class FeatureFitter:
 
     def rank(
         self, candidates: Sequence[Features], y: Float[np.ndarray, "e sample"], noise: Any
-    ) -> list[FeatureFit]:
+    ) -> list[FeatureEstimate]:
         """Fit every candidate, for its evidence.
 
         All are fitted from their best start, and only where none explains the data to the noise
@@ -59,7 +59,7 @@ class FeatureFitter:
         y: Float[np.ndarray, "e sample"],
         noise: Any,
         starts: int = STARTS,
-    ) -> FeatureFit:
+    ) -> FeatureEstimate:
         """As [`fit_features`][], from the best `starts` of each feature."""
         y = np.asarray(y, float)
         parts: dict[str, Feature] = {}
@@ -76,9 +76,11 @@ class FeatureFitter:
             result = _best(model, first, y, settings)
             params = dict(result.value)
         if result is None:
-            return FeatureFit.of_nothing(model, y, noise)
+            return FeatureEstimate.of_nothing(model, y, noise)
         evidence = self._evidence(parts, result)
-        return FeatureFit.of(parts, result, model, reported_parameters(model, result), evidence)
+        return FeatureEstimate.of(
+            parts, result, model, y, reported_parameters(model, result), evidence
+        )
 
     def _evidence(self, features: Features, result: Fit) -> float:
         """Log evidence, with each amplitude's prior at the fitted shape.
@@ -150,7 +152,7 @@ def fit_features(
     y: Float[np.ndarray, "e sample"],
     noise: Any,
     solver: Solver | None = None,
-) -> FeatureFit:
+) -> FeatureEstimate:
     """Fit the features' parameters to `y` (element, sample).
 
     - `noise`: as [`nonlinear.fit`][] takes it, and known.

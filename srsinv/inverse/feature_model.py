@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -32,6 +32,7 @@ class FeatureModel(eqx.Module):
     part of the model: one program serves every range.
     """
 
+    PROFILES: ClassVar[tuple[str, ...]] = ("p", "q")
     operator: MotionOperator
     fade: Float[Array, " n"]
     features: dict[str, Feature]
@@ -70,6 +71,25 @@ class FeatureModel(eqx.Module):
             shape = shape * self.fade if feature.is_periodic else shape
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
         return total
+
+    def profiles(self, params: Any) -> Float[Array, "2 n"]:
+        """What acts along the line while sliding towards +x: p and q [Pa]."""
+        return self.traction(params)
+
+    def cell_traction(self, params: Any, line: Line) -> Float[Array, "2 m"]:
+        """Averages of p and q [Pa] over the cells of any line, while sliding towards +x."""
+        total = jnp.zeros((2, line.n))
+        for name, feature in self.features.items():
+            shape = feature.profile(params[name]).cell_average(line)
+            if feature.is_periodic:
+                shape = shape * jnp.interp(line.x, self.line.x, self.fade)
+            total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape
+        return total
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """Steps for central differences, by parameter: its derivatives need none."""
+        return {}
 
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
         return self._signal(jax.tree.map(as_real, params))  # Python's numbers would be compiled in

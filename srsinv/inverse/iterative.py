@@ -11,14 +11,14 @@ import lineax as lx
 from jaxtyping import Array, Float
 
 from . import spectral
+from .line_problem import LineProblem
 from .prior import Prior, Solution
-from .problem import Problem
 
 
 class NormalEquations(eqx.Module):
     """(G^T N^-1 G + P) r = G^T N^-1 m, on traction whose known means are taken out."""
 
-    problem: Problem
+    problem: LineProblem
     prior: Prior
     factor: spectral.OrthogonalFactor
 
@@ -57,7 +57,7 @@ class NormalEquations(eqx.Module):
 
 
 @eqx.filter_jit
-def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
+def solve(problem: LineProblem, prior: Prior, tolerance: Float[Array, ""]):
     """Posterior mean by conjugate gradients to a relative `tolerance`, its standard error from the
     nearest periodic problem: the solution, the steps taken, and whether it converged."""
     factor = spectral.factorise(problem, prior)
@@ -85,7 +85,7 @@ def solve(problem: Problem, prior: Prior, tolerance: Float[Array, ""]):
     )
 
 
-def _condition(problem: Problem, prior: Prior) -> Float[Array, ""]:
+def _condition(problem: LineProblem, prior: Prior) -> Float[Array, ""]:
     """Estimate of the condition number: the best observed mode over one held by the prior alone.
 
     Where samples are missing, or an open line ends, some traction is held by the prior alone, with

@@ -7,7 +7,6 @@
 """
 
 import abc
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,8 +17,9 @@ from jaxtyping import Array, Bool, Float
 from ..errors import refuse
 from ..status import Status
 from . import diagnostics, direct, iterative, spectral
+from .estimate import COMPONENTS, TractionEstimate
+from .line_problem import LineProblem, Shown
 from .prior import Prior, Score, Solution
-from .problem import COMPONENTS, Estimate, Problem
 
 DIRECT_LIMIT = 4096
 # Condition numbers up to which a solution is accepted. Of Cholesky's: beyond these, errors of 1 %
@@ -29,7 +29,9 @@ TRUSTED, TRUSTED_ITERATIVE = {"float64": 6e11, "float32": 1.7e4}, 0.3
 PATHS = ("auto", "spectral", "direct", "iterative")
 
 
-def solve(problem: Problem, prior: Prior, path: str = "auto", tolerance: float = 1e-10) -> Estimate:
+def solve(
+    problem: LineProblem, prior: Prior, path: str = "auto", tolerance: float = 1e-10
+) -> TractionEstimate:
     """Posterior mean and standard error of the traction.
 
     `path` is one of `PATHS`; `tolerance` is the relative tolerance of the iterative one. Raises
@@ -62,7 +64,7 @@ def _trusted(solution: Solution, most: float) -> Status:
     return Status.CONVERGED if is_trusted else Status.ILL_CONDITIONED
 
 
-def choose_path(problem: Problem, path: str) -> str:
+def choose_path(problem: LineProblem, path: str) -> str:
     """The path that `path` names for this problem."""
     refuse(path not in PATHS, f"path is {path!r}: give one of {', '.join(PATHS)}.")
     whole = problem.separable
@@ -99,10 +101,10 @@ class Scorer(eqx.Module):
     """Scores of a family's priors, by the path that will solve the problem."""
 
     family: Family
-    problem: Problem
+    problem: LineProblem
     white: direct.Whitened | None
 
-    def __init__(self, family: Family, problem: Problem, path: str):
+    def __init__(self, family: Family, problem: LineProblem, path: str):
         """Raises `BadInput` where the iterative path would have to score gaps or an open line."""
         path = choose_path(problem, path)
         refuse(
@@ -127,51 +129,36 @@ def _scores(scorer: Scorer, log_weights: Float[Array, "b c"]) -> Score:
 
 
 def _estimate(
-    problem: Problem, prior: Prior, solution: Solution, status: Status, stats: dict
-) -> Estimate:
-    shown = _shown(problem, prior, solution)
-    if not bool(shown.finite):
+    problem: LineProblem, prior: Prior, solution: Solution, status: Status, stats: dict
+) -> TractionEstimate:
+    shown, finite, over_prior = _shown(problem, prior, solution)
+    if not bool(finite):
         status = Status.NOT_FINITE
     names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.resolved_dof, float)
     stats |= {f"resolved_dof_{name}": float(t) for name, t in zip(names, resolved_dof, strict=True)}
-    stats |= _chi2(problem, resolved_dof, float(shown.over_noise))
-    return Estimate(
-        shown.value,
-        shown.stderr,
-        solution.covariance,
-        shown.fitted,
-        shown.whitened,
-        solution.averaging,
-        status,
-        _warnings(problem, prior, solution, shown, stats),
-        stats,
+    stats |= problem.chi2(resolved_dof.sum(), float(shown.squares))
+    return TractionEstimate(
+        line=problem.line,
+        value=shown.value,
+        stderr=shown.stderr,
+        fitted=shown.fitted,
+        whitened=shown.whitened,
+        covariance=solution.covariance,
+        mean_weights=problem.mean_weights,
+        averaging=solution.averaging,
+        friction=problem.friction,
+        status=status,
+        warnings=_warnings(problem, prior, solution, np.asarray(over_prior, float), stats),
+        stats=stats,
     )
 
 
-def _chi2(
-    problem: Problem, resolved_dof: Float[np.ndarray, " c"], squares: float
-) -> dict[str, float | None]:
-    """Chi-square of the residual per degree of freedom; None where it is undefined."""
-    noise = np.asarray(problem.noise)
-    offsets = 0 if np.isfinite(noise[0]) else problem.data.shape[0]
-    freedom = float(problem.samples - offsets - resolved_dof.sum())
-    # With samples missing, a residual whitened with zeros in the gaps is white for white noise
-    # alone.
-    whitened = problem.observed is None or not np.ptp(noise[1:])
-    known = whitened and freedom >= 1
-    return {
-        "chi2_per_freedom": squares / freedom if known else None,
-        "degrees_of_freedom": freedom,
-    }
-
-
 def _warnings(
-    problem: Problem, prior: Prior, solution: Solution, shown: "_Shown", stats: dict
+    problem: LineProblem, prior: Prior, solution: Solution, squares: np.ndarray, stats: dict
 ) -> tuple[str, ...]:
     resolved_dof, noise = np.asarray(solution.resolved_dof, float), np.asarray(problem.noise)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging))
     shortest = np.abs(np.fft.rfft(averaging.astype(float)))[:, -1]
-    squares = np.asarray(shown.over_prior, float)
     columns = COMPONENTS[: problem.unknowns], resolved_dof, squares, shortest
     each = list(zip(*columns, strict=True))
     largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.mean_signal))))
@@ -195,7 +182,7 @@ def _warnings(
     )
 
 
-def _missing(problem: Problem) -> float:
+def _missing(problem: LineProblem) -> float:
     """The fraction of samples missing between the first and the last cell that has any."""
     if problem.observed is None:
         return 0.0
@@ -205,54 +192,18 @@ def _missing(problem: Problem) -> float:
 
 
 @eqx.filter_jit
-def _whitened_model(problem: Problem, prior: Prior):
+def _whitened_model(problem: LineProblem, prior: Prior):
     """The nearest periodic model over the noise (e, c, k), and the prior's root (c, k)."""
     return problem.forward.circulant().transfer * problem.whitener, prior.root(problem.line)
 
 
-class _Shown(NamedTuple):
-    """Parts of an estimate from a solution: p and q, the fitted signal, the whitened residual; and
-    the squares of the latter and of the traction in units of its prior."""
-
-    finite: Bool[Array, ""]
-    value: Float[Array, "2 n"]
-    stderr: Float[Array, "2 n"]
-    fitted: Float[Array, "e n"]
-    whitened: Float[Array, "e n"]
-    over_noise: Float[Array, ""]
-    over_prior: Float[Array, " c"]
-
-
 @eqx.filter_jit
-def _shown(problem: Problem, prior: Prior, solution: Solution) -> _Shown:
-    fitted = problem.forward(solution.value)
+def _shown(
+    problem: LineProblem, prior: Prior, solution: Solution
+) -> tuple[Shown, Bool[Array, ""], Float[Array, " c"]]:
+    """What the estimate shows, whether all of it is finite, and the squares of the traction in
+    units of its prior."""
     value, stderr = solution.value, solution.stderr
     finite = jnp.all(jnp.isfinite(value)) & jnp.all(jnp.isfinite(stderr))
     over_prior = jnp.sum(value * prior.apply(problem.line, value), axis=-1)
-    pairs = zip(problem.known_mean_Pa, problem.background_Pa, strict=True)
-    zero = jnp.zeros((), value.dtype)
-    means = [sum((m for m in pair if m is not None), zero) for pair in pairs]
-    if problem.friction is not None:
-        value = jnp.concatenate([value, problem.friction * value])
-        stderr = jnp.concatenate([stderr, jnp.abs(problem.friction) * stderr])
-        means[1] = problem.friction * means[0]
-    whitened = _whitened(problem, problem.data - fitted)
-    return _Shown(
-        finite,
-        value + jnp.stack(means)[:, None],
-        stderr,
-        fitted + problem.mean_signal + problem.free_offset(problem.data - fitted),
-        whitened,
-        jnp.nansum(whitened**2),
-        over_prior,
-    )
-
-
-def _whitened(problem: Problem, residual: Float[Array, "e n"]) -> Float[Array, "e n"]:
-    """The residual in units of the noise, NaN where a sample is missing."""
-    residual = residual - problem.free_offset(residual)
-    observed = problem.observed
-    if observed is not None:
-        residual = jnp.where(observed, residual, 0.0)
-    whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * problem.whitener, problem.line.n)
-    return whitened if observed is None else jnp.where(observed, whitened, jnp.nan)
+    return problem.show(value, stderr), finite, over_prior

@@ -48,7 +48,7 @@ class _Minimise(Rule):
         # A scan along the box's diagonal, then grids about the best point, each half as wide: no
         # derivative, bounded, and the same answer every time.
         low, high = np.asarray(box)
-        samples = scorer.problem.samples
+        samples = scorer.problem.sample_count
 
         def best(points):
             values = np.asarray(self.criterion(scorer(jnp.asarray(points)), samples))

@@ -9,10 +9,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..errors import BadInput
 from ..forward.contact import cell_compliance
 from ..forward.skin import Skin
 from ..grid import Line
-from .problem import Estimate
+from .estimate import Estimate
 
 
 @eqx.filter_jit
@@ -34,7 +35,13 @@ def shape_band(
     standard error.
 
     p enters linearly, so that the error is the estimate's own covariance carried through, exactly.
+    Raises `BadInput` for an estimate without one.
     """
+    if estimate.covariance is None:
+        raise BadInput(
+            "The estimate has no covariance, from which the profile's error follows: take a method "
+            "that gives one, such as Wiener or Tikhonov."
+        )
     return _band(line, skin, estimate.value[0], estimate.covariance, jnp.asarray(touching))
 
 

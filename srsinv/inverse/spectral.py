@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
 from ..grid import half_spectrum_weights
+from .line_problem import LineProblem
 from .prior import Prior, Score, Solution
-from .problem import Problem
 
 
 class OrthogonalFactor(NamedTuple):
@@ -28,7 +28,7 @@ class OrthogonalFactor(NamedTuple):
 
 
 @jax.jit
-def solve(problem: Problem, prior: Prior) -> Solution:
+def solve(problem: LineProblem, prior: Prior) -> Solution:
     """Posterior of the traction on a periodic line with every sample valid.
 
     The condition number is that of the rows, over all wavenumbers, in Frobenius' norm.
@@ -51,7 +51,7 @@ def solve(problem: Problem, prior: Prior) -> Solution:
 
 
 @jax.jit
-def score(problem: Problem, prior: Prior) -> Score:
+def score(problem: LineProblem, prior: Prior) -> Score:
     """The prior's score; an open line is taken as the nearest periodic one, gaps as zeros."""
     n, elements = problem.line.n, problem.data.shape[0]
     weights = half_spectrum_weights(n)
@@ -72,7 +72,7 @@ def score(problem: Problem, prior: Prior) -> Score:
     return Score(residual, freedom, evidence)
 
 
-def factorise(problem: Problem, prior: Prior) -> OrthogonalFactor:
+def factorise(problem: LineProblem, prior: Prior) -> OrthogonalFactor:
     """Orthogonalise [N^(-1/2) G; P^(1/2)] of the nearest periodic problem, column by column."""
     forward = problem.forward.circulant().transfer * problem.whitener
     penalty = jnp.eye(problem.unknowns)[..., None] * prior.root(problem.line)
@@ -81,7 +81,7 @@ def factorise(problem: Problem, prior: Prior) -> OrthogonalFactor:
     return _gram_schmidt(jnp.where(keep, rows, 0.0))
 
 
-def resolution_of(problem: Problem, factor: OrthogonalFactor) -> Complex[Array, "c c k"]:
+def resolution_of(problem: LineProblem, factor: OrthogonalFactor) -> Complex[Array, "c c k"]:
     """Resolution matrix of the nearest periodic problem, for each wavenumber."""
     forward = problem.forward.circulant().transfer * problem.whitener
     top = factor.q[: forward.shape[0]].conj()

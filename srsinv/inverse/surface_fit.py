@@ -5,11 +5,9 @@ lengths are searched from a bank of shapes. The noise is estimated from the resi
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -18,18 +16,17 @@ from ..forward.feature import ScanExtent
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Line
+from .cells import Window
 from .diagnostics import sliding_noise
+from .feature_estimate import FeatureEstimate
 from .feature_model import scan_extent
-from .feature_result import FeatureFit
 from .identifiability import limited_by_bounds, undetected_features
 from .nonlinear import Fit, Optimistix, Solver, fit
-from .quality import Quality
 from .sliding_noise import Levels, estimate, first_levels
-from .surface_model import SurfaceFeatures, SurfaceModel, Window, cell_for
+from .surface_model import SurfaceFeatures, SurfaceModel, cell_for
 from .surface_search import SurfaceSearch
 
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
-PROFILES = ("height", "gap", "friction")  # beside p and q, in the order of the model's
 LEAST_EDGE = 2.0  # cells: the sharpest edge in the search
 ROUNDS = 4  # of fitting, and estimating the noise from the residual
 # Prior standard deviation of a friction: far beyond any, so as not to pull.
@@ -43,14 +40,6 @@ REACH = {  # search ranges of known quantities once freed, as factors
 KNOWN = tuple(REACH)
 # Fraction of the signal within which its derivative jumps: cells touch and part one by one.
 ROUNDING = 1e-4
-
-
-@dataclass(frozen=True)
-class SurfaceFit:
-    """Fitted features, and the noise's levels where they come from the residual."""
-
-    fit: FeatureFit
-    levels: Levels | None
 
 
 class SurfaceFitter:
@@ -95,7 +84,7 @@ class SurfaceFitter:
         y: Float[np.ndarray, "e sample"],
         noise: Any = None,
         start: Mapping[str, float] | None = None,
-    ) -> SurfaceFit:
+    ) -> FeatureEstimate:
         """Fit the features' parameters to `y`.
 
         - `noise`: as [`nonlinear.fit`][] takes it; None: estimated from the residual, in rounds.
@@ -127,13 +116,15 @@ class SurfaceFitter:
         if result is None:
             levels = estimate(y, *self._scale) if noise is None else None
             using = noise if levels is None else self._noise(levels, y)
-            return SurfaceFit(FeatureFit.of_nothing(self._model({}), y, using), levels)
+            return FeatureEstimate.of_nothing(self._model({}), y, using, levels)
         model, levels = self._model(parts), None
         if noise is None:
             result, levels = self._settled(model, result, y, first)
         read, against = reported_parameters(model, result), _against(levels, y)
-        fitted = FeatureFit.of(dict(features), result, model, read, _evidence(result), against)
-        return SurfaceFit(fitted, levels)
+        evidence = _evidence(result)
+        return FeatureEstimate.of(
+            dict(features), result, model, y, read, evidence, levels, against
+        )  # fmt: skip
 
     @property
     def line(self) -> Line:
@@ -269,19 +260,3 @@ def reported_parameters(model: SurfaceModel, result: Fit) -> dict[str, tuple[flo
             error = np.inf if part in unsure else float(result.stderr[part])
             read[part] = float(result.value[part]), error
     return read
-
-
-def surface_band(
-    fitted: FeatureFit,
-) -> tuple[Float[np.ndarray, "5 n"], Float[np.ndarray, "5 n"]]:
-    """p and q [Pa], height and gap [m] and friction along the model's line, and their standard
-    errors to first order, infinite where the fit failed."""
-    n = fitted.model.line.n
-    if fitted.fit is None:
-        return np.zeros((5, n)), np.zeros((5, n))
-    model = fitted.model
-    assert isinstance(model, SurfaceModel)
-    value, stderr = fitted.fit.derive(lambda params: jnp.ravel(model.profiles(params)), model.steps)
-    if fitted.quality is Quality.FAILED:
-        stderr = np.full_like(stderr, np.inf)
-    return value.reshape(5, n), stderr.reshape(5, n)

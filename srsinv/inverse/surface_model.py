@@ -2,8 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import equinox as eqx
 import jax
@@ -20,6 +19,8 @@ from ..forward.sensor import Sensor
 from ..forward.surface import Surface
 from ..forward.surface_feature import SurfaceFeature
 from ..grid import Line, Open, Periodic, as_real
+from .cells import Window
+from .estimate import averages
 from .feature_model import operator_along
 
 SurfaceFeatures = Mapping[str, SurfaceFeature]
@@ -28,19 +29,6 @@ CELLS_PER_EDGE = 5  # the contact beside an edge is then right to some 1e-4 of t
 CELLS_PER_DEPTH = 256  # at least: edges jump by cells, which has to be less than is felt
 MOVES = {"position_m", "width_m"}  # parameters that move edges
 BLOCK = 256  # cells come in multiples of it: the contact starts on so much wider cells
-
-
-@dataclass(frozen=True)
-class Window:
-    """The stretch that the surface repeats with."""
-
-    start_m: float
-    end_m: float
-
-    @property
-    def length_m(self) -> float:
-        """Its length."""
-        return self.end_m - self.start_m
 
 
 def cell_for(features: SurfaceFeatures, depth_m: float) -> float:
@@ -61,6 +49,7 @@ class SurfaceModel(eqx.Module):
     element has an unknown constant `offset`.
     """
 
+    PROFILES: ClassVar[tuple[str, ...]] = ("p", "q", "height", "gap", "friction")
     sensor: Sensor
     motion: Motion
     operator: MotionOperator
@@ -132,6 +121,11 @@ class SurfaceModel(eqx.Module):
         contact, height = self.contact(params), surface.height(self.line)
         (p, q), *_ = self._tractions(params, contact, (True,))
         return jnp.stack([p, q, height, contact.gap_m, surface.friction(self.line)])
+
+    def cell_traction(self, params: Any, line: Line) -> Float[Array, "2 m"]:
+        """Averages of p and q [Pa] over the cells of any line, while sliding towards +x; zero
+        beyond the window."""
+        return averages(self.traction(params), self.line, line)
 
     def _tractions(
         self, params: Any, contact: Contact, ways: tuple[bool, ...]

@@ -17,8 +17,9 @@ from jaxtyping import Array, Float
 from ..forward.feature import ScanExtent
 from ..forward.surface_feature import SurfaceFeature
 from ..grid import as_real
+from .cells import Window
 from .feature_search import Blocks, apart
-from .surface_model import SurfaceModel, Window
+from .surface_model import SurfaceModel
 
 CELLS_PER_DEPTH = 12
 SAMPLES_PER_DEPTH = 4

@@ -12,9 +12,11 @@ from ..errors import choice, number, refuse, shown, whole
 from ..grid import Line, as_real
 from ..status import Status
 from .diagnostics import undetermined_weights
+from .estimate import Estimate
+from .line_problem import LineProblem
 from .method import Method
 from .prior import Prior
-from .problem import Estimate, Problem
+from .problem import Problem
 from .quadratic import PATHS, Family, Scorer, choose_path, solve
 from .rule import Choice, GeneralisedCrossValidation, Rule
 
@@ -102,8 +104,9 @@ class Tikhonov(Method):
         wanted = "a positive number below 1"
         self.tolerance = number(f"{key}tolerance", tolerance, wanted, above=0, below=1)
 
-    def __call__(self, problem: Problem) -> Estimate:
+    def __call__(self, problem: Problem | LineProblem) -> Estimate:
         """Estimate of p and q, with the weights that were given or chosen in its stats."""
+        problem = problem.on_line()
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
         choice = self._choose(problem, given)
         prior = self._family(choice.log_weights)
@@ -120,7 +123,7 @@ class Tikhonov(Method):
         estimate = solve(problem, prior, self.path, self.tolerance).with_stats(stats)
         return estimate.with_warnings(undetermined_weights(choice.status))
 
-    def _choose(self, problem: Problem, given) -> Choice:
+    def _choose(self, problem: LineProblem, given) -> Choice:
         box = self._box(problem, given)
         if all(weight is not None for weight in given):
             return Choice(box[0], Status.GIVEN)
@@ -130,7 +133,7 @@ class Tikhonov(Method):
     def _family(self) -> "Penalties":
         return Penalties(self.length_m, self.order)
 
-    def _box(self, problem: Problem, given) -> Float[Array, "2 c"]:
+    def _box(self, problem: LineProblem, given) -> Float[Array, "2 c"]:
         """Range of the log10 weight: from far below to above the signal's information per mode."""
         # Normal equations square the condition number, so there round-off sets the lower end.
         below = 12.0
@@ -140,7 +143,7 @@ class Tikhonov(Method):
 
 
 @eqx.filter_jit
-def _ends(problem: Problem, given, below: float) -> Float[Array, "2 c"]:
+def _ends(problem: LineProblem, given, below: float) -> Float[Array, "2 c"]:
     most = jnp.log10(jnp.max(problem.information, axis=-1))
 
     def end(free):

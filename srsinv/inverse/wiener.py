@@ -13,9 +13,11 @@ from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
 from ..status import Status
 from .diagnostics import undetermined_weights
+from .estimate import Estimate
+from .line_problem import LineProblem
 from .method import Method
 from .prior import Prior
-from .problem import Estimate, Problem
+from .problem import Problem
 from .quadratic import PATHS, Family, Scorer, solve
 from .rule import Evidence
 
@@ -24,7 +26,7 @@ class TractionSpectrum(eqx.Module):
     """A power spectrum per cell [Pa^2] of one traction component."""
 
     @abc.abstractmethod
-    def power(self, problem: Problem) -> Float[Array, " k"]:
+    def power(self, problem: LineProblem) -> Float[Array, " k"]:
         """S at the line's wavenumbers."""
 
 
@@ -42,7 +44,7 @@ class Exponential(TractionSpectrum):
         self.rms_Pa = _positive("rms_Pa", rms_Pa)
         self.correlation_m = _positive("correlation_m", correlation_m)
 
-    def power(self, problem: Problem) -> Float[Array, " k"]:
+    def power(self, problem: LineProblem) -> Float[Array, " k"]:
         line = problem.line
         return self.rms_Pa**2 * exponential_spectrum(line.k, line.cell_m, self.correlation_m)
 
@@ -55,7 +57,7 @@ class Flat(TractionSpectrum):
     def __init__(self, rms_Pa=1.0):
         self.rms_Pa = _positive("rms_Pa", rms_Pa)
 
-    def power(self, problem: Problem) -> Float[Array, " k"]:
+    def power(self, problem: LineProblem) -> Float[Array, " k"]:
         return jnp.full(problem.line.k.shape, self.rms_Pa**2)
 
 
@@ -70,7 +72,7 @@ class Normalised(TractionSpectrum):
     def __init__(self, noise_to_signal=1e-4):
         self.noise_to_signal = _positive("noise_to_signal", noise_to_signal)
 
-    def power(self, problem: Problem) -> Float[Array, " k"]:
+    def power(self, problem: LineProblem) -> Float[Array, " k"]:
         gain = jnp.max(jnp.abs(problem.forward.circulant().transfer)) ** 2
         finite = jnp.where(jnp.isfinite(problem.noise), problem.noise, problem.noise[-1])
         level = jnp.mean(finite) / (self.noise_to_signal * gain)
@@ -130,8 +132,9 @@ class Wiener(Method):
         key, wanted = "method.wiener.tolerance", "a positive number below 1"
         self.tolerance = number(key, tolerance, wanted, above=0, below=1)
 
-    def __call__(self, problem: Problem) -> Estimate:
+    def __call__(self, problem: Problem | LineProblem) -> Estimate:
         """Posterior mean and standard error of p and q."""
+        problem = problem.on_line()
         power = _powers(problem, (self.p, self.q)[: problem.unknowns])
         stats: dict = {"method": "wiener", "scale": self.scale}
         status = Status.GIVEN
@@ -156,20 +159,20 @@ def _spectrum(name: str, given: Any) -> TractionSpectrum:
 
 
 @eqx.filter_jit
-def _powers(problem: Problem, spectra: tuple[TractionSpectrum, ...]) -> Float[Array, "c k"]:
+def _powers(problem: LineProblem, spectra: tuple[TractionSpectrum, ...]) -> Float[Array, "c k"]:
     return jnp.stack([spectrum.power(problem) for spectrum in spectra])
 
 
-def _likely_scale(problem: Problem, power, path: str) -> tuple[Float[Array, " c"], Status]:
+def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Array, " c"], Status]:
     """The factors on the powers that maximise the evidence, six decades about the data's level."""
-    middle = _log_scale(problem, power, problem.samples)
+    middle = _log_scale(problem, power, problem.sample_count)
     box = jnp.stack([middle - 6, middle + 6])
     choice = Evidence().choose(Scorer(ScaledSpectra(power), problem, path), box)
     return 10.0**choice.log_weights, choice.status
 
 
 @eqx.filter_jit
-def _log_scale(problem: Problem, power, samples: int) -> Float[Array, " c"]:
+def _log_scale(problem: LineProblem, power, samples: int) -> Float[Array, " c"]:
     """log10 of the factors under which each component alone would make the data's power."""
     gain = jnp.max(jnp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))
     observed = 1.0 if problem.observed is None else problem.observed

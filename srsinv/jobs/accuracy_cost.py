@@ -18,8 +18,9 @@ import xarray
 
 from ..errors import refuse
 from ..inverse import direct, iterative, spectral
+from ..inverse.estimate import COMPONENTS
+from ..inverse.line_problem import LineProblem
 from ..inverse.prior import Prior
-from ..inverse.problem import COMPONENTS, Problem
 from ..inverse.tikhonov import Penalties, Tikhonov
 from ..inverse.wiener import SpectralPrior
 from ..progress import stage
@@ -157,7 +158,7 @@ def _forward(cfg: build.Config, line: str) -> Iterator[Row]:
 # --- inversions ------------------------------------------------------------------------------
 
 
-Problems = dict[tuple[str, int], tuple[Problem, np.ndarray]]
+Problems = dict[tuple[str, int], tuple[LineProblem, np.ndarray]]
 
 
 def _problems(cfg: build.Config) -> Problems:
@@ -178,11 +179,11 @@ def _without_mean(values) -> np.ndarray:
     return deviation(np.asarray(values, float), np.ones(np.shape(values)[-1], bool))
 
 
-def _priors(cfg: build.Config, problems: Problems) -> dict[str, Callable[[Problem], Prior]]:
+def _priors(cfg: build.Config, problems: Problems) -> dict[str, Callable[[LineProblem], Prior]]:
     """For each method its prior: Tikhonov's weights are chosen once, at the smallest size."""
     chosen_on, _ = problems["periodic", min(cfg["accuracy_cost"]["inverse_cells"])]
 
-    def fixed(name: str, method) -> Callable[[Problem], Prior]:
+    def fixed(name: str, method) -> Callable[[LineProblem], Prior]:
         if isinstance(method, Tikhonov):
             stats = method(chosen_on).stats
             weights = [stats[f"weight_{c}_per_Pa2"] for c in COMPONENTS[: chosen_on.unknowns]]
@@ -203,7 +204,9 @@ class _Solver(NamedTuple):
     compile_s: float = 0.0
 
 
-def _inversions(settings, priors, line: str, problem: Problem, truth: np.ndarray) -> Iterator[Row]:
+def _inversions(
+    settings, priors, line: str, problem: LineProblem, truth: np.ndarray
+) -> Iterator[Row]:
     size = np.linalg.norm(truth, axis=1)
     size = np.where(size > 0, size, np.nan)
     for part, prior_of in priors.items():
@@ -226,7 +229,7 @@ def _inversions(settings, priors, line: str, problem: Problem, truth: np.ndarray
             }
 
 
-def _solvers(settings, problem: Problem, prior: Prior) -> tuple[np.ndarray, list[_Solver]]:
+def _solvers(settings, problem: LineProblem, prior: Prior) -> tuple[np.ndarray, list[_Solver]]:
     """The exact minimiser, and the solvers to compare with it.
 
     Exact is the spectral solution; on the open line that of conjugate gradients to `TIGHT`.
@@ -264,15 +267,15 @@ def _single(tree):
     return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)), tree)
 
 
-def _spectral(problem: Problem, prior: Prior):
+def _spectral(problem: LineProblem, prior: Prior):
     return spectral.solve(problem, prior).value
 
 
-def _direct(problem: Problem, prior: Prior):
+def _direct(problem: LineProblem, prior: Prior):
     return direct.solve(problem, prior, direct.whiten(problem)).value
 
 
-def _iterative(problem: Problem, prior: Prior, tolerance):
+def _iterative(problem: LineProblem, prior: Prior, tolerance):
     return iterative.solve(problem, prior, tolerance)[0].value
 
 

@@ -13,7 +13,8 @@ import xarray
 from ..effects import ScreeningResult
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
-from ..inverse.problem import COMPONENTS, Estimate, Problem
+from ..inverse.estimate import COMPONENTS, Estimate
+from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
 from ..progress import stage
 from ..report import figures
@@ -37,10 +38,10 @@ class InversionCase:
     """
 
     title: str
-    problem: Problem
+    problem: LineProblem
     sensor: Sensor
     speed_m_per_s: float
-    methods: Mapping[str, Callable[[Problem], Estimate]]
+    methods: Mapping[str, Callable[[LineProblem], Estimate]]
     signal_unit: str = "V"
     traction_unit: str = "Pa"
     stages: Mapping[str, tuple[tuple[str, ...], Any, str]] = field(default_factory=dict)
@@ -93,13 +94,6 @@ def timed(work: Callable[[], Any], repeats: int) -> tuple[Any, float, float | No
 # --- errors ----------------------------------------------------------------------------------
 
 
-def observed_cells(problem: Problem) -> np.ndarray:
-    """Cells (n,) at which at least one element was sampled."""
-    if problem.observed is None:
-        return np.ones(problem.line.n, bool)
-    return np.any(np.asarray(problem.observed), axis=0)
-
-
 def deviation(values: np.ndarray, observed: np.ndarray) -> np.ndarray:
     """Values where there are samples, less their mean."""
     values = np.asarray(values)[..., observed]
@@ -116,7 +110,7 @@ def _judge(name: str, case: InversionCase, estimate: Estimate) -> dict[str, Any]
     row |= {f"{what}_{c}": None for what in ("error", "coverage") for c in COMPONENTS}
     if "traction" not in case.stages:
         return row
-    observed = observed_cells(case.problem)
+    observed = case.problem.observed_cells
     truth = deviation(case.stages["traction"][1], observed)
     error = deviation(np.asarray(estimate.value), observed) - truth
     inside = np.abs(error) <= BAND_90 * np.asarray(estimate.stderr)[:, observed]
@@ -128,12 +122,9 @@ def _judge(name: str, case: InversionCase, estimate: Estimate) -> dict[str, Any]
 
 
 def _metrics(case: InversionCase, estimates: Mapping[str, Estimate], rows) -> dict[str, Any]:
-    metrics: dict[str, Any] = {"samples": case.problem.samples, "cells": case.problem.line.n}
-    finite = np.asarray(case.problem.noise)[1:]
-    signal = np.asarray(case.problem.data)
-    if case.problem.observed is not None:
-        signal = signal[np.asarray(case.problem.observed)]
-    noise_rms = float(np.sqrt(np.mean(finite)))
+    metrics: dict[str, Any] = {"samples": case.problem.sample_count, "cells": case.problem.line.n}
+    signal = np.asarray(case.problem.data)[case.problem.is_observed]
+    noise_rms = case.problem.noise_rms
     metrics[f"noise_rms_{case.signal_unit.replace(' ', '_')}"] = noise_rms
     metrics["snr_dB"] = float(20 * np.log10(max(np.std(signal) / noise_rms, 1e-30)))
     if case.screening:
@@ -158,7 +149,7 @@ def _named(case: InversionCase, key: str) -> str:
 
 def _features(case: InversionCase, estimate: Estimate) -> dict[str, float | None]:
     """Features over the sampled cells: each component's highest value, p's main line."""
-    observed = observed_cells(case.problem)
+    observed = case.problem.observed_cells
     x, value = np.asarray(case.problem.line.x)[observed], np.asarray(estimate.value)[:, observed]
     row: dict[str, float | None] = {"p_line_wavelength_m": strongest_line_m(x, value[0])}
     for component, values in zip(COMPONENTS, value, strict=True):
@@ -205,11 +196,7 @@ def notes_on(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
 def _dataset(case: InversionCase, estimates: Mapping[str, Estimate]) -> xarray.Dataset:
     problem, sensor = case.problem, case.sensor
     n, unit, pressure = problem.line.n, case.signal_unit, case.traction_unit
-    observed = (
-        np.ones(problem.data.shape, bool)
-        if problem.observed is None
-        else np.asarray(problem.observed)
-    )
+    observed = problem.is_observed
     circulant = problem.forward.circulant().transfer
     k = wavenumbers(n, problem.line.cell_m)
     unknown = COMPONENTS[: problem.unknowns]
@@ -223,7 +210,8 @@ def _dataset(case: InversionCase, estimates: Mapping[str, Estimate]) -> xarray.D
         full[:, : values.shape[1]] = values
         return full
 
-    averaging = stacked(lambda e: e.averaging)
+    unresolved = np.full((len(unknown), len(unknown), n), np.nan)  # of a method without kernels
+    averaging = stacked(lambda e: unresolved if e.averaging is None else e.averaging)
     diagonal = np.einsum("mccn->mcn", averaging)
     resolution = np.abs(np.fft.rfft(diagonal))
     pairs = np.full((len(estimates), 2, 2, n), np.nan)
@@ -452,7 +440,7 @@ def _screening_section(screening: ScreeningResult | None) -> tuple[Section, ...]
     )  # fmt: skip
 
 
-def _mean_words(problem: Problem):
+def _mean_words(problem: LineProblem):
     yield (
         "Bands are 90 % of the posterior (1.645 standard errors): noise and what the prior leaves "
         "open, not errors of the model."

@@ -12,13 +12,15 @@ import numpy as np
 import xarray
 from jaxtyping import Float, Int
 
-from ..inverse.problem import COMPONENTS, Problem
+from ..forward.sensor import Sensor
+from ..inverse.estimate import COMPONENTS
+from ..inverse.line_problem import LineProblem
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build, contest
-from .analysis import BAND_90, deviation, element_names, in_metrics, notes_on, observed_cells
+from .analysis import BAND_90, deviation, element_names, in_metrics, notes_on
 from .cells import recording_problem
-from .contest import Runs, Setting
+from .contest import Runs
 
 CELLS_PER_DEPTH = 5  # each half then has a sample every 0.4 depths, where e^(-k z) is 4e-4
 ROUNDING = 1e-9  # of the range: values that differ by less are the same but for rounding
@@ -34,9 +36,11 @@ def on_recording(cfg: build.Config) -> Outcome:
     """
     loaded = recording_problem(cfg, CELLS_PER_DEPTH)
     title, whole = loaded.recording.name, loaded.problem
-    setting = Setting(loaded.sensor, loaded.speed_m_per_s, [whole, *contest.split_odd_even(whole)])
-    runs = contest.run_all(contest.compared_methods(cfg, setting), setting.problems)
-    dataset = _dataset(title, setting, loaded.recording.signal_unit, runs)
+    problems = whole, *contest.split_odd_even(whole)
+    methods = build.methods(cfg) if cfg.get("method") else {}
+    named = contest.compared_methods(methods, build.features(cfg), build.solver(cfg))
+    runs = contest.run_all(named, problems)
+    dataset = _dataset(title, loaded.sensor, problems, loaded.recording.signal_unit, runs)
     return Outcome(
         f"{title}: {', '.join(runs)} compared",
         _metrics(dataset, runs),
@@ -49,28 +53,36 @@ def on_recording(cfg: build.Config) -> Outcome:
 # --- numbers ---------------------------------------------------------------------------------
 
 
-def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) -> xarray.Dataset:
-    whole, even, odd = setting.problems
-    observed = observed_cells(whole)
+def _dataset(
+    title: str,
+    sensor: Sensor,
+    problems: tuple[LineProblem, LineProblem, LineProblem],
+    unit: str,
+    runs: Mapping[str, Runs],
+) -> xarray.Dataset:
+    whole, even, odd = problems
+    observed = whole.observed_cells
 
     def each(get) -> np.ndarray:
         """(method, part, ...)"""
-        return np.asarray(
-            [
-                [get(reconstruction) for reconstruction in one.reconstructions]
-                for one in runs.values()
-            ]
-        )
+        return np.asarray([[get(each) for each in one.estimates] for one in runs.values()])
 
-    value, stderr = each(lambda f: f.value), each(contest.stderr_that_holds)
-    fitted = each(lambda f: f.fitted)
-    signal = np.where(
-        contest.observed_samples(whole), np.asarray(whole.data + whole.mean_signal), np.nan
+    value = each(lambda f: f.value)
+    stderr = np.stack(
+        [
+            [
+                contest.stderr_that_holds(estimate, problem.observed_cells)
+                for estimate, problem in zip(one.estimates, problems, strict=True)
+            ]
+            for one in runs.values()
+        ]
     )
+    fitted = each(lambda f: f.fitted)
+    signal = np.where(whole.is_observed, np.asarray(whole.data + whole.mean_signal), np.nan)
     holdout = [
         [
-            contest.holdout_chi2(one.reconstructions[1], odd),
-            contest.holdout_chi2(one.reconstructions[2], even),
+            contest.holdout_chi2(one.estimates[1], odd),
+            contest.holdout_chi2(one.estimates[2], even),
         ]
         for one in runs.values()
     ]
@@ -80,12 +92,12 @@ def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) 
     apart = np.linalg.norm(p[:, None] - p[None], axis=-1)
     variables = {
         "signal": (samples, signal, unit),
-        "observed": (samples, contest.observed_samples(whole).astype(np.int8), "1"),
+        "observed": (samples, whole.is_observed.astype(np.int8), "1"),
         "estimate": ((*DRAWN, *along), value, "Pa"),
         "estimate_stderr": ((*DRAWN, *along), stderr, "Pa"),
         "fitted_signal": ((*DRAWN, *samples), fitted, unit),
         "whitened_residual": (
-            (*DRAWN, *samples), (signal - fitted) / contest.noise_rms(whole), "1"
+            (*DRAWN, *samples), (signal - fitted) / whole.noise_rms, "1"
         ),
         "misfit": (DRAWN, each(lambda f: f.misfit), "1"),
         "holdout_chi2": (("method", "half"), holdout, "1"),
@@ -115,7 +127,7 @@ def _dataset(title: str, setting: Setting, unit: str, runs: Mapping[str, Runs]) 
         "method": ("method", list(runs), {"units": "1"}),
         "other": ("other", list(runs), {"units": "1"}),
         "half": ("half", list(PARTS[1:]), {"units": "1"}),
-        "element": ("element", element_names(setting.sensor), {"units": "1"}),
+        "element": ("element", element_names(sensor), {"units": "1"}),
     }
     return xarray.Dataset(
         {name: (dims, np.asarray(values), {"units": units})
@@ -137,9 +149,7 @@ def _metrics(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> dict[str, Any]:
     metrics: dict[str, Any] = {"cells": ds.sizes["x"]}
     for m, (name, one) in enumerate(runs.items()):
         key = name.lower().replace(" ", "_")
-        metrics |= {
-            f"{what}_{key}": said for what, said in in_metrics(one.reconstructions[0]).items()
-        }
+        metrics |= {f"{what}_{key}": said for what, said in in_metrics(one.estimates[0]).items()}
         metrics[f"misfit_{key}"] = float(ds["misfit"].values[m, 0])
         metrics[f"holdout_chi2_{key}"] = float(ds["holdout_chi2"].values[m].mean())
         metrics[f"rank_mean_{key}"] = float(ds["rank"].values[m].mean())
@@ -191,10 +201,10 @@ def _summary(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
 
 def _worth(runs: Mapping[str, Runs]) -> list[dict[str, Any]]:
     """Quality of each method's answer from all samples."""
-    wholes = {name: one.reconstructions[0] for name, one in runs.items()}
+    wholes = {name: one.estimates[0] for name, one in runs.items()}
     return [
-        {"method": name, "quality": reconstruction.quality, "reasons": reconstruction.reasons}
-        for name, reconstruction in wholes.items()
+        {"method": name, "quality": estimate.quality, "reasons": estimate.reasons}
+        for name, estimate in wholes.items()
     ]
 
 
@@ -229,7 +239,7 @@ def _agreement_table(ds: xarray.Dataset) -> Table:
     )
 
 
-def _sections(cfg, ds, runs, rows, whole: Problem) -> tuple[Section, ...]:
+def _sections(cfg, ds, runs, rows, whole: LineProblem) -> tuple[Section, ...]:
     methods = [str(name) for name in ds["method"].values]
     whole_of = ds.isel(part=0)
     parts = [
@@ -303,7 +313,7 @@ def _verdicts(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> tuple[str, ...]:
             )
         bad = [
             reconstruction.status
-            for reconstruction in one.reconstructions[1:]
+            for reconstruction in one.estimates[1:]
             if reconstruction.status != "converged"
         ]
         warning = f" From one half of the samples: {bad[0]}." if bad else ""
@@ -333,7 +343,7 @@ def _pair_table(ds: xarray.Dataset) -> Table:
 
 def _feature_section(cfg: build.Config, one: Runs) -> Section:
     names = " + ".join(cfg["feature"]).replace("_", " ")
-    whole, *parts = [reconstruction.parameters for reconstruction in one.reconstructions]
+    whole, *parts = [each.parameters for each in one.estimates]
     rows = tuple(
         (name, value, stderr, *(part[name][0] for part in parts))
         for name, (value, stderr) in whole.items()

@@ -10,14 +10,16 @@ from jaxtyping import Float
 
 from ..errors import is_number, refuse
 from ..forward.noise import SignalToNoise
-from ..inverse.problem import COMPONENTS
+from ..inverse.estimate import COMPONENTS, Estimate
+from ..inverse.feature_method import FeatureFit
+from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
 from ..recording import merge
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build, contest
-from .analysis import BAND_90, deviation, element_names, observed_cells
-from .contest import Runs, Setting
+from .analysis import BAND_90, deviation, element_names
+from .contest import Runs
 from .recorded import amplifier_node, coloured_noises
 from .simulate import assumed
 from .simulation import Simulation, noisy_problem, screen_effects, simulation
@@ -42,23 +44,22 @@ def on_scene(cfg: build.Config) -> Outcome:
     others = coloured_noises(cfg)
     problems = [
         noisy_problem(
-            sim.with_noises((SignalToNoise(level), *others)),
+            sim.with_noises((SignalToNoise(level), *others.values())),
             jax.random.key(build.seed(cfg) + i),
             build.friction(cfg),
         )
         for level in settings["snr_dB"]
         for i in range(settings["seeds"])
     ]
-    setting = Setting(sim.sensor, float(sim.scan.speed_m_per_s), problems)
-    runs = contest.run_all(contest.compared_methods(cfg, setting), problems)
-    dataset = _dataset(cfg, sim, setting, runs)
+    methods = build.methods(cfg) if cfg.get("method") else {}
+    features, solver = build.features(cfg), build.solver(cfg)
+    runs = contest.run_all(contest.compared_methods(methods, features, solver), problems)
+    dataset = _dataset(cfg, sim, problems, runs)
     wrong = None
     if settings["wrong_feature"] is not None:
-        features = {
-            "wrong": build.make(settings["wrong_feature"], "compare.wrong_feature", "feature")
-        }
-        alone = {"A feature that is not there": contest.feature_method(features, cfg, setting)}
-        wrong = _dataset(cfg, sim, setting, contest.run_all(alone, problems))
+        feature = build.make(settings["wrong_feature"], "compare.wrong_feature", "feature")
+        alone = {"A feature that is not there": FeatureFit({"wrong": feature}, solver)}
+        wrong = _dataset(cfg, sim, problems, contest.run_all(alone, problems))
     return Outcome(
         f"{', '.join(runs)} compared on a simulated scene",
         _metrics(dataset) | _wrong_metrics(wrong),
@@ -92,19 +93,14 @@ def _complete(cfg: build.Config) -> dict[str, Any]:
 
 
 def _dataset(
-    cfg: build.Config, sim: Simulation, setting: Setting, runs: Mapping[str, Runs]
+    cfg: build.Config, sim: Simulation, problems: list[LineProblem], runs: Mapping[str, Runs]
 ) -> xarray.Dataset:
     levels, seeds = cfg["compare"]["snr_dB"], cfg["compare"]["seeds"]
-    shape, problems = (len(levels), seeds), setting.problems
+    shape, cells = (len(levels), seeds), problems[0].observed_cells
 
     def each(get) -> np.ndarray:
         """(method, snr, seed, ...)"""
-        rows = np.asarray(
-            [
-                [get(reconstruction) for reconstruction in one.reconstructions]
-                for one in runs.values()
-            ]
-        )
+        rows = np.asarray([[get(each) for each in one.estimates] for one in runs.values()])
         return rows.reshape(len(runs), *shape, *rows.shape[2:])
 
     def data(get) -> np.ndarray:
@@ -113,13 +109,13 @@ def _dataset(
         return rows.reshape(*shape, *rows.shape[1:])
 
     truth = np.asarray(sim.traction(sim.line))
-    value, stderr = each(lambda f: f.value), each(lambda f: f.stderr)
-    error, overall, inside = _scores(value, stderr, truth, observed_cells(problems[0]))
+    value, stderr = each(lambda f: f.value), each(lambda f: f.deviation(cells)[1])
+    error, overall, inside = _scores(value, stderr, truth, cells)
     signal = data(lambda p: np.asarray(p.data + p.mean_signal))
     fitted = each(lambda f: f.fitted)
-    rms = data(contest.noise_rms)[..., None, None]
+    rms = data(lambda p: p.noise_rms)[..., None, None]
     along, unit = ("component", "x"), sim.sensor.amplifier.unit
-    observed = contest.observed_samples(problems[0]).astype(np.int8)
+    observed = problems[0].is_observed.astype(np.int8)
     variables = {
         "traction": (along, truth, "Pa"),
         "signal": (("snr", "seed", "element", "x"), signal, unit),
@@ -135,7 +131,7 @@ def _dataset(
         "converged": (DRAWN, each(lambda f: f.status == "converged").astype(np.int8), "1"),
         "quality": (DRAWN, each(lambda f: str(f.quality)), "1"),
         "log_evidence": (
-            DRAWN, each(lambda f: np.nan if f.log_evidence is None else f.log_evidence), "1"
+            DRAWN, each(lambda f: getattr(f, "log_evidence", np.nan)), "1"
         ),
         "rank": (DRAWN, contest.ranks(overall), "1"),
         "first_call_s": (("method",), [one.first_call_s for one in runs.values()], "s"),
@@ -254,10 +250,10 @@ def _summary(ds: xarray.Dataset) -> Table:
 def _coverage_table(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
     seeds = ds.sizes["seed"]
     said = tuple(
-        f"{name}, {level:g} dB, draw {i + 1}: {' '.join(reconstruction.reasons)}"
+        f"{name}, {level:g} dB, draw {i + 1}: {' '.join(estimate.reasons)}"
         for name, one in runs.items()
         for s, level in enumerate(ds["snr"].values)
-        for i, reconstruction in _first_not_good(one.reconstructions[s * seeds : (s + 1) * seeds])
+        for i, estimate in _first_not_good(one.estimates[s * seeds : (s + 1) * seeds])
     )
     rows = [
         (
@@ -279,12 +275,8 @@ def _coverage_table(ds: xarray.Dataset, runs: Mapping[str, Runs]) -> Table:
     )  # fmt: skip
 
 
-def _first_not_good(
-    draws: list[contest.Reconstruction],
-) -> list[tuple[int, contest.Reconstruction]]:
-    return [
-        (i, reconstruction) for i, reconstruction in enumerate(draws) if reconstruction.reasons
-    ][:1]
+def _first_not_good(draws: list[Estimate]) -> list[tuple[int, Estimate]]:
+    return [(i, estimate) for i, estimate in enumerate(draws) if estimate.reasons][:1]
 
 
 def _pair_table(ds: xarray.Dataset) -> Table:
@@ -313,10 +305,7 @@ def _parameter_table(ds: xarray.Dataset, runs: Runs) -> Table:
     """Errors of the features' parameters at each level, beside the stated standard errors."""
     seeds, rows = ds.sizes["seed"], []
     for s, level in enumerate(ds["snr"].values):
-        of_level = [
-            reconstruction.parameters
-            for reconstruction in runs.reconstructions[s * seeds : (s + 1) * seeds]
-        ]
+        of_level = [each.parameters for each in runs.estimates[s * seeds : (s + 1) * seeds]]
         for name in of_level[0]:
             drawn = np.array([parameters[name] for parameters in of_level])
             spread = _sd(drawn[:, 0])

@@ -23,13 +23,13 @@ from ..forward.surface_feature import (
     TapeFeature,
 )
 from ..grid import as_real
+from ..inverse.cells import MARGIN_DEPTHS, Window, check_cells
 from ..inverse.surface_fit import SurfaceFitter
-from ..inverse.surface_model import MOVES, SurfaceModel, Window, cell_for
+from ..inverse.surface_model import MOVES, SurfaceModel, cell_for
 from ..inverse.surface_search import PLACE
 from ..progress import stage
 from . import build
 from .judged import STEP, FitStatistics, Quantity, bounds_of, ratio_dB
-from .recorded import MARGIN_DEPTHS, check_cells
 from .simulated_features import SyntheticScan, evenly
 
 FINER = 2.5  # times as many cells as the fit has, and in no simple ratio to them
@@ -103,7 +103,7 @@ def fit_statistics(
     with stage(f"fitting {draws} recordings of {name}"):
         for off, added in zip(moved, noise, strict=True):
             shifted = {**truth, "position_m": truth["position_m"] + float(off)}
-            fitted = fitter({name: feature}, on.signal(shifted) + added, start=start).fit
+            fitted = fitter({name: feature}, on.signal(shifted) + added, start=start)
             own = dict(fitted.parameters)
             start = start or {part: own[part][0] for part in feature.axes if part != PLACE}
             own["position_m"] = own["position_m"][0] - float(off), own["position_m"][1]

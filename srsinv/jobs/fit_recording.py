@@ -4,47 +4,36 @@ Features of traction, or features of a surface that act through contact.
 """
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import xarray
 
 from ..errors import refuse, shown
-from ..forward.noise import total_spectrum
-from ..forward.scan import ConstantSpeed
-from ..grid import Periodic
+from ..inverse.cells import check_cells
 from ..inverse.diagnostics import direction_in_words
-from ..inverse.feature_fit import FeatureFitter
+from ..inverse.estimate import COMPONENTS
+from ..inverse.feature_estimate import FeatureEstimate, probabilities
+from ..inverse.feature_method import FeatureFit, SurfaceFit
 from ..inverse.feature_model import CELLS_PER_DEPTH
-from ..inverse.feature_result import FeatureFit, probabilities, traction_band
-from ..inverse.nonlinear import Spectrum, whitener
-from ..inverse.problem import COMPONENTS
+from ..inverse.problem import Problem
 from ..inverse.quality import Quality
-from ..inverse.surface_fit import PROFILES, surface_band
-from ..inverse.surface_model import SurfaceModel
+from ..inverse.surface_model import SurfaceFeatures
 from ..progress import stage
 from ..recording import Recording
-from ..recording.even import STEADY, check_volts, load_even
+from ..recording.even import STEADY, check_volts
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
 from .analysis import element_names, in_metrics
-from .fit_surface import Candidate, Measured, contact_section, ground, surface_fitter
-from .recorded import (
-    check_cells,
-    coloured_noises,
-    elements_named,
-    motion_of,
-    sensor_of,
-    times_rows,
-    white_rms,
-)
+from .fit_surface import contact_section, ground, surface_fit
+from .recorded import RecordedProblem, recorded_problem, times_rows
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
+NO_FEATURE = "No feature is named: give feature=[strip_load] or a sum of several."
 STRONG = 0.95  # a correlation that the page names
 _WORTH = {
     Quality.GOOD: "good: what is left is noise.",
@@ -53,82 +42,108 @@ _WORTH = {
 }
 
 
-def measured(cfg: build.Config) -> Measured:
-    """The recording that the configuration names, or the bundled example."""
-    settings = dict(build.part(cfg, "recording"))
-    settings["path"] = settings.get("path") or str(EXAMPLE)
-    recording = load_even(settings, elements_named(cfg))
+@dataclass(frozen=True)
+class Candidate:
+    """Fitted features, and the time [s]."""
+
+    fit: FeatureEstimate
+    time_s: float
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A recording's problem, every candidate that was fitted to it, and the one chosen."""
+
+    recorded: RecordedProblem
+    candidates: list[Candidate]
+    best: FeatureEstimate
+    on_surface: SurfaceFeatures
+
+    @property
+    def recording(self) -> Recording:
+        """What was recorded."""
+        return self.recorded.recording
+
+    @property
+    def problem(self) -> Problem:
+        """What was fitted."""
+        return self.recorded.problem
+
+    @property
+    def noise_rms(self) -> float:
+        """The white noise per sample, as the best fit has it."""
+        levels = self.best.levels
+        known = self.recorded.noise_rms
+        return known if levels is None else float(np.sqrt(np.mean(levels.white**2)))
+
+
+def check(recording: Recording) -> None:
+    """Refuse a recording that no feature can be fitted to."""
     check_volts(recording)
-    sensor, motion = sensor_of(cfg, recording), motion_of(recording)
-    check_cells(
-        recording.name, float(np.ptp(motion.position_m)), float(sensor.depth_m) / CELLS_PER_DEPTH
-    )
-    spacing = float(np.max(np.abs(recording.speed_m_per_s))) / recording.sample_rate_hz
     refuse(
         bool(np.all(np.nanmax(recording.signal, axis=-1) == np.nanmin(recording.signal, axis=-1))),
         f"{recording.name}: every channel has one value throughout (at the recorder's rail, or not "
         "connected), so that there is nothing to fit: record it again within the range.",
     )
-    rms = white_rms(cfg, recording, float(sensor.depth_m), spacing)
-    offset = sensor.amplifier.offset
-    y = recording.signal - (0.0 if offset is None else float(offset))
-    noise = _noise(cfg, recording, y, rms)
-    return Measured(recording, sensor, motion, y, noise, rms)
-
-
-def _noise(cfg: build.Config, recording: Recording, y, rms: float) -> Any:
-    """White, or with the coloured causes that are named a spectrum along the scan."""
-    causes, missing = coloured_noises(cfg), ~np.isfinite(y)
-    if not causes:
-        return np.where(missing, np.inf, rms)
-    refuse(
-        bool(missing.any()) or not recording.is_constant_speed(STEADY),
-        f"{recording.name}: coloured noise ({', '.join(cfg['noise'])}) is known along x, for a "
-        "recording at constant speed without missing samples: name white noise only.",
-    )
-    speed = float(np.mean(recording.speed_m_per_s))
-    line = Periodic(y.shape[-1], abs(speed) / recording.sample_rate_hz)
-    signal_rms = jnp.sqrt(jnp.mean(jnp.asarray(y) ** 2))
-    coloured = total_spectrum(causes, line, ConstantSpeed(speed), signal_rms)
-    return Spectrum(np.asarray(coloured) + rms**2)
 
 
 def run(cfg: build.Config) -> Outcome:
     """The job: fit every candidate, rank them, report the most probable one."""
     with build.precision(cfg):
-        settings = _settings(cfg)
+        settings = _settings(build.part(cfg, "fit"))
         surfaces = build.surface_features(cfg)
-        named = surfaces or build.features(cfg)
-        refuse(not named, "No feature is named: give feature=[strip_load] or a sum of several.")
-        data = measured(cfg)
+        refuse(
+            not (surfaces or build.features(cfg)),
+            "No feature is named: give feature=[strip_load] or a sum of several.",
+        )
+        solver = build.solver(cfg)
+        recorded = recorded_problem(_with_example(cfg), check)
         if surfaces:
-            one = surface_fitter(cfg, data, surfaces, settings)
+            of_surface = surface_fit(recorded, surfaces, solver, settings)
+            method, surfaces = of_surface, of_surface.features
         else:
             _refuse_surface_only(settings)
-            one = _traction_fitter(cfg, data)
-        sums = [{n: feature} for n, feature in named.items()] if settings["select"] else [named]
-        # The first one in the search: its programs serve all.
-        candidates = [_timed(one, features) for features in [*sums, {}]]
-        candidates = [candidates[-1], *candidates[:-1]]
-        if settings["select"]:
-            best = max(candidates, key=lambda candidate: candidate.fit.log_evidence)
-        else:
-            best = candidates[-1]
-        data = replace(data, noise=best.noise)
-        if best.levels is not None:
-            data = replace(data, noise_rms=float(np.sqrt(np.mean(best.levels.white**2))))
-        dataset = _dataset(data, best)
+            _check_length(recorded.problem)
+            method = FeatureFit(build.features(cfg), solver)
+        fitted = _fit(method, recorded, settings["select"], surfaces)
+        dataset, assumed = _dataset(fitted), _assumed(cfg, fitted)
         return Outcome(
-            _title(data, best.fit),
-            _metrics(data, candidates, best),
+            _title(fitted),
+            _metrics(fitted),
             dataset,
-            _sections(cfg, data, candidates, best, dataset),
-            _parameter_table(best.fit),
+            _sections(fitted, dataset, assumed),
+            _parameter_table(fitted.best),
         )
 
 
-def _settings(cfg: build.Config) -> Mapping[str, Any]:
-    given = build.part(cfg, "fit")
+def _with_example(cfg: build.Config) -> build.Config:
+    """The configuration with the bundled recording where it names none."""
+    settings = build.part(cfg, "recording")
+    return {**cfg, "recording": {**settings, "path": settings.get("path") or str(EXAMPLE)}}
+
+
+def _check_length(problem: Problem) -> None:
+    scanned = float(np.ptp(problem.motion.position_m))
+    check_cells(problem.name, scanned, float(problem.sensor.depth_m) / CELLS_PER_DEPTH)
+
+
+def _fit(
+    method: FeatureFit | SurfaceFit,
+    recorded: RecordedProblem,
+    select: bool,
+    on_surface: SurfaceFeatures,
+) -> _Fitted:
+    """All features together and nothing, or each of them and nothing, of which one is selected."""
+    named = method.features
+    sums = [{name: feature} for name, feature in named.items()] if select else [named]
+    # Nothing comes last: the programs of the first search serve all.
+    fits = [_timed(method, features, recorded.problem) for features in [*sums, {}]]
+    candidates = [fits[-1], *fits[:-1]]
+    best = max(candidates, key=lambda each: each.fit.log_evidence) if select else candidates[-1]
+    return _Fitted(recorded, candidates, best.fit, on_surface)
+
+
+def _settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
     known = {"select": False, "free": None, "start": None}
     unknown = sorted(set(given) - set(known))
     refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: {', '.join(known)}.")
@@ -146,46 +161,38 @@ def _refuse_surface_only(settings: Mapping[str, Any]) -> None:
         )
 
 
-def _timed(one: Callable[[Any], Candidate], features: Any) -> Candidate:
+def _timed(method: FeatureFit | SurfaceFit, features: Any, problem: Problem) -> Candidate:
     with stage(f"fitting {' + '.join(features) or 'nothing'}"):
         start = time.perf_counter()
-        candidate = one(features)
-        return replace(candidate, time_s=time.perf_counter() - start)
+        estimate = method.candidate(features, problem)
+        return Candidate(estimate, time.perf_counter() - start)
 
 
-def _traction_fitter(cfg: build.Config, data: Measured) -> Callable[[Any], Candidate]:
-    fitter = FeatureFitter(data.sensor, data.motion, build.solver(cfg))
-
-    def one(features) -> Candidate:
-        return Candidate(fitter(features, data.y, data.noise), data.noise, None, 0.0)
-
-    return one
-
-
-def _title(data: Measured, best: FeatureFit) -> str:
+def _title(fitted: _Fitted) -> str:
+    best = fitted.best
     failed = " (failed)" if best.quality is Quality.FAILED else ""
-    return f"{data.recording.name}: {best.name.replace('_', ' ')}{failed}"
+    return f"{fitted.recording.name}: {best.name.replace('_', ' ')}{failed}"
 
 
 # --- numbers ---------------------------------------------------------------------------------
 
 
-def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> dict[str, Any]:
-    fits, best = [candidate.fit for candidate in candidates], chosen.fit
-    posterior = probabilities(fits)
+def _metrics(fitted: _Fitted) -> dict[str, Any]:
+    fits, best = [candidate.fit for candidate in fitted.candidates], fitted.best
+    posterior, unit = probabilities(fits), fitted.recording.signal_unit
     metrics: dict[str, Any] = {
         "feature": best.name,
-        "samples": int(np.isfinite(data.y).sum()),
-        f"noise_rms_{data.recording.signal_unit}": data.noise_rms,
-        "first_call_s": float(sum(candidate.time_s for candidate in candidates)),
+        "samples": int(fitted.problem.observed.sum()),
+        f"noise_rms_{unit}": fitted.noise_rms,
+        "first_call_s": float(sum(candidate.time_s for candidate in fitted.candidates)),
         "status": best.status,
         "chi2_per_freedom": best.chi2_per_freedom,
         **in_metrics(best),
     }
-    if chosen.levels is not None:
+    if best.levels is not None:
         metrics |= {
-            f"noise_sliding_rms_{data.recording.signal_unit}": chosen.levels.sliding,
-            "noise_sliding_correlation_m": chosen.levels.correlation_m,
+            f"noise_sliding_rms_{unit}": best.levels.sliding,
+            "noise_sliding_correlation_m": best.levels.correlation_m,
         }
     for name, (value, stderr) in best.parameters.items():
         metrics |= {name: value, f"{name}_stderr": stderr}
@@ -203,32 +210,30 @@ def _metrics(data: Measured, candidates: list[Candidate], chosen: Candidate) -> 
     return metrics
 
 
-def _dataset(data: Measured, chosen: Candidate) -> xarray.Dataset:
-    best, unit, motion = chosen.fit, data.recording.signal_unit, data.motion
-    fitted = _fitted(data, best)
+PROFILE_UNITS = {"p": "Pa", "q": "Pa", "height": "m", "gap": "m", "friction": "1"}
+
+
+def _dataset(fitted: _Fitted) -> xarray.Dataset:
+    best, problem, unit = fitted.best, fitted.problem, fitted.recording.signal_unit
+    motion, profiles = problem.motion, best.profiles()
     along, over = ("element", "sample"), ("component", "x")
     variables = {
-        "time": (("sample",), np.asarray(motion.time_s), "s"),
-        "position": (("sample",), np.asarray(motion.position_m), "m"),
-        "speed": (("sample",), np.asarray(motion.speed_m_per_s), "m/s"),
-        "signal": (along, data.y, unit),
-        "fitted_signal": (along, fitted, unit),
-        "whitened_residual": (along, _whitened(data, data.y - fitted), "1"),
+        "time": (("sample",), motion.time_s, "s"),
+        "position": (("sample",), motion.position_m, "m"),
+        "speed": (("sample",), motion.speed_m_per_s, "m/s"),
+        "signal": (along, best.data, unit),
+        "fitted_signal": (along, best.fitted, unit),
+        "whitened_residual": (along, best.whitened, "1"),
     }
-    if isinstance(best.model, SurfaceModel):
-        profiles, bands = surface_band(best)
-        for name, value, band in zip(PROFILES, profiles[2:], bands[2:], strict=True):
-            units = "1" if name == "friction" else "m"
-            variables[name] = (("x",), value, units)
-            variables[f"{name}_stderr"] = (("x",), band, units)
-        r, band = profiles[:2], bands[:2]
-    else:
-        r, band = traction_band(best)
-    variables |= {"estimate": (over, r, "Pa"), "estimate_stderr": (over, band, "Pa")}
+    for name in [name for name in profiles if name not in COMPONENTS]:
+        for key, values in zip((name, f"{name}_stderr"), profiles[name], strict=True):
+            variables[key] = (("x",), values, PROFILE_UNITS[name])
+    value, stderr = (np.stack(each) for each in zip(*map(profiles.get, COMPONENTS), strict=True))
+    variables |= {"estimate": (over, value, "Pa"), "estimate_stderr": (over, stderr, "Pa")}
     coordinates = {
         "x": (("x",), np.asarray(best.model.line.x), {"units": "m"}),
         "component": (("component",), list(COMPONENTS), {"units": "1"}),
-        "element": (("element",), element_names(data.sensor), {"units": "1"}),
+        "element": (("element",), element_names(problem.sensor), {"units": "1"}),
     }
     if best.fit is not None:
         names = list(best.fit.names)
@@ -238,33 +243,19 @@ def _dataset(data: Measured, chosen: Candidate) -> xarray.Dataset:
     return xarray.Dataset(
         {k: (dims, np.asarray(v), {"units": units}) for k, (dims, v, units) in variables.items()},
         coordinates,
-        {"title": _title(data, best), "signal_unit": unit, "quality": str(best.quality)},
+        {"title": _title(fitted), "signal_unit": unit, "quality": str(best.quality)},
     )
-
-
-def _fitted(data: Measured, best: FeatureFit) -> np.ndarray:
-    """The fitted signal; from the fit's own residual where no sample is missing."""
-    if best.fit is not None and bool(np.isfinite(best.fit.residual).all()):
-        return data.y - best.fit.residual
-    return best.signal()
-
-
-def _whitened(data: Measured, left: np.ndarray) -> np.ndarray:
-    """The residual over the noise, nan where a sample is missing."""
-    whiten, _ = whitener(data.noise, left.shape)
-    white = np.asarray(whiten(jnp.nan_to_num(jnp.asarray(left)))).reshape(left.shape)
-    return np.where(np.isfinite(left), white, np.nan)
 
 
 # --- the page --------------------------------------------------------------------------------
 
 
-def _sections(cfg, data: Measured, candidates, chosen: Candidate, ds) -> tuple[Section, ...]:
-    best = chosen.fit
+def _sections(fitted: _Fitted, ds: xarray.Dataset, assumed) -> tuple[Section, ...]:
+    best = fitted.best
     return (
         Section(
             "Signal and fit",
-            _verdict(chosen),
+            _verdict(best),
             {"fit": lambda: figures.feature_signals(ds)},
             {"fit": "What was recorded, what the fitted feature makes of it, and what is left, in "
              "standard deviations of the noise."},
@@ -290,30 +281,29 @@ def _sections(cfg, data: Measured, candidates, chosen: Candidate, ds) -> tuple[S
             ("The evidence is the probability of the data under a candidate, all of its parameters "
              "integrated out (Laplace's method), so that more parameters have to earn their place. "
              "All candidates are taken as equally probable beforehand.",),
-            tables=(_ranking(candidates),),
+            tables=(_ranking(fitted.candidates),),
         ),
         Section(
             "What was assumed",
             (),
-            tables=(Table(("what", "value"), _assumed(cfg, data, chosen)),),
+            tables=(Table(("what", "value"), assumed),),
         ),
     )  # fmt: skip
 
 
-def _correlation_figure(best: FeatureFit, ds):
+def _correlation_figure(best: FeatureEstimate, ds):
     return {} if best.fit is None else {"correlation": lambda: figures.correlation(ds)}
 
 
-def _verdict(chosen: Candidate) -> tuple[str, ...]:
+def _verdict(best: FeatureEstimate) -> tuple[str, ...]:
     """Quality of the fit, and the reasons against it."""
-    best = chosen.fit
     chi2 = best.chi2_per_freedom
     left = "" if chi2 is None else f" Chi-square per degree of freedom is {chi2:.3g}."
     what = "Nothing was fitted: the data are taken as noise alone. " if best.fit is None else ""
     return (f"{what}{_WORTH[best.quality].capitalize()}{left}", *best.reasons)
 
 
-def _identifiability(best: FeatureFit):
+def _identifiability(best: FeatureEstimate):
     if best.fit is None:
         return
     names, correlation = best.fit.names, best.fit.correlation
@@ -330,7 +320,7 @@ def _identifiability(best: FeatureFit):
         yield "The data determine every parameter."
 
 
-def _parameter_table(best: FeatureFit) -> Table:
+def _parameter_table(best: FeatureEstimate) -> Table:
     return Table(
         ("parameter", "value", "standard error", "relative"),
         tuple(
@@ -359,6 +349,7 @@ def _to_error(value: float, stderr: float) -> str:
 
 def _ranking(candidates: list[Candidate]) -> Table:
     fits, times = [c.fit for c in candidates], [c.time_s for c in candidates]
+    chi2 = [fit.chi2_per_freedom for fit in fits]
     posterior = probabilities(fits)
     order = np.argsort(-posterior, kind="stable")
     top = max(fit.log_evidence for fit in fits)
@@ -369,7 +360,7 @@ def _ranking(candidates: list[Candidate]) -> Table:
             (
                 fits[i].name.replace("_", " "), f"{posterior[i]:.3g}",
                 top - fits[i].log_evidence,
-                "-" if fits[i].chi2_per_freedom is None else fits[i].chi2_per_freedom,
+                "-" if chi2[i] is None else chi2[i],
                 times[i], str(fits[i].quality),
             )
             for i in order
@@ -378,32 +369,31 @@ def _ranking(candidates: list[Candidate]) -> Table:
     )  # fmt: skip
 
 
-def _assumed(cfg: build.Config, data: Measured, chosen: Candidate) -> tuple[tuple[str, str], ...]:
-    recording, unit = data.recording, data.recording.signal_unit
-    speed = recording.speed_m_per_s
-    steady = recording.is_constant_speed(STEADY)
-    given = (cfg["noise"].get("white") or {}).get("rms") is not None
-    causes = [name for name in cfg["noise"] if name != "white"]
+def _assumed(cfg: build.Config, fitted: _Fitted) -> tuple[tuple[str, str], ...]:
+    recording, problem = fitted.recording, fitted.problem
+    speed, unit = recording.speed_m_per_s, recording.signal_unit
+    steady, causes = recording.is_constant_speed(STEADY), problem.noise.causes
     return (
         ("recording", f"{recording.name}, {recording.time_s.size} samples at "
          f"{recording.sample_rate_hz:.6g} Hz"),
         *times_rows(cfg, recording),
         ("motion", f"{speed.mean():.4g} m/s, constant" if steady
          else f"measured, {speed.min():.4g} to {speed.max():.4g} m/s"),
-        *ground(data, chosen.fit),
-        ("skin", data.sensor.skin.words),
-        ("amplifier", type(data.sensor.amplifier).__name__),
-        ("noise", f"white, {data.noise_rms:.3g} {unit} per sample, "
-         + _noise_source(chosen, given, unit) + "".join(f"; {name}" for name in causes)),
+        *ground(problem, fitted.best, fitted.on_surface),
+        ("skin", problem.sensor.skin.words),
+        ("amplifier", type(problem.sensor.amplifier).__name__),
+        ("noise", f"white, {fitted.noise_rms:.3g} {unit} per sample, "
+         + _noise_source(fitted, unit) + "".join(f"; {name}" for name in causes)),
         *build.effects_rows(cfg),
         ("solver", str(cfg["solver"]["_target_"]).rpartition(".")[2]),
     )  # fmt: skip
 
 
-def _noise_source(chosen: Candidate, given: bool, unit: str) -> str:
-    levels = chosen.levels
+def _noise_source(fitted: _Fitted, unit: str) -> str:
+    levels = fitted.best.levels
     if levels is None:
-        return "given" if given else "from the highest wavenumbers of the recording"
+        is_given = not fitted.problem.noise.is_estimate
+        return "given" if is_given else "from the highest wavenumbers of the recording"
     return (
         f"and {levels.sliding:.3g} {unit} correlated over {1e3 * levels.correlation_m:.3g} mm "
         "along the motion, both from what the fit leaves"

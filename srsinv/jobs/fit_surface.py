@@ -1,83 +1,39 @@
-"""Fit of features of a surface to a recording: its data, fitter and page sections."""
+"""Fit of features of a surface to a recording: its method and page sections."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import xarray
-from jaxtyping import Float
 
 from ..errors import mapping, number, refuse, shown
-from ..forward.scan import Motion
-from ..forward.sensor import Sensor
 from ..forward.surface_feature import SurfaceFeature
-from ..inverse.feature_result import FeatureFit
-from ..inverse.sliding_noise import Levels
-from ..inverse.surface_fit import SurfaceFitter
-from ..inverse.surface_model import SurfaceFeatures, SurfaceModel, cell_for, checked_pressure
-from ..recording import Recording
+from ..inverse.cells import check_cells
+from ..inverse.feature_estimate import FeatureEstimate
+from ..inverse.feature_method import SurfaceFit
+from ..inverse.nonlinear import Solver
+from ..inverse.problem import Problem
+from ..inverse.surface_model import SurfaceFeatures, cell_for, checked_pressure
 from ..report import figures
 from ..report.outcome import Section
 from . import build
-from .recorded import check_cells, coloured_noises, contact_window, nominal_pressure
+from .recorded import RecordedProblem
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A recording prepared for a fit: `y` and `noise` as [`nonlinear.fit`][] has them.
-
-    `noise_rms` is the white noise per sample.
-    """
-
-    recording: Recording
-    sensor: Sensor
-    motion: Motion
-    y: Float[np.ndarray, "e sample"]
-    noise: Any
-    noise_rms: float
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """Fitted features, with the noise assumed, and the time [s].
-
-    `levels`: of the noise, where it is estimated from the residual.
-    """
-
-    fit: FeatureFit
-    noise: Any
-    levels: Levels | None
-    time_s: float
-
-
-def surface_fitter(
-    cfg: build.Config, data: Measured, features: SurfaceFeatures, settings: Mapping[str, Any]
-) -> Callable[[Any], Candidate]:
-    """The fitter of features of a surface, with the sidecar's edges."""
-    facts = data.recording.sidecar
-    pressure = checked_pressure(nominal_pressure(data.recording))
+def surface_fit(
+    recorded: RecordedProblem,
+    features: SurfaceFeatures,
+    solver: Solver,
+    settings: Mapping[str, Any],
+) -> SurfaceFit:
+    """The fit of features of a surface, with the sidecar's edges. Raises `BadInput` where what it
+    needs to know of the recording is missing, and for settings that it does not take."""
+    problem, facts = recorded.problem, recorded.recording.sidecar
+    checked_pressure(problem.nominal_pressure_Pa)
     features = {name: _with_edge(name, each, facts) for name, each in features.items()}
-    window = contact_window(facts, data.motion.position_m, float(data.sensor.depth_m))
-    cell = cell_for(features, float(data.sensor.depth_m))
-    check_cells(data.recording.name, window.length_m, cell)
-    fitter = SurfaceFitter(
-        data.sensor, data.motion, features, window, pressure,
-        _names("fit.free", settings["free"]), build.solver(cfg),
-    )  # fmt: skip
-    start = _start(settings["start"], features)
-    white_given = build.part(build.part(cfg, "noise"), "white").get("rms") is not None
-    known = data.noise if white_given or coloured_noises(cfg) else None
-
-    def one(chosen) -> Candidate:
-        fitted = fitter({name: features[name] for name in chosen}, data.y, known, start)
-        noise = known
-        if fitted.levels is not None:
-            position = np.asarray(data.motion.position_m)
-            noise = fitted.levels.whitener(position, np.isfinite(data.y))
-        return Candidate(fitted.fit, noise, fitted.levels, 0.0)
-
-    return one
+    cell = cell_for(features, float(problem.sensor.depth_m))
+    check_cells(problem.name, problem.window.length_m, cell)
+    free = _names("fit.free", settings["free"])
+    return SurfaceFit(features, solver, free, _start(settings["start"], features))
 
 
 def _with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
@@ -130,18 +86,18 @@ def contact_section(ds: xarray.Dataset) -> tuple[Section, ...]:
     )  # fmt: skip
 
 
-def ground(data: Measured, best: FeatureFit) -> tuple[tuple[str, str], ...]:
-    """Page rows of the plate under the features."""
-    model = best.model
-    if not isinstance(model, SurfaceModel):
+def ground(
+    problem: Problem, best: FeatureEstimate, features: SurfaceFeatures
+) -> tuple[tuple[str, str], ...]:
+    """Page rows of the plate under the features of a surface; else of the background."""
+    if not features:
         return (("traction", "features over a uniform background, on an open line"),)
-    line = model.line
+    line = best.model.line
     cells = f"{line.n} cells of {1e6 * float(line.cell_m):.3g} um"
-    edges = ", ".join(f"{1e6 * f.edge_m:.3g} um" for f in model.features.values())
+    edges = ", ".join(f"{1e6 * features[name].edge_m:.3g} um" for name in best.features)
     return (
         ("surface", f"repeats with the contact window, {1e3 * float(line.cell_m * line.n):.4g} mm "
          f"in {cells}; beyond it the plate"),
-        ("nominal pressure", f"{data.recording.sidecar.get('nominal_pressure_Pa'):.4g} Pa, the "
-         "mean over the window"),
+        ("nominal pressure", f"{problem.nominal_pressure_Pa:.4g} Pa, the mean over the window"),
         ("edges", f"rise over {edges}" if edges else "none"),
     )  # fmt: skip

@@ -7,8 +7,8 @@ import scipy.optimize as so
 import scipy.sparse.linalg as sla
 
 from ..inverse.feature_model import FeatureModel
+from ..inverse.line_problem import LineProblem
 from ..inverse.prior import Prior
-from ..inverse.problem import Problem
 from ..inverse.tikhonov import DerivativePenalty
 
 
@@ -22,7 +22,7 @@ def numpy_apply(transfer: np.ndarray, r: np.ndarray, n: int, length: int) -> np.
 class NumpyNormal:
     """The normal equations (G^T N^-1 G + P) r = G^T N^-1 m, by numpy and scipy alone."""
 
-    def __init__(self, problem: Problem, prior: Prior):
+    def __init__(self, problem: LineProblem, prior: Prior):
         self.n, self.length = problem.line.n, problem.forward.length
         self.transfer = np.asarray(problem.forward.transfer)
         self.circulant = np.asarray(problem.forward.circulant().transfer)

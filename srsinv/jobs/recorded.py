@@ -1,23 +1,24 @@
 """Sensor, motion and white noise of a recording at even times."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..errors import number, refuse
 from ..forward.describe import elements
-from ..forward.film import LineEffect
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.scenario import Scenario
 from ..forward.sensor import Sensor
-from ..inverse.surface_model import Window
+from ..inverse.problem import Problem
+from ..inverse.sample_noise import SampleNoise
 from ..recording import Recording, merge
+from ..recording.even import load_even
 from ..recording.noise import white_level
 from . import build
 
-MARGIN_DEPTHS = 8  # distance beyond the scan's ends at which traction still gives a signal
 SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # if neither sidecar nor command gives them
 
 
@@ -26,10 +27,10 @@ def elements_named(cfg: build.Config) -> dict[str, Any]:
     return {"sensor": {"elements": build.part(cfg, "sensor").get("elements")}}
 
 
-def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect] = ()) -> Sensor:
+def sensor_of(cfg: build.Config, recording: Recording) -> Sensor:
     """The sensor that the sidecar and the configuration describe; the configuration overrides.
 
-    `also`: effects added to every element. Raises `BadInput` for missing facts, and where the
+    Raises `BadInput` for missing facts, and where the
     numbers of elements and signal columns differ.
     """
     facts = recording.sidecar
@@ -44,10 +45,7 @@ def sensor_of(cfg: build.Config, recording: Recording, also: Sequence[LineEffect
     node = build.skin_node(build.part(cfg, "skin"), SKIN | _skin(facts))
     skin = build.make(node, "skin", "skin").sliding_at(speed.speed_m_per_s)
     ideal = Sensor(films, skin, build.amplifier(amplifier_node(cfg, description)))
-    scenario = build.with_effects(cfg, Scenario(None, ideal, speed))
-    for effect in also:
-        scenario = scenario.with_films(lambda film, effect=effect: film.with_effect(effect))
-    return scenario.sensor
+    return build.with_effects(cfg, Scenario(None, ideal, speed)).sensor
 
 
 def _skin(facts: dict[str, Any]) -> dict[str, Any]:
@@ -67,17 +65,6 @@ def amplifier_node(cfg: build.Config, description: Mapping[str, Any]) -> dict[st
     if node.get("feedback_resistance_ohm", 0) is None:
         node["feedback_resistance_ohm"] = resistance
     return {"amplifier": node}
-
-
-def check_cells(name: str, length_m: float, cell_m: float) -> None:
-    """Refuse a line that exceeds the memory of any machine: a unit is probably wrong."""
-    cells = length_m / cell_m
-    refuse(
-        not cells <= build.MOST_CELLS,
-        f"{name}: the {length_m:.4g} m in cells of {cell_m:.4g} m are {cells:.4g} cells, more than "
-        f"{build.MOST_CELLS}: check recording.speed_m_per_s, recording.sample_rate_hz, "
-        "sensor.depth_m and recording.contact_window_m, and their units.",
-    )
 
 
 def times_rows(cfg: build.Config, recording: Recording) -> tuple[tuple[str, str], ...]:
@@ -115,20 +102,11 @@ def nominal_pressure(recording: Recording) -> float | None:
     return None if given is None else float(number(key, given, wanted, least=0))
 
 
-def contact_window(facts: Mapping[str, Any], position_m, depth_m: float) -> Window:
-    """The surface's period: as known, else the scan and a margin beyond its ends."""
-    given = facts.get("contact_window_m")
-    if given:
-        return Window(float(given[0]), float(given[1]))
-    margin = MARGIN_DEPTHS * depth_m
-    return Window(float(np.min(position_m)) - margin, float(np.max(position_m)) + margin)
-
-
-def coloured_noises(cfg: build.Config) -> tuple[Noise, ...]:
+def coloured_noises(cfg: build.Config) -> dict[str, Noise]:
     """The named causes of noise but the white one, which is estimated from the recording."""
     others = {name: node for name, node in build.part(cfg, "noise").items() if name != "white"}
-    noises = build.noises({"noise": others})
-    for noise in noises:
+    noises = dict(zip(others, build.noises({"noise": others}), strict=True))
+    for noise in noises.values():
         refuse(
             isinstance(noise, SignalToNoise),
             "noise=snr has no meaning for a recording: use noise=white (noise.white.rms, or null "
@@ -137,17 +115,61 @@ def coloured_noises(cfg: build.Config) -> tuple[Noise, ...]:
     return noises
 
 
-def white_rms(cfg: build.Config, recording: Recording, depth: float, spacing: float) -> float:
-    """The white noise per sample: given, or the level at wavenumbers that the skin does not
-    transmit."""
-    white = build.part(build.part(cfg, "noise"), "white")
-    if (given := white.get("rms")) is not None:
+def sample_noise(cfg: build.Config, recording: Recording, depth_m: float) -> SampleNoise:
+    """The noise per sample: its white level as given, or that at wavenumbers that the skin does not
+    transmit, and the coloured causes."""
+    causes = coloured_noises(cfg)
+    given = build.part(build.part(cfg, "noise"), "white").get("rms")
+    if given is not None:
         wanted = "a positive number in the signal's unit, or null to take it from the recording"
-        return float(number("noise.white.rms", given, wanted, above=0))
-    level = white_level(recording.signal, depth, spacing)
+        return SampleNoise(number("noise.white.rms", given, wanted, above=0), causes)
+    # Where the motion is fastest: a frequency above the cut-off there is above it everywhere.
+    fastest = float(np.max(np.abs(recording.speed_m_per_s)))
+    level = white_level(recording.signal, depth_m, fastest / recording.sample_rate_hz)
     refuse(
         not level > 0,
         f"{recording.name}: no noise can be told from the signal (it is constant, or rounded): "
         "give noise.white.rms=... in the signal's unit.",
     )
-    return level
+    return SampleNoise(level, causes, is_estimate=True)
+
+
+@dataclass(frozen=True)
+class RecordedProblem:
+    """A recording, and the problem of finding what made it."""
+
+    recording: Recording
+    problem: Problem
+
+    @property
+    def noise_rms(self) -> float:
+        """The white noise per sample."""
+        return float(self.problem.noise.rms)
+
+
+def recorded_problem(cfg: build.Config, check: Callable[[Recording], None]) -> RecordedProblem:
+    """The problem that the configuration poses of its recording, which `check` may refuse.
+
+    Raises `BadInput` for a recording without what an inversion needs.
+    """
+    friction = build.friction(cfg) if "friction" in cfg else None
+    settings = build.part(cfg, "recording")
+    recording = load_even(settings, elements_named(cfg))
+    check(recording)
+    nominal, sensor = nominal_pressure(recording), sensor_of(cfg, recording)
+    cell_m = settings.get("cell_m")
+    if cell_m is not None:
+        number("recording.cell_m", cell_m, "a positive width in metres", above=0)
+    window = recording.sidecar.get("contact_window_m")
+    problem = Problem(
+        sensor,
+        motion_of(recording),
+        recording.signal,
+        sample_noise(cfg, recording, float(sensor.depth_m)),
+        friction=friction,
+        nominal_pressure_Pa=nominal,
+        window_m=None if not window else (float(window[0]), float(window[1])),
+        cell_m=cell_m,
+        name=recording.name,
+    )
+    return RecordedProblem(recording, problem)

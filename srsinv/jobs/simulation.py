@@ -22,9 +22,9 @@ from ..forward.sensor import Sensor
 from ..forward.skin import STRESSES
 from ..forward.speed_profile import denser
 from ..grid import Line, Periodic, Stage, as_real
-from ..inverse.problem import Problem
+from ..inverse.cells import fitted_on
+from ..inverse.line_problem import LineProblem
 from . import build
-from .cells import fitted_on
 
 SAME_RATE = 1e-6  # by which rates differ that only rounding tells apart
 LEAST_SAMPLES = 0.99  # a cell: with fewer, the cells would have to be guessed
@@ -193,7 +193,7 @@ def _refuse_static(cfg: build.Config, scenario: Scenario) -> None:
     )
 
 
-def noisy_problem(sim: Simulation, key, friction=None) -> Problem:
+def noisy_problem(sim: Simulation, key, friction=None) -> LineProblem:
     """The simulated signal with noise, its traction's mean pressure known as the load."""
     mean_p_Pa = jnp.mean(sim.traction(sim.line)[0])
     if sim.scenario.recorder.samples_in_time:
@@ -201,7 +201,7 @@ def noisy_problem(sim: Simulation, key, friction=None) -> Problem:
     return problem_of(sim, sim.signal(), mean_p_Pa, key, friction)
 
 
-def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> Problem:
+def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> LineProblem:
     """The signal without noise, (e, n) at the line's positions, with noise and what inverts it."""
     data, spectrum, rms = with_noise(sim.scenario.noises, sim.line, sim.scan, signal, key)
     _refuse_nothing(sim.scenario.noises, spectrum, rms)
@@ -213,7 +213,7 @@ def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> Proble
     return _problem(sim, sim.sensor, data, spectrum, observed, mean_p_Pa, friction)
 
 
-def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> Problem:
+def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> LineProblem:
     """The recorded samples with noise, put on the line's cells, and what inverts them.
 
     What is sampled while sliding back, and at a standstill, is left out: friction is turned there.
@@ -277,11 +277,12 @@ def recorded(sim: Simulation, key) -> TimedSamples:
 
 def _problem(
     sim: Simulation, sensor: Sensor, data, spectrum, observed, mean_p_Pa, friction
-) -> Problem:
+) -> LineProblem:
     free_offset = sensor.amplifier.offset is None
-    return Problem(
+    return LineProblem.of_sensor(
         sim.line,
-        sensor.operator(sim.line, sim.scan),
+        sensor,
+        sim.scan,
         data if observed is None else jnp.where(observed, data, 0.0),
         spectrum.at[0].set(jnp.inf) if free_offset else spectrum,
         observed=observed,

@@ -10,7 +10,8 @@ from ..errors import BadInput, refuse
 from ..forward.contact import Contact
 from ..forward.scene import SurfaceScene
 from ..forward.surface import Surface
-from ..inverse.problem import Estimate, Problem
+from ..inverse.estimate import Estimate
+from ..inverse.line_problem import LineProblem
 from .simulation import Simulation, problem_of, response
 
 
@@ -64,7 +65,7 @@ class SolvedContact(eqx.Module):
         stage = sim.sensor.output(sim.scan)
         return response(stage, sim.fine, self.fine_traction(surface), sim.refinement)
 
-    def problem(self, key, friction=None) -> Problem:
+    def problem(self, key, friction=None) -> LineProblem:
         """The signal with noise, and what inverts it; the mean pressure is known as the load."""
         mean_p = jnp.mean(self.fine_traction()[0])
         return problem_of(self.sim, self.signal(), mean_p, key, friction)
@@ -86,7 +87,10 @@ def cell_averages(values, refinement: int) -> np.ndarray:
 def smoothed_truth(
     truth: Float[np.ndarray, "2 n"], estimate: Estimate, circular: bool
 ) -> Float[np.ndarray, "2 n"]:
-    """The truth as the averaging kernels of an estimate of p and q show it, without any noise."""
+    """The truth as the averaging kernels of an estimate of p and q show it, without any noise; NaN
+    where it has none."""
+    if estimate.averaging is None:
+        return np.full(truth.shape, np.nan)
     n = truth.shape[-1]
     size = n if circular else 2 * n
     kernels = np.fft.rfft(np.asarray(estimate.averaging), size)

@@ -30,7 +30,7 @@ from scipy.stats import norm
 
 from srsinv.__main__ import find_config_root
 from srsinv.inverse import direct, spectral
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.quadratic import Scorer, choose_path
 from srsinv.inverse.rule import Choice, Evidence, GeneralisedCrossValidation, Rule
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
@@ -71,8 +71,8 @@ class Discrepancy(Rule):
         score = scorer(jnp.asarray(low + fractions[:, None] * (high - low)))
         offsets = 0 if np.isfinite(problem.noise[0]) else problem.data.shape[0]
         fitted = np.asarray(score.freedom) + offsets
-        proper = fitted < MOST_FITTED * problem.samples
-        target = problem.samples - (fitted if self.less_fitted else 0.0 * fitted)
+        proper = fitted < MOST_FITTED * problem.sample_count
+        target = problem.sample_count - (fitted if self.less_fitted else 0.0 * fitted)
         excess = np.log(np.asarray(score.residual)[proper] / target[proper])
         below = np.flatnonzero(excess < 0)
         if below.size == 0 or below[0] == 0:
@@ -103,7 +103,7 @@ class Draw(NamedTuple):
     covered: float
 
 
-def problems(scene: str, snr_dB: float, draws: int) -> tuple[np.ndarray, list[Problem]]:
+def problems(scene: str, snr_dB: float, draws: int) -> tuple[np.ndarray, list[LineProblem]]:
     """The true traction (2, n) less its mean over the samples' stretch, and noisy problems."""
     with initialize_config_dir(str(find_config_root()), version_base="1.3"):
         composed = compose("config", [*SCENES[scene], f"noise.snr.snr_dB={snr_dB}"])
@@ -117,7 +117,7 @@ def problems(scene: str, snr_dB: float, draws: int) -> tuple[np.ndarray, list[Pr
     return np.asarray(sim.traction(sim.line)), made
 
 
-def with_gaps(problem: Problem, observed: np.ndarray) -> Problem:
+def with_gaps(problem: LineProblem, observed: np.ndarray) -> LineProblem:
     """The same problem with the samples that are there alone."""
     parts = (jnp.where(observed, problem.data, 0.0), jnp.asarray(observed))
     return eqx.tree_at(
@@ -130,7 +130,7 @@ def deviation(values):
     return values - values.mean(axis=-1, keepdims=True)
 
 
-def draw(problem: Problem, truth: np.ndarray, method: Tikhonov) -> Draw:
+def draw(problem: LineProblem, truth: np.ndarray, method: Tikhonov) -> Draw:
     """The method's error and coverage."""
     estimate = method(problem)
     wrong = deviation(np.asarray(estimate.value) - truth)
@@ -139,7 +139,7 @@ def draw(problem: Problem, truth: np.ndarray, method: Tikhonov) -> Draw:
 
 
 @eqx.filter_jit
-def squares(problem: Problem, white: direct.Whitened | None, truth, log_weights):
+def squares(problem: LineProblem, white: direct.Whitened | None, truth, log_weights):
     """The mean squared error (b,) of what is solved for under each row of log10 weights (b, c)."""
     family = Penalties(jnp.asarray(DEPTH_M), ORDER)
 
@@ -153,7 +153,7 @@ def squares(problem: Problem, white: direct.Whitened | None, truth, log_weights)
     return jax.lax.map(one, log_weights, batch_size=None if white is not None else 64)
 
 
-def best_weights(problem: Problem, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def best_weights(problem: LineProblem, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """log10 of the weights of least error, and of those of least error along the box's diagonal.
 
     The first by a scan in decades, then grids ever closer about the best; the second by a scan.

@@ -12,7 +12,7 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Ridge, Rough, SineWave, Tape
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
-from srsinv.inverse.problem import Estimate
+from srsinv.inverse.estimate import Estimate
 from srsinv.inverse.shape import shape_band, shape_under
 from tests.refusals import refused
 

@@ -30,8 +30,9 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, TapeFeature
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Open, Periodic
+from srsinv.inverse.cells import Window
 from srsinv.inverse.feature_model import FeatureModel
-from srsinv.inverse.surface_model import SurfaceModel, Window
+from srsinv.inverse.surface_model import SurfaceModel
 
 Numbers = Mapping[str, Any]
 Model = Callable[[Numbers], Any]

@@ -18,7 +18,7 @@ from srsinv.forward.film import Film, Offset
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 
 N, LENGTH_M, DEPTH_M = 48, 12e-3, 0.75e-3
 LINES = {"periodic": Periodic, "open": Open}
@@ -36,7 +36,7 @@ RATE, SLOW = None, ChargeReadout(1e9, 0.0)
 class ProblemCase(NamedTuple):
     """A problem, the traction (2, n) behind its data, and its white noise's standard deviation."""
 
-    problem: Problem
+    problem: LineProblem
     truth: np.ndarray
     sigma: float
 
@@ -92,7 +92,7 @@ def make_case(
     data = signal + np.fft.irfft(sigma * np.sqrt(shape) * np.fft.rfft(white), n)
     noise = sigma**2 * shape
     noise[0] = np.inf if free_offset else noise[0]
-    problem = Problem(line, operator, data, noise, friction=friction, **known)
+    problem = LineProblem(line, operator, data, noise, friction=friction, **known)
     return ProblemCase(problem, truth, float(sigma))
 
 
@@ -105,14 +105,14 @@ def gaps(n=N) -> np.ndarray:
     return is_observed
 
 
-def deviation(problem: Problem, traction: np.ndarray) -> np.ndarray:
+def deviation(problem: LineProblem, traction: np.ndarray) -> np.ndarray:
     """The traction less its mean, where the problem solves for the deviation only."""
     traction = traction[..., : problem.unknowns, :]
     mean = traction.mean(axis=-1, keepdims=True)
     return traction - mean * np.array(problem.zero_mean)[:, None]
 
 
-def from_reference(problem: Problem) -> np.ndarray:
+def from_reference(problem: LineProblem) -> np.ndarray:
     """(c n, c n): traction to what the standard error is of.
 
     On an open line, where the mean is weakly observed, that is the deviation from the mean over
@@ -124,7 +124,7 @@ def from_reference(problem: Problem) -> np.ndarray:
     return np.array(scipy.linalg.block_diag(*[np.eye(n) - mean * w for w in weakly]))
 
 
-def stderr_of(problem: Problem, covariance: np.ndarray) -> np.ndarray:
+def stderr_of(problem: LineProblem, covariance: np.ndarray) -> np.ndarray:
     """The standard error (c, n) that belongs to a covariance (c n, c n) of the traction."""
     to = from_reference(problem)
     return np.sqrt(np.diag(to @ covariance @ to.T)).reshape(problem.unknowns, -1)
@@ -146,7 +146,7 @@ def blocks(spectra, n) -> np.ndarray:
     return np.array(scipy.linalg.block_diag(*[circulant(s, n) for s in np.asarray(spectra)]))
 
 
-def matrix(problem: Problem) -> np.ndarray:
+def matrix(problem: LineProblem) -> np.ndarray:
     """The forward model (e n, c n)."""
     size = problem.unknowns * problem.line.n
     basis = jnp.eye(size).reshape(size, problem.unknowns, problem.line.n)
@@ -154,14 +154,14 @@ def matrix(problem: Problem) -> np.ndarray:
     return columns.reshape(size, -1).T
 
 
-def observed(problem: Problem) -> np.ndarray:
+def observed(problem: LineProblem) -> np.ndarray:
     """Which rows of the forward model have a sample."""
     if problem.observed is None:
         return np.ones(problem.data.size, bool)
     return np.array(problem.observed).ravel()
 
 
-def noise_covariance(problem: Problem) -> np.ndarray:
+def noise_covariance(problem: LineProblem) -> np.ndarray:
     """Covariance of the samples that are there; an unknown offset is left out of it."""
     spectrum = np.asarray(problem.noise)
     spectrum = np.where(np.isfinite(spectrum), spectrum, spectrum[-1])
@@ -171,14 +171,14 @@ def noise_covariance(problem: Problem) -> np.ndarray:
     ]
 
 
-def prior_covariance(problem: Problem, power) -> np.ndarray:
+def prior_covariance(problem: LineProblem, power) -> np.ndarray:
     """Covariance (c n, c n) of traction of the given spectra, its fixed means apart."""
     power = np.array(power, float)
     power[np.asarray(problem.zero_mean), 0] = 0.0
     return blocks(power, problem.line.n)
 
 
-def condition(problem: Problem, power) -> tuple[np.ndarray, np.ndarray]:
+def condition(problem: LineProblem, power) -> tuple[np.ndarray, np.ndarray]:
     """Gaussian conditioning: posterior mean (c, n) and covariance (c n, c n) of the deviation."""
     is_observed = observed(problem)
     model = matrix(problem)[is_observed]
@@ -188,7 +188,7 @@ def condition(problem: Problem, power) -> tuple[np.ndarray, np.ndarray]:
     return mean.reshape(problem.unknowns, -1), prior - gain @ model @ prior
 
 
-def log_marginal(problem: Problem, power) -> float:
+def log_marginal(problem: LineProblem, power) -> float:
     """Log density of the data, up to a constant."""
     is_observed = observed(problem)
     model, data = matrix(problem)[is_observed], np.ravel(problem.data)[is_observed]
@@ -198,7 +198,7 @@ def log_marginal(problem: Problem, power) -> float:
     return -np.log(np.diag(root)).sum() - white @ white / 2
 
 
-def penalty_rows(problem: Problem, order, weights, length_m=DEPTH_M) -> np.ndarray:
+def penalty_rows(problem: LineProblem, order, weights, length_m=DEPTH_M) -> np.ndarray:
     """The rows D with |D r|^2 the derivative penalty, by differences of neighbouring cells."""
     n = problem.line.n
     step = np.eye(n)
@@ -219,7 +219,7 @@ class Dense(NamedTuple):
     freedom: float
 
 
-def minimiser(problem: Problem) -> Callable[[np.ndarray], Dense]:
+def minimiser(problem: LineProblem) -> Callable[[np.ndarray], Dense]:
     """penalty -> what minimises |N^(-1/2) (m - G r - offset)|^2 + |penalty r|^2.
 
     Over deviations r where the mean is not solved for, and over the offsets where they are free.

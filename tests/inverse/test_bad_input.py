@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.rule import GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Flat, Normalised, Wiener
@@ -20,7 +20,7 @@ TWO_LEFT[:, :2] = True
 
 
 def problem(forward=PAIR, data=DATA, noise: object = LEVEL, **known):
-    return Problem(LINE, forward, data, noise, **known)
+    return LineProblem(LINE, forward, data, noise, **known)
 
 
 def one_zero(at, value=0.0):

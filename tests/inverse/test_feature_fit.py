@@ -14,6 +14,7 @@ from srsinv.forward.feature import (
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
+from srsinv.inverse.feature_estimate import probabilities
 from srsinv.inverse.feature_fit import (
     FeatureFitter,
     FeatureModel,
@@ -21,7 +22,6 @@ from srsinv.inverse.feature_fit import (
     friction_of,
     reported_parameters,
 )
-from srsinv.inverse.feature_result import probabilities
 from tests.features import FEATURES
 from tests.tiers import quick
 

@@ -10,7 +10,7 @@ import pytest
 
 from srsinv.forward.film import Film
 from srsinv.inverse import spectral
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.tikhonov import DerivativePenalty
 from srsinv.inverse.wiener import Exponential, SpectralPrior
 from tests.inverse.cases import DEPTH_M, RATE, SLOW, N, make_case, make_line, make_operator
@@ -82,7 +82,7 @@ def test_the_noise_may_be_traced(amplifier):
     def spread(level):
         line = make_line()
         noise = level**2 * jnp.ones(line.k.shape)
-        problem = Problem(line, case.problem.forward, case.problem.data, noise)
+        problem = LineProblem(line, case.problem.forward, case.problem.data, noise)
         prior = DerivativePenalty(jnp.array([2e-5, 8e-5]), jnp.asarray(DEPTH_M), 1)
         return spectral.solve(problem, prior).stderr[0, 0]
 

@@ -6,7 +6,7 @@ import pytest
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film
 from srsinv.grid import Convolution
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
@@ -91,7 +91,7 @@ def test_a_model_that_feels_nothing_is_never_sure(name):
     line, forward = case.problem.line, case.problem.forward
     silent = Convolution(0 * forward.transfer, line.cell_m, line.n, line.n)
     try:
-        problem = Problem(case.problem.line, silent, case.problem.data, case.problem.noise)
+        problem = LineProblem(case.problem.line, silent, case.problem.data, case.problem.noise)
         estimate = STATIC[name](problem)
     except BadInput:
         return

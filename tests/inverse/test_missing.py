@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import SLOW, N, gaps, make_case, relative
@@ -18,10 +18,10 @@ METHODS = {
 }
 
 
-def again(problem: Problem, **change) -> Problem:
+def again(problem: LineProblem, **change) -> LineProblem:
     """The same problem, built anew with other data or other samples."""
     given = {"data": problem.data, "noise": problem.noise, "observed": problem.observed} | change
-    return Problem(problem.line, problem.forward, **given)
+    return LineProblem(problem.line, problem.forward, **given)
 
 
 @pytest.mark.full

@@ -61,7 +61,7 @@ SCORED = [(name, path) for name, (_, paths) in PROBLEMS.items() for path in path
 
 def dense_gcv(problem):
     """log10 weights -> residual over N, over the square of the share of N that is left."""
-    minimise, samples = minimiser(problem), problem.samples
+    minimise, samples = minimiser(problem), problem.sample_count
 
     def criterion(log_weights) -> float:
         dense = minimise(penalty_rows(problem, 1, 10.0 ** np.asarray(log_weights)))

@@ -12,7 +12,7 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Cylinder, Ridge, Surface
 from srsinv.forward.traction import Hertz
 from srsinv.grid import Periodic
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.shape import shape_band, shape_under
 from srsinv.inverse.spectral import solve
 from srsinv.inverse.wiener import Exponential, SpectralPrior, Wiener
@@ -77,7 +77,7 @@ def _draws(n: int, draws: int):
     noise = jnp.full(line.k.shape, 1e-6**2)
     truth = draw(first, power, 2 * draws, n).reshape(draws, 2, n)
     signals = jax.vmap(forward)(truth) + draw(second, noise, 2 * draws, n).reshape(draws, 2, n)
-    return Problem(line, forward, signals[0], noise.at[0].set(jnp.inf)), truth, signals
+    return LineProblem(line, forward, signals[0], noise.at[0].set(jnp.inf)), truth, signals
 
 
 METHOD = {path: Wiener(Exponential(1e3, 1e-3), Exponential(1e3, 1e-3), path=path)

@@ -13,8 +13,9 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, StepUpFeature, TapeFeature
+from srsinv.inverse.cells import Window
 from srsinv.inverse.surface_fit import SurfaceFitter
-from srsinv.inverse.surface_model import SurfaceModel, Window
+from srsinv.inverse.surface_model import SurfaceModel
 from tests.refusals import refused
 from tests.tiers import quick
 
@@ -84,16 +85,16 @@ def test_a_ridge_is_found_from_nothing_and_from_a_bad_start(ridges, simulated, n
     y = noisy(np.asarray(simulated(tree(own, base))), 3)
     truth = own | {"base_friction": base}
     fit = ridges({"it": RidgeFeature(EDGE)}, y)
-    assert fit.fit.status == "converged"
-    for name, (value, stderr) in fit.fit.parameters.items():
+    assert fit.status == "converged"
+    for name, (value, stderr) in fit.parameters.items():
         assert abs(value - truth[name]) < 4 * stderr, name
     bad = {
         "height_m": 1.5 * own["height_m"],
         "width_m": 0.5 * own["width_m"],
         "position_m": own["position_m"] + 0.5e-3,
     }
-    again = ridges({"it": RidgeFeature(EDGE)}, y, start=bad).fit
-    for name, (value, stderr) in fit.fit.parameters.items():
+    again = ridges({"it": RidgeFeature(EDGE)}, y, start=bad)
+    for name, (value, stderr) in fit.parameters.items():
         assert abs(again.parameters[name][0] - value) < 0.05 * stderr, name
 
 
@@ -112,7 +113,7 @@ def test_standard_errors_are_the_bound(ridges, simulated):
     """At known white noise, against central differences of the finer simulation."""
     signal = np.asarray(simulated(tree(RIDGE, 0.4)))
     rms = 0.01 * np.sqrt(np.mean(signal**2))
-    estimate = ridges({"it": RidgeFeature(EDGE)}, signal, noise=rms).fit
+    estimate = ridges({"it": RidgeFeature(EDGE)}, signal, noise=rms)
     cell = float(simulated.line.cell_m)
     steps = {"height_m": 3e-7, "width_m": 4 * cell, "position_m": 2 * cell}
     columns = []
@@ -169,7 +170,7 @@ def test_friction_turns_with_the_motion():
 def test_sliding_back_the_leading_edge_is_the_other_one():
     model = fine(TapeFeature(EDGE), BACK)
     y = noisy(np.asarray(model(tree(TAPE, 0.35))), 7)
-    estimate = fitter(TapeFeature(EDGE), BACK)({"it": TapeFeature(EDGE)}, y).fit
+    estimate = fitter(TapeFeature(EDGE), BACK)({"it": TapeFeature(EDGE)}, y)
     assert estimate.status == "converged"
     for name, truth in (TAPE | {"base_friction": 0.35}).items():
         value, stderr = estimate.parameters[name]
@@ -182,7 +183,7 @@ def test_gain_pressure_and_height_cannot_be_told_apart(simulated):
     """Twice the pressure and the height at half the gain is the same signal."""
     y = noisy(np.asarray(simulated(tree(RIDGE, 0.4))), 11)
     together = fitter(RidgeFeature(EDGE), ONWARDS, ["gain", "nominal_pressure_Pa"])
-    estimate = together({"it": RidgeFeature(EDGE)}, y).fit
+    estimate = together({"it": RidgeFeature(EDGE)}, y)
     (direction,) = estimate.fit.undetermined
     assert set(direction) == {"gain", "nominal_pressure_Pa", "it.height_m"}
     assert np.isinf(estimate.parameters["height_m"][1])
@@ -194,7 +195,7 @@ def test_gain_pressure_and_height_cannot_be_told_apart(simulated):
 def test_noise_alone_prefers_nothing(ridges):
     y = 1e-6 * np.random.default_rng(2).normal(size=(2, TIME.size))
     ridge, nothing = ridges({"it": RidgeFeature(EDGE)}, y), ridges({}, y)
-    assert nothing.fit.log_evidence > ridge.fit.log_evidence
+    assert nothing.log_evidence > ridge.log_evidence
 
 
 def test_refusals(ridges):

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import (
@@ -86,7 +86,7 @@ def test_noise_free_traction_is_recovered(name, films):
     assert np.any(np.asarray(line.k) * DEPTH_M > 5)
     signal = np.asarray(operator(jnp.asarray(truth)))
     noise = np.full(line.k.shape, (1e-11 * signal.std()) ** 2)
-    problem = Problem(line, operator, signal, noise)
+    problem = LineProblem(line, operator, signal, noise)
     assert relative(EXACT[name](problem).value, truth) < 1e-6
 
 

@@ -10,7 +10,7 @@ from srsinv.forward.noise import Sliding, White, total_spectrum
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.grid import half_spectrum_weights
 from srsinv.inverse import direct, spectral
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Flat, Normalised, SpectralPrior, Wiener
 from tests.inverse.cases import (
@@ -65,7 +65,7 @@ def draw_problem(count, kind, n, films="pair", amplifier=RATE, noise="white", **
     rms = jnp.asarray(2e-6)
     spectrum = np.asarray(total_spectrum(NOISES[noise], line, ConstantSpeed(0.05), rms))
     blank = np.zeros((operator.transfer.shape[0], n))
-    problem = Problem(line, operator, blank, spectrum, **known)
+    problem = LineProblem(line, operator, blank, spectrum, **known)
     power = np.stack([s.power(problem) for s in (P, Q)[: problem.unknowns]])
     rng = np.random.default_rng(5)
     traction = draws(rng, count, power, n)
@@ -171,7 +171,7 @@ def test_normalised_form_is_the_papers():
     expected = np.fft.irfft(g.conj() / (np.abs(g) ** 2 + ratio) * np.fft.rfft(data[0]), N)
     expected /= np.abs(gain).max()
     for level in (1.0, 1e-12):  # the filter knows the noise by its ratio to the signal alone
-        problem = Problem(
+        problem = LineProblem(
             line, make_operator(line, "one"), data, np.full(N // 2 + 1, level), friction=mu
         )
         estimate = Wiener(Normalised(ratio))(problem)

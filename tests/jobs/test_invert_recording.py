@@ -15,7 +15,8 @@ from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import PressedStrip
 from srsinv.grid import Open
-from srsinv.jobs.cells import cell_signals
+from srsinv.inverse.cells import cell_signals
+from srsinv.jobs.recorded import motion_of
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, outcome
 from tests.shared import SHARED, needs_shared
@@ -167,13 +168,18 @@ def varying(speed):
     return scan, lambda x: np.stack([np.interp(x, np.asarray(line.x), row) for row in steady])
 
 
+def in_cells(recording, block):
+    return cell_signals(
+        recording.name, motion_of(recording), recording.signal, CurrentAmplifier(), block
+    )
+
+
 @pytest.mark.parametrize("name", SPEEDS)
 def test_cells_hold_what_the_mean_speed_would_give(name):
     """All but those that were passed at a crawl. Cells of whole samples, off their centres, would
     miss by 1 %."""
     scan, steady = varying(SPEEDS[name])
-    spacing = abs(scan.speed_m_per_s.mean()) / scan.sample_rate_hz
-    x, cells, _ = cell_signals(scan, CurrentAmplifier(), 10, spacing)
+    x, cells, _ = in_cells(scan, 10)
     observed, expected = np.isfinite(cells), steady(x)
     assert np.abs(cells - expected)[observed].max() < 5e-3 * np.abs(expected).max()
     holes = ~observed[:, 2:-2]
@@ -195,14 +201,14 @@ def test_noise_of_a_varying_speed_is_what_repeats_show():
     noise = np.random.default_rng(3).normal(size=(draws, TIME.size))
     names = tuple(f"voltage_{i}_V" for i in range(draws))
     recording = Recording(noise, TIME, speed, names)
-    _, cells, samples = cell_signals(recording, CurrentAmplifier(), 8, speed.mean() * 5e-4)
+    _, cells, samples = in_cells(recording, 8)
     assert np.median(cells.std(axis=0)) == pytest.approx(1 / np.sqrt(samples), rel=0.05)
 
 
 def test_a_scan_of_less_than_three_cells_is_refused():
     scan = varying(SPEEDS["towards_minus_x"])[0]
-    with pytest.raises(BadInput, match=r"0\.014 m long, less than 3 cells of 0\.01 m: check"):
-        cell_signals(scan, CurrentAmplifier(), 10, 1e-3)
+    with pytest.raises(BadInput, match=r"0\.014 m long, less than 3 cells of 0\.0\d+ m: check"):
+        in_cells(scan, TIME.size // 2)
 
 
 REFUSED = {

@@ -24,7 +24,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import Hertz
 from srsinv.grid import Convolution, Open, Periodic, as_real
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
@@ -95,14 +95,14 @@ def data(kind: str) -> tuple[np.ndarray, float]:
     return noisy.astype("float32").astype(float), sigma
 
 
-def problem(kind: str, u: UnitFactors, gaps: bool = False) -> Problem:
+def problem(kind: str, u: UnitFactors, gaps: bool = False) -> LineProblem:
     signal, sigma = data(kind)
     line, forward = operator(kind, u)
     observed = np.ones(signal.shape, bool)
     observed[0, 20:23] = not gaps
     y = np.where(observed, signal, 0.0) * u.signal
     noise = np.full(N // 2 + 1, (sigma * u.signal) ** 2)
-    return Problem(line, forward, y, noise, observed=observed)
+    return LineProblem(line, forward, y, noise, observed=observed)
 
 
 def wiener(u: UnitFactors, path: str) -> Wiener:

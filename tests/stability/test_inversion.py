@@ -14,7 +14,7 @@ from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Convolution, Periodic
 from srsinv.inverse import direct, iterative, spectral
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.tikhonov import DerivativePenalty
 from srsinv.inverse.wiener import Exponential, SpectralPrior
 from tests.reference import exact, posterior
@@ -43,7 +43,7 @@ def problem_of(v, n, observed=None):
     line, forward = forward_of(v, n)
     noise = jnp.full(line.k.shape, v["noise_V"] ** 2)
     friction = v.get("friction")
-    return Problem(line, forward, v["data_V"], noise, observed=observed, friction=friction)
+    return LineProblem(line, forward, v["data_V"], noise, observed=observed, friction=friction)
 
 
 def prior_of(problem, v, order):

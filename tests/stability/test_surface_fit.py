@@ -13,8 +13,9 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature
+from srsinv.inverse.cells import Window
 from srsinv.inverse.surface_fit import SurfaceFitter
-from srsinv.inverse.surface_model import SurfaceModel, Window
+from srsinv.inverse.surface_model import SurfaceModel
 
 DEPTH_M, EDGE_M, PRESSURE_PA, MU = 0.75e-3, 1e-4, 2e4, 0.4
 WINDOW = Window(-6e-3, 6e-3)
@@ -50,7 +51,7 @@ def simulate_ridge():
 def test_a_plain_ridge(margin):
     """So that honesty below is not silence."""
     signal, noise = simulate_ridge()
-    estimate = fitter()(FEATURES, signal + noise * DRAWN, noise).fit
+    estimate = fitter()(FEATURES, signal + noise * DRAWN, noise)
     assert estimate.status == "converged"
     assert estimate.undetected == ()
     for name, true in (RIDGE | {"base_friction": MU}).items():
@@ -63,7 +64,7 @@ def test_a_plain_ridge(margin):
 def test_no_height(level):
     """Nothing at all, and noise alone."""
     noise = simulate_ridge()[1]
-    estimate = fitter()(FEATURES, level * noise * DRAWN, noise).fit
+    estimate = fitter()(FEATURES, level * noise * DRAWN, noise)
     assert estimate.undetected == ("ridge",)
     values, errors = np.array(list(estimate.parameters.values())).T
     assert np.isfinite(values).all()
@@ -74,6 +75,6 @@ def test_an_outlier():
     signal, noise = simulate_ridge()
     y = signal + noise * DRAWN
     y[0, 20] += 1e6 * noise
-    estimate = fitter()(FEATURES, y, noise).fit
+    estimate = fitter()(FEATURES, y, noise)
     assert np.isfinite([value for value, _ in estimate.parameters.values()]).all()
     assert not estimate.explains

@@ -8,7 +8,7 @@ import pytest
 from srsinv.forward.film import Film, Offset, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.problem import Problem
+from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import _operator
@@ -124,7 +124,7 @@ def condition(kind, method, sigma) -> float:
 def solved(method, kind, y, sigma, order=(0, 1), side=1.0):
     line, forward = operator(kind, order, side)
     noise = np.full(N // 2 + 1, sigma**2)
-    return METHODS[method]()(Problem(line, forward, y, noise))
+    return METHODS[method]()(LineProblem(line, forward, y, noise))
 
 
 CHANGES = {  # (data -> data, order of films, side, noise power's factor, answer -> answer)

@@ -1,0 +1,61 @@
+"""Refusals of a problem on a line."""
+
+import numpy as np
+from jax.core import Tracer
+
+from ..errors import refuse
+
+
+def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None:
+    """Refuse what [`LineProblem`][] refuses."""
+    elements = forward.transfer.shape[0]
+    shape = (elements, line.n)
+    refuse(
+        data.shape != shape,
+        f"The data have shape {data.shape}: the model expects (element, sample) = {shape}.",
+    )
+    refuse(
+        noise.shape != line.k.shape,
+        f"The noise has shape {noise.shape}: give its power at the {line.n // 2 + 1} wavenumbers "
+        "line.k.",
+    )
+    is_observed = np.ones(shape, bool) if observed is None else np.asarray(observed)
+    refuse(
+        is_observed.shape != shape,
+        f"observed has shape {is_observed.shape}: give one truth value for each of {shape}.",
+    )
+    refuse(
+        friction is None and elements < 2,
+        "One element cannot tell p from q: give friction (q = mu p) or a second element.",
+    )
+    count = int(np.sum(np.any(is_observed, axis=0)))
+    refuse(count < 3, f"Only {count} samples are there: an inversion needs at least 3.")
+    if not isinstance(data, Tracer):
+        bad = is_observed & ~np.isfinite(np.asarray(data))
+        refuse(
+            bool(bad.any()),
+            f"The data hold {int(bad.sum())} samples that are nan or infinite: mark them as not "
+            "there in observed, or correct them.",
+        )
+    if not isinstance(noise, Tracer):
+        level = np.asarray(noise)
+        usable = (level > 0) & (np.isfinite(level) | (np.arange(level.size) == 0))
+        worst = int(np.argmin(usable))
+        refuse(
+            not usable.all(),
+            f"The noise is {'zero' if level[worst] == 0 else level[worst]} at wavenumber number "
+            f"{worst}: give a power above 0 (infinite at number 0 alone, for an offset that is "
+            "not known).",
+        )
+    for name, value in (("friction", friction), *zip(("known mean of p", "known mean of q"),
+                                                      known_mean_Pa, strict=True)):  # fmt: skip
+        refuse(
+            value is not None and not isinstance(value, Tracer) and not np.isfinite(value),
+            f"The {name} is {value}: give a finite number.",
+        )
+    if not isinstance(forward.transfer, Tracer):
+        refuse(
+            not bool(np.any(np.asarray(forward.transfer))),
+            "The model's signal is zero for every traction (no speed, or no gain): there is "
+            "nothing to invert.",
+        )

@@ -1,0 +1,221 @@
+"""Signals along a motion put on the cells of a line.
+
+At constant speed a cell has the mean of a block of samples; else its signal at the mean speed is
+fitted to the samples that lie in it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import refuse
+from ..forward.amplifier import Amplifier
+from ..forward.scan import Motion
+from ..grid import Open, as_real
+from .sample_noise import is_steady, sample_rate_hz
+
+CELLS_PER_DEPTH = 8  # beyond, e^(-k z) is negligible: at the cells' last wavenumber it is e^(-25)
+MOST_UNKNOWNS = 4096  # that a direct solution can hold
+MARGIN_DEPTHS = 8  # beyond the scan's ends, over which traction still gives a signal
+MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
+TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
+LEAST_CELLS = 3  # as a line needs
+LEAST_SAMPLES = 3
+FEW = 0.25  # of the median information: a cell with less has twice the noise of the others
+
+
+class Window(NamedTuple):
+    """The stretch of surface that is pressed on."""
+
+    start_m: float
+    end_m: float
+
+    @property
+    def length_m(self) -> float:
+        """Its length."""
+        return self.end_m - self.start_m
+
+
+class Cells(NamedTuple):
+    """Signals on successive cells: their centres `x_m` [m], the signal NaN where it is missing, and
+    the number of `samples` at the mean speed that a cell is equivalent to."""
+
+    x_m: Float[np.ndarray, " cell"]
+    signal: Float[np.ndarray, "e cell"]
+    samples: float
+
+
+def window_around(
+    given: tuple[float, float] | None, x_m: Float[np.ndarray, " x"], depth_m: float
+) -> Window:
+    """The window that was given, else the scan and a margin beyond its ends."""
+    if given:
+        return Window(float(given[0]), float(given[1]))
+    margin = MARGIN_DEPTHS * depth_m
+    return Window(float(np.min(x_m)) - margin, float(np.max(x_m)) + margin)
+
+
+def check_cells(name: str, length_m: float, cell_m: float) -> None:
+    """Refuse a line that exceeds the memory of any machine: a unit is probably wrong."""
+    cells = length_m / cell_m
+    refuse(
+        not cells <= MOST_CELLS,
+        f"{name}: the {length_m:.4g} m in cells of {cell_m:.4g} m are {cells:.4g} cells, more than "
+        f"{MOST_CELLS}: check recording.speed_m_per_s, recording.sample_rate_hz, "
+        "sensor.depth_m and recording.contact_window_m, and their units.",
+    )
+
+
+def refuse_reversing(name: str, speed: Float[np.ndarray, " sample"]) -> None:
+    """Refuse speeds [m/s] of a motion that turns back."""
+    least, greatest = speed.min(), speed.max()
+    refuse(
+        min(greatest, -least) > TURNED * max(greatest, -least),
+        f"{name}: the motion reverses (its speed goes from {least:.4g} to "
+        f"{greatest:.4g} m/s), and friction with it, so that no one traction explains all of it: "
+        "cut the recording where it turns.",
+    )
+
+
+def sample_spacing_m(motion: Motion) -> float:
+    """The mean distance between samples."""
+    return abs(float(np.mean(motion.speed_m_per_s))) / sample_rate_hz(motion)
+
+
+def block_of(motion: Motion, depth_m: float, unknowns: int, cell_m: float | None) -> int:
+    """Number of samples in one cell: `cell_m` wide, else as wide as the depth and a direct solution
+    of so many unknowns per cell ask for."""
+    spacing, count = sample_spacing_m(motion), motion.time_s.size
+    length = spacing * count + 2 * MARGIN_DEPTHS * depth_m
+    cell = max(depth_m / CELLS_PER_DEPTH, length * unknowns / MOST_UNKNOWNS)
+    return int(np.clip(round((cell_m or cell) / spacing), 1, count // LEAST_SAMPLES))
+
+
+def cell_signals(
+    name: str,
+    motion: Motion,
+    signal: Float[np.ndarray, "e sample"],
+    amplifier: Amplifier,
+    block: int,
+) -> Cells:
+    """Cells of `block` samples at the mean speed, in the order of time.
+
+    At constant speed a cell is a block of samples and has their mean, where none is missing.
+    """
+    if is_steady(motion) and np.isfinite(signal).all():
+        used = motion.time_s.size // block * block
+
+        def means(values: np.ndarray) -> np.ndarray:
+            return values[..., :used].reshape(*values.shape[:-1], -1, block).mean(axis=-1)
+
+        return Cells(means(np.asarray(motion.position_m)), means(signal), float(block))
+    return _fitted_cells(name, motion, signal, amplifier, block * sample_spacing_m(motion))
+
+
+def _fitted_cells(
+    name: str, motion: Motion, signal: np.ndarray, amplifier: Amplifier, cell: float
+) -> Cells:
+    """Cells at a varying speed, along the motion's direction."""
+    speed = np.asarray(motion.speed_m_per_s)
+    mean = speed.mean()
+    a = np.asarray(amplifier.gain(as_real(speed)) / amplifier.gain(as_real(mean)))
+    x = np.maximum.accumulate(np.sign(mean) * np.asarray(motion.position_m))
+    edges = _cell_edges(name, _middles(x), cell)
+    fitted, typical = fitted_on(edges, x, a, signal)
+    return Cells(np.sign(mean) * (edges[:-1] + cell / 2), fitted, typical)
+
+
+def line_over(
+    cells: Cells, window_m: tuple[float, float] | None, depth_m: float
+) -> tuple[Open, Float[np.ndarray, "e n"]]:
+    """The open line over the window, and the signal on its cells, NaN where there is none."""
+    x, signal = cells.x_m, cells.signal
+    if x[-1] < x[0]:
+        x, signal = x[::-1], signal[:, ::-1]
+    cell = (x[-1] - x[0]) / (x.size - 1)
+    window = window_around(window_m, x, depth_m)
+    check_cells(f"The contact window, [{window.start_m}, {window.end_m}] m", window.length_m, cell)
+    before = max(0, int(np.floor((x[0] - cell / 2 - window.start_m) / cell)))
+    after = max(0, int(np.floor((window.end_m - x[-1] - cell / 2) / cell)))
+    line = Open(before + x.size + after, cell, x[0] - before * cell)
+    return line, np.pad(signal, ((0, 0), (before, after)), constant_values=np.nan)
+
+
+def fitted_on(
+    edges: Float[np.ndarray, " edge"],
+    x: Float[np.ndarray, " sample"],
+    a: Float[np.ndarray, " sample"],
+    signal: Float[np.ndarray, "e sample"],
+) -> tuple[Float[np.ndarray, "e cell"], float]:
+    """The least-squares signal of each cell at the mean speed, NaN with too little information, and
+    the number of samples at that speed that a cell is equivalent to.
+
+    A sample at x, which never falls, is v = a s + white noise, a = gain(u) / gain(mean u): u over
+    its mean for a rate signal. Least squares give s = sum(a v) / sum(a^2) with the noise's variance
+    over sum(a^2), and nothing is divided by a small u. A cell where sum(a^2) is far below the
+    median is missing (a standstill, a gap); the median is taken for the others, less the fraction
+    of their samples that is missing.
+
+    The mean of whole samples is off the cell's centre by up to half a spacing, which on a clean
+    recording matters more than the noise. So a sample is weighted in each cell by the fraction of
+    its interval, from middle to middle between neighbours, inside; and s, which is at the samples'
+    weighted mean position, is interpolated to the centres: the two differ beside a standstill.
+    """
+    middles = _middles(x)
+
+    def totals(values: Float[np.ndarray, "row sample"]) -> Float[np.ndarray, "row cell"]:
+        sums = np.pad(np.cumsum(values, axis=-1), ((0, 0), (1, 0)))
+        return np.diff([np.interp(edges, middles, row) for row in sums])
+
+    observed = np.isfinite(signal)
+    weight = np.where(observed, a**2, 0.0)
+    whole = totals(a[None] ** 2)
+    typical = float(np.median(whole))
+    information = totals(weight)
+    information = np.where(information >= FEW * typical, information, np.nan)
+    observed_fraction = (information / whole)[np.isfinite(information)]
+    typical *= float(np.median(observed_fraction)) if observed_fraction.size else 1.0
+    fitted = totals(np.where(observed, a * signal, 0.0)) / information
+    centres = (edges[:-1] + edges[1:]) / 2
+    rows = zip(totals(weight * x) / information, fitted, strict=True)
+    return np.stack([_interpolated(centres, *row) for row in rows]), typical
+
+
+def _middles(x: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " middle"]:
+    return np.concatenate(
+        [[1.5 * x[0] - x[1] / 2], (x[1:] + x[:-1]) / 2, [1.5 * x[-1] - x[-2] / 2]]
+    )
+
+
+def _cell_edges(
+    name: str, middles: Float[np.ndarray, " middle"], cell: float
+) -> Float[np.ndarray, " edge"]:
+    length = middles[-1] - middles[0]
+    refuse(
+        length < LEAST_CELLS * cell,
+        f"{name}: the scan is {length:.4g} m long, less than {LEAST_CELLS} cells of "
+        f"{cell:.4g} m: check the positions' unit, or give a smaller recording.cell_m.",
+    )
+    return middles[0] + cell * np.arange(int(length / cell) + 1)
+
+
+def _interpolated(
+    centres: Float[np.ndarray, " cell"],
+    at: Float[np.ndarray, " cell"],
+    values: Float[np.ndarray, " cell"],
+) -> Float[np.ndarray, " cell"]:
+    """Values given at `at`, interpolated to the centres of the same cells; NaN stays.
+
+    Beside a gap by the slope on its other side: one across the gap is not that at its edge.
+    """
+    moved = values.copy()
+    side = np.where(centres > at, 1, -1)
+    for i in np.flatnonzero(np.isfinite(values) & (centres != at)):
+        j = i + side[i]
+        if not 0 <= j < values.size:  # at the scan's ends the value is taken as it is
+            continue
+        j = j if np.isfinite(values[j]) else max(i - side[i], 0)
+        if j != i and j < values.size and np.isfinite(values[j]):
+            moved[i] += (values[j] - values[i]) * (centres[i] - at[i]) / (at[j] - at[i])
+    return moved

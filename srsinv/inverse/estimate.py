@@ -1,0 +1,173 @@
+"""What an inversion gives: p and q with their standard errors on a line, and how good they are."""
+
+import abc
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from ..grid import Line
+from ..status import Status
+from .quality import Quality, quality, reasons
+
+COMPONENTS = ("p", "q")
+
+
+class Estimate(eqx.Module):
+    """Recovered traction with its uncertainty; the same from every method.
+
+    - `line`: the cells of `value` (2, n), p and q [Pa], and of `stderr` (2, n) [Pa], the standard
+      error of the value where its mean is observable, else of its deviation from the mean.
+    - `parameters`: (value, standard error) by name, in SI units; may be empty.
+    - `fitted` (e, sample): the fitted signal at the problem's samples; `whitened` (e, sample): the
+      residual over the noise, NaN where a sample is missing.
+    - `status`: how the computation ended; `warnings`: sentences on the validity of the bands
+      (see diagnostics.py).
+    - `covariance` of the components solved for: (c, c, k) per wavenumber where the line was taken
+      as periodic, else (c n, c n); `averaging` (c, c, n): the estimate's response to a unit
+      traction in the middle cell, whose transform has the resolution at each wavenumber on its
+      diagonal. None where they are not known.
+    - `stats`: numbers of the solution, among them `chi2_per_freedom` of the residual's
+      `degrees_of_freedom`, None where it is undefined.
+    """
+
+    line: eqx.AbstractVar[Line]
+    value: eqx.AbstractVar[Float[Array, "2 n"]]
+    stderr: eqx.AbstractVar[Float[Array, "2 n"]]
+    fitted: eqx.AbstractVar[Float[Array, "e sample"]]
+    whitened: eqx.AbstractVar[Float[Array, "e sample"]]
+    parameters: eqx.AbstractVar[Mapping[str, tuple[float, float]]]
+    covariance: eqx.AbstractVar[Complex[Array, "c c k"] | Float[Array, "m m"] | None]
+    averaging: eqx.AbstractVar[Float[Array, "c c n"] | None]
+    status: eqx.AbstractVar[Status]
+    warnings: eqx.AbstractVar[tuple[str, ...]]
+    stats: eqx.AbstractVar[dict[str, Any]]
+
+    @abc.abstractmethod
+    def on(self, line: Line) -> "Estimate":
+        """The same estimate as averages over the cells of another line."""
+
+    @abc.abstractmethod
+    def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """p and q (2, n) less their mean over `cells` (n,), a mask, and the standard error of
+        that."""
+
+    def with_stats(self, stats: dict[str, Any]) -> "Estimate":
+        """The same estimate with further stats."""
+        return dataclasses.replace(self, stats=stats | self.stats)
+
+    def with_warnings(self, warnings: Sequence[str]) -> "Estimate":
+        """The same estimate with further warnings."""
+        return dataclasses.replace(self, warnings=(*self.warnings, *warnings))
+
+    @property
+    def quality(self) -> Quality:
+        """Good, doubtful (any warning) or failed."""
+        chi2, freedom = self.stats.get("chi2_per_freedom"), self.stats.get("degrees_of_freedom")
+        return quality(self.status, chi2, self.warnings, np.inf if freedom is None else freedom)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the quality is not good, as sentences."""
+        return reasons(self.status, self.warnings)
+
+    @property
+    def chi2_per_freedom(self) -> float | None:
+        """Chi-square of the residual per degree of freedom, None where it is undefined."""
+        return self.stats.get("chi2_per_freedom")
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of the residual in units of the noise, 1 where only noise is left."""
+        return float(np.nanmean(np.asarray(self.whitened) ** 2))
+
+
+class TractionEstimate(Estimate):
+    """An estimate of the traction in every cell.
+
+    - `mean_weights` (c, n): the weights of the mean that was taken out of `stderr`, zero where the
+      mean is observable.
+    - `friction`: mu where q = mu p was not solved for.
+    """
+
+    line: Line
+    value: Float[Array, "2 n"]
+    stderr: Float[Array, "2 n"]
+    fitted: Float[Array, "e sample"]
+    whitened: Float[Array, "e sample"]
+    covariance: Complex[Array, "c c k"] | Float[Array, "m m"] | None
+    mean_weights: Float[Array, "c n"] | None
+    averaging: Float[Array, "c c n"] | None
+    friction: Float[Array, ""] | None
+    status: Status = eqx.field(static=True, converter=Status)
+    warnings: tuple[str, ...] = eqx.field(static=True)
+    stats: dict[str, Any] = eqx.field(static=True)
+    parameters: Mapping[str, tuple[float, float]] = eqx.field(static=True, default_factory=dict)
+
+    def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value = np.asarray(self.value)
+        return value - value[:, cells].mean(axis=-1, keepdims=True), np.asarray(self.stderr)
+
+    def on(self, line: Line) -> "TractionEstimate":
+        """The same estimate as averages over the cells of another line, NaN where that goes beyond
+        this one; traction is constant over a cell. The standard error follows from the covariance;
+        where that is not known, it is that of errors that are the same all over a cell."""
+        weights = overlap(self.line, line)
+        value = jnp.asarray(np.asarray(self.value) @ weights.T)
+        nothing = {"covariance": None, "mean_weights": None, "averaging": None}
+        stderr = self._carried(weights)
+        return dataclasses.replace(self, line=line, value=value, stderr=stderr, **nothing)
+
+    def _carried(self, weights: np.ndarray) -> Float[Array, "2 m"]:
+        """The standard error of averages with these weights (m, n)."""
+        if self.covariance is None:
+            return jnp.asarray(np.asarray(self.stderr) @ weights.T)
+        components = 1 if self.friction is not None else 2
+        means = np.zeros((components, self.line.n))
+        means = means if self.mean_weights is None else np.asarray(self.mean_weights)
+        rows = []
+        for c in range(components):
+            off = weights - weights.sum(axis=1, keepdims=True) * means[c]
+            carried = np.asarray(self._times_covariance(c, off))
+            rows.append(np.sqrt(np.maximum(np.sum(carried * off, axis=1), 0.0)))
+        if self.friction is not None:
+            rows.append(np.abs(float(self.friction)) * rows[0])
+        return jnp.asarray(np.stack(rows))
+
+    def _times_covariance(self, c: int, rows: np.ndarray) -> Array:
+        """Rows (m, n) times the covariance of component c."""
+        n, covariance = self.line.n, self.covariance
+        assert covariance is not None
+        if covariance.ndim == 3:
+            return jnp.fft.irfft(jnp.fft.rfft(rows) * covariance[c, c].real, n)
+        return jnp.asarray(rows) @ covariance[c * n : (c + 1) * n, c * n : (c + 1) * n]
+
+
+def averages(r: Float[Array, "c n"], line: Line, onto: Line) -> Float[Array, "c m"]:
+    """Averages over the cells of `onto` of what is constant over each cell of `line` and zero
+    beyond."""
+    edges, other = (each.start_m + each.cell_m * (np.arange(each.n + 1) - 0.5)
+                    for each in (line, onto))  # fmt: skip
+    total = line.cell_m * jnp.pad(jnp.cumsum(r, axis=-1), ((0, 0), (1, 0)))
+    return jnp.stack([jnp.diff(jnp.interp(other, edges, row)) for row in total]) / onto.cell_m
+
+
+def overlap(line: Line, onto: Line) -> np.ndarray:
+    """The fraction (m, n) of each cell of `onto` that lies in each cell of `line`; NaN in the rows
+    of cells that go beyond the line."""
+    own, other = _edges(line), _edges(onto)
+    low = np.maximum(own[None, :-1], other[:-1, None])
+    high = np.minimum(own[None, 1:], other[1:, None])
+    weights = np.maximum(high - low, 0.0) / float(onto.cell_m)
+    slack = 1e-6 * float(line.cell_m)
+    outside = (other[:-1] < own[0] - slack) | (other[1:] > own[-1] + slack)
+    weights[outside] = np.nan
+    return weights
+
+
+def _edges(line: Line) -> np.ndarray:
+    return float(line.start_m) + float(line.cell_m) * (np.arange(line.n + 1) - 0.5)

@@ -1,0 +1,256 @@
+"""The estimate that a fit of features ends with: their parameters, and the traction they make."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.special import softmax
+
+from ..forward.feature import Feature
+from ..forward.surface_feature import SurfaceFeature
+from ..grid import Line, as_real
+from ..status import Status
+from .diagnostics import of_fit, undetected
+from .estimate import Estimate
+from .feature_model import FeatureModel
+from .identifiability import undetected_features
+from .line_problem import CHI2, FREEDOM, PassedCells
+from .nonlinear import Fit, whitener
+from .quality import Quality
+from .sliding_noise import Levels
+from .surface_model import SurfaceModel
+
+Model = FeatureModel | SurfaceModel
+AnyFeature = Feature | SurfaceFeature
+
+
+class FeatureEstimate(Estimate):
+    """Fitted features.
+
+    - `features`: by name; none for "nothing there". `fit`: the fit below, None without any free
+      parameter. `model`: parameters to signal and traction; `data` (e, sample): the signals that
+      were fitted, NaN where one is missing.
+    - `parameters`: the shape, the amplitude and the friction of each feature, of a surface the
+      height and the frictions; names begin with the feature's where there are several. Their
+      standard errors are infinite where the fit failed.
+    - `log_evidence`: log probability density of the data under these features.
+    - `levels`: of the noise, where it was estimated from the residual.
+    - `cells`: which cells of the problem's line the samples were; None where they were none.
+    - `line`: of the traction, and `background_Pa`, the uniform pressure and shear that are added to
+      it. It is computed when it is asked for, with the standard error to first order.
+    """
+
+    features: Mapping[str, AnyFeature]
+    fit: Fit | None
+    model: Model
+    data: Float[np.ndarray, "e sample"]
+    whitened: Float[Array, "e sample"]
+    parameters: Mapping[str, tuple[float, float]]
+    log_evidence: float
+    status: Status
+    warnings: tuple[str, ...]
+    stats: dict[str, Any]
+    line: Line
+    background_Pa: tuple[float, float] = (0.0, 0.0)
+    levels: Levels | None = None
+    cells: PassedCells | None = None
+    covariance: Float[Array, "m m"] | None = None
+    averaging: Float[Array, "c c n"] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        features: Mapping[str, AnyFeature],
+        fit: Fit,
+        model: Model,
+        y: Float[np.ndarray, "e sample"],
+        parameters: Mapping[str, tuple[float, float]],
+        log_evidence: float,
+        levels: Levels | None = None,
+        noise_warnings: tuple[str, ...] = (),
+    ) -> "FeatureEstimate":
+        """Of fitted features or constants."""
+        if fit.quality is Quality.FAILED:  # its standard errors are not valid
+            parameters = {name: (value, np.inf) for name, (value, _) in parameters.items()}
+        observed = np.isfinite(fit.residual)
+        whitened = np.where(observed, np.reshape(fit.whitened, observed.shape), np.nan)
+        missed = map(undetected, undetected_features(features, fit))
+        parts: dict[str, Any] = {
+            "features": features,
+            "fit": fit,
+            "model": model,
+            "data": y,
+            "whitened": jnp.asarray(whitened),
+            "parameters": parameters,
+            "log_evidence": log_evidence,
+            "status": fit.status,
+            "warnings": (*fit.warnings, *missed, *noise_warnings),
+            "stats": {CHI2: fit.known_chi2, FREEDOM: fit.stats[FREEDOM]},
+            "line": model.line,
+            "levels": levels,
+        }
+        return cls(**parts)
+
+    @classmethod
+    def of_nothing(
+        cls,
+        model: Model,
+        y: Float[np.ndarray, "e sample"],
+        noise: Any,
+        levels: Levels | None = None,
+    ) -> "FeatureEstimate":
+        """That the data are noise alone."""
+        white, observed = whitener(noise, y.shape)
+        rest = np.asarray(white(as_real(np.where(observed, y, 0.0))))
+        count = white.count(y.shape)
+        volume = white.log_volume(y.shape) + count / 2 * np.log(2 * np.pi)
+        chi2 = float(rest @ rest) / count if count else None
+        whitened = np.where(np.asarray(observed), rest.reshape(y.shape), np.nan)
+        parts: dict[str, Any] = {
+            "features": {},
+            "fit": None,
+            "model": model,
+            "data": y,
+            "whitened": jnp.asarray(whitened),
+            "parameters": {},
+            "log_evidence": float(-0.5 * rest @ rest - volume),
+            "status": Status.CONVERGED,
+            "warnings": of_fit(chi2, count, (), ()),
+            "stats": {CHI2: chi2, FREEDOM: count},
+            "line": model.line,
+            "levels": levels,
+        }
+        return cls(**parts)
+
+    @property
+    def name(self) -> str:
+        """The features' names, joined."""
+        return " + ".join(self.features) or "nothing"
+
+    @property
+    def explains(self) -> bool:
+        """Whether the residual is no larger than the noise."""
+        return self.fit is not None and explains(self.fit)
+
+    @property
+    def undetected(self) -> tuple[str, ...]:
+        """Features that are not detected."""
+        return () if self.fit is None else undetected_features(self.features, self.fit)
+
+    @property
+    def fitted(  # pyright: ignore[reportIncompatibleVariableOverride]
+        self,
+    ) -> Float[np.ndarray, "e sample"]:
+        """The fitted signal (e, sample)."""
+        data = self.data if self.cells is None else self.data[:, self.cells.cells]
+        if self.fit is None:
+            signal = np.zeros(data.shape)
+        elif bool(np.isfinite(self.fit.residual).all()):
+            signal = data - self.fit.residual  # without another call of the model
+        else:
+            signal = np.asarray(self.model(jax.tree.map(as_real, self.fit.value)))
+        return signal if self.cells is None else self.cells.placed(signal)
+
+    @property
+    def value(  # pyright: ignore[reportIncompatibleVariableOverride]
+        self,
+    ) -> Float[np.ndarray, "2 n"]:
+        """p and q [Pa] on the line, while sliding as the scan does, or at first."""
+        level = np.reshape(self.background_Pa, (2, 1))
+        if self.fit is None:
+            return np.zeros((2, self.line.n)) + level
+        of = _CellTraction(self.model, self.line, None)
+        return np.asarray(of(self.fit.value)).reshape(2, -1) + level
+
+    @property
+    def stderr(  # pyright: ignore[reportIncompatibleVariableOverride]
+        self,
+    ) -> Float[np.ndarray, "2 n"]:
+        """Its standard error [Pa], infinite where the fit failed."""
+        return self._traction(None)[1]
+
+    def on(self, line: Line) -> "FeatureEstimate":
+        return dataclasses.replace(self, line=line)
+
+    def of_problem(
+        self, background_Pa: Sequence[Any], line: Line | None, cells: PassedCells | None
+    ) -> "FeatureEstimate":
+        """The same estimate over a uniform pressure and shear, None where they are not known, and,
+        where the samples were cells of a line, on that one."""
+        p, q = (0.0 if each is None else float(each) for each in background_Pa)
+        placed = dataclasses.replace(self, background_Pa=(p, q))
+        if line is None or cells is None:
+            return placed
+        data, whitened = (cells.placed(np.asarray(each)) for each in (self.data, self.whitened))
+        parts: dict[str, Any] = {"data": data, "whitened": jnp.asarray(whitened)}
+        return dataclasses.replace(placed, line=line, cells=cells, **parts)
+
+    def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self._traction(cells)
+
+    def profiles(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """What acts along the model's line while sliding towards +x, each with its standard error
+        to first order, infinite where the fit failed: p and q [Pa] beyond those of the background,
+        and of a surface its height and gap [m] and friction."""
+        names, shape = self.model.PROFILES, (len(self.model.PROFILES), self.model.line.n)
+        if self.fit is None:
+            return {name: (np.zeros(shape[1]), np.zeros(shape[1])) for name in names}
+        value, stderr = self._derived(_Profiles(self.model), shape)
+        return dict(zip(names, zip(value, stderr, strict=True), strict=True))
+
+    def _traction(self, cells: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        shape = 2, self.line.n
+        if self.fit is None:
+            return np.zeros(shape), np.zeros(shape)
+        weights = None if cells is None else as_real(cells / cells.sum())
+        return self._derived(_CellTraction(self.model, self.line, weights), shape)
+
+    def _derived(
+        self, function: "_Profiles | _CellTraction", shape
+    ) -> tuple[np.ndarray, np.ndarray]:
+        assert self.fit is not None
+        value, stderr = self.fit.derive(function, self.model.steps or None)
+        if self.quality is Quality.FAILED:
+            stderr = np.full_like(stderr, np.inf)
+        return value.reshape(shape), stderr.reshape(shape)
+
+
+class _Profiles(eqx.Module):
+    """Parameters to the profiles along the model's line, in a row."""
+
+    model: Model
+
+    def __call__(self, params: Any) -> Float[Array, " row"]:
+        return jnp.ravel(self.model.profiles(params))
+
+
+class _CellTraction(eqx.Module):
+    """Parameters to p and q on the cells of a line, in a row, while sliding as the scan does; less
+    their means by `weights` (n,)."""
+
+    model: Model
+    line: Line
+    weights: Float[Array, " n"] | None
+
+    def __call__(self, params: Any) -> Float[Array, " row"]:
+        traction = self.model.cell_traction(params, self.line)
+        if not self.model.operator.ways[0]:
+            traction = traction * jnp.array([[1.0], [-1.0]])
+        if self.weights is not None:
+            traction = traction - traction @ self.weights[:, None]
+        return jnp.ravel(traction)
+
+
+def explains(end: Fit) -> bool:
+    """Whether a fit's residual is no larger than the noise."""
+    return bool(end.converged and end.explains)
+
+
+def probabilities(candidates: Sequence[FeatureEstimate]) -> np.ndarray:
+    """Posterior probability of each candidate (c,), all equally probable a priori."""
+    return np.asarray(softmax([candidate.log_evidence for candidate in candidates]))

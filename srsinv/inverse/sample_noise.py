@@ -1,0 +1,96 @@
+"""The noise of recorded samples, as inversions on a line and as fits along a motion take it."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+from jaxtyping import Array, Float
+
+from ..errors import number, refuse
+from ..forward.noise import Noise, total_spectrum
+from ..forward.scan import ConstantSpeed, Motion
+from ..forward.sensor import Sensor
+from ..grid import Line, Periodic, as_real
+from .nonlinear import Correlated, Spectrum
+
+MISSING = 1e8  # of the noise's variance: at missing samples in coloured noise
+STEADY = 1e-3  # largest relative deviation of a constant speed from its mean
+
+
+class Samples(NamedTuple):
+    """Signals (e, sample) less their known offset, NaN where they are missing, along a sensor's
+    motion; `noise` as [`nonlinear.fit`][] takes it, and whether it is an estimate."""
+
+    sensor: Sensor
+    motion: Motion
+    signal: Float[np.ndarray, "e sample"]
+    noise: Any
+    is_estimate: bool
+
+
+class SampleNoise(eqx.Module):
+    """White noise of `rms` per sample, in the signal's unit, and coloured `causes` by their names.
+
+    `is_estimate`: whether the level was taken from the recording's shortest waves. Where no cause
+    is named a fit may then estimate it, and what is correlated along the motion, from its residual.
+    """
+
+    rms: Float[Array, ""]
+    causes: Mapping[str, Noise]
+    is_estimate: bool = eqx.field(static=True)
+
+    def __init__(self, rms, causes: Mapping[str, Noise] | None = None, is_estimate: bool = False):
+        wanted = "a positive number in the signal's unit"
+        self.rms = as_real(number("the noise's rms", rms, wanted, above=0))
+        self.causes, self.is_estimate = dict(causes or {}), is_estimate
+
+    def power(
+        self, line: Line, scan: ConstantSpeed, signal_rms, samples: float = 1.0
+    ) -> Float[Array, " k"]:
+        """Power at line.k per cell, a cell being the mean of so many samples."""
+        coloured = total_spectrum(tuple(self.causes.values()), line, scan, signal_rms)
+        return coloured + (float(self.rms) / np.sqrt(samples)) ** 2
+
+    def of_fit(self, name: str, motion: Motion, y: Float[np.ndarray, "e sample"]) -> Any:
+        """The noise of samples along a motion, as [`nonlinear.fit`][] takes it. Raises `BadInput`
+        for coloured noise where the speed varies or samples are missing."""
+        missing, rms = ~np.isfinite(y), float(self.rms)
+        if not self.causes:
+            return np.where(missing, np.inf, rms)
+        refuse(
+            bool(missing.any()) or not is_steady(motion),
+            f"{name}: coloured noise ({', '.join(['white', *self.causes])}) is known along x, for "
+            "a recording at constant speed without missing samples: name white noise only.",
+        )
+        speed = float(np.mean(motion.speed_m_per_s))
+        line = Periodic(y.shape[-1], abs(speed) / sample_rate_hz(motion))
+        signal_rms = jnp.sqrt(jnp.mean(jnp.asarray(y) ** 2))
+        return Spectrum(np.asarray(self.power(line, ConstantSpeed(speed), signal_rms)))
+
+
+def is_steady(motion: Motion) -> bool:
+    """Whether the speed is constant, but for its measurement's noise."""
+    speed = np.asarray(motion.speed_m_per_s)
+    return bool(np.max(np.abs(speed - speed.mean())) <= STEADY * abs(speed.mean()))
+
+
+def sample_rate_hz(motion: Motion) -> float:
+    """The mean sampling rate."""
+    time = np.asarray(motion.time_s)
+    return (time.size - 1) / float(time[-1] - time[0])
+
+
+def noise_on_line(power: Float[np.ndarray, " k"], n: int, y: Float[np.ndarray, "e sample"]) -> Any:
+    """The noise of samples that are successive cells of a line of n, by its power there, as a fit
+    takes it; an offset that is not known is no part of it."""
+    power = np.where(np.isfinite(power), power, power[1])
+    observed = np.isfinite(y)
+    if np.ptp(power) <= 1e-9 * power.max():
+        return np.where(observed, np.sqrt(power[1]), np.inf)
+    toeplitz = scipy.linalg.toeplitz(np.fft.irfft(power, n)[: y.shape[1]])
+    covariance = np.kron(np.eye(len(y)), toeplitz)
+    missing = np.where(observed, 0.0, MISSING * toeplitz[0, 0])
+    return Correlated(covariance + np.diag(missing.ravel()))
