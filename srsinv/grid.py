@@ -165,8 +165,8 @@ class Line(eqx.Module):
 
 def _checked(n: int, cell_m, start_m) -> tuple[int, Array, Array]:
     refuse(n < 3, f"A line of {n} cells is too short: it needs at least 3 cells or samples.")
-    number("cell_m", cell_m, "a positive width in metres", above=0)
-    number("start_m", start_m, "a position in metres")
+    cell_m = number("cell_m", cell_m, "a positive width in metres", above=0)
+    start_m = number("start_m", start_m, "a position in metres")
     return int(n), as_real(cell_m), as_real(start_m)
 
 
