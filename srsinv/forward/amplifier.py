@@ -94,7 +94,7 @@ class ChargeReadout(Amplifier):
     gain_per_C: Float[Array, ""]
     _offset: Float[Array, ""] | None
 
-    def __init__(self, gain_per_C: Scalar = 1.0, offset=None):
+    def __init__(self, gain_per_C: Scalar = 1e6, offset=None):
         wanted = "a number other than 0, in the signal's unit per coulomb"
         gain_per_C = number("amplifier.gain_per_C", gain_per_C, wanted)
         refuse(

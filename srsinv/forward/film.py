@@ -187,6 +187,10 @@ class Film(eqx.Module):
         """The same film with one more effect along the line."""
         return dataclasses.replace(self, effects=(*self.effects, effect))
 
+    def with_strip_average(self) -> "Film":
+        """The same film, its charge the mean over its width. Its width and depth are not traced."""
+        return self.with_effect(StripAverage.at_depth(float(self.width_m), float(self.depth_m)))
+
     def charge_per_stress(self, xp: Any = jnp) -> Shaped[Any, "4"]:
         """Charge [C] per unit (sigma_x, sigma_z, tau_xz, sigma_y) [Pa], by `xp`: jax.numpy, or
         numpy.
