@@ -173,6 +173,8 @@ def _checked(n: int, cell_m, start_m) -> tuple[int, Array, Array]:
 class Periodic(Line):
     """The line that repeats with its window n cell_m.
 
+    `n` cells; `cell_m` [m]: width of each; `start_m` [m]: centre of the first.
+
     The traction is the band-limited function with the given cell averages, so that a stage acts
     as transfer(k) / sinc(k cell/2): exact for band-limited traction, order 5/2 for a Hertz edge.
     """
@@ -201,6 +203,8 @@ class Periodic(Line):
 
 class Open(Line):
     """The line with nothing beyond its window: traction is zero there, and nothing wraps around.
+
+    `n` cells; `cell_m` [m]: width of each; `start_m` [m]: centre of the first.
 
     The traction is constant over each cell, and its stress is exact (Johnson 1985, 2.5).
     """

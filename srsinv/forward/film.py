@@ -143,11 +143,12 @@ class Piezo(eqx.Module):
 class Film(eqx.Module):
     """One film element.
 
-    - `depth_m`: below the skin's surface; `angle_rad`: axis 1 turned from +x toward +z.
-    - `width_m` x `length_m`: electrode area of one strip; `strips`: how many are laminated
-      (their charges add). `offset_m`: where it sits beside the sensor's origin.
+    - `depth_m` [m]: below the skin's surface; `angle_rad` [rad]: axis 1 turned from +x toward +z.
+    - `width_m` [m] times `length_m` [m]: electrode area of one strip; `strips`: how many are
+      laminated (their charges add). `offset_m` [m]: where it sits beside the sensor's origin.
+    - `piezo`: piezoelectric constants, those of PVDF by default.
     - `effects`: effects along the line; empty for an ideal thin strip at the origin, whatever its
-      width and offset are.
+      width and offset are. [`with_strip_average`][] adds that of the width.
 
     Raises `BadInput` for a depth, width, length or number of strips that is not positive.
     """
