@@ -1,12 +1,17 @@
 """srsinv: forward and inverse model of stress-rate tactile sensors.
 
+`dir(srsinv)` lists what is public here; the bases of parts of your own are in `srsinv.kinds`. SI
+units everywhere. Invalid input raises [`BadInput`][].
+
 Double precision is the default: stress decays as exp(-kz), so an inversion loses digits quickly.
 The variable is set before jax is imported, so that `import srsinv` itself stays quick; a value that
 the user has set in JAX_ENABLE_X64 is left as it is.
 """
 
+import importlib
 import os
 import sys
+from typing import TYPE_CHECKING, Any
 
 # `python -m srsinv` puts the current folder first on the import path, where a file named as one of
 # the standard library's modules would be run in its place. Only then is the first argument "-m".
@@ -18,16 +23,51 @@ if "JAX_ENABLE_X64" not in os.environ:
     if "jax" in sys.modules:
         sys.modules["jax"].config.update("jax_enable_x64", True)
 
-from .errors import BadInput as BadInput
+if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table below
+    from . import kinds as kinds
+    from .errors import BadInput as BadInput
+    from .forward.film import Film as Film
+    from .forward.scenario import Scenario as Scenario
+    from .forward.sensor import Sensor as Sensor
+    from .grid import Line as Line
+    from .grid import Open as Open
+    from .grid import Periodic as Periodic
+    from .inverse.nonlinear import Fit as Fit
+    from .inverse.nonlinear import fit as fit
+    from .inverse.nonlinear import fit_many as fit_many
+    from .recording import Recording as Recording
+    from .recording import load as load
 
 __version__ = "0.1.0"
 
-_LAZY = ("fit", "fit_many", "Fit")  # with jax, which takes a second to import
+# The module of each public name, imported when the name is asked for: most import jax, which takes
+# a second.
+_MODULES = {
+    "BadInput": "errors",
+    "Film": "forward.film",
+    "Fit": "inverse.nonlinear",
+    "Line": "grid",
+    "Open": "grid",
+    "Periodic": "grid",
+    "Recording": "recording",
+    "Scenario": "forward.scenario",
+    "Sensor": "forward.sensor",
+    "fit": "inverse.nonlinear",
+    "fit_many": "inverse.nonlinear",
+    "kinds": "kinds",
+    "load": "recording",
+}
+__all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
-def __getattr__(name: str):
-    if name in _LAZY:
-        from .inverse import nonlinear
+if not TYPE_CHECKING:  # to a type checker every name would exist
 
-        return getattr(nonlinear, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        module = importlib.import_module(f"{__name__}.{_MODULES[name]}")
+        return module if name == _MODULES[name] else getattr(module, name)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -36,15 +36,33 @@ def number(
     """`value`, which is refused unless it is one finite number within the bounds.
 
     `above` and `below` are themselves out of bounds, `least` and `most` are not; `wanted` describes
-    the valid values. A jax array passes unchecked: where it is traced its value is not known.
+    the valid values. A value that jax traces is not known yet: it becomes NaN where it turns out to
+    be beyond the bounds, and its gradient with it, and keeps its value and gradient within.
     """
-    if hasattr(value, "aval"):
-        return value
+    if hasattr(value, "aval") and _is_traced(value):
+        return _nan_beyond(value, above, least, most, below)
     scalar = value.item() if getattr(value, "ndim", None) == 0 else value
     fits = is_number(scalar) and above < scalar < below and least <= scalar <= most
     refuse(not fits, f"{name} is {shown(scalar)}: give {wanted}.")
     refuse(abs(scalar) > LARGEST, f"{name} is {shown(scalar)}: give {wanted}, up to {LARGEST:g}.")
     return value
+
+
+def _is_traced(value: Any) -> bool:
+    from jax.core import Tracer  # loaded already where a jax array is given, and slow to load
+
+    return isinstance(value, Tracer)
+
+
+def _nan_beyond(value: Any, above: float, least: float, most: float, below: float) -> Any:
+    """A traced value, NaN beyond the bounds."""
+    import jax.numpy as jnp
+
+    if (above, least, most, below) == (-math.inf, -math.inf, math.inf, math.inf):
+        return value
+    fits = (above < value) & (value < below) & (least <= value) & (value <= most)
+    # A factor: chosen by `where` between the value and NaN, a gradient beyond would be 0.
+    return value * jnp.where(fits, 1.0, jnp.nan)
 
 
 def whole(name: str, value: Any, wanted: str, *, least: int, most: int = 2**31 - 1) -> int:

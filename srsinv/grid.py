@@ -165,13 +165,15 @@ class Line(eqx.Module):
 
 def _checked(n: int, cell_m, start_m) -> tuple[int, Array, Array]:
     refuse(n < 3, f"A line of {n} cells is too short: it needs at least 3 cells or samples.")
-    number("cell_m", cell_m, "a positive width in metres", above=0)
-    number("start_m", start_m, "a position in metres")
+    cell_m = number("cell_m", cell_m, "a positive width in metres", above=0)
+    start_m = number("start_m", start_m, "a position in metres")
     return int(n), as_real(cell_m), as_real(start_m)
 
 
 class Periodic(Line):
     """The line that repeats with its window n cell_m.
+
+    `n` cells; `cell_m` [m]: width of each; `start_m` [m]: centre of the first.
 
     The traction is the band-limited function with the given cell averages, so that a stage acts
     as transfer(k) / sinc(k cell/2): exact for band-limited traction, order 5/2 for a Hertz edge.
@@ -201,6 +203,8 @@ class Periodic(Line):
 
 class Open(Line):
     """The line with nothing beyond its window: traction is zero there, and nothing wraps around.
+
+    `n` cells; `cell_m` [m]: width of each; `start_m` [m]: centre of the first.
 
     The traction is constant over each cell, and its stress is exact (Johnson 1985, 2.5).
     """

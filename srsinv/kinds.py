@@ -4,16 +4,44 @@ Derive from one, in the package or in a file of your own, and name the class by 
 file of the kind's group: docs/extend.md has an example of each.
 """
 
+from typing import TYPE_CHECKING
+
 from .config import KINDS, base_of
+
+if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table
+    from .effects import Effect as Effect
+    from .forward.amplifier import Amplifier as Amplifier
+    from .forward.feature import Feature as Feature
+    from .forward.film import LineEffect as LineEffect
+    from .forward.filter import Filter as Filter
+    from .forward.noise import Noise as Noise
+    from .forward.scan import ConstantSpeed as ConstantSpeed
+    from .forward.scene import Scene as Scene
+    from .forward.skin import HalfSpace as HalfSpace
+    from .forward.skin import Skin as Skin
+    from .forward.speed_profile import SpeedProfile as SpeedProfile
+    from .forward.surface import Rough as Rough
+    from .forward.surface import Shape as Shape
+    from .forward.surface_feature import SurfaceFeature as SurfaceFeature
+    from .forward.traction import FrictionStep as FrictionStep
+    from .forward.traction import Pressure as Pressure
+    from .grid import Operator as Operator
+    from .inverse.method import Method as Method
+    from .inverse.nonlinear import Solver as Solver
+    from .inverse.prior import Prior as Prior
+    from .inverse.rule import Rule as Rule
+    from .inverse.wiener import TractionSpectrum as TractionSpectrum
 
 _BASES = {name.rpartition(".")[2]: name for names in KINDS.values() for name in names}
 __all__ = sorted(_BASES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
-def __getattr__(name: str) -> type:
-    if name in _BASES:  # when it is asked for, as most import jax
-        return base_of(_BASES[name])
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # to a type checker every name would exist
+
+    def __getattr__(name: str) -> type:
+        if name in _BASES:  # when it is asked for, as most import jax
+            return base_of(_BASES[name])
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -11,6 +11,9 @@ class AmplifierBandwidth(Filtered):
 
     def __init__(self, resistance_ohm, capacitance_F):
         key = "effects.amplifier_bandwidth"
-        number(f"{key}.resistance_ohm", resistance_ohm, "a positive resistance in ohm", above=0)
-        number(f"{key}.capacitance_F", capacitance_F, "a positive capacitance in F", above=0)
-        self.filter = FirstOrder(resistance_ohm * capacitance_F)
+        wanted = "a positive resistance in ohm"
+        resistance = number(f"{key}.resistance_ohm", resistance_ohm, wanted, above=0)
+        wanted = "a positive capacitance in F"
+        self.filter = FirstOrder(
+            resistance * number(f"{key}.capacitance_F", capacitance_F, wanted, above=0)
+        )

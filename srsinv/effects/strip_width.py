@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ..forward import film
+from ..forward.film import Film
 from ..forward.scenario import Scenario
 from ._effect import MultiplicativeEffect, Order
 from ._reference import ReferenceSpectra
@@ -18,11 +18,7 @@ class StripWidth(MultiplicativeEffect):
     of_sensor: ClassVar[bool] = True
 
     def apply(self, scenario: Scenario) -> Scenario:
-        return scenario.with_films(
-            lambda each: each.with_effect(
-                film.StripAverage.at_depth(float(each.width_m), float(each.depth_m))
-            )
-        )
+        return scenario.with_films(Film.with_strip_average)
 
     def factor(self, reference: ReferenceSpectra) -> Float[np.ndarray, "e k"]:
         widths = np.array([float(each.width_m) for each in reference.scenario.sensor.elements])

@@ -94,15 +94,15 @@ class ChargeReadout(Amplifier):
     gain_per_C: Float[Array, ""]
     _offset: Float[Array, ""] | None
 
-    def __init__(self, gain_per_C: Scalar = 1.0, offset=None):
+    def __init__(self, gain_per_C: Scalar = 1e6, offset=None):
         wanted = "a number other than 0, in the signal's unit per coulomb"
-        number("amplifier.gain_per_C", gain_per_C, wanted)
+        gain_per_C = number("amplifier.gain_per_C", gain_per_C, wanted)
         refuse(
             is_number(gain_per_C) and gain_per_C == 0,
             f"amplifier.gain_per_C is {gain_per_C}: give {wanted}.",
         )
         if offset is not None:
-            number("amplifier.offset", offset, "a number in the signal's unit, or null")
+            offset = number("amplifier.offset", offset, "a number in the signal's unit, or null")
         self.gain_per_C = as_real(gain_per_C)
         self._offset = None if offset is None else as_real(offset)
 

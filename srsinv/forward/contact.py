@@ -112,17 +112,16 @@ def press(line: Line, skin: Skin, height_m: Float[Array, " n"], nominal_pressure
     where a cell is about to touch or to part, the derivative is that of one side.
 
     Raises `BadInput` for a pressure that is not positive and heights that are not finite, unless
-    they are traced. Traced, a pressure of zero or less gives no contact at all.
+    they are traced. Traced, a pressure of zero or less gives NaN.
     """
     wanted = "a positive pressure in Pa, the mean over the contact window"
-    number("nominal_pressure_Pa", nominal_pressure_Pa, wanted, above=0)
+    nominal = as_real(number("nominal_pressure_Pa", nominal_pressure_Pa, wanted, above=0))
     if not isinstance(height_m, Tracer):
         refuse(
             not bool(np.isfinite(height_m).all()),
             "The surface's height is not finite everywhere: check its numbers, in metres.",
         )
     compliance = cell_compliance(line, skin)
-    nominal = as_real(nominal_pressure_Pa)
     pressure, gap, residual, iterations = _solved(height_m, nominal, compliance)
     return Contact(pressure, gap, residual, iterations, least_error(height_m.dtype))
 
@@ -137,7 +136,7 @@ def _solved(height_m, nominal, compliance):
     deviation, iterations = solver.pressure_deviation(height, nominal, compliance)
     gap, residual = gap_and_error(height, nominal, times(compliance, deviation), deviation)
     # Cells out of contact hold -nominal: their pressure is zero to the last digit.
-    return jnp.maximum(nominal, 0.0) + deviation, gap, residual, iterations
+    return nominal + deviation, gap, residual, iterations
 
 
 @eqx.filter_jit

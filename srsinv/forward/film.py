@@ -26,6 +26,14 @@ MOST_PANELS = 350
 ORIENTATIONS_RAD = {"1_to_x_3_to_z": 0.0, "1_to_z_3_to_x": np.pi / 2}
 
 
+def _constant(name: str, value) -> Float[Array, ""]:
+    return as_real(number(f"sensor.piezo_constants_C_per_N.{name}", value, "a number in C/N"))
+
+
+def _length(name: str, value) -> Float[Array, ""]:
+    return as_real(number(f"sensor {name}", value, "a positive length in metres", above=0))
+
+
 class LineEffect(eqx.Module):
     """A shift-invariant effect along x, in both domains."""
 
@@ -129,19 +137,18 @@ class Piezo(eqx.Module):
     d3: Float[Array, ""]
 
     def __init__(self, d1=23e-12, d2=3e-12, d3=-33e-12):
-        for name, value in (("d1", d1), ("d2", d2), ("d3", d3)):
-            number(f"sensor.piezo_constants_C_per_N.{name}", value, "a number in C/N")
-        self.d1, self.d2, self.d3 = as_real(d1), as_real(d2), as_real(d3)
+        self.d1, self.d2, self.d3 = _constant("d1", d1), _constant("d2", d2), _constant("d3", d3)
 
 
 class Film(eqx.Module):
     """One film element.
 
-    - `depth_m`: below the skin's surface; `angle_rad`: axis 1 turned from +x toward +z.
-    - `width_m` x `length_m`: electrode area of one strip; `strips`: how many are laminated
-      (their charges add). `offset_m`: where it sits beside the sensor's origin.
+    - `depth_m` [m]: below the skin's surface; `angle_rad` [rad]: axis 1 turned from +x toward +z.
+    - `width_m` [m] times `length_m` [m]: electrode area of one strip; `strips`: how many are
+      laminated (their charges add). `offset_m` [m]: where it sits beside the sensor's origin.
+    - `piezo`: piezoelectric constants, those of PVDF by default.
     - `effects`: effects along the line; empty for an ideal thin strip at the origin, whatever its
-      width and offset are.
+      width and offset are. [`with_strip_average`][] adds that of the width.
 
     Raises `BadInput` for a depth, width, length or number of strips that is not positive.
     """
@@ -166,24 +173,24 @@ class Film(eqx.Module):
         strips: Any = 1,
         offset_m=0.0,
     ):
-        for name, value in (
-            ("depth_m", depth_m),
-            ("strip_width_m", width_m),
-            ("active_length_m", length_m),
-        ):
-            number(f"sensor {name}", value, "a positive length in metres", above=0)
-        number("sensor angle_rad", angle_rad, "an angle in radians")
-        number("sensor offset_m", offset_m, "a length in metres, of either sign")
+        self.depth_m = _length("depth_m", depth_m)
+        self.width_m = _length("strip_width_m", width_m)
+        self.length_m = _length("active_length_m", length_m)
+        self.angle_rad = as_real(number("sensor angle_rad", angle_rad, "an angle in radians"))
+        wanted = "a length in metres, of either sign"
+        self.offset_m = as_real(number("sensor offset_m", offset_m, wanted))
         wanted = "a whole number, as an element has at least 1 strip"
         self.strips = whole("sensor strips", strips, wanted, least=1)
-        self.depth_m, self.angle_rad = as_real(depth_m), as_real(angle_rad)
-        self.width_m, self.length_m = as_real(width_m), as_real(length_m)
         self.piezo = Piezo() if piezo is None else piezo
-        self.effects, self.offset_m = tuple(effects), as_real(offset_m)
+        self.effects = tuple(effects)
 
     def with_effect(self, effect: LineEffect) -> "Film":
         """The same film with one more effect along the line."""
         return dataclasses.replace(self, effects=(*self.effects, effect))
+
+    def with_strip_average(self) -> "Film":
+        """The same film, its charge the mean over its width. Its width and depth are not traced."""
+        return self.with_effect(StripAverage.at_depth(float(self.width_m), float(self.depth_m)))
 
     def charge_per_stress(self, xp: Any = jnp) -> Shaped[Any, "4"]:
         """Charge [C] per unit (sigma_x, sigma_z, tau_xz, sigma_y) [Pa], by `xp`: jax.numpy, or

@@ -57,8 +57,9 @@ class Filter(eqx.Module):
 
     def impulse_response(self, time_s: Float[Array, " t"]) -> Float[Array, " t"]:
         """h [1/s], zero before time 0; zero at every time where T = 0."""
-        acts = (time_s >= 0) & (self.time_scale_s > 0)
-        scale = jnp.where(self.time_scale_s > 0, self.time_scale_s, 1.0)
+        delays = self.time_scale_s != 0  # as NaN does, so that h is NaN then
+        acts = (time_s >= 0) & delays
+        scale = jnp.where(delays, self.time_scale_s, 1.0)
         pole, residue = (each[:, None] for each in _partial_fractions(self.poles))
         since = jnp.where(acts, time_s, 0.0)[None] / scale
         h = jnp.sum(jnp.real(residue * jnp.exp(pole * since)), axis=0) / scale

@@ -40,14 +40,16 @@ class Layer(eqx.Module):
     def __init__(self, thickness_m=None, youngs_modulus_Pa=7e5, poisson_ratio=0.5):
         if thickness_m is not None:
             wanted = "a positive thickness in metres, or null for a half space"
-            number("skin.layers thickness_m", thickness_m, wanted, above=0)
-        wanted = "a positive modulus in Pa"
-        number("skin.layers youngs_modulus_Pa", youngs_modulus_Pa, wanted, above=0)
-        wanted = "a number between 0 and 0.5"
-        number("skin.layers poisson_ratio", poisson_ratio, wanted, least=0, most=0.5)
+            thickness_m = number("skin.layers thickness_m", thickness_m, wanted, above=0)
         self.thickness_m = None if thickness_m is None else as_real(thickness_m)
-        self.youngs_modulus_Pa = as_real(youngs_modulus_Pa)
-        self.poisson_ratio = as_real(poisson_ratio)
+        wanted = "a positive modulus in Pa"
+        self.youngs_modulus_Pa = as_real(
+            number("skin.layers youngs_modulus_Pa", youngs_modulus_Pa, wanted, above=0)
+        )
+        wanted = "a number between 0 and 0.5"
+        self.poisson_ratio = as_real(
+            number("skin.layers poisson_ratio", poisson_ratio, wanted, least=0, most=0.5)
+        )
 
 
 Layers = Sequence[Layer | Mapping[str, Any]] | Mapping[str, Mapping[str, Any]]

@@ -133,8 +133,7 @@ def turned(sensor: Sensor, angle_rad) -> Sensor:
     `BadInput` for an angle beyond a quarter turn, a skin that is no half space, and an effect along
     the line that is not known to turn.
     """
-    _check_angle(angle_rad)
-    return _turned(sensor, as_real(angle_rad))
+    return _turned(sensor, _within_quarter(angle_rad))
 
 
 @eqx.filter_jit
@@ -173,13 +172,12 @@ def turned_scan(scan: Scan, angle_rad) -> Scan:
     Up to a quarter turn, where it stands still, its direction is that along x, so that friction
     keeps its sign. Raises `BadInput` for an angle beyond.
     """
-    _check_angle(angle_rad)
-    c = cosine(as_real(angle_rad))
+    c = cosine(_within_quarter(angle_rad))
     if isinstance(scan, Motion):
         return Motion(scan.time_s, c * scan.position_m, c * scan.speed_m_per_s)
     return eqx.tree_at(lambda s: s.speed_m_per_s, scan, c * scan.speed_m_per_s)
 
 
-def _check_angle(angle_rad) -> None:
+def _within_quarter(angle_rad) -> Float[Array, ""]:
     wanted = "an angle in radians between -pi/2 and pi/2, from x to the features' normal"
-    number("angle_rad", angle_rad, wanted, least=-QUARTER_RAD, most=QUARTER_RAD)
+    return as_real(number("angle_rad", angle_rad, wanted, least=-QUARTER_RAD, most=QUARTER_RAD))

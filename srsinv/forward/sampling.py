@@ -100,7 +100,8 @@ class Quantiser(SampleConversion):
 
 
 def _between(signal: Float[Array, "e sample"], low, high) -> Float[Array, "e sample"]:
-    """As jnp.clip, whose derivative at a bound is halved."""
+    """As jnp.clip, whose derivative at a bound is halved; NaN where the bounds are."""
+    signal = jnp.where(jnp.isnan(high), high, signal)
     return jnp.where(signal < low, low, jnp.where(signal > high, high, signal))
 
 

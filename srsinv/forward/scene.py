@@ -99,10 +99,13 @@ class TractionScene(Scene):
         pressures: Sequence[Pressure] = (),
         frictions: Sequence[FrictionStep] = (),
     ):
-        number("scene.background_pressure_Pa", background_pressure_Pa, "a pressure in Pa")
-        number("scene.base_friction", base_friction, "a number, of either sign")
-        self.background_pressure_Pa = as_real(background_pressure_Pa)
-        self.base_friction = as_real(base_friction)
+        key = "scene.background_pressure_Pa"
+        self.background_pressure_Pa = as_real(
+            number(key, background_pressure_Pa, "a pressure in Pa")
+        )
+        self.base_friction = as_real(
+            number("scene.base_friction", base_friction, "a number, of either sign")
+        )
         self.pressures, self.frictions = tuple(pressures), tuple(frictions)
 
     def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:
@@ -144,8 +147,9 @@ class SurfaceScene(Scene):
         contact_windows: Any = None,
     ):
         wanted = "a positive pressure in Pa, the mean over the window"
-        number("scene.nominal_pressure_Pa", nominal_pressure_Pa, wanted, above=0)
-        self.nominal_pressure_Pa = as_real(nominal_pressure_Pa)
+        self.nominal_pressure_Pa = as_real(
+            number("scene.nominal_pressure_Pa", nominal_pressure_Pa, wanted, above=0)
+        )
         self.surface = Surface(surfaces, base_friction)
         self.skin = HalfSpace() if skin is None else skin
         self.contact_windows = self._windows(contact_windows)

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..errors import refuse
 from ..grid import Convolution, Line, Stage, as_real
 from .amplifier import Amplifier, CurrentAmplifier
-from .film import Film
+from .film import ORIENTATIONS_RAD, Film
 from .filter import Filter, even_interval
 from .operator import MotionOperator, PositionInterpolation
 from .scan import ConstantSpeed, Motion
@@ -70,8 +71,18 @@ class FilmStress(Stage):
         return jnp.concatenate([stress(film) for film in self.elements])
 
 
+def two_orientations() -> tuple[Film, ...]:
+    """The paper's two elements, axis 1 along x and along z, each averaging over its width."""
+    with jax.ensure_compile_time_eval():  # within a compiled program their numbers are known too
+        angles = ORIENTATIONS_RAD.values()
+        return tuple(Film(angle_rad=angle).with_strip_average() for angle in angles)
+
+
 class Sensor(eqx.Module):
     """Film elements in a skin, read by one kind of amplifier, then by `filters` in their order.
+
+    What is not given is the command's default: two strips at right angles ([`two_orientations`][]),
+    a homogeneous half space, a current amplifier and no filter.
 
     Its stages, `stress()` to `output(scan)`, act on any line; `operator` and `operator_along` map
     traction (2, n) on one to what is recorded. Raises `BadInput` when there is no element.
@@ -84,13 +95,14 @@ class Sensor(eqx.Module):
 
     def __init__(
         self,
-        elements: Sequence[Film],
+        elements: Sequence[Film] | None = None,
         skin: Skin | None = None,
         amplifier: Amplifier | None = None,
         filters: Sequence[Filter] = (),
     ):
-        refuse(not elements, "The sensor has 0 film elements: give at least 1 in sensor.elements.")
-        self.elements = tuple(elements)
+        self.elements = two_orientations() if elements is None else tuple(elements)
+        wanted = "give at least 1 in sensor.elements"
+        refuse(not self.elements, f"The sensor has 0 film elements: {wanted}.")
         self.skin = HalfSpace() if skin is None else skin
         self.amplifier = CurrentAmplifier() if amplifier is None else amplifier
         self.filters = tuple(filters)

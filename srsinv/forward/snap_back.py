@@ -68,15 +68,16 @@ class SnapBackNoise(NonGaussianNoise):
     ):
         self.charge, self.amplifier, self.filters = charge, amplifier, filters
         wanted = f"a number of events per second, from 0 to {MOST_PER_S:g}"
-        number("noise rate_hz", rate_hz, wanted, least=0, most=MOST_PER_S)
-        number("noise shear_Pa", shear_Pa, "a shear in Pa that is at least 0", least=0)
-        number("noise patch_m", patch_m, "a positive length in metres", above=0)
-        number("noise decay_s", decay_s, "a positive time in seconds", above=0)
-        number("noise contact_m", contact_m, "a length in metres that is at least 0", least=0)
+        self.rate_hz = as_real(number("noise rate_hz", rate_hz, wanted, least=0, most=MOST_PER_S))
+        wanted = "a shear in Pa that is at least 0"
+        self.shear_Pa = as_real(number("noise shear_Pa", shear_Pa, wanted, least=0))
+        wanted = "a positive length in metres"
+        self.patch_m = as_real(number("noise patch_m", patch_m, wanted, above=0))
+        wanted = "a positive time in seconds"
+        self.decay_s = as_real(number("noise decay_s", decay_s, wanted, above=0))
+        wanted = "a length in metres that is at least 0"
+        self.contact_m = as_real(number("noise contact_m", contact_m, wanted, least=0))
         _refuse_wide(contact_m, [film.depth_m for film in charge.elements])
-        self.rate_hz, self.shear_Pa = as_real(rate_hz), as_real(shear_Pa)
-        self.patch_m, self.decay_s = as_real(patch_m), as_real(decay_s)
-        self.contact_m = as_real(contact_m)
         self.terms = _terms(contact_m, [film.depth_m for film in charge.elements])
 
     @classmethod

@@ -356,7 +356,7 @@ class Rough(Shape):
         """The spectrum, up to a factor."""
         roll_off, cut_off = 2 * jnp.pi / self.longest_m, 2 * jnp.pi / self.shortest_m
         fall = (jnp.maximum(k, roll_off) / roll_off) ** -(1 + 2 * self.hurst)
-        return jnp.where((k > 0) & (k <= cut_off), fall, 0.0)
+        return jnp.where((k > 0) & (k <= cut_off), fall, 0.0 * cut_off)  # 0, or NaN as that is
 
     def height(self, line: Line) -> Float[Array, " n"]:
         k = wavenumbers(line.n, line.cell_m)
@@ -374,7 +374,7 @@ class Rough(Shape):
         wave = wave * jnp.exp(0.5j * k * line.cell_m)
         height = jnp.fft.irfft(wave, line.n) * line.n
         expected = jnp.sqrt(4 * jnp.sum(power))
-        return self.rms_m * height / jnp.where(expected > 0, expected, 1.0)
+        return self.rms_m * height / jnp.where(expected == 0, 1.0, expected)
 
 
 class Profile(Shape):

@@ -43,14 +43,20 @@ class Viscoelastic(Skin):
         speed_m_per_s: Scalar = 0.05,
     ):
         _check_modes(len(fractions), len(times_s))
-        for j, (fraction, time) in enumerate(zip(fractions, times_s, strict=True)):
-            wanted = "a number that is at least 0, of the modulus at rest"
-            number(f"skin.fractions[{j}]", fraction, wanted, least=0)
-            number(f"skin.times_s[{j}]", time, "a positive time in seconds", above=0)
-        number("skin.speed_m_per_s", speed_m_per_s, "a finite speed in m/s")
         self.skin = skin
+        wanted = "a number that is at least 0, of the modulus at rest"
+        fractions = [
+            number(f"skin.fractions[{j}]", each, wanted, least=0)
+            for j, each in enumerate(fractions)
+        ]
+        wanted = "a positive time in seconds"
+        times_s = [
+            number(f"skin.times_s[{j}]", each, wanted, above=0) for j, each in enumerate(times_s)
+        ]
         self.fractions, self.times_s = as_real(fractions), as_real(times_s)
-        self.speed_m_per_s = as_real(speed_m_per_s)
+        self.speed_m_per_s = as_real(
+            number("skin.speed_m_per_s", speed_m_per_s, "a finite speed in m/s")
+        )
 
     @property
     def words(self) -> str:

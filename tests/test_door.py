@@ -1,0 +1,103 @@
+"""`import srsinv`: what is public there, how soon it is loaded, and what it says of itself."""
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import srsinv
+from srsinv.config import KINDS, base_of
+
+ROOT = Path(__file__).resolve().parents[1]
+UNITS = {"_m_per_s": "m/s", "_m": "m", "_rad": "rad", "_hz": "Hz", "_Pa": "Pa", "_s": "s"}
+
+
+def loaded_after(code: str) -> set[str]:
+    """The modules that a new process has loaded once it has run `code`."""
+    code = f"import sys\n{code}\nprint(*sys.modules)"
+    made = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return set(made.stdout.split())
+
+
+def test_its_names_are_all_that_is_shown():
+    import srsinv.forward.contact
+    import srsinv.report.outcome
+
+    assert dir(srsinv) == sorted(srsinv.__all__)
+    assert not {"forward", "report", "os", "sys"} & {*dir(srsinv)}
+    assert {"Film", "Sensor", "Scenario", "Periodic", "Open", "fit", "load"} <= {*dir(srsinv)}
+
+
+@pytest.mark.parametrize("name", srsinv.__all__)
+def test_every_name_says_what_it_is_and_in_which_units(name):
+    public = getattr(srsinv, name)
+    text = inspect.getdoc(public)
+    assert text
+    if public is srsinv.BadInput or not callable(public):
+        return
+    for key in inspect.signature(public).parameters:
+        unit = next((unit for end, unit in UNITS.items() if key.endswith(end)), None)
+        lines = [line for line in text.splitlines() if f"`{key}`" in line]
+        assert unit is None or any(f"[{unit}]" in line for line in lines), key
+
+
+def test_a_name_that_it_has_not_is_an_error():
+    with pytest.raises(AttributeError, match="no attribute 'Sensors'"):
+        _ = srsinv.Sensors  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_the_import_alone_loads_no_library():
+    loaded = loaded_after("import srsinv; dir(srsinv); srsinv.BadInput")
+    assert not {"jax", "numpy", "scipy", "hydra", "xarray"} & loaded
+
+
+def test_recordings_are_read_without_jax():
+    assert "jax" not in loaded_after("import srsinv; srsinv.load")
+
+
+def test_double_precision_is_the_default_of_what_it_loads():
+    assert "jax" in loaded_after("import srsinv; assert srsinv.Film().depth_m.dtype == 'float64'")
+
+
+def names_for_type_checkers(module) -> set[str | None]:
+    """The names that a module imports for type checkers alone."""
+    tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+    block = next(
+        node
+        for node in tree.body
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+    )
+    imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    return {alias.asname for node in imports for alias in node.names}
+
+
+@pytest.mark.parametrize("module", [srsinv, srsinv.kinds], ids=["srsinv", "kinds"])
+def test_type_checkers_see_the_same_names(module):
+    assert names_for_type_checkers(module) == {*dir(module)}
+
+
+def test_the_bases_of_kinds_are_those_of_the_configuration():
+    assert {*dir(srsinv.kinds)} == {name.split(".")[-1] for each in KINDS.values() for name in each}
+    assert srsinv.kinds.LineEffect is base_of("srsinv.forward.film.LineEffect")
+
+
+def test_a_recording_is_loaded_with_its_sidecar():
+    example = ROOT / "srsinv" / "examples" / "strip_two_element.csv"
+    recording = srsinv.load(example)
+    assert isinstance(recording, srsinv.Recording)
+    assert recording.sidecar
+    with pytest.raises(srsinv.BadInput, match="allow"):
+        srsinv.load(example, missing="perhaps")
+
+
+def test_the_wheel_says_that_it_is_typed():
+    wheel = pytest.importorskip("hatchling.builders.wheel")
+    files = {
+        each.distribution_path for each in wheel.WheelBuilder(str(ROOT)).recurse_included_files()
+    }
+    assert {"srsinv/py.typed", "srsinv/configs/config.yaml"} <= files
