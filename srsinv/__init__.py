@@ -25,16 +25,29 @@ if "JAX_ENABLE_X64" not in os.environ:
 
 if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table below
     from . import kinds as kinds
+    from .api import fit_recording as fit_recording
+    from .api import invert as invert
+    from .api import simulate as simulate
     from .errors import BadInput as BadInput
     from .forward.film import Film as Film
+    from .forward.scan import ConstantSpeed as ConstantSpeed
+    from .forward.scan import Motion as Motion
     from .forward.scenario import Scenario as Scenario
+    from .forward.scene import SurfaceScene as SurfaceScene
+    from .forward.scene import TractionScene as TractionScene
     from .forward.sensor import Sensor as Sensor
     from .grid import Line as Line
     from .grid import Open as Open
     from .grid import Periodic as Periodic
+    from .inverse.estimate import Estimate as Estimate
+    from .inverse.feature_method import FeatureFit as FeatureFit
+    from .inverse.feature_method import SurfaceFit as SurfaceFit
     from .inverse.nonlinear import Fit as Fit
     from .inverse.nonlinear import fit as fit
     from .inverse.nonlinear import fit_many as fit_many
+    from .inverse.problem import Problem as Problem
+    from .inverse.tikhonov import Tikhonov as Tikhonov
+    from .inverse.wiener import Wiener as Wiener
     from .recording import Recording as Recording
     from .recording import load as load
 
@@ -44,18 +57,31 @@ __version__ = "0.1.0"
 # a second.
 _MODULES = {
     "BadInput": "errors",
+    "ConstantSpeed": "forward.scan",
+    "Estimate": "inverse.estimate",
+    "FeatureFit": "inverse.feature_method",
     "Film": "forward.film",
     "Fit": "inverse.nonlinear",
     "Line": "grid",
+    "Motion": "forward.scan",
     "Open": "grid",
     "Periodic": "grid",
+    "Problem": "inverse.problem",
     "Recording": "recording",
     "Scenario": "forward.scenario",
     "Sensor": "forward.sensor",
+    "SurfaceFit": "inverse.feature_method",
+    "SurfaceScene": "forward.scene",
+    "Tikhonov": "inverse.tikhonov",
+    "TractionScene": "forward.scene",
+    "Wiener": "inverse.wiener",
     "fit": "inverse.nonlinear",
     "fit_many": "inverse.nonlinear",
+    "fit_recording": "api",
+    "invert": "api",
     "kinds": "kinds",
     "load": "recording",
+    "simulate": "api",
 }
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]
 

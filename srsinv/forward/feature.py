@@ -81,6 +81,7 @@ class Feature(eqx.Module):
     and so on. Raises `BadInput` for a range that is none, or not of the feature's parameters.
     """
 
+    is_of_surface: ClassVar[bool] = False  # acts on the skin by itself, not through contact
     amplitude: ClassVar[str] = "pressure_Pa"
     shear: ClassVar[str] = "shear_Pa"
     is_semi_infinite: ClassVar[bool] = False  # extends beyond the end of every window

@@ -16,7 +16,7 @@ MAX_INTERVAL_ROUNDING = 1e-3  # of the shortest interval: what rounding the time
 
 
 class ConstantSpeed(eqx.Module):
-    """Sliding at u [m/s]: x(t) = x0 + u t, d/dt = u d/dx (the paper's (3)).
+    """Sliding at u = `speed_m_per_s` [m/s]: x(t) = x0 + u t, d/dt = u d/dx (the paper's (3)).
 
     A negative speed slides towards -x, and friction turns with it. Zero is a static touch: the rate
     signal is then zero. Raises `BadInput` for a speed that is not finite.
@@ -50,11 +50,11 @@ class ConstantSpeed(eqx.Module):
 class Motion(eqx.Module):
     """Sliding as measured: where the sensor stands, x(t), and how fast it moves, u(t) = dx/dt.
 
-    - `time_s` (sample,): strictly increasing, from any origin, evenly spaced or not. Stored from
-      the first sample on where the origin is so far off that the working precision would round the
-      intervals.
-    - `position_m`, `speed_m_per_s` (sample,): both as measured. [`Motion.from_speed`][] and
-      [`Motion.from_position`][] make one from the other.
+    - `time_s` (sample,) [s]: strictly increasing, from any origin, evenly spaced or not. Stored
+      from the first sample on where the origin is so far off that the working precision would round
+      the intervals.
+    - `position_m` [m], `speed_m_per_s` [m/s] (sample,): both as measured. [`Motion.from_speed`][]
+      and [`Motion.from_position`][] make one from the other.
 
     The motion may stop and turn back. Raises `BadInput` for columns of different lengths, fewer
     than 3 samples, values that are not finite, and times that do not increase; only the lengths of

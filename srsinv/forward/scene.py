@@ -81,7 +81,7 @@ def _deviation(scene: Scene, line: Line, direction: Scalar, periodic: bool, p):
 class TractionScene(Scene):
     """Features of pressure over a background.
 
-    - `background_pressure_Pa` and `base_friction`: values without any feature.
+    - `background_pressure_Pa` [Pa] and `base_friction`: values without any feature.
     - `pressures`: added to the background; `frictions`: added to the base, of either sign.
 
     Raises `BadInput` for a background or a base that is not a finite number.
@@ -124,7 +124,7 @@ class TractionScene(Scene):
 class SurfaceScene(Scene):
     """Shapes on a plate of friction `base_friction`, pressed on by a skin.
 
-    - `nominal_pressure_Pa`: the mean over the line's window, with which the surface repeats.
+    - `nominal_pressure_Pa` [Pa]: the mean over the line's window, with which the surface repeats.
     - `contact_windows`: how many such windows the contact repeats with, the skin free in all but
       the line's. None: one; as many as its wake asks (contact_wake.py) where the skin lags and
       touches in the window's midst alone.

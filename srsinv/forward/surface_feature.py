@@ -63,6 +63,7 @@ class SurfaceFeature(eqx.Module):
     Raises `BadInput` for a range that is none, or not of the feature's parameters.
     """
 
+    is_of_surface: ClassVar[bool] = True
     axes: ClassVar[Mapping[str, Axis]]
     frictions: ClassVar[tuple[str, ...]] = ()
     search_ranges: tuple[tuple[str, Range], ...] = eqx.field(static=True)
@@ -74,6 +75,11 @@ class SurfaceFeature(eqx.Module):
             edge_length_m = float(number("feature.edge_length_m", edge_length_m, wanted, above=0))
         self.edge_length_m = edge_length_m
         self.search_ranges = checked_ranges(type(self).__name__, self.axes, given, "edge_length_m")
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the parameters that enter a signal linearly."""
+        return self.frictions
 
     def ranges(self, stretch: ScanExtent) -> dict[str, Range]:
         """Search range of each parameter that is not a friction."""

@@ -20,12 +20,12 @@ def undetected_features(
 ) -> tuple[str, ...]:
     """Features not detected above the noise: their place, width and friction are then those of
     noise."""
-    if not all(isinstance(feature, Feature) for feature in features.values()):
+    if any(feature.is_of_surface for feature in features.values()):
         return () if _gain(fit) >= DETECTION_SIGMA**2 else tuple(features)
     return tuple(
         name
         for name, feature in features.items()
-        if isinstance(feature, Feature) and not _strength(name, feature, fit) >= DETECTION_SIGMA
+        if not _strength(name, feature.linear, fit) >= DETECTION_SIGMA
     )
 
 
@@ -38,10 +38,10 @@ def limited_by_bounds(fit: Fit) -> frozenset[str]:
     return frozenset(np.array(fit.names, object)[traded]) | frozenset(fit.at_bound)
 
 
-def _strength(name: str, feature: Feature, fit: Fit) -> float:
+def _strength(name: str, linear: tuple[str, ...], fit: Fit) -> float:
     """Mahalanobis distance of the amplitudes of p and q from zero, in standard errors."""
-    at = [fit.names.index(f"{name}.{part}") for part in feature.linear]
-    value = np.array([fit.value[name][part] for part in feature.linear])
+    at = [fit.names.index(f"{name}.{part}") for part in linear]
+    value = np.array([fit.value[name][part] for part in linear])
     stderr = np.sqrt(np.diagonal(fit.covariance))[at]
     if not np.all((stderr > 0) & np.isfinite(stderr)):
         return np.inf if not np.any(stderr) and np.any(value) else 0.0

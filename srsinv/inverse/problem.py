@@ -32,12 +32,12 @@ class Problem(eqx.Module):
     - `signal` (e, sample): as recorded, in the amplifier's unit; NaN marks a missing sample.
     - `noise`: a [`SampleNoise`][], or its level alone, the rms of white noise per sample.
     - `friction`: mu in q = mu p; None leaves p and q apart.
-    - `nominal_pressure_Pa`: the pressure far from the features, where it is known; a rate signal
-      does not show it.
-    - `window_m`: (start, end) of the stretch that the traction lies in, around the scan; None: the
-      scan and 8 depths beyond its ends.
-    - `cell_m`: the width of the cells of methods that solve for the traction on a line; None lets
-      the method choose.
+    - `nominal_pressure_Pa` [Pa]: the pressure far from the features, where it is known; a rate
+      signal does not show it.
+    - `window_m` [m]: (start, end) of the stretch that the traction lies in, around the scan; None:
+      the scan and 8 depths beyond its ends.
+    - `cell_m` [m]: the width of the cells of methods that solve for the traction on a line; None
+      lets the method choose.
     - `name`: for messages.
 
     A method chooses its line, and takes the signals as they are (`samples`) or put on cells

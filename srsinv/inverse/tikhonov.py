@@ -62,7 +62,7 @@ def _weight(name: str, value) -> Float[Array, ""] | None:
 class Tikhonov(Method):
     """Minimise |N^(-1/2) (m - G r)|^2 + sum_c lambda_c |(z d/dx)^order r_c|^2.
 
-    - `order`: 0 penalises the value, 1 the first, 2 the second derivative; `length_m` is the z
+    - `order`: 0 penalises the value, 1 the first, 2 the second derivative; `length_m` [m] is the z
       that makes it dimensionless.
     - `weight_p`, `weight_q` [1/Pa^2]: the weights; None lets `rule` choose.
     - `path`, `tolerance`: see [`solve`][srsinv.inverse.quadratic.solve].

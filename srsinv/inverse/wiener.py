@@ -40,7 +40,7 @@ class Exponential(TractionSpectrum):
     rms_Pa: Float[Array, ""]
     correlation_m: Float[Array, ""]
 
-    def __init__(self, rms_Pa=1.0, correlation_m=1e-3):
+    def __init__(self, rms_Pa=1500.0, correlation_m=2e-3):
         self.rms_Pa = _positive("rms_Pa", rms_Pa)
         self.correlation_m = _positive("correlation_m", correlation_m)
 

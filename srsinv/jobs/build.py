@@ -223,7 +223,10 @@ def features(cfg: Config) -> dict[str, Feature]:
 def surface_features(cfg: Config) -> dict[str, SurfaceFeature]:
     """The named features of a surface, if any, to be fitted as a sum."""
     named = part(cfg, "feature")
-    on_surface = [name for name, node in named.items() if _is_surface(f"feature.{name}", node)]
+    kinds: dict[str, Any] = {
+        name: class_of(node, f"feature.{name}", "feature") for name, node in named.items()
+    }
+    on_surface = [name for name, kind in kinds.items() if kind.is_of_surface]
     if not on_surface:
         return {}
     refuse(
@@ -232,10 +235,6 @@ def surface_features(cfg: Config) -> dict[str, SurfaceFeature]:
         "through contact and those of traction do not, so that no sum holds both: name one kind.",
     )
     return {name: make(node, f"feature.{name}", "surface_feature") for name, node in named.items()}
-
-
-def _is_surface(name: str, node: Any) -> bool:
-    return issubclass(class_of(node, name, "feature"), SurfaceFeature)
 
 
 def solver(cfg: Config) -> Solver:

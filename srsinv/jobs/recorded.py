@@ -9,17 +9,15 @@ import numpy as np
 from ..errors import number, refuse
 from ..forward.describe import elements
 from ..forward.noise import Noise, SignalToNoise
-from ..forward.scan import ConstantSpeed, Motion
+from ..forward.scan import ConstantSpeed
 from ..forward.scenario import Scenario
 from ..forward.sensor import Sensor
 from ..inverse.problem import Problem
+from ..inverse.recorded import SKIN, check_elements, noise_of, problem_of, skin_facts
 from ..inverse.sample_noise import SampleNoise
 from ..recording import Recording, merge
 from ..recording.even import load_even
-from ..recording.noise import white_level
 from . import build
-
-SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # if neither sidecar nor command gives them
 
 
 def elements_named(cfg: build.Config) -> dict[str, Any]:
@@ -36,26 +34,12 @@ def sensor_of(cfg: build.Config, recording: Recording) -> Sensor:
     facts = recording.sidecar
     description = merge(facts.get("sensor") or {}, build.part(cfg, "sensor"))
     films = elements(description)
-    refuse(
-        len(films) != len(recording.channels),
-        f"{recording.name}: {len(recording.channels)} signal columns but {len(films)} film "
-        "elements: name as many in recording.channels as the sensor has elements.",
-    )
+    check_elements(recording, tuple(films))
     speed = ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
-    node = build.skin_node(build.part(cfg, "skin"), SKIN | _skin(facts))
+    node = build.skin_node(build.part(cfg, "skin"), SKIN | skin_facts(recording))
     skin = build.make(node, "skin", "skin").sliding_at(speed.speed_m_per_s)
     ideal = Sensor(films, skin, build.amplifier(amplifier_node(cfg, description)))
     return build.with_effects(cfg, Scenario(None, ideal, speed)).sensor
-
-
-def _skin(facts: dict[str, Any]) -> dict[str, Any]:
-    skin = facts.get("skin") or {}
-    model = skin.get("model", "half_space")
-    refuse(
-        model != "half_space",
-        f"The sidecar's skin.model is {model!r}: only half_space is known here.",
-    )
-    return {key: skin[key] for key in SKIN.keys() & skin.keys()}
 
 
 def amplifier_node(cfg: build.Config, description: Mapping[str, Any]) -> dict[str, Any]:
@@ -86,22 +70,6 @@ def times_rows(cfg: build.Config, recording: Recording) -> tuple[tuple[str, str]
     return tuple(rows)
 
 
-def motion_of(recording: Recording) -> Motion:
-    """The sensor's motion: the measured positions, else the integral of the speed."""
-    time_s, speed = recording.time_s, recording.speed_m_per_s
-    if recording.measured_position_m is not None:
-        return Motion(time_s, recording.measured_position_m, speed)
-    return Motion.from_speed(time_s, speed, float(recording.position_m[0]))
-
-
-def nominal_pressure(recording: Recording) -> float | None:
-    """The mean pressure over the contact window [Pa], where it is known."""
-    given = recording.sidecar.get("nominal_pressure_Pa")
-    wanted = "a pressure in Pa that is at least 0, or null where it is not known"
-    key = f"{recording.name}: nominal_pressure_Pa"
-    return None if given is None else float(number(key, given, wanted, least=0))
-
-
 def coloured_noises(cfg: build.Config) -> dict[str, Noise]:
     """The named causes of noise but the white one, which is estimated from the recording."""
     others = {name: node for name, node in build.part(cfg, "noise").items() if name != "white"}
@@ -123,15 +91,7 @@ def sample_noise(cfg: build.Config, recording: Recording, depth_m: float) -> Sam
     if given is not None:
         wanted = "a positive number in the signal's unit, or null to take it from the recording"
         return SampleNoise(number("noise.white.rms", given, wanted, above=0), causes)
-    # Where the motion is fastest: a frequency above the cut-off there is above it everywhere.
-    fastest = float(np.max(np.abs(recording.speed_m_per_s)))
-    level = white_level(recording.signal, depth_m, fastest / recording.sample_rate_hz)
-    refuse(
-        not level > 0,
-        f"{recording.name}: no noise can be told from the signal (it is constant, or rounded): "
-        "give noise.white.rms=... in the signal's unit.",
-    )
-    return SampleNoise(level, causes, is_estimate=True)
+    return noise_of(recording, depth_m, causes)
 
 
 @dataclass(frozen=True)
@@ -156,20 +116,10 @@ def recorded_problem(cfg: build.Config, check: Callable[[Recording], None]) -> R
     settings = build.part(cfg, "recording")
     recording = load_even(settings, elements_named(cfg))
     check(recording)
-    nominal, sensor = nominal_pressure(recording), sensor_of(cfg, recording)
+    sensor = sensor_of(cfg, recording)
     cell_m = settings.get("cell_m")
     if cell_m is not None:
         number("recording.cell_m", cell_m, "a positive width in metres", above=0)
-    window = recording.sidecar.get("contact_window_m")
-    problem = Problem(
-        sensor,
-        motion_of(recording),
-        recording.signal,
-        sample_noise(cfg, recording, float(sensor.depth_m)),
-        friction=friction,
-        nominal_pressure_Pa=nominal,
-        window_m=None if not window else (float(window[0]), float(window[1])),
-        cell_m=cell_m,
-        name=recording.name,
-    )
+    noise = sample_noise(cfg, recording, float(sensor.depth_m))
+    problem = problem_of(recording, sensor, noise=noise, friction=friction, cell_m=cell_m)
     return RecordedProblem(recording, problem)

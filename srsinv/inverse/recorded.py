@@ -1,0 +1,129 @@
+"""From a recording to the problem of finding what made it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadInput, number, refuse
+from ..forward.amplifier import CurrentAmplifier
+from ..forward.describe import elements
+from ..forward.film import Film
+from ..forward.noise import Noise
+from ..forward.scan import Motion
+from ..forward.sensor import Sensor
+from ..forward.skin import HalfSpace
+from ..recording import Recording
+from ..recording.even import check_volts, on_even_times
+from ..recording.noise import white_level
+from .problem import Problem
+from .sample_noise import SampleNoise
+
+SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # where nothing else gives them
+
+
+def problem_of(
+    recording: Recording,
+    sensor: Sensor | None = None,
+    *,
+    noise: SampleNoise | float | None = None,
+    friction: Any = None,
+    cell_m: Any = None,
+) -> Problem:
+    """The problem of a recording at even times.
+
+    - `sensor`: None takes it from the sidecar, with its strip widths: see `sensor_described`.
+    - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit.
+    - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
+      those of the sidecar.
+
+    Raises `BadInput` for missing facts, for a sensor of another number of elements, and where no
+    noise is found in the signal.
+    """
+    sensor = sensor_described(recording) if sensor is None else sensor
+    check_elements(recording, sensor.elements)
+    window = recording.sidecar.get("contact_window_m")
+    return Problem(
+        sensor,
+        motion_of(recording),
+        recording.signal,
+        noise_of(recording, float(sensor.depth_m)) if noise is None else noise,
+        friction=friction,
+        nominal_pressure_Pa=nominal_pressure(recording),
+        window_m=None if not window else (float(window[0]), float(window[1])),
+        cell_m=cell_m,
+        name=recording.name,
+    )
+
+
+def ready(recording: Recording) -> Recording:
+    """The recording at even times, its signal in volts; refused where it cannot be."""
+    even = on_even_times(recording)
+    check_volts(even)
+    return even
+
+
+def sensor_described(recording: Recording) -> Sensor:
+    """The sensor of a recording's sidecar, its films averaging over their strips, in a half space,
+    read by a current amplifier. Raises `BadInput` for facts that are missing."""
+    description = recording.sidecar.get("sensor") or {}
+    films = [film.with_strip_average() for film in elements(description)]
+    resistance = description.get("feedback_resistance_ohm")
+    if resistance is None:
+        raise BadInput(
+            f"{recording.name}: no feedback resistance is known: give "
+            "sensor.feedback_resistance_ohm in the sidecar, or a sensor."
+        )
+    return Sensor(films, HalfSpace(**(SKIN | skin_facts(recording))), CurrentAmplifier(resistance))
+
+
+def skin_facts(recording: Recording) -> dict[str, Any]:
+    """What the sidecar says of the skin, a half space."""
+    skin = recording.sidecar.get("skin") or {}
+    model = skin.get("model", "half_space")
+    refuse(
+        model != "half_space",
+        f"The sidecar's skin.model is {model!r}: only half_space is known here.",
+    )
+    return {key: skin[key] for key in SKIN.keys() & skin.keys()}
+
+
+def check_elements(recording: Recording, films: tuple[Film, ...]) -> None:
+    """Refuse a sensor that has not one element for each signal."""
+    refuse(
+        len(films) != len(recording.channels),
+        f"{recording.name}: {len(recording.channels)} signal columns but {len(films)} film "
+        "elements: name as many in recording.channels as the sensor has elements.",
+    )
+
+
+def motion_of(recording: Recording) -> Motion:
+    """The sensor's motion: the measured positions, else the integral of the speed."""
+    time_s, speed = recording.time_s, recording.speed_m_per_s
+    if recording.measured_position_m is not None:
+        return Motion(time_s, recording.measured_position_m, speed)
+    return Motion.from_speed(time_s, speed, float(recording.position_m[0]))
+
+
+def nominal_pressure(recording: Recording) -> float | None:
+    """The mean pressure over the contact window [Pa], where it is known."""
+    given = recording.sidecar.get("nominal_pressure_Pa")
+    wanted = "a pressure in Pa that is at least 0, or null where it is not known"
+    key = f"{recording.name}: nominal_pressure_Pa"
+    return None if given is None else float(number(key, given, wanted, least=0))
+
+
+def noise_of(
+    recording: Recording, depth_m: float, causes: Mapping[str, Noise] | None = None
+) -> SampleNoise:
+    """White noise per sample, at the level of wavenumbers that the skin does not transmit, and
+    coloured causes. Raises `BadInput` where there is none."""
+    # Where the motion is fastest: a frequency above the cut-off there is above it everywhere.
+    fastest = float(np.max(np.abs(recording.speed_m_per_s)))
+    level = white_level(recording.signal, depth_m, fastest / recording.sample_rate_hz)
+    refuse(
+        not level > 0,
+        f"{recording.name}: no noise can be told from the signal (it is constant, or rounded): "
+        "give noise.white.rms=... in the signal's unit.",
+    )
+    return SampleNoise(level, causes, is_estimate=True)
