@@ -11,13 +11,14 @@ import pytest
 
 import srsinv.kinds
 from srsinv.__main__ import main
-from srsinv.config import KINDS, base_of, check, make, open_plugins
+from srsinv.config import KINDS, base_of, check, make
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.feature_fit import fit_features
 from srsinv.inverse.feature_model import FeatureModel
+from srsinv.namespaces import open_plugins
 from tests.jobs.run import ROOT
 
 # The examples of docs/extend.md: blocks whose first line is a file's name.
@@ -131,3 +132,43 @@ def test_every_base_is_public(name):
     base = getattr(srsinv.kinds, name)
     assert base in {base_of(each) for names in KINDS.values() for each in names}
     assert base.__doc__
+
+
+# The recording of srsinv/examples as counts, which plugins/mylab.py reads.
+EXAMPLE = ROOT / "srsinv" / "examples" / "strip_two_element.csv"
+VOLTS_PER_COUNT = 1e-8
+STATED = ("recording.sample_rate_hz=2000", "recording.speed_m_per_s=0.04")
+
+
+@pytest.fixture
+def scan(tmp_path):
+    volts = np.loadtxt(EXAMPLE, delimiter=",", skiprows=1)[:, 2:]
+    np.round(volts / VOLTS_PER_COUNT).astype("<i2").tofile(tmp_path / "scan.lab")
+    (tmp_path / "scan.json").write_bytes(EXAMPLE.with_suffix(".json").read_bytes())
+    return tmp_path / "scan.lab"
+
+
+def read_by(reader, folder, scan, *also):
+    """The exit code of a command on `scan`, its run in the folder beside it."""
+    given = (f"reader={reader}", f"recording.path={scan}", f"hydra.run.dir={scan.parent}/run")
+    return main(["--config-dir", str(folder), *given, *also])
+
+
+def test_a_reader_of_ones_own_serves_a_job(folder, scan):
+    small = ("experiment=invert_recording", "method=[tikhonov]", "recording.cell_m=6e-4")
+    assert read_by("lab", folder, scan, *small, *STATED) == 0
+    metrics = json.loads((scan.parent / "run" / "metrics.json").read_text())
+    truth = json.loads(EXAMPLE.with_suffix(".truth.json").read_text())
+    assert metrics["p_peak_Pa_tikhonov"] == pytest.approx(truth["pressure_Pa"], rel=0.1)
+    manifest = json.loads((scan.parent / "run" / "run.json").read_text())
+    text = (folder / "plugins" / "mylab.py").read_bytes()
+    assert manifest["plugins"] == {"mylab.py": hashlib.sha256(text).hexdigest()}
+
+
+@pytest.mark.parametrize("experiment", ["inspect_recording", "fit_recording"])
+def test_a_reader_that_fails_leaves_no_run(experiment, folder, scan, capsys):
+    with scan.open("ab") as file:
+        file.write(b"!")
+    assert read_by("lab", folder, scan, f"experiment={experiment}", *STATED) == 2
+    assert "reader plugins.mylab.LabFile cannot read" in capsys.readouterr().err
+    assert not (scan.parent / "run").exists()

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..config import reader
 from ..errors import choice, number, refuse
 from ..forward.amplifier import Amplifier
 from ..forward.film import SampleAverage
@@ -111,7 +112,7 @@ def _traction_unit(cfg: build.Config, recording: Recording) -> str:
 
 
 def _load(cfg: build.Config) -> Recording:
-    recording = load_even(cfg["recording"], elements_named(cfg))
+    recording = load_even(cfg["recording"], elements_named(cfg), reader(cfg))
     least, greatest = recording.speed_m_per_s.min(), recording.speed_m_per_s.max()
     refuse(
         min(greatest, -least) > TURNED * max(greatest, -least),

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from ..config import reader
 from ..errors import refuse, shown
 from ..forward.noise import total_spectrum
 from ..forward.scan import ConstantSpeed
@@ -57,7 +58,7 @@ def measured(cfg: build.Config) -> Measured:
     """The recording that the configuration names, or the bundled example."""
     settings = dict(build.part(cfg, "recording"))
     settings["path"] = settings.get("path") or str(EXAMPLE)
-    recording = load_even(settings, elements_named(cfg))
+    recording = load_even(settings, elements_named(cfg), reader(cfg))
     check_volts(recording)
     sensor, motion = sensor_of(cfg, recording), motion_of(recording)
     check_cells(
