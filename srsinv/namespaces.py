@@ -9,6 +9,7 @@ import importlib
 import importlib.util
 import os
 import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,11 +33,34 @@ def open_plugins(config_dir: str | None) -> None:
     _open_namespace("plugins", Path(config_dir or os.devnull).resolve() / "plugins")
 
 
-def plugin_files() -> dict[str, str]:
-    """SHA-256 of every plugin that was loaded, by its file's name."""
-    modules = [m for name, m in sorted(sys.modules.items()) if name.startswith("plugins.")]
-    paths = [Path(module.__file__) for module in modules if module.__file__]
+def plugin_files(cfg: Any) -> dict[str, str]:
+    """SHA-256, by its file's name, of every plugin that a configuration names, or that one of these
+    imports."""
+    modules: set[str] = set()
+    waiting = [word for word in _texts(cfg) if word.startswith("plugins.")]
+    while waiting:
+        name = ".".join(waiting.pop().split(".")[:2])
+        if name in sys.modules and name not in modules:
+            modules.add(name)
+            names = map(_origin, vars(sys.modules[name]).values())
+            waiting += [each for each in names if each.startswith("plugins.")]
+    paths = [Path(str(sys.modules[name].__file__)) for name in sorted(modules)]
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def _texts(node: Any) -> Iterator[str]:
+    """Every text in a configuration."""
+    if isinstance(node, str):
+        yield node
+    elif isinstance(node, Mapping | list):
+        for each in node.values() if isinstance(node, Mapping) else node:
+            yield from _texts(each)
+
+
+def _origin(value: Any) -> str:
+    """The module that a value is, or where it was defined."""
+    name = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
+    return str(name)
 
 
 def _open_namespace(name: str, folder: Path) -> None:

@@ -27,6 +27,8 @@ BLOCKS = re.findall(r"```(?:python|yaml)\n# (\S+)\n(.*?)```", GUIDE, re.DOTALL)
 FILES = dict(BLOCKS) | {
     "plugins/numpy.py": "raise RuntimeError('this file was never named')\n",
     "plugins/broken.py": "import srsinv\nsrsinv.absent\n",
+    "plugins/shared.py": "from plugins.fixed import Fixed\n\n\nclass Shared(Fixed):\n    pass\n",
+    "rule/shared.yaml": "_target_: plugins.shared.Shared\nlog_weight: -7.0\n",
     "rule/noisy.yaml": "_target_: plugins.hum.Hum\nrms: 1.0\n",
     "rule/broken.yaml": "_target_: plugins.broken.Rule\n",
     "rule/absent.yaml": "_target_: plugins.absent.Rule\n",
@@ -95,6 +97,14 @@ def test_a_run_lists_the_plugins_that_it_was_made_with(folder, run):
         name: hashlib.sha256(text).hexdigest() for name, text in texts.items()
     }
     assert str(folder) in manifest["command"]
+
+
+def test_each_run_of_a_sweep_lists_the_plugins_of_its_own(folder, tmp_path):
+    swept = ["-m", "rule=gcv,shared,fixed", f"hydra.sweep.dir={tmp_path}/s"]
+    assert main(["--config-dir", str(folder), *SMALL[:-1], "method=[tikhonov]", *swept]) == 0
+    runs = [json.loads((tmp_path / f"s/{i}/run.json").read_text()) for i in range(3)]
+    listed = [list(run.get("plugins", {})) for run in runs]
+    assert listed == [[], ["fixed.py", "shared.py"], ["fixed.py"]]
 
 
 def test_nothing_of_the_folder_takes_the_place_of_a_library(run):

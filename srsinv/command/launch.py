@@ -136,7 +136,7 @@ class LaunchedTask:
 
         command = self.command(HydraConfig.get().overrides.task)
         files = render(outcome, _record(config), command)
-        return outcome, files, command, settings.get("seed"), plugin_files()
+        return outcome, files, command, settings.get("seed"), plugin_files(settings)
 
 
 def _record(config: DictConfig) -> dict[str, str]:
