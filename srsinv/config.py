@@ -59,13 +59,14 @@ KINDS: Mapping[str, Sequence[str]] = {
 PARTS: Mapping[str, str] = {
     "filter": "filter",
     "frictions": "friction",
+    "line_effect": "film",
     "p": "spectrum",
     "pressures": "pressure",
     "prior": "prior",
-    "profile": "speed_profile",
     "q": "spectrum",
     "rule": "rule",
     "skin": "skin",
+    "speed_profile": "speed_profile",
     "surfaces": "surface",
 }
 _TARGET = "_target_"
