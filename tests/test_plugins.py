@@ -8,14 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 import srsinv.kinds
 from srsinv.__main__ import main
 from srsinv.config import KINDS, base_of, check, make
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film
-from srsinv.forward.scan import Motion
+from srsinv.forward.scan import ConstantSpeed, Motion
+from srsinv.forward.scenario import Scenario
+from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
+from srsinv.forward.skin import HalfSpace
+from srsinv.grid import Periodic
 from srsinv.inverse.feature_fit import fit_features
 from srsinv.inverse.feature_model import FeatureModel
 from srsinv.namespaces import open_plugins
@@ -27,8 +32,8 @@ BLOCKS = re.findall(r"```(?:python|yaml)\n# (\S+)\n(.*?)```", GUIDE, re.DOTALL)
 FILES = dict(BLOCKS) | {
     "plugins/numpy.py": "raise RuntimeError('this file was never named')\n",
     "plugins/broken.py": "import srsinv\nsrsinv.absent\n",
-    "plugins/shared.py": "from plugins.fixed import Fixed\n\n\nclass Shared(Fixed):\n    pass\n",
-    "rule/shared.yaml": "_target_: plugins.shared.Shared\nlog_weight: -7.0\n",
+    "plugins/shared.py": "import plugins.mylab as m\n\n\nclass File(m.LabFile):\n    pass\n",
+    "reader/shared.yaml": "_target_: plugins.shared.File\nvolts_per_count: 1.0e-8\n",
     "rule/noisy.yaml": "_target_: plugins.hum.Hum\nrms: 1.0\n",
     "rule/broken.yaml": "_target_: plugins.broken.Rule\n",
     "rule/absent.yaml": "_target_: plugins.absent.Rule\n",
@@ -75,6 +80,70 @@ def test_what_is_named_acts(run):
     assert "blur" in (run / "report.html").read_text()
 
 
+def part(folder, name, kind):
+    """The part that an example's YAML file stands for."""
+    open_plugins(str(folder))
+    return make(OmegaConf.to_container(OmegaConf.load(folder / name)), name, kind)
+
+
+def symbol(scenario):
+    """The response (element, component, k) of a scenario's sensor at constant speed."""
+    return np.asarray(scenario.sensor.operator(LINE, scenario.scan).symbol(LINE.k))[..., 1:-1]
+
+
+LINE = Periodic(64, 2e-4)
+SPEED = 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [
+        ("twin", lambda k: np.cos(3e-4 * k)),
+        ("ringing", lambda k: 1 / (1 + 1.2j * k * SPEED * 2e-4 - (k * SPEED * 2e-4) ** 2)),
+    ],
+)
+def test_an_effect_of_one_part_acts_on_the_sensor(name, factor, folder):
+    scenario = Scenario(None, SENSOR, ConstantSpeed(SPEED))
+    own = part(folder, f"effects/{name}.yaml", "effects").apply(scenario)
+    by = np.broadcast_to(factor(np.asarray(LINE.k))[1:-1], symbol(scenario).shape)
+    np.testing.assert_allclose(symbol(own), by * symbol(scenario), rtol=1e-12)
+
+
+def test_a_speed_profile_of_ones_own_sets_the_motion(folder):
+    effect = part(folder, "effects/start.yaml", "effects")
+    scenario = effect.apply(Scenario(None, SENSOR, ConstantSpeed(SPEED)))
+    motion = scenario.recorder.motion(LINE, LINE, scenario.scan)
+    expected = SPEED * (1 - 0.5 * np.exp(-np.asarray(motion.time_s) / 0.05))
+    np.testing.assert_allclose(motion.speed_m_per_s, expected, rtol=1e-12)
+
+
+def test_a_skin_a_surface_and_an_amplifier_of_ones_own(folder, tmp_path):
+    named = ("scene=ridge", "surface@scene.surfaces.ridge=wedge", "skin=furred")
+    small = (*SMALL[:-1], "method=[tikhonov]", "noise=[snr]", "effects=[start]")
+    into = f"hydra.run.dir={tmp_path}/r"
+    given = ["--config-dir", str(folder), *named, *small, "amplifier=counter", into]
+    assert main(given) == 0
+    plugins = json.loads((tmp_path / "r" / "run.json").read_text())["plugins"]
+    assert list(plugins) == ["counter.py", "furred.py", "start.py", "wedge.py"]
+
+
+def test_a_skin_of_ones_own_carries_the_surface(folder):
+    surface = [part(folder, "surface/wedge.yaml", "surface")]
+    skin = part(folder, "skin/furred.yaml", "skin")
+    pressure = [
+        SurfaceScene(2e4, surface, 0.4, each).traction(LINE, 1.0)[0].max()
+        for each in (HalfSpace(youngs_modulus_Pa=7e5), skin)
+    ]
+    assert pressure[1] < pressure[0]
+
+
+def test_a_solver_of_ones_own_fits(folder):
+    solver = part(folder, "solver/restarted.yaml", "solver")
+    strip = {"strip": part(folder, "feature/pad.yaml", "traction_feature")}
+    fit = fit_features(SENSOR, MOTION, strip, simulated(strip["strip"], 3e-3), 1e-9, solver=solver)
+    assert fit.quality == "good"
+
+
 def test_an_example_is_short():
     lines = {name: text.count("\n") for name, text in BLOCKS}
     assert lines.pop("plugins/bending.py") <= 26  # a method and a prior
@@ -97,14 +166,6 @@ def test_a_run_lists_the_plugins_that_it_was_made_with(folder, run):
         name: hashlib.sha256(text).hexdigest() for name, text in texts.items()
     }
     assert str(folder) in manifest["command"]
-
-
-def test_each_run_of_a_sweep_lists_the_plugins_of_its_own(folder, tmp_path):
-    swept = ["-m", "rule=gcv,shared,fixed", f"hydra.sweep.dir={tmp_path}/s"]
-    assert main(["--config-dir", str(folder), *SMALL[:-1], "method=[tikhonov]", *swept]) == 0
-    runs = [json.loads((tmp_path / f"s/{i}/run.json").read_text()) for i in range(3)]
-    listed = [list(run.get("plugins", {})) for run in runs]
-    assert listed == [[], ["fixed.py", "shared.py"], ["fixed.py"]]
 
 
 def test_nothing_of_the_folder_takes_the_place_of_a_library(run):
@@ -173,6 +234,13 @@ def test_a_reader_of_ones_own_serves_a_job(folder, scan):
     manifest = json.loads((scan.parent / "run" / "run.json").read_text())
     text = (folder / "plugins" / "mylab.py").read_bytes()
     assert manifest["plugins"] == {"mylab.py": hashlib.sha256(text).hexdigest()}
+
+
+def test_each_run_of_a_sweep_lists_the_plugins_of_its_own(folder, scan):
+    into = f"hydra.sweep.dir={scan.parent}/sweep"
+    assert read_by("shared,lab", folder, scan, "-m", "experiment=inspect_recording", into) == 0
+    runs = [json.loads((scan.parent / f"sweep/{i}/run.json").read_text()) for i in range(2)]
+    assert [list(run["plugins"]) for run in runs] == [["mylab.py", "shared.py"], ["mylab.py"]]
 
 
 @pytest.mark.parametrize("experiment", ["inspect_recording", "fit_recording"])
