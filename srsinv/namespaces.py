@@ -33,11 +33,11 @@ def open_plugins(config_dir: str | None) -> None:
     _open_namespace("plugins", Path(config_dir or os.devnull).resolve() / "plugins")
 
 
-def plugin_files(cfg: Any) -> dict[str, str]:
+def plugin_files(settings: Any) -> dict[str, str]:
     """SHA-256, by its file's name, of every plugin that a configuration names, or that one of these
     imports."""
     modules: set[str] = set()
-    waiting = [word for word in _texts(cfg) if word.startswith("plugins.")]
+    waiting = [word for word in _texts(settings) if word.startswith("plugins.")]
     while waiting:
         name = ".".join(waiting.pop().split(".")[:2])
         if name in sys.modules and name not in modules:
