@@ -110,6 +110,12 @@ def class_of(node: Any, name: str, kind: str) -> type:
         f"{name}.{_TARGET} is {shown(target)}, which cannot stand there: name a class that derives "
         f"from {' or '.join(f'srsinv.kinds.{base.__name__}' for base in bases)}.",
     )
+    undefined = ", ".join(sorted(getattr(made, "__abstractmethods__", ())))
+    refuse(
+        bool(undefined),
+        f"{name}.{_TARGET} is {shown(target)}, which leaves {undefined} undefined: name a class "
+        "that derives from it and defines that.",
+    )
     return made
 
 

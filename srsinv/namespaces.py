@@ -36,15 +36,19 @@ def open_plugins(config_dir: str | None) -> None:
 def plugin_files(settings: Any) -> dict[str, str]:
     """SHA-256, by its file's name, of every plugin that a configuration names, or that one of these
     imports."""
+    loaded = {
+        name: module
+        for name, module in sys.modules.items()
+        if name.startswith("plugins.") and getattr(module, "__file__", None)
+    }
     modules: set[str] = set()
-    waiting = [word for word in _texts(settings) if word.startswith("plugins.")]
+    waiting = list(_texts(settings))
     while waiting:
-        name = ".".join(waiting.pop().split(".")[:2])
-        if name in sys.modules and name not in modules:
+        word = waiting.pop()
+        for name in {n for n in loaded if f"{word}.".startswith(f"{n}.")} - modules:
             modules.add(name)
-            names = map(_origin, vars(sys.modules[name]).values())
-            waiting += [each for each in names if each.startswith("plugins.")]
-    paths = [Path(str(sys.modules[name].__file__)) for name in sorted(modules)]
+            waiting += map(_origin, vars(loaded[name]).values())
+    paths = [Path(str(loaded[name].__file__)) for name in sorted(modules)]
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 

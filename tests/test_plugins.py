@@ -33,6 +33,8 @@ FILES = dict(BLOCKS) | {
     "plugins/numpy.py": "raise RuntimeError('this file was never named')\n",
     "plugins/broken.py": "import srsinv\nsrsinv.absent\n",
     "plugins/shared.py": "import plugins.mylab as m\n\n\nclass File(m.LabFile):\n    pass\n",
+    "plugins/unfinished.py": "import srsinv.kinds as k\n\n\nclass Mine(k.Rule):\n    pass\n",
+    "rule/unfinished.yaml": "_target_: plugins.unfinished.Mine\n",
     "reader/shared.yaml": "_target_: plugins.shared.File\nvolts_per_count: 1.0e-8\n",
     "rule/noisy.yaml": "_target_: plugins.hum.Hum\nrms: 1.0\n",
     "rule/broken.yaml": "_target_: plugins.broken.Rule\n",
@@ -177,6 +179,7 @@ REFUSED = {
     "noisy": r"rule\._target_ is 'plugins\.hum\.Hum', .* derives from srsinv\.kinds\.Rule",
     "broken": r"plugins/broken\.py cannot be run: AttributeError: .*absent.*Mend it",
     "absent": r"'plugins\.absent\.Rule', which is no class of srsinv, .* plugins/\*\.py",
+    "unfinished": r"'plugins\.unfinished\.Mine', which leaves choose undefined",
     "borrowed": r"'plugins\.blur\.StripAverage', which is no class",
 }
 

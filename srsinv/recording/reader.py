@@ -22,7 +22,7 @@ from ._guard import DataFile, open_file, quoted
 from ._table import ColumnTable, listing
 
 _REASON = 200  # characters shown of a reader's own exception
-_REMEDY = "correct the reader, or choose another by reader=..."
+_REMEDY = "give a file that it reads, choose another by reader=..., or correct it."
 
 
 class Reader(abc.ABC):

@@ -120,6 +120,13 @@ def test_a_sidecar_names_no_reader(node, tmp_path):
         load(tmp_path / "scan.csv")
 
 
+def test_a_recording_in_json_is_no_sidecar_of_its_own(scan):
+    path = scan.rename(scan.with_suffix(".json"))
+    np.testing.assert_array_equal(load(path, reader=Lines()).signal, SIGNAL)
+    path.with_suffix(".yaml").write_text("polarity: -1")
+    np.testing.assert_array_equal(load(path, reader=Lines()).signal, -SIGNAL)
+
+
 def test_the_early_check_reads_with_it(scan):
     node = {"_target_": "srsinv.recording.formats.text.Text"}
     check_early({"recording": {"path": str(scan), "sidecar": None}, "reader": node})
