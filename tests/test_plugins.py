@@ -201,6 +201,15 @@ def test_without_the_folder_a_plugin_is_no_class(folder):
         check(node, "noise.hum", "noise")
 
 
+def test_the_table_of_kinds_names_groups_and_bases():
+    rows = re.findall(r"^\| \[.*\]\(#.*\) \| (.*) \| (.*) \| .* \|$", GUIDE, re.MULTILINE)
+    groups = [group.strip("`") for group, _ in rows if group.startswith("`")]
+    bases = re.findall(r"`(\w+)`", " ".join(names for _, names in rows))
+    assert all((ROOT / "configs" / group).is_dir() for group in groups)
+    assert set(bases) <= set(srsinv.kinds.__all__)
+    assert len(rows) == len(re.findall(r"^## ", GUIDE, re.MULTILINE)) + 1  # a method and its prior
+
+
 @pytest.mark.parametrize("name", srsinv.kinds.__all__)
 def test_every_base_is_public(name):
     base = getattr(srsinv.kinds, name)
