@@ -26,7 +26,7 @@ from .jobs.simulation import Simulation, noisy_problem
 from .recording import Recording, load
 
 
-class Simulated(NamedTuple):
+class SimulatedProblem(NamedTuple):
     """A simulated scenario.
 
     - `problem`: of finding the traction from the signal with its noise.
@@ -46,7 +46,7 @@ def simulate(
     refinement: int = 4,
     seed: int = 0,
     friction: float | None = None,
-) -> Simulated:
+) -> SimulatedProblem:
     """The scenario on a line, its noise drawn by `seed`.
 
     It is computed on cells `refinement` times finer, so that what inverts the signal is not what
@@ -61,7 +61,7 @@ def simulate(
     fine = type(line)(times * line.n, line.cell_m / times, line.start_m)
     sim = Simulation(scenario, line, fine, times)
     problem = noisy_problem(sim, jax.random.key(seed), friction)
-    return Simulated(problem, sim.signal(), jnp.asarray(sim.traction(line)))
+    return SimulatedProblem(problem, sim.signal(), jnp.asarray(sim.traction(line)))
 
 
 Given = Problem | LineProblem | Recording | str | os.PathLike[str]

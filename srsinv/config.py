@@ -10,20 +10,16 @@ look the name up a second time and takes any callable, is not used.
 Nothing here imports jax: a base is imported when a node of its kind is made.
 """
 
-import hashlib
 import importlib
-import importlib.util
 import inspect
-import os
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import FunctionType
 from typing import Any
 
-from .aliases import CLASSES, current_name
 from .errors import BadInput, mapping, refuse, shown, whole
+from .namespaces import definition, import_experiments
 
 Config = Mapping[str, Any]
 PRECISIONS = ("float64", "float32")
@@ -45,6 +41,7 @@ KINDS: Mapping[str, Sequence[str]] = {
     "operator": ("srsinv.grid.Operator",),
     "pressure": ("srsinv.forward.traction.Pressure",),
     "prior": ("srsinv.inverse.prior.Prior",),
+    "reader": ("srsinv.recording.reader.Reader",),
     "rough": ("srsinv.forward.surface.Rough",),
     "rule": ("srsinv.inverse.rule.Rule",),
     "scan": ("srsinv.forward.scan.ConstantSpeed",),
@@ -62,13 +59,14 @@ KINDS: Mapping[str, Sequence[str]] = {
 PARTS: Mapping[str, str] = {
     "filter": "filter",
     "frictions": "friction",
+    "line_effect": "film",
     "p": "spectrum",
     "pressures": "pressure",
     "prior": "prior",
-    "profile": "speed_profile",
     "q": "spectrum",
     "rule": "rule",
     "skin": "skin",
+    "speed_profile": "speed_profile",
     "surfaces": "surface",
 }
 _TARGET = "_target_"
@@ -99,7 +97,7 @@ def check(node: Any, name: str, kind: str) -> None:
 def class_of(node: Any, name: str, kind: str) -> type:
     """The class that a node's `_target_` names. Raises `BadInput` where it is not of `kind`."""
     target = mapping(name, node).get(_TARGET)
-    made = _definition(target)
+    made = definition(target)
     refuse(
         not inspect.isclass(made),
         f"{name}.{_TARGET} is {shown(target)}, which is no class of srsinv, of the experiments or "
@@ -111,6 +109,12 @@ def class_of(node: Any, name: str, kind: str) -> type:
         not issubclass(made, bases),
         f"{name}.{_TARGET} is {shown(target)}, which cannot stand there: name a class that derives "
         f"from {' or '.join(f'srsinv.kinds.{base.__name__}' for base in bases)}.",
+    )
+    undefined = ", ".join(sorted(getattr(made, "__abstractmethods__", ())))
+    refuse(
+        bool(undefined),
+        f"{name}.{_TARGET} is {shown(target)}, which leaves {undefined} undefined: name a class "
+        "that derives from it and defines that.",
     )
     return made
 
@@ -164,7 +168,20 @@ def _made(value: Any) -> Any:
     if not isinstance(value, Mapping):
         return value
     parts = {key: _made(each) for key, each in value.items() if key != _TARGET}
-    return _definition(value[_TARGET])(**parts) if _TARGET in value else parts
+    return _called(definition(value[_TARGET]), parts) if _TARGET in value else parts
+
+
+def _called(made: type, parts: Mapping[str, Any]) -> Any:
+    """An object of a class. Raises `BadInput` for whatever a user's own class raises."""
+    try:
+        return made(**parts)
+    except Exception as error:
+        if isinstance(error, BadInput) or not made.__module__.startswith("plugins."):
+            raise
+        raise BadInput(
+            f"{made.__module__}.{made.__qualname__} cannot be made of these settings: "
+            f"{type(error).__name__}: {error}. Correct them or the class."
+        ) from error
 
 
 def base_of(name: str) -> type:
@@ -178,97 +195,13 @@ def load_job(name: Any, root: Path) -> FunctionType:
     folder `root`, or among the plugins, that `job` names. Raises `BadInput` for anything else."""
     import_experiments(root)
     is_job = isinstance(name, str) and _JOB.fullmatch(name)
-    job = _definition(name) if is_job else None
+    job = definition(name) if is_job else None
     if not isinstance(job, FunctionType):
         raise BadInput(
             f"job is {shown(name)}, which is no function run of a module in srsinv.jobs or in the "
             "experiments: leave it as the experiment has it."
         )
     return job
-
-
-def import_experiments(root: Path) -> None:
-    """Make the folder `experiments` beside the configuration folder importable under that name,
-    and nothing else beside it."""
-    _open_namespace("experiments", root.resolve().parent / "experiments")
-
-
-def open_plugins(config_dir: str | None) -> None:
-    """Let targets name classes of `config_dir`/plugins/*.py as plugins.FILE.Class.
-
-    A file is run when a configuration names it, as the module plugins.FILE: nothing of the folder
-    is importable under another name, so that none can take the place of a library.
-    """
-    _open_namespace("plugins", Path(config_dir or os.devnull).resolve() / "plugins")
-
-
-def plugin_files() -> dict[str, str]:
-    """SHA-256 of every plugin that was loaded, by its file's name."""
-    modules = [m for name, m in sorted(sys.modules.items()) if name.startswith("plugins.")]
-    paths = [Path(module.__file__) for module in modules if module.__file__]
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
-
-
-def _open_namespace(name: str, folder: Path) -> None:
-    """Make a folder importable under `name`, in place of another one that was before."""
-    loaded = sys.modules.get(name)
-    if loaded is not None and str(folder) in list(loaded.__path__):
-        return
-    for each in [each for each in sys.modules if each.partition(".")[0] == name]:
-        del sys.modules[each]
-    if folder.is_dir():
-        package = ModuleType(name, f"The {name} of a clone or a user.")
-        package.__path__ = [str(folder)]
-        package.__spec__ = importlib.util.spec_from_loader(name, None, is_package=True)
-        sys.modules[name] = package
-
-
-def _definition(target: Any) -> Any:
-    """What is defined as `target` in a module of `srsinv`, of the experiments or of the plugins,
-    else None.
-
-    Modules are looked up below these packages only, and what a module has merely imported does not
-    count: the name has to be the one under which the thing was defined. Raises `BadInput` for a
-    plugin that cannot be run.
-    """
-    if not isinstance(target, str) or not target.isascii():
-        return None
-    target = current_name(target, CLASSES)
-    parts = target.split(".")
-    if not all(part.isidentifier() for part in parts) or parts[0] not in _namespaces():
-        return None
-    definition: Any = sys.modules[parts[0]]
-    for index, part in enumerate(parts[1:], 2):
-        path = ".".join(parts[:index])
-        if isinstance(definition, ModuleType) and _is_module(definition, path):
-            definition = _imported(path)
-        elif isinstance(definition, ModuleType | type):
-            definition = vars(definition).get(part)
-        else:
-            return None
-    own = (getattr(definition, "__module__", None), getattr(definition, "__qualname__", None))
-    return definition if ".".join(map(str, own)) == target else None
-
-
-def _imported(path: str) -> ModuleType:
-    if not path.startswith("plugins."):
-        return importlib.import_module(path)
-    try:
-        return importlib.import_module(path)
-    except Exception as error:  # a user's own code may raise anything
-        raise BadInput(
-            f"{path.replace('.', '/')}.py cannot be run: {type(error).__name__}: {error}. Mend it, "
-            "or leave out what names it."
-        ) from error
-
-
-def _namespaces() -> tuple[str, ...]:
-    optional = ("experiments", "plugins")
-    return ("srsinv", *(name for name in optional if name in sys.modules))
-
-
-def _is_module(package: ModuleType, path: str) -> bool:
-    return hasattr(package, "__path__") and importlib.util.find_spec(path) is not None
 
 
 def check_early(cfg: Config) -> None:
@@ -287,7 +220,12 @@ def check_early(cfg: Config) -> None:
         )
         from .recording import check_settings
 
-        check_settings(recording)
+        check_settings(recording, reader(cfg))
+
+
+def reader(cfg: Config) -> Any:
+    """The reader of recorded files (`srsinv.recording.Reader`)."""
+    return make(cfg["reader"], "reader", "reader")
 
 
 def seed(cfg: Config) -> int:

@@ -40,7 +40,7 @@ def number(
     be beyond the bounds, and its gradient with it, and keeps its value and gradient within.
     """
     if hasattr(value, "aval") and _is_traced(value):
-        return _nan_beyond(value, above, least, most, below)
+        return _nan_outside(value, above, least, most, below)
     scalar = value.item() if getattr(value, "ndim", None) == 0 else value
     fits = is_number(scalar) and above < scalar < below and least <= scalar <= most
     refuse(not fits, f"{name} is {shown(scalar)}: give {wanted}.")
@@ -54,7 +54,7 @@ def _is_traced(value: Any) -> bool:
     return isinstance(value, Tracer)
 
 
-def _nan_beyond(value: Any, above: float, least: float, most: float, below: float) -> Any:
+def _nan_outside(value: Any, above: float, least: float, most: float, below: float) -> Any:
     """A traced value, NaN beyond the bounds."""
     import jax.numpy as jnp
 

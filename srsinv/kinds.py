@@ -31,6 +31,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table
     from .inverse.prior import Prior as Prior
     from .inverse.rule import Rule as Rule
     from .inverse.wiener import TractionSpectrum as TractionSpectrum
+    from .recording.reader import Reader as Reader
 
 _BASES = {name.rpartition(".")[2]: name for names in KINDS.values() for name in names}
 __all__ = sorted(_BASES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -8,16 +8,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 import srsinv.kinds
 from srsinv.__main__ import main
-from srsinv.config import KINDS, base_of, check, make, open_plugins
+from srsinv.config import KINDS, base_of, check, make
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film
-from srsinv.forward.scan import Motion
+from srsinv.forward.scan import ConstantSpeed, Motion
+from srsinv.forward.scenario import Scenario
+from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
+from srsinv.forward.skin import HalfSpace
+from srsinv.grid import Periodic
 from srsinv.inverse.feature_fit import fit_features
 from srsinv.inverse.feature_model import FeatureModel
+from srsinv.namespaces import open_plugins
 from tests.jobs.run import ROOT
 
 # The examples of docs/extend.md: blocks whose first line is a file's name.
@@ -26,6 +32,10 @@ BLOCKS = re.findall(r"```(?:python|yaml)\n# (\S+)\n(.*?)```", GUIDE, re.DOTALL)
 FILES = dict(BLOCKS) | {
     "plugins/numpy.py": "raise RuntimeError('this file was never named')\n",
     "plugins/broken.py": "import srsinv\nsrsinv.absent\n",
+    "plugins/shared.py": "import plugins.mylab as m\n\n\nclass File(m.LabFile):\n    pass\n",
+    "plugins/unfinished.py": "import srsinv.kinds as k\n\n\nclass Mine(k.Rule):\n    pass\n",
+    "rule/unfinished.yaml": "_target_: plugins.unfinished.Mine\n",
+    "reader/shared.yaml": "_target_: plugins.shared.File\nvolts_per_count: 1.0e-8\n",
     "rule/noisy.yaml": "_target_: plugins.hum.Hum\nrms: 1.0\n",
     "rule/broken.yaml": "_target_: plugins.broken.Rule\n",
     "rule/absent.yaml": "_target_: plugins.absent.Rule\n",
@@ -74,6 +84,70 @@ def test_what_is_named_acts(run):
     assert "blur" in (run / "report.html").read_text()
 
 
+def part(folder, name, kind):
+    """The part that an example's YAML file stands for."""
+    open_plugins(str(folder))
+    return make(OmegaConf.to_container(OmegaConf.load(folder / name)), name, kind)
+
+
+def symbol(scenario):
+    """The response (element, component, k) of a scenario's sensor at constant speed."""
+    return np.asarray(scenario.sensor.operator(LINE, scenario.scan).symbol(LINE.k))[..., 1:-1]
+
+
+LINE = Periodic(64, 2e-4)
+SPEED = 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [
+        ("twin", lambda k: np.cos(3e-4 * k)),
+        ("ringing", lambda k: 1 / (1 + 1.2j * k * SPEED * 2e-4 - (k * SPEED * 2e-4) ** 2)),
+    ],
+)
+def test_an_effect_of_one_part_acts_on_the_sensor(name, factor, folder):
+    scenario = Scenario(None, SENSOR, ConstantSpeed(SPEED))
+    own = part(folder, f"effects/{name}.yaml", "effects").apply(scenario)
+    by = np.broadcast_to(factor(np.asarray(LINE.k))[1:-1], symbol(scenario).shape)
+    np.testing.assert_allclose(symbol(own), by * symbol(scenario), rtol=1e-12)
+
+
+def test_a_speed_profile_of_ones_own_sets_the_motion(folder):
+    effect = part(folder, "effects/start.yaml", "effects")
+    scenario = effect.apply(Scenario(None, SENSOR, ConstantSpeed(SPEED)))
+    motion = scenario.recorder.motion(LINE, LINE, scenario.scan)
+    expected = SPEED * (1 - 0.5 * np.exp(-np.asarray(motion.time_s) / 0.05))
+    np.testing.assert_allclose(motion.speed_m_per_s, expected, rtol=1e-12)
+
+
+def test_a_skin_a_surface_and_an_amplifier_of_ones_own(folder, tmp_path):
+    named = ("scene=ridge", "surface@scene.surfaces.ridge=wedge", "skin=furred")
+    small = (*SMALL[:-1], "method=[tikhonov]", "noise=[snr]", "effects=[start]")
+    into = f"hydra.run.dir={tmp_path}/r"
+    given = ["--config-dir", str(folder), *named, *small, "amplifier=counter", into]
+    assert main(given) == 0
+    plugins = json.loads((tmp_path / "r" / "run.json").read_text())["plugins"]
+    assert list(plugins) == ["counter.py", "furred.py", "start.py", "wedge.py"]
+
+
+def test_a_skin_of_ones_own_carries_the_surface(folder):
+    surface = [part(folder, "surface/wedge.yaml", "surface")]
+    skin = part(folder, "skin/furred.yaml", "skin")
+    pressure = [
+        SurfaceScene(2e4, surface, 0.4, each).traction(LINE, 1.0)[0].max()
+        for each in (HalfSpace(youngs_modulus_Pa=7e5), skin)
+    ]
+    assert pressure[1] < pressure[0]
+
+
+def test_a_solver_of_ones_own_fits(folder):
+    solver = part(folder, "solver/restarted.yaml", "solver")
+    strip = {"strip": part(folder, "feature/pad.yaml", "traction_feature")}
+    fit = fit_features(SENSOR, MOTION, strip, simulated(strip["strip"], 3e-3), 1e-9, solver=solver)
+    assert fit.quality == "good"
+
+
 def test_an_example_is_short():
     lines = {name: len(re.findall(r"\S.*\n", text)) for name, text in BLOCKS}
     assert lines.pop("plugins/bending.py") <= 20  # a method and a prior
@@ -107,6 +181,7 @@ REFUSED = {
     "noisy": r"rule\._target_ is 'plugins\.hum\.Hum', .* derives from srsinv\.kinds\.Rule",
     "broken": r"plugins/broken\.py cannot be run: AttributeError: .*absent.*Mend it",
     "absent": r"'plugins\.absent\.Rule', which is no class of srsinv, .* plugins/\*\.py",
+    "unfinished": r"'plugins\.unfinished\.Mine', which leaves choose undefined",
     "borrowed": r"'plugins\.blur\.StripAverage', which is no class",
 }
 
@@ -128,8 +203,64 @@ def test_without_the_folder_a_plugin_is_no_class(folder):
         check(node, "noise.hum", "noise")
 
 
+def test_the_table_of_kinds_names_groups_and_bases():
+    rows = re.findall(r"^\| \[.*\]\(#.*\) \| (.*) \| (.*) \| .* \|$", GUIDE, re.MULTILINE)
+    groups = [group.strip("`") for group, _ in rows if group.startswith("`")]
+    bases = re.findall(r"`(\w+)`", " ".join(names for _, names in rows))
+    assert all((ROOT / "configs" / group).is_dir() for group in groups)
+    assert set(bases) <= set(srsinv.kinds.__all__)
+    assert len(rows) == len(re.findall(r"^## ", GUIDE, re.MULTILINE))
+
+
 @pytest.mark.parametrize("name", srsinv.kinds.__all__)
 def test_every_base_is_public(name):
     base = getattr(srsinv.kinds, name)
     assert base in {base_of(each) for names in KINDS.values() for each in names}
     assert base.__doc__
+
+
+# The recording of srsinv/examples as counts, which plugins/mylab.py reads.
+EXAMPLE = ROOT / "srsinv" / "examples" / "strip_two_element.csv"
+VOLTS_PER_COUNT = 1e-8
+STATED = ("recording.sample_rate_hz=2000", "recording.speed_m_per_s=0.04")
+
+
+@pytest.fixture
+def scan(tmp_path):
+    volts = np.loadtxt(EXAMPLE, delimiter=",", skiprows=1)[:, 2:]
+    np.round(volts / VOLTS_PER_COUNT).astype("<i2").tofile(tmp_path / "scan.lab")
+    (tmp_path / "scan.json").write_bytes(EXAMPLE.with_suffix(".json").read_bytes())
+    return tmp_path / "scan.lab"
+
+
+def read_by(reader, folder, scan, *also):
+    """The exit code of a command on `scan`, its run in the folder beside it."""
+    given = (f"reader={reader}", f"recording.path={scan}", f"hydra.run.dir={scan.parent}/run")
+    return main(["--config-dir", str(folder), *given, *also])
+
+
+def test_a_reader_of_ones_own_serves_a_job(folder, scan):
+    small = ("experiment=invert_recording", "method=[tikhonov]", "recording.cell_m=6e-4")
+    assert read_by("lab", folder, scan, *small, *STATED) == 0
+    metrics = json.loads((scan.parent / "run" / "metrics.json").read_text())
+    truth = json.loads(EXAMPLE.with_suffix(".truth.json").read_text())
+    assert metrics["p_peak_Pa_tikhonov"] == pytest.approx(truth["pressure_Pa"], rel=0.1)
+    manifest = json.loads((scan.parent / "run" / "run.json").read_text())
+    text = (folder / "plugins" / "mylab.py").read_bytes()
+    assert manifest["plugins"] == {"mylab.py": hashlib.sha256(text).hexdigest()}
+
+
+def test_each_run_of_a_sweep_lists_the_plugins_of_its_own(folder, scan):
+    into = f"hydra.sweep.dir={scan.parent}/sweep"
+    assert read_by("shared,lab", folder, scan, "-m", "experiment=inspect_recording", into) == 0
+    runs = [json.loads((scan.parent / f"sweep/{i}/run.json").read_text()) for i in range(2)]
+    assert [list(run["plugins"]) for run in runs] == [["mylab.py", "shared.py"], ["mylab.py"]]
+
+
+@pytest.mark.parametrize("experiment", ["inspect_recording", "fit_recording"])
+def test_a_reader_that_fails_leaves_no_run(experiment, folder, scan, capsys):
+    with scan.open("ab") as file:
+        file.write(b"!")
+    assert read_by("lab", folder, scan, f"experiment={experiment}", *STATED) == 2
+    assert "reader plugins.mylab.LabFile cannot read" in capsys.readouterr().err
+    assert not (scan.parent / "run").exists()

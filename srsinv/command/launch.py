@@ -24,8 +24,9 @@ from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from ..aliases import current_configuration, current_override
-from ..config import check_early, load_job, open_plugins, plugin_files
+from ..config import check_early, load_job
 from ..errors import BadInput, refuse
+from ..namespaces import open_plugins, plugin_files
 from ..run_folder import claim
 from .folders import DONE, FAULT, REFUSED, run, sweep
 from .hydra_settings import check_hydra_settings, check_typed
@@ -135,7 +136,7 @@ class LaunchedTask:
 
         command = self.command(HydraConfig.get().overrides.task)
         files = render(outcome, _record(config), command)
-        return outcome, files, command, settings.get("seed"), plugin_files()
+        return outcome, files, command, settings.get("seed"), plugin_files(settings)
 
 
 def _record(config: DictConfig) -> dict[str, str]:

@@ -1,7 +1,8 @@
 """Effects beside the ideal sensor: thin edits of a scenario, one module each.
 
 An effect that is not named is not imported, and leaves nothing in the compiled program. The names
-of the package's own effects are those of the modules.
+of the package's own effects are those of the modules but `general`, whose effects take any part of
+a kind and have the name that a configuration gives them.
 """
 
 from pathlib import Path
@@ -13,5 +14,9 @@ from ._screen import ScreeningResult, screen
 __all__ = ["NAMES", "Effect", "Order", "ReferenceSpectra", "ScreeningResult", "reference", "screen"]
 
 NAMES = tuple(
-    sorted(p.stem for p in Path(__file__).parent.glob("*.py") if not p.stem.startswith("_"))
+    sorted(
+        path.stem
+        for path in Path(__file__).parent.glob("*.py")
+        if not path.stem.startswith("_") and path.stem != "general"
+    )
 )

@@ -31,11 +31,18 @@ class Effect(eqx.Module):
     """A departure from the ideal sensor.
 
     `order`: when it is added. `of_sensor`: whether it belongs to the sensor and its skin, so that
-    recordings are inverted with it too; else to a simulated scene and its recording.
+    recordings are inverted with it too; else to a simulated scene and its recording. `is_exact`:
+    whether its `factor` is its whole effect.
     """
 
     order: ClassVar[Order] = Order.RECORD
     of_sensor: ClassVar[bool] = False
+    is_exact: ClassVar[bool] = False
+
+    @property
+    def sampling_rate_hz(self) -> float | None:
+        """The recorder's own rate [Hz], where it sets one."""
+        return None
 
     @property
     def saturation(self) -> float:
@@ -60,6 +67,22 @@ class Effect(eqx.Module):
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with this effect."""
 
+    def factor(
+        self, reference: ReferenceSpectra
+    ) -> Complex[np.ndarray, "e k"] | Float[np.ndarray, "e k"] | None:
+        """The factor on the spectrum of every element; None where it is not known to be one."""
+        del reference
+
+    def noise(self, reference: ReferenceSpectra) -> ReferenceSpectra | None:
+        """Reference spectra of the noise that it adds, alone; None where it adds none."""
+        del reference
+
+    def relative_quantisation_step(self, reference: ReferenceSpectra) -> float:
+        """The step that samples are rounded to, which may turn a small change into a whole step,
+        over the signal's rms; 0 where it rounds none."""
+        del reference
+        return 0.0
+
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         """A bound on its change of the signal, rms over rms, beside the effects in the reference.
 
@@ -71,10 +94,7 @@ class Effect(eqx.Module):
 
 class MultiplicativeEffect(Effect):
     """An effect that multiplies the signal's spectrum, and so attenuates the changes by others,
-    too.
-
-    `is_exact`: whether the factor is its whole effect.
-    """
+    too."""
 
     is_exact: ClassVar[bool] = True
 
@@ -82,7 +102,7 @@ class MultiplicativeEffect(Effect):
     def factor(
         self, reference: ReferenceSpectra
     ) -> Complex[np.ndarray, "e k"] | Float[np.ndarray, "e k"]:
-        """The factor on the spectrum of every element; of modulus 1 at most."""
+        """The factor on the spectrum of every element."""
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         return reference.relative_rms((self.factor(reference) - 1) * reference.signal)
@@ -98,17 +118,3 @@ class NoiseEffect(Effect):
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         noise = self.noise(reference)
         return noise.relative_rms(noise.signal)
-
-
-class Resampling(Effect):
-    """An effect that sets the recorder's own rate."""
-
-    rate_hz: eqx.AbstractVar[float]
-
-
-class Rounding(Effect):
-    """An effect that rounds samples, which may turn a small change into a whole step."""
-
-    @abc.abstractmethod
-    def relative_quantisation_step(self, reference: ReferenceSpectra) -> float:
-        """The step over the signal's rms."""

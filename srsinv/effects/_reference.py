@@ -131,6 +131,12 @@ class ReferenceSpectra:
         return np.einsum("es,esck,ck->ek", *size)
 
     @property
+    def has_contact(self) -> bool:
+        """Whether its pressure is that of a contact, which changes with the skin."""
+        scene = self.scenario.scene
+        return scene is not None and scene.contact_scene is not None
+
+    @property
     def speed_m_per_s(self) -> float:
         """Sliding speed."""
         return float(self.scenario.scan.speed_m_per_s)
@@ -210,7 +216,8 @@ def reference(scenario: Scenario, line: Line) -> ReferenceSpectra:
     weights = np.stack([film.charge_per_stress(np) for film in films])
     background, gain = map(np.asarray, _background_and_gain(scenario))
     periodic = isinstance(line, Periodic)
-    p = _pressure(scene, line, k) if isinstance(scene, SurfaceScene) else None
+    contact = scene.contact_scene
+    p = None if contact is None else _pressure(contact, line, k)
     traction = np.asarray(deviation(scene, line, direction, periodic, p))
     spectrum = np.fft.rfft(traction - background[:, None] if periodic else traction)
     readout = float(gain), sensor.amplifier.order

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from ..forward.scenario import Scenario
 from ..grid import Line
-from ._effect import Effect, MultiplicativeEffect, NoiseEffect, Order, Resampling, Rounding
+from ._effect import Effect, Order
 from ._reference import TINY, ReferenceSpectra, reference
 
 # Effects act on each other beyond their factors, and the reference's contact is accurate to 1 %.
@@ -101,10 +101,11 @@ def _sampled(spectra: ReferenceSpectra, effects: Mapping[str, Effect]) -> Refere
     """The reference at the recorder's samples, under all effects of motion, load and sampling."""
     scenario, rates = spectra.scenario, []
     for each in effects.values():
-        if each.order in (Order.MOTION, Order.LOAD) or isinstance(each, Resampling):
+        rate = each.sampling_rate_hz
+        if each.order in (Order.MOTION, Order.LOAD) or rate is not None:
             scenario = each.apply(scenario)
-        if isinstance(each, Resampling):
-            rates.append(each.rate_hz)
+        if rate is not None:
+            rates.append(rate)
     interval = min([spectra.interval_s, *(1 / rate for rate in rates)])
     if not scenario.recorder.samples_in_time:
         return spectra.replace(interval_s=interval)
@@ -130,7 +131,7 @@ def _round(
     limit = min((each.saturation for each in every_one), default=math.inf)
     rms = (1 - unsure) * spectra.saturated_rms(every, limit)
     spectra = spectra.replace(signal_rms=rms)
-    noises = [each.noise(spectra) for each in every_one if isinstance(each, NoiseEffect)]
+    noises = [noise for each in every_one if (noise := each.noise(spectra)) is not None]
     noises = [noise.replace(signal_rms=rms) for noise in noises]
     spectra = spectra.replace(
         noise_peak=sum((noise.noise_peak for noise in noises), 0.0),
@@ -150,30 +151,26 @@ def _round(
 
 
 def _factors(spectra: ReferenceSpectra, effects: Mapping[str, Effect], names: Set[str]):
-    named = {name: effects[name] for name in names}
-    return {
-        n: each.factor(spectra)
-        for n, each in named.items()
-        if isinstance(each, MultiplicativeEffect)
-    }
+    factors = {name: effects[name].factor(spectra) for name in names}
+    return {name: factor for name, factor in factors.items() if factor is not None}
 
 
 def _alters(effect: Effect) -> bool:
     """Whether the signal with it is known no better than by its bound."""
-    exact = isinstance(effect, MultiplicativeEffect) and effect.is_exact
-    return effect.order <= Order.SLIDING and not exact
+    return effect.order <= Order.SLIDING and not effect.is_exact
 
 
 def _of_noise(effect: Effect, noise: ReferenceSpectra) -> float:
     """Bound on the change by an effect of the noise that another one adds."""
     if effect.order <= Order.DIRECTION:
         return effect.relative_change_bound(noise)
-    if isinstance(effect, MultiplicativeEffect):  # in time, where the noise may have any spectrum
-        slid = abs(noise.speed_m_per_s) * noise.interval_s * noise.k[-1]
-        faster = max(1.0, np.pi / max(slid, TINY))
-        response = effect.factor(noise.replace(k=faster * noise.k))
-        return float(np.abs(response - 1).max()) * noise.relative_rms(noise.signal)
-    return 0.0
+    # In time, where the noise may have any spectrum.
+    slid = abs(noise.speed_m_per_s) * noise.interval_s * noise.k[-1]
+    faster = max(1.0, np.pi / max(slid, TINY))
+    response = effect.factor(noise.replace(k=faster * noise.k))
+    if response is None:
+        return 0.0
+    return float(np.abs(response - 1).max()) * noise.relative_rms(noise.signal)
 
 
 def _left_out(
@@ -185,21 +182,21 @@ def _left_out(
     """Names of effects that can be left out together, from the smallest on, and a bound on their
     joint change."""
     # A rounding effect stays on where it has to: its step then enters the change by the others.
-    rounding = {n: each for n, each in effects.items() if isinstance(each, Rounding)}
+    steps = {n: each.relative_quantisation_step(spectra) for n, each in effects.items()}
+    rounding = {n: step for n, step in steps.items() if step > 0}
     off, bound = _smallest(bounds, {n: rounding[n] for n in rounding if n not in bounds}, spectra,
                            tolerance)  # fmt: skip
-    if staying := {n: each for n, each in rounding.items() if n not in off}:
+    if staying := {n: step for n, step in rounding.items() if n not in off}:
         rest = {n: bound for n, bound in bounds.items() if n not in staying}
         off, bound = _smallest(rest, staying, spectra, tolerance)
     return off, bound
 
 
 def _smallest(bounds, rounding, spectra, tolerance) -> tuple[set[str], float]:
-    steps = [each.relative_quantisation_step(spectra) for each in rounding.values()]
     off, total, bound = set(), 0.0, 0.0
     for name in sorted(bounds, key=lambda each: bounds[each]):
         total += INTERACTION * bounds[name]
-        together = rounded(spectra, total, max(steps, default=0.0))
+        together = rounded(spectra, total, max(rounding.values(), default=0.0))
         if not together <= tolerance:
             break
         off.add(name)

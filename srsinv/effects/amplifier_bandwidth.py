@@ -2,10 +2,10 @@
 
 from ..errors import number
 from ..forward.filter import FirstOrder
-from ._filtered import Filtered
+from .general import FilterEffect
 
 
-class AmplifierBandwidth(Filtered):
+class AmplifierBandwidth(FilterEffect):
     """A feedback resistor `resistance_ohm` beside the capacitance `capacitance_F` lags by their
     product. Raises `BadInput` for values that are not positive."""
 

@@ -7,8 +7,6 @@ import numpy as np
 
 from ..forward.layered import Layer, Layered, layers_of
 from ..forward.scenario import Scenario
-from ..forward.scene import SurfaceScene
-from ..forward.skin import HalfSpace
 from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 
@@ -33,7 +31,7 @@ class LayeredSkin(Effect):
         self.skin = Layered(layers_of(layers, "effects.layered_skin"))
 
     def is_defined_in(self, scenario: Scenario) -> bool:
-        return not scenario.sensor.skin.is_homogeneous
+        return scenario.sensor.skin.half_space is None
 
     def apply(self, scenario: Scenario) -> Scenario:
         for film in scenario.sensor.elements:
@@ -62,8 +60,8 @@ class LayeredSkin(Effect):
         at = [int(np.searchsorted(tops, z) - 1) for tops, z in zip(below, depth, strict=True)]
         last = len(self.skin.layers) - 1
         own = np.array([float(self.skin.layers[min(i, last)].poisson_ratio) for i in at])
-        was = reference.scenario.sensor.skin
-        assert isinstance(was, HalfSpace), "a reference is without effects"
+        was = reference.scenario.sensor.skin.half_space
+        assert was is not None, "a reference is without effects"
         in_plane = reference.film_stress[:, :2].sum(axis=1)
         weight = reference.weights[:, 3] * (own - float(was.poisson_ratio))
         return reference.relative_rms(reference.read(weight[:, None] * in_plane))
@@ -71,10 +69,10 @@ class LayeredSkin(Effect):
     def _contact_change_bound(self, reference: ReferenceSpectra, echo) -> float:
         """Bound on the change of the contact, by the top layer's modulus and the compliance of all
         layers."""
-        if not isinstance(reference.scenario.scene, SurfaceScene):
+        if not reference.has_contact:
             return 0.0
-        top, was = self.skin.layers[0], reference.scenario.sensor.skin
-        assert isinstance(was, HalfSpace), "a reference is without effects"
+        top, was = self.skin.layers[0], reference.scenario.sensor.skin.half_space
+        assert was is not None, "a reference is without effects"
         own, before = (
             float(each.youngs_modulus_Pa) / (1 - float(each.poisson_ratio) ** 2)
             for each in (top, was)

@@ -4,11 +4,11 @@ from typing import ClassVar
 
 from ..forward.sampling import Quantiser as Levels
 from ..forward.scenario import Scenario
-from ._effect import Order, Rounding
+from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 
 
-class Quantisation(Rounding):
+class Quantisation(Effect):
     """2^`bits` levels from -`full_scale` to `full_scale`, in signal units; values beyond are
     clipped. Raises `BadInput` as the converter does."""
 

@@ -7,11 +7,11 @@ import numpy as np
 
 from ..errors import number
 from ..forward.scenario import Scenario
-from ._effect import Order, Resampling
+from ._effect import Effect, Order
 from ._reference import ReferenceSpectra
 
 
-class Sampling(Resampling):
+class Sampling(Effect):
     """`rate_hz` samples a second. Raises `BadInput` for a rate that is not positive."""
 
     order: ClassVar[Order] = Order.RECORD
@@ -21,6 +21,10 @@ class Sampling(Resampling):
     def __init__(self, rate_hz):
         wanted = "a positive rate in Hz"
         self.rate_hz = float(number("effects.sampling.rate_hz", rate_hz, wanted, above=0))
+
+    @property
+    def sampling_rate_hz(self) -> float:
+        return self.rate_hz
 
     def apply(self, scenario: Scenario) -> Scenario:
         return scenario.with_recorder(sample_rate_hz=self.rate_hz)

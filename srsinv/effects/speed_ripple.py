@@ -1,29 +1,19 @@
 """A drive whose speed ripples."""
 
-from typing import ClassVar
-
 import numpy as np
 
-from ..forward.scenario import Scenario
 from ..forward.speed_profile import RippleProfile
-from ._effect import Effect, Order
-from ._paced import displaced_bound, with_speed_profile
+from ._motion import displaced_bound
 from ._reference import ReferenceSpectra
+from .general import SpeedProfileEffect
 
 
-class SpeedRipple(Effect):
+class SpeedRipple(SpeedProfileEffect[RippleProfile]):
     """The speed is 1 + `fraction` cos(2 pi `frequency_hz` t) times the nominal one. Raises
     `BadInput` as the ripple does."""
 
-    order: ClassVar[Order] = Order.MOTION
-    of_sensor: ClassVar[bool] = False
-    speed_profile: RippleProfile
-
     def __init__(self, fraction, frequency_hz):
         self.speed_profile = RippleProfile(fraction, frequency_hz)
-
-    def apply(self, scenario: Scenario) -> Scenario:
-        return with_speed_profile(scenario, self.speed_profile)
 
     @property
     def max_gain(self) -> float:

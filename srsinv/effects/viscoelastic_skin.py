@@ -7,7 +7,6 @@ from jaxtyping import Array, Float
 
 from ..errors import number, refuse, shown
 from ..forward.scenario import Scenario
-from ..forward.scene import SurfaceScene
 from ..forward.viscoelastic import Viscoelastic
 from ..grid import as_real
 from ._effect import Effect, Order
@@ -51,7 +50,7 @@ class ViscoelasticSkin(Effect):
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # Stress inside stays as it is; where a surface is pressed on, p goes as the modulus.
-        if not isinstance(reference.scenario.scene, SurfaceScene):
+        if not reference.has_contact:
             return 0.0
         turn = 1j * reference.k * reference.speed_m_per_s * np.asarray(self.times_s)[:, None]
         stiffer = np.asarray(self.fractions) @ (turn / (1 + turn))

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from ..errors import BadInput, number, refuse, whole
 from ..grid import Scalar, as_real
-from .film import Film, Offset, SampleAverage, StripAverage
+from .film import Film, StripAverage
 from .oblique import TurnedSkin, turned_effects
 from .sensor import Sensor
 
@@ -112,7 +112,7 @@ class Circling(eqx.Module):
             "leave them out of effects.",
         )
         for film in sensor.elements:
-            if any(isinstance(effect, SampleAverage) for effect in film.effects):
+            if any(effect.averages_samples for effect in film.effects):
                 raise BadInput(
                     "Samples averaged along a line cannot be taken on a circle: leave "
                     "SampleAverage out of effects."
@@ -173,13 +173,9 @@ class Circling(eqx.Module):
 
 def _spots(film: Film, angle_rad, width_m, nodes: int) -> tuple[Array, Array]:
     """Shifts along xi, and the weight of each: quadrature over the widths of film and ridge."""
-    at, weights = np.polynomial.legendre.leggauss(nodes)
     shifts, fractions = jnp.zeros(1), jnp.ones(1)
     for effect in (*turned_effects(film, angle_rad), StripAverage(width_m)):
-        if isinstance(effect, Offset):
-            shifts = shifts + effect.offset_m
-        if isinstance(effect, StripAverage):
-            spread = effect.width_m / 2 * as_real(at)
-            shifts = jnp.ravel(shifts[:, None] + spread[None])
-            fractions = jnp.ravel(fractions[:, None] * as_real(weights / 2)[None])
+        spread, weights = effect.quadrature(nodes)
+        shifts = jnp.ravel(shifts[:, None] + spread[None])
+        fractions = jnp.ravel(fractions[:, None] * weights[None])
     return shifts, fractions

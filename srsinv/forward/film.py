@@ -8,15 +8,15 @@ own: it multiplies the transfer, or spreads the exact kernel, and is absent wher
 import abc
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Shaped
 
-from ..errors import number, refuse, whole
-from ..grid import as_real, sinc, spread_over
+from ..errors import BadInput, number, refuse, whole
+from ..grid import Scalar, as_real, sinc, spread_over
 
 Kernel = Callable[[Float[Array, " x"]], Float[Array, "c x"]]
 
@@ -35,7 +35,12 @@ def _length(name: str, value) -> Float[Array, ""]:
 
 
 class LineEffect(eqx.Module):
-    """A shift-invariant effect along x, in both domains."""
+    """A shift-invariant effect along x, in both domains.
+
+    `averages_samples`: whether it is a mean over samples, which lie along a line at constant speed.
+    """
+
+    averages_samples: ClassVar[bool] = False
 
     @abc.abstractmethod
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, " k"] | Float[Array, " k"]:
@@ -44,6 +49,29 @@ class LineEffect(eqx.Module):
     @abc.abstractmethod
     def spread(self, kernel: Kernel) -> Kernel:
         """The film's kernel after the effect."""
+
+    def scaled(self, factor: Scalar) -> "LineEffect":
+        """The effect with every length times `factor`, as over features that cross x obliquely.
+
+        Raises `BadInput` unless a class defines it.
+        """
+        del factor
+        raise BadInput(
+            f"{type(self).__name__} is not known to turn with oblique features: leave it out of "
+            "effects."
+        )
+
+    def quadrature(self, nodes: int) -> tuple[Float[Array, " node"], Float[Array, " node"]]:
+        """Shifts [m] and weights of the sum over shifted kernels that it is, of so many `nodes`
+        where it is an integral.
+
+        Raises `BadInput` unless a class defines it.
+        """
+        del nodes
+        raise BadInput(
+            f"{type(self).__name__} is not known as a sum over shifts, which a circle takes: leave "
+            "it out of effects."
+        )
 
 
 class StripAverage(LineEffect):
@@ -89,6 +117,13 @@ class StripAverage(LineEffect):
         weights = np.tile(weights, self.panels) / (2 * self.panels)
         return spread_over(kernel, self.width_m / 2 * places, weights)
 
+    def scaled(self, factor: Scalar) -> "StripAverage":
+        return StripAverage(factor * self.width_m, self.nodes, self.panels)
+
+    def quadrature(self, nodes: int) -> tuple[Float[Array, " node"], Float[Array, " node"]]:
+        at, weights = np.polynomial.legendre.leggauss(nodes)
+        return self.width_m / 2 * as_real(at), as_real(weights / 2)
+
 
 class Offset(LineEffect):
     """The element sits at x(t) + offset_m."""
@@ -104,10 +139,18 @@ class Offset(LineEffect):
     def spread(self, kernel: Kernel) -> Kernel:
         return lambda x: kernel(x + self.offset_m)
 
+    def scaled(self, factor: Scalar) -> "Offset":
+        return Offset(factor * self.offset_m)
+
+    def quadrature(self, nodes: int) -> tuple[Float[Array, " node"], Float[Array, " node"]]:
+        del nodes
+        return self.offset_m[None], jnp.ones(1)
+
 
 class SampleAverage(LineEffect):
     """Each sample is the mean of `count` neighbours `spacing_m` apart, about their middle."""
 
+    averages_samples = True
     spacing_m: Float[Array, ""]
     count: int = eqx.field(static=True)
 
@@ -123,6 +166,9 @@ class SampleAverage(LineEffect):
 
     def spread(self, kernel: Kernel) -> Kernel:
         return spread_over(kernel, self._shifts, np.full(self.count, 1 / self.count))
+
+    def scaled(self, factor: Scalar) -> "SampleAverage":
+        return SampleAverage(self.count, factor * self.spacing_m)
 
 
 class Piezo(eqx.Module):

@@ -29,10 +29,20 @@ class Noise(eqx.Module):
     ) -> Float[Array, " k"]:
         """Power per sample at line.k, given the noise-free signal's rms over all elements."""
 
+    @property
+    def non_gaussian(self) -> "NonGaussianNoise | None":
+        """The noise as one that brings its own draw; None where it is Gaussian, and independent
+        from element to element."""
+        return None
+
 
 class NonGaussianNoise(Noise):
     """A cause that is not Gaussian, or not independent from element to element, and brings its own
     draw. Its spectrum is then the mean over the elements."""
+
+    @property
+    def non_gaussian(self) -> "NonGaussianNoise":
+        return self
 
     @abc.abstractmethod
     def draw(
@@ -149,10 +159,11 @@ def with_noise(
     """The signal with noise, the noise's power at line.k, and the signal's rms, which some causes
     scale with."""
     rms = jnp.sqrt(jnp.mean(signal**2))
-    gaussian = tuple(noise for noise in noises if not isinstance(noise, NonGaussianNoise))
+    gaussian = tuple(noise for noise in noises if noise.non_gaussian is None)
+    others = (own for noise in noises if (own := noise.non_gaussian) is not None)
     spectrum = total_spectrum(gaussian, line, scan, rms)
     noisy = signal + draw(key, spectrum, *signal.shape)
-    for at, noise in enumerate(noise for noise in noises if isinstance(noise, NonGaussianNoise)):
+    for at, noise in enumerate(others):
         noisy = noisy + noise.draw(jax.random.fold_in(key, at), line, scan, rms)
         spectrum = spectrum + noise.spectrum(line, scan, rms)
     return noisy, spectrum, rms

@@ -13,10 +13,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Inexact
 
-from ..errors import BadInput, number
+from ..errors import number
 from ..grid import as_real
 from .antiplane import Antiplane
-from .film import Film, Kernel, LineEffect, Offset, SampleAverage, StripAverage
+from .film import Film, Kernel, LineEffect, StripAverage
 from .scan import ConstantSpeed, Motion
 from .sensor import Sensor
 from .skin import Skin
@@ -148,22 +148,7 @@ def _turned(sensor: Sensor, angle_rad: Float[Array, ""]) -> Sensor:
 
 def turned_effects(film: Film, angle_rad: Float[Array, ""]) -> tuple[LineEffect, ...]:
     """The film's effects along xi: each length along x times cos(phi)."""
-    c = cosine(angle_rad)
-
-    def one(effect: LineEffect) -> LineEffect:
-        match effect:
-            case StripAverage():
-                return StripAverage(c * effect.width_m, effect.nodes, effect.panels)
-            case Offset():
-                return Offset(c * effect.offset_m)
-            case SampleAverage():
-                return SampleAverage(effect.count, c * effect.spacing_m)
-        raise BadInput(
-            f"{type(effect).__name__} is not known to turn with oblique features: leave it out of "
-            "effects."
-        )
-
-    return tuple(one(effect) for effect in film.effects)
+    return tuple(effect.scaled(cosine(angle_rad)) for effect in film.effects)
 
 
 def turned_scan(scan: Scan, angle_rad) -> Scan:
@@ -172,10 +157,7 @@ def turned_scan(scan: Scan, angle_rad) -> Scan:
     Up to a quarter turn, where it stands still, its direction is that along x, so that friction
     keeps its sign. Raises `BadInput` for an angle beyond.
     """
-    c = cosine(_within_quarter(angle_rad))
-    if isinstance(scan, Motion):
-        return Motion(scan.time_s, c * scan.position_m, c * scan.speed_m_per_s)
-    return eqx.tree_at(lambda s: s.speed_m_per_s, scan, c * scan.speed_m_per_s)
+    return scan.scaled(cosine(_within_quarter(angle_rad)))
 
 
 def _within_quarter(angle_rad) -> Float[Array, ""]:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ..errors import number, refuse
-from ..grid import Line, as_real
+from ..grid import Line, Scalar, as_real
 
 MIN_SAMPLES = 3
 MAX_INTERVAL_ROUNDING = 1e-3  # of the shortest interval: what rounding the times may take off one
@@ -33,6 +33,10 @@ class ConstantSpeed(eqx.Module):
     def direction(self) -> Float[Array, ""]:
         """sign(u): the sign with which Coulomb friction enters q = sign(u) mu p."""
         return jnp.sign(self.speed_m_per_s)
+
+    def scaled(self, factor: Scalar) -> "ConstantSpeed":
+        """The scan at a speed times `factor`."""
+        return eqx.tree_at(lambda scan: scan.speed_m_per_s, self, factor * self.speed_m_per_s)
 
     def time_s(self, line: Line) -> Float[Array, " n"]:
         """Time at which the sensor is at each x, from zero at the first one met.
@@ -105,6 +109,10 @@ class Motion(eqx.Module):
         it has the sign of that. Zero where nothing ever moves.
         """
         return _last_sign(self.speed_m_per_s)
+
+    def scaled(self, factor: Scalar) -> "Motion":
+        """The motion with speeds and positions times `factor`."""
+        return Motion(self.time_s, factor * self.position_m, factor * self.speed_m_per_s)
 
     @property
     def ways(self) -> tuple[bool, ...]:

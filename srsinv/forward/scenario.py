@@ -7,7 +7,7 @@ import equinox as eqx
 from .noise import Noise
 from .recorder import Recorder
 from .scan import ConstantSpeed
-from .scene import Scene, SurfaceScene
+from .scene import Scene
 from .sensor import Sensor
 from .skin import Skin
 
@@ -31,9 +31,7 @@ class Scenario(eqx.Module):
 
     def with_skin(self, skin: Skin) -> "Scenario":
         """The scenario with another skin, around the film and in contact with the surface."""
-        scene = self.scene
-        if isinstance(scene, SurfaceScene):
-            scene = eqx.tree_at(lambda s: s.skin, scene, skin)
+        scene = None if self.scene is None else self.scene.with_skin(skin)
         return self.replace(scene=scene, sensor=eqx.tree_at(lambda s: s.skin, self.sensor, skin))
 
     def with_films(self, change) -> "Scenario":

@@ -32,6 +32,24 @@ class Scene(eqx.Module):
     def pressure(self, line: Line) -> Float[Array, " n"]:
         """Cell averages of p [Pa]."""
 
+    @property
+    def contact_scene(self) -> "SurfaceScene | None":
+        """The surface that the skin is pressed on; None where the pressure is given."""
+        return None
+
+    def with_skin(self, skin: Skin) -> "Scene":
+        """The scene with another skin in contact with it."""
+        del skin
+        return self
+
+    def solved(
+        self, line: Line, p: Float[ArrayLike, " n"] | None
+    ) -> tuple["Scene", Float[ArrayLike, " n"] | None]:
+        """The scene without what only its pressure needs, and that pressure; `p` where it is known
+        already."""
+        del line
+        return self, p
+
     def warnings(self, line: Line) -> tuple[str, ...]:
         """Warnings about the traction on `line`."""
         del line
@@ -64,16 +82,11 @@ def deviation(
     Programs of their own, as many ask for the same traction; that of the contact, which is long to
     compile, serves every elastic skin.
     """
-    if isinstance(scene, SurfaceScene):
-        p = scene.pressure(line) if p is None else jnp.asarray(p)
-        scene = eqx.tree_at(
-            lambda surface_scene: surface_scene.skin, scene, None
-        )  # not used once p is solved: one program serves all skins
-    return _deviation(scene, line, direction, periodic, p)
+    return _deviation(*scene.solved(line, p), line, direction, periodic)
 
 
 @eqx.filter_jit
-def _deviation(scene: Scene, line: Line, direction: Scalar, periodic: bool, p):
+def _deviation(scene: Scene, p, line: Line, direction: Scalar, periodic: bool):
     whole = scene.traction(line, direction, p)
     return whole if periodic else whole - scene.background(direction)[:, None]
 
@@ -167,6 +180,20 @@ class SurfaceScene(Scene):
     @property
     def _goes_on(self) -> bool:
         return any(shape.is_periodic for shape in self.surface.shapes)
+
+    @property
+    def contact_scene(self) -> "SurfaceScene":
+        return self
+
+    def with_skin(self, skin: Skin) -> "SurfaceScene":
+        return eqx.tree_at(lambda scene: scene.skin, self, skin)
+
+    def solved(
+        self, line: Line, p: Float[ArrayLike, " n"] | None
+    ) -> tuple["SurfaceScene", Float[Array, " n"]]:
+        p = self.pressure(line) if p is None else jnp.asarray(p)
+        # The skin is not used once p is solved: one program serves all skins.
+        return eqx.tree_at(lambda scene: scene.skin, self, None), p
 
     def contact(self, line: Line) -> Contact:
         """Contact of the skin with the surface."""

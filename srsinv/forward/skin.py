@@ -32,9 +32,10 @@ class Skin(eqx.Module):
         """Description of the skin, for the page."""
 
     @property
-    def is_homogeneous(self) -> bool:
-        """Whether it is one elastic half space, which effects may put another skin in place of."""
-        return False
+    def half_space(self) -> "HalfSpace | None":
+        """The one elastic half space that it is, in place of which effects may put another skin;
+        None for any other skin."""
+        return None
 
     @property
     def relaxes(self) -> bool:
@@ -111,8 +112,8 @@ class HalfSpace(Skin):
         return f"half space of {modulus:.4g} Pa, Poisson's ratio {nu:.4g}"
 
     @property
-    def is_homogeneous(self) -> bool:
-        return True
+    def half_space(self) -> "HalfSpace | None":
+        return self
 
     # In numpy: what runs once takes longer to compile.
 

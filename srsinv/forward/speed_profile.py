@@ -6,7 +6,7 @@ is concrete, and numpy finds it in double precision; at given times the motion i
 
 import abc
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -74,25 +74,31 @@ class RippleProfile(SpeedProfile):
         return self.frequency_hz
 
 
-class _TimeWindow(eqx.Module):
-    """A stretch of time from `at_s` on: a ramp, `duration_s`, and a ramp back, each `ramp_s`."""
+class Interruption(SpeedProfile):
+    """From `at_s` on the motion changes within `ramp_s`, by raised cosines, to 1 - `slowdown` times
+    the nominal speed, for `duration_s`, and back again within `ramp_s`.
 
+    Raises `BadInput` for times below 0 and for a ramp that is not positive.
+    """
+
+    slowdown: ClassVar[float]
+    name: ClassVar[str]
     at_s: Scalar
     duration_s: Scalar
     ramp_s: Scalar
 
-    def __init__(self, name: str, at_s, duration_s, ramp_s):
+    def __init__(self, at_s, duration_s, ramp_s):
         wanted = "a time in seconds that is at least 0"
-        self.at_s = _concrete(number(f"{name}.at_s", at_s, wanted, least=0))
-        self.duration_s = _concrete(number(f"{name}.duration_s", duration_s, wanted, least=0))
+        self.at_s = _concrete(number(f"{self.name}.at_s", at_s, wanted, least=0))
+        self.duration_s = _concrete(number(f"{self.name}.duration_s", duration_s, wanted, least=0))
         wanted = "a positive time in seconds, as no speed jumps"
-        self.ramp_s = _concrete(number(f"{name}.ramp_s", ramp_s, wanted, above=0))
+        self.ramp_s = _concrete(number(f"{self.name}.ramp_s", ramp_s, wanted, above=0))
 
-    def fraction(self, time_s, xp: Any):
-        """Window function: 0 outside, 1 within, ramps of raised cosines."""
+    def factor(self, time_s, xp: Any = np):
         begun = xp.clip((time_s - self.at_s) / self.ramp_s, 0, 1)
         left = xp.clip((self.bends_s[-1] - time_s) / self.ramp_s, 0, 1)
-        return (xp.sin(np.pi / 2 * begun) * xp.sin(np.pi / 2 * left)) ** 2
+        window = (xp.sin(np.pi / 2 * begun) * xp.sin(np.pi / 2 * left)) ** 2
+        return 1 - self.slowdown * window
 
     @property
     def bends_s(self) -> tuple[Scalar, ...]:
@@ -100,53 +106,23 @@ class _TimeWindow(eqx.Module):
         leaving = resting + self.duration_s
         return self.at_s, resting, leaving, leaving + self.ramp_s
 
-
-class StandstillProfile(SpeedProfile):
-    """From `at_s` on the motion slows down over `ramp_s`, rests for `duration_s` and speeds up
-    again over `ramp_s`.
-
-    Raises `BadInput` for times below 0 and for a ramp that is not positive.
-    """
-
-    window: _TimeWindow
-
-    def __init__(self, at_s, duration_s, ramp_s):
-        self.window = _TimeWindow("standstill", at_s, duration_s, ramp_s)
-
-    def factor(self, time_s, xp: Any = np):
-        return 1 - self.window.fraction(time_s, xp)
-
-    @property
-    def bends_s(self) -> tuple[Scalar, ...]:
-        return self.window.bends_s
-
     @property
     def frequency_limit_hz(self) -> float:
         return 0.0
 
 
-class ReversalProfile(SpeedProfile):
-    """From `at_s` on the motion turns within `ramp_s`, slides back at the same speed for
-    `duration_s` and turns again within `ramp_s`.
+class StandstillProfile(Interruption):
+    """The motion slows down, rests for `duration_s` and speeds up again."""
 
-    Raises `BadInput` for times below 0 and for a ramp that is not positive.
-    """
+    slowdown = 1.0
+    name = "standstill"
 
-    window: _TimeWindow
 
-    def __init__(self, at_s, duration_s, ramp_s):
-        self.window = _TimeWindow("reversal", at_s, duration_s, ramp_s)
+class ReversalProfile(Interruption):
+    """The motion turns, slides back at the same speed for `duration_s` and turns again."""
 
-    def factor(self, time_s, xp: Any = np):
-        return 1 - 2 * self.window.fraction(time_s, xp)
-
-    @property
-    def bends_s(self) -> tuple[Scalar, ...]:
-        return self.window.bends_s
-
-    @property
-    def frequency_limit_hz(self) -> float:
-        return 0.0
+    slowdown = 2.0
+    name = "reversal"
 
 
 def paced(

@@ -10,6 +10,7 @@ import numpy as np
 import xarray
 from jaxtyping import Float
 
+from ..config import reader
 from ..errors import is_number, refuse
 from ..inverse.quality import Quality, quality, reasons
 from ..inverse.spectral_lines import (
@@ -94,7 +95,7 @@ class BoardPitch:
 def run(cfg: build.Config) -> Outcome:
     """The job: load, fit the pitch, look for other lines, report."""
     with build.precision(cfg):
-        recording = load_steady(cfg["recording"], {})
+        recording = load_steady(cfg["recording"], {}, reader(cfg))
         x_m, signal = _along_x(recording)
         settings = _settings(cfg, recording.name, x_m)
         signal = _without_gaps(recording.name, x_m, signal, settings.range_m[0])

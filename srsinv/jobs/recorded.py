@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..config import reader
 from ..errors import number, refuse
 from ..forward.describe import elements
 from ..forward.noise import Noise, SignalToNoise
@@ -114,7 +115,7 @@ def recorded_problem(cfg: build.Config, check: Callable[[Recording], None]) -> R
     """
     friction = build.friction(cfg) if "friction" in cfg else None
     settings = build.part(cfg, "recording")
-    recording = load_even(settings, elements_named(cfg))
+    recording = load_even(settings, elements_named(cfg), reader(cfg))
     check(recording)
     sensor = sensor_of(cfg, recording)
     cell_m = settings.get("cell_m")

@@ -6,3 +6,4 @@ from ._recording import Recording as Recording
 from ._sidecar import merge as merge
 from ._write import save as save
 from .profile import load_profile as load_profile
+from .reader import Reader as Reader

@@ -6,6 +6,7 @@ file, which costs milliseconds and is safe where the caller, with jax, is not: i
 one thread. Where a system cannot fork, the file is read in the caller's process.
 """
 
+import abc
 import atexit
 import json
 import os
@@ -14,7 +15,6 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from srsinv.errors import BadInput
 
 from ._guard import DataFile
 from ._table import ColumnTable
+from .reader import Reader
 
 _SECONDS = 5  # of computing that a small file may take
 _BYTES_PER_SECOND = 3 * 10**6  # and how many more bytes a further second: chunks of one value
@@ -39,26 +40,28 @@ _START = (
 _ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
 
 
-def read_apart(
-    file: DataFile, readers: Mapping[str, Callable[[DataFile], ColumnTable]]
-) -> ColumnTable:
-    """Read the file by the reader of its suffix.
+class IsolatedReader(Reader):
+    """A reader of the package that reads every file in a process of its own."""
 
-    Raises what the reader does: `BadInput`, `MemoryError`, and `EOFError` for all else.
-    """
-    if not hasattr(socket, "send_fds") or not sys.executable:
-        return readers[file.path.suffix.lower()](file)
-    with _SERVER.lock:
-        receiving, sending = os.pipe()
-        with open(receiving, "rb") as answer:
-            try:
-                _SERVER.ask(file, sending)
-            finally:
-                os.close(sending)
-            return _table(answer, file)
+    @abc.abstractmethod
+    def read_here(self, file: DataFile) -> ColumnTable:
+        """The table in a file, read in this process."""
+
+    def read(self, file: DataFile) -> ColumnTable:
+        """Raises `BadInput` and `MemoryError` as `read_here` does, and `EOFError` for all else."""
+        if not hasattr(socket, "send_fds") or not sys.executable:
+            return self.read_here(file)
+        with _SERVER.lock:
+            receiving, sending = os.pipe()
+            with open(receiving, "rb") as answer:
+                try:
+                    _SERVER.ask(file, type(self), sending)
+                finally:
+                    os.close(sending)
+                return _table(answer)
 
 
-def _table(answer: BufferedReader, file: DataFile) -> ColumnTable:
+def _table(answer: BufferedReader) -> ColumnTable:
     said = answer.readline()
     if not said.endswith(b"\n"):
         raise EOFError("the process that read it ended")
@@ -90,12 +93,12 @@ class _Server:
         self._socket: socket.socket | None = None
         self._owner = 0
 
-    def ask(self, file: DataFile, sending: int) -> None:
+    def ask(self, file: DataFile, reader: type[IsolatedReader], sending: int) -> None:
         """Ask for the file to be read and its table written to descriptor `sending`."""
         if self._process is None or self._process.poll() is not None or self._owner != os.getpid():
             self._start()
         assert self._socket is not None
-        message = json.dumps(file.path.name).encode()
+        message = json.dumps([file.path.name, reader.__name__]).encode()
         socket.send_fds(self._socket, [message], [file.fileno(), sending])
 
     def _start(self) -> None:
@@ -131,8 +134,9 @@ atexit.register(_SERVER.stop)
 def serve(descriptor: int) -> None:
     """Read, each in a process of its own, the files that are asked for, until no process can
     ask."""
-    from ._formats import READERS
+    from .formats import SUFFIXES
 
+    readers = {type(each).__name__: each for each in SUFFIXES.values()}
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended children are not waited for
     with socket.socket(fileno=descriptor) as asked:
         while True:
@@ -143,21 +147,20 @@ def serve(descriptor: int) -> None:
                 asked.close()
                 try:
                     source, sending = descriptors
-                    _read(json.loads(message), source, sending, READERS)
+                    name, reader = json.loads(message)
+                    _read(name, readers[reader], source, sending)
                 finally:
                     os._exit(0)
             for each in descriptors:
                 os.close(each)
 
 
-def _read(
-    name: str, source: int, sending: int, readers: Mapping[str, Callable[[DataFile], ColumnTable]]
-) -> None:
+def _read(name: str, reader: Any, source: int, sending: int) -> None:
     with open(sending, "wb") as answer, DataFile(source, Path(name)) as file:
         _limit(file.size)
         file.seek(0)
         try:
-            table = readers[file.path.suffix.lower()](file)
+            table = reader.read_here(file)
         except BadInput as refusal:
             _say(answer, {"refused": str(refusal)})
         except MemoryError:

@@ -12,20 +12,20 @@ from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from srsinv.errors import BadInput, choice, refuse
 
+from ._ahead import store, take_table
 from ._even_times import check_rate
-from ._formats import read_table
 from ._guard import path_of, within_memory
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import check_elements, merge, read_sidecar
 from ._table import ColumnTable, listing
 from ._units import PER_S, PER_V, POSITIONS, SPEEDS, TIMES, UNITLESS_TIMES, in_volts, unit_of_name
+from .formats import BY_SUFFIX
+from .reader import Reader
 
 _VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)})")
 # Facts on the file that are in the Recording's own fields once it is read.
 _LAYOUT = ("time_unit", "channels", "signal_unit", "polarity", "gain")
-# The table read by the check of settings, cached for the job that follows: one at most.
-_AHEAD: dict[tuple[Any, ...] | None, ColumnTable] = {}
 _QUINTIC = 5
 MISSING = ("refuse", "allow")  # treatment of an empty cell, the default first
 TIMES_OF_ROWS = ("use", "ignore")  # treatment of a column of times
@@ -34,13 +34,14 @@ TIMES_OF_ROWS = ("use", "ignore")  # treatment of a column of times
 def load(
     path: str | os.PathLike[str],
     *,
+    reader: Reader = BY_SUFFIX,
     sidecar: str | os.PathLike[str] | None = None,
     missing: str = MISSING[0],
     times: str = TIMES_OF_ROWS[0],
     **known: Any,
 ) -> Recording:
     """The recording in `path`: CSV (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5), netCDF (.nc), MATLAB
-    5 or 7.3 (.mat), WAV or TDMS (the last with `pip install srsinv[tdms]`).
+    5 or 7.3 (.mat), WAV or TDMS (the last with `pip install srsinv[tdms]`); or what `reader` reads.
 
     Columns (1-D, of equal length; in MATLAB row or column vectors):
     - time: `time_s`, `time_ms` or `time_us`; or `time`, `timestamp` or `t` with the file's own unit
@@ -72,17 +73,17 @@ def load(
     choice(f"{path.name}: recording.missing", missing, MISSING)
     choice(f"{path.name}: recording.times", times, TIMES_OF_ROWS)
     with within_memory(path):
-        return _load(path, sidecar, missing, times, known)
+        return _load(path, take_table(path, reader), sidecar, missing, times, known)
 
 
 def _load(
     path: Path,
+    table: ColumnTable,
     sidecar: str | os.PathLike[str] | None,
     missing: str,
     times: str,
     known: Mapping[str, Any],
 ) -> Recording:
-    table = take_table(path)
     facts = read_facts(path, table, sidecar, known)
     channels = choose_channels(table, facts)
     check_elements(path.name, facts, channels)
@@ -112,34 +113,15 @@ def _load(
     )
 
 
-def check_settings(settings: Mapping[str, Any]) -> None:
+def check_settings(settings: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> None:
     """Refuse settings of a recording (`path`, `sidecar` and facts) that name no readable table or
     state invalid facts. Columns are not checked: not every job needs the same ones."""
     path = path_of(settings["path"], "recording.path")
     known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
     with within_memory(path):
-        table = take_table(path)
+        table = take_table(path, reader)
         read_facts(path, table, settings.get("sidecar"), known)
-    _AHEAD[_state(path)] = table
-
-
-def take_table(path: Path) -> ColumnTable:
-    """The table in `path`, the one that [`check_settings`][] has read if the file is unchanged.
-
-    Raises `BadInput` as `read_table` does.
-    """
-    ahead = _AHEAD.pop(_state(path), None)
-    _AHEAD.clear()  # of another file, or of this one before it changed
-    return read_table(path) if ahead is None else ahead
-
-
-def _state(path: Path) -> tuple[Any, ...] | None:
-    """Identity of a file: path, device, inode, size and modification time; None: absent."""
-    try:
-        stat = path.stat()
-    except OSError:
-        return None
-    return str(path), stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
+    store(path, reader, table)
 
 
 def read_facts(

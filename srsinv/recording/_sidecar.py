@@ -56,7 +56,8 @@ def read_sidecar(recording: Path, given: Path | None) -> dict[str, Any]:
     """
     if given is None:
         # A link that leads nowhere counts too: it is refused, not passed over.
-        beside = [path for path in map(recording.with_suffix, SUFFIXES) if os.path.lexists(path)]
+        named = [path for path in map(recording.with_suffix, SUFFIXES) if path != recording]
+        beside = [path for path in named if os.path.lexists(path)]
         refuse(
             len(beside) > 1,
             f"{recording.name}: there are {len(beside)} sidecars beside it, "

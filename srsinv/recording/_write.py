@@ -17,9 +17,10 @@ import xarray as xr
 from srsinv import lease
 from srsinv.errors import BadInput, refuse
 
-from ._formats import read_table
 from ._recording import POSITION, SPEED, TIME, Recording
 from ._sidecar import SUFFIXES
+from .formats import BY_SUFFIX
+from .reader import read_table
 
 
 def save(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -132,7 +133,7 @@ def _check_netcdf(path: Path, facts: bytes) -> None:
     if not os.path.lexists(path):
         return
     try:
-        existing = read_table(path)
+        existing = read_table(path, BY_SUFFIX)
         channels = existing.sidecar.get("channels") or ()
         is_saved = {*existing.columns} - {TIME, SPEED, POSITION} == {*channels}
     except BadInput:

@@ -12,6 +12,8 @@ from ._even_times import EvenTimes, even_times
 from ._guard import path_of
 from ._read import MISSING, TIMES_OF_ROWS, load
 from ._recording import MIN_SAMPLES, Recording
+from .formats import BY_SUFFIX
+from .reader import Reader
 
 STEADY = 1e-3  # largest relative deviation of a constant speed from its mean
 VOLTS = ("V", "V m")  # units of amplifiers: a voltage, or its integral along x
@@ -23,9 +25,9 @@ MOTION = {
 }
 
 
-def load_steady(settings: Any, known: Mapping[str, Any]) -> Recording:
+def load_steady(settings: Any, known: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> Recording:
     """[`load_even`][] for jobs at constant speed: raises `BadInput` where it varies."""
-    recording = load_even(settings, known)
+    recording = load_even(settings, known, reader)
     refuse(
         not recording.is_constant_speed(STEADY),
         f"{recording.name}: the speed varies by more than {STEADY:.1%} of its mean, and this job "
@@ -34,7 +36,7 @@ def load_steady(settings: Any, known: Mapping[str, Any]) -> Recording:
     return recording
 
 
-def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
+def load_even(settings: Any, known: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> Recording:
     """The recording that `settings`, the configuration's `recording`, names, at even times.
 
     `known` are further facts of the command line, beside the sidecar's. Rows missing by the time
@@ -54,7 +56,8 @@ def load_even(settings: Any, known: Mapping[str, Any]) -> Recording:
             number(f"recording.{key}", given, wanted)
     missing = choice("recording.missing", missing, MISSING)
     times = choice("recording.times", times, TIMES_OF_ROWS)
-    recording = load(path, missing=missing, times=times, **_given(facts | dict(known)))
+    stated = _given(facts | dict(known))
+    recording = load(path, reader=reader, missing=missing, times=times, **stated)
     _check_signal(recording)
     refuse(
         not np.any(recording.speed_m_per_s),

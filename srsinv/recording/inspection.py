@@ -1,7 +1,4 @@
-"""Inspection of a file without facts on the experiment: a first look at a recording.
-
-No facts that `load` requires are needed; guesses are marked as such, with the reason.
-"""
+"""Inspection of a file without the facts that `load` requires: guesses are marked as such."""
 
 import os
 import re
@@ -15,6 +12,7 @@ from jaxtyping import Float
 
 from srsinv.errors import LARGEST, BadInput, refuse
 
+from ._ahead import take_table
 from ._guard import path_of, within_memory
 from ._health import (
     SHORTEST,
@@ -25,11 +23,13 @@ from ._health import (
     segment_length,
     spectrum,
 )
-from ._read import choose_channels, read_facts, stated_time_unit, take_table, time_column
+from ._read import choose_channels, read_facts, stated_time_unit, time_column
 from ._recording import SPEED
 from ._table import ColumnTable, listing
 from ._timing import Timing, timing
 from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, unit_of_name
+from .formats import BY_SUFFIX
+from .reader import Reader
 
 Role = Literal["time", "speed", "position", "signal", "other"]
 UNKNOWN = "not stated"
@@ -111,7 +111,11 @@ class Inspection:
 
 
 def inspect(
-    path: str | os.PathLike[str], *, sidecar: str | os.PathLike[str] | None = None, **known: Any
+    path: str | os.PathLike[str],
+    *,
+    reader: Reader = BY_SUFFIX,
+    sidecar: str | os.PathLike[str] | None = None,
+    **known: Any,
 ) -> Inspection:
     """Look at the file `path`, in any format of `load`, whose arguments these are.
 
@@ -120,13 +124,15 @@ def inspect(
     """
     path = path_of(path, "recording.path")
     with within_memory(path):
-        return _inspect(path, sidecar, known)
+        return _inspect(path, take_table(path, reader), sidecar, known)
 
 
 def _inspect(
-    path: Path, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
+    path: Path,
+    table: ColumnTable,
+    sidecar: str | os.PathLike[str] | None,
+    known: Mapping[str, Any],
 ) -> Inspection:
-    table = take_table(path)
     facts = read_facts(path, table, sidecar, known)
     refuse(
         not any(np.isfinite(table.finite(name)).any() for name in table.columns),

@@ -4,10 +4,11 @@ import os
 
 from srsinv.errors import refuse
 
-from ._formats import read_table
 from ._guard import path_of, within_memory
 from ._table import ColumnTable, listing
 from ._units import PER_M, POSITIONS, names
+from .formats import BY_SUFFIX
+from .reader import read_table
 
 HEIGHTS = names("height", PER_M)
 
@@ -23,7 +24,7 @@ def load_profile(
     """
     file = path_of(path, key)
     with within_memory(file):
-        table = read_table(file, key)
+        table = read_table(file, BY_SUFFIX, key)
         return {
             "position_m": _column(table, "position", POSITIONS),
             "profile_m": _column(table, "height", HEIGHTS),

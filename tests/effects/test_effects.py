@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -13,12 +14,18 @@ from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root
 from srsinv.effects import NAMES, Effect, reference, screen
+from srsinv.effects.antialias_filter import AntialiasFilter
+from srsinv.effects.general import FilmEffect, FilterEffect, SpeedProfileEffect
+from srsinv.effects.speed_ripple import SpeedRipple
+from srsinv.effects.strip_width import StripWidth
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film, StripAverage
+from srsinv.forward.filter import Butterworth
 from srsinv.forward.recorder import Recorder
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scenario import Scenario
 from srsinv.forward.sensor import Sensor
+from srsinv.forward.speed_profile import RippleProfile
 from srsinv.jobs import build
 from srsinv.jobs.change import Trace, difference, pair, select_effects, trace
 from srsinv.jobs.simulation import Simulation, screen_effects, simulation
@@ -138,6 +145,30 @@ def test_it_changes_no_more_than_its_bound(name, settings):
     assert difference(*both) <= 1.02 * bound
     # Nor is every effect called for whatever the scene.
     assert bound < 1e-3 or difference(*both) > bound / 40
+
+
+GENERAL = {
+    "filter": (FilterEffect(Butterworth(200.0)), AntialiasFilter(200.0)),
+    "film": (FilmEffect(StripAverage(0.7e-3)), StripWidth()),
+    "speed_profile": (SpeedProfileEffect(RippleProfile(0.2, 10.0)), SpeedRipple(0.2, 10.0)),
+}
+
+
+@pytest.mark.parametrize("part", GENERAL)
+def test_a_general_effect_is_the_one_of_a_name_with_the_same_part(part):
+    general, named = GENERAL[part]
+    whole = simulation(configuration("effects=[]"))
+    both = [
+        pair(replace(whole, scenario=each.apply(whole.scenario)), whole, KEY)[0].signal
+        for each in GENERAL[part]
+    ]
+    np.testing.assert_allclose(*both, rtol=1e-12, atol=1e-12 * np.abs(both[0]).max())
+    spectra = reference(whole.scenario, whole.fine)
+    if general.is_exact:
+        bound = named.relative_change_bound(spectra)
+        assert general.relative_change_bound(spectra) == pytest.approx(bound, rel=1e-9)
+    else:
+        assert general.relative_change_bound(spectra) == np.inf
 
 
 def test_signals_that_are_rounded_to_nothing_do_not_differ():

@@ -395,6 +395,29 @@ class Echo(LineEffect):
         return kernel
 
 
+class Twin(Echo):
+    """The mean of two films, each `half_m` from the middle."""
+
+    half_m: float
+
+    def scaled(self, factor):
+        return Twin(factor * self.half_m)
+
+    def quadrature(self, nodes):
+        return self.half_m * jnp.array([-1.0, 1.0]), jnp.array([0.5, 0.5])
+
+
+def test_an_effect_of_ones_own_on_a_circle():
+    ridge = ObliqueRidge(1.1, 2e-3, friction=0.3)
+
+    def signal(*effects):
+        sensor = Sensor([Film(effects=effects)])
+        return np.asarray(Circling(sensor, Circle(samples=16))(ridge))
+
+    mean = (signal(Offset(-2e-4)) + signal(Offset(2e-4))) / 2
+    np.testing.assert_allclose(signal(Twin(2e-4)), mean, atol=1e-12 * np.abs(mean).max())
+
+
 def test_refused():
     refused(lambda: turned(Sensor([Film()]), 1.6), "angle_rad is 1.6", "pi/2")
     refused(lambda: turned_scan(ConstantSpeed(), np.nan), "angle_rad is nan")

@@ -218,8 +218,8 @@ def test_value_and_gradient_within_the_bounds_are_unchanged_to_the_last_bit():
     def bounded(value):
         return number("it", value, above=0) ** 2
 
-    ours, plain = (jax.vmap(jax.value_and_grad(f)) for f in (bounded, lambda value: value**2))
-    for each, reference in zip(ours(values), plain(values), strict=True):
+    ours, unbounded = (jax.vmap(jax.value_and_grad(f)) for f in (bounded, lambda value: value**2))
+    for each, reference in zip(ours(values), unbounded(values), strict=True):
         np.testing.assert_array_equal(each, reference)
 
 

@@ -45,7 +45,7 @@ def strip(line) -> np.ndarray:
     return np.stack([p, MU * p])
 
 
-def posed(name="steady", **known) -> Problem:
+def strip_problem(name="steady", **known) -> Problem:
     """A strip's signal, simulated on fine cells, in white noise, with one sample missing."""
     speed = SPEEDS[name]
     motion = Motion.from_speed(TIME, speed, -np.sign(speed[0]) * 6e-3)
@@ -59,7 +59,7 @@ def posed(name="steady", **known) -> Problem:
 
 @pytest.mark.parametrize("name", SPEEDS)
 def test_every_method_takes_it_and_says_on_which_line_its_answer_is(name):
-    problem, line = posed(name), Open(20, 5e-4, -4.75e-3)
+    problem, line = strip_problem(name), Open(20, 5e-4, -4.75e-3)
     truth = strip(line) * np.array([[1.0], [np.sign(SPEEDS[name][0])]])
     for method in METHODS.values():
         own = method(problem)
@@ -73,7 +73,7 @@ def test_every_method_takes_it_and_says_on_which_line_its_answer_is(name):
 
 
 def test_its_operator_gives_the_signal_and_has_an_adjoint():
-    problem, line = posed(), Open(2000, 1e-5, -1e-2)
+    problem, line = strip_problem(), Open(2000, 1e-5, -1e-2)
     operator, rng = problem.operator(line), np.random.default_rng(0)
     white = (
         np.where(problem.observed, np.asarray(problem.data - operator(jnp.asarray(strip(line)))), 0)
@@ -86,7 +86,7 @@ def test_its_operator_gives_the_signal_and_has_an_adjoint():
 
 def test_on_a_line_it_keeps_what_is_known():
     known = {"friction": MU, "nominal_pressure_Pa": 5e3, "window_m": (-8e-3, 8e-3), "cell_m": 2e-4}
-    problem = posed(**known).on_line()
+    problem = strip_problem(**known).on_line()
     assert float(problem.line.cell_m) == pytest.approx(2e-4, rel=1e-6)
     assert -8e-3 <= problem.window.start_m < -6e-3 + 2e-4
     assert problem.unknowns == 1
@@ -97,14 +97,16 @@ def test_on_a_line_it_keeps_what_is_known():
 
 REFUSED = {
     r"has the shape \(1, 240\).* as the sensor and the motion have them: \(2, 240\)": lambda: (
-        Problem(SENSOR, posed().motion, np.zeros((1, SAMPLES)), NOISE)
+        Problem(SENSOR, strip_problem().motion, np.zeros((1, SAMPLES)), NOISE)
     ),
-    "noise's rms is 0": lambda: Problem(SENSOR, posed().motion, np.zeros((2, SAMPLES)), 0.0),
-    "cell_m is -1": lambda: posed(cell_m=-1),
+    "noise's rms is 0": lambda: Problem(
+        SENSOR, strip_problem().motion, np.zeros((2, SAMPLES)), 0.0
+    ),
+    "cell_m is -1": lambda: strip_problem(cell_m=-1),
     "motion reverses": lambda: Problem(
         SENSOR, Motion.from_speed(TIME, SPEED * np.cos(30 * TIME)), np.ones((2, SAMPLES)), NOISE
     ).on_line(),
-    "No nominal pressure is known": lambda: SurfaceFit({"it": RidgeFeature(1e-5)})(posed()),
+    "No nominal pressure is known": lambda: SurfaceFit({"it": RidgeFeature(1e-5)})(strip_problem()),
     "an operator and no sensor": lambda: METHODS["features"](make_case().problem),
 }
 
@@ -156,7 +158,7 @@ def test_beyond_its_line_an_estimate_knows_nothing():
 
 
 def test_a_feature_is_averaged_exactly_on_any_line():
-    estimate = METHODS["features"](posed())
+    estimate = METHODS["features"](strip_problem())
     own, line = {k: v for k, (v, _) in estimate.parameters.items()}, Open(7, 1.7e-3, -6e-3)
     p = UniformStrip(own["pressure_Pa"], own["width_m"], own["position_m"]).cell_average(line)
     np.testing.assert_allclose(
@@ -185,7 +187,7 @@ def test_a_solution_becomes_an_estimate():
 
 def test_what_is_compiled_for_one_sensor_serves_all():
     """On a line only the operator is left of the sensor."""
-    on_line = posed().on_line()
+    on_line = strip_problem().on_line()
     leaves = jax.tree.leaves(on_line.on_line())
     assert len(leaves) < len(jax.tree.leaves(on_line))
     assert on_line.on_line().sensor is None

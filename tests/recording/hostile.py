@@ -18,7 +18,8 @@ from pathlib import Path
 import h5py
 
 from srsinv.errors import BadInput
-from srsinv.recording import _formats, load
+from srsinv.recording import load
+from srsinv.recording._apart import IsolatedReader
 from srsinv.recording.inspection import inspect
 from tests.recording.files import COLUMNS, N, write_csv
 from tests.recording.harmful import (
@@ -237,7 +238,7 @@ SLOW = (
 
 def main(folder: Path, cases: list[str]) -> None:
     # The limits hold by themselves, without the process that would take a crash upon itself.
-    _formats.read_apart = lambda file, readers: readers[file.path.suffix](file)
+    IsolatedReader.read = lambda self, file: self.read_here(file)
     write_csv(folder / "warm.csv", COLUMNS)
     load(folder / "warm.csv")
     for number, case in enumerate(cases):

@@ -104,7 +104,8 @@ def test_inspect_and_its_page(case):
         assert (column.least, column.greatest) == (values.min(), values.max())
         assert abs(column.mean - size * np.mean(values / size)) <= near
         assert abs(column.rms - size * np.sqrt(np.mean((values / size) ** 2))) <= near
-    result = run({"recording": {"path": str(path)}, "sensor": {}})
+    by_suffix = {"_target_": "srsinv.recording.formats.BySuffix"}
+    result = run({"recording": {"path": str(path)}, "reader": by_suffix, "sensor": {}})
     assert "Infinity" not in metrics_json(result.metrics)
     for section in result.sections:
         for draw in section.figures.values():

@@ -13,6 +13,7 @@ from srsinv.errors import BadInput, refuse
 
 from .._guard import DataFile, quoted
 from .._table import ColumnTable
+from ..reader import Reader
 
 _DELIMITERS = ",;\t"
 LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
@@ -21,26 +22,29 @@ _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
 _TEXT = 80  # characters stored of a cell that is no number
 
 
-def read_text(file: DataFile) -> ColumnTable:
-    """The columns of a UTF-8 text; blank lines and lines of # before the header are skipped."""
-    table = ColumnTable(quoted(file.path.name))
-    text = io.TextIOWrapper(file, encoding="utf-8-sig")
-    lines = _Lines(table.name, text)
-    header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    delimiter = next((mark for mark in header if mark in _DELIMITERS), ",")
-    names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
-    _check_names(table, names)
-    lines.begin_after(1)
-    columns = {index: _Column() for index, name in enumerate(names) if name}
-    for rows in _blocks(table, lines, delimiter, names):
-        cells = list(zip(*rows, strict=True))
+class Text(Reader):
+    """Text with a header row, cells separated by commas, semicolons or tabs."""
+
+    def read(self, file: DataFile) -> ColumnTable:
+        """The columns of a UTF-8 text; blank lines and lines of # before the header are skipped."""
+        table = ColumnTable(quoted(file.path.name))
+        text = io.TextIOWrapper(file, encoding="utf-8-sig")
+        lines = _Lines(table.name, text)
+        header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+        delimiter = next((mark for mark in header if mark in _DELIMITERS), ",")
+        names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
+        _check_names(table, names)
+        lines.begin_after(1)
+        columns = {index: _Column() for index, name in enumerate(names) if name}
+        for rows in _blocks(table, lines, delimiter, names):
+            cells = list(zip(*rows, strict=True))
+            for index, column in columns.items():
+                column.extend(cells[index])
         for index, column in columns.items():
-            column.extend(cells[index])
-    for index, column in columns.items():
-        table.columns[names[index]] = column.numbers()
-        table.texts[names[index]] = column.text
-    text.detach()  # the file stays open
-    return table
+            table.columns[names[index]] = column.numbers()
+            table.texts[names[index]] = column.text
+        text.detach()  # the file stays open
+        return table
 
 
 class _Lines(Iterator[str]):

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from xarray.conventions import decode_cf_variable
 
+from .._apart import IsolatedReader
 from .._guard import DataFile, quoted
 from .._sidecar import parse
 from .._table import ColumnTable
@@ -20,19 +21,24 @@ _ONLY_A_DIMENSION = b"This is a netCDF dimension but not a netCDF variable"
 _NOT_THE_DIMENSION = "_nc4_non_coord_"
 
 
-def read_netcdf(file: DataFile) -> ColumnTable:
-    """The variables of the root with their `units`, and the sidecar in attribute `sidecar`."""
-    table = ColumnTable(quoted(file.path.name))
-    with open_hdf5(file) as opened:
-        leave_links_out(table, opened)
-        for name, dataset in members(table, opened, h5py.Dataset).items():
-            mark = attribute(table, dataset, "NAME")
-            if not (isinstance(mark, bytes) and mark.startswith(_ONLY_A_DIMENSION)):
-                _take(table, name.replace(_NOT_THE_DIMENSION, ""), dataset)
-        sidecar = _word(attribute(table, opened, "sidecar"))
-        if sidecar is not None:
-            table.sidecar.update(parse(f"{table.name}, attribute sidecar", str(sidecar), "JSON"))
-    return table
+class NetCdf(IsolatedReader):
+    """netCDF-4."""
+
+    def read_here(self, file: DataFile) -> ColumnTable:
+        """The variables of the root with their `units`, and the sidecar in attribute `sidecar`."""
+        table = ColumnTable(quoted(file.path.name))
+        with open_hdf5(file) as opened:
+            leave_links_out(table, opened)
+            for name, dataset in members(table, opened, h5py.Dataset).items():
+                mark = attribute(table, dataset, "NAME")
+                if not (isinstance(mark, bytes) and mark.startswith(_ONLY_A_DIMENSION)):
+                    _take(table, name.replace(_NOT_THE_DIMENSION, ""), dataset)
+            sidecar = _word(attribute(table, opened, "sidecar"))
+            if sidecar is not None:
+                table.sidecar.update(
+                    parse(f"{table.name}, attribute sidecar", str(sidecar), "JSON")
+                )
+        return table
 
 
 def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:

@@ -2,6 +2,7 @@
 
 import h5py
 
+from .._apart import IsolatedReader
 from .._guard import DataFile, quoted
 from .._table import ColumnTable
 from .hdf5 import attribute, leave_links_out, members, open_hdf5, take
@@ -11,9 +12,12 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _FIRST_BLOCK = 512  # bytes; HDF5 begins at 0, at this or at a double of it
 
 
-def read_matlab(file: DataFile) -> ColumnTable:
-    """The vectors of a file; all else (structs, cells, objects, matrices) is no column."""
-    return _read_7_3(file) if _is_hdf5(file) else read_matlab5(file)
+class Matlab(IsolatedReader):
+    """MATLAB 5 and 7.3."""
+
+    def read_here(self, file: DataFile) -> ColumnTable:
+        """The vectors of a file; all else (structs, cells, objects, matrices) is no column."""
+        return _read_7_3(file) if _is_hdf5(file) else read_matlab5(file)
 
 
 def _is_hdf5(file: DataFile) -> bool:

@@ -9,34 +9,38 @@ from jaxtyping import Float
 
 from .._guard import DataFile, quoted
 from .._table import ColumnTable
+from ..reader import Reader
 
 UNIT = "full scale"
 _MOST_READS = 10_000  # of the file's parts, of which there are a handful
 _MOST_PARTS = 1_000
 
 
-def read_wav(file: DataFile) -> ColumnTable:
-    """`channel_0`, `channel_1`, ... as fractions of full scale, with `sample_rate_hz`.
+class Wav(Reader):
+    """WAV, integers as fractions of full scale."""
 
-    The full scale in volts is not in the file: it is the inverse of `gain`.
-    """
-    table = ColumnTable(quoted(file.path.name))
-    channels, samples = _stated(file)
-    table.check_count(channels)
-    table.check_size("channel_0", samples * channels)
-    file.limit(reads=_MOST_READS)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("error", "Reached EOF", scipy.io.wavfile.WavFileWarning)
-        rate_hz, raw = scipy.io.wavfile.read(file)
-    if rate_hz <= 0:
-        raise ValueError("no sample rate")
-    table.sidecar["sample_rate_hz"] = int(rate_hz)
-    scaled = _full_scale(raw if raw.ndim == 2 else raw[:, None])
-    for index, values in enumerate(scaled.T):
-        name = f"channel_{index}"
-        table.take(name, values.shape, values.dtype, values.copy, UNIT)
-        table.signals.append(name)
-    return table
+    def read(self, file: DataFile) -> ColumnTable:
+        """`channel_0`, `channel_1`, ... as fractions of full scale, with `sample_rate_hz`.
+
+        The full scale in volts is not in the file: it is the inverse of `gain`.
+        """
+        table = ColumnTable(quoted(file.path.name))
+        channels, samples = _stated(file)
+        table.check_count(channels)
+        table.check_size("channel_0", samples * channels)
+        file.limit(reads=_MOST_READS)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "Reached EOF", scipy.io.wavfile.WavFileWarning)
+            rate_hz, raw = scipy.io.wavfile.read(file)
+        if rate_hz <= 0:
+            raise ValueError("no sample rate")
+        table.sidecar["sample_rate_hz"] = int(rate_hz)
+        scaled = _full_scale(raw if raw.ndim == 2 else raw[:, None])
+        for index, values in enumerate(scaled.T):
+            name = f"channel_{index}"
+            table.take(name, values.shape, values.dtype, values.copy, UNIT)
+            table.signals.append(name)
+        return table
 
 
 def _stated(file: DataFile) -> tuple[int, int]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from .._guard import MOST_COLUMNS, DataFile, quoted
 from .._table import ColumnTable
+from ..reader import Reader
 
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -17,15 +18,18 @@ _LARGEST_DIRECTORY = 4096 * MOST_COLUMNS  # bytes; an entry is its name and some
 _WRITTEN_BY_NUMPY = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
-def read_npz(file: DataFile) -> ColumnTable:
-    """The arrays of an archive. Headers are read first: one can state any size, or objects."""
-    table = ColumnTable(quoted(file.path.name))
-    file.limit(most_bytes=_LARGEST_DIRECTORY)
-    with zipfile.ZipFile(file) as archive:
-        table.check_count(len(archive.infolist()))
-        for info in archive.infolist():
-            _take(table, archive, info)
-    return table
+class Npz(Reader):
+    """NumPy archives."""
+
+    def read(self, file: DataFile) -> ColumnTable:
+        """The arrays of an archive. Headers are read first: one can state any size, or objects."""
+        table = ColumnTable(quoted(file.path.name))
+        file.limit(most_bytes=_LARGEST_DIRECTORY)
+        with zipfile.ZipFile(file) as archive:
+            table.check_count(len(archive.infolist()))
+            for info in archive.infolist():
+                _take(table, archive, info)
+        return table
 
 
 def _take(table: ColumnTable, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> None:

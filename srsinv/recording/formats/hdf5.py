@@ -15,6 +15,7 @@ from h5py import h5pl, h5z  # pyright: ignore[reportAttributeAccessIssue]
 
 from srsinv.errors import BadInput, refuse
 
+from .._apart import IsolatedReader
 from .._guard import DataFile, is_broken, quoted
 from .._table import ColumnTable, listing
 
@@ -31,15 +32,18 @@ _PIECE = 2**20  # bytes that are unpacked at once
 _MOST_MEMBERS = 10_000  # of all groups that are read
 
 
-def read_hdf5(file: DataFile) -> ColumnTable:
-    """The datasets of the root or of the one group that has any, with their `units`."""
-    table = ColumnTable(quoted(file.path.name))
-    with open_hdf5(file) as opened:
-        group = _group_of_columns(table, opened)
-        leave_links_out(table, group)
-        for name, dataset in members(table, group, h5py.Dataset).items():
-            take(table, name, dataset, dataset.shape)
-    return table
+class Hdf5(IsolatedReader):
+    """HDF5, at the root or in the one group that has datasets."""
+
+    def read_here(self, file: DataFile) -> ColumnTable:
+        """The datasets of the root or of the one group that has any, with their `units`."""
+        table = ColumnTable(quoted(file.path.name))
+        with open_hdf5(file) as opened:
+            group = _group_of_columns(table, opened)
+            leave_links_out(table, group)
+            for name, dataset in members(table, group, h5py.Dataset).items():
+                take(table, name, dataset, dataset.shape)
+        return table
 
 
 @contextmanager

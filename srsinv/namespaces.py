@@ -1,0 +1,129 @@
+"""Namespaces in which the configuration may name classes: `srsinv`, the `experiments` of a clone
+and the `plugins` of a user's folder.
+
+Modules are looked up below these packages only, and loaded when they are named.
+"""
+
+import hashlib
+import importlib
+import importlib.util
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from .aliases import CLASSES, current_name
+from .errors import BadInput
+
+
+def import_experiments(root: Path) -> None:
+    """Make the folder `experiments` beside the configuration folder importable under that name,
+    and nothing else beside it."""
+    _open_namespace("experiments", root.resolve().parent / "experiments")
+
+
+def open_plugins(config_dir: str | None) -> None:
+    """Let targets name classes of `config_dir`/plugins/*.py as plugins.FILE.Class.
+
+    A file is run when a configuration names it, as the module plugins.FILE: nothing of the folder
+    is importable under another name, so that none can take the place of a library.
+    """
+    _open_namespace("plugins", Path(config_dir or os.devnull).resolve() / "plugins")
+
+
+def plugin_files(settings: Any) -> dict[str, str]:
+    """SHA-256, by its file's name, of every plugin that a configuration names, or that one of these
+    imports."""
+    loaded = {
+        name: module
+        for name, module in sys.modules.items()
+        if name.startswith("plugins.") and getattr(module, "__file__", None)
+    }
+    modules: set[str] = set()
+    waiting = list(_texts(settings))
+    while waiting:
+        word = waiting.pop()
+        for name in {n for n in loaded if f"{word}.".startswith(f"{n}.")} - modules:
+            modules.add(name)
+            waiting += map(_origin, vars(loaded[name]).values())
+    paths = [Path(str(loaded[name].__file__)) for name in sorted(modules)]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def _texts(node: Any) -> Iterator[str]:
+    """Every text in a configuration."""
+    if isinstance(node, str):
+        yield node
+    elif isinstance(node, Mapping | list):
+        for each in node.values() if isinstance(node, Mapping) else node:
+            yield from _texts(each)
+
+
+def _origin(value: Any) -> str:
+    """The module that a value is, or where it was defined."""
+    name = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
+    return str(name)
+
+
+def _open_namespace(name: str, folder: Path) -> None:
+    """Make a folder importable under `name`, in place of another one that was before."""
+    loaded = sys.modules.get(name)
+    if loaded is not None and str(folder) in list(loaded.__path__):
+        return
+    for each in [each for each in sys.modules if each.partition(".")[0] == name]:
+        del sys.modules[each]
+    if folder.is_dir():
+        package = ModuleType(name, f"The {name} of a clone or a user.")
+        package.__path__ = [str(folder)]
+        package.__spec__ = importlib.util.spec_from_loader(name, None, is_package=True)
+        sys.modules[name] = package
+
+
+def definition(target: Any) -> Any:
+    """What is defined as `target` in a module of `srsinv`, of the experiments or of the plugins,
+    else None.
+
+    Modules are looked up below these packages only, and what a module has merely imported does not
+    count: the name has to be the one under which the thing was defined. Raises `BadInput` for a
+    plugin that cannot be run.
+    """
+    if not isinstance(target, str) or not target.isascii():
+        return None
+    target = current_name(target, CLASSES)
+    parts = target.split(".")
+    if not all(part.isidentifier() for part in parts) or parts[0] not in _namespaces():
+        return None
+    definition: Any = sys.modules[parts[0]]
+    for index, part in enumerate(parts[1:], 2):
+        path = ".".join(parts[:index])
+        if isinstance(definition, ModuleType) and _is_module(definition, path):
+            definition = _imported(path)
+        elif isinstance(definition, ModuleType | type):
+            definition = vars(definition).get(part)
+        else:
+            return None
+    own = (getattr(definition, "__module__", None), getattr(definition, "__qualname__", None))
+    return definition if ".".join(map(str, own)) == target else None
+
+
+def _imported(path: str) -> ModuleType:
+    if not path.startswith("plugins."):
+        return importlib.import_module(path)
+    try:
+        return importlib.import_module(path)
+    except Exception as error:  # a user's own code may raise anything
+        raise BadInput(
+            f"{path.replace('.', '/')}.py cannot be run: {type(error).__name__}: {error}. Mend it, "
+            "or leave out what names it."
+        ) from error
+
+
+def _namespaces() -> tuple[str, ...]:
+    optional = ("experiments", "plugins")
+    return ("srsinv", *(name for name in optional if name in sys.modules))
+
+
+def _is_module(package: ModuleType, path: str) -> bool:
+    return hasattr(package, "__path__") and importlib.util.find_spec(path) is not None

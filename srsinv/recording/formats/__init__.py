@@ -1,0 +1,67 @@
+"""Files of named columns, one format a file, all as one `ColumnTable`.
+
+Nothing in a file is ever executed: no pickle, no object arrays, no MATLAB objects, no filter that
+is loaded. Links to other files are not followed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from numpy.typing import ArrayLike
+
+from srsinv.errors import BadInput, refuse
+
+from .._guard import DataFile, quoted
+from .._table import ColumnTable
+from ..reader import Reader
+from .hdf5 import Hdf5
+from .matlab import Matlab
+from .netcdf import NetCdf
+from .npz import Npz
+from .tdms import Tdms
+from .text import Text
+from .wav import Wav
+
+# The format that the suffix of a file's name, in small letters, stands for.
+SUFFIXES: Mapping[str, Reader] = {
+    ".csv": Text(),
+    ".txt": Text(),
+    ".tsv": Text(),
+    ".npz": Npz(),
+    ".h5": Hdf5(),
+    ".hdf5": Hdf5(),
+    ".nc": NetCdf(),
+    ".mat": Matlab(),
+    ".wav": Wav(),
+    ".tdms": Tdms(),
+}
+
+
+@dataclass(frozen=True)
+class BySuffix(Reader):
+    """The package's own formats, chosen by the suffix of the file's name."""
+
+    def check_path(self, path: Path) -> None:
+        refuse(
+            path.suffix.lower() not in SUFFIXES,
+            f"{quoted(path.name)}: a recording cannot be read from suffix {path.suffix!r}: use one "
+            f"of {', '.join(SUFFIXES)}.",
+        )
+
+    def read(self, file: DataFile) -> Mapping[str, ArrayLike] | ColumnTable:
+        suffix = file.path.suffix.lower()
+        try:
+            return SUFFIXES[suffix].read(file)
+        except (BadInput, MemoryError):
+            raise
+        # On damaged bytes a library's parser raises arbitrary exceptions.
+        except Exception as error:
+            raise BadInput(
+                f"{quoted(file.path.name)}: the file cannot be read as {suffix}, being cut short "
+                "or of another format: write it again, or give it the suffix of what it holds "
+                f"({', '.join(SUFFIXES)})."
+            ) from error
+
+
+BY_SUFFIX = BySuffix()
