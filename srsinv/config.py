@@ -17,7 +17,7 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
@@ -288,6 +288,21 @@ def check_early(cfg: Config) -> None:
         from .recording import check_settings
 
         check_settings(recording)
+
+
+def select_effects(cfg: Config, names: Collection[str]) -> Config:
+    """The configuration with these of its effects."""
+    named = mapping("effects", cfg.get("effects") or {})
+    return {**cfg, "effects": {name: node for name, node in named.items() if name in names}}
+
+
+def merged(cfg: Config, changes: Config) -> dict[str, Any]:
+    """`cfg` with `changes` in depth; what names a class of its own replaces what was there."""
+    whole = dict(cfg)
+    for key, value in changes.items():
+        old, inside = whole.get(key), isinstance(value, Mapping) and _TARGET not in value
+        whole[key] = merged(old, value) if inside and isinstance(old, Mapping) else value
+    return whole
 
 
 def seed(cfg: Config) -> int:

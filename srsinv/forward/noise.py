@@ -125,6 +125,16 @@ def exponential_spectrum(k, cell_m, correlation_m) -> Float[Array, " k"]:
     return (1 + correlation) / (one_less + swing / one_less)
 
 
+def split_gaussian(
+    noises: tuple[Noise, ...],
+) -> tuple[tuple[Noise, ...], tuple[NonGaussianNoise, ...]]:
+    """The Gaussian causes, and those that bring their own draw."""
+    gaussian, others = [], []
+    for noise in noises:
+        (others if isinstance(noise, NonGaussianNoise) else gaussian).append(noise)
+    return tuple(gaussian), tuple(others)
+
+
 def total_spectrum(
     noises: tuple[Noise, ...], line: Line, scan: ConstantSpeed, signal_rms
 ) -> Float[Array, " k"]:
@@ -149,10 +159,10 @@ def with_noise(
     """The signal with noise, the noise's power at line.k, and the signal's rms, which some causes
     scale with."""
     rms = jnp.sqrt(jnp.mean(signal**2))
-    gaussian = tuple(noise for noise in noises if not isinstance(noise, NonGaussianNoise))
+    gaussian, others = split_gaussian(noises)
     spectrum = total_spectrum(gaussian, line, scan, rms)
     noisy = signal + draw(key, spectrum, *signal.shape)
-    for at, noise in enumerate(noise for noise in noises if isinstance(noise, NonGaussianNoise)):
+    for at, noise in enumerate(others):
         noisy = noisy + noise.draw(jax.random.fold_in(key, at), line, scan, rms)
         spectrum = spectrum + noise.spectrum(line, scan, rms)
     return noisy, spectrum, rms

@@ -12,6 +12,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root
+from srsinv.config import select_effects
 from srsinv.effects import NAMES, Effect, reference, screen
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film, StripAverage
@@ -20,7 +21,7 @@ from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scenario import Scenario
 from srsinv.forward.sensor import Sensor
 from srsinv.jobs import build
-from srsinv.jobs.change import Trace, difference, pair, select_effects, trace
+from srsinv.jobs.change import Trace, difference, pair, trace
 from srsinv.jobs.simulation import Simulation, screen_effects, simulation
 
 SMALL = ("grid.cells=128", "grid.refinement=2", "noise=[]")
