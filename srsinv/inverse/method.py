@@ -1,9 +1,13 @@
 """The contract of every inversion: a problem to an estimate."""
 
 import abc
+from collections.abc import Callable
 
 import equinox as eqx
+from jaxtyping import Array, Float
 
+from ..errors import BadInput
+from .prior import Prior
 from .problem import Estimate, Problem
 
 
@@ -13,3 +17,19 @@ class Method(eqx.Module):
     @abc.abstractmethod
     def __call__(self, problem: Problem) -> Estimate:
         """The estimate of p and q [Pa] on the problem's line, with its standard error."""
+
+    def spectra(self, problem: Problem) -> Float[Array, "c k"] | None:
+        """The power spectra of p and q [Pa^2] that it is given; None where it is given none."""
+        del problem
+        return None
+
+    def prior_fixed_on(self, problem: Problem) -> Callable[[Problem], Prior]:
+        """Its Gaussian prior for any problem; what a rule chooses is chosen once, on `problem`.
+
+        Raises `BadInput` for a method without such a prior.
+        """
+        del problem
+        raise BadInput(
+            f"{type(self).__name__} has no Gaussian prior to solve for in other ways: give "
+            "method=[wiener,tikhonov] or one of them."
+        )

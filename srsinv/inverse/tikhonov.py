@@ -1,5 +1,6 @@
 """Tikhonov's method: a penalty on the traction or its derivatives, its weight chosen by a rule."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -31,13 +32,17 @@ class DerivativePenalty(Prior):
         return jnp.sqrt(self.weights)[:, None] * symbol**self.order
 
     def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+        order, weights = self.differences(line)
+
         def penalised(r):
-            return line.differences(r, self.order)
+            return line.differences(r, order)
 
         transpose = jax.linear_transpose(penalised, r)
         (penalty,) = transpose(penalised(r))
-        scale = self.weights * (self.length_m / line.cell_m) ** (2 * self.order)
-        return scale[:, None] * penalty
+        return weights[:, None] * penalty
+
+    def differences(self, line: Line) -> tuple[int, Float[Array, " c"]]:
+        return self.order, self.weights * (self.length_m / line.cell_m) ** (2 * self.order)
 
 
 class Penalties(Family):
@@ -119,6 +124,11 @@ class Tikhonov(Method):
         }
         estimate = solve(problem, prior, self.path, self.tolerance).with_stats(stats)
         return estimate.with_warnings(undetermined_weights(choice.status))
+
+    def prior_fixed_on(self, problem: Problem) -> Callable[[Problem], Prior]:
+        given = (self.weight_p, self.weight_q)[: problem.unknowns]
+        prior = self._family(self._choose(problem, given).log_weights)
+        return lambda _: prior
 
     def _choose(self, problem: Problem, given) -> Choice:
         box = self._box(problem, given)

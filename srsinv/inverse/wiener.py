@@ -1,6 +1,7 @@
 """The Wiener filter, the paper's (15): noise and traction spectra given."""
 
 import abc
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -132,7 +133,7 @@ class Wiener(Method):
 
     def __call__(self, problem: Problem) -> Estimate:
         """Posterior mean and standard error of p and q."""
-        power = _powers(problem, (self.p, self.q)[: problem.unknowns])
+        power = self.spectra(problem)
         stats: dict = {"method": "wiener", "scale": self.scale}
         status = Status.GIVEN
         if self.scale == "evidence":
@@ -145,6 +146,13 @@ class Wiener(Method):
         }
         estimate = solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
         return estimate.with_warnings(undetermined_weights(status))
+
+    def spectra(self, problem: Problem) -> Float[Array, "c k"]:
+        return _powers(problem, (self.p, self.q)[: problem.unknowns])
+
+    def prior_fixed_on(self, problem: Problem) -> Callable[[Problem], Prior]:
+        del problem  # nothing is chosen: the spectra as they are given
+        return lambda each: SpectralPrior(self.spectra(each))
 
 
 def _spectrum(name: str, given: Any) -> TractionSpectrum:
