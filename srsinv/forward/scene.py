@@ -32,6 +32,11 @@ class Scene(eqx.Module):
     def pressure(self, line: Line) -> Float[Array, " n"]:
         """Cell averages of p [Pa]."""
 
+    @property
+    def as_surface(self) -> "SurfaceScene | None":
+        """The scene where it is one of a surface in contact with the skin, else None."""
+        return None
+
     def warnings(self, line: Line) -> tuple[str, ...]:
         """Warnings about the traction on `line`."""
         del line
@@ -159,6 +164,10 @@ class SurfaceScene(Scene):
             "be free: leave it at null, or give a longer grid.length_m.",
         )
         return windows
+
+    @property
+    def as_surface(self) -> "SurfaceScene":
+        return self
 
     @property
     def _goes_on(self) -> bool:
