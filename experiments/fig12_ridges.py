@@ -1,5 +1,7 @@
 """The paper's Fig. 12: ridges 6.5 um high, their signal and noise, and detection by averaging."""
 
+import dataclasses
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -8,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
-from srsinv.errors import number, refuse, whole
+from srsinv.errors import BadInput, number, refuse, whole
 from srsinv.forward.film import Film
-from srsinv.forward.noise import with_noise
+from srsinv.forward.noise import Noise, with_noise
 from srsinv.forward.operator import PositionInterpolation
 from srsinv.forward.scan import ConstantSpeed
-from srsinv.forward.scene import SurfaceScene
+from srsinv.forward.scene import Scene, SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Ridges
 from srsinv.grid import Line, Periodic
@@ -21,6 +23,7 @@ from srsinv.inverse import detection, spectral_lines
 from srsinv.jobs import build
 from srsinv.report.figures import ridges as figures
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 PAPER_M = {"6.5 um": 6.5e-6, "0.65 um": 0.65e-6}  # measured; and expected to be measurable
 SAMPLES_PER_RIDGE = 20  # samples of a ridge; their means hold all but 0.4 % of its wave
@@ -97,35 +100,40 @@ def run(cfg: build.Config) -> Outcome:
     settings = cfg["fig12_ridges"]
     needed = detection.needed_wave(settings["false_alarm"], settings["detection"])
     with build.precision(cfg):
-        setup = _setup(cfg)
-        simulated = _simulated(cfg, setup)
+        setup = _setup(build.line(cfg), build.scene(cfg), build.sensor(cfg), build.scan(cfg))
+        blind = partial(dataclasses.replace, width_m=settings["blind_strip_width_m"])
+        wide = build.with_effects(cfg, build.ideal(cfg).with_films(blind)).sensor.elements[0]
+        simulated = _simulated(settings, setup, wide, build.noises(cfg), build.random_key(cfg))
     limits = _limits(settings, setup, simulated, needed)
     metrics = _metrics(settings, setup, simulated, limits)
     dataset = _dataset(settings, setup, simulated, limits)
     height = 1e6 * float(setup.ridges.height_m)
+    rest = (
+        f"noise {', '.join(cfg['noise'])}, nothing of the amplifier's own; seed {cfg['seed']}. "
+        f"Effects on: {listed(cfg['effects'])}."
+    )
     return Outcome(
         f"Ridges {height:.3g} µm high on a pitch of {1e3 * setup.pitch_m:.3g} mm",
         metrics,
         dataset,
-        _sections(dataset, metrics, cfg, setup),
+        _sections(dataset, metrics, settings, setup, rest),
         _summary(metrics, settings),
     )
 
 
-def _simulated(cfg: build.Config, setup: RidgeScan) -> Simulated:
-    settings = cfg["fig12_ridges"]
-    samples, noises = _samples(settings, setup), build.noises(cfg)
+def _simulated(settings, setup: RidgeScan, wide: Film, noises: tuple[Noise, ...], key) -> Simulated:
+    samples = _samples(settings, setup)
     heights, pressures = _heights(settings), _pressures(settings)
     nominal, height = setup.scene.nominal_pressure_Pa, setup.ridges.height_m
     load_closed = _closed_form_load(setup)
     loads = load_closed * np.asarray(CONTACT_LOADS)
-    waves = _solve_pitch_waves(setup, _wide(cfg), [
+    waves = _solve_pitch_waves(setup, wide, [
         *((each, nominal) for each in heights),
         *((height, each) for each in pressures),
         *((height, each / setup.pitch_m) for each in loads),
         (height, nominal),
     ])  # fmt: skip
-    signal, spectrum, data = _signals(setup, samples, noises, waves, build.random_key(cfg))
+    signal, spectrum, data = _signals(setup, samples, noises, waves, key)
     by_height, by_pressure = np.split(waves.size[: -1 - loads.size, 0], [heights.size])
     amplitude, blind = waves.size[-1]
     return Simulated(
@@ -231,26 +239,22 @@ def _dataset(settings, setup: RidgeScan, simulated: Simulated, limits: Limits) -
     )
 
 
-def _setup(cfg: build.Config) -> RidgeScan:
-    line, sensor = build.line(cfg), build.sensor(cfg)
-    scene: Any = build.scene(cfg)
-    shapes: Any = scene.surface.shapes if isinstance(scene, SurfaceScene) else ()
-    refuse(
-        len(shapes) != 1 or not isinstance(shapes[0], Ridges),
-        "The scene is not one set of ridges: use scene=ridges.",
-    )
+def _setup(line: Line, scene: Scene, sensor: Sensor, scan: ConstantSpeed) -> RidgeScan:
+    surface = scene.as_surface
+    ridges = surface and surface.surface.only(Ridges)
+    if surface is None or ridges is None:
+        raise BadInput("The scene is not one set of ridges: use scene=ridges.")
     elements = len(sensor.elements)
     refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
-    pitches = line.n * float(line.cell_m) / float(shapes[0].pitch_m)
+    pitches = line.n * float(line.cell_m) / float(ridges.pitch_m)
     refuse(
         not isinstance(line, Periodic) or abs(pitches - round(pitches)) > 1e-6 or pitches < 0.5,
         f"The window holds {pitches:.4g} pitches: give grid.line=periodic and as grid.length_m a "
         "whole number of pitches.",
     )
-    scan = build.scan(cfg)
     speed = float(scan.speed_m_per_s)
     refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
-    return RidgeScan(line, scene, shapes[0], sensor, scan)
+    return RidgeScan(line, surface, ridges, sensor, scan)
 
 
 def _heights(settings) -> np.ndarray:
@@ -320,15 +324,6 @@ def _changed(scene: SurfaceScene, height, pressure) -> SurfaceScene:
     return eqx.tree_at(
         lambda s: (s.surface.shapes[0].height_m, s.nominal_pressure_Pa), scene, (height, pressure)
     )
-
-
-def _wide(cfg: build.Config) -> Film:
-    """The element with the wide strip."""
-    width: Any = cfg["fig12_ridges"]["blind_strip_width_m"]
-    (element,) = cfg["sensor"]["elements"].values()
-    wide = dict(element) | {"strip_width_m": width}
-    sensor = dict(cfg["sensor"]) | {"elements": {"wide": wide}}
-    return build.sensor(dict(cfg) | {"sensor": sensor}).elements[0]
 
 
 def _closed_form_load(setup: RidgeScan) -> float:
@@ -405,8 +400,7 @@ def _summary(m, settings) -> Table:
     )
 
 
-def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: RidgeScan) -> tuple[Section, ...]:
-    settings = cfg["fig12_ridges"]
+def _sections(ds: xarray.Dataset, m, settings, setup: RidgeScan, rest: str) -> tuple[Section, ...]:
     micro = {name: 1e6 * m[f"{name}_V"] for name in
              ("amplitude", "noise_rms", "noise_rms_in_band", "amplitude_blind_strip",
               "amplitude_most")}  # fmt: skip
@@ -478,7 +472,6 @@ def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: RidgeScan) -> tup
              f"{setup.sensor.elements[0].strips} laminated strips "
              f"{1e3 * float(setup.sensor.elements[0].width_m):.3g} mm wide; "
              f"{float(setup.scan.speed_m_per_s):g} m/s; {settings['sample_rate_hz']:g} samples per "
-             f"second, noise {', '.join(cfg['noise'])}, nothing of the amplifier's own; seed "
-             f"{cfg['seed']}. Effects on: {', '.join(cfg['effects']) or 'none'}.",),
+             f"second, {rest}",),
         ),
     )  # fmt: skip
