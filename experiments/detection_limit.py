@@ -1,5 +1,7 @@
 """Detection limit of a ridge and resolution limit of a pair, over depth, noise and speed."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -30,6 +32,46 @@ AXES = {
 LIMITS = ("least_height", "narrowest_pair", "resolved_wavelength")
 
 
+@dataclass(frozen=True)
+class LimitSettings:
+    """`detection_limit` of the configuration.
+
+    The limits' probabilities, the precision of a distance over its standard error, samples per
+    second, and what is tried: `axes` (by name) of depth [m], noise [V] and speed [m/s], heights of
+    single ridges [m], and distances of pairs [m], before they are whole cells.
+    """
+
+    sample_rate_hz: float
+    false_alarm: float
+    detection: float
+    relative_precision: float
+    axes: dict[str, np.ndarray]
+    heights_m: np.ndarray
+    distances_m: np.ndarray
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any]) -> "LimitSettings":
+        """Those given; raises `BadInput` for ranges that do not increase and numbers out of
+        range."""
+        wanted = "a positive number in Hz"
+        return cls(
+            axes={name: _range(given, key, "points") for name, (key, _) in AXES.items()},
+            heights_m=_range(given, "height_range_m", "heights"),
+            distances_m=_range(given, "distance_range_m", "distances"),
+            sample_rate_hz=number(
+                "detection_limit.sample_rate_hz", given["sample_rate_hz"], wanted, above=0
+            ),
+            false_alarm=given["false_alarm"],
+            detection=given["detection"],
+            relative_precision=given["relative_precision"],
+        )
+
+    @property
+    def strength(self) -> float:
+        """The d' that a ridge needs; raises `BadInput` for probabilities that are none."""
+        return detection.needed_known(self.false_alarm, self.detection)
+
+
 class RidgeSetup(NamedTuple):
     """A sensor that slides over one ridge, on a periodic line."""
 
@@ -56,15 +98,12 @@ def run(cfg: build.Config) -> Outcome:
     Raises `BadInput` for another scene than one ridge, noise that is not white, and ranges that do
     not increase.
     """
-    settings = cfg["detection_limit"]
-    axes = {name: _range(settings, key, "points") for name, (key, _) in AXES.items()}
-    heights = _range(settings, "height_range_m", "heights")
-    rate = number("detection_limit.sample_rate_hz", settings["sample_rate_hz"],
-                  "a positive number in Hz", above=0)  # fmt: skip
-    needed = detection.needed_known(settings["false_alarm"], settings["detection"])
+    settings = LimitSettings.checked(cfg["detection_limit"])
+    axes, heights, rate = settings.axes, settings.heights_m, settings.sample_rate_hz
+    needed = settings.strength
     with build.precision(cfg):
         setup = _setup(build.line(cfg), build.scene(cfg), build.sensor(cfg), build.scan(cfg))
-        distances = _distances(settings, setup)
+        distances = _distances(settings.distances_m, setup)
         tractions = _solve_contacts(setup, heights, distances)
         depth, speed = float(setup.sensor.depth_m), float(setup.scan.speed_m_per_s)
         noise = _white(build.noises(cfg), setup, tractions, rate)
@@ -76,7 +115,7 @@ def run(cfg: build.Config) -> Outcome:
             strength, pair_strength, stderr = (np.asarray(v) for v in detectability(z, u))
             return (
                 _crossing(heights, needed * sigma / strength),
-                _crossing(distances, settings["relative_precision"] * sigma * stderr / distances),
+                _crossing(distances, settings.relative_precision * sigma * stderr / distances),
                 _resolved_wavelength(z, pair_strength[-1] / sigma),
             )
 
@@ -143,17 +182,16 @@ def _ends_table(axes, curves) -> Table:
     )  # fmt: skip
 
 
-def _range(settings, key: str, count: str) -> np.ndarray:
-    name = f"detection_limit.{key}"
-    given = settings[key]
+def _range(given: Mapping[str, Any], key: str, count: str) -> np.ndarray:
+    name, ends = f"detection_limit.{key}", given[key]
     refuse(
-        not isinstance(given, list) or len(given) != 2,
-        f"{name} is {given}: give [least, greatest].",
+        not isinstance(ends, list) or len(ends) != 2,
+        f"{name} is {ends}: give [least, greatest].",
     )
-    low = number(name, given[0], "[least, greatest], both positive", above=0)
-    high = number(name, given[1], "[least, greatest], the second the larger", above=low)
+    low = number(name, ends[0], "[least, greatest], both positive", above=0)
+    high = number(name, ends[1], "[least, greatest], the second the larger", above=low)
     name, wanted = f"detection_limit.{count}", "a whole number from 3"
-    return np.geomspace(low, high, whole(name, settings[count], wanted, least=3))
+    return np.geomspace(low, high, whole(name, given[count], wanted, least=3))
 
 
 def _setup(line: Line, scene: Scene, sensor: Sensor, scan: ConstantSpeed) -> RidgeSetup:
@@ -167,15 +205,15 @@ def _setup(line: Line, scene: Scene, sensor: Sensor, scan: ConstantSpeed) -> Rid
     return RidgeSetup(line, surface, ridge, sensor, scan)
 
 
-def _distances(settings, setup: RidgeSetup) -> np.ndarray:
-    """Distances of whole pairs of cells, about evenly spaced in their logarithms."""
+def _distances(wanted: np.ndarray, setup: RidgeSetup) -> np.ndarray:
+    """The wanted distances in whole pairs of cells."""
     line, step = setup.line, 2 * float(setup.line.cell_m)
-    wanted = _range(settings, "distance_range_m", "distances")
     distances = step * np.unique(np.round(wanted / step))
     width, window = float(setup.ridge.width_m), line.n * float(line.cell_m)
+    ends = [float(wanted[0]), float(wanted[-1])]
     refuse(
         not width + step < distances[0] < distances[-1] < window / 2,
-        f"detection_limit.distance_range_m is {settings['distance_range_m']}: give distances above "
+        f"detection_limit.distance_range_m is {ends}: give distances above "
         f"the ridge's width {width:g} m by more than two cells ({step:g} m), and below half the "
         f"window's {window:g} m.",
     )
@@ -299,14 +337,16 @@ def _exponent(at, values, floor: float) -> float:
     return float(np.polyfit(np.log(at[good]), np.log(values[good]), 1)[0])
 
 
-def _sections(ds, m, settings, setup: RidgeSetup, base, effects: str) -> tuple[Section, ...]:
+def _sections(
+    ds, m, settings: LimitSettings, setup: RidgeSetup, base, effects: str
+) -> tuple[Section, ...]:
     ridge, scene = setup.ridge, setup.scene
     law = {key.removesuffix("_exponent"): f"{m[key]:.2f}" for key in m if "_exponent" in key}
     return (
         Section(
             "The least ridge that is found",
-            (f"Found by a filter matched to its signal with probability {settings['detection']:g}, "
-             f"at a false-alarm rate of {settings['false_alarm']:g}: d' = "
+            (f"Found by a filter matched to its signal with probability {settings.detection:g}, "
+             f"at a false-alarm rate of {settings.false_alarm:g}: d' = "
              f"{m['strength_needed']:.3g}. {1e6 * float(ridge.width_m):.3g} µm wide, it has to be "
              f"{1e6 * m['least_height_m']:.3g} µm high.",
              f"Over the ranges drawn it goes as depth^{law['least_height_against_depth']}, "
@@ -322,7 +362,7 @@ def _sections(ds, m, settings, setup: RidgeSetup, base, effects: str) -> tuple[S
             "The narrowest pair",
             (f"Two ridges {1e6 * float(ridge.height_m):.3g} µm high are told apart where the "
              "distance of their middles is known to one part in "
-             f"{settings['relative_precision']:g}: its Cramer-Rao standard error, with their "
+             f"{settings.relative_precision:g}: its Cramer-Rao standard error, with their "
              "height and place unknown as well (width, friction and pressure known). Here "
              f"{1e3 * m['narrowest_pair_m']:.3g} mm; it goes as "
              f"depth^{law['narrowest_pair_against_depth']}, "
@@ -344,7 +384,7 @@ def _sections(ds, m, settings, setup: RidgeSetup, base, effects: str) -> tuple[S
              f"{float(scene.nominal_pressure_Pa):g} Pa over the window, "
              f"q = {float(scene.surface.base_friction):g} p.",
              f"{len(setup.sensor.elements)} film elements {1e3 * base['depth']:.3g} mm deep, "
-             f"{base['speed']:g} m/s, {settings['sample_rate_hz']:g} samples per second, white "
+             f"{base['speed']:g} m/s, {settings.sample_rate_hz:g} samples per second, white "
              f"noise of {1e6 * base['noise']:.3g} µV rms in each. Place of the single ridge known. "
              f"Effects on: {effects}.",),
         ),
