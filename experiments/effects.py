@@ -46,16 +46,8 @@ def run(cfg: build.Config) -> Outcome:
                 sim, taken = cost(alone, key)
                 with_effect, ideal = pair(sim, none, key)
                 change = difference(with_effect, ideal)
-                rows.append(
-                    EffectRow(
-                        name,
-                        with_effect,
-                        ideal,
-                        change,
-                        effect.relative_change_bound(spectra),
-                        taken,
-                    )
-                )
+                bound = effect.relative_change_bound(spectra)
+                rows.append(EffectRow(name, with_effect, ideal, change, bound, taken))
     settings = {
         f"{name}.{key}": str(value)
         for name, node in nodes.items()

@@ -71,9 +71,9 @@ def run(cfg: build.Config) -> Outcome:
                         auto = cost(partial(simulation, asked), key)[1]
                         done[on] = difference(reduced, whole), auto, alone
                     bounds[name] = screening.relative_change_bounds
-                    bound = screening.bound
                     error, auto, alone = done[on]
-                    rows.append(Decided(name, tolerance, on, bound, error, all_on, auto, alone))
+                    costs = all_on, auto, alone
+                    rows.append(Decided(name, tolerance, on, screening.bound, error, *costs))
     table = _table(rows)
     return Outcome(
         f"{len(scenes)} scenes decide on their effects",

@@ -153,6 +153,13 @@ def _task(settings: FitSettings, sensor: Sensor, scan: ConstantSpeed, seed: int)
         "strip.position_m": (-SCAN_M / 2, SCAN_M / 2),
         "strip.width_m": (0.1 * depth, SCAN_M),
     }
+    minima = _exact(model, ys, noise_rms, bounds)
+    return FitTask(model, NumpyStrip(model), bounds, ys, noise_rms, truth, *minima)
+
+
+def _exact(model: FeatureModel, ys, noise_rms: float, bounds) -> tuple[np.ndarray, np.ndarray]:
+    """Each signal's exact minimum (signal, 4), and the inverse of a Cholesky factor of its
+    covariance (signal, 4, 4)."""
     fits = fit_many(
         model,
         _tree(np.array([0.0, *TRUE.values()])),
@@ -165,17 +172,8 @@ def _task(settings: FitSettings, sensor: Sensor, scan: ConstantSpeed, seed: int)
         max_searches=2,
     )
     order = [fits[0].names.index(f"strip.{name}") for name in ("position_m", *TRUE)]
-    covariance = [f.covariance[np.ix_(order, order)] for f in fits]
-    return FitTask(
-        model,
-        NumpyStrip(model),
-        bounds,
-        ys,
-        noise_rms,
-        truth,
-        np.array([_row(f.value) for f in fits]),
-        np.linalg.inv(np.linalg.cholesky(np.array(covariance))),
-    )
+    covariance = np.array([f.covariance[np.ix_(order, order)] for f in fits])
+    return np.array([_row(f.value) for f in fits]), np.linalg.inv(np.linalg.cholesky(covariance))
 
 
 def _tree(z) -> dict[str, dict[str, Any]]:
