@@ -1,5 +1,7 @@
 """Direction of a ridge from one circle over it, and the angle's effect on a straight scan."""
 
+from collections.abc import Collection
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +19,7 @@ from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.figures import curves
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 
 def run(cfg: build.Config) -> Outcome:
@@ -84,7 +87,7 @@ def run(cfg: build.Config) -> Outcome:
         f"The direction of a ridge from one circle at {snr:g} dB",
         {key: float(value) for key, value in metrics.items()},
         dataset,
-        _sections(dataset, cfg),
+        _sections(dataset, float(circle.radius_m), settings["shown_deg"], listed(cfg["effects"])),
         Table(
             ("true [deg]", "found [deg]", "std. error [deg]", "error [deg]", "rms signal [µV]"),
             tuple(rows),
@@ -109,13 +112,14 @@ def _gain(sensor: Sensor, scan, ridge, angle_deg: float) -> np.ndarray:
     return rms[0] / rms[1]
 
 
-def _sections(ds: xarray.Dataset, cfg: build.Config) -> tuple[Section, ...]:
-    settings = cfg["circular_scan"]
+def _sections(
+    ds: xarray.Dataset, radius_m: float, shown_deg: Collection[float], effects: str
+) -> tuple[Section, ...]:
     elements = [str(name) for name in ds["element"].values]
     strongest = float(ds["signal_rms"].max() / ds["signal_rms"].min())
 
     def on_the_circle():
-        along = np.deg2rad(ds["sample"].values) * settings["circle"]["radius_m"]
+        along = np.deg2rad(ds["sample"].values) * radius_m
         parts = [
             figures.Panel(
                 title=f"Ridge at {angle:g}°, element {name}",
@@ -127,7 +131,7 @@ def _sections(ds: xarray.Dataset, cfg: build.Config) -> tuple[Section, ...]:
             )
             for i, angle in enumerate(ds["direction"].values)
             for e, name in enumerate(elements)
-            if angle in settings["shown_deg"]
+            if angle in shown_deg
         ]
         return figures.panels(along, parts, "way along the circle")
 
@@ -170,7 +174,7 @@ def _sections(ds: xarray.Dataset, cfg: build.Config) -> tuple[Section, ...]:
             ("Half space; the ridge presses uniformly over its width, and its load and friction do "
              "not change along it; friction lies along the velocity; white noise, the same rms in "
              "every element.",
-             f"Effects on: {', '.join(cfg['effects']) or 'none'}, and the strip's length. The fit "
+             f"Effects on: {effects}, and the strip's length. The fit "
              "has the same model as the data."),
         ),
     )  # fmt: skip

@@ -1,5 +1,7 @@
 """Detection limit of a ridge and resolution limit of a pair, over depth, noise and speed."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,10 +11,10 @@ import numpy as np
 import xarray
 from jaxtyping import Array, Float
 
-from srsinv.errors import number, refuse, whole
-from srsinv.forward.noise import total_spectrum
+from srsinv.errors import BadInput, number, refuse, whole
+from srsinv.forward.noise import Noise, total_spectrum
 from srsinv.forward.scan import ConstantSpeed
-from srsinv.forward.scene import SurfaceScene
+from srsinv.forward.scene import Scene, SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Ridge, Surface
 from srsinv.grid import Line, Periodic
@@ -20,6 +22,7 @@ from srsinv.inverse import detection
 from srsinv.jobs import build
 from srsinv.report.figures import limits as figures
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 AXES = {
     "depth": ("depth_range_m", "m"),
@@ -27,6 +30,56 @@ AXES = {
     "speed": ("speed_range_m_per_s", "m/s"),
 }
 LIMITS = ("least_height", "narrowest_pair", "resolved_wavelength")
+
+
+@dataclass(frozen=True)
+class LimitSettings:
+    """`detection_limit` of the configuration.
+
+    The limits' probabilities, the precision of a distance over its standard error, samples per
+    second, and what is tried: `axes` (by name) of depth [m], noise [V] and speed [m/s], heights of
+    single ridges [m], and distances of pairs [m], before they are whole cells.
+    """
+
+    sample_rate_hz: float
+    false_alarm: float
+    detection: float
+    relative_precision: float
+    axes: dict[str, np.ndarray]
+    heights_m: np.ndarray
+    distances_m: np.ndarray
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any]) -> "LimitSettings":
+        """Those given; raises `BadInput` for ranges that do not increase and numbers out of
+        range."""
+        wanted = "a positive number in Hz"
+        return cls(
+            axes={name: _range(given, key, "points") for name, (key, _) in AXES.items()},
+            heights_m=_range(given, "height_range_m", "heights"),
+            distances_m=_range(given, "distance_range_m", "distances"),
+            sample_rate_hz=number(
+                "detection_limit.sample_rate_hz", given["sample_rate_hz"], wanted, above=0
+            ),
+            false_alarm=given["false_alarm"],
+            detection=given["detection"],
+            relative_precision=given["relative_precision"],
+        )
+
+    @property
+    def strength(self) -> float:
+        """The d' that a ridge needs; raises `BadInput` for probabilities that are none."""
+        return detection.needed_known(self.false_alarm, self.detection)
+
+
+class RidgeSetup(NamedTuple):
+    """A sensor that slides over one ridge, on a periodic line."""
+
+    line: Line
+    scene: SurfaceScene
+    ridge: Ridge
+    sensor: Sensor
+    scan: ConstantSpeed
 
 
 class RidgeTractions(NamedTuple):
@@ -45,27 +98,24 @@ def run(cfg: build.Config) -> Outcome:
     Raises `BadInput` for another scene than one ridge, noise that is not white, and ranges that do
     not increase.
     """
-    settings = cfg["detection_limit"]
-    axes = {name: _range(settings, key, "points") for name, (key, _) in AXES.items()}
-    heights = _range(settings, "height_range_m", "heights")
-    rate = number("detection_limit.sample_rate_hz", settings["sample_rate_hz"],
-                  "a positive number in Hz", above=0)  # fmt: skip
-    needed = detection.needed_known(settings["false_alarm"], settings["detection"])
+    settings = LimitSettings.checked(cfg["detection_limit"])
+    axes, heights, rate = settings.axes, settings.heights_m, settings.sample_rate_hz
+    needed = settings.strength
     with build.precision(cfg):
-        line, scene, sensor, scan = _setup(cfg)
-        distances = _distances(settings, line, scene)
-        tractions = _solve_contacts(line, scene, heights, distances)
-        depth, speed = float(sensor.depth_m), float(scan.speed_m_per_s)
-        noise = _white(cfg, line, sensor, scan, tractions, rate)
+        setup = _setup(build.line(cfg), build.scene(cfg), build.sensor(cfg), build.scan(cfg))
+        distances = _distances(settings.distances_m, setup)
+        tractions = _solve_contacts(setup, heights, distances)
+        depth, speed = float(setup.sensor.depth_m), float(setup.scan.speed_m_per_s)
+        noise = _white(build.noises(cfg), setup, tractions, rate)
         base = (depth, noise, speed)
-        detectability = _detectability(line, sensor, tractions, rate)
+        detectability = _detectability(setup, tractions, rate)
 
         def limits(at):
             z, sigma, u = at
             strength, pair_strength, stderr = (np.asarray(v) for v in detectability(z, u))
             return (
                 _crossing(heights, needed * sigma / strength),
-                _crossing(distances, settings["relative_precision"] * sigma * stderr / distances),
+                _crossing(distances, settings.relative_precision * sigma * stderr / distances),
                 _resolved_wavelength(z, pair_strength[-1] / sigma),
             )
 
@@ -85,6 +135,7 @@ def run(cfg: build.Config) -> Outcome:
         "contact_converged": tractions.converged,
     } | _along(axes, curves, (heights[0], distances[0]))
     metrics = {k: v if isinstance(v, bool) else float(v) for k, v in metrics.items()}
+    effects = listed(cfg["effects"])
     dataset = xarray.Dataset(
         {
             f"{limit}_against_{name}": (name, curves[name][i], {"units": "m"})
@@ -98,7 +149,7 @@ def run(cfg: build.Config) -> Outcome:
         f"{1e3 * depth:.3g} mm deep",
         metrics,
         dataset,
-        _sections(dataset, metrics, cfg, dict(zip(AXES, base, strict=True))),
+        _sections(dataset, metrics, settings, setup, dict(zip(AXES, base, strict=True)), effects),
         _ends_table(axes, curves),
     )
 
@@ -131,60 +182,52 @@ def _ends_table(axes, curves) -> Table:
     )  # fmt: skip
 
 
-def _range(settings, key: str, count: str) -> np.ndarray:
-    name = f"detection_limit.{key}"
-    given = settings[key]
+def _range(given: Mapping[str, Any], key: str, count: str) -> np.ndarray:
+    name, ends = f"detection_limit.{key}", given[key]
     refuse(
-        not isinstance(given, list) or len(given) != 2,
-        f"{name} is {given}: give [least, greatest].",
+        not isinstance(ends, list) or len(ends) != 2,
+        f"{name} is {ends}: give [least, greatest].",
     )
-    low = number(name, given[0], "[least, greatest], both positive", above=0)
-    high = number(name, given[1], "[least, greatest], the second the larger", above=low)
+    low = number(name, ends[0], "[least, greatest], both positive", above=0)
+    high = number(name, ends[1], "[least, greatest], the second the larger", above=low)
     name, wanted = f"detection_limit.{count}", "a whole number from 3"
-    return np.geomspace(low, high, whole(name, settings[count], wanted, least=3))
+    return np.geomspace(low, high, whole(name, given[count], wanted, least=3))
 
 
-def _setup(cfg: build.Config) -> tuple[Line, SurfaceScene, Sensor, ConstantSpeed]:
-    line, sensor, scan = build.line(cfg), build.sensor(cfg), build.scan(cfg)
-    scene: Any = build.scene(cfg)
-    shapes = scene.surface.shapes if isinstance(scene, SurfaceScene) else (None,)
-    refuse(
-        len(shapes) != 1 or not isinstance(shapes[0], Ridge),
-        "The scene is not one ridge: use scene=ridge.",
-    )
+def _setup(line: Line, scene: Scene, sensor: Sensor, scan: ConstantSpeed) -> RidgeSetup:
+    surface = scene.contact_scene
+    ridge = surface and surface.surface.only(Ridge)
+    if surface is None or ridge is None:
+        raise BadInput("The scene is not one ridge: use scene=ridge.")
     refuse(not isinstance(line, Periodic), "grid.line is open: give periodic.")
     speed = float(scan.speed_m_per_s)
     refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
-    return line, scene, sensor, scan
+    return RidgeSetup(line, surface, ridge, sensor, scan)
 
 
-def _ridge(scene: SurfaceScene) -> Any:
-    return scene.surface.shapes[0]
-
-
-def _distances(settings, line: Line, scene: SurfaceScene) -> np.ndarray:
-    """Distances of whole pairs of cells, about evenly spaced in their logarithms."""
-    step = 2 * float(line.cell_m)
-    wanted = _range(settings, "distance_range_m", "distances")
+def _distances(wanted: np.ndarray, setup: RidgeSetup) -> np.ndarray:
+    """The wanted distances in whole pairs of cells."""
+    line, step = setup.line, 2 * float(setup.line.cell_m)
     distances = step * np.unique(np.round(wanted / step))
-    width, window = float(_ridge(scene).width_m), line.n * float(line.cell_m)
+    width, window = float(setup.ridge.width_m), line.n * float(line.cell_m)
+    ends = [float(wanted[0]), float(wanted[-1])]
     refuse(
         not width + step < distances[0] < distances[-1] < window / 2,
-        f"detection_limit.distance_range_m is {settings['distance_range_m']}: give distances above "
+        f"detection_limit.distance_range_m is {ends}: give distances above "
         f"the ridge's width {width:g} m by more than two cells ({step:g} m), and below half the "
         f"window's {window:g} m.",
     )
     return distances
 
 
-def _solve_contacts(line: Line, scene: SurfaceScene, heights, distances) -> RidgeTractions:
+def _solve_contacts(setup: RidgeSetup, heights, distances) -> RidgeTractions:
     """Contact with single ridges of `heights` and pairs at `distances`: the only nonlinear part,
     and independent of depth and speed.
 
     Ridges are moved by whole cells: the derivative of the contact jumps where a cell touches or
     parts on a steep edge, which would scatter the standard errors by a tenth.
     """
-    ridge = _ridge(scene)
+    line, scene, ridge = setup.line, setup.scene, setup.ridge
 
     def traction(shapes):
         surface = Surface(shapes, scene.surface.base_friction)
@@ -217,9 +260,10 @@ def _solve_contacts(line: Line, scene: SurfaceScene, heights, distances) -> Ridg
     return RidgeTractions(single, both, slopes, bool(right.all() & as_well.all()))
 
 
-def _detectability(line: Line, sensor: Sensor, tractions: RidgeTractions, rate: float):
+def _detectability(setup: RidgeSetup, tractions: RidgeTractions, rate: float):
     """Map from (depth, speed), in white noise of 1 V, to d' (height,) of single ridges, d' and the
     Cramer-Rao standard error [m] of the distance (distance,) of pairs. One program for all."""
+    line, sensor = setup.line, setup.sensor
 
     @jax.jit
     def at(depth, speed):
@@ -248,11 +292,14 @@ def _detectability(line: Line, sensor: Sensor, tractions: RidgeTractions, rate: 
     return lambda depth, speed: at(jnp.asarray(depth, float), jnp.asarray(speed, float))
 
 
-def _white(cfg, line, sensor, scan, tractions: RidgeTractions, rate: float) -> float:
+def _white(
+    noises: tuple[Noise, ...], setup: RidgeSetup, tractions: RidgeTractions, rate: float
+) -> float:
     """Noise [V rms] of one sample at `rate`."""
+    line, scan = setup.line, setup.scan
     samples = Periodic(line.n, float(scan.speed_m_per_s) / rate, 0.0)
-    rms = jnp.sqrt(jnp.mean(sensor.operator(line, scan)(tractions.pair[-1]) ** 2))
-    spectrum = np.asarray(total_spectrum(build.noises(cfg), samples, scan, rms))
+    rms = jnp.sqrt(jnp.mean(setup.sensor.operator(line, scan)(tractions.pair[-1]) ** 2))
+    spectrum = np.asarray(total_spectrum(noises, samples, scan, rms))
     refuse(
         not spectrum.min() > 0 or float(np.ptp(spectrum)) > 1e-9 * spectrum.max(),
         "The noise is not white, which is assumed here: give noise=[johnson] or noise=[white].",
@@ -290,15 +337,17 @@ def _exponent(at, values, floor: float) -> float:
     return float(np.polyfit(np.log(at[good]), np.log(values[good]), 1)[0])
 
 
-def _sections(ds, m, cfg: build.Config, base) -> tuple[Section, ...]:
-    settings, ridge = cfg["detection_limit"], cfg["scene"]["surfaces"]["ridge"]
+def _sections(
+    ds, m, settings: LimitSettings, setup: RidgeSetup, base, effects: str
+) -> tuple[Section, ...]:
+    ridge, scene = setup.ridge, setup.scene
     law = {key.removesuffix("_exponent"): f"{m[key]:.2f}" for key in m if "_exponent" in key}
     return (
         Section(
             "The least ridge that is found",
-            (f"Found by a filter matched to its signal with probability {settings['detection']:g}, "
-             f"at a false-alarm rate of {settings['false_alarm']:g}: d' = "
-             f"{m['strength_needed']:.3g}. {1e6 * ridge['width_m']:.3g} µm wide, it has to be "
+            (f"Found by a filter matched to its signal with probability {settings.detection:g}, "
+             f"at a false-alarm rate of {settings.false_alarm:g}: d' = "
+             f"{m['strength_needed']:.3g}. {1e6 * float(ridge.width_m):.3g} µm wide, it has to be "
              f"{1e6 * m['least_height_m']:.3g} µm high.",
              f"Over the ranges drawn it goes as depth^{law['least_height_against_depth']}, "
              f"noise^{law['least_height_against_noise']} and "
@@ -311,11 +360,11 @@ def _sections(ds, m, cfg: build.Config, base) -> tuple[Section, ...]:
         ),
         Section(
             "The narrowest pair",
-            (f"Two ridges {1e6 * ridge['height_m']:.3g} µm high are told apart where the distance "
-             f"of their middles is known to one part in {settings['relative_precision']:g}: its "
-             "Cramer-Rao "
-             "standard error, with their height and place unknown as well (width, friction and "
-             f"pressure known). Here {1e3 * m['narrowest_pair_m']:.3g} mm; it goes as "
+            (f"Two ridges {1e6 * float(ridge.height_m):.3g} µm high are told apart where the "
+             "distance of their middles is known to one part in "
+             f"{settings.relative_precision:g}: its Cramer-Rao standard error, with their "
+             "height and place unknown as well (width, friction and pressure known). Here "
+             f"{1e3 * m['narrowest_pair_m']:.3g} mm; it goes as "
              f"depth^{law['narrowest_pair_against_depth']}, "
              f"noise^{law['narrowest_pair_against_noise']} and "
              f"speed^{law['narrowest_pair_against_speed']}.",
@@ -332,11 +381,11 @@ def _sections(ds, m, cfg: build.Config, base) -> tuple[Section, ...]:
             "What was assumed",
             ("Half space in plane strain, contact without adhesion, "
              f"{'' if m['contact_converged'] else 'NOT '}converged, nominal pressure "
-             f"{cfg['scene']['nominal_pressure_Pa']:g} Pa over the window, "
-             f"q = {cfg['scene']['base_friction']:g} p.",
-             f"{len(cfg['sensor']['elements'])} film elements {1e3 * base['depth']:.3g} mm deep, "
-             f"{base['speed']:g} m/s, {settings['sample_rate_hz']:g} samples per second, white "
+             f"{float(scene.nominal_pressure_Pa):g} Pa over the window, "
+             f"q = {float(scene.surface.base_friction):g} p.",
+             f"{len(setup.sensor.elements)} film elements {1e3 * base['depth']:.3g} mm deep, "
+             f"{base['speed']:g} m/s, {settings.sample_rate_hz:g} samples per second, white "
              f"noise of {1e6 * base['noise']:.3g} µV rms in each. Place of the single ridge known. "
-             f"Effects on: {', '.join(cfg['effects']) or 'none'}.",),
+             f"Effects on: {effects}.",),
         ),
     )  # fmt: skip

@@ -1,14 +1,17 @@
 """Each effect on and off: change of a scene's signal, and cost."""
 
 import importlib
+from functools import partial
 from typing import Any, NamedTuple
 
 import xarray
 
+from srsinv.config import select_effects
 from srsinv.effects import reference
 from srsinv.errors import refuse
 from srsinv.jobs import build
-from srsinv.jobs.change import Cost, Trace, cost, difference, pair, select_effects
+from srsinv.jobs.change import Cost, Trace, cost, difference, pair
+from srsinv.jobs.simulation import Simulation, simulation
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -30,32 +33,32 @@ def run(cfg: build.Config) -> Outcome:
 
     Raises `BadInput` where no effect is named, and refusals of the configuration's parts.
     """
-    refuse(not build.part(cfg, "effects"), "effects names none: give effects=[strip_width,...].")
+    nodes = build.part(cfg, "effects")
+    refuse(not nodes, "effects names none: give effects=[strip_width,...].")
     with build.precision(cfg):
         key = build.random_key(cfg)
-        none, ideal_cost = cost(select_effects(cfg, ()), key)
+        none, ideal_cost = cost(partial(simulation, select_effects(cfg, ())), key)
         spectra = reference(none.scenario, none.line)
         rows = []
         for name, effect in build.effects(cfg).items():
             with stage(f"effect: {name}"):
-                sim, taken = cost(select_effects(cfg, (name,)), key)
+                alone = partial(simulation, select_effects(cfg, (name,)))
+                sim, taken = cost(alone, key)
                 with_effect, ideal = pair(sim, none, key)
                 change = difference(with_effect, ideal)
-                rows.append(
-                    EffectRow(
-                        name,
-                        with_effect,
-                        ideal,
-                        change,
-                        effect.relative_change_bound(spectra),
-                        taken,
-                    )
-                )
+                bound = effect.relative_change_bound(spectra)
+                rows.append(EffectRow(name, with_effect, ideal, change, bound, taken))
+    settings = {
+        f"{name}.{key}": str(value)
+        for name, node in nodes.items()
+        for key, value in node.items()
+        if not key.startswith("_")
+    }
     return Outcome(
         f"{len(rows)} effects, each with it and without, on one scene",
         _metrics(rows, ideal_cost),
         _dataset(rows, none.sensor.amplifier.unit),
-        _sections(cfg, rows, ideal_cost, none.sensor.amplifier.unit),
+        _sections(rows, ideal_cost, none, settings),
         _table(rows, ideal_cost),
     )
 
@@ -104,8 +107,11 @@ def _table(rows: list[EffectRow], ideal_cost: Cost) -> Table:
 
 
 def _sections(
-    cfg: build.Config, rows: list[EffectRow], ideal_cost: Cost, unit: str
+    rows: list[EffectRow], ideal_cost: Cost, none: Simulation, settings: dict[str, str]
 ) -> tuple[Section, ...]:
+    """The page; `none` is without effects, `settings` are those of the effects, by name."""
+    unit, line = none.sensor.amplifier.unit, none.line
+
     def drawn(row: EffectRow):
         with_effect, ideal = row.with_effect, row.ideal
         return figures.with_and_without(with_effect.time_s, with_effect.signal, ideal.signal, unit)
@@ -120,21 +126,15 @@ def _sections(
         )
         for row in rows
     ]  # fmt: skip
-    settings = tuple(
-        (f"{name}.{key}", str(value))
-        for name, node in build.part(cfg, "effects").items()
-        for key, value in node.items()
-        if not key.startswith("_")
-    )
     return (
         Section("What each effect changes and costs", (), tables=(_table(rows, ideal_cost),)),
         *each,
         Section(
             "What was assumed",
-            (f"{cfg['grid']['line']} line of {cfg['grid']['cells']} cells, computed on cells "
-             f"{cfg['grid']['refinement']} times finer; {cfg['scan']['speed_m_per_s']:g} m/s; no "
-             "noise but the bursts of snap_back. At the same instants with it and without.",),
-            tables=(Table(("setting", "value"), settings),),
+            (f"{line.kind} line of {line.n} cells, computed on cells {none.refinement} times "
+             f"finer; {float(none.scan.speed_m_per_s):g} m/s; no noise but the bursts of "
+             "snap_back. At the same instants with it and without.",),
+            tables=(Table(("setting", "value"), tuple(settings.items())),),
         ),
     )  # fmt: skip
 

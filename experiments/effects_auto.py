@@ -1,14 +1,17 @@
 """Screening of effects: the error by those left out, and the time saved."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray
 
+from srsinv.config import merged
 from srsinv.errors import refuse
+from srsinv.grid import Line
 from srsinv.jobs import build
-from srsinv.jobs.change import Cost, cost, difference, merged, pair
-from srsinv.jobs.simulation import screen_effects
+from srsinv.jobs.change import Cost, cost, difference, pair
+from srsinv.jobs.simulation import screen_effects, simulation
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -48,12 +51,13 @@ def run(cfg: build.Config) -> Outcome:
     refuse(not tolerances or not scenes, "effects_auto needs a scene and a tolerance: name some.")
     rows, bounds = [], {}
     with build.precision(cfg):
-        key = build.random_key(cfg)
+        key, line = build.random_key(cfg), build.line(cfg)
+        refinement = build.part(cfg, "grid")["refinement"]
         for name, changes in scenes.items():
             with stage(f"scene: {name}"):
                 own = merged(cfg, changes)
                 named = {k: v for k, v in own.items() if k != "tolerance"}
-                full, all_on = cost(named, key)
+                full, all_on = cost(partial(simulation, named), key)
                 # Measured once for tolerances that need the same effects.
                 done = {}
                 for tolerance in tolerances:
@@ -62,19 +66,20 @@ def run(cfg: build.Config) -> Outcome:
                     assert screening is not None
                     on = tuple(sorted(selected["effects"]))
                     if on not in done:
-                        less, alone = cost(selected, key)
+                        less, alone = cost(partial(simulation, selected), key)
                         whole, reduced = pair(full, less, key)
-                        done[on] = difference(reduced, whole), cost(asked, key)[1], alone
+                        auto = cost(partial(simulation, asked), key)[1]
+                        done[on] = difference(reduced, whole), auto, alone
                     bounds[name] = screening.relative_change_bounds
-                    bound = screening.bound
                     error, auto, alone = done[on]
-                    rows.append(Decided(name, tolerance, on, bound, error, all_on, auto, alone))
+                    costs = all_on, auto, alone
+                    rows.append(Decided(name, tolerance, on, screening.bound, error, *costs))
     table = _table(rows)
     return Outcome(
         f"{len(scenes)} scenes decide on their effects",
         _metrics(rows),
         _dataset(rows, bounds, scenes, tolerances),
-        _sections(cfg, rows, table, bounds),
+        _sections(rows, table, bounds, line, refinement),
         table,
     )
 
@@ -152,7 +157,9 @@ def _dataset(rows: list[Decided], bounds, scenes, tolerances) -> xarray.Dataset:
     )
 
 
-def _sections(cfg: build.Config, rows: list[Decided], table: Table, bounds) -> tuple[Section, ...]:
+def _sections(
+    rows: list[Decided], table: Table, bounds, line: Line, refinement: int
+) -> tuple[Section, ...]:
     effects = sorted(next(iter(bounds.values())))
     each_bound = Table(
         ("effect", *bounds),
@@ -183,8 +190,8 @@ def _sections(cfg: build.Config, rows: list[Decided], table: Table, bounds) -> t
         Section("Bounds", (), tables=(each_bound,)),
         Section(
             "What was assumed",
-            (f"{cfg['grid']['line']} line of {cfg['grid']['cells']} cells, computed on cells "
-             f"{cfg['grid']['refinement']} times finer; no noise but the bursts of snap_back, the "
-             "same ones with and without the other effects.",),
+            (f"{line.kind} line of {line.n} cells, computed on cells {refinement} times finer; no "
+             "noise but the bursts of snap_back, the same ones with and without the other "
+             "effects.",),
         ),
     )  # fmt: skip

@@ -11,6 +11,7 @@ from srsinv.report import figures
 from srsinv.report.figures import curves
 from srsinv.report.figures.estimates import full_width_at_half_maximum
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 LOADS = ("p alone", "q alone", "p with friction")
 
@@ -63,6 +64,12 @@ def run(cfg: build.Config) -> Outcome:
         for i, name in enumerate(LOADS)
         for e, angle in enumerate(angles)
     }
+    assumed = (
+        "Half space in plane strain; open line, nothing beyond its ends; constant speed "
+        f"{float(scan.speed_m_per_s):g} m/s; no noise.",
+        f"Effects on: {listed(cfg['effects'])}. The width of sigma_z is that of the stress at the "
+        "film, before the strip averages it over its own width.",
+    )
     along = ("load", "element", "x")
     dataset = xarray.Dataset(
         {
@@ -82,7 +89,7 @@ def run(cfg: build.Config) -> Outcome:
         f"What the two orientations feel of a line load of {load:g} N/m",
         {key: float(value) for key, value in metrics.items()},
         dataset,
-        _sections(dataset, metrics, cfg, mu),
+        _sections(dataset, metrics, mu, assumed),
         Table(
             ("load", *(f"peak charge at {angle} deg [pC]" for angle in angles)),
             tuple(
@@ -93,7 +100,9 @@ def run(cfg: build.Config) -> Outcome:
     )
 
 
-def _sections(ds: xarray.Dataset, metrics, cfg: build.Config, mu: float) -> tuple[Section, ...]:
+def _sections(
+    ds: xarray.Dataset, metrics, mu: float, assumed: tuple[str, ...]
+) -> tuple[Section, ...]:
     near = ds.sel(x=slice(-6e-3, 6e-3))
 
     def responses():
@@ -139,11 +148,5 @@ def _sections(ds: xarray.Dataset, metrics, cfg: build.Config, mu: float) -> tupl
             {"condition": f"Never better than {least:.3g}, at kz = {at:.2g}; {long_waves:.3g} at "
              "long waves. The decay e^-kz is the same for all entries and is not in this number."},
         ),
-        Section(
-            "What was assumed",
-            ("Half space in plane strain; open line, nothing beyond its ends; constant speed "
-             f"{cfg['scan']['speed_m_per_s']:g} m/s; no noise.",
-             f"Effects on: {', '.join(cfg['effects']) or 'none'}. The width of sigma_z is that of "
-             "the stress at the film, before the strip averages it over its own width."),
-        ),
+        Section("What was assumed", assumed),
     )  # fmt: skip

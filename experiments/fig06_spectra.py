@@ -4,12 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
-from srsinv.errors import refuse
-from srsinv.inverse.wiener import Wiener
+from srsinv.errors import BadInput, refuse
 from srsinv.jobs import build
 from srsinv.jobs.simulation import noisy_problem, simulation
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 LONG_WAVES_KZ = 1e-3
 
@@ -23,22 +23,20 @@ def run(cfg: build.Config) -> Outcome:
         sim, methods = simulation(cfg), build.methods(cfg)
         elements = len(sim.sensor.elements)
         refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
-        refuse(cfg["friction"] is None, "friction is null: give mu of q = mu p, such as 0.4.")
-        key = build.random_key(cfg)
-        problem = noisy_problem(sim, key, cfg["friction"])
+        friction = build.friction(cfg)
+        if friction is None:
+            raise BadInput("friction is null: give mu of q = mu p, such as 0.4.")
+        problem = noisy_problem(sim, build.random_key(cfg), friction)
         k, noise = np.asarray(sim.line.k), np.asarray(problem.noise)
         gain = np.abs(np.asarray(problem.forward.circulant().transfer[0, 0]))
-        others = [name for name, method in methods.items() if not isinstance(method, Wiener)]
+        spectra = {name: method.spectra(problem) for name, method in methods.items()}
+        others = [name for name, powers in spectra.items() if powers is None]
         refuse(bool(others), f"method names {others}: only Wiener filters have a spectrum to draw.")
-        prior = {
-            name: np.asarray(method.p.power(problem))
-            for name, method in methods.items()
-            if isinstance(method, Wiener)
-        }
+        prior = {name: np.asarray(s)[0] for name, s in spectra.items() if s is not None}
         # An octave apart at long waves, where depth and strip width do not yet matter.
         low = jnp.asarray([1.0, 2.0]) * LONG_WAVES_KZ / sim.sensor.depth_m
         slopes = {
-            name: _octave_dB(stage.transfer(low)[0], cfg["friction"])
+            name: _octave_dB(stage.transfer(low)[0], friction)
             for name, stage in (("charge", sim.sensor.charge()),
                                 ("rate", sim.sensor.current(sim.scan)))
         }  # fmt: skip
@@ -69,7 +67,7 @@ def run(cfg: build.Config) -> Outcome:
     def draw():
         inverse = np.divide(1.0, gain, out=np.full_like(gain, np.nan), where=gain > 0)
         drawn, first = filters | {"inverse 1/|G|": inverse}, next(iter(cutoff.values()))
-        name = f"p with q = {cfg['friction']:g} p"
+        name = f"p with q = {friction:g} p"
         return figures.filter_spectra(
             k, {name: gain}, signal, noise, drawn, first, signal_unit=unit
         )
@@ -99,7 +97,7 @@ def run(cfg: build.Config) -> Outcome:
                  "exponentially in x); the paper's form takes a flat one in units in which the "
                  "largest gain is 1.",
                  f"Noise: {' and '.join(cfg['noise'])}, levels relative to the signal of the "
-                 f"configured scene. Effects on: {', '.join(cfg['effects']) or 'none'}."),
+                 f"configured scene. Effects on: {listed(cfg['effects'])}."),
             ),
         ),
         table,

@@ -1,12 +1,16 @@
 """The paper's Fig. 9: effects of tilt and snap-back on an impulse that slides over the film."""
 
+from typing import Any
+
 import jax
 import numpy as np
 import xarray
 
+from srsinv.config import select_effects
+from srsinv.effects.snap_back import SnapBack
 from srsinv.errors import refuse
 from srsinv.jobs import build
-from srsinv.jobs.change import select_effects, trace
+from srsinv.jobs.change import trace
 from srsinv.jobs.simulation import simulation
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -36,6 +40,13 @@ def run(cfg: build.Config) -> Outcome:
         keys = jax.random.split(key, passes)
         each = np.stack([trace(snapping, one).signal[0] for one in keys])
         x, k = np.asarray(ideal.line.x), np.asarray(ideal.line.k)
+        effects: dict[str, Any] = build.effects(cfg)
+        friction = build.part(cfg, "scene")["base_friction"]
+        assumed = (
+            f"Half space, open line, {float(ideal.scan.speed_m_per_s):g} m/s, friction "
+            f"{friction:g}. {_words(effects['snap_back'])} Effects on: {', '.join(cfg['effects'])}."
+        )
+        tilt_deg = float(np.rad2deg(effects["film_angle"].tilt_rad))
     unit = ideal.sensor.amplifier.unit
     bursts = each - clean[TILTED]
     wavelength = _finest(k, clean[IDEAL], clean[TILTED], bursts)
@@ -66,7 +77,7 @@ def run(cfg: build.Config) -> Outcome:
     )  # fmt: skip
     return Outcome(
         "An impulse slides over the film: tilt and snap-back", metrics, dataset,
-        _sections(cfg, dataset, metrics, table), table,
+        _sections(dataset, metrics, table, tilt_deg, assumed), table,
     )  # fmt: skip
 
 
@@ -91,7 +102,17 @@ def _finest(k, ideal, tilted, bursts) -> float:
     return float(2 * np.pi / k[np.flatnonzero(above[1:]).max() + 1]) if above[1:].any() else np.inf
 
 
-def _sections(cfg: build.Config, ds: xarray.Dataset, metrics, table: Table) -> tuple[Section, ...]:
+def _words(bursts: SnapBack) -> str:
+    return (
+        f"Bursts: {bursts.rate_hz:g} per second over {1e3 * bursts.contact_m:g} mm of contact, "
+        f"each on a patch of {1e3 * bursts.patch_m:g} mm, {bursts.shear_Pa:g} Pa rms, decaying "
+        f"over {1e3 * bursts.decay_s:g} ms."
+    )
+
+
+def _sections(
+    ds: xarray.Dataset, metrics, table: Table, tilt_deg: float, assumed: str
+) -> tuple[Section, ...]:
     near = ds.sel(x=slice(-5e-3, 5e-3))
     unit = ds["signal"].attrs["units"]
 
@@ -108,14 +129,12 @@ def _sections(cfg: build.Config, ds: xarray.Dataset, metrics, table: Table) -> t
         ]  # fmt: skip
         return figures.panels(near["x"].values, parts, "position of the film from the impulse")
 
-    effects = cfg["effects"]
-    tilt, bursts = effects["film_angle"]["tilt_deg"], effects["snap_back"]
     return (
         Section(
             "The impulse as it is felt",
-            (f"A tilt of {tilt:g} degrees leaves {metrics['leading_lobe_ratio']:.0%} of the lobe "
-             f"that comes first and {metrics['trailing_lobe_ratio']:.0%} of the other: it brings "
-             "in the shear stress, which is odd where the ideal signal is even. Bursts of "
+            (f"A tilt of {tilt_deg:g} degrees leaves {metrics['leading_lobe_ratio']:.0%} of the "
+             f"lobe that comes first and {metrics['trailing_lobe_ratio']:.0%} of the other: it "
+             "brings in the shear stress, which is odd where the ideal signal is even. Bursts of "
              f"{1e6 * metrics['bursts_rms_V']:.2g} µV rms hide what is finer than "
              f"{1e3 * metrics['finest_wavelength_m']:.2g} mm in one pass: this is the blur, and a "
              "mean of passes takes it away again.",),
@@ -126,11 +145,7 @@ def _sections(cfg: build.Config, ds: xarray.Dataset, metrics, table: Table) -> t
         ),
         Section(
             "What was assumed",
-            (f"Half space, open line, {cfg['scan']['speed_m_per_s']:g} m/s, friction "
-             f"{cfg['scene']['base_friction']:g}. Bursts: {bursts['rate_hz']:g} per second over "
-             f"{1e3 * bursts['contact_m']:g} mm of contact, each on a patch of "
-             f"{1e3 * bursts['patch_m']:g} mm, {bursts['shear_Pa']:g} Pa rms, decaying over "
-             f"{1e3 * bursts['decay_s']:g} ms. Effects on: {', '.join(effects)}.",
+            (assumed,
              "Both causes are named by the paper, without numbers: the tilt and the bursts here "
              "are stated, not fitted."),
         ),

@@ -1,5 +1,9 @@
 """The paper's Fig. 12: ridges 6.5 um high, their signal and noise, and detection by averaging."""
 
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -8,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
-from srsinv.errors import number, refuse, whole
+from srsinv.errors import BadInput, number, refuse, whole
 from srsinv.forward.film import Film
-from srsinv.forward.noise import with_noise
+from srsinv.forward.noise import Noise, with_noise
 from srsinv.forward.operator import PositionInterpolation
 from srsinv.forward.scan import ConstantSpeed
-from srsinv.forward.scene import SurfaceScene
+from srsinv.forward.scene import Scene, SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Ridges
 from srsinv.grid import Line, Periodic
@@ -21,11 +25,56 @@ from srsinv.inverse import detection, spectral_lines
 from srsinv.jobs import build
 from srsinv.report.figures import ridges as figures
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 PAPER_M = {"6.5 um": 6.5e-6, "0.65 um": 0.65e-6}  # measured; and expected to be measurable
 SAMPLES_PER_RIDGE = 20  # samples of a ridge; their means hold all but 0.4 % of its wave
 OVERSAMPLING = 4  # of the spectrum
 CONTACT_LOADS = (0.8, 0.95)  # of the closed form's, where the gap between ridges is evaluated
+
+
+@dataclass(frozen=True)
+class RidgeSettings:
+    """`fig12_ridges` of the configuration.
+
+    The scan: samples per second and ridges slid over. Its analysis: where the pitch is looked for,
+    the probabilities of detection, the height of a distinct peak in rms of noise, and the most
+    ridges averaged over. What is tried: heights, pressures, and the width of a strip for contrast.
+    """
+
+    sample_rate_hz: float
+    ridges: int
+    pitch_range_m: Sequence[float]
+    false_alarm: float
+    detection: float
+    peak_over_noise: float
+    most_ridges: float
+    heights_m: np.ndarray
+    pressures_Pa: np.ndarray
+    blind_strip_width_m: float
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any]) -> "RidgeSettings":
+        """Those given; raises `BadInput` for too few ridges or heights, and what is not positive.
+        The rate is checked against the scan."""
+        wanted = "a whole number from 5"
+        return cls(
+            sample_rate_hz=given["sample_rate_hz"],
+            ridges=whole("fig12_ridges.ridges", given["ridges"], wanted, least=5),
+            pitch_range_m=given["pitch_range_m"],
+            false_alarm=given["false_alarm"],
+            detection=given["detection"],
+            peak_over_noise=given["peak_over_noise"],
+            most_ridges=given["most_ridges"],
+            heights_m=_range(given),
+            pressures_Pa=_pressures(given["pressures_Pa"]),
+            blind_strip_width_m=given["blind_strip_width_m"],
+        )
+
+    @property
+    def strength(self) -> float:
+        """The d' that a wave needs; raises `BadInput` for probabilities that are none."""
+        return detection.needed_wave(self.false_alarm, self.detection)
 
 
 class RidgeScan(NamedTuple):
@@ -94,38 +143,45 @@ def run(cfg: build.Config) -> Outcome:
     Raises `BadInput` for another surface than ridges, a window that does not hold whole pitches,
     and more than one film element.
     """
-    settings = cfg["fig12_ridges"]
-    needed = detection.needed_wave(settings["false_alarm"], settings["detection"])
+    settings = RidgeSettings.checked(cfg["fig12_ridges"])
+    needed = settings.strength
     with build.precision(cfg):
-        setup = _setup(cfg)
-        simulated = _simulated(cfg, setup)
+        setup = _setup(build.line(cfg), build.scene(cfg), build.sensor(cfg), build.scan(cfg))
+        blind = partial(dataclasses.replace, width_m=settings.blind_strip_width_m)
+        wide = build.with_effects(cfg, build.ideal(cfg).with_films(blind)).sensor.elements[0]
+        simulated = _simulated(settings, setup, wide, build.noises(cfg), build.random_key(cfg))
     limits = _limits(settings, setup, simulated, needed)
     metrics = _metrics(settings, setup, simulated, limits)
     dataset = _dataset(settings, setup, simulated, limits)
     height = 1e6 * float(setup.ridges.height_m)
+    rest = (
+        f"noise {', '.join(cfg['noise'])}, nothing of the amplifier's own; seed {cfg['seed']}. "
+        f"Effects on: {listed(cfg['effects'])}."
+    )
     return Outcome(
         f"Ridges {height:.3g} µm high on a pitch of {1e3 * setup.pitch_m:.3g} mm",
         metrics,
         dataset,
-        _sections(dataset, metrics, cfg, setup),
+        _sections(dataset, metrics, settings, setup, rest),
         _summary(metrics, settings),
     )
 
 
-def _simulated(cfg: build.Config, setup: RidgeScan) -> Simulated:
-    settings = cfg["fig12_ridges"]
-    samples, noises = _samples(settings, setup), build.noises(cfg)
-    heights, pressures = _heights(settings), _pressures(settings)
+def _simulated(
+    settings: RidgeSettings, setup: RidgeScan, wide: Film, noises: tuple[Noise, ...], key
+) -> Simulated:
+    samples = _samples(settings, setup)
+    heights, pressures = settings.heights_m, settings.pressures_Pa
     nominal, height = setup.scene.nominal_pressure_Pa, setup.ridges.height_m
     load_closed = _closed_form_load(setup)
     loads = load_closed * np.asarray(CONTACT_LOADS)
-    waves = _solve_pitch_waves(setup, _wide(cfg), [
+    waves = _solve_pitch_waves(setup, wide, [
         *((each, nominal) for each in heights),
         *((height, each) for each in pressures),
         *((height, each / setup.pitch_m) for each in loads),
         (height, nominal),
     ])  # fmt: skip
-    signal, spectrum, data = _signals(setup, samples, noises, waves, build.random_key(cfg))
+    signal, spectrum, data = _signals(setup, samples, noises, waves, key)
     by_height, by_pressure = np.split(waves.size[: -1 - loads.size, 0], [heights.size])
     amplitude, blind = waves.size[-1]
     return Simulated(
@@ -133,7 +189,7 @@ def _simulated(cfg: build.Config, setup: RidgeScan) -> Simulated:
         signal=signal,
         spectrum=spectrum,
         data=data,
-        per_ridge=settings["sample_rate_hz"] * setup.pitch_m / float(setup.scan.speed_m_per_s),
+        per_ridge=settings.sample_rate_hz * setup.pitch_m / float(setup.scan.speed_m_per_s),
         heights=heights,
         by_height=by_height,
         pressures=pressures,
@@ -146,21 +202,25 @@ def _simulated(cfg: build.Config, setup: RidgeScan) -> Simulated:
     )
 
 
-def _limits(settings, setup: RidgeScan, simulated: Simulated, needed: float) -> Limits:
+def _limits(
+    settings: RidgeSettings, setup: RidgeScan, simulated: Simulated, needed: float
+) -> Limits:
     k = np.fft.rfftfreq(simulated.x.size, simulated.x[1] - simulated.x[0])
     level = np.sqrt(np.interp(1 / setup.pitch_m, k, simulated.spectrum))
-    counts = np.geomspace(1, settings["most_ridges"], 121)
+    counts = np.geomspace(1, settings.most_ridges, 121)
     least_amplitude = needed * level * np.sqrt(2 / (counts * simulated.per_ridge))
     least_height = _inverse(least_amplitude, simulated.by_height, simulated.heights)
     return Limits(level, needed, counts, least_height)
 
 
-def _metrics(settings, setup: RidgeScan, simulated: Simulated, limits: Limits) -> dict[str, Any]:
+def _metrics(
+    settings: RidgeSettings, setup: RidgeScan, simulated: Simulated, limits: Limits
+) -> dict[str, Any]:
     pitch, level, amplitude = setup.pitch_m, limits.level, simulated.amplitude
-    fitted = _pitch(simulated.x, simulated.data, simulated.per_ridge, settings["pitch_range_m"])
+    fitted = _pitch(simulated.x, simulated.data, simulated.per_ridge, settings.pitch_range_m)
     tone_hz = float(setup.scan.speed_m_per_s) / pitch
     noise = np.sqrt(np.mean(simulated.spectrum))
-    in_band = level * np.sqrt(4 * tone_hz / settings["sample_rate_hz"])
+    in_band = level * np.sqrt(4 * tone_hz / settings.sample_rate_hz)
     strength = amplitude / np.sqrt(2) / level  # d' is this times the root of the samples
     span = np.ptp(simulated.x) * simulated.x.size**0.5
     metrics = {
@@ -179,11 +239,9 @@ def _metrics(settings, setup: RidgeScan, simulated: Simulated, limits: Limits) -
         "snr_in_band": amplitude / np.sqrt(2) / in_band,
         "strength_over_scan": strength * np.sqrt(simulated.x.size),
         "strength_needed": limits.needed,
-        "snr_shortfall": settings["peak_over_noise"] * noise / amplitude,
-        "snr_shortfall_in_band": settings["peak_over_noise"] * in_band / amplitude,
-        "least_height_over_scan_m": np.interp(
-            settings["ridges"], limits.counts, limits.least_height
-        ),
+        "snr_shortfall": settings.peak_over_noise * noise / amplitude,
+        "snr_shortfall_in_band": settings.peak_over_noise * in_band / amplitude,
+        "least_height_over_scan_m": np.interp(settings.ridges, limits.counts, limits.least_height),
     }
     for name, height in PAPER_M.items():
         size = np.interp(height, simulated.heights, simulated.by_height)
@@ -198,9 +256,11 @@ def _metrics(settings, setup: RidgeScan, simulated: Simulated, limits: Limits) -
     return known | {"contact_converged": simulated.waves.converged}
 
 
-def _dataset(settings, setup: RidgeScan, simulated: Simulated, limits: Limits) -> xarray.Dataset:
+def _dataset(
+    settings: RidgeSettings, setup: RidgeScan, simulated: Simulated, limits: Limits
+) -> xarray.Dataset:
     amplitude_spectrum = _detected_lines(
-        simulated.x, simulated.data, simulated.spectrum, setup, settings["false_alarm"]
+        simulated.x, simulated.data, simulated.spectrum, setup, settings.false_alarm
     )
     in_band, lengths = (
         _low_passed(simulated.data, 2 / simulated.per_ridge),
@@ -231,55 +291,49 @@ def _dataset(settings, setup: RidgeScan, simulated: Simulated, limits: Limits) -
     )
 
 
-def _setup(cfg: build.Config) -> RidgeScan:
-    line, sensor = build.line(cfg), build.sensor(cfg)
-    scene: Any = build.scene(cfg)
-    shapes: Any = scene.surface.shapes if isinstance(scene, SurfaceScene) else ()
-    refuse(
-        len(shapes) != 1 or not isinstance(shapes[0], Ridges),
-        "The scene is not one set of ridges: use scene=ridges.",
-    )
+def _setup(line: Line, scene: Scene, sensor: Sensor, scan: ConstantSpeed) -> RidgeScan:
+    surface = scene.contact_scene
+    ridges = surface and surface.surface.only(Ridges)
+    if surface is None or ridges is None:
+        raise BadInput("The scene is not one set of ridges: use scene=ridges.")
     elements = len(sensor.elements)
     refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
-    pitches = line.n * float(line.cell_m) / float(shapes[0].pitch_m)
+    pitches = line.n * float(line.cell_m) / float(ridges.pitch_m)
     refuse(
         not isinstance(line, Periodic) or abs(pitches - round(pitches)) > 1e-6 or pitches < 0.5,
         f"The window holds {pitches:.4g} pitches: give grid.line=periodic and as grid.length_m a "
         "whole number of pitches.",
     )
-    scan = build.scan(cfg)
     speed = float(scan.speed_m_per_s)
     refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
-    return RidgeScan(line, scene, shapes[0], sensor, scan)
+    return RidgeScan(line, surface, ridges, sensor, scan)
 
 
-def _heights(settings) -> np.ndarray:
+def _range(given: Mapping[str, Any]) -> np.ndarray:
     name, wanted = "fig12_ridges.height_range_m", "[least, greatest], positive and increasing"
-    low, high = settings["height_range_m"]
+    low, high = given["height_range_m"]
     low = number(name, low, wanted, above=0)
     number(name, high, wanted, above=low)
     wanted = "a whole number from 3"
-    count = whole("fig12_ridges.heights", settings["heights"], wanted, least=3)
-    return np.geomspace(low, high, count)
+    return np.geomspace(low, high, whole("fig12_ridges.heights", given["heights"], wanted, least=3))
 
 
-def _pressures(settings) -> np.ndarray:
-    given, wanted = settings["pressures_Pa"], "a list of positive pressures in Pa"
+def _pressures(given: list) -> np.ndarray:
+    wanted = "a list of positive pressures in Pa"
     refuse(not given, f"fig12_ridges.pressures_Pa is empty: give {wanted}.")
     return np.array([number("fig12_ridges.pressures_Pa", p, wanted, above=0) for p in given], float)
 
 
-def _samples(settings, setup: RidgeScan) -> Periodic:
+def _samples(settings: RidgeSettings, setup: RidgeScan) -> Periodic:
     """The samples' positions, over whole ridges."""
     speed = float(setup.scan.speed_m_per_s)
     rate = number(
         "fig12_ridges.sample_rate_hz",
-        settings["sample_rate_hz"],
+        settings.sample_rate_hz,
         "a number in Hz that makes at least four samples for each ridge",
         least=4 * speed / setup.pitch_m,
     )
-    ridges = whole("fig12_ridges.ridges", settings["ridges"], "a whole number from 5", least=5)
-    return Periodic(round(ridges * setup.pitch_m * rate / speed), speed / rate, 0.0)
+    return Periodic(round(settings.ridges * setup.pitch_m * rate / speed), speed / rate, 0.0)
 
 
 def _signals(setup: RidgeScan, samples: Periodic, noises, waves: PitchWaves, key):
@@ -320,15 +374,6 @@ def _changed(scene: SurfaceScene, height, pressure) -> SurfaceScene:
     return eqx.tree_at(
         lambda s: (s.surface.shapes[0].height_m, s.nominal_pressure_Pa), scene, (height, pressure)
     )
-
-
-def _wide(cfg: build.Config) -> Film:
-    """The element with the wide strip."""
-    width: Any = cfg["fig12_ridges"]["blind_strip_width_m"]
-    (element,) = cfg["sensor"]["elements"].values()
-    wide = dict(element) | {"strip_width_m": width}
-    sensor = dict(cfg["sensor"]) | {"elements": {"wide": wide}}
-    return build.sensor(dict(cfg) | {"sensor": sensor}).elements[0]
 
 
 def _closed_form_load(setup: RidgeScan) -> float:
@@ -386,7 +431,7 @@ def _inverse(wanted, amplitudes, heights) -> np.ndarray:
     return np.exp(log)
 
 
-def _summary(m, settings) -> Table:
+def _summary(m, settings: RidgeSettings) -> Table:
     return Table(
         ("ridges", "value"),
         (
@@ -397,7 +442,7 @@ def _summary(m, settings) -> Table:
             ("noise, wide band, rms [µV]", 1e6 * m["noise_rms_V"]),
             (f"noise up to {m['band_hz']:.3g} Hz, rms [µV]", 1e6 * m["noise_rms_in_band_V"]),
             ("signal over noise, per sample", m["snr_per_sample"]),
-            (f"d' over {settings['ridges']} ridges", m["strength_over_scan"]),
+            (f"d' over {settings.ridges} ridges", m["strength_over_scan"]),
             ("least height found over them [µm]", 1e6 * m["least_height_over_scan_m"]),
             ("averaging needed at 6.5 µm [mm]", 1e3 * m["averaging_length_6.5um_m"]),
             ("averaging needed at 0.65 µm [mm]", 1e3 * m["averaging_length_0.65um_m"]),
@@ -405,8 +450,9 @@ def _summary(m, settings) -> Table:
     )
 
 
-def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: RidgeScan) -> tuple[Section, ...]:
-    settings = cfg["fig12_ridges"]
+def _sections(
+    ds: xarray.Dataset, m, settings: RidgeSettings, setup: RidgeScan, rest: str
+) -> tuple[Section, ...]:
     micro = {name: 1e6 * m[f"{name}_V"] for name in
              ("amplitude", "noise_rms", "noise_rms_in_band", "amplitude_blind_strip",
               "amplitude_most")}  # fmt: skip
@@ -429,20 +475,20 @@ def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: RidgeScan) -> tup
              f"The resistor's noise is {micro['noise_rms']:.3g} µV rms over the whole band: "
              f"{m['snr_per_sample']:.2g} in each sample. Up to {m['band_hz']:.3g} Hz, twice the "
              f"ridges' frequency, it is {micro['noise_rms_in_band']:.2g} µV. Over "
-             f"{settings['ridges']} ridges d' is {m['strength_over_scan']:.3g}: the pitch comes "
+             f"{settings.ridges} ridges d' is {m['strength_over_scan']:.3g}: the pitch comes "
              f"out as {1e3 * m['pitch_m']:.4f} ± {1e3 * m['pitch_m_stderr']:.4f} mm (Cramer-Rao "
              f"bound of one wave in this noise: {1e3 * m['pitch_m_stderr_bound']:.4f}).",
-             f"A strip {1e3 * settings['blind_strip_width_m']:.3g} mm wide gives "
+             f"A strip {1e3 * settings.blind_strip_width_m:.3g} mm wide gives "
              f"{micro['amplitude_blind_strip']:.1g} µV: it averages over its width, and over a "
              "whole pitch the average does not change."),
             {"signal": lambda: figures.signal(ds, setup.pitch_m, m["band_hz"])},
             {"signal": f"Dashed in the spectrum: what noise alone reaches anywhere in it with "
-             f"probability {settings['false_alarm']:g}."},
+             f"probability {settings.false_alarm:g}."},
         ),
         Section(
             "How high a ridge has to be",
-            (f"A wave of known pitch is found with probability {settings['detection']:g} at a "
-             f"false-alarm rate of {settings['false_alarm']:g} if d' = {m['strength_needed']:.3g}: "
+            (f"A wave of known pitch is found with probability {settings.detection:g} at a "
+             f"false-alarm rate of {settings.false_alarm:g} if d' = {m['strength_needed']:.3g}: "
              f"for 6.5 µm after {1e3 * m['averaging_length_6.5um_m']:.3g} mm of sliding, for "
              f"0.65 µm after {1e3 * m['averaging_length_0.65um_m']:.3g} mm.",),
             {"size": lambda: figures.size(ds, drawn, float(setup.scene.nominal_pressure_Pa)),
@@ -456,7 +502,7 @@ def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: RidgeScan) -> tup
             "Beside the paper",
             ("The paper calls its peaks at 6.5 µm \"large, distinct\" and expects ridges a tenth "
              "as high to be detectable. For peaks that stand "
-             f"{settings['peak_over_noise']:g} rms of noise out of the trace, this model's signal "
+             f"{settings.peak_over_noise:g} rms of noise out of the trace, this model's signal "
              "is "
              f"{m['snr_shortfall']:.3g} times too small in the whole band, and "
              f"{m['snr_shortfall_in_band']:.2g} times after a low-pass filter at "
@@ -477,8 +523,7 @@ def _sections(ds: xarray.Dataset, m, cfg: build.Config, setup: RidgeScan) -> tup
              f"Film {1e3 * float(setup.sensor.depth_m):.3g} mm deep, "
              f"{setup.sensor.elements[0].strips} laminated strips "
              f"{1e3 * float(setup.sensor.elements[0].width_m):.3g} mm wide; "
-             f"{float(setup.scan.speed_m_per_s):g} m/s; {settings['sample_rate_hz']:g} samples per "
-             f"second, noise {', '.join(cfg['noise'])}, nothing of the amplifier's own; seed "
-             f"{cfg['seed']}. Effects on: {', '.join(cfg['effects']) or 'none'}.",),
+             f"{float(setup.scan.speed_m_per_s):g} m/s; {settings.sample_rate_hz:g} samples per "
+             f"second, {rest}",),
         ),
     )  # fmt: skip

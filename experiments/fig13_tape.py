@@ -20,6 +20,7 @@ from srsinv.jobs.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
 from srsinv.report.figures import tape as draw
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 EDGES = ("leading", "trailing")
 CASES = ("as it is", "base friction alone", "no friction")
@@ -50,8 +51,9 @@ def run(cfg: build.Config) -> Outcome:
         sim, method = simulation(cfg), _only("method", build.methods(cfg))
         feature = _only("feature", build.surface_features(cfg))
         solved = SolvedContact(sim)
-        tape = _only("scene.surfaces", dict(enumerate(solved.surface.shapes)))
-        if not isinstance(tape, Tape):
+        _only("scene.surfaces", dict(enumerate(solved.surface.shapes)))
+        tape = solved.surface.only(Tape)
+        if tape is None:
             raise BadInput("scene is not one tape: use scene=tape.")
         around = number("fig13_tape.around_edge_m", cfg["fig13_tape"]["around_edge_m"],
                         "a positive length, up to half the tape's width",
@@ -63,6 +65,13 @@ def run(cfg: build.Config) -> Outcome:
             fitted = _fit(solved, feature, problem)
         edges = _edges(solved, tape, problem, around)
         dataset = _dataset(solved, problem, estimate, edges)
+    assumed = (
+        "Half space; Coulomb friction with a zone of its own at each edge; "
+        f"{sim.line.kind} line; noise: {', '.join(cfg['noise'])}; effects on: "
+        f"{listed(cfg['effects'])}. The data come from cells {sim.refinement} times finer than "
+        "those of the estimate. The fit knows the load, the skin and the length over which the "
+        "edges rise, nothing else."
+    )
     base = float(solved.surface.base_friction)
     true = {name: getattr(tape, name, None) for name in fitted.parameters}
     true = {name: base if value is None else float(value) for name, value in true.items()}
@@ -82,7 +91,7 @@ def run(cfg: build.Config) -> Outcome:
     )
     return Outcome(
         "Tape on a plate: a leading edge that catches", metrics, dataset,
-        _sections(dataset, cfg, metrics, fitted.parameters, true, around), table,
+        _sections(dataset, metrics, fitted.parameters, true, around, assumed), table,
     )  # fmt: skip
 
 
@@ -186,7 +195,7 @@ def _friction_rows(parameters, true):
         yield (what, *(pick(f"{edge}_edge_friction") for edge in EDGES))
 
 
-def _sections(ds, cfg, metrics, parameters, true, around) -> tuple[Section, ...]:
+def _sections(ds, metrics, parameters, true, around, assumed: str) -> tuple[Section, ...]:
     lead, trail = (metrics[f"antisymmetry_{edge}"] for edge in EDGES)
     free = [metrics[f"antisymmetry_{edge}_frictionless"] for edge in EDGES]
     rows = tuple((name, value, stderr, true[name], f"{(value - true[name]) / stderr:+.1f}")
@@ -233,11 +242,7 @@ def _sections(ds, cfg, metrics, parameters, true, around) -> tuple[Section, ...]
         ),
         Section(
             "What was assumed",
-            ("Half space; Coulomb friction with a zone of its own at each edge; "
-             f"{cfg['grid']['line']} line; noise: {', '.join(cfg['noise'])}; effects on: "
-             f"{', '.join(cfg['effects']) or 'none'}. The data come from cells "
-             f"{cfg['grid']['refinement']} times finer than those of the estimate. The fit knows "
-             "the load, the skin and the length over which the edges rise, nothing else.",
+            (assumed,
              f"The pressure is nowhere below {metrics['pressure_min_Pa']:.3g} Pa: contact "
              f"{metrics['contact']}."),
         ),

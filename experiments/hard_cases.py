@@ -1,19 +1,20 @@
 """Limits of the inversions: hard cases by every method, in both precisions."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray
 
+from srsinv.config import merged
 from srsinv.errors import BadInput, choice, mapping, refuse
 from srsinv.inverse.estimate import COMPONENTS
 from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.method import Method
 from srsinv.inverse.quality import Quality
 from srsinv.jobs import build
 from srsinv.jobs.analysis import deviation
-from srsinv.jobs.change import merged
-from srsinv.jobs.simulation import noisy_problem, simulation
+from srsinv.jobs.simulation import Simulation, noisy_problem, simulation
 from srsinv.progress import stage
 from srsinv.report.figures.matrix import matrices
 from srsinv.report.outcome import Outcome, Section, Table
@@ -61,9 +62,15 @@ def run(cfg: build.Config) -> Outcome:
             f"Two cases of hard_cases.cases are {label!r}: name them apart.",
         )
         with stage(f"hard case: {label}"):
+            own = merged(cfg, hard)
             for precision in precisions:
-                own = {**merged(cfg, hard), "precision": precision}
-                cells[label, precision] = _row(own)
+                with build.precision({"precision": precision}):
+                    cells[label, precision] = _row(
+                        build.methods(own).values(),
+                        lambda own=own: _problem_of(
+                            simulation(own), build.random_key(own), build.friction(own)
+                        ),
+                    )
     labels = list(dict.fromkeys(label for label, _ in cells))
     by_precision = {p: [cells[label, p] for label in labels] for p in precisions}
     dataset = _dataset(by_precision, labels, methods)
@@ -77,17 +84,20 @@ def run(cfg: build.Config) -> Outcome:
     )
 
 
-def _row(cfg: build.Config) -> list[Cell]:
-    """One case by every method."""
-    with build.precision(cfg):
-        methods = build.methods(cfg).values()
-        try:
-            sim = simulation(cfg)
-            problem = noisy_problem(sim, build.random_key(cfg), build.friction(cfg))
-        except BadInput as refused:
-            return [_refused(str(refused)) for _ in methods]
-        truth = np.asarray(sim.traction(sim.line))
-        return [_cell(method, problem, truth) for method in methods]
+def _problem_of(sim: Simulation, key, friction: float | None) -> tuple[LineProblem, np.ndarray]:
+    """The problem with noise, and its true traction."""
+    return noisy_problem(sim, key, friction), np.asarray(sim.traction(sim.line))
+
+
+def _row(
+    methods: Collection[Method], case: Callable[[], tuple[LineProblem, np.ndarray]]
+) -> list[Cell]:
+    """One case by every method; `case` gives its problem and its true traction, or refuses."""
+    try:
+        problem, truth = case()
+    except BadInput as refused:
+        return [_refused(str(refused)) for _ in methods]
+    return [_cell(method, problem, truth) for method in methods]
 
 
 def _refused(sentence: str) -> Cell:
@@ -95,7 +105,7 @@ def _refused(sentence: str) -> Cell:
     return Cell(nothing, nothing, np.nan, "refused", (sentence,))
 
 
-def _cell(method: Any, problem: LineProblem, truth: np.ndarray) -> Cell:
+def _cell(method: Method, problem: LineProblem, truth: np.ndarray) -> Cell:
     try:
         estimate = method(problem)
     except BadInput as refused:

@@ -7,16 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from srsinv.config import merged
 from srsinv.errors import refuse
 from srsinv.inverse.estimate import COMPONENTS
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.jobs import build
 from srsinv.jobs.analysis import deviation
-from srsinv.jobs.change import merged
 from srsinv.jobs.simulation import Simulation, problem_of, simulation
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 ASSUMED = "as assumed"
 
@@ -30,14 +31,14 @@ def run(cfg: build.Config) -> Outcome:
     """
     settings, methods = cfg["model_error"], build.methods(cfg)
     refuse(len(methods) != 1, f"method names {len(methods)}: give one, method=wiener.")
-    line_kind = cfg["grid"]["line"]
+    line_kind, truths = cfg["grid"]["line"], settings["truths"]
     refuse(line_kind != "periodic", f"grid.line is {line_kind!r}: give periodic, as for sinusoids.")
     (method,) = methods.values()
     with build.precision(cfg):
         assumed, key = simulation(cfg), build.random_key(cfg)
         waves = _waves(assumed, settings)
         estimates, gains = {}, {}
-        for name, changes in {ASSUMED: {}, **settings["truths"]}.items():
+        for name, changes in {ASSUMED: {}, **truths}.items():
             with stage(f"inverting as a half space: {name}"):
                 true = simulation(merged(cfg, changes))
                 signal = true.signal()
@@ -50,9 +51,13 @@ def run(cfg: build.Config) -> Outcome:
     dataset = _dataset(assumed, truth, estimates, gains, wavelengths)
     metrics = _metrics(dataset)
     table = _table(dataset)
+    words = (
+        f"Assumed: half space, depth {1e3 * cfg['sensor']['depth_m']:g} mm, effects "
+        f"{listed(cfg['effects'])}; method {', '.join(cfg['method'])}."
+    )
     return Outcome(
         "Another sensor than the one that is assumed", metrics, dataset,
-        _sections(cfg, dataset, table), table,
+        _sections(dataset, table, words, truths), table,
     )  # fmt: skip
 
 
@@ -165,7 +170,9 @@ def _table(ds: xarray.Dataset) -> Table:
     )
 
 
-def _sections(cfg: build.Config, ds: xarray.Dataset, table: Table) -> tuple[Section, ...]:
+def _sections(
+    ds: xarray.Dataset, table: Table, assumed: str, truths: Mapping[str, Any]
+) -> tuple[Section, ...]:
     wavelength_mm = 1e3 * ds["wavelength"].values
 
     def recovered():
@@ -215,11 +222,10 @@ def _sections(cfg: build.Config, ds: xarray.Dataset, table: Table) -> tuple[Sect
         ),
         Section(
             "What was assumed",
-            (f"Assumed: half space, depth {1e3 * cfg['sensor']['depth_m']:g} mm, effects "
-             f"{', '.join(cfg['effects']) or 'none'}; method {', '.join(cfg['method'])}.",),
+            (assumed,),
             tables=(
                 Table(("data made by", "differs in"),
-                      tuple((n, str(c)) for n, c in cfg["model_error"]["truths"].items())),
+                      tuple((name, str(changes)) for name, changes in truths.items())),
             ),
         ),
     )  # fmt: skip

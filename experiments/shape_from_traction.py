@@ -7,6 +7,7 @@ import numpy as np
 import xarray
 
 from srsinv.errors import mapping, refuse
+from srsinv.inverse.method import Method
 from srsinv.inverse.quality import Quality
 from srsinv.inverse.shape import shape_band, shape_under
 from srsinv.jobs import build
@@ -31,7 +32,18 @@ def run(cfg: build.Config) -> Outcome:
         methods = build.methods(cfg)
         refuse(len(methods) != 1, f"method names {len(methods)}: give one, method=[wiener].")
         method = next(iter(methods.values()))
-        profiles = {name: _recover(cfg, name, node, method) for name, node in scenes.items()}
+        key, profiles = build.random_key(cfg), {}
+        for name, node in scenes.items():
+            with stage(f"recovering the profile: {name}"):
+                solved = SolvedContact(simulation({**cfg, "scene": node}))
+                profiles[name] = _recover(solved, method, key)
+        line, depth_m = build.line(cfg), float(build.sensor(cfg).depth_m)
+    assumed = (
+        f"Half space, E* known; the mean pressure known; {line.kind} line; noise: "
+        f"{', '.join(cfg['noise'])}; method: {', '.join(cfg['method'])}. The data come from cells "
+        f"{cfg['grid']['refinement']} times finer than those of the estimate. Which cells touch is "
+        "taken from the truth, to compare on."
+    )
 
     metrics: dict[str, Any] = {}
     rows = []
@@ -57,30 +69,26 @@ def run(cfg: build.Config) -> Outcome:
     )  # fmt: skip
     return Outcome(
         "The profile inside the contact, from the recovered pressure",
-        metrics, dataset, _sections(dataset, cfg, metrics), table,
+        metrics, dataset, _sections(dataset, depth_m, assumed), table,
     )  # fmt: skip
 
 
-def _recover(cfg: build.Config, name: str, node, method) -> xarray.Dataset:
-    """One scene: its contact, p estimated from the signal, and the profile from that."""
-    with stage(f"recovering the profile: {name}"):
-        sim = simulation({**cfg, "scene": node})
-        solved = SolvedContact(sim)
-        problem = solved.problem(build.random_key(cfg))
-        estimate = method(problem).with_warnings(solved.contact.warnings)
-        line, skin, p = sim.line, solved.scene.skin, solved.traction()
-        touching = np.asarray(solved.contact.touching)[:: sim.refinement]
-        shape, stderr = shape_band(line, skin, estimate, jnp.asarray(touching))
-        smoothed = smoothed_truth(p, estimate, problem.forward.is_circular)
-        shapes = {
-            "shape": np.asarray(shape),
-            "shape_resolved": np.asarray(shape_under(line, skin, jnp.asarray(smoothed[0]))),
-            "shape_exact_pressure": np.asarray(shape_under(line, skin, jnp.asarray(p[0]))),
-            "height": np.asarray(solved.surface.height(line)),
-            "skin": np.asarray(solved.surface.height(sim.fine) + solved.contact.gap_m)[
-                :: sim.refinement
-            ],
-        }
+def _recover(solved: SolvedContact, method: Method, key) -> xarray.Dataset:
+    """One scene: p estimated from the signal, and the profile from that."""
+    sim, problem = solved.sim, solved.problem(key)
+    estimate = method(problem).with_warnings(solved.contact.warnings)
+    line, skin, p = sim.line, solved.scene.skin, solved.traction()
+    touching = np.asarray(solved.contact.touching)[:: sim.refinement]
+    shape, stderr = shape_band(line, skin, estimate, jnp.asarray(touching))
+    smoothed = smoothed_truth(p, estimate, problem.forward.is_circular)
+    on_surface = np.asarray(solved.surface.height(sim.fine) + solved.contact.gap_m)
+    shapes = {
+        "shape": np.asarray(shape),
+        "shape_resolved": np.asarray(shape_under(line, skin, jnp.asarray(smoothed[0]))),
+        "shape_exact_pressure": np.asarray(shape_under(line, skin, jnp.asarray(p[0]))),
+        "height": np.asarray(solved.surface.height(line)),
+        "skin": on_surface[:: sim.refinement],
+    }
     level = shapes["height"][touching].mean()
     shapes["skin"] = shapes["skin"] - level
     for key in ("shape_resolved", "shape_exact_pressure", "height"):
@@ -125,15 +133,14 @@ def _judge(ds: xarray.Dataset) -> dict[str, float]:
     }
 
 
-def _sections(ds: xarray.Dataset, cfg: build.Config, metrics) -> tuple[Section, ...]:
-    depth = build.sensor(cfg).depth_m
+def _sections(ds: xarray.Dataset, depth_m: float, assumed: str) -> tuple[Section, ...]:
     return (
         Section(
             "Recovered profiles",
             ("The skin is displaced by w(k) = 2/(E* |k|) p(k), and where it touches w is the "
              "profile, up to a constant. Long waves of p count most: those that the sensor "
              "passes best, but for the longest, which a rate does not feel.",
-             f"At {1e3 * float(depth):g} mm depth the film feels a wave of p as (1 + kz) e^(-kz): "
+             f"At {1e3 * depth_m:g} mm depth the film feels a wave of p as (1 + kz) e^(-kz): "
              "what is much shorter than the depth is lost, and the edges come back rounded."),
             {"shapes": lambda: draw.shapes(ds)},
             {"shapes": "Left: the surface, the skin on it, and the profile from the noisy signal, "
@@ -150,10 +157,7 @@ def _sections(ds: xarray.Dataset, cfg: build.Config, metrics) -> tuple[Section, 
         ),
         Section(
             "What was assumed",
-            (f"Half space, E* known; the mean pressure known; {cfg['grid']['line']} line; noise: "
-             f"{', '.join(cfg['noise'])}; method: {', '.join(cfg['method'])}. The data come from "
-             f"cells {cfg['grid']['refinement']} times finer than those of the estimate. Which "
-             "cells touch is taken from the truth, to compare on.",
+            (assumed,
              "The band is the method's own: noise and the waves that the assumed spectra leave "
              "open. A sharp ridge is no draw from such spectra."),
         ),

@@ -1,6 +1,8 @@
 """Rough surfaces: their spectra from the signal, and classification by them."""
 
 import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -11,15 +13,19 @@ import xarray
 
 from srsinv.errors import BadInput, mapping, number, refuse, whole
 from srsinv.forward.contact import press
+from srsinv.forward.noise import Noise, total_spectrum
 from srsinv.forward.noise import draw as draw_noise
-from srsinv.forward.noise import total_spectrum
+from srsinv.forward.scan import ConstantSpeed
+from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Rough
+from srsinv.grid import Line, Periodic
 from srsinv.inverse.texture import Bands, expected_power, nearest, tapered_power
 from srsinv.jobs import build
 from srsinv.progress import stage
 from srsinv.report.figures import textures as draw
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 CONTACTS = ("full", "light")
 CLASSIFICATIONS = {  # contact of the stretches, and their references
@@ -27,6 +33,30 @@ CLASSIFICATIONS = {  # contact of the stretches, and their references
     "pressed lightly, linear law": (1, "law"),
     "pressed lightly, learned": (1, "learned"),
 }
+
+
+@dataclass(frozen=True)
+class TextureSettings:
+    """`textures` of the configuration: the pressures of full and of light contact, the numbers of
+    draws of each texture, of further ones to learn from, and of bands of wavenumber."""
+
+    pressures_Pa: tuple[float, float]
+    draws: int
+    learning_draws: int
+    bands: int
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any]) -> "TextureSettings":
+        """Those given. Raises `BadInput` for numbers out of range."""
+        counts = [
+            whole(f"textures.{key}", given[key], "a whole number from 1", least=1)
+            for key in ("draws", "learning_draws", "bands")
+        ]
+        full, light = (
+            number(f"textures.{key}", given[key], "a positive pressure in Pa", above=0)
+            for key in ("pressure_Pa", "light_pressure_Pa")
+        )
+        return cls((full, light), *counts)
 
 
 class Slid(NamedTuple):
@@ -77,37 +107,41 @@ def run(cfg: build.Config) -> Outcome:
     Raises `BadInput` for surfaces that are not rough, a friction that is not known, more than one
     element, and numbers out of range.
     """
+    given, seed = cfg["textures"], build.seed(cfg)
+    named = mapping("textures.surfaces", given["surfaces"])
+    refuse(len(named) < 2, f"textures.surfaces names {len(named)}: give two or more rough ones.")
+    settings = TextureSettings.checked(given)
     with build.precision(cfg):
-        slid = _slid(cfg)
-    spectra = _spectra(slid, cfg["textures"]["bands"])
+        surfaces = {
+            name: build.make(node, f"textures.surfaces.{name}", "rough")
+            for name, node in named.items()
+        }
+        refinement = int(build.part(cfg, "grid")["refinement"])
+        lines = build.line(cfg), build.line(cfg, refinement)
+        parts = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
+        skin = build.make(cfg["skin"], "skin", "half_space")
+        texture_sensor = TextureSensor(*lines, refinement, *parts, skin, build.friction(cfg))
+        slid = _slid(texture_sensor, surfaces, settings, _samples(given, texture_sensor), seed)
+    spectra = _spectra(slid, settings.bands)
     chosen = _chosen(slid)
     metrics = _metrics(slid, spectra, chosen)
     dataset = _dataset(slid, spectra, chosen)
+    assumed = (
+        f"Half space; q = {cfg['friction']} p everywhere, known; periodic line, the data from "
+        f"cells {refinement} times finer; noise: {', '.join(cfg['noise'])}, its power known; "
+        f"effects on: {listed(cfg['effects'])}."
+    )
     return Outcome(
         "Textures by the spectrum of their signal",
         metrics,
         dataset,
-        _sections(dataset, cfg, metrics),
+        _sections(dataset, settings, metrics, assumed),
         _table(slid, spectra, chosen),
     )
 
 
-def _slid(cfg: build.Config) -> Slid:
-    given = cfg["textures"]
-    named = mapping("textures.surfaces", given["surfaces"])
-    refuse(len(named) < 2, f"textures.surfaces names {len(named)}: give two or more rough ones.")
-    draws, learning, _ = (
-        whole(f"textures.{key}", given[key], "a whole number from 1", least=1)
-        for key in ("draws", "learning_draws", "bands")
-    )
-    pressures = [
-        number(f"textures.{key}", given[key], "a positive pressure in Pa", above=0)
-        for key in ("pressure_Pa", "light_pressure_Pa")
-    ]
-    surfaces = {
-        name: build.make(node, f"textures.surfaces.{name}", "rough") for name, node in named.items()
-    }
-    texture_sensor = TextureSensor(cfg)
+def _samples(given: Mapping[str, Any], texture_sensor: "TextureSensor") -> int:
+    """The number of cells in a stretch."""
     stretch = number(
         "textures.stretch_m",
         given["stretch_m"],
@@ -115,20 +149,24 @@ def _slid(cfg: build.Config) -> Slid:
         above=4 * texture_sensor.cell_m,
         most=texture_sensor.line.n * texture_sensor.cell_m,
     )
+    return int(stretch / texture_sensor.cell_m)
+
+
+def _slid(
+    texture_sensor: "TextureSensor",
+    surfaces: Mapping[str, Rough],
+    settings: TextureSettings,
+    samples: int,
+    seed: int,
+) -> Slid:
+    draws = settings.draws
     with stage("sliding over the textures"):
         signals, contact_fraction = texture_sensor.signals(
-            surfaces, pressures, draws + learning, build.seed(cfg)
+            surfaces, settings.pressures_Pa, draws + settings.learning_draws, seed
         )
     truth = np.stack([texture_sensor.density(surface) for surface in surfaces.values()])
-    return Slid(
-        texture_sensor,
-        list(surfaces),
-        signals,
-        contact_fraction,
-        truth,
-        draws,
-        int(stretch / texture_sensor.cell_m),
-    )
+    names = list(surfaces)
+    return Slid(texture_sensor, names, signals, contact_fraction, truth, draws, samples)
 
 
 def _spectra(slid: Slid, count: int) -> Spectra:
@@ -263,21 +301,33 @@ def _table(slid: Slid, spectra: Spectra, chosen: np.ndarray) -> Table:
 
 
 class TextureSensor:
-    """The sensor on a line, q = mu p known: signals of surfaces, and their spectra."""
+    """The sensor on a line, q = mu p known: signals of surfaces, and their spectra.
 
-    def __init__(self, cfg: build.Config):
-        self.sensor, self.scan, self.noises = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
-        elements, mu = len(self.sensor.elements), build.friction(cfg)
+    Signals come from cells of the line `fine`, `refinement` times as many. Raises `BadInput` for
+    more than one element, a friction that is not known, and a line that is not periodic.
+    """
+
+    def __init__(
+        self,
+        line: Line,
+        fine: Line,
+        refinement: int,
+        sensor: Sensor,
+        scan: ConstantSpeed,
+        noises: tuple[Noise, ...],
+        skin: HalfSpace,
+        mu: float | None,
+    ):
+        self.line, self.fine, self.refinement = line, fine, refinement
+        self.sensor, self.scan, self.noises, self.skin = sensor, scan, noises, skin
+        elements = len(sensor.elements)
         refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
         if mu is None:
             raise BadInput("friction is null: give mu of q = mu p, such as 0.4.")
-        self.refinement = int(build.part(cfg, "grid")["refinement"])
-        self.line, self.fine = build.line(cfg), build.line(cfg, self.refinement)
         refuse(
-            not isinstance(self.line, build.Periodic),
+            not isinstance(line, Periodic),
             "grid.line is open: a texture has no end, use grid.line=periodic.",
         )
-        self.skin: HalfSpace = build.make(cfg["skin"], "skin", "half_space")
         self.cell_m, self.k = float(self.line.cell_m), np.asarray(self.line.k)
         self.unit = self.sensor.amplifier.unit
         stage = self.sensor.output(self.scan)
@@ -335,9 +385,10 @@ def _counted(chosen: np.ndarray) -> np.ndarray:
     return np.stack([np.bincount(row, minlength=len(chosen)) for row in chosen])
 
 
-def _sections(ds: xarray.Dataset, cfg: build.Config, metrics) -> tuple[Section, ...]:
-    given = cfg["textures"]
-    full, light = (f"{1e-3 * given[key]:g} kPa" for key in ("pressure_Pa", "light_pressure_Pa"))
+def _sections(
+    ds: xarray.Dataset, settings: TextureSettings, metrics, assumed: str
+) -> tuple[Section, ...]:
+    full, light = (f"{1e-3 * pressure:g} kPa" for pressure in settings.pressures_Pa)
     return (
         Section(
             "Signals",
@@ -370,11 +421,5 @@ def _sections(ds: xarray.Dataset, cfg: build.Config, metrics) -> tuple[Section, 
             {"texture_confusion": lambda: draw.confusion(ds)},
             {"texture_confusion": "Rows: what was there; columns: what was chosen."},
         ),
-        Section(
-            "What was assumed",
-            (f"Half space; q = {cfg['friction']} p everywhere, known; periodic line, the data "
-             f"from cells {cfg['grid']['refinement']} times finer; noise: "
-             f"{', '.join(cfg['noise'])}, its power known; effects on: "
-             f"{', '.join(cfg['effects']) or 'none'}.",),
-        ),
+        Section("What was assumed", (assumed,)),
     )  # fmt: skip

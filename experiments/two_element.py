@@ -14,6 +14,7 @@ from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.figures import curves
 from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.text import listed
 
 COMPONENTS = ("p", "q")
 
@@ -78,6 +79,11 @@ def run(cfg: build.Config) -> Outcome:
             "x": ("x", np.asarray(sim.line.x), {"units": "m"}),
         },
     )  # fmt: skip
+    assumed = (
+        f"Half space; {sim.line.kind} line; noise: {', '.join(cfg['noise'])}; effects on: "
+        f"{listed(cfg['effects'])}. The data come from cells {sim.refinement} times finer than "
+        "those of the estimate."
+    )
     mean = error.mean(axis=-1)
     rows, metrics = [], {}
     for m, name in enumerate(methods):
@@ -93,7 +99,7 @@ def run(cfg: build.Config) -> Outcome:
         "Two elements tell p from q: error against the angle between them",
         metrics,
         dataset,
-        _sections(dataset, cfg),
+        _sections(dataset, mu, assumed),
         Table(("method", "component", *heads, f"one element, mu = {mu:g}"), tuple(rows)),
     )
 
@@ -123,8 +129,7 @@ def _relative(value: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return wrong / np.linalg.norm(_deviation(truth), axis=-1)
 
 
-def _sections(ds: xarray.Dataset, cfg: build.Config) -> tuple[Section, ...]:
-    mu = cfg["two_element"]["assumed_friction"]
+def _sections(ds: xarray.Dataset, mu: float, assumed: str) -> tuple[Section, ...]:
     methods = [str(name) for name in ds["method"].values]
 
     def against_angle():
@@ -179,9 +184,7 @@ def _sections(ds: xarray.Dataset, cfg: build.Config) -> tuple[Section, ...]:
         ),
         Section(
             "What was assumed",
-            (f"Half space; {cfg['grid']['line']} line; noise: {', '.join(cfg['noise'])}; effects "
-             f"on: {', '.join(cfg['effects']) or 'none'}. The data come from cells "
-             f"{cfg['grid']['refinement']} times finer than those of the estimate.",
+            (assumed,
              "The predicted error is that of each method's Gaussian model, whose traction is "
              "rough everywhere; this scene is flat between its edges, so Wiener's meets less."),
         ),

@@ -13,7 +13,7 @@ Nothing here imports jax: a base is imported when a node of its kind is made.
 import importlib
 import inspect
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -226,6 +226,21 @@ def check_early(cfg: Config) -> None:
 def reader(cfg: Config) -> Any:
     """The reader of recorded files (`srsinv.recording.Reader`)."""
     return make(cfg["reader"], "reader", "reader")
+
+
+def select_effects(cfg: Config, names: Collection[str]) -> Config:
+    """The configuration with these of its effects."""
+    named = mapping("effects", cfg.get("effects") or {})
+    return {**cfg, "effects": {name: node for name, node in named.items() if name in names}}
+
+
+def merged(cfg: Config, changes: Config) -> dict[str, Any]:
+    """`cfg` with `changes` in depth; what names a class of its own replaces what was there."""
+    whole = dict(cfg)
+    for key, value in changes.items():
+        old, inside = whole.get(key), isinstance(value, Mapping) and _TARGET not in value
+        whole[key] = merged(old, value) if inside and isinstance(old, Mapping) else value
+    return whole
 
 
 def seed(cfg: Config) -> int:

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Collection, Mapping
 from numbers import Real
-from typing import Any, TypeGuard
+from typing import Any, TypeGuard, TypeVar
 
 LARGEST = 1e18  # no quantity here comes near, and float32 still holds its square
+Kind = TypeVar("Kind")
 _SHOWN = 80  # characters of a wrong value
 
 
@@ -76,6 +77,13 @@ def choice(name: str, value: Any, options: Collection[str]) -> str:
     """`value`, which is refused unless it is one of `options`."""
     fits = isinstance(value, str) and value in options
     refuse(not fits, f"{name} is {shown(value)}: give one of {', '.join(options)}.")
+    return value
+
+
+def of_kind(name: str, value: Any, kind: type[Kind], wanted: str) -> Kind:
+    """`value`, which is refused unless it derives from the base `kind`."""
+    if not isinstance(value, kind):
+        raise BadInput(f"{name} is {shown(value)}: give {wanted}.")
     return value
 
 

@@ -145,6 +145,11 @@ class Line(eqx.Module):
     start_m: eqx.AbstractVar[Float[Array, ""]]
 
     @property
+    def kind(self) -> str:
+        """What it is called in a configuration: periodic or open."""
+        return type(self).__name__.lower()
+
+    @property
     def x(self) -> Float[Array, " n"]:
         """Cell centres [m]."""
         return self.start_m + self.cell_m * jnp.arange(self.n)

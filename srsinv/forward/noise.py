@@ -6,6 +6,7 @@ all wavenumbers is the variance. Elements are independent, but for a cause that 
 """
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -21,7 +22,9 @@ MOST_DB = 300  # beyond, float64 has no digit of the smaller one of signal and n
 
 
 class Noise(eqx.Module):
-    """One cause of noise."""
+    """One cause of noise; `needs_noise_free_signal`: whether it has no meaning for a recording."""
+
+    needs_noise_free_signal: ClassVar[bool] = False
 
     @abc.abstractmethod
     def spectrum(
@@ -76,6 +79,7 @@ class White(Noise):
 class SignalToNoise(Noise):
     """White noise at `snr_dB` = 20 log10(rms signal over all elements / rms noise)."""
 
+    needs_noise_free_signal: ClassVar[bool] = True
     snr_dB: Float[Array, ""]
 
     def __init__(self, snr_dB=40.0):
@@ -135,6 +139,14 @@ def exponential_spectrum(k, cell_m, correlation_m) -> Float[Array, " k"]:
     return (1 + correlation) / (one_less + swing / one_less)
 
 
+def split_gaussian(
+    noises: tuple[Noise, ...],
+) -> tuple[tuple[Noise, ...], tuple[NonGaussianNoise, ...]]:
+    """The Gaussian causes, and those that bring their own draw."""
+    gaussian = tuple(noise for noise in noises if noise.non_gaussian is None)
+    return gaussian, tuple(own for noise in noises if (own := noise.non_gaussian) is not None)
+
+
 def total_spectrum(
     noises: tuple[Noise, ...], line: Line, scan: ConstantSpeed, signal_rms
 ) -> Float[Array, " k"]:
@@ -159,8 +171,7 @@ def with_noise(
     """The signal with noise, the noise's power at line.k, and the signal's rms, which some causes
     scale with."""
     rms = jnp.sqrt(jnp.mean(signal**2))
-    gaussian = tuple(noise for noise in noises if noise.non_gaussian is None)
-    others = (own for noise in noises if (own := noise.non_gaussian) is not None)
+    gaussian, others = split_gaussian(noises)
     spectrum = total_spectrum(gaussian, line, scan, rms)
     noisy = signal + draw(key, spectrum, *signal.shape)
     for at, noise in enumerate(others):

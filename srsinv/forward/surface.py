@@ -7,7 +7,7 @@ is the one met first (docs/physics.md, section 10).
 
 import abc
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import equinox as eqx
 import jax
@@ -406,6 +406,9 @@ class Profile(Shape):
         return jnp.interp(line.x, self.position_m, self.profile_m)
 
 
+OneShape = TypeVar("OneShape", bound=Shape)
+
+
 class Surface(eqx.Module):
     """The sum of shapes on a plate of friction `base_friction`."""
 
@@ -415,6 +418,11 @@ class Surface(eqx.Module):
     def __init__(self, shapes: Sequence[Shape] = (), base_friction: Scalar = 0.0):
         self.shapes = tuple(shapes)
         self.base_friction = _real("base_friction", base_friction)
+
+    def only(self, kind: type[OneShape]) -> OneShape | None:
+        """Its only shape, where that is of this kind, else None."""
+        shape = self.shapes[0] if len(self.shapes) == 1 else None
+        return shape if isinstance(shape, kind) else None
 
     @eqx.filter_jit
     def height(self, line: Line) -> Float[Array, " n"]:

@@ -1,11 +1,15 @@
 """The contract of every inversion: a problem to an estimate."""
 
 import abc
+from collections.abc import Callable
 
 import equinox as eqx
+from jaxtyping import Array, Float
 
+from ..errors import BadInput
 from .estimate import Estimate
 from .line_problem import LineProblem
+from .prior import Prior
 from .problem import Problem
 
 
@@ -19,3 +23,19 @@ class Method(eqx.Module):
     @abc.abstractmethod
     def __call__(self, problem: Problem | LineProblem) -> Estimate:
         """The estimate of p and q [Pa], with its standard error."""
+
+    def spectra(self, problem: LineProblem) -> Float[Array, "c k"] | None:
+        """The power spectra of p and q [Pa^2] that it is given; None where it is given none."""
+        del problem
+        return None
+
+    def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
+        """Its Gaussian prior for any problem; what a rule chooses is chosen once, on `problem`.
+
+        Raises `BadInput` for a method without such a prior.
+        """
+        del problem
+        raise BadInput(
+            f"{type(self).__name__} has no Gaussian prior to solve for in other ways: give "
+            "method=[wiener,tikhonov] or one of them."
+        )

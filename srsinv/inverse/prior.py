@@ -25,6 +25,12 @@ class Prior(eqx.Module):
     def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
         """P r on the line as it is."""
 
+    def differences(self, line: Line) -> tuple[int, Float[Array, " c"]] | None:
+        """Where P is a weighted sum of squared differences of neighbouring cells: their order, and
+        the weight of each component's [1/Pa^2]. None where it is no such sum."""
+        del line
+        return None
+
 
 class Score(NamedTuple):
     """Terms of a rule's criterion for a prior: scalars, or one number for each prior of a batch."""

@@ -1,5 +1,6 @@
 """Tikhonov's method: a penalty on the traction or its derivatives, its weight chosen by a rule."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import choice, number, refuse, shown, whole
+from ..errors import choice, number, of_kind, whole
 from ..grid import Line, as_real
 from ..status import Status
 from .diagnostics import undetermined_weights
@@ -33,13 +34,17 @@ class DerivativePenalty(Prior):
         return jnp.sqrt(self.weights)[:, None] * symbol**self.order
 
     def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+        order, weights = self.differences(line)
+
         def penalised(r):
-            return line.differences(r, self.order)
+            return line.differences(r, order)
 
         transpose = jax.linear_transpose(penalised, r)
         (penalty,) = transpose(penalised(r))
-        scale = self.weights * (self.length_m / line.cell_m) ** (2 * self.order)
-        return scale[:, None] * penalty
+        return weights[:, None] * penalty
+
+    def differences(self, line: Line) -> tuple[int, Float[Array, " c"]]:
+        return self.order, self.weights * (self.length_m / line.cell_m) ** (2 * self.order)
 
 
 class Penalties(Family):
@@ -92,11 +97,8 @@ class Tikhonov(Method):
         key = "method.tikhonov."
         self.order = whole(f"{key}order", order, "0, 1 or 2", least=0, most=2)
         self.weight_p, self.weight_q = _weight("weight_p", weight_p), _weight("weight_q", weight_q)
-        refuse(
-            rule is not None and not isinstance(rule, Rule),
-            f"{key}rule is {shown(rule)}: give a rule, such as rule=gcv.",
-        )
-        self.rule = GeneralisedCrossValidation() if rule is None else rule
+        rule = GeneralisedCrossValidation() if rule is None else rule
+        self.rule = of_kind(f"{key}rule", rule, Rule, "a rule, such as rule=gcv")
         self.length_m = as_real(
             number(f"{key}length_m", length_m, "a positive length in metres", above=0)
         )
@@ -122,6 +124,11 @@ class Tikhonov(Method):
         }
         estimate = solve(problem, prior, self.path, self.tolerance).with_stats(stats)
         return estimate.with_warnings(undetermined_weights(choice.status))
+
+    def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
+        given = (self.weight_p, self.weight_q)[: problem.unknowns]
+        prior = self._family(self._choose(problem, given).log_weights)
+        return lambda _: prior
 
     def _choose(self, problem: LineProblem, given) -> Choice:
         box = self._box(problem, given)

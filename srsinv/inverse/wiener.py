@@ -1,6 +1,7 @@
 """The Wiener filter, the paper's (15): noise and traction spectra given."""
 
 import abc
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import choice, number, refuse, shown
+from ..errors import choice, number, of_kind
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
 from ..status import Status
@@ -135,7 +136,7 @@ class Wiener(Method):
     def __call__(self, problem: Problem | LineProblem) -> Estimate:
         """Posterior mean and standard error of p and q."""
         problem = problem.on_line()
-        power = _powers(problem, (self.p, self.q)[: problem.unknowns])
+        power = self.spectra(problem)
         stats: dict = {"method": "wiener", "scale": self.scale}
         status = Status.GIVEN
         if self.scale == "evidence":
@@ -149,13 +150,18 @@ class Wiener(Method):
         estimate = solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
         return estimate.with_warnings(undetermined_weights(status))
 
+    def spectra(self, problem: LineProblem) -> Float[Array, "c k"]:
+        return _powers(problem, (self.p, self.q)[: problem.unknowns])
+
+    def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
+        del problem  # nothing is chosen: the spectra as they are given
+        return lambda each: SpectralPrior(self.spectra(each))
+
 
 def _spectrum(name: str, given: Any) -> TractionSpectrum:
-    refuse(
-        given is not None and not isinstance(given, TractionSpectrum),
-        f"method.wiener.{name} is {shown(given)}: give a traction spectrum, such as Exponential.",
-    )
-    return Exponential() if given is None else given
+    wanted = "a traction spectrum, such as Exponential"
+    spectrum = Exponential() if given is None else given
+    return of_kind(f"method.wiener.{name}", spectrum, TractionSpectrum, wanted)
 
 
 @eqx.filter_jit

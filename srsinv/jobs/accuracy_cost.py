@@ -7,7 +7,8 @@ averaging kernel too.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,13 +22,12 @@ from ..inverse import direct, iterative, spectral
 from ..inverse.estimate import COMPONENTS
 from ..inverse.line_problem import LineProblem
 from ..inverse.prior import Prior
-from ..inverse.tikhonov import Penalties, Tikhonov
-from ..inverse.wiener import SpectralPrior
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import accuracy_cost_fit as fitting
 from . import build, peers
+from .accuracy_cost_fit import FitSettings
 from .analysis import deviation, timed
 from .simulation import Simulation, noisy_problem, simulation
 
@@ -38,31 +38,84 @@ PRECISIONS = ("float64", "float32")
 NUMPY, SCIPY = "numpy", "scipy cg"
 
 Row = dict[str, Any]
+Simulated = Callable[[str, int], Simulation]  # by the kind of line and the number of cells
+
+
+@dataclass(frozen=True)
+class CostSettings:
+    """`accuracy_cost` of the configuration: numbers of cells, calls after the first of which the
+    least time counts, tolerances of the iterative solvers, and the settings of the fit."""
+
+    forward_cells: Sequence[int]
+    inverse_cells: Sequence[int]
+    repeats: int
+    tolerances: Sequence[float]
+    fit: FitSettings
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any]) -> "CostSettings":
+        """Those given; raises `BadInput` for what cannot be measured."""
+        for name in ("forward_cells", "inverse_cells"):
+            cells = given[name]
+            refuse(
+                not cells or any(not isinstance(n, int) or n < 8 or n % cells[0] for n in cells),
+                f"accuracy_cost.{name} is {cells}: give whole numbers from 8, each a multiple of "
+                "the first.",
+            )
+        refuse(
+            not (isinstance(given["repeats"], int) and given["repeats"] >= 1),
+            f"accuracy_cost.repeats is {given['repeats']}: give a whole number from 1.",
+        )
+        refuse(
+            any(not TIGHT < tolerance < 1 for tolerance in given["tolerances"]),
+            f"accuracy_cost.tolerances is {given['tolerances']}: give numbers between {TIGHT:g} "
+            "and 1.",
+        )
+        return cls(
+            forward_cells=given["forward_cells"],
+            inverse_cells=given["inverse_cells"],
+            repeats=given["repeats"],
+            tolerances=given["tolerances"],
+            fit=FitSettings.checked(given["fit"]),
+        )
 
 
 def run(cfg: build.Config) -> Outcome:
     """The job: measure all parts, lay out the page."""
-    _check(cfg["accuracy_cost"])
+    settings = CostSettings.checked(cfg["accuracy_cost"])
+
+    def simulated(line: str, cells: int) -> Simulation:
+        return simulation({**cfg, "grid": {**cfg["grid"], "line": line, "cells": cells}})
+
     with build.precision({"precision": "float64"}):
         rows = []
         for line in build.LINES:
             with stage(f"forward model, {line} line"):
-                rows += _forward(cfg, line)
+                rows += _forward(simulated, settings, line)
         with stage("data and weights"):
-            problems = _problems(cfg)
-            priors = _priors(cfg, problems)
+            key, friction = build.random_key(cfg), build.friction(cfg)
+            problems = _problems(simulated, settings.inverse_cells, key, friction)
+            smallest, _ = problems["periodic", min(settings.inverse_cells)]
+            methods = build.methods(cfg).items()
+            priors = {name.lower(): method.prior_fixed_on(smallest) for name, method in methods}
         for (line, cells), (problem, truth) in problems.items():
             with stage(f"inversions, {line} line, {cells} cells"):
-                rows += _inversions(cfg["accuracy_cost"], priors, line, problem, truth)
-        fits = fitting.rows_of(cfg)
+                rows += _inversions(settings, priors, line, problem, truth)
+        fits = fitting.rows_of(
+            settings.fit, settings.repeats, build.sensor(cfg), build.scan(cfg), build.seed(cfg)
+        )
     _against_peers(rows, "cells")
     _against_peers(fits, "setting")
-    *parts, how = _sections(cfg, rows)
+    data = (
+        f"{', '.join(cfg['noise'])} noise, seed {cfg['seed']}, from cells "
+        f"{cfg['grid']['refinement']} times finer"
+    )
+    *parts, how = _sections(settings, data, rows)
     return Outcome(
         "Accuracy against cost: forward model, Wiener, Tikhonov and feature fit",
         _metrics(rows) | fitting.metrics(fits),
         _dataset(rows).merge(fitting.dataset(fits), combine_attrs="override"),
-        (*parts, *fitting.sections(cfg, fits), how),
+        (*parts, *fitting.sections(settings.fit, fits), how),
         _summary(rows, fits),
     )
 
@@ -73,30 +126,6 @@ def _against_peers(rows: list[Row], size: str) -> None:
     for row in rows:
         peer = baselines.get((row["part"], row["line"], row["peer"], row[size]))
         row["against_peer"] = peer and row["steady_call_s"] / peer["steady_call_s"]
-
-
-def _check(settings: dict[str, Any]) -> None:
-    for name in ("forward_cells", "inverse_cells"):
-        cells = settings[name]
-        refuse(
-            not cells or any(not isinstance(n, int) or n < 8 or n % cells[0] for n in cells),
-            f"accuracy_cost.{name} is {cells}: give whole numbers from 8, each a multiple of the "
-            "first.",
-        )
-    refuse(
-        not (isinstance(settings["repeats"], int) and settings["repeats"] >= 1),
-        f"accuracy_cost.repeats is {settings['repeats']}: give a whole number from 1.",
-    )
-    refuse(
-        any(not TIGHT < tolerance < 1 for tolerance in settings["tolerances"]),
-        f"accuracy_cost.tolerances is {settings['tolerances']}: give numbers between {TIGHT:g} "
-        "and 1.",
-    )
-    fitting.check(settings["fit"])
-
-
-def _simulation(cfg: build.Config, line: str, cells: int) -> Simulation:
-    return simulation({**cfg, "grid": {**cfg["grid"], "line": line, "cells": cells}})
 
 
 def _compiled(function: Callable, *arguments) -> tuple[Callable, float]:
@@ -113,19 +142,19 @@ def _relative(value, reference) -> float:
 # --- forward model ---------------------------------------------------------------------------
 
 
-def _forward(cfg: build.Config, line: str) -> Iterator[Row]:
-    sizes = cfg["accuracy_cost"]["forward_cells"]
+def _forward(simulated: Simulated, settings: CostSettings, line: str) -> Iterator[Row]:
+    sizes = settings.forward_cells
     common = min(sizes)  # positions that every grid has
 
     def model(cells: int):
-        sim = _simulation(cfg, line, cells)
+        sim = simulated(line, cells)
         return sim.sensor.operator(sim.line, sim.scan), sim.traction(sim.line)
 
     operator, traction = model(REFERENCE * max(sizes))
     reference = np.asarray(operator(traction))[:, :: REFERENCE * max(sizes) // common]
 
     def row(family: str, cells: int, work: Callable[[], Any], compile_s: float, exact) -> Row:
-        value, first, steady = timed(work, cfg["accuracy_cost"]["repeats"])
+        value, first, steady = timed(work, settings.repeats)
         value = np.asarray(value, float)
         return {
             "part": "forward",
@@ -161,14 +190,15 @@ def _forward(cfg: build.Config, line: str) -> Iterator[Row]:
 Problems = dict[tuple[str, int], tuple[LineProblem, np.ndarray]]
 
 
-def _problems(cfg: build.Config) -> Problems:
+def _problems(
+    simulated: Simulated, sizes: Sequence[int], key: jax.Array, friction: float | None
+) -> Problems:
     """The noisy problem and its true traction, by line and number of cells."""
-    key = build.random_key(cfg)
     problems = {}
-    for cells in cfg["accuracy_cost"]["inverse_cells"]:
+    for cells in sizes:
         for line in build.LINES:
-            sim = _simulation(cfg, line, cells)
-            problem = noisy_problem(sim, key, cfg["friction"])
+            sim = simulated(line, cells)
+            problem = noisy_problem(sim, key, friction)
             truth = np.asarray(sim.traction(sim.line))[: problem.unknowns]
             problems[line, cells] = problem, _without_mean(truth)
     return problems
@@ -177,22 +207,6 @@ def _problems(cfg: build.Config) -> Problems:
 def _without_mean(values) -> np.ndarray:
     """Deviation from the mean over all cells."""
     return deviation(np.asarray(values, float), np.ones(np.shape(values)[-1], bool))
-
-
-def _priors(cfg: build.Config, problems: Problems) -> dict[str, Callable[[LineProblem], Prior]]:
-    """For each method its prior: Tikhonov's weights are chosen once, at the smallest size."""
-    chosen_on, _ = problems["periodic", min(cfg["accuracy_cost"]["inverse_cells"])]
-
-    def fixed(name: str, method) -> Callable[[LineProblem], Prior]:
-        if isinstance(method, Tikhonov):
-            stats = method(chosen_on).stats
-            weights = [stats[f"weight_{c}_per_Pa2"] for c in COMPONENTS[: chosen_on.unknowns]]
-            prior = Penalties(method.length_m, method.order)(jnp.log10(jnp.asarray(weights)))
-            return lambda problem: prior
-        spectra = (method.p, method.q)[: chosen_on.unknowns]
-        return lambda problem: SpectralPrior(jnp.stack([s.power(problem) for s in spectra]))
-
-    return {name.lower(): fixed(name, method) for name, method in build.methods(cfg).items()}
 
 
 class _Solver(NamedTuple):
@@ -205,14 +219,18 @@ class _Solver(NamedTuple):
 
 
 def _inversions(
-    settings, priors, line: str, problem: LineProblem, truth: np.ndarray
+    settings: CostSettings,
+    priors: Mapping[str, Callable[[LineProblem], Prior]],
+    line: str,
+    problem: LineProblem,
+    truth: np.ndarray,
 ) -> Iterator[Row]:
     size = np.linalg.norm(truth, axis=1)
     size = np.where(size > 0, size, np.nan)
     for part, prior_of in priors.items():
-        exact, solvers = _solvers(settings, problem, prior_of(problem))
+        exact, solvers = _solvers(settings.tolerances, problem, prior_of(problem))
         for family, peer, work, compile_s in solvers:
-            value, first, steady = timed(work, settings["repeats"])
+            value, first, steady = timed(work, settings.repeats)
             value = _without_mean(value)
             errors = np.linalg.norm(value - truth, axis=1) / size
             yield {
@@ -229,13 +247,15 @@ def _inversions(
             }
 
 
-def _solvers(settings, problem: LineProblem, prior: Prior) -> tuple[np.ndarray, list[_Solver]]:
+def _solvers(
+    tolerances: Sequence[float], problem: LineProblem, prior: Prior
+) -> tuple[np.ndarray, list[_Solver]]:
     """The exact minimiser, and the solvers to compare with it.
 
     Exact is the spectral solution; on the open line that of conjugate gradients to `TIGHT`.
     """
     given = problem, prior
-    tolerances, normal = settings["tolerances"], peers.NumpyNormal(*given)
+    normal = peers.NumpyNormal(*given)
     iterate, iterate_s = _compiled(_iterative, *given, jnp.asarray(TIGHT))
     ways = []
     if problem.forward.is_circular:
@@ -337,11 +357,13 @@ def _curves(rows: list[Row], measure: str, title: str) -> Callable:
     return lambda: figures.accuracy_cost(shown, title)
 
 
-def _sections(cfg: build.Config, rows: list[Row]) -> tuple[Section, ...]:
+def _sections(settings: CostSettings, data: str, rows: list[Row]) -> tuple[Section, ...]:
     parts = dict.fromkeys(row["part"] for row in rows)
     return (
         *(_section(part, [r for r in rows if r["part"] == part]) for part in parts),
-        Section("What was measured and how", tables=(Table(("what", "how"), _how(cfg)),)),
+        Section(
+            "What was measured and how", tables=(Table(("what", "how"), _how(settings, data)),)
+        ),
     )
 
 
@@ -397,19 +419,18 @@ def _inversion_caption(rows: list[Row]) -> str:
     )
 
 
-def _how(cfg: build.Config) -> tuple[tuple[str, str], ...]:
-    settings = cfg["accuracy_cost"]
+def _how(settings: CostSettings, data: str) -> tuple[tuple[str, str], ...]:
+    """Rows of the page; `data` says what the inversions' data come from."""
     return (
-        ("steady time", f"the least of {settings['repeats']} calls after the first, result waited "
+        ("steady time", f"the least of {settings.repeats} calls after the first, result waited "
          "for; arrays are arguments, so that nothing is computed beforehand"),
         ("first call", "with compilation, which both tolerances share (numpy and scipy have none)"),
-        ("forward error", f"relative rms over {min(settings['forward_cells'])} positions that all "
-         f"grids have, against float64 on {REFERENCE * max(settings['forward_cells'])} cells of "
+        ("forward error", f"relative rms over {min(settings.forward_cells)} positions that all "
+         f"grids have, against float64 on {REFERENCE * max(settings.forward_cells)} cells of "
          "the same line"),
         ("forward work", "FFT, product with the transfer, inverse FFT; the transfer is ready"),
-        ("inversion's data", f"{', '.join(cfg['noise'])} noise, seed {cfg['seed']}, from cells "
-         f"{cfg['grid']['refinement']} times finer; the same noise per sample at every size, so "
-         "more cells are more data"),
+        ("inversion's data", f"{data}; the same noise per sample at every size, so more cells are "
+         "more data"),
         ("inversion's work", "p and q from the signal, no standard error; the direct way makes its "
          "covariance and the iterative one its averaging kernel all the same"),
         ("weights", "fixed: Wiener's spectra as configured, Tikhonov's by its rule on the "

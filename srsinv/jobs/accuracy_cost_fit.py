@@ -4,8 +4,8 @@ A strip of pressure and shear is fitted to noisy signals: over solver and tolera
 of starting points, and over the number of signals fitted together.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import jax
@@ -15,13 +15,13 @@ from jaxtyping import Float
 
 from ..errors import refuse
 from ..forward.feature import StripFeature
-from ..forward.scan import Motion
+from ..forward.scan import ConstantSpeed, Motion
+from ..forward.sensor import Sensor
 from ..inverse.feature_model import FeatureModel
 from ..inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix, Solver, fit, fit_many
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Section, Table
-from . import build
 from .analysis import timed
 from .peers import NumpyStrip
 
@@ -47,23 +47,38 @@ SCIPY = {"scipy, 2-point": False, "scipy, analytic": True}
 Row = dict[str, Any]
 
 
-def check(settings: Mapping[str, Any]) -> None:
-    """Refuse settings under the key `accuracy_cost.fit` that cannot be measured."""
-    for name in ("starts", "batches"):
-        counts = settings[name]
+@dataclass(frozen=True)
+class FitSettings:
+    """`accuracy_cost.fit` of the configuration: samples of each element, signal over noise,
+    tolerances of every solver, numbers of starts, of the signals that are fitted from them, and of
+    those fitted together."""
+
+    samples: int
+    snr_dB: float
+    tolerances: Sequence[float]
+    starts: Sequence[int]
+    signals: int
+    batches: Sequence[int]
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any]) -> "FitSettings":
+        """Those given; raises `BadInput` for what cannot be measured."""
+        for name in ("starts", "batches"):
+            counts = given[name]
+            refuse(
+                not counts or any(not isinstance(n, int) or n < 1 for n in counts),
+                f"accuracy_cost.fit.{name} is {counts}: give whole numbers from 1.",
+            )
         refuse(
-            not counts or any(not isinstance(n, int) or n < 1 for n in counts),
-            f"accuracy_cost.fit.{name} is {counts}: give whole numbers from 1.",
+            not given["tolerances"] or any(not EXACT < t < 1 for t in given["tolerances"]),
+            f"accuracy_cost.fit.tolerances is {given['tolerances']}: give numbers between "
+            f"{EXACT:g} and 1.",
         )
-    refuse(
-        not settings["tolerances"] or any(not EXACT < t < 1 for t in settings["tolerances"]),
-        f"accuracy_cost.fit.tolerances is {settings['tolerances']}: give numbers between "
-        f"{EXACT:g} and 1.",
-    )
-    refuse(
-        not (isinstance(settings["signals"], int) and settings["signals"] >= 1),
-        f"accuracy_cost.fit.signals is {settings['signals']!r}: give a whole number from 1.",
-    )
+        refuse(
+            not (isinstance(given["signals"], int) and given["signals"] >= 1),
+            f"accuracy_cost.fit.signals is {given['signals']!r}: give a whole number from 1.",
+        )
+        return cls(**{each.name: given[each.name] for each in fields(cls)})
 
 
 @dataclass(frozen=True)
@@ -101,12 +116,12 @@ class FitTask:
         return {"noise": self.noise_rms, "bounds": self.bounds, "linear": self.model.linear}
 
 
-def rows_of(cfg: build.Config) -> list[Row]:
+def rows_of(
+    settings: FitSettings, repeats: int, sensor: Sensor, scan: ConstantSpeed, seed: int
+) -> list[Row]:
     """Every measurement."""
-    settings = cfg["accuracy_cost"]["fit"]
-    repeats = cfg["accuracy_cost"]["repeats"]
     with stage("signals to fit, and their exact minima"):
-        task = _task(cfg, settings)
+        task = _task(settings, sensor, scan, seed)
     rows: list[Row] = []
     with stage("fits over solver and tolerance"):
         rows += _tolerances(task, settings, repeats)
@@ -117,9 +132,8 @@ def rows_of(cfg: build.Config) -> list[Row]:
     return rows
 
 
-def _task(cfg: build.Config, settings: Mapping[str, Any]) -> FitTask:
-    sensor, scan = build.sensor(cfg), build.scan(cfg)
-    x = np.linspace(-SCAN_M / 2, SCAN_M / 2, settings["samples"])
+def _task(settings: FitSettings, sensor: Sensor, scan: ConstantSpeed, seed: int) -> FitTask:
+    x = np.linspace(-SCAN_M / 2, SCAN_M / 2, settings.samples)
     speed = abs(float(scan.speed_m_per_s))
     motion = Motion((x - x[0]) / speed, x, np.full(x.shape, speed))
     model, fine = (
@@ -128,17 +142,24 @@ def _task(cfg: build.Config, settings: Mapping[str, Any]) -> FitTask:
         )
         for n in (1, FINER)
     )
-    rng = np.random.default_rng(build.seed(cfg))
-    positions = rng.uniform(*POSITIONS_M, max(settings["signals"], *settings["batches"]))
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(*POSITIONS_M, max(settings.signals, *settings.batches))
     truth = np.array([[at, *TRUE.values()] for at in positions])
     clean = np.asarray(jax.jit(jax.vmap(lambda z: fine(_tree(z))))(truth))
-    noise_rms = float(np.sqrt(np.mean(clean**2)) * 10 ** (-settings["snr_dB"] / 20))
+    noise_rms = float(np.sqrt(np.mean(clean**2)) * 10 ** (-settings.snr_dB / 20))
     ys = clean + noise_rms * rng.normal(size=clean.shape)
     depth = float(sensor.depth_m)
     bounds = {
         "strip.position_m": (-SCAN_M / 2, SCAN_M / 2),
         "strip.width_m": (0.1 * depth, SCAN_M),
     }
+    minima = _exact(model, ys, noise_rms, bounds)
+    return FitTask(model, NumpyStrip(model), bounds, ys, noise_rms, truth, *minima)
+
+
+def _exact(model: FeatureModel, ys, noise_rms: float, bounds) -> tuple[np.ndarray, np.ndarray]:
+    """Each signal's exact minimum (signal, 4), and the inverse of a Cholesky factor of its
+    covariance (signal, 4, 4)."""
     fits = fit_many(
         model,
         _tree(np.array([0.0, *TRUE.values()])),
@@ -151,17 +172,8 @@ def _task(cfg: build.Config, settings: Mapping[str, Any]) -> FitTask:
         max_searches=2,
     )
     order = [fits[0].names.index(f"strip.{name}") for name in ("position_m", *TRUE)]
-    covariance = [f.covariance[np.ix_(order, order)] for f in fits]
-    return FitTask(
-        model,
-        NumpyStrip(model),
-        bounds,
-        ys,
-        noise_rms,
-        truth,
-        np.array([_row(f.value) for f in fits]),
-        np.linalg.inv(np.linalg.cholesky(np.array(covariance))),
-    )
+    covariance = np.array([f.covariance[np.ix_(order, order)] for f in fits])
+    return np.array([_row(f.value) for f in fits]), np.linalg.inv(np.linalg.cholesky(covariance))
 
 
 def _tree(z) -> dict[str, dict[str, Any]]:
@@ -197,7 +209,7 @@ def _measured(
     }
 
 
-def _tolerances(task: FitTask, settings, repeats: int) -> Iterator[Row]:
+def _tolerances(task: FitTask, settings: FitSettings, repeats: int) -> Iterator[Row]:
     """One signal from one near start, to several tolerances."""
 
     def row(family: str, tolerance: float, work, read) -> Row:
@@ -207,7 +219,7 @@ def _tolerances(task: FitTask, settings, repeats: int) -> Iterator[Row]:
             first_call_s=first, steady_call_s=steady, peer="scipy, 2-point",
         )  # fmt: skip
 
-    for tolerance in settings["tolerances"]:
+    for tolerance in settings.tolerances:
         for family, solver in OURS.items():
             given = {**task.options(), "solver": solver(tolerance)}
             initial = _initial(task.start(0))
@@ -224,12 +236,12 @@ def _tolerances(task: FitTask, settings, repeats: int) -> Iterator[Row]:
             yield row(family, tolerance, peer, lambda answer: answer)
 
 
-def _starts(task: FitTask, settings) -> Iterator[Row]:
+def _starts(task: FitTask, settings: FitSettings) -> Iterator[Row]:
     """A few signals, in sequence, from one far start and random ones within the bounds."""
     initial, low, high = _initial(task.far()), *np.array(list(task.bounds.values())).T
-    unit = np.random.default_rng(1).uniform(size=(max(settings["starts"]), 2))
+    unit = np.random.default_rng(1).uniform(size=(max(settings.starts), 2))
     spread = [dict(zip(SHAPE, z, strict=True)) for z in low + unit * (high - low)]
-    for count in settings["starts"]:
+    for count in settings.starts:
         shapes = [task.far(), *spread][:count]
         listed = {f"strip.{n}": np.array([s[n] for s in shapes[1:]]) for n in SHAPE}
         given = {
@@ -243,10 +255,10 @@ def _starts(task: FitTask, settings) -> Iterator[Row]:
             return _row(fit(task.model, initial, task.ys[i], **given).value)
 
         def peer(i: int, shapes=shapes):
-            return _scipy(task, i, shapes, min(settings["tolerances"]), True)
+            return _scipy(task, i, shapes, min(settings.tolerances), True)
 
         for family, work in (("optimistix", ours), ("scipy, analytic", peer)):
-            ends = [timed(lambda i=i, work=work: work(i), 0) for i in range(settings["signals"])]
+            ends = [timed(lambda i=i, work=work: work(i), 0) for i in range(settings.signals)]
             times = [first for _, first, _ in ends]
             yield _measured(
                 task, [z for z, *_ in ends], "starts", family, count, first_call_s=times[0],
@@ -254,18 +266,18 @@ def _starts(task: FitTask, settings) -> Iterator[Row]:
             )  # fmt: skip
 
 
-def _batches(task: FitTask, settings, repeats: int) -> Iterator[Row]:
+def _batches(task: FitTask, settings: FitSettings, repeats: int) -> Iterator[Row]:
     """Signals fitted together, from one start each: time for each signal."""
     middle = _initial({"position_m": 0.0, "width_m": TRUE["width_m"]})
     start = middle["strip"]
-    for count in settings["batches"]:
+    for count in settings.batches:
 
         def ours(count=count):
             fits = fit_many(task.model, middle, task.ys[:count], **task.options())
             return [_row(one.value) for one in fits]
 
         def peer(count=count):
-            tolerance = min(settings["tolerances"])
+            tolerance = min(settings.tolerances)
             return [_scipy(task, i, [start], tolerance, True) for i in range(count)]
 
         for family, work in (("optimistix", ours), ("scipy, analytic", peer)):
@@ -319,17 +331,16 @@ def _key(family: str) -> str:
     return family.replace(", ", "_").replace(" ", "_").replace("-", "_").lower()
 
 
-def sections(cfg: build.Config, rows: list[Row]) -> tuple[Section, ...]:
+def sections(settings: FitSettings, rows: list[Row]) -> tuple[Section, ...]:
     """The fit's part of the page."""
     by = {sweep: [r for r in rows if r["line"] == sweep] for sweep in ("tolerance", "starts",
                                                                        "batch")}  # fmt: skip
-    settings = cfg["accuracy_cost"]["fit"]
     return (
         Section(
             "Feature fit",
             (
                 f"A strip of pressure and shear (position, width, two amplitudes) fitted to "
-                f"{settings['samples']} samples of every element at {settings['snr_dB']:g} dB. "
+                f"{settings.samples} samples of every element at {settings.snr_dB:g} dB. "
                 "The distance to the exact minimum is in standard errors, the rms over the four "
                 "parameters: below 0.1 the fit is as good as the data let it be, and what is "
                 "left is the noise. The error against the truth is in Cramer-Rao bounds: about 1 "

@@ -2,8 +2,8 @@
 
 import dataclasses
 import time
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,11 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..forward.noise import NonGaussianNoise
+from ..forward.noise import NonGaussianNoise, split_gaussian
 from ..forward.scan import ConstantSpeed, Motion
 from ..grid import Line, Periodic
-from . import build
-from .simulation import Simulation, simulation
+from .simulation import Simulation
 
 
 class Trace(NamedTuple):
@@ -23,21 +22,6 @@ class Trace(NamedTuple):
 
     time_s: Float[np.ndarray, " sample"]
     signal: Float[np.ndarray, "e sample"]
-
-
-def select_effects(cfg: build.Config, names) -> dict[str, Any]:
-    """The configuration with these of its effects."""
-    named = build.part(cfg, "effects")
-    return {**cfg, "effects": {name: node for name, node in named.items() if name in names}}
-
-
-def merged(cfg: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """`cfg` with `changes` in depth; what names a class of its own replaces what was there."""
-    whole = dict(cfg)
-    for key, value in changes.items():
-        old, inside = whole.get(key), isinstance(value, Mapping) and "_target_" not in value
-        whole[key] = merged(old, value) if inside and isinstance(old, Mapping) else value
-    return whole
 
 
 def pair(full: Simulation, less: Simulation, key: jax.Array) -> tuple[Trace, Trace]:
@@ -77,9 +61,8 @@ def _converted_with_bursts(
     sim: Simulation, line: Line, signal, key
 ) -> Float[np.ndarray, "e sample"]:
     """With bursts, converted."""
-    for noise in sim.scenario.noises:
-        if isinstance(noise, NonGaussianNoise):
-            signal = _with_bursts(noise, signal, line, sim.scan, key)
+    for noise in split_gaussian(sim.scenario.noises)[1]:
+        signal = _with_bursts(noise, signal, line, sim.scan, key)
     return np.asarray(sim.scenario.recorder.convert(signal))
 
 
@@ -95,13 +78,15 @@ class Cost(NamedTuple):
     steady_s: float
 
 
-def cost(cfg: build.Config, key: jax.Array, repeats: int = 3) -> tuple[Simulation, Cost]:
-    """The simulation of `cfg`, and what its signal takes: nothing that was compiled before is
-    used."""
+def cost(
+    simulated: Callable[[], Simulation], key: jax.Array, repeats: int = 3
+) -> tuple[Simulation, Cost]:
+    """What `simulated` gives, and what it takes from there to the signal: nothing that was compiled
+    before is used."""
 
     def once():
         start = time.perf_counter()
-        sim = simulation(cfg)
+        sim = simulated()
         trace(sim, key)
         return sim, time.perf_counter() - start
 

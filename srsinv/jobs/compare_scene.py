@@ -484,6 +484,13 @@ def _assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
     levels = ", ".join(f"{level:g}" for level in cfg["compare"]["snr_dB"])
     more = [name for name in cfg["noise"] if name != "white"]
     noise = ", ".join([f"white at {levels} dB", *more])
-    rows = tuple((what, noise if what == "noise" else value) for what, value in assumed(cfg, sim))
+    scene = assumed(
+        sim,
+        noises=(),
+        effects=build.effects_rows(cfg),
+        friction=cfg["friction"],
+        numbers=f"{cfg['precision']}, {cfg['seed']}",
+    )
+    rows = tuple((what, noise if what == "noise" else value) for what, value in scene)
     times = "one call a draw, weights chosen anew in each; steady is the median after the first"
     return (*rows, ("times", times))

@@ -16,17 +16,21 @@ from ..errors import number, refuse, whole
 from ..forward.feature import Feature
 from ..inverse.feature_fit import FeatureFitter, reported_parameters
 from ..inverse.feature_model import scan_extent
+from ..inverse.nonlinear import Solver
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
-from . import build, coverage_surface
+from . import build
+from .coverage_surface import known_shape, statistics_of_shape, window_given
 from .judged import LEVELS, FitStatistics, Quantity, bounds_of, ratio_dB
 from .simulated_features import (
+    SampledScan,
     SyntheticScan,
     SyntheticTractionScan,
     known_noise,
     named,
     parameters,
+    sample_rate,
     synthetic_scan,
     unit_of,
 )
@@ -37,26 +41,39 @@ DRAWS, DRAWS_OF_A_SURFACE, LEAST_DRAWS = 400, 200, 8
 def run(cfg: build.Config) -> Outcome:
     """The job: simulate, fit every draw, compare."""
     with build.precision(cfg):
-        settings, on_surface = cfg["coverage"], "surfaces" in build.part(cfg, "scene")
-        draws = _draws(settings, on_surface)
+        given, scene = cfg["coverage"], build.part(cfg, "scene")
+        on_surface = "surfaces" in scene
+        draws, rate_hz = _draws(given["draws"], on_surface), sample_rate("coverage", given)
+        parts = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
+        sampled = SampledScan("coverage", rate_hz, *parts)
+        key, solver = build.random_key(cfg), build.solver(cfg)
         if on_surface:
-            on, statistics = coverage_surface.fit_statistics(cfg, draws)
+            shape = known_shape(build.scene(cfg), list(scene["surfaces"] or ()))
+            window = window_given(given["window_m"])
+            on, statistics = statistics_of_shape(shape, sampled, window, solver, key, draws)
         else:
-            on, statistics = _each(cfg, settings, draws)
+            features = build.features(cfg)
+            refuse(not features, "No feature is named: give feature=[strip_load] or several.")
+            on = synthetic_scan(build.line(cfg), sampled)
+            truths = {name: _truth(given["truth"], on, name, f) for name, f in features.items()}
+            statistics = _each(on, features, truths, solver, key, draws)
     rows = [quantity for each in statistics.values() for quantity in each.quantities]
     data, table = _dataset(rows), _table(rows)
+    assumed = (
+        *_assumed(on, statistics, ", ".join(cfg["noise"])),
+        ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
+    )
     worst = max(quantity.rmse / quantity.bound for quantity in rows)
     return Outcome(
         f"Feature fit over {draws} draws: error at most {worst:.3f} times the Cramer-Rao bound",
         _metrics(statistics, draws),
         data,
-        _sections(cfg, on, statistics, data, table, draws),
+        _sections(statistics, data, table, draws, assumed),
         table,
     )
 
 
-def _draws(settings: Mapping[str, Any], on_surface: bool) -> int:
-    given = settings["draws"]
+def _draws(given: Any, on_surface: bool) -> int:
     if given is None:
         return DRAWS_OF_A_SURFACE if on_surface else DRAWS
     wanted = f"a whole number from {LEAST_DRAWS}"
@@ -64,25 +81,26 @@ def _draws(settings: Mapping[str, Any], on_surface: bool) -> int:
 
 
 def _each(
-    cfg: build.Config, settings: Mapping[str, Any], draws: int
-) -> tuple[SyntheticTractionScan, dict[str, FitStatistics]]:
-    """Fit statistics of every named feature of traction."""
-    features = build.features(cfg)
-    refuse(not features, "No feature is named: give feature=[strip_load] or several.")
-    on = synthetic_scan(cfg, "coverage")
-    truths = {name: _truth(settings, on, name, f) for name, f in features.items()}
-    keys = jax.random.split(build.random_key(cfg), len(features))
-    fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
+    on: SyntheticTractionScan,
+    features: Mapping[str, Feature],
+    truths: Mapping[str, Mapping[str, float]],
+    solver: Solver,
+    key: jax.Array,
+    draws: int,
+) -> dict[str, FitStatistics]:
+    """Fit statistics of every feature of traction."""
+    keys = jax.random.split(key, len(features))
+    fitter = FeatureFitter(on.sensor, on.motion, solver)
     statistics = {}
-    for key, (name, feature) in zip(keys, features.items(), strict=True):
+    for own, (name, feature) in zip(keys, features.items(), strict=True):
         with stage(f"fitting {draws} draws of {name}"):
-            statistics[name] = _fit_statistics(on, fitter, name, feature, truths[name], key, draws)
-    return on, statistics
+            statistics[name] = _fit_statistics(on, fitter, name, feature, truths[name], own, draws)
+    return statistics
 
 
-def _truth(settings, on: SyntheticTractionScan, name: str, feature: Feature) -> Mapping[str, float]:
-    """The simulated truth, checked against the fit's search ranges."""
-    truth = named("coverage.truth", settings["truth"], name, feature)
+def _truth(given: Any, on: SyntheticTractionScan, name: str, feature: Feature):
+    """The simulated truth of a feature, checked against the fit's search ranges."""
+    truth = named("coverage.truth", given, name, feature)
     ranges = feature.ranges(scan_extent(on.sensor, on.motion))
     for part, value in truth.items():
         key = f"coverage.truth.{name}.{part}"
@@ -227,12 +245,11 @@ def _table(rows: list[Quantity]) -> Table:
 
 
 def _sections(
-    cfg: build.Config,
-    on: SyntheticScan,
     statistics: dict[str, FitStatistics],
     data: xarray.Dataset,
     table: Table,
     draws: int,
+    assumed: tuple[tuple[str, str], ...],
 ) -> tuple[Section, ...]:
     binomial = 100 * np.sqrt(0.9 * 0.1 / draws)
     unconverged = {name: draws - each.converged for name, each in statistics.items()}
@@ -265,14 +282,12 @@ def _sections(
                 "standard error that its own fit gave."
             },
         ),
-        Section(
-            "What was assumed", tables=(Table(("what", "value"), _assumed(cfg, on, statistics)),)
-        ),
+        Section("What was assumed", tables=(Table(("what", "value"), assumed),)),
     )
 
 
 def _assumed(
-    cfg: build.Config, on: SyntheticScan, statistics: dict[str, FitStatistics]
+    on: SyntheticScan, statistics: dict[str, FitStatistics], noises: str
 ) -> tuple[tuple[str, str], ...]:
     elements, samples = on.shape
     x = np.asarray(on.motion.position_m)
@@ -282,7 +297,6 @@ def _assumed(
          f"{1e6 * abs(x[1] - x[0]):.4g} um apart, at {float(on.scan.speed_m_per_s):.4g} m/s"),
         ("film depth", f"{1e3 * float(on.sensor.depth_m):.4g} mm"),
         ("simulation", on.cells),
-        ("noise", f"{', '.join(cfg['noise'])}, {on.known}: {ratios}"),
+        ("noise", f"{noises}, {on.known}: {ratios}"),
         ("start", on.start),
-        ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
     )  # fmt: skip

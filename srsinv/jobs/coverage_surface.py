@@ -4,7 +4,7 @@ Every recording has its own noise and its own position of the feature, so that e
 within the cells; the noise is estimated from each fit's residual.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..errors import BadInput, is_number, refuse, shown
-from ..forward.scene import SurfaceScene
+from ..forward.scene import Scene
 from ..forward.surface import Ridge, Shape, StepDown, StepUp, Tape
 from ..forward.surface_feature import (
     RidgeFeature,
@@ -24,13 +24,13 @@ from ..forward.surface_feature import (
 )
 from ..grid import as_real
 from ..inverse.cells import MARGIN_DEPTHS, Window, check_cells
+from ..inverse.nonlinear import Solver
 from ..inverse.surface_fit import SurfaceFitter
 from ..inverse.surface_model import MOVES, SurfaceModel, cell_for
 from ..inverse.surface_search import PLACE
 from ..progress import stage
-from . import build
 from .judged import STEP, FitStatistics, Quantity, bounds_of, ratio_dB
-from .simulated_features import SyntheticScan, evenly
+from .simulated_features import SampledScan, SyntheticScan
 
 FINER = 2.5  # times as many cells as the fit has, and in no simple ratio to them
 MOVED_M = 0.5e-3  # largest shift of the feature from its nominal position
@@ -66,50 +66,74 @@ class SyntheticSurfaceScan(SyntheticScan):
         return np.asarray(self.model(dict(self.rest) | {self.name: own, "base_friction": base}))
 
 
-def fit_statistics(
-    cfg: build.Config, draws: int
+@dataclass(frozen=True)
+class KnownShape:
+    """A scene's only shape as a feature to be fitted, its true parameters and the friction."""
+
+    name: str
+    feature: SurfaceFeature
+    truth: dict[str, float]
+    nominal_pressure_Pa: float
+
+
+def known_shape(scene: Scene, names: Sequence[str]) -> KnownShape:
+    """That of a scene, whose surfaces have these names.
+
+    Raises `BadInput` for another number than one, and a shape that no feature fits.
+    """
+    surface = scene.contact_scene
+    shapes: tuple[Any, ...] = surface.surface.shapes if surface else ()
+    kind = FEATURES.get(type(shapes[0])) if len(shapes) == 1 else None
+    if surface is None or kind is None:
+        kinds = ", ".join(kind.__name__ for kind in FEATURES)
+        raise BadInput(
+            f"The scene has {len(shapes)} surfaces ({', '.join(names)}): coverage takes one that "
+            f"can be fitted ({kinds}), such as scene=ridge."
+        )
+    shape: Any = shapes[0]
+    base = float(surface.surface.base_friction)
+    feature = kind(float(shape.edge_length_m))
+    truth = {part: float(getattr(shape, part)) for part in feature.axes}
+    for part in feature.frictions:
+        own = getattr(shape, part)
+        truth[part] = base if own is None else float(own)
+    truth["base_friction"] = base
+    return KnownShape(names[0], feature, truth, float(surface.nominal_pressure_Pa))
+
+
+def window_given(given: Any) -> Window:
+    """What `coverage.window_m` gives. Raises `BadInput` for anything but [start, end]."""
+    pair = isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
+    refuse(
+        not pair or not given[0] < given[1],
+        f"coverage.window_m is {shown(given)}: give [start, end] in metres.",
+    )
+    return Window(float(given[0]), float(given[1]))
+
+
+def statistics_of_shape(
+    shape: KnownShape, sampled: SampledScan, window: Window, solver: Solver, key, draws: int
 ) -> tuple[SyntheticSurfaceScan, dict[str, FitStatistics]]:
-    """Statistics of the scene's feature fitted to `draws` recordings."""
-    name, feature, truth, scene = _scene(cfg)
-    sensor, scan = build.sensor(cfg), build.scan(cfg)
-    depth = float(sensor.depth_m)
-    window = _window(cfg)
-    margin = MARGIN_DEPTHS * depth
-    stretch = (window.start_m + margin, window.length_m - 2 * margin)
-    motion = evenly(cfg, "coverage", sensor, scan, stretch)
-    cell = cell_for({name: feature}, depth)
-    check_cells("coverage.window_m", window.length_m, cell / FINER)
-    pressure = float(scene.nominal_pressure_Pa)
-    fitter = SurfaceFitter(
-        sensor, motion, {name: feature}, window, pressure, solver=build.solver(cfg)
-    )
-    fine = SurfaceModel.on_window(sensor, motion, window, cell / FINER).with_features(
-        {name: feature}
-    )
-    rest = {"nominal_pressure_Pa": as_real(pressure), "gain": as_real(1.0)}
-    if sensor.amplifier.offset is None:
-        rest["offset"] = jnp.zeros(len(sensor.elements))
-    edge = feature.edge_m
-    fit_cells = fitter.line.n
-    noises = build.noises(cfg)
-    on = SyntheticSurfaceScan(sensor, scan, motion, noises, name, fine, rest, edge, fit_cells)
-    clean = on.signal(truth)
+    """Statistics of the shape fitted to `draws` recordings."""
+    on, fitter = _scan_and_fitter(shape, sampled, window, solver)
+    name, truth, clean = shape.name, shape.truth, on.signal(shape.truth)
     rms = float(np.sqrt(np.mean(clean**2)))
     power = on.power(rms)
-    key, place = jax.random.split(build.random_key(cfg))
+    key, place = jax.random.split(key)
     moved = np.asarray(jax.random.uniform(place, (draws,), minval=-MOVED_M, maxval=MOVED_M))
     noise = on.noise(key, power, draws)
     read, converged, start = [], 0, None
     with stage(f"fitting {draws} recordings of {name}"):
         for off, added in zip(moved, noise, strict=True):
             shifted = {**truth, "position_m": truth["position_m"] + float(off)}
-            fitted = fitter({name: feature}, on.signal(shifted) + added, start=start)
+            fitted = fitter({name: shape.feature}, on.signal(shifted) + added, start=start)
             own = dict(fitted.parameters)
-            start = start or {part: own[part][0] for part in feature.axes if part != PLACE}
+            start = start or {part: own[part][0] for part in shape.feature.axes if part != PLACE}
             own["position_m"] = own["position_m"][0] - float(off), own["position_m"][1]
             read.append(own)
             converged += fitted.status == "converged"
-    sizes = {part: _size(part, truth, depth, float(fine.line.cell_m)) for part in truth}
+    depth, cell = float(on.sensor.depth_m), float(on.model.line.cell_m)
+    sizes = {part: _size(part, truth, depth, cell) for part in truth}
     bounds = bounds_of(on, on.signal, truth, sizes, power)
     quantities = tuple(
         Quantity(
@@ -123,6 +147,28 @@ def fit_statistics(
     return on, {name: FitStatistics(quantities, converged, ratio)}
 
 
+def _scan_and_fitter(
+    shape: KnownShape, sampled: SampledScan, window: Window, solver: Solver
+) -> tuple[SyntheticSurfaceScan, SurfaceFitter]:
+    """The scan of the window but for its margins, on cells that are finer than the fit's."""
+    sensor, named, pressure = sampled.sensor, {shape.name: shape.feature}, shape.nominal_pressure_Pa
+    depth = float(sensor.depth_m)
+    margin = MARGIN_DEPTHS * depth
+    motion = sampled.motion(window.start_m + margin, window.length_m - 2 * margin)
+    cell = cell_for(named, depth)
+    check_cells("coverage.window_m", window.length_m, cell / FINER)
+    fitter = SurfaceFitter(sensor, motion, named, window, pressure, solver=solver)
+    fine = SurfaceModel.on_window(sensor, motion, window, cell / FINER).with_features(named)
+    rest = {"nominal_pressure_Pa": as_real(pressure), "gain": as_real(1.0)}
+    if sensor.amplifier.offset is None:
+        rest["offset"] = jnp.zeros(len(sensor.elements))
+    on = SyntheticSurfaceScan(
+        sensor, sampled.scan, motion, sampled.noises,
+        shape.name, fine, rest, shape.feature.edge_m, fitter.line.n,
+    )  # fmt: skip
+    return on, fitter
+
+
 def _size(part: str, truth: Mapping[str, float], depth: float, cell: float) -> float:
     """Scale of the step of the bound's differences; edges move by whole cells."""
     if part == "height_m":
@@ -130,34 +176,3 @@ def _size(part: str, truth: Mapping[str, float], depth: float, cell: float) -> f
     if part in MOVES:
         return 4 * cell / STEP
     return depth if part.endswith("_m") else 1.0
-
-
-def _scene(cfg: build.Config) -> tuple[str, SurfaceFeature, dict[str, float], SurfaceScene]:
-    """The scene's only shape as a feature to be fitted, and its parameters."""
-    scene = build.scene(cfg)
-    names = list(build.part(cfg, "scene")["surfaces"] or ())
-    shapes = scene.surface.shapes if isinstance(scene, SurfaceScene) else ()
-    kinds = ", ".join(kind.__name__ for kind in FEATURES)
-    if not isinstance(scene, SurfaceScene) or len(shapes) != 1 or type(shapes[0]) not in FEATURES:
-        raise BadInput(
-            f"The scene has {len(shapes)} surfaces ({', '.join(names)}): coverage takes one that "
-            f"can be fitted ({kinds}), such as scene=ridge."
-        )
-    shape: Any = shapes[0]
-    base, kind = float(scene.surface.base_friction), FEATURES[type(shape)]
-    feature = kind(float(shape.edge_length_m))
-    truth = {part: float(getattr(shape, part)) for part in feature.axes}
-    for part in feature.frictions:
-        own = getattr(shape, part)
-        truth[part] = base if own is None else float(own)
-    return names[0], feature, truth | {"base_friction": base}, scene
-
-
-def _window(cfg: build.Config) -> Window:
-    given = cfg["coverage"]["window_m"]
-    pair = isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
-    refuse(
-        not pair or not given[0] < given[1],
-        f"coverage.window_m is {shown(given)}: give [start, end] in metres.",
-    )
-    return Window(float(given[0]), float(given[1]))

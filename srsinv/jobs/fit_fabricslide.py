@@ -3,6 +3,7 @@
 Method and derivation of the standard errors: [`srsinv.inverse.spectral_lines`][].
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,8 @@ LONGEST_LINE = 0.25  # of the scan: longer periods are not distinguished from dr
 HIGHEST_FRACTION = 6  # of one line to another: beyond, some fraction always fits
 SHORT_GAP = 0.25  # of the shortest pitch: a spline over it is off by some hundredths of a pattern
 MM = 1e3
+
+Rows = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,8 @@ def run(cfg: build.Config) -> Outcome:
     with build.precision(cfg):
         recording = load_steady(cfg["recording"], {}, reader(cfg))
         x_m, signal = _along_x(recording)
-        settings = _settings(cfg, recording.name, x_m)
+        pitch_range = cfg["feature"]["pitch_range_m"]
+        settings = _settings(cfg["fit_fabricslide"], pitch_range, recording.name, x_m)
         signal = _without_gaps(recording.name, x_m, signal, settings.range_m[0])
         slow = drift(x_m, 2 * settings.range_m[1])
         with stage("fitting the pitch"):
@@ -118,7 +122,7 @@ def run(cfg: build.Config) -> Outcome:
         _title(analysis),
         _metrics(analysis),
         _dataset(analysis),
-        _sections(cfg, analysis),
+        _sections(analysis, times_rows(cfg, recording)),
         _summary(analysis),
     )
 
@@ -168,8 +172,8 @@ def _without_gaps(name: str, x_m: np.ndarray, signal: np.ndarray, shortest_m: fl
     return np.stack([filled(row) for row in signal])
 
 
-def _settings(cfg: build.Config, name: str, x_m: np.ndarray) -> Settings:
-    given, ends = cfg["fit_fabricslide"], cfg["feature"]["pitch_range_m"]
+def _settings(given: Mapping[str, Any], ends: Any, name: str, x_m: np.ndarray) -> Settings:
+    """Those given, and the range `ends` of the pitch, for a recording at `x_m`."""
     key, example = f"feature.pitch_range_m is {ends}", "such as [0.015,0.03]"
     refuse(
         not (isinstance(ends, list | tuple) and len(ends) == 2 and all(map(is_number, ends))),
@@ -289,7 +293,8 @@ def _summary(analysis: BoardPitch) -> Table:
     )
 
 
-def _sections(cfg: build.Config, analysis: BoardPitch) -> tuple[Section, ...]:
+def _sections(analysis: BoardPitch, times: Rows) -> tuple[Section, ...]:
+    """The page; `times` are rows about the recording's times."""
     data = _dataset(analysis)
     return (
         _pitch_section(analysis, data),
@@ -313,7 +318,7 @@ def _sections(cfg: build.Config, analysis: BoardPitch) -> tuple[Section, ...]:
             {"line_spectrum": lambda: figures.line_spectrum(data)},
             tables=(_line_table(analysis),),
         ),
-        Section("What was assumed", tables=(Table(("what", "value"), _assumed(cfg, analysis)),)),
+        Section("What was assumed", tables=(Table(("what", "value"), _assumed(analysis, times)),)),
     )
 
 
@@ -401,21 +406,20 @@ def _fraction(line: SpectralPeak, named: dict[str, SpectralPeak]) -> str:
     return ""
 
 
-def _assumed(cfg: build.Config, analysis: BoardPitch) -> tuple[tuple[str, str], ...]:
+def _assumed(analysis: BoardPitch, times: Rows) -> Rows:
     settings, x_m = analysis.settings, analysis.x_m
     low, high = (MM * end for end in settings.range_m)
     return (
         ("recording", f"{analysis.recording.name}, {x_m.size} samples "
          f"{1e6 * (x_m[1] - x_m[0]):.4g} um apart, taken as even"),
-        *times_rows(cfg, analysis.recording),
+        *times,
         ("speed", f"{abs(float(np.mean(analysis.recording.speed_m_per_s))):.4g} m/s throughout; an "
          "error of it is one of every wavelength"),
         ("pitch", f"{low:.4g} to {high:.4g} mm, nothing else known of it"),
         ("pattern", f"{settings.harmonics} harmonics, with amplitude and phase of each channel's "
          "own, the same from end to end"),
         ("drift", f"of each channel's own, a polynomial of degree {analysis.degree}: none faster "
-                  "than "
-         "twice the longest pitch"),
+         "than twice the longest pitch"),
         ("noise", "of each channel's own level; its colour, and what channels share, enter by the "
          "standard error"),
         ("other lines", f"from two samples to {LONGEST_LINE:.4g} of the scan, no nearer to one "

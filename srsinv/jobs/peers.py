@@ -9,7 +9,6 @@ import scipy.sparse.linalg as sla
 from ..inverse.feature_model import FeatureModel
 from ..inverse.line_problem import LineProblem
 from ..inverse.prior import Prior
-from ..inverse.tikhonov import DerivativePenalty
 
 
 def numpy_apply(transfer: np.ndarray, r: np.ndarray, n: int, length: int) -> np.ndarray:
@@ -30,10 +29,9 @@ class NumpyNormal:
         self.root2 = np.asarray(prior.root(problem.line)) ** 2
         self.zero_mean = np.asarray(problem.zero_mean)
         self.order, self.scale = 0, None
-        if isinstance(prior, DerivativePenalty) and not problem.forward.is_circular:
-            self.order = prior.order
-            stretch = float(prior.length_m / problem.line.cell_m) ** (2 * prior.order)
-            self.scale = stretch * np.asarray(prior.weights)[:, None]
+        differences = prior.differences(problem.line)
+        if differences is not None and not problem.forward.is_circular:
+            self.order, self.scale = differences[0], np.asarray(differences[1])[:, None]
 
     def _matrices(self) -> np.ndarray:
         """G^H N^-1 G + P at every wavenumber of the nearest periodic problem (k, c, c)."""

@@ -5,8 +5,9 @@ features, and "nothing there", are fitted to it and ranked by their evidence.
 """
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -22,10 +23,12 @@ from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import build
 from .simulated_features import (
+    SampledScan,
     SyntheticTractionScan,
     known_noise,
     named,
     parameters,
+    sample_rate,
     synthetic_scan,
     unit_of,
 )
@@ -33,6 +36,19 @@ from .simulated_features import (
 NOTHING = "nothing"
 
 Ranges = dict[str, tuple[float, float]]
+
+
+class DrawnFeature(NamedTuple):
+    """A feature, and the ranges from which each parameter is drawn."""
+
+    feature: Feature
+    ranges: Ranges
+
+    def draw(self, rng: np.random.Generator) -> dict[str, float]:
+        """Parameters of either sign."""
+        own = {part: float(rng.uniform(*pair)) for part, pair in self.ranges.items()}
+        size = self.feature.amplitude
+        return own | {size: float(rng.choice([-1.0, 1.0])) * own[size]}
 
 
 @dataclass(frozen=True)
@@ -71,14 +87,23 @@ class Ranked:
 def run(cfg: build.Config) -> Outcome:
     """The job: draw, fit every candidate, count."""
     with build.precision(cfg):
-        settings = cfg["ranking"]
-        draws = whole("ranking.draws", settings["draws"], "a whole number from 1", least=1)
+        given = cfg["ranking"]
+        draws = whole("ranking.draws", given["draws"], "a whole number from 1", least=1)
         features = build.features(cfg)
         refuse(len(features) < 2, "A ranking needs candidates: name at least two in feature=[...].")
-        on = synthetic_scan(cfg, "ranking")
-        ranges = {name: _ranges(settings, name, f) for name, f in features.items()}
+        parts = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
+        sampled = SampledScan("ranking", sample_rate("ranking", given), *parts)
+        on = synthetic_scan(build.line(cfg), sampled)
+        drawn = {
+            name: DrawnFeature(feature, _ranges(given["truth_ranges"], name, feature))
+            for name, feature in features.items()
+        }
         fitter = FeatureFitter(on.sensor, on.motion, build.solver(cfg))
-        ranking = _ranked(cfg, on, fitter, features, ranges, draws)
+        ranking = _ranked(on, fitter, drawn, draws, build.seed(cfg))
+    assumed = (
+        *_assumed(on, ", ".join(cfg["noise"])),
+        ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
+    )
     right, total = int(ranking.right[:-1].sum()), draws * len(features)
     data, table = _dataset(ranking), _table(ranking)
     return Outcome(
@@ -86,7 +111,7 @@ def run(cfg: build.Config) -> Outcome:
         "of noise",
         _metrics(ranking),
         data,
-        _sections(cfg, on, ranking, data, table),
+        _sections(ranking, data, table, assumed),
         table,
     )
 
@@ -97,11 +122,10 @@ def wilson(right: int, total: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def _ranges(settings, name: str, feature: Feature) -> Ranges:
+def _ranges(given: Any, name: str, feature: Feature) -> Ranges:
     """Ranges from which each parameter is drawn."""
     ranges: Ranges = {}
-    given = named("ranking.truth_ranges", settings["truth_ranges"], name, feature)
-    for part, pair in given.items():
+    for part, pair in named("ranking.truth_ranges", given, name, feature).items():
         is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and all(map(is_number, pair))
         if not is_pair or pair[0] > pair[1]:
             raise BadInput(
@@ -113,8 +137,7 @@ def _ranges(settings, name: str, feature: Feature) -> Ranges:
     refuse(
         not least > 0,
         f"ranking.truth_ranges.{name}.{feature.amplitude} begins at {least}: give sizes above 0, "
-        "either "
-        "sign is drawn.",
+        "either sign is drawn.",
     )
     refuse(
         feature.friction is not None,
@@ -124,26 +147,18 @@ def _ranges(settings, name: str, feature: Feature) -> Ranges:
     return ranges
 
 
-def _drawn(rng: np.random.Generator, feature: Feature, ranges: Ranges) -> dict[str, float]:
-    own = {part: float(rng.uniform(*pair)) for part, pair in ranges.items()}
-    return own | {feature.amplitude: float(rng.choice([-1.0, 1.0])) * own[feature.amplitude]}
-
-
 def _ranked(
-    cfg: build.Config,
     on: SyntheticTractionScan,
     fitter: FeatureFitter,
-    features: dict[str, Feature],
-    ranges: dict[str, Ranges],
+    drawn: Mapping[str, DrawnFeature],
     draws: int,
+    seed: int,
 ) -> Ranked:
-    candidates = {name: {name: feature} for name, feature in features.items()} | {NOTHING: {}}
-    rng = np.random.default_rng(build.seed(cfg))
-    keys = jax.random.split(build.random_key(cfg), (len(candidates), draws))
-    truths = {
-        name: [_drawn(rng, f, ranges[name]) for _ in range(draws)] for name, f in features.items()
-    }
-    first = next(iter(features))
+    candidates = {name: {name: each.feature} for name, each in drawn.items()} | {NOTHING: {}}
+    rng = np.random.default_rng(seed)
+    keys = jax.random.split(jax.random.key(seed), (len(candidates), draws))
+    truths = {name: [each.draw(rng) for _ in range(draws)] for name, each in drawn.items()}
+    first = next(iter(drawn))
     evidence = np.zeros((len(candidates), draws, len(candidates)))
     time_s = np.zeros((len(candidates), draws))
     for t, truth in enumerate(candidates):
@@ -151,8 +166,8 @@ def _ranked(
             for i in range(draws):
                 # Noise alone is as strong as beside the first feature; its level does not matter.
                 source = first if truth == NOTHING else truth
-                own = parameters(features[source], truths[source][i])
-                clean = on.signal(source, features[source], own)
+                feature = drawn[source].feature
+                clean = on.signal(source, feature, parameters(feature, truths[source][i]))
                 power = on.power(float(np.sqrt(np.mean(clean**2))))
                 y = on.noise(keys[t, i], power, 1)[0] + (truth != NOTHING) * clean
                 begun = time.perf_counter()
@@ -223,19 +238,23 @@ def _table(ranking: Ranked) -> Table:
     )  # fmt: skip
 
 
+def _assumed(on: SyntheticTractionScan, noises: str) -> tuple[tuple[str, str], ...]:
+    elements, samples = on.shape
+    return (
+        ("scan", f"{samples} samples of {elements} elements at "
+         f"{float(on.scan.speed_m_per_s):.4g} m/s"),
+        ("noise", f"{noises}, its spectrum known to the fit"),
+    )  # fmt: skip
+
+
 def _sections(
-    cfg: build.Config,
-    on: SyntheticTractionScan,
-    ranking: Ranked,
-    data: xarray.Dataset,
-    table: Table,
+    ranking: Ranked, data: xarray.Dataset, table: Table, assumed: tuple[tuple[str, str], ...]
 ) -> tuple[Section, ...]:
     drawn = tuple(
         (name.replace("_", " "), ", ".join(
             f"{part} {values.min():.3g} to {values.max():.3g}" for part, values in columns.items()))
         for name, columns in ranking.truths.items()
     )  # fmt: skip
-    elements, samples = on.shape
     return (
         Section(
             "What was chosen",
@@ -251,18 +270,5 @@ def _sections(
             tables=(table,),
         ),
         Section("What was drawn", tables=(Table(("feature", "from and to"), drawn),)),
-        Section(
-            "What was assumed",
-            tables=(
-                Table(
-                    ("what", "value"),
-                    (
-                        ("scan", f"{samples} samples of {elements} elements at "
-                         f"{float(on.scan.speed_m_per_s):.4g} m/s"),
-                        ("noise", f"{', '.join(cfg['noise'])}, its spectrum known to the fit"),
-                        ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
-                    ),
-                ),
-            ),
-        ),
+        Section("What was assumed", tables=(Table(("what", "value"), assumed),)),
     )  # fmt: skip

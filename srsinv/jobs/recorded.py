@@ -9,7 +9,7 @@ import numpy as np
 from ..config import reader
 from ..errors import number, refuse
 from ..forward.describe import elements
-from ..forward.noise import Noise, SignalToNoise
+from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed
 from ..forward.scenario import Scenario
 from ..forward.sensor import Sensor
@@ -77,7 +77,7 @@ def coloured_noises(cfg: build.Config) -> dict[str, Noise]:
     noises = dict(zip(others, build.noises({"noise": others}), strict=True))
     for noise in noises.values():
         refuse(
-            isinstance(noise, SignalToNoise),
+            noise.needs_noise_free_signal,
             "noise=snr has no meaning for a recording: use noise=white (noise.white.rms, or null "
             "to take it from the recording).",
         )

@@ -1,14 +1,18 @@
 """Simulate a scene, invert its signal by every method named, and compare with the truth."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from ..report.outcome import Outcome
+from ..report.text import listed
 from . import build
 from .analysis import InversionCase
 from .analysis import run as analyse
 from .simulation import Simulation, noisy_problem, recorded, screen_effects, simulation
+
+Rows = tuple[tuple[str, str], ...]
 
 
 def run(cfg: build.Config) -> Outcome:
@@ -27,7 +31,13 @@ def run(cfg: build.Config) -> Outcome:
             methods=methods,
             signal_unit=sim.sensor.amplifier.unit,
             stages=stages(sim) | as_recorded(sim, build.random_key(cfg)),
-            assumed=assumed(cfg, sim),
+            assumed=assumed(
+                sim,
+                noises=cfg["noise"],
+                effects=build.effects_rows(cfg),
+                friction=cfg["friction"],
+                numbers=f"{cfg['precision']}, {cfg['seed']}",
+            ),
             screening=screening,
             warnings=sim.scene.warnings(sim.fine),
         )
@@ -68,8 +78,14 @@ def as_recorded(sim: Simulation, key) -> dict[str, tuple[tuple[str, ...], Any, s
     }
 
 
-def assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
-    """Rows of the page's last section."""
+def assumed(
+    sim: Simulation, *, noises: Iterable[str], effects: Rows, friction: Any, numbers: str
+) -> Rows:
+    """Rows of the page's last section.
+
+    `noises` are named; `effects` are the rows that say which are on; `friction` is mu of q = mu p
+    or None; `numbers` are the precision and the seed.
+    """
     line = sim.line
     cell_um = 1e6 * float(line.cell_m)
     kinds = {
@@ -77,16 +93,16 @@ def assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
         "open": "nothing beyond the window; p and q are deviations from the background",
     }
     return (
-        ("line", f"{cfg['grid']['line']}: {kinds[cfg['grid']['line']]}"),
+        ("line", f"{line.kind}: {kinds[line.kind]}"),
         ("cells", f"{line.n} of {cell_um:.4g} um; simulated on cells {sim.refinement} times finer"),
         ("skin", sim.sensor.skin.words),
         ("speed", f"{float(sim.scan.speed_m_per_s):.4g} m/s, {_how(sim)}"),
         ("amplifier", type(sim.sensor.amplifier).__name__),
-        ("noise", ", ".join(cfg["noise"]) or "none"),
-        *build.effects_rows(cfg),
+        ("noise", listed(noises)),
+        *effects,
         *_not_inverted(sim),
-        ("p and q", "apart" if cfg["friction"] is None else f"q = {cfg['friction']} p"),
-        ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
+        ("p and q", "apart" if friction is None else f"q = {friction} p"),
+        ("precision, seed", numbers),
     )
 
 

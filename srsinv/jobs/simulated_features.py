@@ -19,14 +19,54 @@ from ..forward.noise import Noise, total_spectrum
 from ..forward.noise import draw as draw_noise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
-from ..grid import Periodic
+from ..grid import Line, Periodic
 from ..inverse.feature_model import CELLS_PER_DEPTH as FIT_CELLS_PER_DEPTH
 from ..inverse.feature_model import FeatureModel
 from ..inverse.nonlinear import Spectrum
-from . import build
 
 CELLS_PER_DEPTH = 256
 UNITS = {"N_per_m": "N/m", "Pa": "Pa", "rad": "rad", "m": "m"}
+
+
+def sample_rate(job: str, given: Mapping[str, Any]) -> float:
+    """The samples per second that a job's settings give. Raises `BadInput` for none above 0."""
+    wanted = "the samples per second, above 0"
+    return float(number(f"{job}.sample_rate_hz", given["sample_rate_hz"], wanted, above=0))
+
+
+@dataclass(frozen=True)
+class SampledScan:
+    """A sensor that slides at constant speed and is read `rate_hz` times a second, with noise.
+
+    `job`: the group of the configuration that gives the rate.
+    """
+
+    job: str
+    rate_hz: float
+    sensor: Sensor
+    scan: ConstantSpeed
+    noises: tuple[Noise, ...]
+
+    def motion(self, start_m: float, length_m: float) -> Motion:
+        """The motion over a stretch of x.
+
+        Raises `BadInput` for a speed of 0, less than two samples in a depth, and a stretch of less
+        than four depths.
+        """
+        speed, depth = float(self.scan.speed_m_per_s), float(self.sensor.depth_m)
+        refuse(
+            speed == 0,
+            "scan.speed_m_per_s is 0: a touch at rest scans no feature, give a speed.",
+        )
+        step = abs(speed) / self.rate_hz
+        refuse(
+            not 2 * step <= depth <= length_m / 4,
+            f"The scan of {length_m:.4g} m has samples {step:.4g} m apart: with film {depth:.4g} m "
+            f"deep give a {self.job}.sample_rate_hz with at least two in a depth, and a scan of "
+            "at least four depths.",
+        )
+        time = np.arange(int(length_m / step) + 1) / self.rate_hz
+        return Motion.from_speed(time, speed, start_m + (length_m if speed < 0 else 0.0))
 
 
 @dataclass(frozen=True)
@@ -94,37 +134,11 @@ class SyntheticTractionScan(SyntheticScan):
         return np.asarray(self.fine.with_features({name: feature})({name: dict(own)} | offset))
 
 
-def synthetic_scan(cfg: build.Config, job: str) -> SyntheticTractionScan:
-    """The scan of a configuration, from one end of its grid to the other, sampled at `job`'s
-    rate."""
-    length = build.line(cfg).n * float(build.line(cfg).cell_m)
-    sensor, scan = build.sensor(cfg), build.scan(cfg)
-    motion = evenly(cfg, job, sensor, scan, (cfg["grid"]["start_m"], length))
-    noises = build.noises(cfg)
-    return SyntheticTractionScan(
-        sensor, scan, motion, noises, FeatureModel.along(sensor, motion, CELLS_PER_DEPTH)
-    )
-
-
-def evenly(
-    cfg: build.Config, job: str, sensor: Sensor, scan: ConstantSpeed, stretch: tuple[float, float]
-) -> Motion:
-    """The motion over `stretch`, (start, length), sampled at `job`'s rate."""
-    speed, (start, length) = float(scan.speed_m_per_s), stretch
-    key, wanted = f"{job}.sample_rate_hz", "the samples per second, above 0"
-    rate = float(number(key, cfg[job]["sample_rate_hz"], wanted, above=0))
-    refuse(
-        speed == 0,
-        "scan.speed_m_per_s is 0: a touch at rest scans no feature, give a speed.",
-    )
-    step, depth = abs(speed) / rate, float(sensor.depth_m)
-    refuse(
-        not 2 * step <= depth <= length / 4,
-        f"The scan of {length:.4g} m has samples {step:.4g} m apart: with film {depth:.4g} m deep "
-        f"give a {key} with at least two in a depth, and a scan of at least four depths.",
-    )
-    time = np.arange(int(length / step) + 1) / rate
-    return Motion.from_speed(time, speed, start + (length if speed < 0 else 0.0))
+def synthetic_scan(line: Line, sampled: SampledScan) -> SyntheticTractionScan:
+    """The scan from one end of a line to the other."""
+    motion = sampled.motion(float(line.start_m), line.n * float(line.cell_m))
+    fine = FeatureModel.along(sampled.sensor, motion, CELLS_PER_DEPTH)
+    return SyntheticTractionScan(sampled.sensor, sampled.scan, motion, sampled.noises, fine)
 
 
 def known_noise(power: np.ndarray) -> Any:

@@ -27,9 +27,9 @@ class SolvedContact(eqx.Module):
     contact: Contact
 
     def __init__(self, sim: Simulation):
-        scene = sim.scene
-        if not isinstance(scene, SurfaceScene):
-            kind = type(scene).__name__
+        scene = sim.scene.contact_scene
+        if scene is None:
+            kind = type(sim.scene).__name__
             raise BadInput(f"scene is a {kind}: name one of a surface, such as scene=ridge.")
         refuse(
             sim.scenario.recorder.samples_in_time,

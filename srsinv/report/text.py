@@ -2,6 +2,7 @@
 
 import math
 import sys
+from collections.abc import Iterable
 from numbers import Integral, Real
 
 from rich import box
@@ -30,6 +31,11 @@ def format_value(value: object) -> str:
     mantissa, _, power = f"{number:.3e}".partition("e")
     shift = int(power) % 3
     return f"{_digits(float(mantissa) * 10**shift)}e{int(power) - shift}"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in a row, or "none"."""
+    return ", ".join(names) or "none"
 
 
 def format_with_error(value: float, stderr: float) -> str:

@@ -13,6 +13,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root
+from srsinv.config import select_effects
 from srsinv.effects import NAMES, Effect, reference, screen
 from srsinv.effects.antialias_filter import AntialiasFilter
 from srsinv.effects.general import FilmEffect, FilterEffect, SpeedProfileEffect
@@ -27,7 +28,7 @@ from srsinv.forward.scenario import Scenario
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.speed_profile import RippleProfile
 from srsinv.jobs import build
-from srsinv.jobs.change import Trace, difference, pair, select_effects, trace
+from srsinv.jobs.change import Trace, difference, pair, trace
 from srsinv.jobs.simulation import Simulation, screen_effects, simulation
 
 SMALL = ("grid.cells=128", "grid.refinement=2", "noise=[]")

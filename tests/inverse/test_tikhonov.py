@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.method import Method
+from srsinv.inverse.quadratic import solve
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import (
@@ -20,6 +22,7 @@ from tests.inverse.cases import (
     relative,
     stderr_of,
 )
+from tests.refusals import refused
 from tests.tiers import quick
 
 ORDERS = (0, 1, 2)
@@ -115,3 +118,23 @@ def test_length_only_rescales_the_weight():
     one = Tikhonov(2, 1e-5, 1e-4, length_m=1e-3)(problem)
     other = Tikhonov(2, 16e-5, 16e-4, length_m=0.5e-3)(problem)
     assert relative(other.value, one.value) < 1e-9
+
+
+def test_a_fixed_prior_has_the_weights_that_the_rule_chose():
+    """On another line too, where the rule would choose others."""
+    problem, longer = make_case().problem, make_case(n=47).problem
+    stats = Tikhonov()(problem).stats
+    prior = Tikhonov().prior_fixed_on(problem)(longer)
+    weights = [stats[f"weight_{c}_per_Pa2"] for c in "pq"]
+    fixed = solve(longer, prior, "auto", 1e-10)
+    assert relative(fixed.value, Tikhonov(1, *weights)(longer).value) < 1e-9
+
+
+def test_a_method_without_a_prior_is_refused_one():
+    class Zero(Method):
+        def __call__(self, problem):
+            raise NotImplementedError
+
+    problem = make_case().problem
+    assert Zero().spectra(problem) is None
+    refused(lambda: Zero().prior_fixed_on(problem), "Zero", "prior", "method=[wiener,tikhonov]")

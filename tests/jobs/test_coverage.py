@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
-from srsinv.__main__ import find_config_root
 from srsinv.forward.feature import StripFeature
-from srsinv.jobs import coverage
+from srsinv.jobs import build, coverage
 from srsinv.jobs.judged import Quantity
-from srsinv.jobs.simulated_features import synthetic_scan
+from srsinv.jobs.simulated_features import SampledScan, synthetic_scan
 from srsinv.report import figures
 from tests.golden.check import golden_test
-from tests.jobs.run import check_page, outcome, short_run
+from tests.jobs.run import check_page, composed, outcome, short_run
 from tests.refusals import refused
 
 DRAWS = 16
@@ -93,9 +90,9 @@ def test_refused_in_one_sentence(name):
 
 
 def test_known_friction_is_no_parameter():
-    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
-        cfg = OmegaConf.to_container(compose("config", list(SHORT)), resolve=True)
-    on = synthetic_scan(cfg, "coverage")
+    cfg = composed(*SHORT)
+    parts = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
+    on = synthetic_scan(build.line(cfg), SampledScan("coverage", 1e3, *parts))
     truth = {"position_m": 1e-3, "width_m": 3e-3, "pressure_Pa": 5e3, "friction": 0.4}
     power = np.full(on.shape[1] // 2 + 1, 1e-12)
     free = coverage.cramer_rao(on, "strip", StripFeature(), truth, power)

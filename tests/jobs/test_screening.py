@@ -4,9 +4,10 @@ bursts behind layers: programs that take long to compile."""
 import jax
 import pytest
 
+from srsinv.config import select_effects
 from srsinv.effects import screen
 from srsinv.jobs import build
-from srsinv.jobs.change import difference, pair, select_effects
+from srsinv.jobs.change import difference, pair
 from srsinv.jobs.simulation import simulation
 from tests.claims.random_scenes import configuration
 from tests.claims.screening import measured

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...errors import BadInput, refuse
+from ...errors import BadInput, of_kind, refuse
 from ...grid import as_real
 from ._loss import loss_of
 from ._noise import whitener
@@ -22,9 +22,7 @@ def checked_solver(solver: Solver | None, **counts: int) -> Solver:
         whole = isinstance(count, int) and count > 0
         refuse(not whole, f"{name} is {count!r}: give a whole number from 1.")
     solver = Optimistix() if solver is None else solver
-    if not isinstance(solver, Solver):
-        raise BadInput(f"solver is {solver!r}: give Optimistix(), OptaxLBFGS() or JaxoptLBFGSB().")
-    return solver
+    return of_kind("solver", solver, Solver, "Optimistix(), OptaxLBFGS() or JaxoptLBFGSB()")
 
 
 def checked_data(y) -> np.ndarray:
