@@ -21,8 +21,8 @@ from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Periodic
-from srsinv.inverse.feature_fit import fit_features
-from srsinv.inverse.feature_model import FeatureModel
+from srsinv.inverse.features.fit import fit_features
+from srsinv.inverse.features.model import FeatureModel
 from srsinv.namespaces import open_plugins
 from tests.jobs.run import ROOT
 

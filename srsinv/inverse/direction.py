@@ -18,8 +18,8 @@ from ..errors import number, refuse
 from ..forward.circular import Circle, Circling
 from ..forward.sensor import Sensor
 from ..grid import as_real
-from .feature_fit import Ratio
-from .feature_search import apart
+from .features.direct import Ratio
+from .features.search import apart
 from .nonlinear import Fit, fit
 
 COARSE_PER_DEPTH = 2  # samples of the search for a start

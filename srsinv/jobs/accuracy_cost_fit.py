@@ -17,7 +17,7 @@ from ..errors import refuse
 from ..forward.feature import StripFeature
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
-from ..inverse.feature_model import FeatureModel
+from ..inverse.features.model import FeatureModel
 from ..inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix, Solver, fit, fit_many
 from ..progress import stage
 from ..report import figures

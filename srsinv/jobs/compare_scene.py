@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ..errors import is_number, refuse
 from ..forward.noise import SignalToNoise
 from ..inverse.estimate import COMPONENTS, Estimate
-from ..inverse.feature_method import FeatureFit
+from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
 from ..recording import merge

@@ -16,12 +16,11 @@ from ..errors import refuse, shown
 from ..inverse.cells import check_cells
 from ..inverse.diagnostics import direction_in_words
 from ..inverse.estimate import COMPONENTS
-from ..inverse.feature_estimate import FeatureEstimate, probabilities
-from ..inverse.feature_method import FeatureFit, SurfaceFit
-from ..inverse.feature_model import CELLS_PER_DEPTH
+from ..inverse.features.estimate import FeatureEstimate, probabilities
+from ..inverse.features.method import FeatureFit
+from ..inverse.features.model import CELLS_PER_DEPTH
 from ..inverse.problem import Problem
 from ..inverse.quality import Quality
-from ..inverse.surface_model import SurfaceFeatures
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import STEADY, check_volts
@@ -57,7 +56,7 @@ class _Fitted:
     recorded: RecordedProblem
     candidates: list[Candidate]
     best: FeatureEstimate
-    on_surface: SurfaceFeatures
+    method: FeatureFit
 
     @property
     def recording(self) -> Recording:
@@ -99,13 +98,12 @@ def run(cfg: build.Config) -> Outcome:
         solver = build.solver(cfg)
         recorded = recorded_problem(_with_example(cfg), check)
         if surfaces:
-            of_surface = surface_fit(recorded, surfaces, solver, settings)
-            method, surfaces = of_surface, of_surface.features
+            method = surface_fit(recorded, surfaces, solver, settings)
         else:
             _refuse_surface_only(settings)
             _check_length(recorded.problem)
             method = FeatureFit(build.features(cfg), solver)
-        fitted = _fit(method, recorded, settings["select"], surfaces)
+        fitted = _fit(method, recorded, settings["select"])
         dataset, assumed = _dataset(fitted), _assumed(cfg, fitted)
         return Outcome(
             _title(fitted),
@@ -127,12 +125,7 @@ def _check_length(problem: Problem) -> None:
     check_cells(problem.name, scanned, float(problem.sensor.depth_m) / CELLS_PER_DEPTH)
 
 
-def _fit(
-    method: FeatureFit | SurfaceFit,
-    recorded: RecordedProblem,
-    select: bool,
-    on_surface: SurfaceFeatures,
-) -> _Fitted:
+def _fit(method: FeatureFit, recorded: RecordedProblem, select: bool) -> _Fitted:
     """All features together and nothing, or each of them and nothing, of which one is selected."""
     named = method.features
     sums = [{name: feature} for name, feature in named.items()] if select else [named]
@@ -140,7 +133,7 @@ def _fit(
     fits = [_timed(method, features, recorded.problem) for features in [*sums, {}]]
     candidates = [fits[-1], *fits[:-1]]
     best = max(candidates, key=lambda each: each.fit.log_evidence) if select else candidates[-1]
-    return _Fitted(recorded, candidates, best.fit, on_surface)
+    return _Fitted(recorded, candidates, best.fit, method)
 
 
 def _settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -161,7 +154,7 @@ def _refuse_surface_only(settings: Mapping[str, Any]) -> None:
         )
 
 
-def _timed(method: FeatureFit | SurfaceFit, features: Any, problem: Problem) -> Candidate:
+def _timed(method: FeatureFit, features: Any, problem: Problem) -> Candidate:
     with stage(f"fitting {' + '.join(features) or 'nothing'}"):
         start = time.perf_counter()
         estimate = method.candidate(features, problem)
@@ -379,7 +372,7 @@ def _assumed(cfg: build.Config, fitted: _Fitted) -> tuple[tuple[str, str], ...]:
         *times_rows(cfg, recording),
         ("motion", f"{speed.mean():.4g} m/s, constant" if steady
          else f"measured, {speed.min():.4g} to {speed.max():.4g} m/s"),
-        *ground(problem, fitted.best, fitted.on_surface),
+        *ground(problem, fitted.best),
         ("skin", problem.sensor.skin.words),
         ("amplifier", type(problem.sensor.amplifier).__name__),
         ("noise", f"white, {fitted.noise_rms:.3g} {unit} per sample, "

@@ -20,8 +20,8 @@ from ..forward.noise import draw as draw_noise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Periodic
-from ..inverse.feature_model import CELLS_PER_DEPTH as FIT_CELLS_PER_DEPTH
-from ..inverse.feature_model import FeatureModel
+from ..inverse.features.model import CELLS_PER_DEPTH as FIT_CELLS_PER_DEPTH
+from ..inverse.features.model import FeatureModel
 from ..inverse.nonlinear import Spectrum
 
 CELLS_PER_DEPTH = 256

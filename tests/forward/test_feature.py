@@ -29,7 +29,7 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open, as_real
-from srsinv.inverse.feature_model import CELLS_PER_DEPTH, FeatureModel
+from srsinv.inverse.features.model import CELLS_PER_DEPTH, FeatureModel
 from tests.features import FEATURES
 from tests.forward.setups import fitted_order, largest_error
 from tests.reference import closed_forms as cf

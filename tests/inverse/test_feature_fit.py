@@ -14,14 +14,10 @@ from srsinv.forward.feature import (
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.feature_estimate import probabilities
-from srsinv.inverse.feature_fit import (
-    FeatureFitter,
-    FeatureModel,
-    fit_features,
-    friction_of,
-    reported_parameters,
-)
+from srsinv.inverse.features import FeatureFitter, FeatureModel
+from srsinv.inverse.features.direct import friction_of
+from srsinv.inverse.features.estimate import probabilities
+from srsinv.inverse.features.fit import fit_features
 from tests.features import FEATURES
 from tests.tiers import quick
 
@@ -60,7 +56,7 @@ SENSORS = {
 
 @cache
 def fitter(sensor="two", motion="steady"):
-    return FeatureFitter(SENSORS[sensor], MOTIONS[motion]())
+    return FeatureFitter.along(SENSORS[sensor], MOTIONS[motion]())
 
 
 @cache
@@ -207,7 +203,7 @@ def test_error_is_the_bound_and_intervals_hold():
     ys = y + noise * rng.normal(size=(DRAWS, *y.shape))
     model, fits = fitter().many("strip", FEATURES["strip"], ys, noise)
     assert all(fit.converged for fit in fits)
-    read = [reported_parameters(model, fit) for fit in fits]
+    read = [model.loading.report(model.features, fit) for fit in fits]
     bound = cramer_rao("strip", truth, noise)
     for part, expected in truth.items():
         value, stderr = np.array([each[part] for each in read]).T

@@ -16,7 +16,7 @@ from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Open
 from srsinv.inverse.estimate import overlap
-from srsinv.inverse.feature_method import FeatureFit, SurfaceFit
+from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
@@ -106,7 +106,7 @@ REFUSED = {
     "motion reverses": lambda: Problem(
         SENSOR, Motion.from_speed(TIME, SPEED * np.cos(30 * TIME)), np.ones((2, SAMPLES)), NOISE
     ).on_line(),
-    "No nominal pressure is known": lambda: SurfaceFit({"it": RidgeFeature(1e-5)})(strip_problem()),
+    "No nominal pressure is known": lambda: FeatureFit({"it": RidgeFeature(1e-5)})(strip_problem()),
     "an operator and no sensor": lambda: METHODS["features"](make_case().problem),
 }
 

@@ -25,8 +25,8 @@ from srsinv.forward.feature import LineFeature
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.feature_fit import Ratio
-from srsinv.inverse.feature_model import FeatureModel
+from srsinv.inverse.features.direct import Ratio
+from srsinv.inverse.features.model import FeatureModel
 from srsinv.jobs import build
 from srsinv.jobs.simulation import noisy_problem, simulation
 
