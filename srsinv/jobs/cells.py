@@ -12,6 +12,7 @@ from ..inverse.line_problem import LineProblem
 from ..inverse.problem import Problem
 from ..recording import Recording
 from ..recording.even import STEADY, check_volts
+from ..resolution import cell_m
 from . import build
 from .recorded import recorded_problem, times_rows
 
@@ -29,10 +30,11 @@ class RecordingProblem:
     assumed: tuple[tuple[str, str], ...]
 
 
-def recording_problem(cfg: build.Config, cells_per_depth: int | None = None) -> RecordingProblem:
+def recording_problem(cfg: build.Config, purpose: str | None = None) -> RecordingProblem:
     """The recording that the configuration names, on an open line over its contact window.
 
-    Cells are `recording.cell_m` wide; where that is null see [`Problem.on_line`][]. Raises
+    Cells are `recording.cell_m` wide; where that is null, as the `purpose` asks for (see
+    resolution.py), or as [`Problem.on_line`][] has it. Raises
     `BadInput` for a recording that cannot be inverted.
     """
     unit = _traction_unit(cfg.get("traction_unit", "Pa"))
@@ -43,7 +45,8 @@ def recording_problem(cfg: build.Config, cells_per_depth: int | None = None) -> 
 
     recorded = recorded_problem(cfg, check)
     recording, problem = recorded.recording, recorded.problem
-    on_line = problem.on_line(cells_per_depth)
+    depth = float(problem.sensor.depth_m)
+    on_line = problem.on_line(cell_m(purpose, depth) if purpose else None)
     speed = float(np.mean(recording.speed_m_per_s))
     assumed = _assumed(cfg, recording, problem, on_line, unit)
     assert on_line.sensor is not None

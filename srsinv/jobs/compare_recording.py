@@ -22,7 +22,6 @@ from .analysis import BAND_90, deviation, element_names, in_metrics, notes_on
 from .cells import recording_problem
 from .contest import Runs
 
-CELLS_PER_DEPTH = 5  # each half then has a sample every 0.4 depths, where e^(-k z) is 4e-4
 ROUNDING = 1e-9  # of the range: values that differ by less are the same but for rounding
 WELL = 1.2  # mean square of the whitened residual, up to which noise explains it
 PARTS = ("all", "even cells", "odd cells")
@@ -34,7 +33,7 @@ def on_recording(cfg: build.Config) -> Outcome:
 
     Raises `BadInput` for a recording that cannot be inverted, and for fewer than two methods.
     """
-    loaded = recording_problem(cfg, CELLS_PER_DEPTH)
+    loaded = recording_problem(cfg, "comparison")
     title, whole = loaded.recording.name, loaded.problem
     problems = whole, *contest.split_odd_even(whole)
     methods = build.methods(cfg) if cfg.get("method") else {}

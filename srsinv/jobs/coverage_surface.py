@@ -23,12 +23,13 @@ from ..forward.surface_feature import (
     TapeFeature,
 )
 from ..grid import as_real
-from ..inverse.cells import MARGIN_DEPTHS, Window, check_cells
+from ..inverse.cells import Window, check_cells
 from ..inverse.features.contact import MOVES, PLACE, cell_for
 from ..inverse.features.fit import FeatureFitter
 from ..inverse.features.model import FeatureModel
 from ..inverse.nonlinear import Solver
 from ..progress import stage
+from ..resolution import margin_m
 from .judged import STEP, FitStatistics, Quantity, bounds_of, ratio_dB
 from .simulated_features import SampledScan, SyntheticScan
 
@@ -153,7 +154,7 @@ def _scan_and_fitter(
     """The scan of the window but for its margins, on cells that are finer than the fit's."""
     sensor, named, pressure = sampled.sensor, {shape.name: shape.feature}, shape.nominal_pressure_Pa
     depth = float(sensor.depth_m)
-    margin = MARGIN_DEPTHS * depth
+    margin = margin_m("traction", depth)
     motion = sampled.motion(window.start_m + margin, window.length_m - 2 * margin)
     cell = cell_for(named, depth)
     check_cells("coverage.window_m", window.length_m, cell / FINER)

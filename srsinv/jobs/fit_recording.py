@@ -18,7 +18,6 @@ from ..inverse.diagnostics import direction_in_words
 from ..inverse.estimate import COMPONENTS
 from ..inverse.features.estimate import FeatureEstimate, probabilities
 from ..inverse.features.method import FeatureFit
-from ..inverse.features.model import CELLS_PER_DEPTH
 from ..inverse.problem import Problem
 from ..inverse.quality import Quality
 from ..progress import stage
@@ -26,6 +25,7 @@ from ..recording import Recording
 from ..recording.even import STEADY, check_volts
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
+from ..resolution import cell_m
 from . import build
 from .analysis import element_names, in_metrics
 from .fit_surface import contact_section, ground, surface_fit
@@ -122,7 +122,7 @@ def _with_example(cfg: build.Config) -> build.Config:
 
 def _check_length(problem: Problem) -> None:
     scanned = float(np.ptp(problem.motion.position_m))
-    check_cells(problem.name, scanned, float(problem.sensor.depth_m) / CELLS_PER_DEPTH)
+    check_cells(problem.name, scanned, cell_m("load", float(problem.sensor.depth_m)))
 
 
 def _fit(method: FeatureFit, recorded: RecordedProblem, select: bool) -> _Fitted:

@@ -188,9 +188,9 @@ CHARGE_SENSOR = Sensor([Film(0.75e-3, 0.2), Film(0.9e-3, 1.6)], None, ChargeRead
 
 def features() -> Model:
     """The signal and the traction of all features of traction together."""
-    whole = FeatureModel.along(CHARGE_SENSOR, SHORT_MOTION, 8).with_features(
-        {name: f for name, (f, _) in FEATURES.items()}
-    )
+    whole = FeatureModel.along(
+        CHARGE_SENSOR, SHORT_MOTION, float(CHARGE_SENSOR.depth_m) / 8
+    ).with_features({name: f for name, (f, _) in FEATURES.items()})
 
     def model(v: Numbers):
         params: dict[str, Any] = {"offset": v["offset"]}

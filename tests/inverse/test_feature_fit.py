@@ -61,7 +61,7 @@ def fitter(sensor="two", motion="steady"):
 
 @cache
 def finer(sensor="two", motion="steady"):
-    return FeatureModel.along(SENSORS[sensor], MOTIONS[motion](), 96)
+    return FeatureModel.along(SENSORS[sensor], MOTIONS[motion](), 0.75e-3 / 96)
 
 
 def parameters(name, truth, feature):

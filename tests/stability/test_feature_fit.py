@@ -60,7 +60,10 @@ def bench(precision):
     motion = Motion.from_speed(TIME, 2 * END_M / TIME[-1], -END_M)
     angles = (0.0, np.pi / 2)
     sensor = Sensor([Film(DEPTH_M, angle, effects=(StripAverage(0.5e-3),)) for angle in angles])
-    return FittedScan(FeatureFitter.along(sensor, motion), FeatureModel.along(sensor, motion, 96))
+    return FittedScan(
+        FeatureFitter.along(sensor, motion),
+        FeatureModel.along(sensor, motion, float(sensor.depth_m) / 96),
+    )
 
 
 @pytest.fixture(params=PRECISIONS)

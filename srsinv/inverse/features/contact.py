@@ -18,13 +18,13 @@ from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...forward.surface import Surface
 from ...grid import Line, as_real
+from ...resolution import cell_m
 from ..estimate import averages
 from ..nonlinear import Fit, Optimistix, Solver
 from .identifiability import limited_by_bounds, undetected_features
 from .loading import Features, Loading, Range, Strengths, Traction, Tried
 
 CELLS_PER_EDGE = 5  # the contact beside an edge is then right to some 1e-4 of the signal
-CELLS_PER_DEPTH = 256  # at least: edges jump by cells, which has to be less than is felt
 MOVES = {"position_m", "width_m"}  # parameters that move edges
 PLACE = "position_m"
 AT_ONCE = 64  # shapes whose signals are held at the same time
@@ -239,7 +239,7 @@ class ContactLoading(Loading):
 def cell_for(features: Features, depth_m: float) -> float:
     """How wide the cells may be."""
     edges = [feature.edge_length_m for feature in features.values() if feature.edge_length_m]
-    return min([depth_m / CELLS_PER_DEPTH, *(edge / CELLS_PER_EDGE for edge in edges)])
+    return min([cell_m("contact", depth_m), *(edge / CELLS_PER_EDGE for edge in edges)])
 
 
 def checked_pressure(given: Any) -> float:

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from ...errors import number
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
+from ...resolution import cell_m
 from ..cells import Window
 from ..diagnostics import sliding_noise
 from ..nonlinear import Fit, Solver, fit, fit_many
@@ -30,9 +31,6 @@ from .sliding_noise import Levels, estimate, first_levels
 AMPLITUDE_PRIOR_REACH = 30.0
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
 ROUNDS = 4  # of fitting, and estimating the noise from the residual
-COARSE_PER_DEPTH = 8  # cells and samples of the search for a start
-CONTACT_COARSE_PER_DEPTH = 12
-CONTACT_SAMPLES_PER_DEPTH = 4
 
 
 class FeatureFitter:
@@ -57,8 +55,9 @@ class FeatureFitter:
     @classmethod
     def along(cls, sensor: Sensor, motion: Motion, solver: Solver | None = None) -> "FeatureFitter":
         """Of features of traction."""
-        blocks = Blocks(motion, float(sensor.depth_m) / COARSE_PER_DEPTH)
-        coarse = FeatureModel.along(sensor, blocks.motion, COARSE_PER_DEPTH)
+        coarse_m = cell_m("load_search", float(sensor.depth_m))
+        blocks = Blocks(motion, coarse_m)
+        coarse = FeatureModel.along(sensor, blocks.motion, coarse_m)
         search = FeatureSearch(coarse, blocks, scan_extent(sensor, motion))
         return cls(FeatureModel.along(sensor, motion), search, sensor, motion, solver)
 
@@ -82,11 +81,12 @@ class FeatureFitter:
         known.
         """
         also, depth = checked_names(features, tuple(also)), float(sensor.depth_m)
-        blocks = Blocks(motion, depth / CONTACT_SAMPLES_PER_DEPTH)
+        blocks = Blocks(motion, cell_m("contact_search_samples", depth))
         given = window, cell_for(features, depth), nominal_pressure_Pa, also
         model = FeatureModel.on_window(sensor, motion, *given)
+        coarse_m = cell_m("contact_search", depth)
         coarse = FeatureModel.on_window(
-            sensor, blocks.motion, window, depth / CONTACT_COARSE_PER_DEPTH, nominal_pressure_Pa
+            sensor, blocks.motion, window, coarse_m, nominal_pressure_Pa
         )
         search = FeatureSearch(coarse, blocks, scan_extent(sensor, motion))
         return cls(model, search, sensor, motion, solver)
@@ -132,7 +132,7 @@ class FeatureFitter:
         levels = first_levels(y, self._depth_m) if noise is None else None
         using = noise if levels is None else self._whitener(levels, y)
         given = {name: _own(start or {}, name, features) for name in features}
-        result = self._found(features, y, using, levels, given, starts)
+        result = self._fit_in_turn(features, y, using, levels, given, starts)
         model = self._model.with_features(features)
         if result is None:
             levels = None if levels is None else estimate(y, *self._scale)
@@ -161,7 +161,7 @@ class FeatureFitter:
             self._model.with_features(parts), start, ys, **settings
         )
 
-    def _found(
+    def _fit_in_turn(
         self,
         features: Features,
         y: np.ndarray,
@@ -178,9 +178,9 @@ class FeatureFitter:
         if not features and self._model.free_offset:
             return self._fit({}, params, y, noise)
         for name, feature in features.items():
-            found, parts = (parts, params), parts | {name: feature}
+            before, parts = (parts, params), parts | {name: feature}
             ends: list[Fit] = []
-            for shape in self._shapes(y, white, found, feature, given[name], starts):
+            for shape in self._shapes(y, white, before, feature, given[name], starts):
                 own = shape | self._model.loading.begun(feature)
                 ends.append(self._fit(parts, params | {name: own}, y, noise))
                 if self._is_good(ends[-1], levels):
@@ -190,13 +190,13 @@ class FeatureFitter:
         return result
 
     def _shapes(
-        self, y, white, found, feature: AnyFeature, given: Mapping[str, float], starts: int
+        self, y, white, before, feature: AnyFeature, given: Mapping[str, float], starts: int
     ) -> Iterator[dict[str, float]]:
         """Shapes to start from: with the values given, then, where these are incomplete, without
         them."""
-        yield from self._search.starts(y, white, found, feature, given)[:starts]
+        yield from self._search.starts(y, white, before, feature, given)[:starts]
         if given and not feature.axes.keys() <= given.keys():
-            yield from self._search.starts(y, white, found, feature, {})[:starts]
+            yield from self._search.starts(y, white, before, feature, {})[:starts]
 
     def _is_good(self, end: Fit, levels: Levels | None) -> bool:
         """Whether no other start is needed."""

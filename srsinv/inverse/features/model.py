@@ -10,6 +10,7 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Array, Float
 
+from ... import resolution
 from ...errors import refuse
 from ...forward.contact import refuse_both_ways
 from ...forward.feature import ScanExtent
@@ -22,8 +23,6 @@ from .contact import ContactLoading
 from .direct import DirectLoading
 from .loading import Features, Loading, turned
 
-CELLS_PER_DEPTH = 32  # the signal of an edge is then right to 1e-6 of its peak, of a line to 1e-5
-MARGIN_DEPTHS = 16  # beyond the scan, in which what repeats fades out
 FAR_M = 1e3  # how far a step goes on
 BLOCK = 256  # cells come in multiples of it: the contact starts on so much wider cells
 
@@ -42,16 +41,14 @@ class FeatureModel(eqx.Module):
     free_offset: bool = eqx.field(static=True)
 
     @classmethod
-    def along(
-        cls, sensor: Sensor, motion: Motion, cells_per_depth: int = CELLS_PER_DEPTH
-    ) -> "FeatureModel":
+    def along(cls, sensor: Sensor, motion: Motion, cell_m: float | None = None) -> "FeatureModel":
         """The model of features of traction, without any of them.
 
         The traction lies on an open line with fine cells and a margin beyond the scan; a
         semi-infinite feature goes on beyond the line's end, and a periodic one fades out towards
-        both ends.
+        both ends. `cell_m` [m]: None is fine enough for a signal right to 1e-5 of its peak.
         """
-        line = line_under(sensor, motion, cells_per_depth)
+        line = line_under(sensor, motion, cell_m)
         operator = operator_along(sensor, line, motion, FAR_M, motion.ways)
         loading = DirectLoading.over(line, motion)
         return cls(operator, loading, {}, sensor.amplifier.offset is None)
@@ -157,13 +154,14 @@ def operator_along(
     return sensor.operator_along(line, motion, reach_m, ways)
 
 
-def line_under(sensor: Sensor, motion: Motion, cells_per_depth: int) -> Open:
+def line_under(sensor: Sensor, motion: Motion, cell_m: float | None) -> Open:
     """The open line that features of traction lie on: fine cells, and a margin at both ends."""
     depth = float(sensor.depth_m)
     x = np.asarray(motion.position_m)
-    cell = depth / cells_per_depth
-    start = float(x.min()) - MARGIN_DEPTHS * depth
-    n = int(np.ceil((float(x.max()) + MARGIN_DEPTHS * depth - start) / cell)) + 1
+    cell = resolution.cell_m("load", depth) if cell_m is None else cell_m
+    margin = resolution.margin_m("fade", depth)
+    start = float(x.min()) - margin
+    n = int(np.ceil((float(x.max()) + margin - start) / cell)) + 1
     return Open(n, cell, start)
 
 

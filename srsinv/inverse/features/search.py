@@ -59,22 +59,22 @@ class FeatureSearch:
         self,
         y: Float[np.ndarray, "e sample"],
         white: Float[np.ndarray, " e"],
-        found: tuple[Mapping[str, AnyFeature], Any],
+        before: tuple[Mapping[str, AnyFeature], Any],
         feature: AnyFeature,
         given: Mapping[str, float],
     ) -> list[dict[str, float]]:
         """The shapes of one more feature to start from, the best first.
 
         - `white`: the level of white noise in each element, by which they are weighed.
-        - `found`: features found before, and all of their parameters.
+        - `before`: features found before, and all of their parameters.
         - `given`: the user's values of some of the feature's parameters, or of all of them.
 
         For each shape tried, the part of the residual of the features found so far (their shape and
         amplitudes fixed) that its best linear parameters explain.
         """
         rest = self._blocks.means(np.nan_to_num(y))
-        if found[0]:
-            rest = rest - np.asarray(self._model.with_features(found[0])(found[1]))
+        if before[0]:
+            rest = rest - np.asarray(self._model.with_features(before[0])(before[1]))
         rest = self._without_mean(rest / white[:, None])
         shapes, explained = [], []
         for tried in self._tried(feature, given):
