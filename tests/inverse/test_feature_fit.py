@@ -17,7 +17,6 @@ from srsinv.forward.sensor import Sensor
 from srsinv.inverse.features import FeatureFitter, FeatureModel
 from srsinv.inverse.features.direct import friction_of
 from srsinv.inverse.features.estimate import probabilities
-from srsinv.inverse.features.fit import fit_features
 from tests.features import FEATURES
 from tests.tiers import quick
 
@@ -164,18 +163,6 @@ def test_a_grating_is_told_the_usual_way():
     estimate = fitter()({"grating": FEATURES["grating"]}, y, 1e-3 * rms(y))
     usual = {"pressure_Pa": 2e3, "duty": 0.6, "phase_rad": 1.0 - np.pi}
     assert_recovered(estimate.parameters, TRUTHS["grating"] | usual, 2e-4)
-
-
-def test_many_signals_share_what_was_computed():
-    """One call for one signal is the fitter's."""
-    y = simulated("line")
-    once = fit_features(
-        SENSORS["two"], MOTIONS["steady"](), {"line": FEATURES["line"]}, y, rms(y) / 30
-    )
-    again = fitter()({"line": FEATURES["line"]}, y, rms(y) / 30)
-    for part, pair in once.parameters.items():
-        assert pair == pytest.approx(again.parameters[part], rel=1e-9)
-    assert once.log_evidence == pytest.approx(again.log_evidence, rel=1e-9)
 
 
 def test_standard_error_of_friction():

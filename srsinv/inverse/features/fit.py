@@ -264,22 +264,6 @@ class FeatureFitter:
         return self._motion.position_m, self._depth_m
 
 
-def fit_features(
-    sensor: Sensor,
-    motion: Motion,
-    features: Features,
-    y: Float[np.ndarray, "e sample"],
-    noise: Any,
-    solver: Solver | None = None,
-) -> FeatureEstimate:
-    """Fit features of traction to `y` (element, sample).
-
-    For several candidates or signals a [`FeatureFitter`][] is faster. Raises `BadInput` where the
-    data and the motion disagree.
-    """
-    return FeatureFitter.along(sensor, motion, solver)(features, y, noise)
-
-
 def _own(start: Mapping[str, float], name: str, features: Features) -> dict[str, float]:
     """The start values of this feature."""
     prefix = f"{name}_" if len(features) > 1 else ""
