@@ -145,6 +145,7 @@ def test_a_solver_of_ones_own_fits(folder):
     solver = part(folder, "solver/restarted.yaml", "solver")
     strip = {"strip": part(folder, "feature/pad.yaml", "traction_feature")}
     fit = FeatureFitter.along(SENSOR, MOTION, solver)(strip, simulated(strip["strip"], 3e-3), 1e-9)
+    assert type(solver.tolerating(1e-4)) is type(solver)
     assert fit.quality == "good"
 
 
