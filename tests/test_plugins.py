@@ -81,6 +81,7 @@ def test_what_is_named_acts(run):
         assert metrics[f"status_{method}"] == "converged"
         assert 0 < metrics[f"error_p_{method}"] < 1
     assert metrics["chi2_per_freedom_lasso"] is not None
+    assert metrics["coverage_p_lasso"] is None  # it gives no band
     assert "blur" in (run / "report.html").read_text()
 
 
