@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from srsinv import config
 from srsinv.errors import number, refuse
 from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.oblique import turned, turned_scan
@@ -14,7 +15,6 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Periodic
 from srsinv.inverse.direction import DirectionFinder
-from srsinv.jobs import build
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.figures import curves
@@ -22,7 +22,7 @@ from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.text import listed
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """Directions estimated on a circle with noise, and the straight scan's gain over the angle.
 
     Raises `BadInput` for no direction, a shown one that is not tried, and refusals of the
@@ -37,9 +37,9 @@ def run(cfg: build.Config) -> Outcome:
         f"circular_scan.angles_deg, {settings['angles_deg']}.",
     )
     snr = number("circular_scan.snr_dB", settings["snr_dB"], "a ratio in dB")
-    rng = np.random.default_rng(build.seed(cfg))
-    with build.precision(cfg):
-        sensor, circle = build.sensor(cfg), Circle(**settings["circle"])
+    rng = np.random.default_rng(config.seed(cfg))
+    with config.precision(cfg):
+        sensor, circle = config.sensor(cfg), Circle(**settings["circle"])
         circling, finder = Circling(sensor, circle), DirectionFinder(sensor, circle)
         signals, directions = [], []
         with stage("finding the directions"):
@@ -50,7 +50,7 @@ def run(cfg: build.Config) -> Outcome:
                 signals.append((clean, clean + noise * rng.normal(size=clean.shape)))
                 directions.append(finder(signals[-1][1]))
         tried = np.linspace(0.0, 90.0, settings["gain_angles"])
-        gain = np.array([_gain(sensor, build.scan(cfg), settings["ridge"], a) for a in tried])
+        gain = np.array([_gain(sensor, config.scan(cfg), settings["ridge"], a) for a in tried])
 
     estimate, stderr = np.array([each.parameters["angle_deg"] for each in directions]).T
     error = (estimate - truth + 90) % 180 - 90

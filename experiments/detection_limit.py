@@ -11,6 +11,7 @@ import numpy as np
 import xarray
 from jaxtyping import Array, Float
 
+from srsinv import config
 from srsinv.errors import BadInput, number, refuse, whole
 from srsinv.forward.noise import Noise, total_spectrum
 from srsinv.forward.scan import ConstantSpeed
@@ -19,7 +20,6 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Ridge, Surface
 from srsinv.grid import Line, Periodic
 from srsinv.inverse import detection
-from srsinv.jobs import build
 from srsinv.report.figures import limits as figures
 from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.text import listed
@@ -92,7 +92,7 @@ class RidgeTractions(NamedTuple):
     converged: bool
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """Both limits along three axes, one quantity varied at a time.
 
     Raises `BadInput` for another scene than one ridge, noise that is not white, and ranges that do
@@ -101,12 +101,12 @@ def run(cfg: build.Config) -> Outcome:
     settings = LimitSettings.checked(cfg["detection_limit"])
     axes, heights, rate = settings.axes, settings.heights_m, settings.sample_rate_hz
     needed = settings.strength
-    with build.precision(cfg):
-        setup = _setup(build.line(cfg), build.scene(cfg), build.sensor(cfg), build.scan(cfg))
+    with config.precision(cfg):
+        setup = _setup(config.line(cfg), config.scene(cfg), config.sensor(cfg), config.scan(cfg))
         distances = _distances(settings.distances_m, setup)
         tractions = _solve_contacts(setup, heights, distances)
         depth, speed = float(setup.sensor.depth_m), float(setup.scan.speed_m_per_s)
-        noise = _white(build.noises(cfg), setup, tractions, rate)
+        noise = _white(config.noises(cfg), setup, tractions, rate)
         base = (depth, noise, speed)
         detectability = _detectability(setup, tractions, rate)
 

@@ -6,12 +6,11 @@ from typing import Any, NamedTuple
 
 import xarray
 
-from srsinv.config import select_effects
+from srsinv import config
 from srsinv.effects import reference
 from srsinv.errors import refuse
-from srsinv.jobs import build
+from srsinv.forward.simulation import Simulation
 from srsinv.jobs.change import Cost, Trace, cost, difference, pair
-from srsinv.jobs.simulation import Simulation, simulation
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -28,21 +27,21 @@ class EffectRow(NamedTuple):
     cost: Cost
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """Every named effect alone against none.
 
     Raises `BadInput` where no effect is named, and refusals of the configuration's parts.
     """
-    nodes = build.part(cfg, "effects")
+    nodes = config.part(cfg, "effects")
     refuse(not nodes, "effects names none: give effects=[strip_width,...].")
-    with build.precision(cfg):
-        key = build.random_key(cfg)
-        none, ideal_cost = cost(partial(simulation, select_effects(cfg, ())), key)
+    with config.precision(cfg):
+        key = config.random_key(cfg)
+        none, ideal_cost = cost(partial(config.simulation, config.select_effects(cfg, ())), key)
         spectra = reference(none.scenario, none.line)
         rows = []
-        for name, effect in build.effects(cfg).items():
+        for name, effect in config.effects(cfg).items():
             with stage(f"effect: {name}"):
-                alone = partial(simulation, select_effects(cfg, (name,)))
+                alone = partial(config.simulation, config.select_effects(cfg, (name,)))
                 sim, taken = cost(alone, key)
                 with_effect, ideal = pair(sim, none, key)
                 change = difference(with_effect, ideal)

@@ -6,12 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray
 
-from srsinv.config import merged
+from srsinv import config
 from srsinv.errors import refuse
 from srsinv.grid import Line
-from srsinv.jobs import build
 from srsinv.jobs.change import Cost, cost, difference, pair
-from srsinv.jobs.simulation import screen_effects, simulation
+from srsinv.parts import merged
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -41,7 +40,7 @@ class Decided(NamedTuple):
         return Cost(*(a - b for a, b in zip(self.auto, self.named, strict=True)))
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """Every scene with all effects, and with those screened at each tolerance.
 
     Raises `BadInput` for invalid tolerances, and refusals of the configuration's parts.
@@ -50,25 +49,26 @@ def run(cfg: build.Config) -> Outcome:
     tolerances, scenes = settings["tolerances"], settings["scenes"]
     refuse(not tolerances or not scenes, "effects_auto needs a scene and a tolerance: name some.")
     rows, bounds = [], {}
-    with build.precision(cfg):
-        key, line = build.random_key(cfg), build.line(cfg)
-        refinement = build.part(cfg, "grid")["refinement"]
+    with config.precision(cfg):
+        key, line = config.random_key(cfg), config.line(cfg)
+        refinement = config.part(cfg, "grid")["refinement"]
         for name, changes in scenes.items():
             with stage(f"scene: {name}"):
                 own = merged(cfg, changes)
                 named = {k: v for k, v in own.items() if k != "tolerance"}
-                full, all_on = cost(partial(simulation, named), key)
+                full, all_on = cost(partial(config.simulation, named), key)
                 # Measured once for tolerances that need the same effects.
                 done = {}
                 for tolerance in tolerances:
                     asked = {**own, "tolerance": tolerance}
-                    selected, screening = screen_effects(asked)
+                    screening = config.screened(asked)[1]
                     assert screening is not None
-                    on = tuple(sorted(selected["effects"]))
+                    on = tuple(sorted(screening.on))
                     if on not in done:
-                        less, alone = cost(partial(simulation, selected), key)
+                        selected = config.select_effects(named, on)
+                        less, alone = cost(partial(config.simulation, selected), key)
                         whole, reduced = pair(full, less, key)
-                        auto = cost(partial(simulation, asked), key)[1]
+                        auto = cost(partial(config.simulation, asked), key)[1]
                         done[on] = difference(reduced, whole), auto, alone
                     bounds[name] = screening.relative_change_bounds
                     error, auto, alone = done[on]

@@ -4,27 +4,28 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from srsinv import config
 from srsinv.errors import refuse
 from srsinv.forward.traction import UniformStrip
-from srsinv.jobs import build
 from srsinv.report import figures
 from srsinv.report.figures import curves
 from srsinv.report.figures.estimates import full_width_at_half_maximum
 from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.text import listed
+from srsinv.targets import make
 
 LOADS = ("p alone", "q alone", "p with friction")
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """Charge and voltage of every element under the line load, and the pair's condition number.
 
     Raises `BadInput` for a load of no width, and refusals of the configuration's parts.
     """
     settings = cfg["fig05_orientation"]
     load, width, mu = (settings[k] for k in ("load_N_per_m", "load_width_m", "friction"))
-    with build.precision(cfg):
-        line, sensor, scan = build.line(cfg), build.sensor(cfg), build.scan(cfg)
+    with config.precision(cfg):
+        line, sensor, scan = config.line(cfg), config.sensor(cfg), config.scan(cfg)
         x, films = np.asarray(line.x), sensor.elements
         refuse(
             len(films) != 2,
@@ -43,7 +44,7 @@ def run(cfg: build.Config) -> Outcome:
         depth, area = films[0].depth_m, films[0].width_m * films[0].length_m
         per_stress = np.stack([film.charge_per_stress() for film in films]) / float(area)
         # Plane strain: sigma_y = nu (sigma_x + sigma_z).
-        skin = build.make(cfg["skin"], "skin", "half_space")
+        skin = make(cfg["skin"], "skin", "half_space")
         per_pair = per_stress[:, :2] + float(skin.poisson_ratio) * per_stress[:, 3:]
         gains = np.linalg.svd(per_pair, compute_uv=False)
         kz = jnp.geomspace(1e-2, 10, 301)

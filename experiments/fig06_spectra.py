@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from srsinv import config
 from srsinv.errors import BadInput, refuse
-from srsinv.jobs import build
-from srsinv.jobs.simulation import noisy_problem, simulation
+from srsinv.jobs.simulation import noisy_problem
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.text import listed
@@ -14,19 +14,19 @@ from srsinv.report.text import listed
 LONG_WAVES_KZ = 1e-3
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """|G|, the powers of signal and noise, and each Wiener filter with its cut-off.
 
     Raises `BadInput` for refusals of the configuration's parts.
     """
-    with build.precision(cfg):
-        sim, methods = simulation(cfg), build.methods(cfg)
+    with config.precision(cfg):
+        sim, methods = config.simulation(cfg), config.methods(cfg)
         elements = len(sim.sensor.elements)
         refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
-        friction = build.friction(cfg)
+        friction = config.friction(cfg)
         if friction is None:
             raise BadInput("friction is null: give mu of q = mu p, such as 0.4.")
-        problem = noisy_problem(sim, build.random_key(cfg), friction)
+        problem = noisy_problem(sim, config.random_key(cfg), friction)
         k, noise = np.asarray(sim.line.k), np.asarray(problem.noise)
         gain = np.abs(np.asarray(problem.forward.circulant().transfer[0, 0]))
         spectra = {name: method.spectra(problem) for name, method in methods.items()}

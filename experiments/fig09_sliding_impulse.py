@@ -6,42 +6,40 @@ import jax
 import numpy as np
 import xarray
 
-from srsinv.config import select_effects
+from srsinv import config
 from srsinv.effects.snap_back import SnapBack
 from srsinv.errors import refuse
-from srsinv.jobs import build
 from srsinv.jobs.change import trace
-from srsinv.jobs.simulation import simulation
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
 
 IDEAL, TILTED, SNAPPING = "ideal", "tilted", "tilted, snap-back"
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """The signal of the impulse, ideal, from a tilted film, and with bursts of snap-back.
 
     Raises `BadInput` for a sensor that has not one element, without film_angle and snap_back among
     the effects, for fewer than 2 passes, and refusals of the configuration's parts.
     """
-    passes, named = cfg["fig09_sliding_impulse"]["passes"], set(build.part(cfg, "effects"))
+    passes, named = cfg["fig09_sliding_impulse"]["passes"], set(config.part(cfg, "effects"))
     refuse(passes < 2, f"fig09_sliding_impulse.passes is {passes}: give at least 2.")
     missing = sorted({"film_angle", "snap_back"} - named)
     refuse(bool(missing), f"effects lacks {missing and missing[0]}, which this experiment shows.")
-    with build.precision(cfg):
+    with config.precision(cfg):
         others = named - {"film_angle", "snap_back"}
-        ideal = simulation(select_effects(cfg, others))
+        ideal = config.simulation(config.select_effects(cfg, others))
         elements = len(ideal.sensor.elements)
         refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
-        tilted = simulation(select_effects(cfg, others | {"film_angle"}))
-        snapping = simulation(cfg)
-        key = build.random_key(cfg)
+        tilted = config.simulation(config.select_effects(cfg, others | {"film_angle"}))
+        snapping = config.simulation(cfg)
+        key = config.random_key(cfg)
         clean = {IDEAL: trace(ideal, key).signal[0], TILTED: trace(tilted, key).signal[0]}
         keys = jax.random.split(key, passes)
         each = np.stack([trace(snapping, one).signal[0] for one in keys])
         x, k = np.asarray(ideal.line.x), np.asarray(ideal.line.k)
-        effects: dict[str, Any] = build.effects(cfg)
-        friction = build.part(cfg, "scene")["base_friction"]
+        effects: dict[str, Any] = config.effects(cfg)
+        friction = config.part(cfg, "scene")["base_friction"]
         assumed = (
             f"Half space, open line, {float(ideal.scan.speed_m_per_s):g} m/s, friction "
             f"{friction:g}. {_words(effects['snap_back'])} Effects on: {', '.join(cfg['effects'])}."

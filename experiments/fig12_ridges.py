@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from srsinv import config
+from srsinv.effects import add_effects
 from srsinv.errors import BadInput, number, refuse, whole
 from srsinv.forward.film import Film
 from srsinv.forward.noise import Noise, with_noise
@@ -22,7 +24,6 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Ridges
 from srsinv.grid import Line, Periodic
 from srsinv.inverse import detection, spectral_lines
-from srsinv.jobs import build
 from srsinv.report.figures import ridges as figures
 from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.text import listed
@@ -137,7 +138,7 @@ class Limits(NamedTuple):
     least_height: np.ndarray
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """The pitch from a noisy signal, and the signal's amplitude against the paper's statements.
 
     Raises `BadInput` for another surface than ridges, a window that does not hold whole pitches,
@@ -145,11 +146,12 @@ def run(cfg: build.Config) -> Outcome:
     """
     settings = RidgeSettings.checked(cfg["fig12_ridges"])
     needed = settings.strength
-    with build.precision(cfg):
-        setup = _setup(build.line(cfg), build.scene(cfg), build.sensor(cfg), build.scan(cfg))
+    with config.precision(cfg):
+        setup = _setup(config.line(cfg), config.scene(cfg), config.sensor(cfg), config.scan(cfg))
         blind = partial(dataclasses.replace, width_m=settings.blind_strip_width_m)
-        wide = build.with_effects(cfg, build.ideal(cfg).with_films(blind)).sensor.elements[0]
-        simulated = _simulated(settings, setup, wide, build.noises(cfg), build.random_key(cfg))
+        without = config.ideal(cfg).with_films(blind)
+        wide = add_effects(without, config.sensor_effects(cfg)).sensor.elements[0]
+        simulated = _simulated(settings, setup, wide, config.noises(cfg), config.random_key(cfg))
     limits = _limits(settings, setup, simulated, needed)
     metrics = _metrics(settings, setup, simulated, limits)
     dataset = _dataset(settings, setup, simulated, limits)

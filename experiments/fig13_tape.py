@@ -6,6 +6,7 @@ import numpy as np
 import xarray
 from scipy.interpolate import CubicSpline
 
+from srsinv import config
 from srsinv.errors import BadInput, number, refuse
 from srsinv.forward.scan import Motion
 from srsinv.forward.surface import Surface, Tape
@@ -13,9 +14,7 @@ from srsinv.inverse.cells import Window
 from srsinv.inverse.estimate import COMPONENTS, Estimate
 from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.line_problem import LineProblem
-from srsinv.jobs import build
 from srsinv.jobs.analysis import element_names, in_metrics, notes_on
-from srsinv.jobs.simulation import simulation
 from srsinv.jobs.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
 from srsinv.report.figures import tape as draw
@@ -41,15 +40,15 @@ class Edges(NamedTuple):
     ratio: np.ndarray
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """Signal, recovered p and q, each edge's antisymmetry and the fitted frictions.
 
     Raises `BadInput` for a scene that is not one tape, a feature that is not a tape, and edges
     whose surroundings reach beyond the tape's middle.
     """
-    with build.precision(cfg):
-        sim, method = simulation(cfg), _only("method", build.methods(cfg))
-        feature = _only("feature", build.surface_features(cfg))
+    with config.precision(cfg):
+        sim, method = config.simulation(cfg), _only("method", config.methods(cfg))
+        feature = _only("feature", config.surface_features(cfg))
         solved = SolvedContact(sim)
         _only("scene.surfaces", dict(enumerate(solved.surface.shapes)))
         tape = solved.surface.only(Tape)
@@ -58,7 +57,7 @@ def run(cfg: build.Config) -> Outcome:
         around = number("fig13_tape.around_edge_m", cfg["fig13_tape"]["around_edge_m"],
                         "a positive length, up to half the tape's width",
                         above=0, most=float(tape.width_m) / 2)  # fmt: skip
-        problem = solved.problem(build.random_key(cfg))
+        problem = solved.problem(config.random_key(cfg))
         with stage("inverting"):
             estimate = method(problem)
         with stage("fitting the tape"):

@@ -3,18 +3,20 @@
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 import xarray
 
-from srsinv.config import merged
+from srsinv import config
 from srsinv.errors import BadInput, choice, mapping, refuse
+from srsinv.forward.simulation import Simulation
 from srsinv.inverse.estimate import COMPONENTS
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.method import Method
 from srsinv.inverse.quality import Quality
-from srsinv.jobs import build
 from srsinv.jobs.analysis import deviation
-from srsinv.jobs.simulation import Simulation, noisy_problem, simulation
+from srsinv.jobs.simulation import noisy_problem
+from srsinv.parts import merged
 from srsinv.progress import stage
 from srsinv.report.figures.matrix import matrices
 from srsinv.report.outcome import Outcome, Section, Table
@@ -44,13 +46,13 @@ class Cell(NamedTuple):
         return self.quality == Quality.GOOD and bool(np.any(self.z_rms > LARGEST_Z))
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """Every case by every method in every precision.
 
     Raises `BadInput` for an invalid precision, and for no case or method.
     """
-    settings, methods = build.part(cfg, "hard_cases"), list(build.methods(cfg))
-    cases = build.part(settings, "cases")
+    settings, methods = config.part(cfg, "hard_cases"), list(config.methods(cfg))
+    cases = config.part(settings, "cases")
     refuse(not cases, "hard_cases.cases is empty: give a case by name, none: {label: nothing}.")
     precisions = [choice("hard_cases.precisions", p, PRECISIONS) for p in settings["precisions"]]
     cells = {}
@@ -64,11 +66,11 @@ def run(cfg: build.Config) -> Outcome:
         with stage(f"hard case: {label}"):
             own = merged(cfg, hard)
             for precision in precisions:
-                with build.precision({"precision": precision}):
+                with jax.enable_x64(precision == "float64"):
                     cells[label, precision] = _row(
-                        build.methods(own).values(),
+                        config.methods(own).values(),
                         lambda own=own: _problem_of(
-                            simulation(own), build.random_key(own), build.friction(own)
+                            config.simulation(own), config.random_key(own), config.friction(own)
                         ),
                     )
     labels = list(dict.fromkeys(label for label, _ in cells))

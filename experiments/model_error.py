@@ -7,13 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
-from srsinv.config import merged
+from srsinv import config
 from srsinv.errors import refuse
+from srsinv.forward.simulation import Simulation
 from srsinv.inverse.estimate import COMPONENTS
 from srsinv.inverse.line_problem import LineProblem
-from srsinv.jobs import build
 from srsinv.jobs.analysis import deviation
-from srsinv.jobs.simulation import Simulation, problem_of, simulation
+from srsinv.jobs.simulation import problem_of
+from srsinv.parts import merged
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.outcome import Outcome, Section, Table
@@ -22,25 +23,25 @@ from srsinv.report.text import listed
 ASSUMED = "as assumed"
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """The scene, and one sinusoid of p and of q after another, made by each true sensor and
     inverted as the assumed one.
 
     Raises `BadInput` for methods that are not one, a line that is not periodic, and refusals of the
     configuration's parts.
     """
-    settings, methods = cfg["model_error"], build.methods(cfg)
+    settings, methods = cfg["model_error"], config.methods(cfg)
     refuse(len(methods) != 1, f"method names {len(methods)}: give one, method=wiener.")
     line_kind, truths = cfg["grid"]["line"], settings["truths"]
     refuse(line_kind != "periodic", f"grid.line is {line_kind!r}: give periodic, as for sinusoids.")
     (method,) = methods.values()
-    with build.precision(cfg):
-        assumed, key = simulation(cfg), build.random_key(cfg)
+    with config.precision(cfg):
+        assumed, key = config.simulation(cfg), config.random_key(cfg)
         waves = _waves(assumed, settings)
         estimates, gains = {}, {}
         for name, changes in {ASSUMED: {}, **truths}.items():
             with stage(f"inverting as a half space: {name}"):
-                true = simulation(merged(cfg, changes))
+                true = config.simulation(merged(cfg, changes))
                 signal = true.signal()
                 mean_p_Pa = jnp.mean(assumed.traction(assumed.line)[0])
                 problem = problem_of(assumed, signal, mean_p_Pa, key)

@@ -6,13 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from srsinv import config
 from srsinv.errors import mapping, refuse
 from srsinv.inverse.method import Method
 from srsinv.inverse.quality import Quality
 from srsinv.inverse.shape import shape_band, shape_under
-from srsinv.jobs import build
 from srsinv.jobs.analysis import BAND_90, in_metrics
-from srsinv.jobs.simulation import simulation
 from srsinv.jobs.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
 from srsinv.report.figures import shape as draw
@@ -21,23 +20,23 @@ from srsinv.report.outcome import Outcome, Section, Table
 _OF_THE_SCENE = ("contact", "recovery", "quality", "warnings")
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """For each scene the recovered profile with its band, against the true one in contact.
 
     Raises `BadInput` for invalid scenes, or scenes without surfaces, and more than one method.
     """
     scenes = mapping("shape_from_traction.scenes", cfg["shape_from_traction"]["scenes"])
     refuse(not scenes, "shape_from_traction.scenes names none: give one or more, each a scene.")
-    with build.precision(cfg):
-        methods = build.methods(cfg)
+    with config.precision(cfg):
+        methods = config.methods(cfg)
         refuse(len(methods) != 1, f"method names {len(methods)}: give one, method=[wiener].")
         method = next(iter(methods.values()))
-        key, profiles = build.random_key(cfg), {}
+        key, profiles = config.random_key(cfg), {}
         for name, node in scenes.items():
             with stage(f"recovering the profile: {name}"):
-                solved = SolvedContact(simulation({**cfg, "scene": node}))
+                solved = SolvedContact(config.simulation({**cfg, "scene": node}))
                 profiles[name] = _recover(solved, method, key)
-        line, depth_m = build.line(cfg), float(build.sensor(cfg).depth_m)
+        line, depth_m = config.line(cfg), float(config.sensor(cfg).depth_m)
     assumed = (
         f"Half space, E* known; the mean pressure known; {line.kind} line; noise: "
         f"{', '.join(cfg['noise'])}; method: {', '.join(cfg['method'])}. The data come from cells "

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from srsinv import config
 from srsinv.errors import BadInput, mapping, number, refuse, whole
 from srsinv.forward.contact import press
 from srsinv.forward.noise import Noise, total_spectrum
@@ -21,11 +22,11 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Rough
 from srsinv.grid import Line, Periodic
 from srsinv.inverse.texture import Bands, expected_power, nearest, tapered_power
-from srsinv.jobs import build
 from srsinv.progress import stage
 from srsinv.report.figures import textures as draw
 from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.text import listed
+from srsinv.targets import make
 
 CONTACTS = ("full", "light")
 CLASSIFICATIONS = {  # contact of the stretches, and their references
@@ -101,26 +102,25 @@ class Spectra(NamedTuple):
         return float(inside[np.broadcast_to(self.usable[:, None], inside.shape)].mean())
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """Spectra of the heights by dividing the signal's by the sensor's, and a confusion matrix.
 
     Raises `BadInput` for surfaces that are not rough, a friction that is not known, more than one
     element, and numbers out of range.
     """
-    given, seed = cfg["textures"], build.seed(cfg)
+    given, seed = cfg["textures"], config.seed(cfg)
     named = mapping("textures.surfaces", given["surfaces"])
     refuse(len(named) < 2, f"textures.surfaces names {len(named)}: give two or more rough ones.")
     settings = TextureSettings.checked(given)
-    with build.precision(cfg):
+    with config.precision(cfg):
         surfaces = {
-            name: build.make(node, f"textures.surfaces.{name}", "rough")
-            for name, node in named.items()
+            name: make(node, f"textures.surfaces.{name}", "rough") for name, node in named.items()
         }
-        refinement = int(build.part(cfg, "grid")["refinement"])
-        lines = build.line(cfg), build.line(cfg, refinement)
-        parts = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
-        skin = build.make(cfg["skin"], "skin", "half_space")
-        texture_sensor = TextureSensor(*lines, refinement, *parts, skin, build.friction(cfg))
+        refinement = int(config.part(cfg, "grid")["refinement"])
+        lines = config.line(cfg), config.line(cfg, refinement)
+        parts = config.sensor(cfg), config.scan(cfg), config.noises(cfg)
+        skin = make(cfg["skin"], "skin", "half_space")
+        texture_sensor = TextureSensor(*lines, refinement, *parts, skin, config.friction(cfg))
         slid = _slid(texture_sensor, surfaces, settings, _samples(given, texture_sensor), seed)
     spectra = _spectra(slid, settings.bands)
     chosen = _chosen(slid)

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from srsinv import config
 from srsinv.errors import refuse
-from srsinv.jobs import build
 from srsinv.jobs.analysis import deviation
-from srsinv.jobs.simulation import noisy_problem, simulation
+from srsinv.jobs.simulation import noisy_problem
 from srsinv.progress import stage
 from srsinv.report import figures
 from srsinv.report.figures import curves
@@ -19,7 +19,7 @@ from srsinv.report.text import listed
 COMPONENTS = ("p", "q")
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """Errors of p and q over angles and draws of noise, with their predictions.
 
     Raises `BadInput` for a shown angle that is not swept, or no draw of noise.
@@ -31,9 +31,9 @@ def run(cfg: build.Config) -> Outcome:
         f"two_element.shown_deg is {shown}: give some of two_element.angles_deg, {angles}.",
     )
     refuse(settings["seeds"] < 1, f"two_element.seeds is {settings['seeds']}: give at least 1.")
-    keys = [jax.random.key(build.seed(cfg) + i) for i in range(settings["seeds"])]
-    with build.precision(cfg):
-        sim, methods = simulation(cfg), build.methods(cfg)
+    keys = [jax.random.key(config.seed(cfg) + i) for i in range(settings["seeds"])]
+    with config.precision(cfg):
+        sim, methods = config.simulation(cfg), config.methods(cfg)
         elements = len(sim.sensor.elements)
         refuse(elements != 2, f"sensor has {elements} elements: give 2, use sensor=two_element.")
         truth = np.asarray(sim.traction(sim.line))

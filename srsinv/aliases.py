@@ -100,15 +100,15 @@ def current_override(override: str) -> str:
     return override
 
 
-def current_configuration(cfg: Any, above: str = "") -> Any:
-    """A composed configuration with the new names of its keys. An old name comes from a user's own
-    file and overrides the value under the new one."""
-    if isinstance(cfg, list):
-        return [current_configuration(each, f"{above}{i}.") for i, each in enumerate(cfg)]
-    if not isinstance(cfg, Mapping):
-        return cfg
-    named = {key: current_configuration(each, f"{above}{key}.") for key, each in cfg.items()}
-    for key in cfg:
+def with_current_keys(node: Any, above: str = "") -> Any:
+    """A tree of settings under the key `above`, with the new names of its keys. An old name comes
+    from a user's own file and overrides the value under the new one."""
+    if isinstance(node, list):
+        return [with_current_keys(each, f"{above}{i}.") for i, each in enumerate(node)]
+    if not isinstance(node, Mapping):
+        return node
+    named = {key: with_current_keys(each, f"{above}{key}.") for key, each in node.items()}
+    for key in node:
         if (new := current_name(f"{above}{key}", KEYS)) != f"{above}{key}":
             named[new.rpartition(".")[2]] = named.pop(key)
     return named

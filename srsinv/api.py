@@ -12,6 +12,7 @@ from .errors import refuse, whole
 from .forward.feature import Feature
 from .forward.scenario import Scenario
 from .forward.sensor import Sensor
+from .forward.simulation import Simulation
 from .forward.surface_feature import SurfaceFeature
 from .grid import Line
 from .inverse.estimate import Estimate
@@ -22,7 +23,7 @@ from .inverse.method import Method
 from .inverse.problem import Problem
 from .inverse.recorded import problem_of, ready
 from .inverse.wiener import Wiener
-from .jobs.simulation import Simulation, noisy_problem
+from .jobs.simulation import noisy_problem
 from .recording import Recording, load
 
 

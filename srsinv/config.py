@@ -1,207 +1,41 @@
-"""Construction of objects from the configuration: allowed classes, found by name and checked before
-use.
+"""The composed configuration becomes objects here: one builder for each part.
 
-A node `{_target_: package.module.Class, key: value, ...}` stands for an object. The class has to
-lie in an allowed namespace, to be found there under the very name that it was defined with, and to
-derive from the base of the slot that the node stands in; nodes inside, in mappings and in lists,
-follow the same rule. The checked class itself is called: hydra's own `instantiate`, which would
-look the name up a second time and takes any callable, is not used.
-
-Nothing here imports jax: a base is imported when a node of its kind is made.
+`cfg` is read by these builders and in the `run` of a job or an experiment, nowhere else. All of
+them raise `BadInput` for parts that cannot be made. None imports jax before it makes a part of an
+array: the command refuses what it can without.
 """
 
-import importlib
-import inspect
-import re
-from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
-from types import FunctionType
-from typing import Any
+from __future__ import annotations
 
-from .errors import BadInput, mapping, refuse, shown, whole
-from .namespaces import definition, import_experiments
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from . import parts
+from .errors import mapping, number, refuse, shown, whole
+from .targets import KINDS as KINDS
+from .targets import make
+
+if TYPE_CHECKING:  # most import jax
+    import jax
+
+    from .effects import Effect, ScreeningResult
+    from .forward.feature import Feature
+    from .forward.noise import Noise
+    from .forward.scan import ConstantSpeed
+    from .forward.scenario import Scenario
+    from .forward.scene import Scene
+    from .forward.sensor import Sensor
+    from .forward.simulation import Simulation
+    from .forward.surface_feature import SurfaceFeature
+    from .grid import Line
+    from .inverse.method import Method
+    from .inverse.nonlinear import Solver
+    from .inverse.problem import Problem
+    from .recording import Reader, Recording
 
 Config = Mapping[str, Any]
 PRECISIONS = ("float64", "float32")
-
-# The base of each kind of part, by configuration group or by the name of the slot; resolved when a
-# part of the kind is made, as most import jax.
-KINDS: Mapping[str, Sequence[str]] = {
-    "amplifier": ("srsinv.forward.amplifier.Amplifier",),
-    "effects": ("srsinv.effects.Effect",),
-    "feature": (
-        "srsinv.forward.feature.Feature",
-        "srsinv.forward.surface_feature.SurfaceFeature",
-    ),
-    "film": ("srsinv.forward.film.LineEffect",),
-    "filter": ("srsinv.forward.filter.Filter",),
-    "friction": ("srsinv.forward.traction.FrictionStep",),
-    "method": ("srsinv.inverse.method.Method",),
-    "noise": ("srsinv.forward.noise.Noise",),
-    "operator": ("srsinv.grid.Operator",),
-    "pressure": ("srsinv.forward.traction.Pressure",),
-    "prior": ("srsinv.inverse.prior.Prior",),
-    "reader": ("srsinv.recording.reader.Reader",),
-    "rough": ("srsinv.forward.surface.Rough",),
-    "rule": ("srsinv.inverse.rule.Rule",),
-    "scan": ("srsinv.forward.scan.ConstantSpeed",),
-    "scene": ("srsinv.forward.scene.Scene",),
-    "half_space": ("srsinv.forward.skin.HalfSpace",),
-    "skin": ("srsinv.forward.skin.Skin",),
-    "solver": ("srsinv.inverse.nonlinear.Solver",),
-    "spectrum": ("srsinv.inverse.wiener.TractionSpectrum",),
-    "speed_profile": ("srsinv.forward.speed_profile.SpeedProfile",),
-    "surface": ("srsinv.forward.surface.Shape",),
-    "surface_feature": ("srsinv.forward.surface_feature.SurfaceFeature",),
-    "traction_feature": ("srsinv.forward.feature.Feature",),
-}
-# The kind of what stands under a key of another part, alone or in a list or mapping of several.
-PARTS: Mapping[str, str] = {
-    "filter": "filter",
-    "frictions": "friction",
-    "line_effect": "film",
-    "p": "spectrum",
-    "pressures": "pressure",
-    "prior": "prior",
-    "q": "spectrum",
-    "rule": "rule",
-    "skin": "skin",
-    "speed_profile": "speed_profile",
-    "surfaces": "surface",
-}
-_TARGET = "_target_"
-_DEEPEST = 20  # parts, lists and mappings within each other
-_PLUGINS = "plugins/*.py in the folder of --config-dir"
-_JOB = re.compile(r"(srsinv\.jobs|experiments|plugins)\..+\.run")
-
-
-def make(node: Any, name: str, kind: str) -> Any:
-    """The object of `kind` (a key of `KINDS`) that a node stands for; refusals call it `name`.
-
-    Raises `BadInput` for a node that names no class of the kind, or keys that the class does not
-    take, and values that the class itself refuses.
-    """
-    check(node, name, kind)
-    return _made(node)
-
-
-def check(node: Any, name: str, kind: str) -> None:
-    """Refuse a node that [`make`][] could not make, and likewise the nodes inside."""
-    made = class_of(node, name, kind)
-    _check_keys(made, node, name)
-    for key, value in node.items():
-        if key != _TARGET:
-            _check_inside(value, f"{name}.{key}", PARTS.get(key))
-
-
-def class_of(node: Any, name: str, kind: str) -> type:
-    """The class that a node's `_target_` names. Raises `BadInput` where it is not of `kind`."""
-    target = mapping(name, node).get(_TARGET)
-    made = definition(target)
-    refuse(
-        not inspect.isclass(made),
-        f"{name}.{_TARGET} is {shown(target)}, which is no class of srsinv, of the experiments or "
-        f"of {_PLUGINS}: name one as package.module.Class, where it is defined.",
-    )
-    assert isinstance(made, type)
-    bases = tuple(map(base_of, KINDS[kind]))
-    refuse(
-        not issubclass(made, bases),
-        f"{name}.{_TARGET} is {shown(target)}, which cannot stand there: name a class that derives "
-        f"from {' or '.join(f'srsinv.kinds.{base.__name__}' for base in bases)}.",
-    )
-    undefined = ", ".join(sorted(getattr(made, "__abstractmethods__", ())))
-    refuse(
-        bool(undefined),
-        f"{name}.{_TARGET} is {shown(target)}, which leaves {undefined} undefined: name a class "
-        "that derives from it and defines that.",
-    )
-    return made
-
-
-def _check_keys(made: type, node: Mapping[str, Any], name: str) -> None:
-    """Refuse keys that a class does not take, or lacks; none of hydra's beside `_target_`."""
-    parameters = inspect.signature(made).parameters
-    known = {key: each for key, each in parameters.items() if each.kind is not each.VAR_KEYWORD}
-    takes_any = len(known) < len(parameters)
-    keys = [key for key in node if key != _TARGET]
-    listed = ", ".join(parameters) or "nothing"
-    unknown = [key for key in keys if key not in known and (not takes_any or _is_private(key))]
-    refuse(
-        bool(unknown),
-        f"{name} has no key {unknown and shown(unknown[0])}: {made.__name__} takes {listed}.",
-    )
-    needed = {key for key, each in known.items() if each.default is each.empty}
-    missing = sorted(needed - set(keys))
-    refuse(
-        bool(missing),
-        f"{name} lacks {missing and missing[0]!r}: {made.__name__} takes {listed}.",
-    )
-
-
-def _check_inside(value: Any, name: str, kind: str | None, depth: int = 1) -> None:
-    """Refuse nodes where no part is expected, and keys that begin with an underscore."""
-    refuse(depth > _DEEPEST, f"{name} lies more than {_DEEPEST} levels deep: give it flatter.")
-    if isinstance(value, list | tuple):
-        for index, each in enumerate(value):
-            _check_inside(each, f"{name}[{index}]", kind, depth + 1)
-    elif isinstance(value, Mapping) and kind is not None and _TARGET in value:
-        check(value, name, kind)
-    elif isinstance(value, Mapping):
-        for key, each in value.items():
-            refuse(
-                _is_private(key),
-                f"{name} has the key {shown(key)}, and no part is made there: leave it out.",
-            )
-            _check_inside(each, f"{name}.{key}", kind, depth + 1)
-
-
-def _is_private(key: Any) -> bool:
-    """Whether a key is reserved for hydra, or is no name."""
-    return not isinstance(key, str) or key.startswith("_")
-
-
-def _made(value: Any) -> Any:
-    """A checked value with the objects that its nodes stand for."""
-    if isinstance(value, list | tuple):
-        return [_made(each) for each in value]
-    if not isinstance(value, Mapping):
-        return value
-    parts = {key: _made(each) for key, each in value.items() if key != _TARGET}
-    return _called(definition(value[_TARGET]), parts) if _TARGET in value else parts
-
-
-def _called(made: type, parts: Mapping[str, Any]) -> Any:
-    """An object of a class. Raises `BadInput` for whatever a user's own class raises."""
-    try:
-        return made(**parts)
-    except Exception as error:
-        if isinstance(error, BadInput) or not made.__module__.startswith("plugins."):
-            raise
-        raise BadInput(
-            f"{made.__module__}.{made.__qualname__} cannot be made of these settings: "
-            f"{type(error).__name__}: {error}. Correct them or the class."
-        ) from error
-
-
-def base_of(name: str) -> type:
-    """The class that a dotted name of `KINDS` stands for."""
-    module, _, base = name.rpartition(".")
-    return getattr(importlib.import_module(module), base)
-
-
-def load_job(name: Any, root: Path) -> FunctionType:
-    """The function `run` of a module in `srsinv.jobs`, in the experiments beside the configuration
-    folder `root`, or among the plugins, that `job` names. Raises `BadInput` for anything else."""
-    import_experiments(root)
-    is_job = isinstance(name, str) and _JOB.fullmatch(name)
-    job = definition(name) if is_job else None
-    if not isinstance(job, FunctionType):
-        raise BadInput(
-            f"job is {shown(name)}, which is no function run of a module in srsinv.jobs or in the "
-            "experiments: leave it as the experiment has it."
-        )
-    return job
 
 
 def check_early(cfg: Config) -> None:
@@ -211,36 +45,43 @@ def check_early(cfg: Config) -> None:
         seed(cfg)
     if "precision" in cfg:
         precision_name(cfg)
-    recording = cfg.get("recording")
-    if isinstance(recording, Mapping) and recording.get("path") is not None:
+    settings = cfg.get("recording")
+    if isinstance(settings, Mapping) and settings.get("path") is not None:
         refuse(
-            set(recording) == {"path"},  # as recording=none has it
+            set(settings) == {"path"},  # as recording=none has it
             "recording.path names a file, and this job reads none: give one that does, such as "
             "experiment=inspect_recording, invert_recording or fit_recording.",
         )
         from .recording import check_settings
 
-        check_settings(recording, reader(cfg))
+        check_settings(settings, reader(cfg))
 
 
-def reader(cfg: Config) -> Any:
-    """The reader of recorded files (`srsinv.recording.Reader`)."""
-    return make(cfg["reader"], "reader", "reader")
+def part(cfg: Config, name: str) -> Mapping[str, Any]:
+    """The mapping `cfg[name]`; null means an empty one."""
+    node = cfg.get(name)
+    return {} if node is None else mapping(name, node)
 
 
 def select_effects(cfg: Config, names: Collection[str]) -> Config:
     """The configuration with these of its effects."""
-    named = mapping("effects", cfg.get("effects") or {})
-    return {**cfg, "effects": {name: node for name, node in named.items() if name in names}}
+    named = part(cfg, "effects").items()
+    return {**cfg, "effects": {name: node for name, node in named if name in names}}
 
 
-def merged(cfg: Config, changes: Config) -> dict[str, Any]:
-    """`cfg` with `changes` in depth; what names a class of its own replaces what was there."""
-    whole = dict(cfg)
-    for key, value in changes.items():
-        old, inside = whole.get(key), isinstance(value, Mapping) and _TARGET not in value
-        whole[key] = merged(old, value) if inside and isinstance(old, Mapping) else value
-    return whole
+def with_facts(cfg: Config, sensor: Mapping[str, Any], skin: Mapping[str, Any]) -> Config:
+    """The configuration, with these facts of the sensor and of a half space where it leaves keys of
+    its sensor, amplifier and skin open."""
+    from .recording import merge
+
+    description = merge(sensor, part(cfg, "sensor"))
+    resistance_ohm = description.get("feedback_resistance_ohm")
+    return {
+        **cfg,
+        "sensor": description,
+        "skin": parts.skin_with(part(cfg, "skin"), skin),
+        "amplifier": parts.amplifier_with(part(cfg, "amplifier"), resistance_ohm),
+    }
 
 
 def seed(cfg: Config) -> int:
@@ -248,8 +89,206 @@ def seed(cfg: Config) -> int:
     return whole("seed", cfg["seed"], "a whole number from 0 to 2147483647", least=0)
 
 
+def random_key(cfg: Config) -> jax.Array:
+    """The key of all random numbers."""
+    import jax
+
+    return jax.random.key(seed(cfg))
+
+
 def precision_name(cfg: Config) -> str:
     """The word for the working precision."""
     name = cfg["precision"]
     refuse(name not in PRECISIONS, f"precision is {shown(name)}: give float64 or float32.")
     return name
+
+
+@contextmanager
+def precision(cfg: Config) -> Iterator[None]:
+    """Work in float64 or float32, by `cfg["precision"]`."""
+    import jax
+
+    with jax.enable_x64(precision_name(cfg) == "float64"):
+        yield
+
+
+def line(cfg: Config, refinement: Any = 1) -> Line:
+    """The line of `grid`, its cells `refinement` times finer at the same first position."""
+    return parts.line(part(cfg, "grid"), refinement)
+
+
+def friction(cfg: Config) -> float | None:
+    """mu in q = mu p; None leaves p and q apart."""
+    given = cfg["friction"]
+    wanted = "a number, of either sign, or null to keep p and q apart"
+    return None if given is None else float(number("friction", given, wanted))
+
+
+def simulation(cfg: Config) -> Simulation:
+    """The simulation with the named effects; with `effects=auto` those that its scene calls for."""
+    return screened(cfg)[0]
+
+
+def screened(cfg: Config) -> tuple[Simulation, ScreeningResult | None]:
+    """The simulation, and what was found of each effect with `effects=auto`.
+
+    Raises `BadInput` for a tolerance that is not positive.
+    """
+    from .effects import screen_effects
+
+    if "tolerance" not in cfg:
+        return _simulation(cfg, scenario(cfg)), None
+    wanted = "a positive number, as a part of the signal's rms"
+    tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
+    without = _simulation(cfg, ideal(cfg).replace(noises=noises(cfg)))
+    return screen_effects(without, effects(cfg), tolerance)
+
+
+def _simulation(cfg: Config, scenario: Scenario) -> Simulation:
+    from .forward.simulation import Simulation
+
+    refuse(
+        float(scenario.sensor.amplifier.gain(scenario.scan.speed_m_per_s)) == 0.0,
+        f"scan.speed_m_per_s is {cfg['scan']['speed_m_per_s']}, and the sensor does not move "
+        "across what it feels: a static touch gives no rate signal, give a speed, or a gain.",
+    )
+    times: Any = part(cfg, "grid").get("refinement")
+    return Simulation(scenario, line(cfg), line(cfg, times), int(times))
+
+
+def scenario(cfg: Config) -> Scenario:
+    """The scenario, with the named effects."""
+    from .effects import add_effects
+
+    named = effects(cfg)
+    return add_effects(ideal(cfg).replace(noises=noises(cfg)), named)
+
+
+def ideal(cfg: Config) -> Scenario:
+    """The scenario without noise and effects."""
+    from .forward.scenario import Scenario
+
+    motion, sensor = scan(cfg), _ideal_sensor(cfg)
+    return Scenario(parts.scene(part(cfg, "scene"), cfg["skin"]), sensor, motion).sliding()
+
+
+def scene(cfg: Config) -> Scene:
+    """The scene, for a job that takes effects of the sensor alone."""
+    built = _sensor_scenario(cfg).scene
+    assert built is not None
+    return built
+
+
+def sensor(cfg: Config) -> Sensor:
+    """Film elements in their skin, read by the amplifier, for a job that takes effects of the
+    sensor alone."""
+    return _sensor_scenario(cfg).sensor
+
+
+def _sensor_scenario(cfg: Config) -> Scenario:
+    from .effects import add_effects
+
+    return add_effects(ideal(cfg), sensor_effects(cfg))
+
+
+def _ideal_sensor(cfg: Config) -> Sensor:
+    return parts.sensor(part(cfg, "sensor"), cfg["skin"], part(cfg, "amplifier"))
+
+
+def scan(cfg: Config) -> ConstantSpeed:
+    """The scan at constant speed."""
+    node = part(cfg, "scan")
+    refuse(
+        node.get("speed_m_per_s", 0) is None, "No speed is known: give scan.speed_m_per_s in m/s."
+    )
+    return make(node, "scan", "scan")
+
+
+def noises(cfg: Config) -> tuple[Noise, ...]:
+    """The named causes of noise."""
+    return tuple(parts.noises(part(cfg, "noise")).values())
+
+
+def effects(cfg: Config) -> dict[str, Effect]:
+    """The named effects, in the order in which they are added."""
+    return parts.effects(part(cfg, "effects"))
+
+
+def sensor_effects(cfg: Config) -> dict[str, Effect]:
+    """The named effects, which have to be of the sensor."""
+    refuse(
+        "tolerance" in cfg,
+        "effects=auto decides by a simulated scene, which this job does not take: name the effects "
+        "of the sensor, as effects=[strip_width,layered_skin].",
+    )
+    return parts.effects_of_sensor(effects(cfg))
+
+
+def reader(cfg: Config) -> Reader:
+    """The reader of recorded files."""
+    return make(cfg["reader"], "reader", "reader")
+
+
+def recording(cfg: Config, default: str | None = None) -> Recording:
+    """The recording at even times; that at the path `default` where none is named."""
+    from .recording.even import load_even
+
+    settings = part(cfg, "recording")
+    if default is not None:
+        settings = {**settings, "path": settings.get("path") or default}
+    known = {"sensor": {"elements": part(cfg, "sensor").get("elements")}}
+    return load_even(settings, known, reader(cfg))
+
+
+def recorded_problem(cfg: Config, recording: Recording) -> Problem:
+    """The problem of finding what made a recording at even times. Raises `BadInput` where facts are
+    missing, and where numbers of elements and signal columns differ."""
+    from .inverse.recorded import problem_of
+
+    mu = friction(cfg) if "friction" in cfg else None
+    sensor = _recorded_sensor(cfg, recording)
+    cell_m = part(cfg, "recording").get("cell_m")
+    if cell_m is not None:
+        number("recording.cell_m", cell_m, "a positive width in metres", above=0)
+    noise = parts.sample_noise(part(cfg, "noise"), recording, float(sensor.depth_m))
+    return problem_of(recording, sensor, noise=noise, friction=mu, cell_m=cell_m)
+
+
+def _recorded_sensor(cfg: Config, recording: Recording) -> Sensor:
+    """The sensor that the sidecar and the configuration describe; the configuration overrides."""
+    from .effects import add_effects
+    from .forward.describe import elements
+    from .forward.scenario import Scenario
+    from .inverse.recorded import SKIN, check_elements, mean_speed, skin_facts
+
+    skin = SKIN | skin_facts(recording)
+    described = with_facts(cfg, recording.sidecar.get("sensor") or {}, skin)
+    check_elements(recording, elements(described["sensor"]))
+    without = Scenario(None, _ideal_sensor(described), mean_speed(recording)).sliding()
+    return add_effects(without, sensor_effects(cfg)).sensor
+
+
+def features(cfg: Config) -> dict[str, Feature]:
+    """The named features of traction, to be fitted as a sum."""
+    named = part(cfg, "feature")
+    return {name: make(node, f"feature.{name}", "traction_feature") for name, node in named.items()}
+
+
+def surface_features(cfg: Config) -> dict[str, SurfaceFeature]:
+    """The named features of a surface, if any, to be fitted as a sum."""
+    return parts.surface_features(part(cfg, "feature"))
+
+
+def solver(cfg: Config) -> Solver:
+    """The solver of nonlinear fits."""
+    return make(cfg["solver"], "solver", "solver")
+
+
+def methods(cfg: Config) -> dict[str, Method]:
+    """The methods by their names on the page."""
+    named = part(cfg, "method")
+    refuse(not named, "No method is named: give method=[wiener,tikhonov] or one of them.")
+    return {
+        name.replace("_", " ").capitalize(): make(node, f"method.{name}", "method")
+        for name, node in named.items()
+    }

@@ -236,6 +236,9 @@ class Open(Line):
         return jnp.diff(r, order, axis=-1) if order else r
 
 
+LINES = {"periodic": Periodic, "open": Open}  # by the name of what is beyond the ends
+
+
 @eqx.filter_jit
 def wavenumbers(n: int, spacing_m) -> Float[Array, " k"]:
     """Wavenumbers [rad/m] of the half spectrum of n samples `spacing_m` apart."""

@@ -6,7 +6,7 @@ file of the kind's group: docs/extend.md has an example of each.
 
 from typing import TYPE_CHECKING
 
-from .config import KINDS, base_of
+from .targets import KINDS, base_of
 
 if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table
     from .effects import Effect as Effect

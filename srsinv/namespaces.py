@@ -8,14 +8,17 @@ import hashlib
 import importlib
 import importlib.util
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 from .aliases import CLASSES, current_name
-from .errors import BadInput
+from .errors import BadInput, shown
+
+_JOB = re.compile(r"(srsinv\.jobs|experiments|plugins)\..+\.run")
 
 
 def import_experiments(root: Path) -> None:
@@ -127,3 +130,17 @@ def _namespaces() -> tuple[str, ...]:
 
 def _is_module(package: ModuleType, path: str) -> bool:
     return hasattr(package, "__path__") and importlib.util.find_spec(path) is not None
+
+
+def load_job(name: Any, root: Path) -> FunctionType:
+    """The function `run` of a module in `srsinv.jobs`, in the experiments beside the configuration
+    folder `root`, or among the plugins, that `job` names. Raises `BadInput` for anything else."""
+    import_experiments(root)
+    is_job = isinstance(name, str) and _JOB.fullmatch(name)
+    job = definition(name) if is_job else None
+    if not isinstance(job, FunctionType):
+        raise BadInput(
+            f"job is {shown(name)}, which is no function run of a module in srsinv.jobs or in the "
+            "experiments: leave it as the experiment has it."
+        )
+    return job

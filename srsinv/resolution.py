@@ -3,6 +3,7 @@
 Stress decays as e^(-k z), so that what is fine is measured in depths of the shallowest film.
 """
 
+MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 # Cells, or samples, in a depth.
 _IN_A_DEPTH = {
     # Beyond, e^(-k z) is negligible: at the cells' last wavenumber it is e^(-25).

@@ -13,12 +13,12 @@ from srsinv.aliases import (
     KEYS,
     METRICS,
     OPTIONS,
-    current_configuration,
     current_override,
+    with_current_keys,
     with_old_names,
 )
-from srsinv.config import make
 from srsinv.report.page import metrics_json
+from srsinv.targets import make
 from tests.jobs.run import composed
 
 
@@ -62,7 +62,7 @@ def test_the_command_reads_old_keys(capsys):
 
 def test_an_old_key_in_a_file_counts_before_the_default():
     own = {"noise": {"snr": {"snr_dB": 40.0, "snr_db": 17.0}}, "levels": [{"snr_db": 3.0}]}
-    assert current_configuration(own) == {
+    assert with_current_keys(own) == {
         "noise": {"snr": {"snr_dB": 17.0}}, "levels": [{"snr_dB": 3.0}],
     }  # fmt: skip
 

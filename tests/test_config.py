@@ -9,10 +9,11 @@ import pytest
 import yaml
 
 from srsinv.__main__ import find_config_root
-from srsinv.config import KINDS, check, load_job, make
 from srsinv.errors import BadInput
 from srsinv.forward.skin import HalfSpace
 from srsinv.inverse.wiener import Exponential, Wiener
+from srsinv.namespaces import load_job
+from srsinv.targets import KINDS, check, make
 
 SPECTRUM = {"_target_": "srsinv.inverse.wiener.Exponential", "rms_Pa": 1e3, "correlation_m": 2e-3}
 WIENER = {"_target_": "srsinv.inverse.wiener.Wiener", "p": SPECTRUM, "q": SPECTRUM}
@@ -149,7 +150,7 @@ JOBS = {
     "experiments.elsewhere.run": False,
     "experiments": False,
     "srsinv.jobs.simulate": False,
-    "srsinv.jobs.build.seed": False,  # a function that is no job
+    "srsinv.jobs.analysis.deviation": False,  # a function that is no job
     "srsinv.errors.refuse": False,
     "os.system": False,
     "builtins.exec": False,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import srsinv
-from srsinv.config import KINDS, base_of
+from srsinv.targets import KINDS, base_of
 
 ROOT = Path(__file__).resolve().parents[1]
 UNITS = {"_m_per_s": "m/s", "_m": "m", "_rad": "rad", "_hz": "Hz", "_Pa": "Pa", "_s": "s"}

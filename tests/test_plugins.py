@@ -12,7 +12,6 @@ from omegaconf import OmegaConf
 
 import srsinv.kinds
 from srsinv.__main__ import main
-from srsinv.config import KINDS, base_of, check, make
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film
 from srsinv.forward.scan import ConstantSpeed, Motion
@@ -24,6 +23,7 @@ from srsinv.grid import Periodic
 from srsinv.inverse.features import FeatureFitter
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.namespaces import open_plugins
+from srsinv.targets import KINDS, base_of, check, make
 from tests.jobs.run import ROOT
 
 # The examples of docs/extend.md: blocks whose first line is a file's name.

@@ -23,10 +23,10 @@ from hydra.core.override_parser.types import Override
 from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from ..aliases import current_configuration, current_override
-from ..config import check_early, load_job
+from ..aliases import current_override, with_current_keys
+from ..config import check_early
 from ..errors import BadInput, refuse
-from ..namespaces import open_plugins, plugin_files
+from ..namespaces import load_job, open_plugins, plugin_files
 from ..run_folder import claim
 from .folders import DONE, FAULT, REFUSED, run, sweep
 from .hydra_settings import check_hydra_settings, check_typed
@@ -125,7 +125,7 @@ class LaunchedTask:
         """The job's outcome, and the files, the command, the seed and the plugins of its run."""
         with refusing():
             settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-        settings = cast(dict[str, Any], current_configuration(settings))
+        settings = cast(dict[str, Any], with_current_keys(settings))
         open_plugins(self.config_dir)
         check_early(settings)
         job = load_job(settings["job"], self.root)

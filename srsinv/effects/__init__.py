@@ -7,11 +7,21 @@ a kind and have the name that a configuration gives them.
 
 from pathlib import Path
 
-from ._effect import Effect, Order
+from ._effect import Effect, Order, add_effects
 from ._reference import ReferenceSpectra, reference
-from ._screen import ScreeningResult, screen
+from ._screen import ScreeningResult, screen, screen_effects
 
-__all__ = ["NAMES", "Effect", "Order", "ReferenceSpectra", "ScreeningResult", "reference", "screen"]
+__all__ = [
+    "NAMES",
+    "Effect",
+    "Order",
+    "ReferenceSpectra",
+    "ScreeningResult",
+    "add_effects",
+    "reference",
+    "screen",
+    "screen_effects",
+]
 
 NAMES = tuple(
     sorted(

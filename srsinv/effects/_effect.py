@@ -2,6 +2,7 @@
 
 import abc
 import math
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import ClassVar
 
@@ -9,6 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Complex, Float
 
+from ..errors import refuse
 from ..forward.scenario import Scenario
 from ._reference import ReferenceSpectra
 
@@ -118,3 +120,16 @@ class NoiseEffect(Effect):
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         noise = self.noise(reference)
         return noise.relative_rms(noise.signal)
+
+
+def add_effects(scenario: Scenario, named: Mapping[str, Effect]) -> Scenario:
+    """The scenario with these effects, one after another. Raises `BadInput` for one that its skin
+    defines already."""
+    for name, effect in named.items():
+        refuse(
+            effect.is_defined_in(scenario),
+            f"effects names {name}, and skin defines another one ({scenario.sensor.skin.words}): "
+            "leave the effect out, or take skin=half_space.",
+        )
+        scenario = effect.apply(scenario)
+    return scenario

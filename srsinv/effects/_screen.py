@@ -8,15 +8,17 @@ sum is raised by `INTERACTION` for interactions that the reference lacks.
 import math
 import time
 from collections.abc import Callable, Mapping, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ..forward.scenario import Scenario
+from ..forward.simulation import Simulation
+from ..forward.skin import STRESSES
 from ..grid import Line
-from ._effect import Effect, Order
+from ._effect import Effect, Order, add_effects
 from ._reference import TINY, ReferenceSpectra, reference
 
 # Effects act on each other beyond their factors, and the reference's contact is accurate to 1 %.
@@ -43,6 +45,28 @@ class ScreeningResult:
     bound: float
     relative_change_bounds: Mapping[str, float]
     times_s: Mapping[str, float]
+
+
+def screen_effects(
+    sim: Simulation, effects: Mapping[str, Effect], tolerance: float
+) -> tuple[Simulation, ScreeningResult]:
+    """A simulation without effects, with those alone that its scene calls for; and what was found
+    of each. One that the skin defines already is no effect to decide on."""
+    ideal = sim.scenario.replace(noises=())
+    addable = {name: e for name, e in effects.items() if not e.is_defined_in(ideal)}
+
+    def only(names: Set[str]) -> Simulation:
+        named = {name: effect for name, effect in addable.items() if name in names}
+        return replace(sim, scenario=add_effects(sim.scenario, named))
+
+    def simulated(names: Set[str]) -> tuple[np.ndarray, np.ndarray]:
+        with_effects = only(names)
+        signal = np.asarray(with_effects.signal())
+        stress = np.asarray(with_effects.response(with_effects.sensor.stress()))
+        return signal, stress.reshape(signal.shape[0], len(STRESSES), -1)
+
+    screening = screen(ideal, sim.fine, addable, tolerance, simulated)
+    return only(screening.on), screening
 
 
 def screen(

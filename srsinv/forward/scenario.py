@@ -34,6 +34,10 @@ class Scenario(eqx.Module):
         scene = None if self.scene is None else self.scene.with_skin(skin)
         return self.replace(scene=scene, sensor=eqx.tree_at(lambda s: s.skin, self.sensor, skin))
 
+    def sliding(self) -> "Scenario":
+        """The scenario with its skin as it responds at the speed of the scan."""
+        return self.with_skin(self.sensor.skin.sliding_at(self.scan.speed_m_per_s))
+
     def with_films(self, change) -> "Scenario":
         """The scenario with `change` applied to every film element."""
         films = tuple(change(film) for film in self.sensor.elements)

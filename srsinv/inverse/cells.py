@@ -17,7 +17,6 @@ from ..grid import Open, as_real
 from .sample_noise import is_steady, sample_rate_hz
 
 MOST_UNKNOWNS = 4096  # that a direct solution can hold
-MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
 LEAST_CELLS = 3  # as a line needs
 LEAST_SAMPLES = 3
@@ -57,11 +56,11 @@ def window_around(
 
 def check_cells(name: str, length_m: float, cell_m: float) -> None:
     """Refuse a line that exceeds the memory of any machine: a unit is probably wrong."""
-    cells = length_m / cell_m
+    cells, most = length_m / cell_m, resolution.MOST_CELLS
     refuse(
-        not cells <= MOST_CELLS,
+        not cells <= most,
         f"{name}: the {length_m:.4g} m in cells of {cell_m:.4g} m are {cells:.4g} cells, more than "
-        f"{MOST_CELLS}: check recording.speed_m_per_s, recording.sample_rate_hz, "
+        f"{most}: check recording.speed_m_per_s, recording.sample_rate_hz, "
         "sensor.depth_m and recording.contact_window_m, and their units.",
     )
 

@@ -10,7 +10,7 @@ from ..forward.amplifier import CurrentAmplifier
 from ..forward.describe import elements
 from ..forward.film import Film
 from ..forward.noise import Noise
-from ..forward.scan import Motion
+from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
 from ..recording import Recording
@@ -103,6 +103,11 @@ def motion_of(recording: Recording) -> Motion:
     if recording.measured_position_m is not None:
         return Motion(time_s, recording.measured_position_m, speed)
     return Motion.from_speed(time_s, speed, float(recording.position_m[0]))
+
+
+def mean_speed(recording: Recording) -> ConstantSpeed:
+    """The scan at the recording's mean speed."""
+    return ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
 
 
 def nominal_pressure(recording: Recording) -> float | None:

@@ -17,7 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from .. import config
 from ..errors import refuse
+from ..forward.simulation import Simulation
+from ..grid import LINES
 from ..inverse import direct, iterative, spectral
 from ..inverse.estimate import COMPONENTS
 from ..inverse.line_problem import LineProblem
@@ -26,10 +29,10 @@ from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from . import accuracy_cost_fit as fitting
-from . import build, peers
+from . import peers
 from .accuracy_cost_fit import FitSettings
 from .analysis import deviation, timed
-from .simulation import Simulation, noisy_problem, simulation
+from .simulation import noisy_problem
 
 REFERENCE = 8  # refinement of the forward reference over the finest cells tried
 DIRECT_CELLS = 512  # beyond, the dense factors take longer than all the rest
@@ -80,29 +83,29 @@ class CostSettings:
         )
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """The job: measure all parts, lay out the page."""
     settings = CostSettings.checked(cfg["accuracy_cost"])
 
     def simulated(line: str, cells: int) -> Simulation:
-        return simulation({**cfg, "grid": {**cfg["grid"], "line": line, "cells": cells}})
+        return config.simulation({**cfg, "grid": {**cfg["grid"], "line": line, "cells": cells}})
 
-    with build.precision({"precision": "float64"}):
+    with jax.enable_x64(True):
         rows = []
-        for line in build.LINES:
+        for line in LINES:
             with stage(f"forward model, {line} line"):
                 rows += _forward(simulated, settings, line)
         with stage("data and weights"):
-            key, friction = build.random_key(cfg), build.friction(cfg)
+            key, friction = config.random_key(cfg), config.friction(cfg)
             problems = _problems(simulated, settings.inverse_cells, key, friction)
             smallest, _ = problems["periodic", min(settings.inverse_cells)]
-            methods = build.methods(cfg).items()
+            methods = config.methods(cfg).items()
             priors = {name.lower(): method.prior_fixed_on(smallest) for name, method in methods}
         for (line, cells), (problem, truth) in problems.items():
             with stage(f"inversions, {line} line, {cells} cells"):
                 rows += _inversions(settings, priors, line, problem, truth)
         fits = fitting.rows_of(
-            settings.fit, settings.repeats, build.sensor(cfg), build.scan(cfg), build.seed(cfg)
+            settings.fit, settings.repeats, config.sensor(cfg), config.scan(cfg), config.seed(cfg)
         )
     _against_peers(rows, "cells")
     _against_peers(fits, "setting")
@@ -172,7 +175,7 @@ def _forward(simulated: Simulated, settings: CostSettings, line: str) -> Iterato
     for cells in sizes:
         exact = None
         for precision in PRECISIONS:
-            with build.precision({"precision": precision}):
+            with jax.enable_x64(precision == "float64"):
                 given = model(cells)
                 work, compile_s = _compiled(lambda operator, r: operator(r), *given)
                 yield (ours := row(precision, cells, partial(work, *given), compile_s, exact))
@@ -196,7 +199,7 @@ def _problems(
     """The noisy problem and its true traction, by line and number of cells."""
     problems = {}
     for cells in sizes:
-        for line in build.LINES:
+        for line in LINES:
             sim = simulated(line, cells)
             problem = noisy_problem(sim, key, friction)
             truth = np.asarray(sim.traction(sim.line))[: problem.unknowns]
@@ -262,7 +265,7 @@ def _solvers(
         spectrally, compile_s = _compiled(_spectral, *given)
         exact = spectrally(*given)
         ways.append(_Solver("spectral, float64", NUMPY, partial(spectrally, *given), compile_s))
-        with build.precision({"precision": "float32"}):
+        with jax.enable_x64(False):
             single = _single(given)
             work, compile_s = _compiled(_spectral, *single)
         ways.append(_Solver("spectral, float32", NUMPY, partial(work, *single), compile_s))
@@ -378,7 +381,7 @@ def _section(part: str, rows: list[Row]) -> Section:
             "Noise and prior make the error against the truth, so that it hardly tells the ways "
             "of solving apart; the distance to the exact minimiser of the same problem does.",
         )
-    lines = {line: [r for r in rows if r["line"] == line] for line in build.LINES}
+    lines = {line: [r for r in rows if r["line"] == line] for line in LINES}
     what = measure.replace("_", " ")
     return Section(
         name,

@@ -1,5 +1,6 @@
 """Recordings on a line of cells: the problem that an inversion solves, and what it assumes."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +14,7 @@ from ..inverse.problem import Problem
 from ..recording import Recording
 from ..recording.even import STEADY, check_volts
 from ..resolution import cell_m
-from . import build
-from .recorded import recorded_problem, times_rows
+from .recorded import Rows, effects_rows, times_rows
 
 
 @dataclass(frozen=True)
@@ -27,40 +27,49 @@ class RecordingProblem:
     speed_m_per_s: float
     problem: LineProblem
     traction_unit: str
-    assumed: tuple[tuple[str, str], ...]
+    assumed: Rows
 
 
-def recording_problem(cfg: build.Config, purpose: str | None = None) -> RecordingProblem:
-    """The recording that the configuration names, on an open line over its contact window.
+@dataclass(frozen=True)
+class StatedSettings:
+    """What a page states of the configuration as it is given: the effects that are on, mu of
+    q = mu p or null, and how the times of the file are taken."""
+
+    effects: Iterable[str]
+    friction: Any
+    times: Any
+
+
+def recording_problem(
+    recording: Recording,
+    problem: Problem,
+    traction_unit: str,
+    stated: StatedSettings,
+    purpose: str | None = None,
+) -> RecordingProblem:
+    """The problem of a recording, on an open line over its contact window.
 
     Cells are `recording.cell_m` wide; where that is null, as the `purpose` asks for (see
     resolution.py), or as [`Problem.on_line`][] has it. Raises
     `BadInput` for a recording that cannot be inverted.
     """
-    unit = _traction_unit(cfg.get("traction_unit", "Pa"))
-
-    def check(recording: Recording) -> None:
-        refuse_reversing(recording.name, recording.speed_m_per_s)
-        _check_unit(unit, recording)
-
-    recorded = recorded_problem(cfg, check)
-    recording, problem = recorded.recording, recorded.problem
     depth = float(problem.sensor.depth_m)
     on_line = problem.on_line(cell_m(purpose, depth) if purpose else None)
     speed = float(np.mean(recording.speed_m_per_s))
-    assumed = _assumed(cfg, recording, problem, on_line, unit)
+    assumed = _assumed(stated, recording, problem, on_line, traction_unit)
     assert on_line.sensor is not None
-    return RecordingProblem(recording, on_line.sensor, speed, on_line, unit, assumed)
+    return RecordingProblem(recording, on_line.sensor, speed, on_line, traction_unit, assumed)
 
 
-def _traction_unit(given: Any) -> str:
+def traction_unit_named(given: Any) -> str:
     """The unit of p and q: Pa, or "1" where the sensor's or the amplifier's gain is not known and
     they are relative."""
     return {"Pa": "Pa", "relative": "1"}[choice("traction_unit", given, ("Pa", "relative"))]
 
 
-def _check_unit(unit: str, recording: Recording) -> None:
-    """Refuse a recording that cannot give p and q in this unit."""
+def check_invertible(recording: Recording, unit: str) -> None:
+    """Refuse a recording that turns back, or that cannot give p and q in this unit."""
+    refuse_reversing(recording.name, recording.speed_m_per_s)
     if unit == "Pa":
         check_volts(recording)
     refuse(
@@ -71,15 +80,19 @@ def _check_unit(unit: str, recording: Recording) -> None:
 
 
 def _assumed(
-    cfg, recording: Recording, problem: Problem, on_line: LineProblem, traction_unit: str
-) -> tuple[tuple[str, str], ...]:
+    stated: StatedSettings,
+    recording: Recording,
+    problem: Problem,
+    on_line: LineProblem,
+    traction_unit: str,
+) -> Rows:
     unit, line, nominal = recording.signal_unit, on_line.line, problem.nominal_pressure_Pa
     spacing = sample_spacing_m(problem.motion)
     block, noise = round(float(line.cell_m) / spacing), problem.noise
     return (
         ("recording", f"{recording.name}, {recording.time_s.size} samples {1e6 * spacing:.4g} um "
          f"apart"),
-        *times_rows(cfg, recording),
+        *times_rows(recording, stated.times),
         ("cells", f"{line.n} of {1e6 * float(line.cell_m):.4g} um, "
          + _filled_with(recording, block)),
         ("line", "open: p and q are deviations from a uniform background, zero outside the window"),
@@ -91,8 +104,8 @@ def _assumed(
         ("noise", f"white, {float(noise.rms):.3g} {unit} per sample, "
          + ("given" if not noise.is_estimate
             else "from the highest wavenumbers of the recording")),
-        *build.effects_rows(cfg),
-        ("p and q", "apart" if cfg["friction"] is None else f"q = {cfg['friction']} p"),
+        *effects_rows(stated.effects),
+        ("p and q", "apart" if stated.friction is None else f"q = {stated.friction} p"),
         *((("unit of p and q", "relative: the signal's unit over the sensor's assumed gain, which "
             "nobody measured"),) if traction_unit == "1" else ()),
     )  # fmt: skip

@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from ..forward.noise import NonGaussianNoise, split_gaussian
 from ..forward.scan import ConstantSpeed, Motion
+from ..forward.simulation import Simulation
 from ..grid import Line, Periodic
-from .simulation import Simulation
 
 
 class Trace(NamedTuple):

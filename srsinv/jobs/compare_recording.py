@@ -5,7 +5,7 @@ several cells, so that either half determines the same traction, with independen
 fit to one half is compared with the samples of the other.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,12 @@ from jaxtyping import Float, Int
 from ..forward.sensor import Sensor
 from ..inverse.estimate import COMPONENTS
 from ..inverse.line_problem import LineProblem
+from ..inverse.method import Method
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
-from . import build, contest
+from . import contest
 from .analysis import BAND_90, deviation, element_names, in_metrics, notes_on
-from .cells import recording_problem
+from .cells import RecordingProblem
 from .contest import Runs
 
 ROUNDING = 1e-9  # of the range: values that differ by less are the same but for rounding
@@ -28,23 +29,20 @@ PARTS = ("all", "even cells", "odd cells")
 DRAWN = ("method", "part")
 
 
-def on_recording(cfg: build.Config) -> Outcome:
-    """Every method on the whole recording and on its two halves.
-
-    Raises `BadInput` for a recording that cannot be inverted, and for fewer than two methods.
-    """
-    loaded = recording_problem(cfg, "comparison")
+def on_recording(
+    loaded: RecordingProblem, methods: Mapping[str, Method], features: Collection[str]
+) -> Outcome:
+    """Every method on the whole recording and on its two halves; `features`: the names of those
+    whose sum is fitted."""
     title, whole = loaded.recording.name, loaded.problem
     problems = whole, *contest.split_odd_even(whole)
-    methods = build.methods(cfg) if cfg.get("method") else {}
-    named = contest.compared_methods(methods, build.features(cfg), build.solver(cfg))
-    runs = contest.run_all(named, problems)
+    runs = contest.run_all(methods, problems)
     dataset = _dataset(title, loaded.sensor, problems, loaded.recording.signal_unit, runs)
     return Outcome(
         f"{title}: {', '.join(runs)} compared",
         _metrics(dataset, runs),
         dataset,
-        _sections(cfg, dataset, runs, loaded.assumed, whole),
+        _sections(features, dataset, runs, loaded.assumed, whole),
         _summary(dataset, runs),
     )
 
@@ -238,7 +236,7 @@ def _agreement_table(ds: xarray.Dataset) -> Table:
     )
 
 
-def _sections(cfg, ds, runs, rows, whole: LineProblem) -> tuple[Section, ...]:
+def _sections(features: Collection[str], ds, runs, rows, whole: LineProblem) -> tuple[Section, ...]:
     methods = [str(name) for name in ds["method"].values]
     whole_of = ds.isel(part=0)
     parts = [
@@ -290,7 +288,7 @@ def _sections(cfg, ds, runs, rows, whole: LineProblem) -> tuple[Section, ...]:
         ),
     ]  # fmt: skip
     if contest.FEATURE_FIT in runs:
-        parts.append(_feature_section(cfg, runs[contest.FEATURE_FIT]))
+        parts.append(_feature_section(features, runs[contest.FEATURE_FIT]))
     means = tuple((f"mean of {c}", words) for c, words in whole.mean_statement().items())
     parts.append(Section("What was assumed", tables=(Table(("what", "value"), (*rows, *means)),)))
     return tuple(parts)
@@ -340,8 +338,8 @@ def _pair_table(ds: xarray.Dataset) -> Table:
     )
 
 
-def _feature_section(cfg: build.Config, one: Runs) -> Section:
-    names = " + ".join(cfg["feature"]).replace("_", " ")
+def _feature_section(features: Collection[str], one: Runs) -> Section:
+    names = " + ".join(features).replace("_", " ")
     whole, *parts = [each.parameters for each in one.estimates]
     rows = tuple(
         (name, value, stderr, *(part[name][0] for part in parts))

@@ -1,6 +1,7 @@
 """The comparison on a simulated scene: errors against the truth, over noise levels and draws."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -9,93 +10,124 @@ import xarray
 from jaxtyping import Float
 
 from ..errors import is_number, refuse
-from ..forward.noise import SignalToNoise
+from ..forward.noise import Noise, SignalToNoise
+from ..forward.simulation import Simulation
 from ..inverse.estimate import COMPONENTS, Estimate
 from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
+from ..inverse.method import Method
+from ..inverse.nonlinear import Solver
 from ..inverse.quality import Quality
-from ..recording import merge
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
-from . import build, contest
+from . import contest
 from .analysis import BAND_90, deviation, element_names
 from .contest import Runs
-from .recorded import amplifier_node, coloured_noises
+from .recorded import Rows
 from .simulate import assumed
-from .simulation import Simulation, noisy_problem, screen_effects, simulation
+from .simulation import noisy_problem
 
 DRAWN = ("method", "snr", "seed")
 
 
-def on_scene(cfg: build.Config) -> Outcome:
+@dataclass(frozen=True)
+class SceneDraws:
+    """Draws of white noise: `seeds` at each of the levels `snr_dB`, the first one from `seed`."""
+
+    snr_dB: tuple[float, ...]
+    seeds: int
+    seed: int
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any], seed: int) -> "SceneDraws":
+        """Those of `compare` in the configuration. Raises `BadInput` for levels that are not
+        several numbers, each once, and for no draw."""
+        levels, seeds = given["snr_dB"], given["seeds"]
+        numbers = isinstance(levels, list) and all(map(is_number, levels))
+        refuse(
+            not numbers or not levels or len(set(levels)) < len(levels),
+            f"compare.snr_dB is {levels}: give one number or more in dB, each once, as [20,40].",
+        )
+        refuse(
+            not (isinstance(seeds, int) and seeds >= 1),
+            f"compare.seeds is {seeds!r}: give a whole number from 1.",
+        )
+        return cls(tuple(levels), seeds, seed)
+
+
+@dataclass(frozen=True)
+class SceneComparison:
+    """A simulated scene, and what is compared on it.
+
+    - `sim`: the scene and its sensor; `noises`: the causes of noise beside the white one.
+    - `friction`: mu where the inversions are to know that q = mu p.
+    - `features`: the names of those that are fitted; `wrong_feature`: one that is absent, or none.
+    - `effects`: the names of those that are on; `stated`: the friction, and the precision with the
+      seed, as the page states them.
+    """
+
+    sim: Simulation
+    draws: SceneDraws
+    noises: Mapping[str, Noise]
+    friction: float | None
+    features: Sequence[str]
+    wrong_feature: Any
+    effects: Sequence[str]
+    stated: tuple[Any, str]
+
+    @property
+    def wrong_name(self) -> str:
+        """The kind of the absent feature."""
+        return type(self.wrong_feature).__name__.removesuffix("Feature")
+
+    def problems(self) -> list[LineProblem]:
+        """One for each draw of each level."""
+        return [
+            noisy_problem(
+                self.sim.with_noises((SignalToNoise(level), *self.noises.values())),
+                jax.random.key(self.draws.seed + i),
+                self.friction,
+            )
+            for level in self.draws.snr_dB
+            for i in range(self.draws.seeds)
+        ]
+
+
+def on_scene(scene: SceneComparison, methods: Mapping[str, Method], solver: Solver) -> Outcome:
     """Every method at every noise level and draw, and one fit of a feature that is absent.
 
-    Raises `BadInput` for invalid levels or draws, and for fewer than two methods.
+    Raises `BadInput` for a uniform scene.
     """
-    settings = cfg["compare"]
-    _check(settings)
-    cfg, _ = screen_effects(_complete(cfg))
-    sim = simulation({**cfg, "noise": {}})  # the levels' own noise comes with each draw
+    sim = scene.sim
     refuse(
         not np.any(np.ptp(np.asarray(sim.traction(sim.line)), axis=-1)),
         "The scene is uniform, which a rate signal does not show: give it a pressure, as "
         "scene=strip does.",
     )
-    others = coloured_noises(cfg)
-    problems = [
-        noisy_problem(
-            sim.with_noises((SignalToNoise(level), *others.values())),
-            jax.random.key(build.seed(cfg) + i),
-            build.friction(cfg),
-        )
-        for level in settings["snr_dB"]
-        for i in range(settings["seeds"])
-    ]
-    methods = build.methods(cfg) if cfg.get("method") else {}
-    features, solver = build.features(cfg), build.solver(cfg)
-    runs = contest.run_all(contest.compared_methods(methods, features, solver), problems)
-    dataset = _dataset(cfg, sim, problems, runs)
+    problems = scene.problems()
+    runs = contest.run_all(methods, problems)
+    dataset = _dataset(scene, problems, runs)
     wrong = None
-    if settings["wrong_feature"] is not None:
-        feature = build.make(settings["wrong_feature"], "compare.wrong_feature", "feature")
-        alone = {"A feature that is not there": FeatureFit({"wrong": feature}, solver)}
-        wrong = _dataset(cfg, sim, problems, contest.run_all(alone, problems))
+    if scene.wrong_feature is not None:
+        fit = FeatureFit({"wrong": scene.wrong_feature}, solver)
+        alone = contest.run_all({"A feature that is not there": fit}, problems)
+        wrong = _dataset(scene, problems, alone)
     return Outcome(
         f"{', '.join(runs)} compared on a simulated scene",
         _metrics(dataset) | _wrong_metrics(wrong),
         dataset,
-        _sections(cfg, sim, dataset, wrong, runs),
+        _sections(scene, dataset, wrong, runs),
         _summary(dataset),
     )
-
-
-def _check(settings: Mapping[str, Any]) -> None:
-    levels, seeds = settings["snr_dB"], settings["seeds"]
-    numbers = isinstance(levels, list) and all(map(is_number, levels))
-    refuse(
-        not numbers or not levels or len(set(levels)) < len(levels),
-        f"compare.snr_dB is {levels}: give one number or more in dB, each once, as [20,40].",
-    )
-    refuse(
-        not (isinstance(seeds, int) and seeds >= 1),
-        f"compare.seeds is {seeds!r}: give a whole number from 1.",
-    )
-
-
-def _complete(cfg: build.Config) -> dict[str, Any]:
-    """The configuration with the sensor facts that a recording's sidecar would give."""
-    sensor = merge(cfg["compare"]["scene_sensor"], cfg["sensor"])
-    skin = build.skin_node(cfg["skin"], {"poisson_ratio": 0.5})
-    return {**cfg, "sensor": sensor, "skin": skin, **amplifier_node(cfg, sensor)}
 
 
 # --- numbers ---------------------------------------------------------------------------------
 
 
 def _dataset(
-    cfg: build.Config, sim: Simulation, problems: list[LineProblem], runs: Mapping[str, Runs]
+    scene: SceneComparison, problems: list[LineProblem], runs: Mapping[str, Runs]
 ) -> xarray.Dataset:
-    levels, seeds = cfg["compare"]["snr_dB"], cfg["compare"]["seeds"]
+    sim, levels, seeds = scene.sim, scene.draws.snr_dB, scene.draws.seeds
     shape, cells = (len(levels), seeds), problems[0].observed_cells
 
     def each(get) -> np.ndarray:
@@ -140,7 +172,7 @@ def _dataset(
     coordinates = {
         "x": ("x", np.asarray(sim.line.x), {"units": "m"}),
         "snr": ("snr", [float(level) for level in levels], {"units": "dB"}),
-        "seed": ("seed", build.seed(cfg) + np.arange(seeds), {"units": "1"}),
+        "seed": ("seed", scene.draws.seed + np.arange(seeds), {"units": "1"}),
         "component": ("component", list(COMPONENTS), {"units": "1"}),
         "method": ("method", list(runs), {"units": "1"}),
         "element": ("element", element_names(sim.sensor), {"units": "1"}),
@@ -349,14 +381,14 @@ def _wrong_table(ds: xarray.Dataset, wrong: xarray.Dataset) -> Table:
     )  # fmt: skip
 
 
-def _sections(cfg, sim, ds, wrong, runs) -> tuple[Section, ...]:
+def _sections(scene: SceneComparison, ds, wrong, runs) -> tuple[Section, ...]:
     methods = [str(name) for name in ds["method"].values]
     levels = [f"{level:g} dB" for level in ds["snr"].values]
     seeds = ds.sizes["seed"]
     parts = [
         Section(
             "What is compared",
-            _words(cfg, ds),
+            _words(scene.features, ds),
             {"scene_traction": lambda: figures.traction(ds)},
             {"scene_traction": "The truth: pressure and shear on the skin, less what is uniform."},
         ),
@@ -412,10 +444,8 @@ def _sections(cfg, sim, ds, wrong, runs) -> tuple[Section, ...]:
             )
         )  # fmt: skip
         if wrong is not None:
-            parts.append(_wrong_section(cfg, ds, wrong))
-    parts.append(
-        Section("What was assumed", tables=(Table(("what", "value"), _assumed(cfg, sim)),))
-    )
+            parts.append(_wrong_section(scene.wrong_name, ds, wrong))
+    parts.append(Section("What was assumed", tables=(Table(("what", "value"), _assumed(scene)),)))
     return tuple(parts)
 
 
@@ -423,8 +453,8 @@ def _estimates_at(ds: xarray.Dataset, level: int):
     return lambda: figures.estimates(ds.isel(snr=level, seed=0))
 
 
-def _words(cfg: build.Config, ds: xarray.Dataset) -> tuple[str, ...]:
-    features = " + ".join(cfg["feature"]).replace("_", " ")
+def _words(named: Sequence[str], ds: xarray.Dataset) -> tuple[str, ...]:
+    features = " + ".join(named).replace("_", " ")
     about = {
         "Wiener": "Wiener takes p and q as rough everywhere, with a spectrum of given shape.",
         "Tikhonov": "Tikhonov prefers p and q with little slope; its weight is chosen by the "
@@ -458,8 +488,7 @@ def _verdicts(ds: xarray.Dataset) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _wrong_section(cfg: build.Config, ds: xarray.Dataset, wrong: xarray.Dataset) -> Section:
-    name = cfg["compare"]["wrong_feature"]["_target_"].rpartition(".")[2].removesuffix("Feature")
+def _wrong_section(name: str, ds: xarray.Dataset, wrong: xarray.Dataset) -> Section:
     return Section(
         "When the shape is wrong",
         (
@@ -480,17 +509,11 @@ def _wrong_section(cfg: build.Config, ds: xarray.Dataset, wrong: xarray.Dataset)
     )  # fmt: skip
 
 
-def _assumed(cfg: build.Config, sim: Simulation) -> tuple[tuple[str, str], ...]:
-    levels = ", ".join(f"{level:g}" for level in cfg["compare"]["snr_dB"])
-    more = [name for name in cfg["noise"] if name != "white"]
-    noise = ", ".join([f"white at {levels} dB", *more])
-    scene = assumed(
-        sim,
-        noises=(),
-        effects=build.effects_rows(cfg),
-        friction=cfg["friction"],
-        numbers=f"{cfg['precision']}, {cfg['seed']}",
-    )
-    rows = tuple((what, noise if what == "noise" else value) for what, value in scene)
+def _assumed(scene: SceneComparison) -> Rows:
+    levels = ", ".join(f"{level:g}" for level in scene.draws.snr_dB)
+    noise = ", ".join([f"white at {levels} dB", *scene.noises])
+    friction, numbers = scene.stated
+    rows = assumed(scene.sim, noises=(), effects=scene.effects, friction=friction, numbers=numbers)
+    rows = tuple((what, noise if what == "noise" else value) for what, value in rows)
     times = "one call a draw, weights chosen anew in each; steady is the median after the first"
     return (*rows, ("times", times))

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 import xarray
 
+from .. import config
 from ..errors import number, refuse, whole
 from ..forward.feature import Feature
 from ..inverse.features.fit import FeatureFitter
@@ -20,7 +21,6 @@ from ..inverse.nonlinear import Solver
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
-from . import build
 from .coverage_surface import known_shape, statistics_of_shape, window_given
 from .judged import LEVELS, FitStatistics, Quantity, bounds_of, ratio_dB
 from .simulated_features import (
@@ -38,23 +38,23 @@ from .simulated_features import (
 DRAWS, DRAWS_OF_A_SURFACE, LEAST_DRAWS = 400, 200, 8
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """The job: simulate, fit every draw, compare."""
-    with build.precision(cfg):
-        given, scene = cfg["coverage"], build.part(cfg, "scene")
+    with config.precision(cfg):
+        given, scene = cfg["coverage"], config.part(cfg, "scene")
         on_surface = "surfaces" in scene
         draws, rate_hz = _draws(given["draws"], on_surface), sample_rate("coverage", given)
-        parts = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
+        parts = config.sensor(cfg), config.scan(cfg), config.noises(cfg)
         sampled = SampledScan("coverage", rate_hz, *parts)
-        key, solver = build.random_key(cfg), build.solver(cfg)
+        key, solver = config.random_key(cfg), config.solver(cfg)
         if on_surface:
-            shape = known_shape(build.scene(cfg), list(scene["surfaces"] or ()))
+            shape = known_shape(config.scene(cfg), list(scene["surfaces"] or ()))
             window = window_given(given["window_m"])
             on, statistics = statistics_of_shape(shape, sampled, window, solver, key, draws)
         else:
-            features = build.features(cfg)
+            features = config.features(cfg)
             refuse(not features, "No feature is named: give feature=[strip_load] or several.")
-            on = synthetic_scan(build.line(cfg), sampled)
+            on = synthetic_scan(config.line(cfg), sampled)
             truths = {name: _truth(given["truth"], on, name, f) for name, f in features.items()}
             statistics = _each(on, features, truths, solver, key, draws)
     rows = [quantity for each in statistics.values() for quantity in each.quantities]

@@ -11,7 +11,7 @@ import numpy as np
 import xarray
 from jaxtyping import Float
 
-from ..config import reader
+from .. import config
 from ..errors import is_number, refuse
 from ..inverse.quality import Quality, quality, reasons
 from ..inverse.spectral_lines import (
@@ -32,7 +32,6 @@ from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from ..report.text import format_with_error
 from ..status import Status
-from . import build
 from .analysis import in_metrics
 from .recorded import times_rows
 
@@ -95,10 +94,10 @@ class BoardPitch:
         return reasons(self.status, self.warnings)
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """The job: load, fit the pitch, look for other lines, report."""
-    with build.precision(cfg):
-        recording = load_steady(cfg["recording"], {}, reader(cfg))
+    with config.precision(cfg):
+        recording = load_steady(cfg["recording"], {}, config.reader(cfg))
         x_m, signal = _along_x(recording)
         pitch_range = cfg["feature"]["pitch_range_m"]
         settings = _settings(cfg["fit_fabricslide"], pitch_range, recording.name, x_m)
@@ -122,7 +121,7 @@ def run(cfg: build.Config) -> Outcome:
         _title(analysis),
         _metrics(analysis),
         _dataset(analysis),
-        _sections(analysis, times_rows(cfg, recording)),
+        _sections(analysis, times_rows(recording, cfg["recording"].get("times"))),
         _summary(analysis),
     )
 

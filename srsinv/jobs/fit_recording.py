@@ -4,7 +4,7 @@ Features of traction, or features of a surface that act through contact.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 import xarray
 
+from .. import config
 from ..errors import refuse, shown
 from ..inverse.cells import check_cells
 from ..inverse.diagnostics import direction_in_words
 from ..inverse.estimate import COMPONENTS
 from ..inverse.features.estimate import FeatureEstimate, probabilities
 from ..inverse.features.method import FeatureFit
+from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
 from ..inverse.quality import Quality
 from ..progress import stage
@@ -26,10 +28,9 @@ from ..recording.even import STEADY, check_volts
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
 from ..resolution import cell_m
-from . import build
 from .analysis import element_names, in_metrics
 from .fit_surface import contact_section, ground, surface_fit
-from .recorded import RecordedProblem, recorded_problem, times_rows
+from .recorded import RecordedProblem, Rows, effects_rows, times_rows
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
 NO_FEATURE = "No feature is named: give feature=[strip_load] or a sum of several."
@@ -86,25 +87,29 @@ def check(recording: Recording) -> None:
     )
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """The job: fit every candidate, rank them, report the most probable one."""
-    with build.precision(cfg):
-        settings = _settings(build.part(cfg, "fit"))
-        surfaces = build.surface_features(cfg)
+    with config.precision(cfg):
+        settings = _settings(config.part(cfg, "fit"))
+        surfaces = config.surface_features(cfg)
         refuse(
-            not (surfaces or build.features(cfg)),
+            not (surfaces or config.features(cfg)),
             "No feature is named: give feature=[strip_load] or a sum of several.",
         )
-        solver = build.solver(cfg)
-        recorded = recorded_problem(_with_example(cfg), check)
+        solver = config.solver(cfg)
+        recording = config.recording(cfg, str(EXAMPLE))
+        check(recording)
+        recorded = RecordedProblem(recording, config.recorded_problem(cfg, recording))
         if surfaces:
             method = surface_fit(recorded, surfaces, solver, settings)
         else:
             _refuse_surface_only(settings)
             _check_length(recorded.problem)
-            method = FeatureFit(build.features(cfg), solver)
+            method = FeatureFit(config.features(cfg), solver)
         fitted = _fit(method, recorded, settings["select"])
-        dataset, assumed = _dataset(fitted), _assumed(cfg, fitted)
+        times = config.part(cfg, "recording").get("times")
+        dataset = _dataset(fitted)
+        assumed = _assumed(fitted, solver, times, config.part(cfg, "effects"))
         return Outcome(
             _title(fitted),
             _metrics(fitted),
@@ -112,12 +117,6 @@ def run(cfg: build.Config) -> Outcome:
             _sections(fitted, dataset, assumed),
             _parameter_table(fitted.best),
         )
-
-
-def _with_example(cfg: build.Config) -> build.Config:
-    """The configuration with the bundled recording where it names none."""
-    settings = build.part(cfg, "recording")
-    return {**cfg, "recording": {**settings, "path": settings.get("path") or str(EXAMPLE)}}
 
 
 def _check_length(problem: Problem) -> None:
@@ -362,14 +361,14 @@ def _ranking(candidates: list[Candidate]) -> Table:
     )  # fmt: skip
 
 
-def _assumed(cfg: build.Config, fitted: _Fitted) -> tuple[tuple[str, str], ...]:
+def _assumed(fitted: _Fitted, solver: Solver, times: Any, effects: Iterable[str]) -> Rows:
     recording, problem = fitted.recording, fitted.problem
     speed, unit = recording.speed_m_per_s, recording.signal_unit
     steady, causes = recording.is_constant_speed(STEADY), problem.noise.causes
     return (
         ("recording", f"{recording.name}, {recording.time_s.size} samples at "
          f"{recording.sample_rate_hz:.6g} Hz"),
-        *times_rows(cfg, recording),
+        *times_rows(recording, times),
         ("motion", f"{speed.mean():.4g} m/s, constant" if steady
          else f"measured, {speed.min():.4g} to {speed.max():.4g} m/s"),
         *ground(problem, fitted.best),
@@ -377,8 +376,8 @@ def _assumed(cfg: build.Config, fitted: _Fitted) -> tuple[tuple[str, str], ...]:
         ("amplifier", type(problem.sensor.amplifier).__name__),
         ("noise", f"white, {fitted.noise_rms:.3g} {unit} per sample, "
          + _noise_source(fitted, unit) + "".join(f"; {name}" for name in causes)),
-        *build.effects_rows(cfg),
-        ("solver", str(cfg["solver"]["_target_"]).rpartition(".")[2]),
+        *effects_rows(effects),
+        ("solver", type(solver).__name__),
     )  # fmt: skip
 
 

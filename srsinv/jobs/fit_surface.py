@@ -16,7 +16,6 @@ from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
 from ..report import figures
 from ..report.outcome import Section
-from . import build
 from .recorded import RecordedProblem
 
 
@@ -40,7 +39,7 @@ def surface_fit(
 def _with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
     if feature.edge_length_m is not None:
         return feature
-    known = build.part(facts, "feature").get("edge_length_m")
+    known = (facts.get("feature") or {}).get("edge_length_m")
     refuse(
         known is None,
         f"The length over which the edges of {name} rise is not known, and the data cannot tell it "

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from ..config import reader
+from .. import config
 from ..errors import refuse
 from ..recording import merge
 from ..recording.inspection import Column, Inspection, inspect
@@ -28,7 +28,7 @@ def run(cfg: Mapping[str, Any]) -> Outcome:
     refuse(path is None, "No recording is named: give recording.path=FILE.")
     known = {key: value for key, value in settings.items() if key not in _NOT_FACTS}
     known = merge({}, known | {"sensor": cfg["sensor"]})
-    inspection = inspect(path, reader=reader(cfg), sidecar=settings.get("sidecar"), **known)
+    inspection = inspect(path, reader=config.reader(cfg), sidecar=settings.get("sidecar"), **known)
     dataset = _dataset(inspection)
     stem = Path(path).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
     template = f"{stem}.yaml"

@@ -15,13 +15,13 @@ import xarray
 from jaxtyping import Float, Int
 from scipy.stats import binomtest
 
+from .. import config
 from ..errors import BadInput, is_number, refuse, shown, whole
 from ..forward.feature import Feature
 from ..inverse.features.fit import FeatureFitter
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
-from . import build
 from .simulated_features import (
     SampledScan,
     SyntheticTractionScan,
@@ -84,22 +84,22 @@ class Ranked:
         return np.diagonal(self.chosen)
 
 
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """The job: draw, fit every candidate, count."""
-    with build.precision(cfg):
+    with config.precision(cfg):
         given = cfg["ranking"]
         draws = whole("ranking.draws", given["draws"], "a whole number from 1", least=1)
-        features = build.features(cfg)
+        features = config.features(cfg)
         refuse(len(features) < 2, "A ranking needs candidates: name at least two in feature=[...].")
-        parts = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
+        parts = config.sensor(cfg), config.scan(cfg), config.noises(cfg)
         sampled = SampledScan("ranking", sample_rate("ranking", given), *parts)
-        on = synthetic_scan(build.line(cfg), sampled)
+        on = synthetic_scan(config.line(cfg), sampled)
         drawn = {
             name: DrawnFeature(feature, _ranges(given["truth_ranges"], name, feature))
             for name, feature in features.items()
         }
-        fitter = FeatureFitter.along(on.sensor, on.motion, build.solver(cfg))
-        ranking = _ranked(on, fitter, drawn, draws, build.seed(cfg))
+        fitter = FeatureFitter.along(on.sensor, on.motion, config.solver(cfg))
+        ranking = _ranked(on, fitter, drawn, draws, config.seed(cfg))
     assumed = (
         *_assumed(on, ", ".join(cfg["noise"])),
         ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),

@@ -5,23 +5,24 @@ from typing import Any
 
 import numpy as np
 
+from .. import config
+from ..forward.simulation import Simulation
 from ..report.outcome import Outcome
 from ..report.text import listed
-from . import build
 from .analysis import InversionCase
 from .analysis import run as analyse
-from .simulation import Simulation, noisy_problem, recorded, screen_effects, simulation
+from .recorded import Rows, effects_rows
+from .simulation import noisy_problem, recorded
 
-Rows = tuple[tuple[str, str], ...]
 
-
-def run(cfg: build.Config) -> Outcome:
+def run(cfg: config.Config) -> Outcome:
     """The job: simulate, invert, compare."""
-    with build.precision(cfg):
-        methods = build.methods(cfg)
-        cfg, screening = screen_effects(cfg)
-        sim = simulation(cfg)
-        problem = noisy_problem(sim, build.random_key(cfg), build.friction(cfg))
+    with config.precision(cfg):
+        methods = config.methods(cfg)
+        sim, screening = config.screened(cfg)
+        named = config.part(cfg, "effects")
+        on = [name for name in named if screening is None or name in screening.on]
+        problem = noisy_problem(sim, config.random_key(cfg), config.friction(cfg))
         names = ", ".join(cfg["method"])
         case = InversionCase(
             title=f"Simulated scene, {len(sim.sensor.elements)} film elements: {names}",
@@ -30,11 +31,11 @@ def run(cfg: build.Config) -> Outcome:
             speed_m_per_s=float(sim.scan.speed_m_per_s),
             methods=methods,
             signal_unit=sim.sensor.amplifier.unit,
-            stages=stages(sim) | as_recorded(sim, build.random_key(cfg)),
+            stages=stages(sim) | as_recorded(sim, config.random_key(cfg)),
             assumed=assumed(
                 sim,
                 noises=cfg["noise"],
-                effects=build.effects_rows(cfg),
+                effects=on,
                 friction=cfg["friction"],
                 numbers=f"{cfg['precision']}, {cfg['seed']}",
             ),
@@ -79,12 +80,12 @@ def as_recorded(sim: Simulation, key) -> dict[str, tuple[tuple[str, ...], Any, s
 
 
 def assumed(
-    sim: Simulation, *, noises: Iterable[str], effects: Rows, friction: Any, numbers: str
+    sim: Simulation, *, noises: Iterable[str], effects: Iterable[str], friction: Any, numbers: str
 ) -> Rows:
     """Rows of the page's last section.
 
-    `noises` are named; `effects` are the rows that say which are on; `friction` is mu of q = mu p
-    or None; `numbers` are the precision and the seed.
+    `noises` and `effects` are the names of those that are on; `friction` is mu of q = mu p or
+    None; `numbers` are the precision and the seed.
     """
     line = sim.line
     cell_um = 1e6 * float(line.cell_m)
@@ -99,7 +100,7 @@ def assumed(
         ("speed", f"{float(sim.scan.speed_m_per_s):.4g} m/s, {_how(sim)}"),
         ("amplifier", type(sim.sensor.amplifier).__name__),
         ("noise", listed(noises)),
-        *effects,
+        *effects_rows(effects),
         *_not_inverted(sim),
         ("p and q", "apart" if friction is None else f"q = {friction} p"),
         ("precision, seed", numbers),

@@ -1,196 +1,22 @@
-"""A scene felt by a sensor, on a grid: its signal, and the problem of inverting it."""
+"""The problem of inverting a simulation: its signal with noise, as it is recorded."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..effects import ScreeningResult, screen
-from ..errors import number, refuse
-from ..forward.amplifier import ChargeReadout
-from ..forward.contact import refuse_both_ways
-from ..forward.drift import SinusoidalLoad
+from ..errors import refuse
 from ..forward.film import StripAverage
-from ..forward.filter import even_interval, filtered
-from ..forward.noise import Noise, with_noise
-from ..forward.scan import ConstantSpeed, Motion
-from ..forward.scenario import Scenario
-from ..forward.scene import Scene, deviation
+from ..forward.noise import with_noise
+from ..forward.scan import Motion
 from ..forward.sensor import Sensor
-from ..forward.skin import STRESSES
-from ..forward.speed_profile import denser
-from ..grid import Line, Periodic, Stage, as_real
+from ..forward.simulation import Simulation
+from ..grid import Periodic
 from ..inverse.cells import fitted_on
 from ..inverse.line_problem import LineProblem
-from . import build
 
-SAME_RATE = 1e-6  # by which rates differ that only rounding tells apart
 LEAST_SAMPLES = 0.99  # a cell: with fewer, the cells would have to be guessed
-
-
-class Simulation(eqx.Module):
-    """A scene felt by a sensor, on a line and on one that is `refinement` times finer.
-
-    The signal comes from the finer line, so that what inverts it is not what made it. On the open
-    line the traction is the deviation from the background, which has no end to feel.
-    """
-
-    scenario: Scenario
-    line: Line
-    fine: Line
-    refinement: int = eqx.field(static=True)
-
-    def with_noises(self, noises: tuple[Noise, ...]) -> "Simulation":
-        """The same simulation with other noise."""
-        return dataclasses.replace(self, scenario=self.scenario.replace(noises=noises))
-
-    @property
-    def scene(self) -> Scene:
-        """What is felt."""
-        assert self.scenario.scene is not None
-        return self.scenario.scene
-
-    @property
-    def sensor(self) -> Sensor:
-        """What feels it."""
-        return self.scenario.sensor
-
-    @property
-    def scan(self) -> ConstantSpeed:
-        """How the sensor slides."""
-        return self.scenario.scan
-
-    @property
-    def background(self):
-        """What is taken out of the traction (2, 1) [Pa]: nothing on the periodic line."""
-        taken_out = self.scene.background(self.scan.direction)[:, None]
-        return 0.0 * taken_out if self._periodic else taken_out
-
-    @property
-    def _periodic(self) -> bool:
-        return isinstance(self.line, Periodic)
-
-    def traction(self, line: Line):
-        """Cell averages of p and q (2, n) on `line`, less the background."""
-        return deviation(self.scene, line, self.scan.direction, self._periodic)
-
-    def response(self, stage: Stage):
-        """A stage's signals (e, n) at the coarse line's positions, computed on the fine one."""
-        return response(stage, self.fine, self.traction(self.fine), self.refinement)
-
-    def signal(self):
-        """The noise-free signal (element, n) at the coarse line's positions."""
-        return self.response(self.sensor.output(self.scan))
-
-    def signal_along(self, motion: Motion):
-        """The noise-free signal (element, sample) at the samples of the recorder's motion.
-
-        Filters come before the sampling: they act on samples as dense as the finer line's cells.
-        """
-        if self.sensor.filters and (times := self._denser(motion)) > 1:
-            speed, profiles = float(self.scan.speed_m_per_s), self.scenario.recorder.speed_profiles
-            return self.signal_along(denser(motion, times, speed, profiles))[:, ::times]
-        own = float(self.scan.direction)
-        traction, ways = self.traction(self.fine), motion.ways
-        if len(ways) > 1:
-            refuse_both_ways(self.sensor.skin)
-            back = deviation(self.scene, self.fine, -self.scan.direction, self._periodic)
-            # The scan's own direction is that of a motion towards +x, or towards -x.
-            traction = jnp.stack([traction, back] if own > 0 else [back, traction])
-        recorder = self.scenario.recorder
-        return _signal_along(
-            self.sensor, recorder.drift, self.scan, self.fine, motion, traction, self.background
-        )
-
-    def _denser(self, motion: Motion) -> int:
-        """How many times as many samples the finer line's cells ask for."""
-        rate = (motion.time_s.size - 1) / float(motion.time_s[-1] - motion.time_s[0])
-        return int(np.ceil(float(self.scan.sample_rate_hz(self.fine)) / rate * (1 - SAME_RATE)))
-
-
-@eqx.filter_jit
-def _signal_along(
-    sensor: Sensor,
-    drift: SinusoidalLoad | None,
-    scan: ConstantSpeed,
-    line: Line,
-    motion: Motion,
-    traction,
-    background,
-):
-    """The signal (element, sample) of the traction on `line`, one or one for each way."""
-    if drift is None:
-        return sensor.operator_along(line, motion)(traction)
-    # The load scales the charge ahead of the filters, that of the uniform load with the rest.
-    ideal = dataclasses.replace(sensor, filters=())
-    signal, charge = ideal.operator_along(line, motion)(traction), None
-    if sensor.amplifier.order:
-        readout = ChargeReadout(sensor.amplifier.gain(as_real(1.0)))
-        of_charge = dataclasses.replace(ideal, amplifier=readout)
-        uniform = of_charge.output(scan).transfer(jnp.zeros(1))[..., 0].real
-        charge = of_charge.operator_along(line, motion)(traction) + uniform @ background
-    signal = drift(motion.time_s, signal, charge)
-    interval = even_interval(motion.time_s) if sensor.filters else None
-    return filtered(sensor.filters, signal, interval)
-
-
-@eqx.filter_jit
-def response(stage: Stage, line: Line, traction, refinement: int):
-    """The stage's signals (e, n) under `traction` on `line`, at every so many positions."""
-    return line.operator(stage)(traction)[:, ::refinement]
-
-
-def simulation(cfg: build.Config) -> Simulation:
-    """The simulation that a configuration describes, with the effects that are named or called
-    for."""
-    return _as_named(screen_effects(cfg)[0])
-
-
-def screen_effects(cfg: build.Config) -> tuple[build.Config, ScreeningResult | None]:
-    """The configuration with those effects alone that its scene calls for, and what was found of
-    each. Without `effects=auto` all that are named are called for, and there is nothing to find.
-
-    Raises `BadInput` for a tolerance that is not positive.
-    """
-    if "tolerance" not in cfg:
-        return cfg, None
-    wanted = "a positive number, as a part of the signal's rms"
-    tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
-    ideal = build.ideal(cfg)
-    _refuse_static(cfg, ideal)
-    addable = {n: e for n, e in build.effects(cfg).items() if not e.is_defined_in(ideal)}
-    named = {n: node for n, node in build.part(cfg, "effects").items() if n in addable}
-    rest = {key: value for key, value in cfg.items() if key != "tolerance"}
-
-    def only(names) -> dict[str, Any]:
-        return {**rest, "effects": {n: node for n, node in named.items() if n in names}}
-
-    def simulated(names) -> tuple[np.ndarray, np.ndarray]:
-        sim = _as_named(only(names))
-        signal = np.asarray(sim.signal())
-        stress = np.asarray(sim.response(sim.sensor.stress()))
-        return signal, stress.reshape(signal.shape[0], len(STRESSES), -1)
-
-    fine = build.line(cfg, build.part(cfg, "grid").get("refinement"))
-    screening = screen(ideal, fine, addable, tolerance, simulated)
-    return only(screening.on), screening
-
-
-def _as_named(cfg: build.Config) -> Simulation:
-    refinement: Any = build.part(cfg, "grid").get("refinement")
-    scenario = build.scenario(cfg)
-    _refuse_static(cfg, scenario)
-    return Simulation(scenario, build.line(cfg), build.line(cfg, refinement), int(refinement))
-
-
-def _refuse_static(cfg: build.Config, scenario: Scenario) -> None:
-    refuse(
-        float(scenario.sensor.amplifier.gain(scenario.scan.speed_m_per_s)) == 0.0,
-        f"scan.speed_m_per_s is {cfg['scan']['speed_m_per_s']}, and the sensor does not move "
-        "across what it feels: a static touch gives no rate signal, give a speed, or a gain.",
-    )
 
 
 def noisy_problem(sim: Simulation, key, friction=None) -> LineProblem:

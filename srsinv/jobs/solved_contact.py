@@ -9,10 +9,11 @@ from jaxtyping import Array, Float
 from ..errors import BadInput, refuse
 from ..forward.contact import Contact
 from ..forward.scene import SurfaceScene
+from ..forward.simulation import Simulation, response
 from ..forward.surface import Surface
 from ..inverse.estimate import Estimate
 from ..inverse.line_problem import LineProblem
-from .simulation import Simulation, problem_of, response
+from .simulation import problem_of
 
 
 class SolvedContact(eqx.Module):

@@ -11,7 +11,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root
-from srsinv.config import merged
+from srsinv.parts import merged
 
 Rng = np.random.Generator
 

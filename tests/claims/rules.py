@@ -28,14 +28,14 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from scipy.stats import norm
 
+from srsinv import config
 from srsinv.__main__ import find_config_root
 from srsinv.inverse import direct, spectral
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.quadratic import Scorer, choose_path
 from srsinv.inverse.rule import Choice, Evidence, GeneralisedCrossValidation, Rule
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
-from srsinv.jobs import build
-from srsinv.jobs.simulation import noisy_problem, simulation
+from srsinv.jobs.simulation import noisy_problem
 
 RESULTS = Path(__file__).parent / "results" / "rules.json"
 SNR_DB = (20.0, 30.0, 40.0)
@@ -108,7 +108,7 @@ def problems(scene: str, snr_dB: float, draws: int) -> tuple[np.ndarray, list[Li
     with initialize_config_dir(str(find_config_root()), version_base="1.3"):
         composed = compose("config", [*SCENES[scene], f"noise.snr.snr_dB={snr_dB}"])
     cfg: Any = OmegaConf.to_container(composed, resolve=True)
-    sim, friction = simulation(cfg), build.friction(cfg)
+    sim, friction = config.simulation(cfg), config.friction(cfg)
     keys = jax.random.split(jax.random.key(0), draws)
     made = [noisy_problem(sim, key, friction) for key in keys]
     if scene == GAPS:

@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from srsinv import config
 from srsinv.command.programs import release_programs
-from srsinv.jobs import build
 from srsinv.jobs.change import difference, pair
-from srsinv.jobs.simulation import screen_effects, simulation
 from tests.claims.random_scenes import configuration
 
 RESULTS = Path(__file__).parent / "results" / "screening.json"
@@ -56,12 +55,13 @@ def measured(scene: int, is_silenced: bool = True) -> list[ScreenedScene]:
     rows, done = [], {}
     with jax.enable_x64(True):
         cfg, key = configuration(scene), jax.random.key(0)
-        full = simulation(cfg)
+        full = config.simulation(cfg)
         for tolerance in TOLERANCES:
-            screened_cfg, screening = screen_effects({**cfg, "tolerance": tolerance})
+            screening = config.screened({**cfg, "tolerance": tolerance})[1]
             assert screening is not None
             if screening.on not in done:
-                less = simulation(_silenced(cfg, screening.on) if is_silenced else screened_cfg)
+                select = _silenced if is_silenced else config.select_effects
+                less = config.simulation(select(cfg, screening.on))
                 whole, reduced = pair(full, less, key)
                 done[screening.on] = difference(reduced, whole)
             off = [name for name in cfg["effects"] if name not in screening.on]
@@ -92,7 +92,7 @@ def summary(rows: list[ScreenedScene]) -> dict[str, Any]:
     }
 
 
-def _silenced(cfg: Mapping[str, Any], on: frozenset[str]) -> build.Config:
+def _silenced(cfg: Mapping[str, Any], on: frozenset[str]) -> config.Config:
     effects = {
         name: node if name in on else {**node, **SILENT[name]}
         for name, node in cfg["effects"].items()

@@ -4,13 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from srsinv import config
 from srsinv.effects._reference import _pressure, reference
 from srsinv.effects._reference_contact import pressure_under
 from srsinv.effects._screen import rounded
 from srsinv.forward.contact import press
 from srsinv.forward.skin import HalfSpace
-from srsinv.jobs import build
-from srsinv.jobs.simulation import simulation
+from srsinv.grid import Periodic
 from tests.effects.test_effects import configuration
 
 
@@ -18,7 +18,7 @@ from tests.effects.test_effects import configuration
 def test_the_reference_contact_is_accurate_to_one_per_cent(name):
     """Of the pressure's deviation behind the rubber over the film, |k| e^(-kz); where a profile
     touches everywhere, to round-off."""
-    sim = simulation(configuration("effects=[]", f"scene={name}"))
+    sim = config.simulation(configuration("effects=[]", f"scene={name}"))
     k = np.asarray(sim.line.k)
     transfer = k * np.exp(-k * 0.75e-3)
     looked, solved = (
@@ -31,7 +31,7 @@ def test_the_reference_contact_is_accurate_to_one_per_cent(name):
 
 def test_the_reference_contact_of_grazing_profiles():
     """Spikes of one cell, of which next to nothing touches; the load is kept."""
-    sim = simulation(configuration("effects=[]", "scene=ridge"))
+    sim = config.simulation(configuration("effects=[]", "scene=ridge"))
     k, height = np.asarray(sim.line.k), np.zeros(sim.line.n)
     height[[40, 90]] = 1e-4, 2e-4
     compliance = np.append(0.0, 2 / (9.3e5 * k[1:]))
@@ -60,9 +60,8 @@ SHAPES = {
 
 @pytest.fixture(scope="module")
 def spectra():
-    sim = simulation(configuration("effects=[]", "sensor=one_element"))
-    line = build.line({"grid": {"line": "periodic", "cells": 512, "length_m": 1.0, "start_m": 0.0}})
-    return reference(sim.scenario, line)
+    sim = config.simulation(configuration("effects=[]", "sensor=one_element"))
+    return reference(sim.scenario, Periodic(512, 1.0 / 512))
 
 
 @pytest.mark.parametrize("name", SIGNALS)

@@ -12,8 +12,8 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from srsinv import config
 from srsinv.__main__ import find_config_root
-from srsinv.config import select_effects
 from srsinv.effects import NAMES, Effect, reference, screen
 from srsinv.effects.antialias_filter import AntialiasFilter
 from srsinv.effects.general import FilmEffect, FilterEffect, SpeedProfileEffect
@@ -26,10 +26,9 @@ from srsinv.forward.recorder import Recorder
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scenario import Scenario
 from srsinv.forward.sensor import Sensor
+from srsinv.forward.simulation import Simulation
 from srsinv.forward.speed_profile import RippleProfile
-from srsinv.jobs import build
 from srsinv.jobs.change import Trace, difference, pair, trace
-from srsinv.jobs.simulation import Simulation, screen_effects, simulation
 
 SMALL = ("grid.cells=128", "grid.refinement=2", "noise=[]")
 KEY = jax.random.key(0)
@@ -68,7 +67,7 @@ def test_every_module_has_its_configuration():
 def test_no_other_module_is_imported():
     script = (
         "import sys; from srsinv.config import make\n"
-        "import srsinv.jobs.build\n"
+        "import srsinv.jobs.simulate\n"
         "make({'limit': 1.0, '_target_': 'srsinv.effects.clipping.Clipping'}, "
         "'effects.clipping', 'effects')\n"
         "print(*(n.split('.')[-1] for n in sys.modules if n.startswith('srsinv.effects.')))"
@@ -81,8 +80,8 @@ def test_no_other_module_is_imported():
 @pytest.mark.parametrize("line", ["periodic", "open"])
 def test_what_is_not_named_leaves_no_trace(line):
     """The program is that of a simulation put together by hand without it."""
-    named = simulation(configuration("effects=[strip_width]", f"grid.line={line}"))
-    none = simulation(configuration("effects=[]", f"grid.line={line}"))
+    named = config.simulation(configuration("effects=[strip_width]", f"grid.line={line}"))
+    none = config.simulation(configuration("effects=[]", f"grid.line={line}"))
     width = StripAverage.at_depth(0.7e-3, 0.75e-3)
     by_hand = [
         eqx.tree_at(
@@ -138,8 +137,8 @@ def test_every_effect_is_tried():
 @pytest.mark.parametrize(("name", "settings"), CASES, ids=str)
 def test_it_changes_no_more_than_its_bound(name, settings):
     cfg = configuration(f"effects=[{name}]", *settings)
-    with_effect, ideal = simulation(cfg), simulation(select_effects(cfg, ()))
-    bound = build.effects(cfg)[name].relative_change_bound(reference(ideal.scenario, ideal.fine))
+    with_effect, ideal = config.simulation(cfg), config.simulation(config.select_effects(cfg, ()))
+    bound = config.effects(cfg)[name].relative_change_bound(reference(ideal.scenario, ideal.fine))
     both = pair(with_effect, ideal, KEY)
     assert np.isfinite(both[0].signal).all()
     # Samples are at every second cell of the reference's.
@@ -158,7 +157,7 @@ GENERAL = {
 @pytest.mark.parametrize("part", GENERAL)
 def test_a_general_effect_is_the_one_of_a_name_with_the_same_part(part):
     general, named = GENERAL[part]
-    whole = simulation(configuration("effects=[]"))
+    whole = config.simulation(configuration("effects=[]"))
     both = [
         pair(replace(whole, scenario=each.apply(whole.scenario)), whole, KEY)[0].signal
         for each in GENERAL[part]
@@ -195,16 +194,16 @@ LOUD = {
 
 @pytest.fixture(scope="module")
 def silent():
-    return trace(simulation(configuration(*SILENT)), KEY)
+    return trace(config.simulation(configuration(*SILENT)), KEY)
 
 
 @pytest.mark.parametrize(("name", "settings"), LOUD.items(), ids=LOUD)
 def test_nor_beside_loud_bursts(name, settings, silent):
     """Which pass the film, the skin and the filters, and go beyond rails that the signal keeps."""
     cfg = configuration(*SILENT, *settings)
-    change = difference(trace(simulation(cfg), KEY), silent)
-    few = select_effects(cfg, (name, "snap_back"))
-    screening = screen(build.ideal(few), build.line(few), build.effects(few), 1e-3)
+    change = difference(trace(config.simulation(cfg), KEY), silent)
+    few = config.select_effects(cfg, (name, "snap_back"))
+    screening = screen(config.ideal(few), config.line(few), config.effects(few), 1e-3)
     assert 1e-3 < change <= screening.relative_change_bounds[name]
 
 
@@ -230,12 +229,12 @@ def test_what_stays_on_is_in_the_signal_that_the_rest_is_screened_by(case):
     names, *settings = case
     cfg = configuration(f"effects=[{names}]", *settings)
     large, small = names.split(",")
-    _, screening = screen_effects({**cfg, "tolerance": 0.003})
+    _, screening = config.screened({**cfg, "tolerance": 0.003})
     assert screening is not None
     assert screening.on == {large, small}
     # By itself the small one is far below.
-    alone = select_effects(cfg, (small,))
-    small_screening = screen(build.ideal(alone), build.line(alone), build.effects(alone), 0.003)
+    alone = config.select_effects(cfg, (small,))
+    small_screening = screen(config.ideal(alone), config.line(alone), config.effects(alone), 0.003)
     assert not small_screening.on
 
 
@@ -245,7 +244,7 @@ SKINS = ("layered", "viscoelastic")
 @pytest.mark.parametrize("name", SKINS)
 def test_a_skin_is_the_effect_that_sets_it(name):
     by_skin, by_effect = (
-        trace(simulation(configuration("scene=ridge", *given)), KEY).signal
+        trace(config.simulation(configuration("scene=ridge", *given)), KEY).signal
         for given in ((f"skin={name}", "effects=[]"), (f"effects=[{name}_skin]",))
     )
     np.testing.assert_allclose(by_skin, by_effect, rtol=0, atol=1e-12 * np.abs(by_effect).max())
@@ -256,14 +255,14 @@ def test_skin_and_effect_together_are_refused(skin):
     for named in {f"{skin}_skin", "layered_skin"}:
         cfg = configuration(f"skin={skin}", f"effects=[{named}]")
         with pytest.raises(BadInput, match=rf"^effects names {named}, and skin defines another"):
-            build.scenario(cfg)
+            config.scenario(cfg)
         with pytest.raises(BadInput, match=rf"^effects names {named}, and skin defines another"):
-            build.sensor(cfg)
+            config.sensor(cfg)
 
 
 def test_a_skin_that_is_defined_is_no_effect_to_decide_on():
     cfg = configuration("skin=layered", "effects=[layered_skin,viscoelastic_skin,strip_width]")
-    _, screening = screen_effects({**cfg, "tolerance": 1e-3})
+    _, screening = config.screened({**cfg, "tolerance": 1e-3})
     assert screening is not None
     assert screening.relative_change_bounds.keys() == {"viscoelastic_skin", "strip_width"}
 
@@ -278,8 +277,8 @@ class Unbounded(Effect):
 def test_an_effect_without_a_bound_stays_on():
     """And the others are screened as they are without it."""
     cfg = configuration("effects=[strip_width,film_angle]", "effects.film_angle.tilt_deg=1e-3")
-    given = build.ideal(cfg), build.line(cfg)
-    own = {**build.effects(cfg), "own": Unbounded()}
+    given = config.ideal(cfg), config.line(cfg)
+    own = {**config.effects(cfg), "own": Unbounded()}
     assert screen(*given, own, 1e-3).on == {"strip_width", "own"}
 
 
@@ -289,7 +288,7 @@ def test_what_is_left_out_adds_up():
         "effects=[element_offsets,film_angle]", "sensor.elements.along.offset_m=1e-5",
         "effects.film_angle.tilt_deg=0.3",
     )  # fmt: skip
-    scene = build.ideal(cfg), build.line(cfg), build.effects(cfg)
+    scene = config.ideal(cfg), config.line(cfg), config.effects(cfg)
     none = screen(*scene, 1.0)
     bounds = none.relative_change_bounds
     assert not none.on
@@ -304,10 +303,9 @@ def test_beside_a_skin_that_raises_the_traction():
         "effects=[layered_skin,viscoelastic_skin]", "scene=tape", STIFF,
         "effects.viscoelastic_skin.times_s=[1e-6,1e-5]",
     )  # fmt: skip
-    change = difference(
-        *pair(simulation(cfg), simulation(select_effects(cfg, ("layered_skin",))), KEY)
-    )
-    _, screening = screen_effects({**cfg, "tolerance": 0.1})
+    layered = config.simulation(config.select_effects(cfg, ("layered_skin",)))
+    change = difference(*pair(config.simulation(cfg), layered, KEY))
+    _, screening = config.screened({**cfg, "tolerance": 0.1})
     assert screening is not None
     assert screening.on == {"layered_skin"}
     assert change <= screening.relative_change_bounds["viscoelastic_skin"]
@@ -319,7 +317,7 @@ def test_filters_come_before_the_sampling():
     common = ("effects=[sampling,antialias_filter,speed_ripple]", "scene=ridge",
               "effects.antialias_filter.cutoff_hz=120")  # fmt: skip
     often, seldom = (
-        trace(simulation(configuration(*common, f"effects.sampling.rate_hz={rate}")), KEY)
+        trace(config.simulation(configuration(*common, f"effects.sampling.rate_hz={rate}")), KEY)
         for rate in (350, 50)
     )
     n = min(seldom.time_s.size, often.time_s[::7].size)
@@ -353,19 +351,19 @@ def test_what_no_effect_can_be(change, sentence):
     else:
         cfg = configuration("effects=[]") | {"effects": change}
     with pytest.raises(BadInput, match=sentence):
-        build.scenario(cfg)
+        config.scenario(cfg)
 
 
 def test_a_job_of_the_sensor_alone_refuses_what_acts_elsewhere():
     cfg = configuration("effects=[load_drift]")
     with pytest.raises(BadInput, match=r"effects names load_drift.*leave it out"):
-        build.sensor(cfg)
+        config.sensor(cfg)
 
 
 def test_sliding_along_the_features_is_silent():
     cfg = configuration("effects=[oblique_features]", "effects.oblique_features.angle_deg=90")
-    scenario = build.scenario(cfg)
-    line = build.line(cfg)
+    scenario = config.scenario(cfg)
+    line = config.line(cfg)
     output = line.operator(scenario.sensor.output(scenario.scan))(
         jnp.ones((2, line.n)).at[0, 3].set(5.0)
     )

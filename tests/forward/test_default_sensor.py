@@ -5,17 +5,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from srsinv import config
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
-from srsinv.jobs import build
+from srsinv.targets import make
 from tests.jobs.run import composed
 
 
 @pytest.fixture(scope="module")
 def of_the_command():
-    return build.scenario(composed())
+    return config.scenario(composed())
 
 
 @pytest.mark.parametrize("kind", [Periodic, Open])
@@ -36,7 +37,8 @@ def test_the_default_sensor_is_the_commands_in_every_number(of_the_command):
 @pytest.mark.parametrize("amplifier", [CurrentAmplifier, IntegratedCurrent, ChargeReadout])
 def test_an_amplifier_has_the_defaults_of_its_file(amplifier):
     name = {"IntegratedCurrent": "integrated", "ChargeReadout": "charge_dc"}
-    theirs = build.amplifier(composed(f"amplifier={name.get(amplifier.__name__, 'current')}"))
+    cfg = composed(f"amplifier={name.get(amplifier.__name__, 'current')}")
+    theirs = make(cfg["amplifier"], "amplifier", "amplifier")
     assert jax.tree.leaves(amplifier()) == jax.tree.leaves(theirs)
 
 

@@ -11,7 +11,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root, main
-from srsinv.config import load_job
+from srsinv.namespaces import load_job
 from srsinv.report.outcome import Outcome
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -38,8 +38,8 @@ OVERRIDES = {
 }
 COMPUTING = (
     "simulate.noisy_problem",
-    "cells.total_spectrum",
-    "fit_recording.FeatureFitter",
+    "invert_recording.analyse",
+    "fit_recording._fit",
     "fit_fabricslide.fit_pitch",
     "inspect_recording._dataset",
 )

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from srsinv import config
 from srsinv.forward.feature import StripFeature
-from srsinv.jobs import build, coverage
+from srsinv.jobs import coverage
 from srsinv.jobs.judged import Quantity
 from srsinv.jobs.simulated_features import SampledScan, synthetic_scan
 from srsinv.report import figures
@@ -91,8 +92,8 @@ def test_refused_in_one_sentence(name):
 
 def test_known_friction_is_no_parameter():
     cfg = composed(*SHORT)
-    parts = build.sensor(cfg), build.scan(cfg), build.noises(cfg)
-    on = synthetic_scan(build.line(cfg), SampledScan("coverage", 1e3, *parts))
+    parts = config.sensor(cfg), config.scan(cfg), config.noises(cfg)
+    on = synthetic_scan(config.line(cfg), SampledScan("coverage", 1e3, *parts))
     truth = {"position_m": 1e-3, "width_m": 3e-3, "pressure_Pa": 5e3, "friction": 0.4}
     power = np.full(on.shape[1] // 2 + 1, 1e-12)
     free = coverage.cramer_rao(on, "strip", StripFeature(), truth, power)

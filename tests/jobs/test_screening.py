@@ -4,11 +4,9 @@ bursts behind layers: programs that take long to compile."""
 import jax
 import pytest
 
-from srsinv.config import select_effects
+from srsinv import config
 from srsinv.effects import screen
-from srsinv.jobs import build
 from srsinv.jobs.change import difference, pair
-from srsinv.jobs.simulation import simulation
 from tests.claims.random_scenes import configuration
 from tests.claims.screening import measured
 
@@ -25,14 +23,14 @@ def test_what_is_left_out_changes_less_than_its_bound(scene):
 
 @pytest.mark.full
 def test_layers_change_loud_bursts_by_no_more_than_their_bound():
-    cfg = select_effects(configuration(2), ("layered_skin", "snap_back"))
+    cfg = config.select_effects(configuration(2), ("layered_skin", "snap_back"))
     cfg["effects"]["snap_back"] |= {"shear_Pa": 1e5, "rate_hz": 200.0}
     both, loud, ideal = (
-        simulation(select_effects(cfg, on))
+        config.simulation(config.select_effects(cfg, on))
         for on in (("layered_skin", "snap_back"), ("snap_back",), ())
     )
     with_it, without = pair(both, loud, jax.random.key(0))
     assert difference(pair(both, ideal, jax.random.key(0))[1], with_it) > 0.5
-    screening = screen(ideal.scenario, ideal.line, build.effects(cfg), 1e-3)
+    screening = screen(ideal.scenario, ideal.line, config.effects(cfg), 1e-3)
     change = difference(without, with_it)
     assert 1e-3 < change <= screening.relative_change_bounds["layered_skin"]

@@ -20,6 +20,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import srsinv
+from srsinv import config
 from srsinv.__main__ import find_config_root
 from srsinv.forward.feature import LineFeature
 from srsinv.forward.film import Film, StripAverage
@@ -27,8 +28,7 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.features.direct import Ratio
 from srsinv.inverse.features.model import FeatureModel
-from srsinv.jobs import build
-from srsinv.jobs.simulation import noisy_problem, simulation
+from srsinv.jobs.simulation import noisy_problem
 
 RUNS = (256, pytest.param(1024, marks=pytest.mark.claim))
 WARM = 144  # every scene has had its turn
@@ -106,12 +106,12 @@ def changed(node: Any, random: np.random.Generator, key: str = "") -> Any:
 
 def inverting(cfg: Mapping[str, Any]) -> Callable[[int], list[np.ndarray]]:
     """What every method finds of a simulated signal, by the noise's seed."""
-    with build.precision(cfg):
-        sim, methods = simulation(cfg), build.methods(cfg).values()
+    with config.precision(cfg):
+        sim, methods = config.simulation(cfg), config.methods(cfg).values()
 
     def inverted(seed: int) -> list[np.ndarray]:
-        with build.precision(cfg):
-            problem = noisy_problem(sim, jax.random.key(seed), build.friction(cfg))
+        with config.precision(cfg):
+            problem = noisy_problem(sim, jax.random.key(seed), config.friction(cfg))
             estimates = [method(problem) for method in methods]
             return [
                 np.asarray(v) for each in estimates for v in (each.value, each.stderr, each.fitted)

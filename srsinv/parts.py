@@ -1,0 +1,185 @@
+"""Parts of the configuration from their own nodes, those of one group or of a few.
+
+`srsinv.config` says which nodes of a configuration make which objects; here are the groups that
+take more than one call of [`srsinv.targets.make`][]. All raise `BadInput` for nodes that are
+invalid, by the key that the configuration has. None imports jax before it is called.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from .errors import choice, mapping, number, refuse, whole
+from .resolution import MOST_CELLS
+from .targets import PARTS, TARGET, check, class_of, make
+
+if TYPE_CHECKING:  # most import jax
+    from .effects import Effect
+    from .forward.noise import Noise
+    from .forward.scene import Scene
+    from .forward.sensor import Sensor
+    from .forward.surface_feature import SurfaceFeature
+    from .grid import Line
+    from .inverse.sample_noise import SampleNoise
+    from .recording import Recording
+
+Node = Mapping[str, Any]
+
+
+def merged(node: Node, changes: Node) -> dict[str, Any]:
+    """`node` with `changes` in depth; what names a class of its own replaces what was there."""
+    both = dict(node)
+    for key, value in changes.items():
+        old, inside = both.get(key), isinstance(value, Mapping) and TARGET not in value
+        both[key] = merged(old, value) if inside and isinstance(old, Mapping) else value
+    return both
+
+
+def line(grid: Node, refinement: Any) -> Line:
+    """The line of `grid`, its cells `refinement` times finer at the same first position."""
+    from .grid import LINES
+
+    kind = LINES[choice("grid.line", grid.get("line"), LINES)]
+    wanted = f"a whole number from 3 (fewer samples are too few) to {MOST_CELLS}"
+    cells = whole("grid.cells", grid.get("cells"), wanted, least=3, most=MOST_CELLS)
+    length = number("grid.length_m", grid.get("length_m"), "a positive length in metres", above=0)
+    start = number("grid.start_m", grid.get("start_m"), "a position in metres")
+    cells *= whole("grid.refinement", refinement, "a whole number from 1", least=1)
+    refuse(
+        cells > MOST_CELLS,
+        f"grid.refinement is {refinement}, which makes {cells} cells: give one that makes at most "
+        f"{MOST_CELLS}.",
+    )
+    return kind(cells, length / cells, start)
+
+
+def sensor(sensor: Node, skin: Any, amplifier: Node) -> Sensor:
+    """Film elements in their skin, read by the amplifier, whose resistor has to be known."""
+    from .forward.describe import elements
+    from .forward.sensor import Sensor
+
+    films, around = elements(sensor), make(skin, "skin", "skin")
+    refuse(
+        amplifier.get("feedback_resistance_ohm", 0) is None,
+        "No feedback resistance is known: give amplifier.feedback_resistance_ohm in ohm.",
+    )
+    return Sensor(films, skin=around, amplifier=make(amplifier, "amplifier", "amplifier"))
+
+
+def skin_with(skin: Node, known: Node) -> Node:
+    """The node of a skin, what it leaves at null from what is `known` of a half space."""
+    given = {key: value for key, value in skin.items() if value is not None}
+    taken = inspect.signature(class_of(skin, "skin", "skin")).parameters
+    return {key: value for key, value in known.items() if key in taken} | given
+
+
+def amplifier_with(amplifier: Node, resistance_ohm: Any) -> Node:
+    """The node of an amplifier, with this resistor where it leaves its own at null."""
+    if amplifier.get("feedback_resistance_ohm", 0) is not None:
+        return amplifier
+    return {**amplifier, "feedback_resistance_ohm": resistance_ohm}
+
+
+def scene(scene: Node, skin: Any) -> Scene:
+    """The scene, its named parts in order; one with a surface is in contact with the half space."""
+    node = dict(scene)
+    for kind in sorted({"pressures", "frictions", "surfaces"} & node.keys()):
+        named = {} if node[kind] is None else mapping(f"scene.{kind}", node[kind])
+        at = {f"scene.{kind}.{key}": each for key, each in named.items()}
+        listed = {key: _profile_read(each, key) for key, each in at.items()}
+        for key, each in listed.items():
+            check(each, key, PARTS[kind])
+        node[kind] = list(listed.values())
+    if "surfaces" in node:
+        check(skin, "skin", "skin")
+        node["skin"] = skin
+    return make(node, "scene", "scene")
+
+
+def _profile_read(node: Any, at: str) -> Any:
+    """A measured profile's node, at key `at`, with the columns of the file that it names."""
+    from .recording import load_profile
+
+    if not isinstance(node, Mapping) or "path" not in node:
+        return node
+    rest = {key: value for key, value in node.items() if key != "path"}
+    return rest | load_profile(node["path"], f"{at}.path")
+
+
+def effects(named: Node) -> dict[str, Effect]:
+    """The named effects, in the order in which they are added."""
+    from .effects import NAMES
+
+    for name in named:
+        is_named = TARGET in mapping(f"effects.{name}", named[name])
+        refuse(
+            name not in NAMES and not is_named,
+            f"There is no effect {name!r}: effects holds any of {', '.join(NAMES)}.",
+        )
+        refuse(
+            not is_named,
+            f"effects.{name} has settings, and {name} is not among the effects: name it in "
+            "effects=[...] too, or leave its settings out.",
+        )
+    made = {name: make(node, f"effects.{name}", "effects") for name, node in named.items()}
+    return dict(sorted(made.items(), key=lambda each: (each[1].order, each[0])))
+
+
+def effects_of_sensor(named: Mapping[str, Effect]) -> dict[str, Effect]:
+    """The effects, which have to be of the sensor."""
+    for name, effect in named.items():
+        refuse(
+            not effect.of_sensor,
+            f"effects names {name}, which acts on a simulated scene and its recording; this job "
+            "takes effects of the sensor alone: leave it out.",
+        )
+    return dict(named)
+
+
+def noises(named: Node) -> dict[str, Noise]:
+    """The named causes of noise."""
+    return {name: make(node, f"noise.{name}", "noise") for name, node in named.items()}
+
+
+def coloured_noises(named: Node) -> dict[str, Noise]:
+    """The named causes of noise but the white one, which have to be known without a signal."""
+    coloured = noises({name: node for name, node in named.items() if name != "white"})
+    for noise in coloured.values():
+        refuse(
+            noise.needs_noise_free_signal,
+            "noise=snr has no meaning for a recording: use noise=white (noise.white.rms, or null "
+            "to take it from the recording).",
+        )
+    return coloured
+
+
+def sample_noise(named: Node, recording: Recording, depth_m: float) -> SampleNoise:
+    """The noise per sample: its white level as given, or that at wavenumbers that the skin does not
+    transmit, and the coloured causes."""
+    from .inverse.recorded import noise_of
+    from .inverse.sample_noise import SampleNoise
+
+    causes, white = coloured_noises(named), named.get("white")
+    given = None if white is None else mapping("white", white).get("rms")
+    if given is None:
+        return noise_of(recording, depth_m, causes)
+    wanted = "a positive number in the signal's unit, or null to take it from the recording"
+    return SampleNoise(number("noise.white.rms", given, wanted, above=0), causes)
+
+
+def surface_features(named: Node) -> dict[str, SurfaceFeature]:
+    """The named features of a surface, if any."""
+    kinds: dict[str, Any] = {
+        name: class_of(node, f"feature.{name}", "feature") for name, node in named.items()
+    }
+    on_surface = [name for name, kind in kinds.items() if kind.is_of_surface]
+    if not on_surface:
+        return {}
+    refuse(
+        len(on_surface) < len(named),
+        f"feature names {', '.join(named)}: features of a surface ({', '.join(on_surface)}) act "
+        "through contact and those of traction do not, so that no sum holds both: name one kind.",
+    )
+    return {name: make(node, f"feature.{name}", "surface_feature") for name, node in named.items()}
