@@ -10,10 +10,10 @@ from srsinv import config
 from srsinv.errors import BadInput, number, refuse
 from srsinv.forward.scan import Motion
 from srsinv.forward.surface import Surface, Tape
+from srsinv.inverse.cells import Window
 from srsinv.inverse.estimate import COMPONENTS, Estimate
+from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.line_problem import LineProblem
-from srsinv.inverse.surface_fit import SurfaceFitter
-from srsinv.inverse.surface_model import Window
 from srsinv.jobs.analysis import element_names, in_metrics, notes_on
 from srsinv.jobs.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
@@ -181,7 +181,8 @@ def _fit(solved, feature, problem):
     time, x = np.sort(np.asarray(sim.scan.time_s(line))), np.asarray(line.x)[in_time]
     motion = Motion(time, x, np.full(line.n, float(sim.scan.speed_m_per_s)))
     features = {"tape": feature}
-    fitter = SurfaceFitter(sim.sensor, motion, features, window, float(scene.nominal_pressure_Pa))
+    pressure = float(scene.nominal_pressure_Pa)
+    fitter = FeatureFitter.on_window(sim.sensor, motion, features, window, pressure)
     level = np.sqrt(np.asarray(problem.noise)[1:])
     noise = float(level[0]) if np.allclose(level, level[0]) else None
     return fitter(features, np.asarray(problem.data)[:, in_time], noise)

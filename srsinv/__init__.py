@@ -40,8 +40,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .grid import Open as Open
     from .grid import Periodic as Periodic
     from .inverse.estimate import Estimate as Estimate
-    from .inverse.feature_method import FeatureFit as FeatureFit
-    from .inverse.feature_method import SurfaceFit as SurfaceFit
+    from .inverse.features.method import FeatureFit as FeatureFit
     from .inverse.nonlinear import Fit as Fit
     from .inverse.nonlinear import fit as fit
     from .inverse.nonlinear import fit_many as fit_many
@@ -59,7 +58,7 @@ _MODULES = {
     "BadInput": "errors",
     "ConstantSpeed": "forward.scan",
     "Estimate": "inverse.estimate",
-    "FeatureFit": "inverse.feature_method",
+    "FeatureFit": "inverse.features.method",
     "Film": "forward.film",
     "Fit": "inverse.nonlinear",
     "Line": "grid",
@@ -70,7 +69,6 @@ _MODULES = {
     "Recording": "recording",
     "Scenario": "forward.scenario",
     "Sensor": "forward.sensor",
-    "SurfaceFit": "inverse.feature_method",
     "SurfaceScene": "forward.scene",
     "Tikhonov": "inverse.tikhonov",
     "TractionScene": "forward.scene",

@@ -2,13 +2,13 @@
 
 import os
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .errors import refuse, shown, whole
+from .errors import refuse, whole
 from .forward.feature import Feature
 from .forward.scenario import Scenario
 from .forward.sensor import Sensor
@@ -16,8 +16,8 @@ from .forward.simulation import Simulation
 from .forward.surface_feature import SurfaceFeature
 from .grid import Line
 from .inverse.estimate import Estimate
-from .inverse.feature_estimate import FeatureEstimate
-from .inverse.feature_method import FeatureFit, SurfaceFit
+from .inverse.features.estimate import FeatureEstimate
+from .inverse.features.method import FeatureFit
 from .inverse.line_problem import LineProblem
 from .inverse.method import Method
 from .inverse.problem import Problem
@@ -93,14 +93,7 @@ def fit_recording(
     Raises `BadInput` as `invert` does, for features of both kinds and for none, and for a surface
     whose nominal pressure or edges are not known.
     """
-    of_surface = {feature.is_of_surface for feature in features.values()}
-    refuse(
-        len(of_surface) != 1,
-        f"The features are {shown(dict(features))}: give one or more by name, all of them of "
-        "traction or all of a surface.",
-    )
-    method: Any = SurfaceFit if of_surface == {True} else FeatureFit
-    return method(features)(_problem(given, sensor))
+    return FeatureFit(features)(_problem(given, sensor))
 
 
 def _problem(given: Given, sensor: Sensor | None) -> Problem | LineProblem:

@@ -20,8 +20,8 @@ from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Periodic
-from srsinv.inverse.feature_fit import fit_features
-from srsinv.inverse.feature_model import FeatureModel
+from srsinv.inverse.features import FeatureFitter
+from srsinv.inverse.features.model import FeatureModel
 from srsinv.namespaces import open_plugins
 from srsinv.targets import KINDS, base_of, check, make
 from tests.jobs.run import ROOT
@@ -144,7 +144,8 @@ def test_a_skin_of_ones_own_carries_the_surface(folder):
 def test_a_solver_of_ones_own_fits(folder):
     solver = part(folder, "solver/restarted.yaml", "solver")
     strip = {"strip": part(folder, "feature/pad.yaml", "traction_feature")}
-    fit = fit_features(SENSOR, MOTION, strip, simulated(strip["strip"], 3e-3), 1e-9, solver=solver)
+    fit = FeatureFitter.along(SENSOR, MOTION, solver)(strip, simulated(strip["strip"], 3e-3), 1e-9)
+    assert type(solver.tolerating(1e-4)) is type(solver)
     assert fit.quality == "good"
 
 
@@ -157,7 +158,7 @@ def test_an_example_is_short():
 def test_a_feature_of_ones_own_is_found(folder):
     open_plugins(str(folder))
     own = make({"_target_": "plugins.pad.Pad"}, "feature.pad", "traction_feature")
-    fit = fit_features(SENSOR, MOTION, {"pad": own}, simulated(own, 3e-3), 1e-9)
+    fit = FeatureFitter.along(SENSOR, MOTION)({"pad": own}, simulated(own, 3e-3), 1e-9)
     assert fit.quality == "good"
     assert fit.parameters["position_m"][0] == pytest.approx(3e-3, abs=1e-6)
 

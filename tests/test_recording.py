@@ -285,32 +285,6 @@ def test_rate_and_jitter():
     assert recording(time_s=late).sample_rate_hz == pytest.approx(11 / 0.01125, rel=1e-12)
 
 
-@pytest.mark.parametrize("r", [1, 2, 3, 4])
-def test_block_average(r):
-    signal = SIGNAL.copy()
-    signal[1, 5] = np.nan
-    fine = recording(signal=signal, sidecar=SIDECAR | {"sample_rate_hz": 1000.0})
-    got = fine.block_average(r)
-    blocks = [slice(i, i + r) for i in range(0, N - r + 1, r)]
-    for name in ("time_s", "speed_m_per_s"):
-        expected = [getattr(fine, name)[b].mean() for b in blocks]
-        np.testing.assert_allclose(getattr(got, name), expected, rtol=1e-14)
-    np.testing.assert_allclose(
-        got.signal, np.stack([signal[:, b].mean(axis=1) for b in blocks], 1), rtol=1e-14
-    )
-    assert np.isnan(got.signal[1]).sum() == 1
-    assert got.sidecar["sample_rate_hz"] == pytest.approx(1000 / r)
-    assert fine.sidecar["sample_rate_hz"] == 1000
-    expected_m = [fine.position_m[b].mean() for b in blocks]
-    np.testing.assert_allclose(got.position_m, expected_m, rtol=1e-4)
-
-
-def test_block_average_drops_the_remainder():
-    assert recording().block_average(4).time_s.size == 3
-    longer = {"signal": SIGNAL[:, :11], "time_s": TIME_S[:11], "speed_m_per_s": SPEED[:11]}
-    assert recording(**longer).block_average(3).time_s.size == 3
-
-
 def test_resample_uniform():
     time_s = TIME_S + 1e-4 * np.sin(np.arange(N))
     lines = np.stack([2 * time_s - 1, 5 - 300 * time_s])
@@ -353,13 +327,6 @@ def test_a_recording_keeps_its_own_data():
 def test_a_recording_is_refused(changes, words):
     with pytest.raises(BadInput, match=r"^made: ") as caught:
         recording(**changes)
-    assert words in str(caught.value)
-
-
-@pytest.mark.parametrize(("r", "words"), [(0, "from 1 to 4"), (-2, "-2"), (5, "at least 3 blocks")])
-def test_block_average_is_refused(r, words):
-    with pytest.raises(BadInput, match=r"^made: ") as caught:
-        recording().block_average(r)
     assert words in str(caught.value)
 
 

@@ -55,16 +55,6 @@ class Filter(eqx.Module):
             total = total / (1 - turn / pole)
         return total
 
-    def impulse_response(self, time_s: Float[Array, " t"]) -> Float[Array, " t"]:
-        """h [1/s], zero before time 0; zero at every time where T = 0."""
-        delays = self.time_scale_s != 0  # as NaN does, so that h is NaN then
-        acts = (time_s >= 0) & delays
-        scale = jnp.where(delays, self.time_scale_s, 1.0)
-        pole, residue = (each[:, None] for each in _partial_fractions(self.poles))
-        since = jnp.where(acts, time_s, 0.0)[None] / scale
-        h = jnp.sum(jnp.real(residue * jnp.exp(pole * since)), axis=0) / scale
-        return jnp.where(acts, h, 0.0)
-
     def along(self, speed_m_per_s: Float[Array, ""], depth_m: Float[Array, ""]) -> "Lag":
         """The filter along the line, at constant speed, for a film at this depth.
 

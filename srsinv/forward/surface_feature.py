@@ -77,6 +77,11 @@ class SurfaceFeature(eqx.Module):
         self.search_ranges = checked_ranges(type(self).__name__, self.axes, given, "edge_length_m")
 
     @property
+    def anywhere(self) -> "SurfaceFeature":
+        """The same family with default search ranges."""
+        return type(self)(self.edge_length_m)
+
+    @property
     def linear(self) -> tuple[str, ...]:
         """Names of the parameters that enter a signal linearly."""
         return self.frictions

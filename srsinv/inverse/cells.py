@@ -9,15 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .. import resolution
 from ..errors import refuse
 from ..forward.amplifier import Amplifier
 from ..forward.scan import Motion
 from ..grid import Open, as_real
 from .sample_noise import is_steady, sample_rate_hz
 
-CELLS_PER_DEPTH = 8  # beyond, e^(-k z) is negligible: at the cells' last wavenumber it is e^(-25)
 MOST_UNKNOWNS = 4096  # that a direct solution can hold
-MARGIN_DEPTHS = 8  # beyond the scan's ends, over which traction still gives a signal
 MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
 LEAST_CELLS = 3  # as a line needs
@@ -52,7 +51,7 @@ def window_around(
     """The window that was given, else the scan and a margin beyond its ends."""
     if given:
         return Window(float(given[0]), float(given[1]))
-    margin = MARGIN_DEPTHS * depth_m
+    margin = resolution.margin_m("traction", depth_m)
     return Window(float(np.min(x_m)) - margin, float(np.max(x_m)) + margin)
 
 
@@ -87,8 +86,8 @@ def block_of(motion: Motion, depth_m: float, unknowns: int, cell_m: float | None
     """Number of samples in one cell: `cell_m` wide, else as wide as the depth and a direct solution
     of so many unknowns per cell ask for."""
     spacing, count = sample_spacing_m(motion), motion.time_s.size
-    length = spacing * count + 2 * MARGIN_DEPTHS * depth_m
-    cell = max(depth_m / CELLS_PER_DEPTH, length * unknowns / MOST_UNKNOWNS)
+    length = spacing * count + 2 * resolution.margin_m("traction", depth_m)
+    cell = max(resolution.cell_m("inversion", depth_m), length * unknowns / MOST_UNKNOWNS)
     return int(np.clip(round((cell_m or cell) / spacing), 1, count // LEAST_SAMPLES))
 
 

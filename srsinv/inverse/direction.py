@@ -18,12 +18,11 @@ from ..errors import number, refuse
 from ..forward.circular import Circle, Circling
 from ..forward.sensor import Sensor
 from ..grid import as_real
-from .feature_fit import Ratio
-from .feature_search import apart
+from ..resolution import cell_m
+from .features.direct import Ratio
+from .features.search import apart
 from .nonlinear import Fit, fit
 
-COARSE_PER_DEPTH = 2  # samples of the search for a start
-TRIED_PER_DEPTH = 2  # places of the ridge that it tries
 COARSE_NODES = 2  # of the widths' quadrature
 FIT_NODES = 6  # right to 1e-7 for widths up to a depth, to 3e-5 for two
 LINEAR = ("load_N_per_m", "shear_N_per_m")
@@ -140,8 +139,8 @@ class _RidgeBank:
         circle, depth = circling.circle, float(circling.sensor.depth_m)
         radius = float(circle.radius_m)
         step = radius * float(circle.sweep_rad) / circle.samples
-        self._size = int(np.clip(depth / COARSE_PER_DEPTH / step, 1, circle.samples // 8))
-        self._tried = _tried(radius, depth / TRIED_PER_DEPTH)
+        self._size = int(np.clip(cell_m("ridge_search", depth) / step, 1, circle.samples // 8))
+        self._tried = _tried(radius, cell_m("ridge_search", depth))
         coarse = Circling(circling.sensor, circle.coarser(self._size))
         angles, distances = (as_real(column) for column in self._tried.T)
         signals = np.asarray(_signals(coarse, angles, distances, as_real(width_m)))

@@ -132,16 +132,16 @@ class Problem(eqx.Module):
         is_estimate = self.noise.is_estimate and not self.noise.causes
         return Samples(self.sensor, self.motion, y, noise, is_estimate)
 
-    def on_line(self, cells_per_depth: int | None = None) -> LineProblem:
+    def on_line(self, cell_m: float | None = None) -> LineProblem:
         """The signals put on the cells of an open line over the window.
 
-        Cells are `cell_m` wide; where that is None, `cells_per_depth` are in a depth, or, by
-        default, 8 and as many fewer as a direct solution can hold. Raises `BadInput` for a motion
+        Cells are the problem's own `cell_m` wide, or else as given here, or else an eighth of the
+        depth, and as much wider as a direct solution can hold. Raises `BadInput` for a motion
         that reverses, and a scan shorter than three cells.
         """
         refuse_reversing(self.name, np.asarray(self.motion.speed_m_per_s))
         depth, sensor = float(self.sensor.depth_m), self.sensor
-        wanted = depth / cells_per_depth if cells_per_depth and not self.cell_m else self.cell_m
+        wanted = self.cell_m or cell_m
         block = block_of(self.motion, depth, 1 if self.friction is not None else 2, wanted)
         signal = np.where(self.observed, np.asarray(self.data), np.nan)
         cells = cell_signals(self.name, self.motion, signal, sensor.amplifier, block)

@@ -17,15 +17,15 @@ from ..errors import refuse
 from ..forward.feature import StripFeature
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
-from ..inverse.feature_model import FeatureModel
+from ..inverse.features.model import FeatureModel
 from ..inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix, Solver, fit, fit_many
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Section, Table
+from ..resolution import cell_m
 from .analysis import timed
 from .peers import NumpyStrip
 
-CELLS_PER_DEPTH = 16
 FINER = 4  # refinement of the cells of the model that makes the data
 EXACT = 1e-13  # tolerance of the reference minimum
 CONVERGED_WITHIN = 0.1  # standard errors from the minimum up to which it counts as found
@@ -136,10 +136,9 @@ def _task(settings: FitSettings, sensor: Sensor, scan: ConstantSpeed, seed: int)
     x = np.linspace(-SCAN_M / 2, SCAN_M / 2, settings.samples)
     speed = abs(float(scan.speed_m_per_s))
     motion = Motion((x - x[0]) / speed, x, np.full(x.shape, speed))
+    cell = cell_m("timed_load", float(sensor.depth_m))
     model, fine = (
-        FeatureModel.along(sensor, motion, n * CELLS_PER_DEPTH).with_features(
-            {"strip": StripFeature(**WHERE)}
-        )
+        FeatureModel.along(sensor, motion, cell / n).with_features({"strip": StripFeature(**WHERE)})
         for n in (1, FINER)
     )
     rng = np.random.default_rng(seed)

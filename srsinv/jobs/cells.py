@@ -13,6 +13,7 @@ from ..inverse.line_problem import LineProblem
 from ..inverse.problem import Problem
 from ..recording import Recording
 from ..recording.even import STEADY, check_volts
+from ..resolution import cell_m
 from .recorded import Rows, effects_rows, times_rows
 
 
@@ -44,14 +45,16 @@ def recording_problem(
     problem: Problem,
     traction_unit: str,
     stated: StatedSettings,
-    cells_per_depth: int | None = None,
+    purpose: str | None = None,
 ) -> RecordingProblem:
     """The problem of a recording, on an open line over its contact window.
 
-    Cells are `recording.cell_m` wide; where that is null see [`Problem.on_line`][]. Raises
+    Cells are `recording.cell_m` wide; where that is null, as the `purpose` asks for (see
+    resolution.py), or as [`Problem.on_line`][] has it. Raises
     `BadInput` for a recording that cannot be inverted.
     """
-    on_line = problem.on_line(cells_per_depth)
+    depth = float(problem.sensor.depth_m)
+    on_line = problem.on_line(cell_m(purpose, depth) if purpose else None)
     speed = float(np.mean(recording.speed_m_per_s))
     assumed = _assumed(stated, recording, problem, on_line, traction_unit)
     assert on_line.sensor is not None

@@ -10,7 +10,7 @@ from ..report.outcome import Outcome
 from ..targets import make
 from . import contest
 from .cells import StatedSettings, check_invertible, recording_problem, traction_unit_named
-from .compare_recording import CELLS_PER_DEPTH, on_recording
+from .compare_recording import on_recording
 from .compare_scene import SceneComparison, SceneDraws, on_scene
 
 SCENE_SKIN = {"poisson_ratio": 0.5}  # of a half space, where the configuration leaves it open
@@ -33,7 +33,7 @@ def run(cfg: config.Config) -> Outcome:
             times = config.part(cfg, "recording").get("times")
             stated = StatedSettings(config.part(cfg, "effects"), cfg["friction"], times)
             problem = config.recorded_problem(cfg, recording)
-            loaded = recording_problem(recording, problem, unit, stated, CELLS_PER_DEPTH)
+            loaded = recording_problem(recording, problem, unit, stated, "comparison")
             return on_recording(loaded, methods, features)
         given = cfg["compare"]
         draws = SceneDraws.checked(given, config.seed(cfg))

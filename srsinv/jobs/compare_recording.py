@@ -23,7 +23,6 @@ from .analysis import BAND_90, deviation, element_names, in_metrics, notes_on
 from .cells import RecordingProblem
 from .contest import Runs
 
-CELLS_PER_DEPTH = 5  # each half then has a sample every 0.4 depths, where e^(-k z) is 4e-4
 ROUNDING = 1e-9  # of the range: values that differ by less are the same but for rounding
 WELL = 1.2  # mean square of the whitened residual, up to which noise explains it
 PARTS = ("all", "even cells", "odd cells")

@@ -13,7 +13,7 @@ from ..errors import is_number, refuse
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.simulation import Simulation
 from ..inverse.estimate import COMPONENTS, Estimate
-from ..inverse.feature_method import FeatureFit
+from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
 from ..inverse.method import Method
 from ..inverse.nonlinear import Solver

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ..errors import refuse
 from ..forward.feature import Feature
 from ..inverse.estimate import Estimate
-from ..inverse.feature_method import FeatureFit
+from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
 from ..inverse.method import Method
 from ..inverse.nonlinear import Solver

@@ -15,8 +15,8 @@ import xarray
 from .. import config
 from ..errors import number, refuse, whole
 from ..forward.feature import Feature
-from ..inverse.feature_fit import FeatureFitter, reported_parameters
-from ..inverse.feature_model import scan_extent
+from ..inverse.features.fit import FeatureFitter
+from ..inverse.features.model import scan_extent
 from ..inverse.nonlinear import Solver
 from ..progress import stage
 from ..report import figures
@@ -90,7 +90,7 @@ def _each(
 ) -> dict[str, FitStatistics]:
     """Fit statistics of every feature of traction."""
     keys = jax.random.split(key, len(features))
-    fitter = FeatureFitter(on.sensor, on.motion, solver)
+    fitter = FeatureFitter.along(on.sensor, on.motion, solver)
     statistics = {}
     for own, (name, feature) in zip(keys, features.items(), strict=True):
         with stage(f"fitting {draws} draws of {name}"):
@@ -137,7 +137,7 @@ def _fit_statistics(
     power = on.power(rms)
     ys = clean + on.noise(key, power, draws)
     model, fits = fitter.many(name, feature, ys, known_noise(power))
-    read = [reported_parameters(model, fit) for fit in fits]
+    read = [model.loading.report(model.features, fit) for fit in fits]
     bounds = cramer_rao(on, name, feature, truth, power)
     quantities = tuple(
         Quantity(

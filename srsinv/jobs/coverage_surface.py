@@ -23,12 +23,13 @@ from ..forward.surface_feature import (
     TapeFeature,
 )
 from ..grid import as_real
-from ..inverse.cells import MARGIN_DEPTHS, Window, check_cells
+from ..inverse.cells import Window, check_cells
+from ..inverse.features.contact import MOVES, PLACE, cell_for
+from ..inverse.features.fit import FeatureFitter
+from ..inverse.features.model import FeatureModel
 from ..inverse.nonlinear import Solver
-from ..inverse.surface_fit import SurfaceFitter
-from ..inverse.surface_model import MOVES, SurfaceModel, cell_for
-from ..inverse.surface_search import PLACE
 from ..progress import stage
+from ..resolution import margin_m
 from .judged import STEP, FitStatistics, Quantity, bounds_of, ratio_dB
 from .simulated_features import SampledScan, SyntheticScan
 
@@ -47,7 +48,7 @@ class SyntheticSurfaceScan(SyntheticScan):
     """A synthetic scan of one feature of a surface, on fine cells; `fit_cells` are the fit's."""
 
     name: str
-    model: SurfaceModel
+    model: FeatureModel
     rest: Mapping[str, Any]
     edge_length_m: float
     fit_cells: int
@@ -149,22 +150,23 @@ def statistics_of_shape(
 
 def _scan_and_fitter(
     shape: KnownShape, sampled: SampledScan, window: Window, solver: Solver
-) -> tuple[SyntheticSurfaceScan, SurfaceFitter]:
+) -> tuple[SyntheticSurfaceScan, FeatureFitter]:
     """The scan of the window but for its margins, on cells that are finer than the fit's."""
     sensor, named, pressure = sampled.sensor, {shape.name: shape.feature}, shape.nominal_pressure_Pa
     depth = float(sensor.depth_m)
-    margin = MARGIN_DEPTHS * depth
+    margin = margin_m("traction", depth)
     motion = sampled.motion(window.start_m + margin, window.length_m - 2 * margin)
     cell = cell_for(named, depth)
     check_cells("coverage.window_m", window.length_m, cell / FINER)
-    fitter = SurfaceFitter(sensor, motion, named, window, pressure, solver=solver)
-    fine = SurfaceModel.on_window(sensor, motion, window, cell / FINER).with_features(named)
+    fitter = FeatureFitter.on_window(sensor, motion, named, window, pressure, solver=solver)
+    fine = FeatureModel.on_window(sensor, motion, window, cell / FINER, pressure)
+    fine = fine.with_features(named)
     rest = {"nominal_pressure_Pa": as_real(pressure), "gain": as_real(1.0)}
     if sensor.amplifier.offset is None:
         rest["offset"] = jnp.zeros(len(sensor.elements))
     on = SyntheticSurfaceScan(
         sensor, sampled.scan, motion, sampled.noises,
-        shape.name, fine, rest, shape.feature.edge_m, fitter.line.n,
+        shape.name, fine, rest, shape.feature.edge_m, fitter.model.line.n,
     )  # fmt: skip
     return on, fitter
 

@@ -17,18 +17,17 @@ from ..errors import refuse, shown
 from ..inverse.cells import check_cells
 from ..inverse.diagnostics import direction_in_words
 from ..inverse.estimate import COMPONENTS
-from ..inverse.feature_estimate import FeatureEstimate, probabilities
-from ..inverse.feature_method import FeatureFit, SurfaceFit
-from ..inverse.feature_model import CELLS_PER_DEPTH
+from ..inverse.features.estimate import FeatureEstimate, probabilities
+from ..inverse.features.method import FeatureFit
 from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
 from ..inverse.quality import Quality
-from ..inverse.surface_model import SurfaceFeatures
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import STEADY, check_volts
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
+from ..resolution import cell_m
 from .analysis import element_names, in_metrics
 from .fit_surface import contact_section, ground, surface_fit
 from .recorded import RecordedProblem, Rows, effects_rows, times_rows
@@ -58,7 +57,7 @@ class _Fitted:
     recorded: RecordedProblem
     candidates: list[Candidate]
     best: FeatureEstimate
-    on_surface: SurfaceFeatures
+    method: FeatureFit
 
     @property
     def recording(self) -> Recording:
@@ -102,13 +101,12 @@ def run(cfg: config.Config) -> Outcome:
         check(recording)
         recorded = RecordedProblem(recording, config.recorded_problem(cfg, recording))
         if surfaces:
-            of_surface = surface_fit(recorded, surfaces, solver, settings)
-            method, surfaces = of_surface, of_surface.features
+            method = surface_fit(recorded, surfaces, solver, settings)
         else:
             _refuse_surface_only(settings)
             _check_length(recorded.problem)
             method = FeatureFit(config.features(cfg), solver)
-        fitted = _fit(method, recorded, settings["select"], surfaces)
+        fitted = _fit(method, recorded, settings["select"])
         times = config.part(cfg, "recording").get("times")
         dataset = _dataset(fitted)
         assumed = _assumed(fitted, solver, times, config.part(cfg, "effects"))
@@ -123,15 +121,10 @@ def run(cfg: config.Config) -> Outcome:
 
 def _check_length(problem: Problem) -> None:
     scanned = float(np.ptp(problem.motion.position_m))
-    check_cells(problem.name, scanned, float(problem.sensor.depth_m) / CELLS_PER_DEPTH)
+    check_cells(problem.name, scanned, cell_m("load", float(problem.sensor.depth_m)))
 
 
-def _fit(
-    method: FeatureFit | SurfaceFit,
-    recorded: RecordedProblem,
-    select: bool,
-    on_surface: SurfaceFeatures,
-) -> _Fitted:
+def _fit(method: FeatureFit, recorded: RecordedProblem, select: bool) -> _Fitted:
     """All features together and nothing, or each of them and nothing, of which one is selected."""
     named = method.features
     sums = [{name: feature} for name, feature in named.items()] if select else [named]
@@ -139,7 +132,7 @@ def _fit(
     fits = [_timed(method, features, recorded.problem) for features in [*sums, {}]]
     candidates = [fits[-1], *fits[:-1]]
     best = max(candidates, key=lambda each: each.fit.log_evidence) if select else candidates[-1]
-    return _Fitted(recorded, candidates, best.fit, on_surface)
+    return _Fitted(recorded, candidates, best.fit, method)
 
 
 def _settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -160,7 +153,7 @@ def _refuse_surface_only(settings: Mapping[str, Any]) -> None:
         )
 
 
-def _timed(method: FeatureFit | SurfaceFit, features: Any, problem: Problem) -> Candidate:
+def _timed(method: FeatureFit, features: Any, problem: Problem) -> Candidate:
     with stage(f"fitting {' + '.join(features) or 'nothing'}"):
         start = time.perf_counter()
         estimate = method.candidate(features, problem)
@@ -378,7 +371,7 @@ def _assumed(fitted: _Fitted, solver: Solver, times: Any, effects: Iterable[str]
         *times_rows(recording, times),
         ("motion", f"{speed.mean():.4g} m/s, constant" if steady
          else f"measured, {speed.min():.4g} to {speed.max():.4g} m/s"),
-        *ground(problem, fitted.best, fitted.on_surface),
+        *ground(problem, fitted.best),
         ("skin", problem.sensor.skin.words),
         ("amplifier", type(problem.sensor.amplifier).__name__),
         ("noise", f"white, {fitted.noise_rms:.3g} {unit} per sample, "

@@ -8,11 +8,12 @@ import xarray
 from ..errors import mapping, number, refuse, shown
 from ..forward.surface_feature import SurfaceFeature
 from ..inverse.cells import check_cells
-from ..inverse.feature_estimate import FeatureEstimate
-from ..inverse.feature_method import SurfaceFit
+from ..inverse.features.contact import cell_for, checked_pressure
+from ..inverse.features.estimate import FeatureEstimate
+from ..inverse.features.loading import Features
+from ..inverse.features.method import FeatureFit
 from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
-from ..inverse.surface_model import SurfaceFeatures, cell_for, checked_pressure
 from ..report import figures
 from ..report.outcome import Section
 from .recorded import RecordedProblem
@@ -20,10 +21,10 @@ from .recorded import RecordedProblem
 
 def surface_fit(
     recorded: RecordedProblem,
-    features: SurfaceFeatures,
+    features: Features,
     solver: Solver,
     settings: Mapping[str, Any],
-) -> SurfaceFit:
+) -> FeatureFit:
     """The fit of features of a surface, with the sidecar's edges. Raises `BadInput` where what it
     needs to know of the recording is missing, and for settings that it does not take."""
     problem, facts = recorded.problem, recorded.recording.sidecar
@@ -32,7 +33,7 @@ def surface_fit(
     cell = cell_for(features, float(problem.sensor.depth_m))
     check_cells(problem.name, problem.window.length_m, cell)
     free = _names("fit.free", settings["free"])
-    return SurfaceFit(features, solver, free, _start(settings["start"], features))
+    return FeatureFit(features, solver, free, _start(settings["start"], features))
 
 
 def _with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
@@ -55,7 +56,7 @@ def _names(key: str, given: Any) -> tuple[str, ...]:
     return tuple(listed)
 
 
-def _start(given: Any, features: SurfaceFeatures) -> dict[str, float]:
+def _start(given: Any, features: Features) -> dict[str, float]:
     """Values to start from, by the names that results have."""
     start = {} if given is None else dict(mapping("fit.start", given))
     several = len(features) > 1
@@ -85,15 +86,13 @@ def contact_section(ds: xarray.Dataset) -> tuple[Section, ...]:
     )  # fmt: skip
 
 
-def ground(
-    problem: Problem, best: FeatureEstimate, features: SurfaceFeatures
-) -> tuple[tuple[str, str], ...]:
+def ground(problem: Problem, best: FeatureEstimate) -> tuple[tuple[str, str], ...]:
     """Page rows of the plate under the features of a surface; else of the background."""
-    if not features:
+    if "height" not in best.model.loading.PROFILES:
         return (("traction", "features over a uniform background, on an open line"),)
     line = best.model.line
     cells = f"{line.n} cells of {1e6 * float(line.cell_m):.3g} um"
-    edges = ", ".join(f"{1e6 * features[name].edge_m:.3g} um" for name in best.features)
+    edges = ", ".join(f"{1e6 * feature.edge_m:.3g} um" for feature in best.features.values())
     return (
         ("surface", f"repeats with the contact window, {1e3 * float(line.cell_m * line.n):.4g} mm "
          f"in {cells}; beyond it the plate"),

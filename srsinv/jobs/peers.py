@@ -6,7 +6,7 @@ import numpy as np
 import scipy.optimize as so
 import scipy.sparse.linalg as sla
 
-from ..inverse.feature_model import FeatureModel
+from ..inverse.features.model import FeatureModel
 from ..inverse.line_problem import LineProblem
 from ..inverse.prior import Prior
 

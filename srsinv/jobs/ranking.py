@@ -18,7 +18,7 @@ from scipy.stats import binomtest
 from .. import config
 from ..errors import BadInput, is_number, refuse, shown, whole
 from ..forward.feature import Feature
-from ..inverse.feature_fit import FeatureFitter
+from ..inverse.features.fit import FeatureFitter
 from ..progress import stage
 from ..report import figures
 from ..report.outcome import Outcome, Section, Table
@@ -98,7 +98,7 @@ def run(cfg: config.Config) -> Outcome:
             name: DrawnFeature(feature, _ranges(given["truth_ranges"], name, feature))
             for name, feature in features.items()
         }
-        fitter = FeatureFitter(on.sensor, on.motion, config.solver(cfg))
+        fitter = FeatureFitter.along(on.sensor, on.motion, config.solver(cfg))
         ranking = _ranked(on, fitter, drawn, draws, config.seed(cfg))
     assumed = (
         *_assumed(on, ", ".join(cfg["noise"])),

@@ -20,11 +20,10 @@ from ..forward.noise import draw as draw_noise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Periodic
-from ..inverse.feature_model import CELLS_PER_DEPTH as FIT_CELLS_PER_DEPTH
-from ..inverse.feature_model import FeatureModel
+from ..inverse.features.model import FeatureModel
 from ..inverse.nonlinear import Spectrum
+from ..resolution import cell_m, in_words
 
-CELLS_PER_DEPTH = 256
 UNITS = {"N_per_m": "N/m", "Pa": "Pa", "rad": "rad", "m": "m"}
 
 
@@ -126,7 +125,9 @@ class SyntheticTractionScan(SyntheticScan):
 
     @property
     def cells(self) -> str:
-        return f"{CELLS_PER_DEPTH} cells in a depth, where the fit has {FIT_CELLS_PER_DEPTH}"
+        return (
+            f"{in_words('simulated_load')} cells in a depth, where the fit has {in_words('load')}"
+        )
 
     def signal(self, name: str, feature: Feature, own: Mapping[str, Any]) -> np.ndarray:
         """The noise-free signal (element, sample) of one feature."""
@@ -137,7 +138,8 @@ class SyntheticTractionScan(SyntheticScan):
 def synthetic_scan(line: Line, sampled: SampledScan) -> SyntheticTractionScan:
     """The scan from one end of a line to the other."""
     motion = sampled.motion(float(line.start_m), line.n * float(line.cell_m))
-    fine = FeatureModel.along(sampled.sensor, motion, CELLS_PER_DEPTH)
+    cell = cell_m("simulated_load", float(sampled.sensor.depth_m))
+    fine = FeatureModel.along(sampled.sensor, motion, cell)
     return SyntheticTractionScan(sampled.sensor, sampled.scan, motion, sampled.noises, fine)
 
 

@@ -145,35 +145,6 @@ class Recording:
         mean = np.mean(self.speed_m_per_s)
         return bool(np.max(np.abs(self.speed_m_per_s - mean)) <= rtol * abs(mean))
 
-    def block_average(self, r: int) -> "Recording":
-        """Means over blocks of `r` consecutive samples; an incomplete block at the end is dropped.
-
-        A block with a missing sample is missing. Positions keep their origin. Raises `BadInput`
-        for r < 1 or when fewer than 3 blocks are left.
-        """
-        samples = self.time_s.size
-        most = samples // MIN_SAMPLES
-        refuse(
-            not 1 <= r <= most,
-            f"{self.name}: blocks of {r} samples cannot be averaged in a recording of {samples}: "
-            f"choose a block length from 1 to {most}, which leaves at least {MIN_SAMPLES} blocks.",
-        )
-        used = samples // r * r
-
-        def means(values: np.ndarray) -> np.ndarray:
-            with np.errstate(over="ignore"):  # the result is refused where it is infinite
-                return values[..., :used].reshape(*values.shape[:-1], -1, r).mean(axis=-1)
-
-        # A block is at the middle of its samples, so that the first is no longer at the start.
-        position_m = means(self.position_m)
-        return self._resampled(
-            means(self.signal),
-            means(self.time_s),
-            means(self.speed_m_per_s),
-            position_m,
-            float(position_m[0] - self._scan_start_m),
-        )
-
     def resample_uniform(self) -> "Recording":
         """Signal, speed and measured position interpolated linearly onto as many uniform times
         between the same ends.
@@ -191,10 +162,10 @@ class Recording:
             at_even_times(self.speed_m_per_s),
             at_even_times(self.position_m),
         )
-        return self._resampled(signal, time_s, speed_m_per_s, position_m, 0.0)
+        return self._resampled(signal, time_s, speed_m_per_s, position_m)
 
-    def _resampled(self, signal, time_s, speed_m_per_s, position_m, shift_m: float) -> "Recording":
-        """The same scan at other times, the sidecar's rate and start following suit."""
+    def _resampled(self, signal, time_s, speed_m_per_s, position_m) -> "Recording":
+        """The same scan at other times, the sidecar's rate following suit."""
         measured = self.measured_position_m is not None
         resampled = replace(
             self,
@@ -203,8 +174,6 @@ class Recording:
             speed_m_per_s=speed_m_per_s,
             measured_position_m=position_m if measured else None,
         )
-        if shift_m and not measured:
-            resampled.sidecar["scan_start_m"] = self._scan_start_m + shift_m
         if "sample_rate_hz" in resampled.sidecar:
             resampled.sidecar["sample_rate_hz"] = resampled.sample_rate_hz
         return resampled

@@ -66,7 +66,7 @@ def test_every_module_has_its_configuration():
 
 def test_no_other_module_is_imported():
     script = (
-        "import sys; from srsinv.config import make\n"
+        "import sys; from srsinv.targets import make\n"
         "import srsinv.jobs.simulate\n"
         "make({'limit': 1.0, '_target_': 'srsinv.effects.clipping.Clipping'}, "
         "'effects.clipping', 'effects')\n"

@@ -29,7 +29,7 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open, as_real
-from srsinv.inverse.feature_model import CELLS_PER_DEPTH, FeatureModel
+from srsinv.inverse.features import FeatureModel
 from tests.features import FEATURES
 from tests.forward.setups import fitted_order, largest_error
 from tests.reference import closed_forms as cf
@@ -115,8 +115,8 @@ def closed_form(name, motion, p, mu):
 
 
 @cache
-def operator_along(motion, cells_per_depth=CELLS_PER_DEPTH):
-    return FeatureModel.along(SENSOR, Motion(TIME, *MOTIONS[motion]), cells_per_depth)
+def operator_along(motion, cell_m=None):
+    return FeatureModel.along(SENSOR, Motion(TIME, *MOTIONS[motion]), cell_m)
 
 
 def parameters(name, p, mu):
@@ -124,8 +124,8 @@ def parameters(name, p, mu):
     return {name: SHAPES[name] | {feature.amplitude: p, feature.shear: mu * p}}
 
 
-def signal(name, motion, p=2e3, mu=0.6, cells_per_depth=CELLS_PER_DEPTH):
-    model = operator_along(motion, cells_per_depth).with_features({name: FEATURES[name]})
+def signal(name, motion, p=2e3, mu=0.6, cell_m=None):
+    model = operator_along(motion, cell_m).with_features({name: FEATURES[name]})
     return np.asarray(model(jax.tree.map(as_real, parameters(name, p, mu))))
 
 
@@ -148,7 +148,10 @@ def test_signal_is_the_closed_form(name, motion, p, mu):
 def test_order_in_the_cell(name, least):
     cells = np.array([8, 16, 32])
     exact = closed_form(name, "steady", 2e3, 0.6)
-    errors = [largest_error(signal(name, "steady", cells_per_depth=int(n)), exact) for n in cells]
+    errors = [
+        largest_error(signal(name, "steady", cell_m=float(SENSOR.depth_m) / int(n)), exact)
+        for n in cells
+    ]
     assert fitted_order(1 / cells, errors) > least
 
 

@@ -31,8 +31,7 @@ from srsinv.forward.surface_feature import RidgeFeature, TapeFeature
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Open, Periodic
 from srsinv.inverse.cells import Window
-from srsinv.inverse.feature_model import FeatureModel
-from srsinv.inverse.surface_model import SurfaceModel
+from srsinv.inverse.features.model import FeatureModel
 
 Numbers = Mapping[str, Any]
 Model = Callable[[Numbers], Any]
@@ -189,9 +188,9 @@ CHARGE_SENSOR = Sensor([Film(0.75e-3, 0.2), Film(0.9e-3, 1.6)], None, ChargeRead
 
 def features() -> Model:
     """The signal and the traction of all features of traction together."""
-    whole = FeatureModel.along(CHARGE_SENSOR, SHORT_MOTION, 8).with_features(
-        {name: f for name, (f, _) in FEATURES.items()}
-    )
+    whole = FeatureModel.along(
+        CHARGE_SENSOR, SHORT_MOTION, float(CHARGE_SENSOR.depth_m) / 8
+    ).with_features({name: f for name, (f, _) in FEATURES.items()})
 
     def model(v: Numbers):
         params: dict[str, Any] = {"offset": v["offset"]}
@@ -219,8 +218,13 @@ PLATE = {"nominal_pressure_Pa": 2e4, "gain": 1.1, "base_friction": 0.4, "depth_m
 def surface(name: str) -> Model:
     """The signal of a feature of a surface, through contact."""
     feature, own = SURFACES[name]
-    plate = SurfaceModel.on_window(
-        Sensor(CHARGE_SENSOR.elements), SHORT_MOTION, Window(-3e-3, 3e-3), 2.4e-5, Periodic
+    plate = FeatureModel.on_window(
+        Sensor(CHARGE_SENSOR.elements),
+        SHORT_MOTION,
+        Window(-3e-3, 3e-3),
+        2.4e-5,
+        2e4,
+        kind=Periodic,
     )
     whole = plate.with_features({name: feature})
 

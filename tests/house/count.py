@@ -21,7 +21,7 @@ KINDS = (
     "Skin", "HalfSpace", "Solver", "TractionSpectrum", "Shape", "Film", "LineEffect", "Filter",
     "SpeedProfile", "Operator",
 )  # fmt: skip
-_DEPTH = re.compile(r"PER_DEPTH|DEPTHS$|per_depth")
+_DEPTH = re.compile(r"PER_DEPTH|IN_A_DEPTH|MARGIN|per_depth")
 
 Files = Mapping[str, ast.Module]
 

@@ -14,14 +14,9 @@ from srsinv.forward.feature import (
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.feature_estimate import probabilities
-from srsinv.inverse.feature_fit import (
-    FeatureFitter,
-    FeatureModel,
-    fit_features,
-    friction_of,
-    reported_parameters,
-)
+from srsinv.inverse.features import FeatureFitter, FeatureModel
+from srsinv.inverse.features.direct import friction_of
+from srsinv.inverse.features.estimate import probabilities
 from tests.features import FEATURES
 from tests.tiers import quick
 
@@ -60,12 +55,12 @@ SENSORS = {
 
 @cache
 def fitter(sensor="two", motion="steady"):
-    return FeatureFitter(SENSORS[sensor], MOTIONS[motion]())
+    return FeatureFitter.along(SENSORS[sensor], MOTIONS[motion]())
 
 
 @cache
 def finer(sensor="two", motion="steady"):
-    return FeatureModel.along(SENSORS[sensor], MOTIONS[motion](), 96)
+    return FeatureModel.along(SENSORS[sensor], MOTIONS[motion](), 0.75e-3 / 96)
 
 
 def parameters(name, truth, feature):
@@ -170,18 +165,6 @@ def test_a_grating_is_told_the_usual_way():
     assert_recovered(estimate.parameters, TRUTHS["grating"] | usual, 2e-4)
 
 
-def test_many_signals_share_what_was_computed():
-    """One call for one signal is the fitter's."""
-    y = simulated("line")
-    once = fit_features(
-        SENSORS["two"], MOTIONS["steady"](), {"line": FEATURES["line"]}, y, rms(y) / 30
-    )
-    again = fitter()({"line": FEATURES["line"]}, y, rms(y) / 30)
-    for part, pair in once.parameters.items():
-        assert pair == pytest.approx(again.parameters[part], rel=1e-9)
-    assert once.log_evidence == pytest.approx(again.log_evidence, rel=1e-9)
-
-
 def test_standard_error_of_friction():
     """By hand: the ratio's gradient and the covariance of both amplitudes."""
     y = simulated("strip")
@@ -207,7 +190,7 @@ def test_error_is_the_bound_and_intervals_hold():
     ys = y + noise * rng.normal(size=(DRAWS, *y.shape))
     model, fits = fitter().many("strip", FEATURES["strip"], ys, noise)
     assert all(fit.converged for fit in fits)
-    read = [reported_parameters(model, fit) for fit in fits]
+    read = [model.loading.report(model.features, fit) for fit in fits]
     bound = cramer_rao("strip", truth, noise)
     for part, expected in truth.items():
         value, stderr = np.array([each[part] for each in read]).T

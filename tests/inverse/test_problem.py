@@ -16,7 +16,7 @@ from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Open
 from srsinv.inverse.estimate import overlap
-from srsinv.inverse.feature_method import FeatureFit, SurfaceFit
+from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
@@ -80,6 +80,7 @@ def test_its_operator_gives_the_signal_and_has_an_adjoint():
         / NOISE
     )
     assert np.sum(white**2) < 1.3 * white.size
+    assert problem.nuisance_columns.shape == (0, SAMPLES)
     r, y = (jnp.asarray(rng.normal(size=shape)) for shape in ((2, line.n), problem.data.shape))
     assert float(jnp.vdot(operator(r), y)) == pytest.approx(float(jnp.vdot(r, operator.adjoint(y))))
 
@@ -106,7 +107,7 @@ REFUSED = {
     "motion reverses": lambda: Problem(
         SENSOR, Motion.from_speed(TIME, SPEED * np.cos(30 * TIME)), np.ones((2, SAMPLES)), NOISE
     ).on_line(),
-    "No nominal pressure is known": lambda: SurfaceFit({"it": RidgeFeature(1e-5)})(strip_problem()),
+    "No nominal pressure is known": lambda: FeatureFit({"it": RidgeFeature(1e-5)})(strip_problem()),
     "an operator and no sensor": lambda: METHODS["features"](make_case().problem),
 }
 

@@ -14,8 +14,8 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, StepUpFeature, TapeFeature
 from srsinv.inverse.cells import Window
-from srsinv.inverse.surface_fit import SurfaceFitter
-from srsinv.inverse.surface_model import SurfaceModel
+from srsinv.inverse.features.fit import FeatureFitter
+from srsinv.inverse.features.model import FeatureModel
 from tests.refusals import refused
 from tests.tiers import quick
 
@@ -40,7 +40,9 @@ TAPE = {
 
 def fine(feature, motion):
     """The model on cells in no simple ratio to the fit's."""
-    return SurfaceModel.on_window(SENSOR, motion, WINDOW, EDGE / 13).with_features({"it": feature})
+    return FeatureModel.on_window(SENSOR, motion, WINDOW, EDGE / 13, NOMINAL).with_features(
+        {"it": feature}
+    )
 
 
 def tree(own, base):
@@ -59,7 +61,7 @@ def noisy(signal, seed):
 
 
 def fitter(feature, motion, also=()):
-    return SurfaceFitter(SENSOR, motion, {"it": feature}, WINDOW, NOMINAL, also)
+    return FeatureFitter.on_window(SENSOR, motion, {"it": feature}, WINDOW, NOMINAL, also)
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +132,7 @@ def test_standard_errors_are_the_bound(ridges, simulated):
 
 def test_derivatives_of_the_signal_are_differences_in_both_modes():
     """To 1e-4 where the contact stays: steps that move no cell in or out of it."""
-    model = SurfaceModel.on_window(SENSOR, ONWARDS, WINDOW, 2e-5).with_features(
+    model = FeatureModel.on_window(SENSOR, ONWARDS, WINDOW, 2e-5, NOMINAL).with_features(
         {"it": RidgeFeature(EDGE)}
     )
     units = {"height_m": 1e-11, "width_m": 1e-11, "position_m": 1e-11, "nominal": 1e-2}
@@ -146,11 +148,16 @@ def test_derivatives_of_the_signal_are_differences_in_both_modes():
     weight = jnp.cos(jnp.arange(signal.size) / 9).reshape(signal.shape)
     back = jax.jit(jax.grad(lambda values: jnp.sum(weight * model(own(values)))))(at)
     np.testing.assert_allclose(back, jnp.tensordot(weight, jacobian, 2), rtol=1e-9)
-    touching = model.contact(own(at)).touching
+
+    def touching_of(params):
+        loading, line = model.loading, model.line
+        return loading.contact(line, loading.surface(model.features, params), params).touching
+
+    touching = touching_of(own(at))
     for i, step in enumerate(units.values()):
         ends = [own(at.at[i].add(s * step)) for s in (1, -1)]
         for end in ends:
-            np.testing.assert_array_equal(model.contact(end).touching, touching)
+            np.testing.assert_array_equal(touching_of(end), touching)
         change = (model(ends[0]) - model(ends[1])) / (2 * step)
         error = np.linalg.norm(jacobian[..., i] - change)
         assert error < 1e-4 * np.linalg.norm(change), i
@@ -200,7 +207,7 @@ def test_noise_alone_prefers_nothing(ridges):
 
 def test_refusals(ridges):
     away = Window(0.0, 0.01)
-    make = partial(SurfaceFitter, SENSOR, ONWARDS, {"it": RidgeFeature(EDGE)})
+    make = partial(FeatureFitter.on_window, SENSOR, ONWARDS, {"it": RidgeFeature(EDGE)})
     refused(lambda: make(away, NOMINAL), "contact window", "recording.contact_window_m")
     refused(lambda: make(WINDOW, NOMINAL, ["speed"]), "fit.free", "'speed'", "gain")
     refused(lambda: RidgeFeature(edge_length_m=0.0), "edge_length_m", "positive")

@@ -211,14 +211,11 @@ def test_a_speed_in_the_sidecar_does_not_replace_positions(tmp_path):
     np.testing.assert_allclose(load(tmp_path / "r.csv").speed_m_per_s, 2, rtol=1e-10)
 
 
-def test_positions_follow_through_blocks_resampling_and_files(tmp_path):
+def test_positions_follow_through_resampling_and_files(tmp_path):
     time_s = TIME_S + 1e-4 * np.sin(np.arange(N))
     scan = Recording(
         SIGNAL, time_s, SPEED, ("a", "b"), {"scan_start_m": 9.0}, measured_position_m=POSITION
     )
-    blocks = scan.block_average(3)
-    np.testing.assert_allclose(blocks.position_m, POSITION.reshape(-1, 3).mean(1), rtol=1e-14)
-    assert blocks.sidecar["scan_start_m"] == 9.0
     even = scan.resample_uniform()
     np.testing.assert_array_equal(even.position_m, np.interp(even.time_s, time_s, POSITION))
     for name in ("out.csv", "out.nc"):

@@ -87,9 +87,8 @@ def test_load(case):
     np.testing.assert_array_equal(got.signal[0], np.asarray(expected, np.float64))
     assert np.isfinite([got.sample_rate_hz, got.sampling_jitter]).all()
     assert np.isfinite(got.position_m).all()
-    for change in (got.resample_uniform, lambda: got.block_average(3)):
-        with suppress(BadInput):  # of sums beyond 1e308
-            change()
+    with suppress(BadInput):  # of sums beyond 1e308
+        got.resample_uniform()
 
 
 def test_inspect_and_its_page(case):

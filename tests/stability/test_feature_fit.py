@@ -17,7 +17,7 @@ from srsinv.forward.feature import LineFeature, StepFeature, StripFeature
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.feature_fit import FeatureFitter, FeatureModel
+from srsinv.inverse.features import FeatureFitter, FeatureModel
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, outcome
 from tests.stability.matrix import PRECISIONS
@@ -60,7 +60,10 @@ def bench(precision):
     motion = Motion.from_speed(TIME, 2 * END_M / TIME[-1], -END_M)
     angles = (0.0, np.pi / 2)
     sensor = Sensor([Film(DEPTH_M, angle, effects=(StripAverage(0.5e-3),)) for angle in angles])
-    return FittedScan(FeatureFitter(sensor, motion), FeatureModel.along(sensor, motion, 96))
+    return FittedScan(
+        FeatureFitter.along(sensor, motion),
+        FeatureModel.along(sensor, motion, float(sensor.depth_m) / 96),
+    )
 
 
 @pytest.fixture(params=PRECISIONS)

@@ -26,8 +26,8 @@ from srsinv.forward.feature import LineFeature
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.feature_fit import Ratio
-from srsinv.inverse.feature_model import FeatureModel
+from srsinv.inverse.features.direct import Ratio
+from srsinv.inverse.features.model import FeatureModel
 from srsinv.jobs.simulation import noisy_problem
 
 RUNS = (256, pytest.param(1024, marks=pytest.mark.claim))
@@ -194,7 +194,9 @@ def test_a_feature_is_compiled_once(compilations):
         film = Film(7.5e-4, effects=(StripAverage.at_depth(7e-4 + 2e-5 * i, 7.5e-4),))
         motion = Motion.from_speed(np.arange(40) / 500, 0.06, 1e-5 * i)
         feature = LineFeature(position_range_m=[-1e-3, 1e-3 + 1e-5 * i])
-        model = FeatureModel.along(Sensor([film]), motion, 8).with_features({"line": feature})
+        model = FeatureModel.along(Sensor([film]), motion, float(film.depth_m) / 8).with_features(
+            {"line": feature}
+        )
         own = {"position_m": 2e-3, "load_N_per_m": 10.0 + i, "shear_N_per_m": -2.0}
         return np.asarray(model({"line": own}))
 

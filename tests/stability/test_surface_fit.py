@@ -14,8 +14,8 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.inverse.cells import Window
-from srsinv.inverse.surface_fit import SurfaceFitter
-from srsinv.inverse.surface_model import SurfaceModel
+from srsinv.inverse.features.fit import FeatureFitter
+from srsinv.inverse.features.model import FeatureModel
 
 DEPTH_M, EDGE_M, PRESSURE_PA, MU = 0.75e-3, 1e-4, 2e4, 0.4
 WINDOW = Window(-6e-3, 6e-3)
@@ -35,13 +35,15 @@ def sensor():
 
 @cache
 def fitter():
-    return SurfaceFitter(sensor(), MOTION, FEATURES, WINDOW, PRESSURE_PA)
+    return FeatureFitter.on_window(sensor(), MOTION, FEATURES, WINDOW, PRESSURE_PA)
 
 
 @cache
 def simulate_ridge():
     """The clean signal, on cells in no simple ratio to the fit's, and its noise."""
-    model = SurfaceModel.on_window(sensor(), MOTION, WINDOW, EDGE_M / 41).with_features(FEATURES)
+    model = FeatureModel.on_window(
+        sensor(), MOTION, WINDOW, EDGE_M / 41, PRESSURE_PA
+    ).with_features(FEATURES)
     own = RIDGE | {"edge_length_m": EDGE_M}
     rest = {"nominal_pressure_Pa": PRESSURE_PA, "gain": 1.0, "base_friction": MU}
     signal = np.asarray(model(jax.tree.map(jnp.asarray, rest | {"ridge": own})))

@@ -2,6 +2,7 @@
 compared."""
 
 import abc
+import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -121,7 +122,7 @@ class Optimistix(Solver):
     def tolerating(self, rounding: float) -> "Solver":
         # Its square, the relative error of the cost there, limits how well a minimum is located.
         tolerance = rounding**2 if self.tolerance is None else self.tolerance
-        return Optimistix(tolerance, self.max_steps, self.rounding or rounding)
+        return dataclasses.replace(self, tolerance=tolerance, rounding=self.rounding or rounding)
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
         rtol = relative(self.tolerance, z0.dtype)

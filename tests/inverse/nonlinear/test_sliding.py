@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from srsinv.inverse.features.sliding_noise import Levels, estimate, first_levels
 from srsinv.inverse.nonlinear import WhitePlusOU, fit
-from srsinv.inverse.sliding_noise import Levels, estimate, first_levels
 from tests.refusals import refused
 
 LENGTH = 2e-4

@@ -11,22 +11,17 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.special import softmax
 
-from ..forward.feature import Feature
-from ..forward.surface_feature import SurfaceFeature
-from ..grid import Line, as_real
-from ..status import Status
-from .diagnostics import of_fit, undetected
-from .estimate import Estimate
-from .feature_model import FeatureModel
+from ...grid import Line, as_real
+from ...status import Status
+from ..diagnostics import of_fit, undetected
+from ..estimate import Estimate
+from ..line_problem import CHI2, FREEDOM, PassedCells
+from ..nonlinear import Fit, whitener
+from ..quality import Quality
 from .identifiability import undetected_features
-from .line_problem import CHI2, FREEDOM, PassedCells
-from .nonlinear import Fit, whitener
-from .quality import Quality
+from .loading import Features
+from .model import FeatureModel
 from .sliding_noise import Levels
-from .surface_model import SurfaceModel
-
-Model = FeatureModel | SurfaceModel
-AnyFeature = Feature | SurfaceFeature
 
 
 class FeatureEstimate(Estimate):
@@ -45,9 +40,9 @@ class FeatureEstimate(Estimate):
       it. It is computed when it is asked for, with the standard error to first order.
     """
 
-    features: Mapping[str, AnyFeature]
+    features: Features
     fit: Fit | None
-    model: Model
+    model: FeatureModel
     data: Float[np.ndarray, "e sample"]
     whitened: Float[Array, "e sample"]
     parameters: Mapping[str, tuple[float, float]]
@@ -65,9 +60,9 @@ class FeatureEstimate(Estimate):
     @classmethod
     def of(
         cls,
-        features: Mapping[str, AnyFeature],
+        features: Features,
         fit: Fit,
-        model: Model,
+        model: FeatureModel,
         y: Float[np.ndarray, "e sample"],
         parameters: Mapping[str, tuple[float, float]],
         log_evidence: float,
@@ -99,7 +94,7 @@ class FeatureEstimate(Estimate):
     @classmethod
     def of_nothing(
         cls,
-        model: Model,
+        model: FeatureModel,
         y: Float[np.ndarray, "e sample"],
         noise: Any,
         levels: Levels | None = None,
@@ -197,7 +192,8 @@ class FeatureEstimate(Estimate):
         """What acts along the model's line while sliding towards +x, each with its standard error
         to first order, infinite where the fit failed: p and q [Pa] beyond those of the background,
         and of a surface its height and gap [m] and friction."""
-        names, shape = self.model.PROFILES, (len(self.model.PROFILES), self.model.line.n)
+        names = self.model.loading.PROFILES
+        shape = len(names), self.model.line.n
         if self.fit is None:
             return {name: (np.zeros(shape[1]), np.zeros(shape[1])) for name in names}
         value, stderr = self._derived(_Profiles(self.model), shape)
@@ -223,7 +219,7 @@ class FeatureEstimate(Estimate):
 class _Profiles(eqx.Module):
     """Parameters to the profiles along the model's line, in a row."""
 
-    model: Model
+    model: FeatureModel
 
     def __call__(self, params: Any) -> Float[Array, " row"]:
         return jnp.ravel(self.model.profiles(params))
@@ -233,7 +229,7 @@ class _CellTraction(eqx.Module):
     """Parameters to p and q on the cells of a line, in a row, while sliding as the scan does; less
     their means by `weights` (n,)."""
 
-    model: Model
+    model: FeatureModel
     line: Line
     weights: Float[Array, " n"] | None
 

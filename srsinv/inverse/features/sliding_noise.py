@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg import get_lapack_funcs
 from scipy.optimize import minimize
 
-from .nonlinear import WhitePlusOU
+from ..nonlinear import WhitePlusOU
 
 # Factors and solutions of symmetric, positive definite, tridiagonal matrices.
 _FACTOR, _SOLVE = get_lapack_funcs(("pttrf", "pttrs"), dtype=float)

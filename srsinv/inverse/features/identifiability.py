@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..forward.feature import Feature
-from ..forward.surface_feature import SurfaceFeature
-from .nonlinear import Fit
+from ...forward.feature import Feature
+from ...forward.surface_feature import SurfaceFeature
+from ..nonlinear import Fit
 
 # Standard errors of a strength from zero. Noise alone, searched at every place and width, gives
 # features of up to four.

@@ -1,0 +1,314 @@
+"""Features of a surface: they load the skin through its contact with the surface."""
+
+import itertools
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...errors import number, refuse
+from ...forward.contact import Contact, press
+from ...forward.feature import ScanExtent
+from ...forward.operator import MotionOperator
+from ...forward.scan import Motion
+from ...forward.sensor import Sensor
+from ...forward.surface import Surface
+from ...grid import Line, as_real
+from ...resolution import cell_m
+from ..estimate import averages
+from ..nonlinear import Fit, Optimistix, Solver
+from .identifiability import limited_by_bounds, undetected_features
+from .loading import Features, Loading, Range, Strengths, Traction, Tried
+
+CELLS_PER_EDGE = 5  # the contact beside an edge is then right to some 1e-4 of the signal
+MOVES = {"position_m", "width_m"}  # parameters that move edges
+PLACE = "position_m"
+AT_ONCE = 64  # shapes whose signals are held at the same time
+LEAST_EDGE = 2.0  # cells: the sharpest edge in the search
+# Prior standard deviation of a friction: far beyond any, so as not to pull.
+ANY_FRICTION = 10.0
+REACH = {  # search ranges of known quantities once freed, as factors
+    "edge_length_m": 20.0,
+    "depth_m": 3.0,
+    "gain": 10.0,
+    "nominal_pressure_Pa": 10.0,
+}
+KNOWN = tuple(REACH)
+# Fraction of the signal within which its derivative jumps: cells touch and part one by one.
+ROUNDING = 1e-4
+
+
+class ContactLoading(Loading):
+    """The traction is that of the skin, pressed on the features' surface with a nominal pressure,
+    and sliding over it.
+
+    - `sensor`, `motion`: the skin, and what the signal would be with the film at another depth.
+    - `also`: names of `KNOWN` to fit beside heights, lengths and frictions. `gain` is a factor on
+      the signal, `depth_m` the shallowest film's depth.
+    """
+
+    PROFILES: ClassVar[tuple[str, ...]] = ("p", "q", "height", "gap", "friction")
+    LINEAR: ClassVar[tuple[str, ...]] = ("base_friction",)
+    ARE_FEW: ClassVar[bool] = False
+    sensor: Sensor
+    motion: Motion
+    nominal_pressure_Pa: Float[Array, ""] = eqx.field(converter=as_real)
+    also: tuple[str, ...] = eqx.field(static=True, default=())
+
+    # --- the model ---
+
+    def surface(self, features: Features, params: Any) -> Surface:
+        """The surface of these parameters."""
+        shapes = [feature.shape(params[name]) for name, feature in features.items()]
+        return Surface(shapes, params["base_friction"])
+
+    def contact(self, line: Line, surface: Surface, params: Any) -> Contact:
+        """How the skin lies on it."""
+        height = surface.height(line)
+        return press(line, self.sensor.skin, height, params["nominal_pressure_Pa"])
+
+    def tractions(
+        self, line: Line, features: Features, params: Any, ways: tuple[bool, ...]
+    ) -> list[Traction]:
+        surface = self.surface(features, params)
+        return self._sliding(line, surface, self.contact(line, surface, params), params, ways)
+
+    def _sliding(
+        self, line: Line, surface: Surface, contact: Contact, params: Any, ways: tuple[bool, ...]
+    ) -> list[Traction]:
+        nominal, pressure = params["nominal_pressure_Pa"], contact.pressure_Pa
+
+        def sliding(forward: bool):
+            shear = surface.friction(line, forward) * pressure
+            shear = shear - surface.base_friction * nominal
+            return jnp.stack([pressure - nominal, shear if forward else -shear])
+
+        return [sliding(forward) for forward in ways]
+
+    def cell_traction(self, line: Line, features: Features, params: Any, onto: Line) -> Traction:
+        return averages(self.tractions(line, features, params, (True,))[0], line, onto)
+
+    def profiles(self, line: Line, features: Features, params: Any) -> Float[Array, "profile n"]:
+        surface = self.surface(features, params)
+        contact, height = self.contact(line, surface, params), surface.height(line)
+        (p, q), *_ = self._sliding(line, surface, contact, params, (True,))
+        return jnp.stack([p, q, height, contact.gap_m, surface.friction(line)])
+
+    def operator(self, operator: MotionOperator, params: Any) -> MotionOperator:
+        if "depth_m" not in params:
+            return operator
+        sensor = self._sensor_at(params["depth_m"])
+        return sensor.operator_along(operator.line, self.motion, ways=operator.ways)
+
+    def gain(self, params: Any) -> Any:
+        return params["gain"]
+
+    def steps(self, line: Line, features: Features) -> dict[str, float]:
+        """Steps in the parameters that move edges.
+
+        As an edge moves, so does the skin's contact on its steep flank, and the pressure's
+        derivative is singular there: on a contact set that stays it depends on where the edge lies
+        within its cell, by a tenth where cells are a fifth of the edge. It is steady over whole
+        cells, by which both ends of a width move at these steps.
+        """
+        step = 2 * float(line.cell_m)
+        return {
+            f"{name}.{part}": step
+            for name, feature in features.items()
+            for part in MOVES & feature.axes.keys()
+        }
+
+    def _sensor_at(self, depth_m: Any) -> Sensor:
+        """The sensor with its shallowest film at another depth, and the others with it."""
+        moved = depth_m - self.sensor.depth_m
+        depths = [film.depth_m + moved for film in self.sensor.elements]
+        return eqx.tree_at(lambda s: [film.depth_m for film in s.elements], self.sensor, depths)
+
+    # --- the search ---
+
+    def tried(
+        self, model: Any, feature: Any, stretch: ScanExtent, given: Mapping[str, float]
+    ) -> Iterator[Tried]:
+        """Contact is solved once per shape, and its signal shifted to every place: a surface that
+        repeats gives the same traction wherever its feature lies."""
+        whole = feature.axes.keys() <= given.keys()
+        columns = {
+            name: np.array([given[name]])
+            if name in given and not whole
+            else axis.tried(within, stretch)
+            for (name, axis), within in zip(
+                feature.axes.items(), feature.ranges(stretch).values(), strict=True
+            )
+        }
+        places = columns.pop(PLACE)
+        shapes = np.array(list(itertools.product(*columns.values()))).reshape(-1, len(columns))
+        if whole:
+            shapes = np.vstack([shapes, [given[name] for name in columns]])
+            places = np.append(places, given[PLACE])
+        # Filled up to whole rounds: an incomplete round would be compiled a second time.
+        rounds = -(-len(shapes) // AT_ONCE)
+        size = -(-len(shapes) // rounds)
+        filled = shapes[np.minimum(np.arange(rounds * size), len(shapes) - 1)]
+        alone = model.with_features({"one": feature})
+        for start, some in enumerate(np.split(filled, rounds)):
+            count = min(size, len(shapes) - start * size)
+            named = dict(zip(columns, some.T, strict=True))
+            fields = self._unit_fields(alone, feature, named)
+            for place in places:
+                signals = _shifted(alone, fields, place)[:count]
+                at = {name: column[:count] for name, column in named.items()}
+                at[PLACE] = np.full(count, place)
+                yield Tried(at, signals[:, 0], signals[:, 1:])
+
+    def _unit_fields(self, model: Any, feature: Any, shapes) -> Float[np.ndarray, "start ..."]:
+        line = model.line
+        # Edges sharper than a cell would be sampled or missed as a whole.
+        edge = max(feature.edge_m, float(line.cell_m))
+        rest = {
+            "nominal_pressure_Pa": self.nominal_pressure_Pa,
+            "edge_length_m": as_real(edge),
+            PLACE: as_real(float(line.x[line.n // 2])),
+        }
+        return np.asarray(_fields(model, {k: as_real(v) for k, v in shapes.items()}, rest))
+
+    # --- the fit ---
+
+    def common(self) -> dict[str, Any]:
+        """Parameters of the plate alone."""
+        plate = {
+            "base_friction": 0.0,
+            "nominal_pressure_Pa": float(self.nominal_pressure_Pa),
+            "gain": 1.0,
+        }
+        return plate | ({"depth_m": self._depth_m} if "depth_m" in self.also else {})
+
+    @property
+    def _depth_m(self) -> float:
+        return float(self.sensor.depth_m)
+
+    def begun(self, feature: Any) -> dict[str, float]:
+        return dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_m}
+
+    def bounds(self, line: Line, features: Features, stretch: ScanExtent) -> dict[str, Range]:
+        bounds: dict[str, Range] = {}
+        for name, feature in features.items():
+            for part, within in feature.ranges(stretch).items():
+                bounds[f"{name}.{part}"] = within
+            if "edge_length_m" in self.also:
+                # Cells do not resolve sharper ones, nor their derivative.
+                low, high = _about("edge_length_m", feature.edge_m)
+                low = max(low, LEAST_EDGE * float(line.cell_m))
+                bounds[f"{name}.edge_length_m"] = low, high
+        whole = {**self.common(), "depth_m": self._depth_m}
+        return bounds | {name: _about(name, whole[name]) for name in self.also if name in whole}
+
+    def priors(self, name: str, feature: Any, reach: float, search: Strengths) -> dict[str, Range]:
+        del reach, search
+        return {f"{name}.{part}": (0.0, ANY_FRICTION) for part in feature.frictions}
+
+    def common_priors(self) -> dict[str, Range]:
+        return dict.fromkeys(self.LINEAR, (0.0, ANY_FRICTION))
+
+    def solver(self, solver: Solver | None) -> Solver:
+        return (solver or Optimistix()).tolerating(ROUNDING)
+
+    def report(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
+        """Each free parameter, its error infinite for those on a bound and those correlated with
+        them, and for all where the features are not detected."""
+        read: dict[str, tuple[float, float]] = {}
+        missed = undetected_features(features, fit)
+        unsure = frozenset(fit.names) if missed else limited_by_bounds(fit)
+        for name, feature in features.items():
+            prefix = f"{name}_" if len(features) > 1 else ""
+            own, spread = fit.value[name], fit.stderr[name]
+            for part in (*feature.axes, *feature.frictions, "edge_length_m"):
+                if f"{name}.{part}" in fit.names:
+                    error = np.inf if f"{name}.{part}" in unsure else float(spread[part])
+                    read[prefix + part] = float(own[part]), error
+        for part in ("base_friction", *KNOWN):
+            if part in fit.names:
+                error = np.inf if part in unsure else float(fit.stderr[part])
+                read[part] = float(fit.value[part]), error
+        return read
+
+
+def cell_for(features: Features, depth_m: float) -> float:
+    """How wide the cells may be."""
+    edges = [feature.edge_length_m for feature in features.values() if feature.edge_length_m]
+    return min([cell_m("contact", depth_m), *(edge / CELLS_PER_EDGE for edge in edges)])
+
+
+def checked_pressure(given: Any) -> float:
+    """The nominal pressure, refused where none is known."""
+    refuse(
+        given is None,
+        "No nominal pressure is known, which a surface is pressed on with: give "
+        "recording.nominal_pressure_Pa, the mean over the contact window.",
+    )
+    wanted = "a positive pressure in Pa"
+    return float(number("recording.nominal_pressure_Pa", given, wanted, above=0))
+
+
+def checked_names(features: Features, also: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of `KNOWN` among the names, refused where one is of no parameter."""
+    for name in also:
+        refuse(
+            name not in KNOWN and not _is_parameter(features, name),
+            f"fit.free names {name!r}: beside the features' own parameters it can name "
+            f"{', '.join(KNOWN)}.",
+        )
+    return tuple(name for name in also if name in KNOWN)
+
+
+def _is_parameter(features: Features, name: str) -> bool:
+    return name == "base_friction" or any(
+        name in (*feature.axes, *feature.linear) for feature in features.values()
+    )
+
+
+def _about(name: str, value: float) -> Range:
+    return value / REACH[name], value * REACH[name]
+
+
+@eqx.filter_jit
+def _fields(model: Any, shapes, rest) -> Float[Array, "start part way e n"]:
+    """What the amplifier reads along the line, before its gain over time, of the model's only
+    feature: of no friction at all, then of one unit more of each parameter that is linear."""
+    ((name, feature),) = model.features.items()
+    names = [each for each in model.linear if each != "offset"]
+    pressure = {"nominal_pressure_Pa": rest["nominal_pressure_Pa"]}
+    own = {k: v for k, v in rest.items() if k not in pressure}
+
+    def of(shape, one: str | None):
+        units = {part: as_real(one == f"{name}.{part}") for part in feature.frictions}
+        base = {"base_friction": as_real(one == "base_friction")}
+        tractions = model.tractions(pressure | base | {name: shape | own | units})
+        return jnp.stack([model.operator.field(traction) for traction in tractions])
+
+    def at(shape):
+        frictionless = of(shape, None)
+        return jnp.stack([frictionless, *(of(shape, each) - frictionless for each in names)])
+
+    return jax.lax.map(at, shapes)
+
+
+def _shifted(model: Any, fields, place: float) -> Float[np.ndarray, "start part e sample"]:
+    """The signals of a feature elsewhere than in the line's middle."""
+    line, operator, motion = model.line, model.operator, model.loading.motion
+    gain, ways = np.asarray(operator.gain), operator.ways
+    onwards = np.asarray(motion.direction) >= 0
+    way = np.array([ways.index(bool(each)) for each in onwards])
+    start, cell = float(line.x[0]), float(line.cell_m)
+    middle = float(line.x[line.n // 2])
+    at = (np.asarray(motion.position_m) - place + middle - start) / cell
+    first = np.floor(at).astype(int)
+    fraction = (at - first)[:, None, None, None]
+    # Advanced indices come first: (sample, shape, part, e).
+    low = fields[:, :, way, :, first % line.n]
+    high = fields[:, :, way, :, (first + 1) % line.n]
+    signal = gain[:, None, None, None] * (low + fraction * (high - low))
+    return signal.transpose(1, 2, 3, 0)

@@ -1,0 +1,163 @@
+"""Features of traction: they load the skin by themselves."""
+
+from collections.abc import Iterator, Mapping
+from functools import reduce
+from operator import getitem
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...forward.feature import ScanExtent
+from ...forward.scan import Motion
+from ...grid import Line, as_real
+from ..nonlinear import Fit
+from .identifiability import limited_by_bounds, undetected_features
+from .loading import Features, Loading, Range, Strengths, Traction, Tried, turned
+
+
+class DirectLoading(Loading):
+    """The traction is the sum of the features'; periodic ones fade out towards the line's ends by
+    `fade` (n,)."""
+
+    fade: Float[Array, " n"]
+
+    @classmethod
+    def over(cls, line: Line, motion: Motion) -> "DirectLoading":
+        """On a line with a margin beyond the scan."""
+        return cls(_fade(line, motion))
+
+    def tractions(
+        self, line: Line, features: Features, params: Any, ways: tuple[bool, ...]
+    ) -> list[Traction]:
+        total = jnp.zeros((2, line.n))
+        for name, feature in features.items():
+            shape = feature.profile(params[name]).cell_values(line)
+            shape = shape * self.fade if feature.is_periodic else shape
+            total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
+        return [total if way else turned(total) for way in ways]
+
+    def cell_traction(self, line: Line, features: Features, params: Any, onto: Line) -> Traction:
+        total = jnp.zeros((2, onto.n))
+        for name, feature in features.items():
+            shape = feature.profile(params[name]).cell_average(onto)
+            if feature.is_periodic:
+                shape = shape * jnp.interp(onto.x, line.x, self.fade)
+            total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape
+        return total
+
+    def end(self, features: Features, params: Any) -> Float[Array, " 2"] | None:
+        ends = [
+            jnp.stack(amplitudes(feature, params[name]))
+            for name, feature in features.items()
+            if feature.is_semi_infinite
+        ]
+        return sum(ends[1:], ends[0]) if ends else None
+
+    def tried(
+        self, model: Any, feature: Any, stretch: ScanExtent, given: Mapping[str, float]
+    ) -> Iterator[Tried]:
+        shapes = feature.starts(stretch)
+        alone = model.with_features({"one": feature})
+        signals = np.asarray(responses(alone, {k: as_real(v) for k, v in shapes.items()}))
+        yield Tried(shapes, np.zeros(signals.shape[2:]), signals)
+
+    def begun(self, feature: Any) -> dict[str, float]:
+        return dict.fromkeys(feature.linear, 0.0)
+
+    def bounds(self, line: Line, features: Features, stretch: ScanExtent) -> dict[str, Range]:
+        return {
+            f"{name}.{part}": within
+            for name, feature in features.items()
+            for part, within in feature.ranges(stretch).items()
+        }
+
+    def priors(self, name: str, feature: Any, reach: float, search: Strengths) -> dict[str, Range]:
+        return {
+            f"{name}.{part}": (0.0, reach / top if top > 0 else 1.0)
+            for part, top in zip(feature.linear, search.strongest(feature), strict=True)
+        }
+
+    def log_prior_ratio(self, feature: Any, own: Mapping[str, Any], search: Strengths) -> float:
+        return float(np.log(search.relative_signal(feature, own)).sum())
+
+    def report(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
+        """The shape, the amplitude and the friction of each feature.
+
+        The error is infinite where the linearised one is not valid: for the shape and friction of
+        an undetected feature (its amplitude has the prior's, as it could lie where its signal is
+        weak); for an amplitude beside an undetected feature of the same kind; for parameters on a
+        bound, and those strongly correlated with them.
+        """
+        read: dict[str, tuple[float, float]] = {}
+        missed, bound_limited = undetected_features(features, fit), limited_by_bounds(fit)
+        for name, feature in features.items():
+            prefix = f"{name}_" if len(features) > 1 else ""
+            own, spread = fit.value[name], dict(fit.stderr[name])
+            unsure = {part for part in own if f"{name}.{part}" in bound_limited}
+            if name in missed:
+                unsure |= {*feature.axes, "friction"}
+                spread[feature.amplitude] = fit.prior_stderr[f"{name}.{feature.amplitude}"]
+            if f"{name}.position_m" in fit.at_bound:  # a bound of the scan: it may lie outside
+                unsure.add("friction")
+            if any(type(features[other]) is type(feature) for other in missed if other != name):
+                unsure.add(feature.amplitude)
+            listed = {part: float(own[part]) for part in (*feature.axes, feature.amplitude)}
+            for part, value in feature.canonical(listed).items():
+                read[prefix + part] = value, np.inf if part in unsure else float(spread[part])
+            if feature.friction is None and own[feature.amplitude] != 0:
+                mu, stderr = friction_of(fit, name, feature)
+                read[f"{prefix}friction"] = mu, np.inf if "friction" in unsure else stderr
+        return read
+
+
+def amplitudes(feature: Any, own: Mapping[str, Any]) -> tuple[Array, Array]:
+    """Of p and of q."""
+    p = jnp.asarray(own[feature.amplitude])
+    q = own[feature.shear] if feature.friction is None else feature.friction * p
+    return p, jnp.asarray(q)
+
+
+@eqx.filter_jit
+def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
+    """One over the scan and half its margins, falling to zero at the line's ends as a cosine."""
+    x, low, high = line.x, jnp.min(motion.position_m), jnp.max(motion.position_m)
+    outside = jnp.maximum(low - x, x - high) / jnp.maximum(low - x[0], line.cell_m)
+    return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * outside - 1, 0.0, 1.0)))
+
+
+@eqx.filter_jit
+def responses(model: Any, shapes) -> Float[Array, "start a e sample"]:
+    """Signals of every unit amplitude of the model's only feature, for each shape."""
+    ((name, feature),) = model.features.items()
+    elements = model.operator.field.transfer.shape[0]
+    rest = {"offset": jnp.zeros(elements)} if model.free_offset else {}
+
+    def of(shape, one: str):
+        own = {part: as_real(float(part == one)) for part in feature.linear}
+        return model({name: shape | own} | rest)
+
+    def at(shape):
+        return jnp.stack([of(shape, one) for one in feature.linear])
+
+    return jax.lax.map(at, shapes, batch_size=64)
+
+
+class Ratio(eqx.Module):
+    """One parameter over another, each by its keys."""
+
+    above: tuple[str, ...] = eqx.field(static=True)
+    below: tuple[str, ...] = eqx.field(static=True)
+
+    def __call__(self, params: Any) -> Float[Array, ""]:
+        above, below = (reduce(getitem, keys, params) for keys in (self.above, self.below))
+        return above / below
+
+
+def friction_of(fit: Fit, name: str, feature: Any) -> tuple[float, float]:
+    """mu, the ratio of the two amplitudes, and its standard error to first order."""
+    value, stderr = fit.derive(Ratio((name, feature.shear), (name, feature.amplitude)))
+    return float(value), float(stderr)

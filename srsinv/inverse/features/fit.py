@@ -1,0 +1,288 @@
+"""Fit of features to a signal: type, position, width, height or amplitude, and friction.
+
+Shapes are searched from many starts; what enters linearly (amplitudes, frictions, offsets) is
+solved out. Candidates are ranked by their evidence, the probability of the data under each with all
+its parameters integrated out.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ...errors import number
+from ...forward.scan import Motion
+from ...forward.sensor import Sensor
+from ...resolution import cell_m
+from ..cells import Window
+from ..diagnostics import sliding_noise
+from ..nonlinear import Fit, Solver, fit, fit_many
+from .contact import cell_for, checked_names
+from .estimate import FeatureEstimate, explains
+from .loading import AnyFeature, Features
+from .model import FeatureModel, scan_extent
+from .search import STARTS, Blocks, FeatureSearch
+from .sliding_noise import Levels, estimate, first_levels
+
+# Prior standard deviation of an amplitude: the one whose signal is this multiple of the largest
+# datum. Wide enough not to pull. The same rule for every candidate and every shape: one for the
+# pressure itself would favour shapes with hardly any signal, as these take any pressure.
+AMPLITUDE_PRIOR_REACH = 30.0
+GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
+ROUNDS = 4  # of fitting, and estimating the noise from the residual
+
+
+class FeatureFitter:
+    """Fitter of features to signals of one sensor along one motion.
+
+    Computations that do not depend on the signal are done once, and the programs compiled for the
+    first signal serve all.
+    """
+
+    def __init__(
+        self,
+        model: FeatureModel,
+        search: FeatureSearch,
+        sensor: Sensor,
+        motion: Motion,
+        solver: Solver | None = None,
+    ):
+        self._model, self._search, self._motion = model, search, motion
+        self._stretch, self._depth_m = scan_extent(sensor, motion), float(sensor.depth_m)
+        self._solver = model.loading.solver(solver)
+
+    @classmethod
+    def along(cls, sensor: Sensor, motion: Motion, solver: Solver | None = None) -> "FeatureFitter":
+        """Of features of traction."""
+        coarse_m = cell_m("load_search", float(sensor.depth_m))
+        blocks = Blocks(motion, coarse_m)
+        coarse = FeatureModel.along(sensor, blocks.motion, coarse_m)
+        search = FeatureSearch(coarse, blocks, scan_extent(sensor, motion))
+        return cls(FeatureModel.along(sensor, motion), search, sensor, motion, solver)
+
+    @classmethod
+    def on_window(
+        cls,
+        sensor: Sensor,
+        motion: Motion,
+        features: Features,
+        window: Window,
+        nominal_pressure_Pa: float,
+        also: Sequence[str] = (),
+        solver: Solver | None = None,
+    ) -> "FeatureFitter":
+        """Of features of a surface, or some of them.
+
+        - `window`: the surface's period; `nominal_pressure_Pa`: the mean pressure over it.
+        - `also`: names of `KNOWN` to fit beside heights, lengths and frictions.
+
+        Raises `BadInput` for a window that does not hold the scan, and for names that are not
+        known.
+        """
+        also, depth = checked_names(features, tuple(also)), float(sensor.depth_m)
+        blocks = Blocks(motion, cell_m("contact_search_samples", depth))
+        given = window, cell_for(features, depth), nominal_pressure_Pa, also
+        model = FeatureModel.on_window(sensor, motion, *given)
+        coarse_m = cell_m("contact_search", depth)
+        coarse = FeatureModel.on_window(
+            sensor, blocks.motion, window, coarse_m, nominal_pressure_Pa
+        )
+        search = FeatureSearch(coarse, blocks, scan_extent(sensor, motion))
+        return cls(model, search, sensor, motion, solver)
+
+    @property
+    def model(self) -> FeatureModel:
+        """The model, without features."""
+        return self._model
+
+    def rank(
+        self, candidates: Sequence[Features], y: Float[np.ndarray, "e sample"], noise: Any
+    ) -> list[FeatureEstimate]:
+        """Fit every candidate, for its evidence.
+
+        All are fitted from their best start, and only where none explains the data to the noise
+        from the others too.
+        """
+        fits = [self(features, y, noise, starts=1) for features in candidates]
+        if any(fitted.explains for fitted in fits):
+            return fits
+        return [self(features, y, noise) for features in candidates]
+
+    def __call__(
+        self,
+        features: Features,
+        y: Float[np.ndarray, "e sample"],
+        noise: Any = None,
+        start: Mapping[str, float] | None = None,
+        starts: int = STARTS,
+    ) -> FeatureEstimate:
+        """Fit the features' parameters to `y`, NaN where a sample is missing.
+
+        - `noise`: as [`nonlinear.fit`][] takes it; None: estimated from the residual, in rounds.
+        - `start`: values to start from, by the parameters' names as in the result: all of a
+          feature's, taken where they explain the data better than the search, or some of them, and
+          the rest is searched.
+        - `starts`: how many of the search's shapes are fitted from.
+
+        Features of a sum are found one after the other, each beside those found before, and then
+        fitted together. No feature at all is a candidate too.
+        """
+        y = np.asarray(y, float)
+        levels = first_levels(y, self._depth_m) if noise is None else None
+        using = noise if levels is None else self._whitener(levels, y)
+        given = {name: _own(start or {}, name, features) for name in features}
+        result = self._fit_in_turn(features, y, using, levels, given, starts)
+        model = self._model.with_features(features)
+        if result is None:
+            levels = None if levels is None else estimate(y, *self._scale)
+            using = using if levels is None else self._whitener(levels, y)
+            return FeatureEstimate.of_nothing(model, y, using, levels)
+        if levels is not None:
+            result, levels = self._settled(features, result, y, levels)
+        read = model.loading.report(features, result)
+        evidence = self._evidence(features, result)
+        against = _against(levels, y)
+        return FeatureEstimate.of(features, result, model, y, read, evidence, levels, against)
+
+    def many(
+        self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
+    ) -> tuple[FeatureModel, list[Fit]]:
+        """Fit one feature to many signals of the same scene, of known noise.
+
+        All start from the search in the first signal.
+        """
+        params, parts = self._common(ys[0]), {name: feature}
+        white = np.ones(len(ys[0]))
+        shape = self._search.starts(ys[0], white, ({}, params), feature, {})[0]
+        start = params | {name: shape | self._model.loading.begun(feature)}
+        settings = self._settings(parts, ys[0], noise)
+        return self._model.with_features(parts), fit_many(
+            self._model.with_features(parts), start, ys, **settings
+        )
+
+    def _fit_in_turn(
+        self,
+        features: Features,
+        y: np.ndarray,
+        noise: Any,
+        levels: Levels | None,
+        given: Mapping[str, Mapping[str, float]],
+        starts: int,
+    ) -> Fit | None:
+        """The fit of all features together, found one after the other; None where there is nothing
+        to fit."""
+        white = np.ones(len(y)) if levels is None else levels.white
+        parts: dict[str, AnyFeature] = {}
+        params, result = self._common(y), None
+        if not features and self._model.free_offset:
+            return self._fit({}, params, y, noise)
+        for name, feature in features.items():
+            before, parts = (parts, params), parts | {name: feature}
+            ends: list[Fit] = []
+            for shape in self._shapes(y, white, before, feature, given[name], starts):
+                own = shape | self._model.loading.begun(feature)
+                ends.append(self._fit(parts, params | {name: own}, y, noise))
+                if self._is_good(ends[-1], levels):
+                    break
+            result = min(ends, key=lambda end: end.stats["cost"])
+            params = dict(result.value)
+        return result
+
+    def _shapes(
+        self, y, white, before, feature: AnyFeature, given: Mapping[str, float], starts: int
+    ) -> Iterator[dict[str, float]]:
+        """Shapes to start from: with the values given, then, where these are incomplete, without
+        them."""
+        yield from self._search.starts(y, white, before, feature, given)[:starts]
+        if given and not feature.axes.keys() <= given.keys():
+            yield from self._search.starts(y, white, before, feature, {})[:starts]
+
+    def _is_good(self, end: Fit, levels: Levels | None) -> bool:
+        """Whether no other start is needed."""
+        return explains(end) if levels is None else end.stats["chi2_per_freedom"] < GOOD_ENOUGH
+
+    def _common(self, y: np.ndarray) -> dict[str, Any]:
+        """First values of the parameters that are no feature's."""
+        offset = {"offset": np.zeros(len(y))} if self._model.free_offset else {}
+        return self._model.loading.common() | offset
+
+    def _fit(self, parts: Features, start: dict[str, Any], y: np.ndarray, noise: Any) -> Fit:
+        model = self._model.with_features(parts)
+        return fit(model, start, y, steps=model.steps or None, **self._settings(parts, y, noise))
+
+    def _settings(self, parts: Features, y: np.ndarray, noise: Any) -> dict[str, Any]:
+        model, loading = self._model.with_features(parts), self._model.loading
+        reach = _reach(y)
+        priors = loading.common_priors() if parts else {}
+        for name, feature in parts.items():
+            priors |= loading.priors(name, feature, reach, self._search)
+        if model.free_offset:
+            priors["offset"] = (0.0, reach)
+        bounds = loading.bounds(model.line, parts, self._stretch) if parts else {}
+        linear = model.linear if parts else ("offset",)
+        return {
+            "noise": noise,
+            "bounds": bounds,
+            "free": [*bounds, *linear],
+            "linear": linear,
+            "priors": priors,
+            "solver": self._solver,
+        }
+
+    def _evidence(self, features: Features, result: Fit) -> float:
+        """Log evidence, with each amplitude's prior at the fitted shape.
+
+        The fit used that of the shape with the strongest signal; both are too wide to move it.
+        """
+        if result.log_evidence is None:
+            return -np.inf
+        weigh = self._model.loading.log_prior_ratio
+        ratios = (weigh(f, result.value[name], self._search) for name, f in features.items())
+        return float(result.log_evidence + sum(ratios))
+
+    # --- noise estimated from the residual ---
+
+    def _settled(
+        self, features: Features, result: Fit, y: np.ndarray, levels: Levels
+    ) -> tuple[Fit, Levels]:
+        """Fit and noise in turn, until the noise no longer changes."""
+        step = float(np.median(np.abs(np.diff(self._motion.position_m))))
+        for _ in range(ROUNDS):
+            last, fitted = levels, self._whitener(levels, y).coloured(result.jacobian)
+            levels = estimate(result.residual, *self._scale, fitted, last)
+            result = self._fit(features, dict(result.value), y, self._whitener(levels, y))
+            if not levels.differs_from(last, max(step, 1e-9 * self._depth_m)):
+                break
+        return result, levels
+
+    def _whitener(self, levels: Levels, y: np.ndarray):
+        return levels.whitener(np.asarray(self._motion.position_m), np.isfinite(y))
+
+    @property
+    def _scale(self):
+        return self._motion.position_m, self._depth_m
+
+
+def _own(start: Mapping[str, float], name: str, features: Features) -> dict[str, float]:
+    """The start values of this feature."""
+    prefix = f"{name}_" if len(features) > 1 else ""
+    wanted = "a number, in SI units"
+    return {
+        part: float(number(f"fit.start.{prefix}{part}", start[prefix + part], wanted))
+        for part in features[name].axes
+        if prefix + part in start
+    }
+
+
+def _reach(y: np.ndarray) -> float:
+    """Signal at one prior standard deviation of an amplitude: see `AMPLITUDE_PRIOR_REACH`."""
+    largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
+    return AMPLITUDE_PRIOR_REACH * largest if largest > 0 else 1.0
+
+
+def _against(levels: Levels | None, y: Float[np.ndarray, "e sample"]) -> tuple[str, ...]:
+    """Warnings on noise that was estimated from the residual."""
+    if levels is None:
+        return ()
+    return tuple(sliding_noise(levels.sliding / float(np.sqrt(np.nanmean(y**2)))))

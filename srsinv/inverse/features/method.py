@@ -1,0 +1,105 @@
+"""The fit of features as a method: a problem to the features' parameters and their traction."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ...errors import refuse, shown
+from ..line_problem import LineProblem
+from ..method import Method
+from ..nonlinear import Solver
+from ..problem import Problem
+from .contact import checked_pressure
+from .estimate import FeatureEstimate
+from .fit import FeatureFitter
+from .loading import AnyFeature, Features
+
+
+class Latest:
+    """The latest of what was made for a sensor, a motion and so on: many problems share them."""
+
+    def __init__(self):
+        self._key, self._made = None, None
+
+    def of(self, given: Any, make: Callable[[], Any]) -> Any:
+        """What was made for the same arrays and settings, else what `make` gives."""
+        leaves, tree = jax.tree.flatten(given)
+        key = tree, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
+        if self._made is None or key != self._key:
+            self._key, self._made = key, make()
+        return self._made
+
+
+class FeatureFit(Method):
+    """Features fitted together, as a sum.
+
+    - `features`: by name; all of traction, or all of a surface, which acts through the skin's
+      contact with it.
+    - `solver`: of the nonlinear fit; None: optimistix.
+    - `also`: of a surface, further parameters to fit: `edge_length_m`, `depth_m`, `gain`,
+      `nominal_pressure_Pa`.
+    - `start`: of a surface, values to start from, by the parameters' names as in the result.
+
+    The traction lies on fine cells of its own; the estimate is on the problem's line where that has
+    one. A surface repeats with the problem's window, and is pressed on with its nominal pressure;
+    noise whose level is an estimate is there estimated from the residual. Computations that depend
+    on the sensor and its motion alone are done once.
+
+    Raises `BadInput` for features of both kinds or none, and in a call for a surface whose nominal
+    pressure is not known.
+    """
+
+    features: Mapping[str, AnyFeature]
+    solver: Solver | None
+    also: tuple[str, ...] = eqx.field(static=True)
+    start: Mapping[str, float] = eqx.field(static=True)
+    _latest: Latest = eqx.field(static=True, repr=False)
+
+    def __init__(
+        self,
+        features: Features,
+        solver: Solver | None = None,
+        also: tuple[str, ...] = (),
+        start: Mapping[str, float] | None = None,
+    ):
+        kinds = {feature.is_of_surface for feature in features.values()}
+        refuse(
+            len(kinds) != 1,
+            f"The features are {shown(dict(features))}: give one or more by name, all of them of "
+            "traction or all of a surface.",
+        )
+        self.features, self.solver = dict(features), solver
+        self.also, self.start, self._latest = tuple(also), dict(start or {}), Latest()
+
+    @property
+    def is_of_surface(self) -> bool:
+        """Whether the features act through contact."""
+        return any(feature.is_of_surface for feature in self.features.values())
+
+    def fitter(self, problem: Problem | LineProblem) -> FeatureFitter:
+        """The fitter along the problem's motion."""
+        sensor, motion, *_ = problem.samples()
+        if not self.is_of_surface:
+            make = lambda: FeatureFitter.along(sensor, motion, self.solver)  # noqa: E731
+            return self._latest.of((sensor, motion), make)
+        window, pressure = problem.window, checked_pressure(problem.background_Pa[0])
+        return self._latest.of(
+            (sensor, motion, tuple(window), pressure),
+            lambda: FeatureFitter.on_window(
+                sensor, motion, self.features, window, pressure, self.also, self.solver
+            ),
+        )
+
+    def __call__(self, problem: Problem | LineProblem) -> FeatureEstimate:
+        return self.candidate(self.features, problem)
+
+    def candidate(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
+        """The fit of some of the features, or of none."""
+        samples = problem.samples()
+        rough = self.is_of_surface and samples.is_estimate
+        noise = None if rough else samples.noise
+        estimate = self.fitter(problem)(features, samples.signal, noise, self.start)
+        return estimate.of_problem(problem.background_Pa, problem.own_line, problem.passed)

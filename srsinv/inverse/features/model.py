@@ -1,0 +1,171 @@
+"""Forward model of features: parameters to the signal of a sensor along a motion."""
+
+import dataclasses
+from typing import Any, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.fft
+from jaxtyping import Array, Float
+
+from ... import resolution
+from ...errors import refuse
+from ...forward.contact import refuse_both_ways
+from ...forward.feature import ScanExtent
+from ...forward.operator import MotionOperator
+from ...forward.scan import Motion
+from ...forward.sensor import Sensor
+from ...grid import Line, Open, Periodic, as_real
+from ..cells import Window
+from .contact import ContactLoading
+from .direct import DirectLoading
+from .loading import Features, Loading, turned
+
+FAR_M = 1e3  # how far a step goes on
+BLOCK = 256  # cells come in multiples of it: the contact starts on so much wider cells
+
+
+class FeatureModel(eqx.Module):
+    """Parameters of features to the signal (element, sample) of a sensor along a motion.
+
+    `loading` says how they load the skin. Parameters are a tree: each feature's by its name, those
+    of the loading, and where each element has an unknown constant `offset`. Where features are
+    searched is no part of the model: one program serves every range.
+    """
+
+    operator: MotionOperator
+    loading: Loading
+    features: dict[str, Any]
+    free_offset: bool = eqx.field(static=True)
+
+    @classmethod
+    def along(cls, sensor: Sensor, motion: Motion, cell_m: float | None = None) -> "FeatureModel":
+        """The model of features of traction, without any of them.
+
+        The traction lies on an open line with fine cells and a margin beyond the scan; a
+        semi-infinite feature goes on beyond the line's end, and a periodic one fades out towards
+        both ends. `cell_m` [m]: None is fine enough for a signal right to 1e-5 of its peak.
+        """
+        line = line_under(sensor, motion, cell_m)
+        operator = operator_along(sensor, line, motion, FAR_M, motion.ways)
+        loading = DirectLoading.over(line, motion)
+        return cls(operator, loading, {}, sensor.amplifier.offset is None)
+
+    @classmethod
+    def on_window(
+        cls,
+        sensor: Sensor,
+        motion: Motion,
+        window: Window,
+        cell_m: float,
+        nominal_pressure_Pa: float,
+        also: tuple[str, ...] = (),
+        kind: type[Open] | type[Periodic] = Open,
+    ) -> "FeatureModel":
+        """The model of features of a surface on the bare plate, on cells of at most `cell_m`.
+
+        The surface repeats with the window. Beyond an open line the traction is that of the plate,
+        to which a rate has no response; on a periodic one, quicker to set up, everything repeats.
+        `also`: see [`ContactLoading`][]. Raises `BadInput` for a window that does not hold the
+        scan.
+        """
+        x = np.asarray(motion.position_m)
+        refuse(
+            not (window.start_m <= x.min() and x.max() <= window.end_m),
+            f"The contact window from {window.start_m:.6g} m to {window.end_m:.6g} m does not hold "
+            f"the scan from {x.min():.6g} m to {x.max():.6g} m: give recording.contact_window_m "
+            "as [start, end] around it.",
+        )
+        blocks = int(np.ceil(window.length_m / cell_m / BLOCK))
+        n = BLOCK * int(cast(int, scipy.fft.next_fast_len(max(blocks, 1), real=True)))
+        cell = window.length_m / n
+        line, ways = kind(n, cell, window.start_m + cell / 2), motion.ways
+        if len(ways) > 1:
+            refuse_both_ways(sensor.skin)
+        operator = operator_along(sensor, line, motion, None, ways)
+        loading = ContactLoading(sensor, motion, nominal_pressure_Pa, also)
+        return cls(operator, loading, {}, sensor.amplifier.offset is None)
+
+    def with_features(self, features: Features) -> "FeatureModel":
+        """The same sensor and motion with these features in place of its own."""
+        anywhere = {name: feature.anywhere for name, feature in features.items()}
+        return dataclasses.replace(self, features=anywhere)
+
+    @property
+    def line(self) -> Line:
+        """The cells of the traction."""
+        return self.operator.line
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the parameters that enter linearly."""
+        own = [f"{name}.{part}" for name, f in self.features.items() for part in f.linear]
+        return (*self.loading.LINEAR, *own, *(("offset",) if self.free_offset else ()))
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """Steps for central differences, by parameter, where derivatives need them."""
+        return self.loading.steps(self.line, self.features)
+
+    def traction(self, params: Any) -> Float[Array, "2 n"]:
+        """p and q [Pa] on the line beyond their background, while sliding towards +x."""
+        return self.loading.tractions(self.line, self.features, params, (True,))[0]
+
+    def profiles(self, params: Any) -> Float[Array, "profile n"]:
+        """What acts along the line while sliding towards +x: see `loading.PROFILES`."""
+        return self.loading.profiles(self.line, self.features, params)
+
+    def cell_traction(self, params: Any, line: Line) -> Float[Array, "2 m"]:
+        """Averages of p and q [Pa] over the cells of any line, while sliding towards +x."""
+        return self.loading.cell_traction(self.line, self.features, params, line)
+
+    def tractions(self, params: Any) -> list[Float[Array, "2 n"]]:
+        """p and q [Pa] on the line for each way of the motion."""
+        return self.loading.tractions(self.line, self.features, params, self.operator.ways)
+
+    def __call__(self, params: Any) -> Float[Array, "e sample"]:
+        return self._signal(jax.tree.map(as_real, params))  # Python's numbers would be compiled in
+
+    @eqx.filter_jit
+    def _signal(self, params: Any) -> Float[Array, "e sample"]:
+        operator = self.loading.operator(self.operator, params)
+        end, gain = self.loading.end(self.features, params), self.loading.gain(params)
+        signal = operator(
+            _stacked(self.tractions(params)), None if end is None else _stacked(self._each_way(end))
+        )
+        signal = signal if gain is None else gain * signal
+        return signal + params["offset"][:, None] if self.free_offset else signal
+
+    def _each_way(self, end: Float[Array, " 2"]) -> list[Float[Array, " 2"]]:
+        return [end if way else turned(end) for way in self.operator.ways]
+
+
+def _stacked(ways: list[Float[Array, "2 *n"]]) -> Float[Array, "..."]:
+    return jnp.stack(ways) if len(ways) > 1 else ways[0]
+
+
+@eqx.filter_jit
+def operator_along(
+    sensor: Sensor, line: Line, motion: Motion, reach_m: float | None, ways: tuple[bool, ...]
+) -> MotionOperator:
+    """[`Sensor.operator_along`][] as one program."""
+    return sensor.operator_along(line, motion, reach_m, ways)
+
+
+def line_under(sensor: Sensor, motion: Motion, cell_m: float | None) -> Open:
+    """The open line that features of traction lie on: fine cells, and a margin at both ends."""
+    depth = float(sensor.depth_m)
+    x = np.asarray(motion.position_m)
+    cell = resolution.cell_m("load", depth) if cell_m is None else cell_m
+    margin = resolution.margin_m("fade", depth)
+    start = float(x.min()) - margin
+    n = int(np.ceil((float(x.max()) + margin - start) / cell)) + 1
+    return Open(n, cell, start)
+
+
+def scan_extent(sensor: Sensor, motion: Motion) -> ScanExtent:
+    """Where the motion has been."""
+    x = np.asarray(motion.position_m)
+    return ScanExtent(float(x.min()), float(x.max()), float(sensor.depth_m))
