@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 
 from srsinv import config
 from srsinv.__main__ import find_config_root
-from srsinv.effects import NAMES, Effect, reference, screen
+from srsinv.effects import NAMES, Effect, reference, screen, screen_effects
 from srsinv.effects.antialias_filter import AntialiasFilter
 from srsinv.effects.general import FilmEffect, FilterEffect, SpeedProfileEffect
 from srsinv.effects.speed_ripple import SpeedRipple
@@ -66,7 +66,7 @@ def test_every_module_has_its_configuration():
 
 def test_no_other_module_is_imported():
     script = (
-        "import sys; from srsinv.config import make\n"
+        "import sys; from srsinv.targets import make\n"
         "import srsinv.jobs.simulate\n"
         "make({'limit': 1.0, '_target_': 'srsinv.effects.clipping.Clipping'}, "
         "'effects.clipping', 'effects')\n"
@@ -265,6 +265,16 @@ def test_a_skin_that_is_defined_is_no_effect_to_decide_on():
     _, screening = config.screened({**cfg, "tolerance": 1e-3})
     assert screening is not None
     assert screening.relative_change_bounds.keys() == {"viscoelastic_skin", "strip_width"}
+
+
+def test_a_simulation_is_screened_as_its_configuration_is():
+    cfg = configuration("effects=[strip_width,film_angle]", "effects.film_angle.tilt_deg=1e-3")
+    by_keys, screening = config.screened({**cfg, "tolerance": 1e-3})
+    without = config.simulation(config.select_effects(cfg, ()))
+    by_objects, found = screen_effects(without, config.effects(cfg), 1e-3)
+    assert screening is not None
+    assert found.on == screening.on == {"strip_width"}
+    assert eqx.tree_equal(by_objects, by_keys)
 
 
 class Unbounded(Effect):
