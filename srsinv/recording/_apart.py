@@ -15,6 +15,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Iterable
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,8 @@ _MEMORY = 2**32  # bytes: the limits on what a file may hold leave a factor of f
 _MESSAGE = 2**16  # bytes that ask for a file, of which its name is at most 255
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from srsinv.recording._apart import serve; serve(int(sys.argv[2]))"
+    "from srsinv.recording import _apart, formats; "
+    "_apart.serve(int(sys.argv[2]), formats.SUFFIXES.values())"
 )
 _ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
 
@@ -131,12 +133,10 @@ _SERVER = _Server()
 atexit.register(_SERVER.stop)
 
 
-def serve(descriptor: int) -> None:
+def serve(descriptor: int, readers_known: Iterable[Reader]) -> None:
     """Read, each in a process of its own, the files that are asked for, until no process can
-    ask."""
-    from .formats import SUFFIXES
-
-    readers = {type(each).__name__: each for each in SUFFIXES.values()}
+    ask; `readers_known`: those that it may be asked to read by."""
+    readers = {type(each).__name__: each for each in readers_known}
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended children are not waited for
     with socket.socket(fileno=descriptor) as asked:
         while True:
