@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .errors import refuse, whole
+from .errors import of_kind, refuse, whole
 from .forward.feature import Feature
 from .forward.scenario import Scenario
 from .forward.sensor import Sensor
@@ -77,7 +77,9 @@ def invert(given: Given, method: Method | None = None, sensor: Sensor | None = N
 
     Raises `BadInput` for a file that cannot be read, and facts that are missing.
     """
-    return (Wiener(scale="evidence") if method is None else method)(_problem(given, sensor))
+    method = Wiener(scale="evidence") if method is None else method
+    wanted = "a method, such as srsinv.Tikhonov()"
+    return of_kind("method", method, Method, wanted)(_problem(given, sensor))
 
 
 def fit_recording(

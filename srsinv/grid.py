@@ -74,6 +74,12 @@ class Convolution(Operator):
 
     @eqx.filter_jit
     def __call__(self, traction: Float[Array, "c n"]) -> Float[Array, "e n"]:
+        shape = self.transfer.shape[1], self.n
+        refuse(
+            traction.shape != shape,
+            f"The traction has the shape {traction.shape}: give (component, cell), as the line has "
+            f"it: {shape}.",
+        )
         spectrum = jnp.fft.rfft(traction, self.length)
         # A sum of products over the (one or two) components: faster than a batched matrix product.
         total = sum(self.transfer[:, c] * spectrum[c][None] for c in range(self.transfer.shape[1]))

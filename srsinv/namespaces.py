@@ -116,7 +116,7 @@ def _imported(path: str) -> ModuleType:
         return importlib.import_module(path)
     try:
         return importlib.import_module(path)
-    except Exception as error:  # a user's own code may raise anything
+    except (Exception, SystemExit) as error:  # a user's own code may raise anything
         raise BadInput(
             f"{path.replace('.', '/')}.py cannot be run: {type(error).__name__}: {error}. Mend it, "
             "or leave out what names it."
@@ -129,7 +129,9 @@ def _namespaces() -> tuple[str, ...]:
 
 
 def _is_module(package: ModuleType, path: str) -> bool:
-    return hasattr(package, "__path__") and importlib.util.find_spec(path) is not None
+    # Of what a module has merely imported, the name is another one.
+    is_package = hasattr(package, "__path__") and package.__name__ == path.rpartition(".")[0]
+    return is_package and importlib.util.find_spec(path) is not None
 
 
 def load_job(name: Any, root: Path) -> FunctionType:

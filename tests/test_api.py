@@ -1,5 +1,9 @@
 """The functions of `import srsinv`: simulate, invert, fit_recording."""
 
+import json
+import re
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -83,3 +87,15 @@ SCAN = srsinv.ConstantSpeed()
 def test_refused(sentence):
     with pytest.raises(srsinv.BadInput, match=sentence):
         REFUSED[sentence]()
+
+
+def test_what_is_no_such_thing_is_refused_where_it_is_given():
+    made = subprocess.run(
+        [sys.executable, "-m", "tests.wrong_arguments"],
+        cwd=Path(srsinv.__file__).parents[1],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    for sentence, said in json.loads(made.stdout).items():
+        assert re.search(sentence, said), said

@@ -20,8 +20,8 @@ from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Periodic
-from srsinv.inverse.features import FeatureFitter
-from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.cells import Window
+from srsinv.inverse.features import FeatureFit, FeatureFitter, FeatureModel
 from srsinv.namespaces import open_plugins
 from srsinv.targets import KINDS, base_of, check, make
 from tests.jobs.run import ROOT
@@ -36,6 +36,10 @@ FILES = dict(BLOCKS) | {
     "plugins/unfinished.py": "import srsinv.kinds as k\n\n\nclass Mine(k.Rule):\n    pass\n",
     "rule/unfinished.yaml": "_target_: plugins.unfinished.Mine\n",
     "reader/shared.yaml": "_target_: plugins.shared.File\nvolts_per_count: 1.0e-8\n",
+    "plugins/quits.py": "raise SystemExit(0)\n",
+    "rule/quits.yaml": "_target_: plugins.quits.Rule\n",
+    "rule/deep.yaml": "_target_: plugins.blur.StripAverage.mean.system\n",
+    "rule/library.yaml": "_target_: plugins.hum.jnp.linalg.norm\n",
     "rule/noisy.yaml": "_target_: plugins.hum.Hum\nrms: 1.0\n",
     "rule/broken.yaml": "_target_: plugins.broken.Rule\n",
     "rule/absent.yaml": "_target_: plugins.absent.Rule\n",
@@ -164,6 +168,22 @@ def test_a_feature_of_ones_own_is_found(folder):
     assert fit.parameters["position_m"][0] == pytest.approx(3e-3, abs=1e-6)
 
 
+def test_a_feature_of_a_surface_of_ones_own_is_felt_through_contact(folder):
+    """Where it is, on coarse cells: the pressure is highest there."""
+    open_plugins(str(folder))
+    own = make(
+        {"_target_": "plugins.crest.Crest", "edge_length_m": 1e-4}, "feature.crest", "feature"
+    )
+    assert FeatureFit({"crest": own}).is_of_surface
+    plate = FeatureModel.on_window(SENSOR, MOTION, Window(-1e-2, 1e-2), 2e-5, 2e4)
+    model = plate.with_features({"crest": own})
+    shape = {"height_m": 2e-5, "position_m": 1e-3, "edge_length_m": 1e-4}
+    params = {"crest": shape, "base_friction": 0.3, "nominal_pressure_Pa": 2e4, "gain": 1.0}
+    p = np.asarray(model.traction(params)[0])
+    assert float(model.line.x[p.argmax()]) == pytest.approx(1e-3, abs=4e-5)
+    assert np.ptp(np.asarray(model(params))) > 0
+
+
 def test_a_run_lists_the_plugins_that_it_was_made_with(folder, run):
     manifest = json.loads((run / "run.json").read_text())
     used = ("bending.py", "blur.py", "fixed.py", "hum.py", "lasso.py")
@@ -180,6 +200,9 @@ def test_nothing_of_the_folder_takes_the_place_of_a_library(run):
 
 
 REFUSED = {
+    "quits": r"plugins/quits\.py cannot be run: SystemExit: 0",
+    "deep": r"'plugins\.blur\.StripAverage\.mean\.system', which is no class",
+    "library": r"'plugins\.hum\.jnp\.linalg\.norm', which is no class",
     "noisy": r"rule\._target_ is 'plugins\.hum\.Hum', .* derives from srsinv\.kinds\.Rule",
     "broken": r"plugins/broken\.py cannot be run: AttributeError: .*absent.*Mend it",
     "absent": r"'plugins\.absent\.Rule', which is no class of srsinv, .* plugins/\*\.py",

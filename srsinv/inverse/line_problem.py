@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..errors import BadInput
+from ..errors import BadInput, refuse
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Convolution, Line, Operator, as_real
@@ -258,7 +258,15 @@ class LineProblem(eqx.Module):
           standard error, None where the method gives none.
         - `resolved_dof`: effective degrees of freedom that the method fitted.
         """
-        unknown = jnp.full(self.data.shape[-1:], jnp.nan) * jnp.asarray(traction)
+        shape = self.unknowns, self.line.n
+        unknown = jnp.full(shape, jnp.nan)
+        for name, values in {"traction": traction, "stderr": stderr}.items():
+            given = np.shape(unknown if values is None else values)
+            refuse(
+                given != shape,
+                f"The {name} has the shape {given}: give (component, cell), as they are solved "
+                f"for: {shape}.",
+            )
         shown = _shown(self, jnp.asarray(traction), unknown if stderr is None else stderr)
         chi2 = self.chi2(resolved_dof, float(shown.squares))
         finite = bool(jnp.all(jnp.isfinite(shown.value)))

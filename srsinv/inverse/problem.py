@@ -6,9 +6,10 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ..errors import number, refuse
+from ..errors import BadInput, is_number, number, of_kind, refuse, shown
 from ..forward.film import SampleAverage
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
@@ -40,9 +41,9 @@ class Problem(eqx.Module):
       lets the method choose.
     - `name`: for messages.
 
-    A method chooses its line, and takes the signals as they are (`samples`) or put on cells
-    (`on_line`). Raises `BadInput` where shapes disagree, for fewer than three samples, a window
-    that does not hold the scan, and numbers out of their range.
+    It is made of numbers that are known, outside `jax.jit`. A method chooses its line, and takes
+    the signals as they are (`samples`) or put on cells (`on_line`). Raises `BadInput` where shapes
+    disagree, for a window that is none, and numbers out of their range.
     """
 
     sensor: Sensor
@@ -64,12 +65,14 @@ class Problem(eqx.Module):
         noise: SampleNoise | float,
         *,
         friction=None,
-        nominal_pressure_Pa: float | None = None,
-        window_m: tuple[float, float] | None = None,
+        nominal_pressure_Pa: Any = None,
+        window_m: Any = None,
         cell_m: Any = None,
         name: str = "the signal",
     ):
-        signal = np.asarray(signal, float)
+        of_kind("sensor", sensor, Sensor, "a Sensor")
+        of_kind("motion", motion, Motion, "a Motion, as Motion.from_speed(time_s, speed, start_m)")
+        signal = _numbers(name, signal)
         shape = len(sensor.elements), motion.time_s.size
         refuse(
             signal.shape != shape,
@@ -84,8 +87,12 @@ class Problem(eqx.Module):
         self.noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
         mu = number("friction", 0.0 if friction is None else friction, "a finite number, or none")
         self.friction = None if friction is None else as_real(mu)
+        if nominal_pressure_Pa is not None:
+            wanted = "a pressure in Pa that is at least 0, or none where it is not known"
+            number("nominal_pressure_Pa", nominal_pressure_Pa, wanted, least=0)
+            nominal_pressure_Pa = float(nominal_pressure_Pa)
         self.nominal_pressure_Pa = nominal_pressure_Pa
-        self.window_m = window_m
+        self.window_m = None if window_m is None else _pair(window_m)
         if cell_m is not None:
             cell_m = float(number("cell_m", cell_m, "a positive width in metres", above=0))
         self.cell_m = cell_m
@@ -166,3 +173,29 @@ class Problem(eqx.Module):
             background_Pa=(self.nominal_pressure_Pa, None),
             friction=self.friction,
         )
+
+
+def _numbers(name: str, signal: Any) -> Float[np.ndarray, "..."]:
+    """The signal as numbers, NaN where a sample is missing."""
+    refuse(
+        isinstance(signal, Tracer),
+        f"{name} is traced, and a problem is made of known numbers: make it outside jax.jit.",
+    )
+    try:
+        values = np.asarray(signal, float)
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"{name} is no array of numbers: give (element, sample).") from error
+    bad = int(np.sum(np.isinf(values)))
+    refuse(bad > 0, f"{name} has {bad} infinite samples: give NaN where one is missing.")
+    return values
+
+
+def _pair(window_m: Any) -> tuple[float, float]:
+    """The window's start and end."""
+    is_pair = isinstance(window_m, list | tuple) and len(window_m) == 2
+    is_window = is_pair and all(map(is_number, window_m)) and window_m[0] < window_m[1]
+    refuse(
+        not is_window,
+        f"window_m is {shown(window_m)}: give (start, end) in metres, around the scan.",
+    )
+    return float(window_m[0]), float(window_m[1])

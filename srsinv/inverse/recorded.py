@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadInput, number, refuse
+from ..errors import BadInput, number, of_kind, refuse
 from ..forward.amplifier import CurrentAmplifier
 from ..forward.describe import elements
 from ..forward.film import Film
@@ -14,7 +14,7 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
 from ..recording import Recording
-from ..recording.even import check_volts, on_even_times
+from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.noise import white_level
 from .problem import Problem
 from .sample_noise import SampleNoise
@@ -41,7 +41,14 @@ def problem_of(
     noise is found in the signal.
     """
     sensor = sensor_described(recording) if sensor is None else sensor
-    check_elements(recording, sensor.elements)
+    check_elements(recording, of_kind("sensor", sensor, Sensor, "a Sensor").elements)
+    unit = sensor.amplifier.unit
+    refuse(
+        unit not in VOLTS and unit != recording.signal_unit,
+        f"{recording.name}: the signal is in {recording.signal_unit}, and the amplifier "
+        f"({type(sensor.amplifier).__name__}) gives {unit}: take one of the signal's unit, or give "
+        "recording.gain.",
+    )
     window = recording.sidecar.get("contact_window_m")
     return Problem(
         sensor,

@@ -11,6 +11,7 @@ import numpy as np
 import xarray
 
 from ..effects import ScreeningResult
+from ..errors import of_kind
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
 from ..inverse.estimate import COMPONENTS, Estimate
@@ -66,7 +67,9 @@ def run(case: InversionCase) -> Outcome:
             estimates[name], first, steady = timed(
                 lambda method=method: method(case.problem), repeats=3 if case.time_steady else 0
             )
-        estimates[name] = estimates[name].with_warnings(case.warnings)
+        wanted = "an Estimate, as problem.on_line().estimate(...) gives it"
+        answer = of_kind(f"what {name} gives", estimates[name], Estimate, wanted)
+        estimates[name] = answer.with_warnings(case.warnings)
         row = _judge(name, case, estimates[name]) | _features(case, estimates[name])
         rows.append(row | {"first_call_s": first, "steady_call_s": steady})
     dataset = _dataset(case, estimates)

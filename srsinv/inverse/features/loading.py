@@ -16,6 +16,7 @@ from ...grid import Line
 from ..nonlinear import Fit, Solver
 
 AnyFeature = Feature | SurfaceFeature
+FEATURES = (Feature, SurfaceFeature)
 Features = Mapping[str, Any]  # by name, all of the loading's kind
 Traction = Float[Array, "2 n"]
 Range = tuple[float, float]

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ...errors import refuse, shown
+from ...errors import mapping, refuse, shown
 from ..line_problem import LineProblem
 from ..method import Method
 from ..nonlinear import Solver
@@ -15,7 +15,7 @@ from ..problem import Problem
 from .contact import checked_pressure
 from .estimate import FeatureEstimate
 from .fit import FeatureFitter
-from .loading import AnyFeature, Features
+from .loading import FEATURES, AnyFeature, Features
 
 
 class Latest:
@@ -65,6 +65,12 @@ class FeatureFit(Method):
         also: tuple[str, ...] = (),
         start: Mapping[str, float] | None = None,
     ):
+        wanted = "a mapping of features by name, as {'strip': StripFeature()}"
+        for name, feature in mapping("features", features, wanted).items():
+            refuse(
+                not isinstance(feature, FEATURES),
+                f"The feature {name!r} is {shown(feature)}: give one, as StripFeature().",
+            )
         kinds = {feature.is_of_surface for feature in features.values()}
         refuse(
             len(kinds) != 1,
