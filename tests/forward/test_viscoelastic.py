@@ -12,8 +12,9 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Ridge, Rough, SineWave, Tape
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
-from srsinv.inverse.estimate import Estimate
+from srsinv.inverse.estimate import TractionEstimate
 from srsinv.inverse.shape import shape_band, shape_under
+from srsinv.status import Status
 from tests.refusals import refused
 
 LENGTH, N = 0.02, 256
@@ -276,16 +277,19 @@ def test_the_profile_s_band_from_the_pressure_s():
     expected = np.sqrt(np.diag(projection @ matrix @ errors @ matrix.T @ projection.T))
     for covariance in (jnp.asarray(power)[None, None] + 0j, jnp.asarray(errors)):
         none = jnp.zeros((1, N))
-        estimate = Estimate(
-            jnp.zeros((2, N)),
-            jnp.zeros((2, N)),
-            covariance,
-            none,
-            none,
-            none[None],
-            "converged",
-            (),
-            {},
+        estimate = TractionEstimate(
+            line=LINE,
+            value=jnp.zeros((2, N)),
+            stderr=jnp.zeros((2, N)),
+            fitted=none,
+            whitened=none,
+            covariance=covariance,
+            mean_weights=None,
+            averaging=none[None],
+            friction=None,
+            status=Status.CONVERGED,
+            warnings=(),
+            stats={},
         )
         with jax.numpy_rank_promotion("allow"):  # it is the inverse's
             _, stderr = shape_band(LINE, skin, estimate, jnp.asarray(touching))
