@@ -14,10 +14,10 @@ from ..forward.noise import Noise, total_spectrum
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Periodic, as_real
+from ..recording.even import STEADY
 from .nonlinear import Correlated, Spectrum
 
 MISSING = 1e8  # of the noise's variance: at missing samples in coloured noise
-STEADY = 1e-3  # largest relative deviation of a constant speed from its mean
 
 
 class Samples(NamedTuple):

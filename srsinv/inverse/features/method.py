@@ -12,6 +12,7 @@ from ..line_problem import LineProblem
 from ..method import Method
 from ..nonlinear import Solver
 from ..problem import Problem
+from ..sample_noise import Samples
 from .contact import checked_pressure
 from .estimate import FeatureEstimate
 from .fit import FeatureFitter
@@ -85,9 +86,20 @@ class FeatureFit(Method):
         """Whether the features act through contact."""
         return any(feature.is_of_surface for feature in self.features.values())
 
-    def fitter(self, problem: Problem | LineProblem) -> FeatureFitter:
-        """The fitter along the problem's motion."""
-        sensor, motion, *_ = problem.samples()
+    def __call__(self, problem: Problem | LineProblem) -> FeatureEstimate:
+        return self.candidate(self.features, problem)
+
+    def candidate(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
+        """The fit of some of the features, or of none."""
+        samples = problem.samples()
+        rough = self.is_of_surface and samples.is_estimate
+        noise = None if rough else samples.noise
+        estimate = self._fitter(problem, samples)(features, samples.signal, noise, self.start)
+        return estimate.of_problem(problem.background_Pa, problem.own_line, problem.passed)
+
+    def _fitter(self, problem: Problem | LineProblem, samples: Samples) -> FeatureFitter:
+        """The fitter along the samples' motion."""
+        sensor, motion = samples.sensor, samples.motion
         if not self.is_of_surface:
             make = lambda: FeatureFitter.along(sensor, motion, self.solver)  # noqa: E731
             return self._latest.of((sensor, motion), make)
@@ -98,14 +110,3 @@ class FeatureFit(Method):
                 sensor, motion, self.features, window, pressure, self.also, self.solver
             ),
         )
-
-    def __call__(self, problem: Problem | LineProblem) -> FeatureEstimate:
-        return self.candidate(self.features, problem)
-
-    def candidate(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
-        """The fit of some of the features, or of none."""
-        samples = problem.samples()
-        rough = self.is_of_surface and samples.is_estimate
-        noise = None if rough else samples.noise
-        estimate = self.fitter(problem)(features, samples.signal, noise, self.start)
-        return estimate.of_problem(problem.background_Pa, problem.own_line, problem.passed)

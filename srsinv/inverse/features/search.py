@@ -54,6 +54,7 @@ class FeatureSearch:
     def __init__(self, coarse: FeatureModel, blocks: Blocks, stretch: ScanExtent):
         self._model, self._blocks, self._stretch = coarse, blocks, stretch
         self._known: dict[AnyFeature, list[Tried]] = {}
+        self._strongest: dict[AnyFeature, list[float]] = {}
 
     def starts(
         self,
@@ -86,8 +87,10 @@ class FeatureSearch:
 
     def strongest(self, feature: AnyFeature) -> list[float]:
         """The strongest signal of each of its unit linear parameters over all shapes tried."""
-        peaks = [np.abs(part.signals).max(axis=(0, 2, 3)) for part in self._tried(feature, {})]
-        return np.max(peaks, axis=0).tolist()
+        if feature not in self._strongest:
+            peaks = [np.abs(part.signals).max(axis=(0, 2, 3)) for part in self._tried(feature, {})]
+            self._strongest[feature] = np.max(peaks, axis=0).tolist()
+        return self._strongest[feature]
 
     def relative_signal(
         self, feature: AnyFeature, own: Mapping[str, Any]
