@@ -221,7 +221,7 @@ def sensor_effects(cfg: Config) -> dict[str, Effect]:
         "effects=auto decides by a simulated scene, which this job does not take: name the effects "
         "of the sensor, as effects=[strip_width,layered_skin].",
     )
-    return parts.effects_of_sensor(effects(cfg))
+    return parts.effects_of_sensor(part(cfg, "effects"))
 
 
 def reader(cfg: Config) -> Reader:

@@ -127,15 +127,16 @@ def effects(named: Node) -> dict[str, Effect]:
     return dict(sorted(made.items(), key=lambda each: (each[1].order, each[0])))
 
 
-def effects_of_sensor(named: Mapping[str, Effect]) -> dict[str, Effect]:
-    """The effects, which have to be of the sensor."""
-    for name, effect in named.items():
+def effects_of_sensor(named: Node) -> dict[str, Effect]:
+    """The named effects, in the order in which they are added; all have to be of the sensor."""
+    made = effects(named)
+    for name, effect in made.items():
         refuse(
             not effect.of_sensor,
             f"effects names {name}, which acts on a simulated scene and its recording; this job "
             "takes effects of the sensor alone: leave it out.",
         )
-    return dict(named)
+    return made
 
 
 def noises(named: Node) -> dict[str, Noise]:
