@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -18,6 +18,11 @@ import numpy as np
 from ..errors import BadInput, is_number, number, refuse, shown
 from ..grid import Scalar
 from .traction import Bars, Hertz, LineLoad, Pressure, Step, UniformStrip
+
+if TYPE_CHECKING:  # a type checker would give a module's heirs an `__init__` of its fields
+    from abc import ABC as _Module
+else:
+    from equinox import Module as _Module
 
 Range = tuple[float, float]
 Shape = Mapping[str, Scalar]
@@ -70,15 +75,45 @@ _PHASE = Axis(
 )
 
 
-class Feature(eqx.Module):
+class ShapeFamily(_Module):
+    """Shapes that differ in parameters, each looked for in a range.
+
+    `search_ranges`: ranges that are not the default, (name, (least, greatest)), given for each
+    parameter as `position_range_m`, `width_range_m`, `duty_range` and so on.
+    """
+
+    axes: ClassVar[Mapping[str, Axis]]
+    search_ranges: tuple[tuple[str, Range], ...] = eqx.field(static=True)
+
+    def ranges(self, stretch: ScanExtent) -> dict[str, Range]:
+        """Search range of each parameter of the shape: as given, else the default."""
+        default = {name: axis.default(stretch) for name, axis in self.axes.items()}
+        return default | dict(self.search_ranges)
+
+    def _given(self, ranges: Mapping[str, Any], also: str) -> tuple[tuple[str, Range], ...]:
+        """Search ranges from `ranges` by their keys, refused where one is invalid. `also`: the
+        family's other key."""
+        names = {range_name(name): name for name in self.axes}
+        unknown = sorted(set(ranges) - set(names))
+        refuse(
+            bool(unknown),
+            f"feature has no key {unknown and unknown[0]!r}: {type(self).__name__} takes "
+            f"{', '.join(names)} and {also}.",
+        )
+        return tuple(
+            (names[key], _range(key, each, self.axes[names[key]].limits))
+            for key, each in ranges.items()
+            if each is not None
+        )
+
+
+class Feature(ShapeFamily):
     """A family of profiles.
 
-    - `search_ranges`: search ranges of parameters of the shape, (name, (least, greatest)), where
-      they are not the default.
+    - `search_ranges`: see [`ShapeFamily`][].
     - `friction`: mu in q = mu p, of either sign, where it is known; None lets it be fitted.
 
-    Built from `friction` and, for each parameter, `position_range_m`, `width_range_m`, `duty_range`
-    and so on. Raises `BadInput` for a range that is none, or not of the feature's parameters.
+    Raises `BadInput` for a range that is none, or not of the feature's parameters.
     """
 
     is_of_surface: ClassVar[bool] = False  # acts on the skin by itself, not through contact
@@ -86,13 +121,11 @@ class Feature(eqx.Module):
     shear: ClassVar[str] = "shear_Pa"
     is_semi_infinite: ClassVar[bool] = False  # extends beyond the end of every window
     is_periodic: ClassVar[bool] = False
-    axes: ClassVar[Mapping[str, Axis]]
-    search_ranges: tuple[tuple[str, Range], ...] = eqx.field(static=True)
     friction: float | None = eqx.field(static=True)
 
     def __init__(self, friction: Any = None, **ranges: Any):
         self.friction = _friction(friction)
-        self.search_ranges = checked_ranges(type(self).__name__, self.axes, ranges, "friction")
+        self.search_ranges = self._given(ranges, "friction")
 
     @property
     def linear(self) -> tuple[str, ...]:
@@ -103,10 +136,6 @@ class Feature(eqx.Module):
     def anywhere(self) -> "Feature":
         """The same family with default search ranges."""
         return type(self)(self.friction)
-
-    def ranges(self, stretch: ScanExtent) -> dict[str, Range]:
-        """Search range of each parameter of the shape."""
-        return ranges(self.axes, self.search_ranges, stretch)
 
     def starts(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
         """Shapes to start from, one for each combination of tried values: (start,) by name."""
@@ -179,32 +208,6 @@ class GratingFeature(Feature):
             pressure, duty, phase = -pressure, 1 - duty, phase + math.pi
         turned = math.remainder(phase, 2 * math.pi)
         return own | {"pressure_Pa": pressure, "duty": duty, "phase_rad": turned}
-
-
-def checked_ranges(
-    owner: str, axes: Mapping[str, Axis], given: Mapping[str, Any], also: str
-) -> tuple[tuple[str, Range], ...]:
-    """Search ranges of parameters, from `given`, ranges by their keys; refused where one is
-    invalid. `also`: the owner's other key."""
-    names = {range_name(name): name for name in axes}
-    unknown = sorted(set(given) - set(names))
-    refuse(
-        bool(unknown),
-        f"feature has no key {unknown and unknown[0]!r}: {owner} takes {', '.join(names)} and "
-        f"{also}.",
-    )
-    return tuple(
-        (names[key], _range(key, each, axes[names[key]].limits))
-        for key, each in given.items()
-        if each is not None
-    )
-
-
-def ranges(
-    axes: Mapping[str, Axis], known: tuple[tuple[str, Range], ...], stretch: ScanExtent
-) -> dict[str, Range]:
-    """Search range of each parameter: as given, else the default."""
-    return {name: axis.default(stretch) for name, axis in axes.items()} | dict(known)
 
 
 def range_name(parameter: str) -> str:

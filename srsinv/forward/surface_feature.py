@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import BadInput, number
 from ..grid import Scalar
-from .feature import POSITION, Axis, Range, ScanExtent, checked_ranges, range_name, ranges
+from .feature import POSITION, Axis, Range, ScanExtent, ShapeFamily, range_name
 from .surface import Ridge, Shape, StepDown, StepUp, Tape
 
 LEAST_HEIGHT_M, GREATEST_HEIGHT_M = 1e-7, 1e-3
@@ -52,29 +52,26 @@ WIDTH = Axis(lambda s: (0.02 * s.depth_m, s.length_m), _widths, (0.0, np.inf))
 ZONE = Axis(lambda s: (0.1 * s.depth_m, 4 * s.depth_m), _middle, (0.0, np.inf))
 
 
-class SurfaceFeature(eqx.Module):
-    """A family of shapes.
+class SurfaceFeature(ShapeFamily):
+    """A family of shapes with a height.
 
-    - `search_ranges`: search ranges, (name, (least, greatest)), where they are not the default.
+    - `search_ranges`: see [`ShapeFamily`][].
     - `edge_length_m`: over which its edges rise; None where the recording's sidecar gives it.
 
     `frictions` are the names of the parameters that enter linearly beside the plate's friction.
-    Built from `edge_length_m` and, for each parameter, `height_range_m`, `width_range_m` and so on.
     Raises `BadInput` for a range that is none, or not of the feature's parameters.
     """
 
     is_of_surface: ClassVar[bool] = True
-    axes: ClassVar[Mapping[str, Axis]]
     frictions: ClassVar[tuple[str, ...]] = ()
-    search_ranges: tuple[tuple[str, Range], ...] = eqx.field(static=True)
     edge_length_m: float | None = eqx.field(static=True)
 
-    def __init__(self, edge_length_m: Any = None, **given: Any):
+    def __init__(self, edge_length_m: Any = None, **ranges: Any):
         if edge_length_m is not None:
             wanted = "a positive length in metres, or null to take it from the sidecar"
             edge_length_m = float(number("feature.edge_length_m", edge_length_m, wanted, above=0))
         self.edge_length_m = edge_length_m
-        self.search_ranges = checked_ranges(type(self).__name__, self.axes, given, "edge_length_m")
+        self.search_ranges = self._given(ranges, "edge_length_m")
 
     @property
     def anywhere(self) -> "SurfaceFeature":
@@ -85,10 +82,6 @@ class SurfaceFeature(eqx.Module):
     def linear(self) -> tuple[str, ...]:
         """Names of the parameters that enter a signal linearly."""
         return self.frictions
-
-    def ranges(self, stretch: ScanExtent) -> dict[str, Range]:
-        """Search range of each parameter that is not a friction."""
-        return ranges(self.axes, self.search_ranges, stretch)
 
     def with_edge(self, edge_length_m: Any) -> "SurfaceFeature":
         """The same feature with edges that rise over this length."""
