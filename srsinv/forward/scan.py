@@ -115,6 +115,11 @@ class Motion(eqx.Module):
         return Motion(self.time_s, factor * self.position_m, factor * self.speed_m_per_s)
 
     @property
+    def sample_rate_hz(self) -> float:
+        """The mean rate of its samples. Of a motion that is not traced."""
+        return (self.time_s.size - 1) / float(self.time_s[-1] - self.time_s[0])
+
+    @property
     def ways(self) -> tuple[bool, ...]:
         """Whether the sensor slides towards +x, and towards -x: True and False, in this order. Of a
         motion that is not traced."""

@@ -97,8 +97,8 @@ class Simulation(eqx.Module):
 
     def _denser(self, motion: Motion) -> int:
         """How many times as many samples the finer line's cells ask for."""
-        rate = (motion.time_s.size - 1) / float(motion.time_s[-1] - motion.time_s[0])
-        return int(np.ceil(float(self.scan.sample_rate_hz(self.fine)) / rate * (1 - SAME_RATE)))
+        times = float(self.scan.sample_rate_hz(self.fine)) / motion.sample_rate_hz
+        return int(np.ceil(times * (1 - SAME_RATE)))
 
 
 @eqx.filter_jit

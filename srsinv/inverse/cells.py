@@ -14,7 +14,7 @@ from ..errors import refuse
 from ..forward.amplifier import Amplifier
 from ..forward.scan import Motion
 from ..grid import Open, as_real
-from .sample_noise import is_steady, sample_rate_hz
+from .sample_noise import is_steady
 
 MOST_UNKNOWNS = 4096  # that a direct solution can hold
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
@@ -78,7 +78,7 @@ def refuse_reversing(name: str, speed: Float[np.ndarray, " sample"]) -> None:
 
 def sample_spacing_m(motion: Motion) -> float:
     """The mean distance between samples."""
-    return abs(float(np.mean(motion.speed_m_per_s))) / sample_rate_hz(motion)
+    return abs(float(np.mean(motion.speed_m_per_s))) / motion.sample_rate_hz
 
 
 def block_of(motion: Motion, depth_m: float, unknowns: int, cell_m: float | None) -> int:

@@ -88,9 +88,9 @@ class Problem(eqx.Module):
         mu = number("friction", 0.0 if friction is None else friction, "a finite number, or none")
         self.friction = None if friction is None else as_real(mu)
         if nominal_pressure_Pa is not None:
-            wanted = "a pressure in Pa that is at least 0, or none where it is not known"
-            number("nominal_pressure_Pa", nominal_pressure_Pa, wanted, least=0)
-            nominal_pressure_Pa = float(nominal_pressure_Pa)
+            wanted = "a pressure in Pa that is at least 0, or null where it is not known"
+            key = f"{name}: nominal_pressure_Pa"
+            nominal_pressure_Pa = float(number(key, nominal_pressure_Pa, wanted, least=0))
         self.nominal_pressure_Pa = nominal_pressure_Pa
         self.window_m = None if window_m is None else _pair(window_m)
         if cell_m is not None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadInput, number, of_kind, refuse
+from ..errors import BadInput, of_kind, refuse
 from ..forward.amplifier import CurrentAmplifier
 from ..forward.describe import elements
 from ..forward.film import Film
@@ -56,7 +56,7 @@ def problem_of(
         recording.signal,
         noise_of(recording, float(sensor.depth_m)) if noise is None else noise,
         friction=friction,
-        nominal_pressure_Pa=nominal_pressure(recording),
+        nominal_pressure_Pa=recording.sidecar.get("nominal_pressure_Pa"),
         window_m=None if not window else (float(window[0]), float(window[1])),
         cell_m=cell_m,
         name=recording.name,
@@ -115,14 +115,6 @@ def motion_of(recording: Recording) -> Motion:
 def mean_speed(recording: Recording) -> ConstantSpeed:
     """The scan at the recording's mean speed."""
     return ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
-
-
-def nominal_pressure(recording: Recording) -> float | None:
-    """The mean pressure over the contact window [Pa], where it is known."""
-    given = recording.sidecar.get("nominal_pressure_Pa")
-    wanted = "a pressure in Pa that is at least 0, or null where it is not known"
-    key = f"{recording.name}: nominal_pressure_Pa"
-    return None if given is None else float(number(key, given, wanted, least=0))
 
 
 def noise_of(

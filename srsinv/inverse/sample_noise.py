@@ -66,7 +66,7 @@ class SampleNoise(eqx.Module):
             "a recording at constant speed without missing samples: name white noise only.",
         )
         speed = float(np.mean(motion.speed_m_per_s))
-        line = Periodic(y.shape[-1], abs(speed) / sample_rate_hz(motion))
+        line = Periodic(y.shape[-1], abs(speed) / motion.sample_rate_hz)
         signal_rms = jnp.sqrt(jnp.mean(jnp.asarray(y) ** 2))
         return Spectrum(np.asarray(self.power(line, ConstantSpeed(speed), signal_rms)))
 
@@ -75,12 +75,6 @@ def is_steady(motion: Motion) -> bool:
     """Whether the speed is constant, but for its measurement's noise."""
     speed = np.asarray(motion.speed_m_per_s)
     return bool(np.max(np.abs(speed - speed.mean())) <= STEADY * abs(speed.mean()))
-
-
-def sample_rate_hz(motion: Motion) -> float:
-    """The mean sampling rate."""
-    time = np.asarray(motion.time_s)
-    return (time.size - 1) / float(time[-1] - time[0])
 
 
 def noise_on_line(power: Float[np.ndarray, " k"], n: int, y: Float[np.ndarray, "e sample"]) -> Any:
