@@ -52,8 +52,10 @@ def simulate(
 
     It is computed on cells `refinement` times finer, so that what inverts the signal is not what
     made it. `friction`: mu where the inversion is to know that q = mu p. Raises `BadInput` for a
-    scenario without a scene.
+    scenario without a scene, and for what is no scenario or line.
     """
+    of_kind("scenario", scenario, Scenario, "a Scenario")
+    of_kind("line", line, Line, "a line, such as Periodic(256, 1.5e-4)")
     refuse(
         scenario.scene is None,
         "The scenario has no scene: give one, as Scenario(scene, sensor, scan).",

@@ -87,6 +87,15 @@ def of_kind(name: str, value: Any, kind: type[Kind], wanted: str) -> Kind:
     return value
 
 
+def all_of_kind(name: str, values: Any, kind: type[Kind], wanted: str) -> tuple[Kind, ...]:
+    """`values`, a list or tuple, refused unless each derives from the base `kind`."""
+    if not isinstance(values, list | tuple):
+        raise BadInput(f"{name} is {shown(values)}: give a list of {wanted}.")
+    return tuple(
+        of_kind(f"{name}[{at}]", each, kind, f"one of {wanted}") for at, each in enumerate(values)
+    )
+
+
 def mapping(name: str, value: Any, wanted: str = "a mapping of its keys") -> Mapping[str, Any]:
     """`value`, which is refused unless it is a mapping."""
     refuse(not isinstance(value, Mapping), f"{name} is {shown(value)}: give {wanted}.")
@@ -106,6 +115,7 @@ def shown(value: Any) -> str:
     word = value is None or isinstance(value, bool)
     try:
         text = {None: "null", True: "true", False: "false"}[value] if word else repr(value)
+        text = text if isinstance(value, str) else " ".join(text.split())
     except (ValueError, RecursionError):  # a number of thousands of digits, or very deep nesting
         return f"a {type(value).__name__} too long to show"
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

@@ -13,6 +13,7 @@ from srsinv.forward.feature import StripFeature
 
 EXAMPLE = Path(srsinv.__file__).parent / "examples" / "strip_two_element.csv"
 LINE, SCAN = srsinv.Periodic(128, cell_m=1.5e-4, start_m=-9.6e-3), srsinv.ConstantSpeed()
+SCENE = srsinv.TractionScene()
 ARRAYS = {"signal": np.zeros((2, 9)), "noise": 1e-8}
 MOTION = srsinv.Motion.from_speed(np.arange(9) / 100, 0.05)
 WRONG = {
@@ -20,8 +21,20 @@ WRONG = {
     "feature 'a' is 'strip'": lambda: srsinv.fit_recording(EXAMPLE, {"a": "strip"}),
     "features is .*: give a mapping": lambda: srsinv.fit_recording(EXAMPLE, [StripFeature()]),
     "skin is 'rubber'": lambda: srsinv.Sensor(skin="rubber"),
-    "an element is 1: give films": lambda: srsinv.Sensor([1, 2]),
-    "give a list of them": lambda: srsinv.Sensor(srsinv.Film()),
+    r"elements\[0\] is 1: give one of films": lambda: srsinv.Sensor([1, 2]),
+    r"elements is Film\(.*: give a list of films": lambda: srsinv.Sensor(srsinv.Film()),
+    "sensor is 'film': give a Sensor": lambda: srsinv.Scenario(SCENE, "film", SCAN),
+    "scene is 5: give a TractionScene or": lambda: srsinv.Scenario(5, srsinv.Sensor(), SCAN),
+    "noises is 40: give a list of noises": lambda: srsinv.Scenario(
+        SCENE, srsinv.Sensor(), SCAN, 40
+    ),
+    r"pressures\[0\] is 'strip': give one of": lambda: srsinv.TractionScene(pressures=["strip"]),
+    r"surfaces is \{'ridge'.*: give a list": lambda: srsinv.SurfaceScene(1e4, {"ridge": 1}),
+    "scenario is 'ridge': give a Scenario": lambda: srsinv.simulate("ridge", LINE),
+    "line is 256: give a line": lambda: srsinv.simulate(
+        srsinv.Scenario(SCENE, srsinv.Sensor(), SCAN), 256
+    ),
+    "line is 5: give a line": lambda: srsinv.Wiener()(problem()).on(5),
     "sensor is null": lambda: srsinv.Problem(None, MOTION, **ARRAYS),
     "motion is .*: give a Motion": lambda: srsinv.Problem(srsinv.Sensor(), SCAN, **ARRAYS),
     "no array of numbers": lambda: srsinv.Problem(srsinv.Sensor(), MOTION, "abc", 1.0),

@@ -1,9 +1,11 @@
 """Scenario: scene, sensor and recorder, the whole of a simulation but its grid."""
 
 import dataclasses
+from typing import Any
 
 import equinox as eqx
 
+from ..errors import all_of_kind, of_kind
 from .noise import Noise
 from .recorder import Recorder
 from .scan import ConstantSpeed
@@ -12,18 +14,30 @@ from .sensor import Sensor
 from .skin import Skin
 
 
+def _noises(given: Any) -> tuple[Noise, ...]:
+    return all_of_kind("noises", given, Noise, "noises, as [SignalToNoise(40)]")
+
+
 class Scenario(eqx.Module):
     """A scene, the sensor that slides over it, and the recorder of its signal.
 
     Effects are added to it one by one (srsinv/effects); one that is not added costs
-    nothing. `scene` is None where only the sensor is needed.
+    nothing. `scene` is None where only the sensor is needed. Raises `BadInput` for a part that is
+    of another kind.
     """
 
     scene: Scene | None
     sensor: Sensor
     scan: ConstantSpeed
-    noises: tuple[Noise, ...] = ()
+    noises: tuple[Noise, ...] = eqx.field(default=(), converter=_noises)
     recorder: Recorder = Recorder()
+
+    def __check_init__(self):
+        if self.scene is not None:
+            of_kind("scene", self.scene, Scene, "a TractionScene or a SurfaceScene")
+        of_kind("sensor", self.sensor, Sensor, "a Sensor")
+        of_kind("scan", self.scan, ConstantSpeed, "a ConstantSpeed")
+        of_kind("recorder", self.recorder, Recorder, "a Recorder")
 
     def replace(self, **changed) -> "Scenario":
         """The same scenario with other parts."""

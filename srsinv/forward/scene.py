@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from ..errors import number, refuse, whole
+from ..errors import all_of_kind, number, of_kind, refuse, whole
 from ..grid import Line, Scalar, as_real
 from .contact import Contact, press
 from .contact_wake import press_with_wake
@@ -97,7 +97,8 @@ class TractionScene(Scene):
     - `background_pressure_Pa` [Pa] and `base_friction`: values without any feature.
     - `pressures`: added to the background; `frictions`: added to the base, of either sign.
 
-    Raises `BadInput` for a background or a base that is not a finite number.
+    Raises `BadInput` for a background or a base that is not a finite number, and for parts of
+    another kind.
     """
 
     background_pressure_Pa: Float[Array, ""]
@@ -119,7 +120,10 @@ class TractionScene(Scene):
         self.base_friction = as_real(
             number("scene.base_friction", base_friction, "a number, of either sign")
         )
-        self.pressures, self.frictions = tuple(pressures), tuple(frictions)
+        kinds = "pressures, as [UniformStrip(1e4, 2e-3, 0.0)]"
+        self.pressures = all_of_kind("pressures", pressures, Pressure, kinds)
+        kinds = "friction steps, as [FrictionStep(0.1, 0.0)]"
+        self.frictions = all_of_kind("frictions", frictions, FrictionStep, kinds)
 
     def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:
         del direction
@@ -142,8 +146,8 @@ class SurfaceScene(Scene):
       the line's. None: one; as many as its wake asks (contact_wake.py) where the skin lags and
       touches in the window's midst alone.
 
-    Raises `BadInput` for a pressure that is not positive, a number of windows below 1, and several
-    windows about a shape that goes on beyond the first.
+    Raises `BadInput` for a pressure that is not positive, parts of another kind, a number of
+    windows below 1, and several windows about a shape that goes on beyond the first.
     """
 
     nominal_pressure_Pa: Float[Array, ""]
@@ -164,7 +168,8 @@ class SurfaceScene(Scene):
             number("scene.nominal_pressure_Pa", nominal_pressure_Pa, wanted, above=0)
         )
         self.surface = Surface(surfaces, base_friction)
-        self.skin = HalfSpace() if skin is None else skin
+        skin = HalfSpace() if skin is None else skin
+        self.skin = of_kind("skin", skin, Skin, "a skin, such as HalfSpace()")
         self.contact_windows = self._windows(contact_windows)
 
     def _windows(self, given: Any) -> int | None:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from ..errors import of_kind, refuse
+from ..errors import all_of_kind, of_kind, refuse
 from ..grid import Convolution, Line, Stage, as_real
 from .amplifier import Amplifier, CurrentAmplifier
 from .film import ORIENTATIONS_RAD, Film
@@ -100,20 +100,16 @@ class Sensor(eqx.Module):
         amplifier: Amplifier | None = None,
         filters: Sequence[Filter] = (),
     ):
-        refuse(
-            isinstance(elements, eqx.Module),
-            "The sensor's elements are one film: give a list of them, as [Film()].",
-        )
-        films = two_orientations() if elements is None else tuple(elements)
+        films = two_orientations() if elements is None else elements
+        self.elements = all_of_kind("elements", films, Film, "films, as [Film()]")
         wanted = "give at least 1 in sensor.elements"
-        refuse(not films, f"The sensor has 0 film elements: {wanted}.")
-        self.elements = tuple(of_kind("an element", film, Film, "films, Film()") for film in films)
+        refuse(not self.elements, f"The sensor has 0 film elements: {wanted}.")
         skin = HalfSpace() if skin is None else skin
         self.skin = of_kind("skin", skin, Skin, "a skin, such as HalfSpace()")
         amplifier = CurrentAmplifier() if amplifier is None else amplifier
         wanted = "an amplifier, such as CurrentAmplifier()"
         self.amplifier = of_kind("amplifier", amplifier, Amplifier, wanted)
-        self.filters = tuple(of_kind("a filter", each, Filter, "filters") for each in filters)
+        self.filters = all_of_kind("filters", filters, Filter, "filters, as [FirstOrder(1e-4)]")
 
     @property
     def depth_m(self) -> Float[Array, ""]:

@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, UInt32
 
-from ..errors import number, refuse, whole
+from ..errors import all_of_kind, number, refuse, whole
 from ..grid import Line, Scalar, as_real, wavenumbers
 
 
@@ -416,7 +416,7 @@ class Surface(eqx.Module):
     base_friction: Float[Array, ""]
 
     def __init__(self, shapes: Sequence[Shape] = (), base_friction: Scalar = 0.0):
-        self.shapes = tuple(shapes)
+        self.shapes = all_of_kind("surfaces", shapes, Shape, "shapes, as [Ridge(4e-5, 6e-4, 0.0)]")
         self.base_friction = _real("base_friction", base_friction)
 
     def only(self, kind: type[OneShape]) -> OneShape | None:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from ..errors import of_kind
 from ..grid import Line
 from ..status import Status
 from .quality import Quality, quality, reasons
@@ -116,6 +117,7 @@ class TractionEstimate(Estimate):
         """The same estimate as averages over the cells of another line, NaN where that goes beyond
         this one; traction is constant over a cell. The standard error follows from the covariance;
         where that is not known, it is that of errors that are the same all over a cell."""
+        of_kind("line", line, Line, "a line, such as Open(256, 1.5e-4)")
         weights = overlap(self.line, line)
         value = jnp.asarray(np.asarray(self.value) @ weights.T)
         nothing = {"covariance": None, "mean_weights": None, "averaging": None}

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.special import softmax
 
+from ...errors import of_kind
 from ...grid import Line, as_real
 from ...status import Status
 from ..diagnostics import of_fit, undetected
@@ -170,6 +171,7 @@ class FeatureEstimate(Estimate):
         return self._traction(None)[1]
 
     def on(self, line: Line) -> "FeatureEstimate":
+        of_kind("line", line, Line, "a line, such as Open(256, 1.5e-4)")
         return dataclasses.replace(self, line=line)
 
     def of_problem(
