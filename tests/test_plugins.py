@@ -2,16 +2,20 @@
 
 import hashlib
 import json
+import pickle
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import srsinv.kinds
 from srsinv.__main__ import main
+from srsinv.command.launch import LaunchedTask
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film
 from srsinv.forward.scan import ConstantSpeed, Motion
@@ -280,6 +284,32 @@ def test_each_run_of_a_sweep_lists_the_plugins_of_its_own(folder, scan):
     assert read_by("shared,lab", folder, scan, "-m", "experiment=inspect_recording", into) == 0
     runs = [json.loads((scan.parent / f"sweep/{i}/run.json").read_text()) for i in range(2)]
     assert [list(run["plugins"]) for run in runs] == [["mylab.py", "shared.py"], ["mylab.py"]]
+
+
+# What a launcher of Hydra does in a process of its own.
+APART = """
+import pickle, sys
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import open_dict
+task, config = pickle.load(sys.stdin.buffer)
+HydraConfig.instance().set_config(config)
+with open_dict(config):
+    del config["hydra"]
+sys.exit(task(config))
+"""
+
+
+def test_a_launched_process_finds_the_plugins(folder, scan):
+    into, configs = scan.parent / "run", ROOT / "configs"
+    named = ("experiment=inspect_recording", "reader=lab", f"recording.path={scan}")
+    searched = f"hydra.searchpath=['file://{folder}']"
+    with initialize_config_dir(str(configs), version_base="1.3"):
+        config = compose("config", [searched, *named], return_hydra_config=True)
+    config.hydra.runtime.output_dir = str(into)
+    task = LaunchedTask(configs, ("--config-dir", str(folder)), str(folder))
+    sent = pickle.dumps((task, config))
+    subprocess.run([sys.executable, "-c", APART], input=sent, cwd=scan.parent, check=True)
+    assert list(json.loads((into / "run.json").read_text())["plugins"]) == ["mylab.py"]
 
 
 @pytest.mark.parametrize("experiment", ["inspect_recording", "fit_recording"])

@@ -8,5 +8,5 @@ class Reversal(InterruptionEffect):
     """Sliding backwards for `duration_s` from `at_s` on, turning over `ramp_s`; friction turns with
     it. Raises `BadInput` as the speed profile does."""
 
-    def __init__(self, at_s, duration_s, ramp_s=0.01):
+    def __init__(self, at_s, duration_s, ramp_s=0.02):
         self.speed_profile = ReversalProfile(at_s, duration_s, ramp_s)

@@ -271,9 +271,9 @@ def test_a_simulation_is_screened_as_its_configuration_is():
     cfg = configuration("effects=[strip_width,film_angle]", "effects.film_angle.tilt_deg=1e-3")
     by_keys, screening = config.screened({**cfg, "tolerance": 1e-3})
     without = config.simulation(config.select_effects(cfg, ()))
-    by_objects, found = screen_effects(without, config.effects(cfg), 1e-3)
+    by_objects, result = screen_effects(without, config.effects(cfg), 1e-3)
     assert screening is not None
-    assert found.on == screening.on == {"strip_width"}
+    assert result.on == screening.on == {"strip_width"}
     assert eqx.tree_equal(by_objects, by_keys)
 
 
