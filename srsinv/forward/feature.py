@@ -6,16 +6,16 @@ times a profile and q = mu p. The amplitude enters every signal linearly, and so
 """
 
 import abc
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import equinox as eqx
 import numpy as np
 
-from ..errors import BadInput, is_number, number, refuse, shown
+from ..errors import BadInput, is_number, number, of_kind, refuse, shown
 from ..grid import Scalar
 from .traction import Bars, Hertz, LineLoad, Pressure, Step, UniformStrip
 
@@ -28,7 +28,7 @@ Range = tuple[float, float]
 Shape = Mapping[str, Scalar]
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class ScanExtent:
     """The interval that the sensor scanned, and the film's depth, which sets the blur there."""
 
@@ -42,7 +42,7 @@ class ScanExtent:
         return max(self.end_m - self.start_m, self.depth_m)
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Axis:
     """One parameter of a shape: its default range, and start values dense enough for one to lie
     near every minimum."""
@@ -79,7 +79,8 @@ class ShapeFamily(_Module):
     """Shapes that differ in parameters, each looked for in a range.
 
     `search_ranges`: ranges that are not the default, (name, (least, greatest)), given for each
-    parameter as `position_range_m`, `width_range_m`, `duty_range` and so on.
+    parameter as `position_range_m`, `width_range_m`, `duty_range` and so on. Fields that a family
+    of one's own declares are given by their names.
     """
 
     axes: ClassVar[Mapping[str, Axis]]
@@ -90,21 +91,56 @@ class ShapeFamily(_Module):
         default = {name: axis.default(stretch) for name, axis in self.axes.items()}
         return default | dict(self.search_ranges)
 
-    def _given(self, ranges: Mapping[str, Any], also: str) -> tuple[tuple[str, Range], ...]:
-        """Search ranges from `ranges` by their keys, refused where one is invalid. `also`: the
-        family's other key."""
+    def tried(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
+        """Values of each parameter of the shape to start from. Raises `BadInput` for a family of
+        one's own that has none."""
+        ranges = self.ranges(stretch)
+        values = {name: axis.tried(ranges[name], stretch) for name, axis in self.axes.items()}
+        for name, each in values.items():
+            refuse(
+                np.ndim(each) != 1 or not np.all(np.isfinite(each)) or not np.size(each),
+                f"{type(self).__name__}.axes[{name!r}] tries {shown(each)}: give one or more "
+                "numbers to start from.",
+            )
+        return values
+
+    def _take(self, given: Mapping[str, Any], also: str) -> None:
+        """Take search ranges, refused where one is invalid, and the family's own fields, by their
+        keys. `also`: the field that the kind has."""
+        for name, axis in self.axes.items():
+            of_kind(f"{type(self).__name__}.axes[{name!r}]", axis, Axis, "an Axis, as POSITION")
         names = {range_name(name): name for name in self.axes}
-        unknown = sorted(set(ranges) - set(names))
+        own = [name for name in self._fields() if name not in ("search_ranges", also)]
+        unknown = sorted(set(given) - {*names, *own})
         refuse(
             bool(unknown),
             f"feature has no key {unknown and unknown[0]!r}: {type(self).__name__} takes "
-            f"{', '.join(names)} and {also}.",
+            f"{', '.join([*own, *names])} and {also}.",
         )
-        return tuple(
+        self.search_ranges = tuple(
             (names[key], _range(key, each, self.axes[names[key]].limits))
-            for key, each in ranges.items()
-            if each is not None
+            for key, each in given.items()
+            if key in names and each is not None
         )
+        for name in own:
+            if name in given:
+                setattr(self, name, given[name])
+
+    def _fields(self) -> list[str]:
+        return [field.name for field in dataclasses.fields(cast(Any, self))]
+
+    def _with(self, **changed: Any) -> Any:
+        """A copy that differs in these fields. Its `__init__`, which may be a stranger's, is not
+        called."""
+        copy = object.__new__(type(self))
+        for name in self._fields():
+            object.__setattr__(copy, name, changed.get(name, getattr(self, name)))
+        return copy
+
+    @property
+    def anywhere(self) -> Any:
+        """The same family with default search ranges."""
+        return self._with(search_ranges=())
 
 
 class Feature(ShapeFamily):
@@ -123,25 +159,18 @@ class Feature(ShapeFamily):
     is_periodic: ClassVar[bool] = False
     friction: float | None = eqx.field(static=True)
 
-    def __init__(self, friction: Any = None, **ranges: Any):
+    def __init__(self, friction: Any = None, **given: Any):
         self.friction = _friction(friction)
-        self.search_ranges = self._given(ranges, "friction")
+        self._take(given, "friction")
 
     @property
     def linear(self) -> tuple[str, ...]:
         """Names of the parameters that enter a signal linearly."""
         return (self.amplitude,) if self.friction is not None else (self.amplitude, self.shear)
 
-    @property
-    def anywhere(self) -> "Feature":
-        """The same family with default search ranges."""
-        return type(self)(self.friction)
-
     def starts(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
         """Shapes to start from, one for each combination of tried values: (start,) by name."""
-        ranges = self.ranges(stretch)
-        tried = [axis.tried(ranges[name], stretch) for name, axis in self.axes.items()]
-        rows = np.array(list(itertools.product(*tried)))
+        rows = np.array(list(itertools.product(*self.tried(stretch).values())))
         return dict(zip(self.axes, rows.T, strict=True))
 
     @abc.abstractmethod

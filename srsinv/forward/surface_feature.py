@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import BadInput, number
 from ..grid import Scalar
-from .feature import POSITION, Axis, Range, ScanExtent, ShapeFamily, range_name
+from .feature import POSITION, Axis, Range, ScanExtent, ShapeFamily
 from .surface import Ridge, Shape, StepDown, StepUp, Tape
 
 LEAST_HEIGHT_M, GREATEST_HEIGHT_M = 1e-7, 1e-3
@@ -52,6 +52,11 @@ WIDTH = Axis(lambda s: (0.02 * s.depth_m, s.length_m), _widths, (0.0, np.inf))
 ZONE = Axis(lambda s: (0.1 * s.depth_m, 4 * s.depth_m), _middle, (0.0, np.inf))
 
 
+def _edge_length(given: Any) -> float | None:
+    wanted = "a positive length in metres, or null to take it from the sidecar"
+    return None if given is None else float(number("feature.edge_length_m", given, wanted, above=0))
+
+
 class SurfaceFeature(ShapeFamily):
     """A family of shapes with a height.
 
@@ -66,17 +71,9 @@ class SurfaceFeature(ShapeFamily):
     frictions: ClassVar[tuple[str, ...]] = ()
     edge_length_m: float | None = eqx.field(static=True)
 
-    def __init__(self, edge_length_m: Any = None, **ranges: Any):
-        if edge_length_m is not None:
-            wanted = "a positive length in metres, or null to take it from the sidecar"
-            edge_length_m = float(number("feature.edge_length_m", edge_length_m, wanted, above=0))
-        self.edge_length_m = edge_length_m
-        self.search_ranges = self._given(ranges, "edge_length_m")
-
-    @property
-    def anywhere(self) -> "SurfaceFeature":
-        """The same family with default search ranges."""
-        return type(self)(self.edge_length_m)
+    def __init__(self, edge_length_m: Any = None, **given: Any):
+        self.edge_length_m = _edge_length(edge_length_m)
+        self._take(given, "edge_length_m")
 
     @property
     def linear(self) -> tuple[str, ...]:
@@ -85,8 +82,7 @@ class SurfaceFeature(ShapeFamily):
 
     def with_edge(self, edge_length_m: Any) -> "SurfaceFeature":
         """The same feature with edges that rise over this length."""
-        given = {range_name(name): list(within) for name, within in self.search_ranges}
-        return type(self)(edge_length_m, **given)
+        return self._with(edge_length_m=_edge_length(edge_length_m))
 
     @property
     def edge_m(self) -> float:

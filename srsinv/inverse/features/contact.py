@@ -136,14 +136,9 @@ class ContactLoading(Loading):
         """Contact is solved once per shape, and its signal shifted to every place: a surface that
         repeats gives the same traction wherever its feature lies."""
         whole = feature.axes.keys() <= given.keys()
-        columns = {
-            name: np.array([given[name]])
-            if name in given and not whole
-            else axis.tried(within, stretch)
-            for (name, axis), within in zip(
-                feature.axes.items(), feature.ranges(stretch).values(), strict=True
-            )
-        }
+        columns = feature.tried(stretch)
+        if not whole:
+            columns |= {name: np.array([given[name]]) for name in columns.keys() & given.keys()}
         places = columns.pop(PLACE)
         shapes = np.array(list(itertools.product(*columns.values()))).reshape(-1, len(columns))
         if whole:
