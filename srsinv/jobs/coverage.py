@@ -48,7 +48,8 @@ def run(cfg: config.Config) -> Outcome:
         sampled = SampledScan("coverage", rate_hz, *parts)
         key, solver = config.random_key(cfg), config.solver(cfg)
         if on_surface:
-            shape = known_shape(config.scene(cfg), list(scene["surfaces"] or ()))
+            names, features = list(scene["surfaces"] or ()), config.surface_features(cfg)
+            shape = known_shape(config.scene(cfg), names, features)
             window = window_given(given["window_m"])
             on, statistics = statistics_of_shape(shape, sampled, window, solver, key, draws)
         else:

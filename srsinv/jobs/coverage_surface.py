@@ -77,10 +77,13 @@ class KnownShape:
     nominal_pressure_Pa: float
 
 
-def known_shape(scene: Scene, names: Sequence[str]) -> KnownShape:
+def known_shape(
+    scene: Scene, names: Sequence[str], features: Mapping[str, SurfaceFeature]
+) -> KnownShape:
     """That of a scene, whose surfaces have these names.
 
-    Raises `BadInput` for another number than one, and a shape that no feature fits.
+    Raises `BadInput` for another number than one, a shape that no feature fits, and features of
+    another shape.
     """
     surface = scene.contact_scene
     shapes: tuple[Any, ...] = surface.surface.shapes if surface else ()
@@ -91,6 +94,12 @@ def known_shape(scene: Scene, names: Sequence[str]) -> KnownShape:
             f"The scene has {len(shapes)} surfaces ({', '.join(names)}): coverage takes one that "
             f"can be fitted ({kinds}), such as scene=ridge."
         )
+    others = [name for name, each in features.items() if type(each) is not kind]
+    refuse(
+        bool(others),
+        f"feature names {', '.join(others)}, and what coverage fits to the scene of a surface is "
+        f"the scene's own shape ({kind.__name__}): leave feature out.",
+    )
     shape: Any = shapes[0]
     base = float(surface.surface.base_friction)
     feature = kind(float(shape.edge_length_m))

@@ -139,3 +139,6 @@ def test_a_surface_that_cannot_be_fitted_is_refused():
         lambda: outcome("experiment=coverage", "scene=ridge", "coverage.window_m=[1,0]"),
         "coverage.window_m",
     )
+    refused(
+        lambda: outcome("experiment=coverage", "scene=ridge", "feature=[tape]"), "tape", "leave"
+    )
