@@ -55,6 +55,23 @@ def plugin_files(settings: Any) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
+def fault_in_plugin(error: BaseException) -> BadInput | None:
+    """What a plugin raised, as a refusal that says where; None for what none has raised."""
+    at, reached = error.__traceback__, None
+    while at is not None:
+        if str(at.tb_frame.f_globals.get("__name__")).startswith("plugins."):
+            reached = at
+        at = at.tb_next
+    if reached is None:
+        return None
+    name = reached.tb_frame.f_globals["__name__"].replace(".", "/")
+    said = f": {error}" if str(error) else ""
+    return BadInput(
+        f"{name}.py ends in {type(error).__name__} at line {reached.tb_lineno}{said}. Mend it, or "
+        "leave out what names it."
+    )
+
+
 def _texts(node: Any) -> Iterator[str]:
     """Every text in a configuration."""
     if isinstance(node, str):

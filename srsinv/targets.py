@@ -93,7 +93,8 @@ def class_of(node: Any, name: str, kind: str) -> type:
     refuse(
         not inspect.isclass(made),
         f"{name}.{TARGET} is {shown(target)}, which is no class of srsinv, of the experiments or "
-        f"of {_PLUGINS}: name one as package.module.Class, where it is defined.",
+        f"of {_PLUGINS}: name one as {_public(target) or 'package.module.Class'}, where it is "
+        "defined.",
     )
     assert isinstance(made, type)
     bases = tuple(map(base_of, KINDS[kind]))
@@ -109,6 +110,15 @@ def class_of(node: Any, name: str, kind: str) -> type:
         "that derives from it and defines that.",
     )
     return made
+
+
+def _public(target: Any) -> str | None:
+    """Where the class is defined that has this public name in `srsinv` or `srsinv.kinds`."""
+    package, _, name = str(target).rpartition(".")
+    if package not in ("srsinv", "srsinv.kinds"):
+        return None
+    public = getattr(importlib.import_module(package), name, None)
+    return f"{public.__module__}.{name}" if inspect.isclass(public) else None
 
 
 def _check_keys(made: type, node: Mapping[str, Any], name: str) -> None:

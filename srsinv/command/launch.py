@@ -26,7 +26,7 @@ from omegaconf import DictConfig, OmegaConf
 from ..aliases import current_override, with_current_keys
 from ..config import check_early
 from ..errors import BadInput, refuse
-from ..namespaces import load_job, open_plugins, plugin_files
+from ..namespaces import fault_in_plugin, load_job, open_plugins, plugin_files
 from ..run_folder import claim
 from .folders import DONE, FAULT, REFUSED, run, sweep
 from .hydra_settings import check_hydra_settings, check_typed
@@ -110,7 +110,9 @@ class LaunchedTask:
             _show_outcome(outcome, folder)
         except BadInput as refusal:
             return say(refusal)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
+            if refusal := fault_in_plugin(error):
+                return say(refusal)
             traceback.print_exception(error)
             return FAULT
         finally:
