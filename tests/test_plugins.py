@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import srsinv.kinds
+from srsinv import parts
 from srsinv.__main__ import main
 from srsinv.command.launch import LaunchedTask
 from srsinv.errors import BadInput
@@ -42,6 +44,17 @@ FILES = dict(BLOCKS) | {
     "reader/shared.yaml": "_target_: plugins.shared.File\nvolts_per_count: 1.0e-8\n",
     "plugins/quits.py": "raise SystemExit(0)\n",
     "rule/quits.yaml": "_target_: plugins.quits.Rule\n",
+    "plugins/faulty.py": """import srsinv.kinds as k
+
+
+class Faulty(k.Method):
+    code: int
+
+    def __call__(self, problem):
+        raise SystemExit(self.code) if self.code else problem.absent
+""",
+    "method/faulty.yaml": "# @package method.faulty\n_target_: plugins.faulty.Faulty\ncode: 0\n",
+    "rule/public.yaml": "_target_: srsinv.Tikhonov\n",
     "rule/deep.yaml": "_target_: plugins.blur.StripAverage.mean.system\n",
     "rule/library.yaml": "_target_: plugins.hum.jnp.linalg.norm\n",
     "rule/noisy.yaml": "_target_: plugins.hum.Hum\nrms: 1.0\n",
@@ -158,6 +171,25 @@ def test_a_solver_of_ones_own_fits(folder):
     assert fit.quality == "good"
 
 
+def test_what_is_written_for_python_runs(folder):
+    open_plugins(str(folder))
+    (program,) = re.findall(r"```python\n(import srsinv\n.*?)```", GUIDE, re.DOTALL)
+    made = {}
+    exec(program, made)  # the guide's own text
+    assert made["estimate"].value.shape == (2, 128)
+    assert made["estimate"].quality != "failed"
+
+
+def test_a_load_profile_of_ones_own_is_in_a_scene(folder):
+    open_plugins(str(folder))
+    node: Any = OmegaConf.to_container(OmegaConf.load(folder / "scene/bell.yaml"))
+    scene = parts.scene(node, None)
+    p = np.asarray(scene.pressure(LINE))
+    expected = 1e4 + 4e3 / np.cosh(np.asarray(LINE.x) / 1e-3) ** 2
+    from_mean = 4e3 * (2e-4 / 1e-3) ** 2 / 12  # a cell's mean differs by p'' cell^2/24
+    np.testing.assert_allclose(p, expected, rtol=0, atol=1.01 * from_mean)
+
+
 def test_an_example_is_short():
     lines = {name: len(re.findall(r"\S.*\n", text)) for name, text in BLOCKS}
     assert lines.pop("plugins/bending.py") <= 20  # a method and a prior
@@ -166,7 +198,7 @@ def test_an_example_is_short():
 
 def test_a_feature_of_ones_own_is_found(folder):
     open_plugins(str(folder))
-    own = make({"_target_": "plugins.pad.Pad"}, "feature.pad", "traction_feature")
+    own = part(folder, "feature/pad.yaml", "traction_feature")
     fit = FeatureFitter.along(SENSOR, MOTION)({"pad": own}, simulated(own, 3e-3), 1e-9)
     assert fit.quality == "good"
     assert fit.parameters["position_m"][0] == pytest.approx(3e-3, abs=1e-6)
@@ -211,6 +243,7 @@ REFUSED = {
     "broken": r"plugins/broken\.py cannot be run: AttributeError: .*absent.*Mend it",
     "absent": r"'plugins\.absent\.Rule', which is no class of srsinv, .* plugins/\*\.py",
     "unfinished": r"'plugins\.unfinished\.Mine', which leaves choose undefined",
+    "public": r"name one as srsinv\.inverse\.tikhonov\.Tikhonov",
     "borrowed": r"'plugins\.blur\.StripAverage', which is no class",
 }
 
@@ -220,6 +253,14 @@ def test_what_cannot_stand_there_is_refused(rule, folder, tmp_path, capsys):
     given = ["--config-dir", str(folder), *SMALL, f"rule={rule}", f"hydra.run.dir={tmp_path}/r"]
     assert main(given) == 2
     assert re.search(REFUSED[rule], capsys.readouterr().err)
+    assert not (tmp_path / "r").exists()
+
+
+@pytest.mark.parametrize(("code", "fault"), [(0, "AttributeError"), (3, "SystemExit")])
+def test_what_a_plugin_raises_is_said_with_its_place(code, fault, folder, tmp_path, capsys):
+    named = (*SMALL[:-1], "method=[faulty]", f"method.faulty.code={code}")
+    assert main(["--config-dir", str(folder), *named, f"hydra.run.dir={tmp_path}/r"]) == 2
+    assert f"plugins/faulty.py ends in {fault} at line 8" in capsys.readouterr().err
     assert not (tmp_path / "r").exists()
 
 

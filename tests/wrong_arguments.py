@@ -1,22 +1,134 @@
-"""Arguments of the wrong kind, given to the public functions by a program of its own: the tests'
-own checks of types would come first. Prints each sentence that refuses one."""
+"""Arguments of the wrong kind, given to the public functions by a program of its own, and parts
+whose methods give what their kind does not: the tests' own checks of types would come first. Prints
+each sentence that refuses one."""
 
 import json
 from pathlib import Path
+from types import MappingProxyType
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import srsinv
-from srsinv.forward.feature import StripFeature
+from srsinv import kinds
+from srsinv.effects import add_effects
+from srsinv.forward.feature import POSITION, Axis, StripFeature
+from srsinv.inverse.nonlinear import Minimum
+from srsinv.inverse.rule import Choice
 
 EXAMPLE = Path(srsinv.__file__).parent / "examples" / "strip_two_element.csv"
 LINE, SCAN = srsinv.Periodic(128, cell_m=1.5e-4, start_m=-9.6e-3), srsinv.ConstantSpeed()
 SCENE = srsinv.TractionScene()
 ARRAYS = {"signal": np.zeros((2, 9)), "noise": 1e-8}
 MOTION = srsinv.Motion.from_speed(np.arange(9) / 100, 0.05)
+NO_START = Axis(POSITION.default, lambda within, stretch: np.zeros(0))
+
+
+class Constant(kinds.Noise):
+    power: object
+
+    def spectrum(self, line, scan, signal_rms):
+        return self.power
+
+
+class Poles(kinds.Filter):
+    given: tuple
+    time_scale_s = 1e-4
+
+    @property
+    def poles(self):
+        return self.given
+
+
+class Gain(kinds.Amplifier):
+    order: float
+    given: object
+    unit, offset = "V", 0.0
+
+    def gain(self, speed_m_per_s):
+        return self.given
+
+
+class Thin(kinds.HalfSpace):
+    def transfer(self, k, depth_m):
+        return super().transfer(k, depth_m)[:3]
+
+
+class Nothing(kinds.Effect):
+    def apply(self, scenario):
+        return None
+
+
+class Beyond(kinds.Rule):
+    name = "beyond"
+
+    def choose(self, scorer, box):
+        return Choice(box[1] + 1, "converged")
+
+
+class Elsewhere(kinds.Solver):
+    name = "elsewhere"
+    tolerance, max_steps = None, 1
+
+    def __call__(self, residual, z0, lower, upper):
+        cost = jnp.sum(residual(z0) ** 2) / 2
+        return Minimum(jnp.zeros(9), cost, cost, jnp.array(1), jnp.array(True))
+
+
+class Flat(kinds.Feature):
+    axes = MappingProxyType({"position_m": POSITION})
+
+    def profile(self, shape):
+        return shape["position_m"]
+
+
+class Nowhere(kinds.Feature):
+    axes = MappingProxyType({"position_m": NO_START})
+
+    def profile(self, shape):
+        return None
+
+
+def felt(noises=(), **parts):
+    return srsinv.simulate(srsinv.Scenario(SCENE, srsinv.Sensor(**parts), SCAN, noises), LINE)
+
+
+ZERO = np.zeros((2, 128))
 WRONG = {
+    r"Constant.spectrum gives 1.0: give the power .* \(65,\)": lambda: felt([Constant(1.0)]),
+    "noise .Constant. has the power -1.0 at the wavenumber 0": lambda: felt(
+        [Constant(-jnp.ones(65))]
+    ),
+    "Poles.poles is .*: give one or more": lambda: felt(filters=[Poles((-0.6 + 0.8j,))]),
+    r"Poles.poles is \(-2.0,\): give one or more": lambda: felt(filters=[Poles((-2.0,))]),
+    "Gain.order is 1.5: give 0": lambda: felt(amplifier=Gain(1.5, jnp.ones(()))),
+    "Gain.gain gives null for one speed": lambda: felt(amplifier=Gain(1, None)),
+    "rms is nan: one of HalfSpace, Film, Film, Gain or": lambda: felt(
+        amplifier=Gain(1, jnp.array(np.nan))
+    ),
+    r"Thin.transfer gives .* of the shape \(4, 2, 257\)": lambda: felt(skin=Thin()),
+    "what effects.it makes is null: give the scenario": lambda: add_effects(
+        srsinv.Scenario(SCENE, srsinv.Sensor(), SCAN), {"it": Nothing()}
+    ),
+    "Beyond.choose gives the log10 weights .*: give one for each": lambda: srsinv.Tikhonov(
+        rule=Beyond()
+    )(problem()),
+    "what Elsewhere gives has a point of the shape": lambda: srsinv.FeatureFit(
+        {"it": StripFeature()}, Elsewhere()
+    )(samples()),
+    "solver is 5: give a solver": lambda: srsinv.FeatureFit({"it": StripFeature()}, 5),
+    "what Flat.profile gives is .*: give a pressure": lambda: srsinv.FeatureFit({"it": Flat()})(
+        samples()
+    ),
+    r"Nowhere.axes\['position_m'\] tries array": lambda: srsinv.FeatureFit({"it": Nowhere()})(
+        samples()
+    ),
+    "stderr has negative or infinite": lambda: long_problem().estimate(ZERO, ZERO - 1),
+    "resolved_dof is nan": lambda: long_problem().estimate(ZERO, resolved_dof=np.nan),
+    "warnings is 'one': give a list": lambda: long_problem().estimate(ZERO, warnings="one"),
+    "status is 'fine': give one of converged": lambda: long_problem().estimate(ZERO, status="fine"),
+    "stats has mine = .*: give a number": lambda: long_problem().estimate(ZERO, mine=(1, 2)),
     "method is 'wiener': give a method": lambda: srsinv.invert(EXAMPLE, "wiener"),
     "feature 'a' is 'strip'": lambda: srsinv.fit_recording(EXAMPLE, {"a": "strip"}),
     "features is .*: give a mapping": lambda: srsinv.fit_recording(EXAMPLE, [StripFeature()]),
@@ -57,10 +169,20 @@ WRONG = {
 }
 
 
-def problem():
+def samples():
     """Of nothing but noise."""
     signal = np.random.default_rng(0).normal(size=(2, 9))
-    return srsinv.Problem(srsinv.Sensor(), MOTION, signal, 1.0).on_line()
+    return srsinv.Problem(srsinv.Sensor(), MOTION, signal, 1.0)
+
+
+def problem():
+    """On cells of the samples' own."""
+    return samples().on_line()
+
+
+def long_problem():
+    """On the cells of a line."""
+    return felt([Constant(jnp.ones(65))]).problem
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ..errors import refuse
+from ..errors import of_kind, refuse
 from ..forward.scenario import Scenario
 from ._reference import ReferenceSpectra
 
@@ -126,10 +126,14 @@ def add_effects(scenario: Scenario, named: Mapping[str, Effect]) -> Scenario:
     """The scenario with these effects, one after another. Raises `BadInput` for one that its skin
     defines already."""
     for name, effect in named.items():
+        of_kind(f"effects.{name}", effect, Effect, "an effect, as srsinv.effects has them")
         refuse(
             effect.is_defined_in(scenario),
             f"effects names {name}, and skin defines another one ({scenario.sensor.skin.words}): "
             "leave the effect out, or take skin=half_space.",
         )
-        scenario = effect.apply(scenario)
+        what, wanted = f"what effects.{name} makes", "the scenario with the effect"
+        made = of_kind(what, effect.apply(scenario), Scenario, wanted)
+        refuse((made.scene is None) != (scenario.scene is None), f"{what} has no scene: keep it.")
+        scenario = made
     return scenario

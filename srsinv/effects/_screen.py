@@ -9,11 +9,13 @@ import math
 import time
 from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from numbers import Real
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from ..errors import refuse, shown
 from ..forward.scenario import Scenario
 from ..forward.simulation import Simulation
 from ..forward.skin import STRESSES
@@ -168,10 +170,22 @@ def _round(
         transfer = math.prod(others, start=spectra.transfer_of_others)
         beside = spectra.replace(transfer_of_others=transfer)
         of_noise = sum(_of_noise(effects[name], noise) for noise in noises)
-        bounds[name] = float(effects[name].relative_change_bound(beside) + of_noise)
+        bounds[name] = _bound(name, effects[name], beside) + of_noise
         times[name] = time.perf_counter() - start
     off, bound = _left_out(bounds, effects, spectra.replace(transfer_of_others=every), tolerance)
     return _Round(bounds, off, bound, times)
+
+
+def _bound(name: str, effect: Effect, beside: ReferenceSpectra) -> float:
+    """The bound that the effect gives, which may be a stranger's."""
+    bound: Any = effect.relative_change_bound(beside)
+    is_one: Any = isinstance(bound, Real) or getattr(bound, "shape", None) == ()
+    refuse(
+        not (is_one and float(bound) >= 0),
+        f"effects.{name} bounds its change by {shown(bound)}: give a number that is at least 0, "
+        "infinite where none is known.",
+    )
+    return float(bound)
 
 
 def _factors(spectra: ReferenceSpectra, effects: Mapping[str, Effect], names: Set[str]):

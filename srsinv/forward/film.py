@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Shaped
 
-from ..errors import BadInput, number, refuse, whole
+from ..errors import BadInput, number, of_kind, refuse, whole
 from ..grid import Scalar, as_real, sinc, spread_over
 
 Kernel = Callable[[Float[Array, " x"]], Float[Array, "c x"]]
@@ -232,6 +232,7 @@ class Film(eqx.Module):
 
     def with_effect(self, effect: LineEffect) -> "Film":
         """The same film with one more effect along the line."""
+        of_kind("effect", effect, LineEffect, "an effect along the line, as StripAverage(1e-3)")
         return dataclasses.replace(self, effects=(*self.effects, effect))
 
     def with_strip_average(self) -> "Film":

@@ -6,14 +6,16 @@ all wavenumbers is the variance. Elements are independent, but for a cause that 
 """
 
 import abc
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
-from ..errors import number
+from ..errors import number, refuse, shown
 from ..grid import Line, as_real
 from .scan import ConstantSpeed
 
@@ -156,7 +158,7 @@ def total_spectrum(
 
 @eqx.filter_jit
 def _total(noises, line: Line, scan: ConstantSpeed, signal_rms) -> Float[Array, " k"]:
-    spectra = [noise.spectrum(line, scan, signal_rms) for noise in noises]
+    spectra = [_power(noise, line, scan, signal_rms) for noise in noises]
     return sum(spectra, jnp.zeros(line.k.shape))
 
 
@@ -176,8 +178,30 @@ def with_noise(
     noisy = signal + draw(key, spectrum, *signal.shape)
     for at, noise in enumerate(others):
         noisy = noisy + noise.draw(jax.random.fold_in(key, at), line, scan, rms)
-        spectrum = spectrum + noise.spectrum(line, scan, rms)
+        spectrum = spectrum + _power(noise, line, scan, rms)
     return noisy, spectrum, rms
+
+
+def _power(noise: Noise, line: Line, scan: ConstantSpeed, signal_rms) -> Float[Array, " k"]:
+    """The power of one cause, which may be a stranger's."""
+    power, wanted = noise.spectrum(line, scan, signal_rms), line.k.shape
+    refuse(
+        getattr(power, "shape", None) != wanted or jnp.iscomplexobj(power),
+        f"{type(noise).__name__}.spectrum gives {shown(power)}: give the power at every wavenumber "
+        f"of line.k, an array of real numbers of the shape {wanted}.",
+    )
+    return power
+
+
+def check_power(noises: Sequence[Noise], power: Float[ArrayLike, " k"]) -> None:
+    """Refuse a total power that cannot be."""
+    values, names = np.asarray(power), ", ".join(type(noise).__name__ for noise in noises)
+    bad = ~(values >= 0) | np.isinf(values)
+    refuse(
+        bool(bad.any()),
+        f"The noise ({names}) has the power {values[bad.argmax()]} at the wavenumber "
+        f"{bad.argmax()}: give finite numbers that are at least 0.",
+    )
 
 
 @eqx.filter_jit

@@ -9,6 +9,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..errors import all_of_kind, of_kind, refuse
 from ..grid import Convolution, Line, Stage, as_real
+from ._checks import check_amplifier, check_poles, stress_in
 from .amplifier import Amplifier, CurrentAmplifier
 from .film import ORIENTATIONS_RAD, Film
 from .filter import Filter, even_interval
@@ -32,7 +33,7 @@ class FilmSignal(Stage):
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
         def one(film: Film):
             weights = film.charge_per_stress()
-            charge = jnp.tensordot(weights, self.skin.transfer(k, film.depth_m), 1)
+            charge = jnp.tensordot(weights, stress_in(self.skin, k, film.depth_m), 1)
             return film.along_line(charge, k)
 
         derivative = 1j * k[None, None] if self.order else 1.0
@@ -109,7 +110,10 @@ class Sensor(eqx.Module):
         amplifier = CurrentAmplifier() if amplifier is None else amplifier
         wanted = "an amplifier, such as CurrentAmplifier()"
         self.amplifier = of_kind("amplifier", amplifier, Amplifier, wanted)
+        check_amplifier(amplifier)
         self.filters = all_of_kind("filters", filters, Filter, "filters, as [FirstOrder(1e-4)]")
+        for each in self.filters:
+            check_poles(each)
 
     @property
     def depth_m(self) -> Float[Array, ""]:

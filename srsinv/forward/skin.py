@@ -115,12 +115,17 @@ class HalfSpace(Skin):
     def half_space(self) -> "HalfSpace | None":
         return self
 
-    # In numpy: what runs once takes longer to compile.
+    # In numpy: what runs once takes longer to compile. A skin derived from this one may have a
+    # response of its own.
 
     def transfer_once(self, k: np.ndarray, depth_m: float) -> Complex[np.ndarray, "4 2 k"]:
+        if type(self).transfer is not HalfSpace.transfer:
+            return super().transfer_once(k, depth_m)
         return half_space_stress(np, k, depth_m, np.asarray(self.poisson_ratio))
 
-    def compliance_once(self, k: np.ndarray) -> Float[np.ndarray, " k"]:
+    def compliance_once(self, k: np.ndarray) -> Inexact[np.ndarray, " k"]:
+        if type(self).compliance is not HalfSpace.compliance:
+            return super().compliance_once(k)
         return 2 / (float(self.youngs_modulus_Pa) / (1 - float(self.poisson_ratio) ** 2) * k)
 
     @property

@@ -1,9 +1,15 @@
 """Refusals of a problem on a line."""
 
+import math
+from collections.abc import Mapping
+from numbers import Real
+from typing import Any
+
 import numpy as np
 from jax.core import Tracer
 
-from ..errors import refuse
+from ..errors import all_of_kind, choice, number, refuse, shown
+from ..status import Status
 
 
 def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None:
@@ -59,3 +65,27 @@ def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None
             "The model's signal is zero for every traction (no speed, or no gain): there is "
             "nothing to invert.",
         )
+
+
+def check_estimate(
+    shape: tuple[int, int],
+    stderr: Any,
+    status: Any,
+    resolved_dof: Any,
+    warnings: Any,
+    stats: Mapping[str, Any],
+) -> None:
+    """Refuse what a method says of its solution of this shape where it cannot be."""
+    choice("status", status, list(Status))
+    wanted = f"a number from 0 to {math.prod(shape)}, of as many unknowns"
+    number("resolved_dof", resolved_dof, wanted, least=0, most=math.prod(shape))
+    all_of_kind("warnings", warnings, str, "sentences")
+    for name, value in stats.items():
+        refuse(
+            not (value is None or isinstance(value, str | Real)),
+            f"stats has {name} = {shown(value)}: give a number or a word, as float(...) makes one.",
+        )
+    refuse(
+        stderr is not None and bool(np.any((np.asarray(stderr) < 0) | np.isinf(stderr))),
+        "stderr has negative or infinite numbers: give NaN where it is not known.",
+    )

@@ -15,7 +15,7 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Convolution, Line, Operator, as_real
 from ..status import Status
-from ._line_checks import check
+from ._line_checks import check, check_estimate
 from .cells import Window
 from .diagnostics import residual_over_noise
 from .estimate import COMPONENTS, TractionEstimate
@@ -257,8 +257,12 @@ class LineProblem(eqx.Module):
         - `traction` [Pa]: of the components solved for, less their known means; `stderr` [Pa]: its
           standard error, None where the method gives none.
         - `resolved_dof`: effective degrees of freedom that the method fitted.
+        - `warnings`: sentences; `stats`: further numbers and words, by name.
+
+        Raises `BadInput` for what has another shape or cannot be.
         """
         shape = self.unknowns, self.line.n
+        check_estimate(shape, stderr, status, resolved_dof, warnings, stats)
         unknown = jnp.full(shape, jnp.nan)
         for name, values in {"traction": traction, "stderr": stderr}.items():
             given = np.shape(unknown if values is None else values)

@@ -10,7 +10,7 @@ import scipy.linalg
 from jaxtyping import Array, Float
 
 from ..errors import number, refuse
-from ..forward.noise import Noise, total_spectrum
+from ..forward.noise import Noise, check_power, total_spectrum
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Periodic, as_real
@@ -51,7 +51,9 @@ class SampleNoise(eqx.Module):
         self, line: Line, scan: ConstantSpeed, signal_rms, samples: float = 1.0
     ) -> Float[Array, " k"]:
         """Power at line.k per cell, a cell being the mean of so many samples."""
-        coloured = total_spectrum(tuple(self.causes.values()), line, scan, signal_rms)
+        causes = tuple(self.causes.values())
+        coloured = total_spectrum(causes, line, scan, signal_rms)
+        check_power(causes, coloured)
         return coloured + (float(self.rms) / np.sqrt(samples)) ** 2
 
     def of_fit(self, name: str, motion: Motion, y: Float[np.ndarray, "e sample"]) -> Any:

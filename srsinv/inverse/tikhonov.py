@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import choice, number, of_kind, whole
+from ..errors import choice, number, of_kind, refuse, whole
 from ..grid import Line, as_real
 from ..status import Status
 from .diagnostics import undetermined_weights
@@ -134,7 +134,17 @@ class Tikhonov(Method):
         box = self._box(problem, given)
         if all(weight is not None for weight in given):
             return Choice(box[0], Status.GIVEN)
-        return self.rule.choose(Scorer(self._family, problem, self.path), box)
+        name = type(self.rule).__name__
+        choice = self.rule.choose(Scorer(self._family, problem, self.path), box)
+        of_kind(f"what {name}.choose gives", choice, Choice, "a Choice of srsinv.inverse.rule")
+        chosen, (low, high) = np.asarray(choice.log_weights), np.asarray(box)
+        fits = chosen.shape == low.shape and np.all((low <= chosen) & (chosen <= high))
+        refuse(
+            not fits,
+            f"{name}.choose gives the log10 weights {chosen.tolist()}: give one for each component "
+            f"within the box, from {low.tolist()} to {high.tolist()}.",
+        )
+        return choice
 
     @property
     def _family(self) -> "Penalties":

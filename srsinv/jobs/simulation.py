@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import refuse
 from ..forward.film import StripAverage
-from ..forward.noise import with_noise
+from ..forward.noise import check_power, with_noise
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..forward.simulation import Simulation
@@ -30,7 +30,7 @@ def noisy_problem(sim: Simulation, key, friction=None) -> LineProblem:
 def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> LineProblem:
     """The signal without noise, (e, n) at the line's positions, with noise and what inverts it."""
     data, spectrum, rms = with_noise(sim.scenario.noises, sim.line, sim.scan, signal, key)
-    _refuse_nothing(sim.scenario.noises, spectrum, rms)
+    _check_noise(sim.sensor, sim.scenario.noises, spectrum, rms)
     recorder, observed = sim.scenario.recorder, None
     if recorder.conversions:
         valid = np.asarray(recorder.valid(data))
@@ -93,7 +93,7 @@ def recorded(sim: Simulation, key) -> TimedSamples:
     spacing = abs(float(sim.scan.speed_m_per_s)) / recorder.rate_hz(sim.fine, sim.scan)
     samples = Periodic(ideal.shape[1], spacing)
     noisy, spectrum, rms = with_noise(sim.scenario.noises, samples, sim.scan, ideal, key)
-    _refuse_nothing(sim.scenario.noises, spectrum, rms)
+    _check_noise(sim.sensor, sim.scenario.noises, spectrum, rms)
     signal, valid = recorder.convert(noisy), recorder.valid(noisy)
     spectrum = spectrum + recorder.variance
     return TimedSamples(
@@ -117,7 +117,14 @@ def _problem(
     )
 
 
-def _refuse_nothing(noises, spectrum, rms) -> None:
+def _check_noise(sensor: Sensor, noises, spectrum, rms) -> None:
+    parts = (sensor.skin, *sensor.elements, sensor.amplifier, *sensor.filters)
+    refuse(
+        not bool(jnp.isfinite(rms)),
+        f"The signal's rms is {float(rms)}: one of {', '.join(type(p).__name__ for p in parts)} or "
+        "the scene gives what is no number; correct it.",
+    )
+    check_power(noises, spectrum)
     refuse(
         bool(noises) and not bool(jnp.any(spectrum > 0)) and not bool(rms > 0),
         "The scene gives no signal at all, nor noise that is set by its ratio to the signal: put "

@@ -11,8 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...errors import of_kind
 from ...forward.feature import ScanExtent
 from ...forward.scan import Motion
+from ...forward.traction import Pressure
 from ...grid import Line, as_real
 from ..nonlinear import Fit
 from .identifiability import limited_by_bounds, undetected_features
@@ -35,7 +37,7 @@ class DirectLoading(Loading):
     ) -> list[Traction]:
         total = jnp.zeros((2, line.n))
         for name, feature in features.items():
-            shape = feature.profile(params[name]).cell_values(line)
+            shape = _profile(feature, params[name]).cell_values(line)
             shape = shape * self.fade if feature.is_periodic else shape
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
         return [total if way else turned(total) for way in ways]
@@ -43,7 +45,7 @@ class DirectLoading(Loading):
     def cell_traction(self, line: Line, features: Features, params: Any, onto: Line) -> Traction:
         total = jnp.zeros((2, onto.n))
         for name, feature in features.items():
-            shape = feature.profile(params[name]).cell_average(onto)
+            shape = _profile(feature, params[name]).cell_average(onto)
             if feature.is_periodic:
                 shape = shape * jnp.interp(onto.x, line.x, self.fade)
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape
@@ -112,6 +114,12 @@ class DirectLoading(Loading):
                 mu, stderr = friction_of(fit, name, feature)
                 read[f"{prefix}friction"] = mu, np.inf if "friction" in unsure else stderr
         return read
+
+
+def _profile(feature: Any, shape: Mapping[str, Any]) -> Pressure:
+    """The feature's profile, which may be a stranger's."""
+    what = f"what {type(feature).__name__}.profile gives"
+    return of_kind(what, feature.profile(shape), Pressure, "a pressure, as UniformStrip(1.0, 2e-3)")
 
 
 def amplitudes(feature: Any, own: Mapping[str, Any]) -> tuple[Array, Array]:

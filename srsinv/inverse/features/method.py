@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ...errors import mapping, refuse, shown
+from ...errors import mapping, of_kind, refuse, shown
 from ..line_problem import LineProblem
 from ..method import Method
 from ..nonlinear import Solver
@@ -78,7 +78,9 @@ class FeatureFit(Method):
             f"The features are {shown(dict(features))}: give one or more by name, all of them of "
             "traction or all of a surface.",
         )
-        self.features, self.solver = dict(features), solver
+        wanted = "a solver, such as Optimistix()"
+        self.features = dict(features)
+        self.solver = None if solver is None else of_kind("solver", solver, Solver, wanted)
         self.also, self.start, self._latest = tuple(also), dict(start or {}), Latest()
 
     @property

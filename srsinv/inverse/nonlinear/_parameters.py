@@ -234,7 +234,9 @@ def _bounds(layout: Layout, bounds: Any) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = bounds or (None, None)
     low = layout.row_of("The lower bound", lower, -np.inf)
     high = layout.row_of("The upper bound", upper, np.inf)
-    refuse(bool(np.isnan([low, high]).any()), "A bound is nan: give a number, or None for none.")
+    bad = np.isnan(low) | np.isnan(high)
+    name = layout.names[bad.argmax()]
+    refuse(bool(bad.any()), f"The bounds of {name} have nan: give a number, or None for none.")
     return low, high
 
 

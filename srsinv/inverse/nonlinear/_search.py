@@ -14,7 +14,7 @@ from ._lengths import lengths
 from ._loss import Loss, Squares
 from ._noise import Whitener
 from ._parameters import Layout
-from ._solvers import Minimum, Solver
+from ._solvers import Minimum, Solver, reached
 
 NEAREST = 2  # neighbours of a start for each parameter that is searched
 
@@ -254,11 +254,11 @@ def _minima(split: VariableProjection, solver: Solver, v0, box, cost) -> Minimum
         at = cost(v0[0])
         only = Minimum(v0[0], at, at, jnp.array(0), jnp.array(True))
     elif len(v0) == 1:
-        only = solver(split.terms, v0[0], *box)
+        only = reached(solver, split.terms, v0[0], box)
     else:
         # In sequence: in parallel each waits for the slowest, and jaxlib's batched LAPACK can
         # deadlock on a CPU (with 0.10.2: all workers inside, none left to work).
-        return jax.lax.map(lambda v: solver(split.terms, v, *box), v0)
+        return jax.lax.map(lambda v: reached(solver, split.terms, v, box), v0)
     return jax.tree.map(lambda leaf: leaf[None], only)
 
 

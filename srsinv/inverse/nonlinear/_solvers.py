@@ -14,13 +14,14 @@ import optax
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from ...errors import number, whole
+from ...errors import number, of_kind, refuse, whole
 from ._lengths import lengths
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._uncertainty import CONVERGED
 
 # Where the derivative jumps: the standard errors within which a minimum can be located.
 ROUGH = 100.0
+OUT_OF_BOX = 1e-6  # of a start: by which only rounding puts a minimum out of its bounds
 EXACT = 1e-6  # of the jumps of a derivative: its error between two of them
 
 Residual = Callable[[Float[Array, " m"]], Float[Array, " n"]]
@@ -67,6 +68,21 @@ class Solver(eqx.Module):
         """The same solver for a residual that is smooth only beyond this fraction of its size."""
         del rounding
         return self
+
+
+def reached(solver: Solver, residual: Residual, z0: Float[Array, " m"], box: Any) -> Minimum:
+    """The minimum that a solver, which may be a stranger's, reaches from z0 within the box (lower,
+    upper); not done where it is out of it."""
+    name, wanted = f"what {type(solver).__name__} gives", "a Minimum of srsinv.inverse.nonlinear"
+    given = of_kind(name, solver(residual, z0, *box), Minimum, wanted)
+    found: Minimum = jax.tree.map(jnp.asarray, given)
+    refuse(
+        found.point.shape != z0.shape,
+        f"{name} has a point of the shape {found.point.shape}: give one like z0, {z0.shape}.",
+    )
+    slack = OUT_OF_BOX * (1 + jnp.abs(z0))
+    within = (box[0] - slack <= found.point) & (found.point <= box[1] + slack)
+    return eqx.tree_at(lambda m: m.done, found, found.done & jnp.all(within))
 
 
 def known_tolerance(value: Any) -> float | None:

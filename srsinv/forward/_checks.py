@@ -1,0 +1,54 @@
+"""Refusals of parts of a sensor that are of their kind, and yet cannot be: a stranger's."""
+
+import numbers
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from ..errors import all_of_kind, of_kind, refuse, shown, whole
+from ..grid import as_real
+from .amplifier import Amplifier
+from .filter import Filter
+from .skin import STRESSES, Skin
+
+SAME = 1e-9  # by which poles differ, and moduli, that only rounding tells apart
+
+
+def check_amplifier(amplifier: Amplifier) -> None:
+    """Refuse an order, a unit or a gain that is none."""
+    name, gain = type(amplifier).__name__, amplifier.gain(as_real(1.0))
+    whole(f"{name}.order", amplifier.order, "0 for the charge, 1 for the current", least=0, most=1)
+    of_kind(f"{name}.unit", amplifier.unit, str, "a word, as 'V'")
+    refuse(
+        getattr(gain, "shape", None) != () or jnp.iscomplexobj(gain),
+        f"{name}.gain gives {shown(gain)} for one speed: give a real number for each speed, as "
+        "jax.numpy makes it.",
+    )
+
+
+def check_poles(filter: Filter) -> None:
+    """Refuse poles that do not make a filter that is stable and real."""
+    name, kind = f"{type(filter).__name__}.poles", "poles, as (-0.6 + 0.8j, -0.6 - 0.8j)"
+    poles = np.array(all_of_kind(name, filter.poles, numbers.Complex, kind), complex)
+    apart = np.abs(poles[:, None] - poles) + np.eye(poles.size)
+    unpaired = np.abs(poles[:, None] - poles.conj()).min(axis=0, initial=np.inf) > SAME
+    fits = np.all(np.real(poles) < 0) and np.all(np.abs(np.abs(poles) - 1) < SAME)
+    refuse(
+        not (poles.size and fits) or bool(np.any(apart < SAME) or np.any(unpaired)),
+        f"{name} is {shown(filter.poles)}: give one or more, each once, of modulus 1 and a "
+        "negative real part, complex ones with their conjugates.",
+    )
+
+
+def stress_in(
+    skin: Skin, k: Float[Array, " k"], depth_m: Float[Array, ""]
+) -> Complex[Array, "4 2 k"]:
+    """The stress in a skin under unit traction; refused where it has another shape."""
+    stress, wanted = skin.transfer(k, depth_m), (len(STRESSES), 2, *k.shape)
+    refuse(
+        getattr(stress, "shape", None) != wanted,
+        f"{type(skin).__name__}.transfer gives {shown(stress)}: give the stresses "
+        f"{', '.join(STRESSES)} under p and q at every k, of the shape {wanted}.",
+    )
+    return stress
