@@ -60,7 +60,7 @@ class Nothing(kinds.Effect):
         return None
 
 
-class Beyond(kinds.Rule):
+class OutOfBox(kinds.Rule):
     name = "beyond"
 
     def choose(self, scorer, box):
@@ -76,7 +76,7 @@ class Elsewhere(kinds.Solver):
         return Minimum(jnp.zeros(9), cost, cost, jnp.array(1), jnp.array(True))
 
 
-class Flat(kinds.Feature):
+class NoProfile(kinds.Feature):
     axes = MappingProxyType({"position_m": POSITION})
 
     def profile(self, shape):
@@ -90,37 +90,38 @@ class Nowhere(kinds.Feature):
         return None
 
 
-def felt(noises=(), **parts):
+def simulated(noises=(), **parts):
     return srsinv.simulate(srsinv.Scenario(SCENE, srsinv.Sensor(**parts), SCAN, noises), LINE)
 
 
 ZERO = np.zeros((2, 128))
 WRONG = {
-    r"Constant.spectrum gives 1.0: give the power .* \(65,\)": lambda: felt([Constant(1.0)]),
-    "noise .Constant. has the power -1.0 at the wavenumber 0": lambda: felt(
+    r"Constant.spectrum gives 1.0: give the power .* \(65,\)": lambda: simulated([Constant(1.0)]),
+    "noise .Constant. has the power -1.0 at the wavenumber 0": lambda: simulated(
         [Constant(-jnp.ones(65))]
     ),
-    "Poles.poles is .*: give one or more": lambda: felt(filters=[Poles((-0.6 + 0.8j,))]),
-    r"Poles.poles is \(-2.0,\): give one or more": lambda: felt(filters=[Poles((-2.0,))]),
-    "Gain.order is 1.5: give 0": lambda: felt(amplifier=Gain(1.5, jnp.ones(()))),
-    "Gain.gain gives null for one speed": lambda: felt(amplifier=Gain(1, None)),
-    "rms is nan: one of HalfSpace, Film, Film, Gain or": lambda: felt(
+    "Poles.poles is .*: give one or more": lambda: simulated(filters=[Poles((-0.6 + 0.8j,))]),
+    r"Poles.poles is \(-2.0,\): give one or more": lambda: simulated(filters=[Poles((-2.0,))]),
+    "Gain.order is 1.5: give 0": lambda: simulated(amplifier=Gain(1.5, jnp.ones(()))),
+    "Gain.gain is 0 while": lambda: simulated(amplifier=Gain(1, jnp.zeros(()))),
+    "Gain.gain gives null for one speed": lambda: simulated(amplifier=Gain(1, None)),
+    "rms is nan: one of HalfSpace, Film, Film, Gain or": lambda: simulated(
         amplifier=Gain(1, jnp.array(np.nan))
     ),
-    r"Thin.transfer gives .* of the shape \(4, 2, 257\)": lambda: felt(skin=Thin()),
+    r"Thin.transfer gives .* of the shape \(4, 2, 257\)": lambda: simulated(skin=Thin()),
     "what effects.it makes is null: give the scenario": lambda: add_effects(
         srsinv.Scenario(SCENE, srsinv.Sensor(), SCAN), {"it": Nothing()}
     ),
-    "Beyond.choose gives the log10 weights .*: give one for each": lambda: srsinv.Tikhonov(
-        rule=Beyond()
+    "OutOfBox.choose gives the log10 weights .*: give one for each": lambda: srsinv.Tikhonov(
+        rule=OutOfBox()
     )(problem()),
     "what Elsewhere gives has a point of the shape": lambda: srsinv.FeatureFit(
         {"it": StripFeature()}, Elsewhere()
     )(samples()),
     "solver is 5: give a solver": lambda: srsinv.FeatureFit({"it": StripFeature()}, 5),
-    "what Flat.profile gives is .*: give a pressure": lambda: srsinv.FeatureFit({"it": Flat()})(
-        samples()
-    ),
+    "what NoProfile.profile gives is .*: give a pressure": lambda: srsinv.FeatureFit(
+        {"it": NoProfile()}
+    )(samples()),
     r"Nowhere.axes\['position_m'\] tries array": lambda: srsinv.FeatureFit({"it": Nowhere()})(
         samples()
     ),
@@ -182,7 +183,7 @@ def problem():
 
 def long_problem():
     """On the cells of a line."""
-    return felt([Constant(jnp.ones(65))]).problem
+    return simulated([Constant(jnp.ones(65))]).problem
 
 
 if __name__ == "__main__":

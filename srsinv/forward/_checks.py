@@ -4,6 +4,7 @@ import numbers
 
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Complex, Float
 
 from ..errors import all_of_kind, of_kind, refuse, shown, whole
@@ -24,6 +25,10 @@ def check_amplifier(amplifier: Amplifier) -> None:
         getattr(gain, "shape", None) != () or jnp.iscomplexobj(gain),
         f"{name}.gain gives {shown(gain)} for one speed: give a real number for each speed, as "
         "jax.numpy makes it.",
+    )
+    refuse(
+        not isinstance(gain, Tracer) and float(gain) == 0.0,
+        f"{name}.gain is 0 while the sensor moves: no signal would pass, give another.",
     )
 
 

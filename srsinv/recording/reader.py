@@ -97,6 +97,8 @@ def _checked(reader: Reader, name: str, given: Any) -> ColumnTable:
             f"{name}: reader {_label(reader)} names a column {shown(column)}, which is no text: "
             f"{_REMEDY}",
         )
+        if isinstance(values, np.ma.MaskedArray):  # what is masked is missing
+            values = np.ma.filled(values.astype(float), np.nan)
         array = np.asarray(values)
         table.take(column, array.shape, array.dtype, lambda array=array: array)
     if not isinstance(given, ColumnTable):

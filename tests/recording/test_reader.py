@@ -56,6 +56,14 @@ def test_a_reader_of_ones_own_gives_the_recording(scan):
     assert len(inspect(scan, reader=Lines()).signals) == 2
 
 
+def test_what_a_reader_masks_is_missing(scan):
+    masked = np.ma.masked_array(SIGNAL[0], np.arange(SIGNAL.shape[1]) == 7)
+    reader = Returning(COLUMNS | {"voltage_0_V": masked})
+    signal = load(scan, reader=reader, missing="allow").signal
+    np.testing.assert_array_equal(np.isnan(signal[0]), masked.mask)
+    np.testing.assert_array_equal(signal[1], SIGNAL[1])
+
+
 def test_without_a_reader_the_suffix_decides(scan):
     with pytest.raises(BadInput, match=r"cannot be read from suffix '\.lab'"):
         load(scan)

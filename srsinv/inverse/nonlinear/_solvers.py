@@ -75,14 +75,14 @@ def reached(solver: Solver, residual: Residual, z0: Float[Array, " m"], box: Any
     upper); not done where it is out of it."""
     name, wanted = f"what {type(solver).__name__} gives", "a Minimum of srsinv.inverse.nonlinear"
     given = of_kind(name, solver(residual, z0, *box), Minimum, wanted)
-    found: Minimum = jax.tree.map(jnp.asarray, given)
+    minimum: Minimum = jax.tree.map(jnp.asarray, given)
     refuse(
-        found.point.shape != z0.shape,
-        f"{name} has a point of the shape {found.point.shape}: give one like z0, {z0.shape}.",
+        minimum.point.shape != z0.shape,
+        f"{name} has a point of the shape {minimum.point.shape}: give one like z0, {z0.shape}.",
     )
     slack = OUT_OF_BOX * (1 + jnp.abs(z0))
-    within = (box[0] - slack <= found.point) & (found.point <= box[1] + slack)
-    return eqx.tree_at(lambda m: m.done, found, found.done & jnp.all(within))
+    within = (box[0] - slack <= minimum.point) & (minimum.point <= box[1] + slack)
+    return eqx.tree_at(lambda m: m.done, minimum, minimum.done & jnp.all(within))
 
 
 def known_tolerance(value: Any) -> float | None:
