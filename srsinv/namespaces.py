@@ -37,8 +37,8 @@ def open_plugins(config_dir: str | None) -> None:
 
 
 def plugin_files(settings: Any) -> dict[str, str]:
-    """SHA-256, by its file's name, of every plugin that a configuration names, or that one of these
-    imports."""
+    """SHA-256, by its path in the folder of plugins, of every plugin that a configuration names, or
+    that one of these imports."""
     loaded = {
         name: module
         for name, module in sys.modules.items()
@@ -52,7 +52,11 @@ def plugin_files(settings: Any) -> dict[str, str]:
             modules.add(name)
             waiting += map(_origin, vars(loaded[name]).values())
     paths = [Path(str(loaded[name].__file__)) for name in sorted(modules)]
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+    return {_place(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def _place(plugin: Path) -> str:
+    return plugin.relative_to(sys.modules["plugins"].__path__[0]).as_posix()
 
 
 def fault_in_plugin(error: BaseException) -> BadInput | None:

@@ -38,10 +38,10 @@ BLOCKS = re.findall(r"```(?:python|yaml)\n# (\S+)\n(.*?)```", GUIDE, re.DOTALL)
 FILES = dict(BLOCKS) | {
     "plugins/numpy.py": "raise RuntimeError('this file was never named')\n",
     "plugins/broken.py": "import srsinv\nsrsinv.absent\n",
-    "plugins/shared.py": "import plugins.mylab as m\n\n\nclass File(m.LabFile):\n    pass\n",
+    "plugins/more/shared.py": "import plugins.mylab as m\n\n\nclass File(m.LabFile):\n    pass\n",
     "plugins/unfinished.py": "import srsinv.kinds as k\n\n\nclass Mine(k.Rule):\n    pass\n",
     "rule/unfinished.yaml": "_target_: plugins.unfinished.Mine\n",
-    "reader/shared.yaml": "_target_: plugins.shared.File\nvolts_per_count: 1.0e-8\n",
+    "reader/shared.yaml": "_target_: plugins.more.shared.File\nvolts_per_count: 1.0e-8\n",
     "plugins/quits.py": "raise SystemExit(0)\n",
     "rule/quits.yaml": "_target_: plugins.quits.Rule\n",
     "plugins/faulty.py": """import srsinv.kinds as k
@@ -81,7 +81,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mine")
     for name, text in FILES.items():
         path = folder / name
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(exist_ok=True, parents=True)
         path.write_text(text)
     yield folder
     open_plugins(None)
@@ -324,7 +324,7 @@ def test_each_run_of_a_sweep_lists_the_plugins_of_its_own(folder, scan):
     into = f"hydra.sweep.dir={scan.parent}/sweep"
     assert read_by("shared,lab", folder, scan, "-m", "experiment=inspect_recording", into) == 0
     runs = [json.loads((scan.parent / f"sweep/{i}/run.json").read_text()) for i in range(2)]
-    assert [list(run["plugins"]) for run in runs] == [["mylab.py", "shared.py"], ["mylab.py"]]
+    assert [list(run["plugins"]) for run in runs] == [["more/shared.py", "mylab.py"], ["mylab.py"]]
 
 
 # What a launcher of Hydra does in a process of its own.
