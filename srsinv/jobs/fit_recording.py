@@ -4,7 +4,7 @@ Features of traction, or features of a surface that act through contact.
 """
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,6 +87,15 @@ def check(recording: Recording) -> None:
     )
 
 
+def _refuse_friction(mu: float | None, names: Sequence[str]) -> None:
+    """Refuse a friction beside that of the features."""
+    refuse(
+        mu is not None,
+        f"friction is {mu}, and here features have their own: leave it out, or give a feature of "
+        f"traction what is known, as feature.{names[0]}.friction={mu}.",
+    )
+
+
 def run(cfg: config.Config) -> Outcome:
     """The job: fit every candidate, rank them, report the most probable one."""
     with config.precision(cfg):
@@ -96,6 +105,7 @@ def run(cfg: config.Config) -> Outcome:
             not (surfaces or config.features(cfg)),
             "No feature is named: give feature=[strip_load] or a sum of several.",
         )
+        _refuse_friction(config.friction(cfg), list(config.part(cfg, "feature")))
         solver = config.solver(cfg)
         recording = config.recording(cfg, str(EXAMPLE))
         check(recording)

@@ -81,6 +81,7 @@ REFUSED = {
     "range turned": (["feature.strip_load.width_range_m=[0.004,0.001]"], "width_range_m"),
     "range below zero": (["feature.strip_load.width_range_m=[-0.004,0.001]"], "width_range_m"),
     "friction in words": (["feature.strip_load.friction=high"], "friction"),
+    "friction of all": (["friction=0.3"], "feature.strip_load.friction"),
     "tolerance": (["solver.tolerance=2"], "tolerance"),
     "noise by ratio": (["noise=[snr]"], "noise=snr"),
 }
