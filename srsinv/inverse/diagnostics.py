@@ -20,6 +20,7 @@ OVER_NOISE = 1.25
 GOOD_CHI2 = 1.2  # of a fit, per degree of freedom: bands so much too narrow cover 87 %
 OVER_PRIOR = 2.0  # of a prior: edges alone make 1.5 where the bands still cover
 RESOLVED_GAIN = 0.5  # of a wave's amplitude, from which on it counts as resolved
+LEAST_EXPONENT = -1000  # of 2, whose inverse is a number still
 FEW_MISSING = 0.05  # of the samples
 MUCH_SLIDING = 0.1  # of the signal's rms: sliding makes less
 
@@ -55,8 +56,11 @@ def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The second singular value squared of (e, 2, k), and the fraction of p in its direction.
 
     Both squares have the product of the larger column's square and that of the smaller one's
-    residual beside it, which loses no digits where the columns are nearly parallel.
+    residual beside it, which loses no digits where the columns are nearly parallel. Each wavenumber
+    is taken by a power of 2 of its own, as squares of short waves are beyond the smallest number.
     """
+    scale = 2.0 ** -np.maximum(np.frexp(np.abs(gain).max(axis=(0, 1)))[1], LEAST_EXPONENT)
+    gain = gain * scale
     squares = np.sum(np.abs(gain) ** 2, axis=0)
     first = np.where(squares[0] >= squares[1], 0, 1)
     a, b = (np.take_along_axis(gain, at[None, None], 1)[:, 0] for at in (first, 1 - first))
@@ -69,7 +73,7 @@ def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     small = product / np.where(large > 0, large, 1.0)
     between = large - small
     of_p = np.where(between > 0, (large - squares[0]) / np.where(between > 0, between, 1.0), 0.5)
-    return small, np.clip(of_p, 0.0, 1.0)
+    return small / scale / scale, np.clip(of_p, 0.0, 1.0)
 
 
 def stronger_than_prior(name: str, squares: float, resolved_dof: float) -> Sequence[str]:

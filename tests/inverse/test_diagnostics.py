@@ -152,6 +152,16 @@ def test_the_second_direction_is_that_of_a_singular_value_decomposition():
     np.testing.assert_allclose(of_p, np.abs(turned[:, 1, 0]) ** 2, atol=1e-13)
 
 
+def test_the_second_direction_has_no_smallest_number():
+    """Squares of short waves in a deep film are below it."""
+    gain = np.random.default_rng(0).normal(size=(2, 2, 3)) + 0j
+    usual, of_p = diagnostics._singular(gain)
+    small, same = diagnostics._singular(gain * 2.0 ** np.array([-512, -900, -1060]))
+    np.testing.assert_array_equal(small, usual * [2.0**-1024, 0.0, 0.0])
+    np.testing.assert_allclose(same[:2], of_p[:2], rtol=1e-15)
+    assert np.isfinite(same).all()
+
+
 def test_what_is_told_is_so_with_samples_missing():
     """The iterative path's is that of the nearest periodic problem over the cells that are seen."""
     problem = make_case(observed=gaps(), noise_fraction=0.1).problem
