@@ -148,7 +148,7 @@ def _simulation(cfg: Config, scenario: Scenario) -> Simulation:
     from .forward.simulation import Simulation
 
     refuse(
-        float(scenario.sensor.amplifier.gain(scenario.scan.speed_m_per_s)) == 0.0,
+        float(scenario.sensor.amplifier.at_speed(scenario.scan.speed_m_per_s)) == 0.0,
         f"scan.speed_m_per_s is {cfg['scan']['speed_m_per_s']}, and the sensor does not move "
         "across what it feels: a static touch gives no rate signal, give a speed, or a gain.",
     )

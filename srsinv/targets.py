@@ -103,7 +103,8 @@ def class_of(node: Any, name: str, kind: str) -> type:
         f"{name}.{TARGET} is {shown(target)}, which cannot stand there: name a class that derives "
         f"from {' or '.join(f'srsinv.kinds.{base.__name__}' for base in bases)}.",
     )
-    undefined = ", ".join(sorted(getattr(made, "__abstractmethods__", ())))
+    kinds = ("__abstractmethods__", "__abstractvars__", "__abstractclassvars__")
+    undefined = ", ".join(sorted(name for kind in kinds for name in getattr(made, kind, ())))
     refuse(
         bool(undefined),
         f"{name}.{TARGET} is {shown(target)}, which leaves {undefined} undefined: name a class "

@@ -240,5 +240,5 @@ def _pressure(scene: SurfaceScene, line: Line, k) -> Float[np.ndarray, " n"]:
 def _background_and_gain(scenario: Scenario):
     scene, scan = scenario.scene, scenario.scan
     assert scene is not None
-    gain = scenario.sensor.amplifier.gain(scan.speed_m_per_s)
+    gain = scenario.sensor.amplifier.at_speed(scan.speed_m_per_s)
     return scene.background(scan.direction), gain

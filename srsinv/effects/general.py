@@ -4,6 +4,7 @@ the line of every film."""
 import dataclasses
 from typing import ClassVar, Generic, TypeVar
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Complex
@@ -48,7 +49,7 @@ class FilterEffect(MultiplicativeEffect):
         )
 
     def factor(self, reference: ReferenceSpectra) -> Complex[np.ndarray, "e k"]:
-        by = jax.tree.map(float, self.filter)
+        by = jax.tree.map(lambda leaf: float(leaf) if eqx.is_array(leaf) else leaf, self.filter)
         return by.response(reference.k * reference.speed_m_per_s, np)[None] * np.ones_like(
             reference.transfer_of_others
         )

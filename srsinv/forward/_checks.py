@@ -7,7 +7,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Complex, Float
 
-from ..errors import all_of_kind, of_kind, refuse, shown, whole
+from ..errors import all_of_kind, is_number, of_kind, refuse, shown, whole
 from ..grid import as_real
 from .amplifier import Amplifier
 from .filter import Filter
@@ -22,9 +22,8 @@ def check_amplifier(amplifier: Amplifier) -> None:
     whole(f"{name}.order", amplifier.order, "0 for the charge, 1 for the current", least=0, most=1)
     of_kind(f"{name}.unit", amplifier.unit, str, "a word, as 'V'")
     refuse(
-        getattr(gain, "shape", None) != () or jnp.iscomplexobj(gain),
-        f"{name}.gain gives {shown(gain)} for one speed: give a real number for each speed, as "
-        "jax.numpy makes it.",
+        not (is_number(gain) or getattr(gain, "shape", None) == ()) or jnp.iscomplexobj(gain),
+        f"{name}.gain gives {shown(gain)} for one speed: give a real number for each speed.",
     )
     refuse(
         not isinstance(gain, Tracer) and float(gain) == 0.0,

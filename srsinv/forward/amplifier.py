@@ -5,7 +5,7 @@ into the transfer; along a measured motion the gain has one value for each sampl
 """
 
 import abc
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,19 +16,22 @@ from ..grid import Scalar, as_real
 
 
 class Amplifier(eqx.Module):
-    """A linear readout of the film charge [C]."""
+    """A linear readout of the film charge [C].
+
+    `offset`: the signal at zero charge; None where it is not known.
+    """
 
     order: ClassVar[int]
     unit: ClassVar[str]
+    offset: eqx.AbstractVar[Any]
 
     @abc.abstractmethod
     def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
-        """Gain on the `order`-th derivative of charge along x, for each speed."""
+        """Gain on the `order`-th derivative of charge along x, for each speed, or one for all."""
 
-    @property
-    @abc.abstractmethod
-    def offset(self) -> Float[Array, ""] | None:
-        """The signal at zero charge; None where it is not known."""
+    def at_speed(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
+        """The gain for each speed."""
+        return jnp.broadcast_to(as_real(self.gain(speed_m_per_s)), jnp.shape(speed_m_per_s))
 
 
 def _positive_resistance(value) -> Float[Array, ""]:

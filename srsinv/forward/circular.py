@@ -138,7 +138,7 @@ class Circling(eqx.Module):
         xi = circle.radius_m * jnp.cos(turn) - distance_m
         across, along = -jnp.sin(turn), jnp.cos(turn)
         speed = jnp.broadcast_to(circle.speed_m_per_s, turn.shape)
-        gain = self.sensor.amplifier.gain(speed)
+        gain = self.sensor.amplifier.at_speed(speed)
 
         def one(film: Film):
             p, shear, lag, p_slope, shear_slope, lag_slope = self._charges(

@@ -7,7 +7,6 @@ nothing is divided by T: T = 0 is a filter that does nothing. At constant speed 
 effect along the line; along a measured motion it is run over the samples.
 """
 
-import abc
 from typing import Any, cast
 
 import equinox as eqx
@@ -35,17 +34,14 @@ _REAL = 1e-12  # imaginary part of a pole that has none but for round-off
 
 
 class Filter(eqx.Module):
-    """A linear filter in time with gain 1 at frequency 0."""
+    """A linear filter in time with gain 1 at frequency 0.
 
-    @property
-    @abc.abstractmethod
-    def time_scale_s(self) -> Scalar:
-        """T [s], with which the poles scale."""
+    - `time_scale_s` [s]: T, with which the poles scale.
+    - `poles`: all of them times T, each once and of modulus 1; complex ones come in pairs.
+    """
 
-    @property
-    @abc.abstractmethod
-    def poles(self) -> tuple[complex, ...]:
-        """All poles times T, each once and of modulus 1; complex ones come in pairs."""
+    time_scale_s: eqx.AbstractVar[Any]
+    poles: eqx.AbstractVar[Any]
 
     def response(self, omega_rad_per_s, xp: Any = jnp):
         """H = 1/prod_j (1 - i omega T/P_j), (k,) at (k,), by `xp`: jax.numpy or numpy."""

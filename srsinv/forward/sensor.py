@@ -134,7 +134,7 @@ class Sensor(eqx.Module):
 
     def output(self, scan: ConstantSpeed) -> FilmSignal:
         """The recorded signal less its offset, in the amplifier's unit."""
-        gain = self.amplifier.gain(scan.speed_m_per_s)
+        gain = self.amplifier.at_speed(scan.speed_m_per_s)
         return FilmSignal(self.skin, self._lagging(scan), gain, self.amplifier.order)
 
     def operator(self, line: Line, scan: ConstantSpeed) -> Convolution:
@@ -157,7 +157,7 @@ class Sensor(eqx.Module):
         constant speed, for a motion beyond the ends of an open line, and with filters for samples
         that are not evenly spaced.
         """
-        gain, field = self.amplifier.gain(motion.speed_m_per_s), self._field()
+        gain, field = self.amplifier.at_speed(motion.speed_m_per_s), self._field()
         interval = even_interval(motion.time_s) if self.filters else None
         end = None
         if reach_m is not None:

@@ -118,7 +118,7 @@ def _signal_along(
     ideal = dataclasses.replace(sensor, filters=())
     signal, charge = ideal.operator_along(line, motion)(traction), None
     if sensor.amplifier.order:
-        readout = ChargeReadout(sensor.amplifier.gain(as_real(1.0)))
+        readout = ChargeReadout(sensor.amplifier.at_speed(as_real(1.0)))
         of_charge = dataclasses.replace(ideal, amplifier=readout)
         uniform = of_charge.output(scan).transfer(jnp.zeros(1))[..., 0].real
         charge = of_charge.operator_along(line, motion)(traction) + uniform @ background

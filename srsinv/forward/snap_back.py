@@ -131,8 +131,8 @@ class SnapBackNoise(NonGaussianNoise):
     def _reading(self, line: Line, scan: ConstantSpeed) -> Float[Array, ""]:
         """The factor on the charge, or on its difference between samples: R_f/dt."""
         if not self._is_rate:
-            return self.amplifier.gain(scan.speed_m_per_s)
-        return self.amplifier.gain(jnp.abs(scan.speed_m_per_s)) / line.cell_m
+            return self.amplifier.at_speed(scan.speed_m_per_s)
+        return self.amplifier.at_speed(jnp.abs(scan.speed_m_per_s)) / line.cell_m
 
     def _passed(self, line: Line, interval: Float[Array, ""]) -> Complex[Array, " k"]:
         """Transfer of the filters for samples one `interval` apart."""

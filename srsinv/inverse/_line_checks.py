@@ -67,6 +67,11 @@ def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None
         )
 
 
+def unboxed(value: Any) -> Any:
+    """A number of an array as Python's; anything else as it is."""
+    return value.item() if getattr(value, "ndim", None) == 0 else value
+
+
 def check_estimate(
     shape: tuple[int, int],
     stderr: Any,
@@ -82,7 +87,7 @@ def check_estimate(
     all_of_kind("warnings", warnings, str, "sentences")
     for name, value in stats.items():
         refuse(
-            not (value is None or isinstance(value, str | Real)),
+            not (unboxed(value) is None or isinstance(unboxed(value), str | Real)),
             f"stats has {name} = {shown(value)}: give a number or a word, as float(...) makes one.",
         )
     refuse(

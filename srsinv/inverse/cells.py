@@ -117,7 +117,7 @@ def _fitted_cells(
     """Cells at a varying speed, along the motion's direction."""
     speed = np.asarray(motion.speed_m_per_s)
     mean = speed.mean()
-    a = np.asarray(amplifier.gain(as_real(speed)) / amplifier.gain(as_real(mean)))
+    a = np.asarray(amplifier.at_speed(as_real(speed)) / amplifier.at_speed(as_real(mean)))
     x = np.maximum.accumulate(np.sign(mean) * np.asarray(motion.position_m))
     edges = _cell_edges(name, _middles(x), cell)
     fitted, typical = fitted_on(edges, x, a, signal)

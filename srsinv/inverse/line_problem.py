@@ -15,7 +15,7 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Convolution, Line, Operator, as_real
 from ..status import Status
-from ._line_checks import check, check_estimate
+from ._line_checks import check, check_estimate, unboxed
 from .cells import Window
 from .diagnostics import residual_over_noise
 from .estimate import COMPONENTS, TractionEstimate
@@ -272,7 +272,7 @@ class LineProblem(eqx.Module):
                 f"for: {shape}.",
             )
         shown = _shown(self, jnp.asarray(traction), unknown if stderr is None else stderr)
-        chi2 = self.chi2(resolved_dof, float(shown.squares))
+        chi2 = self.chi2(float(resolved_dof), float(shown.squares))
         finite = bool(jnp.all(jnp.isfinite(shown.value)))
         return TractionEstimate(
             line=self.line,
@@ -286,7 +286,7 @@ class LineProblem(eqx.Module):
             friction=self.friction,
             status=Status(status) if finite else Status.NOT_FINITE,
             warnings=(*warnings, *residual_over_noise(chi2[CHI2], chi2[FREEDOM] or 0.0)),
-            stats=stats | chi2,
+            stats={name: unboxed(value) for name, value in stats.items()} | chi2,
         )
 
     def show(self, traction: Float[Array, "c n"], stderr: Float[Array, "c n"]) -> "Shown":

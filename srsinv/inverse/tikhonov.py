@@ -126,6 +126,7 @@ class Tikhonov(Method):
         return estimate.with_warnings(undetermined_weights(choice.status))
 
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
+        problem = problem.on_line()  # without its sensor, which may hold words
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
         prior = self._family(self._choose(problem, given).log_weights)
         return lambda _: prior

@@ -47,7 +47,7 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> LineProblem
     record = recorded(sim, key)
     direction = float(sim.scan.direction)
     x = direction * np.asarray(record.motion.position_m)
-    gain = sim.sensor.amplifier.gain
+    gain = sim.sensor.amplifier.at_speed
     a = np.asarray(gain(record.motion.speed_m_per_s) / gain(sim.scan.speed_m_per_s))
     onwards = np.maximum.accumulate(x)
     valid = record.valid & (onwards <= x)[None] & (np.asarray(record.motion.direction) == direction)

@@ -1,5 +1,6 @@
 """Effects: what is not named leaves no trace, and what is bounded is never more than its bound."""
 
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -21,7 +22,7 @@ from srsinv.effects.speed_ripple import SpeedRipple
 from srsinv.effects.strip_width import StripWidth
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film, StripAverage
-from srsinv.forward.filter import Butterworth
+from srsinv.forward.filter import Butterworth, Filter
 from srsinv.forward.recorder import Recorder
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scenario import Scenario
@@ -128,6 +129,30 @@ ACTING = {
     "snap_back": ((),),
 }  # fmt: skip
 CASES = [(name, settings) for name, several in ACTING.items() for settings in several]
+
+
+class Repeated(Filter):
+    """A filter with a count and a word."""
+
+    time_scale_s: jax.Array
+    times: int
+    word: str
+    poles = (-1.0,)
+
+    def response(self, omega_rad_per_s, xp=jnp):
+        assert self.word == "low"
+        by_one = super().response(omega_rad_per_s, xp)
+        return math.prod([by_one for _ in range(self.times)])
+
+
+def test_a_filter_with_words_and_counts_is_screened():
+    cfg = configuration("effects=[]")
+    ideal = config.simulation(cfg)
+    spectra = reference(ideal.scenario, ideal.fine)
+    one, two = (
+        FilterEffect(Repeated(jnp.asarray(1e-4), times, "low")).factor(spectra) for times in (1, 2)
+    )
+    np.testing.assert_allclose(two, one**2, rtol=1e-14)
 
 
 def test_every_effect_is_tried():

@@ -10,7 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
+from srsinv.forward.amplifier import (
+    Amplifier,
+    ChargeReadout,
+    CurrentAmplifier,
+    IntegratedCurrent,
+)
 from srsinv.forward.film import Film, Offset, StripAverage
 from srsinv.forward.operator import PositionInterpolation
 from srsinv.forward.scan import ConstantSpeed, Motion
@@ -445,3 +450,23 @@ def test_single_precision(make):
     for narrow, wide in zip(single, double, strict=True):
         assert narrow.dtype == np.float32
         assert largest_error(narrow, wide) < 128 * np.finfo(np.float32).eps
+
+
+class OneGain(Amplifier):
+    """A charge readout whose gain is one number for all speeds."""
+
+    order, unit, offset = 0, "V", 0.0
+
+    def gain(self, speed_m_per_s):
+        return -2e9
+
+
+def test_one_gain_serves_all_speeds():
+    motion = Motion.from_speed(np.arange(20) / 100, np.linspace(0.01, 0.05, 20), -5e-3)
+    line = Open(64, 2e-4, -6.4e-3)
+    traction = jnp.asarray(np.random.default_rng(0).normal(size=(2, 64)))
+    own, known = (
+        Sensor([Film()], amplifier=amplifier).operator_along(line, motion)(traction)
+        for amplifier in (OneGain(), ChargeReadout(-2e9, 0.0))
+    )
+    np.testing.assert_array_equal(own, known)
