@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..errors import is_number, number, refuse
+from ..errors import is_number, number, refuse, shown
 from ..grid import Scalar, as_real
 
 
@@ -30,8 +30,15 @@ class Amplifier(eqx.Module):
         """Gain on the `order`-th derivative of charge along x, for each speed, or one for all."""
 
     def at_speed(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
-        """The gain for each speed."""
-        return jnp.broadcast_to(as_real(self.gain(speed_m_per_s)), jnp.shape(speed_m_per_s))
+        """The gain for each speed. Raises `BadInput` where an amplifier gives another number of
+        them."""
+        gain, shape = self.gain(speed_m_per_s), jnp.shape(speed_m_per_s)
+        refuse(
+            not (is_number(gain) or getattr(gain, "shape", None) in ((), shape)),
+            f"{type(self).__name__}.gain gives {shown(gain)} for speeds of the shape {shape}: give "
+            "a number for each speed, or one for all.",
+        )
+        return jnp.broadcast_to(gain, shape)
 
 
 def _positive_resistance(value) -> Float[Array, ""]:
