@@ -87,7 +87,7 @@ def check_estimate(
     all_of_kind("warnings", warnings, str, "sentences")
     for name, value in stats.items():
         refuse(
-            not (unboxed(value) is None or isinstance(unboxed(value), str | Real)),
+            not (value is None or isinstance(value, str | Real)),
             f"stats has {name} = {shown(value)}: give a number or a word, as float(...) makes one.",
         )
     refuse(

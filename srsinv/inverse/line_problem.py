@@ -262,6 +262,7 @@ class LineProblem(eqx.Module):
         Raises `BadInput` for what has another shape or cannot be.
         """
         shape = self.unknowns, self.line.n
+        stats = {name: unboxed(value) for name, value in stats.items()}
         check_estimate(shape, stderr, status, resolved_dof, warnings, stats)
         unknown = jnp.full(shape, jnp.nan)
         for name, values in {"traction": traction, "stderr": stderr}.items():
@@ -286,7 +287,7 @@ class LineProblem(eqx.Module):
             friction=self.friction,
             status=Status(status) if finite else Status.NOT_FINITE,
             warnings=(*warnings, *residual_over_noise(chi2[CHI2], chi2[FREEDOM] or 0.0)),
-            stats={name: unboxed(value) for name, value in stats.items()} | chi2,
+            stats=stats | chi2,
         )
 
     def show(self, traction: Float[Array, "c n"], stderr: Float[Array, "c n"]) -> "Shown":

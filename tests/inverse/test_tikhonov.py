@@ -133,7 +133,7 @@ def test_a_fixed_prior_has_the_weights_that_the_rule_chose():
 def test_a_method_without_a_prior_is_refused_one():
     class Zero(Method):
         def __call__(self, problem):
-            raise NotImplementedError
+            pytest.fail("it is asked for its prior alone")
 
     problem = make_case().problem
     assert Zero().spectra(problem) is None
