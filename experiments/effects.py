@@ -5,15 +5,15 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import xarray
+from srsinv.report.outcome import Outcome, Section, Table
 
 from srsinv import config
 from srsinv.effects import reference
 from srsinv.errors import refuse
 from srsinv.forward.simulation import Simulation
-from srsinv.jobs.change import Cost, Trace, cost, difference, pair
+from srsinv.forward.trace import Cost, Trace, cost, difference, pair
 from srsinv.progress import stage
 from srsinv.report import figures
-from srsinv.report.outcome import Outcome, Section, Table
 
 
 class EffectRow(NamedTuple):

@@ -5,15 +5,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray
+from srsinv.report.outcome import Outcome, Section, Table
 
 from srsinv import config
 from srsinv.errors import refuse
+from srsinv.forward.trace import Cost, cost, difference, pair
 from srsinv.grid import Line
-from srsinv.jobs.change import Cost, cost, difference, pair
 from srsinv.parts import merged
 from srsinv.progress import stage
 from srsinv.report import figures
-from srsinv.report.outcome import Outcome, Section, Table
 
 
 class Decided(NamedTuple):

@@ -3,18 +3,25 @@
 import jax.numpy as jnp
 import numpy as np
 import xarray
+from matplotlib.figure import Figure
 
-from srsinv import config
+from srsinv import config, plot
 from srsinv.errors import BadInput, refuse
-from srsinv.jobs.simulation import noisy_problem
-from srsinv.report import figures
-from srsinv.report.outcome import Outcome, Section, Table
-from srsinv.report.text import listed
+from srsinv.inverse.simulated import noisy_problem
+from srsinv.report.plot.spectra import (
+    gain_limits,
+    over_wavenumber,
+    power,
+    wavelength_mm,
+    wavenumbers,
+)
+from srsinv.report.result import Result, dataset
+from srsinv.report.section import sections
 
 LONG_WAVES_KZ = 1e-3
 
 
-def run(cfg: config.Config) -> Outcome:
+def run(cfg: config.Config) -> Result:
     """|G|, the powers of signal and noise, and each Wiener filter with its cut-off.
 
     Raises `BadInput` for refusals of the configuration's parts.
@@ -32,76 +39,63 @@ def run(cfg: config.Config) -> Outcome:
         spectra = {name: method.spectra(problem) for name, method in methods.items()}
         others = [name for name, powers in spectra.items() if powers is None]
         refuse(bool(others), f"method names {others}: only Wiener filters have a spectrum to draw.")
-        prior = {name: np.asarray(s)[0] for name, s in spectra.items() if s is not None}
+        prior = np.stack([np.asarray(each)[0] for each in spectra.values() if each is not None])
         # An octave apart at long waves, where depth and strip width do not yet matter.
         low = jnp.asarray([1.0, 2.0]) * LONG_WAVES_KZ / sim.sensor.depth_m
-        slopes = {
-            name: _octave_dB(stage.transfer(low)[0], friction)
-            for name, stage in (("charge", sim.sensor.charge()),
-                                ("rate", sim.sensor.current(sim.scan)))
-        }  # fmt: skip
+        stages = {"charge": sim.sensor.charge(), "rate": sim.sensor.current(sim.scan)}
+        slopes = [_octave_dB(stage.transfer(low)[0], friction) for stage in stages.values()]
 
-    resolution = {name: gain**2 * s / (gain**2 * s + noise) for name, s in prior.items()}
-    filters = {name: gain * s / (gain**2 * s + noise) for name, s in prior.items()}
-    cutoff = {name: _last_half(k, r) for name, r in resolution.items()}
-    signal = gain**2 * next(iter(prior.values()))
-    unit = sim.sensor.amplifier.unit
-    metrics = {f"slope_{name}_dB_per_octave": slope for name, slope in slopes.items()}
-    for name, at in cutoff.items():
-        tag = name.lower().replace(" ", "_")
-        metrics |= {f"cutoff_{tag}_rad_per_m": at, f"cutoff_wavelength_{tag}_m": 2 * np.pi / at}
-    dataset = xarray.Dataset(
+    resolution = gain**2 * prior / (gain**2 * prior + noise)
+    cutoff = np.array([_last_half(k, each) for each in resolution])
+    unit, along = sim.sensor.amplifier.unit, ("method", "wavenumber")
+    inverse = np.divide(1.0, gain, out=np.full_like(gain, np.nan), where=gain > 0)
+    data = dataset(
         {
-            "sensor_gain": (("wavenumber",), gain, {"units": f"{unit}/Pa"}),
-            "signal_power": (("wavenumber",), signal, {"units": f"({unit})^2"}),
-            "noise_power": (("wavenumber",), noise, {"units": f"({unit})^2"}),
-            "filter": (("method", "wavenumber"), [*filters.values()], {"units": f"Pa/{unit}"}),
-            "resolution": (("method", "wavenumber"), [*resolution.values()], {"units": "1"}),
+            "sensor_gain": ("wavenumber", gain, f"{unit}/Pa"),
+            "inverse_gain": ("wavenumber", inverse, f"Pa/{unit}"),
+            "signal_power": ("wavenumber", gain**2 * prior[0], f"({unit})^2"),
+            "noise_power": ("wavenumber", noise, f"({unit})^2"),
+            "filter": (along, gain * prior / (gain**2 * prior + noise), f"Pa/{unit}"),
+            "resolution": (along, resolution, "1"),
+            "cutoff": ("method", cutoff, "rad/m", "cutoff_{method}_rad_per_m"),
+            "wavelength": ("method", 2 * np.pi / cutoff, "m", "cutoff_wavelength_{method}_m"),
+            "slope": ("stage", slopes, "dB", "slope_{stage}_dB_per_octave"),
         },
-        {
-            "wavenumber": ("wavenumber", k, {"units": "rad/m"}),
-            "method": ("method", list(filters), {"units": "1"}),
-        },
+        {"wavenumber": (k, "rad/m"), "method": (list(methods), "1"), "stage": (list(stages), "1")},
+        friction=friction,
+        noise=" and ".join(cfg["noise"]),
+        effects_on=", ".join(cfg["effects"]) or "none",
     )
+    shortest = 1e3 * float(data["wavelength"].min())
+    title = f"The Wiener filter follows the inverse down to waves of {shortest:.2g} mm"
+    return Result(title, data, sections(__file__, filters=filters))
 
-    def draw():
-        inverse = np.divide(1.0, gain, out=np.full_like(gain, np.nan), where=gain > 0)
-        drawn, first = filters | {"inverse 1/|G|": inverse}, next(iter(cutoff.values()))
-        name = f"p with q = {friction:g} p"
-        return figures.filter_spectra(
-            k, {name: gain}, signal, noise, drawn, first, signal_unit=unit
-        )
 
-    rows = [(name, at, 2e3 * np.pi / at) for name, at in cutoff.items()]
-    table = Table(("filter", "cut-off [rad/m]", "wavelength [mm]"), tuple(rows))
-    return Outcome(
-        "Sensor, noise and Wiener filter of one element",
-        {key: float(value) for key, value in metrics.items()},
-        dataset,
-        (
-            Section(
-                "Spectra",
-                (f"At long waves the rate signal rises by {slopes['rate']:.2f} dB per octave and "
-                 f"the charge by {slopes['charge']:.2f}: one derivative is +6 dB, where the paper "
-                 "says +12 dB per octave. It is stated here as the model gives it.",),
-                {"filter_spectra": draw},
-                {"filter_spectra": "The rate takes away long waves, the skin's depth short ones; "
-                 "the strip's width puts zeros at its own wavelength and its fractions. The "
-                 "filters follow the plain inverse where signal stands above noise, and let go "
-                 "beyond the cut-off, where they keep half of the traction."},
-                (table,),
-            ),
-            Section(
-                "What was assumed",
-                ("Traction: the first filter's spectrum is also the signal's here (correlated "
-                 "exponentially in x); the paper's form takes a flat one in units in which the "
-                 "largest gain is 1.",
-                 f"Noise: {' and '.join(cfg['noise'])}, levels relative to the signal of the "
-                 f"configured scene. Effects on: {listed(cfg['effects'])}."),
-            ),
-        ),
-        table,
-    )  # fmt: skip
+def filters(ds: xarray.Dataset) -> Figure:
+    """The sensor's transfer, the power of signal and noise, and the inverse filters."""
+    k, gain, cutoff = (ds[name].values for name in ("wavenumber", "sensor_gain", "cutoff"))
+    across, at = wavenumbers(k, gain, cutoff), float(cutoff[0])
+    marks = [plot.Mark(at, f"cut-off, {wavelength_mm(at):.3g} mm")] if np.isfinite(at) else []
+    lines = {
+        str(name): row for name, row in zip(ds["method"].values, ds["filter"].values, strict=True)
+    }
+    # An unregularised inverse grows without bound: the lowest filter sets the limits.
+    lowest = min(np.nanmax(row) for row in lines.values())
+    gain_axis = plot.Axis("|G|", ds["sensor_gain"].attrs["units"], True, gain_limits(gain))
+    filter_axis = plot.Axis("|H|", ds["filter"].attrs["units"], True, (lowest * 1e-5, lowest * 1e3))
+    curves = [plot.Curve(row, name) for name, row in lines.items()]
+    curves.append(
+        plot.Curve(ds["inverse_gain"].values[1:], "inverse 1/|G|", look={"linestyle": "--"})
+    )
+    signal, noise = ds["signal_power"], ds["noise_power"].values
+    transfer = [plot.Curve(gain[1:], f"p with q = {ds.attrs['friction']:g} p")]
+    return over_wavenumber(
+        [
+            plot.Panel(transfer, across, gain_axis, k[1:], "Sensor transfer", marks),
+            power({"signal": signal.values}, noise, signal.attrs["units"], across, k, marks),
+            plot.Panel(curves, across, filter_axis, k[1:], "Inverse filter", marks),
+        ]
+    )
 
 
 def _octave_dB(transfer, friction: float) -> float:

@@ -5,13 +5,13 @@ from typing import Any
 import jax
 import numpy as np
 import xarray
+from srsinv.report.outcome import Outcome, Section, Table
 
 from srsinv import config
 from srsinv.effects.snap_back import SnapBack
 from srsinv.errors import refuse
-from srsinv.jobs.change import trace
+from srsinv.forward.trace import trace
 from srsinv.report import figures
-from srsinv.report.outcome import Outcome, Section, Table
 
 IDEAL, TILTED, SNAPPING = "ideal", "tilted", "tilted, snap-back"
 

@@ -5,6 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray
 from scipy.interpolate import CubicSpline
+from srsinv.jobs.analysis import element_names, in_metrics, notes_on
+from srsinv.report.figures import tape as draw
+from srsinv.report.outcome import Outcome, Section, Table
 
 from srsinv import config
 from srsinv.errors import BadInput, number, refuse
@@ -14,11 +17,8 @@ from srsinv.inverse.cells import Window
 from srsinv.inverse.estimate import COMPONENTS, Estimate
 from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.line_problem import LineProblem
-from srsinv.jobs.analysis import element_names, in_metrics, notes_on
-from srsinv.jobs.solved_contact import SolvedContact, smoothed_truth
+from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
-from srsinv.report.figures import tape as draw
-from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.text import listed
 
 EDGES = ("leading", "trailing")

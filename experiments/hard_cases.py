@@ -6,6 +6,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 import xarray
+from srsinv.jobs.analysis import deviation
+from srsinv.report.figures.matrix import matrices
+from srsinv.report.outcome import Outcome, Section, Table
 
 from srsinv import config
 from srsinv.errors import BadInput, choice, mapping, refuse
@@ -14,12 +17,9 @@ from srsinv.inverse.estimate import COMPONENTS
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.method import Method
 from srsinv.inverse.quality import Quality
-from srsinv.jobs.analysis import deviation
-from srsinv.jobs.simulation import noisy_problem
+from srsinv.inverse.simulated import noisy_problem
 from srsinv.parts import merged
 from srsinv.progress import stage
-from srsinv.report.figures.matrix import matrices
-from srsinv.report.outcome import Outcome, Section, Table
 
 PRECISIONS = ("float64", "float32")
 CODES = (*Quality, "refused")

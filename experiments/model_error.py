@@ -6,18 +6,18 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import xarray
+from srsinv.jobs.analysis import deviation
+from srsinv.report.outcome import Outcome, Section, Table
 
 from srsinv import config
 from srsinv.errors import refuse
 from srsinv.forward.simulation import Simulation
 from srsinv.inverse.estimate import COMPONENTS
 from srsinv.inverse.line_problem import LineProblem
-from srsinv.jobs.analysis import deviation
-from srsinv.jobs.simulation import problem_of
+from srsinv.inverse.simulated import problem_of
 from srsinv.parts import merged
 from srsinv.progress import stage
 from srsinv.report import figures
-from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.text import listed
 
 ASSUMED = "as assumed"

@@ -5,17 +5,17 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import xarray
+from srsinv.jobs.analysis import BAND_90, in_metrics
+from srsinv.report.figures import shape as draw
+from srsinv.report.outcome import Outcome, Section, Table
 
 from srsinv import config
 from srsinv.errors import mapping, refuse
 from srsinv.inverse.method import Method
 from srsinv.inverse.quality import Quality
 from srsinv.inverse.shape import shape_band, shape_under
-from srsinv.jobs.analysis import BAND_90, in_metrics
-from srsinv.jobs.solved_contact import SolvedContact, smoothed_truth
+from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
-from srsinv.report.figures import shape as draw
-from srsinv.report.outcome import Outcome, Section, Table
 
 _OF_THE_SCENE = ("contact", "recovery", "quality", "warnings")
 

@@ -5,15 +5,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray
+from srsinv.jobs.analysis import deviation
+from srsinv.report.figures import curves
+from srsinv.report.outcome import Outcome, Section, Table
 
 from srsinv import config
 from srsinv.errors import refuse
-from srsinv.jobs.analysis import deviation
-from srsinv.jobs.simulation import noisy_problem
+from srsinv.inverse.simulated import noisy_problem
 from srsinv.progress import stage
 from srsinv.report import figures
-from srsinv.report.figures import curves
-from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.text import listed
 
 COMPONENTS = ("p", "q")

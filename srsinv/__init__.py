@@ -49,6 +49,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .inverse.wiener import Wiener as Wiener
     from .recording import Recording as Recording
     from .recording import load as load
+    from .report import plot as plot
 
 __version__ = "0.1.0"
 
@@ -79,6 +80,7 @@ _MODULES = {
     "invert": "api",
     "kinds": "kinds",
     "load": "recording",
+    "plot": "report.plot",
     "simulate": "api",
 }
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]
@@ -90,7 +92,8 @@ if not TYPE_CHECKING:  # to a type checker every name would exist
         if name not in _MODULES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         module = importlib.import_module(f"{__name__}.{_MODULES[name]}")
-        return module if name == _MODULES[name] else getattr(module, name)
+        is_module = name == _MODULES[name].rpartition(".")[2]
+        return module if is_module else getattr(module, name)
 
 
 def __dir__() -> list[str]:

@@ -22,8 +22,8 @@ from .inverse.line_problem import LineProblem
 from .inverse.method import Method
 from .inverse.problem import Problem
 from .inverse.recorded import problem_of, ready
+from .inverse.simulated import noisy_problem
 from .inverse.wiener import Wiener
-from .jobs.simulation import noisy_problem
 from .recording import Recording, load
 
 

@@ -104,10 +104,10 @@ class LaunchedTask:
                     f"{folder} holds an earlier run of this sweep; give each its own folder with "
                     "hydra.sweep.subdir, which is the job's number unless given",
                 )
-                outcome, files, command, seed, plugins = apart(lambda: self._run(config))
+                result, files, command, seed, plugins = apart(lambda: self._run(config))
                 workspace.replace(files, command, seed, plugins)
                 self.written.add(workspace.folder)
-            _show_outcome(outcome, folder)
+            _show_result(result, folder)
         except BadInput as refusal:
             return say(refusal)
         except (Exception, SystemExit) as error:
@@ -124,21 +124,21 @@ class LaunchedTask:
         return shlex.join(["srsinv", *self.flags, *overrides])
 
     def _run(self, config: DictConfig) -> tuple[Any, dict[str, bytes], str, Any, dict[str, str]]:
-        """The job's outcome, and the files, the command, the seed and the plugins of its run."""
+        """The job's result, and the files, the command, the seed and the plugins of its run."""
         with refusing():
             settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
         settings = cast(dict[str, Any], with_current_keys(settings))
         open_plugins(self.config_dir)
         check_early(settings)
         job = load_job(settings["job"], self.root)
-        outcome = job(settings)
+        result = job(settings)
 
         # After the job, whose module decides when jax and matplotlib are imported.
         from ..report.page import render
 
         command = self.command(HydraConfig.get().overrides.task)
-        files = render(outcome, _record(config), command)
-        return outcome, files, command, settings.get("seed"), plugin_files(settings)
+        files = render(result, _record(config), command)
+        return result, files, command, settings.get("seed"), plugin_files(settings)
 
 
 def _record(config: DictConfig) -> dict[str, str]:
@@ -160,11 +160,11 @@ def _record(config: DictConfig) -> dict[str, str]:
     }
 
 
-def _show_outcome(outcome: Any, folder: Path) -> None:
-    from ..report.text import print_table
+def _show_result(result: Any, folder: Path) -> None:
+    from ..report.terminal import print_summary
 
     try:
-        print_table(outcome.summary)
+        print_summary(result)
         print(f"{folder / 'report.html'}\n{folder}", flush=True)
     except OSError as error:  # a full disk, or a pipe without a reader
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python tries again when it ends

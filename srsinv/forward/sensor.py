@@ -116,6 +116,13 @@ class Sensor(eqx.Module):
             check_poles(each)
 
     @property
+    def element_names(self) -> list[str]:
+        """A short name for every film element: its number and its angle."""
+        names = {0.0: "1 to x, 3 to z", 90.0: "1 to z, 3 to x"}
+        angles = [float(jnp.rad2deg(film.angle_rad)) for film in self.elements]
+        return [f"{i}: {names.get(round(a, 6), f'at {a:.4g} deg')}" for i, a in enumerate(angles)]
+
+    @property
     def depth_m(self) -> Float[Array, ""]:
         """Depth of the shallowest element."""
         return jnp.min(jnp.stack([film.depth_m for film in self.elements]))

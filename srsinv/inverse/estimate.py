@@ -16,6 +16,7 @@ from ..status import Status
 from .quality import Quality, quality, reasons
 
 COMPONENTS = ("p", "q")
+BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standard errors
 
 
 class Estimate(eqx.Module):
@@ -147,6 +148,12 @@ class TractionEstimate(Estimate):
         if covariance.ndim == 3:
             return jnp.fft.irfft(jnp.fft.rfft(rows) * covariance[c, c].real, n)
         return jnp.asarray(rows) @ covariance[c * n : (c + 1) * n, c * n : (c + 1) * n]
+
+
+def deviation(values: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Values (..., n) of the cells that the mask `cells` (n,) picks, less their mean."""
+    values = np.asarray(values)[..., cells]
+    return values - values.mean(axis=-1, keepdims=True)
 
 
 def averages(r: Float[Array, "c n"], line: Line, onto: Line) -> Float[Array, "c m"]:

@@ -387,3 +387,20 @@ def _with_uncertainty(x_m, y, known, pitch_m: float, harmonics: int, noise) -> P
     readings = shifts(x_m, slope, rest, noise, pitch_m)
     stderr = pitch_m * readings.slope_stderr()
     return Pitch(pitch_m, stderr, np.nan, Status.GIVEN, y - rest, rest, noise, readings)
+
+
+def strongest_line_m(x: np.ndarray, values: np.ndarray) -> float | None:
+    """Wavelength [m] of the strongest line of evenly spaced values, drift taken out.
+
+    By the windowed, finely sampled periodogram of the residual of a straight line, over wavelengths
+    from two cells to two fifths of the stretch (a Hann window blurs longer ones into the drift).
+    """
+    if len(x) < 16:
+        return None
+    left = values - np.polynomial.Polynomial.fit(x, values, 1)(x)
+    n = 32 * len(x)
+    power = np.abs(np.fft.rfft(left * np.hanning(len(x)), n)) ** 2
+    frequency = np.fft.rfftfreq(n, (x[-1] - x[0]) / (len(x) - 1))
+    band = frequency >= 2.5 / (x[-1] - x[0])
+    top = int(np.argmax(np.where(band, power, -1.0)))
+    return float(1 / frequency[top])

@@ -1,32 +1,36 @@
 """Invert a recorded signal: p and q by every method named, with bands and resolution."""
 
 from .. import config
-from ..report.outcome import Outcome
-from .analysis import InversionCase
-from .analysis import run as analyse
-from .cells import StatedSettings, check_invertible, recording_problem, traction_unit_named
+from ..report.result import Result
+from . import _facts
+from ._inversion import InversionCase
+from ._inversion import run as invert
+from ._recorded import check_invertible, on_cells, traction_unit_named
 
 
-def run(cfg: config.Config) -> Outcome:
-    """The job: load, put on a line of cells, invert, report."""
+def run(cfg: config.Config) -> Result:
+    """The job: load, put on a line of cells, invert."""
     with config.precision(cfg):
         methods, unit = config.methods(cfg), traction_unit_named(cfg.get("traction_unit", "Pa"))
         recording = config.recording(cfg)
         check_invertible(recording, unit)
-        times = config.part(cfg, "recording").get("times")
-        stated = StatedSettings(config.part(cfg, "effects"), cfg["friction"], times)
         problem = config.recorded_problem(cfg, recording)
-        loaded = recording_problem(recording, problem, unit, stated)
-        return analyse(
+        on_line = on_cells(problem)
+        facts = {
+            **_facts.of_recording(recording, problem, config.part(cfg, "recording").get("times")),
+            **_facts.of_cells(recording, problem, on_line),
+            **_facts.of_effects(config.part(cfg, "effects")),
+            **_facts.of_friction(cfg["friction"]),
+        }
+        assert on_line.sensor is not None
+        return invert(
             InversionCase(
-                title=f"{loaded.recording.name}: {', '.join(cfg['method'])}",
-                problem=loaded.problem,
-                sensor=loaded.sensor,
-                speed_m_per_s=loaded.speed_m_per_s,
+                problem=on_line,
+                sensor=on_line.sensor,
                 methods=methods,
-                signal_unit=loaded.recording.signal_unit,
-                traction_unit=loaded.traction_unit,
-                assumed=loaded.assumed,
-                time_steady=False,
+                facts=facts,
+                name=recording.name,
+                signal_unit=recording.signal_unit,
+                traction_unit=unit,
             )
         )

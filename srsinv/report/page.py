@@ -1,69 +1,95 @@
 """The files of a run: numbers, arrays, figures and one self-contained page.
 
-The same outcome gives the same bytes: no date, no random name, no version of a drawing library.
+The same result gives the same bytes: no date, no random name, no version of a drawing library.
 """
 
 import base64
 import io
 import json
-import math
-from collections.abc import Mapping
-from numbers import Integral, Real
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import jinja2
+import markupsafe
 import xarray
 from matplotlib.figure import Figure
 
 from .. import __version__
 from ..aliases import with_old_names
-from .outcome import Outcome, Section, Table
+from .result import Result, Scalar
+from .section import Section
+from .terminal import verdict
 from .text import format_value, is_numeric
+from .words import Block, Drawing, Paragraph, Table, answers, blocks, summary
 
-_DPI = 110
+_DPI = 140
+_CODE = re.compile(r"`([^`]+)`")
 
 
-def render(
-    outcome: Outcome, record: Mapping[str, str], command: str = "srsinv"
-) -> dict[str, bytes]:
+def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -> dict[str, bytes]:
     """The files of a run's folder by their names in it: `metrics.json`, `result.nc`, `report.html`,
-    `figures/*.png`, `.hydra/` and the outcome's own.
+    `figures/*.png`, `.hydra/` and the result's own.
 
     Nothing is written: all is made in memory, where no full disk can cut it short. `record` maps
     the names in `.hydra` to their text, `command` is the command on the page. Raises `ValueError`
-    for a variable without `units`, `TypeError` for a metric that JSON cannot hold.
+    for a variable without `units`.
     """
+    filled = _filled(result)
     figures = {
-        stem: _png(draw()) for section in outcome.sections for stem, draw in section.figures.items()
+        block.name: _png(block.figure)
+        for _, own in filled
+        for block in own
+        if isinstance(block, Drawing)
     }
     texts = {
         **{f".hydra/{name}": text for name, text in record.items()},
-        **outcome.files,
-        "metrics.json": metrics_json(outcome.metrics),
-        "report.html": _page(outcome, figures, command),
+        **result.files,
+        "metrics.json": metrics_json(result.metrics),
+        "report.html": _page(result, filled, figures, command),
     }
     return {
         **{name: text.encode() for name, text in texts.items()},
-        "result.nc": _netcdf(outcome.dataset),
-        **{f"figures/{stem}.png": image for stem, image in figures.items()},
+        "result.nc": _netcdf(result.dataset),
+        **{f"figures/{name}.png": image for name, image in figures.items()},
     }
 
 
-def metrics_json(metrics: Mapping[str, Any]) -> str:
-    """`metrics` as JSON with sorted keys, old names beside new ones; numbers that are not finite
-    become null."""
-    values = {key: _json_value(key, value) for key, value in with_old_names(metrics).items()}
+def page(result: Result, command: str = "") -> str:
+    """The page of a result as HTML, its figures within it."""
+    filled = _filled(result)
+    drawings = (block for _, own in filled for block in own if isinstance(block, Drawing))
+    return _page(result, filled, {each.name: _png(each.figure) for each in drawings}, command)
+
+
+def metrics_json(metrics: Mapping[str, Scalar]) -> str:
+    """`metrics` as JSON with sorted keys, old names beside new ones; None becomes null."""
+    values = with_old_names(metrics)
     return json.dumps(values, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def _netcdf(dataset: xarray.Dataset) -> bytes:
-    unitless = [
-        str(name) for name, values in dataset.variables.items() if "units" not in values.attrs
-    ]
+def figures(result: Result) -> dict[str, tuple[Figure, str]]:
+    """The figures of a result with their captions, by name."""
+    drawings = (block for _, own in _filled(result) for block in own if isinstance(block, Drawing))
+    return {each.name: (each.figure, each.caption) for each in drawings}
+
+
+Filled = list[tuple[Section, tuple[Block, ...]]]
+
+
+def _filled(result: Result) -> Filled:
+    """The sections that are shown, with what is in them."""
+    shown = (each for each in result.sections if each.heading and each.is_met(result.dataset))
+    filled = [(each, blocks(each, result.dataset)) for each in shown]
+    return [(section, own) for section, own in filled if own]
+
+
+def _netcdf(data: xarray.Dataset) -> bytes:
+    unitless = [str(name) for name, each in data.variables.items() if "units" not in each.attrs]
     if unitless:
         raise ValueError(f"variables without units in the result: {', '.join(unitless)}")
-    return bytes(dataset.to_netcdf(engine="h5netcdf"))
+    return bytes(data.to_netcdf(engine="h5netcdf"))
 
 
 def _png(figure: Figure) -> bytes:
@@ -75,17 +101,7 @@ def _png(figure: Figure) -> bytes:
     return image.getvalue()
 
 
-def _json_value(key: str, value: object) -> object:
-    if value is None or isinstance(value, bool | str):
-        return value
-    if isinstance(value, Integral):
-        return int(value)
-    if isinstance(value, Real):
-        return float(value) if math.isfinite(value) else None
-    raise TypeError(f"metric {key} is {type(value).__name__}, not a plain value")
-
-
-def _page(outcome: Outcome, figures: Mapping[str, bytes], command: str) -> str:
+def _page(result: Result, filled: Filled, images: Mapping[str, bytes], command: str) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -93,45 +109,46 @@ def _page(outcome: Outcome, figures: Mapping[str, bytes], command: str) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    numbers = sorted(outcome.metrics.items())
-    metrics = Table(("name", "value"), tuple((k, "–" if v is None else v) for k, v in numbers))
+    numbers = Table(("name", "value"), tuple(sorted(result.metrics.items())))
     return environment.get_template("page.html.j2").render(
-        title=outcome.title,
+        title=result.title,
         command=command,
         version=__version__,
-        summary=_table(outcome.summary),
-        sections=[_section(section, figures) for section in outcome.sections],
-        metrics=_table(metrics),
+        answers=[
+            (name, quality, verdict(quality), reasons)
+            for name, (quality, reasons) in answers(result.dataset).items()
+        ],
+        summary=list(_in_html(summary(result), images)),
+        sections=[
+            (section.heading, section.is_folded, list(_in_html(own, images)))
+            for section, own in filled
+        ],
+        metrics=_table(numbers),
     )
 
 
-def _section(section: Section, figures: Mapping[str, bytes]) -> dict[str, Any]:
-    return {
-        "heading": section.heading,
-        "paragraphs": section.paragraphs,
-        "figures": [
-            {
-                "source": _data_address(figures[stem]),
-                "caption": section.captions.get(stem, stem.replace("_", " ")),
-            }
-            for stem in section.figures
-        ],
-        "tables": [_table(table) for table in section.tables],
-    }
+def _in_html(own: tuple[Block, ...], images: Mapping[str, bytes]) -> Iterator[dict[str, Any]]:
+    for block in own:
+        if isinstance(block, Paragraph):
+            yield {"kind": "item" if block.is_item else "paragraph", "words": _inline(block.text)}
+        elif isinstance(block, Drawing):
+            source = "data:image/png;base64," + base64.b64encode(images[block.name]).decode("ascii")
+            caption = " ".join(block.caption.split())
+            yield {"kind": "figure", "source": source, "alt": caption, "caption": _inline(caption)}
+        else:
+            yield {"kind": "table", **_table(block)}
+
+
+def _inline(text: str) -> markupsafe.Markup:
+    """Words as HTML; between backticks they are code."""
+    return markupsafe.Markup(_CODE.sub(r"<code>\1</code>", str(markupsafe.escape(text))))
 
 
 def _table(table: Table) -> dict[str, Any]:
     numeric = [is_numeric(cells) for cells in zip(*table.rows, strict=True)]
     numeric = numeric or [False] * len(table.columns)
     return {
-        "caption": table.caption,
-        "notes": table.notes,
+        "caption": _inline(table.caption),
         "columns": list(zip(table.columns, numeric, strict=True)),
-        "rows": [
-            [(format_value(cell), isinstance(cell, Real)) for cell in row] for row in table.rows
-        ],
+        "rows": [list(zip(map(format_value, row), numeric, strict=True)) for row in table.rows],
     }
-
-
-def _data_address(image: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(image).decode("ascii")

@@ -1,36 +1,48 @@
-"""Formatting of numbers, and of tables on the terminal."""
+"""Numbers as text: with the digits that count, the unit that reads best, and their errors."""
 
 import math
-import sys
+import re
 from collections.abc import Iterable
 from numbers import Integral, Real
+from typing import Any
 
-from rich import box
-from rich.console import Console
-from rich.measure import Measurement
-from rich.table import Table as RichTable
-from rich.text import Text
+import numpy as np
 
-from .outcome import Table
+_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_PREFIXED = {"Pa", "V", "V m", "A", "C", "s", "m", "m/s"}
 
 
 def format_value(value: object) -> str:
     """A cell as text: whole numbers in full, others to four significant digits.
 
     Outside 1e-3 to 1e5 the exponent is a multiple of three, so that it reads as a unit's prefix:
-    `0.00075` is `750e-6`.
+    `0.00075` is `750e-6`. None and what is not a number are a dash.
     """
-    if isinstance(value, bool):
+    if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
+    if value is None:
+        return "–"
     if isinstance(value, Integral) or not isinstance(value, Real):
         return str(value)
     number = float(value) + 0.0  # no negative zero
+    if math.isnan(number):
+        return "–"
     if not math.isfinite(number) or number == 0 or 1e-3 <= abs(number) < 1e5:
         return _digits(number)
     # Rounded first: 999.96e-6 belongs to 1e-3.
     mantissa, _, power = f"{number:.3e}".partition("e")
     shift = int(power) % 3
     return f"{_digits(float(mantissa) * 10**shift)}e{int(power) - shift}"
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """The value to so many significant digits, without an exponent where it reads well so."""
+    if not math.isfinite(value):
+        return "–" if math.isnan(value) else str(value)
+    if value == 0 or not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.{digits}g}"
+    places = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{round(value, places):.{max(places, 0)}f}"
 
 
 def listed(names: Iterable[str]) -> str:
@@ -40,8 +52,36 @@ def listed(names: Iterable[str]) -> str:
 
 def format_with_error(value: float, stderr: float) -> str:
     """Value and standard error, to the second digit of the latter; to three decimals if it is 0."""
+    if not math.isfinite(stderr):
+        return f"{format_value(value)}, error not known"
     decimals = max(0, 1 - math.floor(math.log10(stderr))) if stderr > 0 else 3
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
+
+
+def best_unit(units: str, *values: Any) -> tuple[float, str]:
+    """The factor on SI values and the unit with the prefix that brings the largest of `values`
+    between 1 and 1000. Units that take no prefix (counts, powers) are only written out."""
+    if units not in _PREFIXED:
+        return 1.0, re.sub(r"\((\w+)\)", r"\1", units).replace("^2", "²").removesuffix("/1")
+    tops = [np.max(np.abs(v), where=np.isfinite(v), initial=0.0) for v in map(_numbers, values)]
+    top = float(max(tops, default=0.0))
+    # Rounded first: 0.99996e-3 is 1e-3.
+    power = 3 * (int(f"{top:.3e}".partition("e")[2]) // 3) if top > 0 else 0
+    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    if units in ("m", "m/s"):
+        power = min(power, 0)  # kilometres are no lengths of a scan
+    return 10.0**-power, _PREFIXES[power] + units
+
+
+def quantity(value: float, units: str, stderr: float | None = None, digits: int = 3) -> str:
+    """A value of SI `units`, with its standard error if any, in the unit that reads best:
+    `25.9 ± 0.3 µm`."""
+    factor, unit = best_unit(units, value)
+    unit = "" if unit == "1" else f" {unit}"
+    if stderr is None:
+        return f"{significant(value * factor, digits)}{unit}"
+    text = format_with_error(value * factor, stderr * factor)
+    return f"{text}{unit}"
 
 
 def is_numeric(cells: tuple[object, ...]) -> bool:
@@ -51,27 +91,8 @@ def is_numeric(cells: tuple[object, ...]) -> bool:
     )
 
 
-def print_table(table: Table) -> None:
-    """Print `table` on standard output: without styles and as wide as needed where that is no
-    terminal."""
-    console = Console(file=sys.stdout, highlight=False)
-    drawn = RichTable(box=box.SIMPLE_HEAD if console.is_terminal else box.MARKDOWN)
-    columns = tuple(zip(*table.rows, strict=True)) or ((),) * len(table.columns)
-    for heading, cells in zip(table.columns, columns, strict=True):
-        justify = "right" if is_numeric(cells) else "left"
-        drawn.add_column(Text(heading), justify=justify, overflow="fold")
-    for row in table.rows:
-        drawn.add_row(*(Text(format_value(cell)) for cell in row))
-    if console.is_terminal:
-        console.print(Text(table.caption), drawn, *map(Text, table.notes))
-        return
-    roomy = console.options.update(max_width=10_000)
-    console.width = Measurement.get(console, roomy, drawn).maximum
-    with console.capture() as lines:
-        console.print(drawn)
-    # Markdown's box has blank lines around the table.
-    unformatted = (line.rstrip() for line in lines.get().splitlines())
-    print(*filter(None, (table.caption, *unformatted, *table.notes)), sep="\n")
+def _numbers(values: Any) -> np.ndarray:
+    return np.asarray(values, float)
 
 
 def _digits(number: float) -> str:

@@ -34,8 +34,8 @@ from srsinv.inverse import direct, spectral
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.quadratic import Scorer, choose_path
 from srsinv.inverse.rule import Choice, Evidence, GeneralisedCrossValidation, Rule
+from srsinv.inverse.simulated import noisy_problem
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
-from srsinv.jobs.simulation import noisy_problem
 
 RESULTS = Path(__file__).parent / "results" / "rules.json"
 SNR_DB = (20.0, 30.0, 40.0)

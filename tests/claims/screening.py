@@ -17,7 +17,7 @@ import numpy as np
 
 from srsinv import config
 from srsinv.command.programs import release_programs
-from srsinv.jobs.change import difference, pair
+from srsinv.forward.trace import difference, pair
 from tests.claims.random_scenes import configuration
 
 RESULTS = Path(__file__).parent / "results" / "screening.json"

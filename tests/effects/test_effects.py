@@ -29,7 +29,7 @@ from srsinv.forward.scenario import Scenario
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.simulation import Simulation
 from srsinv.forward.speed_profile import RippleProfile
-from srsinv.jobs.change import Trace, difference, pair, trace
+from srsinv.forward.trace import Trace, difference, pair, trace
 
 SMALL = ("grid.cells=128", "grid.refinement=2", "noise=[]")
 KEY = jax.random.key(0)

@@ -1,5 +1,6 @@
 """What the short forms of short_forms.yaml give: their metrics and their variables, times aside."""
 
+from srsinv.report.result import METRIC
 from tests.golden.entries import Entries, entry
 from tests.jobs.run import short_forms, short_run
 
@@ -18,10 +19,11 @@ def cases() -> list[str]:
 
 def entries(name: str) -> Entries:
     """`metrics.NAME` and `variables.NAME`."""
-    outcome = short_run(name)
-    metrics = {f"metrics.{key}": entry(value) for key, value in outcome.metrics.items()}
+    result = short_run(name)
+    metrics = {f"metrics.{key}": entry(value) for key, value in result.metrics.items()}
     variables = {
         f"variables.{key}": entry(each.values, each.attrs["units"])
-        for key, each in outcome.dataset.variables.items()
+        for key, each in result.dataset.variables.items()
+        if each.ndim or METRIC not in each.attrs  # a single metric is among the metrics
     }
     return {key: each for key, each in (metrics | variables).items() if not is_time(key)}

@@ -12,7 +12,8 @@ from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root, main
 from srsinv.namespaces import load_job
-from srsinv.report.outcome import Outcome
+from srsinv.report.page import figures
+from srsinv.report.result import Result
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -30,7 +31,7 @@ def short_form(name: str) -> tuple[str, ...]:
 
 
 @cache
-def short_run(name: str) -> Outcome:
+def short_run(name: str) -> Result:
     """What the short form `name` returns: computed once in a process, for all tests of it."""
     return outcome(*short_form(name))
 
@@ -47,23 +48,22 @@ def composed(*overrides: str) -> dict[str, Any]:
     return cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
 
 
-def outcome(*overrides: str) -> Outcome:
+def outcome(*overrides: str) -> Result:
     """What the configured job returns, without the command around it and without a page."""
     return result_of(composed(*overrides))
 
 
-def result_of(cfg: dict[str, Any]) -> Outcome:
+def result_of(cfg: dict[str, Any]) -> Result:
     """What the job of a configuration returns."""
     return load_job(cfg["job"], find_config_root())(cfg)
 
 
-def check_page(result: Outcome, images: Collection[str] = ()) -> None:
+def check_page(result: Result, images: Collection[str] = ()) -> None:
     """Every variable with its unit, every figure with a caption and a curve drawn (those named in
     `images`: an image), the assumptions last."""
     assert all("units" in variable.attrs for variable in result.dataset.variables.values())
     assert result.sections[-1].heading == "What was assumed"
-    for section in result.sections:
-        assert set(section.captions) == set(section.figures)
-        for name, draw in section.figures.items():
-            drawn = [axes.images if name in images else axes.lines for axes in draw().axes]
-            assert any(drawn), name
+    for name, (figure, caption) in figures(result).items():
+        assert caption.endswith("."), name
+        drawn = [axes.images if name in images else axes.lines for axes in figure.axes]
+        assert any(drawn), name

@@ -13,7 +13,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.simulation import Simulation
 from srsinv.forward.surface import Tape
 from srsinv.grid import Periodic
-from srsinv.jobs.solved_contact import SolvedContact, cell_averages
+from srsinv.inverse.solved_contact import SolvedContact, cell_averages
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 

@@ -6,7 +6,7 @@ import pytest
 
 from srsinv import config
 from srsinv.effects import screen
-from srsinv.jobs.change import difference, pair
+from srsinv.forward.trace import difference, pair
 from tests.claims.random_scenes import configuration
 from tests.claims.screening import measured
 

@@ -28,7 +28,7 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.features.direct import Ratio
 from srsinv.inverse.features.model import FeatureModel
-from srsinv.jobs.simulation import noisy_problem
+from srsinv.inverse.simulated import noisy_problem
 
 RUNS = (256, pytest.param(1024, marks=pytest.mark.claim))
 WARM = 144  # every scene has had its turn

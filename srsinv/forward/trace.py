@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..forward.noise import NonGaussianNoise, split_gaussian
-from ..forward.scan import ConstantSpeed, Motion
-from ..forward.simulation import Simulation
 from ..grid import Line, Periodic
+from .noise import NonGaussianNoise, split_gaussian
+from .scan import ConstantSpeed, Motion
+from .simulation import Simulation
 
 
 class Trace(NamedTuple):

@@ -11,9 +11,9 @@ from ..forward.contact import Contact
 from ..forward.scene import SurfaceScene
 from ..forward.simulation import Simulation, response
 from ..forward.surface import Surface
-from ..inverse.estimate import Estimate
-from ..inverse.line_problem import LineProblem
-from .simulation import problem_of
+from .estimate import Estimate
+from .line_problem import LineProblem
+from .simulated import problem_of
 
 
 class SolvedContact(eqx.Module):

@@ -10,15 +10,15 @@ from matplotlib.figure import Figure
 from .lettering import SIGN_CONVENTION
 from .style import (
     MM_PER_M,
+    SHADE,
     TRUTH,
     WIDTH_IN,
     colours,
     names_of,
     observed_anywhere,
     pressure_scale,
-    shade_unobserved,
     short,
-    stretches_mm,
+    stretches,
     styled,
     units_of,
 )
@@ -27,27 +27,30 @@ _RUBBER, _SURFACE = "#f6efe6", "#dfe3e7"
 _FILM = "#009e73"
 _ARROW = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 12}
 _LEFT_IN, _PLOT_IN = 0.9, WIDTH_IN - 1.1
-_SIDE_IN, _ROW_IN, _PER_ROW = 1.95, 2.75, 4  # of the close-ups
+_SIDE_IN, _ROW_IN, _PER_ROW = 1.95, 2.75, 3  # of the close-ups
 
 
 @styled
 def scene(dataset: xarray.Dataset) -> Figure:
     """The finger's skin from the side: traction over the line, the sensor in it, and close up.
 
-    z points down, into the finger. Lengths along x and z have the same scale in the section and in
-    the close-ups; only the film is drawn thicker than it is.
+    z points up, into the finger, as in docs/physics.md. Lengths along x and z have the same scale
+    in the section and in the close-ups; only the film is drawn thicker than it is.
     """
     sensor = _Sensor.of(dataset)
     section_in = _section_height_in(dataset, sensor)
-    section_top, close_ups_top = 2.5, 2.5 + section_in + 0.95
+    section_top = 0.75
+    below_top = section_top + section_in + 0.35
+    close_ups_top = below_top + 2.4
     rows = -(-(len(sensor.names) + 1) // _PER_ROW)
     sheet = _Sheet(height_in=close_ups_top + rows * _ROW_IN)
-    above = sheet.axes(0.5, 1.45)
-    draw_above = _pressure if "traction" in dataset else _samples
-    draw_above(above, dataset)
-    above.set_xlim(*_view_mm(dataset, sensor))
-    above.tick_params(labelbottom=False)
-    _section(sheet.axes(section_top, section_in, sharex=above), dataset, sensor)
+    section = sheet.axes(section_top, section_in)
+    _section(section, dataset, sensor)
+    section.tick_params(labelbottom=False)
+    below = sheet.axes(below_top, 1.45, sharex=section)
+    draw_below = _pressure if "traction" in dataset else _samples
+    draw_below(below, dataset)
+    below.set(xlabel="position x [mm]", xlim=_view_mm(dataset, sensor))
     _close_ups(sheet, close_ups_top, sensor)
     sheet.figure.suptitle(
         "Scene and sensor, to scale (only the film is drawn thicker than it is)", y=1.0, va="top"
@@ -120,19 +123,20 @@ def _pressure(axes: Axes, dataset: xarray.Dataset) -> None:
     pressure = dataset["traction"].sel(component="p").values
     unit = pressure_scale(units_of(dataset["traction"]), pressure)
     colour = colours("p")["p"]
-    shade_unobserved(axes, x, observed)
+    for start, stop in stretches(x, ~observed):
+        axes.axvspan(start * MM_PER_M, stop * MM_PER_M, color=SHADE, linewidth=0)
     axes.fill_between(x * MM_PER_M, pressure * unit.factor, color=colour, alpha=0.15)
     axes.plot(x * MM_PER_M, pressure * unit.factor, color=colour)
     axes.set_ylim(min(0.0, axes.get_ylim()[0]), None)
-    hatched = "" if observed.all() else "; hatched: no samples"
-    axes.set(title=f"Pressure on the skin along the whole line{hatched}", ylabel=unit.label("p"))
+    shaded = "" if observed.all() else "; shaded: no samples"
+    axes.set(title=f"Pressure on the skin along the whole line{shaded}", ylabel=unit.label("p"))
 
 
 def _samples(axes: Axes, dataset: xarray.Dataset) -> None:
     elements = names_of(dataset["element"])
     for e, mask in enumerate(dataset["observed"].values):
-        stretches = stretches_mm(dataset["x"].values, mask)
-        spans = [(left, right - left) for left, right in stretches]
+        own = stretches(dataset["x"].values, mask)
+        spans = [(MM_PER_M * left, MM_PER_M * (right - left)) for left, right in own]
         axes.broken_barh(spans, (e - 0.3, 0.6), color="#9aa5ae")
     axes.set_yticks(range(len(elements)), [short(element) for element in elements])
     axes.set_ylim(len(elements) - 0.4, -0.6)
@@ -141,7 +145,8 @@ def _samples(axes: Axes, dataset: xarray.Dataset) -> None:
 
 def _view_mm(dataset: xarray.Dataset, sensor: _Sensor) -> tuple[float, float]:
     """The whole line, and more where it is too short for the depth to fit the page."""
-    ((left, right),) = stretches_mm(dataset["x"].values, np.ones(dataset.sizes["x"], bool))
+    whole = stretches(dataset["x"].values, np.ones(dataset.sizes["x"], bool))
+    left, right = (MM_PER_M * end for end in whole[0])
     missing = max(0.0, 8.0 * sensor.reach - (right - left))
     return left - missing / 2, right + missing / 2
 
@@ -171,7 +176,6 @@ def _section(axes: Axes, dataset: xarray.Dataset, sensor: _Sensor) -> None:
         _arrow(axes, start, end, TRUTH)
     axes.set(
         title=f"The finger from the side; the sensor, here at mid-scan, {_say_speed(speed)}",
-        xlabel="position x [mm]",
         ylabel="z [mm]",
     )
 
@@ -208,7 +212,7 @@ def _skin(axes: Axes, x_mm: tuple[float, float], z_mm: tuple[float, float]) -> N
     axes.axhspan(0, z_mm[1], color=_RUBBER, zorder=0)
     axes.axhspan(z_mm[0], 0, facecolor=_SURFACE, zorder=0)
     axes.axhline(0, color="#8a7355", linewidth=1.5)
-    axes.set(xlim=x_mm, ylim=z_mm[::-1])
+    axes.set(xlim=x_mm, ylim=z_mm)
     axes.grid(visible=False)
 
 
@@ -224,10 +228,10 @@ def _signs(axes: Axes, reach: float) -> None:
         _arrow(axes, reach * np.array(start), reach * np.array(end), colour)
         axes.text(where[0] * reach, where[1] * reach, text, color=colour, va="center")
     axes.text(
-        0.97, 0.05, "tension is positive:\n" + SIGN_CONVENTION + "\nat z = 0",
-        transform=axes.transAxes, ha="right", va="bottom", fontsize=8.5,
+        0.97, 0.95, "tension is positive:\n" + SIGN_CONVENTION + "\nat z = 0",
+        transform=axes.transAxes, ha="right", va="top", fontsize=8.5,
     )  # fmt: skip
-    axes.text(1.3 * reach, 0.12 * reach, "the finger's skin", ha="right", va="top", fontsize=8.5)
+    axes.text(1.3 * reach, 0.12 * reach, "the finger's skin", ha="right", va="bottom", fontsize=8.5)
     axes.set_title("Signs", fontsize=9)
 
 

@@ -1,8 +1,7 @@
 """Style of all figures: colours, scaled units, legends beside the curves."""
 
 import functools
-import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, ParamSpec
 
@@ -12,9 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from xarray import DataArray, Dataset
 
+from ..text import best_unit
 from .lettering import SYMBOLS, show_as_written
 
-WIDTH_IN = 10.0
+WIDTH_IN = 8.0
 MM_PER_M = 1e3
 NORMAL_90 = 1.645  # half the width of the standard normal's central 90 %
 
@@ -109,21 +109,12 @@ class Scale:
         return f"{quantity} [{self.unit}]"
 
 
-_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_PREFIXED = {"Pa", "V", "V m", "A", "C", "s"}
-
-
 def scale(units: str, *values: Any) -> Scale:
     """The prefix that brings the largest of `values` (in SI `units`) between 1 and 1000.
 
     Units that take no prefix (counts, powers) are only written out.
     """
-    if units not in _PREFIXED:
-        return Scale(1.0, re.sub(r"\((\w+)\)", r"\1", units).replace("^2", "²").removesuffix("/1"))
-    top = max((peak(v) for v in values), default=0.0)
-    power = 3 * int(np.floor(np.log10(top) / 3)) if top > 0 else 0
-    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
-    return Scale(10.0**-power, _PREFIXES[power] + units)
+    return Scale(*best_unit(units, *values))
 
 
 def pressure_scale(units: str, *values: Any) -> Scale:
@@ -208,35 +199,14 @@ def runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
 
-def stretches_mm(x_m: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
-    """The stretches [mm] of the line whose cells `mask` picks, cell edge to cell edge."""
+def stretches(x_m: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
+    """The stretches [m] of the line whose cells `mask` picks, cell edge to cell edge."""
     half = (x_m[1] - x_m[0]) / 2
-    return [
-        (float(x_m[start] - half) * MM_PER_M, float(x_m[stop - 1] + half) * MM_PER_M)
-        for start, stop in runs(mask)
-    ]
+    return [(float(x_m[start] - half), float(x_m[stop - 1] + half)) for start, stop in runs(mask)]
 
 
 def observed_anywhere(dataset: Dataset) -> np.ndarray:
-    """Whether any element has a sample at x (x,)."""
+    """Whether any element has a sample at x (x,); everywhere where the dataset does not say."""
+    if "observed" not in dataset:
+        return np.ones(dataset.sizes["x"], bool)
     return np.asarray(dataset["observed"].any("element").values, bool)
-
-
-def shade_unobserved(axes: Axes, x_m: np.ndarray, observed: np.ndarray) -> None:
-    """Hatch the cells that `observed` (x,) leaves out; with an entry in the legend."""
-    for i, (left, right) in enumerate(stretches_mm(x_m, ~observed)):
-        label = "no samples here" if i == 0 else None
-        # Drawn over the bands, which are widest here and would hide it, and under the lines.
-        axes.axvspan(
-            left, right, facecolor=SHADE, alpha=0.55, edgecolor=GREY, hatch="//", linewidth=0,
-            zorder=1.5, label=label,
-        )  # fmt: skip
-
-
-def method_lines(methods: Iterable[str]) -> Mapping[str, dict[str, Any]]:
-    """Colour and line style of each method."""
-    palette = colours(methods)
-    return {
-        name: {"color": colour, "linestyle": LINE_STYLES[i % len(LINE_STYLES)]}
-        for i, (name, colour) in enumerate(palette.items())
-    }

@@ -1,0 +1,106 @@
+"""What was assumed, as attributes of a result's dataset: the page's last section words them."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ..effects import NAMES
+from ..forward.sensor import Sensor
+from ..forward.simulation import Simulation
+from ..inverse.cells import FEW, sample_spacing_m
+from ..inverse.line_problem import LineProblem
+from ..inverse.problem import Problem
+from ..inverse.sample_noise import SampleNoise
+from ..recording import Recording
+from ..recording.even import STEADY
+
+Facts = dict[str, Any]
+
+
+def of_effects(on: Iterable[str]) -> Facts:
+    """Which effects are on and off."""
+    names = tuple(on)
+    return {
+        "effects_on": ", ".join(names) or "none",
+        "effects_off": ", ".join(name for name in NAMES if name not in names) or "none",
+    }
+
+
+def of_sensor(sensor: Sensor) -> Facts:
+    """Skin and amplifier, in words."""
+    return {"skin": sensor.skin.words, "amplifier": type(sensor.amplifier).__name__}
+
+
+def of_friction(friction: Any) -> Facts:
+    """mu of q = mu p; None leaves p and q apart."""
+    return {} if friction is None else {"friction": friction}
+
+
+def of_simulation(sim: Simulation, noises: Iterable[str], effects: Iterable[str]) -> Facts:
+    """A simulated scene; `noises` and `effects` are the names of those that are on."""
+    line, recorder = sim.line, sim.scenario.recorder
+    profiles = [type(each).__name__.removesuffix("Profile").lower() for each in
+                recorder.speed_profiles]  # fmt: skip
+    return {
+        "line": line.kind,
+        "cells": line.n,
+        "cell_m": float(line.cell_m),
+        "refinement": sim.refinement,
+        "speed_m_per_s": float(sim.scan.speed_m_per_s),
+        "speed_profiles": ", ".join(profiles),
+        "noise": ", ".join(noises) or "none",
+        "load_drift_not_inverted": int(bool(recorder.drift)),
+        "filter_lag_not_inverted": int(bool(recorder.speed_profiles) and bool(sim.sensor.filters)),
+        **of_sensor(sim.sensor),
+        **of_effects(effects),
+    }
+
+
+def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
+    """A recording; `times` is the configuration's word for how the file's times are taken."""
+    missing = np.isnan(recording.signal)
+    rows = recording.missing_rows
+    speed = recording.speed_m_per_s
+    return {
+        "recording": recording.name,
+        "recording_samples": int(recording.time_s.size),
+        "sample_rate_hz": float(recording.sample_rate_hz),
+        "rows_missing": int(rows),
+        "rows_missing_places": int(recording.gaps),
+        "other_samples_missing": int(missing.sum()) - rows * len(recording.channels),
+        "times_ignored": int(times == "ignore"),
+        "is_steady": int(recording.is_constant_speed(STEADY)),
+        "speed_m_per_s": float(speed.mean()),
+        "speed_least_m_per_s": float(speed.min()),
+        "speed_greatest_m_per_s": float(speed.max()),
+        **of_sensor(problem.sensor),
+        **_of_noise(problem.noise, recording.signal_unit),
+    }
+
+
+def _of_noise(noise: SampleNoise, unit: str) -> Facts:
+    return {
+        "noise_rms": float(noise.rms),
+        "noise_unit": unit,
+        "noise_is_estimate": int(noise.is_estimate),
+        "noise_causes": ", ".join(noise.causes),
+    }
+
+
+def of_cells(recording: Recording, problem: Problem, on_line: LineProblem) -> Facts:
+    """The line of cells that a recording is inverted on."""
+    line, nominal = on_line.line, problem.nominal_pressure_Pa
+    spacing = sample_spacing_m(problem.motion)
+    facts = {
+        "sample_spacing_m": spacing,
+        "line": line.kind,
+        "cells": line.n,
+        "cell_m": float(line.cell_m),
+        "samples_per_cell": round(float(line.cell_m) / spacing),
+        "least_samples_fraction": FEW,
+        "has_missing_samples": int(not np.isfinite(recording.signal).all()),
+        "window_start_m": float(line.x[0]),
+        "window_end_m": float(line.x[-1]),
+    }
+    return facts if nominal is None else facts | {"nominal_pressure_Pa": float(nominal)}

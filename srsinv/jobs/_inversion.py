@@ -1,0 +1,304 @@
+"""An inversion by several methods, as every job with one has it: run them, gather every stage."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray
+
+from ..effects import ScreeningResult
+from ..errors import of_kind
+from ..forward.sensor import Sensor
+from ..grid import wavenumbers
+from ..inverse.estimate import BAND_90, COMPONENTS, Estimate, deviation
+from ..inverse.line_problem import LineProblem
+from ..inverse.quality import Quality
+from ..inverse.spectral_lines import strongest_line_m
+from ..progress import stage
+from ..report.plot.estimates import full_width_at_half_maximum
+from ..report.result import Result, dataset, key_of, scalars
+from ..report.section import sections
+from ..timing import timed
+from ._answers import answer_variables
+
+STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
+Variables = dict[str, tuple[Any, ...]]
+Estimates = Mapping[str, Estimate]
+
+
+@dataclass(frozen=True)
+class InversionCase:
+    """One inversion to run and to report.
+
+    - `problem` to invert; `sensor`; `methods` by name.
+    - `traction_unit`: "Pa", or "1" for p and q that are relative.
+    - `stages`: (dims, values, units) of the simulation's stages, by variable name; the truth is
+      `traction`. Empty for a recording, which has a `name`.
+    - `facts`: what was assumed, for the dataset's attributes; `screening`: the result of screening
+      effects, if any; `warnings`: those on the simulated scene.
+    - `repeats`: further calls of each method that are timed.
+    """
+
+    problem: LineProblem
+    sensor: Sensor
+    methods: Mapping[str, Callable[[LineProblem], Estimate]]
+    facts: Mapping[str, Any]
+    name: str = ""
+    signal_unit: str = "V"
+    traction_unit: str = "Pa"
+    stages: Mapping[str, tuple[tuple[str, ...], Any, str]] = field(default_factory=dict)
+    screening: ScreeningResult | None = None
+    warnings: tuple[str, ...] = ()
+    repeats: int = 0
+
+
+def run(case: InversionCase) -> Result:
+    """Invert by every method and gather the result."""
+    estimates, times = {}, []
+    for name, method in case.methods.items():
+        with stage(f"inverting: {name}"):
+            given, first, steady = timed(
+                lambda method=method: method(case.problem), repeats=case.repeats
+            )
+        wanted = "an Estimate, as problem.on_line().estimate(...) gives it"
+        estimates[name] = of_kind(f"what {name} gives", given, Estimate, wanted).with_warnings(
+            case.warnings
+        )
+        times.append((first, np.nan if steady is None else steady))
+    data = _dataset(case, estimates, np.array(times))
+    return Result(_title(case, data), data, sections("inversion", "assumed"))
+
+
+def _title(case: InversionCase, data: xarray.Dataset) -> str:
+    names = [str(name) for name in data["method"].values]
+    usable = np.flatnonzero(data["quality"].values != Quality.FAILED)
+    if not usable.size:
+        return f"{case.name or 'Simulated scene'}: no method has an answer"
+    if not case.name:
+        error = data["error"].values[usable]
+        m = int(np.argmin(np.nansum(error, axis=1)))
+        of = [
+            f"{component} to {100 * each:.2g} %"
+            for component, each in zip(COMPONENTS, error[m], strict=True)
+            if np.isfinite(each)
+        ]
+        if not of:
+            return f"Nothing to recover in the scene, by {', '.join(names)}"
+        return f"{names[usable[m]]} recovers {' and '.join(of)}"
+    at = 1e3 * data["peak_position"].values[usable, 0]
+    peaks = ", ".join(f"{each:.4g} mm ({names[m]})" for m, each in zip(usable, at, strict=True))
+    return f"{case.name}: the pressure is highest at {peaks}"
+
+
+# --- data ------------------------------------------------------------------------------------
+
+
+def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xarray.Dataset:
+    problem, sensor = case.problem, case.sensor
+    variables = (
+        _signals(case)
+        | _estimated(case, estimates)
+        | _resolution(case, estimates)
+        | _of_sensor(sensor)
+        | dict(case.stages)
+        | _scores(case, estimates)
+        | _highest(case, estimates)
+        | answer_variables(estimates)
+        | {
+            "first_call_s": ("method", times[:, 0], "s", "first_call_s_{method}"),
+            "steady_call_s": ("method", times[:, 1], "s", "steady_call_s_{method}"),
+        }
+        | _screened(case.screening)
+        | scalars(_numbers(case, estimates))
+    )
+    n, cell = problem.line.n, float(problem.line.cell_m)
+    coordinates: dict[str, tuple[Any, ...]] = {
+        "x": (np.asarray(problem.line.x), "m"),
+        "wavenumber": (np.asarray(wavenumbers(n, cell)), "rad/m"),
+        "lag": (cell * (np.arange(n) - n // 2), "m"),
+        "component": (list(COMPONENTS), "1"),
+        "component_out": (list(COMPONENTS), "1"),
+        "component_in": (list(COMPONENTS), "1"),
+        "method": (list(estimates), "1"),
+        "element": (sensor.element_names, "1"),
+    }
+    if "stress" in variables:
+        coordinates["stress_name"] = (list(STRESSES), "1")
+    if case.screening:
+        coordinates["effect"] = (list(case.screening.relative_change_bounds), "1")
+    means = problem.mean_statement()
+    unobserved = [c for c in COMPONENTS if means[c].startswith(("unobserved", "weakly"))]
+    said = {f"mean_of_{component}": words for component, words in means.items()}
+    attributes = {"signal_unit": case.signal_unit, "mean_unobserved": ",".join(unobserved)}
+    if case.traction_unit != "Pa":
+        attributes["is_relative"] = 1
+    return dataset(variables, coordinates, **case.facts, **attributes, **said)
+
+
+def _signals(case: InversionCase) -> Variables:
+    problem, unit = case.problem, case.signal_unit
+    n, observed = problem.line.n, problem.is_observed
+    data = np.asarray(problem.data)
+    gain = np.full((len(case.sensor.elements), 2, n // 2 + 1), np.nan)
+    gain[:, : problem.unknowns] = np.abs(problem.forward.circulant().transfer)
+    along = ("element", "x")
+    units = f"{unit}/{case.traction_unit}"
+    return {
+        "signal": (along, np.where(observed, data, np.nan), unit),
+        "observed": (along, observed.astype(np.int8), "1"),
+        "sensor_gain": (("element", "component", "wavenumber"), gain, units),
+        "signal_power": (("element", "wavenumber"), np.abs(np.fft.rfft(data)) ** 2 / n,
+                         f"({unit})^2"),
+        "noise_power": ("wavenumber", np.asarray(problem.noise), f"({unit})^2"),
+    }  # fmt: skip
+
+
+def _estimated(case: InversionCase, estimates: Estimates) -> Variables:
+    along = ("method", "component", "x")
+    samples = ("method", "element", "x")
+    return {
+        "estimate": (along, _stacked(estimates, lambda e: e.value), case.traction_unit),
+        "estimate_stderr": (along, _stacked(estimates, _stderr), case.traction_unit),
+        "fitted_signal": (samples, _stacked(estimates, lambda e: e.fitted), case.signal_unit),
+        "whitened_residual": (samples, _stacked(estimates, lambda e: e.whitened), "1"),
+    }
+
+
+def _resolution(case: InversionCase, estimates: Estimates) -> Variables:
+    """Resolution, cut-off and averaging kernels; NaN for what was not solved for."""
+    problem, n, c = case.problem, case.problem.line.n, case.problem.unknowns
+    cell = float(problem.line.cell_m)
+    unresolved = np.full((c, c, n), np.nan)  # of a method without kernels
+    averaging = _stacked(estimates, lambda e: unresolved if e.averaging is None else e.averaging)
+    pairs = np.full((len(estimates), 2, 2, n), np.nan)
+    pairs[:, :c, :c] = averaging / cell
+    own = np.einsum("mccn->mcn", pairs)
+    resolution = np.abs(np.fft.rfft(own)) * cell
+    lag = cell * (np.arange(n) - n // 2)
+    widths = [[full_width_at_half_maximum(lag, each) for each in rows] for rows in own]
+    by_component = ("method", "component")
+    cutoff = _cutoff(np.asarray(wavenumbers(n, cell)), resolution)
+    return {
+        "resolution": ((*by_component, "wavenumber"), resolution, "1"),
+        "cutoff": (by_component, cutoff, "rad/m"),
+        "averaging_kernel": (("method", "component_out", "component_in", "lag"), pairs, "1/m"),
+        "kernel_width": (by_component, widths, "m"),
+    }
+
+
+def _of_sensor(sensor: Sensor) -> Variables:
+    films = sensor.elements
+    numbers = {
+        "depth": ([film.depth_m for film in films], "m"),
+        "angle": ([film.angle_rad for film in films], "rad"),
+        "width": ([film.width_m for film in films], "m"),
+        "length": ([film.length_m for film in films], "m"),
+        "offset": ([film.offset_m for film in films], "m"),
+    }
+    return {
+        f"element_{name}": ("element", [float(each) for each in values], unit)
+        for name, (values, unit) in numbers.items()
+    }
+
+
+def _scores(case: InversionCase, estimates: Estimates) -> Variables:
+    """Relative error of each component and the coverage of its band; NaN without a truth."""
+    error = np.full((len(estimates), 2), np.nan)
+    coverage = error.copy()
+    if "traction" in case.stages:
+        observed = case.problem.observed_cells
+        truth = deviation(case.stages["traction"][1], observed)
+        size = np.linalg.norm(truth, axis=-1)
+        for m, estimate in enumerate(estimates.values()):
+            wrong = deviation(np.asarray(estimate.value), observed) - truth
+            stderr = np.asarray(estimate.stderr)[:, observed]
+            error[m] = np.linalg.norm(wrong, axis=-1) / np.where(size > 0, size, np.nan)
+            inside = np.mean(np.abs(wrong) <= BAND_90 * stderr, axis=-1)
+            # A method of one's own may give no band.
+            coverage[m] = np.where(np.isnan(stderr).all(axis=-1), np.nan, inside)
+    by = ("method", "component")
+    return {
+        "error": (by, error, "1", "error_{component}_{method}"),
+        "coverage": (by, coverage, "1", "coverage_{component}_{method}"),
+        "resolved_dof": (by, [[e.stats.get(f"resolved_dof_{c}", np.nan) for c in COMPONENTS]
+                              for e in estimates.values()], "1"),
+    }  # fmt: skip
+
+
+def _highest(case: InversionCase, estimates: Estimates) -> Variables:
+    """Over the sampled cells: each component's highest value, and p's main line."""
+    observed = case.problem.observed_cells
+    x = np.asarray(case.problem.line.x)[observed]
+    value = _stacked(estimates, lambda e: e.value)[..., observed]
+    top = np.argmax(value, axis=-1)
+    peak = np.take_along_axis(value, top[..., None], -1)[..., 0]
+    lines = [strongest_line_m(x, each[0]) for each in value]
+    by, unit = ("method", "component"), "Pa" if case.traction_unit == "Pa" else "relative"
+    return {
+        "peak": (by, peak, case.traction_unit, f"{{component}}_peak_{unit}_{{method}}"),
+        "peak_position": (by, x[top], "m", "{component}_peak_position_m_{method}"),
+        "p_line_wavelength": ("method", [np.nan if each is None else each for each in lines], "m",
+                              "p_line_wavelength_m_{method}"),
+    }  # fmt: skip
+
+
+def _screened(screening: ScreeningResult | None) -> Variables:
+    if screening is None:
+        return {}
+    bounds = screening.relative_change_bounds
+    return {
+        "effect_bound": ("effect", list(bounds.values()), "1", "effect_bound_{effect}"),
+        "effect_on": ("effect", [name in screening.on for name in bounds], "1",
+                      "effect_on_{effect}"),
+        "effect_time": ("effect", [screening.times_s[name] for name in bounds], "s"),
+        **scalars({"effects_off_bound": screening.bound}),
+    }  # fmt: skip
+
+
+def _numbers(case: InversionCase, estimates: Estimates) -> dict[str, Any]:
+    """Numbers of the data, and of each method's solution."""
+    problem = case.problem
+    signal = np.asarray(problem.data)[problem.is_observed]
+    numbers: dict[str, Any] = {
+        "samples": problem.sample_count,
+        "cells": problem.line.n,
+        f"noise_rms_{case.signal_unit.replace(' ', '_')}": problem.noise_rms,
+        "snr_dB": float(20 * np.log10(max(np.std(signal) / problem.noise_rms, 1e-30))),
+    }
+    for name, estimate in estimates.items():
+        for key, value in estimate.stats.items():
+            if key == "method":  # of a fit, and its own name is in the key
+                continue
+            numbers[f"{_named(case, key)}_{key_of(name)}"] = value
+    return numbers
+
+
+def _named(case: InversionCase, key: str) -> str:
+    """A number's name, without Pa where p and q have no unit."""
+    if case.traction_unit == "Pa":
+        return key
+    return key.replace("_per_Pa2", "_relative").replace("_Pa", "_relative")
+
+
+def _stacked(estimates: Estimates, get: Callable[[Estimate], Any]) -> np.ndarray:
+    return np.stack([np.asarray(get(each)) for each in estimates.values()])
+
+
+def _stderr(estimate: Estimate) -> np.ndarray:
+    """Standard errors (2, n) [Pa], infinite where no band is valid."""
+    if estimate.quality is Quality.FAILED:
+        return np.full(estimate.stderr.shape, np.inf)
+    return np.asarray(estimate.stderr)
+
+
+def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:
+    """Cut-off wavenumber: where the resolution (..., k) last falls through one half; NaN if
+    nowhere."""
+    high = resolution[..., :-1] >= 0.5
+    falls = high & (resolution[..., 1:] < 0.5)
+    last = falls.shape[-1] - 1 - np.argmax(falls[..., ::-1], axis=-1)
+    upper = np.take_along_axis(resolution, last[..., None], -1)[..., 0]
+    lower = np.take_along_axis(resolution, last[..., None] + 1, -1)[..., 0]
+    fraction = (upper - 0.5) / np.where(upper > lower, upper - lower, 1.0)
+    return np.where(falls.any(axis=-1), k[last] + fraction * (k[1] - k[0]), np.nan)

@@ -1,0 +1,40 @@
+"""Recordings for inversion: which can be inverted, and on which line of cells."""
+
+from typing import Any
+
+from ..errors import choice, refuse
+from ..inverse.cells import refuse_reversing
+from ..inverse.line_problem import LineProblem
+from ..inverse.problem import Problem
+from ..recording import Recording
+from ..recording.even import check_volts
+from ..resolution import cell_m
+
+
+def on_cells(problem: Problem, purpose: str | None = None) -> LineProblem:
+    """A recording's problem on an open line over its contact window.
+
+    Cells are as wide as the configuration has them; where it leaves that open, as the `purpose`
+    asks for (see resolution.py), or as [`Problem.on_line`][] has it. Raises `BadInput` for a
+    recording that cannot be inverted.
+    """
+    depth = float(problem.sensor.depth_m)
+    return problem.on_line(cell_m(purpose, depth) if purpose else None)
+
+
+def traction_unit_named(given: Any) -> str:
+    """The unit of p and q: Pa, or "1" where the sensor's or the amplifier's gain is not known and
+    they are relative."""
+    return {"Pa": "Pa", "relative": "1"}[choice("traction_unit", given, ("Pa", "relative"))]
+
+
+def check_invertible(recording: Recording, unit: str) -> None:
+    """Refuse a recording that turns back, or that cannot give p and q in this unit."""
+    refuse_reversing(recording.name, recording.speed_m_per_s)
+    if unit == "Pa":
+        check_volts(recording)
+    refuse(
+        unit == "1" and recording.sidecar.get("nominal_pressure_Pa") is not None,
+        f"{recording.name}: nominal_pressure_Pa is given, and traction_unit=relative makes p a "
+        "number without a unit: leave one of them out.",
+    )

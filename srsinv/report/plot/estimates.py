@@ -1,0 +1,162 @@
+"""The recovered traction with its bands, and its resolution."""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+
+from .panels import Axis, Curve, Mark, Panel, panels
+from .stages import QUANTITIES, X, method_looks
+from .style import (
+    NORMAL_90,
+    SHADE,
+    TRUTH,
+    names_of,
+    observed_anywhere,
+    peak,
+    scale,
+    shown,
+    stretches,
+    units_of,
+)
+
+_TOGETHER = 2  # methods whose bands are legible over each other
+_OUT_OF_VIEW = 1.5  # times the estimates' range, beyond which peaks of the truth are cut off
+
+
+def estimates(dataset: xarray.Dataset, marks: Sequence[Mark] = (), title: str = "") -> Figure:
+    """p and q as each method recovers them, with 90 % bands, over the truth where it is known.
+
+    A component whose mean is not observable is drawn as its deviation from its own mean over the
+    observed stretch, truth and estimates alike. More than two methods have a panel each.
+    `traction_resolved` is the truth at the estimate's resolution.
+    """
+    if "method" not in dataset["estimate"].dims:
+        dataset = dataset.expand_dims(method=["recovered"])
+    methods = method_looks(names_of(dataset["method"]))
+    each = [[name] for name in methods] if len(methods) > _TOGETHER else [list(methods)]
+    parts = [
+        _component(dataset, component, group, marks)
+        for component, group in itertools.product(names_of(dataset["component"]), each)
+    ]
+    return panels(parts, title, height_in=2.4 if len(each) == 1 else 1.7)
+
+
+def _component(
+    dataset: xarray.Dataset, name: str, methods: Sequence[str], marks: Sequence[Mark]
+) -> Panel:
+    observed, looks = observed_anywhere(dataset), method_looks(names_of(dataset["method"]))
+    own = dataset.sel(component=name)
+    is_deviation = name in str(dataset.attrs.get("mean_unobserved", "")).split(",")
+
+    def values(key: str) -> np.ndarray:
+        array = own[key].values
+        return _without_mean(array, observed) if is_deviation else array
+
+    chosen = [list(looks).index(method) for method in methods]
+    middle = values("estimate")[chosen]
+    half = NORMAL_90 * _finite(own["estimate_stderr"].values[chosen])
+    curves = list(_bands(methods, looks, middle, half, observed))
+    reach = peak(np.where(observed, middle, np.nan)) + peak(np.where(observed, half, np.nan))
+    remark = ""
+    if "traction" in dataset:
+        truth = values("traction")
+        is_cut = peak(truth) > _OUT_OF_VIEW * reach > 0
+        curves.insert(0, Curve(truth, "truth", look={"color": TRUTH}, in_view=not is_cut))
+        remark = f"; the truth reaches {_top(own['traction'], truth)}" if is_cut else ""
+    if "traction_resolved" in dataset:
+        look = {"color": TRUTH, "linestyle": ":", "linewidth": 1.8}
+        curves.append(Curve(values("traction_resolved"), "truth, as resolved", look=look))
+    less = f"{name} less its mean over the scan" if is_deviation else QUANTITIES[name]
+    title = "; ".join(filter(None, [*(methods if len(methods) == 1 else ()), f"{less}{remark}"]))
+    quantity = QUANTITIES[name].split()[0]
+    units = units_of(dataset["estimate"])
+    up = Axis(f"{quantity}{' (relative)' if units == '1' else ''}", units)
+    return Panel(curves, X, up, dataset["x"].values, title, (*_missing(dataset, observed), *marks))
+
+
+def _bands(methods, looks, middle, half, observed) -> Iterator[Curve]:
+    for method, value, reach in zip(methods, middle, half, strict=True):
+        # A band may be huge where nothing was measured: it must not set the scale.
+        in_view = observed if observed.any() else True
+        if not shown(reach):  # a method of one's own may give none
+            yield Curve(value, method, look=looks[method], in_view=in_view)
+            continue
+        reach = np.nan_to_num(reach)
+        yield Curve(
+            value, method, band=(value - reach, value + reach), look=looks[method],
+            band_label=f"90 % band of {method}", in_view=in_view,
+        )  # fmt: skip
+
+
+def _finite(stderr: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(stderr), stderr, np.nan)
+
+
+def _missing(dataset: xarray.Dataset, observed: np.ndarray) -> Iterator[Mark]:
+    for start, stop in stretches(dataset["x"].values, ~observed):
+        yield Mark(start, "no samples here", until=stop, look={"color": SHADE, "zorder": 0})
+
+
+def _top(variable: xarray.DataArray, values: np.ndarray) -> str:
+    unit = scale(units_of(variable), values)
+    return f"{np.nanmax(values) * unit.factor:.3g} {unit.unit}"
+
+
+def _without_mean(curves: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    filled = np.where(observed & np.isfinite(curves), curves, 0.0)
+    count = np.sum(observed & np.isfinite(curves), axis=-1, keepdims=True)
+    return curves - filled.sum(axis=-1, keepdims=True) / np.maximum(count, 1)
+
+
+def averaging_kernel(dataset: xarray.Dataset) -> Figure:
+    """Averaging kernel of one point of the estimate: a row for each component estimated, a column
+    for each that contributes; only those that were solved for."""
+    kernels, components = dataset["averaging_kernel"].values, names_of(dataset["component"])
+    solved = [c for c in range(kernels.shape[1]) if shown(kernels[:, c, c])]
+    methods = method_looks(names_of(dataset["method"]))
+    widths = [
+        full_width_at_half_maximum(dataset["lag"].values, kernel[c, c])
+        for kernel in kernels
+        for c in solved
+    ]
+    few_depths = 5 * float(dataset["element_depth"].max())
+    reach = min(max(few_depths, 3 * peak(widths)), peak(dataset["lag"].values))
+    rows = [
+        [
+            Panel(
+                [
+                    Curve(kernel[out, into], method, look=look)
+                    for (method, look), kernel in zip(methods.items(), kernels, strict=True)
+                ],
+                Axis("distance along x", "m", limits=(-reach, reach)),
+                Axis("kernel", "1/m"),
+                dataset["lag"].values,
+                f"Into {components[out]} from {components[into]}",
+            )
+            for into in solved
+        ]
+        for out in solved
+    ]
+    return panels(rows)
+
+
+def full_width_at_half_maximum(lag_m: np.ndarray, kernel: np.ndarray) -> float:
+    """Width [m] of the peak of `kernel` (n,) over `lag_m` (n,), between its two crossings of half
+    the maximum, straight lines between samples; NaN where it does not fall that far."""
+    if not np.isfinite(kernel).all() or kernel.max() <= 0:
+        return float("nan")
+    top, half = int(np.argmax(kernel)), kernel.max() / 2
+    left = np.flatnonzero(kernel[:top] < half)
+    right = np.flatnonzero(kernel[top:] < half)
+    if not left.size or not right.size:
+        return float("nan")
+
+    def crossing(i: Any, j: Any) -> float:
+        fraction = (half - kernel[i]) / (kernel[j] - kernel[i])
+        return float(lag_m[i] + fraction * (lag_m[j] - lag_m[i]))
+
+    return crossing(top + right[0] - 1, top + right[0]) - crossing(left[-1], left[-1] + 1)

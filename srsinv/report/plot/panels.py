@@ -1,0 +1,236 @@
+"""Panels of curves as data, and their drawing: every figure of curves is made of these.
+
+All values are in SI units. Axes that show the same quantity have one unit in a figure, chosen so
+that its numbers read well; curves of the same label have one look and one entry of the legend.
+"""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from .style import (
+    GREY,
+    WIDTH_IN,
+    Scale,
+    colours,
+    legend_below,
+    legend_beside,
+    note,
+    scale,
+    shown,
+    styled,
+    symbol,
+)
+
+_BAND = {"alpha": 0.22, "linewidth": 0}
+_MARGIN = 0.07  # of the range of the curves, above and below them
+_FEW_TICKS = 2.0  # decades: below, a logarithmic axis has numbers at 1, 2 and 5
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis: the quantity and its SI unit; `limits` in SI units, either of them None for the
+    curves' own."""
+
+    quantity: str
+    units: str = "1"
+    is_log: bool = False
+    limits: tuple[float | None, float | None] = (None, None)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Values `y` (n,) over the panel's x (n,), or over an `x` of its own.
+
+    - `band`: least and greatest (n,) about it, drawn as an area, or as bars where `has_bars`.
+    - `look`: matplotlib's properties of the line; its colour is chosen by the label where it is not
+      given.
+    - `in_view`: whether the panel's limits make room for it; or (n,) for which of its values.
+    """
+
+    y: Any
+    label: str = ""
+    x: Any = None
+    band: tuple[Any, Any] | None = None
+    look: Mapping[str, Any] = field(default_factory=dict)
+    band_label: str = ""
+    has_bars: bool = False
+    in_view: Any = True
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A line across the panel at a value of `axis`, "x" or "y"; an area where it ends elsewhere at
+    `until`."""
+
+    at: float
+    label: str = ""
+    axis: str = "x"
+    until: float | None = None
+    look: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Curves and marks over `values` (n,) of the x axis."""
+
+    curves: Sequence[Curve]
+    x: Axis
+    y: Axis
+    values: Any = ()
+    title: str = ""
+    marks: Sequence[Mark] = ()
+
+
+Grid = Sequence[Panel] | Sequence[Sequence[Panel]]
+
+
+@styled
+def panels(
+    grid: Grid,
+    title: str = "",
+    *,
+    height_in: float = 2.2,
+    heights: Sequence[float] | None = None,
+    widths: Sequence[float] | None = None,
+    legend: str = "below",
+) -> Figure:
+    """A figure of panels, in rows or in rows and columns.
+
+    `heights` and `widths` are relative; `legend` is "below", one for all panels, "beside" for one
+    of each panel, or "" for none. Panels of a column that show the same quantity along x share it.
+    """
+    rows = [[row] if isinstance(row, Panel) else list(row) for row in grid]
+    every = [panel for row in rows for panel in row]
+    size = (WIDTH_IN, len(rows) * height_in + 0.4 + 0.5 * bool(title))
+    figure = Figure(figsize=size, layout="constrained")
+    is_shared = all(len({panel.x for panel in column}) == 1 for column in zip(*rows, strict=False))
+    axes = figure.subplots(
+        len(rows), max(map(len, rows)), squeeze=False, sharex="col" if is_shared else False,
+        height_ratios=heights, width_ratios=widths,
+    )  # fmt: skip
+    units = _units(every)
+    palette = colours(dict.fromkeys(c.label for panel in every for c in panel.curves))
+    for i, (row, beside) in enumerate(zip(axes, rows, strict=True)):
+        for place, panel in itertools.zip_longest(row, beside):
+            if panel is None:
+                place.remove()
+                continue
+            is_lowest = not is_shared or i == len(rows) - 1
+            _draw(place, panel, units, palette, is_lowest)
+            if legend == "beside":
+                legend_beside(place)
+    if legend == "below":
+        legend_below(figure, [place for row in axes for place in row if place.figure])
+    figure.suptitle(title)
+    return figure
+
+
+def _units(every: Sequence[Panel]) -> dict[Axis | tuple[str, str], Scale]:
+    """The unit of each quantity over all panels that show it."""
+    values: dict[tuple[str, str], list[Any]] = {}
+    for panel in every:
+        for axis, own in ((panel.x, _along_x(panel)), (panel.y, _along_y(panel))):
+            values.setdefault((axis.quantity, axis.units), []).extend(own)
+    return {key: scale(key[1], *own) for key, own in values.items()}
+
+
+def _along_x(panel: Panel) -> Iterator[Any]:
+    yield panel.values
+    yield from (curve.x for curve in panel.curves if curve.x is not None)
+
+
+def _along_y(panel: Panel) -> Iterator[Any]:
+    for curve in panel.curves:
+        for values in (curve.y, *(curve.band or ())):
+            yield np.where(curve.in_view, np.asarray(values, float), np.nan)
+
+
+def _draw(axes: Axes, panel: Panel, units: Mapping[Any, Scale], palette, is_lowest: bool) -> None:
+    x, y = (units[axis.quantity, axis.units] for axis in (panel.x, panel.y))
+    for curve in panel.curves:
+        _curve(axes, curve, panel, (x.factor, y.factor), palette[curve.label])
+    for mark in panel.marks:
+        _mark(axes, mark, (x if mark.axis == "x" else y).factor)
+    if not any(shown(np.asarray(curve.y, float)) for curve in panel.curves):
+        note(axes, "no values")
+    axes.set_title(panel.title)
+    axes.set_ylabel(y.label(symbol(panel.y.quantity)))
+    if is_lowest:
+        axes.set_xlabel(x.label(symbol(panel.x.quantity)))
+    _finish(axes, panel, x.factor, y.factor)
+
+
+def _curve(axes: Axes, curve: Curve, panel: Panel, factors, colour: str) -> None:
+    at = np.asarray(panel.values if curve.x is None else curve.x, float) * factors[0]
+    values = np.asarray(curve.y, float) * factors[1]
+    look = {"color": colour, **curve.look}
+    label = symbol(curve.label) or None
+    if curve.band is None:
+        axes.plot(at, values, label=label, **look)
+        return
+    low, high = (np.asarray(end, float) * factors[1] for end in curve.band)
+    if curve.has_bars:
+        reach = np.stack([values - low, high - values])
+        axes.errorbar(at, values, reach, **{"capsize": 3, **look}, label=label)
+        return
+    axes.fill_between(at, low, high, color=look["color"], **_BAND, label=curve.band_label or None)
+    axes.plot(at, values, label=label, **look)
+
+
+def _mark(axes: Axes, mark: Mark, factor: float) -> None:
+    look = {"color": GREY, **mark.look}
+    label = mark.label or None
+    if mark.until is not None:
+        span = axes.axvspan if mark.axis == "x" else axes.axhspan
+        span(mark.at * factor, mark.until * factor, label=label, **{"linewidth": 0, **look})
+        return
+    line = axes.axvline if mark.axis == "x" else axes.axhline
+    line(mark.at * factor, label=label, **{"linewidth": 0.9, **look})
+
+
+def _finish(axes: Axes, panel: Panel, x_factor: float, y_factor: float) -> None:
+    """Scales and limits."""
+    for name, axis in (("x", panel.x), ("y", panel.y)):
+        axes.set(**{f"{name}scale": "log" if axis.is_log else "linear"})
+    values = np.concatenate([np.ravel(np.asarray(each, float)) for each in _along_x(panel)] or [[]])
+    values = values[np.isfinite(values) & ((values > 0) | (not panel.x.is_log))] * x_factor
+    ends = [end if end is None else end * x_factor for end in panel.x.limits]
+    if values.size and values.min() < values.max():
+        given = (values.min(), values.max())
+        axes.set_xlim(*(own if end is None else end for own, end in zip(given, ends, strict=True)))
+    low, high = _limits(panel, y_factor)
+    ends = [end if end is None else end * y_factor for end in panel.y.limits]
+    axes.set_ylim(
+        *(own if end is None else end for own, end in zip((low, high), ends, strict=True))
+    )
+    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
+        if (panel.x if name == "x" else panel.y).is_log:
+            _log_ticks(axis, *(axes.get_xlim() if name == "x" else axes.get_ylim()))
+
+
+def _limits(panel: Panel, factor: float) -> tuple[float | None, float | None]:
+    values = np.concatenate([np.ravel(np.asarray(each, float)) for each in _along_y(panel)] or [[]])
+    values = values[np.isfinite(values)] * factor
+    if panel.y.is_log:
+        values = values[values > 0]
+        return (values.min() / 1.5, values.max() * 1.5) if values.size else (None, None)
+    if not values.size or np.ptp(values) == 0:
+        return None, None
+    margin = _MARGIN * np.ptp(values)
+    return values.min() - margin, values.max() + margin
+
+
+def _log_ticks(axis: Any, low: float, high: float) -> None:
+    """Numbers as they are spoken, where the axis spans few decades."""
+    if not 0 < low < high or np.log10(high / low) > _FEW_TICKS:
+        return
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,134 @@
+"""Measured signals, what is fitted to them, and the residual."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+
+from .panels import Axis, Curve, Mark, Panel, panels
+from .stages import TIME, X, method_looks
+from .style import GREY, NORMAL_90, SHADE, TRUTH, colours, names_of, peak, stretches, units_of
+
+_DATA = {"color": "#b5bcc2", "linewidth": 2.6}
+_FIT = {"fitted": {"color": "#d55e00"}}
+_LEAST_REACH = 4.0  # standard deviations of the noise that a residual's panel shows
+_BINS = 33
+
+
+def signals(dataset: xarray.Dataset) -> Figure:
+    """Each element's signal, without noise where that is known, with the fit of each method."""
+    methods = _methods(dataset)
+    parts = [
+        _signal(dataset, e, name, methods) for e, name in enumerate(names_of(dataset["element"]))
+    ]
+    return panels(parts)
+
+
+def fit(dataset: xarray.Dataset) -> Figure:
+    """Each element's signal with the fit, and below it the residual over the noise."""
+    elements, methods = names_of(dataset["element"]), _methods(dataset)
+    parts = []
+    for e, name in enumerate(elements):
+        parts += [_signal(dataset, e, name, methods), *_residuals(dataset, e, name, methods)]
+    heights = [2.2, *[1.0] * len(methods)] * len(elements)
+    return panels(parts, heights=heights, height_in=1.6)
+
+
+def residual(dataset: xarray.Dataset) -> Figure:
+    """Signal less fit, in standard deviations of the noise: white and normal where the noise limits
+    the fit."""
+    methods = _methods(dataset)
+    rows = [
+        (trace, _histogram(trace))
+        for e, name in enumerate(names_of(dataset["element"]))
+        for trace in _residuals(dataset, e, name, methods)
+    ]
+    return panels(rows, widths=(4, 1), height_in=1.6)
+
+
+def _methods(dataset: xarray.Dataset) -> dict[str, dict[str, str]]:
+    if "method" not in dataset["fitted_signal"].dims:
+        return _FIT
+    return method_looks(names_of(dataset["method"]))
+
+
+def _along(dataset: xarray.Dataset) -> tuple[Axis, np.ndarray]:
+    """Where the samples are: positions if the motion never turns back, else times."""
+    if "x" in dataset["signal"].dims:
+        return X, dataset["x"].values
+    position = dataset["position"].values
+    onwards = np.all(np.diff(position) > 0) or np.all(np.diff(position) < 0)
+    return (X, position) if onwards else (TIME, dataset["time"].values)
+
+
+def _signal(dataset: xarray.Dataset, e: int, name: str, methods: dict[str, dict]) -> Panel:
+    across, at = _along(dataset)
+    signal = dataset["signal"].values[e]
+    observed = _observed(dataset, e)
+    curves = [Curve(signal, "recorded", look=_DATA)]
+    if "signal_noise_free" in dataset:
+        look = {"color": TRUTH, "linewidth": 0.8}
+        curves.append(Curve(dataset["signal_noise_free"].values[e], "without noise", look=look))
+    fits = dataset["fitted_signal"].values.reshape(-1, *dataset["signal"].shape)[:, e]
+    for (method, look), values in zip(methods.items(), fits, strict=True):
+        # Where nothing was observed a fit may be huge, and must not set the scale.
+        label = method if method == "fitted" else f"fit, {method}"
+        curves.append(Curve(values, label, look=look, in_view=observed))
+    up = Axis("signal", units_of(dataset["signal"]))
+    return Panel(curves, across, up, at, f"Element {name}", list(_unobserved(at, observed)))
+
+
+def _observed(dataset: xarray.Dataset, e: int) -> np.ndarray:
+    if "observed" in dataset:
+        return dataset["observed"].values[e].astype(bool)
+    return np.isfinite(dataset["signal"].values[e])
+
+
+def _unobserved(at: np.ndarray, observed: np.ndarray) -> Iterator[Mark]:
+    for start, stop in stretches(at, ~observed):
+        yield Mark(start, "no samples here", until=stop, look={"color": SHADE, "zorder": 0})
+
+
+def _residuals(
+    dataset: xarray.Dataset, e: int, name: str, methods: dict[str, dict]
+) -> Iterator[Panel]:
+    across, at = _along(dataset)
+    all_values = dataset["whitened_residual"].values.reshape(-1, *dataset["signal"].shape)[:, e]
+    for method, values in zip(methods, all_values, strict=True):
+        own = "" if method == "fitted" else f", {method}"
+        reach = max(_LEAST_REACH, 1.05 * peak(values))
+        curve = Curve(values, look={"color": GREY, "linewidth": 0.7})
+        marks = [
+            Mark(sign * NORMAL_90, label, "y", look={"color": TRUTH, "linestyle": "--"})
+            for sign, label in ((1, "90 % of normal noise is within"), (-1, ""))
+        ]
+        up = Axis("residual", "1", limits=(-reach, reach))
+        title = f"Residual of element {name}{own}{_percent_inside(values)}"
+        missing = _unobserved(at, np.isfinite(values))
+        yield Panel([curve], across, up, at, title, [*missing, *marks])
+
+
+def _histogram(trace: Panel) -> Panel:
+    """The distribution of a residual, turned to stand beside it."""
+    values = np.asarray(trace.curves[0].y)
+    reach = trace.y.limits[1]
+    assert reach is not None
+    edges = np.linspace(-reach, reach, _BINS)
+    density = np.histogram(values[np.isfinite(values)], edges, density=bool(values.size))[0]
+    at = np.linspace(-reach, reach, 400)
+    normal = np.exp(-(at**2) / 2) / np.sqrt(2 * np.pi)
+    colour = colours(["residual"])["residual"]
+    look = {"color": colour, "drawstyle": "steps-mid"}
+    curves = [
+        Curve((edges[1:] + edges[:-1]) / 2, "histogram", x=np.nan_to_num(density), look=look),
+        Curve(at, "standard normal", x=normal, look={"color": TRUTH}),
+    ]
+    return Panel(curves, Axis("density", limits=(0.0, None)), trace.y, title="Histogram")
+
+
+def _percent_inside(values: np.ndarray) -> str:
+    present = values[np.isfinite(values)]
+    if not present.size:
+        return ""
+    return f": {100 * np.mean(np.abs(present) < NORMAL_90):.1f} % within the dashed lines"

@@ -1,0 +1,96 @@
+"""Values over many draws, or of several answers: dots with their spread, beside their names."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+
+from .style import TRUTH, WIDTH_IN, colours, legend_below, scale, styled, units_of
+
+_MARKERS = ("o", "D", "s", "^", "v", "P", "X")
+_ROW_IN = 0.36
+_APART = 0.22  # of a row, between two marks of one row
+
+
+@styled
+def spread(
+    dataset: xarray.Dataset,
+    names: Mapping[str, str | Sequence[str]],
+    rows: str,
+    *,
+    draws: str | None = None,
+    over: str | None = None,
+    expected: Mapping[str, float] | None = None,
+    bands: Mapping[str, tuple[float, float]] | None = None,
+    log: Sequence[str] = (),
+    labels: Mapping[str, str] | None = None,
+    title: str = "",
+) -> Figure:
+    """A panel for each heading in `names`, with the variables that it shows, over the labels of the
+    dimension `rows`.
+
+    - `draws`: the dimension of which the mean, the least and the greatest are drawn.
+    - `over`: a further dimension of which every label has marks of its own.
+    - `expected`: by heading a value that would be right, `bands` by heading the range of chance
+      about it, both in SI units; `log`: the headings of logarithmic axes.
+    - `labels`: words in the legend for the variables' names.
+    """
+    entries = [_words(each) for each in dataset[rows].values]
+    count = len(dataset[over]) if over else 1
+    tall = _ROW_IN * len(entries) * max(1.0, 0.5 * count) + 1.5
+    figure = Figure(figsize=(WIDTH_IN, tall), layout="constrained")
+    grid = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
+    for axes, (heading, shown) in zip(grid, names.items(), strict=True):
+        shown = [shown] if isinstance(shown, str) else list(shown)
+        unit = scale(units_of(dataset[shown[0]]), *(dataset[name].values for name in shown))
+        low, high = (bands or {}).get(heading, (np.nan, np.nan))
+        if np.isfinite(low):
+            axes.axvspan(low * unit.factor, high * unit.factor, color="#dfe3e7", label="chance")
+        if heading in (expected or {}):
+            at = (expected or {})[heading] * unit.factor
+            axes.axvline(at, color=TRUTH, linestyle="--", linewidth=0.9, label="expected")
+        _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
+        axes.set(title=heading, xlabel=f"[{unit.unit}]", ylim=(len(entries) - 0.5, -0.5))
+        axes.set_xscale("log" if heading in log else "linear")
+        axes.grid(axis="y", visible=False)
+    grid[0].set_yticks(range(len(entries)), entries)
+    figure.suptitle(title)
+    legend_below(figure, grid)
+    return figure
+
+
+def _marks(axes, dataset, shown, rows, draws, over, factor: float, labels) -> None:
+    groups = [
+        (name, None if over is None else i)
+        for name in shown
+        for i in range(1 if over is None else len(dataset[over]))
+    ]
+    words = [_label(dataset, name, over, i, labels, len(shown) > 1) for name, i in groups]
+    palette = colours(words)
+    for g, ((name, i), word) in enumerate(zip(groups, words, strict=True)):
+        array = (
+            dataset[name]
+            if i is None or over not in dataset[name].dims
+            else dataset[name].isel({over: i})
+        )
+        has_draws = draws is not None and draws in array.dims
+        values = factor * array.transpose(rows, *([draws] if has_draws else [])).values
+        mean = values.mean(axis=-1) if has_draws else values
+        ends = (values.min(axis=-1), values.max(axis=-1)) if has_draws else (mean, mean)
+        at = np.arange(len(mean)) + _APART * (g - (len(groups) - 1) / 2)
+        axes.errorbar(
+            mean, at, xerr=[mean - ends[0], ends[1] - mean], fmt=_MARKERS[g % len(_MARKERS)],
+            color=palette[word], capsize=3 if has_draws else 0, markersize=6, label=word or None,
+        )  # fmt: skip
+
+
+def _label(dataset, name, over, i, labels, several: bool) -> str:
+    own = labels.get(name, _words(name)) if several or over is None else ""
+    label = "" if i is None else _words(dataset[over].values[i])
+    return ", ".join(filter(None, [own, label]))
+
+
+def _words(name: Any) -> str:
+    return f"{name:g}" if isinstance(name, float) else str(name).replace("_", " ")
