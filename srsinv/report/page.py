@@ -6,6 +6,7 @@ The same result gives the same bytes: no date, no random name, no version of a d
 import base64
 import io
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -64,8 +65,12 @@ def page(result: Result, command: str = "") -> str:
 
 
 def metrics_json(metrics: Mapping[str, Scalar]) -> str:
-    """`metrics` as JSON with sorted keys, old names beside new ones; None becomes null."""
-    values = with_old_names(metrics)
+    """`metrics` as JSON with sorted keys, old names beside new ones; None becomes null, and so do
+    numbers that are not finite."""
+    values = {
+        key: None if isinstance(each, float) and not math.isfinite(each) else each
+        for key, each in with_old_names(metrics).items()
+    }
     return json.dumps(values, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 

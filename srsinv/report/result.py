@@ -1,22 +1,18 @@
 """What a job returns: its data, what they show in one line, and the sections of its page."""
 
 import itertools
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from string import Formatter
 from typing import Any
 
 import numpy as np
 import xarray
 
 from .section import Section
+from .text import unit_of
 
 METRIC = "metric"  # attribute of a variable: the pattern of its names in metrics.json
-# The unit at the end of a metric's name, the longest first.
-_UNITS = {
-    "_N_per_m": "N/m", "_m_per_s": "m/s", "_rad": "rad", "_deg": "deg", "_dB": "dB", "_Hz": "Hz",
-    "_hz": "Hz", "_Pa": "Pa", "_V": "V", "_m": "m", "_s": "s",
-}  # fmt: skip
 Scalar = float | int | str | bool | None
 
 
@@ -56,7 +52,7 @@ def dataset(
 
     - `variables`: (dims, values, units) by name, and as a fourth the pattern of the variable's
       metrics where it has any: `"error_{component}_{method}"` makes one of each element, with the
-      labels of its coordinates in lower case.
+      labels of its coordinates in lower case, `{component!s}` with them as they are.
     - `coordinates`: (values, units) by dimension, or (dims, values, units) of further labels.
     """
     return xarray.Dataset(
@@ -83,46 +79,44 @@ def scalars(named: Mapping[str, Scalar]) -> dict[str, tuple[Any, ...]]:
     }
 
 
-def unit_of(name: str) -> str:
-    """The SI unit at the end of a quantity's name: `height_m`, `height_m_stderr`."""
-    stem = name.removesuffix("_stderr")
-    return next((unit for end, unit in _UNITS.items() if stem.endswith(end)), "1")
-
-
 def metrics(data: xarray.Dataset) -> dict[str, Scalar]:
-    """The variables of a dataset that are marked as metrics, element by element; None for numbers
-    that are not finite."""
+    """The variables of a dataset that are marked as metrics, element by element; None for what is
+    no number."""
     marked = (each for each in data.variables.values() if METRIC in each.attrs)
     return dict(itertools.chain.from_iterable(_elements(data, each) for each in marked))
 
 
 def _elements(data: xarray.Dataset, variable: xarray.Variable) -> Iterator[tuple[str, Scalar]]:
     pattern = str(variable.attrs[METRIC])
-    labels = {
-        name: data[name]
-        for name in re.findall(r"{(\w+)}", pattern)
-        if set(data[name].dims) <= set(variable.dims)
-    }
+    fields = [name for _, name, _, _ in Formatter().parse(pattern) if name]
     values = variable.values
     for at in np.ndindex(values.shape):
         place = dict(zip(variable.dims, at, strict=True))
         words = {
-            name: key_of(each.isel({dim: place[dim] for dim in each.dims}).item())
-            for name, each in labels.items()
+            name: _Label(data[name].isel({dim: place[dim] for dim in data[name].dims}).item())
+            for name in fields
         }
         yield pattern.format(**words), _scalar(values[at])
 
 
-def key_of(label: Any) -> str:
+class _Label:
+    """A coordinate's label in the name of a metric: `{name}` as a key, `{name!s}` as it is."""
+
+    def __init__(self, label: Any):
+        self.text = label if isinstance(label, str) else f"{label:g}"
+
+    def __format__(self, spec: str) -> str:
+        return key_of(self.text)
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def key_of(label: str) -> str:
     """A label as a part of a metric's name."""
-    return (
-        str(label if isinstance(label, str) else f"{label:g}")
-        .lower()
-        .replace(", ", "_")
-        .replace(" ", "_")
-    )
+    return label.lower().replace(", ", "_").replace(" ", "_")
 
 
 def _scalar(value: Any) -> Scalar:
     plain = value.item() if hasattr(value, "item") else value
-    return None if isinstance(plain, float) and not np.isfinite(plain) else plain
+    return None if isinstance(plain, float) and np.isnan(plain) else plain

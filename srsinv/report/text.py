@@ -12,6 +12,28 @@ _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "
 _PREFIXED = {"Pa", "V", "V m", "A", "C", "s", "m", "m/s"}
 
 
+# The unit at the end of a quantity's name, the longest first.
+_UNITS = {
+    "_N_per_m": "N/m", "_m_per_s": "m/s", "_rad": "rad", "_deg": "deg", "_dB": "dB", "_Hz": "Hz",
+    "_hz": "Hz", "_Pa": "Pa", "_V": "V", "_m": "m", "_s": "s",
+}  # fmt: skip
+
+
+def unit_of(name: str) -> str:
+    """The SI unit at the end of a quantity's name: `height_m`, `height_m_stderr`."""
+    return _UNITS.get(_unit_end(name.removesuffix("_stderr")), "1")
+
+
+def without_unit(name: str) -> str:
+    """A quantity's name in words, without the unit at its end: `ridge.height_m` is "ridge
+    height"."""
+    return name.removesuffix(_unit_end(name)).replace("_", " ").replace(".", " ")
+
+
+def _unit_end(name: str) -> str:
+    return next((end for end in _UNITS if name.endswith(end)), "")
+
+
 def format_value(value: object) -> str:
     """A cell as text: whole numbers in full, others to four significant digits.
 
@@ -52,8 +74,6 @@ def listed(names: Iterable[str]) -> str:
 
 def format_with_error(value: float, stderr: float) -> str:
     """Value and standard error, to the second digit of the latter; to three decimals if it is 0."""
-    if not math.isfinite(stderr):
-        return f"{format_value(value)}, error not known"
     decimals = max(0, 1 - math.floor(math.log10(stderr))) if stderr > 0 else 3
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
 
@@ -73,15 +93,32 @@ def best_unit(units: str, *values: Any) -> tuple[float, str]:
     return 10.0**-power, _PREFIXES[power] + units
 
 
-def quantity(value: float, units: str, stderr: float | None = None, digits: int = 3) -> str:
-    """A value of SI `units`, with its standard error if any, in the unit that reads best:
-    `25.9 ± 0.3 µm`."""
+def quantity(value: float, units: str, digits: int = 3) -> str:
+    """A value of SI `units` in the unit that reads best: `25.9 µm`."""
     factor, unit = best_unit(units, value)
-    unit = "" if unit == "1" else f" {unit}"
-    if stderr is None:
-        return f"{significant(value * factor, digits)}{unit}"
-    text = format_with_error(value * factor, stderr * factor)
-    return f"{text}{unit}"
+    return f"{significant(value * factor, digits)}{_after(unit)}"
+
+
+def quantity_with_error(value: float, stderr: float, units: str) -> str:
+    """A value of SI `units` with its standard error: `25.89 ± 0.32 µm`."""
+    if not math.isfinite(stderr):
+        return f"{quantity(value, units)} (error not known)"
+    factor, unit = best_unit(units, value)
+    return f"{format_with_error(value * factor, stderr * factor)}{_after(unit)}"
+
+
+def interval(value: float, half: float, units: str) -> str:
+    """From `value - half` to `value + half`, of SI `units`: `25.4 to 26.4 µm`."""
+    if not math.isfinite(half):
+        return "not known"
+    factor, unit = best_unit(units, value)
+    decimals = max(0, 1 - math.floor(math.log10(half * factor))) if half > 0 else 3
+    low, high = ((value + sign * half) * factor for sign in (-1, 1))
+    return f"{low:.{decimals}f} to {high:.{decimals}f}{_after(unit)}"
+
+
+def _after(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
 
 
 def is_numeric(cells: tuple[object, ...]) -> bool:

@@ -56,11 +56,11 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
         return f"\n\n\x00{len(held) - 1}\x00\n\n"
 
     def figure(
-        name: str, draw: Callable[..., Figure], caption: str, of: Any = None, **settings: Any
+        stem: str, draw: Callable[..., Figure], caption: str, /, of: Any = None, **settings: Any
     ) -> str:
         if not draws:
             return ""
-        return hold(Drawing(name, draw(data if of is None else of, **settings), caption))
+        return hold(Drawing(stem, draw(data if of is None else of, **settings), caption))
 
     def table(columns: Mapping[str, Any], caption: str = "") -> str:
         return hold(_table(columns, caption))
@@ -170,11 +170,36 @@ def _spoken(name: Any) -> str:
     return str(name).replace("_", " ")
 
 
+def _uncertain(values: Any, stderrs: Any, units: Any) -> Any:
+    """Each value with its standard error, in the unit of its own that reads best."""
+    return _row_by_row(text.quantity_with_error, values, stderrs, units)
+
+
+def _interval(values: Any, stderrs: Any, units: Any, half: float = 1.6449) -> Any:
+    """The central 90 % of each value's normal distribution."""
+    return _row_by_row(
+        lambda value, stderr, unit: text.interval(value, half * stderr, unit),
+        values,
+        stderrs,
+        units,
+    )
+
+
+def _row_by_row(write: Callable[..., str], values: Any, stderrs: Any, units: Any) -> np.ndarray:
+    columns = np.broadcast_arrays(*map(np.asarray, (values, stderrs, units)))
+    return np.array(
+        [write(float(v), float(s), str(u)) for v, s, u in zip(*columns, strict=True)], object
+    )
+
+
 FILTERS: dict[str, Callable[..., Any]] = {
     "digits": _each(_digits),
+    "interval": _interval,
     "listed": text.listed,
+    "parameter": _each(text.without_unit),
     "percent": _each(_percent),
     "quantity": _quantities,
     "spoken": _each(_spoken),
+    "uncertain": _uncertain,
     "value": _each(text.format_value),
 }

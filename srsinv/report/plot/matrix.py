@@ -7,6 +7,7 @@ import xarray
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from ..text import without_unit
 from .style import GREY, SHADE, WIDTH_IN, names_of, styled, symbol, units_of
 
 _CELL_IN, _LARGE_CELL_IN = 0.27, 0.5
@@ -37,7 +38,9 @@ def matrix(
     array = array.expand_dims("panel") if panels is None else array.transpose(panels, ...)
     dims = array.dims[1:]
     texts = None if words is None else dataset[words].transpose(*array.dims, missing_dims="ignore")
-    rows, columns = ([symbol(_words(each)) for each in names_of(dataset[dim])] for dim in dims)
+    rows, columns = (
+        [symbol(without_unit(each)) for each in names_of(dataset[dim])] for dim in dims
+    )
     cell = _CELL_IN if len(rows) > _MANY else _LARGE_CELL_IN
     figure = Figure(figsize=(WIDTH_IN, cell * len(rows) + 2.2), layout="constrained")
     grid = figure.subplots(1, array.shape[0], squeeze=False, sharey=True)[0]
