@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
-ROOMS = ("grid", "forward", "inverse", "jobs", "recording", "report.figures")
+ROOMS = ("grid", "forward", "inverse", "jobs", "recording", "report")
 install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
 
 import srsinv  # noqa: E402, F401

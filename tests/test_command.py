@@ -13,13 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
+from jinja2 import UndefinedError
 from matplotlib.figure import Figure
 
 from srsinv.__main__ import find_config_root, main
 from srsinv.progress import stage
-from srsinv.report.outcome import Outcome, Section, Table
 from srsinv.report.page import metrics_json, render
-from srsinv.report.text import format_value, print_table
+from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.section import WrittenSection
+from srsinv.report.terminal import print_table
+from srsinv.report.text import format_value
+from srsinv.report.words import Table
 from srsinv.run_folder import claim
 
 CONFIG = """\
@@ -61,16 +65,16 @@ EXPERIMENTS = {
 JOBS = {
     "measured": """
 from srsinv.errors import BadInput, refuse
-from srsinv.report.outcome import Outcome, Section, Table
-import xarray
+from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.section import WrittenSection
 
 def run(cfg):
     depth_m = cfg["sensor"]["depth_m"]
     refuse(depth_m <= 0, f"depth_m is {depth_m}, not above 0; give a depth in metres")
-    data = xarray.Dataset({"p": ("x", [1.0, 2.0], {"units": "Pa"})})
-    table = Table(("method", "error"), (("wiener", 0.25),))
-    metrics = {"depth_m": depth_m, "seed": cfg["seed"]}
-    return Outcome("A measurement", metrics, data, (), table)
+    metrics = scalars({"depth_m": depth_m, "seed": cfg["seed"]})
+    data = dataset({"p": ("x", [1.0, 2.0], "Pa"), **metrics}, {})
+    words = '{{ table({"method": ["wiener"], "error": [0.25]}) }}'
+    return Result("A measurement", data, (WrittenSection(words=words),))
 """,
     "shown": """
 from . import measured
@@ -377,24 +381,36 @@ def test_refused_by_the_real_command(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def draw():
+FIGURE = "{{ figure('one', own.plots.draw, 'A caption.') }}"
+
+
+def draw(dataset):
     figure = Figure(figsize=(2, 1))
     figure.add_subplot().plot([0, 1], [0, 1])
     return figure
 
 
-def outcome(**changes):
+def result(**changes):
     parts = {
         "title": "Ridges & <steps>",
-        "metrics": {"rmse_p_Pa": 1.5, "blind": float("nan"), "count": np.int64(3)},
-        "dataset": xarray.Dataset({"p": ("x", np.ones(2), {"units": "Pa"})}),
-        "sections": (
-            Section("First", ("a < b",), {"one": draw}, {"one": 'A "line".'}),
-            Section("Second", tables=(Table(("n", "name"), ((1, "<i>"),), "Rows"),)),
+        "dataset": dataset(
+            {
+                "p": ("x", np.ones(2), "Pa"),
+                **scalars({"rmse_p_Pa": 1.5, "blind": float("nan"), "count": np.int64(3)}),
+            },
+            {},
         ),
-        "summary": Table(("method",), (("wiener",),)),
+        "sections": (
+            WrittenSection(words='{{ table({"method": ["wiener"]}) }}'),
+            section("First", """a < b\n\n{{ figure("one", own.plots.draw, 'A "line".') }}"""),
+            section("Second", '{{ table({"n": [1], "name": ["<i>"]}, "Rows") }}'),
+        ),
     }
-    return Outcome(**(parts | changes))
+    return Result(**(parts | changes))
+
+
+def section(heading, words, draw=draw):
+    return WrittenSection(heading, words=words, plots={"draw": draw})
 
 
 def write(made, folder, record, command="srsinv"):
@@ -404,7 +420,7 @@ def write(made, folder, record, command="srsinv"):
 
 class TestPage:
     def test_is_escaped_self_contained_and_in_order(self, tmp_path):
-        write(outcome(), tmp_path / "run", {"config.yaml": "a: 1\n"}, "srsinv a='<b>'")
+        write(result(), tmp_path / "run", {"config.yaml": "a: 1\n"}, "srsinv a='<b>'")
         page = (tmp_path / "run" / "report.html").read_text()
         assert "<h1>Ridges &amp; &lt;steps&gt;</h1>" in page
         assert "srsinv a=&#39;&lt;b&gt;&#39;" in page
@@ -414,18 +430,18 @@ class TestPage:
         assert page.count("data:image/png;base64,") == 1
         assert not re.search(r"https?://|<script|<link", page)
 
-    def test_same_outcome_same_bytes(self, tmp_path):
+    def test_same_result_same_bytes(self, tmp_path):
         for name in ("a", "b"):
-            write(outcome(), tmp_path / name, {})
+            write(result(), tmp_path / name, {})
         for name in ("report.html", "figures/one.png", "metrics.json", "result.nc"):
             assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
     def test_further_files_are_beside_the_page(self, tmp_path):
-        write(outcome(files={"scan.yaml": "gain: null # µ\n"}), tmp_path / "run", {})
+        write(result(files={"scan.yaml": "gain: null # µ\n"}), tmp_path / "run", {})
         assert (tmp_path / "run" / "scan.yaml").read_text(encoding="utf-8") == "gain: null # µ\n"
 
     def test_arrays_come_back_with_units(self, tmp_path):
-        write(outcome(), tmp_path, {})
+        write(result(), tmp_path, {})
         with xarray.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as data:
             assert data.p.attrs["units"] == "Pa"
             np.testing.assert_array_equal(data.p, [1.0, 1.0])
@@ -434,26 +450,30 @@ class TestPage:
         ("changes", "error", "text"),
         [
             ({"dataset": xarray.Dataset({"p": ("x", [1.0])})}, ValueError, "without units.*p"),
-            ({"metrics": {"rmse": [1.0]}}, TypeError, "rmse is list"),
             (
-                {"sections": (Section("s", figures={"f": lambda: 1 / 0}),)},
+                {
+                    "sections": (
+                        section("s", "{{ figure('f', own.plots.draw, '') }}", lambda _: 1 / 0),
+                    )
+                },
                 ZeroDivisionError,
                 "division",
             ),
+            ({"sections": (section("s", "{{ ds.nothing }}"),)}, UndefinedError, "nothing"),
         ],
     )
     def test_all_or_nothing(self, tmp_path, changes, error, text):
         folder = tmp_path / "run"
-        write(outcome(), folder, {})
+        write(result(), folder, {})
         before = {name: (folder / name).read_bytes() for name in files(folder)}
         with pytest.raises(error, match=text):
-            write(outcome(title="Later", **changes), folder, {})
+            write(result(title="Later", **changes), folder, {})
         assert {name: (folder / name).read_bytes() for name in files(folder)} == before
         assert os.listdir(tmp_path) == ["run"]
 
 
 def test_metrics_are_sorted_and_finite():
-    text = metrics_json({"b": float("inf"), "a": 1, "c": np.float32(0.5), "d": True, "e": None})
+    text = metrics_json({"b": float("inf"), "a": 1, "c": 0.5, "d": True, "e": None})
     assert text == '{\n  "a": 1,\n  "b": null,\n  "c": 0.5,\n  "d": true,\n  "e": null\n}\n'
 
 
@@ -472,7 +492,8 @@ def test_metrics_are_sorted_and_finite():
         (123456.0, "123.5e3"),
         (999_960.0, "1e6"),
         (5e-324, "4.941e-324"),
-        (float("nan"), "nan"),
+        (float("nan"), "–"),
+        (None, "–"),
         (True, "yes"),
         ("text", "text"),
     ],
@@ -484,7 +505,7 @@ def test_number_format(value, text):
 def test_wide_table_is_whole_when_piped(capsys):
     columns = tuple(f"a rather long heading {i}" for i in range(12))
     print_table(Table(columns, (tuple(range(12)),), "[bold]Caption"))
-    caption, heading, _, row = capsys.readouterr().out.splitlines()
+    heading, _, row, caption = capsys.readouterr().out.splitlines()
     assert caption == "[bold]Caption"
     assert [cell.strip() for cell in heading.strip("|").split("|")] == list(columns)
     assert len(row) == len(heading)

@@ -26,7 +26,7 @@ def loaded_after(code: str) -> set[str]:
 
 def test_its_names_are_all_that_is_shown():
     import srsinv.forward.contact
-    import srsinv.report.outcome
+    import srsinv.report.result
 
     assert dir(srsinv) == sorted(srsinv.__all__)
     assert not {"forward", "report", "os", "sys"} & {*dir(srsinv)}

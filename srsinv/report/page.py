@@ -21,7 +21,7 @@ from .. import __version__
 from ..aliases import with_old_names
 from .result import Result, Scalar
 from .section import Section
-from .terminal import verdict
+from .terminal import no_answer
 from .text import format_value, is_numeric
 from .words import Block, Drawing, Paragraph, Table, answers, blocks, summary
 
@@ -120,7 +120,7 @@ def _page(result: Result, filled: Filled, images: Mapping[str, bytes], command: 
         command=command,
         version=__version__,
         answers=[
-            (name, quality, verdict(quality), reasons)
+            (name, quality, no_answer(quality) + reasons)
             for name, (quality, reasons) in answers(result.dataset).items()
         ],
         summary=list(_in_html(summary(result), images)),

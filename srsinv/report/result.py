@@ -74,9 +74,14 @@ def scalars(named: Mapping[str, Scalar]) -> dict[str, tuple[Any, ...]]:
     """Variables of [`dataset`][] for single numbers, words and truths, each a metric of its own
     name; the unit is the one at the name's end. None is no number."""
     return {
-        name: ((), np.nan if value is None else value, unit_of(name), name)
+        # A name may come from a file, and hold what would be a field of the pattern.
+        name: ((), np.nan if value is None else value, unit_of(name), _as_it_is(name))
         for name, value in named.items()
     }
+
+
+def _as_it_is(name: str) -> str:
+    return name.replace("{", "{{").replace("}", "}}")
 
 
 def metrics(data: xarray.Dataset) -> dict[str, Scalar]:

@@ -24,12 +24,12 @@ def print_summary(result: Result) -> None:
             print(block.text)
     for name, (quality, reasons) in answers(result.dataset).items():
         if reasons:
-            print(f"{name or 'The answer'} {verdict(quality)}: {reasons}")
+            print(f"{name or 'The answer'}, {quality}: {no_answer(quality)}{reasons}")
 
 
-def verdict(quality: str) -> str:
-    """What the quality of an answer says of it."""
-    return {"doubtful": "is doubtful", "failed": "failed, and is no answer"}.get(quality, "is good")
+def no_answer(quality: str) -> str:
+    """What is said of an answer that failed, before the reasons."""
+    return "these numbers are no answer. " if quality == "failed" else ""
 
 
 def print_table(table: Table) -> None:

@@ -53,7 +53,7 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
 
     def hold(block: Block) -> str:
         held.append(block)
-        return f"\n\n\x00{len(held) - 1}\x00\n\n"
+        return _Place(f"\n\n\x00{len(held) - 1}\x00\n\n")
 
     def figure(
         stem: str, draw: Callable[..., Figure], caption: str, /, of: Any = None, **settings: Any
@@ -100,6 +100,16 @@ def answers(data: xarray.Dataset) -> dict[str, tuple[str, str]]:
     }
 
 
+class _Place(str):
+    """Where a figure or a table stands in the words."""
+
+
+def _without_places(value: Any) -> Any:
+    """What a template inserts; text that comes from a file cannot stand for a figure."""
+    is_text = isinstance(value, str) and not isinstance(value, _Place)
+    return value.replace("\x00", "") if is_text else value
+
+
 class _Facts(dict[str, Any]):
     """Attributes of a dataset; None for those that it does not have."""
 
@@ -124,7 +134,10 @@ def _table(columns: Mapping[str, Any], caption: str) -> Table:
 
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
-        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=_without_places,
     )
     environment.filters |= FILTERS
     return environment

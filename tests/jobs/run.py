@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
@@ -14,6 +15,7 @@ from srsinv.__main__ import find_config_root, main
 from srsinv.namespaces import load_job
 from srsinv.report.page import figures
 from srsinv.report.result import Result
+from srsinv.report.words import Paragraph, Table, blocks, summary
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -56,6 +58,29 @@ def outcome(*overrides: str) -> Result:
 def result_of(cfg: dict[str, Any]) -> Result:
     """What the job of a configuration returns."""
     return load_job(cfg["job"], find_config_root())(cfg)
+
+
+def tables(result: Result) -> list[Table]:
+    """Every table of the page, in order."""
+    return [block for block in _blocks(result) if isinstance(block, Table)]
+
+
+def assumed(result: Result) -> dict[str, Any]:
+    """The rows of what was assumed."""
+    return dict(tables(result)[-1].rows)
+
+
+def words(result: Result) -> str:
+    """All that is said in sentences: the reasons against the answers, and the page's paragraphs."""
+    said = [block.text for block in _blocks(result) if isinstance(block, Paragraph)]
+    reasons = np.ravel(result.dataset["reasons"]).tolist() if "reasons" in result.dataset else []
+    return " ".join([*reasons, *said])
+
+
+def _blocks(result: Result) -> list[Any]:
+    shown = [each for each in result.sections if each.heading and each.is_met(result.dataset)]
+    own = (blocks(each, result.dataset, draws=False) for each in shown)
+    return [*summary(result), *(block for each in own for block in each)]
 
 
 def check_page(result: Result, images: Collection[str] = ()) -> None:

@@ -14,14 +14,14 @@ from tests.jobs.run import command, outcome
 SMALL = ("grid.cells=256",)
 METHODS = ("wiener", "tikhonov")
 HEADINGS = [
+    "Recovered p and q",
     "Scene and sensor",
     "Traction on the skin",
     "Stress at the film",
-    "Current and voltage",
-    "Recovered p and q",
+    "Current",
+    "Signal",
     "Spectra",
     "Averaging kernel",
-    "Errors and time",
     "What was assumed",
 ]
 FEEDBACK_OHM = 1e6

@@ -11,7 +11,7 @@ from srsinv.errors import BadInput
 from srsinv.jobs.inspect_recording import run
 from srsinv.recording import Recording, load
 from srsinv.recording.inspection import inspect
-from srsinv.report.page import metrics_json
+from srsinv.report.page import figures, metrics_json
 from tests.recording.files import write_csv
 from tests.recording.test_bad_files import assert_one_sentence
 
@@ -106,9 +106,8 @@ def test_inspect_and_its_page(case):
     by_suffix = {"_target_": "srsinv.recording.formats.BySuffix"}
     result = run({"recording": {"path": str(path)}, "reader": by_suffix, "sensor": {}})
     assert "Infinity" not in metrics_json(result.metrics)
-    for section in result.sections:
-        for draw in section.figures.values():
-            draw().canvas.draw()
+    for figure, _ in figures(result).values():
+        figure.canvas.draw()
 
 
 FACTS = {

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray
 from matplotlib.figure import Figure
 
 from srsinv.__main__ import main
 from srsinv.recording import Recording, save
-from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.section import WrittenSection
 from srsinv.run_folder import MANIFEST, claim
 
 PAGE = (
@@ -77,7 +77,7 @@ def limited(root: Path, here: Path, arguments: Sequence[str], words: Path, size:
     os._exit(main([*arguments], root))
 
 
-def job(settings: Mapping[str, Any]) -> Outcome:
+def job(settings: Mapping[str, Any]) -> Result:
     """What the command runs: it says that it has begun, and waits to be let on."""
     if settings["wait_for"] is not None:
         begun = Path(settings["wait_for"])
@@ -172,18 +172,18 @@ def breaking(work: str, where: Path, value: float, last: int, how: str) -> None:
     os._exit(0 if len(done) <= last else 4)
 
 
-def outcome(value: float) -> Outcome:
+def outcome(value: float) -> Result:
     """What a job gives."""
-    dataset = xarray.Dataset({"signal": ("x", np.full(8, value), {"units": "V"})})
+    data = dataset({"signal": ("x", np.full(8, value), "V"), **scalars({"value": value})}, {})
 
-    def draw() -> Figure:
+    def draw(_) -> Figure:
         figure = Figure(figsize=(2, 1))
         figure.add_subplot().plot([0, value])
         return figure
 
-    table = Table(("what", "value"), (("signal", value),))
-    section = Section("Signal", ("It is flat.",), {"signal": draw}, {"signal": "The signal."})
-    return Outcome("A page", {"value": value}, dataset, (section,), table, {"notes.yaml": "a: 1\n"})
+    words = "It is flat.\n\n{{ figure('signal', own.plots.draw, 'The signal.') }}"
+    own = WrittenSection("Signal", words=words, plots={"draw": draw})
+    return Result("A page", data, (own,), {"notes.yaml": "a: 1\n"})
 
 
 def made(value: float) -> Recording:

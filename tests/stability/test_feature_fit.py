@@ -19,7 +19,7 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.features import FeatureFitter, FeatureModel
 from srsinv.recording import Recording, save
-from tests.jobs.run import command, outcome
+from tests.jobs.run import command, outcome, words
 from tests.stability.matrix import PRECISIONS
 
 SAMPLES = 120
@@ -281,10 +281,6 @@ def recorded(tmp_path):
         return f"recording.path={path}"
 
     return of
-
-
-def words(result):
-    return " ".join(word for section in result.sections for word in section.paragraphs)
 
 
 def test_the_page_of_no_load(recorded):

@@ -27,8 +27,8 @@ SYMBOLS = {
 SIGN_CONVENTION = r"$\sigma_z=-p,\ \tau_{xz}=-q$"
 _FORMULAE = re.compile("(" + "|".join(map(re.escape, (*SYMBOLS.values(), SIGN_CONVENTION))) + ")")
 _DOLLAR = re.compile(r"(?<!\\)\$")
-_LONGEST_LINE = 160  # characters, as many as the figure is wide
-_LONGEST_LABEL = 48  # of a legend or an axis, which takes room from the panels
+_LONGEST_LINE = 128  # characters, as many as the figure is wide
+_LONGEST_LABEL = 38  # of a legend or an axis, which takes room from the panels
 _NO_GLYPH = "\ufffd"
 
 

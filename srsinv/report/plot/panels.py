@@ -118,12 +118,13 @@ def panels(
     units = _units(every)
     palette = colours(dict.fromkeys(c.label for panel in every for c in panel.curves))
     for i, (row, beside) in enumerate(zip(axes, rows, strict=True)):
-        for place, panel in itertools.zip_longest(row, beside):
+        for c, (place, panel) in enumerate(itertools.zip_longest(row, beside)):
             if panel is None:
                 place.remove()
                 continue
+            column = [each[c] for each in rows if c < len(each)] if is_shared else [panel]
             is_lowest = not is_shared or i == len(rows) - 1
-            _draw(place, panel, units, palette, is_lowest)
+            _draw(place, panel, column, units, palette, is_lowest)
             if legend == "beside":
                 legend_beside(place)
     if legend == "below":
@@ -152,7 +153,14 @@ def _along_y(panel: Panel) -> Iterator[Any]:
             yield np.where(curve.in_view, np.asarray(values, float), np.nan)
 
 
-def _draw(axes: Axes, panel: Panel, units: Mapping[Any, Scale], palette, is_lowest: bool) -> None:
+def _draw(
+    axes: Axes,
+    panel: Panel,
+    column: Sequence[Panel],
+    units: Mapping[Any, Scale],
+    palette: Mapping[str, str],
+    is_lowest: bool,
+) -> None:
     x, y = (units[axis.quantity, axis.units] for axis in (panel.x, panel.y))
     for curve in panel.curves:
         _curve(axes, curve, panel, (x.factor, y.factor), palette[curve.label])
@@ -164,7 +172,7 @@ def _draw(axes: Axes, panel: Panel, units: Mapping[Any, Scale], palette, is_lowe
     axes.set_ylabel(y.label(symbol(panel.y.quantity)))
     if is_lowest:
         axes.set_xlabel(x.label(symbol(panel.x.quantity)))
-    _finish(axes, panel, x.factor, y.factor)
+    _finish(axes, panel, column, x.factor, y.factor)
 
 
 def _curve(axes: Axes, curve: Curve, panel: Panel, factors, colour: str) -> None:
@@ -195,29 +203,44 @@ def _mark(axes: Axes, mark: Mark, factor: float) -> None:
     line(mark.at * factor, label=label, **{"linewidth": 0.9, **look})
 
 
-def _finish(axes: Axes, panel: Panel, x_factor: float, y_factor: float) -> None:
-    """Scales and limits."""
+def _finish(axes: Axes, panel: Panel, column: Sequence[Panel], x_factor: float, y_factor: float):
+    """Scales and limits; those of x are of all panels in the `column` that shares it."""
     for name, axis in (("x", panel.x), ("y", panel.y)):
         axes.set(**{f"{name}scale": "log" if axis.is_log else "linear"})
-    values = np.concatenate([np.ravel(np.asarray(each, float)) for each in _along_x(panel)] or [[]])
-    values = values[np.isfinite(values) & ((values > 0) | (not panel.x.is_log))] * x_factor
-    ends = [end if end is None else end * x_factor for end in panel.x.limits]
-    if values.size and values.min() < values.max():
-        given = (values.min(), values.max())
-        axes.set_xlim(*(own if end is None else end for own, end in zip(given, ends, strict=True)))
-    low, high = _limits(panel, y_factor)
-    ends = [end if end is None else end * y_factor for end in panel.y.limits]
-    axes.set_ylim(
-        *(own if end is None else end for own, end in zip((low, high), ends, strict=True))
-    )
-    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
-        if (panel.x if name == "x" else panel.y).is_log:
-            _log_ticks(axis, *(axes.get_xlim() if name == "x" else axes.get_ylim()))
+    ends = [limits for each in column if (limits := _along(each)) is not None]
+    own = (min(low for low, _ in ends), max(high for _, high in ends)) if ends else (None, None)
+    axes.set_xlim(*_limited(own, panel.x, x_factor))
+    axes.set_ylim(*_limited(_up(panel), panel.y, y_factor))
+    for axis, drawn, limits in (
+        (panel.x, axes.xaxis, axes.get_xlim()), (panel.y, axes.yaxis, axes.get_ylim())
+    ):  # fmt: skip
+        if axis.is_log:
+            _log_ticks(drawn, *limits)
 
 
-def _limits(panel: Panel, factor: float) -> tuple[float | None, float | None]:
-    values = np.concatenate([np.ravel(np.asarray(each, float)) for each in _along_y(panel)] or [[]])
-    values = values[np.isfinite(values)] * factor
+def _limited(own: tuple[Any, Any], axis: Axis, factor: float) -> Iterator[float | None]:
+    """The axis's own limits where it has any, else those given, in the unit that is drawn."""
+    for given, end in zip(own, axis.limits, strict=True):
+        chosen = given if end is None else end
+        yield None if chosen is None else chosen * factor
+
+
+def _finite(values: Iterator[Any]) -> np.ndarray:
+    every = [np.ravel(np.asarray(each, float)) for each in values]
+    joined = np.concatenate(every) if every else np.zeros(0)
+    return joined[np.isfinite(joined)]
+
+
+def _along(panel: Panel) -> tuple[float, float] | None:
+    values = _finite(_along_x(panel))
+    values = values[values > 0] if panel.x.is_log else values
+    if not values.size or values.min() == values.max():
+        return None
+    return float(values.min()), float(values.max())
+
+
+def _up(panel: Panel) -> tuple[float | None, float | None]:
+    values = _finite(_along_y(panel))
     if panel.y.is_log:
         values = values[values > 0]
         return (values.min() / 1.5, values.max() * 1.5) if values.size else (None, None)

@@ -44,7 +44,7 @@ def residual(dataset: xarray.Dataset) -> Figure:
         for e, name in enumerate(names_of(dataset["element"]))
         for trace in _residuals(dataset, e, name, methods)
     ]
-    return panels(rows, widths=(4, 1), height_in=1.6)
+    return panels(rows, widths=(4.0, 1.0), height_in=1.6)
 
 
 def _methods(dataset: xarray.Dataset) -> dict[str, dict[str, str]]:
@@ -115,13 +115,14 @@ def _histogram(trace: Panel) -> Panel:
     reach = trace.y.limits[1]
     assert reach is not None
     edges = np.linspace(-reach, reach, _BINS)
-    density = np.histogram(values[np.isfinite(values)], edges, density=bool(values.size))[0]
+    present = values[np.isfinite(values)]
+    density = np.histogram(present, edges)[0] / (max(present.size, 1) * (edges[1] - edges[0]))
     at = np.linspace(-reach, reach, 400)
     normal = np.exp(-(at**2) / 2) / np.sqrt(2 * np.pi)
     colour = colours(["residual"])["residual"]
     look = {"color": colour, "drawstyle": "steps-mid"}
     curves = [
-        Curve((edges[1:] + edges[:-1]) / 2, "histogram", x=np.nan_to_num(density), look=look),
+        Curve((edges[1:] + edges[:-1]) / 2, "histogram", x=density, look=look),
         Curve(at, "standard normal", x=normal, look={"color": TRUTH}),
     ]
     return Panel(curves, Axis("density", limits=(0.0, None)), trace.y, title="Histogram")
