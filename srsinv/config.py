@@ -33,6 +33,7 @@ if TYPE_CHECKING:  # most import jax
     from .inverse.nonlinear import Solver
     from .inverse.problem import Problem
     from .recording import Reader, Recording
+    from .report.section import Section
 
 Config = Mapping[str, Any]
 PRECISIONS = ("float64", "float32")
@@ -292,3 +293,9 @@ def methods(cfg: Config) -> dict[str, Method]:
         name.replace("_", " ").capitalize(): make(node, f"method.{name}", "method")
         for name, node in named.items()
     }
+
+
+def sections(cfg: Config) -> tuple[Section, ...]:
+    """The sections that the page is to have beside those of its job."""
+    named = part(cfg, "section").items()
+    return tuple(make(node, f"section.{name}", "section") for name, node in named)

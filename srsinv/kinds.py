@@ -32,6 +32,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table
     from .inverse.rule import Rule as Rule
     from .inverse.wiener import TractionSpectrum as TractionSpectrum
     from .recording.reader import Reader as Reader
+    from .report.section import Section as Section
 
 _BASES = {name.rpartition(".")[2]: name for names in KINDS.values() for name in names}
 __all__ = sorted(_BASES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -40,6 +40,7 @@ KINDS: Mapping[str, Sequence[str]] = {
     "scan": ("srsinv.forward.scan.ConstantSpeed",),
     "scene": ("srsinv.forward.scene.Scene",),
     "half_space": ("srsinv.forward.skin.HalfSpace",),
+    "section": ("srsinv.report.section.Section",),
     "skin": ("srsinv.forward.skin.Skin",),
     "solver": ("srsinv.inverse.nonlinear.Solver",),
     "spectrum": ("srsinv.inverse.wiener.TractionSpectrum",),

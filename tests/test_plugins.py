@@ -39,6 +39,13 @@ FILES = dict(BLOCKS) | {
     "plugins/numpy.py": "raise RuntimeError('this file was never named')\n",
     "plugins/broken.py": "import srsinv\nsrsinv.absent\n",
     "plugins/more/shared.py": "import plugins.mylab as m\n\n\nclass File(m.LabFile):\n    pass\n",
+    "plugins/wordy.py": """import srsinv.kinds as k
+
+class Wordy(k.Section):
+    heading = "Wordy"
+    words = "{{ ds.nothing_of_this_name }}"
+""",
+    "section/wordy.yaml": "# @package section.wordy\n_target_: plugins.wordy.Wordy\n",
     "plugins/unfinished.py": "import srsinv.kinds as k\n\n\nclass Mine(k.Rule):\n    pass\n",
     "rule/unfinished.yaml": "_target_: plugins.unfinished.Mine\n",
     "reader/shared.yaml": "_target_: plugins.more.shared.File\nvolts_per_count: 1.0e-8\n",
@@ -188,6 +195,20 @@ def test_a_load_profile_of_ones_own_is_in_a_scene(folder):
     expected = 1e4 + 4e3 / np.cosh(np.asarray(LINE.x) / 1e-3) ** 2
     from_mean = 4e3 * (2e-4 / 1e-3) ** 2 / 12  # a cell's mean differs by p'' cell^2/24
     np.testing.assert_allclose(p, expected, rtol=0, atol=1.01 * from_mean)
+
+
+def test_a_section_of_ones_own_is_on_the_page(folder, tmp_path, capsys):
+    given = ["--config-dir", str(folder), *SMALL, f"hydra.run.dir={tmp_path}/r"]
+    assert main([*given, "section=[gains,residual_spectrum]"]) == 0
+    page = (tmp_path / "r" / "report.html").read_text()
+    assert page.index("What was assumed</h2>") < page.index("Gain</h2>")
+    assert "The largest gain is" in page
+    assert (tmp_path / "r" / "figures" / "gains.png").is_file()
+    assert (tmp_path / "r" / "figures" / "residual_spectrum.png").is_file()
+    capsys.readouterr()
+    assert main([*given[:-1], f"hydra.run.dir={tmp_path}/s", "section=[wordy]"]) == 2
+    assert "The words of plugins.wordy.Wordy cannot be filled in" in capsys.readouterr().err
+    assert not (tmp_path / "s").exists()
 
 
 def test_an_example_is_short():

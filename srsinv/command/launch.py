@@ -24,7 +24,7 @@ from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from ..aliases import current_override, with_current_keys
-from ..config import check_early
+from ..config import check_early, sections
 from ..errors import BadInput, refuse
 from ..namespaces import fault_in_plugin, load_job, open_plugins, plugin_files
 from ..run_folder import claim
@@ -131,7 +131,8 @@ class LaunchedTask:
         open_plugins(self.config_dir)
         check_early(settings)
         job = load_job(settings["job"], self.root)
-        result = job(settings)
+        extra = sections(settings)
+        result = job(settings).with_sections(extra)
 
         # After the job, whose module decides when jax and matplotlib are imported.
         from ..report.page import render

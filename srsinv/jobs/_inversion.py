@@ -130,7 +130,10 @@ def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xa
     means = problem.mean_statement()
     unobserved = [c for c in COMPONENTS if means[c].startswith(("unobserved", "weakly"))]
     said = {f"mean_of_{component}": words for component, words in means.items()}
-    attributes = {"signal_unit": case.signal_unit, "mean_unobserved": ",".join(unobserved)}
+    attributes: dict[str, Any] = {
+        "signal_unit": case.signal_unit,
+        "mean_unobserved": ",".join(unobserved),
+    }
     if case.traction_unit != "Pa":
         attributes["is_relative"] = 1
     return dataset(variables, coordinates, **case.facts, **attributes, **said)

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from string import Formatter
 from typing import Any
 
@@ -36,6 +36,10 @@ class Result:
     def metrics(self) -> dict[str, Scalar]:
         """The numbers of `metrics.json`, in SI units; flat."""
         return metrics(self.dataset)
+
+    def with_sections(self, more: tuple[Section, ...]) -> "Result":
+        """The same result with further sections at the end of its page."""
+        return replace(self, sections=(*self.sections, *more))
 
     def _repr_html_(self) -> str:
         from .page import page

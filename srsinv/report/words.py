@@ -10,6 +10,7 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
+from ..errors import BadInput
 from . import plot, text
 from .result import Result, metrics
 from .section import Section
@@ -71,11 +72,18 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
         }
         return table({"what": list(known), "value": list(known.values())})
 
-    words = _environment().from_string(section.words)
-    filled = words.render(
-        ds=data, m=metrics(data), facts=_Facts(data.attrs), own=section, plot=plot, figure=figure,
-        table=table, rows=rows, np=np,
-    )  # fmt: skip
+    seen = {"ds": data, "m": metrics(data), "facts": _Facts(data.attrs), "own": section}
+    drawn = {"plot": plot, "figure": figure, "table": table, "rows": rows, "np": np}
+    try:
+        filled = _environment().from_string(section.words).render(**seen, **drawn)
+    except jinja2.TemplateError as error:
+        kind = type(section)
+        if not kind.__module__.startswith("plugins."):
+            raise
+        raise BadInput(
+            f"The words of {kind.__module__}.{kind.__qualname__} cannot be filled in "
+            f"({error.message}): correct them."
+        ) from error
     return tuple(_split(filled, held))
 
 
@@ -155,8 +163,8 @@ def _each(write: Callable[..., Any]) -> Callable[..., Any]:
     return filtered
 
 
-def _percent(value: float | None, digits: int = 3) -> str:
-    return "–" if _is_unknown(value) else f"{text.significant(100 * value, digits)} %"
+def _percent(value: Any, digits: int = 3) -> str:
+    return "–" if _is_unknown(value) else f"{text.significant(100 * float(value), digits)} %"
 
 
 def _quantities(values: Any, units: str = "1", digits: int = 3) -> Any:
@@ -171,8 +179,8 @@ def _quantities(values: Any, units: str = "1", digits: int = 3) -> Any:
     return _each(write)(array)
 
 
-def _digits(value: float | None, digits: int = 3) -> str:
-    return "–" if _is_unknown(value) else text.significant(value, digits)
+def _digits(value: Any, digits: int = 3) -> str:
+    return "–" if _is_unknown(value) else text.significant(float(value), digits)
 
 
 def _is_unknown(value: Any) -> bool:
