@@ -39,7 +39,7 @@ def scene(dataset: xarray.Dataset) -> Figure:
     """
     sensor = _Sensor.of(dataset)
     section_in = _section_height_in(dataset, sensor)
-    section_top = 0.75
+    section_top = 0.35
     below_top = section_top + section_in + 0.35
     close_ups_top = below_top + 2.4
     rows = -(-(len(sensor.names) + 1) // _PER_ROW)
@@ -52,9 +52,6 @@ def scene(dataset: xarray.Dataset) -> Figure:
     draw_below(below, dataset)
     below.set(xlabel="position x [mm]", xlim=_view_mm(dataset, sensor))
     _close_ups(sheet, close_ups_top, sensor)
-    sheet.figure.suptitle(
-        "Scene and sensor, to scale (only the film is drawn thicker than it is)", y=1.0, va="top"
-    )
     return sheet.figure
 
 
