@@ -204,17 +204,17 @@ def _title(fitted: FittedRecording) -> str:
     name = best.name.replace("_", " ")
     if best.quality is Quality.FAILED:
         return f"{fitted.recording.name}: the fit of {name} failed"
-    doubt = " (doubtful)" if best.quality is Quality.DOUBTFUL else ""
+    remark = " (doubtful)" if best.quality is Quality.DOUBTFUL else ""
     if best.fit is None:
-        return f"{fitted.recording.name} holds nothing but noise{doubt}"
+        return f"{fitted.recording.name} holds nothing but noise{remark}"
     if len(best.features) > 1:
-        return f"{name.capitalize()} fitted to {fitted.recording.name}{doubt}"
+        return f"{name.capitalize()} fitted to {fitted.recording.name}{remark}"
     said = [
         words.format(quantity_with_error(*best.parameters[key], unit_of(key)))
         for key, words in IN_TITLE.items()
         if key in best.parameters
     ]
-    return f"{name.capitalize()} {', '.join(said)}{doubt}"
+    return f"{name.capitalize()} {', '.join(said)}{remark}"
 
 
 def _of_fit(fitted: FittedRecording, solver: Solver) -> dict[str, Any]:

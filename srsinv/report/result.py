@@ -127,5 +127,5 @@ def key_of(label: str) -> str:
 
 
 def _scalar(value: Any) -> Scalar:
-    plain = value.item() if hasattr(value, "item") else value
-    return None if isinstance(plain, float) and np.isnan(plain) else plain
+    own = value.item() if hasattr(value, "item") else value
+    return None if isinstance(own, float) and np.isnan(own) else own

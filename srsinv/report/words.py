@@ -72,10 +72,10 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
         }
         return table({"what": list(known), "value": list(known.values())})
 
-    seen = {"ds": data, "m": metrics(data), "facts": _Facts(data.attrs), "own": section}
+    data_names = {"ds": data, "m": metrics(data), "facts": _Facts(data.attrs), "own": section}
     drawn = {"plot": plot, "figure": figure, "table": table, "rows": rows, "np": np}
     try:
-        filled = _environment().from_string(section.words).render(**seen, **drawn)
+        filled = _environment().from_string(section.words).render(**data_names, **drawn)
     except jinja2.TemplateError as error:
         kind = type(section)
         if not kind.__module__.startswith("plugins."):
