@@ -1,0 +1,157 @@
+"""Results as data: metrics are views of the dataset, sections show where their needs are met."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import xarray
+
+from srsinv.report.page import figures, render
+from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.section import WrittenSection, sections
+from srsinv.report.terminal import print_summary
+from srsinv.report.words import Paragraph, Table, blocks
+
+DATA = dataset(
+    {
+        "error": (("method", "component"), [[0.1, np.nan], [0.3, 0.4]], "1",
+                  "error_{component}_{method}"),
+        "value": ("parameter", [2e-5, 5e3], "SI", "{parameter!s}"),
+        "wave": ("x", np.sin(np.arange(8.0)), "Pa"),
+        "quality": ("method", ["good", "failed"], "1", "quality_{method}"),
+        "reasons": ("method", ["", "It did not converge."], "1"),
+        **scalars({"height_m": 2e-5, "cells": 8, "is_even": True, "word": "none", "unknown": None}),
+    },
+    {
+        "method": (["Wiener paper", "Tikhonov"], "1"),
+        "component": (["p", "q"], "1"),
+        "parameter": (["height_m", "pressure_Pa"], "1"),
+        "x": (np.arange(8) * 1e-3, "m"),
+    },
+    cells_wide=3,
+)  # fmt: skip
+
+
+def test_metrics_are_the_marked_variables_element_by_element():
+    assert Result("", DATA).metrics == {
+        "error_p_wiener_paper": 0.1, "error_q_wiener_paper": None,
+        "error_p_tikhonov": 0.3, "error_q_tikhonov": 0.4,
+        "height_m": 2e-5, "pressure_Pa": 5e3,
+        "quality_wiener_paper": "good", "quality_tikhonov": "failed",
+        "cells": 8, "is_even": True, "word": "none", "unknown": None,
+    }  # fmt: skip
+
+
+def test_a_result_keeps_its_metrics_in_its_file():
+    files = render(Result("A title", DATA), {})
+    with xarray.open_dataset(files["result.nc"], engine="h5netcdf") as stored:
+        assert Result("", stored.load()).metrics == Result("", DATA).metrics
+    metrics = json.loads(files["metrics.json"])
+    assert metrics["error_q_wiener_paper"] is None
+    assert metrics["is_even"] is True
+
+
+@pytest.mark.parametrize("name", ["missing_{0.__class__}", "missing_{x", "a}}b", "{}"])
+def test_a_name_from_a_file_is_no_pattern(name):
+    assert Result("", dataset(scalars({name: 1.0}), {})).metrics == {name: 1.0}
+
+
+@pytest.mark.parametrize(("name", "unit"), [
+    ("height_m", "m"), ("width_m_stderr", "m"), ("load_N_per_m", "N/m"), ("speed_m_per_s", "m/s"),
+    ("first_call_s", "s"), ("friction", "1"), ("snr_dB", "dB"), ("noise_rms_V", "V"),
+])  # fmt: skip
+def test_a_number_has_the_unit_at_its_names_end(name, unit):
+    assert dataset(scalars({name: 1.0}), {})[name].attrs["units"] == unit
+
+
+@pytest.mark.parametrize(
+    ("needs", "is_met"),
+    [
+        ({}, True),
+        ({"wave": ("x",)}, True),
+        ({"wave": ("x", "method")}, False),
+        ({"absent": ()}, False),
+        ({"wave": ("x",), "absent": ()}, False),
+    ],
+)
+def test_a_section_is_shown_where_the_data_have_what_it_needs(needs, is_met):
+    own = WrittenSection("Wave", needs, "It goes up and down.")
+    page = render(Result("A title", DATA, (own,)), {})["report.html"].decode()
+    assert ("It goes up and down." in page) == is_met
+
+
+PAGE = """
+Printed: {{ m.height_m|quantity("m") }}.
+
+{{ table({"method": ds.method, "error of p": ds.error.sel(component="p")|percent}) }}
+
+# Wave
+needs: wave(x)
+folded
+A first paragraph
+in two lines.
+
+- an item with `code`
+
+{{ figure("wave", plot.curves, "The wave goes up and down.", names="wave") }}
+
+# Lacking
+needs: absent(x)
+{{ ds.absent }}
+"""
+
+
+@pytest.fixture
+def result(tmp_path) -> Result:
+    (tmp_path / "job.md.j2").write_text(PAGE)
+    return Result("Waves & <more>", DATA, sections(str(tmp_path / "job.py")))
+
+
+def test_a_page_is_read_from_the_file_beside_the_job(result):
+    headline, wave, lacking = result.sections
+    assert (headline.heading, wave.heading, lacking.heading) == ("", "Wave", "Lacking")
+    assert (headline.is_folded, wave.is_folded) == (False, True)
+    assert wave.needs == {"wave": ("x",)}
+    first, second, _ = blocks(wave, DATA)
+    assert first == Paragraph("A first paragraph in two lines.")
+    assert second == Paragraph("an item with `code`", is_item=True)
+    (_, caption) = figures(result)["wave"]
+    assert caption == "The wave goes up and down."
+
+
+def test_the_page_says_the_result_before_everything(result):
+    page = render(result, {}, "srsinv experiment=waves")["report.html"].decode()
+    assert "<h1>Waves &amp; &lt;more&gt;</h1>" in page
+    order = ["<h1>", "these numbers are no answer. It did not converge.", "20.0 µm",
+             "error of p", "srsinv experiment=waves", "<h2>Wave</h2>"]  # fmt: skip
+    assert sorted(order, key=page.index) == order
+    assert "Lacking" not in page
+    assert 'alt="The wave goes up and down."' in page
+    assert re.search(r"<details>\s*<summary><h2>Wave", page)  # folded
+    assert "<code>code</code>" in page
+
+
+def test_the_terminal_prints_the_same_headline(result, capsys):
+    print_summary(result)
+    printed = capsys.readouterr().out
+    assert printed.splitlines()[:2] == ["Waves & <more>", "Printed: 20.0 µm."]
+    assert "| Tikhonov     | 30.0 %     |" in printed
+    assert "Tikhonov, failed: these numbers are no answer. It did not converge." in printed
+    assert "first paragraph" not in printed
+
+
+def test_words_from_a_file_do_not_stand_for_a_table():
+    data = dataset(scalars({"name": "\x000\x00"}), {})
+    own = WrittenSection("S", words='{{ table({"a": [1]}) }}\n\n{{ m.name }}')
+    first, second = blocks(own, data)
+    assert isinstance(first, Table)
+    assert second == Paragraph("0")
+
+
+def test_a_column_has_one_unit():
+    own = WrittenSection("S", words='{{ table({"width": ds.w|quantity("m")}) }}')
+    data = dataset({"w": ("i", [7.5e-4, 2.25e-3, np.nan], "m")}, {"i": ([0, 1, 2], "1")})
+    (table,) = blocks(own, data)
+    assert isinstance(table, Table)
+    assert table.rows == (("0.750 mm",), ("2.25 mm",), ("–",))
