@@ -19,6 +19,7 @@ from ..progress import stage
 from ..report.plot.estimates import full_width_at_half_maximum
 from ..report.result import Result, dataset, key_of, scalars
 from ..report.section import sections
+from ..report.text import quantity, significant
 from ..timing import timed
 from ._answers import answer_variables
 
@@ -78,17 +79,20 @@ def _title(case: InversionCase, data: xarray.Dataset) -> str:
     if not case.name:
         error = data["error"].values[usable]
         m = int(np.argmin(np.nansum(error, axis=1)))
-        of = [
-            f"{component} to {100 * each:.2g} %"
-            for component, each in zip(COMPONENTS, error[m], strict=True)
-            if np.isfinite(each)
-        ]
-        if not of:
+        of = {c: significant(100 * e, 2) for c, e in zip(COMPONENTS, error[m], strict=True)}
+        known = {c: words for c, words in of.items() if words != "–"}
+        if not known:
             return f"Nothing to recover in the scene, by {', '.join(names)}"
-        return f"{names[usable[m]]} recovers {' and '.join(of)}"
-    at = 1e3 * data["peak_position"].values[usable, 0]
-    peaks = ", ".join(f"{each:.4g} mm ({names[m]})" for m, each in zip(usable, at, strict=True))
-    return f"{case.name}: the pressure is highest at {peaks}"
+        what = "an error" if len(known) == 1 else "errors"
+        return (
+            f"{names[usable[m]]} recovers {' and '.join(known)} with {what} of "
+            f"{' and '.join(known.values())} %"
+        )
+    places = [quantity(each, "m", 4) for each in data["peak_position"].values[usable, 0].tolist()]
+    if len(set(places)) == 1:
+        return f"{case.name}: the pressure is highest at {places[0]}"
+    said = (f"{place} ({names[m]})" for m, place in zip(usable, places, strict=True))
+    return f"{case.name}: the pressure is highest at {', '.join(said)}"
 
 
 # --- data ------------------------------------------------------------------------------------
