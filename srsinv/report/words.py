@@ -56,7 +56,7 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
         return f"\n\n\x00{len(held) - 1}\x00\n\n"
 
     def figure(
-        name: str, draw: Callable[..., Figure], caption: str, of: Any = None, **settings: Any
+        name: str, draw: Callable[..., Figure], caption: str, /, of: Any = None, **settings: Any
     ) -> str:
         if not draws:
             return ""
