@@ -162,17 +162,17 @@ def _dataset(
     )  # fmt: skip
 
 
-def marked(
-    ds: xarray.Dataset, name: str, *, factor: float = 1.0, digits: int = 2, **settings: Any
-) -> Figure:
+def marked(ds: xarray.Dataset, name: str, *, factor: float = 1.0, **settings: Any) -> Figure:
     """The matrix of `factor` times a variable by case and method, with the mark of each quality."""
-    text = np.vectorize(lambda value, code: _short(value, digits) + MARKS[code], otypes=[object])
+    text = np.vectorize(lambda value, code: _short(value) + MARKS[code], otypes=[object])
     shown = ds.assign({name: ds[name].copy(data=factor * ds[name].values)})
     words = xarray.apply_ufunc(text, shown[name], ds["quality"])
     return plot.matrix(shown.assign(words=words), name, "words", panels="precision", **settings)
 
 
-def _short(value: float, digits: int) -> str:
-    """The value in few letters: 1.2e5."""
-    text = "" if np.isnan(value) else f"{value:.{digits}g}"
+def _short(value: float) -> str:
+    """The value in four letters: 0.03, 1.2, 120, 1e5."""
+    if np.isnan(value):
+        return ""
+    text = f"{value:.0f}" if 10 <= value < 1000 else f"{value:.{1 + (0.1 <= value < 10)}g}"
     return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
