@@ -80,17 +80,17 @@ def run(cfg: config.Config) -> Result:
     data = _dataset(rows, bounds, tolerances).assign_attrs(
         line=line.kind, cells=line.n, refinement=refinement
     )
-    return Result(_title(rows), data, sections(__file__))
+    return Result(_title(rows, data.sizes["effect"]), data, sections(__file__))
 
 
-def _title(rows: Sequence[Decided]) -> str:
+def _title(rows: Sequence[Decided], effects: int) -> str:
     worst = max(row.error / row.tolerance for row in rows)
     scenes, tolerances = {row.scene for row in rows}, {row.tolerance for row in rows}
     on = [len(row.on) for row in rows]
     plural = "s" * (len(scenes) > 1)
     return (
-        f"{len(scenes)} scene{plural} at {len(tolerances)} tolerances: {min(on)} to "
-        f"{max(on)} effects stay on, and what is left out changes the signal by at most "
+        f"{len(scenes)} scene{plural} at {len(tolerances)} tolerances: {min(on)} to {max(on)} of "
+        f"{effects} effects stay on, and what is left out changes the signal by at most "
         f"{significant(worst, 2)} of the tolerance"
     )
 

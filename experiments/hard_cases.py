@@ -18,6 +18,7 @@ from srsinv.inverse.quality import Quality
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.parts import merged
 from srsinv.progress import stage
+from srsinv.report.plot.matrix import compact
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 
@@ -164,15 +165,10 @@ def _dataset(
 
 def marked(ds: xarray.Dataset, name: str, *, factor: float = 1.0, **settings: Any) -> Figure:
     """The matrix of `factor` times a variable by case and method, with the mark of each quality."""
-    text = np.vectorize(lambda value, code: _short(value) + MARKS[code], otypes=[object])
+    text = np.vectorize(
+        lambda value, code: ("" if np.isnan(value) else compact(value)) + MARKS[code],
+        otypes=[object],
+    )
     shown = ds.assign({name: ds[name].copy(data=factor * ds[name].values)})
     words = xarray.apply_ufunc(text, shown[name], ds["quality"])
     return plot.matrix(shown.assign(words=words), name, "words", panels="precision", **settings)
-
-
-def _short(value: float) -> str:
-    """The value in four letters: 0.03, 1.2, 120, 1e5."""
-    if np.isnan(value):
-        return ""
-    text = f"{value:.0f}" if 10 <= value < 1000 else f"{value:.{1 + (0.1 <= value < 10)}g}"
-    return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
