@@ -1,19 +1,22 @@
 """Screening of effects: the error by those left out, and the time saved."""
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray
-from srsinv.report.outcome import Outcome, Section, Table
 
 from srsinv import config
 from srsinv.errors import refuse
 from srsinv.forward.trace import Cost, cost, difference, pair
-from srsinv.grid import Line
 from srsinv.parts import merged
 from srsinv.progress import stage
-from srsinv.report import figures
+from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.section import sections
+from srsinv.report.text import significant
+
+_KEY = "{scene}_{tolerance}"  # of a metric's name
 
 
 class Decided(NamedTuple):
@@ -40,7 +43,7 @@ class Decided(NamedTuple):
         return Cost(*(a - b for a, b in zip(self.auto, self.named, strict=True)))
 
 
-def run(cfg: config.Config) -> Outcome:
+def run(cfg: config.Config) -> Result:
     """Every scene with all effects, and with those screened at each tolerance.
 
     Raises `BadInput` for invalid tolerances, and refusals of the configuration's parts.
@@ -74,124 +77,75 @@ def run(cfg: config.Config) -> Outcome:
                     error, auto, alone = done[on]
                     costs = all_on, auto, alone
                     rows.append(Decided(name, tolerance, on, screening.bound, error, *costs))
-    table = _table(rows)
-    return Outcome(
-        f"{len(scenes)} scenes decide on their effects",
-        _metrics(rows),
-        _dataset(rows, bounds, scenes, tolerances),
-        _sections(rows, table, bounds, line, refinement),
-        table,
+    data = _dataset(rows, bounds, tolerances).assign_attrs(
+        line=line.kind, cells=line.n, refinement=refinement
     )
+    return Result(_title(rows, data.sizes["effect"]), data, sections(__file__))
 
 
-def _metrics(rows: list[Decided]) -> dict[str, Any]:
-    ratios = [r.deciding.first_s / r.saved.first_s for r in rows if r.saved.first_s > 0]
-    metrics: dict[str, Any] = {
-        "error_over_tolerance_max": max(row.error / row.tolerance for row in rows),
-        "error_over_bound_max": max((r.error / r.bound for r in rows if r.bound), default=0.0),
-        "deciding_over_saved_first_median": float(np.median(ratios)) if ratios else None,
-        "time_s_saved_first_total": sum(row.saved.first_s for row in rows),
-        "time_s_deciding_first_total": sum(row.deciding.first_s for row in rows),
-    }
-    for row in rows:
-        tag = f"{row.scene}_{row.tolerance:g}"
-        metrics |= {
-            f"error_{tag}": row.error,
-            f"bound_{tag}": row.bound,
-            f"effects_on_{tag}": len(row.on),
-            f"first_call_s_all_on_{tag}": row.full.first_s,
-            f"first_call_s_auto_{tag}": row.auto.first_s,
-            f"first_call_s_deciding_{tag}": row.deciding.first_s,
-            f"steady_call_s_all_on_{tag}": row.full.steady_s,
-            f"steady_call_s_auto_{tag}": row.auto.steady_s,
-            f"steady_call_s_deciding_{tag}": row.deciding.steady_s,
-        }
-    return metrics
-
-
-def _table(rows: list[Decided]) -> Table:
-    return Table(
-        ("scene", "tolerance", "on", "error", "bound", "all on [s]", "auto [s]", "deciding [s]",
-         "all on, steady [ms]", "auto [ms]", "deciding [ms]"),
-        tuple(
-            (
-                row.scene, f"{row.tolerance:g}", len(row.on), f"{row.error:.2e}",
-                f"{row.bound:.2e}", row.full.first_s, row.auto.first_s, row.deciding.first_s,
-                1e3 * row.full.steady_s, 1e3 * row.auto.steady_s, 1e3 * row.deciding.steady_s,
-            )
-            for row in rows
-        ),
-        "Error: rms of what the effects left out change, over the rms of the signal with all on; "
-        "bound: what screening says that it is at most. "
-        "First calls in seconds, all compilation included, and steady ones in milliseconds, both "
-        "from the configuration to the signal; deciding is what effects=auto takes beyond naming "
-        "the same effects.",
-    )  # fmt: skip
-
-
-def _dataset(rows: list[Decided], bounds, scenes, tolerances) -> xarray.Dataset:
-    shape = (len(scenes), len(tolerances))
-    effects = sorted(next(iter(bounds.values())))
-    along = ("scene", "tolerance")
-
-    def each(get):
-        return np.array([get(row) for row in rows], float).reshape(shape)
-
-    on = np.array([[name in row.on for name in effects] for row in rows], np.int8)
-    each_bound = [[one[name] for name in effects] for one in bounds.values()]
-    return xarray.Dataset(
-        {
-            "error": (along, each(lambda r: r.error), {"units": "1"}),
-            "bound": (along, each(lambda r: r.bound), {"units": "1"}),
-            "time_all_on": (along, each(lambda r: r.full.first_s), {"units": "s"}),
-            "time_auto": (along, each(lambda r: r.auto.first_s), {"units": "s"}),
-            "time_deciding": (along, each(lambda r: r.deciding.first_s), {"units": "s"}),
-            "on": ((*along, "effect"), on.reshape(*shape, -1), {"units": "1"}),
-            "effect_bound": (("scene", "effect"), np.array(each_bound), {"units": "1"}),
-        },
-        {
-            "scene": ("scene", list(scenes), {"units": "1"}),
-            "tolerance": ("tolerance", list(tolerances), {"units": "1"}),
-            "effect": ("effect", effects, {"units": "1"}),
-        },
-    )
-
-
-def _sections(
-    rows: list[Decided], table: Table, bounds, line: Line, refinement: int
-) -> tuple[Section, ...]:
-    effects = sorted(next(iter(bounds.values())))
-    each_bound = Table(
-        ("effect", *bounds),
-        tuple((name, *(f"{one[name]:.1e}" for one in bounds.values())) for name in effects),
-        "Each effect's bound in each scene: rms of what it changes over the rms of the signal.",
-    )
-
-    def errors():
-        names = list(bounds)
-        lines = {
-            f"tolerance {t:g}": np.array([r.error for r in rows if r.tolerance == t])
-            for t in sorted({r.tolerance for r in rows}, reverse=True)
-        }
-        return figures.levels(names, lines, "measured error [1]")
-
+def _title(rows: Sequence[Decided], effects: int) -> str:
+    worst = max(row.error / row.tolerance for row in rows)
+    scenes, tolerances = {row.scene for row in rows}, {row.tolerance for row in rows}
+    on = [len(row.on) for row in rows]
+    plural = "s" * (len(scenes) > 1)
     return (
-        Section(
-            "Error and time",
-            ("Each scene is screened once, without any effect; a bound says how much each effect "
-             "could change, and the smallest are left out as long as the bound on what they change "
-             "together is within the tolerance.",),
-            {"errors": errors},
-            {"errors": "Measured error of what was left out, for each tolerance (dashed). Where "
-             "nothing but effects that change nothing was left out the error is zero, and not "
-             "drawn."},
-            tables=(table,),
-        ),
-        Section("Bounds", (), tables=(each_bound,)),
-        Section(
-            "What was assumed",
-            (f"{line.kind} line of {line.n} cells, computed on cells {refinement} times finer; no "
-             "noise but the bursts of snap_back, the same ones with and without the other "
-             "effects.",),
-        ),
+        f"{len(scenes)} scene{plural} at {len(tolerances)} tolerances: {min(on)} to {max(on)} of "
+        f"{effects} effects stay on, and what is left out changes the signal by at most "
+        f"{significant(worst, 2)} of the tolerance"
+    )
+
+
+def _dataset(
+    rows: Sequence[Decided], bounds: Mapping[str, Mapping[str, float]], tolerances: Sequence[float]
+) -> xarray.Dataset:
+    """`rows` by scene and tolerance; `bounds` on each effect's change, by scene and effect."""
+    effects, by = sorted(next(iter(bounds.values()))), ("scene", "tolerance")
+
+    def each(get: Callable[[Decided], Any]) -> np.ndarray:
+        values = np.array([get(row) for row in rows])
+        return values.reshape(len(bounds), len(tolerances), *values.shape[1:])
+
+    return dataset(
+        {
+            "error": (by, each(lambda r: r.error), "1", f"error_{_KEY}"),
+            "bound": (by, each(lambda r: r.bound), "1", f"bound_{_KEY}"),
+            "effects_on": (by, each(lambda r: len(r.on)), "1", f"effects_on_{_KEY}"),
+            "error_over_tolerance": (by, each(lambda r: r.error / r.tolerance), "1"),
+            "error_over_bound": (by, each(lambda r: r.error / r.bound if r.bound else 0.0), "1"),
+            "on": ((*by, "effect"), each(lambda r: [int(n in r.on) for n in effects]), "1"),
+            "effect_bound": (("scene", "effect"),
+                             [[one[name] for name in effects] for one in bounds.values()], "1"),
+            **_times(by, each),
+            **_over_all(rows),
+        },
+        {"scene": (list(bounds), "1"), "tolerance": (list(tolerances), "1"),
+         "effect": (effects, "1")},
     )  # fmt: skip
+
+
+def _times(
+    by: tuple[str, ...], each: Callable[[Callable[[Decided], Any]], np.ndarray]
+) -> dict[str, tuple[Any, ...]]:
+    """First and further calls with all effects on, with screening, and of screening itself."""
+    times: dict[str, tuple[Any, ...]] = {}
+    for name in ("full", "auto", "deciding"):
+        costs = each(lambda row, name=name: getattr(row, name))
+        word = {"full": "all_on"}.get(name, name)
+        for i, (variable, metric) in enumerate(
+            ((f"time_{word}", "first_call_s"), (f"steady_call_s_{word}", "steady_call_s"))
+        ):
+            times[variable] = (by, costs[..., i], "s", f"{metric}_{word}_{_KEY}")
+    return times
+
+
+def _over_all(rows: Sequence[Decided]) -> dict[str, tuple[Any, ...]]:
+    ratios = [r.deciding.first_s / r.saved.first_s for r in rows if r.saved.first_s > 0]
+    return scalars(
+        {
+            "error_over_tolerance_max": max(row.error / row.tolerance for row in rows),
+            "error_over_bound_max": max((r.error / r.bound for r in rows if r.bound), default=0.0),
+            "deciding_over_saved_first_median": float(np.median(ratios)) if ratios else None,
+            "time_s_saved_first_total": sum(row.saved.first_s for row in rows),
+            "time_s_deciding_first_total": sum(row.deciding.first_s for row in rows),
+        }
+    )

@@ -22,9 +22,15 @@ _JOB = re.compile(r"(srsinv\.jobs|experiments|plugins)\..+\.run")
 
 
 def import_experiments(root: Path) -> None:
-    """Make the folder `experiments` beside the configuration folder importable under that name,
-    and nothing else beside it."""
-    _open_namespace("experiments", root.resolve().parent / "experiments")
+    """Make the folders `experiments` and `benchmarks` beside the configuration folder importable
+    under these names, and nothing else beside it."""
+    for name in ("experiments", "benchmarks"):
+        _open_namespace(name, root.resolve().parent / name)
+
+
+def benchmark(name: str) -> ModuleType | None:
+    """The module `name` of a clone's benchmarks; None where there are none, as in a wheel."""
+    return importlib.import_module(f"benchmarks.{name}") if "benchmarks" in sys.modules else None
 
 
 def open_plugins(config_dir: str | None) -> None:

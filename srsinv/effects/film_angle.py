@@ -1,4 +1,4 @@
-"""Films mounted askew: every one turned by a further angle, so that it feels tau_xz too."""
+"""Films mounted askew: every one turned by a further angle, so that it responds to tau_xz too."""
 
 import dataclasses
 from typing import ClassVar

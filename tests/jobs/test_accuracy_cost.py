@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from srsinv.__main__ import find_config_root
 from srsinv.errors import BadInput
+from srsinv.jobs import accuracy_cost
+from srsinv.namespaces import benchmark, import_experiments
 from tests.golden.check import golden_test
-from tests.jobs.run import outcome, short_form, short_run
+from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("accuracy_cost",)
 TOLERANCES = (1e-4, 1e-8)
@@ -16,6 +19,47 @@ test_nothing_has_moved = pytest.mark.full(golden_test(FORMS))
 @pytest.fixture(scope="module")
 def result():
     return short_run(*FORMS)
+
+
+@pytest.mark.full
+def test_page(result):
+    check_page(result)
+
+
+@pytest.mark.full
+def test_the_fastest_is_the_fastest_of_those_that_are_near(result):
+    ds = result.dataset
+    first = ds.isel(fastest=0)
+    size = int(ds["size"].where(ds["part"] == "forward").max())
+    ways = ds.isel(
+        case=np.flatnonzero((ds["part"] == "forward") & (ds["line"] == first.fastest_line))
+    )
+    times = ways["steady_call_s"].where(
+        (ways["size"] == size) & ways["family"].isin(["float64", "float32"])
+        & (ways["algebraic_error"] <= first.fastest_within)
+    )  # fmt: skip
+    assert float(times.min()) == first["fastest_steady_call_s"]
+
+
+def test_peers_are_those_of_a_clone(tmp_path):
+    try:
+        import_experiments(tmp_path / "configs")
+        assert benchmark("peers") is None
+    finally:
+        import_experiments(find_config_root())
+    assert benchmark("peers") is not None
+
+
+@pytest.mark.full
+def test_without_peers_the_rows_are_ours_alone(monkeypatch):
+    monkeypatch.setattr(accuracy_cost, "benchmark", lambda name: None)
+    result = outcome(*short_form(*FORMS))
+    assert not {"numpy", "scipy cg, 1e-08"} & set(result.dataset["family"].values)
+    assert set(result.dataset["fit_family"].values) == {
+        "optimistix", "optax L-BFGS", "jaxopt LBFGSB",
+    }  # fmt: skip
+    assert set(result.dataset["fastest_peer"].values) == {"none"}
+    check_page(result)
 
 
 @pytest.mark.full

@@ -19,19 +19,20 @@ def outcomes():
 
 
 @pytest.mark.parametrize("name", FORMS)
-def test_page(outcomes, name):
-    check_page(outcomes[name])
+def test_page(name):
+    check_page(short_run(name), images=("bounds",))
 
 
-def test_each_effect_is_within_its_bound(outcomes):
-    metrics = outcomes["effects"].metrics
+def test_each_effect_is_within_its_bound():
+    metrics = short_run("effects").metrics
     for name in ("film_angle", "speed_ripple", "clipping"):
         assert 0.01 < metrics[f"change_{name}"] <= 1.05 * metrics[f"bound_{name}"], name
 
 
-def test_what_scenes_leave_out_is_within_the_tolerance(outcomes):
-    assert outcomes["effects_auto"].metrics["error_over_tolerance_max"] < 1
-    on = outcomes["effects_auto"].dataset["on"].values.sum(-1)[0]
+def test_what_scenes_leave_out_is_within_the_tolerance():
+    result = short_run("effects_auto")
+    assert result.metrics["error_over_tolerance_max"] < 1
+    on = result.dataset["on"].values.sum(-1)[0]
     assert 0 < on[0] < on[1] < 16
 
 

@@ -1,6 +1,5 @@
 """Error against time of methods and of their sizes."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..text import format_value
 from .style import PALETTE, WIDTH_IN, legend_below, names_of, styled, units_of
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">")
@@ -22,14 +20,14 @@ def cost(
     *,
     family: str = "family",
     size: str = "size",
+    quantity: str = "",
     title: str = "",
-    words: Mapping[str, str] | None = None,
 ) -> Figure:
     """Error against time, one line for each family, from its smallest size to its largest.
 
     `error`, `time`, `family` and `size` name variables of one dimension, the cases; errors that
     are zero by definition, and unknown ones, are left out. The size is written at both ends of a
-    family's line, in `words` by its number where that has it.
+    family's line; `quantity` is the label of the error, by default the variable's name and unit.
     """
     figure = Figure(figsize=(WIDTH_IN, 4.8), layout="constrained")
     axes = figure.subplots()
@@ -38,13 +36,12 @@ def cost(
     for i, name in enumerate(dict.fromkeys(np.array(families)[usable].tolist())):
         own = dataset.isel({dataset[error].dims[0]: usable & (np.array(families) == name)})
         own = own.sortby(size)
-        labels = [(words or {}).get(f"{each:g}", format_value(each)) for each in own[size].values]
+        labels = [f"{each:g}".replace("e-0", "e-") for each in own[size].values]
         _family(axes, own[time].values, own[error].values, labels, name, i)
-    quantity = error.replace("_", " ")
     axes.set(
         xscale="log", yscale="log", xlabel=f"time of a further call [{units_of(dataset[time])}]"
     )
-    axes.set_ylabel(f"{quantity} [{units_of(dataset[error])}]")
+    axes.set_ylabel(quantity or f"{error.replace('_', ' ')} [{units_of(dataset[error])}]")
     axes.margins(0.1)
     axes.set_title("Lower left is better")
     figure.suptitle(title)

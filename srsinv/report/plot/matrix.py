@@ -30,7 +30,7 @@ def matrix(
     """Values (row, column) of the variable `name`, a colour and a number in each cell; NaN is grey.
 
     - `words`: the name of a variable of the same dimensions with the text of each cell; by default
-      the value to two digits.
+      the value, see [`compact`][].
     - `panels`: a third dimension, of which every label has a panel beside the others.
     - `limits` of the colours, symmetric ones for values of either sign; `label` of the colours.
     """
@@ -70,8 +70,19 @@ def matrix(
     return figure
 
 
+def compact(value: float) -> str:
+    """The value in four letters, so that it fits into a cell: 0.03, 1.2, 120, 1e5; a dash for what
+    is no number."""
+    if not np.isfinite(value):
+        return "–" if np.isnan(value) else str(value)
+    size = abs(value)
+    text = f"{value:.0f}" if 10 <= size < 1000 else f"{value:.{1 + (0.1 <= size < 10)}g}"
+    text = f"{value:.0e}" if 0 < size < 1e-3 else text
+    return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
+
+
 def _letter(axes, at, value, words, norm, is_signed: bool, rows: int) -> None:
-    text = str(words) if words is not None else f"{value:.2g}" if np.isfinite(value) else "–"
+    text = str(words) if words is not None else compact(value)
     depth = abs(2 * norm(value) - 1) if is_signed else norm(value)
     is_dark = np.isfinite(value) and float(depth) > _DARK
     colour = GREY if not np.isfinite(value) else "white" if is_dark else "black"

@@ -23,6 +23,7 @@ def spread(
     draws: str | None = None,
     over: str | None = None,
     expected: Mapping[str, float] | None = None,
+    expected_label: str = "expected",
     bands: Mapping[str, tuple[float, float]] | None = None,
     log: Sequence[str] = (),
     labels: Mapping[str, str] | None = None,
@@ -33,8 +34,9 @@ def spread(
 
     - `draws`: the dimension of which the mean, the least and the greatest are drawn.
     - `over`: a further dimension of which every label has marks of its own.
-    - `expected`: by heading a value that would be right, `bands` by heading the range of chance
-      about it, both in SI units; `log`: the headings of logarithmic axes.
+    - `expected`: by heading a value that would be right, or one not to be exceeded,
+      `expected_label` in the legend; `bands`: by heading the range of chance about it, both in SI
+      units; `log`: the headings of logarithmic axes.
     - `labels`: words in the legend for the variables' names.
     """
     entries = [_words(each) for each in dataset[rows].values]
@@ -50,7 +52,7 @@ def spread(
             axes.axvspan(low * unit.factor, high * unit.factor, color="#dfe3e7", label="chance")
         if heading in (expected or {}):
             at = (expected or {})[heading] * unit.factor
-            axes.axvline(at, color=TRUTH, linestyle="--", linewidth=0.9, label="expected")
+            axes.axvline(at, color=TRUTH, linestyle="--", linewidth=0.9, label=expected_label)
         _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
         axes.set(title=heading, xlabel=f"[{unit.unit}]", ylim=(len(entries) - 0.5, -0.5))
         axes.set_xscale("log" if heading in log else "linear")

@@ -64,14 +64,11 @@ def with_and_without(dataset: xarray.Dataset, effect: str) -> Figure:
     """For each element the signal with an effect and without, and beside them their difference,
     over the interval with a signal.
 
-    `dataset`: `signal_with` and `signal_without` (effect, element, sample), `time` (effect,
-    sample) [s].
+    `dataset`: `signal_with_EFFECT`, `signal_without_EFFECT` (element, time_EFFECT) and the
+    coordinate `time_EFFECT` [s], for an effect has sample times of its own.
     """
-    own = dataset.sel(effect=effect)
-    time_s, unit = own["time"].values, units_of(dataset["signal_with"])
-    present = np.isfinite(time_s)
-    time_s = time_s[present]
-    changed, ideal = (own[f"signal_{name}"].values[:, present] for name in ("with", "without"))
+    time_s, unit = dataset[f"time_{effect}"].values, units_of(dataset[f"signal_with_{effect}"])
+    changed, ideal = (dataset[f"signal_{name}_{effect}"].values for name in ("with", "without"))
     across = Axis("time", "s", limits=_active_interval_s(time_s, changed, ideal))
     rows = []
     for e, name in enumerate(names_of(dataset["element"])):

@@ -1,14 +1,48 @@
-"""Forward model, inversions and fit by numpy and scipy alone, for comparison of times."""
+"""Forward model, inversions and fit by numpy and scipy alone, for comparison of times.
 
+The experiment accuracy_cost takes from here, by the name that a row of its table has, what to time:
+`forward`, `inversions` and `fits`.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 import scipy.optimize as so
 import scipy.sparse.linalg as sla
 
-from ..inverse.features.model import FeatureModel
-from ..inverse.line_problem import LineProblem
-from ..inverse.prior import Prior
+from srsinv.grid import Convolution
+from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.prior import Prior
+
+Work = Callable[[], np.ndarray]
+
+
+def forward(operator: Convolution, r: np.ndarray) -> dict[str, Work]:
+    """Signals (e, n) [V] of traction r (c, n) [Pa]."""
+    transfer = np.asarray(operator.transfer)
+    return {"numpy": partial(numpy_apply, transfer, r, operator.n, operator.length)}
+
+
+def inversions(problem: LineProblem, prior: Prior, tolerances: Sequence[float]) -> dict[str, Work]:
+    """Traction (c, n) [Pa] that minimises the problem's and the prior's squares."""
+    normal = NumpyNormal(problem, prior)
+    iterative: dict[str, Work] = {
+        f"scipy cg, {tolerance:g}": partial(normal.conjugate_gradients, tolerance)
+        for tolerance in tolerances
+    }
+    return {"numpy": normal.solve, **iterative} if problem.forward.is_circular else iterative
+
+
+def fits(model: FeatureModel) -> dict[str, Callable[..., tuple[np.ndarray, float]]]:
+    """Fits of a strip, see [`NumpyStrip.fit`][], by scipy's slopes and by exact ones."""
+    strip = NumpyStrip(model)
+    return {
+        "scipy, 2-point": partial(strip.fit, analytic=False),
+        "scipy, analytic": partial(strip.fit, analytic=True),
+    }
 
 
 def numpy_apply(transfer: np.ndarray, r: np.ndarray, n: int, length: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Error against time of the feature fit, with scipy's least squares beside it in the same run.
+"""Error against time of the feature fit, with its peers beside it in the same run.
 
 A strip of pressure and shear is fitted to noisy signals: over solver and tolerance, over the number
 of starting points, and over the number of signals fitted together.
@@ -6,11 +6,11 @@ of starting points, and over the number of signals fitted together.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from types import ModuleType
 from typing import Any
 
 import jax
 import numpy as np
-import xarray
 from jaxtyping import Float
 
 from ..errors import refuse
@@ -20,11 +20,8 @@ from ..forward.sensor import Sensor
 from ..inverse.features.model import FeatureModel
 from ..inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix, Solver, fit, fit_many
 from ..progress import stage
-from ..report import figures
-from ..report.outcome import Section, Table
 from ..resolution import cell_m
-from .analysis import timed
-from .peers import NumpyStrip
+from ..timing import timed
 
 FINER = 4  # refinement of the cells of the model that makes the data
 EXACT = 1e-13  # tolerance of the reference minimum
@@ -42,9 +39,13 @@ OURS: dict[str, Callable[..., Solver]] = {
     "optax L-BFGS": OptaxLBFGS,
     "jaxopt LBFGSB": JaxoptLBFGSB,
 }
-SCIPY = {"scipy, 2-point": False, "scipy, analytic": True}
+# The peers to compare times with: with one start near the minimum, and with far or many ones.
+NEAR_PEER, FAR_PEER = "scipy, 2-point", "scipy, analytic"
+MEASURES = ("error", "error_cramer_rao", "converged", "first_call_s", "steady_call_s")
 
 Row = dict[str, Any]
+# A fit of (y, noise_rms, start, bounds, tolerance): the parameters and half the sum of squares.
+PeerFit = Callable[..., tuple[np.ndarray, float]]
 
 
 @dataclass(frozen=True)
@@ -83,14 +84,15 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class FitTask:
-    """Signals to fit, the model, and each signal's exact minimum with its covariance.
+    """Signals to fit, the model, and each signal's exact minimum with its covariance; `peers` by
+    name.
 
     `ys` (signal, e, sample) [V]; `truth`, `exact` (signal, 4): position, width, pressure, shear;
     `factor` (signal, 4, 4): the inverse of a Cholesky factor of the covariance.
     """
 
     model: FeatureModel
-    peer: NumpyStrip
+    peers: Mapping[str, PeerFit]
     bounds: dict[str, tuple[float, float]]
     ys: Float[np.ndarray, "signal e sample"]
     noise_rms: float
@@ -117,11 +119,16 @@ class FitTask:
 
 
 def rows_of(
-    settings: FitSettings, repeats: int, sensor: Sensor, scan: ConstantSpeed, seed: int
+    settings: FitSettings,
+    repeats: int,
+    sensor: Sensor,
+    scan: ConstantSpeed,
+    seed: int,
+    peers: ModuleType | None,
 ) -> list[Row]:
     """Every measurement."""
     with stage("signals to fit, and their exact minima"):
-        task = _task(settings, sensor, scan, seed)
+        task = _task(settings, sensor, scan, seed, peers)
     rows: list[Row] = []
     with stage("fits over solver and tolerance"):
         rows += _tolerances(task, settings, repeats)
@@ -132,7 +139,9 @@ def rows_of(
     return rows
 
 
-def _task(settings: FitSettings, sensor: Sensor, scan: ConstantSpeed, seed: int) -> FitTask:
+def _task(
+    settings: FitSettings, sensor: Sensor, scan: ConstantSpeed, seed: int, peers: ModuleType | None
+) -> FitTask:
     x = np.linspace(-SCAN_M / 2, SCAN_M / 2, settings.samples)
     speed = abs(float(scan.speed_m_per_s))
     motion = Motion((x - x[0]) / speed, x, np.full(x.shape, speed))
@@ -153,7 +162,8 @@ def _task(settings: FitSettings, sensor: Sensor, scan: ConstantSpeed, seed: int)
         "strip.width_m": (0.1 * depth, SCAN_M),
     }
     minima = _exact(model, ys, noise_rms, bounds)
-    return FitTask(model, NumpyStrip(model), bounds, ys, noise_rms, truth, *minima)
+    others = {} if peers is None else peers.fits(model)
+    return FitTask(model, others, bounds, ys, noise_rms, truth, *minima)
 
 
 def _exact(model: FeatureModel, ys, noise_rms: float, bounds) -> tuple[np.ndarray, np.ndarray]:
@@ -200,7 +210,8 @@ def _measured(
         "part": PART,
         "line": sweep,
         "family": family,
-        "setting": setting,
+        "size": setting,
+        "is_peer": family not in OURS,
         "error": float(np.median(away)),
         "converged": float(np.mean(np.array(away) < CONVERGED_WITHIN)),
         "error_cramer_rao": float(np.sqrt(np.mean(np.square(wrong)))),
@@ -215,7 +226,7 @@ def _tolerances(task: FitTask, settings: FitSettings, repeats: int) -> Iterator[
         value, first, steady = timed(work, repeats)
         return _measured(
             task, [read(value)], "tolerance", family, tolerance,
-            first_call_s=first, steady_call_s=steady, peer="scipy, 2-point",
+            first_call_s=first, steady_call_s=steady, peer=NEAR_PEER,
         )  # fmt: skip
 
     for tolerance in settings.tolerances:
@@ -227,10 +238,10 @@ def _tolerances(task: FitTask, settings: FitSettings, repeats: int) -> Iterator[
                 return fit(task.model, initial, task.ys[0], **given)
 
             yield row(family, tolerance, ours, lambda answer: _row(answer.value))
-        for family, analytic in SCIPY.items():
+        for family, other in task.peers.items():
 
-            def peer(tolerance=tolerance, analytic=analytic):
-                return _scipy(task, 0, [task.start(0)], tolerance, analytic)
+            def peer(tolerance=tolerance, other=other):
+                return _best(other, task, 0, [task.start(0)], tolerance)
 
             yield row(family, tolerance, peer, lambda answer: answer)
 
@@ -254,14 +265,14 @@ def _starts(task: FitTask, settings: FitSettings) -> Iterator[Row]:
             return _row(fit(task.model, initial, task.ys[i], **given).value)
 
         def peer(i: int, shapes=shapes):
-            return _scipy(task, i, shapes, min(settings.tolerances), True)
+            return _best(task.peers[FAR_PEER], task, i, shapes, min(settings.tolerances))
 
-        for family, work in (("optimistix", ours), ("scipy, analytic", peer)):
+        for family, work in _both(task, ours, peer):
             ends = [timed(lambda i=i, work=work: work(i), 0) for i in range(settings.signals)]
             times = [first for _, first, _ in ends]
             yield _measured(
                 task, [z for z, *_ in ends], "starts", family, count, first_call_s=times[0],
-                steady_call_s=float(np.median(times[1:] or times)), peer="scipy, analytic",
+                steady_call_s=float(np.median(times[1:] or times)), peer=FAR_PEER,
             )  # fmt: skip
 
 
@@ -277,163 +288,30 @@ def _batches(task: FitTask, settings: FitSettings, repeats: int) -> Iterator[Row
 
         def peer(count=count):
             tolerance = min(settings.tolerances)
-            return [_scipy(task, i, [start], tolerance, True) for i in range(count)]
+            other = task.peers[FAR_PEER]
+            return [_best(other, task, i, [start], tolerance) for i in range(count)]
 
-        for family, work in (("optimistix", ours), ("scipy, analytic", peer)):
+        for family, work in _both(task, ours, peer):
             estimates, first, steady = timed(work, repeats)
             yield _measured(
                 task, estimates, "batch", family, count, first_call_s=first / count,
                 steady_call_s=(first if steady is None else steady) / count,
-                peer="scipy, analytic",
+                peer=FAR_PEER,
             )  # fmt: skip
 
 
-def _scipy(task: FitTask, i: int, shapes, tolerance: float, analytic: bool) -> np.ndarray:
-    """The best of scipy's minima from these shapes, with amplitudes of the right size."""
+def _both(task: FitTask, ours: Callable, peer: Callable) -> list[tuple[str, Callable]]:
+    """What to time: ours, and the peer's work where it is there."""
+    return [("optimistix", ours)] + [(FAR_PEER, peer)] * (FAR_PEER in task.peers)
+
+
+def _best(fit_one: PeerFit, task: FitTask, i: int, shapes, tolerance: float) -> np.ndarray:
+    """The best of a peer's minima from these shapes, with amplitudes of the right size."""
     low, high = np.array(list(task.bounds.values())).T
     box = np.array([*low, -np.inf, -np.inf]), np.array([*high, np.inf, np.inf])
     ends = []
     for shape in shapes:
         inside = np.clip([shape[name] for name in SHAPE], low + 1e-9, high - 1e-9)
         begin = np.array([*inside, TRUE["pressure_Pa"], TRUE["shear_Pa"]])
-        ends.append(task.peer.fit(task.ys[i], task.noise_rms, begin, box, tolerance, analytic))
+        ends.append(fit_one(task.ys[i], task.noise_rms, begin, box, tolerance))
     return min(ends, key=lambda end: end[1])[0]
-
-
-# --- the page --------------------------------------------------------------------------------
-
-MEASURES = ("error", "error_cramer_rao", "converged", "first_call_s", "steady_call_s")
-
-
-def metrics(rows: list[Row]) -> dict[str, Any]:
-    """Flat, by sweep, family and setting."""
-    return {
-        f"fit_{row['line']}_{_key(row['family'])}_{row['setting']:g}_{measure}": row[measure]
-        for row in rows
-        for measure in MEASURES
-    }
-
-
-def dataset(rows: list[Row]) -> xarray.Dataset:
-    """The measurements, by fit."""
-    names = {"fit_sweep": "line", "fit_family": "family"}
-    measured = {f"fit_{m}": [row[m] for row in rows] for m in (*MEASURES, "setting")}
-    units = {"fit_first_call_s": "s", "fit_steady_call_s": "s"}
-    return xarray.Dataset(
-        {name: ("fit", values, {"units": units.get(name, "1")})
-         for name, values in measured.items()},
-        {name: ("fit", [row[key] for row in rows], {"units": "1"}) for name, key in names.items()},
-    )  # fmt: skip
-
-
-def _key(family: str) -> str:
-    return family.replace(", ", "_").replace(" ", "_").replace("-", "_").lower()
-
-
-def sections(settings: FitSettings, rows: list[Row]) -> tuple[Section, ...]:
-    """The fit's part of the page."""
-    by = {sweep: [r for r in rows if r["line"] == sweep] for sweep in ("tolerance", "starts",
-                                                                       "batch")}  # fmt: skip
-    return (
-        Section(
-            "Feature fit",
-            (
-                f"A strip of pressure and shear (position, width, two amplitudes) fitted to "
-                f"{settings.samples} samples of every element at {settings.snr_dB:g} dB. "
-                "The distance to the exact minimum is in standard errors, the rms over the four "
-                "parameters: below 0.1 the fit is as good as the data let it be, and what is "
-                "left is the noise. The error against the truth is in Cramer-Rao bounds: about 1 "
-                "is what any unbiased fit can reach.",
-                "Ours solve the amplitudes out and search two parameters; scipy searches four, "
-                "started with amplitudes of the right size. Ours also return covariance, result "
-                "and undetermined directions, which are in the time.",
-            ),
-            {
-                "fit_tolerance": lambda: figures.accuracy_cost(
-                    _curves(by["tolerance"]), "Feature fit: distance to the exact minimum and time",
-                    "distance to the minimum [standard errors]", "tolerances",
-                ),
-                "fit_counts": lambda: figures.fit_counts(
-                    _counted(by["starts"]), _counted(by["batch"])
-                ),
-            },
-            {
-                "fit_tolerance": "One signal from a start 0.6 mm beside the truth, over the "
-                "tolerance that is written at the ends of each line. " + _said(by["tolerance"]),
-                "fit_counts": "Starts lie anywhere in the box of position and width, the first "
-                "far from the truth; a search goes from each.",
-            },
-            (_tolerance_table(by["tolerance"]), _count_table(by["starts"], "starts"),
-             _count_table(by["batch"], "signals together")),
-        ),
-    )  # fmt: skip
-
-
-def _curves(rows: list[Row]) -> list[dict[str, Any]]:
-    return [
-        {
-            "family": row["family"],
-            "label": f"{row['setting']:g}",
-            "size": -np.log10(row["setting"]),
-            "error": row["error"],
-            "time_s": row["steady_call_s"],
-        }
-        for row in rows
-        if row["error"] > 0
-    ]
-
-
-def _counted(rows: list[Row]) -> list[dict[str, Any]]:
-    return [
-        {
-            "family": row["family"],
-            "count": row["setting"],
-            "converged": row["converged"],
-            "time_s": row["steady_call_s"],
-        }
-        for row in rows
-    ]
-
-
-def _said(rows: list[Row]) -> str:
-    good = [row for row in rows if row["error"] < CONVERGED_WITHIN]
-    if not good:
-        return f"None comes within {CONVERGED_WITHIN:g} standard errors of the minimum."
-    best = min(good, key=lambda row: row["steady_call_s"])
-    return (
-        f"The fastest within {CONVERGED_WITHIN:g} standard errors is {best['family']} at "
-        f"{best['setting']:g} ({1e3 * best['steady_call_s']:.3g} ms)."
-    )
-
-
-def _tolerance_table(rows: list[Row]) -> Table:
-    return Table(
-        ("solver", "tolerance", "from the minimum [standard errors]",
-         "from the truth [Cramer-Rao bounds]", "steady [ms]", "first call [ms]",
-         "steady / scipy, 2-point"),
-        tuple(
-            (
-                row["family"], f"{row['setting']:g}", row["error"], row["error_cramer_rao"],
-                1e3 * row["steady_call_s"], 1e3 * row["first_call_s"],
-                round(row["against_peer"], 2),
-            )
-            for row in rows
-        ),
-        "Over solver and tolerance; the first call includes compilation.",
-    )  # fmt: skip
-
-
-def _count_table(rows: list[Row], what: str) -> Table:
-    return Table(
-        ("solver", what, "minimum found", "from the truth [Cramer-Rao bounds]",
-         "steady [ms per signal]", "first call [ms per signal]", "steady / scipy, analytic"),
-        tuple(
-            (
-                row["family"], row["setting"], f"{row['converged']:.0%}", row["error_cramer_rao"],
-                1e3 * row["steady_call_s"], 1e3 * row["first_call_s"],
-                round(row["against_peer"], 2),
-            )
-            for row in rows
-        ),
-        f"Over the number of {what}; found: within {CONVERGED_WITHIN:g} standard errors.",
-    )  # fmt: skip
