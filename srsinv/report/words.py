@@ -56,11 +56,11 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
         return f"\n\n\x00{len(held) - 1}\x00\n\n"
 
     def figure(
-        name: str, draw: Callable[..., Figure], caption: str, of: Any = None, **settings: Any
+        stem: str, draw: Callable[..., Figure], caption: str, /, of: Any = None, **settings: Any
     ) -> str:
         if not draws:
             return ""
-        return hold(Drawing(name, draw(data if of is None else of, **settings), caption))
+        return hold(Drawing(stem, draw(data if of is None else of, **settings), caption))
 
     def table(columns: Mapping[str, Any], caption: str = "") -> str:
         return hold(_table(columns, caption))
