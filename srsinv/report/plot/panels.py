@@ -118,11 +118,12 @@ def panels(
     units = _units(every)
     palette = colours(dict.fromkeys(c.label for panel in every for c in panel.curves))
     for i, (row, beside) in enumerate(zip(axes, rows, strict=True)):
-        for place, panel in itertools.zip_longest(row, beside):
+        for j, (place, panel) in enumerate(itertools.zip_longest(row, beside)):
             if panel is None:
                 place.remove()
                 continue
-            is_lowest = not is_shared or i == len(rows) - 1
+            is_lowest = not is_shared or all(len(below) <= j for below in rows[i + 1 :])
+            place.tick_params(labelbottom=is_lowest)
             _draw(place, panel, units, palette, is_lowest)
             if legend == "beside":
                 legend_beside(place)
