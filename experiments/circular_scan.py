@@ -1,28 +1,28 @@
 """Direction of a ridge from one circle over it, and the angle's effect on a straight scan."""
 
-from collections.abc import Collection
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import xarray
+from matplotlib.figure import Figure
 
-from srsinv import config
+from srsinv import config, plot
 from srsinv.errors import number, refuse
 from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.oblique import turned, turned_scan
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Periodic
-from srsinv.inverse.direction import DirectionFinder
+from srsinv.inverse.direction import DirectionFinder, angle_bounds_deg
 from srsinv.progress import stage
-from srsinv.report import figures
-from srsinv.report.figures import curves
-from srsinv.report.outcome import Outcome, Section, Table
+from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.section import sections
 from srsinv.report.text import listed
 
+BOUND_DEG = np.arange(0.0, 181.0, 5.0)  # angles at which the Cramer-Rao bound is drawn
 
-def run(cfg: config.Config) -> Outcome:
+
+def run(cfg: config.Config) -> Result:
     """Directions estimated on a circle with noise, and the straight scan's gain over the angle.
 
     Raises `BadInput` for no direction, a shown one that is not tried, and refusals of the
@@ -41,58 +41,87 @@ def run(cfg: config.Config) -> Outcome:
     with config.precision(cfg):
         sensor, circle = config.sensor(cfg), Circle(**settings["circle"])
         circling, finder = Circling(sensor, circle), DirectionFinder(sensor, circle)
-        signals, directions = [], []
+        ridges = [ObliqueRidge(np.deg2rad(angle), **settings["ridge"]) for angle in truth]
         with stage("finding the directions"):
-            for angle in truth:
-                ridge = ObliqueRidge(np.deg2rad(angle), **settings["ridge"])
-                clean = np.asarray(circling(ridge))
-                noise = 10 ** (-snr / 20) * np.sqrt(np.mean(clean**2))
-                signals.append((clean, clean + noise * rng.normal(size=clean.shape)))
-                directions.append(finder(signals[-1][1]))
+            clean = np.stack([circling(ridge) for ridge in ridges])
+            rms = np.sqrt(np.mean(clean**2, axis=(1, 2)))
+            noise = 10 ** (-snr / 20) * rms[:, None, None]
+            signals = clean + noise * rng.normal(size=clean.shape)
+            directions = [finder(signal) for signal in signals]
+        bound = angle_bounds_deg(circling, ridges[0], jnp.deg2rad(BOUND_DEG), snr)
         tried = np.linspace(0.0, 90.0, settings["gain_angles"])
-        gain = np.array([_gain(sensor, config.scan(cfg), settings["ridge"], a) for a in tried])
+        gain = np.array([_gain(sensor, config.scan(cfg), settings["ridge"], a) for a in tried]).T
 
     estimate, stderr = np.array([each.parameters["angle_deg"] for each in directions]).T
     error = (estimate - truth + 90) % 180 - 90
-    rms = np.array([np.sqrt(np.mean(clean**2)) for clean, _ in signals])
-    along = ("direction", "element", "sample")
-    dataset = xarray.Dataset(
+    names, along = list(cfg["sensor"]["elements"]), ("direction", "element", "sample")
+    data = dataset(
         {
-            "signal": (along, np.stack([noisy for _, noisy in signals]), {"units": "V"}),
-            "fitted_signal": (along, np.stack([d.signal for d in directions]), {"units": "V"}),
-            "signal_rms": ("direction", rms, {"units": "V"}),
-            "angle_estimate": ("direction", estimate, {"units": "deg"}),
-            "angle_stderr": ("direction", stderr, {"units": "deg"}),
-            "angle_error": ("direction", error, {"units": "deg"}),
-            "gain": (("element", "scan_angle"), gain.T, {"units": "1"}),
+            "signal": (along, signals, "V"),
+            "fitted_signal": (along, np.stack([each.signal for each in directions]), "V"),
+            "signal_rms": ("direction", rms, "V"),
+            "angle_estimate": ("direction", estimate, "deg"),
+            "angle_stderr": ("direction", stderr, "deg"),
+            "angle_error": ("direction", error, "deg", "direction_error_deg_at_{direction}"),
+            "angle_bound": ("bound_angle", bound, "deg"),
+            "way": ("sample", circle.angle_rad * circle.radius_m, "m"),
+            "gain": (("element", "scan_angle"), gain, "1"),
+            "gain_at_60_deg": ("element", [np.interp(60.0, tried, row) for row in gain], "1",
+                               "gain_straight_at_60_deg_{element}"),
+            **scalars({
+                "direction_error_deg_greatest": np.abs(error).max(),
+                "direction_stderr_deg_greatest": stderr.max(),
+                "signal_rms_greatest_over_least": rms.max() / rms.min(),
+            }),
         },
         {
-            "direction": ("direction", truth, {"units": "deg"}),
-            "element": ("element", list(cfg["sensor"]["elements"]), {"units": "1"}),
-            "sample": ("sample", np.rad2deg(circle.angle_rad), {"units": "deg"}),
-            "scan_angle": ("scan_angle", tried, {"units": "deg"}),
+            "direction": (truth, "deg"),
+            "element": (names, "1"),
+            "sample": (np.rad2deg(circle.angle_rad), "deg"),
+            "bound_angle": (BOUND_DEG, "deg"),
+            "scan_angle": (tried, "deg"),
         },
-    )
-    metrics = {f"direction_error_deg_at_{a:g}": float(e) for a, e in zip(truth, error, strict=True)}
-    metrics["direction_error_deg_greatest"] = float(np.abs(error).max())
-    metrics["direction_stderr_deg_greatest"] = float(stderr.max())
-    metrics["signal_rms_greatest_over_least"] = float(rms.max() / rms.min())
-    for name, row in zip(dataset["element"].values, gain.T, strict=True):
-        metrics[f"gain_straight_at_60_deg_{name}"] = float(np.interp(60.0, tried, row))
-    rows = [
-        (f"{angle:g}", *(f"{each:.3f}" for each in at), 1e6 * float(size))
-        for angle, *at, size in zip(truth, estimate, stderr, error, rms, strict=True)
-    ]
-    return Outcome(
-        f"The direction of a ridge from one circle at {snr:g} dB",
-        {key: float(value) for key, value in metrics.items()},
-        dataset,
-        _sections(dataset, float(circle.radius_m), settings["shown_deg"], listed(cfg["effects"])),
-        Table(
-            ("true [deg]", "found [deg]", "std. error [deg]", "error [deg]", "rms signal [µV]"),
-            tuple(rows),
-        ),
-    )
+        shown_deg=settings["shown_deg"],
+        snr_dB=snr,
+        effects_on=listed(cfg["effects"]),
+    )  # fmt: skip
+    title = f"One circle at {snr:g} dB gives a ridge's direction to {np.abs(error).max():.2g}°"
+    return Result(title, data, sections(__file__, signals=on_the_circle, errors=errors))
+
+
+def on_the_circle(ds: xarray.Dataset) -> Figure:
+    """The signals with noise of the directions shown, and the fit to each."""
+    way, up = plot.Axis("way along the circle", "m"), plot.Axis("signal", "V")
+    data = {"color": "#b5bcc2", "linewidth": 1.0}
+    return plot.panels([
+        [
+            plot.Panel(
+                [plot.Curve(noisy.values, "with noise", look=data), plot.Curve(fit.values, "fit")],
+                way, up, ds["way"].values, f"Ridge at {angle:g}°, element {name}",
+            )
+            for name, noisy, fit in zip(ds["element"].values, *of_angle, strict=True)
+        ]
+        for angle, *of_angle in zip(
+            ds["direction"].values, ds["signal"], ds["fitted_signal"], strict=True
+        )
+    ], height_in=1.7)  # fmt: skip
+
+
+def errors(ds: xarray.Dataset) -> Figure:
+    """The error of each direction with its standard error, over the Cramer-Rao bound."""
+    error, stderr, bound = (ds[f"angle_{key}"].values for key in ("error", "stderr", "bound"))
+    look = {"linestyle": "none", "marker": "o", "markersize": 4.5}
+    zero = plot.Curve(
+        0 * bound, "", x=ds["bound_angle"].values, band=(-bound, bound),
+        band_label="expected standard error", look={"color": "#6b747c", "linewidth": 0.8},
+    )  # fmt: skip
+    dots = plot.Curve(
+        error, "one draw, ± its standard error", band=(error - stderr, error + stderr),
+        has_bars=True, look=look,
+    )  # fmt: skip
+    across = plot.Axis("true angle of the ridge's normal from x", "deg", limits=(-5.0, 185.0))
+    up = plot.Axis("error of the angle", "deg")
+    return plot.panels([plot.Panel([zero, dots], across, up, ds["direction"].values)])
 
 
 @eqx.filter_jit
@@ -110,71 +139,3 @@ def _gain(sensor: Sensor, scan, ridge, angle_deg: float) -> np.ndarray:
         signal = _signal(turned(sensor, angle), turned_scan(scan, angle), line, traction)
         rms.append(np.sqrt(np.mean(np.asarray(signal) ** 2, axis=-1)))
     return rms[0] / rms[1]
-
-
-def _sections(
-    ds: xarray.Dataset, radius_m: float, shown_deg: Collection[float], effects: str
-) -> tuple[Section, ...]:
-    elements = [str(name) for name in ds["element"].values]
-    strongest = float(ds["signal_rms"].max() / ds["signal_rms"].min())
-
-    def on_the_circle():
-        along = np.deg2rad(ds["sample"].values) * radius_m
-        parts = [
-            figures.Panel(
-                title=f"Ridge at {angle:g}°, element {name}",
-                ylabel="signal [µV]",
-                lines={
-                    "with noise": 1e6 * ds["signal"].values[i, e],
-                    "fit": 1e6 * ds["fitted_signal"].values[i, e],
-                },
-            )
-            for i, angle in enumerate(ds["direction"].values)
-            for e, name in enumerate(elements)
-            if angle in shown_deg
-        ]
-        return figures.panels(along, parts, "way along the circle")
-
-    def error_figure():
-        lines = {
-            "error found": np.abs(ds["angle_error"].values),
-            "standard error": ds["angle_stderr"].values,
-        }
-        label = "true angle of the ridge's normal from x [deg]"
-        return curves.figure(ds["direction"].values, lines, label, "error of the angle [deg]")
-
-    def straight():
-        lines = {name: ds["gain"].values[e] for e, name in enumerate(elements)}
-        label = "angle of the ridge's normal from the sliding direction [deg]"
-        return curves.figure(ds["scan_angle"].values, lines, label, "rms signal over that at 0 [1]")
-
-    return (
-        Section(
-            "Direction from a circle",
-            ("The finger keeps its orientation on the circle and meets the ridge twice; when tells "
-             "where the ridge lies, and friction turns with the velocity.",),
-            {"on_the_circle": on_the_circle, "found": error_figure},
-            {"on_the_circle": "The fit has five parameters: angle, distance, width, load, shear. "
-             "Where the strip lies along the ridge its pulse is short and strong; across it, two "
-             "weak ones remain, of the strip's ends.",
-             "found": "One draw of noise for each direction, at the same ratio of signal to noise "
-             f"whatever the signal's size; the strongest is {strongest:.3g} "
-             "times the weakest."},
-        ),
-        Section(
-            "Gain of a straight scan",
-            (),
-            {"gain": straight},
-            {"gain": "The rate falls with the speed across the ridge, u cos(phi), and the strip's "
-             "length averages over l sin(phi). Along the ridge a straight scan feels nothing. It "
-             "feels the same of phi and -phi; a circle tells them apart."},
-        ),
-        Section(
-            "What was assumed",
-            ("Half space; the ridge presses uniformly over its width, and its load and friction do "
-             "not change along it; friction lies along the velocity; white noise, the same rms in "
-             "every element.",
-             f"Effects on: {effects}, and the strip's length. The fit "
-             "has the same model as the data."),
-        ),
-    )  # fmt: skip

@@ -1,163 +1,207 @@
 """Profile under the finger, from the estimated pressure: the inverse of contact."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import xarray
-from srsinv.jobs.analysis import BAND_90, in_metrics
-from srsinv.report.figures import shape as draw
-from srsinv.report.outcome import Outcome, Section, Table
+from matplotlib.figure import Figure
 
-from srsinv import config
+from srsinv import config, plot
 from srsinv.errors import mapping, refuse
+from srsinv.inverse.estimate import BAND_90
 from srsinv.inverse.method import Method
-from srsinv.inverse.quality import Quality
 from srsinv.inverse.shape import shape_band, shape_under
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
+from srsinv.jobs._answers import answer_variables
 from srsinv.progress import stage
+from srsinv.report.plot.style import SHADE, TRUTH, stretches
+from srsinv.report.result import Result, dataset
+from srsinv.report.section import sections
+from srsinv.report.text import quantity
 
-_OF_THE_SCENE = ("contact", "recovery", "quality", "warnings")
+LEAST_M, AROUND = 3e-3, 3.0  # drawn on each side: at least, and in half-widths of the contact
+SURFACE, DOTTED = {"color": TRUTH}, {"color": TRUTH, "linestyle": ":", "linewidth": 1.8}
+RECOVERED, SKIN = {"color": "#009e73"}, {"color": "#d55e00", "linestyle": "--"}
+Variables = dict[str, tuple[Any, ...]]
 
 
-def run(cfg: config.Config) -> Outcome:
+def run(cfg: config.Config) -> Result:
     """For each scene the recovered profile with its band, against the true one in contact.
 
     Raises `BadInput` for invalid scenes, or scenes without surfaces, and more than one method.
     """
     scenes = mapping("shape_from_traction.scenes", cfg["shape_from_traction"]["scenes"])
     refuse(not scenes, "shape_from_traction.scenes names none: give one or more, each a scene.")
+    recovered, estimates, contacts = {}, {}, []
     with config.precision(cfg):
         methods = config.methods(cfg)
         refuse(len(methods) != 1, f"method names {len(methods)}: give one, method=[wiener].")
-        method = next(iter(methods.values()))
-        key, profiles = config.random_key(cfg), {}
+        (method,) = methods.values()
         for name, node in scenes.items():
             with stage(f"recovering the profile: {name}"):
                 solved = SolvedContact(config.simulation({**cfg, "scene": node}))
-                profiles[name] = _recover(solved, method, key)
+                recovered[name], estimates[name] = _recover(solved, method, config.random_key(cfg))
+                contacts.append(str(solved.contact.status))
         line, depth_m = config.line(cfg), float(config.sensor(cfg).depth_m)
-    assumed = (
-        f"Half space, E* known; the mean pressure known; {line.kind} line; noise: "
-        f"{', '.join(cfg['noise'])}; method: {', '.join(cfg['method'])}. The data come from cells "
-        f"{cfg['grid']['refinement']} times finer than those of the estimate. Which cells touch is "
-        "taken from the truth, to compare on."
-    )
 
-    metrics: dict[str, Any] = {}
-    rows = []
-    for name, ds in profiles.items():
-        metrics |= {f"{key}_{name}": value for key, value in _judge(ds).items()}
-        metrics |= {f"{key}_{name}": ds.attrs[key] for key in _OF_THE_SCENE}
-        keys = ("height_range_m", "rms_error_m", "rms_unresolved_m", "rms_exact_pressure_m")
-        sizes = (f"{1e6 * metrics[f'{key}_{name}']:.3g}" for key in keys)
-        rows.append((name, *sizes, f"{metrics[f'coverage_{name}']:.0%}"))
-    dataset = xarray.concat(list(profiles.values()), "scene", combine_attrs="drop_conflicts")
-    dataset = dataset.assign_coords(scene=("scene", list(profiles), {"units": "1"}))
-    table = Table(
-        ("surface", "height in contact, range [um]", "rms error [um]",
-         "of it, what the sensor does not resolve [um]", "from the exact pressure [um]",
-         "90 % band covers"),
-        tuple(rows),
-        "Within the contact, less the mean over it.",
-        tuple(
-            f"{name}: {ds.attrs['quality']}. {ds.attrs['warnings']}"
-            for name, ds in profiles.items()
-            if ds.attrs["quality"] != Quality.GOOD
-        ),
+    answers = answer_variables(estimates, "scene")
+    recovery = ("scene", answers["status"][1], "1", "recovery_{scene}")
+    variables = {
+        name: (("scene", *dims), np.stack([each[name][1] for each in recovered.values()]), *rest)
+        for name, (dims, _, *rest) in next(iter(recovered.values())).items()
+    }
+    del answers["status"]
+    data = dataset(
+        variables | answers | {
+            "contact": ("scene", contacts, "1", "contact_{scene}"), "recovery": recovery,
+        },
+        {"scene": (list(scenes), "1"), "x": (np.asarray(line.x), "m")},
+        depth_m=depth_m,
+        line=line.kind,
+        noise=", ".join(cfg["noise"]),
+        method=", ".join(cfg["method"]),
+        refinement=int(cfg["grid"]["refinement"]),
     )  # fmt: skip
-    return Outcome(
-        "The profile inside the contact, from the recovered pressure",
-        metrics, dataset, _sections(dataset, depth_m, assumed), table,
-    )  # fmt: skip
+    rms = zip(scenes, data["rms_error"].values, strict=True)
+    parts = [f"{1e6 * error:.2g} µm rms ({name.replace('_', ' ')})" for name, error in rms]
+    title = f"Profiles within the contact, from the pressure: right to {', '.join(parts)}"
+    return Result(title, data, sections(__file__, shapes=shapes, pressures=pressures))
 
 
-def _recover(solved: SolvedContact, method: Method, key) -> xarray.Dataset:
-    """One scene: p estimated from the signal, and the profile from that."""
+def _recover(solved: SolvedContact, method: Method, key) -> tuple[Variables, Any]:
+    """One scene: p estimated from the signal, the profile from that, and its errors in contact."""
     sim, problem = solved.sim, solved.problem(key)
     estimate = method(problem).with_warnings(solved.contact.warnings)
     line, skin, p = sim.line, solved.scene.skin, solved.traction()
     touching = np.asarray(solved.contact.touching)[:: sim.refinement]
-    shape, stderr = shape_band(line, skin, estimate, jnp.asarray(touching))
+    shape, stderr = (np.asarray(v) for v in shape_band(line, skin, estimate, jnp.asarray(touching)))
     smoothed = smoothed_truth(p, estimate, problem.forward.is_circular)
+    height = np.asarray(solved.surface.height(line))
     on_surface = np.asarray(solved.surface.height(sim.fine) + solved.contact.gap_m)
-    shapes = {
-        "shape": np.asarray(shape),
-        "shape_resolved": np.asarray(shape_under(line, skin, jnp.asarray(smoothed[0]))),
-        "shape_exact_pressure": np.asarray(shape_under(line, skin, jnp.asarray(p[0]))),
-        "height": np.asarray(solved.surface.height(line)),
-        "skin": on_surface[:: sim.refinement],
+    # Heights are less their mean over the contact; the skin's is the surface's there.
+    resolved, exact = (
+        _less_mean(shape_under(line, skin, jnp.asarray(each)), touching)
+        for each in (smoothed[0], p[0])
+    )
+    lengths = {
+        "shape": shape,
+        "shape_resolved": resolved,
+        "shape_exact_pressure": exact,
+        "height": _less_mean(height, touching),
+        "skin": on_surface[:: sim.refinement] - height[touching].mean(),
+        "shape_stderr": stderr,
     }
-    level = shapes["height"][touching].mean()
-    shapes["skin"] = shapes["skin"] - level
-    for key in ("shape_resolved", "shape_exact_pressure", "height"):
-        shapes[key] = shapes[key] - shapes[key][touching].mean()
-    lengths = {key: ("x", values, {"units": "m"}) for key, values in shapes.items()}
     pressures = {
         "pressure": p[0],
         "pressure_resolved": smoothed[0],
         "pressure_estimate": np.asarray(estimate.value[0]),
         "pressure_estimate_stderr": np.asarray(estimate.stderr[0]),
     }
-    return xarray.Dataset(
-        lengths
-        | {key: ("x", values, {"units": "Pa"}) for key, values in pressures.items()}
-        | {
-            "shape_stderr": ("x", np.asarray(stderr), {"units": "m"}),
-            "touching": ("x", touching.astype(np.int8), {"units": "1"}),
-        },
-        {"x": ("x", np.asarray(line.x), {"units": "m"})},
-        {"contact": solved.contact.status, "recovery": estimate.status} | in_metrics(estimate),
-    )
+    variables: Variables = {name: (("x",), each, "m") for name, each in lengths.items()}
+    variables |= {name: (("x",), each, "Pa") for name, each in pressures.items()}
+    variables["touching"] = (("x",), touching.astype(np.int8), "1")
+    return variables | _errors(lengths, touching), estimate
 
 
-def _judge(ds: xarray.Dataset) -> dict[str, float]:
+def _less_mean(values, touching: np.ndarray) -> np.ndarray:
+    values = np.asarray(values)
+    return values - values[touching].mean()
+
+
+def _errors(lengths: Mapping[str, np.ndarray], touching: np.ndarray) -> Variables:
     """Errors of the recovered profile in contact."""
-    touching = ds["touching"].values == 1
-    height = ds["height"].values[touching]
-    error = {
-        key: ds[key].values[touching] - height
-        for key in ("shape", "shape_resolved", "shape_exact_pressure")
+    inside = {name: values[touching] for name, values in lengths.items()}
+    height, stderr = inside["height"], inside["shape_stderr"]
+
+    def rms(values) -> float:
+        return float(np.sqrt(np.mean(values**2)))
+
+    covered = np.abs(inside["shape"] - height) <= BAND_90 * stderr
+    found = {
+        "height_range": (np.ptp(height), "m"),
+        "rms_error": (rms(inside["shape"] - height), "m"),
+        "rms_unresolved": (rms(inside["shape_resolved"] - height), "m"),
+        "rms_exact_pressure": (rms(inside["shape_exact_pressure"] - height), "m"),
+        "rms_predicted": (rms(stderr), "m"),
+        "coverage": (covered.mean(), "1"),
+        "contact_fraction": (touching.mean(), "1"),
     }
-    rms = {key: float(np.sqrt(np.mean(e**2))) for key, e in error.items()}
-    inside = np.abs(error["shape"]) <= BAND_90 * ds["shape_stderr"].values[touching]
     return {
-        "height_range_m": float(np.ptp(height)),
-        "rms_error_m": rms["shape"],
-        "rms_unresolved_m": rms["shape_resolved"],
-        "rms_exact_pressure_m": rms["shape_exact_pressure"],
-        "rms_predicted_m": float(np.sqrt(np.mean(ds["shape_stderr"].values[touching] ** 2))),
-        "coverage": float(inside.mean()),
-        "contact_fraction": float(touching.mean()),
+        name: ((), value, unit, f"{name}_m_{{scene}}" if unit == "m" else f"{name}_{{scene}}")
+        for name, (value, unit) in found.items()
     }
 
 
-def _sections(ds: xarray.Dataset, depth_m: float, assumed: str) -> tuple[Section, ...]:
-    return (
-        Section(
-            "Recovered profiles",
-            ("The skin is displaced by w(k) = 2/(E* |k|) p(k), and where it touches w is the "
-             "profile, up to a constant. Long waves of p count most: those that the sensor "
-             "passes best, but for the longest, which a rate does not feel.",
-             f"At {1e3 * depth_m:g} mm depth the film feels a wave of p as (1 + kz) e^(-kz): "
-             "what is much shorter than the depth is lost, and the edges come back rounded."),
-            {"shapes": lambda: draw.shapes(ds)},
-            {"shapes": "Left: the surface, the skin on it, and the profile from the noisy signal, "
-             "which is to be compared where the skin touches (shaded). Right: its error there, "
-             "with the method's 90 % band. Dotted: what would come back without noise, so that "
-             "what is left is what the depth takes."},
-        ),
-        Section(
-            "Pressure",
-            (),
-            {"pressures": lambda: draw.pressures(ds)},
-            {"pressures": "The pressure that the profiles come from. Its peaks at sharp edges are "
-             "lost; the profile loses less, as it takes p over |k|."},
-        ),
-        Section(
-            "What was assumed",
-            (assumed,
-             "The band is the method's own: noise and the waves that the assumed spectra leave "
-             "open. A sharp ridge is no draw from such spectra."),
-        ),
-    )  # fmt: skip
+def shapes(ds: xarray.Dataset) -> Figure:
+    """For each scene surface, skin and the profile from the signal; beside it the error in the
+    contact with its band."""
+    rows = []
+    for name in ds["scene"].values:
+        own = ds.sel(scene=name)
+        x, touching = own["x"].values, own["touching"].values == 1
+        across, contact, near = _about_the_contact(x, touching)
+        height, half = own["height"].values, BAND_90 * own["shape_stderr"].values
+        heights = [
+            plot.Curve(own["skin"].values, "skin", look=SKIN, in_view=near),
+            plot.Curve(height, "surface", look=SURFACE, in_view=False),
+            plot.Curve(own["shape"].values, "recovered", look=RECOVERED, in_view=near),
+            plot.Curve(own["shape_resolved"].values, "without noise", look=DOTTED, in_view=near),
+        ]
+        error, missed = (
+            np.where(touching, own[key].values - height, np.nan)
+            for key in ("shape", "shape_resolved")
+        )
+        band = np.where(touching, -half, np.nan), np.where(touching, half, np.nan)
+        errors = [
+            plot.Curve(0 * error, "", band=band, look={**RECOVERED, "linewidth": 0.0},
+                       band_label="90 % band"),
+            plot.Curve(error, "recovered", look=RECOVERED),
+            plot.Curve(missed, "without noise", look=DOTTED),
+        ]  # fmt: skip
+        title = str(name).replace("_", " ").capitalize()
+        rows.append([
+            plot.Panel(heights, across, plot.Axis("height", "m"), x, title, contact),
+            plot.Panel(errors, across, plot.Axis("error", "m"), x, "Error in contact", contact),
+        ])  # fmt: skip
+    return plot.panels(rows, widths=(3, 2), height_in=2.6)
+
+
+def pressures(ds: xarray.Dataset) -> Figure:
+    """For each scene the true and the recovered deviation of p from its mean."""
+    rows = []
+    for name in ds["scene"].values:
+        own = ds.sel(scene=name)
+        x, touching = own["x"].values, own["touching"].values == 1
+        across, contact, near = _about_the_contact(x, touching)
+        p, resolved, value = (
+            own[key].values - own[key].values.mean()
+            for key in ("pressure", "pressure_resolved", "pressure_estimate")
+        )
+        half = BAND_90 * own["pressure_estimate_stderr"].values
+        is_cut = p.max() > 1.5 * (value + half)[near].max()
+        remark = f"; the truth reaches {quantity(p.max(), 'Pa', digits=2)}" if is_cut else ""
+        curves = [
+            plot.Curve(p, "truth", look={**SURFACE, "linewidth": 0.9}, in_view=near & (not is_cut)),
+            plot.Curve(value, "p", band=(value - half, value + half), band_label="90 % band",
+                       in_view=near),
+            plot.Curve(resolved, "truth, as resolved", look=DOTTED, in_view=near),
+        ]  # fmt: skip
+        title = str(name).replace("_", " ").capitalize() + remark
+        rows.append(plot.Panel(curves, across, plot.Axis("p - mean", "Pa"), x, title, contact))
+    return plot.panels(rows, height_in=2.2)
+
+
+def _about_the_contact(x: np.ndarray, touching: np.ndarray):
+    """The axis about the contact in the middle, marks of all contact, and a mask of what is
+    drawn."""
+    spans = stretches(x, touching)
+    inner = [max(abs(left), abs(right)) for left, right in spans if left < 0 < right]
+    reach = min(max(LEAST_M, AROUND * max(inner, default=0.0)), float(x[-1]))
+    look = {"color": SHADE, "alpha": 0.6, "zorder": 0}
+    marks = [
+        plot.Mark(max(left, -reach), "contact", until=min(right, reach), look=look)
+        for left, right in spans if left < reach and right > -reach
+    ]  # fmt: skip
+    return plot.Axis("position x", "m", limits=(-reach, reach)), marks, np.abs(x) <= reach

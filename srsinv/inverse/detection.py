@@ -1,4 +1,4 @@
-"""Detection: the signal strength that a matched filter needs against noise.
+"""Detection: the signal strength that a matched filter needs against noise, and limits by it.
 
 A signal's strength is d' = sqrt(signal^T N^-1 signal), its size over that of the noise along it; in
 white noise sqrt(sum of squares)/rms.
@@ -6,6 +6,8 @@ white noise sqrt(sum of squares)/rms.
 
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2, norm
 
@@ -30,6 +32,36 @@ def needed_wave(false_alarm: float, detection: float) -> float:
     threshold = chi2.isf(false_alarm, 2)
     root: Any = brentq(lambda d: ncx2.sf(threshold, 2, d**2) - detection, 1e-6, STRONGEST)
     return float(root)
+
+
+def last_crossing(at: Float[np.ndarray, " n"], falling: Float[np.ndarray, " n"]) -> float:
+    """Where `falling` last crosses 1, straight between logarithms: NaN where it does not fall so
+    far, and the first of `at` where it is below everywhere."""
+    above = np.flatnonzero(~(falling < 1))
+    if not above.size:
+        return float(at[0])
+    i = above[-1]
+    if i == at.size - 1:
+        return float("nan")
+    x, y = np.log(at[i : i + 2]), np.log(falling[i : i + 2])
+    return float(np.exp(x[0] - y[0] * (x[1] - x[0]) / (y[1] - y[0])))
+
+
+def power_law_exponent(
+    at: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], least: float
+) -> float:
+    """The slope of a straight line through the logarithms, NaN and values up to `least` left out;
+    NaN where fewer than two are left."""
+    good = np.isfinite(values) & (values > least)
+    if good.sum() < 2:
+        return float("nan")
+    return float(np.polyfit(np.log(at[good]), np.log(values[good]), 1)[0])
+
+
+def resolved_wavelength_m(depth_m: float, strength: float) -> float:
+    """The wavelength [m] at which e^(-kz) attenuates a signal of this d' to the noise; NaN where
+    the noise is the stronger."""
+    return float(2 * np.pi * depth_m / np.log(strength)) if strength > 1 else float("nan")
 
 
 def _check(false_alarm: float, detection: float) -> None:

@@ -5,6 +5,8 @@ for the linear law of full contact behind the gain. Powers are per sample, as th
 `forward.noise`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import chi2
@@ -27,6 +29,11 @@ class Bands:
         self._gain, self._noise = np.asarray(gain), np.asarray(noise)
         self.edges = k[edges] - k[1] / 2
         self.middle = np.sqrt(self.edges[:-1] * self.edges[1:])
+
+    @property
+    def gain(self) -> Float[np.ndarray, " band"]:
+        """The gain summed over each band."""
+        return self.sum(self._gain)
 
     def sum(self, values: Float[np.ndarray, "*rows k"]) -> Float[np.ndarray, "*rows band"]:
         """Summed over each band."""
@@ -60,8 +67,10 @@ class Bands:
         return np.stack([_run_about(int(row.argmax()), row > 2) for row in ratio])
 
     def limits(self, usable: Bool[np.ndarray, " band"]) -> Float[np.ndarray, "2"]:
-        """Lower and upper limit of the usable bands [rad/m]."""
+        """Lower and upper limit of the usable bands [rad/m], NaN where there are none."""
         at = np.flatnonzero(usable)
+        if not at.size:
+            return np.full(2, np.nan)
         return self.edges[[at[0], at[-1] + 1]]
 
     def _add(self, values: np.ndarray) -> np.ndarray:
@@ -73,6 +82,54 @@ def _run_about(top: int, mask: np.ndarray) -> np.ndarray:
     """Mask of the run of true values about `top`."""
     left, right = mask[: top + 1][::-1], mask[top:]
     return np.concatenate([np.cumprod(left)[::-1][:-1], np.cumprod(right)]) == 1
+
+
+class HeightSpectra(NamedTuple):
+    """Densities of height [m^3] in bands of wavenumber, by the linear law of full contact.
+
+    - `densities`, with their bands of 90 % from `low` to `high`; `mean` of the draws.
+    - `expected`: of the true density; `usable`: which have more signal than noise, with their
+      `limits` [rad/m].
+    - `ratio`: power estimated over the true one, in the usable bands.
+    """
+
+    densities: Float[np.ndarray, "contact texture draw band"]
+    low: Float[np.ndarray, "contact texture draw band"]
+    high: Float[np.ndarray, "contact texture draw band"]
+    mean: Float[np.ndarray, "contact texture band"]
+    expected: Float[np.ndarray, "texture band"]
+    usable: Bool[np.ndarray, "texture band"]
+    limits: Float[np.ndarray, "texture 2"]
+    ratio: Float[np.ndarray, "contact texture"]
+
+    @property
+    def coverage(self) -> float:
+        """Fraction of usable bands under the first pressure that hold the expected density."""
+        expected = self.expected[:, None]
+        inside = (self.low[0] <= expected) & (expected <= self.high[0])
+        return float(inside[np.broadcast_to(self.usable[:, None], inside.shape)].mean())
+
+
+def height_spectra(
+    bands: Bands,
+    power: Float[np.ndarray, "contact texture draw k"],
+    truth: Float[np.ndarray, "texture k"],
+) -> HeightSpectra:
+    """Spectra of heights from the power of whole windows; `truth` is their density [m^3]."""
+    expected, usable = bands.average(truth), bands.usable(power[0].mean(axis=1))
+    mean = bands.density(power.mean(axis=2))[0]
+    weights = usable * bands.gain
+    densities, low, high = bands.density(power)
+    return HeightSpectra(
+        densities,
+        low,
+        high,
+        mean,
+        expected,
+        usable,
+        np.stack([bands.limits(row) for row in usable]),
+        np.sum(weights * mean, axis=-1) / np.sum(weights * expected, axis=-1),
+    )
 
 
 def tapered_power(
@@ -105,6 +162,14 @@ def nearest(
     """
     waves, spectra = power[..., None, 1:-1], references[:, 1:-1]
     return np.sum(waves / spectra + np.log(spectra), axis=-1).argmin(axis=-1)
+
+
+def confusion(
+    power: Float[np.ndarray, "truth draw j"], references: Float[np.ndarray, "reference j"]
+) -> Int[np.ndarray, "truth reference"]:
+    """How many draws of each texture are nearest to each reference."""
+    count = len(references)
+    return np.stack([np.bincount(row, minlength=count) for row in nearest(power, references)])
 
 
 def _hann(samples: int) -> np.ndarray:

@@ -1,9 +1,11 @@
 """Quality of the answers of a job, as variables of its result."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from ..inverse.estimate import Estimate
+from ..inverse.quality import Quality
+from ..status import Status
 
 
 def answer_variables(
@@ -20,7 +22,21 @@ def answer_variables(
     }
 
 
-def answer_of(estimate: Estimate) -> dict[str, tuple[Any, ...]]:
+@runtime_checkable
+class Answer(Protocol):
+    """What has a quality: an estimate, or the answer of a job that has no sensor model."""
+
+    @property
+    def quality(self) -> Quality: ...
+    @property
+    def status(self) -> Status: ...
+    @property
+    def warnings(self) -> tuple[str, ...]: ...
+    @property
+    def reasons(self) -> tuple[str, ...]: ...
+
+
+def answer_of(estimate: Answer) -> dict[str, tuple[Any, ...]]:
     """The same for a job's only answer."""
     return {
         "quality": ((), str(estimate.quality), "1", "quality"),

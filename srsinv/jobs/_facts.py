@@ -57,11 +57,10 @@ def of_simulation(sim: Simulation, noises: Iterable[str], effects: Iterable[str]
     }
 
 
-def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
-    """A recording; `times` is the configuration's word for how the file's times are taken."""
-    missing = np.isnan(recording.signal)
-    rows = recording.missing_rows
-    speed = recording.speed_m_per_s
+def of_samples(recording: Recording, times: Any) -> Facts:
+    """The samples of a recording; `times` is the configuration's word for how the file's times are
+    taken."""
+    missing, rows = np.isnan(recording.signal), recording.missing_rows
     return {
         "recording": recording.name,
         "recording_samples": int(recording.time_s.size),
@@ -70,6 +69,14 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
         "rows_missing_places": int(recording.gaps),
         "other_samples_missing": int(missing.sum()) - rows * len(recording.channels),
         "times_ignored": int(times == "ignore"),
+    }
+
+
+def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
+    """A recording and its problem; `times` as in `of_samples`."""
+    speed = recording.speed_m_per_s
+    return {
+        **of_samples(recording, times),
         "is_steady": int(recording.is_constant_speed(STEADY)),
         "speed_m_per_s": float(speed.mean()),
         "speed_least_m_per_s": float(speed.min()),

@@ -82,7 +82,9 @@ def best_unit(units: str, *values: Any) -> tuple[float, str]:
     """The factor on SI values and the unit with the prefix that brings the largest of `values`
     between 1 and 1000. Units that take no prefix (counts, powers) are only written out."""
     if units not in _PREFIXED:
-        return 1.0, re.sub(r"\((\w+)\)", r"\1", units).replace("^2", "²").removesuffix("/1")
+        return 1.0, re.sub(r"\((\w+)\)", r"\1", units).replace("^2", "²").replace(
+            "^3", "³"
+        ).removesuffix("/1")
     tops = [np.max(np.abs(v), where=np.isfinite(v), initial=0.0) for v in map(_numbers, values)]
     top = float(max(tops, default=0.0))
     # Rounded first: 0.99996e-3 is 1e-3.

@@ -1,5 +1,6 @@
 """The direction of a ridge from one noisy circle over it."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -7,7 +8,7 @@ from srsinv.forward.amplifier import ChargeReadout
 from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.direction import DirectionFinder
+from srsinv.inverse.direction import DirectionFinder, angle_bounds_deg
 from tests.refusals import refused
 from tests.tiers import quick
 
@@ -73,6 +74,15 @@ def test_standard_errors_are_those_of_the_noise(directions):
         for (angle, _, _), direction in directions
     ]
     assert 0.5 < np.sum(np.square(pulls)) < 17  # 99 % of five
+
+
+def test_standard_error_of_an_angle_is_at_the_bound(directions):
+    """At 20 dB the model is nearly linear over the error: fits reach Cramer and Rao's bound."""
+    circling = Circling(sensor(directions[0][0][2].shape[0]), CIRCLE)
+    for (angle, distance, _), direction in directions:
+        ridge = ObliqueRidge(0.0, distance, 1.0, 0.5e-3, -0.4)
+        (bound,) = np.asarray(angle_bounds_deg(circling, ridge, jnp.deg2rad(jnp.asarray([angle])), 20.0))
+        assert direction.parameters["angle_deg"][1] == pytest.approx(bound, rel=0.15)
 
 
 def test_refused():

@@ -11,6 +11,8 @@ from .cost import cost as cost
 from .curves import curves as curves
 from .estimates import averaging_kernel as averaging_kernel
 from .estimates import estimates as estimates
+from .long import extremes as extremes
+from .long import in_columns as in_columns
 from .matrix import matrix as matrix
 from .panels import Axis as Axis
 from .panels import Curve as Curve

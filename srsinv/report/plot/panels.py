@@ -123,7 +123,8 @@ def panels(
                 place.remove()
                 continue
             column = [each[c] for each in rows if c < len(each)] if is_shared else [panel]
-            is_lowest = not is_shared or i == len(rows) - 1
+            is_lowest = not is_shared or all(len(below) <= c for below in rows[i + 1 :])
+            place.tick_params(labelbottom=is_lowest)
             _draw(place, panel, column, units, palette, is_lowest)
             if legend == "beside":
                 legend_beside(place)

@@ -27,16 +27,20 @@ def spread(
     bands: Mapping[str, tuple[float, float]] | None = None,
     log: Sequence[str] = (),
     labels: Mapping[str, str] | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    band_label: str = "chance",
     title: str = "",
 ) -> Figure:
     """A panel for each heading in `names`, with the variables that it shows, over the labels of the
-    dimension `rows`.
+    dimension `rows`. Without draws, the bars of a variable NAME that has a NAME_stderr beside it
+    are one standard error.
 
     - `draws`: the dimension of which the mean, the least and the greatest are drawn.
     - `over`: a further dimension of which every label has marks of its own.
     - `expected`: by heading a value that would be right, or one not to be exceeded,
       `expected_label` in the legend; `bands`: by heading the range of chance about it, both in SI
-      units; `log`: the headings of logarithmic axes.
+      units, `band_label` its words; `log`: the headings of logarithmic axes, `limits` by heading
+      the ends of an axis in SI units.
     - `labels`: words in the legend for the variables' names.
     """
     entries = [_words(each) for each in dataset[rows].values]
@@ -49,12 +53,14 @@ def spread(
         unit = scale(units_of(dataset[shown[0]]), *(dataset[name].values for name in shown))
         low, high = (bands or {}).get(heading, (np.nan, np.nan))
         if np.isfinite(low):
-            axes.axvspan(low * unit.factor, high * unit.factor, color="#dfe3e7", label="chance")
+            axes.axvspan(low * unit.factor, high * unit.factor, color="#dfe3e7", label=band_label)
         if heading in (expected or {}):
             at = (expected or {})[heading] * unit.factor
             axes.axvline(at, color=TRUTH, linestyle="--", linewidth=0.9, label=expected_label)
         _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
         axes.set(title=heading, xlabel=f"[{unit.unit}]", ylim=(len(entries) - 0.5, -0.5))
+        ends = (limits or {}).get(heading)
+        axes.set_xlim([end * unit.factor for end in ends] if ends else None)
         axes.set_xscale("log" if heading in log else "linear")
         axes.grid(axis="y", visible=False)
     grid[0].set_yticks(range(len(entries)), entries)
@@ -81,10 +87,14 @@ def _marks(axes, dataset, shown, rows, draws, over, factor: float, labels) -> No
         values = factor * array.transpose(rows, *([draws] if has_draws else [])).values
         mean = values.mean(axis=-1) if has_draws else values
         ends = (values.min(axis=-1), values.max(axis=-1)) if has_draws else (mean, mean)
+        stderr = dataset.get(f"{name}_stderr")
+        if stderr is not None and not has_draws and stderr.dims == (rows,):
+            ends = mean - factor * stderr.values, mean + factor * stderr.values
+        has_bars = ends[0] is not mean
         at = np.arange(len(mean)) + _APART * (g - (len(groups) - 1) / 2)
         axes.errorbar(
             mean, at, xerr=[mean - ends[0], ends[1] - mean], fmt=_MARKERS[g % len(_MARKERS)],
-            color=palette[word], capsize=3 if has_draws else 0, markersize=6, label=word or None,
+            color=palette[word], capsize=3 if has_bars else 0, markersize=6, label=word or None,
         )  # fmt: skip
 
 
