@@ -177,4 +177,5 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "quantity": _quantities,
     "spoken": _each(_spoken),
     "value": _each(text.format_value),
+    "with_error": lambda value, stderr, units="1": text.quantity(value, units, stderr),
 }
