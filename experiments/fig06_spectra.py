@@ -77,7 +77,8 @@ def filters(ds: xarray.Dataset) -> Figure:
     across, at = wavenumbers(k, gain, cutoff), float(cutoff[0])
     marks = [plot.Mark(at, f"cut-off, {wavelength_mm(at):.3g} mm")] if np.isfinite(at) else []
     lines = {
-        str(name): row for name, row in zip(ds["method"].values, ds["filter"].values, strict=True)
+        str(name): row
+        for name, row in zip(ds["method"].values, ds["filter"].values[:, 1:], strict=True)
     }
     # An unregularised inverse grows without bound: the lowest filter sets the limits.
     lowest = min(np.nanmax(row) for row in lines.values())

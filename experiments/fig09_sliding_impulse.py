@@ -5,18 +5,20 @@ from typing import Any
 import jax
 import numpy as np
 import xarray
-from srsinv.report.outcome import Outcome, Section, Table
+from matplotlib.figure import Figure
 
-from srsinv import config
-from srsinv.effects.snap_back import SnapBack
+from srsinv import config, plot
 from srsinv.errors import refuse
 from srsinv.forward.trace import trace
-from srsinv.report import figures
+from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.section import sections
 
 IDEAL, TILTED, SNAPPING = "ideal", "tilted", "tilted, snap-back"
+BURST = ("rate_hz", "contact_m", "patch_m", "shear_Pa", "decay_s")
+SHOWN_M = 5e-3  # on each side of the impulse
 
 
-def run(cfg: config.Config) -> Outcome:
+def run(cfg: config.Config) -> Result:
     """The signal of the impulse, ideal, from a tilted film, and with bursts of snap-back.
 
     Raises `BadInput` for a sensor that has not one element, without film_angle and snap_back among
@@ -32,119 +34,81 @@ def run(cfg: config.Config) -> Outcome:
         elements = len(ideal.sensor.elements)
         refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
         tilted = config.simulation(config.select_effects(cfg, others | {"film_angle"}))
-        snapping = config.simulation(cfg)
-        key = config.random_key(cfg)
-        clean = {IDEAL: trace(ideal, key).signal[0], TILTED: trace(tilted, key).signal[0]}
-        keys = jax.random.split(key, passes)
-        each = np.stack([trace(snapping, one).signal[0] for one in keys])
-        x, k = np.asarray(ideal.line.x), np.asarray(ideal.line.k)
+        snapping, key = config.simulation(cfg), config.random_key(cfg)
+        clean = np.stack([trace(sim, key).signal[0] for sim in (ideal, tilted)])
+        each = np.stack([trace(snapping, one).signal[0] for one in jax.random.split(key, passes)])
         effects: dict[str, Any] = config.effects(cfg)
-        friction = config.part(cfg, "scene")["base_friction"]
-        assumed = (
-            f"Half space, open line, {float(ideal.scan.speed_m_per_s):g} m/s, friction "
-            f"{friction:g}. {_words(effects['snap_back'])} Effects on: {', '.join(cfg['effects'])}."
-        )
+        bursts = effects["snap_back"]
         tilt_deg = float(np.rad2deg(effects["film_angle"].tilt_rad))
+
     unit = ideal.sensor.amplifier.unit
-    bursts = each - clean[TILTED]
-    wavelength = _finest(k, clean[IDEAL], clean[TILTED], bursts)
-    lobes = {name: _lobes(signal) for name, signal in (clean | {SNAPPING: each}).items()}
-    metrics = {
-        "leading_lobe_ratio": lobes[TILTED][0].item() / lobes[IDEAL][0].item(),
-        "trailing_lobe_ratio": lobes[TILTED][1].item() / lobes[IDEAL][1].item(),
-        "leading_lobe_scatter": float(np.std(lobes[SNAPPING][0]) / lobes[IDEAL][0].item()),
-        "bursts_rms_V": float(np.std(bursts)),
-        "finest_wavelength_m": wavelength,
+    data = dataset(
+        {
+            "signal": (("case", "x"), clean, unit),
+            "passes": (("pass_number", "x"), each, unit),
+            **_lobes(clean, each, unit),
+            **scalars(_blur(np.asarray(ideal.line.k), clean, each)),
+        },
+        {"case": ([IDEAL, TILTED], "1"), "x": (np.asarray(ideal.line.x), "m"),
+         "pass_number": (np.arange(passes), "1"), "lobe": (["leading", "trailing"], "1"),
+         "trace": ([IDEAL, TILTED, SNAPPING], "1")},
+        tilt_deg=tilt_deg, speed_m_per_s=float(ideal.scan.speed_m_per_s),
+        friction=config.part(cfg, "scene")["base_friction"],
+        **{f"burst_{name}": float(getattr(bursts, name)) for name in BURST},
+        effects_on=", ".join(cfg["effects"]),
+    )  # fmt: skip
+    percent = 100 * data["lobe_ratio"].values
+    left = "{:.0f} % of the leading lobe and {:.0f} % of the trailing one"
+    title = f"A tilt of {tilt_deg:.3g}° leaves {left.format(*percent)}"
+    return Result(title, data, sections(__file__, traces=draw_traces))
+
+
+def _lobes(clean: np.ndarray, each: np.ndarray, unit: str) -> dict[str, tuple[Any, ...]]:
+    """The largest size of the signal before and after the impulse, `lobe_peak` (trace, lobe): of
+    the passes their mean, and as `lobe_scatter` their standard deviation."""
+    half = clean.shape[-1] // 2
+
+    def sizes(signal: np.ndarray) -> np.ndarray:
+        return np.stack([np.abs(part).max(-1) for part in (signal[..., :half], signal[..., half:])])
+
+    ideal, tilted = sizes(clean).T
+    snapping = sizes(each)
+    mean, scatter = snapping.mean(axis=1), snapping.std(axis=1)
+    nothing = np.full(2, np.nan)
+    by = ("trace", "lobe")
+    return {
+        "lobe_peak": (by, np.stack([ideal, tilted, mean]), unit),
+        "lobe_scatter": (by, np.stack([nothing, nothing, scatter]), unit),
+        "lobe_ratio": ("lobe", tilted / ideal, "1", "{lobe}_lobe_ratio"),
+        **scalars({"leading_lobe_scatter": float(scatter[0] / ideal[0])}),
     }
-    dataset = xarray.Dataset(
-        {
-            "signal": (("case", "x"), np.stack(list(clean.values())), {"units": unit}),
-            "passes": (("pass_number", "x"), each, {"units": unit}),
-        },
-        {
-            "case": ("case", list(clean), {"units": "1"}),
-            "x": ("x", x, {"units": "m"}),
-            "pass_number": ("pass_number", np.arange(passes), {"units": "1"}),
-        },
-    )
-    table = Table(
-        ("", f"leading lobe [u{unit}]", f"trailing lobe [u{unit}]"),
-        tuple((name, *map(_spread, pair)) for name, pair in lobes.items()),
-        "Largest size of the signal before and after the impulse; of the passes their mean and "
-        "scatter.",
-    )  # fmt: skip
-    return Outcome(
-        "An impulse slides over the film: tilt and snap-back", metrics, dataset,
-        _sections(dataset, metrics, table, tilt_deg, assumed), table,
-    )  # fmt: skip
 
 
-def _spread(volts: np.ndarray) -> str:
-    scatter = f" +- {1e6 * np.std(volts):.2g}" if volts.size > 1 else ""
-    return f"{1e6 * np.mean(volts):.3g}{scatter}"
-
-
-def _lobes(signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest size of the signal (..., x) in the first and the second half of the line."""
-    half = signal.shape[-1] // 2
-    return np.abs(signal[..., :half]).max(-1), np.abs(signal[..., half:]).max(-1)
-
-
-def _finest(k, ideal, tilted, bursts) -> float:
-    """Shortest wavelength [m] at which one pass of the impulse is still above the bursts."""
-    power = np.abs(np.fft.rfft(tilted)) ** 2
+def _blur(k: np.ndarray, clean: np.ndarray, each: np.ndarray) -> dict[str, float]:
+    """Rms of the bursts, and the shortest wavelength at which one pass of the impulse is still
+    above them."""
+    bursts = each - clean[1]
+    power = np.abs(np.fft.rfft(clean[1])) ** 2
     noise = np.mean(np.abs(np.fft.rfft(bursts)) ** 2, axis=0)
     # Both smoothed over a few wavenumbers, as the periodogram of some passes scatters.
-    window = np.ones(9) / 9
-    above = np.convolve(power - noise, window, "same") > 0
-    return float(2 * np.pi / k[np.flatnonzero(above[1:]).max() + 1]) if above[1:].any() else np.inf
+    above = np.convolve(power - noise, np.ones(9) / 9, "same") > 0
+    finest = 2 * np.pi / k[np.flatnonzero(above[1:]).max() + 1] if above[1:].any() else np.inf
+    return {"bursts_rms_V": float(np.std(bursts)), "finest_wavelength_m": float(finest)}
 
 
-def _words(bursts: SnapBack) -> str:
-    return (
-        f"Bursts: {bursts.rate_hz:g} per second over {1e3 * bursts.contact_m:g} mm of contact, "
-        f"each on a patch of {1e3 * bursts.patch_m:g} mm, {bursts.shear_Pa:g} Pa rms, decaying "
-        f"over {1e3 * bursts.decay_s:g} ms."
+def draw_traces(ds: xarray.Dataset) -> Figure:
+    """The signals without bursts, one pass with bursts, and the mean of all passes."""
+    across = plot.Axis("position of the film from the impulse", "m", limits=(-SHOWN_M, SHOWN_M))
+    up, passes = plot.Axis("signal", ds["signal"].attrs["units"]), ds["passes"].values
+    ideal, tilted = ds["signal"].values
+    known = plot.Curve(tilted, TILTED, look={"linestyle": "--"})
+    parts = {
+        "Without bursts": plot.Curve(ideal, IDEAL),
+        "One pass with bursts": plot.Curve(passes[0], "with bursts"),
+        f"Mean of {len(passes)} passes with bursts": plot.Curve(passes.mean(axis=0), "with bursts"),
+    }
+    x = ds["x"].values
+    return plot.panels(
+        [plot.Panel([own, known], across, up, x, title) for title, own in parts.items()],
+        height_in=1.7,
     )
-
-
-def _sections(
-    ds: xarray.Dataset, metrics, table: Table, tilt_deg: float, assumed: str
-) -> tuple[Section, ...]:
-    near = ds.sel(x=slice(-5e-3, 5e-3))
-    unit = ds["signal"].attrs["units"]
-
-    def traces():
-        lines = {
-            str(name): 1e6 * near["signal"].sel(case=name).values for name in ds["case"].values
-        }
-        one = {SNAPPING: 1e6 * near["passes"].values[0], "mean of all passes":
-               1e6 * near["passes"].values.mean(0)}  # fmt: skip
-        parts = [
-            figures.Panel(title="Without bursts", ylabel=f"signal [µ{unit}]", lines=lines),
-            figures.Panel(title="One pass, and the mean of all", ylabel=f"signal [µ{unit}]",
-                          lines=one),
-        ]  # fmt: skip
-        return figures.panels(near["x"].values, parts, "position of the film from the impulse")
-
-    return (
-        Section(
-            "The impulse as it is felt",
-            (f"A tilt of {tilt_deg:g} degrees leaves {metrics['leading_lobe_ratio']:.0%} of the "
-             f"lobe that comes first and {metrics['trailing_lobe_ratio']:.0%} of the other: it "
-             "brings in the shear stress, which is odd where the ideal signal is even. Bursts of "
-             f"{1e6 * metrics['bursts_rms_V']:.2g} µV rms hide what is finer than "
-             f"{1e3 * metrics['finest_wavelength_m']:.2g} mm in one pass: this is the blur, and a "
-             "mean of passes takes it away again.",),
-            {"traces": traces},
-            {"traces": "The film comes from the left. The mean of all passes is what the tilted "
-             "film feels without bursts, but for what is left of them."},
-            tables=(table,),
-        ),
-        Section(
-            "What was assumed",
-            (assumed,
-             "Both causes are named by the paper, without numbers: the tilt and the bursts here "
-             "are stated, not fitted."),
-        ),
-    )  # fmt: skip

@@ -1,46 +1,39 @@
 """Tape on a smooth plate, its leading edge catching the skin: the paper's Fig. 13."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray
+from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
-from srsinv.jobs.analysis import element_names, in_metrics, notes_on
-from srsinv.report.figures import tape as draw
-from srsinv.report.outcome import Outcome, Section, Table
 
-from srsinv import config
+from srsinv import config, plot
 from srsinv.errors import BadInput, number, refuse
 from srsinv.forward.scan import Motion
 from srsinv.forward.surface import Surface, Tape
+from srsinv.forward.surface_feature import SurfaceFeature
 from srsinv.inverse.cells import Window
 from srsinv.inverse.estimate import COMPONENTS, Estimate
 from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
+from srsinv.jobs._answers import answer_variables
 from srsinv.progress import stage
-from srsinv.report.text import listed
+from srsinv.report.plot.style import short
+from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.section import sections
+from srsinv.report.text import format_with_error, listed
 
 EDGES = ("leading", "trailing")
-CASES = ("as it is", "base friction alone", "no friction")
+CASES = {  # with the end of its metrics' names
+    "as it is": "",
+    "base friction alone": "_base_friction",
+    "no friction": "_frictionless",
+    "with noise": "_with_noise",
+}
 
 
-class Edges(NamedTuple):
-    """Signals about the tape's edges.
-
-    `signals` (case, element, x); at `from_edge` [m] their `even` and `odd` parts about the edges'
-    `places` [m] (case, edge, element, from_edge); `ratio` (case, edge), rms of even over odd.
-    """
-
-    signals: np.ndarray
-    places: np.ndarray
-    from_edge: np.ndarray
-    even: np.ndarray
-    odd: np.ndarray
-    ratio: np.ndarray
-
-
-def run(cfg: config.Config) -> Outcome:
+def run(cfg: config.Config) -> Result:
     """Signal, recovered p and q, each edge's antisymmetry and the fitted frictions.
 
     Raises `BadInput` for a scene that is not one tape, a feature that is not a tape, and edges
@@ -54,115 +47,31 @@ def run(cfg: config.Config) -> Outcome:
         tape = solved.surface.only(Tape)
         if tape is None:
             raise BadInput("scene is not one tape: use scene=tape.")
-        around = number("fig13_tape.around_edge_m", cfg["fig13_tape"]["around_edge_m"],
-                        "a positive length, up to half the tape's width",
+        wanted = "a positive length, up to half the tape's width"
+        around = number("fig13_tape.around_edge_m", cfg["fig13_tape"]["around_edge_m"], wanted,
                         above=0, most=float(tape.width_m) / 2)  # fmt: skip
         problem = solved.problem(config.random_key(cfg))
         with stage("inverting"):
             estimate = method(problem)
         with stage("fitting the tape"):
             fitted = _fit(solved, feature, problem)
-        edges = _edges(solved, tape, problem, around)
-        dataset = _dataset(solved, problem, estimate, edges)
-    assumed = (
-        "Half space; Coulomb friction with a zone of its own at each edge; "
-        f"{sim.line.kind} line; noise: {', '.join(cfg['noise'])}; effects on: "
-        f"{listed(cfg['effects'])}. The data come from cells {sim.refinement} times finer than "
-        "those of the estimate. The fit knows the load, the skin and the length over which the "
-        "edges rise, nothing else."
-    )
-    base = float(solved.surface.base_friction)
-    true = {name: getattr(tape, name, None) for name in fitted.parameters}
-    true = {name: base if value is None else float(value) for name, value in true.items()}
-    metrics = _metrics(solved, estimate, fitted, edges, true)
-    cases = zip(dataset["case"].values, edges.ratio, strict=True)
-    table = Table(
-        ("", "leading edge", "trailing edge"),
-        (
-            *((f"antisymmetry, {case}", *map(float, row)) for case, row in cases),
-            *_friction_rows(fitted.parameters, true),
-        ),
-        "Antisymmetry: rms of the signal's even over its odd part about the edge.",
-        notes_on(
-            {"method": name, "quality": each.quality, "reasons": each.reasons}
-            for name, each in (("The recovery", estimate), ("The fit", fitted))
-        ),
-    )
-    return Outcome(
-        "Tape on a plate: a leading edge that catches", metrics, dataset,
-        _sections(dataset, metrics, fitted.parameters, true, around, assumed), table,
+        from_edge = np.linspace(-around, around, 257)
+        variables = _edges(solved, tape, problem, from_edge)
+        variables |= _recovered(solved.traction(), estimate, problem.forward.is_circular)
+    data = dataset(
+        variables | answer_variables({"recovery": estimate, "fit": fitted}, "answer")
+        | scalars(_numbers(solved, tape, estimate, fitted)),
+        {"case": (list(CASES), "1"), "metric_end": ("case", list(CASES.values()), "1"),
+         "edge": (list(EDGES), "1"), "element": (sim.sensor.element_names, "1"),
+         "component": (list(COMPONENTS), "1"), "answer": (["recovery", "fit"], "1"),
+         "parameter": (list(fitted.parameters), "1"),
+         "x": (np.asarray(sim.line.x), "m"), "from_edge": (from_edge, "m")},
+        speed_direction=float(sim.scan.direction), around_edge_m=around, line=sim.line.kind,
+        refinement=sim.refinement, noise=", ".join(cfg["noise"]), effects_on=listed(cfg["effects"]),
     )  # fmt: skip
-
-
-def _edges(solved: SolvedContact, tape: Tape, problem: LineProblem, around: float) -> Edges:
-    """Edges with the given frictions, with the base's alone, with none, and with noise."""
-    sim, base = solved.sim, float(solved.surface.base_friction)
-    signals = [solved.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
-    all_signals = np.stack([*signals, problem.data])
-    half = float(sim.scan.direction) * float(tape.width_m) / 2
-    places = float(tape.position_m) + half * np.array([-1.0, 1.0])
-    from_edge = np.linspace(-around, around, 257)
-    along = CubicSpline(np.asarray(sim.line.x), all_signals, axis=-1)
-    near = along(places[:, None] + from_edge).swapaxes(1, 2)
-    even, odd = (near + near[..., ::-1]) / 2, (near - near[..., ::-1]) / 2
-    ratio = np.sqrt(np.sum(even**2, axis=(2, 3)) / np.sum(odd**2, axis=(2, 3)))
-    return Edges(all_signals, places, from_edge, even, odd, ratio)
-
-
-def _metrics(solved, estimate, fitted, edges: Edges, true) -> dict[str, Any]:
-    cases = ("", "_base_friction", "_frictionless", "_with_noise")
-    metrics: dict[str, Any] = {
-        f"antisymmetry_{edge}{case}": float(value)
-        for case, values in zip(cases, edges.ratio, strict=True)
-        for edge, value in zip(EDGES, values, strict=True)
-    }
-    metrics |= {
-        "pressure_min_Pa": float(solved.contact.pressure_Pa.min()),
-        "pressure_max_Pa": float(solved.contact.pressure_Pa.max()),
-        "contact": solved.contact.status,
-        "recovery": estimate.status,
-        "fit": fitted.status,
-        "chi2_per_freedom": fitted.chi2_per_freedom,
-        **{f"{what}_recovery": said for what, said in in_metrics(estimate).items()},
-        **{f"{what}_fit": said for what, said in in_metrics(fitted).items()},
-    }
-    for name, (value, stderr) in fitted.parameters.items():
-        metrics |= {name: value, f"{name}_stderr": stderr, f"{name}_true": true[name]}
-    return metrics
-
-
-def _dataset(solved: SolvedContact, problem: LineProblem, estimate: Estimate, edges: Edges):
-    sim, truth = solved.sim, solved.traction()
-    along, parts = ("component", "x"), ("case", "edge", "element", "from_edge")
-    unit = sim.sensor.amplifier.unit
-    variables = {
-        "signal": (("case", "element", "x"), edges.signals, unit),
-        "even": (parts, edges.even, unit),
-        "odd": (parts, edges.odd, unit),
-        "antisymmetry": (("case", "edge"), edges.ratio, "1"),
-        "traction": (along, truth, "Pa"),
-        "traction_resolved": (
-            along,
-            smoothed_truth(truth, estimate, problem.forward.is_circular),
-            "Pa",
-        ),
-        "estimate": (along, np.asarray(estimate.value), "Pa"),
-        "estimate_stderr": (along, np.asarray(estimate.stderr), "Pa"),
-        "edge_position": (("edge",), edges.places, "m"),
-    }
-    coordinates = {
-        "case": ((*CASES, "with noise"), "1"),
-        "edge": (EDGES, "1"),
-        "element": (element_names(sim.sensor), "1"),
-        "component": (COMPONENTS, "1"),
-        "x": (np.asarray(sim.line.x), "m"),
-        "from_edge": (edges.from_edge, "m"),
-    }
-    return xarray.Dataset(
-        {name: (dims, values, {"units": u}) for name, (dims, values, u) in variables.items()},
-        {name: (name, list(values), {"units": u}) for name, (values, u) in coordinates.items()},
-        {"speed_direction": float(sim.scan.direction)},
-    )
+    mu = {name: format_with_error(*each) for name, each in fitted.parameters.items()}
+    title = "The tape's leading edge: friction {leading_edge_friction}, base {base_friction}"
+    return Result(title.format(**mu), data, sections(__file__, symmetry=symmetry))
 
 
 def _only(name: str, named: dict):
@@ -171,7 +80,63 @@ def _only(name: str, named: dict):
     return next(iter(named.values()))
 
 
-def _fit(solved, feature, problem):
+def _edges(
+    solved: SolvedContact, tape: Tape, problem: LineProblem, from_edge: np.ndarray
+) -> dict[str, tuple[Any, ...]]:
+    """Signals with the given frictions, with the base's alone, with none, and with noise; their
+    parts even and odd about each edge, and the antisymmetry, rms of even over odd."""
+    sim, base = solved.sim, float(solved.surface.base_friction)
+    signals = [solved.signal(s) for s in (None, Surface((), base), Surface((), 0.0))]
+    signals = np.stack([*signals, problem.data])
+    half = float(sim.scan.direction) * float(tape.width_m) / 2
+    places = float(tape.position_m) + half * np.array([-1.0, 1.0])
+    along = CubicSpline(np.asarray(sim.line.x), signals, axis=-1)
+    near = along(places[:, None] + from_edge).swapaxes(1, 2)
+    even, odd = (near + near[..., ::-1]) / 2, (near - near[..., ::-1]) / 2
+    ratio = np.sqrt(np.sum(even**2, axis=(2, 3)) / np.sum(odd**2, axis=(2, 3)))
+    parts, unit = ("case", "edge", "element", "from_edge"), sim.sensor.amplifier.unit
+    return {
+        "signal": (("case", "element", "x"), signals, unit),
+        "even": (parts, even, unit),
+        "odd": (parts, odd, unit),
+        "antisymmetry": (parts[:2], ratio, "1", "antisymmetry_{edge}{metric_end}"),
+        "edge_position": ("edge", places, "m"),
+    }
+
+
+def _recovered(
+    truth: np.ndarray, estimate: Estimate, is_circular: bool
+) -> dict[str, tuple[Any, ...]]:
+    along, resolved = ("component", "x"), smoothed_truth(truth, estimate, is_circular)
+    return {
+        "traction": (along, truth, "Pa"),
+        "traction_resolved": (along, resolved, "Pa"),
+        "estimate": (along, np.asarray(estimate.value), "Pa"),
+        "estimate_stderr": (along, np.asarray(estimate.stderr), "Pa"),
+    }
+
+
+def _numbers(
+    solved: SolvedContact, tape: Tape, estimate: Estimate, fitted: Estimate
+) -> dict[str, Any]:
+    """Of the contact, the recovery and the fit, whose parameters stand beside their true values."""
+    base = float(solved.surface.base_friction)
+    numbers: dict[str, Any] = {
+        "pressure_min_Pa": float(solved.contact.pressure_Pa.min()),
+        "pressure_max_Pa": float(solved.contact.pressure_Pa.max()),
+        "contact": solved.contact.status,
+        "recovery": estimate.status,
+        "fit": fitted.status,
+        "chi2_per_freedom": fitted.chi2_per_freedom,
+    }
+    for name, (value, stderr) in fitted.parameters.items():
+        true = getattr(tape, name, None)  # the base's friction is no part of the tape
+        true = base if true is None else float(true)
+        numbers |= {name: value, f"{name}_stderr": stderr, f"{name}_true": true}
+    return numbers
+
+
+def _fit(solved: SolvedContact, feature: SurfaceFeature, problem: LineProblem) -> Estimate:
     """The tape's parameters from the signal along x(t); white noise is known, any other kind is
     estimated from the residual."""
     sim, line, scene = solved.sim, solved.sim.line, solved.scene
@@ -188,62 +153,22 @@ def _fit(solved, feature, problem):
     return fitter(features, np.asarray(problem.data)[:, in_time], noise)
 
 
-def _friction_rows(parameters, true):
-    for what, pick in (("fitted friction", lambda name: f"{parameters[name][0]:.4f}"),
-                       ("its standard error", lambda name: f"{parameters[name][1]:.4f}"),
-                       ("true friction", lambda name: f"{true[name]:.4f}")):  # fmt: skip
-        yield (what, *(pick(f"{edge}_edge_friction") for edge in EDGES))
-
-
-def _sections(ds, metrics, parameters, true, around, assumed: str) -> tuple[Section, ...]:
-    lead, trail = (metrics[f"antisymmetry_{edge}"] for edge in EDGES)
-    free = [metrics[f"antisymmetry_{edge}_frictionless"] for edge in EDGES]
-    rows = tuple((name, value, stderr, true[name], f"{(value - true[name]) / stderr:+.1f}")
-                 for name, (value, stderr) in parameters.items())  # fmt: skip
-    return (
-        Section(
-            "Signal",
-            ("The tape's edges press hardest, and the leading one drags on the skin besides.",),
-            {"tape_signals": lambda: draw.signals(ds)},
-            {"tape_signals": "Without friction the signal is odd about the tape's middle, so that "
-             "both edges show the same; friction adds what is even, and they differ."},
-        ),
-        Section(
-            "Antisymmetry of an edge",
-            (f"Within {1e3 * around:g} mm of an edge the signal is split into an even and an odd "
-             "part about it. A line of pressure gives a charge that is even, and a rate that is "
-             "odd; a line of shear an odd charge and an even rate. The index is the rms of the "
-             "rate's even part, which is the charge's antisymmetric one, over that of its odd "
-             "part, over both elements.",
-             f"Leading {lead:.3g}, trailing {trail:.3g}; without friction {free[0]:.6g} and "
-             f"{free[1]:.6g}, equal by mirror symmetry."),
-            {"tape_symmetry": lambda: draw.symmetry(ds)},
-            {"tape_symmetry": "Signals without noise. Even and odd parts of each element with "
-             "friction (full) and without (dashed). A step of pressure alone is mostly even. "
-             "Shear takes the odd part away at the leading edge and adds to it at the trailing "
-             "one; the catch makes the leading edge's even part larger."},
-        ),
-        Section(
-            "Recovered p and q",
-            ("Deviations from the background, from the noisy signal.",),
-            {"tape_traction": lambda: draw.traction(ds)},
-            {"tape_traction": "The truth has peaks at the edges a few micrometres wide, which the "
-             "film's depth rounds: dotted is the truth as the method's averaging kernels would "
-             "show it without noise. The band of 90 % is of noise and of the assumed spectra, "
-             "which know of no such peaks."},
-        ),
-        Section(
-            "Fitted frictions",
-            ("The tape fitted to the same signal through contact and friction: "
-             f"{metrics['quality_fit']}, chi-square per degree of freedom "
-             f"{metrics['chi2_per_freedom']:.4g}.",),
-            tables=(Table(("parameter", "fitted", "standard error", "true",
-                           "off, in standard errors"), rows),),
-        ),
-        Section(
-            "What was assumed",
-            (assumed,
-             f"The pressure is nowhere below {metrics['pressure_min_Pa']:.3g} Pa: contact "
-             f"{metrics['contact']}."),
-        ),
-    )  # fmt: skip
+def symmetry(ds: xarray.Dataset) -> Figure:
+    """Even and odd parts of the signals about each edge, a column for each edge."""
+    across, unit = plot.Axis("distance from the edge", "m"), ds["even"].attrs["units"]
+    cases = {"as it is": "", "no friction": ", no friction"}
+    rows = []
+    for name in ds["element"].values:
+        rows.append([])
+        for edge in EDGES:
+            own = ds.sel(element=name, edge=edge)
+            curves = [
+                plot.Curve(own[part].sel(case=case).values, f"{part}{end}",
+                           look={"color": colour, "linestyle": "--" if end else "-"})
+                for part, colour in (("even", "#d55e00"), ("odd", "#0072b2"))
+                for case, end in cases.items()
+            ]  # fmt: skip
+            title = f"{edge.capitalize()} edge, element {short(name)}"
+            up = plot.Axis(f"signal of element {short(name)}", unit)
+            rows[-1].append(plot.Panel(curves, across, up, ds["from_edge"].values, title))
+    return plot.panels(rows)

@@ -6,10 +6,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import xarray
-from srsinv.jobs.analysis import deviation
-from srsinv.report.outcome import Outcome, Section, Table
+from matplotlib.figure import Figure
 
-from srsinv import config
+from srsinv import config, plot
 from srsinv.errors import refuse
 from srsinv.forward.simulation import Simulation
 from srsinv.inverse.estimate import COMPONENTS
@@ -17,13 +16,22 @@ from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.simulated import problem_of
 from srsinv.parts import merged
 from srsinv.progress import stage
-from srsinv.report import figures
-from srsinv.report.text import listed
+from srsinv.report.plot.stages import QUANTITIES, X, method_looks
+from srsinv.report.plot.style import TRUTH
+from srsinv.report.result import Result, dataset
+from srsinv.report.section import sections
+from srsinv.report.text import listed, significant
 
 ASSUMED = "as assumed"
+GAINS = {  # by component out and in, the upper two 1 if all is right, the lower two 0
+    ("p", "p"): "p recovered of p",
+    ("q", "q"): "q recovered of q",
+    ("q", "p"): "q recovered where there is p",
+    ("p", "q"): "p recovered where there is q",
+}
 
 
-def run(cfg: config.Config) -> Outcome:
+def run(cfg: config.Config) -> Result:
     """The scene, and one sinusoid of p and of q after another, made by each true sensor and
     inverted as the assumed one.
 
@@ -32,34 +40,49 @@ def run(cfg: config.Config) -> Outcome:
     """
     settings, methods = cfg["model_error"], config.methods(cfg)
     refuse(len(methods) != 1, f"method names {len(methods)}: give one, method=wiener.")
-    line_kind, truths = cfg["grid"]["line"], settings["truths"]
+    line_kind, truths = cfg["grid"]["line"], {ASSUMED: {}, **settings["truths"]}
     refuse(line_kind != "periodic", f"grid.line is {line_kind!r}: give periodic, as for sinusoids.")
-    (method,) = methods.values()
+    ((name, method),) = methods.items()
     with config.precision(cfg):
         assumed, key = config.simulation(cfg), config.random_key(cfg)
         waves = _waves(assumed, settings)
-        estimates, gains = {}, {}
-        for name, changes in {ASSUMED: {}, **truths}.items():
-            with stage(f"inverting as a half space: {name}"):
+        traction = assumed.traction(assumed.line)
+        sims, estimates, gains = [], [], []
+        for case, changes in truths.items():
+            with stage(f"inverting as the assumed sensor: {case}"):
                 true = config.simulation(merged(cfg, changes))
-                signal = true.signal()
-                mean_p_Pa = jnp.mean(assumed.traction(assumed.line)[0])
-                problem = problem_of(assumed, signal, mean_p_Pa, key)
-                estimates[name] = np.asarray(method(problem).value)
-                gains[name] = _gains(true, problem, method, waves)
-        truth = np.asarray(assumed.traction(assumed.line))
-        wavelengths = 2 * np.pi / np.asarray(assumed.line.k)[waves]
-    dataset = _dataset(assumed, truth, estimates, gains, wavelengths)
-    metrics = _metrics(dataset)
-    table = _table(dataset)
-    words = (
-        f"Assumed: half space, depth {1e3 * cfg['sensor']['depth_m']:g} mm, effects "
-        f"{listed(cfg['effects'])}; method {', '.join(cfg['method'])}."
-    )
-    return Outcome(
-        "Another sensor than the one that is assumed", metrics, dataset,
-        _sections(dataset, table, words, truths), table,
+                problem = problem_of(assumed, true.signal(), jnp.mean(traction[0]), key)
+                estimates.append(np.asarray(method(problem).value))
+                gains.append(_gains(true, problem, method, waves))
+                sims.append(true)
+    used = [listed(merged(cfg, changes)["effects"]) for changes in truths.values()]
+    variables = _variables(np.asarray(traction), np.stack(estimates), np.stack(gains))
+    data = dataset(
+        {**variables, **_sensors(sims), "effects": ("case", used, "1")},
+        {"case": (list(truths), "1"), "component": (list(COMPONENTS), "1"),
+         "other": ("component", COMPONENTS[::-1], "1"),
+         "component_out": (list(COMPONENTS), "1"), "component_in": (list(COMPONENTS), "1"),
+         "wavelength": (2 * np.pi / np.asarray(assumed.line.k)[waves], "m"),
+         "x": (np.asarray(assumed.line.x), "m")},
+        method=name,
     )  # fmt: skip
+    return Result(
+        _title(data), data, sections(__file__, recovered=recovered, by_wavelength=by_wavelength)
+    )
+
+
+def _title(data: xarray.Dataset) -> str:
+    """The case and component with the largest error, beside the assumed sensor."""
+    error = data["error"]
+    worst = error.isel(error.argmax(...))
+    other, own = (
+        significant(100 * float(each), 3)
+        for each in (worst, error.sel(case=ASSUMED, component=worst["component"]))
+    )
+    return (
+        f"{worst['component'].item()} is off by {other} % with data of another sensor "
+        f"({worst['case'].item()}), by {own} % with those of the assumed one"
+    )
 
 
 def _waves(sim: Simulation, settings: Mapping[str, Any]) -> np.ndarray:
@@ -94,139 +117,63 @@ def _gains(true: Simulation, problem: LineProblem, method, waves: np.ndarray) ->
     return gains
 
 
-def _dataset(sim: Simulation, truth, estimates, gains, wavelengths) -> xarray.Dataset:
-    cases = list(estimates)
-    pairs = np.stack(list(gains.values()))
-    return xarray.Dataset(
-        {
-            "traction": (("component", "x"), truth, {"units": "Pa"}),
-            "estimate": (
-                ("case", "component", "x"), np.stack(list(estimates.values())), {"units": "Pa"},
-            ),
-            "gain": (
-                ("case", "component_out", "component_in", "wavelength"), np.abs(pairs),
-                {"units": "1"},
-            ),
-            "phase": (
-                ("case", "component_out", "component_in", "wavelength"), np.angle(pairs),
-                {"units": "rad"},
-            ),
-        },
-        {
-            "case": ("case", cases, {"units": "1"}),
-            "component": ("component", list(COMPONENTS), {"units": "1"}),
-            "component_out": ("component_out", list(COMPONENTS), {"units": "1"}),
-            "component_in": ("component_in", list(COMPONENTS), {"units": "1"}),
-            "wavelength": ("wavelength", wavelengths, {"units": "m"}),
-            "x": ("x", np.asarray(sim.line.x), {"units": "m"}),
-        },
-    )  # fmt: skip
+def _variables(truth, estimates, gains) -> dict[str, tuple[Any, ...]]:
+    """Recovered traction with its relative error less the means, and the gains of sinusoids."""
+    by, pairs = ("case", "component"), ("case", "component_out", "component_in", "wavelength")
+    wrong = np.linalg.norm(_deviation(estimates) - _deviation(truth), axis=-1)
+    size = np.abs(gains)
+    own = np.einsum("abbw->abw", size)[..., 0]
+    leak = size.max(axis=-1)[:, [1, 0], [0, 1]]
+    return {
+        "traction": (("component", "x"), truth, "Pa"),
+        "estimate": ((*by, "x"), estimates, "Pa"),
+        "error": (by, wrong / np.linalg.norm(_deviation(truth), axis=-1), "1",
+                  "error_{component}_{case}"),
+        "gain": (pairs, size, "1"),
+        "phase": (pairs, np.angle(gains), "rad"),
+        "gain_longest": (by, own, "1", "gain_{component}_longest_{case}"),
+        "leak": (by, leak, "1", "leak_{component}_to_{other}_max_{case}"),
+    }  # fmt: skip
 
 
-def _errors(ds: xarray.Dataset) -> dict[str, dict[str, float]]:
-    everywhere = np.ones(ds.sizes["x"], bool)
-    truth = deviation(ds["traction"].values, everywhere)
-    errors = {}
-    for i, case in enumerate(ds["case"].values):
-        off = deviation(ds["estimate"].values[i], everywhere) - truth
-        size = np.linalg.norm(truth, axis=-1)
-        errors[str(case)] = dict(zip(COMPONENTS, np.linalg.norm(off, axis=-1) / size, strict=True))
-    return errors
+def _sensors(sims: list[Simulation]) -> dict[str, tuple[Any, ...]]:
+    """What the sensors may differ in: skin, depth and angle of the first film, effects."""
+    films = [sim.sensor.elements[0] for sim in sims]
+    turned = np.rad2deg([float(film.angle_rad - films[0].angle_rad) for film in films])
+    return {
+        "skin": ("case", [sim.sensor.skin.words for sim in sims], "1"),
+        "depth": ("case", [float(film.depth_m) for film in films], "m"),
+        "turned": ("case", turned, "deg"),
+    }
 
 
-def _metrics(ds: xarray.Dataset) -> dict[str, Any]:
-    metrics = {}
-    for case, errors in _errors(ds).items():
-        tag = case.replace(" ", "_")
-        metrics |= {f"error_{c}_{tag}": float(error) for c, error in errors.items()}
-        own = ds["gain"].sel(case=case)
-        for c in COMPONENTS:
-            other = COMPONENTS[c == COMPONENTS[0]]
-            gain = own.sel(component_out=c, component_in=c)
-            leak = own.sel(component_out=other, component_in=c)
-            metrics[f"gain_{c}_longest_{tag}"] = float(gain[0])
-            metrics[f"leak_{c}_to_{other}_max_{tag}"] = float(leak.max())
-    return metrics
+def _deviation(values: np.ndarray) -> np.ndarray:
+    return values - values.mean(axis=-1, keepdims=True)
 
 
-def _table(ds: xarray.Dataset) -> Table:
-    rows = []
-    for case, errors in _errors(ds).items():
-        gain = ds["gain"].sel(case=case)
-        leak = [
-            gain.sel(component_out=a, component_in=b).max() for a, b in (("q", "p"), ("p", "q"))
+def recovered(ds: xarray.Dataset) -> Figure:
+    """p and q less their means, recovered from the data of each sensor."""
+    looks, truth = method_looks([str(each) for each in ds["case"].values]), ds["traction"].values
+    parts = []
+    for c, component in enumerate(COMPONENTS):
+        curves = [plot.Curve(_deviation(truth[c]), "truth", look={"color": TRUTH})]
+        for (case, look), values in zip(looks.items(), ds["estimate"].values, strict=True):
+            curves.append(plot.Curve(_deviation(values[c]), case, look=look))
+        up = plot.Axis(f"{component} less its mean", "Pa")
+        parts.append(plot.Panel(curves, X, up, ds["x"].values, QUANTITIES[component].capitalize()))
+    return plot.panels(parts, height_in=2.6)
+
+
+def by_wavelength(ds: xarray.Dataset) -> Figure:
+    """The size of what is recovered of a sinusoid, over its wavelength."""
+    looks = method_looks([str(each) for each in ds["case"].values])
+    across, up = plot.Axis("wavelength", "m", is_log=True), plot.Axis("gain", limits=(0, None))
+    parts = []
+    for (out, into), title in GAINS.items():
+        own = ds["gain"].sel(component_out=out, component_in=into).values
+        curves = [
+            plot.Curve(values, case, look=look)
+            for (case, look), values in zip(looks.items(), own, strict=True)
         ]
-        rows.append((case, *(f"{errors[c]:.1%}" for c in COMPONENTS), *(float(v) for v in leak)))
-    return Table(
-        (
-            "data made by",
-            "error of p",
-            "error of q",
-            "p seen as q, at most",
-            "q seen as p, at most",
-        ),
-        tuple(rows),
-        "Errors of the scene's p and q less their means; of sinusoids, what one component of unit "
-        "size puts into the other.",
-    )
-
-
-def _sections(
-    ds: xarray.Dataset, table: Table, assumed: str, truths: Mapping[str, Any]
-) -> tuple[Section, ...]:
-    wavelength_mm = 1e3 * ds["wavelength"].values
-
-    def recovered():
-        parts = []
-        for i, c in enumerate(COMPONENTS):
-            lines = {"truth": deviation(ds["traction"].values[i], np.ones(ds.sizes["x"], bool))}
-            lines |= {
-                str(case): ds["estimate"].values[j, i] - ds["estimate"].values[j, i].mean()
-                for j, case in enumerate(ds["case"].values)
-            }
-            scaled = {name: values / 1e3 for name, values in lines.items()}
-            title = {"p": "Pressure less its mean", "q": "Shear less its mean"}[c]
-            parts.append(figures.Panel(title=title, ylabel=f"{c} [kPa]", lines=scaled))
-        return figures.panels(ds["x"].values, parts)
-
-    def by_wavelength():
-        shown = (
-            ("p", "p", "p recovered of p"),
-            ("q", "q", "q recovered of q"),
-            ("q", "p", "q seen where there is p"),
-            ("p", "q", "p seen where there is q"),
-        )
-        panels = {
-            title: {
-                str(case): ds["gain"].sel(case=case, component_out=out, component_in=into).values
-                for case in ds["case"].values
-            }
-            for out, into, title in shown
-        }
-        return figures.stacked(wavelength_mm, panels, "wavelength [mm]", "gain [1]")
-
-    return (
-        Section(
-            "The scene, recovered", ("All is inverted as the same ideal half space.",),
-            {"recovered": recovered},
-            {"recovered": "What is wrong with the sensor shows as p and q that look as sure as "
-             "ever: no band of the estimate knows of it."},
-            tables=(table,),
-        ),
-        Section(
-            "Wavelength by wavelength",
-            ("One sinusoid after another, without noise, of the scene's signal power: the size of "
-             "what is recovered over what is there. At short wavelengths the filter gives up "
-             "whatever the sensor.",),
-            {"by_wavelength": by_wavelength},
-            {"by_wavelength": "1 is right in the upper two panels, 0 in the lower two."},
-        ),
-        Section(
-            "What was assumed",
-            (assumed,),
-            tables=(
-                Table(("data made by", "differs in"),
-                      tuple((name, str(changes)) for name, changes in truths.items())),
-            ),
-        ),
-    )  # fmt: skip
+        parts.append(plot.Panel(curves, across, up, ds["wavelength"].values, title))
+    return plot.panels([parts[:2], parts[2:]])

@@ -1,25 +1,28 @@
-"""p and q resolved by two film elements, over their angle; and by one with a wrong mu."""
+"""p and q recovered by two film elements over their angle, and by one with a wrong mu."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray
-from srsinv.jobs.analysis import deviation
-from srsinv.report.figures import curves
-from srsinv.report.outcome import Outcome, Section, Table
+from matplotlib.figure import Figure
 
-from srsinv import config
+from srsinv import config, plot
 from srsinv.errors import refuse
+from srsinv.inverse.estimate import COMPONENTS
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.progress import stage
-from srsinv.report import figures
-from srsinv.report.text import listed
+from srsinv.report.plot.stages import QUANTITIES, X, method_looks
+from srsinv.report.plot.style import TRUTH
+from srsinv.report.result import Result, dataset
+from srsinv.report.section import sections
+from srsinv.report.text import listed, significant
 
-COMPONENTS = ("p", "q")
 
-
-def run(cfg: config.Config) -> Outcome:
+def run(cfg: config.Config) -> Result:
     """Errors of p and q over angles and draws of noise, with their predictions.
 
     Raises `BadInput` for a shown angle that is not swept, or no draw of noise.
@@ -39,69 +42,38 @@ def run(cfg: config.Config) -> Outcome:
         truth = np.asarray(sim.traction(sim.line))
         first = sim.sensor.elements[0].angle_rad
         with stage("sweeping the angle between two elements"):
-            swept = [
-                _estimates(_turned(sim, first + jnp.deg2rad(angle)), methods, keys)
-                for angle in angles
-            ]
+            turned = [_turned(sim, first + jnp.deg2rad(angle)) for angle in angles]
+            swept = [_estimates(each, methods, keys) for each in turned]
         alone = eqx.tree_at(lambda s: s.sensor.elements, sim, sim.sensor.elements[:1])
-        one = _estimates(alone, methods, keys, mu)
+        one = _estimates(alone, methods, keys, mu)[0]
 
-    # (angle, method, seed, component, x) to (method, component, angle, seed)
-    error = np.moveaxis(_relative(np.stack([e[0] for e in swept]), truth), (1, 3, 0), (0, 1, 2))
-    size = np.sqrt(np.mean(_deviation(truth) ** 2, axis=-1))
-    predicted = np.stack([np.sqrt(np.mean(e[1] ** 2, axis=(1, 3))) / size for e in swept])
-    of_one = _relative(one[0], truth).mean(axis=1)  # (method, component)
-    drawn = [angles.index(angle) for angle in shown]
-    dataset = xarray.Dataset(
+    data = dataset(
         {
-            "error": (("method", "component", "angle", "seed"), error, {"units": "1"}),
-            "error_predicted": (
-                ("method", "component", "angle"),
-                np.moveaxis(predicted, 0, -1),
-                {"units": "1"},
-            ),
-            "error_one_element": (("method", "component"), of_one, {"units": "1"}),
-            "traction": (("component", "x"), truth, {"units": "Pa"}),
-            "estimate": (
-                ("angle_shown", "method", "component", "x"),
-                np.stack([swept[a][0][:, 0] for a in drawn]),
-                {"units": "Pa"},
-            ),
-            "estimate_one_element": (
-                ("method", "component", "x"), one[0][:, 0], {"units": "Pa"}
-            ),
+            **_errors(swept, one, truth),
+            "traction": (("component", "x"), truth, "Pa"),
+            "estimate": (("angle_shown", "method", "component", "x"),
+                         np.stack([swept[angles.index(each)][0][:, 0] for each in shown]), "Pa"),
+            "estimate_one_element": (("method", "component", "x"), one[:, 0], "Pa"),
         },
-        {
-            "method": ("method", list(methods), {"units": "1"}),
-            "component": ("component", list(COMPONENTS), {"units": "1"}),
-            "angle": ("angle", angles, {"units": "deg"}),
-            "angle_shown": ("angle_shown", shown, {"units": "deg"}),
-            "x": ("x", np.asarray(sim.line.x), {"units": "m"}),
-        },
+        {"method": (list(methods), "1"), "component": (list(COMPONENTS), "1"),
+         "angle": (angles, "deg"), "angle_shown": (shown, "deg"),
+         "x": (np.asarray(sim.line.x), "m")},
+        assumed_friction=mu, line=sim.line.kind, refinement=sim.refinement,
+        noise=", ".join(cfg["noise"]), effects_on=listed(cfg["effects"]),
     )  # fmt: skip
-    assumed = (
-        f"Half space; {sim.line.kind} line; noise: {', '.join(cfg['noise'])}; effects on: "
-        f"{listed(cfg['effects'])}. The data come from cells {sim.refinement} times finer than "
-        "those of the estimate."
+    return Result(
+        _title(data), data, sections(__file__, against_angle=against_angle, recovered=recovered)
     )
-    mean = error.mean(axis=-1)
-    rows, metrics = [], {}
-    for m, name in enumerate(methods):
-        for c, component in enumerate(COMPONENTS):
-            for a, angle in enumerate(angles):
-                metrics[f"error_{component}_{name.lower()}_at_{angle:g}_deg"] = float(mean[m, c, a])
-            metrics[f"error_{component}_{name.lower()}_one_element"] = float(of_one[m, c])
-            at = {f"{angles[a]:g}": mean[m, c, a] for a in drawn}
-            cells = [f"{e:.1%}" for e in (*at.values(), of_one[m, c])]
-            rows.append((name, component, *cells))
-    heads = [f"error at {angle:g} deg" for angle in shown]
-    return Outcome(
-        "Two elements tell p from q: error against the angle between them",
-        metrics,
-        dataset,
-        _sections(dataset, mu, assumed),
-        Table(("method", "component", *heads, f"one element, mu = {mu:g}"), tuple(rows)),
+
+
+def _title(data: xarray.Dataset) -> str:
+    """The best method's errors, of the first angle shown."""
+    angle = float(data["angle_shown"][0])
+    two, one = (
+        " and ".join(f"{significant(100 * each, 2)} %" for each in errors.min("method").values)
+        for errors in (data["error_mean"].sel(angle=angle), data["error_one_element"])
     )
+    return f"Two elements {angle:g}° apart recover p and q to {two}, one alone to {one}"
 
 
 def _turned(sim, angle_rad):
@@ -119,73 +91,67 @@ def _estimates(sim, methods, keys, friction=None) -> tuple[np.ndarray, np.ndarra
     return np.asarray(value), np.asarray(stderr)
 
 
+def _errors(
+    swept: Sequence[tuple[np.ndarray, np.ndarray]], one: np.ndarray, truth: np.ndarray
+) -> dict[str, tuple[Any, ...]]:
+    """Relative errors of the deviations from the mean over x, and their predictions from the
+    standard errors; of one element the mean over the draws."""
+    size = np.sqrt(np.mean(_deviation(truth) ** 2, axis=-1))
+
+    def relative(value: np.ndarray) -> np.ndarray:
+        return np.sqrt(np.mean((_deviation(value) - _deviation(truth)) ** 2, axis=-1)) / size
+
+    by = ("method", "component", "angle")
+    # (angle, method, seed, component) to (method, component, angle, seed)
+    error = np.moveaxis(relative(np.stack([each[0] for each in swept])), (1, 3, 0), (0, 1, 2))
+    predicted = [np.sqrt(np.mean(stderr**2, axis=(1, 3))) / size for _, stderr in swept]
+    return {
+        "error": ((*by, "seed"), error, "1"),
+        "error_mean": (by, error.mean(-1), "1", "error_{component}_{method}_at_{angle}_deg"),
+        "error_predicted": (by, np.stack(predicted, axis=-1), "1"),
+        "error_one_element": (by[:2], relative(one).mean(axis=1), "1",
+                              "error_{component}_{method}_one_element"),
+    }  # fmt: skip
+
+
 def _deviation(values: np.ndarray) -> np.ndarray:
-    return deviation(values, np.ones(values.shape[-1], bool))
+    return values - values.mean(axis=-1, keepdims=True)
 
 
-def _relative(value: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Norm of the deviation's error over that of the truth, over x."""
-    wrong = np.linalg.norm(_deviation(value) - _deviation(truth), axis=-1)
-    return wrong / np.linalg.norm(_deviation(truth), axis=-1)
+def against_angle(ds: xarray.Dataset) -> Figure:
+    """Error of each component over the angle: the draws and their prediction."""
+    angle, looks = ds["angle"].values, method_looks([str(v) for v in ds["method"].values])
+    across = plot.Axis("angle between the two elements", "deg", limits=(0, 1.03 * angle.max()))
+    up = plot.Axis("relative error", limits=(0, None))
+    parts = []
+    for component in COMPONENTS:
+        own, curves = ds.sel(component=component), []
+        for m, (method, look) in enumerate(looks.items()):
+            draws, predicted = own["error"].values[m], own["error_predicted"].values[m]
+            line = {"color": look["color"], "linestyle": "--"}
+            curves += [
+                plot.Curve(draws.mean(axis=-1), method, band=(draws.min(-1), draws.max(-1)),
+                           look={**line, "linestyle": "", "marker": "os^D"[m % 4]}, has_bars=True),
+                plot.Curve(predicted, f"predicted, {method}", look=line),
+            ]  # fmt: skip
+        parts.append(plot.Panel(curves, across, up, angle, QUANTITIES[component].capitalize()))
+    return plot.panels(parts)
 
 
-def _sections(ds: xarray.Dataset, mu: float, assumed: str) -> tuple[Section, ...]:
-    methods = [str(name) for name in ds["method"].values]
-
-    def against_angle():
-        titles = {f"Relative error of {name}": c for c, name in enumerate(COMPONENTS)}
-        panels = {
-            title: {
-                name: (100 * ds["error"].values[m, c], 100 * ds["error_predicted"].values[m, c])
-                for m, name in enumerate(methods)
-            }
-            for title, c in titles.items()
-        }
-        levels = {
-            title: {f"one element, mu = {mu:g}": 100 * ds["error_one_element"].values[:, c].min()}
-            for title, c in titles.items()
-        }
-        label = "angle between the two elements [deg]"
-        return curves.with_spread(ds["angle"].values, panels, levels, label, "error [%]")
-
-    def recovered():
-        panels = [
-            figures.Panel(
-                title=f"{name}, less its mean, elements {angle:g}° apart",
-                ylabel=f"{name} [kPa]",
-                lines={"truth": _deviation(ds["traction"].values)[c] / 1e3}
-                | {
-                    method: _deviation(ds["estimate"].values)[a, m, c] / 1e3
-                    for m, method in enumerate(methods)
-                },
+def recovered(ds: xarray.Dataset) -> Figure:
+    """p and q less their means by each method, a column for each angle shown."""
+    looks = method_looks([str(v) for v in ds["method"].values])
+    truth, estimate = _deviation(ds["traction"].values), _deviation(ds["estimate"].values)
+    rows = []
+    for c, component in enumerate(COMPONENTS):
+        up = plot.Axis(f"{component} less its mean", "Pa")
+        known = plot.Curve(truth[c], "truth", look={"color": TRUTH})
+        rows.append([
+            plot.Panel(
+                [known, *(plot.Curve(estimate[a, m, c], name, look=look)
+                          for m, (name, look) in enumerate(looks.items()))],
+                X, up, ds["x"].values, f"{component}, elements {angle:g}° apart",
             )
-            for c, name in enumerate(COMPONENTS)
             for a, angle in enumerate(ds["angle_shown"].values)
-        ]
-        return figures.panels(ds["x"].values, panels)
-
-    return (
-        Section(
-            "Error against angle",
-            (f"The second element is turned away from the first; noise stays at the same "
-             f"signal-to-noise ratio. {ds.sizes['seed']} draws of noise for every angle.",),
-            {"against_angle": against_angle},
-            {"against_angle": "Dots: mean over the draws, with the least and the greatest; dashed: "
-             "predicted from each method's standard error. Nearly parallel elements feel nearly "
-             "the same, and noise takes over. Dotted: the better method with the first element "
-             f"alone and q = {mu:g} p, where the true friction steps: no noise level mends that."},
-        ),
-        Section(
-            "Recovered p and q",
-            ("One draw of the noise. The mean is not in a rate signal and is taken out.",),
-            {"recovered": recovered},
-            {"recovered": "Edges are rounded by the film's depth at any angle; at the smaller "
-             "one the noise's ripples grow, and most in q."},
-        ),
-        Section(
-            "What was assumed",
-            (assumed,
-             "The predicted error is that of each method's Gaussian model, whose traction is "
-             "rough everywhere; this scene is flat between its edges, so Wiener's meets less."),
-        ),
-    )  # fmt: skip
+        ])  # fmt: skip
+    return plot.panels(rows)

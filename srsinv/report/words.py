@@ -223,4 +223,5 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "spoken": _each(_spoken),
     "uncertain": _uncertain,
     "value": _each(text.format_value),
+    "with_error": lambda value, stderr, units="1": text.quantity(value, units, stderr),
 }

@@ -35,7 +35,10 @@ def estimates(dataset: xarray.Dataset, marks: Sequence[Mark] = (), title: str = 
     `traction_resolved` is the truth at the estimate's resolution.
     """
     if "method" not in dataset["estimate"].dims:
-        dataset = dataset.expand_dims(method=["recovered"])
+        own = ("estimate", "estimate_stderr")
+        dataset = dataset.assign(
+            {name: dataset[name].expand_dims(method=["recovered"]) for name in own}
+        )
     methods = method_looks(names_of(dataset["method"]))
     each = [[name] for name in methods] if len(methods) > _TOGETHER else [list(methods)]
     parts = [
@@ -71,7 +74,7 @@ def _component(
         look = {"color": TRUTH, "linestyle": ":", "linewidth": 1.8}
         curves.append(Curve(values("traction_resolved"), "truth, as resolved", look=look))
     less = f"{name} less its mean over the scan" if is_deviation else QUANTITIES[name]
-    title = "; ".join(filter(None, [*(methods if len(methods) == 1 else ()), f"{less}{remark}"]))
+    title = "; ".join([*(methods if len(methods) < len(looks) else ()), f"{less}{remark}"])
     quantity = QUANTITIES[name].split()[0]
     units = units_of(dataset["estimate"])
     up = Axis(f"{quantity}{' (relative)' if units == '1' else ''}", units)
