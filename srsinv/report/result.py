@@ -56,7 +56,7 @@ def dataset(
 
     - `variables`: (dims, values, units) by name, and as a fourth the pattern of the variable's
       metrics where it has any: `"error_{component}_{method}"` makes one of each element, with the
-      labels of its coordinates in lower case.
+      labels of its coordinates in lower case, or as they are with `{component!s}`.
     - `coordinates`: (values, units) by dimension, or (dims, values, units) of further labels.
     """
     return xarray.Dataset(
@@ -85,8 +85,17 @@ def scalars(named: Mapping[str, Scalar]) -> dict[str, tuple[Any, ...]]:
 
 def unit_of(name: str) -> str:
     """The SI unit at the end of a quantity's name: `height_m`, `height_m_stderr`."""
+    return _UNITS.get(_end(name), "1")
+
+
+def without_unit(name: str) -> str:
+    """A quantity's name in words without the unit at its end: `half width` of `half_width_m`."""
+    return name.removesuffix(_end(name)).replace("_", " ")
+
+
+def _end(name: str) -> str:
     stem = name.removesuffix("_stderr")
-    return next((unit for end, unit in _UNITS.items() if stem.endswith(end)), "1")
+    return next((end for end in _UNITS if stem.endswith(end)), "")
 
 
 def metrics(data: xarray.Dataset) -> dict[str, Scalar]:
@@ -100,17 +109,30 @@ def _elements(data: xarray.Dataset, variable: xarray.Variable) -> Iterator[tuple
     pattern = str(variable.attrs[METRIC])
     labels = {
         name: data[name]
-        for name in re.findall(r"{(\w+)}", pattern)
+        for name in re.findall(r"{(\w+)", pattern)
         if set(data[name].dims) <= set(variable.dims)
     }
     values = variable.values
     for at in np.ndindex(values.shape):
         place = dict(zip(variable.dims, at, strict=True))
         words = {
-            name: key_of(each.isel({dim: place[dim] for dim in each.dims}).item())
+            name: _Label(each.isel({dim: place[dim] for dim in each.dims}).item())
             for name, each in labels.items()
         }
         yield pattern.format(**words), _scalar(values[at])
+
+
+@dataclass(frozen=True)
+class _Label:
+    """A label in the pattern of a metric's name: `{name}` as a part of it, `{name!s}` as it is."""
+
+    label: Any
+
+    def __format__(self, _: str) -> str:
+        return key_of(self.label)
+
+    def __str__(self) -> str:
+        return str(self.label)
 
 
 def key_of(label: Any) -> str:
