@@ -118,12 +118,14 @@ def panels(
     units = _units(every)
     palette = colours(dict.fromkeys(c.label for panel in every for c in panel.curves))
     for i, (row, beside) in enumerate(zip(axes, rows, strict=True)):
-        for place, panel in itertools.zip_longest(row, beside):
+        for j, (place, panel) in enumerate(itertools.zip_longest(row, beside)):
             if panel is None:
                 place.remove()
                 continue
             is_lowest = not is_shared or i == len(rows) - 1
             _draw(place, panel, units, palette, is_lowest)
+            if j and panel.y == beside[j - 1].y:
+                place.set_ylabel("")
             if legend == "beside":
                 legend_beside(place)
     if legend == "below":

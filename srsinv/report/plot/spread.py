@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from .style import TRUTH, WIDTH_IN, colours, legend_below, scale, styled, units_of
 
@@ -34,8 +35,9 @@ def spread(
     - `draws`: the dimension of which the mean, the least and the greatest are drawn.
     - `over`: a further dimension of which every label has marks of its own.
     - `expected`: by heading a value that would be right, `bands` by heading the range of chance
-      about it, both in SI units; `log`: the headings of logarithmic axes.
-    - `labels`: words in the legend for the variables' names.
+      about it, both in SI units; `log`: the headings of logarithmic axes, linear about zero where
+      not all values are positive.
+    - `labels`: words in the legend for the variables' names, and for `expected`.
     """
     entries = [_words(each) for each in dataset[rows].values]
     count = len(dataset[over]) if over else 1
@@ -50,31 +52,42 @@ def spread(
             axes.axvspan(low * unit.factor, high * unit.factor, color="#dfe3e7", label="chance")
         if heading in (expected or {}):
             at = (expected or {})[heading] * unit.factor
-            axes.axvline(at, color=TRUTH, linestyle="--", linewidth=0.9, label="expected")
+            word = (labels or {}).get("expected", "expected")
+            axes.axvline(at, color=TRUTH, linestyle="--", linewidth=0.9, label=word)
         _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
-        axes.set(title=heading, xlabel=f"[{unit.unit}]", ylim=(len(entries) - 0.5, -0.5))
-        axes.set_xscale("log" if heading in log else "linear")
+        words = "" if unit.unit == "1" else f"[{unit.unit}]"
+        axes.set(title=heading, xlabel=words, ylim=(len(entries) - 0.5, -0.5))
+        if all(np.all(dataset[name] % 1 == 0) for name in shown):
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        if heading in log:
+            _log(axes, min(float(dataset[name].min()) for name in shown) * unit.factor)
         axes.grid(axis="y", visible=False)
     grid[0].set_yticks(range(len(entries)), entries)
+    if (unit := units_of(dataset[rows])) != "1":
+        grid[0].set_ylabel(f"{_words(rows)} [{unit}]")
     figure.suptitle(title)
     legend_below(figure, grid)
     return figure
 
 
+def _log(axes, least: float) -> None:
+    """A logarithmic scale, which is linear from -1 to 1 where the least value is not positive."""
+    if least > 0:
+        axes.set_xscale("log")
+    else:
+        axes.set_xscale("symlog", linthresh=1, linscale=0.5)
+
+
 def _marks(axes, dataset, shown, rows, draws, over, factor: float, labels) -> None:
     groups = [
-        (name, None if over is None else i)
+        (name, i if over in dataset[name].dims else None)
         for name in shown
-        for i in range(1 if over is None else len(dataset[over]))
+        for i in range(len(dataset[over]) if over in dataset[name].dims else 1)
     ]
     words = [_label(dataset, name, over, i, labels, len(shown) > 1) for name, i in groups]
     palette = colours(words)
     for g, ((name, i), word) in enumerate(zip(groups, words, strict=True)):
-        array = (
-            dataset[name]
-            if i is None or over not in dataset[name].dims
-            else dataset[name].isel({over: i})
-        )
+        array = dataset[name] if i is None else dataset[name].isel({over: i})
         has_draws = draws is not None and draws in array.dims
         values = factor * array.transpose(rows, *([draws] if has_draws else [])).values
         mean = values.mean(axis=-1) if has_draws else values
