@@ -9,6 +9,7 @@ from ..effects import NAMES
 from ..forward.sensor import Sensor
 from ..forward.simulation import Simulation
 from ..inverse.cells import FEW, sample_spacing_m
+from ..inverse.features.synthetic import SyntheticScan
 from ..inverse.line_problem import LineProblem
 from ..inverse.problem import Problem
 from ..inverse.sample_noise import SampleNoise
@@ -111,3 +112,20 @@ def of_cells(recording: Recording, problem: Problem, on_line: LineProblem) -> Fa
         "window_end_m": float(line.x[-1]),
     }
     return facts if nominal is None else facts | {"nominal_pressure_Pa": float(nominal)}
+
+
+def of_scan(on: SyntheticScan, noises: Iterable[str]) -> Facts:
+    """A scan of known features, simulated on finer cells; `noises` are the names of those on."""
+    elements, samples = on.shape
+    x, depth = np.asarray(on.motion.position_m), float(on.sensor.depth_m)
+    return {
+        "scan_samples": samples,
+        "scan_elements": elements,
+        "sample_spacing_m": float(abs(x[1] - x[0])),
+        "scan_speed_m_per_s": float(on.scan.speed_m_per_s),
+        "depth_m": depth,
+        "fine_cells": on.fine.line.n,
+        "fine_cell_m": float(on.fine.line.cell_m),
+        "noises": ", ".join(noises) or "none",
+        **of_sensor(on.sensor),
+    }

@@ -4,38 +4,30 @@ Every draw has its own shape, sign, friction and noise, simulated on finer cells
 features, and "nothing there", are fitted to it and ranked by their evidence.
 """
 
-import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 import xarray
 from jaxtyping import Float, Int
-from scipy.stats import binomtest
 
 from .. import config
 from ..errors import BadInput, is_number, refuse, shown, whole
 from ..forward.feature import Feature
 from ..inverse.features.fit import FeatureFitter
-from ..progress import stage
-from ..report import figures
-from ..report.outcome import Outcome, Section, Table
-from .simulated_features import (
-    SampledScan,
-    SyntheticTractionScan,
-    known_noise,
-    named,
-    parameters,
-    sample_rate,
-    synthetic_scan,
-    unit_of,
-)
+from ..inverse.features.synthetic import SampledScan, SyntheticScan, known_noise
+from ..report.result import Result, dataset, scalars
+from ..report.section import sections
+from ..report.text import unit_of, without_unit
+from . import _facts
+from ._features import of_feature, sample_rate
+from ._statistics import wilson
+from .monte_carlo import simulate_and_fit
 
 NOTHING = "nothing"
 
-Ranges = dict[str, tuple[float, float]]
+Ranges = Mapping[str, tuple[float, float]]
 
 
 class DrawnFeature(NamedTuple):
@@ -51,40 +43,14 @@ class DrawnFeature(NamedTuple):
         return own | {size: float(rng.choice([-1.0, 1.0])) * own[size]}
 
 
-@dataclass(frozen=True)
-class Ranked:
-    """Log evidence of every candidate (c,) for the draws of every truth (t,), and the time taken.
+class NoisySignal(NamedTuple):
+    """One draw: the signal with noise, and the noise as the fit takes it."""
 
-    Truths are the candidates, "nothing" the last of both.
-    """
-
-    candidates: tuple[str, ...]
-    log_evidence: Float[np.ndarray, "t draw c"]
-    truths: dict[str, dict[str, np.ndarray]]
-    time_s: Float[np.ndarray, "t draw"]
-
-    @property
-    def chosen(self) -> Int[np.ndarray, "t c"]:
-        """Number of draws in which each candidate is the most probable."""
-        best = self.log_evidence.argmax(axis=-1)
-        return np.array([np.bincount(row, minlength=len(self.candidates)) for row in best])
-
-    @property
-    def margin(self) -> Float[np.ndarray, "t draw"]:
-        """The log evidence of the true candidate, less that of the best other."""
-        size = len(self.candidates)
-        own = np.arange(size)
-        true = self.log_evidence[own, :, own]
-        others = np.where(np.eye(size, dtype=bool)[:, None], -np.inf, self.log_evidence)
-        return true - others.max(axis=-1)
-
-    @property
-    def right(self) -> Int[np.ndarray, " t"]:
-        """Number of draws of each truth in which it was chosen."""
-        return np.diagonal(self.chosen)
+    y: Float[np.ndarray, "e sample"]
+    noise: Any
 
 
-def run(cfg: config.Config) -> Outcome:
+def run(cfg: config.Config) -> Result:
     """The job: draw, fit every candidate, count."""
     with config.precision(cfg):
         given = cfg["ranking"]
@@ -93,39 +59,40 @@ def run(cfg: config.Config) -> Outcome:
         refuse(len(features) < 2, "A ranking needs candidates: name at least two in feature=[...].")
         parts = config.sensor(cfg), config.scan(cfg), config.noises(cfg)
         sampled = SampledScan("ranking", sample_rate("ranking", given), *parts)
-        on = synthetic_scan(config.line(cfg), sampled)
+        on = SyntheticScan.along(config.line(cfg), sampled)
         drawn = {
             name: DrawnFeature(feature, _ranges(given["truth_ranges"], name, feature))
             for name, feature in features.items()
         }
-        fitter = FeatureFitter.along(on.sensor, on.motion, config.solver(cfg))
-        ranking = _ranked(on, fitter, drawn, draws, config.seed(cfg))
-    assumed = (
-        *_assumed(on, ", ".join(cfg["noise"])),
-        ("precision, seed", f"{cfg['precision']}, {cfg['seed']}"),
+        fitter, seed = FeatureFitter.along(on.sensor, on.motion, config.solver(cfg)), cfg["seed"]
+        rng = np.random.default_rng(config.seed(cfg))
+        truths = {name: [each.draw(rng) for _ in range(draws)] for name, each in drawn.items()}
+        candidates = [*({name: feature} for name, feature in features.items()), {}]
+        answers = simulate_and_fit(
+            _problems(on, features, truths, config.random_key(cfg)),
+            {f"Fits of {len(candidates)} candidates": lambda p: fitter.rank(candidates, *p)},
+            shape=(len(candidates), draws),
+        )
+        evidence = answers.each(lambda fits: [fit.log_evidence for fit in fits])[0]
+    times = {"first_call_s": answers.first_call_s[0], "steady_call_s": answers.steady_call_s[0]}
+    facts = {
+        **_facts.of_scan(on, cfg["noise"]),
+        "precision_and_seed": f"{cfg['precision']}, {seed}",
+        "fit_cells": fitter.model.line.n,
+    }
+    data = _dataset([*features, NOTHING], evidence, times, truths, facts)
+    right = data["chosen"].values.diagonal()
+    title = (
+        f"The right feature in {right[:-1].sum()} of {draws * len(features)} draws, nothing in "
+        f"{right[-1]} of {draws} of noise"
     )
-    right, total = int(ranking.right[:-1].sum()), draws * len(features)
-    data, table = _dataset(ranking), _table(ranking)
-    return Outcome(
-        f"The right feature in {right} of {total} draws, nothing in {ranking.right[-1]} of {draws} "
-        "of noise",
-        _metrics(ranking),
-        data,
-        _sections(ranking, data, table, assumed),
-        table,
-    )
-
-
-def wilson(right: int, total: int) -> tuple[float, float]:
-    """Wilson's central 90 % interval of a proportion (1927)."""
-    interval = binomtest(right, total).proportion_ci(0.9, "wilson")
-    return float(interval.low), float(interval.high)
+    return Result(title, data, sections("ranking", "assumed_scan"))
 
 
 def _ranges(given: Any, name: str, feature: Feature) -> Ranges:
     """Ranges from which each parameter is drawn."""
-    ranges: Ranges = {}
-    for part, pair in named("ranking.truth_ranges", given, name, feature).items():
+    ranges: dict[str, tuple[float, float]] = {}
+    for part, pair in of_feature("ranking.truth_ranges", given, name, feature).items():
         is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and all(map(is_number, pair))
         if not is_pair or pair[0] > pair[1]:
             raise BadInput(
@@ -147,128 +114,86 @@ def _ranges(given: Any, name: str, feature: Feature) -> Ranges:
     return ranges
 
 
-def _ranked(
-    on: SyntheticTractionScan,
-    fitter: FeatureFitter,
-    drawn: Mapping[str, DrawnFeature],
-    draws: int,
-    seed: int,
-) -> Ranked:
-    candidates = {name: {name: each.feature} for name, each in drawn.items()} | {NOTHING: {}}
-    rng = np.random.default_rng(seed)
-    keys = jax.random.split(jax.random.key(seed), (len(candidates), draws))
-    truths = {name: [each.draw(rng) for _ in range(draws)] for name, each in drawn.items()}
-    first = next(iter(drawn))
-    evidence = np.zeros((len(candidates), draws, len(candidates)))
-    time_s = np.zeros((len(candidates), draws))
-    for t, truth in enumerate(candidates):
-        with stage(f"ranking {draws} draws of {truth}"):
-            for i in range(draws):
-                # Noise alone is as strong as beside the first feature; its level does not matter.
-                source = first if truth == NOTHING else truth
-                feature = drawn[source].feature
-                clean = on.signal(source, feature, parameters(feature, truths[source][i]))
-                power = on.power(float(np.sqrt(np.mean(clean**2))))
-                y = on.noise(keys[t, i], power, 1)[0] + (truth != NOTHING) * clean
-                begun = time.perf_counter()
-                noise = known_noise(power)
-                fits = fitter.rank(list(candidates.values()), y, noise)
-                evidence[t, i] = [fit.log_evidence for fit in fits]
-                time_s[t, i] = time.perf_counter() - begun
-    columns = {
-        name: {part: np.array([own[part] for own in rows]) for part in rows[0]}
+def _problems(
+    on: SyntheticScan,
+    features: Mapping[str, Feature],
+    truths: Mapping[str, Sequence[Mapping[str, float]]],
+    key: jax.Array,
+) -> list[NoisySignal]:
+    """The draws of every feature, and as many of noise alone: as strong as beside the first
+    feature, as its level does not matter."""
+    first, draws = next(iter(features)), len(next(iter(truths.values())))
+    keys = jax.random.split(key, (len(features) + 1, draws))
+    problems = []
+    for name, own in zip((*features, NOTHING), keys, strict=True):
+        source, amount = (first, 0.0) if name == NOTHING else (name, 1.0)
+        for truth, each in zip(truths[source], own, strict=True):
+            clean = on.signal(source, features[source], truth)
+            power = on.power(clean)
+            y = on.noise(each, power, 1)[0] + amount * clean
+            problems.append(NoisySignal(y, known_noise(power)))
+    return problems
+
+
+# --- numbers ---------------------------------------------------------------------------------
+
+
+def chosen(
+    log_evidence: Float[np.ndarray, "truth draw candidate"],
+) -> Int[np.ndarray, "truth candidate"]:
+    """Number of draws in which each candidate is the most probable."""
+    best, size = log_evidence.argmax(axis=-1), log_evidence.shape[-1]
+    return np.array([np.bincount(row, minlength=size) for row in best])
+
+
+def margins(
+    log_evidence: Float[np.ndarray, "truth draw truth"],
+) -> Float[np.ndarray, "truth draw"]:
+    """The log evidence of the true candidate, less that of the best other."""
+    size = log_evidence.shape[-1]
+    own = np.arange(size)
+    others = np.where(np.eye(size, dtype=bool)[:, None], -np.inf, log_evidence)
+    return log_evidence[own, :, own] - others.max(axis=-1)
+
+
+def _dataset(
+    names: list[str],
+    evidence: Float[np.ndarray, "truth draw candidate"],
+    times: Mapping[str, float],
+    truths: Mapping[str, Sequence[Mapping[str, float]]],
+    facts: Mapping[str, Any],
+) -> xarray.Dataset:
+    draws, counts, margin = evidence.shape[1], chosen(evidence), margins(evidence)
+    right, total = counts.diagonal(), draws * (len(names) - 1)
+    ends = np.array([wilson(int(each), draws) for each in right])
+    drawn = {
+        f"{name}_{part}": np.array([own[part] for own in rows])
         for name, rows in truths.items()
+        for part in rows[0]
     }
-    return Ranked(tuple(candidates), evidence, columns, time_s)
-
-
-# --- the page --------------------------------------------------------------------------------
-
-
-def _metrics(ranking: Ranked) -> dict[str, Any]:
-    draws = ranking.margin.shape[1]
-    features = int(ranking.right[:-1].sum()), draws * (len(ranking.candidates) - 1)
-    metrics: dict[str, Any] = {"draws": draws, "fraction_right": features[0] / features[1]}
-    metrics["fraction_right_low_90"], metrics["fraction_right_high_90"] = wilson(*features)
-    for name, right, margin in zip(ranking.candidates, ranking.right, ranking.margin, strict=True):
-        low, high = wilson(int(right), draws)
-        metrics |= {
-            f"{name}_fraction_right": float(right) / draws,
-            f"{name}_fraction_right_low_90": low,
-            f"{name}_fraction_right_high_90": high,
-            f"{name}_margin_mean": float(margin.mean()),
-            f"{name}_margin_least": float(margin.min()),
-        }
-    steady = ranking.time_s.ravel()[1:] if ranking.time_s.size > 1 else ranking.time_s.ravel()
-    metrics["first_call_s"] = float(ranking.time_s[0, 0])
-    metrics["steady_call_s"] = float(np.median(steady))
-    return metrics
-
-
-def _dataset(ranking: Ranked) -> xarray.Dataset:
-    one, names = {"units": "1"}, list(ranking.candidates)
-    variables: dict[str, Any] = {
-        "log_evidence": (("truth", "draw", "candidate"), ranking.log_evidence, one),
-        "chosen": (("truth", "candidate"), ranking.chosen, one),
-        "margin": (("truth", "draw"), ranking.margin, one),
+    low, high = wilson(int(right[:-1].sum()), total)
+    each = "truth"
+    variables: dict[str, tuple[Any, ...]] = {
+        "log_evidence": ((each, "draw", "candidate"), evidence, "1"),
+        "chosen": ((each, "candidate"), counts, "1"),
+        "margin": ((each, "draw"), margin, "1"),
+        "fraction": (each, right / draws, "1", "{truth!s}_fraction_right"),
+        "fraction_low": (each, ends[:, 0], "1", "{truth!s}_fraction_right_low_90"),
+        "fraction_high": (each, ends[:, 1], "1", "{truth!s}_fraction_right_high_90"),
+        "margin_mean": (each, margin.mean(axis=1), "1", "{truth!s}_margin_mean"),
+        "margin_least": (each, margin.min(axis=1), "1", "{truth!s}_margin_least"),
+        **{name: ("draw", values, unit_of(name)) for name, values in drawn.items()},
+        "drawn_least": ("drawn", [values.min() for values in drawn.values()], "SI"),
+        "drawn_greatest": ("drawn", [values.max() for values in drawn.values()], "SI"),
+        **scalars({
+            "draws": draws, "fraction_right": right[:-1].sum() / total,
+            "fraction_right_low_90": low, "fraction_right_high_90": high, **times,
+        }),
+    }  # fmt: skip
+    coordinates = {
+        "truth": (names, "1"),
+        "candidate": (names, "1"),
+        "drawn": ([without_unit(name) for name in drawn], "1"),
+        "unit": ("drawn", [unit_of(name) for name in drawn], "1"),
     }
-    for name, columns in ranking.truths.items():
-        for part, values in columns.items():
-            variables[f"{name}_{part}"] = ("draw", values, {"units": unit_of(part)})
-    return xarray.Dataset(
-        variables,
-        {"truth": ("truth", names, one), "candidate": ("candidate", names, one)},
-        {"title": "Ranking of features by evidence"},
-    )
-
-
-def _table(ranking: Ranked) -> Table:
-    draws = ranking.margin.shape[1]
-    rows = []
-    for name, right, margin in zip(ranking.candidates, ranking.right, ranking.margin, strict=True):
-        low, high = (100 * end for end in wilson(int(right), draws))
-        rows.append(
-            (name.replace("_", " "), int(right), draws, round(100 * right / draws, 1),
-             f"{low:.1f} to {high:.1f}", float(margin.mean()), float(margin.min()))
-        )  # fmt: skip
-    return Table(
-        ("there", "chosen", "of draws", "share [%]", "90 % interval [%]",
-         "mean log evidence margin", "least"),
-        tuple(rows),
-    )  # fmt: skip
-
-
-def _assumed(on: SyntheticTractionScan, noises: str) -> tuple[tuple[str, str], ...]:
-    elements, samples = on.shape
-    return (
-        ("scan", f"{samples} samples of {elements} elements at "
-         f"{float(on.scan.speed_m_per_s):.4g} m/s"),
-        ("noise", f"{noises}, its spectrum known to the fit"),
-    )  # fmt: skip
-
-
-def _sections(
-    ranking: Ranked, data: xarray.Dataset, table: Table, assumed: tuple[tuple[str, str], ...]
-) -> tuple[Section, ...]:
-    drawn = tuple(
-        (name.replace("_", " "), ", ".join(
-            f"{part} {values.min():.3g} to {values.max():.3g}" for part, values in columns.items()))
-        for name, columns in ranking.truths.items()
-    )  # fmt: skip
-    return (
-        Section(
-            "What was chosen",
-            (
-                "Every candidate is fitted to every draw, and the one of the greatest evidence is "
-                "chosen: the probability of the data with all parameters integrated out, the same "
-                "rule for the priors of all.",
-            ),
-            {
-                "confusion": lambda: figures.confusion(data),
-                "evidence_margins": lambda: figures.evidence_margins(data),
-            },
-            tables=(table,),
-        ),
-        Section("What was drawn", tables=(Table(("feature", "from and to"), drawn),)),
-        Section("What was assumed", tables=(Table(("what", "value"), assumed),)),
-    )  # fmt: skip
+    return dataset(variables, coordinates, **facts)

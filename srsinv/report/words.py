@@ -96,9 +96,11 @@ def summary(result: Result) -> tuple[Block, ...]:
 def answers(data: xarray.Dataset) -> dict[str, tuple[str, str]]:
     """The quality of each answer in a dataset and the reasons for it, by the answer's name; empty
     where there is but one."""
-    if "quality" not in data or data["quality"].ndim > 1:
+    if "quality" not in data or "reasons" not in data:
         return {}
     quality, reasons = data["quality"], data["reasons"]
+    # Of many answers of a method, the first is the one that the reasons are of.
+    quality = quality.isel({dim: 0 for dim in quality.dims if dim not in reasons.dims})
     if not quality.ndim:
         return {"": (str(quality.item()), str(reasons.item()))}
     names = (str(name) for name in data[quality.dims[0]].values)
@@ -167,8 +169,12 @@ def _percent(value: Any, digits: int = 3) -> str:
     return "–" if _is_unknown(value) else f"{text.significant(100 * float(value), digits)} %"
 
 
-def _quantities(values: Any, units: str = "1", digits: int = 3) -> Any:
-    """Values of SI `units` with the unit in which the largest of them reads best."""
+def _quantities(values: Any, units: Any = "1", digits: int = 3) -> Any:
+    """Values of SI `units` with the unit in which the largest of them reads best; where there are
+    units of each, with the one in which it reads best itself."""
+    if not isinstance(units, str) and np.ndim(units):
+        pairs = zip(np.asarray(values), np.asarray(units), strict=True)
+        return np.array([_quantities(each, str(unit), digits) for each, unit in pairs], object)
     array = np.asarray(values, float)
     factor, unit = text.best_unit(units, array)
     unit = "" if unit == "1" else f" {unit}"

@@ -81,7 +81,9 @@ def test_standard_error_of_an_angle_is_at_the_bound(directions):
     circling = Circling(sensor(directions[0][0][2].shape[0]), CIRCLE)
     for (angle, distance, _), direction in directions:
         ridge = ObliqueRidge(0.0, distance, 1.0, 0.5e-3, -0.4)
-        (bound,) = np.asarray(angle_bounds_deg(circling, ridge, jnp.deg2rad(jnp.asarray([angle])), 20.0))
+        (bound,) = np.asarray(
+            angle_bounds_deg(circling, ridge, jnp.deg2rad(jnp.asarray([angle])), 20.0)
+        )
         assert direction.parameters["angle_deg"][1] == pytest.approx(bound, rel=0.15)
 
 

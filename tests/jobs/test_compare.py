@@ -1,12 +1,16 @@
 """The comparison in a short form: who is ahead, what a band is worth, and what gives a fit away."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
-from srsinv.jobs import contest
+from srsinv.jobs._statistics import differences, ranks
+from srsinv.jobs.monte_carlo import simulate_and_fit
+from srsinv.report.page import figures
 from tests.golden.check import golden_test
-from tests.jobs.run import outcome, short_form, short_run
+from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("compare", "compare_recording")
 
@@ -42,10 +46,9 @@ def test_a_feature_is_put_on_the_cells_as_the_truth_is(scene):
     assert np.abs(wrong).max() < 0.05 * np.ptp(truth)
 
 
-def test_every_figure_draws_and_every_variable_has_units(scene):
-    assert all("units" in scene.dataset[name].attrs for name in scene.dataset.variables)
-    drawn = [draw() for section in scene.sections for draw in section.figures.values()]
-    assert len(drawn) == 5
+def test_page(scene):
+    check_page(scene)
+    assert len(figures(scene)) == 5
 
 
 @pytest.mark.parametrize(
@@ -85,26 +88,44 @@ def test_halves_repeat_as_well_as_the_band_states(recorded):
 
 @pytest.mark.full
 def test_a_recording_s_page_draws(recorded):
-    drawn = [draw() for section in recorded.sections for draw in section.figures.values()]
-    assert len(drawn) == 4
+    check_page(recorded)
+    assert len(figures(recorded)) == 4
 
 
-def test_pairs_are_told_apart_by_their_spread():
+def pairs(score: np.ndarray) -> dict[tuple[str, str], dict[str, Any]]:
+    """The differences by the names of the two methods."""
+    named = differences(score, ["a", "b", "c"][: len(score)])
+    columns = {name: each[1] for name, each in named.items()}
+    return {
+        (better, worse): {name: values[i] for name, values in columns.items()}
+        for i, (better, worse) in enumerate(zip(columns["better"], columns["worse"], strict=True))
+    }
+
+
+def test_methods_differ_by_the_spread_of_their_difference():
     rng = np.random.default_rng(0)
     noise = rng.normal(size=8)
     score = np.stack([10 + noise, 11 + noise + 0.1 * rng.normal(size=8), 11 + rng.normal(size=8)])
-    by_indices = {(pair.better, pair.worse): pair for pair in contest.pairs(score)}
+    compared = pairs(score)
     # The same draws: a difference far below the scores' own spread shows.
-    assert by_indices[0, 1].apart
-    assert by_indices[0, 1].difference == pytest.approx(1, abs=0.1)
-    assert not next(p for key, p in by_indices.items() if set(key) == {1, 2}).apart
+    assert compared["a", "b"]["differs"]
+    assert compared["a", "b"]["difference"] == pytest.approx(1, abs=0.1)
+    assert not next(each for names, each in compared.items() if set(names) == {"b", "c"})["differs"]
 
 
-def test_one_draw_tells_nobody_apart():
-    assert not any(pair.apart for pair in contest.pairs(np.array([[1.0], [5.0]])))
+def test_one_draw_says_nothing_of_differences():
+    (pair,) = pairs(np.array([[1.0], [5.0]])).values()
+    assert not pair["differs"]
+    assert np.isnan(pair["difference_spread"])
 
 
-def test_equal_scores_share_a_rank():
-    np.testing.assert_array_equal(
-        contest.ranks(np.array([[1.0], [1.0], [2.0]]))[:, 0], [1.5, 1.5, 3]
-    )
+def test_equal_scores_have_the_same_rank():
+    np.testing.assert_array_equal(ranks(np.array([[1.0], [1.0], [2.0]]))[:, 0], [1.5, 1.5, 3])
+
+
+def test_every_method_answers_every_problem_in_order():
+    answers = simulate_and_fit(range(6), {"once": lambda n: n, "twice": lambda n: 2 * n}, (2, 3))
+    np.testing.assert_array_equal(answers.each(lambda n: n)[1], [[0, 2, 4], [6, 8, 10]])
+    assert answers.each(lambda n: [n, n]).shape == (2, 2, 3, 2)
+    assert answers.time_s.shape == (2, 6)
+    assert np.all(answers.first_call_s >= 0)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from srsinv.jobs import ranking
-from srsinv.report import figures
+from srsinv.jobs._statistics import wilson
+from srsinv.jobs.ranking import chosen, margins
+from srsinv.report.page import figures
 from tests.golden.check import golden_test
-from tests.jobs.run import outcome, short_form, short_run
+from tests.jobs.run import check_page, outcome, short_form, short_run
 from tests.refusals import refused
 
 FORMS = ("ranking",)
@@ -20,7 +21,7 @@ def ranked():
     return short_run(*FORMS)
 
 
-def test_all_is_told_apart(ranked):
+def test_every_draw_is_right(ranked):
     metrics = ranked.metrics
     assert metrics["fraction_right"] == 1.0
     for name in CANDIDATES:
@@ -39,11 +40,11 @@ def test_what_was_drawn_is_in_the_dataset(ranked):
     assert np.all((load >= 5) & (load <= 20))
 
 
-@pytest.mark.parametrize("draw", [figures.confusion, figures.evidence_margins])
-def test_figures(ranked, draw):
-    assert [label.get_text() for label in draw(ranked.dataset).axes[0].get_yticklabels()] == [
-        name.replace("_", " ") for name in CANDIDATES
-    ]
+def test_page(ranked):
+    check_page(ranked, images=["confusion"])
+    for drawn, _ in figures(ranked).values():
+        labels = [label.get_text() for label in drawn.axes[0].get_yticklabels()]
+        assert labels == [name.replace("_", " ") for name in CANDIDATES]
 
 
 @pytest.mark.parametrize(
@@ -52,21 +53,20 @@ def test_figures(ranked, draw):
     [(40, 40, 0.9366, 1.0), (0, 10, 0.0, 0.2129)],
 )
 def test_wilson(right, total, low, high):
-    assert ranking.wilson(right, total) == pytest.approx((low, high), abs=2e-4)
+    assert wilson(right, total) == pytest.approx((low, high), abs=2e-4)
 
 
 @pytest.mark.parametrize(("right", "total"), [(3, 10), (95, 100), (1, 2)])
 def test_wilson_solves_its_equation(right, total):
-    for p in ranking.wilson(right, total):
+    for p in wilson(right, total):
         distance = abs(right / total - p) / np.sqrt(p * (1 - p) / total)
         assert distance == pytest.approx(1.6448536)
 
 
 def test_margin_and_choice():
     log_evidence = np.array([[[3.0, 1.0], [0.0, 4.0]], [[2.0, 5.0], [-np.inf, 0.0]]])
-    comparison = ranking.Ranked(("line", "nothing"), log_evidence, {}, np.ones((2, 2)))
-    np.testing.assert_array_equal(comparison.chosen, [[1, 1], [0, 2]])
-    np.testing.assert_array_equal(comparison.margin, [[2, -4], [3, np.inf]])
+    np.testing.assert_array_equal(chosen(log_evidence), [[1, 1], [0, 2]])
+    np.testing.assert_array_equal(margins(log_evidence), [[2, -4], [3, np.inf]])
 
 
 REFUSED = {

@@ -19,6 +19,7 @@ from .panels import Curve as Curve
 from .panels import Mark as Mark
 from .panels import Panel as Panel
 from .panels import panels as panels
+from .quantiles import quantiles as quantiles
 from .scene import scene as scene
 from .signals import fit as fit
 from .signals import residual as residual

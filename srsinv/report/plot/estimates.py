@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,9 @@ def _component(
     middle = values("estimate")[chosen]
     half = NORMAL_90 * _finite(own["estimate_stderr"].values[chosen])
     curves = list(_bands(methods, looks, middle, half, observed))
+    if len(looks) > _TOGETHER:  # alone in its panel, whose title names it
+        look = {"color": looks[methods[0]]["color"]}
+        curves = [replace(each, label="", band_label="", look=look) for each in curves]
     reach = peak(np.where(observed, middle, np.nan)) + peak(np.where(observed, half, np.nan))
     remark = ""
     if "traction" in dataset:

@@ -126,6 +126,8 @@ def panels(
             is_lowest = not is_shared or all(len(below) <= c for below in rows[i + 1 :])
             place.tick_params(labelbottom=is_lowest)
             _draw(place, panel, column, units, palette, is_lowest)
+            if c and panel.y == beside[c - 1].y:
+                place.set_ylabel("")
             if legend == "beside":
                 legend_beside(place)
     if legend == "below":

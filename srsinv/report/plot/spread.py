@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from .style import TRUTH, WIDTH_IN, colours, legend_below, scale, styled, units_of
 
@@ -39,8 +40,8 @@ def spread(
     - `over`: a further dimension of which every label has marks of its own.
     - `expected`: by heading a value that would be right, or one not to be exceeded,
       `expected_label` in the legend; `bands`: by heading the range of chance about it, both in SI
-      units, `band_label` its words; `log`: the headings of logarithmic axes, `limits` by heading
-      the ends of an axis in SI units.
+      units, `band_label` its words; `limits` by heading the ends of an axis in SI units.
+    - `log`: the headings of logarithmic axes, linear about zero where not all values are positive.
     - `labels`: words in the legend for the variables' names.
     """
     entries = [_words(each) for each in dataset[rows].values]
@@ -58,31 +59,41 @@ def spread(
             at = (expected or {})[heading] * unit.factor
             axes.axvline(at, color=TRUTH, linestyle="--", linewidth=0.9, label=expected_label)
         _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
-        axes.set(title=heading, xlabel=f"[{unit.unit}]", ylim=(len(entries) - 0.5, -0.5))
+        words = "" if unit.unit == "1" else f"[{unit.unit}]"
+        axes.set(title=heading, xlabel=words, ylim=(len(entries) - 0.5, -0.5))
         ends = (limits or {}).get(heading)
         axes.set_xlim([end * unit.factor for end in ends] if ends else None)
-        axes.set_xscale("log" if heading in log else "linear")
+        if all(np.all(dataset[name] % 1 == 0) for name in shown):
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        if heading in log:
+            _log(axes, min(float(dataset[name].min()) for name in shown) * unit.factor)
         axes.grid(axis="y", visible=False)
     grid[0].set_yticks(range(len(entries)), entries)
+    if (unit := units_of(dataset[rows])) != "1":
+        grid[0].set_ylabel(f"{_words(rows)} [{unit}]")
     figure.suptitle(title)
     legend_below(figure, grid)
     return figure
 
 
+def _log(axes, least: float) -> None:
+    """A logarithmic scale, which is linear from -1 to 1 where the least value is not positive."""
+    if least > 0:
+        axes.set_xscale("log")
+    else:
+        axes.set_xscale("symlog", linthresh=1, linscale=0.5)
+
+
 def _marks(axes, dataset, shown, rows, draws, over, factor: float, labels) -> None:
     groups = [
-        (name, None if over is None else i)
+        (name, i if over in dataset[name].dims else None)
         for name in shown
-        for i in range(1 if over is None else len(dataset[over]))
+        for i in range(len(dataset[over]) if over in dataset[name].dims else 1)
     ]
     words = [_label(dataset, name, over, i, labels, len(shown) > 1) for name, i in groups]
     palette = colours(words)
     for g, ((name, i), word) in enumerate(zip(groups, words, strict=True)):
-        array = (
-            dataset[name]
-            if i is None or over not in dataset[name].dims
-            else dataset[name].isel({over: i})
-        )
+        array = dataset[name] if i is None else dataset[name].isel({over: i})
         has_draws = draws is not None and draws in array.dims
         values = factor * array.transpose(rows, *([draws] if has_draws else [])).values
         mean = values.mean(axis=-1) if has_draws else values

@@ -1,0 +1,219 @@
+"""Scans of known features, simulated on finer cells than those that they are fitted on.
+
+The Cramer-Rao bound of a parameter is the least standard deviation of any unbiased estimate: with
+J the derivative of the noise-free signal y and S the noise's covariance, the root of the diagonal
+of (J^T S^-1 J)^-1 (Kay, Fundamentals of Statistical Signal Processing, 1993, ch. 3).
+"""
+
+import abc
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...errors import refuse
+from ...forward.feature import Feature
+from ...forward.noise import Noise, total_spectrum
+from ...forward.noise import draw as draw_noise
+from ...forward.scan import ConstantSpeed, Motion
+from ...forward.sensor import Sensor
+from ...grid import Line, Periodic, half_spectrum_weights
+from ...resolution import cell_m
+from ..nonlinear import Spectrum
+from .fit import FeatureFitter
+from .model import FeatureModel
+
+STEP = 1e-3  # of a parameter's scale: for the bound's differences
+
+
+@dataclass(frozen=True)
+class SampledScan:
+    """A sensor that slides at constant speed and is read `rate_hz` times a second, with noise.
+
+    `job`: the group of the configuration that gives the rate.
+    """
+
+    job: str
+    rate_hz: float
+    sensor: Sensor
+    scan: ConstantSpeed
+    noises: tuple[Noise, ...]
+
+    def motion(self, start_m: float, length_m: float) -> Motion:
+        """The motion over a stretch of x.
+
+        Raises `BadInput` for a speed of 0, less than two samples in a depth, and a stretch of less
+        than four depths.
+        """
+        speed, depth = float(self.scan.speed_m_per_s), float(self.sensor.depth_m)
+        refuse(
+            speed == 0,
+            "scan.speed_m_per_s is 0: a touch at rest scans no feature, give a speed.",
+        )
+        step = abs(speed) / self.rate_hz
+        refuse(
+            not 2 * step <= depth <= length_m / 4,
+            f"The scan of {length_m:.4g} m has samples {step:.4g} m apart: with film {depth:.4g} m "
+            f"deep give a {self.job}.sample_rate_hz with at least two in a depth, and a scan of "
+            "at least four depths.",
+        )
+        time = np.arange(int(length_m / step) + 1) / self.rate_hz
+        return Motion.from_speed(time, speed, start_m + (length_m if speed < 0 else 0.0))
+
+
+@dataclass(frozen=True)
+class SyntheticScan:
+    """A sensor along a constant scan of samples evenly in time, its noise, and the `fine` model of
+    its signal."""
+
+    sensor: Sensor
+    scan: ConstantSpeed
+    motion: Motion
+    noises: tuple[Noise, ...]
+    fine: FeatureModel
+
+    @classmethod
+    def along(cls, line: Line, sampled: SampledScan) -> "SyntheticScan":
+        """Of features of traction, from one end of a line to the other."""
+        motion = sampled.motion(float(line.start_m), line.n * float(line.cell_m))
+        cell = cell_m("simulated_load", float(sampled.sensor.depth_m))
+        fine = FeatureModel.along(sampled.sensor, motion, cell)
+        return cls(sampled.sensor, sampled.scan, motion, sampled.noises, fine)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(element, sample)."""
+        return len(self.sensor.elements), int(self.motion.time_s.size)
+
+    def power(self, signal: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, " k"]:
+        """The noise's power per sample, given the noise-free signal."""
+        rms = jnp.asarray(float(np.sqrt(np.mean(signal**2))))
+        spacing = jnp.abs(self.motion.position_m[1] - self.motion.position_m[0])
+        line = Periodic(self.shape[1], spacing)
+        power = np.asarray(total_spectrum(self.noises, line, self.scan, rms))
+        refuse(
+            not bool(np.all(power > 0)),
+            "There is no noise to judge a fit by: name one above zero, such as noise=[snr].",
+        )
+        return power
+
+    def noise(self, key, power: np.ndarray, draws: int) -> Float[np.ndarray, "draw e sample"]:
+        """Independent draws of the noise."""
+        keys = jax.random.split(key, draws)
+        drawn = jax.vmap(lambda each: draw_noise(each, jnp.asarray(power), *self.shape))(keys)
+        return np.asarray(drawn)
+
+    def signal(
+        self, name: str, feature: Feature, given: Mapping[str, float]
+    ) -> Float[np.ndarray, "e sample"]:
+        """The noise-free signal of one feature of traction of this shape, amplitude and
+        friction."""
+        own = {part: given[part] for part in (*feature.axes, feature.amplitude)}
+        if feature.friction is None:
+            own[feature.shear] = given["friction"] * given[feature.amplitude]
+        offset = {"offset": jnp.zeros(self.shape[0])} if self.fine.free_offset else {}
+        return np.asarray(self.fine.with_features({name: feature})({name: own} | offset))
+
+
+class FittedDraw(NamedTuple):
+    """(value, standard error) of each parameter in SI units, and whether the fit converged."""
+
+    parameters: Mapping[str, tuple[float, float]]
+    is_converged: bool
+
+
+@dataclass(frozen=True)
+class KnownFeature(abc.ABC):
+    """A feature of known parameters in a synthetic scan, which can be fitted to draws of its
+    recording."""
+
+    on: SyntheticScan
+    name: str
+    truth: Mapping[str, float]
+
+    @abc.abstractmethod
+    def signal(self, truth: Mapping[str, float]) -> Float[np.ndarray, "e sample"]:
+        """The noise-free signal of any parameters."""
+
+    @property
+    @abc.abstractmethod
+    def scales(self) -> dict[str, float]:
+        """The scale of each parameter that is fitted, in its SI unit."""
+
+    @abc.abstractmethod
+    def fit_draws(self, key: jax.Array, draws: int) -> Sequence[FittedDraw]:
+        """The fits of `draws` recordings."""
+
+    @cached_property
+    def power(self) -> Float[np.ndarray, " k"]:
+        """The noise's power per sample."""
+        return self.on.power(self.signal(self.truth))
+
+    @property
+    def snr_dB(self) -> float:
+        """The signal-to-noise ratio, of rms values."""
+        rms = float(np.sqrt(np.mean(self.signal(self.truth) ** 2)))
+        noise = np.sqrt(half_spectrum_weights(self.on.shape[1]) @ self.power)
+        return float(20 * np.log10(rms / noise))
+
+    def bounds(self) -> dict[str, float]:
+        """The Cramer-Rao bound of each parameter that is fitted, in its SI unit.
+
+        From central differences of the simulation at the truth, apart from the fit, its cells and
+        its derivatives.
+        """
+        elements, samples = self.on.shape
+        columns = [self._whitened_slope(part, size) for part, size in self.scales.items()]
+        if self.on.fine.free_offset:
+            columns += list(np.repeat(np.eye(elements), samples, axis=1) / np.sqrt(self.power[0]))
+        jacobian = np.array(columns)
+        length = np.linalg.norm(jacobian, axis=1)
+        covariance = np.linalg.inv(jacobian @ jacobian.T / np.outer(length, length))
+        least = np.sqrt(np.diagonal(covariance)) / length
+        return {part: float(each) for part, each in zip(self.scales, least, strict=False)}
+
+    def _whitened_slope(self, part: str, size: float) -> np.ndarray:
+        step, at = STEP * size, self.truth[part]
+        above, below = (self.signal({**self.truth, part: at + s * step}) for s in (1, -1))
+        change = np.fft.rfft((above - below) / (2 * step))
+        return np.fft.irfft(change / np.sqrt(self.power), self.on.shape[1]).ravel()
+
+
+@dataclass(frozen=True)
+class KnownLoad(KnownFeature):
+    """A feature of traction. The noise's spectrum is known to its fits, which all start where the
+    search puts the feature in the first recording."""
+
+    feature: Feature
+    fitter: FeatureFitter
+
+    def signal(self, truth: Mapping[str, float]) -> Float[np.ndarray, "e sample"]:
+        return self.on.signal(self.name, self.feature, truth)
+
+    @property
+    def scales(self) -> dict[str, float]:
+        known = {"friction"} if self.feature.friction is not None else set()
+        amplitude, depth = self.feature.amplitude, float(self.on.sensor.depth_m)
+        return {
+            part: abs(value) if part == amplitude else depth if part.endswith("_m") else 1.0
+            for part, value in self.truth.items()
+            if part not in known
+        }
+
+    def fit_draws(self, key: jax.Array, draws: int) -> list[FittedDraw]:
+        ys = self.signal(self.truth) + self.on.noise(key, self.power, draws)
+        model, fits = self.fitter.many(self.name, self.feature, ys, known_noise(self.power))
+        return [
+            FittedDraw(model.loading.report(model.features, each), each.converged) for each in fits
+        ]
+
+
+def known_noise(power: Float[np.ndarray, " k"]) -> Any:
+    """The noise as the fit takes it: one standard deviation where it is white."""
+    white = np.ptp(power) <= 1e-12 * power.max()
+    return float(np.sqrt(power[0])) if white else Spectrum(power)

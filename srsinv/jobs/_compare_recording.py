@@ -1,0 +1,183 @@
+"""The comparison on a recording, without a truth: methods are scored on held-out samples.
+
+The recording's cells are split into two halves, every other one to each: over a depth there are
+several cells, so that either half determines the same traction, with independent noise. A method's
+fit to one half is compared with the samples of the other.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray
+from jaxtyping import Float, Int
+
+from ..inverse.estimate import COMPONENTS, Estimate, deviation
+from ..inverse.line_problem import LineProblem
+from ..inverse.quality import Quality
+from ..report.result import Result, dataset, scalars
+from ..report.section import sections
+from ..report.text import unit_of
+from ._answers import answer_variables
+from ._statistics import differences, ranks
+from .monte_carlo import FEATURE_FIT, Answers, Variables, estimate_variables, simulate_and_fit
+
+ROUNDING = 1e-9  # of the range: values that differ by less are the same but for rounding
+PARTS = ("all", "even cells", "odd cells")
+BY = ("method", "part")
+
+
+def on_recording(
+    name: str,
+    problem: LineProblem,
+    methods: Mapping[str, Callable[[LineProblem], Estimate]],
+    units: tuple[str, str],
+    facts: Mapping[str, Any],
+) -> Result:
+    """Every method on all cells of the recording and on its two halves; `units` of the signal and
+    of p and q, "1" where they are relative."""
+    problems = problem, *split_odd_even(problem)
+    answers = simulate_and_fit(problems, methods)
+    signal = np.asarray(problem.data + problem.mean_signal)
+    signal = np.where(problem.is_observed, signal, np.nan)
+    variables = (
+        _samples(problem, answers, signal, units)
+        | _held_out(problems, answers)
+        | _profiles(problems, answers, units[1])
+        | _answers(answers)
+        | scalars({"cells": problem.line.n})
+    )
+    parameters: list[str] = []
+    if FEATURE_FIT in methods:
+        fits = [fit.parameters for fit in answers.of[FEATURE_FIT]]
+        parameters = list(fits[0])
+        by = ("part", "parameter")
+        drawn = np.array([[fit[each] for each in parameters] for fit in fits])
+        variables |= {
+            "parameter_value": (by, drawn[..., 0], "SI"),
+            "parameter_stderr": (by, drawn[..., 1], "SI"),
+        }
+    assert problem.sensor is not None
+    coordinates = {
+        "x": (np.asarray(problem.line.x), "m"),
+        "part": (list(PARTS), "1"),
+        "component": (list(COMPONENTS), "1"),
+        "method": (list(methods), "1"),
+        "other": (list(methods), "1"),
+        "half": (list(PARTS[1:]), "1"),
+        "element": (problem.sensor.element_names, "1"),
+        "parameter": (parameters, "1"),
+        "unit": ("parameter", [unit_of(each) for each in parameters], "1"),
+    }
+    said = {f"mean_of_{component}": words for component, words in problem.mean_statement().items()}
+    attributes = {"mean_unobserved": ",".join(COMPONENTS), **facts, **said}
+    if units[1] != "Pa":
+        attributes["is_relative"] = 1
+    data = dataset(variables, coordinates, **attributes)
+    return Result(_title(name, data), data, sections("compare_recording", "assumed"))
+
+
+def split_odd_even(problem: LineProblem) -> tuple[LineProblem, LineProblem]:
+    """The same problem with the samples of every other cell: two draws of the noise."""
+    parity = np.arange(problem.line.n) % 2
+    return problem.restricted_to(parity == 0), problem.restricted_to(parity == 1)
+
+
+def holdout_chi2(estimate: Estimate, problem: LineProblem) -> float:
+    """Mean square of the problem's samples less the fitted signal, in units of the noise.
+
+    For held-out samples; under a correct model 1 plus the estimate's own uncertainty.
+    """
+    rest = np.asarray(problem.data + problem.mean_signal) - np.asarray(estimate.fitted)
+    rest = np.where(problem.is_observed, rest, np.nan)
+    if problem.has_free_offset:
+        rest = rest - np.nanmean(rest, axis=-1, keepdims=True)
+    return float(np.nanmean(rest**2)) / problem.noise_rms**2
+
+
+def _title(name: str, data: xarray.Dataset) -> str:
+    left = data["holdout_chi2_mean"].values
+    first, second = np.argsort(left, kind="stable")[:2]
+    names = data["method"].values
+    return (
+        f"{name}: {names[first]} predicts held-out samples best, to {left[first]:.3g} times the "
+        f"noise's power; {names[second]} to {left[second]:.3g} times"
+    )
+
+
+def _samples(
+    problem: LineProblem, answers: Answers[Estimate], signal: np.ndarray, units: tuple[str, str]
+) -> Variables:
+    """The signal, and what each method makes of it."""
+    own, samples = estimate_variables(answers, ("part",), units), ("element", "x")
+    residual = (signal - own["fitted_signal"][1]) / problem.noise_rms
+    return own | {
+        "signal": (samples, signal, units[0]),
+        "observed": (samples, problem.is_observed.astype(np.int8), "1"),
+        "whitened_residual": ((*BY, *samples), residual, "1"),
+        "misfit_all": ("method", own["misfit"][1][:, 0], "1", "misfit_{method}"),
+        "all_converged": ("method", own["converged"][1].all(axis=1), "1", "converged_{method}"),
+    }
+
+
+def _held_out(problems: Sequence[LineProblem], answers: Answers[Estimate]) -> Variables:
+    """The score of each half's fit on the other half."""
+    _, even, odd = problems
+    left = np.array(
+        [[holdout_chi2(of[1], odd), holdout_chi2(of[2], even)] for of in answers.of.values()]
+    )
+    by, rank = ("method", "half"), ranks(left)
+    return {
+        "holdout_chi2": (by, left, "1"),
+        "holdout_chi2_mean": ("method", left.mean(axis=1), "1", "holdout_chi2_{method}"),
+        "rank": (by, rank, "1"),
+        "rank_mean": ("method", rank.mean(axis=1), "1", "rank_mean_{method}"),
+        **differences(left, list(answers.of)),
+    }
+
+
+def _profiles(problems: Sequence[LineProblem], answers: Answers[Estimate], units: str) -> Variables:
+    """p and q: their bands, where they are highest, how well the halves repeat them, and by how
+    much the methods differ."""
+    cells, x = problems[0].observed_cells, np.asarray(problems[0].line.x)
+    value = answers.each(lambda each: each.value)
+    observed = [problem.observed_cells for problem in problems]
+    stderr = np.array([list(map(_stderr, of, observed)) for of in answers.of.values()])
+    moved = deviation(value[:, 1], cells) - deviation(value[:, 2], cells)
+    p = deviation(value[:, 0, 0], cells)
+    apart = np.linalg.norm(p[:, None] - p[None], axis=-1)
+    stated = np.sqrt(np.mean(stderr[:, 0][..., cells] ** 2, axis=-1))
+    by, unit = ("method", "component"), "Pa" if units == "Pa" else "relative"
+    return {
+        "estimate_stderr": ((*BY, "component", "x"), stderr, units),
+        "repeatability": (by, np.sqrt(np.mean(moved**2, axis=-1)) / 2, units,
+                          f"{{component}}_repeatability_{unit}_{{method}}"),
+        "stderr_rms": (by, stated, units, f"{{component}}_stderr_rms_{unit}_{{method}}"),
+        "peak_position": (by, x[cells][_peak(value[:, 0][..., cells])], "m",
+                          "{component}_peak_position_m_{method}"),
+        "difference_of_p": (("method", "other"),
+                            apart / (np.linalg.norm(p, axis=-1) + 1e-300)[None], "1"),
+    }  # fmt: skip
+
+
+def _stderr(estimate: Estimate, cells: np.ndarray) -> Float[np.ndarray, "2 n"]:
+    """Standard errors of the deviation from the mean over `cells`, infinite where the answer
+    failed."""
+    stderr = np.asarray(estimate.deviation(cells)[1])
+    return np.full_like(stderr, np.inf) if estimate.quality is Quality.FAILED else stderr
+
+
+def _peak(values: Float[np.ndarray, "... x"]) -> Int[np.ndarray, "..."]:
+    """Where the values are largest: in the middle, where several are but for rounding."""
+    top, spread = values.max(axis=-1, keepdims=True), np.ptp(values, axis=-1, keepdims=True)
+    is_top = values >= top - ROUNDING * spread
+    last = values.shape[-1] - 1 - np.argmax(is_top[..., ::-1], axis=-1)
+    return (np.argmax(is_top, axis=-1) + last) // 2
+
+
+def _answers(answers: Answers[Estimate]) -> Variables:
+    """Quality and reasons of each method's answer from all cells; how either half ended."""
+    own = answer_variables({name: of[0] for name, of in answers.of.items()})
+    own["quality_all"] = own.pop("quality")
+    halves = [" ".join(each.status.advice for each in of[1:]) for of in answers.of.values()]
+    return own | {"status_halves": ("method", halves, "1")}

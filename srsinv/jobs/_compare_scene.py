@@ -1,0 +1,292 @@
+"""The comparison on a simulated scene: errors against the truth, over noise levels and draws."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+
+from .. import plot
+from ..errors import is_number, refuse
+from ..forward.noise import Noise, SignalToNoise
+from ..forward.simulation import Simulation
+from ..inverse.estimate import BAND_90, COMPONENTS, Estimate, deviation
+from ..inverse.line_problem import LineProblem
+from ..inverse.method import Method
+from ..inverse.quality import Quality
+from ..inverse.simulated import noisy_problem
+from ..report.result import Result, dataset, scalars
+from ..report.section import sections
+from ..report.text import unit_of
+from ._statistics import differences, ranks
+from .monte_carlo import (
+    FEATURE_FIT,
+    Answers,
+    Variables,
+    estimate_variables,
+    simulate_and_fit,
+    whole,
+)
+
+DRAWN = ("snr", "seed")
+BY = ("method", *DRAWN)
+
+
+@dataclass(frozen=True)
+class SceneDraws:
+    """Draws of white noise: `seeds` at each of the levels `snr_dB`, the first one from `seed`."""
+
+    snr_dB: tuple[float, ...]
+    seeds: int
+    seed: int
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any], seed: int) -> "SceneDraws":
+        """Those of `compare` in the configuration. Raises `BadInput` for levels that are not
+        several numbers, each once, and for no draw."""
+        levels, seeds = given["snr_dB"], given["seeds"]
+        numbers = isinstance(levels, list) and all(map(is_number, levels))
+        refuse(
+            not numbers or not levels or len(set(levels)) < len(levels),
+            f"compare.snr_dB is {levels}: give one number or more in dB, each once, as [20,40].",
+        )
+        refuse(
+            not (isinstance(seeds, int) and seeds >= 1),
+            f"compare.seeds is {seeds!r}: give a whole number from 1.",
+        )
+        return cls(tuple(levels), seeds, seed)
+
+
+@dataclass(frozen=True)
+class SceneComparison:
+    """A simulated scene and the draws of its noise.
+
+    - `noises`: the causes of noise beside the white one.
+    - `friction`: mu where the inversions are to know that q = mu p.
+    """
+
+    sim: Simulation
+    draws: SceneDraws
+    noises: Mapping[str, Noise]
+    friction: float | None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(level, draw)."""
+        return len(self.draws.snr_dB), self.draws.seeds
+
+    def problems(self) -> list[LineProblem]:
+        """One for each draw of each level."""
+        return [
+            noisy_problem(
+                self.sim.with_noises((SignalToNoise(level), *self.noises.values())),
+                jax.random.key(self.draws.seed + i),
+                self.friction,
+            )
+            for level in self.draws.snr_dB
+            for i in range(self.draws.seeds)
+        ]
+
+
+def on_scene(
+    scene: SceneComparison,
+    methods: Mapping[str, Callable[[LineProblem], Estimate]],
+    wrong: Method | None,
+    facts: Mapping[str, Any],
+) -> Result:
+    """Every method at every noise level and draw, and one fit of a feature that is absent.
+
+    Raises `BadInput` for a uniform scene.
+    """
+    refuse(
+        not np.any(np.ptp(np.asarray(scene.sim.traction(scene.sim.line)), axis=-1)),
+        "The scene is uniform, which a rate signal does not show: give it a pressure, as "
+        "scene=strip does.",
+    )
+    problems = scene.problems()
+    answers = simulate_and_fit(problems, methods, scene.shape)
+    own = _of_methods(scene, problems, answers)
+    variables = own | _means(own) | _pairs(own["error_overall"][1], list(methods))
+    variables["reasons_first"] = (("method", "snr"), _first_reasons(answers), "1")
+    variables |= scalars({"seeds": scene.draws.seeds, "cells": scene.sim.line.n})
+    parameters: list[str] = []
+    if FEATURE_FIT in methods:
+        parameters, more = _of_parameters(answers.of[FEATURE_FIT], scene.shape)
+        variables |= more
+    if wrong is not None:
+        alone = simulate_and_fit(problems, {"Absent feature": whole(wrong)}, scene.shape)
+        variables |= _of_wrong(own, _of_methods(scene, problems, alone), list(methods))
+    coordinates = {
+        "x": (np.asarray(scene.sim.line.x), "m"),
+        "snr": ([float(level) for level in scene.draws.snr_dB], "dB"),
+        "seed": (scene.draws.seed + np.arange(scene.draws.seeds), "1"),
+        "component": (list(COMPONENTS), "1"),
+        "method": (list(methods), "1"),
+        "element": (scene.sim.sensor.element_names, "1"),
+        "parameter": (parameters, "1"),
+        "unit": ("parameter", [unit_of(name) for name in parameters], "1"),
+    }
+    data = dataset(variables, coordinates, mean_unobserved=",".join(COMPONENTS), **facts)
+    page = sections("compare_scene", "assumed", absent_feature=absent_feature)
+    return Result(_title(data), data, page)
+
+
+def _title(data: xarray.Dataset) -> str:
+    error = data["error_overall"].mean("seed").values
+    first, second = np.argsort(data["rank_mean"].values, kind="stable")[:2]
+    names, top = data["method"].values, int(np.argmax(data["snr"].values))
+    best = int(np.sum(error.argmin(axis=0) == first))
+    return (
+        f"{names[first]} is closest to the true p and q at {best} of {error.shape[1]} noise levels:"
+        f" {100 * error[first, top]:.2g} % off at {data['snr'].values[top]:g} dB, {names[second]} "
+        f"{100 * error[second, top]:.2g} %"
+    )
+
+
+# --- numbers ---------------------------------------------------------------------------------
+
+
+def _of_methods(
+    scene: SceneComparison, problems: Sequence[LineProblem], answers: Answers[Estimate]
+) -> Variables:
+    """Every answer, and its scores against the truth."""
+    sim, shape, cells = scene.sim, scene.shape, problems[0].observed_cells
+    unit, samples = sim.sensor.amplifier.unit, ("element", "x")
+
+    def data(get: Callable[[LineProblem], Any]) -> np.ndarray:
+        rows = np.asarray([get(problem) for problem in problems])
+        return rows.reshape(*shape, *rows.shape[1:])
+
+    own = estimate_variables(answers, DRAWN, (unit, "Pa"))
+    truth = np.asarray(sim.traction(sim.line))
+    stderr = answers.each(lambda each: each.deviation(cells)[1])
+    signal = data(lambda problem: np.asarray(problem.data + problem.mean_signal))
+    rms = data(lambda problem: problem.noise_rms)[..., None, None]
+    return own | {
+        "traction": (("component", "x"), truth, "Pa"),
+        "signal": ((*DRAWN, *samples), signal, unit),
+        "observed": (samples, problems[0].is_observed.astype(np.int8), "1"),
+        "estimate_stderr": ((*BY, "component", "x"), stderr, "Pa"),
+        "whitened_residual": ((*BY, *samples), (signal - own["fitted_signal"][1]) / rms, "1"),
+        **_scores(own["estimate"][1], stderr, truth, cells),
+    }
+
+
+def _scores(
+    value: np.ndarray, stderr: np.ndarray, truth: np.ndarray, cells: np.ndarray
+) -> Variables:
+    """Relative error of p and of q, of both together by the norm of both, and the fraction of
+    cells in the 90 % band: all of the deviation from the mean."""
+    true = deviation(truth, cells)
+    wrong = deviation(value, cells) - true
+    size = np.linalg.norm(true, axis=-1)
+    overall = np.linalg.norm(wrong, axis=(-2, -1)) / np.linalg.norm(true)
+    inside = np.mean(np.abs(wrong) <= BAND_90 * stderr[..., cells], axis=-1)
+    error = np.linalg.norm(wrong, axis=-1) / np.where(size > 0, size, np.nan)
+    return {
+        "error": ((*BY, "component"), error, "1"),
+        "error_overall": (BY, overall, "1"),
+        "coverage": ((*BY, "component"), inside, "1"),
+        "rank": (BY, ranks(overall), "1"),
+    }
+
+
+def _means(own: Variables) -> Variables:
+    """What the scores are over the draws."""
+    error, inside, misfit, rank, quality, converged = (
+        own[name][1] for name in ("error", "coverage", "misfit", "rank", "quality", "converged")
+    )
+    at, of = ("method", "snr"), "{component}_{method}_{snr}_dB"
+    counts = {str(each): np.sum(quality == each, axis=2) for each in Quality}
+    return {
+        "error_mean": ((*at, "component"), error.mean(axis=2), "1", f"error_{of}"),
+        "error_spread": ((*at, "component"), _spread(error, 2), "1",
+                         "error_{component}_spread_{method}_{snr}_dB"),
+        "coverage_mean": ((*at, "component"), inside.mean(axis=2), "1", f"coverage_{of}"),
+        "misfit_mean": (at, misfit.mean(axis=2), "1", "misfit_{method}_{snr}_dB"),
+        "rank_mean": ("method", rank.mean(axis=(1, 2)), "1", "rank_mean_{method}"),
+        "rank_mean_at": (at, rank.mean(axis=2), "1", "rank_mean_{method}_{snr}_dB"),
+        "good": (at, counts.pop("good"), "1"),
+        **{name: (at, count, "1", name + "_{method}_{snr}_dB") for name, count in counts.items()},
+        "not_converged": (at, np.sum(1 - converged, axis=2), "1",
+                          "not_converged_{method}_{snr}_dB"),
+    }  # fmt: skip
+
+
+def _first_reasons(answers: Answers[Estimate]) -> np.ndarray:
+    """(method, level): why the first draw that is not good is not, empty where all are."""
+    reasons = answers.each(lambda each: " ".join(each.reasons))
+    first = np.argmax(reasons != "", axis=-1)
+    return np.take_along_axis(reasons, first[..., None], -1)[..., 0]
+
+
+def _pairs(overall: np.ndarray, names: list[str]) -> Variables:
+    """Differences of the methods' errors at each level."""
+    each = [differences(overall[:, s], names) for s in range(overall.shape[1])]
+    return {
+        name: (("snr", "pair"), np.stack([own[name][1] for own in each]), "1") for name in each[0]
+    }
+
+
+def _of_parameters(fits: Sequence[Estimate], shape: tuple[int, int]) -> tuple[list[str], Variables]:
+    """The fitted features' parameters over the draws of each level."""
+    names = list(fits[0].parameters)
+    drawn = np.array([[fit.parameters[name] for name in names] for fit in fits])
+    drawn = drawn.reshape(*shape, len(names), 2)
+    value, at = drawn[..., 0], ("snr", "parameter")
+    stated = np.sqrt(np.mean(drawn[..., 1] ** 2, axis=1))
+    return names, {
+        "parameter_mean": (at, value.mean(axis=1), "SI"),
+        "parameter_spread": (at, _spread(value, 1), "SI"),
+        "parameter_stderr": (at, stated, "SI"),
+    }
+
+
+def _of_wrong(own: Variables, wrong: Variables, names: list[str]) -> Variables:
+    """The fit of a feature that is not in the scene; its evidence beside that of those that are."""
+    value, stderr, overall, inside, misfit, evidence = (
+        wrong[name][1][0] for name in
+        ("estimate", "estimate_stderr", "error_overall", "coverage", "misfit", "log_evidence")
+    )  # fmt: skip
+    truth = deviation(own["traction"][1], np.ones(value.shape[-1], bool))
+    stated = np.sqrt(np.mean(stderr**2, axis=(1, 2, 3)) / np.mean(truth**2))
+    along = (*DRAWN, "component", "x")
+    variables: Variables = {
+        "absent_estimate": (along, value, "Pa"),
+        "absent_estimate_stderr": (along, stderr, "Pa"),
+        "absent_stated": ("snr", stated, "1"),
+        "absent_coverage": ("snr", inside[..., 0].mean(axis=1), "1"),
+        "absent_misfit": ("snr", misfit.mean(axis=1), "1", "misfit_wrong_feature_{snr}_dB"),
+        "absent_error": ("snr", overall.mean(axis=1), "1", "error_overall_wrong_feature_{snr}_dB"),
+    }
+    if FEATURE_FIT in names:
+        gain = own["log_evidence"][1][names.index(FEATURE_FIT)] - evidence
+        variables["evidence_gain"] = ("snr", gain.mean(axis=1), "1")
+    return variables
+
+
+def _spread(values: np.ndarray, axis: int) -> np.ndarray:
+    """Standard deviation over the draws, NaN of one."""
+    if values.shape[axis] == 1:
+        return np.full(np.delete(values.shape, axis), np.nan)
+    return values.std(axis=axis, ddof=1)
+
+
+# --- plot ------------------------------------------------------------------------------------
+
+
+def absent_feature(ds: xarray.Dataset) -> Figure:
+    """The fits of the right feature and of the absent one, at the least noise, first draw."""
+    own = ds.isel(snr=int(np.argmax(ds["snr"].values)), seed=0)
+    both = {
+        key: xarray.concat(
+            [own[key].sel({"method": FEATURE_FIT}, drop=True), own[f"absent_{key}"].rename(key)],
+            "method",
+        )
+        for key in ("estimate", "estimate_stderr")
+    }
+    names = [FEATURE_FIT, f"{ds.attrs['wrong_feature']} (absent)"]
+    return plot.estimates(own.drop_dims("method").assign(both).assign_coords(method=names))

@@ -1,0 +1,114 @@
+"""The Monte Carlo runner: every method's answer to every problem that was drawn, with its time."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import refuse
+from ..forward.feature import Feature
+from ..inverse.estimate import Estimate
+from ..inverse.features.method import FeatureFit
+from ..inverse.line_problem import LineProblem
+from ..inverse.method import Method
+from ..inverse.nonlinear import Solver
+from ..progress import stage
+
+FEATURE_FIT = "Feature fit"
+Variables = dict[str, tuple[Any, ...]]
+Problem = TypeVar("Problem")
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class Answers(Generic[Answer]):
+    """Answers to the same problems: of each method one for each problem, and the times [s] of the
+    calls. The problems are those of an array of `shape`, its last dimension the fastest."""
+
+    of: Mapping[str, Sequence[Answer]]
+    time_s: Float[np.ndarray, "method problem"]
+    shape: tuple[int, ...]
+
+    def each(self, get: Callable[[Answer], Any]) -> np.ndarray:
+        """(method, *shape, ...): what `get` takes from each answer."""
+        rows = np.asarray([[get(answer) for answer in answers] for answers in self.of.values()])
+        return rows.reshape(len(self.of), *self.shape, *rows.shape[2:])
+
+    @property
+    def first_call_s(self) -> Float[np.ndarray, " method"]:
+        """Time of each method's first call, which includes any compilation."""
+        return self.time_s[:, 0]
+
+    @property
+    def steady_call_s(self) -> Float[np.ndarray, " method"]:
+        """Median of the times of the further calls."""
+        return np.median(self.time_s[:, 1:] if self.time_s.shape[1] > 1 else self.time_s, axis=1)
+
+
+def simulate_and_fit(
+    problems: Sequence[Problem],
+    methods: Mapping[str, Callable[[Problem], Answer]],
+    shape: tuple[int, ...] | None = None,
+) -> Answers[Answer]:
+    """Every method on every problem; `shape` of the array of problems, None for a row of them."""
+    answers, times = {}, []
+    for name, method in methods.items():
+        with stage(f"{name}, {len(problems)} times"):
+            answers[name], own = zip(*(_timed(method, each) for each in problems), strict=True)
+            times.append(own)
+    return Answers(answers, np.array(times), (len(problems),) if shape is None else shape)
+
+
+def _timed(method: Callable[[Problem], Answer], problem: Problem) -> tuple[Answer, float]:
+    start = time.perf_counter()
+    answer = method(problem)
+    return answer, time.perf_counter() - start
+
+
+def inversions(
+    methods: Mapping[str, Method], features: Mapping[str, Feature], solver: Solver
+) -> dict[str, Callable[[LineProblem], Estimate]]:
+    """The methods by the page's names, and the fit of the sum of features, where there are any.
+
+    Raises `BadInput` for fewer than two.
+    """
+    named = dict(methods) | ({FEATURE_FIT: FeatureFit(features, solver)} if features else {})
+    refuse(
+        len(named) < 2,
+        f"Only {len(named)} contestants are named: give two at least, by "
+        "method=[wiener_evidence,tikhonov] and feature=[strip_load].",
+    )
+    return {name: whole(method) for name, method in named.items()}
+
+
+def whole(method: Method) -> Callable[[LineProblem], Estimate]:
+    """The method with its traction and bands computed, which else are when they are asked for."""
+
+    def solve(problem: LineProblem) -> Estimate:
+        estimate = method(problem)
+        jax.block_until_ready((estimate.value, estimate.stderr))
+        return estimate
+
+    return solve
+
+
+def estimate_variables(
+    answers: Answers[Estimate], dims: Sequence[str], units: tuple[str, str]
+) -> Variables:
+    """What every estimate of p and q gives, over methods and the problems' `dims`; `units` of
+    signal and traction."""
+    by, (signal, traction) = ("method", *dims), units
+    return {
+        "estimate": ((*by, "component", "x"), answers.each(lambda e: e.value), traction),
+        "fitted_signal": ((*by, "element", "x"), answers.each(lambda e: e.fitted), signal),
+        "misfit": (by, answers.each(lambda e: e.misfit), "1"),
+        "converged": (by, answers.each(lambda e: e.status == "converged").astype(np.int8), "1"),
+        "quality": (by, answers.each(lambda e: str(e.quality)), "1"),
+        "log_evidence": (by, answers.each(lambda e: getattr(e, "log_evidence", np.nan)), "1"),
+        "first_call_s": ("method", answers.first_call_s, "s", "first_call_s_{method}"),
+        "steady_call_s": ("method", answers.steady_call_s, "s", "steady_call_s_{method}"),
+    }
