@@ -134,7 +134,7 @@ def run(cfg: config.Config) -> Result:
         speed_m_per_s=float(scan.scan.speed_m_per_s), sample_rate_hz=settings.sample_rate_hz,
         noise=", ".join(cfg["noise"]), effects_on=listed(cfg["effects"]), seed=str(cfg["seed"]),
     )  # fmt: skip
-    read = quantity(numbers["pitch_m"], "m", numbers["pitch_m_stderr"])
+    read = quantity_with_error(numbers["pitch_m"], numbers["pitch_m_stderr"], "m")
     high = quantity(data.attrs["height_m"], "m", digits=2)
     title = f"Pitch of {settings.ridges} ridges {high} high: {read}, at a signal to noise ratio of "
     title += f"{numbers['snr_per_sample']:.2g} per sample"

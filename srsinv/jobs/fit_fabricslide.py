@@ -27,7 +27,7 @@ from ..recording import Recording
 from ..recording.even import load_steady
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
-from ..report.text import quantity
+from ..report.text import quantity_with_error
 from ..status import Status
 from ._answers import answer_of
 from ._board import PitchSettings, along_x, settings_for, without_gaps
@@ -109,7 +109,7 @@ def run(cfg: config.Config) -> Result:
         speed_m_per_s=abs(float(np.mean(recording.speed_m_per_s))),
         **of_samples(recording, cfg["recording"].get("times")),
     )  # fmt: skip
-    words = f"pitch {quantity(pitch.pitch_m, 'm', pitch.stderr_m)}"
+    words = f"pitch {quantity_with_error(pitch.pitch_m, pitch.stderr_m, 'm')}"
     title = f"{recording.name}: {'no pitch found' if board.quality is Quality.FAILED else words}"
     plots = {"fits": channel_fits, "shifts": pattern_shifts, "alone": pitches, "lines": spectrum}
     return Result(title, data, sections("fit_fabricslide", **plots))
