@@ -23,7 +23,7 @@ from srsinv.inverse import wave_detection as waves
 from srsinv.report.plot.style import GREY, PALETTE, TRUTH
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
-from srsinv.report.text import listed, quantity
+from srsinv.report.text import listed, quantity, quantity_with_error
 
 PAPER_M = {"6.5um": 6.5e-6, "0.65um": 0.65e-6}  # measured; and expected to be measurable
 HERE = {"color": PALETTE[1], "linestyle": ":"}

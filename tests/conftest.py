@@ -14,6 +14,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from jaxtyping import install_import_hook
 
+import tests.tower  # noqa: F401  looked up by its name
+
 # Compiling is most of the tests' time, and small sizes gain nothing from the last optimisations.
 QUICK_TO_COMPILE = (
     "--xla_llvm_disable_expensive_passes=true",
@@ -27,8 +29,9 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
-ROOMS = ("grid", "forward", "inverse", "jobs", "recording", "report")
+ROOMS = ("grid", "forward", "inverse", "jobs", "recording")
 install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
+install_import_hook("srsinv.report", "tests.tower.checked")
 
 import srsinv  # noqa: E402, F401
 from srsinv.command.programs import release_programs  # noqa: E402

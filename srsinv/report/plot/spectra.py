@@ -68,7 +68,8 @@ def over_wavenumber(parts: Sequence[Panel]) -> Figure:
 def wavenumbers(k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> Axis:
     """The axis of wavenumbers (k,) up to where the gain (..., k) has become negligible, but well
     past every cut-off."""
-    return Axis("wavenumber k", "rad/m", True, (k[1], _last_wavenumber(k, gain, cutoff)))
+    limits = float(k[1]), _last_wavenumber(k, gain, cutoff)
+    return Axis("wavenumber k", "rad/m", True, limits)
 
 
 def gain_limits(gain: np.ndarray) -> tuple[float | None, float | None]:
