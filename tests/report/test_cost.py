@@ -28,7 +28,7 @@ def test_each_family_has_a_line_by_size_and_what_is_exact_has_none(axes):
     assert set(lines) == {"open", "periodic"}
     for family, points in lines.items():
         sizes = np.sort(SIZES)
-        np.testing.assert_allclose(points, np.stack([1e-8 * sizes, SCALES[family] / sizes], 1))
+        np.testing.assert_allclose(points, np.stack([1e-2 * sizes, SCALES[family] / sizes], 1))
 
 
 def test_sizes_stand_at_the_ends_of_each_line(axes):

@@ -212,7 +212,7 @@ def _finish(axes: Axes, panel: Panel, x_factor: float, y_factor: float) -> None:
     )
     for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
         if (panel.x if name == "x" else panel.y).is_log:
-            _log_ticks(axis, *(axes.get_xlim() if name == "x" else axes.get_ylim()))
+            log_ticks(axis, *(axes.get_xlim() if name == "x" else axes.get_ylim()))
 
 
 def _limits(panel: Panel, factor: float) -> tuple[float | None, float | None]:
@@ -227,7 +227,7 @@ def _limits(panel: Panel, factor: float) -> tuple[float | None, float | None]:
     return values.min() - margin, values.max() + margin
 
 
-def _log_ticks(axis: Any, low: float, high: float) -> None:
+def log_ticks(axis: Any, low: float, high: float) -> None:
     """Numbers as they are spoken, where the axis spans few decades."""
     if not 0 < low < high or np.log10(high / low) > _FEW_TICKS:
         return
