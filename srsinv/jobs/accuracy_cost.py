@@ -23,6 +23,7 @@ from ..progress import stage
 from ..report.plot.panels import Axis, Curve, Panel, panels
 from ..report.result import Result, dataset, key_of
 from ..report.section import sections
+from ..report.text import quantity
 from . import _cost_fit as fitting
 from ._cost_linear import (
     REFERENCE,
@@ -178,11 +179,12 @@ def _title(quickest: Sequence[Row]) -> str:
     part = quickest[-len(WITHIN_STDERR) - 1]["part"]
     own = [row for row in quickest if (row["part"], row["within"]) == (part, WITHIN[-1])]
     ways = [
-        f"{row['family']} on the {row['line']} line ({1e3 * row['steady_call_s']:.2g} ms)"
+        f"{row['family']} on the {row['line']} line ({quantity(row['steady_call_s'], 's')})"
         for row in own
     ]
     within = f"{WITHIN[-1]:g}".replace("e-0", "e-")
-    return f"Fastest within {within} of exact on {own[0]['size']}: {', '.join(ways)}"
+    listed = ", ".join(ways).replace("e-0", "e-")
+    return f"Fastest within {within} of exact on {own[0]['size']}: {listed}"
 
 
 def _facts(settings: CostSettings, has_peers: bool) -> dict[str, Any]:
@@ -203,7 +205,10 @@ def fit_counts(ds: xarray.Dataset) -> Figure:
     """How often a fit is at its minimum and how long it takes, over the number of starts; and how
     long over the number of signals that are fitted together."""
     success = Axis("fits at the minimum", "1", limits=(-0.05, 1.05))
-    time = Axis("time for each signal", "s", limits=(0.0, None))
+    alone, together = (
+        Axis(time, "s", limits=(0.0, None))
+        for time in ("time for each signal", "time for each, together")
+    )
 
     def panel(sweep: str, name: str, count: str, y: Axis) -> Panel:
         own = ds.isel(fit=np.flatnonzero(ds["fit_sweep"] == sweep))
@@ -212,12 +217,14 @@ def fit_counts(ds: xarray.Dataset) -> Figure:
             for family in dict.fromkeys(own["fit_family"].values.tolist())
             for each in [own.isel(fit=np.flatnonzero(own["fit_family"] == family))]
         ]
-        return Panel(curves, Axis(count, is_log=True), y)
+        counts = own["fit_setting"]
+        ends = (0.95 * float(counts.min()), 1.05 * float(counts.max()))
+        return Panel(curves, Axis(count, is_log=True, limits=ends), y)
 
     return panels(
         [
             panel("starts", "fit_converged", "starts", success),
-            panel("starts", "fit_steady_call_s", "starts", time),
-            panel("batch", "fit_steady_call_s", "signals in one call, one start each", time),
+            panel("starts", "fit_steady_call_s", "starts", alone),
+            panel("batch", "fit_steady_call_s", "signals in one call, one start each", together),
         ]
     )
