@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.optimize as so
 import scipy.sparse.linalg as sla
+from numpy.typing import ArrayLike
 
 from srsinv.grid import Convolution
 from srsinv.inverse.features.model import FeatureModel
@@ -20,9 +21,9 @@ from srsinv.inverse.prior import Prior
 Work = Callable[[], np.ndarray]
 
 
-def forward(operator: Convolution, r: np.ndarray) -> dict[str, Work]:
-    """Signals (e, n) [V] of traction r (c, n) [Pa]."""
-    transfer = np.asarray(operator.transfer)
+def forward(operator: Convolution, traction: ArrayLike) -> dict[str, Work]:
+    """Signals (e, n) [V] of traction (c, n) [Pa]."""
+    transfer, r = np.asarray(operator.transfer), np.asarray(traction)
     return {"numpy": partial(numpy_apply, transfer, r, operator.n, operator.length)}
 
 

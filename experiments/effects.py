@@ -4,9 +4,12 @@ import importlib
 from functools import partial
 from typing import Any, NamedTuple
 
+import xarray
+
 from srsinv import config
 from srsinv.effects import reference
 from srsinv.errors import refuse
+from srsinv.forward.sensor import Sensor
 from srsinv.forward.trace import Cost, Trace, cost, difference, pair
 from srsinv.progress import stage
 from srsinv.report.result import Result, dataset, scalars
@@ -51,9 +54,21 @@ def run(cfg: config.Config) -> Result:
         for key, value in node.items()
         if not key.startswith("_")
     }
+    data = _dataset(rows, ideal_cost, none.sensor, settings).assign_attrs(
+        line=none.line.kind,
+        cells=none.line.n,
+        refinement=none.refinement,
+        speed_m_per_s=float(none.scan.speed_m_per_s),
+    )
+    return Result(_title(rows), data, sections(__file__))
+
+
+def _dataset(
+    rows: dict[str, EffectRow], ideal_cost: Cost, sensor: Sensor, settings: dict[str, str]
+) -> xarray.Dataset:
     every = list(rows.values())
-    signals, times = _signals(rows, none.sensor.amplifier.unit)
-    data = dataset(
+    signals, times = _signals(rows, sensor.amplifier.unit)
+    return dataset(
         {
             "change": ("effect", [row.change for row in every], "1", "change_{effect}"),
             "bound": ("effect", [row.bound for row in every], "1", "bound_{effect}"),
@@ -70,15 +85,10 @@ def run(cfg: config.Config) -> Result:
         {
             "effect": (list(rows), "1"),
             "setting": (list(settings), "1"),
-            "element": (none.sensor.element_names, "1"),
+            "element": (sensor.element_names, "1"),
             **times,
         },
-        line=none.line.kind,
-        cells=none.line.n,
-        refinement=none.refinement,
-        speed_m_per_s=float(none.scan.speed_m_per_s),
     )  # fmt: skip
-    return Result(_title(rows), data, sections(__file__))
 
 
 def _signals(rows: dict[str, EffectRow], unit: str) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -94,8 +104,10 @@ def _signals(rows: dict[str, EffectRow], unit: str) -> tuple[dict[str, Any], dic
 
 def _title(rows: dict[str, EffectRow]) -> str:
     most = max(rows, key=lambda name: rows[name].change)
-    beyond = [name for name, row in rows.items() if row.change > row.bound]
-    bounds = f"beyond the bound: {', '.join(beyond)}" if beyond else "all stay within their bounds"
+    exceeding = [name for name, row in rows.items() if row.change > row.bound]
+    bounds = (
+        f"beyond the bound: {', '.join(exceeding)}" if exceeding else "all stay within their bounds"
+    )
     change = significant(100 * rows[most].change)
     return f"Of {len(rows)} effects {most} changes the signal most, by {change} %; {bounds}"
 

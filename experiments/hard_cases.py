@@ -62,7 +62,16 @@ def run(cfg: config.Config) -> Result:
         label = str(hard.pop("label", name))
         refuse(label in rows, f"Two cases of hard_cases.cases are {label!r}: name them apart.")
         with stage(f"hard case: {label}"):
-            rows[label] = [_answers(merged(cfg, hard), precision) for precision in precisions]
+            own, rows[label] = merged(cfg, hard), []
+            for precision in precisions:
+                with jax.enable_x64(precision == "float64"):
+                    cells = _row(
+                        config.methods(own).values(),
+                        lambda own=own: _problem_of(
+                            config.simulation(own), config.random_key(own), config.friction(own)
+                        ),
+                    )
+                rows[label].append(cells)
     data = _dataset(rows, precisions, methods)
     failures = int(data["is_silent_failure"].sum())
     answers = int((data["quality"] != "refused").sum())
@@ -71,17 +80,6 @@ def run(cfg: config.Config) -> Result:
         f"{len(rows)} hard cases by {len(methods)} methods"
     )
     return Result(title, data, sections(__file__, marked=marked))
-
-
-def _answers(cfg: config.Config, precision: str) -> list[Cell]:
-    with jax.enable_x64(precision == "float64"):
-        methods = config.methods(cfg).values()
-        return _row(
-            methods,
-            lambda: _problem_of(
-                config.simulation(cfg), config.random_key(cfg), config.friction(cfg)
-            ),
-        )
 
 
 def _problem_of(sim: Simulation, key, friction: float | None) -> tuple[LineProblem, np.ndarray]:

@@ -4,8 +4,8 @@ A strip of pressure and shear is fitted to noisy signals: over solver and tolera
 of starting points, and over the number of signals fitted together.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -13,7 +13,6 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import refuse
 from ..forward.feature import StripFeature
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
@@ -22,9 +21,9 @@ from ..inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix, Solver, fi
 from ..progress import stage
 from ..resolution import cell_m
 from ..timing import timed
+from ._cost_settings import EXACT, FitSettings
 
 FINER = 4  # refinement of the cells of the model that makes the data
-EXACT = 1e-13  # tolerance of the reference minimum
 CONVERGED_WITHIN = 0.1  # standard errors from the minimum up to which it counts as found
 SCAN_M = 0.012
 MOST_STEPS = 60  # of a search from a far start: bounds those that reach no minimum
@@ -46,40 +45,6 @@ MEASURES = ("error", "error_cramer_rao", "converged", "first_call_s", "steady_ca
 Row = dict[str, Any]
 # A fit of (y, noise_rms, start, bounds, tolerance): the parameters and half the sum of squares.
 PeerFit = Callable[..., tuple[np.ndarray, float]]
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """`accuracy_cost.fit` of the configuration: samples of each element, signal over noise,
-    tolerances of every solver, numbers of starts, of the signals that are fitted from them, and of
-    those fitted together."""
-
-    samples: int
-    snr_dB: float
-    tolerances: Sequence[float]
-    starts: Sequence[int]
-    signals: int
-    batches: Sequence[int]
-
-    @classmethod
-    def checked(cls, given: Mapping[str, Any]) -> "FitSettings":
-        """Those given; raises `BadInput` for what cannot be measured."""
-        for name in ("starts", "batches"):
-            counts = given[name]
-            refuse(
-                not counts or any(not isinstance(n, int) or n < 1 for n in counts),
-                f"accuracy_cost.fit.{name} is {counts}: give whole numbers from 1.",
-            )
-        refuse(
-            not given["tolerances"] or any(not EXACT < t < 1 for t in given["tolerances"]),
-            f"accuracy_cost.fit.tolerances is {given['tolerances']}: give numbers between "
-            f"{EXACT:g} and 1.",
-        )
-        refuse(
-            not (isinstance(given["signals"], int) and given["signals"] >= 1),
-            f"accuracy_cost.fit.signals is {given['signals']!r}: give a whole number from 1.",
-        )
-        return cls(**{each.name: given[each.name] for each in fields(cls)})
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,10 @@ from ..inverse.line_problem import LineProblem
 from ..inverse.prior import Prior
 from ..inverse.simulated import noisy_problem
 from ..timing import timed
+from ._cost_settings import TIGHT
 
 REFERENCE = 8  # refinement of the forward reference over the finest cells tried
 DIRECT_CELLS = 512  # beyond, the dense factors take longer than all the rest
-TIGHT = 1e-12  # tolerance of the open line's reference solution
 PRECISIONS = ("float64", "float32")
 NUMPY, SCIPY = "numpy", "scipy cg"  # the peers to compare times with
 
@@ -40,17 +40,12 @@ def forward_rows(
 ) -> Iterator[Row]:
     """The forward model in each precision and by each peer, at every number of cells."""
     common = min(sizes)  # positions that every grid has
-
-    def model(cells: int):
-        sim = simulated(line, cells)
-        return sim.sensor.operator(sim.line, sim.scan), sim.traction(sim.line)
-
-    operator, traction = model(REFERENCE * max(sizes))
+    operator, traction = _model(simulated(line, REFERENCE * max(sizes)))
     reference = np.asarray(operator(traction))[:, :: REFERENCE * max(sizes) // common]
 
     def row(family: str, cells: int, work: Callable[[], Any], compile_s: float, exact) -> Row:
-        value, first, steady = timed(work, repeats)
-        value = np.asarray(value, float)
+        result, first, steady = timed(work, repeats)
+        value = np.asarray(result, float)
         return {
             "part": "forward",
             "line": line,
@@ -69,14 +64,18 @@ def forward_rows(
         exact = None
         for precision in PRECISIONS:
             with jax.enable_x64(precision == "float64"):
-                given = model(cells)
+                given = _model(simulated(line, cells))
                 work, compile_s = _compiled(lambda operator, r: operator(r), *given)
                 yield (ours := row(precision, cells, partial(work, *given), compile_s, exact))
             exact = ours["value"] if exact is None else exact
         if peers is not None:
-            operator, traction = model(cells)
-            for family, work in peers.forward(operator, np.asarray(traction)).items():
+            for family, work in peers.forward(*_model(simulated(line, cells))).items():
                 yield row(family, cells, work, 0.0, exact)
+
+
+def _model(sim: Simulation):
+    """The operator, and the traction that it is applied to."""
+    return sim.sensor.operator(sim.line, sim.scan), sim.traction(sim.line)
 
 
 def noisy_problems(

@@ -7,7 +7,8 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .style import PALETTE, WIDTH_IN, legend_below, names_of, styled, units_of
+from .panels import log_ticks
+from .style import PALETTE, WIDTH_IN, legend_below, names_of, scale, styled, units_of
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">")
 
@@ -33,16 +34,16 @@ def cost(
     axes = figure.subplots()
     families, values = names_of(dataset[family]), dataset[error].values
     usable = np.isfinite(values) & (values > 0)
+    unit = scale(units_of(dataset[time]), dataset[time].values[usable])
     for i, name in enumerate(dict.fromkeys(np.array(families)[usable].tolist())):
         own = dataset.isel({dataset[error].dims[0]: usable & (np.array(families) == name)})
         own = own.sortby(size)
-        labels = [f"{each:g}".replace("e-0", "e-") for each in own[size].values]
-        _family(axes, own[time].values, own[error].values, labels, name, i)
-    axes.set(
-        xscale="log", yscale="log", xlabel=f"time of a further call [{units_of(dataset[time])}]"
-    )
+        labels = [_spoken(f"{each:g}") for each in own[size].values]
+        _family(axes, unit.factor * own[time].values, own[error].values, labels, name, i)
+    axes.set(xscale="log", yscale="log", xlabel=unit.label("time of a further call"))
     axes.set_ylabel(quantity or f"{error.replace('_', ' ')} [{units_of(dataset[error])}]")
     axes.margins(0.1)
+    log_ticks(axes.xaxis, *axes.get_xlim())
     axes.set_title("Lower left is better")
     figure.suptitle(title)
     legend_below(figure, [axes])
@@ -55,10 +56,16 @@ def _family(
     colour = PALETTE[index % len(PALETTE)]
     style = "-" if index < len(PALETTE) else "--"
     marker = _MARKERS[index % len(_MARKERS)]
-    axes.plot(time, error, style, marker=marker, color=colour, markersize=6, label=family)
-    ends = ((0, (-5, 4), "right"), (len(time) - 1, (6, -3), "left"))
+    axes.plot(time, error, style, marker=marker, color=colour, markersize=6, label=_spoken(family))
+    left, right = (0, -1) if time[0] < time[-1] else (-1, 0)
+    ends = ((left, (-5, 4), "right"), (right, (6, -3), "left"))
     for end, offset, side in ends if len(time) > 1 else ends[1:]:
         axes.annotate(
             labels[end], (time[end], error[end]), offset, textcoords="offset points", ha=side,
             color=colour, fontsize=8,
         )  # fmt: skip
+
+
+def _spoken(number: str) -> str:
+    """Without the zero of an exponent: 1e-8."""
+    return number.replace("e-0", "e-")

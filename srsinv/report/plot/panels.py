@@ -218,7 +218,7 @@ def _finish(axes: Axes, panel: Panel, column: Sequence[Panel], x_factor: float, 
         (panel.x, axes.xaxis, axes.get_xlim()), (panel.y, axes.yaxis, axes.get_ylim())
     ):  # fmt: skip
         if axis.is_log:
-            _log_ticks(drawn, *limits)
+            log_ticks(drawn, *limits)
 
 
 def _limited(own: tuple[Any, Any], axis: Axis, factor: float) -> Iterator[float | None]:
@@ -253,7 +253,7 @@ def _up(panel: Panel) -> tuple[float | None, float | None]:
     return values.min() - margin, values.max() + margin
 
 
-def _log_ticks(axis: Any, low: float, high: float) -> None:
+def log_ticks(axis: Any, low: float, high: float) -> None:
     """Numbers as they are spoken, where the axis spans few decades."""
     if not 0 < low < high or np.log10(high / low) > _FEW_TICKS:
         return

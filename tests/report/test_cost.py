@@ -1,0 +1,39 @@
+"""Error against time: one line for each family, from its smallest size to its largest."""
+
+import numpy as np
+import pytest
+
+from srsinv import plot
+from srsinv.report.result import dataset
+
+SIZES = (1024, 256, 4096)
+SCALES = {"open": 2.0, "periodic": 1.0, "exact": 0.0}
+
+
+@pytest.fixture(scope="module")
+def axes():
+    cases = [(family, n, top / n) for family, top in SCALES.items() for n in SIZES]
+    family, size, error = zip(*cases, strict=True)
+    ds = dataset(
+        {"error": ("case", error, "1"), "size": ("case", size, "1"),
+         "steady_call_s": ("case", 1e-8 * np.array(size), "s")},
+        {"family": ("case", list(family), "1")},
+    )  # fmt: skip
+    (axes,) = plot.cost(ds, quantity="relative error").axes
+    return axes
+
+
+def test_each_family_has_a_line_by_size_and_what_is_exact_has_none(axes):
+    lines = {line.get_label(): line.get_xydata() for line in axes.lines}
+    assert set(lines) == {"open", "periodic"}
+    for family, points in lines.items():
+        sizes = np.sort(SIZES)
+        np.testing.assert_allclose(points, np.stack([1e-2 * sizes, SCALES[family] / sizes], 1))
+
+
+def test_sizes_stand_at_the_ends_of_each_line(axes):
+    assert [each.get_text() for each in axes.texts] == ["256", "4096"] * 2
+
+
+def test_the_error_has_the_name_that_is_given(axes):
+    assert axes.get_ylabel() == "relative error"
