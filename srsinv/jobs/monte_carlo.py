@@ -80,7 +80,7 @@ def inversions(
     named = dict(methods) | ({FEATURE_FIT: FeatureFit(features, solver)} if features else {})
     refuse(
         len(named) < 2,
-        f"Only {len(named)} contestants are named: give two at least, by "
+        f"There are fewer than two methods to compare ({len(named)}): give two at least, by "
         "method=[wiener_evidence,tikhonov] and feature=[strip_load].",
     )
     return {name: computed(method) for name, method in named.items()}
