@@ -73,16 +73,16 @@ def _expect(axes, right: np.ndarray, word: str) -> None:
 
 
 def _ticks(axes, values: np.ndarray, is_log: bool) -> None:
-    """Whole numbers for counts; a logarithmic scale, linear from -1 to 1 where not all values are
-    positive."""
+    """Whole numbers for counts; a logarithmic scale over more than a decade, linear from -1 to 1
+    where not all values are positive."""
     values = values[np.isfinite(values)]
-    if is_log and np.all(values > 0):
-        axes.set_xscale("log")
-    elif is_log:
+    if np.all(values % 1 == 0):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    elif is_log and values.min() <= 0:
         axes.set_xscale("symlog", linthresh=1, linscale=0.5)
         axes.set_xlim(2 * min(values.min(), -0.5), 2 * max(values.max(), 0.5))
-    elif np.all(values % 1 == 0):
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    elif is_log and values.max() > 10 * values.min():
+        axes.set_xscale("log")
 
 
 def _marks(axes, dataset, shown, rows, draws, over, factor: float, labels) -> None:
