@@ -128,10 +128,11 @@ def _title(data: xarray.Dataset) -> str:
     first, second = np.argsort(data["rank_mean"].values, kind="stable")[:2]
     names, top = data["method"].values, int(np.argmax(data["snr"].values))
     best = int(np.sum(error.argmin(axis=0) == first))
+    draws = "in the one draw" if data.sizes["seed"] == 1 else "in the mean"
+    level, ends = data["snr"].values[top], 100 * error[[first, second], top]
     return (
-        f"{names[first]} is closest to the true p and q at {best} of {error.shape[1]} noise levels:"
-        f" {100 * error[first, top]:.2g} % off at {data['snr'].values[top]:g} dB, {names[second]} "
-        f"{100 * error[second, top]:.2g} %"
+        f"{names[first]} is closest to the true p and q at {best} of {error.shape[1]} noise levels "
+        f"{draws}: {ends[0]:.2g} % off at {level:g} dB, {names[second]} {ends[1]:.2g} %"
     )
 
 

@@ -17,7 +17,7 @@ from ..inverse.line_problem import LineProblem
 from ..inverse.method import Method
 from ..inverse.nonlinear import Solver
 from ..progress import stage
-from ..report.result import unit_of
+from ..report.result import unit_of, without_unit
 
 FEATURE_FIT = "Feature fit"
 Variables = dict[str, tuple[Any, ...]]
@@ -126,6 +126,7 @@ def estimate_coordinates(problem: LineProblem, answers: Answers[Estimate]) -> Va
         "element": (problem.sensor.element_names, "1"),
         "parameter": (names, "1"),
         "unit": ("parameter", [unit_of(name) for name in names], "1"),
+        "words": ("parameter", [without_unit(name) for name in names], "1"),
     }
 
 
