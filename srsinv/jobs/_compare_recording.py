@@ -17,10 +17,18 @@ from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
-from ..report.text import unit_of
+from ..report.text import significant
 from ._answers import answer_variables
 from ._statistics import differences, ranks
-from .monte_carlo import FEATURE_FIT, Answers, Variables, estimate_variables, simulate_and_fit
+from .monte_carlo import (
+    FEATURE_FIT,
+    Answers,
+    Variables,
+    estimate_coordinates,
+    estimate_variables,
+    parameter_draws,
+    simulate_and_fit,
+)
 
 ROUNDING = 1e-9  # of the range: values that differ by less are the same but for rounding
 PARTS = ("all", "even cells", "odd cells")
@@ -47,27 +55,17 @@ def on_recording(
         | _answers(answers)
         | scalars({"cells": problem.line.n})
     )
-    parameters: list[str] = []
     if FEATURE_FIT in methods:
-        fits = [fit.parameters for fit in answers.of[FEATURE_FIT]]
-        parameters = list(fits[0])
+        value, stderr = np.moveaxis(parameter_draws(answers), -1, 0)
         by = ("part", "parameter")
-        drawn = np.array([[fit[each] for each in parameters] for fit in fits])
         variables |= {
-            "parameter_value": (by, drawn[..., 0], "SI"),
-            "parameter_stderr": (by, drawn[..., 1], "SI"),
+            "parameter_value": (by, value, "SI"),
+            "parameter_value_stderr": (by, stderr, "SI"),
         }
-    assert problem.sensor is not None
-    coordinates = {
-        "x": (np.asarray(problem.line.x), "m"),
+    coordinates = estimate_coordinates(problem, answers) | {
         "part": (list(PARTS), "1"),
-        "component": (list(COMPONENTS), "1"),
-        "method": (list(methods), "1"),
         "other": (list(methods), "1"),
         "half": (list(PARTS[1:]), "1"),
-        "element": (problem.sensor.element_names, "1"),
-        "parameter": (parameters, "1"),
-        "unit": ("parameter", [unit_of(each) for each in parameters], "1"),
     }
     said = {f"mean_of_{component}": words for component, words in problem.mean_statement().items()}
     attributes = {"mean_unobserved": ",".join(COMPONENTS), **facts, **said}
@@ -96,12 +94,14 @@ def holdout_chi2(estimate: Estimate, problem: LineProblem) -> float:
 
 
 def _title(name: str, data: xarray.Dataset) -> str:
-    left = data["holdout_chi2_mean"].values
-    first, second = np.argsort(left, kind="stable")[:2]
-    names = data["method"].values
+    left, names = data["holdout_chi2_mean"].values, data["method"].values
+    first, second = (
+        f"{significant(float(left[m]))} times" for m in np.argsort(left, kind="stable")[:2]
+    )
+    best, next_best = names[np.argsort(left, kind="stable")[:2]]
     return (
-        f"{name}: {names[first]} predicts held-out samples best, to {left[first]:.3g} times the "
-        f"noise's power; {names[second]} to {left[second]:.3g} times"
+        f"{name}: {best} predicts held-out samples best, to {first} the noise's power; {next_best} "
+        f"to {second}"
     )
 
 

@@ -14,21 +14,22 @@ from ..errors import is_number, refuse
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.simulation import Simulation
 from ..inverse.estimate import BAND_90, COMPONENTS, Estimate, deviation
+from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
-from ..inverse.method import Method
 from ..inverse.quality import Quality
 from ..inverse.simulated import noisy_problem
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
-from ..report.text import unit_of
 from ._statistics import differences, ranks
 from .monte_carlo import (
     FEATURE_FIT,
     Answers,
     Variables,
+    computed,
+    estimate_coordinates,
     estimate_variables,
+    parameter_draws,
     simulate_and_fit,
-    whole,
 )
 
 DRAWN = ("snr", "seed")
@@ -36,65 +37,60 @@ BY = ("method", *DRAWN)
 
 
 @dataclass(frozen=True)
-class SceneDraws:
-    """Draws of white noise: `seeds` at each of the levels `snr_dB`, the first one from `seed`."""
-
-    snr_dB: tuple[float, ...]
-    seeds: int
-    seed: int
-
-    @classmethod
-    def checked(cls, given: Mapping[str, Any], seed: int) -> "SceneDraws":
-        """Those of `compare` in the configuration. Raises `BadInput` for levels that are not
-        several numbers, each once, and for no draw."""
-        levels, seeds = given["snr_dB"], given["seeds"]
-        numbers = isinstance(levels, list) and all(map(is_number, levels))
-        refuse(
-            not numbers or not levels or len(set(levels)) < len(levels),
-            f"compare.snr_dB is {levels}: give one number or more in dB, each once, as [20,40].",
-        )
-        refuse(
-            not (isinstance(seeds, int) and seeds >= 1),
-            f"compare.seeds is {seeds!r}: give a whole number from 1.",
-        )
-        return cls(tuple(levels), seeds, seed)
-
-
-@dataclass(frozen=True)
 class SceneComparison:
     """A simulated scene and the draws of its noise.
 
+    - `snr_dB`: levels of the white noise; `seeds`: of the draws at each level.
     - `noises`: the causes of noise beside the white one.
     - `friction`: mu where the inversions are to know that q = mu p.
     """
 
     sim: Simulation
-    draws: SceneDraws
+    snr_dB: Sequence[float]
+    seeds: range
     noises: Mapping[str, Noise]
     friction: float | None
 
     @property
     def shape(self) -> tuple[int, int]:
         """(level, draw)."""
-        return len(self.draws.snr_dB), self.draws.seeds
+        return len(self.snr_dB), len(self.seeds)
 
     def problems(self) -> list[LineProblem]:
         """One for each draw of each level."""
-        return [
-            noisy_problem(
-                self.sim.with_noises((SignalToNoise(level), *self.noises.values())),
-                jax.random.key(self.draws.seed + i),
-                self.friction,
-            )
-            for level in self.draws.snr_dB
-            for i in range(self.draws.seeds)
+        noisy = [
+            self.sim.with_noises((SignalToNoise(level), *self.noises.values()))
+            for level in self.snr_dB
         ]
+        return [
+            noisy_problem(sim, jax.random.key(seed), self.friction)
+            for sim in noisy
+            for seed in self.seeds
+        ]
+
+
+def levels_and_seeds(given: Mapping[str, Any], seed: int) -> tuple[list[float], range]:
+    """The noise levels [dB] and the draws' seeds of `compare` in the configuration, from `seed` on.
+
+    Raises `BadInput` for levels that are not several numbers, each once, and for no draw.
+    """
+    levels, seeds = given["snr_dB"], given["seeds"]
+    numbers = isinstance(levels, list) and all(map(is_number, levels))
+    refuse(
+        not numbers or not levels or len(set(levels)) < len(levels),
+        f"compare.snr_dB is {levels}: give one number or more in dB, each once, as [20,40].",
+    )
+    refuse(
+        not (isinstance(seeds, int) and seeds >= 1),
+        f"compare.seeds is {seeds!r}: give a whole number from 1.",
+    )
+    return levels, range(seed, seed + seeds)
 
 
 def on_scene(
     scene: SceneComparison,
     methods: Mapping[str, Callable[[LineProblem], Estimate]],
-    wrong: Method | None,
+    wrong: FeatureFit | None,
     facts: Mapping[str, Any],
 ) -> Result:
     """Every method at every noise level and draw, and one fit of a feature that is absent.
@@ -111,23 +107,16 @@ def on_scene(
     own = _of_methods(scene, problems, answers)
     variables = own | _means(own) | _pairs(own["error_overall"][1], list(methods))
     variables["reasons_first"] = (("method", "snr"), _first_reasons(answers), "1")
-    variables |= scalars({"seeds": scene.draws.seeds, "cells": scene.sim.line.n})
-    parameters: list[str] = []
+    variables |= scalars({"seeds": len(scene.seeds), "cells": scene.sim.line.n})
     if FEATURE_FIT in methods:
-        parameters, more = _of_parameters(answers.of[FEATURE_FIT], scene.shape)
-        variables |= more
+        variables |= _of_parameters(answers)
     if wrong is not None:
-        alone = simulate_and_fit(problems, {"Absent feature": whole(wrong)}, scene.shape)
+        alone = simulate_and_fit(problems, {"Absent feature": computed(wrong)}, scene.shape)
         variables |= _of_wrong(own, _of_methods(scene, problems, alone), list(methods))
-    coordinates = {
-        "x": (np.asarray(scene.sim.line.x), "m"),
-        "snr": ([float(level) for level in scene.draws.snr_dB], "dB"),
-        "seed": (scene.draws.seed + np.arange(scene.draws.seeds), "1"),
-        "component": (list(COMPONENTS), "1"),
-        "method": (list(methods), "1"),
-        "element": (scene.sim.sensor.element_names, "1"),
-        "parameter": (parameters, "1"),
-        "unit": ("parameter", [unit_of(name) for name in parameters], "1"),
+        facts = {**facts, "wrong_feature": " + ".join(wrong.features)}
+    coordinates = estimate_coordinates(problems[0], answers) | {
+        "snr": ([float(level) for level in scene.snr_dB], "dB"),
+        "seed": (list(scene.seeds), "1"),
     }
     data = dataset(variables, coordinates, mean_unobserved=",".join(COMPONENTS), **facts)
     page = sections("compare_scene", "assumed", absent_feature=absent_feature)
@@ -139,10 +128,11 @@ def _title(data: xarray.Dataset) -> str:
     first, second = np.argsort(data["rank_mean"].values, kind="stable")[:2]
     names, top = data["method"].values, int(np.argmax(data["snr"].values))
     best = int(np.sum(error.argmin(axis=0) == first))
+    draws = "in the one draw" if data.sizes["seed"] == 1 else "in the mean"
+    level, ends = data["snr"].values[top], 100 * error[[first, second], top]
     return (
-        f"{names[first]} is closest to the true p and q at {best} of {error.shape[1]} noise levels:"
-        f" {100 * error[first, top]:.2g} % off at {data['snr'].values[top]:g} dB, {names[second]} "
-        f"{100 * error[second, top]:.2g} %"
+        f"{names[first]} is closest to the true p and q at {best} of {error.shape[1]} noise levels "
+        f"{draws}: {ends[0]:.2g} % off at {level:g} dB, {names[second]} {ends[1]:.2g} %"
     )
 
 
@@ -231,17 +221,14 @@ def _pairs(overall: np.ndarray, names: list[str]) -> Variables:
     }
 
 
-def _of_parameters(fits: Sequence[Estimate], shape: tuple[int, int]) -> tuple[list[str], Variables]:
+def _of_parameters(answers: Answers[Estimate]) -> Variables:
     """The fitted features' parameters over the draws of each level."""
-    names = list(fits[0].parameters)
-    drawn = np.array([[fit.parameters[name] for name in names] for fit in fits])
-    drawn = drawn.reshape(*shape, len(names), 2)
-    value, at = drawn[..., 0], ("snr", "parameter")
-    stated = np.sqrt(np.mean(drawn[..., 1] ** 2, axis=1))
-    return names, {
+    value, stderr = np.moveaxis(parameter_draws(answers), -1, 0)
+    at = ("snr", "parameter")
+    return {
         "parameter_mean": (at, value.mean(axis=1), "SI"),
         "parameter_spread": (at, _spread(value, 1), "SI"),
-        "parameter_stderr": (at, stated, "SI"),
+        "parameter_stated": (at, np.sqrt(np.mean(stderr**2, axis=1)), "SI"),
     }
 
 

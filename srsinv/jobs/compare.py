@@ -5,13 +5,16 @@ the noise. On a recording, without a truth: each method's prediction of held-out
 repeatability, and the agreement between methods.
 """
 
+from typing import Any
+
 from .. import config, parts
 from ..inverse.features.method import FeatureFit
+from ..inverse.nonlinear import Solver
 from ..report.result import Result
 from ..targets import make
 from . import _facts
 from ._compare_recording import on_recording
-from ._compare_scene import SceneComparison, SceneDraws, on_scene
+from ._compare_scene import SceneComparison, levels_and_seeds, on_scene
 from ._recorded import check_invertible, on_cells, traction_unit_named
 from .monte_carlo import inversions
 
@@ -43,22 +46,24 @@ def run(cfg: config.Config) -> Result:
             units = recording.signal_unit, unit
             return on_recording(recording.name, on_line, methods, units, facts)
         given = cfg["compare"]
-        draws = SceneDraws.checked(given, config.seed(cfg))
+        levels, seeds = levels_and_seeds(given, config.seed(cfg))
         cfg = config.with_facts(cfg, given["scene_sensor"], SCENE_SKIN)
         # The levels' own noise comes with each draw.
         sim, screening = config.screened({**cfg, "noise": {}})
-        effects, wrong = config.part(cfg, "effects"), given["wrong_feature"]
-        if wrong is not None:
-            wrong = make(wrong, "compare.wrong_feature", "feature")
-            facts["wrong_feature"] = type(wrong).__name__.removesuffix("Feature").lower()
-        on = [name for name in effects if screening is None or name in screening.on]
+        on = [name for name in config.part(cfg, "effects") if not screening or name in screening.on]
         noises = parts.coloured_noises(config.part(cfg, "noise"))
-        levels = ", ".join(f"{level:g}" for level in draws.snr_dB)
+        white = f"white at {', '.join(f'{level:g}' for level in levels)} dB"
         facts |= {
-            **_facts.of_simulation(sim, [f"white at {levels} dB", *noises], on),
+            **_facts.of_simulation(sim, [white, *noises], on),
             "precision_and_seed": f"{cfg['precision']}, {cfg['seed']}",
         }
-        scene = SceneComparison(sim, draws, noises, config.friction(cfg))
-        return on_scene(
-            scene, methods, None if wrong is None else FeatureFit({"wrong": wrong}, solver), facts
-        )
+        scene = SceneComparison(sim, levels, seeds, noises, config.friction(cfg))
+        return on_scene(scene, methods, _absent(given["wrong_feature"], solver), facts)
+
+
+def _absent(given: Any, solver: Solver) -> FeatureFit | None:
+    """The fit of a feature that the scene does not hold, by the name of its kind."""
+    if given is None:
+        return None
+    feature = make(given, "compare.wrong_feature", "feature")
+    return FeatureFit({type(feature).__name__.removesuffix("Feature").lower(): feature}, solver)

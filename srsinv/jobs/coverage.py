@@ -33,7 +33,7 @@ from ..report.text import unit_of, without_unit
 from . import _facts
 from ._features import of_feature, sample_rate
 from ._statistics import coverage
-from .monte_carlo import simulate_and_fit
+from .monte_carlo import Variables, simulate_and_fit
 
 DRAWS, DRAWS_OF_A_SURFACE, LEAST_DRAWS = 400, 200, 8
 LEVELS = (0.68, 0.90, 0.95)
@@ -138,20 +138,16 @@ def _dataset(
     bounds = [case.bounds() for case in cases]
     rows = [(c, part) for c, bound in enumerate(bounds) for part in bound]
     names, parameters = [cases[c].name for c, _ in rows], [part for _, part in rows]
-    words = [without_unit(part) for part in parameters]
-    labels = [f"{name}: {part}".replace("_", " ") for name, part in zip(names, words, strict=True)]
-    quantities = [f"{name}_{part}" for name, part in zip(names, parameters, strict=True)]
     truth = np.array([float(cases[c].truth[part]) for c, part in rows])
     bound = np.array([bounds[c][part] for c, part in rows])
     drawn = np.array([[draw.parameters[part] for draw in fitted[c]] for c, part in rows])
     value, stderr = drawn[..., 0], drawn[..., 1]
     wrong = errors(parameters, value, truth)
-    z, units = wrong / stderr, [unit_of(part) for part in parameters]
-    held = np.stack([coverage(z, level) for level in LEVELS], axis=-1)
+    held = np.stack([coverage(wrong / stderr, level) for level in LEVELS], axis=-1)
     rmse, each = np.sqrt(np.mean(wrong**2, axis=-1)), "quantity"
     converged = [sum(draw.is_converged for draw in draws) for draws in fitted]
-    variables: dict[str, tuple[Any, ...]] = {
-        "normalised_error": ((each, "draw"), z, "1"),
+    variables: Variables = {
+        "normalised_error": ((each, "draw"), wrong / stderr, "1"),
         "truth": (each, truth, "SI"),
         "bias": (each, wrong.mean(axis=-1), "SI", "{feature!s}_bias_{parameter!s}"),
         "rmse": (each, rmse, "SI", "{feature!s}_rmse_{parameter!s}"),
@@ -164,25 +160,37 @@ def _dataset(
         "snr": ("case", [case.snr_dB for case in cases], "dB", "{case!s}_snr_dB"),
         **scalars({"draws": value.shape[1]}),
     }  # fmt: skip
-    for i, (quantity, unit) in enumerate(zip(quantities, units, strict=True)):
-        variables |= {
-            quantity: ("draw", value[i], unit),
-            f"{quantity}_stderr": ("draw", stderr[i], unit),
-            f"{quantity}_truth": ((), truth[i], unit),
-            f"{quantity}_bound": ((), bound[i], unit),
-        }
-    coordinates = {
-        "quantity": (quantities, "1"),
+    for name, part, *own in zip(names, parameters, value, stderr, truth, bound, strict=True):
+        variables |= _of_quantity(f"{name}_{part}", *own)
+    return dataset(variables, _coordinates(names, parameters, cases), **facts)
+
+
+def _of_quantity(name: str, value: Any, stderr: Any, truth: float, bound: float) -> Variables:
+    unit = unit_of(name)
+    return {
+        name: ("draw", value, unit),
+        f"{name}_stderr": ("draw", stderr, unit),
+        f"{name}_truth": ((), truth, unit),
+        f"{name}_bound": ((), bound, unit),
+    }
+
+
+def _coordinates(
+    names: list[str], parameters: list[str], cases: Sequence[KnownFeature]
+) -> Variables:
+    each, words = "quantity", [without_unit(part) for part in parameters]
+    labels = [f"{name}: {part}".replace("_", " ") for name, part in zip(names, words, strict=True)]
+    return {
+        each: ([f"{a}_{b}" for a, b in zip(names, parameters, strict=True)], "1"),
         "feature": (each, names, "1"),
         "parameter": (each, parameters, "1"),
-        "unit": (each, units, "1"),
+        "unit": (each, [unit_of(part) for part in parameters], "1"),
         "words": (each, words, "1"),
         "label": (each, labels, "1"),
         "level": (list(LEVELS), "1"),
         "percent": ("level", [round(100 * level) for level in LEVELS], "1"),
         "case": ([case.name for case in cases], "1"),
-    }  # fmt: skip
-    return dataset(variables, coordinates, **facts)
+    }
 
 
 def errors(

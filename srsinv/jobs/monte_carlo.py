@@ -11,12 +11,13 @@ from jaxtyping import Float
 
 from ..errors import refuse
 from ..forward.feature import Feature
-from ..inverse.estimate import Estimate
+from ..inverse.estimate import COMPONENTS, Estimate
 from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
 from ..inverse.method import Method
 from ..inverse.nonlinear import Solver
 from ..progress import stage
+from ..report.result import unit_of, without_unit
 
 FEATURE_FIT = "Feature fit"
 Variables = dict[str, tuple[Any, ...]]
@@ -79,13 +80,13 @@ def inversions(
     named = dict(methods) | ({FEATURE_FIT: FeatureFit(features, solver)} if features else {})
     refuse(
         len(named) < 2,
-        f"Only {len(named)} contestants are named: give two at least, by "
+        f"There are fewer than two methods to compare ({len(named)}): give two at least, by "
         "method=[wiener_evidence,tikhonov] and feature=[strip_load].",
     )
-    return {name: whole(method) for name, method in named.items()}
+    return {name: computed(method) for name, method in named.items()}
 
 
-def whole(method: Method) -> Callable[[LineProblem], Estimate]:
+def computed(method: Method) -> Callable[[LineProblem], Estimate]:
     """The method with its traction and bands computed, which else are when they are asked for."""
 
     def solve(problem: LineProblem) -> Estimate:
@@ -112,3 +113,24 @@ def estimate_variables(
         "first_call_s": ("method", answers.first_call_s, "s", "first_call_s_{method}"),
         "steady_call_s": ("method", answers.steady_call_s, "s", "steady_call_s_{method}"),
     }
+
+
+def estimate_coordinates(problem: LineProblem, answers: Answers[Estimate]) -> Variables:
+    """Coordinates of [`estimate_variables`][], and of the parameters of the feature fit, if any."""
+    assert problem.sensor is not None
+    names = list(answers.of[FEATURE_FIT][0].parameters) if FEATURE_FIT in answers.of else []
+    return {
+        "x": (np.asarray(problem.line.x), "m"),
+        "component": (list(COMPONENTS), "1"),
+        "method": (list(answers.of), "1"),
+        "element": (problem.sensor.element_names, "1"),
+        "parameter": (names, "1"),
+        "unit": ("parameter", [unit_of(name) for name in names], "1"),
+        "words": ("parameter", [without_unit(name) for name in names], "1"),
+    }
+
+
+def parameter_draws(answers: Answers[Estimate]) -> Float[np.ndarray, "*draw parameter 2"]:
+    """Value and standard error of the feature fit's parameters, in SI units."""
+    fits = [list(fit.parameters.values()) for fit in answers.of[FEATURE_FIT]]
+    return np.array(fits).reshape(*answers.shape, -1, 2)

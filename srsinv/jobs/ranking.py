@@ -23,7 +23,7 @@ from ..report.text import unit_of, without_unit
 from . import _facts
 from ._features import of_feature, sample_rate
 from ._statistics import wilson
-from .monte_carlo import simulate_and_fit
+from .monte_carlo import Variables, simulate_and_fit
 
 NOTHING = "nothing"
 
@@ -171,9 +171,8 @@ def _dataset(
         for name, rows in truths.items()
         for part in rows[0]
     }
-    low, high = wilson(int(right[:-1].sum()), total)
-    each = "truth"
-    variables: dict[str, tuple[Any, ...]] = {
+    (low, high), each = wilson(int(right[:-1].sum()), total), "truth"
+    variables: Variables = {
         "log_evidence": ((each, "draw", "candidate"), evidence, "1"),
         "chosen": ((each, "candidate"), counts, "1"),
         "margin": ((each, "draw"), margin, "1"),

@@ -57,7 +57,7 @@ def test_page(scene):
         (["compare.snr_dB=[]"], "snr_dB"),
         (["compare.snr_dB=[20.0,20.0]"], "snr_dB"),
         (["compare.seeds=0"], "seeds"),
-        (["feature=[]"], "contestants"),
+        (["feature=[]"], "fewer than two methods"),
         (["scene.pressures.strip.pressure_Pa=0.0"], "uniform"),
     ],
 )

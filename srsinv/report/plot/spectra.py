@@ -74,7 +74,7 @@ def wavenumbers(k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> Axis:
 
 def gain_limits(gain: np.ndarray) -> tuple[float | None, float | None]:
     """The range of a gain that a recording can show."""
-    top = peak(gain)
+    top = float(peak(gain))
     return (top * _DEEPEST, top * 5) if top > 0 else (None, None)
 
 
@@ -115,7 +115,7 @@ def power(
     if positive.size:
         loud = noise[1:][np.isfinite(noise[1:]) & (noise[1:] > 0)]
         floor = loud.min() * 1e-2 if loud.size else positive.max() * _DEEPEST**2
-        limits = (floor, positive.max() * 5)
+        limits = (float(floor), 5 * float(positive.max()))
     up = Axis("power", units, bool(positive.size), limits)
     return Panel(lines, across, up, k[1:], "Power of signal and noise", marks)
 

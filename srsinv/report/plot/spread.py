@@ -8,7 +8,7 @@ import xarray
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .style import TRUTH, WIDTH_IN, colours, legend_below, scale, styled, units_of
+from .style import SHADE, TRUTH, WIDTH_IN, colours, legend_below, scale, styled, units_of
 
 _MARKERS = ("o", "D", "s", "^", "v", "P", "X")
 _ROW_IN = 0.36
@@ -53,20 +53,15 @@ def spread(
         shown = [shown] if isinstance(shown, str) else list(shown)
         unit = scale(units_of(dataset[shown[0]]), *(dataset[name].values for name in shown))
         low, high = (bands or {}).get(heading, (np.nan, np.nan))
-        if np.isfinite(low):
-            axes.axvspan(low * unit.factor, high * unit.factor, color="#dfe3e7", label=band_label)
-        if heading in (expected or {}):
-            at = (expected or {})[heading] * unit.factor
-            axes.axvline(at, color=TRUTH, linestyle="--", linewidth=0.9, label=expected_label)
+        right = np.array([(expected or {}).get(heading, np.nan), low, high]) * unit.factor
+        _expect(axes, right, (expected_label, band_label))
         _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
         words = "" if unit.unit == "1" else f"[{unit.unit}]"
         axes.set(title=heading, xlabel=words, ylim=(len(entries) - 0.5, -0.5))
         ends = (limits or {}).get(heading)
         axes.set_xlim([end * unit.factor for end in ends] if ends else None)
-        if all(np.all(dataset[name] % 1 == 0) for name in shown):
-            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        if heading in log:
-            _log(axes, min(float(dataset[name].min()) for name in shown) * unit.factor)
+        drawn = [right[:1], *(dataset[name].values.ravel() for name in shown)]
+        _ticks(axes, np.concatenate(drawn), heading in log)
         axes.grid(axis="y", visible=False)
     grid[0].set_yticks(range(len(entries)), entries)
     if (unit := units_of(dataset[rows])) != "1":
@@ -76,12 +71,25 @@ def spread(
     return figure
 
 
-def _log(axes, least: float) -> None:
-    """A logarithmic scale, which is linear from -1 to 1 where the least value is not positive."""
-    if least > 0:
-        axes.set_xscale("log")
-    else:
+def _expect(axes, right: np.ndarray, labels: tuple[str, str]) -> None:
+    """The value that would be right, and the ends of the range of chance about it, NaN for none."""
+    if np.isfinite(right[1]):
+        axes.axvspan(right[1], right[2], color=SHADE, label=labels[1])
+    if np.isfinite(right[0]):
+        axes.axvline(right[0], color=TRUTH, linestyle="--", linewidth=0.9, label=labels[0])
+
+
+def _ticks(axes, values: np.ndarray, is_log: bool) -> None:
+    """Whole numbers for counts; a logarithmic scale over more than a decade, linear from -1 to 1
+    where not all values are positive."""
+    values = values[np.isfinite(values)]
+    if np.all(values % 1 == 0):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    elif is_log and values.min() <= 0:
         axes.set_xscale("symlog", linthresh=1, linscale=0.5)
+        axes.set_xlim(2 * min(values.min(), -0.5), 2 * max(values.max(), 0.5))
+    elif is_log and values.max() > 10 * values.min():
+        axes.set_xscale("log")
 
 
 def _marks(axes, dataset, shown, rows, draws, over, factor: float, labels) -> None:
