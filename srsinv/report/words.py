@@ -197,7 +197,7 @@ def _spoken(name: Any) -> str:
     return str(name).replace("_", " ")
 
 
-def _uncertain(values: Any, stderrs: Any, units: Any) -> Any:
+def _with_error(values: Any, stderrs: Any, units: Any = "1") -> Any:
     """Each value with its standard error, in the unit of its own that reads best."""
     return _row_by_row(text.quantity_with_error, values, stderrs, units)
 
@@ -212,11 +212,11 @@ def _interval(values: Any, stderrs: Any, units: Any, half: float = 1.6449) -> An
     )
 
 
-def _row_by_row(write: Callable[..., str], values: Any, stderrs: Any, units: Any) -> np.ndarray:
+def _row_by_row(write: Callable[..., str], values: Any, stderrs: Any, units: Any) -> Any:
     columns = np.broadcast_arrays(*map(np.asarray, (values, stderrs, units)))
-    return np.array(
-        [write(float(v), float(s), str(u)) for v, s, u in zip(*columns, strict=True)], object
-    )
+    rows = zip(*map(np.ravel, columns), strict=True)
+    written = [write(float(v), float(s), str(u)) for v, s, u in rows]
+    return np.array(written, object) if columns[0].ndim else written[0]
 
 
 FILTERS: dict[str, Callable[..., Any]] = {
@@ -227,7 +227,6 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "percent": _each(_percent),
     "quantity": _quantities,
     "spoken": _each(_spoken),
-    "uncertain": _uncertain,
     "value": _each(text.format_value),
-    "with_error": lambda value, stderr, units="1": text.quantity(value, units, stderr),
+    "with_error": _with_error,
 }

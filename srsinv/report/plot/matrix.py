@@ -82,7 +82,7 @@ def compact(value: float) -> str:
 
 
 def _letter(axes, at, value, words, norm, is_signed: bool, rows: int) -> None:
-    text = str(words) if words is not None else compact(value)
+    text = str(words) if words is not None else compact(float(value))
     depth = abs(2 * norm(value) - 1) if is_signed else norm(value)
     is_dark = np.isfinite(value) and float(depth) > _DARK
     colour = GREY if not np.isfinite(value) else "white" if is_dark else "black"
