@@ -39,17 +39,16 @@ def run(cfg: config.Config) -> Result:
         refuse(elements != 2, f"sensor has {elements} elements: give 2, use sensor=two_element.")
         p = UniformStrip(load / width, width).cell_average(line)
         tractions = [jnp.outer(jnp.asarray(each), p) for each in ((1, 0), (0, 1), (1, mu))]
-
-        def responses(stage) -> np.ndarray:
-            return np.stack([line.operator(stage)(traction) for traction in tractions])
-
-        charge, voltage = responses(sensor.charge()), responses(sensor.output(scan))
-        sigma_z = responses(sensor.stress())[0, 1]
+        stages = sensor.charge(), sensor.output(scan), sensor.stress()
+        charge, voltage, stress = (
+            np.stack([line.operator(each)(traction) for traction in tractions]) for each in stages
+        )
         separation = _separation(sensor, make(cfg["skin"], "skin", "half_space"))
 
     angles = [f"{round(np.rad2deg(float(film.angle_rad)))}" for film in sensor.elements]
     peak, along = np.abs(charge).max(axis=-1), ("load", "element", "x")
-    width_of_stress = full_width_at_half_maximum(x, -sigma_z) / float(sensor.elements[0].depth_m)
+    sigma_z, depth = stress[0, 1], float(sensor.elements[0].depth_m)
+    width_of_stress = full_width_at_half_maximum(x / depth, -sigma_z)
     data = dataset(
         {
             "charge": (along, charge, "C"),
@@ -61,8 +60,8 @@ def run(cfg: config.Config) -> Result:
         },
         {"load": (list(LOADS), "1"), "element": (angles, "deg"), "x": (x, "m"),
          "stresses": (["difference", "sum"], "1"), "kz": (KZ, "1")},
-        load_N_per_m=load, friction=mu, speed_m_per_s=float(scan.speed_m_per_s),
-        effects_on=listed(cfg["effects"]),
+        load_N_per_m=load, friction=mu, effects_on=listed(cfg["effects"]),
+        speed_m_per_s=float(scan.speed_m_per_s),
     )  # fmt: skip
     each = [f"{quantity(c, 'C')} at {angle}°" for c, angle in zip(peak[0], angles, strict=True)]
     title = f"A pressure of {load:g} N/m makes at most {each[0]} and {each[1]} in the two films"

@@ -53,14 +53,16 @@ def run(cfg: config.Config) -> Result:
          "pass_number": (np.arange(passes), "1"), "lobe": (["leading", "trailing"], "1"),
          "trace": ([IDEAL, TILTED, SNAPPING], "1")},
         tilt_deg=tilt_deg, speed_m_per_s=float(ideal.scan.speed_m_per_s),
-        friction=config.part(cfg, "scene")["base_friction"],
+        friction=config.part(cfg, "scene")["base_friction"], effects_on=", ".join(cfg["effects"]),
         **{f"burst_{name}": float(getattr(bursts, name)) for name in BURST},
-        effects_on=", ".join(cfg["effects"]),
     )  # fmt: skip
-    percent = 100 * data["lobe_ratio"].values
-    left = "{:.0f} % of the leading lobe and {:.0f} % of the trailing one"
-    title = f"A tilt of {tilt_deg:.3g}° leaves {left.format(*percent)}"
-    return Result(title, data, sections(__file__, traces=draw_traces))
+    return Result(_title(data), data, sections(__file__, traces=draw_traces))
+
+
+def _title(data: xarray.Dataset) -> str:
+    leading, trailing = (f"{100 * each:.0f} %" for each in data["lobe_ratio"].values)
+    left = f"{leading} of the leading lobe and {trailing} of the trailing one"
+    return f"A tilt of {data.attrs['tilt_deg']:.3g}° leaves {left}"
 
 
 def _lobes(clean: np.ndarray, each: np.ndarray, unit: str) -> dict[str, tuple[Any, ...]]:

@@ -1,8 +1,7 @@
 """The paper's Fig. 12: ridges 6.5 um high, their signal and noise, and detection by averaging."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -26,48 +25,24 @@ from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity, quantity_with_error
 
 PAPER_M = {"6.5um": 6.5e-6, "0.65um": 0.65e-6}  # measured; and expected to be measurable
+STATED = ("ridges", "blind_strip_width_m", "false_alarm", "detection", "peak_over_noise",
+          "sample_rate_hz")  # settings that the page names  # fmt: skip
 HERE = {"color": PALETTE[1], "linestyle": ":"}
 SHOWN_RAW, SHOWN_SMOOTH = 5, 15  # ridges of the noisy trace, and of the smoothed one
 
 
-@dataclass(frozen=True)
-class RidgeSettings:
-    """`fig12_ridges` of the configuration.
+Settings = Mapping[str, Any]
 
-    The scan: samples per second and ridges slid over. Its analysis: where the pitch is looked for,
-    the probabilities of detection, the height of a distinct peak in rms of noise, and the most
-    ridges averaged over. What is tried: heights, pressures, and the width of a strip for contrast.
-    """
 
-    sample_rate_hz: float
-    ridges: int
-    pitch_range_m: Sequence[float]
-    false_alarm: float
-    detection: float
-    peak_over_noise: float
-    most_ridges: float
-    heights_m: np.ndarray
-    pressures_Pa: np.ndarray
-    blind_strip_width_m: float
-
-    @classmethod
-    def checked(cls, given: Mapping[str, Any]) -> "RidgeSettings":
-        """Those given; raises `BadInput` for too few ridges or heights, and what is not positive.
-        The rate is checked against the scan."""
-        wanted = "a whole number from 5"
-        ridges = whole("fig12_ridges.ridges", given["ridges"], wanted, least=5)
-        tried = {"heights_m": _heights(given), "pressures_Pa": _pressures(given["pressures_Pa"])}
-        computed = {"ridges": ridges, **tried}
-        own = {each.name for each in dataclasses.fields(cls)} - set(computed)
-        return cls(**{name: given[name] for name in own}, **computed)
-
-    def samples(self, scan: PitchedScan) -> Periodic:
-        """The samples' positions, over whole ridges."""
-        speed = float(scan.scan.speed_m_per_s)
-        wanted = "a number in Hz that makes at least four samples for each ridge"
-        rate = number("fig12_ridges.sample_rate_hz", self.sample_rate_hz, wanted,
-                      least=4 * speed / scan.pitch_m)  # fmt: skip
-        return Periodic(round(self.ridges * scan.pitch_m * rate / speed), speed / rate, 0.0)
+def _checked(given: Settings) -> Settings:
+    """`fig12_ridges` of the configuration, with the heights tried. Raises `BadInput` for too few
+    ridges or heights, and what is not positive; the rate is checked against the scan."""
+    return {
+        **given,
+        "ridges": whole("fig12_ridges.ridges", given["ridges"], "a whole number from 5", least=5),
+        "heights_m": _heights(given),
+        "pressures_Pa": _pressures(given["pressures_Pa"]),
+    }
 
 
 def _heights(given: Mapping[str, Any]) -> np.ndarray:
@@ -105,16 +80,15 @@ def run(cfg: config.Config) -> Result:
     Raises `BadInput` for another surface than ridges, a window that does not hold whole pitches,
     and more than one film element.
     """
-    settings = RidgeSettings.checked(cfg["fig12_ridges"])
-    needed = detection.needed_wave(settings.false_alarm, settings.detection)
+    settings = _checked(cfg["fig12_ridges"])
+    needed = detection.needed_wave(settings["false_alarm"], settings["detection"])
     with config.precision(cfg):
         parts = config.line(cfg), config.scene(cfg), config.sensor(cfg), config.scan(cfg)
         scan = PitchedScan.checked(*parts)
-        blind = partial(dataclasses.replace, width_m=settings.blind_strip_width_m)
+        blind = partial(dataclasses.replace, width_m=settings["blind_strip_width_m"])
         without = config.ideal(cfg).with_films(blind)
         wide = add_effects(without, config.sensor_effects(cfg)).sensor.elements[0]
-        key = config.random_key(cfg)
-        given = _simulated(settings, scan, wide, config.noises(cfg), key)
+        given = _simulated(settings, scan, wide, config.noises(cfg), config.random_key(cfg))
     variables, numbers = _limits(settings, scan, given, needed)
     numbers |= _pitch(settings, scan, given, numbers)
     film, per_m = scan.sensor.elements[0], variables.pop("per_m")
@@ -122,33 +96,32 @@ def run(cfg: config.Config) -> Result:
         variables | scalars(numbers),
         {"x": (np.asarray(scan.line.x), "m"), "position": (given.x, "m"),
          "frequency": (float(scan.scan.speed_m_per_s) * per_m, "Hz"),
-         "ridge_height": (settings.heights_m, "m"),
-         "nominal_pressure": (settings.pressures_Pa, "Pa"),
+         "ridge_height": (settings["heights_m"], "m"),
+         "nominal_pressure": (settings["pressures_Pa"], "Pa"),
          "averaging_length": (_counts(settings) * scan.pitch_m, "m")},
-        height_m=float(scan.ridges.height_m), pitch_m=scan.pitch_m, ridges=settings.ridges,
+        height_m=float(scan.ridges.height_m), pitch_m=scan.pitch_m,
         nominal_Pa=float(scan.scene.nominal_pressure_Pa), skin=scan.scene.skin.words,
         friction=float(scan.scene.surface.base_friction), depth_m=float(film.depth_m),
         strips=int(film.strips), strip_width_m=float(film.width_m),
-        blind_strip_width_m=settings.blind_strip_width_m, false_alarm=settings.false_alarm,
-        detection=settings.detection, peak_over_noise=settings.peak_over_noise,
-        speed_m_per_s=float(scan.scan.speed_m_per_s), sample_rate_hz=settings.sample_rate_hz,
+        speed_m_per_s=float(scan.scan.speed_m_per_s),
         noise=", ".join(cfg["noise"]), effects_on=listed(cfg["effects"]), seed=str(cfg["seed"]),
+        **{name: settings[name] for name in STATED},
     )  # fmt: skip
-    read = quantity_with_error(numbers["pitch_m"], numbers["pitch_m_stderr"], "m")
     high = quantity(data.attrs["height_m"], "m", digits=2)
-    title = f"Pitch of {settings.ridges} ridges {high} high: {read}, at a signal to noise ratio of "
-    title += f"{numbers['snr_per_sample']:.2g} per sample"
+    read = quantity_with_error(numbers["pitch_m"], numbers["pitch_m_stderr"], "m")
+    title = f"Pitch of {settings['ridges']} ridges {high} high: {read}, by a signal of "
+    title += f"{numbers['snr_per_sample']:.2g} of the noise in a sample"
     return Result(title, data, sections(__file__, signal=draw_signal, size=draw_size))
 
 
 def _simulated(
-    settings: RidgeSettings, scan: PitchedScan, wide: Film, noises: tuple[Noise, ...], key
+    settings: Settings, scan: PitchedScan, wide: Film, noises: tuple[Noise, ...], key
 ) -> Simulated:
-    samples, load = settings.samples(scan), float(scan.scene.nominal_pressure_Pa)
-    height, heights = float(scan.ridges.height_m), settings.heights_m
+    samples, load = _samples(settings, scan), float(scan.scene.nominal_pressure_Pa)
+    height, heights = float(scan.ridges.height_m), settings["heights_m"]
     solved = scan.waves(wide, [
         *((each, load) for each in heights),
-        *((height, each) for each in settings.pressures_Pa),
+        *((height, each) for each in settings["pressures_Pa"]),
         *scan.touch_points,
         (height, load),
     ])  # fmt: skip
@@ -160,26 +133,35 @@ def _simulated(
     return Simulated(*arrays, solved=solved)
 
 
-def _counts(settings: RidgeSettings) -> np.ndarray:
+def _samples(settings: Settings, scan: PitchedScan) -> Periodic:
+    """The samples' positions, over whole ridges."""
+    speed = float(scan.scan.speed_m_per_s)
+    wanted = "a number in Hz that makes at least four samples for each ridge"
+    rate = number("fig12_ridges.sample_rate_hz", settings["sample_rate_hz"], wanted,
+                  least=4 * speed / scan.pitch_m)  # fmt: skip
+    return Periodic(round(settings["ridges"] * scan.pitch_m * rate / speed), speed / rate, 0.0)
+
+
+def _counts(settings: Settings) -> np.ndarray:
     """Numbers of ridges averaged over."""
-    return np.geomspace(1, settings.most_ridges, 121)
+    return np.geomspace(1, settings["most_ridges"], 121)
 
 
 def _limits(
-    settings: RidgeSettings, scan: PitchedScan, given: Simulated, needed: float
+    settings: Settings, scan: PitchedScan, given: Simulated, needed: float
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The contact, the signal in its noise and the least height detected, with numbers of them."""
     pitch, step = scan.pitch_m, given.x[1] - given.x[0]
-    per_ridge = settings.sample_rate_hz * pitch / float(scan.scan.speed_m_per_s)
+    per_ridge = settings["sample_rate_hz"] * pitch / float(scan.scan.speed_m_per_s)
     at = np.fft.rfftfreq(given.x.size, step)
     noise = float(np.sqrt(np.interp(1 / pitch, at, given.power)))  # white, as strong as there
     counts = _counts(settings)
     least = waves.inverse_of_rising(
         waves.detectable_amplitude(needed, noise, counts * per_ridge),
-        given.by_height, settings.heights_m,
+        given.by_height, settings["heights_m"],
     )  # fmt: skip
     per_m, amplitude, chance = waves.wave_spectrum(
-        given.x, given.data, given.power, pitch, settings.false_alarm
+        given.x, given.data, given.power, pitch, settings["false_alarm"]
     )
     variables = {
         "per_m": per_m,
@@ -196,16 +178,16 @@ def _limits(
         "least_height": ("averaging_length", least, "m"),
     }
     numbers = {"noise_at_pitch_V": noise, "strength_needed": needed}
-    numbers["least_height_over_scan_m"] = float(np.interp(settings.ridges, counts, least))
+    numbers["least_height_over_scan_m"] = float(np.interp(settings["ridges"], counts, least))
     for name, height in PAPER_M.items():
-        size = np.interp(height, settings.heights_m, given.by_height)
+        size = np.interp(height, settings["heights_m"], given.by_height)
         samples = waves.samples_to_detect(needed, noise, size)
         numbers[f"averaging_length_{name}_m"] = float(pitch / per_ridge * samples)
     return variables, numbers
 
 
 def _pitch(
-    settings: RidgeSettings, scan: PitchedScan, given: Simulated, known: Mapping[str, float]
+    settings: Settings, scan: PitchedScan, given: Simulated, known: Mapping[str, float]
 ) -> dict[str, Any]:
     """Numbers of the pitch, of the signal over the noise, and of the contact."""
     pitch, amplitude, level = (
@@ -214,10 +196,10 @@ def _pitch(
         known["noise_at_pitch_V"],
     )
     tone_hz = float(scan.scan.speed_m_per_s) / pitch
-    per_ridge, (low, high) = settings.sample_rate_hz / tone_hz, settings.pitch_range_m
+    per_ridge, (low, high) = settings["sample_rate_hz"] / tone_hz, settings["pitch_range_m"]
     fitted = waves.averaged_pitch(given.x, given.data, per_ridge, (low, high))
     noise = float(np.sqrt(np.mean(given.power)))
-    in_band = level * float(np.sqrt(4 * tone_hz / settings.sample_rate_hz))
+    in_band = level * float(np.sqrt(4 * tone_hz / settings["sample_rate_hz"]))
     rms = amplitude / float(np.sqrt(2))
     return {
         "pitch_m": float(fitted.pitch_m),
@@ -227,15 +209,15 @@ def _pitch(
         "amplitude_V": amplitude,
         "amplitude_blind_strip_V": float(given.solved.amplitude[-1, 1]),
         "amplitude_most_V": float(given.by_pressure.max()),
-        "amplitude_most_at_Pa": float(settings.pressures_Pa[given.by_pressure.argmax()]),
+        "amplitude_most_at_Pa": float(settings["pressures_Pa"][given.by_pressure.argmax()]),
         "noise_rms_V": noise,
         "noise_rms_in_band_V": in_band,
         "band_hz": 2 * tone_hz,
         "snr_per_sample": rms / noise,
         "snr_in_band": rms / in_band,
         "strength_over_scan": rms / level * float(np.sqrt(given.x.size)),
-        "snr_shortfall": settings.peak_over_noise * noise / amplitude,
-        "snr_shortfall_in_band": settings.peak_over_noise * in_band / amplitude,
+        "snr_shortfall": settings["peak_over_noise"] * noise / amplitude,
+        "snr_shortfall_in_band": settings["peak_over_noise"] * in_band / amplitude,
         "load_to_touch_between_N_per_m": scan.touch_load(given.solved.gap[-3:-1]),
         "load_to_touch_between_closed_form_N_per_m": scan.touch_load_closed_form,
         "load_per_ridge_N_per_m": float(scan.scene.nominal_pressure_Pa) * pitch,

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from srsinv import config, plot
 from srsinv.errors import refuse
+from srsinv.forward.simulation import Simulation
 from srsinv.inverse.estimate import COMPONENTS
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.progress import stage
@@ -40,9 +41,8 @@ def run(cfg: config.Config) -> Result:
         elements = len(sim.sensor.elements)
         refuse(elements != 2, f"sensor has {elements} elements: give 2, use sensor=two_element.")
         truth = np.asarray(sim.traction(sim.line))
-        first = sim.sensor.elements[0].angle_rad
         with stage("sweeping the angle between two elements"):
-            turned = [_turned(sim, first + jnp.deg2rad(angle)) for angle in angles]
+            turned = [_turned(sim, angle) for angle in angles]
             swept = [_estimates(each, methods, keys) for each in turned]
         alone = eqx.tree_at(lambda s: s.sensor.elements, sim, sim.sensor.elements[:1])
         one = _estimates(alone, methods, keys, mu)[0]
@@ -61,9 +61,8 @@ def run(cfg: config.Config) -> Result:
         assumed_friction=mu, line=sim.line.kind, refinement=sim.refinement,
         noise=", ".join(cfg["noise"]), effects_on=listed(cfg["effects"]),
     )  # fmt: skip
-    return Result(
-        _title(data), data, sections(__file__, against_angle=against_angle, recovered=recovered)
-    )
+    own = sections(__file__, against_angle=against_angle, recovered=recovered)
+    return Result(_title(data), data, own)
 
 
 def _title(data: xarray.Dataset) -> str:
@@ -76,8 +75,10 @@ def _title(data: xarray.Dataset) -> str:
     return f"Two elements {angle:g}° apart recover p and q to {two}, one alone to {one}"
 
 
-def _turned(sim, angle_rad):
-    """The simulation with its second element at `angle_rad`: same shapes, nothing recompiles."""
+def _turned(sim: Simulation, angle_deg: float) -> Simulation:
+    """The simulation with its second element so far from the first: same shapes, nothing
+    recompiles."""
+    angle_rad = sim.sensor.elements[0].angle_rad + jnp.deg2rad(angle_deg)
     return eqx.tree_at(lambda s: s.sensor.elements[1].angle_rad, sim, angle_rad)
 
 

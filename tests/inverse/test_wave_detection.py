@@ -69,5 +69,5 @@ def test_averaging_reaches_the_strength_that_it_is_for():
 
 def test_inverse_of_a_power_law():
     heights = np.geomspace(1e-8, 1e-5, 5)
-    found = inverse_of_rising(np.array([4e-12, 1e-17, 1.0]), 4.0 * heights**2, heights)
-    np.testing.assert_allclose(found, [1e-6, np.nan, np.nan])
+    reached = inverse_of_rising(np.array([4e-12, 1e-17, 1.0]), 4.0 * heights**2, heights)
+    np.testing.assert_allclose(reached, [1e-6, np.nan, np.nan])
