@@ -12,6 +12,7 @@ import xarray
 from .section import Section
 
 METRIC = "metric"  # attribute of a variable: the pattern of its names in metrics.json
+_LABEL = re.compile(r"{(\w+)(!s)?}")  # of a pattern: a coordinate's label, with !s as it is
 # The unit at the end of a metric's name, the longest first.
 _UNITS = {
     "_N_per_m": "N/m", "_m_per_s": "m/s", "_rad": "rad", "_deg": "deg", "_dB": "dB", "_Hz": "Hz",
@@ -56,7 +57,7 @@ def dataset(
 
     - `variables`: (dims, values, units) by name, and as a fourth the pattern of the variable's
       metrics where it has any: `"error_{component}_{method}"` makes one of each element, with the
-      labels of its coordinates in lower case.
+      labels of its coordinates in lower case; `{component!s}` takes a label as it is.
     - `coordinates`: (values, units) by dimension, or (dims, values, units) of further labels.
     """
     return xarray.Dataset(
@@ -100,17 +101,23 @@ def _elements(data: xarray.Dataset, variable: xarray.Variable) -> Iterator[tuple
     pattern = str(variable.attrs[METRIC])
     labels = {
         name: data[name]
-        for name in re.findall(r"{(\w+)}", pattern)
-        if set(data[name].dims) <= set(variable.dims)
+        for name, _ in _LABEL.findall(pattern)
+        if name in data.coords and set(data[name].dims) <= set(variable.dims)
     }
     values = variable.values
     for at in np.ndindex(values.shape):
         place = dict(zip(variable.dims, at, strict=True))
-        words = {
-            name: key_of(each.isel({dim: place[dim] for dim in each.dims}).item())
+        own = {
+            name: each.isel({dim: place[dim] for dim in each.dims}).item()
             for name, each in labels.items()
         }
-        yield pattern.format(**words), _scalar(values[at])
+
+        def word(match: re.Match[str], own: Mapping[str, Any] = own) -> str:
+            if match[1] not in own:
+                return match[0]
+            return str(own[match[1]]) if match[2] else key_of(own[match[1]])
+
+        yield _LABEL.sub(word, pattern), _scalar(values[at])
 
 
 def key_of(label: Any) -> str:

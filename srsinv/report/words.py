@@ -146,10 +146,16 @@ def _percent(value: float | None, digits: int = 3) -> str:
     return "–" if _is_unknown(value) else f"{text.significant(100 * value, digits)} %"
 
 
-def _quantities(values: Any, units: str = "1", digits: int = 3) -> Any:
-    """Values of SI `units` with the unit in which the largest of them reads best."""
-    array = np.asarray(values, float)
-    factor, unit = text.best_unit(units, array)
+def _quantities(values: Any, units: Any = "1", digits: int = 3) -> Any:
+    """Values of SI `units`, one for all or one for each, with the unit in which the largest of
+    them reads best."""
+    array, every = np.asarray(values, float), np.asarray(units, str)
+    if every.ndim:
+        written = np.empty(array.shape, object)
+        for unit in np.unique(every):
+            written[every == unit] = _quantities(array[every == unit], str(unit), digits)
+        return written
+    factor, unit = text.best_unit(str(units), array)
     unit = "" if unit == "1" else f" {unit}"
 
     def write(value: float) -> str:
