@@ -47,7 +47,11 @@ def run(cfg: config.Config) -> Result:
         surfaces = {
             name: make(node, f"textures.surfaces.{name}", "rough") for name, node in named.items()
         }
-        sensor = _sensor(cfg)
+        refinement = int(config.part(cfg, "grid")["refinement"])
+        lines = config.line(cfg), config.line(cfg, refinement)
+        skin = make(cfg["skin"], "skin", "half_space")
+        parts = config.sensor(cfg), config.scan(cfg), skin, config.friction(cfg)
+        sensor = TextureSensor(lines, refinement, *parts)
         samples = _samples(given["stretch_m"], sensor)
         with stage("sliding over the textures"):
             count, noises = draws + learning, config.noises(cfg)
@@ -131,10 +135,10 @@ def height_densities(ds: xarray.Dataset) -> Figure:
             (usable[t], "full contact, one recording, 90 %", "#0072b2"),
             (~usable[t], "the same, less signal than noise", "#b5bcc2"),
         ):
-            seen = which & (density[t] > 0)
-            ends = np.where(seen, low[t], np.nan), np.where(seen, high[t], np.nan)
+            positive = which & (density[t] > 0)
+            ends = np.where(positive, low[t], np.nan), np.where(positive, high[t], np.nan)
             look = {**dots, "color": colour, "marker": "o"}
-            middle = np.where(seen, density[t], np.nan)
+            middle = np.where(positive, density[t], np.nan)
             curves.append(plot.Curve(middle, label, x=band, band=ends, has_bars=True, look=look))
         look = {**dots, "color": "#d55e00", "marker": "D"}
         mean = np.where(usable[t], light[t], np.nan)
@@ -176,15 +180,6 @@ def _coordinates(names: list[str], sensor: TextureSensor, bands: Bands) -> Varia
         "band": (bands.middle, "rad/m"),
         "end": (["longest", "shortest"], "1"),
     }
-
-
-def _sensor(cfg: config.Config) -> TextureSensor:
-    refinement = int(config.part(cfg, "grid")["refinement"])
-    lines = config.line(cfg), config.line(cfg, refinement)
-    skin = make(cfg["skin"], "skin", "half_space")
-    return TextureSensor(
-        lines, refinement, config.sensor(cfg), config.scan(cfg), skin, config.friction(cfg)
-    )
 
 
 def _count(given: Mapping[str, Any], key: str) -> int:
