@@ -1,5 +1,8 @@
 """Direction of a ridge from one circle over it, and the angle's effect on a straight scan."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -13,13 +16,15 @@ from srsinv.forward.oblique import turned, turned_scan
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Periodic
-from srsinv.inverse.direction import DirectionFinder, angle_bounds_deg
+from srsinv.inverse.direction import Direction, DirectionFinder, angle_bounds_deg
 from srsinv.progress import stage
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 
 BOUND_DEG = np.arange(0.0, 181.0, 5.0)  # angles at which the Cramer-Rao bound is drawn
+ALONG = ("direction", "element", "sample")
+Variables = dict[str, tuple[Any, ...]]
 
 
 def run(cfg: config.Config) -> Result:
@@ -29,14 +34,8 @@ def run(cfg: config.Config) -> Result:
     configuration's parts.
     """
     settings = cfg["circular_scan"]
-    truth = np.asarray(settings["angles_deg"], float)
-    refuse(not truth.size, "circular_scan.angles_deg is []: give at least one angle in degrees.")
-    refuse(
-        not set(settings["shown_deg"]) <= set(settings["angles_deg"]),
-        f"circular_scan.shown_deg is {settings['shown_deg']}: give some of "
-        f"circular_scan.angles_deg, {settings['angles_deg']}.",
-    )
-    snr = number("circular_scan.snr_dB", settings["snr_dB"], "a ratio in dB")
+    truth, snr = _settings(settings)
+    tried = np.linspace(0.0, 90.0, settings["gain_angles"])
     rng = np.random.default_rng(config.seed(cfg))
     with config.precision(cfg):
         sensor, circle = config.sensor(cfg), Circle(**settings["circle"])
@@ -48,35 +47,23 @@ def run(cfg: config.Config) -> Result:
             noise = 10 ** (-snr / 20) * rms[:, None, None]
             signals = clean + noise * rng.normal(size=clean.shape)
             directions = [finder(signal) for signal in signals]
+        gains = _gains(sensor, config.scan(cfg), settings["ridge"], tried)
         bound = angle_bounds_deg(circling, ridges[0], jnp.deg2rad(BOUND_DEG), snr)
-        tried = np.linspace(0.0, 90.0, settings["gain_angles"])
-        gain = np.array([_gain(sensor, config.scan(cfg), settings["ridge"], a) for a in tried]).T
 
-    estimate, stderr = np.array([each.parameters["angle_deg"] for each in directions]).T
-    error = (estimate - truth + 90) % 180 - 90
-    names, along = list(cfg["sensor"]["elements"]), ("direction", "element", "sample")
     data = dataset(
         {
-            "signal": (along, signals, "V"),
-            "fitted_signal": (along, np.stack([each.signal for each in directions]), "V"),
+            "signal": (ALONG, signals, "V"),
+            "fitted_signal": (ALONG, np.stack([each.signal for each in directions]), "V"),
             "signal_rms": ("direction", rms, "V"),
-            "angle_estimate": ("direction", estimate, "deg"),
-            "angle_stderr": ("direction", stderr, "deg"),
-            "angle_error": ("direction", error, "deg", "direction_error_deg_at_{direction}"),
             "angle_bound": ("bound_angle", bound, "deg"),
             "way": ("sample", circle.angle_rad * circle.radius_m, "m"),
-            "gain": (("element", "scan_angle"), gain, "1"),
-            "gain_at_60_deg": ("element", [np.interp(60.0, tried, row) for row in gain], "1",
-                               "gain_straight_at_60_deg_{element}"),
-            **scalars({
-                "direction_error_deg_greatest": np.abs(error).max(),
-                "direction_stderr_deg_greatest": stderr.max(),
-                "signal_rms_greatest_over_least": rms.max() / rms.min(),
-            }),
+            **_angles(directions, truth),
+            **gains,
+            **scalars({"signal_rms_greatest_over_least": rms.max() / rms.min()}),
         },
         {
             "direction": (truth, "deg"),
-            "element": (names, "1"),
+            "element": (list(cfg["sensor"]["elements"]), "1"),
             "sample": (np.rad2deg(circle.angle_rad), "deg"),
             "bound_angle": (BOUND_DEG, "deg"),
             "scan_angle": (tried, "deg"),
@@ -84,9 +71,36 @@ def run(cfg: config.Config) -> Result:
         shown_deg=settings["shown_deg"],
         snr_dB=snr,
         effects_on=listed(cfg["effects"]),
-    )  # fmt: skip
-    title = f"One circle at {snr:g} dB gives a ridge's direction to {np.abs(error).max():.2g}°"
+    )
+    greatest = float(data["direction_error_deg_greatest"])
+    title = f"One circle at {snr:g} dB gives a ridge's direction to {greatest:.2g}°"
     return Result(title, data, sections(__file__, signals=on_the_circle, errors=errors))
+
+
+def _settings(given: Mapping[str, Any]) -> tuple[np.ndarray, float]:
+    """The true angles [deg] and the ratio of signal to noise [dB]."""
+    truth = np.asarray(given["angles_deg"], float)
+    refuse(not truth.size, "circular_scan.angles_deg is []: give at least one angle in degrees.")
+    refuse(
+        not set(given["shown_deg"]) <= set(given["angles_deg"]),
+        f"circular_scan.shown_deg is {given['shown_deg']}: give some of "
+        f"circular_scan.angles_deg, {given['angles_deg']}.",
+    )
+    return truth, number("circular_scan.snr_dB", given["snr_dB"], "a ratio in dB")
+
+
+def _angles(directions: Sequence[Direction], truth: np.ndarray) -> Variables:
+    estimate, stderr = np.array([each.parameters["angle_deg"] for each in directions]).T
+    error = (estimate - truth + 90) % 180 - 90
+    return {
+        "angle_estimate": ("direction", estimate, "deg"),
+        "angle_stderr": ("direction", stderr, "deg"),
+        "angle_error": ("direction", error, "deg", "direction_error_deg_at_{direction}"),
+        **scalars({
+            "direction_error_deg_greatest": np.abs(error).max(),
+            "direction_stderr_deg_greatest": stderr.max(),
+        }),
+    }  # fmt: skip
 
 
 def on_the_circle(ds: xarray.Dataset) -> Figure:
@@ -127,6 +141,15 @@ def errors(ds: xarray.Dataset) -> Figure:
 @eqx.filter_jit
 def _signal(sensor: Sensor, scan, line: Periodic, traction):
     return sensor.operator(line, scan)(traction)
+
+
+def _gains(sensor: Sensor, scan, ridge, angles_deg: np.ndarray) -> Variables:
+    gain = np.array([_gain(sensor, scan, ridge, angle) for angle in angles_deg]).T
+    at_60 = [np.interp(60.0, angles_deg, row) for row in gain]
+    return {
+        "gain": (("element", "scan_angle"), gain, "1"),
+        "gain_at_60_deg": ("element", at_60, "1", "gain_straight_at_60_deg_{element}"),
+    }
 
 
 def _gain(sensor: Sensor, scan, ridge, angle_deg: float) -> np.ndarray:

@@ -9,15 +9,18 @@ from matplotlib.figure import Figure
 
 from srsinv import config, plot
 from srsinv.errors import BadInput, number, refuse, whole
+from srsinv.forward.scan import ConstantSpeed
+from srsinv.forward.scene import Scene
+from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface import Ridge
-from srsinv.grid import Periodic
+from srsinv.grid import Line, Periodic
 from srsinv.inverse.detection import (
     last_crossing,
     needed_known,
     power_law_exponent,
     resolved_wavelength_m,
 )
-from srsinv.inverse.ridge_detection import RidgeScan
+from srsinv.inverse.ridge_detection import RidgeDetection
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity
@@ -44,7 +47,8 @@ def run(cfg: config.Config) -> Result:
     rate = number("detection_limit.sample_rate_hz", given["sample_rate_hz"], positive, above=0)
     needed = needed_known(given["false_alarm"], given["detection"])
     with config.precision(cfg):
-        setup = _setup(cfg)
+        parts = config.line(cfg), config.scene(cfg), config.sensor(cfg), config.scan(cfg)
+        setup = _setup(*parts)
         distances = _distances(wanted, setup)
         tractions = setup.tractions(heights, distances)
         noise = setup.noise_rms(config.noises(cfg), tractions, rate)
@@ -145,7 +149,7 @@ def _against(ds: xarray.Dataset, lines: Mapping[str, str], words: str, *marks) -
     return plot.panels([parts], height_in=2.8)
 
 
-def _facts(setup: RidgeScan, base: Mapping[str, float]) -> dict[str, Any]:
+def _facts(setup: RidgeDetection, base: Mapping[str, float]) -> dict[str, Any]:
     return {f"{name}_here": value for name, value in base.items()} | {
         "ridge_height_m": float(setup.ridge.height_m),
         "ridge_width_m": float(setup.ridge.width_m),
@@ -167,18 +171,18 @@ def _range(given: Mapping[str, Any], key: str, count: str) -> np.ndarray:
     return np.geomspace(low, high, whole(name, given[count], wanted, least=3))
 
 
-def _setup(cfg: config.Config) -> RidgeScan:
-    line, scan, surface = config.line(cfg), config.scan(cfg), config.scene(cfg).contact_scene
+def _setup(line: Line, scene: Scene, sensor: Sensor, scan: ConstantSpeed) -> RidgeDetection:
+    surface = scene.contact_scene
     ridge = surface and surface.surface.only(Ridge)
     if surface is None or ridge is None:
         raise BadInput("The scene is not one ridge: use scene=ridge.")
     refuse(not isinstance(line, Periodic), "grid.line is open: give periodic.")
     speed = float(scan.speed_m_per_s)
     refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
-    return RidgeScan(line, surface, ridge, config.sensor(cfg), scan)
+    return RidgeDetection(line, surface, ridge, sensor, scan)
 
 
-def _distances(wanted: np.ndarray, setup: RidgeScan) -> np.ndarray:
+def _distances(wanted: np.ndarray, setup: RidgeDetection) -> np.ndarray:
     """The wanted distances in whole pairs of cells."""
     line, step = setup.line, 2 * float(setup.line.cell_m)
     distances = step * np.unique(np.round(wanted / step))

@@ -17,8 +17,8 @@ from srsinv.inverse.estimate import COMPONENTS, Estimate
 from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
-from srsinv.jobs._answers import answer_variables
 from srsinv.progress import stage
+from srsinv.report.answers import answer_variables
 from srsinv.report.plot.style import short
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections

@@ -10,11 +10,10 @@ from matplotlib.figure import Figure
 
 from srsinv import config, plot
 from srsinv.errors import mapping, refuse
-from srsinv.inverse.estimate import BAND_90
+from srsinv.inverse.estimate import BAND_90, Estimate
 from srsinv.inverse.method import Method
 from srsinv.inverse.shape import shape_band, shape_under
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
-from srsinv.jobs._answers import answer_variables
 from srsinv.progress import stage
 from srsinv.report.plot.style import SHADE, TRUTH, stretches
 from srsinv.report.result import Result, dataset
@@ -46,17 +45,12 @@ def run(cfg: config.Config) -> Result:
                 contacts.append(str(solved.contact.status))
         line, depth_m = config.line(cfg), float(config.sensor(cfg).depth_m)
 
-    answers = answer_variables(estimates, "scene")
-    recovery = ("scene", answers["status"][1], "1", "recovery_{scene}")
     variables = {
         name: (("scene", *dims), np.stack([each[name][1] for each in recovered.values()]), *rest)
         for name, (dims, _, *rest) in next(iter(recovered.values())).items()
     }
-    del answers["status"]
     data = dataset(
-        variables | answers | {
-            "contact": ("scene", contacts, "1", "contact_{scene}"), "recovery": recovery,
-        },
+        variables | _answers(contacts, list(estimates.values())),
         {"scene": (list(scenes), "1"), "x": (np.asarray(line.x), "m")},
         depth_m=depth_m,
         line=line.kind,
@@ -70,7 +64,21 @@ def run(cfg: config.Config) -> Result:
     return Result(title, data, sections(__file__, shapes=shapes, pressures=pressures))
 
 
-def _recover(solved: SolvedContact, method: Method, key) -> tuple[Variables, Any]:
+def _answers(contacts: list[str], estimates: list[Estimate]) -> Variables:
+    """How contact and estimate of each scene ended, and the quality of the estimate."""
+    words = {
+        "contact": contacts,
+        "recovery": [str(each.status) for each in estimates],
+        "quality": [str(each.quality) for each in estimates],
+        "warnings": [" ".join(each.warnings) or "none" for each in estimates],
+    }
+    reasons = [" ".join(each.reasons) for each in estimates]
+    return {"reasons": ("scene", reasons, "1")} | {
+        name: ("scene", each, "1", f"{name}_{{scene}}") for name, each in words.items()
+    }
+
+
+def _recover(solved: SolvedContact, method: Method, key) -> tuple[Variables, Estimate]:
     """One scene: p estimated from the signal, the profile from that, and its errors in contact."""
     sim, problem = solved.sim, solved.problem(key)
     estimate = method(problem).with_warnings(solved.contact.warnings)
@@ -119,7 +127,7 @@ def _errors(lengths: Mapping[str, np.ndarray], touching: np.ndarray) -> Variable
         return float(np.sqrt(np.mean(values**2)))
 
     covered = np.abs(inside["shape"] - height) <= BAND_90 * stderr
-    found = {
+    sizes = {
         "height_range": (np.ptp(height), "m"),
         "rms_error": (rms(inside["shape"] - height), "m"),
         "rms_unresolved": (rms(inside["shape_resolved"] - height), "m"),
@@ -130,7 +138,7 @@ def _errors(lengths: Mapping[str, np.ndarray], touching: np.ndarray) -> Variable
     }
     return {
         name: ((), value, unit, f"{name}_m_{{scene}}" if unit == "m" else f"{name}_{{scene}}")
-        for name, (value, unit) in found.items()
+        for name, (value, unit) in sizes.items()
     }
 
 

@@ -16,7 +16,7 @@ from srsinv.inverse.texture import (
     height_spectra,
     tapered_power,
 )
-from srsinv.inverse.texture_scans import TextureSensor
+from srsinv.inverse.texture_scans import TextureScans, TextureSensor
 from srsinv.progress import stage
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
@@ -47,7 +47,11 @@ def run(cfg: config.Config) -> Result:
         surfaces = {
             name: make(node, f"textures.surfaces.{name}", "rough") for name, node in named.items()
         }
-        sensor = _sensor(cfg)
+        refinement = int(config.part(cfg, "grid")["refinement"])
+        lines = config.line(cfg), config.line(cfg, refinement)
+        skin = make(cfg["skin"], "skin", "half_space")
+        parts = config.sensor(cfg), config.scan(cfg), skin, config.friction(cfg)
+        sensor = TextureSensor(lines, refinement, *parts)
         samples = _samples(given["stretch_m"], sensor)
         with stage("sliding over the textures"):
             count, noises = draws + learning, config.noises(cfg)
@@ -58,28 +62,16 @@ def run(cfg: config.Config) -> Result:
     in_bands = Bands(sensor.k, sensor.gain, scans.noise, sensor.last, bands)
     spectra = height_spectra(in_bands, power[:, :, :draws], truth)
     _check_visible(surfaces, spectra.usable)
-    # Short stretches go to the nearest reference: of the law and the known texture, or learned.
-    pieces = tapered_power(scans.signals, samples)
-    law = expected_power(sensor.gain * truth + scans.noise, sensor.line.n, samples)
-    learned = pieces[1, :, draws:].mean(axis=1)
-    cases = (pieces[0], law), (pieces[1], law), (pieces[1], learned)
-    chosen = np.stack([confusion(piece[:, :draws], references) for piece, references in cases])
+    chosen = _classified(sensor, scans, truth, samples, draws)
     accuracy = np.trace(chosen, axis1=1, axis2=2) / chosen.sum(axis=(1, 2))
-
-    of_texture = ("contact", "texture")
-    variables = {
-        "height_density_true": (("texture", "wavenumber"), truth, "m^3"),
-        "signal": ((*of_texture, "x"), scans.signals[:, :, 0], sensor.unit),
-        "signal_power": ((*of_texture, "wavenumber"), power[:, :, 0], f"({sensor.unit})^2"),
-        "noise_power": ("wavenumber", scans.noise, f"({sensor.unit})^2"),
-        "contact_fraction": (of_texture, scans.contact_fraction, "1",
-                             "contact_fraction_{contact}_{texture}"),
-        "chosen": (("classification", "truth", "candidate"), chosen, "1"),
-        "accuracy": ("classification", accuracy, "1", "accuracy{accuracy_of}"),
-    }  # fmt: skip
     numbers = {
         "draws": draws, "stretch_m": samples * sensor.cell_m, "coverage_90": spectra.coverage,
     }  # fmt: skip
+    variables = _scanned(sensor, scans, power[:, :, 0]) | {
+        "height_density_true": (("texture", "wavenumber"), truth, "m^3"),
+        "chosen": (("classification", "truth", "candidate"), chosen, "1"),
+        "accuracy": ("classification", accuracy, "1", "accuracy{accuracy_of}"),
+    }
     data = dataset(
         variables | _heights(spectra) | scalars(numbers),
         _coordinates(list(surfaces), sensor, in_bands),
@@ -97,6 +89,30 @@ def run(cfg: config.Config) -> Result:
         f"full contact, {right[2]} under light pressure"
     )
     return Result(title, data, sections(__file__, spectra=height_densities))
+
+
+def _classified(
+    sensor: TextureSensor, scans: TextureScans, truth: np.ndarray, samples: int, draws: int
+) -> np.ndarray:
+    """Short stretches of each texture by the nearest reference, of the law and the known texture
+    or learned from further draws: counts (classification, texture, texture)."""
+    pieces = tapered_power(scans.signals, samples)
+    law = expected_power(sensor.gain * truth + scans.noise, sensor.line.n, samples)
+    learned = pieces[1, :, draws:].mean(axis=1)
+    cases = (pieces[0], law), (pieces[1], law), (pieces[1], learned)
+    return np.stack([confusion(piece[:, :draws], references) for piece, references in cases])
+
+
+def _scanned(sensor: TextureSensor, scans: TextureScans, power: np.ndarray) -> Variables:
+    """The first scan of each texture, and the noise."""
+    of, unit = ("contact", "texture"), sensor.unit
+    name = "contact_fraction_{contact}_{texture}"
+    return {
+        "signal": ((*of, "x"), scans.signals[:, :, 0], unit),
+        "signal_power": ((*of, "wavenumber"), power, f"({unit})^2"),
+        "noise_power": ("wavenumber", scans.noise, f"({unit})^2"),
+        "contact_fraction": (of, scans.contact_fraction, "1", name),
+    }
 
 
 def height_densities(ds: xarray.Dataset) -> Figure:
@@ -119,10 +135,10 @@ def height_densities(ds: xarray.Dataset) -> Figure:
             (usable[t], "full contact, one recording, 90 %", "#0072b2"),
             (~usable[t], "the same, less signal than noise", "#b5bcc2"),
         ):
-            seen = which & (density[t] > 0)
-            ends = np.where(seen, low[t], np.nan), np.where(seen, high[t], np.nan)
+            positive = which & (density[t] > 0)
+            ends = np.where(positive, low[t], np.nan), np.where(positive, high[t], np.nan)
             look = {**dots, "color": colour, "marker": "o"}
-            middle = np.where(seen, density[t], np.nan)
+            middle = np.where(positive, density[t], np.nan)
             curves.append(plot.Curve(middle, label, x=band, band=ends, has_bars=True, look=look))
         look = {**dots, "color": "#d55e00", "marker": "D"}
         mean = np.where(usable[t], light[t], np.nan)
@@ -164,15 +180,6 @@ def _coordinates(names: list[str], sensor: TextureSensor, bands: Bands) -> Varia
         "band": (bands.middle, "rad/m"),
         "end": (["longest", "shortest"], "1"),
     }
-
-
-def _sensor(cfg: config.Config) -> TextureSensor:
-    refinement = int(config.part(cfg, "grid")["refinement"])
-    lines = config.line(cfg), config.line(cfg, refinement)
-    skin = make(cfg["skin"], "skin", "half_space")
-    return TextureSensor(
-        lines, refinement, config.sensor(cfg), config.scan(cfg), skin, config.friction(cfg)
-    )
 
 
 def _count(given: Mapping[str, Any], key: str) -> int:

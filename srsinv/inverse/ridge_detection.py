@@ -34,7 +34,7 @@ class RidgeTractions(NamedTuple):
     converged: bool
 
 
-class RidgeScan(NamedTuple):
+class RidgeDetection(NamedTuple):
     """A sensor that slides over one ridge, on a periodic line."""
 
     line: Line

@@ -15,10 +15,10 @@ from jaxtyping import Float, Int
 from ..inverse.estimate import COMPONENTS, Estimate, deviation
 from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
+from ..report.answers import answer_variables
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
 from ..report.text import significant
-from ._answers import answer_variables
 from ._statistics import differences, ranks
 from .monte_carlo import (
     FEATURE_FIT,

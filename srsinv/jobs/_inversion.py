@@ -16,12 +16,12 @@ from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
 from ..inverse.spectral_lines import strongest_line_m
 from ..progress import stage
+from ..report.answers import answer_variables
 from ..report.plot.estimates import full_width_at_half_maximum
 from ..report.result import Result, dataset, key_of, scalars
 from ..report.section import sections
 from ..report.text import quantity, significant
 from ..timing import timed
-from ._answers import answer_variables
 
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
 Variables = dict[str, tuple[Any, ...]]

@@ -25,11 +25,11 @@ from ..inverse.spectral_lines import (
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import load_steady
+from ..report.answers import answer_of
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
 from ..report.text import quantity_with_error
 from ..status import Status
-from ._answers import answer_of
 from ._board import PitchSettings, along_x, settings_for, without_gaps
 from ._facts import of_samples
 

@@ -28,12 +28,12 @@ from ..inverse.quality import Quality
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import check_volts
+from ..report.answers import answer_of
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
 from ..report.text import quantity_with_error, unit_of
 from ..resolution import cell_m
 from . import _facts
-from ._answers import answer_of
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
 PROFILE_UNITS = {"p": "Pa", "q": "Pa", "height": "m", "gap": "m", "friction": "1"}

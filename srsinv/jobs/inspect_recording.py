@@ -5,23 +5,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray
 
 from .. import config
 from ..errors import refuse
 from ..recording import merge
-from ..recording.inspection import Column, Inspection, inspect
-from ..recording.template import blanks, sidecar_template
-from ..report import figures
-from ..report.outcome import Outcome, Section, Table
+from ..recording.inspection import Inspection, inspect
+from ..recording.template import blanks, essential, sidecar_template
+from ..report.result import Result, dataset, scalars
+from ..report.section import sections
+from . import _inspection_plots as own
 
-_NONE = "–"
 _LONGEST_STEM = 200  # bytes: a file's name has at most 255, with its ending
-_SHOWN_GAPS = 20
+_SHOWN_ROWS = 20  # of those out of order
 _NOT_FACTS = ("path", "missing", "times", "cell_m", "sidecar")
+_DENSITY = "signal_unit per root of frequency"
+Variables = dict[str, tuple[Any, ...]]
 
 
-def run(cfg: Mapping[str, Any]) -> Outcome:
+def run(cfg: Mapping[str, Any]) -> Result:
     """The job: read the table, inspect every column, report, and write a sidecar's template."""
     settings = dict(cfg["recording"])
     path = settings["path"]
@@ -29,36 +30,49 @@ def run(cfg: Mapping[str, Any]) -> Outcome:
     known = {key: value for key, value in settings.items() if key not in _NOT_FACTS}
     known = merge({}, known | {"sensor": cfg["sensor"]})
     inspection = inspect(path, reader=config.reader(cfg), sidecar=settings.get("sidecar"), **known)
-    dataset = _dataset(inspection)
     stem = Path(path).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
-    template = f"{stem}.yaml"
-    return Outcome(
-        f"{inspection.name}: what the file holds",
-        _metrics(inspection),
-        dataset,
-        (
-            _columns(inspection),
-            _times(inspection),
-            _signals(inspection, dataset),
-            _noise(inspection, dataset),
-            *_motion(inspection, dataset),
-            _sidecar(inspection, template),
-        ),
-        _summary(inspection, template),
-        {template: sidecar_template(inspection)},
-    )
+    template, blank = f"{stem}.yaml", blanks(inspection)
+    coordinates, variables = _columns(inspection)
+    over_frequency, spectra = _spectra(inspection)
+    data = dataset(
+        variables | _over_time(inspection) | _of_signals(inspection) | spectra
+        | _lines(inspection) | _gaps(inspection) | _numbers(inspection)
+        | {"hint": ("blank", list(blank.values()), "1")},
+        coordinates | over_frequency | {"blank": (list(blank), "1")},
+        **_facts(inspection), template=template,
+    )  # fmt: skip
+    plots = {"signals": own.signals, "spectra": own.spectra, "motion": own.motion}
+    shown = sections("inspect_recording", **plots)
+    return Result(_title(inspection), data, shown, {template: sidecar_template(inspection)})
 
 
-def _metrics(inspection: Inspection) -> dict[str, Any]:
-    metrics: dict[str, Any] = {
-        "samples": max(column.samples for column in inspection.columns),
+def _title(inspection: Inspection) -> str:
+    count, rate = len(inspection.signals), inspection.rate_hz
+    at = f"at {rate:.6g} Hz" if rate else "at a rate that is not known"
+    words = [f"{count} signal{'s' * (count != 1)} of {_rows(inspection)} samples {at}"]
+    if inspection.timing and inspection.timing.gaps:
+        gaps = len(inspection.timing.gaps)
+        words.append(f"{gaps} gap{'s' * (gaps != 1)}")
+    clipped = sum(bool(each.clipping.stretches) for each in inspection.signals.values())
+    if clipped:
+        words.append(f"{clipped} perhaps clipped")
+    return f"{inspection.name}: {', '.join(words)}"
+
+
+def _rows(inspection: Inspection) -> int:
+    return max(column.samples for column in inspection.columns)
+
+
+def _numbers(inspection: Inspection) -> Variables:
+    numbers: dict[str, Any] = {
+        "samples": _rows(inspection),
         "columns": len(inspection.columns),
         "signals": len(inspection.signals),
         "sample_rate_hz": inspection.rate_hz,
         "mean_speed_m_per_s": inspection.mean_speed_m_per_s,
     }
     if timing := inspection.timing:
-        metrics |= {
+        numbers |= {
             "jitter_rms": timing.jitter_rms,
             "jitter_largest": timing.jitter_largest,
             "gaps": len(timing.gaps),
@@ -66,98 +80,79 @@ def _metrics(inspection: Inspection) -> dict[str, Any]:
             "samples_missing": sum(gap.missing for gap in timing.gaps),
             "rows_out_of_order": len(timing.disorder),
         }
-    for column in inspection.of_role("signal"):
-        signal, unit = inspection.signals[column.name], _key(inspection.signals[column.name].unit)
-        present = signal.values[np.isfinite(signal.values)]
-        spectrum = signal.spectrum
-        metrics |= {
-            f"missing_{column.name}": column.missing,
-            f"rms_{unit}_{column.name}": (
-                float(np.sqrt(np.mean(present**2))) if present.size else None
-            ),
-            f"extreme_fraction_{column.name}": signal.clipping.fraction,
-            f"flat_stretches_{column.name}": len(signal.clipping.stretches),
-            f"step_{unit}_{column.name}": signal.step,
-            f"noise_floor_{unit}_per_sqrt_{'Hz' if inspection.rate_hz else 'cycle_per_sample'}"
-            f"_{column.name}": spectrum.floor if spectrum else None,
-            f"strongest_line_{'Hz' if inspection.rate_hz else 'cycle_per_sample'}_{column.name}": (
-                spectrum.lines[0].frequency_hz if spectrum and spectrum.lines else None
-            ),
-        }
-    return metrics
+    return scalars(numbers)
 
 
-def _key(unit: str) -> str:
-    return unit.replace(" ", "_").replace("/", "_per_")
+def _facts(inspection: Inspection) -> dict[str, Any]:
+    disorder = inspection.timing.disorder if inspection.timing else ()
+    more = " and more" if len(disorder) > _SHOWN_ROWS else ""
+    return {
+        "recording": inspection.name,
+        "time_source": inspection.time_source,
+        "is_timed": int(inspection.timing is not None),
+        "disorder": ", ".join(map(str, disorder[:_SHOWN_ROWS])) + more,
+        "lengths_differ": int(len({each.samples for each in inspection.columns} - {0}) > 1),
+        "essential": ", ".join(essential(inspection)),
+        "per": "Hz" if inspection.rate_hz else "1/sample",
+    }
 
 
-def _dataset(inspection: Inspection) -> xarray.Dataset:
-    """Signals, spectra and motion as drawn; shorter columns end in NaN."""
-    signals = inspection.signals
-    rows = max(column.samples for column in inspection.columns)
-    spectra = [signal.spectrum for signal in signals.values()]
-    frequency = next((s.frequency_hz for s in spectra if s), np.zeros(0))
-    nothing = np.full(frequency.size, np.nan)
-    most = max((len(s.lines) for s in spectra if s), default=0)
-    lines = [[line.frequency_hz for line in s.lines] if s else [] for s in spectra]
-    per = "Hz" if inspection.rate_hz else "1/sample"
+def _columns(inspection: Inspection) -> tuple[Variables, Variables]:
+    """Labels and numbers of each column of the file, in the column's own unit."""
+    columns = inspection.columns
+    numbers = {
+        f"column_{key}": (
+            "column",
+            [_number(getattr(each, key)) for each in columns],
+            "column_unit",
+        )
+        for key in ("least", "greatest", "mean", "rms")
+    }
+    words = {
+        f"column_{key}": ("column", [getattr(each, key) for each in columns], "1")
+        for key in ("role", "unit", "reason", "samples", "missing")
+    }
+    signals = inspection.signals.values()
+    labels = {
+        "column": ([each.name for each in columns], "1"),
+        "signal": (list(inspection.signals), "1"),
+        "unit_key": ("signal", [each.unit.replace(" ", "_").replace("/", "_per_")
+                                for each in signals], "1"),
+    }  # fmt: skip
+    return labels, words | numbers
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _over_time(inspection: Inspection) -> Variables:
+    """Signals and motion, row by row; shorter columns end in NaN."""
+    signals, rows = inspection.signals, _rows(inspection)
     flat = np.zeros((len(signals), rows), np.int8)
     for row, signal in enumerate(signals.values()):
         for start, stop in signal.clipping.stretches:
             flat[row, start:stop] = 1
-    time, time_unit = _time(inspection, rows)
-    gaps = inspection.timing.gaps if inspection.timing and inspection.time_s is not None else ()
-    origin = _origin(inspection)
-    starts = np.array([gap.start_s - origin for gap in gaps])
-    of_signal, over_time = ("signal",), ("signal", "row")
+    time, unit = _time(inspection, rows)
     values = [_padded(signal.values, rows) for signal in signals.values()]
-    variables: dict[str, tuple[Any, Any, dict[str, str]]] = {
-        "time": ("row", time, {"units": time_unit}),
-        "value": (over_time, np.reshape(values, (len(signals), rows)), {"units": "signal_unit"}),
-        "flat": (over_time, flat, {"units": "1"}),
-        "signal_unit": (of_signal, [signal.unit for signal in signals.values()], {"units": "1"}),
-        "density": (
-            ("signal", "frequency"),
-            np.reshape(
-                [s.density if s else nothing for s in spectra], (len(signals), frequency.size)
-            ),
-            {"units": "signal_unit per root of frequency"},
-        ),
-        "noise_floor": (
-            of_signal,
-            [s.floor if s else np.nan for s in spectra],
-            {"units": "signal_unit per root of frequency"},
-        ),
-        "line_frequency": (
-            ("signal", "line"),
-            np.reshape([_padded(np.array(each), most) for each in lines], (len(signals), most)),
-            {"units": per},
-        ),
-        "gap_start": ("gap", starts, {"units": "s"}),
-        "gap_end": ("gap", starts + np.array([gap.length_s for gap in gaps]), {"units": "s"}),
+    over_time = ("signal", "row")
+    motion = {
+        name: ("row", _padded(values, rows), unit)
+        for name, values, unit in (
+            ("speed", inspection.speed_m_per_s, "m/s"),
+            ("position", inspection.position_m, "m"),
+        )
+        if values is not None
     }
-    for name, values, unit in (
-        ("speed", inspection.speed_m_per_s, "m/s"),
-        ("position", inspection.position_m, "m"),
-    ):
-        if values is not None:
-            variables[name] = ("row", _padded(values, rows), {"units": unit})
-    coordinates = {
-        "signal": ("signal", list(signals), {"units": "1"}),
-        "frequency": ("frequency", frequency, {"units": per}),
+    return motion | {
+        "time": ("row", time, unit),
+        "value": (over_time, np.reshape(values, (len(signals), rows)), "signal_unit"),
+        "flat": (over_time, flat, "1"),
     }
-    return xarray.Dataset(variables, coordinates)
 
 
 def _padded(values: np.ndarray, size: int) -> np.ndarray:
     return np.concatenate([values, np.full(size - values.size, np.nan)])
-
-
-def _origin(inspection: Inspection) -> float:
-    """The first stamp [s]."""
-    if inspection.time_s is None or not np.isfinite(inspection.time_s).any():
-        return 0.0
-    return float(inspection.time_s[np.isfinite(inspection.time_s)][0])
 
 
 def _time(inspection: Inspection, rows: int) -> tuple[np.ndarray, str]:
@@ -169,222 +164,89 @@ def _time(inspection: Inspection, rows: int) -> tuple[np.ndarray, str]:
     return np.arange(rows, dtype=float), "1"
 
 
-# --- the page --------------------------------------------------------------------------------
+def _origin(inspection: Inspection) -> float:
+    """The first stamp [s]."""
+    if inspection.time_s is None or not np.isfinite(inspection.time_s).any():
+        return 0.0
+    return float(inspection.time_s[np.isfinite(inspection.time_s)][0])
 
 
-def _summary(inspection: Inspection, template: str) -> Table:
-    rows = tuple(_summary_row(inspection, column) for column in inspection.columns)
-    columns = ("column", "role", "unit", "least", "greatest", "rms", "missing", "clipped", "noise")
-    return Table(
-        columns,
-        rows,
-        f"{inspection.name}: {_timing_in_words(inspection)} Noise is the floor of the amplitude "
-        "density, per "
-        f"root {'Hz' if inspection.rate_hz else '1/sample'}; {template} is a sidecar to fill in.",
-    )
+def _of_signals(inspection: Inspection) -> Variables:
+    """Clipping, rounding and noise of each signal; its metrics have its name and its unit's."""
+    every = inspection.signals.values()
+    per = "Hz" if inspection.rate_hz else "cycle_per_sample"
+    present = [each.values[np.isfinite(each.values)] for each in every]
+    rms = [np.sqrt(np.mean(each**2)) if each.size else np.nan for each in present]
+    spectra, unit, of = [each.spectrum for each in every], "{unit_key!s}", "{signal!s}"
+    strongest = [s.lines[0].frequency_hz if s and s.lines else np.nan for s in spectra]
+    per_signal: dict[str, tuple[Any, ...]] = {
+        "signal_unit": ([each.unit for each in every], "1"),
+        "signal_missing": ([int(np.isnan(each.values).sum()) for each in every], "1",
+                           f"missing_{of}"),
+        "signal_rms": (rms, "signal_unit", f"rms_{unit}_{of}"),
+        "extreme_fraction": ([s.clipping.fraction for s in every], "1", f"extreme_fraction_{of}"),
+        "flat_stretches": ([len(s.clipping.stretches) for s in every], "1",
+                           f"flat_stretches_{of}"),
+        "longest_flat": ([each.clipping.longest for each in every], "1"),
+        "clipped": ([each.clipping.verdict for each in every], "1"),
+        "step": ([_number(each.step) for each in every], "signal_unit", f"step_{unit}_{of}"),
+        "noise_floor": ([s.floor if s else np.nan for s in spectra], _DENSITY,
+                        f"noise_floor_{unit}_per_sqrt_{per}_{of}"),
+        "strongest_line": (strongest, "Hz" if inspection.rate_hz else "1/sample",
+                           f"strongest_line_{per}_{of}"),
+    }  # fmt: skip
+    return {name: ("signal", *each) for name, each in per_signal.items()}
 
 
-def _summary_row(inspection: Inspection, column: Column) -> tuple[Any, ...]:
-    signal = inspection.signals.get(column.name)
-    spectrum = signal.spectrum if signal else None
-    clipped = signal.clipping.verdict if signal else _NONE
-    noise = f"{spectrum.floor:.3g} {signal.unit}" if signal and spectrum else _NONE
-    return (
-        column.name,
-        column.role,
-        column.unit,
-        *map(_or_none, (column.least, column.greatest, column.rms)),
-        column.missing,
-        clipped,
-        noise,
-    )
-
-
-def _or_none(value: float | None) -> float | str:
-    return _NONE if value is None else value
-
-
-def _columns(inspection: Inspection) -> Section:
-    rows = tuple(
-        (
-            column.name,
-            column.role,
-            column.unit,
-            column.reason,
-            column.samples,
-            column.missing,
-            *map(_or_none, (column.least, column.greatest, column.mean, column.rms)),
-        )
-        for column in inspection.columns
-    )
-    headings = ("column", "role", "unit", "because", "samples", "missing")
-    return Section(
-        "Columns",
-        (
-            "What each column seems to be, from its name, what the file and the sidecar state, and "
-            "its values. Numbers are in the column's own unit. A role or a unit that is wrong is "
-            "set right in the sidecar (last part of this page), or by the column's name.",
-        ),
-        tables=(Table((*headings, "least", "greatest", "mean", "rms"), rows),),
-    )
-
-
-def _timing_in_words(inspection: Inspection) -> str:
-    samples = max(column.samples for column in inspection.columns)
-    if inspection.rate_hz is None:
-        return f"{samples} samples; the sample rate is not known ({inspection.time_source})."
-    if inspection.timing is None:
-        rate_hz, source = inspection.rate_hz, inspection.time_source
-        return f"{samples} samples at {rate_hz:.6g} Hz, as stated ({source})."
-    gaps, disorder = inspection.timing.gaps, inspection.timing.disorder
-    missing = sum(gap.missing for gap in gaps)
-    words = f"{_several(len(gaps), 'gap')} with about {missing} samples lost" if gaps else "no gaps"
-    order = f"; {_several(len(disorder), 'row')} out of the order of time" if disorder else ""
-    return f"{samples} samples at {inspection.rate_hz:.6g} Hz, {words}{order}."
-
-
-def _times(inspection: Inspection) -> Section:
-    paragraphs = [_timing_in_words(inspection), f"Times: {inspection.time_source}."]
-    tables = []
-    if timing := inspection.timing:
-        paragraphs.append(
-            f"Intervals stray from their mean by {timing.jitter_rms:.2g} of it (rms) and by "
-            f"{timing.jitter_largest:.2g} at most, gaps aside."
-        )
-        if timing.disorder:
-            first = ", ".join(map(str, timing.disorder[:_SHOWN_GAPS]))
-            paragraphs.append(
-                f"Data rows that do not come after the row before: {first}"
-                f"{' and more' if len(timing.disorder) > _SHOWN_GAPS else ''}. They have to be "
-                "dropped or sorted before the recording can be used."
-            )
-        if timing.gaps:
-            tables.append(_gaps(inspection))
-    sizes = {column.samples for column in inspection.columns if column.samples}
-    if len(sizes) > 1:
-        paragraphs.append("The columns differ in length, so the recording cannot be used as it is.")
-    return Section("Times", tuple(paragraphs), tables=tuple(tables))
-
-
-def _gaps(inspection: Inspection) -> Table:
-    gaps = inspection.timing.gaps if inspection.timing else ()
-    longest = sorted(gaps, key=lambda gap: gap.length_s, reverse=True)[:_SHOWN_GAPS]
-    rows = tuple(
-        (gap.row, gap.start_s - _origin(inspection), gap.length_s, gap.missing) for gap in longest
-    )
-    columns = ("after data row", "since the first sample [s]", "length [s]", "samples lost, about")
-    return Table(columns, rows, f"The longest of {_several(len(gaps), 'gap')}")
-
-
-def _several(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"
-
-
-def _signals(inspection: Inspection, dataset: xarray.Dataset) -> Section:
-    if not inspection.signals:
-        return Section("Signals", ("No column seems to be a signal.",))
-    rows = tuple(
-        (
-            name,
-            100 * signal.clipping.fraction,
-            len(signal.clipping.stretches),
-            signal.clipping.longest,
-            signal.clipping.verdict,
-            _NONE if signal.step is None else f"{signal.step:.4g} {signal.unit}",
-            int(np.isnan(signal.values).sum()),
-        )
-        for name, signal in inspection.signals.items()
-    )
-    headings = ("signal", "at the extremes [%]", "flat stretches", "longest [samples]")
-    table = Table(
-        (*headings, "clipped", "step between values", "missing"), rows, "Clipping and rounding"
-    )
-    return Section(
-        "Signals",
-        (
-            "A signal that meets the end of its range stays flat there: three equal samples or "
-            "more in a row at the least or the greatest value are marked. Once can be a slow "
-            "signal at rest in coarse steps; again and again is clipping, and the gain was too "
-            "high. A step between values is that of the converter.",
-        ),
-        {"recorded_signals": lambda: figures.recorded_signals(dataset)},
-        {
-            "recorded_signals": "The signals as recorded, in the file's order. Shaded: gaps in the "
-            "times; red: flat stretches at an extreme."
-        },
-        (table,),
-    )
-
-
-def _noise(inspection: Inspection, dataset: xarray.Dataset) -> Section:
+def _spectra(inspection: Inspection) -> tuple[Variables, Variables]:
+    """The frequencies, which all signals have in common, and the amplitude densities there."""
+    spectra = [signal.spectrum for signal in inspection.signals.values()]
+    frequency = next((s.frequency_hz for s in spectra if s), np.zeros(0))
+    nothing = np.full(frequency.size, np.nan)
+    densities = [s.density if s else nothing for s in spectra]
+    most = max((len(s.lines) for s in spectra if s), default=0)
+    lines = [[line.frequency_hz for line in s.lines] if s else [] for s in spectra]
     per = "Hz" if inspection.rate_hz else "1/sample"
-    floors = tuple(
-        (name, f"{signal.spectrum.floor:.3g} {signal.unit}", signal.spectrum.floor / signal.step
-         if signal.step else _NONE)
-        for name, signal in inspection.signals.items() if signal.spectrum
-    )  # fmt: skip
-    if not floors:
-        return Section("Noise", ("No signal varies for long enough to have a spectrum.",))
-    spacing = float(dataset["frequency"].values[0])
-    speed = inspection.mean_speed_m_per_s
-    lines = tuple(
-        (
-            name,
-            line.frequency_hz,
-            1e3 * abs(speed) / line.frequency_hz if speed and inspection.rate_hz else _NONE,
-            f"{line.amplitude:.3g} {signal.unit}",
-            line.over_surroundings,
-        )
+    shape = len(spectra), frequency.size
+    return {"frequency": (frequency, per)}, {
+        "density": (("signal", "frequency"), np.reshape(densities, shape), _DENSITY),
+        "line_frequency": (
+            ("signal", "line"),
+            np.reshape([_padded(np.array(each), most) for each in lines], (len(spectra), most)),
+            per,
+        ),
+    }
+
+
+def _lines(inspection: Inspection) -> Variables:
+    """Every line that stands out, one after the other."""
+    every = [
+        (name, line.frequency_hz, line.amplitude, signal.unit, line.over_surroundings)
         for name, signal in inspection.signals.items()
         if signal.spectrum
         for line in signal.spectrum.lines
-    )
-    tables = [Table(("signal", f"floor per root {per}", "floor over step"), floors, "Noise floor")]
-    if lines:
-        headings = ("signal", f"frequency [{per}]", "wavelength [mm]", "amplitude")
-        tables.append(Table((*headings, "power over surroundings"), lines, "Lines that stand out"))
-    return Section(
-        "Noise",
-        (
-            "Averaged spectra (Welch, Hann window, trend removed) at the mean rate, gaps closed "
-            "and missing samples drawn from their neighbours. The floor is the level of the upper "
-            "half of the band, as white noise would have it: a touch is slower than that. "
-            f"Frequencies are told apart {spacing:.3g} {per} from each other. A "
-            "line near 50 or 60 Hz and its multiples is the mains; one whose "
-            "frequency follows the speed is the surface, its wavelength given at the mean speed "
-            "where that is known.",
-        ),
-        {"noise_spectra": lambda: figures.noise_spectra(dataset)},
-        {"noise_spectra": "Amplitude density of each signal, its noise floor, and the lines that "
-         "stand at least tenfold in power above their surroundings."},
-        tuple(tables),
-    )  # fmt: skip
+    ]
+    per = "Hz" if inspection.rate_hz else "1/sample"
+    speed = inspection.mean_speed_m_per_s
+    has_length = bool(speed and inspection.rate_hz)
+    names, frequency, amplitude, unit, over = zip(*every, strict=True) if every else ((),) * 5
+    length = [abs(speed) / f if has_length and speed else np.nan for f in frequency]
+    return {
+        "peak_signal": ("peak", list(names), "1"),
+        "peak_frequency": ("peak", np.array(frequency), per),
+        "peak_wavelength": ("peak", np.array(length), "m"),
+        "peak_amplitude": ("peak", np.array(amplitude), "signal_unit"),
+        "peak_unit": ("peak", list(unit), "1"),
+        "peak_over_surroundings": ("peak", np.array(over), "1"),
+    }
 
 
-def _motion(inspection: Inspection, dataset: xarray.Dataset) -> tuple[Section, ...]:
-    if inspection.speed_m_per_s is None and inspection.position_m is None:
-        return ()
-    return (
-        Section(
-            "Motion",
-            ("Without a column of speed, the speed is derived from the position on loading.",),
-            {"recorded_motion": lambda: figures.recorded_motion(dataset)},
-            {"recorded_motion": "Speed and position as the file has them."},
-        ),
-    )
-
-
-def _sidecar(inspection: Inspection, template: str) -> Section:
-    rows = tuple(blanks(inspection).items())
-    return Section(
-        "The sidecar",
-        (
-            f"{template}, in the folder of this page, says what the file shows and leaves blank "
-            "what only the experimenter knows. Fill in what you know, leave the rest null (not "
-            f"given), and put it beside {inspection.name}, in place of another sidecar there. "
-            "Then: "
-            "srsinv experiment=invert_recording recording.path=FILE. Each value can also be "
-            "given on the command line.",
-        ),
-        tables=(Table(("key", "what to write"), rows, "Left blank"),),
-    )
+def _gaps(inspection: Inspection) -> Variables:
+    gaps = inspection.timing.gaps if inspection.timing and inspection.time_s is not None else ()
+    starts = np.array([gap.start_s - _origin(inspection) for gap in gaps])
+    return {
+        "gap_start": ("gap", starts, "s"),
+        "gap_end": ("gap", starts + np.array([gap.length_s for gap in gaps]), "s"),
+        "gap_row": ("gap", np.array([gap.row for gap in gaps], int), "1"),
+        "gap_missing": ("gap", np.array([gap.missing for gap in gaps], int), "1"),
+    }

@@ -29,6 +29,20 @@ CONTACT = {
 FEATURE = {"edge_length_m": "over which the feature's edge rises"}
 _SPEED = {"speed_m_per_s": "of sliding along x, where it was constant; below 0 towards -x"}
 _RATE = {"sample_rate_hz": "samples a second: the file has no times"}
+# Keys without which no inversion in Pa is possible, where they are blank.
+_ESSENTIAL = (
+    "sample_rate_hz", "speed_m_per_s", "sensor.depth_m", "sensor.feedback_resistance_ohm",
+    "sensor.elements.orientation", "sensor.elements.strip_width_m",
+    "sensor.elements.active_length_m",
+)  # fmt: skip
+
+
+def essential(inspection: Inspection) -> list[str]:
+    """The blank keys that an inversion to p and q in Pa needs."""
+    blank = blanks(inspection)
+    keys = [key for key in _ESSENTIAL if key in blank]
+    volts = all(signal.unit == "V" for signal in inspection.signals.values())
+    return keys if volts or "gain" not in blank else ["gain", *keys]
 
 
 def blanks(inspection: Inspection) -> dict[str, str]:

@@ -151,8 +151,9 @@ def test_page_shows_what_was_fitted(known):
     for figure in drawn.values():
         for axes in figure.axes:
             assert axes.get_ylabel().endswith("]") or axes.get_yticklabels()[0].get_text()
-    marks = {line.get_label(): line for line in drawn["line_spectrum"].axes[0].get_lines()}
-    assert marks["pitch"].get_xdata()[0] == pytest.approx(1e3 * result.metrics["pitch_m"])
+    lines = drawn["line_spectrum"].axes[0].get_lines()
+    marks = {line.get_label(): np.asarray(line.get_xdata()) for line in lines}
+    assert marks["pitch"][0] == pytest.approx(1e3 * result.metrics["pitch_m"])
     residual = result.dataset["signal"] - result.dataset["fitted_signal"]
     assert 0.2 < float(residual.std()) < 0.3  # of the noise, the drift takes what is slow
 
