@@ -105,7 +105,7 @@ def _angles(directions: Sequence[Direction], truth: np.ndarray) -> Variables:
 
 def on_the_circle(ds: xarray.Dataset) -> Figure:
     """The signals with noise of the directions shown, and the fit to each."""
-    way, up = plot.Axis("way along the circle", "m"), plot.Axis("signal", "V")
+    way, up = plot.PanelAxis("way along the circle", "m"), plot.PanelAxis("signal", "V")
     data = {"color": "#b5bcc2", "linewidth": 1.0}
     return plot.panels([
         [
@@ -133,8 +133,8 @@ def errors(ds: xarray.Dataset) -> Figure:
         error, "one draw, ± its standard error", band=(error - stderr, error + stderr),
         has_bars=True, look=look,
     )  # fmt: skip
-    across = plot.Axis("true angle of the ridge's normal from x", "deg", limits=(-5.0, 185.0))
-    up = plot.Axis("error of the angle", "deg")
+    across = plot.PanelAxis("true angle of the ridge's normal from x", "deg", limits=(-5.0, 185.0))
+    up = plot.PanelAxis("error of the angle", "deg")
     return plot.panels([plot.Panel([zero, dots], across, up, ds["direction"].values)])
 
 

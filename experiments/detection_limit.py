@@ -142,9 +142,9 @@ def _against(ds: xarray.Dataset, lines: Mapping[str, str], words: str, *marks) -
             plot.Curve([float(ds[f"{key}_m"])], lines[key], x=[ds.attrs[f"{name}_here"]], look=dot)
             for key in lines
         ]
-        up = plot.Axis(words, "m", True, ends)
+        up = plot.PanelAxis(words, "m", True, ends)
         parts.append(
-            plot.Panel(curves, plot.Axis(what, unit, True), up, ds[name].values, "", marks)
+            plot.Panel(curves, plot.PanelAxis(what, unit, True), up, ds[name].values, "", marks)
         )
     return plot.panels([parts], height_in=2.8)
 

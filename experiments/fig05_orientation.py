@@ -96,14 +96,14 @@ def _separation(sensor: Sensor, skin: HalfSpace) -> dict[str, tuple[Any, ...]]:
 
 def draw_responses(ds: xarray.Dataset) -> Figure:
     """Charge and signal of each element under each load."""
-    across = plot.Axis("position of the film from the load", "m", limits=(-SHOWN_M, SHOWN_M))
+    across = plot.PanelAxis("position of the film from the load", "m", limits=(-SHOWN_M, SHOWN_M))
     return plot.panels(
         [
             [
                 plot.Panel(
                     [plot.Curve(ds[name].values[i, e], each, look=LOOKS[i])
                      for i, each in enumerate(LOADS)],
-                    across, plot.Axis(name, ds[name].attrs["units"]), ds["x"].values,
+                    across, plot.PanelAxis(name, ds[name].attrs["units"]), ds["x"].values,
                     f"Film at {angle}°: {name}",
                 )
                 for name in ("charge", "signal")

@@ -82,8 +82,10 @@ def filters(ds: xarray.Dataset) -> Figure:
     }
     # An unregularised inverse grows without bound: the lowest filter sets the limits.
     lowest = min(np.nanmax(row) for row in lines.values())
-    gain_axis = plot.Axis("|G|", ds["sensor_gain"].attrs["units"], True, gain_limits(gain))
-    filter_axis = plot.Axis("|H|", ds["filter"].attrs["units"], True, (lowest * 1e-5, lowest * 1e3))
+    gain_axis = plot.PanelAxis("|G|", ds["sensor_gain"].attrs["units"], True, gain_limits(gain))
+    filter_axis = plot.PanelAxis(
+        "|H|", ds["filter"].attrs["units"], True, (lowest * 1e-5, lowest * 1e3)
+    )
     curves = [plot.Curve(row, name) for name, row in lines.items()]
     curves.append(
         plot.Curve(ds["inverse_gain"].values[1:], "inverse 1/|G|", look={"linestyle": "--"})

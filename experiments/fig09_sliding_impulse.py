@@ -100,8 +100,10 @@ def _blur(k: np.ndarray, clean: np.ndarray, each: np.ndarray) -> dict[str, float
 
 def draw_traces(ds: xarray.Dataset) -> Figure:
     """The signals without bursts, one pass with bursts, and the mean of all passes."""
-    across = plot.Axis("position of the film from the impulse", "m", limits=(-SHOWN_M, SHOWN_M))
-    up, passes = plot.Axis("signal", ds["signal"].attrs["units"]), ds["passes"].values
+    across = plot.PanelAxis(
+        "position of the film from the impulse", "m", limits=(-SHOWN_M, SHOWN_M)
+    )
+    up, passes = plot.PanelAxis("signal", ds["signal"].attrs["units"]), ds["passes"].values
     ideal, tilted = ds["signal"].values
     known = plot.Curve(tilted, TILTED, look={"linestyle": "--"})
     parts = {

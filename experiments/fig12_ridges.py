@@ -227,7 +227,7 @@ def _pitch(
 
 def draw_signal(ds: xarray.Dataset) -> Figure:
     """The signal in its noise, the same after a low-pass filter, and the amplitude of each wave."""
-    up, pitch = plot.Axis("signal", "V"), ds.attrs["pitch_m"]
+    up, pitch = plot.PanelAxis("signal", "V"), ds.attrs["pitch_m"]
     band = f"{float(ds['band_hz']):.3g} Hz"
     parts = []
     for name, ridges, title in (
@@ -239,7 +239,7 @@ def draw_signal(ds: xarray.Dataset) -> Figure:
             plot.Curve(near[name].values, "with noise", look={"color": GREY, "linewidth": 0.8}),
             plot.Curve(near["signal"].values, "without noise", look={"color": PALETTE[1]}),
         ]
-        along = plot.Axis("position", "m", limits=(0, ridges * pitch))
+        along = plot.PanelAxis("position", "m", limits=(0, ridges * pitch))
         parts.append(plot.Panel(curves, along, up, near["position"].values, title))
     of_waves = [
         plot.Curve(ds["data_amplitude"].values, "with noise", look={"color": GREY}),
@@ -248,8 +248,8 @@ def draw_signal(ds: xarray.Dataset) -> Figure:
     ]  # fmt: skip
     marks = [plot.Mark(float(ds["band_hz"]) / 2, "pitch", look=HERE)]
     frequency, amplitude = (
-        plot.Axis("frequency", "Hz"),
-        plot.Axis("amplitude", "V", limits=(0, None)),
+        plot.PanelAxis("frequency", "Hz"),
+        plot.PanelAxis("amplitude", "V", limits=(0, None)),
     )
     parts.append(
         plot.Panel(of_waves, frequency, amplitude, ds["frequency"].values, "Each wave", marks)
@@ -260,20 +260,20 @@ def draw_signal(ds: xarray.Dataset) -> Figure:
 def draw_size(ds: xarray.Dataset) -> Figure:
     """The signal's amplitude at the pitch over the height and over the nominal pressure."""
     height, size = ds["ridge_height"].values, ds["amplitude_by_height"].values
-    up = plot.Axis("amplitude", "V", is_log=True)
+    up = plot.PanelAxis("amplitude", "V", is_log=True)
     by_height = [
         plot.Curve(size, "by contact", look={"color": PALETTE[0]}),
         plot.Curve(size[0] / height[0] * height, "linear", look={"color": GREY, "linestyle": "--"}),
     ]
     marks = [plot.Mark(each, look=HERE) for each in PAPER_M.values()]
-    pressure = plot.Axis("nominal pressure", "Pa", is_log=True)
+    pressure = plot.PanelAxis("nominal pressure", "Pa", is_log=True)
     by_pressure = ds["amplitude_by_pressure"].values
     look = {"color": PALETTE[0], "marker": "o", "markersize": 4}
     return plot.panels([[
-        plot.Panel(by_height, plot.Axis("ridge height", "m", is_log=True), up, height,
+        plot.Panel(by_height, plot.PanelAxis("ridge height", "m", is_log=True), up, height,
                    f"At {quantity(ds.attrs['nominal_Pa'], 'Pa', digits=2)}", marks),
         plot.Panel([plot.Curve(by_pressure, "by contact", look=look)], pressure,
-                   plot.Axis("amplitude at one height", "V", limits=(0, None)),
+                   plot.PanelAxis("amplitude at one height", "V", limits=(0, None)),
                    ds["nominal_pressure"].values,
                    f"At {quantity(ds.attrs['height_m'], 'm', digits=2)}",
                    [plot.Mark(ds.attrs["nominal_Pa"], look=HERE)]),

@@ -155,7 +155,7 @@ def _fit(solved: SolvedContact, feature: SurfaceFeature, problem: LineProblem) -
 
 def symmetry(ds: xarray.Dataset) -> Figure:
     """Even and odd parts of the signals about each edge, a column for each edge."""
-    across, unit = plot.Axis("distance from the edge", "m"), ds["even"].attrs["units"]
+    across, unit = plot.PanelAxis("distance from the edge", "m"), ds["even"].attrs["units"]
     cases = {"as it is": "", "no friction": ", no friction"}
     rows = []
     for name in ds["element"].values:
@@ -169,6 +169,6 @@ def symmetry(ds: xarray.Dataset) -> Figure:
                 for case, end in cases.items()
             ]  # fmt: skip
             title = f"{edge.capitalize()} edge, element {short(name)}"
-            up = plot.Axis(f"signal of element {short(name)}", unit)
+            up = plot.PanelAxis(f"signal of element {short(name)}", unit)
             rows[-1].append(plot.Panel(curves, across, up, ds["from_edge"].values, title))
     return plot.panels(rows)

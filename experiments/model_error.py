@@ -159,7 +159,7 @@ def recovered(ds: xarray.Dataset) -> Figure:
         curves = [plot.Curve(_deviation(truth[c]), "truth", look={"color": TRUTH})]
         for (case, look), values in zip(looks.items(), ds["estimate"].values, strict=True):
             curves.append(plot.Curve(_deviation(values[c]), case, look=look))
-        up = plot.Axis(f"{component} less its mean", "Pa")
+        up = plot.PanelAxis(f"{component} less its mean", "Pa")
         parts.append(plot.Panel(curves, X, up, ds["x"].values, QUANTITIES[component].capitalize()))
     return plot.panels(parts, height_in=2.6)
 
@@ -167,7 +167,10 @@ def recovered(ds: xarray.Dataset) -> Figure:
 def by_wavelength(ds: xarray.Dataset) -> Figure:
     """The size of what is recovered of a sinusoid, over its wavelength."""
     looks = method_looks([str(each) for each in ds["case"].values])
-    across, up = plot.Axis("wavelength", "m", is_log=True), plot.Axis("gain", limits=(0, None))
+    across, up = (
+        plot.PanelAxis("wavelength", "m", is_log=True),
+        plot.PanelAxis("gain", limits=(0, None)),
+    )
     parts = []
     for (out, into), title in GAINS.items():
         own = ds["gain"].sel(component_out=out, component_in=into).values

@@ -170,8 +170,8 @@ def shapes(ds: xarray.Dataset) -> Figure:
         ]  # fmt: skip
         title = str(name).replace("_", " ").capitalize()
         rows.append([
-            plot.Panel(heights, across, plot.Axis("height", "m"), x, title, contact),
-            plot.Panel(errors, across, plot.Axis("error", "m"), x, "Error in contact", contact),
+            plot.Panel(heights, across, plot.PanelAxis("height", "m"), x, title, contact),
+            plot.Panel(errors, across, plot.PanelAxis("error", "m"), x, "Error in contact", contact),
         ])  # fmt: skip
     return plot.panels(rows, widths=(3, 2), height_in=2.6)
 
@@ -197,7 +197,7 @@ def pressures(ds: xarray.Dataset) -> Figure:
             plot.Curve(resolved, "truth, as resolved", look=DOTTED, in_view=near),
         ]  # fmt: skip
         title = str(name).replace("_", " ").capitalize() + remark
-        rows.append(plot.Panel(curves, across, plot.Axis("p - mean", "Pa"), x, title, contact))
+        rows.append(plot.Panel(curves, across, plot.PanelAxis("p - mean", "Pa"), x, title, contact))
     return plot.panels(rows, height_in=2.2)
 
 
@@ -212,4 +212,4 @@ def _about_the_contact(x: np.ndarray, touching: np.ndarray):
         plot.Mark(max(left, -reach), "contact", until=min(right, reach), look=look)
         for left, right in spans if left < reach and right > -reach
     ]  # fmt: skip
-    return plot.Axis("position x", "m", limits=(-reach, reach)), marks, np.abs(x) <= reach
+    return plot.PanelAxis("position x", "m", limits=(-reach, reach)), marks, np.abs(x) <= reach

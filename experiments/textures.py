@@ -124,8 +124,8 @@ def height_densities(ds: xarray.Dataset) -> Figure:
     light, usable = ds["height_density_mean"].sel(contact="light").values, ds["usable"].values == 1
     shown = np.concatenate([each[usable] for each in (low, high, light)])
     shown = shown[shown > 0]
-    across = plot.Axis("wavenumber k", "rad/m", True, (low_k, 1.3 * band[-1]))
-    up = plot.Axis("density of height", "m^3", True, (shown.min() / 5, 5 * shown.max()))
+    across = plot.PanelAxis("wavenumber k", "rad/m", True, (low_k, 1.3 * band[-1]))
+    up = plot.PanelAxis("density of height", "m^3", True, (shown.min() / 5, 5 * shown.max()))
     dots = {"linestyle": "none", "markersize": 4}
     parts = []
     for t, name in enumerate(ds["texture"].values):

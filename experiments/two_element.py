@@ -122,8 +122,8 @@ def _deviation(values: np.ndarray) -> np.ndarray:
 def against_angle(ds: xarray.Dataset) -> Figure:
     """Error of each component over the angle: the draws and their prediction."""
     angle, looks = ds["angle"].values, method_looks([str(v) for v in ds["method"].values])
-    across = plot.Axis("angle between the two elements", "deg", limits=(0, 1.03 * angle.max()))
-    up = plot.Axis("relative error", limits=(0, None))
+    across = plot.PanelAxis("angle between the two elements", "deg", limits=(0, 1.03 * angle.max()))
+    up = plot.PanelAxis("relative error", limits=(0, None))
     parts = []
     for component in COMPONENTS:
         own, curves = ds.sel(component=component), []
@@ -145,7 +145,7 @@ def recovered(ds: xarray.Dataset) -> Figure:
     truth, estimate = _deviation(ds["traction"].values), _deviation(ds["estimate"].values)
     rows = []
     for c, component in enumerate(COMPONENTS):
-        up = plot.Axis(f"{component} less its mean", "Pa")
+        up = plot.PanelAxis(f"{component} less its mean", "Pa")
         known = plot.Curve(truth[c], "truth", look={"color": TRUTH})
         rows.append([
             plot.Panel(

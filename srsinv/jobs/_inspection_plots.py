@@ -28,7 +28,7 @@ def signals(ds: xarray.Dataset) -> Figure:
             look = {"color": _RED, "linestyle": "none", "marker": "o", "markersize": 4, "zorder": 3}
             label = "flat at the extreme: clipped?"
             curves.append(plot.Curve(values[at], label, x=time[at], look=look))
-        up = plot.Axis("", str(ds["signal_unit"].values[row]))
+        up = plot.PanelAxis("", str(ds["signal_unit"].values[row]))
         parts.append(plot.Panel(curves, _along(ds), up, (), str(name), gaps))
     return plot.panels(plot.in_columns(parts), height_in=1.5 if len(parts) <= 4 else 1.2)
 
@@ -36,7 +36,7 @@ def signals(ds: xarray.Dataset) -> Figure:
 def spectra(ds: xarray.Dataset) -> Figure:
     """Amplitude density of each signal with its noise floor and its strongest lines."""
     frequency, per = ds["frequency"].values, str(ds["frequency"].attrs["units"])
-    across = plot.Axis("frequency", per, True)
+    across = plot.PanelAxis("frequency", per, True)
     parts = []
     for row, name in enumerate(ds["signal"].values[:MOST_PANELS]):
         density = ds["density"].values[row]
@@ -51,7 +51,7 @@ def spectra(ds: xarray.Dataset) -> Figure:
         floor = float(ds["noise_floor"].values[row])
         look = {"color": TRUTH, "linestyle": "--"}
         marks = [plot.Mark(floor, "noise floor", "y", look=look)] if floor > 0 else []
-        up = plot.Axis(f"per √{per}", str(ds["signal_unit"].values[row]), True)
+        up = plot.PanelAxis(f"per √{per}", str(ds["signal_unit"].values[row]), True)
         parts.append(plot.Panel(curves, across, up, frequency, str(name), marks))
     return plot.panels(plot.in_columns(parts), height_in=1.8 if len(parts) <= 4 else 1.5)
 
@@ -62,15 +62,17 @@ def motion(ds: xarray.Dataset) -> Figure:
     return plot.panels([
         plot.Panel(
             [_curve(ds["time"].values, ds[name].values, "")],
-            _along(ds), plot.Axis(name, unit), (), "", _gaps(ds),
+            _along(ds), plot.PanelAxis(name, unit), (), "", _gaps(ds),
         )
         for name, unit in units.items() if name in ds
     ], height_in=1.7)  # fmt: skip
 
 
-def _along(ds: xarray.Dataset) -> plot.Axis:
+def _along(ds: xarray.Dataset) -> plot.PanelAxis:
     is_time = ds["time"].attrs["units"] == "s"
-    return plot.Axis("time since the first sample", "s") if is_time else plot.Axis("sample")
+    return (
+        plot.PanelAxis("time since the first sample", "s") if is_time else plot.PanelAxis("sample")
+    )
 
 
 def _curve(time: np.ndarray, values: np.ndarray, label: str) -> plot.Curve:

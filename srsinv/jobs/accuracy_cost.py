@@ -20,7 +20,7 @@ from ..grid import LINES
 from ..inverse.method import Method
 from ..namespaces import benchmark
 from ..progress import stage
-from ..report.plot.panels import Axis, Curve, Panel, panels
+from ..report.plot.panels import Curve, Panel, PanelAxis, panels
 from ..report.result import Result, dataset, key_of
 from ..report.section import sections
 from ..report.text import quantity
@@ -204,13 +204,13 @@ def _facts(settings: CostSettings, has_peers: bool) -> dict[str, Any]:
 def fit_counts(ds: xarray.Dataset) -> Figure:
     """How often a fit is at its minimum and how long it takes, over the number of starts; and how
     long over the number of signals that are fitted together."""
-    success = Axis("fits at the minimum", "1", limits=(-0.05, 1.05))
+    success = PanelAxis("fits at the minimum", "1", limits=(-0.05, 1.05))
     alone, together = (
-        Axis(time, "s", limits=(0.0, None))
+        PanelAxis(time, "s", limits=(0.0, None))
         for time in ("time for each signal", "time for each, together")
     )
 
-    def panel(sweep: str, name: str, count: str, y: Axis) -> Panel:
+    def panel(sweep: str, name: str, count: str, y: PanelAxis) -> Panel:
         own = ds.isel(fit=np.flatnonzero(ds["fit_sweep"] == sweep))
         curves = [
             Curve(each[name].values, str(family), each["fit_setting"].values, look={"marker": "o"})
@@ -219,7 +219,7 @@ def fit_counts(ds: xarray.Dataset) -> Figure:
         ]
         counts = own["fit_setting"]
         ends = (0.95 * float(counts.min()), 1.05 * float(counts.max()))
-        return Panel(curves, Axis(count, is_log=True, limits=ends), y)
+        return Panel(curves, PanelAxis(count, is_log=True, limits=ends), y)
 
     return panels(
         [

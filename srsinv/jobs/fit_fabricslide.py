@@ -219,7 +219,7 @@ def channel_fits(ds: xarray.Dataset) -> Figure:
     """Every channel less its drift, with the pattern fitted to it."""
     pattern = ds["pattern"].values
     signal = pattern + ds["signal"].values - ds["fitted_signal"].values
-    across, up = plot.Axis("position x", "m"), plot.Axis("", ds["signal"].attrs["units"])
+    across, up = plot.PanelAxis("position x", "m"), plot.PanelAxis("", ds["signal"].attrs["units"])
     data, fit = {"color": "#b5bcc2", "linewidth": 2.2}, {"color": "#d55e00", "linewidth": 1.0}
     parts = [
         plot.Panel(
@@ -238,10 +238,10 @@ def pattern_shifts(ds: xarray.Dataset) -> Figure:
     """Forward shift along x of the pattern of all channels from the fit, period by period."""
     look = {"linestyle": "none", "marker": "o"}
     x = ds["x"].values
-    across = plot.Axis("position x", "m", limits=(float(x[0]), float(x[-1])))
+    across = plot.PanelAxis("position x", "m", limits=(float(x[0]), float(x[-1])))
     dots = plot.Curve(ds["shift"].values, look=look)
     zero = plot.Mark(0.0, axis="y")
-    up = plot.Axis("shift", "m")
+    up = plot.PanelAxis("shift", "m")
     return plot.panels([plot.Panel([dots], across, up, ds["period_x"].values, "", [zero])])
 
 
@@ -274,7 +274,10 @@ def spectrum(ds: xarray.Dataset) -> Figure:
         plot.Curve(ds["power_left"].values, "without the lines", look={"color": "#0072b2"}),
         plot.Curve(ds["false_alarm_level"].values, "false-alarm level", look=level),
     ]
-    across, up = plot.Axis("wavelength", "m", True), plot.Axis("power", "1", True, (least, None))
+    across, up = (
+        plot.PanelAxis("wavelength", "m", True),
+        plot.PanelAxis("power", "1", True, (least, None)),
+    )
     return plot.panels(
         [plot.Panel(curves, across, up, 1 / ds["per_m"].values, "", marks)], height_in=3.4
     )

@@ -17,7 +17,7 @@ from ..inverse.line_problem import LineProblem
 from ..inverse.method import Method
 from ..inverse.nonlinear import Solver
 from ..progress import stage
-from ..report.result import unit_of, without_unit
+from ..report.text import unit_of, without_unit
 
 FEATURE_FIT = "Feature fit"
 Variables = dict[str, tuple[Any, ...]]

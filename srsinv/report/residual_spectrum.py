@@ -5,7 +5,7 @@ import xarray
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from .plot import Axis, Curve, Mark, Panel, panels
+from .plot import Curve, Mark, Panel, PanelAxis, panels
 from .plot.style import names_of
 from .section import Section
 
@@ -30,7 +30,7 @@ low frequencies is signal that the model leaves out, or noise that is correlated
     def draw(self, data: xarray.Dataset) -> Figure:
         """The figure of a dataset with `whitened_residual` (..., element, sample)."""
         residual = data["whitened_residual"]
-        across = Axis("frequency, of the sampling rate", "1")
+        across = PanelAxis("frequency, of the sampling rate", "1")
         rows = np.nan_to_num(residual.values.reshape(-1, *residual.shape[-2:]))
         names = names_of(data["method"]) if "method" in residual.dims else ["residual"]
         parts = []
@@ -41,7 +41,7 @@ low frequencies is signal that the model leaves out, or noise that is correlated
             level = float(chi2.ppf(_CHANCE, count) / count)
             marks = [Mark(level, f"{_CHANCE:.0%} of white noise is below", "y")]
             at = 0.5 * (np.arange(_BINS) + 0.5) / _BINS
-            parts.append(Panel(curves, across, Axis("power"), at, f"Element {element}", marks))
+            parts.append(Panel(curves, across, PanelAxis("power"), at, f"Element {element}", marks))
         return panels(parts)
 
 

@@ -453,7 +453,7 @@ def test_cost_has_a_line_for_each_family_by_size():
 
 def test_panels_share_units_x_and_colours():
     x = np.linspace(-1e-3, 1e-3, 5)
-    along, up = plot.Axis("distance", "m"), plot.Axis("signal", "V")
+    along, up = plot.PanelAxis("distance", "m"), plot.PanelAxis("signal", "V")
     figure = drawn(
         plot.panels(
             [

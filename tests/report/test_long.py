@@ -31,7 +31,9 @@ def test_missing_stretches_of_a_long_curve_are_missing():
 
 @pytest.mark.parametrize(("count", "shape"), [(1, [1]), (4, [1] * 4), (5, [2, 2, 1])])
 def test_few_panels_have_the_full_width(count, shape):
-    panel = plot.Panel([plot.Curve([1.0, 2.0])], plot.Axis("x"), plot.Axis("y"), [0.0, 1.0])
+    panel = plot.Panel(
+        [plot.Curve([1.0, 2.0])], plot.PanelAxis("x"), plot.PanelAxis("y"), [0.0, 1.0]
+    )
     grid = plot.in_columns([panel] * count)
     assert [len(row) for row in grid] == shape
     figure = plot.panels(grid)

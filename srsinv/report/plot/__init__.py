@@ -14,10 +14,10 @@ from .estimates import estimates as estimates
 from .long import extremes as extremes
 from .long import in_columns as in_columns
 from .matrix import matrix as matrix
-from .panels import Axis as Axis
 from .panels import Curve as Curve
 from .panels import Mark as Mark
 from .panels import Panel as Panel
+from .panels import PanelAxis as PanelAxis
 from .panels import panels as panels
 from .quantiles import quantiles as quantiles
 from .scene import scene as scene

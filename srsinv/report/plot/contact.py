@@ -4,7 +4,7 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from .panels import Axis, Curve, Panel, panels
+from .panels import Curve, Panel, PanelAxis, panels
 from .stages import QUANTITIES, X
 from .style import NORMAL_90, TRUTH, names_of, peak, units_of
 
@@ -32,10 +32,10 @@ def contact(dataset: xarray.Dataset, traction: str = "estimate") -> Figure:
     values = near[traction]
     names = names_of(near["component"]) if "component" in values.dims else ["p"]
     tractions = [Curve(row, name) for name, row in zip(names, np.atleast_2d(values), strict=True)]
-    at, up = near["x"].values, Axis("traction", units_of(values))
+    at, up = near["x"].values, PanelAxis("traction", units_of(values))
     return panels(
         [
-            Panel(heights, X, Axis("height", "m"), at, "Heights, enlarged"),
+            Panel(heights, X, PanelAxis("height", "m"), at, "Heights, enlarged"),
             Panel(tractions, X, up, at, "Traction"),
         ]
     )
@@ -63,6 +63,6 @@ def feature_traction(dataset: xarray.Dataset) -> Figure:
         curve = Curve(value, name, band=(value - half, value + half), band_label="90 % band")
         reach = peak(value) or 1.0
         limits = (min(0.0, value.min()) - 0.15 * reach, max(0.0, value.max()) + 0.15 * reach)
-        up = Axis(QUANTITIES[name], units_of(near["estimate"]), limits=limits)
+        up = PanelAxis(QUANTITIES[name], units_of(near["estimate"]), limits=limits)
         parts.append(Panel([curve], X, up, near["x"].values, QUANTITIES[name].capitalize()))
     return panels(parts)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from .panels import Axis, Curve, Mark, Panel, panels
+from .panels import Curve, Mark, Panel, PanelAxis, panels
 from .style import LINE_STYLES, NORMAL_90, TRUTH, colours, units_of
 
 
@@ -40,8 +40,8 @@ def curves(
     names = [names] if isinstance(names, str) else list(names)
     first = dataset[names[0]]
     x = x or str(first.dims[-1])
-    across = Axis(along or _words(x), units_of(dataset[x]), "x" in log)
-    up = Axis(quantity or _words(names[0]), units_of(first), "y" in log, limits)
+    across = PanelAxis(along or _words(x), units_of(dataset[x]), "x" in log)
+    up = PanelAxis(quantity or _words(names[0]), units_of(first), "y" in log, limits)
     parts = [
         Panel(
             _distinct(list(_curves(part, names, x, labels or {}))),

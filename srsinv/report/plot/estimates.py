@@ -9,7 +9,7 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from .panels import Axis, Curve, Mark, Panel, panels
+from .panels import Curve, Mark, Panel, PanelAxis, panels
 from .stages import QUANTITIES, X, method_looks
 from .style import (
     NORMAL_90,
@@ -81,7 +81,7 @@ def _component(
     title = "; ".join([*(methods if len(methods) < len(looks) else ()), f"{less}{remark}"])
     quantity = QUANTITIES[name].split()[0]
     units = units_of(dataset["estimate"])
-    up = Axis(f"{quantity}{' (relative)' if units == '1' else ''}", units)
+    up = PanelAxis(f"{quantity}{' (relative)' if units == '1' else ''}", units)
     return Panel(curves, X, up, dataset["x"].values, title, (*_missing(dataset, observed), *marks))
 
 
@@ -139,8 +139,8 @@ def averaging_kernel(dataset: xarray.Dataset) -> Figure:
                     Curve(kernel[out, into], method, look=look)
                     for (method, look), kernel in zip(methods.items(), kernels, strict=True)
                 ],
-                Axis("distance along x", "m", limits=(-reach, reach)),
-                Axis("kernel", "1/m"),
+                PanelAxis("distance along x", "m", limits=(-reach, reach)),
+                PanelAxis("kernel", "1/m"),
                 dataset["lag"].values,
                 f"Into {components[out]} from {components[into]}",
             )

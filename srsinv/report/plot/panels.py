@@ -34,7 +34,7 @@ _FEW_TICKS = 2.0  # decades: below, a logarithmic axis has numbers at 1, 2 and 5
 
 
 @dataclass(frozen=True)
-class Axis:
+class PanelAxis:
     """One axis: the quantity and its SI unit; `limits` in SI units, either of them None for the
     curves' own."""
 
@@ -81,8 +81,8 @@ class Panel:
     """Curves and marks over `values` (n,) of the x axis."""
 
     curves: Sequence[Curve]
-    x: Axis
-    y: Axis
+    x: PanelAxis
+    y: PanelAxis
     values: Any = ()
     title: str = ""
     marks: Sequence[Mark] = ()
@@ -136,7 +136,7 @@ def panels(
     return figure
 
 
-def _units(every: Sequence[Panel]) -> dict[Axis | tuple[str, str], Scale]:
+def _units(every: Sequence[Panel]) -> dict[PanelAxis | tuple[str, str], Scale]:
     """The unit of each quantity over all panels that show it."""
     values: dict[tuple[str, str], list[Any]] = {}
     for panel in every:
@@ -221,7 +221,7 @@ def _finish(axes: Axes, panel: Panel, column: Sequence[Panel], x_factor: float, 
             log_ticks(drawn, *limits)
 
 
-def _limited(own: tuple[Any, Any], axis: Axis, factor: float) -> Iterator[float | None]:
+def _limited(own: tuple[Any, Any], axis: PanelAxis, factor: float) -> Iterator[float | None]:
     """The axis's own limits where it has any, else those given, in the unit that is drawn."""
     for given, end in zip(own, axis.limits, strict=True):
         chosen = given if end is None else end

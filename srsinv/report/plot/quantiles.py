@@ -5,7 +5,7 @@ import scipy.stats
 import xarray
 from matplotlib.figure import Figure
 
-from .panels import Axis, Curve, Panel, panels
+from .panels import Curve, Panel, PanelAxis, panels
 from .style import PALETTE, TRUTH, names_of
 
 _COLUMNS = 5
@@ -25,8 +25,8 @@ def quantiles(dataset: xarray.Dataset, name: str, panels_of: str, draws: str = "
     low, high = (scipy.stats.norm.ppf(scipy.stats.beta.ppf(end, order, n + 1 - order))
                  for end in _CENTRAL)  # fmt: skip
     reach = 1.1 * max(float(np.nanmax(np.abs(array))), float(high[-1]))
-    across = Axis("quantile", limits=(-1.1 * float(at[-1]), 1.1 * float(at[-1])))
-    up = Axis("error / standard error", limits=(-reach, reach))
+    across = PanelAxis("quantile", limits=(-1.1 * float(at[-1]), 1.1 * float(at[-1])))
+    up = PanelAxis("error / standard error", limits=(-reach, reach))
     normal = Curve(
         at, "standard normal", band=(low, high), look={"color": TRUTH, "linewidth": 0.9},
         band_label="90 % band of chance",

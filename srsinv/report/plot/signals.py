@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from .panels import Axis, Curve, Mark, Panel, panels
+from .panels import Curve, Mark, Panel, PanelAxis, panels
 from .stages import TIME, X, method_looks
 from .style import GREY, NORMAL_90, SHADE, TRUTH, colours, names_of, peak, stretches, units_of
 
@@ -53,7 +53,7 @@ def _methods(dataset: xarray.Dataset) -> dict[str, dict[str, str]]:
     return method_looks(names_of(dataset["method"]))
 
 
-def _along(dataset: xarray.Dataset) -> tuple[Axis, np.ndarray]:
+def _along(dataset: xarray.Dataset) -> tuple[PanelAxis, np.ndarray]:
     """Where the samples are: positions if the motion never turns back, else times."""
     if "x" in dataset["signal"].dims:
         return X, dataset["x"].values
@@ -75,7 +75,7 @@ def _signal(dataset: xarray.Dataset, e: int, name: str, methods: dict[str, dict]
         # Where nothing was observed a fit may be huge, and must not set the scale.
         label = method if method == "fitted" else f"fit, {method}"
         curves.append(Curve(values, label, look=look, in_view=observed))
-    up = Axis("signal", units_of(dataset["signal"]))
+    up = PanelAxis("signal", units_of(dataset["signal"]))
     return Panel(curves, across, up, at, f"Element {name}", list(_unobserved(at, observed)))
 
 
@@ -103,7 +103,7 @@ def _residuals(
             Mark(sign * NORMAL_90, label, "y", look={"color": TRUTH, "linestyle": "--"})
             for sign, label in ((1, "90 % of normal noise is within"), (-1, ""))
         ]
-        up = Axis("residual", "1", limits=(-reach, reach))
+        up = PanelAxis("residual", "1", limits=(-reach, reach))
         title = f"Residual of element {name}{own}{_percent_inside(values)}"
         missing = _unobserved(at, np.isfinite(values))
         yield Panel([curve], across, up, at, title, [*missing, *marks])
@@ -125,7 +125,7 @@ def _histogram(trace: Panel) -> Panel:
         Curve((edges[1:] + edges[:-1]) / 2, "histogram", x=density, look=look),
         Curve(at, "standard normal", x=normal, look={"color": TRUTH}),
     ]
-    return Panel(curves, Axis("density", limits=(0.0, None)), trace.y, title="Histogram")
+    return Panel(curves, PanelAxis("density", limits=(0.0, None)), trace.y, title="Histogram")
 
 
 def _percent_inside(values: np.ndarray) -> str:

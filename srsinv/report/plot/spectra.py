@@ -8,7 +8,7 @@ import xarray
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from .panels import Axis, Curve, Mark, Panel, panels
+from .panels import Curve, Mark, Panel, PanelAxis, panels
 from .stages import method_looks
 from .style import (
     GREY,
@@ -65,11 +65,11 @@ def over_wavenumber(parts: Sequence[Panel]) -> Figure:
     return figure
 
 
-def wavenumbers(k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> Axis:
+def wavenumbers(k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> PanelAxis:
     """The axis of wavenumbers (k,) up to where the gain (..., k) has become negligible, but well
     past every cut-off."""
     limits = float(k[1]), _last_wavenumber(k, gain, cutoff)
-    return Axis("wavenumber k", "rad/m", True, limits)
+    return PanelAxis("wavenumber k", "rad/m", True, limits)
 
 
 def gain_limits(gain: np.ndarray) -> tuple[float | None, float | None]:
@@ -78,7 +78,7 @@ def gain_limits(gain: np.ndarray) -> tuple[float | None, float | None]:
     return (top * _DEEPEST, top * 5) if top > 0 else (None, None)
 
 
-def _gain(dataset: xarray.Dataset, across: Axis) -> Panel:
+def _gain(dataset: xarray.Dataset, across: PanelAxis) -> Panel:
     gain, k = dataset["sensor_gain"], dataset["wavenumber"].values
     palette = colours(names_of(dataset["component"]))
     lines = [
@@ -90,7 +90,7 @@ def _gain(dataset: xarray.Dataset, across: Axis) -> Panel:
         for c, (component, colour) in enumerate(palette.items())
         if shown(gain.values[e, c])
     ]  # fmt: skip
-    up = Axis(_GAIN, units_of(gain), True, gain_limits(gain.values))
+    up = PanelAxis(_GAIN, units_of(gain), True, gain_limits(gain.values))
     return Panel(lines, across, up, k[1:], "Sensor gain")
 
 
@@ -98,7 +98,7 @@ def power(
     signal: Mapping[str, Any],
     noise: np.ndarray,
     units: str,
-    across: Axis,
+    across: PanelAxis,
     k: np.ndarray,
     marks: Sequence[Mark] = (),
 ) -> Panel:
@@ -116,11 +116,11 @@ def power(
         loud = noise[1:][np.isfinite(noise[1:]) & (noise[1:] > 0)]
         floor = loud.min() * 1e-2 if loud.size else positive.max() * _DEEPEST**2
         limits = (float(floor), 5 * float(positive.max()))
-    up = Axis("power", units, bool(positive.size), limits)
+    up = PanelAxis("power", units, bool(positive.size), limits)
     return Panel(lines, across, up, k[1:], "Power of signal and noise", marks)
 
 
-def _resolution(dataset: xarray.Dataset, across: Axis) -> Panel:
+def _resolution(dataset: xarray.Dataset, across: PanelAxis) -> Panel:
     k, cutoff = dataset["wavenumber"].values, dataset["cutoff"].values
     looks = method_looks(names_of(dataset["method"]))
     lines, marks = [], [Mark(0.5, axis="y", look={"color": GREY, "linewidth": 0.6})]
@@ -136,7 +136,9 @@ def _resolution(dataset: xarray.Dataset, across: Axis) -> Panel:
                 marks.append(Mark(at, look={**own, "linewidth": 0.8, "alpha": 0.7}))
     top = float(np.clip(1.05 * peak(dataset["resolution"].values), 1.05, 1.5))
     title = "Resolution: part of the truth in the estimate, and its cut-off"
-    return Panel(lines, across, Axis("resolution", "1", limits=(-0.03, top)), k[1:], title, marks)
+    return Panel(
+        lines, across, PanelAxis("resolution", "1", limits=(-0.03, top)), k[1:], title, marks
+    )
 
 
 def wavelength_mm(k: Any) -> Any:

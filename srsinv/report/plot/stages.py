@@ -4,11 +4,11 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from .panels import Axis, Curve, Panel, panels
+from .panels import Curve, Panel, PanelAxis, panels
 from .style import GREY, PALETTE, TRUTH, colours, names_of, units_of
 
-X = Axis("position x", "m")
-TIME = Axis("time", "s")
+X = PanelAxis("position x", "m")
+TIME = PanelAxis("time", "s")
 QUANTITIES = {"p": "pressure p", "q": "shear q"}
 ACTIVE_FRACTION = 0.02  # of a signal's peak: below, the signal is not drawn
 
@@ -18,13 +18,15 @@ def traction(dataset: xarray.Dataset) -> Figure:
     x, units = dataset["x"].values, units_of(dataset["traction"])
     signs = {"p": "Pressure, positive into the finger", "q": "Shear, positive along +x"}
     parts = [
-        Panel([Curve(values, name)], X, Axis(QUANTITIES[name], units), x, signs[name])
+        Panel([Curve(values, name)], X, PanelAxis(QUANTITIES[name], units), x, signs[name])
         for name, values in zip(
             names_of(dataset["component"]), dataset["traction"].values, strict=True
         )
     ]
     if "friction" in dataset:
-        parts.append(Panel([Curve(dataset["friction"].values, "mu")], X, Axis("mu"), x, "Friction"))
+        parts.append(
+            Panel([Curve(dataset["friction"].values, "mu")], X, PanelAxis("mu"), x, "Friction")
+        )
     return panels(parts, "Traction on the skin", legend="", height_in=1.8)
 
 
@@ -40,7 +42,7 @@ def stress(dataset: xarray.Dataset) -> Figure:
             for name, each in zip(names_of(dataset["stress_name"]), values, strict=True)
         ]
         where = f"{1e3 * depth:.4g} mm deep (element{'s' * (len(elements) > 1)} {which})"
-        parts.append(Panel(curves, X, Axis("stress", "Pa"), dataset["x"].values, where))
+        parts.append(Panel(curves, X, PanelAxis("stress", "Pa"), dataset["x"].values, where))
     return panels(parts, "Stress at the film, tension positive")
 
 
@@ -54,8 +56,8 @@ def record(dataset: xarray.Dataset) -> Figure:
     speed = Curve(dataset["sample_speed"].values, "", look={"color": TRUTH})
     return panels(
         [
-            Panel(lines, TIME, Axis("signal", units_of(signals)), time_s, "As recorded"),
-            Panel([speed], TIME, Axis("speed", "m/s"), time_s, "Speed of sliding"),
+            Panel(lines, TIME, PanelAxis("signal", units_of(signals)), time_s, "As recorded"),
+            Panel([speed], TIME, PanelAxis("speed", "m/s"), time_s, "Speed of sliding"),
         ]
     )
 
@@ -69,7 +71,7 @@ def with_and_without(dataset: xarray.Dataset, effect: str) -> Figure:
     """
     time_s, unit = dataset[f"time_{effect}"].values, units_of(dataset[f"signal_with_{effect}"])
     changed, ideal = (dataset[f"signal_{name}_{effect}"].values for name in ("with", "without"))
-    across = Axis("time", "s", limits=_active_interval_s(time_s, changed, ideal))
+    across = PanelAxis("time", "s", limits=_active_interval_s(time_s, changed, ideal))
     rows = []
     for e, name in enumerate(names_of(dataset["element"])):
         both = [
@@ -79,8 +81,8 @@ def with_and_without(dataset: xarray.Dataset, effect: str) -> Figure:
         change = [Curve(changed[e] - ideal[e], "difference", look={"color": TRUTH})]
         rows.append(
             (
-                Panel(both, across, Axis("signal", unit), time_s, f"Element {name}"),
-                Panel(change, across, Axis("change", unit), time_s, "What the effect changes"),
+                Panel(both, across, PanelAxis("signal", unit), time_s, f"Element {name}"),
+                Panel(change, across, PanelAxis("change", unit), time_s, "What the effect changes"),
             )
         )
     return panels(rows)
