@@ -169,9 +169,10 @@ def shapes(ds: xarray.Dataset) -> Figure:
             plot.Curve(missed, "without noise", look=DOTTED),
         ]  # fmt: skip
         title = str(name).replace("_", " ").capitalize()
+        height_axis, error_axis = (plot.PanelAxis(each, "m") for each in ("height", "error"))
         rows.append([
-            plot.Panel(heights, across, plot.PanelAxis("height", "m"), x, title, contact),
-            plot.Panel(errors, across, plot.PanelAxis("error", "m"), x, "Error in contact", contact),
+            plot.Panel(heights, across, height_axis, x, title, contact),
+            plot.Panel(errors, across, error_axis, x, "Error in contact", contact),
         ])  # fmt: skip
     return plot.panels(rows, widths=(3, 2), height_in=2.6)
 

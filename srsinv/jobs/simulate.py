@@ -24,7 +24,7 @@ def run(cfg: config.Config) -> Result:
         on = [name for name in named if screening is None or name in screening.on]
         key = config.random_key(cfg)
         facts = {
-            **_facts.of_simulation(sim, cfg["noise"], on),
+            **_facts.of_simulation(sim, config.part(cfg, "noise"), on),
             **_facts.of_friction(cfg["friction"]),
             "precision_and_seed": f"{cfg['precision']}, {cfg['seed']}",
         }

@@ -38,10 +38,10 @@ OVERRIDES = {
 }
 COMPUTING = (
     "simulate.noisy_problem",
-    "invert_recording.analyse",
+    "invert_recording.invert",
     "fit_recording._fit",
     "fit_fabricslide.fit_pitch",
-    "inspect_recording._dataset",
+    "inspect_recording._numbers",
 )
 # What each job reads of its configuration, and no other job before it reads in the same way.
 READ = {

@@ -26,16 +26,6 @@ PAGE = (
     plot.spectra,
     plot.averaging_kernel,
 )
-COSTS = result.dataset(
-    {
-        "error": ("case", [2 / 1024, 2 / 256, 2 / 4096, 1 / 256, 0.0], "1"),
-        "steady_call_s": ("case", [1e-5, 2e-6, 4e-5, 3e-6, 1e-6], "s"),
-    },
-    {
-        "family": ("case", ["open", "open", "open", "periodic", "periodic"], "1"),
-        "size": ("case", [1024, 256, 4096, 256, 1024], "1"),
-    },
-)
 
 
 @pytest.fixture(scope="module")
@@ -437,18 +427,6 @@ def test_scene_without_sliding_has_no_arrow(speed, words):
     section = panels_of(plot.scene(dataset))[0]
     assert section.get_title("left").endswith(words)
     assert arrows(section) == []
-
-
-def test_cost_has_a_line_for_each_family_by_size():
-    figure = drawn(plot.cost(COSTS))
-    check_labels(figure)
-    (axes,) = figure.axes
-    time, error = line(axes, "open")
-    np.testing.assert_allclose(time, [2e-6, 1e-5, 4e-5])
-    np.testing.assert_allclose(error, [2 / 256, 2 / 1024, 2 / 4096])
-    assert len(line(axes, "periodic")[0]) == 1  # an error of zero has no place on the axis
-    assert [text.get_text() for text in axes.texts] == ["256", "4096", "256"]
-    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
 
 
 def test_panels_share_units_x_and_colours():

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from srsinv import plot
+from srsinv.jobs import _inspection_plots as own
 from srsinv.report.plot.style import grid_of_axes, legend_beside, styled
 from tests.jobs.run import command
 from tests.recording.files import N, columns, write_csv
@@ -24,7 +25,7 @@ PAGE = (
     plot.scene, plot.traction, plot.stress, plot.signals, plot.residual, plot.estimates,
     plot.spectra, plot.averaging_kernel,
 )  # fmt: skip
-INSPECTION = ()
+INSPECTION = (own.signals, own.spectra, own.motion)
 
 
 def saved(figure: Figure) -> bytes:
@@ -128,9 +129,8 @@ def test_many_signals_and_gaps_are_drawn_in_part():
     dataset = inspected([*map(str, range(200))], ["V"] * 200)
     starts = np.linspace(0, 0.5, 50_000)
     gaps = {"gap_start": ("gap", starts), "gap_end": ("gap", starts + 1e-6)}
-    figure = figures.recorded_signals(dataset.drop_dims("gap").assign(gaps))
+    figure = own.signals(dataset.drop_dims("gap").assign(gaps))
     assert len(figure.axes) == 24
-    assert "the first 24 of 200" in figure.get_suptitle()
     assert len(figure.axes[0].patches) <= 200
 
 
