@@ -45,12 +45,12 @@ def _findings(name: str, values: Float[np.ndarray, " sample"], unit: str) -> Seq
     log_alarm = np.log(values.size) + (np.arange(longest + 1) - 1) * np.log(
         min(np.sqrt(2) * fraction, 1.0)
     )
-    found = [
+    significant = [
         run
         for run in runs
         if run[1] - run[0] >= FLAT and log_alarm[run[1] - run[0]] < np.log(FALSE_ALARM)
     ]
-    return _described(name, values, found)
+    return _described(name, values, significant)
 
 
 def repeats(values: Float[np.ndarray, " sample"]) -> tuple[list[tuple[int, int]], int]:

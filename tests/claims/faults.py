@@ -34,55 +34,60 @@ from srsinv.inverse.recorded import problem_of, ready
 from srsinv.inverse.rule import Evidence
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Wiener
-from tests.claims.faulty_scans import SCENES, Scan, Scene, faults, faulty, suits
+from tests.claims.faulty_scans import SCENES, Scan, ScannedScene, faults, faulty, suits
 
 RESULTS = Path(__file__).parent / "results" / "faults.json"
 LEVEL = 1e-3
-BEYOND = 3.0  # standard errors
+MOST_STDERRS = 3.0  # standard errors
 CELL_M = 2e-4
 SEED = 0
 STRIP, ONE, RIDGE = SCENES
 
 
-class Tried(NamedTuple):
+class MethodOnScene(NamedTuple):
     """A method on a scene; `known_friction`: whether q = mu p is taken as known."""
 
     scene: str
-    method: Callable[[Scene], Method]
+    method: Callable[[ScannedScene], Method]
     known_friction: bool = False
 
 
 METHODS = {
-    "wiener": Tried(STRIP, lambda _: Wiener(scale="evidence")),
-    "gcv": Tried(STRIP, lambda _: Tikhonov(1)),
-    "evidence": Tried(STRIP, lambda _: Tikhonov(1, rule=Evidence())),
-    "wiener, friction known": Tried(STRIP, lambda _: Wiener(scale="evidence"), True),
-    "wiener, one element": Tried(ONE, lambda _: Wiener(scale="evidence"), True),
-    "gcv, one element": Tried(ONE, lambda _: Tikhonov(1), True),
-    "fit of a strip": Tried(STRIP, lambda scene: FeatureFit({"one": scene.feature})),
-    "fit of a strip, one element": Tried(ONE, lambda scene: FeatureFit({"one": scene.feature})),
-    "fit of a ridge": Tried(RIDGE, lambda scene: FeatureFit({"one": scene.feature})),
+    "wiener": MethodOnScene(STRIP, lambda _: Wiener(scale="evidence")),
+    "gcv": MethodOnScene(STRIP, lambda _: Tikhonov(1)),
+    "evidence": MethodOnScene(STRIP, lambda _: Tikhonov(1, rule=Evidence())),
+    "wiener, friction known": MethodOnScene(STRIP, lambda _: Wiener(scale="evidence"), True),
+    "wiener, one element": MethodOnScene(ONE, lambda _: Wiener(scale="evidence"), True),
+    "gcv, one element": MethodOnScene(ONE, lambda _: Tikhonov(1), True),
+    "fit of a strip": MethodOnScene(STRIP, lambda scene: FeatureFit({"one": scene.feature})),
+    "fit of a strip, one element": MethodOnScene(
+        ONE, lambda scene: FeatureFit({"one": scene.feature})
+    ),
+    "fit of a ridge": MethodOnScene(RIDGE, lambda scene: FeatureFit({"one": scene.feature})),
 }
 
 
-def problem(made: Scan, known_friction: bool) -> Problem:
+def problem(made: Scan, known_friction: bool, cell_m: float = CELL_M) -> Problem:
     """The problem of a scan, as a user states it: the noise is that of the recording."""
     friction = made.scene.friction if known_friction else None
-    return problem_of(ready(made.recording), friction=friction, cell_m=CELL_M)
+    return problem_of(ready(made.recording), friction=friction, cell_m=cell_m)
 
 
-def measured(fault: Mapping[str, Any], tried: Tried, seed: int = SEED) -> dict[str, Any]:
+def measured(fault: Mapping[str, Any], tried: MethodOnScene, seed: int = SEED) -> dict[str, Any]:
     """One fault and method."""
     scene = SCENES[tried.scene]
     made = faulty(fault, scene, seed)
     try:
-        posed = problem(made, tried.known_friction)
-        estimate = tried.method(scene)(posed)
+        stated = problem(made, tried.known_friction)
+        estimate = tried.method(scene)(stated)
     except BadInput as refusal:
         return {"z": 0.0, "quality": "refused", "warnings": [str(refusal)], "rejected": None}
     is_fit = isinstance(estimate, FeatureEstimate)
-    p_value = _fit_p_value(made, estimate) if is_fit else _p_value(made, posed, estimate)
-    z = _fit_z(scene, estimate) if is_fit else _z(made, posed, estimate)
+    p_value = _fit_p_value(made, estimate) if is_fit else _p_value(made, stated, estimate)
+    if is_fit:
+        z = float(np.abs(fit_ratios(scene, estimate)).max())
+    else:
+        z = float(np.sqrt(np.mean(ratios(made, stated, estimate) ** 2, axis=-1)).max())
     return {
         "z": round(z, 3),
         "quality": str(estimate.quality),
@@ -91,24 +96,25 @@ def measured(fault: Mapping[str, Any], tried: Tried, seed: int = SEED) -> dict[s
     }
 
 
-def _z(made: Scan, posed: Problem, estimate: Estimate) -> float:
-    there, p = posed.on_line().observed_cells, made.pressure(estimate.line)
-    error = (np.asarray(estimate.value) - np.stack([p, made.scene.friction * p]))[:, there]
+def ratios(made: Scan, stated: Problem, estimate: Estimate) -> np.ndarray:
+    """Errors of p and q (2, cell) over their standard errors, where the scan passed."""
+    observed, p = stated.on_line().observed_cells, made.pressure(estimate.line)
+    error = (np.asarray(estimate.value) - np.stack([p, made.scene.friction * p]))[:, observed]
     error = error - error.mean(axis=-1, keepdims=True)
-    ratio = error / np.asarray(estimate.stderr)[:, there]
-    return float(np.sqrt(np.mean(ratio**2, axis=-1)).max())
+    return error / np.asarray(estimate.stderr)[:, observed]
 
 
-def _fit_z(scene: Scene, estimate: FeatureEstimate) -> float:
+def fit_ratios(scene: ScannedScene, estimate: FeatureEstimate) -> np.ndarray:
+    """Errors of the parameters over their standard errors."""
     read = estimate.parameters
-    return max(abs(read[k][0] - true) / read[k][1] for k, true in scene.parameters.items())
+    return np.array([(read[k][0] - true) / read[k][1] for k, true in scene.parameters.items()])
 
 
-def _p_value(made: Scan, posed: Problem, estimate: Estimate) -> float:
+def _p_value(made: Scan, stated: Problem, estimate: Estimate) -> float:
     """Of the residual on the line's cells, in which white noise is that of a mean of samples."""
-    block = round(float(estimate.line.cell_m) / sample_spacing_m(posed.motion))
-    stated = float(posed.noise.rms) / np.sqrt(block), made.scene.white / np.sqrt(block)
-    squares = float(np.nansum(np.asarray(estimate.whitened) ** 2)) * (stated[0] / stated[1]) ** 2
+    block = round(float(estimate.line.cell_m) / sample_spacing_m(stated.motion))
+    levels = float(stated.noise.rms) / np.sqrt(block), made.scene.white / np.sqrt(block)
+    squares = float(np.nansum(np.asarray(estimate.whitened) ** 2)) * (levels[0] / levels[1]) ** 2
     freedom = estimate.stats["degrees_of_freedom"]
     return float(chi2.sf(squares, freedom))
 
@@ -121,7 +127,7 @@ def _fit_p_value(made: Scan, estimate: FeatureEstimate) -> float:
 def summary(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Counts over all faults and methods, and what no data can tell."""
     cases = {(f, m): row for f, each in rows.items() for m, row in each.items()}
-    wrong = {at: row for at, row in cases.items() if row["z"] > BEYOND}
+    wrong = {at: row for at, row in cases.items() if row["z"] > MOST_STDERRS}
     silent = {at: row for at, row in wrong.items() if not row["warnings"]}
     return {
         "cases": len(cases),

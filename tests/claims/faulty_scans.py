@@ -5,11 +5,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.signal
 import yaml
-from jaxtyping import Array, Float
 
 from srsinv.forward.amplifier import CurrentAmplifier
 from srsinv.forward.feature import Axis, Feature, HertzFeature, StripFeature
@@ -17,7 +15,7 @@ from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
-from srsinv.forward.surface import Shape
+from srsinv.forward.surface import Bump, Shape
 from srsinv.forward.surface_feature import HEIGHT, POSITION, WIDTH, RidgeFeature, SurfaceFeature
 from srsinv.grid import Line
 from srsinv.inverse.cells import Window
@@ -34,20 +32,8 @@ ORIENTATIONS = ("1_to_x_3_to_z", "1_to_z_3_to_x")
 Rng = np.random.Generator
 
 
-class Bump(Shape):
-    """A rounded bump, height exp(-(x - x0)^2 / 2 s^2) with s half of the width."""
-
-    height_m: Any
-    width_m: Any
-    position_m: Any
-    edge_length_m: Any
-
-    def height(self, line: Line) -> Float[Array, " n"]:
-        return self.height_m * jnp.exp(-2 * ((line.x - self.position_m) / self.width_m) ** 2)
-
-
 class BumpFeature(SurfaceFeature):
-    """A rounded bump."""
+    """A rounded bump, of a standard deviation of half its width."""
 
     axes: ClassVar[Mapping[str, Axis]] = {
         "height_m": HEIGHT,
@@ -56,11 +42,11 @@ class BumpFeature(SurfaceFeature):
     }
 
     def shape(self, own: Mapping[str, Any]) -> Shape:
-        return Bump(**own)
+        return Bump(own["height_m"], own["width_m"] / 2, own["position_m"])
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
+class ScannedScene:
     """What is scanned: a feature's `truth` by its parameters' names, by so many `elements`, with
     `white` noise per sample and `sliding` noise, a fraction of the signal's rms.
 
@@ -89,10 +75,11 @@ class Scene:
 
 STRIP = {"position_m": 9.3e-3, "width_m": 3.8e-3, "pressure_Pa": 6000.0}
 RIDGE = {"height_m": 4e-5, "width_m": 6e-4, "position_m": 0.01}
+RIDGE_SCENE = "ridge, two elements"
 SCENES = {
-    "strip, two elements": Scene(StripFeature(), HertzFeature(), STRIP, 0.45),
-    "strip, one element": Scene(StripFeature(), HertzFeature(), STRIP, 0.45, elements=1),
-    "ridge, two elements": Scene(
+    "strip, two elements": ScannedScene(StripFeature(), HertzFeature(), STRIP, 0.45),
+    "strip, one element": ScannedScene(StripFeature(), HertzFeature(), STRIP, 0.45, elements=1),
+    RIDGE_SCENE: ScannedScene(
         RidgeFeature(EDGE_M), BumpFeature(EDGE_M), RIDGE, 0.4, white=1e-6, sliding=0.005
     ),
 }
@@ -106,7 +93,7 @@ class Scan:
     - `stated_times`: what is stated of a fact over its true value, by the fact's name.
     """
 
-    scene: Scene
+    scene: ScannedScene
     motion: Motion
     signal: np.ndarray
     noise: np.ndarray
@@ -142,8 +129,8 @@ class Scan:
         return dataclasses.replace(self, noise=self.noise + added)
 
     def recording_of(self, recorded: np.ndarray) -> "Scan":
-        """With this recorded in place of what was."""
-        return dataclasses.replace(self, noise=recorded - self.signal)
+        """With this recorded in place of what was, to the last digit."""
+        return dataclasses.replace(self, signal=recorded, noise=np.zeros_like(recorded))
 
     @property
     def recording(self) -> Recording:
@@ -166,7 +153,7 @@ class Scan:
         return WhitePlusOU(np.asarray(self.motion.position_m), white, sliding, CORRELATION_M)
 
 
-def scan(scene: Scene, rng: Rng, depth_times: float = 1.0, is_other: bool = False) -> Scan:
+def scan(scene: ScannedScene, rng: Rng, depth_times: float = 1.0, is_other: bool = False) -> Scan:
     """A scan without fault; `depth_times`: the film's depth over its usual one; `is_other`: of a
     feature of the other family."""
     position = SPEED / RATE_HZ * np.arange(SAMPLES)
@@ -192,7 +179,7 @@ def _description(elements: int, depth_m: float) -> dict[str, Any]:
     return {"depth_m": depth_m, "feedback_resistance_ohm": 1e6, "elements": films}
 
 
-def _signal(scene: Scene, sensor: Sensor, motion: Motion, is_other: bool) -> np.ndarray:
+def _signal(scene: ScannedScene, sensor: Sensor, motion: Motion, is_other: bool) -> np.ndarray:
     feature, own = scene.other if is_other else scene.feature, dict(scene.truth)
     params: dict[str, Any] = {"one": own}
     if scene.is_of_surface:
@@ -223,12 +210,12 @@ def faults() -> dict[str, dict[str, Any]]:
     return yaml.safe_load(FAULTS.read_text(encoding="utf-8"))
 
 
-def suits(fault: Mapping[str, Any], scene: Scene) -> bool:
+def suits(fault: Mapping[str, Any], scene: ScannedScene) -> bool:
     """Whether a fault makes sense in a scene."""
     return scene.elements == 2 or fault.get("only") != "two"
 
 
-def faulty(fault: Mapping[str, Any], scene: Scene, seed: int) -> Scan:
+def faulty(fault: Mapping[str, Any], scene: ScannedScene, seed: int) -> Scan:
     """A scan with a fault."""
     strengths = {key: each for key, each in fault.items() if key not in ("does", "only")}
     rng = np.random.default_rng(seed)
@@ -263,8 +250,8 @@ def _swapped(made: Scan) -> Scan:
 
 def _flipped(made: Scan, elements: list[int]) -> Scan:
     recorded = made.recorded
-    there = [e for e in elements if e < len(recorded)]
-    recorded[there] = -recorded[there]
+    present = [e for e in elements if e < len(recorded)]
+    recorded[present] = -recorded[present]
     return made.recording_of(recorded)
 
 
@@ -334,7 +321,7 @@ def _places(made: Scan, bursts: int, samples: int) -> np.ndarray:
     return np.unique(starts[:, None] + np.arange(samples))
 
 
-def _lost_rows(made: Scan, bursts: int, samples: int) -> Scan:
+def _missing_rows(made: Scan, bursts: int, samples: int) -> Scan:
     """Samples that were lost and leave no gap: those after them move up."""
     left = np.delete(made.recorded, _places(made, bursts, samples), axis=1)
     missing = made.signal.shape[1] - left.shape[1]
@@ -342,7 +329,7 @@ def _lost_rows(made: Scan, bursts: int, samples: int) -> Scan:
     return made.recording_of(np.concatenate([left, rest], axis=1))
 
 
-def _lost_as_zeros(made: Scan, bursts: int, samples: int) -> Scan:
+def _zeroed_rows(made: Scan, bursts: int, samples: int) -> Scan:
     recorded = made.recorded
     recorded[:, _places(made, bursts, samples)] = 0.0
     return made.recording_of(recorded)
@@ -371,7 +358,7 @@ DOES: Mapping[str, Callable[..., Scan]] = {
     "nothing": _nothing, "dead": _dead, "stuck": _stuck, "swapped": _swapped, "flipped": _flipped,
     "glued": _glued, "louder_noise": _louder_noise, "hum": _hum, "drift": _drift,
     "offset": _offset, "impulses": _impulses, "pink_noise": _pink_noise, "clipped": _clipped,
-    "quantised": _quantised, "jitter": _jitter, "lost_rows": _lost_rows,
-    "lost_as_zeros": _lost_as_zeros, "low_pass": _low_pass, "wrong_speed": _wrong_speed,
+    "quantised": _quantised, "jitter": _jitter, "lost_rows": _missing_rows,
+    "lost_as_zeros": _zeroed_rows, "low_pass": _low_pass, "wrong_speed": _wrong_speed,
     "wrong_gain": _wrong_gain,
 }  # fmt: skip

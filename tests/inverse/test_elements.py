@@ -14,7 +14,7 @@ SAME = (Film(DEPTH_M), Film(DEPTH_M))
 PAIR = (Film(DEPTH_M), Film(DEPTH_M, np.pi / 2))
 
 
-def found(change=lambda data, noise: data, films=PAIR, **known):
+def findings(change=lambda data, noise: data, films=PAIR, **known):
     """What is found of two elements' signals after a change."""
     case = make_case(films=films, **known)
     noise = case.sigma * np.random.default_rng(1).normal(size=case.problem.data.shape)
@@ -35,18 +35,18 @@ FAULTS = {
 @pytest.mark.parametrize("friction", [None, 0.4])
 @pytest.mark.parametrize("words", FAULTS)
 def test_a_fault_of_the_wiring_is_named(words, friction):
-    (sentence,) = found(FAULTS[words], friction=friction, colour=False)
+    (sentence,) = findings(FAULTS[words], friction=friction, colour=False)
     assert words in sentence
 
 
 @pytest.mark.parametrize("noise_fraction", [1e-3, 1e-2, 0.3])
 def test_elements_wired_as_stated_are_not_warned_of(noise_fraction):
     for seed in range(5):
-        assert found(noise_fraction=noise_fraction, seed=seed) == ()
+        assert findings(noise_fraction=noise_fraction, seed=seed) == ()
 
 
 def test_equal_elements_may_have_equal_signals():
-    assert found(FAULTS["seem to have the signal of first's element"], films=SAME) == ()
+    assert findings(FAULTS["seem to have the signal of first's element"], films=SAME) == ()
 
 
 def test_one_element_has_no_other_to_be_held_against():

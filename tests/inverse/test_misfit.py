@@ -42,5 +42,5 @@ def test_the_same_misfit_elsewhere_is_noise():
 def test_stationary_noise_is_hardly_ever_found():
     """Of as many draws as the stated probability makes one of in twenty."""
     rng, draws = np.random.default_rng(3), round(0.05 / FALSE_ALARM)
-    found = [local_excess(noise(rng), FITTED, X, DEPTH_M, LEVELS) for _ in range(draws)]
-    assert sum(each > 1 for each in found) <= 2
+    excesses = [local_excess(noise(rng), FITTED, X, DEPTH_M, LEVELS) for _ in range(draws)]
+    assert sum(each > 1 for each in excesses) <= 2

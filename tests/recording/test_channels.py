@@ -21,7 +21,7 @@ def held(signal, start, stop):
     return np.where((np.arange(N) > start) & (np.arange(N) < stop), signal[start], signal)
 
 
-def found(signal):
+def findings(signal):
     """What is found of one channel."""
     return channel_findings(["ch"], signal[None], "V")
 
@@ -38,18 +38,18 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_found(name):
     signal, words = FAULTS[name]
-    assert words in found(signal)[0]
+    assert words in findings(signal)[0]
 
 
 @pytest.mark.parametrize("step", [0.0, 0.1 * NOISE, NOISE, 1.5 * NOISE])
 def test_a_sound_channel_is_hardly_ever_warned_of(step):
     """Of as many as the stated probability makes one of in ten."""
     draws = round(0.1 / FALSE_ALARM)
-    assert not any(found(sound(seed, step)) for seed in range(draws))
+    assert not any(findings(sound(seed, step)) for seed in range(draws))
 
 
 def test_samples_that_are_missing_are_no_fault():
     signal = sound()
     signal[100:300] = np.nan
-    assert found(signal) == ()
-    assert found(np.full(N, np.nan)) == ()
+    assert findings(signal) == ()
+    assert findings(np.full(N, np.nan)) == ()

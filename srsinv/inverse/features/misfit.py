@@ -39,13 +39,13 @@ def local_excess(
     local = weight[:, None] * np.exp(-lag / max(levels.correlation_m, depth_m / 2)) * weight
     for values, _, observed, white in rows:
         means, number = _means(np.where(observed, values, np.nan)[None], size)
-        there = number[0] > 0
+        present = number[0] > 0
         noise = levels.sliding**2 * np.exp(-lag / levels.correlation_m)
         noise = noise + np.diag(white**2 / np.maximum(number[0], 1))
-        pick = np.ix_(there, there)
+        pick = np.ix_(present, present)
         precise = np.linalg.inv(noise[pick])
         spread = precise @ local[pick]
-        pulled = precise @ means[0][there]
+        pulled = precise @ means[0][present]
         total += float(pulled @ local[pick] @ pulled)
         mean += float(np.trace(spread))
         variance += 2 * float(np.sum(spread * spread.T))
