@@ -25,16 +25,28 @@ def local_excess(
     depth_m: float,
     levels: Levels,
 ) -> float:
-    """The residual's power where the fitted signal is, over that of stationary noise of these
-    levels; 1 where chance makes as much."""
+    """The residual's power where the fitted signal is, or within a depth of it, over that of
+    stationary noise of these levels; 1 where chance makes as much."""
+    given = residual, fitted, position_m, depth_m, levels
+    return max(_excess(*given, reach_m) for reach_m in (0.0, depth_m))
+
+
+def _excess(
+    residual: Float[np.ndarray, "e sample"],
+    fitted: Float[np.ndarray, "e sample"],
+    position_m: Float[np.ndarray, " sample"],
+    depth_m: float,
+    levels: Levels,
+    reach_m: float,
+) -> float:
+    """That within `reach_m` of the fitted signal: flanks that are missed lie beside it."""
     size = -(-residual.shape[1] // MOST_BLOCKS)
     x, counts = _means(np.asarray(position_m)[None], size)[0][0], np.isfinite(residual)
     lag = np.abs(x[:, None] - x)
     total, mean, variance = 0.0, 0.0, 0.0
     rows = zip(residual, fitted, counts, np.broadcast_to(levels.white, len(residual)), strict=True)
     power = np.nanmean(_means(fitted**2, size)[0], axis=0)
-    # The largest within a depth: flanks that are missed lie beside those that are fitted.
-    power = np.max(np.where(lag <= depth_m, power, 0.0), axis=-1)
+    power = np.max(np.where(lag <= reach_m, power, 0.0), axis=-1)
     weight = np.sqrt(power / max(power.max(), np.finfo(float).tiny))
     local = weight[:, None] * np.exp(-lag / max(levels.correlation_m, depth_m / 2)) * weight
     for values, _, observed, white in rows:
@@ -53,7 +65,7 @@ def local_excess(
         return 1.0
     freedom = 2 * mean**2 / variance
     excess = total / mean
-    return excess if chi2.sf(freedom * excess, freedom) < FALSE_ALARM else 1.0
+    return excess if chi2.sf(freedom * excess, freedom) < FALSE_ALARM / 2 else 1.0
 
 
 def _means(
