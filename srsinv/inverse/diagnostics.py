@@ -9,29 +9,43 @@ chi-square. Bands are valid under the model, and too narrow where these relation
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.stats import chi2, norm
 
 from ..status import Status
 from .quality import is_excess
 
+FALSE_ALARM = 1e-3  # of a sound estimate, by one check whose statistic is known
 LEAST_RESOLVED_DOF = 1.0  # degrees of freedom: with fewer, a component's estimate is its prior
+LEAST_EXPLAINED = 0.5  # of a prior's variance: with less, the error is larger than the estimate
 # Limit on an inversion's residual, in rms: bands so much too narrow cover 81 % in place of 90 %.
 # Its noise and degrees of freedom (a trace over the window) are rougher than a fit's.
 OVER_NOISE = 1.25
 GOOD_CHI2 = 1.2  # of a fit, per degree of freedom: bands so much too narrow cover 87 %
-OVER_PRIOR = 2.0  # of a prior: edges alone make 1.5 where the bands still cover
+# Of a mode's variance that its prior's pull has at most, squared, in the mean: R (1 - R) <= 1/4, R
+# its resolution.
+MOST_PULL = 0.25
 RESOLVED_GAIN = 0.5  # of a wave's amplitude, from which on it counts as resolved
 LEAST_EXPONENT = -1000  # of 2, whose inverse is a number still
 FEW_MISSING = 0.05  # of the samples
 MUCH_SLIDING = 0.1  # of the signal's rms: sliding makes less
 
 
-def prior_alone(name: str, resolved_dof: float, cells: int) -> Sequence[str]:
-    """Warning on a component of which the signal resolves `resolved_dof` degrees of freedom."""
-    if resolved_dof >= LEAST_RESOLVED_DOF:
+def prior_alone(
+    name: str, resolved_dof: float, cells: int, explained: float = 1.0
+) -> Sequence[str]:
+    """Warning on a component of which the signal resolves `resolved_dof` degrees of freedom, and
+    explains so much of its prior's variance.
+
+    Under the model the estimate's mean square is the explained part of it, and its error's the
+    rest.
+    """
+    if resolved_dof >= LEAST_RESOLVED_DOF and explained >= LEAST_EXPLAINED:
         return ()
+    part = f", {max(explained, 0.0):.0%} of its prior's variance" if explained < 1 else ""
     return (
-        f"The signal resolves {resolved_dof:.2g} of the {cells} degrees of freedom of {name}: what "
-        "is shown of it is the prior, with the prior's band.",
+        f"The signal resolves {resolved_dof:.2g} of the {cells} degrees of freedom of {name}{part}"
+        ": most of what is shown of it is the prior, with the prior's band. Where q = mu p, give "
+        "friction=MU; else a further element, or less noise.",
     )
 
 
@@ -76,17 +90,44 @@ def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return small / scale / scale, np.clip(of_p, 0.0, 1.0)
 
 
-def stronger_than_prior(name: str, squares: float, resolved_dof: float) -> Sequence[str]:
-    """Warning on a component whose squares in units of the prior should sum to `resolved_dof`."""
-    if not (
-        resolved_dof >= LEAST_RESOLVED_DOF
-        and is_excess(squares / resolved_dof, resolved_dof, OVER_PRIOR)
-    ):
+def pulled_by_prior(name: str, pull: float, resolved_dof: float) -> Sequence[str]:
+    """Warning on a component whose prior pulls the estimate by more than its band allows.
+
+    `pull`: the mean square of the pull over the mean variance. Under the model its mean is at most
+    `MOST_PULL`, and it scatters as a chi-square of `resolved_dof`.
+    """
+    freedom = max(resolved_dof, LEAST_RESOLVED_DOF)
+    if not pull > max(1.0, MOST_PULL * chi2.isf(FALSE_ALARM, freedom) / freedom):
         return ()
-    excess = float(np.sqrt(squares / resolved_dof))
     return (
-        f"{name} is {excess:.2g} times as strong as its prior allows, so that its band is too "
-        "narrow: take a wider prior (a larger rms or scale=evidence, a smaller weight).",
+        f"The prior pulls {name} by {np.sqrt(pull):.2g} times its standard error, so that its band "
+        "is too narrow: take a wider prior (a larger rms or scale=evidence, a smaller weight).",
+    )
+
+
+def negative_pressure(p: np.ndarray, stderr: np.ndarray, resolved_dof: float) -> Sequence[str]:
+    """Warning on pressures (cell,) [Pa] below zero by more than chance makes among as many
+    independent ones as are resolved."""
+    below = np.where(stderr > 0, -p / np.where(stderr > 0, stderr, 1.0), 0.0)
+    worst = int(np.argmax(below))
+    if not below[worst] > norm.isf(FALSE_ALARM / max(resolved_dof, 1.0)):
+        return ()
+    words = _pull_in_words("p falls to", p[worst], below[worst])
+    return (f"{words} Else the prior allows too little, so that the band is too narrow.",)
+
+
+def negative_load(name: str, value: float, stderr: float) -> Sequence[str]:
+    """Warning on a feature whose pressure, with that of its surroundings, is below zero."""
+    if not -value > norm.isf(FALSE_ALARM) * stderr:
+        return ()
+    return (_pull_in_words(f"{name.replace('_', ' ')} has", value, -value / stderr),)
+
+
+def _pull_in_words(what: str, value: float, below: float) -> str:
+    return (
+        f"{what} {value:.3g}, {below:.2g} standard errors below zero, and a contact cannot pull: "
+        "the polarity or the speed may be of the other sign, a channel may be faulty, or the "
+        "surroundings are pressed on by more (recording.nominal_pressure_Pa)."
     )
 
 
@@ -189,6 +230,19 @@ def undetected(name: str) -> str:
         f"The data do not detect {name.replace('_', ' ')}: noise alone, searched everywhere, gives "
         "as much. Its position, width and friction are those of noise, and their standard errors "
         "are infinite; its strength has the prior's."
+    )
+
+
+def local_misfit(excess: float) -> Sequence[str]:
+    """Warning on a residual whose power where the fitted signal is, is `excess` times that of the
+    noise estimated from all of it; 1 where chance makes as much."""
+    if not excess > 1:
+        return ()
+    return (
+        f"What the fit leaves is {np.sqrt(excess):.2g} times the noise where the feature is: it is "
+        "no noise, which is the same everywhere, but what the model misses, so that standard "
+        "errors are too small. The feature is of another kind, or a fact of the sensor, the speed "
+        "or the recording is not as stated.",
     )
 
 

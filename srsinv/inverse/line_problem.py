@@ -56,6 +56,7 @@ class LineProblem(eqx.Module):
     - `zero_mean` (c,): whether only the deviation from the mean is solved for: where the mean is
       known, and where it is unobservable.
     - `mean_signal` (e, n): the signal of the known means.
+    - `warnings`: sentences on the signal, which every estimate takes over.
     - `sensor`, `scan`: what made the signals, one sample a cell at constant speed; `passed`: the
       cells from the first to the last with a sample. None where only the operator is known.
 
@@ -76,6 +77,7 @@ class LineProblem(eqx.Module):
     sensor: Sensor | None
     scan: ConstantSpeed | None
     passed: PassedCells | None
+    warnings: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(
         self,
@@ -90,7 +92,9 @@ class LineProblem(eqx.Module):
         friction=None,
         sensor: Sensor | None = None,
         scan: ConstantSpeed | None = None,
+        warnings: Sequence[str] = (),
     ):
+        self.warnings = tuple(warnings)
         data, noise = as_real(data), as_real(noise)
         check(line, forward, data, noise, observed, friction, known_mean_Pa)
         if friction is not None:
@@ -169,6 +173,12 @@ class LineProblem(eqx.Module):
     def noise_rms(self) -> float:
         """Standard deviation of a sample's noise, an unknown offset aside."""
         return float(np.sqrt(np.mean(np.asarray(self.noise)[1:])))
+
+    @property
+    def surrounding_pressure_Pa(self) -> float:
+        """The pressure around the features, as far as it is known."""
+        known = self.known_mean_Pa[0], self.background_Pa[0]
+        return sum(float(each) for each in known if each is not None)
 
     @property
     def has_free_offset(self) -> bool:
@@ -286,7 +296,11 @@ class LineProblem(eqx.Module):
             averaging=None,
             friction=self.friction,
             status=Status(status) if finite else Status.NOT_FINITE,
-            warnings=(*warnings, *residual_over_noise(chi2[CHI2], chi2[FREEDOM] or 0.0)),
+            warnings=(
+                *self.warnings,
+                *warnings,
+                *residual_over_noise(chi2[CHI2], chi2[FREEDOM] or 0.0),
+            ),
             stats=stats | chi2,
         )
 

@@ -1,6 +1,8 @@
 """What every inversion starts from: recorded signals, what made them, and what is known."""
 
+import copy
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -39,7 +41,7 @@ class Problem(eqx.Module):
       the scan and 8 depths beyond its ends.
     - `cell_m` [m]: the width of the cells of methods that solve for the traction on a line; None
       lets the method choose.
-    - `name`: for messages.
+    - `name`: for messages. `warnings`: sentences on the signal, which every estimate takes over.
 
     It is made of numbers that are known, outside `jax.jit`. A method chooses its line, and takes
     the signals as they are (`samples`) or put on cells (`on_line`). Raises `BadInput` where shapes
@@ -56,6 +58,7 @@ class Problem(eqx.Module):
     window_m: tuple[float, float] | None = eqx.field(static=True)
     cell_m: float | None = eqx.field(static=True)
     name: str = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(
         self,
@@ -81,6 +84,7 @@ class Problem(eqx.Module):
         )
         offset = sensor.amplifier.offset
         self.sensor, self.motion, self.name = sensor, motion, name
+        self.warnings = ()
         self.observed = np.isfinite(signal)
         known = 0.0 if offset is None else float(offset)
         self.data = as_real(np.where(self.observed, signal - known, 0.0))
@@ -97,6 +101,12 @@ class Problem(eqx.Module):
             cell_m = float(number("cell_m", cell_m, "a positive width in metres", above=0))
         self.cell_m = cell_m
 
+    def with_warnings(self, warnings: Sequence[str]) -> "Problem":
+        """The same problem with further warnings."""
+        changed = copy.copy(self)
+        object.__setattr__(changed, "warnings", (*self.warnings, *warnings))
+        return changed
+
     @property
     def own_line(self) -> None:
         """The line that the samples are the cells of: there is none."""
@@ -109,6 +119,11 @@ class Problem(eqx.Module):
     def background_Pa(self) -> tuple[float | None, float | None]:
         """The uniform pressure and shear that the features lie on, where they are known."""
         return self.nominal_pressure_Pa, None
+
+    @property
+    def surrounding_pressure_Pa(self) -> float:
+        """The pressure around the features, as far as it is known."""
+        return self.nominal_pressure_Pa or 0.0
 
     @property
     def has_free_offset(self) -> bool:
@@ -172,6 +187,7 @@ class Problem(eqx.Module):
             known_mean_Pa=(0.0, None),
             background_Pa=(self.nominal_pressure_Pa, None),
             friction=self.friction,
+            warnings=self.warnings,
         )
 
 

@@ -7,6 +7,8 @@
 """
 
 import abc
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..errors import refuse
+from ..grid import half_spectrum_weights
 from ..status import Status
 from . import diagnostics, direct, iterative, spectral
 from .estimate import COMPONENTS, TractionEstimate
@@ -131,7 +134,7 @@ def _scores(scorer: Scorer, log_weights: Float[Array, "b c"]) -> Score:
 def _estimate(
     problem: LineProblem, prior: Prior, solution: Solution, status: Status, stats: dict
 ) -> TractionEstimate:
-    shown, finite, over_prior = _shown(problem, prior, solution)
+    shown, finite, against = _shown(problem, prior, solution)
     if not bool(finite):
         status = Status.NOT_FINITE
     names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.resolved_dof, float)
@@ -148,18 +151,32 @@ def _estimate(
         averaging=solution.averaging,
         friction=problem.friction,
         status=status,
-        warnings=_warnings(problem, prior, solution, np.asarray(over_prior, float), stats),
+        warnings=_warnings(problem, prior, solution, shown, against, stats),
         stats=stats,
     )
 
 
+class _AgainstPrior(NamedTuple):
+    """Of each component (c,): the prior's pull on the estimate, squared, over its variance; and the
+    fraction of the prior's variance that the signal explains."""
+
+    pull: Float[Array, " c"]
+    explained: Float[Array, " c"]
+
+
 def _warnings(
-    problem: LineProblem, prior: Prior, solution: Solution, squares: np.ndarray, stats: dict
+    problem: LineProblem,
+    prior: Prior,
+    solution: Solution,
+    shown: Shown,
+    against: _AgainstPrior,
+    stats: dict,
 ) -> tuple[str, ...]:
     resolved_dof, noise = np.asarray(solution.resolved_dof, float), np.asarray(problem.noise)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging))
     shortest = np.abs(np.fft.rfft(averaging.astype(float)))[:, -1]
-    columns = COMPONENTS[: problem.unknowns], resolved_dof, squares, shortest
+    pull, explained = (np.asarray(of, float) for of in against)
+    columns = COMPONENTS[: problem.unknowns], resolved_dof, pull, explained, shortest
     each = list(zip(*columns, strict=True))
     largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.mean_signal))))
     shared, n = (), problem.line.n
@@ -168,18 +185,24 @@ def _warnings(
         shared = diagnostics.shared_out(gain, root, n)
     gaps = stats["path"] == "iterative" and problem.observed is not None
     return (
+        *problem.warnings,
         *shared,
-        *(s for name, t, _, _ in each for s in diagnostics.prior_alone(name, t, n)),
-        *(s for name, t, over, _ in each for s in diagnostics.stronger_than_prior(name, over, t)),
-        *(
-            s
-            for name, _, _, resolution in each
-            for s in diagnostics.unresolved_waves(name, resolution)
-        ),
+        *(s for name, t, _, part, _ in each for s in diagnostics.prior_alone(name, t, n, part)),
+        *(s for name, t, pull, _, _ in each for s in diagnostics.pulled_by_prior(name, pull, t)),
+        *(s for name, *_, least in each for s in diagnostics.unresolved_waves(name, least)),
+        *_pulling(problem, shown, resolved_dof[0]),
         *diagnostics.residual_over_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
         *diagnostics.missing(_missing(problem), gaps),
     )
+
+
+def _pulling(problem: LineProblem, shown: Shown, resolved_dof: float) -> Sequence[str]:
+    """Warning on pressures below zero, where their level is known."""
+    if problem.known_mean_Pa[0] is None or problem.background_Pa[0] is None:
+        return ()
+    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (shown.value, shown.stderr))
+    return diagnostics.negative_pressure(p, stderr, resolved_dof)
 
 
 def _missing(problem: LineProblem) -> float:
@@ -200,10 +223,29 @@ def _whitened_model(problem: LineProblem, prior: Prior):
 @eqx.filter_jit
 def _shown(
     problem: LineProblem, prior: Prior, solution: Solution
-) -> tuple[Shown, Bool[Array, ""], Float[Array, " c"]]:
-    """What the estimate shows, whether all of it is finite, and the squares of the traction in
-    units of its prior."""
+) -> tuple[Shown, Bool[Array, ""], _AgainstPrior]:
+    """What the estimate shows, whether all of it is finite, and what speaks against its prior."""
     value, stderr = solution.value, solution.stderr
     finite = jnp.all(jnp.isfinite(value)) & jnp.all(jnp.isfinite(stderr))
-    over_prior = jnp.sum(value * prior.apply(problem.line, value), axis=-1)
-    return problem.show(value, stderr), finite, over_prior
+    return problem.show(value, stderr), finite, _against_prior(problem, prior, solution)
+
+
+def _against_prior(problem: LineProblem, prior: Prior, solution: Solution) -> _AgainstPrior:
+    """The prior's pull is C P r, C the posterior covariance: the estimate less what the data alone
+    would have in its place, as far as they can tell. Over the cells with samples, less its mean."""
+    line, covariance = problem.line, solution.covariance
+    weighted = prior.apply(line, solution.value)
+    if covariance.ndim == 3:
+        pull = jnp.fft.irfft(jnp.einsum("ijk,jk->ik", covariance, jnp.fft.rfft(weighted)), line.n)
+    else:
+        pull = (covariance @ jnp.ravel(weighted)).reshape(weighted.shape)
+    observed = jnp.ones(line.n, bool) if problem.observed is None else problem.observed.any(axis=0)
+    count = jnp.maximum(jnp.sum(observed), 1)
+    pull = pull - jnp.sum(pull * observed, axis=-1, keepdims=True) / count
+    variance = jnp.sum(solution.stderr**2 * observed, axis=-1) / count
+    squares = jnp.sum(pull**2 * observed, axis=-1) / count
+    root = prior.root(line)[:, 1:]  # the mean aside, which many priors leave free
+    powers = jnp.where(root > 0, 1 / jnp.where(root > 0, root, 1.0) ** 2, jnp.inf)
+    of_prior = powers @ half_spectrum_weights(line.n)[1:]
+    safe = jnp.where(variance > 0, variance, 1.0)
+    return _AgainstPrior(squares / safe, 1 - variance / of_prior)

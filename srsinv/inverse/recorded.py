@@ -14,8 +14,10 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
 from ..recording import Recording
+from ..recording.channels import channel_findings
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.noise import white_level
+from .elements import element_findings
 from .problem import Problem
 from .sample_noise import SampleNoise
 
@@ -50,7 +52,7 @@ def problem_of(
         "recording.gain.",
     )
     window = recording.sidecar.get("contact_window_m")
-    return Problem(
+    problem = Problem(
         sensor,
         motion_of(recording),
         recording.signal,
@@ -61,6 +63,19 @@ def problem_of(
         cell_m=cell_m,
         name=recording.name,
     )
+    found = channel_findings(recording.channels, recording.signal, recording.signal_unit)
+    return problem.with_warnings((*found, *_wiring(recording, problem)))
+
+
+def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
+    """Faults of the elements' wiring, where the recording can be put on a line."""
+    if len(recording.channels) < 2:
+        return ()
+    try:
+        line = problem.on_line()
+    except BadInput:  # it turns back, or is too short
+        return ()
+    return element_findings(line, recording.channels, float(problem.sensor.depth_m))
 
 
 def ready(recording: Recording) -> Recording:

@@ -35,7 +35,7 @@ def noise_alone(problem):
 CALLED = {
     "The signal resolves": (WIENER, lambda: louder(make_case().problem, 1e5)),
     "The elements respond to one mix": (WIENER, lambda: make_case(films=SAME).problem),
-    "p is": (Wiener(Exponential(15.0, 0.8e-3), Q), lambda: make_case().problem),
+    "The prior pulls p": (Wiener(Exponential(15.0, 0.8e-3), Q), lambda: make_case().problem),
     "The residual is": (WIENER, lambda: louder(make_case().problem, 0.3)),
     "The noise (": (WIENER, lambda: louder(make_case().problem, 1e-15)),
     "The band takes the weights": (
@@ -59,11 +59,16 @@ THRESHOLDS = {
     "samples missing": (lambda fraction: diagnostics.missing(fraction, False), 0.03, 0.08),
     "sliding over signal": (diagnostics.sliding_noise, 0.07, 0.15),
     "rms over noise": (lambda rms: diagnostics.residual_over_noise(rms**2, 1e4), 1.2, 1.3),
-    "rms over prior": (
-        lambda rms: diagnostics.stronger_than_prior("p", rms**2 * 1e4, 1e4),
-        1.8,
-        2.2,
+    "pull of the prior": (lambda pull: diagnostics.pulled_by_prior("p", pull, 1e4), 0.9, 1.1),
+    "pull of one number": (lambda pull: diagnostics.pulled_by_prior("p", pull, 1.0), 2.6, 2.8),
+    "variance explained": (lambda part: diagnostics.prior_alone("p", 9.0, 48, part), 0.6, 0.4),
+    "a load below zero": (lambda z: diagnostics.negative_load("strip", -z, 1.0), 3.0, 3.2),
+    "pressure below zero": (
+        lambda z: diagnostics.negative_pressure(np.array([1.0, -z]), np.ones(2), 1e3),
+        4.7,
+        4.9,
     ),
+    "misfit where the feature is": (diagnostics.local_misfit, 1.0, 1.5),
     "chi-square of a fit": (lambda chi2: diagnostics.of_fit(chi2, 1e4, (), ()), 1.1, 1.3),
 }
 

@@ -16,11 +16,12 @@ from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...resolution import cell_m
 from ..cells import Window
-from ..diagnostics import sliding_noise
+from ..diagnostics import local_misfit, sliding_noise
 from ..nonlinear import Fit, Solver, fit, fit_many
 from .contact import cell_for, checked_names
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
+from .misfit import local_excess
 from .model import FeatureModel, scan_extent
 from .search import STARTS, Blocks, FeatureSearch
 from .sliding_noise import Levels, estimate, first_levels
@@ -142,7 +143,7 @@ class FeatureFitter:
             result, levels = self._settled(features, result, y, levels)
         read = model.loading.report(features, result)
         evidence = self._evidence(features, result)
-        against = _against(levels, y)
+        against = self._against(levels, y, result)
         return FeatureEstimate.of(features, result, model, y, read, evidence, levels, against)
 
     def many(
@@ -259,6 +260,16 @@ class FeatureFitter:
     def _whitener(self, levels: Levels, y: np.ndarray):
         return levels.whitener(np.asarray(self._motion.position_m), np.isfinite(y))
 
+    def _against(self, levels: Levels | None, y: np.ndarray, result: Fit) -> tuple[str, ...]:
+        """Warnings on noise that was estimated from the residual."""
+        if levels is None:
+            return ()
+        x = np.asarray(self._motion.position_m)
+        fitted = y - result.residual
+        excess = local_excess(result.residual, fitted, x, self._depth_m, levels)
+        fraction = levels.sliding / float(np.sqrt(np.nanmean(y**2)))
+        return (*sliding_noise(fraction), *local_misfit(excess))
+
     @property
     def _scale(self):
         return self._motion.position_m, self._depth_m
@@ -279,10 +290,3 @@ def _reach(y: np.ndarray) -> float:
     """Signal at one prior standard deviation of an amplitude: see `AMPLITUDE_PRIOR_REACH`."""
     largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
     return AMPLITUDE_PRIOR_REACH * largest if largest > 0 else 1.0
-
-
-def _against(levels: Levels | None, y: Float[np.ndarray, "e sample"]) -> tuple[str, ...]:
-    """Warnings on noise that was estimated from the residual."""
-    if levels is None:
-        return ()
-    return tuple(sliding_noise(levels.sliding / float(np.sqrt(np.nanmean(y**2)))))

@@ -1,6 +1,7 @@
 """The fit of features as a method: a problem to the features' parameters and their traction."""
 
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -8,6 +9,8 @@ import jax
 import numpy as np
 
 from ...errors import mapping, of_kind, refuse, shown
+from ...forward.feature import Feature
+from ..diagnostics import negative_load
 from ..line_problem import LineProblem
 from ..method import Method
 from ..nonlinear import Solver
@@ -97,7 +100,9 @@ class FeatureFit(Method):
         rough = self.is_of_surface and samples.is_estimate
         noise = None if rough else samples.noise
         estimate = self._fitter(problem, samples)(features, samples.signal, noise, self.start)
-        return estimate.of_problem(problem.background_Pa, problem.own_line, problem.passed)
+        placed = estimate.of_problem(problem.background_Pa, problem.own_line, problem.passed)
+        pulling = _pulling(placed, problem.surrounding_pressure_Pa)
+        return dataclasses.replace(placed, warnings=(*problem.warnings, *placed.warnings, *pulling))
 
     def _fitter(self, problem: Problem | LineProblem, samples: Samples) -> FeatureFitter:
         """The fitter along the samples' motion."""
@@ -112,3 +117,18 @@ class FeatureFit(Method):
                 sensor, motion, self.features, window, pressure, self.also, self.solver
             ),
         )
+
+
+def _pulling(estimate: FeatureEstimate, surrounding_Pa: float) -> Sequence[str]:
+    """Warning on a feature that pulls. Of several the sum may press all the same, and so does a
+    line where its surroundings press."""
+    if len(estimate.features) != 1:
+        return ()
+    ((name, feature),) = estimate.features.items()
+    if feature.is_of_surface or feature.is_periodic:
+        return ()
+    value, stderr = estimate.parameters[feature.amplitude]
+    is_pressure = feature.amplitude == Feature.amplitude
+    if surrounding_Pa > 0 and not is_pressure:
+        return ()
+    return negative_load(name, value + surrounding_Pa, stderr)

@@ -1,0 +1,79 @@
+"""Whether what a fit leaves is noise that is the same everywhere, or lies where the feature is.
+
+Noise that is estimated from the residual takes up what the model misses. Stationary noise has no
+place of its own; a misfit lies where the fitted signal is. With K the inverse of the noise's
+covariance and C_a that of the correlated noise under weights a (the fitted signal's local power),
+the score of a local excess is (K r)^T C_a (K r). For stationary noise its mean is tr(K C_a) and its
+variance 2 tr(K C_a K C_a); it is taken as a multiple of a chi-square with these (Satterthwaite).
+The fit takes noise out of the residual where the feature is, so that the test is conservative.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from .sliding_noise import Levels
+
+FALSE_ALARM = 1e-3
+MOST_BLOCKS = 256  # of samples, each with its mean: a misfit is as long as the film is deep
+
+
+def local_excess(
+    residual: Float[np.ndarray, "e sample"],
+    fitted: Float[np.ndarray, "e sample"],
+    position_m: Float[np.ndarray, " sample"],
+    depth_m: float,
+    levels: Levels,
+) -> float:
+    """The residual's power where the fitted signal is, or within a depth of it, over that of
+    stationary noise of these levels; 1 where chance makes as much."""
+    given = residual, fitted, position_m, depth_m, levels
+    return max(_excess(*given, reach_m) for reach_m in (0.0, depth_m))
+
+
+def _excess(
+    residual: Float[np.ndarray, "e sample"],
+    fitted: Float[np.ndarray, "e sample"],
+    position_m: Float[np.ndarray, " sample"],
+    depth_m: float,
+    levels: Levels,
+    reach_m: float,
+) -> float:
+    """That within `reach_m` of the fitted signal: flanks that are missed lie beside it."""
+    size = -(-residual.shape[1] // MOST_BLOCKS)
+    x, counts = _means(np.asarray(position_m)[None], size)[0][0], np.isfinite(residual)
+    lag = np.abs(x[:, None] - x)
+    total, mean, variance = 0.0, 0.0, 0.0
+    rows = zip(residual, fitted, counts, np.broadcast_to(levels.white, len(residual)), strict=True)
+    power = np.nanmean(_means(fitted**2, size)[0], axis=0)
+    power = np.max(np.where(lag <= reach_m, power, 0.0), axis=-1)
+    weight = np.sqrt(power / max(power.max(), np.finfo(float).tiny))
+    local = weight[:, None] * np.exp(-lag / max(levels.correlation_m, depth_m / 2)) * weight
+    for values, _, observed, white in rows:
+        means, number = _means(np.where(observed, values, np.nan)[None], size)
+        present = number[0] > 0
+        noise = levels.sliding**2 * np.exp(-lag / levels.correlation_m)
+        noise = noise + np.diag(white**2 / np.maximum(number[0], 1))
+        pick = np.ix_(present, present)
+        precise = np.linalg.inv(noise[pick])
+        spread = precise @ local[pick]
+        pulled = precise @ means[0][present]
+        total += float(pulled @ local[pick] @ pulled)
+        mean += float(np.trace(spread))
+        variance += 2 * float(np.sum(spread * spread.T))
+    if not variance > 0:
+        return 1.0
+    freedom = 2 * mean**2 / variance
+    excess = total / mean
+    return excess if chi2.sf(freedom * excess, freedom) < FALSE_ALARM / 2 else 1.0
+
+
+def _means(
+    values: Float[np.ndarray, "row sample"], size: int
+) -> tuple[Float[np.ndarray, "row block"], Float[np.ndarray, "row block"]]:
+    """Means over blocks of samples, and how many there are in each; NaN is missing."""
+    blocks = -(-values.shape[1] // size)
+    padded = np.pad(values, ((0, 0), (0, blocks * size - values.shape[1])), constant_values=np.nan)
+    cut = padded.reshape(len(values), blocks, size)
+    number = np.isfinite(cut).sum(axis=-1)
+    return np.nansum(cut, axis=-1) / np.maximum(number, 1), number.astype(float)

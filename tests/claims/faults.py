@@ -1,0 +1,159 @@
+"""What every method makes of faulty measurements, and whether it says so.
+
+    python -m tests.claims.faults [FAULT ...]
+
+runs those that results/faults.json does not hold, or those that are named anew (minutes for all),
+on simulated scans of a known truth (faulty_scans.py, faults.yaml). Of every fault and method:
+
+- `z`: the error over the standard error: of an inversion the rms over the cells that were passed,
+  of p or of q, whichever is larger; of a fit that of the worst parameter, 0 where the standard
+  error is infinite;
+- `quality`, and the `warnings` that were given;
+- `rejected`: whether a chi-square test at `LEVEL` rejects the residual as the noise that was put
+  in, its true level and colour given: a test that the estimate itself has no part in.
+"""
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from srsinv.errors import BadInput
+from srsinv.grid import as_real
+from srsinv.inverse.cells import sample_spacing_m
+from srsinv.inverse.estimate import Estimate
+from srsinv.inverse.features.estimate import FeatureEstimate
+from srsinv.inverse.features.method import FeatureFit
+from srsinv.inverse.method import Method
+from srsinv.inverse.problem import Problem
+from srsinv.inverse.recorded import problem_of, ready
+from srsinv.inverse.rule import Evidence
+from srsinv.inverse.tikhonov import Tikhonov
+from srsinv.inverse.wiener import Wiener
+from tests.claims.faulty_scans import SCENES, Scan, ScannedScene, faults, faulty, suits
+
+RESULTS = Path(__file__).parent / "results" / "faults.json"
+LEVEL = 1e-3
+MOST_STDERRS = 3.0  # standard errors
+CELL_M = 2e-4
+SEED = 0
+STRIP, ONE, RIDGE = SCENES
+
+
+class MethodOnScene(NamedTuple):
+    """A method on a scene; `known_friction`: whether q = mu p is taken as known."""
+
+    scene: str
+    method: Callable[[ScannedScene], Method]
+    known_friction: bool = False
+
+
+METHODS = {
+    "wiener": MethodOnScene(STRIP, lambda _: Wiener(scale="evidence")),
+    "gcv": MethodOnScene(STRIP, lambda _: Tikhonov(1)),
+    "evidence": MethodOnScene(STRIP, lambda _: Tikhonov(1, rule=Evidence())),
+    "wiener, friction known": MethodOnScene(STRIP, lambda _: Wiener(scale="evidence"), True),
+    "wiener, one element": MethodOnScene(ONE, lambda _: Wiener(scale="evidence"), True),
+    "gcv, one element": MethodOnScene(ONE, lambda _: Tikhonov(1), True),
+    "fit of a strip": MethodOnScene(STRIP, lambda scene: FeatureFit({"one": scene.feature})),
+    "fit of a strip, one element": MethodOnScene(
+        ONE, lambda scene: FeatureFit({"one": scene.feature})
+    ),
+    "fit of a ridge": MethodOnScene(RIDGE, lambda scene: FeatureFit({"one": scene.feature})),
+}
+
+
+def problem(made: Scan, known_friction: bool, cell_m: float = CELL_M) -> Problem:
+    """The problem of a scan, as a user states it: the noise is that of the recording."""
+    friction = made.scene.friction if known_friction else None
+    return problem_of(ready(made.recording), friction=friction, cell_m=cell_m)
+
+
+def measured(fault: Mapping[str, Any], tried: MethodOnScene, seed: int = SEED) -> dict[str, Any]:
+    """One fault and method."""
+    scene = SCENES[tried.scene]
+    made = faulty(fault, scene, seed)
+    try:
+        stated = problem(made, tried.known_friction)
+        estimate = tried.method(scene)(stated)
+    except BadInput as refusal:
+        return {"z": 0.0, "quality": "refused", "warnings": [str(refusal)], "rejected": None}
+    is_fit = isinstance(estimate, FeatureEstimate)
+    p_value = _fit_p_value(made, estimate) if is_fit else _p_value(made, stated, estimate)
+    if is_fit:
+        z = float(np.abs(fit_ratios(scene, estimate)).max())
+    else:
+        z = float(np.sqrt(np.mean(ratios(made, stated, estimate) ** 2, axis=-1)).max())
+    return {
+        "z": round(z, 3),
+        "quality": str(estimate.quality),
+        "warnings": list(estimate.reasons),
+        "rejected": bool(p_value < LEVEL),
+    }
+
+
+def ratios(made: Scan, stated: Problem, estimate: Estimate) -> np.ndarray:
+    """Errors of p and q (2, cell) over their standard errors, where the scan passed."""
+    observed, p = stated.on_line().observed_cells, made.pressure(estimate.line)
+    error = (np.asarray(estimate.value) - np.stack([p, made.scene.friction * p]))[:, observed]
+    error = error - error.mean(axis=-1, keepdims=True)
+    return error / np.asarray(estimate.stderr)[:, observed]
+
+
+def fit_ratios(scene: ScannedScene, estimate: FeatureEstimate) -> np.ndarray:
+    """Errors of the parameters over their standard errors."""
+    read = estimate.parameters
+    return np.array([(read[k][0] - true) / read[k][1] for k, true in scene.parameters.items()])
+
+
+def _p_value(made: Scan, stated: Problem, estimate: Estimate) -> float:
+    """Of the residual on the line's cells, in which white noise is that of a mean of samples."""
+    block = round(float(estimate.line.cell_m) / sample_spacing_m(stated.motion))
+    levels = float(stated.noise.rms) / np.sqrt(block), made.scene.white / np.sqrt(block)
+    squares = float(np.nansum(np.asarray(estimate.whitened) ** 2)) * (levels[0] / levels[1]) ** 2
+    freedom = estimate.stats["degrees_of_freedom"]
+    return float(chi2.sf(squares, freedom))
+
+
+def _fit_p_value(made: Scan, estimate: FeatureEstimate) -> float:
+    white = np.asarray(made.whitener()(as_real(estimate.data - estimate.fitted)))
+    return float(chi2.sf(white @ white, white.size - len(estimate.parameters)))
+
+
+def summary(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Counts over all faults and methods, and what no data can tell."""
+    cases = {(f, m): row for f, each in rows.items() for m, row in each.items()}
+    wrong = {at: row for at, row in cases.items() if row["z"] > MOST_STDERRS}
+    silent = {at: row for at, row in wrong.items() if not row["warnings"]}
+    return {
+        "cases": len(cases),
+        "beyond": len(wrong),
+        "beyond_and_silent": len(silent),
+        "beyond_silent_and_rejected": sum(bool(row["rejected"]) for row in silent.values()),
+        "silent": [f"{f}: {m}, {row['z']:.3g}" for (f, m), row in silent.items()],
+    }
+
+
+def main(names: list[str]) -> None:
+    """Those named, or all that are new; written after each."""
+    held = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else {}
+    for name, fault in faults().items():
+        if name in held and name not in names:
+            continue
+        held[name] = {
+            method: measured(fault, tried)
+            for method, tried in METHODS.items()
+            if suits(fault, SCENES[tried.scene])
+        }
+        rows = {each: held[each] for each in faults() if each in held}
+        RESULTS.write_text(json.dumps({**summary(rows), "rows": rows}, indent=1) + "\n")
+        print(name, {m: (r["z"], r["quality"], r["rejected"]) for m, r in held[name].items()},
+              flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
