@@ -112,7 +112,7 @@ def negative_pressure(p: np.ndarray, stderr: np.ndarray, resolved_dof: float) ->
     worst = int(np.argmax(below))
     if not below[worst] > norm.isf(FALSE_ALARM / max(resolved_dof, 1.0)):
         return ()
-    words = _pull_in_words("p falls to", p[worst], below[worst])
+    words = _pull_in_words(f"p falls to {1e-3 * p[worst]:.3g} kPa", below[worst])
     return (f"{words} Else the prior allows too little, so that the band is too narrow.",)
 
 
@@ -120,12 +120,12 @@ def negative_load(name: str, value: float, stderr: float) -> Sequence[str]:
     """Warning on a feature whose pressure, with that of its surroundings, is below zero."""
     if not -value > norm.isf(FALSE_ALARM) * stderr:
         return ()
-    return (_pull_in_words(f"{name.replace('_', ' ')} has", value, -value / stderr),)
+    return (_pull_in_words(f"{name.replace('_', ' ')} has {value:.3g}", -value / stderr),)
 
 
-def _pull_in_words(what: str, value: float, below: float) -> str:
+def _pull_in_words(what: str, below: float) -> str:
     return (
-        f"{what} {value:.3g}, {below:.2g} standard errors below zero, and a contact cannot pull: "
+        f"{what}, {below:.2g} standard errors below zero, and a contact cannot pull: "
         "the polarity or the speed may be of the other sign, a channel may be faulty, or the "
         "surroundings are pressed on by more (recording.nominal_pressure_Pa)."
     )
