@@ -12,7 +12,7 @@ from srsinv.errors import refuse
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import UniformStrip
-from srsinv.report.plot.estimates import full_width_at_half_maximum
+from srsinv.inverse.widths import full_width_at_half_maximum
 from srsinv.report.plot.style import TRUTH, colours
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections

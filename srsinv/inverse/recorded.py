@@ -63,8 +63,8 @@ def problem_of(
         cell_m=cell_m,
         name=recording.name,
     )
-    found = channel_findings(recording.channels, recording.signal, recording.signal_unit)
-    return problem.with_warnings((*found, *_wiring(recording, problem)))
+    health = channel_findings(recording.channels, recording.signal, recording.signal_unit)
+    return problem.with_warnings((*health, *_wiring(recording, problem)))
 
 
 def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:

@@ -15,9 +15,9 @@ from ..inverse.estimate import BAND_90, COMPONENTS, Estimate, deviation
 from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
 from ..inverse.spectral_lines import strongest_line_m
+from ..inverse.widths import cutoff, full_width_at_half_maximum
 from ..progress import stage
 from ..report.answers import answer_variables
-from ..report.plot.estimates import full_width_at_half_maximum
 from ..report.result import Result, dataset, key_of, scalars
 from ..report.section import sections
 from ..report.text import quantity, significant
@@ -182,13 +182,12 @@ def _resolution(case: InversionCase, estimates: Estimates) -> Variables:
     pairs[:, :c, :c] = averaging / cell
     own = np.einsum("mccn->mcn", pairs)
     resolution = np.abs(np.fft.rfft(own)) * cell
-    lag = cell * (np.arange(n) - n // 2)
+    lag, k = cell * (np.arange(n) - n // 2), np.asarray(wavenumbers(n, cell))
     widths = [[full_width_at_half_maximum(lag, each) for each in rows] for rows in own]
     by_component = ("method", "component")
-    cutoff = _cutoff(np.asarray(wavenumbers(n, cell)), resolution)
     return {
         "resolution": ((*by_component, "wavenumber"), resolution, "1"),
-        "cutoff": (by_component, cutoff, "rad/m"),
+        "cutoff": (by_component, cutoff(k, resolution), "rad/m"),
         "averaging_kernel": (("method", "component_out", "component_in", "lag"), pairs, "1/m"),
         "kernel_width": (by_component, widths, "m"),
     }
@@ -297,15 +296,3 @@ def _stderr(estimate: Estimate) -> np.ndarray:
     if estimate.quality is Quality.FAILED:
         return np.full(estimate.stderr.shape, np.inf)
     return np.asarray(estimate.stderr)
-
-
-def _cutoff(k: np.ndarray, resolution: np.ndarray) -> np.ndarray:
-    """Cut-off wavenumber: where the resolution (..., k) last falls through one half; NaN if
-    nowhere."""
-    high = resolution[..., :-1] >= 0.5
-    falls = high & (resolution[..., 1:] < 0.5)
-    last = falls.shape[-1] - 1 - np.argmax(falls[..., ::-1], axis=-1)
-    upper = np.take_along_axis(resolution, last[..., None], -1)[..., 0]
-    lower = np.take_along_axis(resolution, last[..., None] + 1, -1)[..., 0]
-    fraction = (upper - 0.5) / np.where(upper > lower, upper - lower, 1.0)
-    return np.where(falls.any(axis=-1), k[last] + fraction * (k[1] - k[0]), np.nan)

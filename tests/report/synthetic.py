@@ -86,6 +86,7 @@ def dataset(
             ("method", "component_out", "component_in", "lag"),
             np.fft.fftshift(np.fft.irfft(np.stack(kernel), samples), -1) * samples / length_m,
         ),
+        "kernel_width": (("method", "component"), np.full((len(methods), 2), 1e-3)),
         "element_depth": ("element", _DEPTHS[:elements]),
         "element_width": ("element", np.full(elements, 0.7e-3)),
         "element_length": ("element", np.full(elements, 8e-3)),

@@ -12,7 +12,6 @@ from matplotlib.collections import PolyCollection
 
 from srsinv import plot
 from srsinv.report import result
-from srsinv.report.plot.estimates import full_width_at_half_maximum
 from srsinv.report.plot.style import colours, runs, scale
 from tests.report import synthetic
 
@@ -341,22 +340,6 @@ def test_averaging_kernels_with_their_widths(page, full):
         np.testing.assert_allclose(line(axes, "Tikhonov")[1], kernels[1, out, into])
         left, right = axes.get_xlim()
         assert -left == right == pytest.approx(5 * 0.75)
-
-
-@pytest.mark.parametrize(
-    ("kernel", "width"),
-    [
-        (lambda x: np.maximum(0, 1 - np.abs(x) / 3e-3), 3e-3),
-        (lambda x: np.exp(-((x - 2e-3) ** 2) / 2e-6), np.sqrt(8 * np.log(2)) * 1e-3),
-        (lambda x: np.ones_like(x), np.nan),
-        (lambda x: -np.exp(-(x**2) / 2e-6), np.nan),
-        (lambda x: x * np.nan, np.nan),
-    ],
-)
-def test_full_width_at_half_maximum(kernel, width):
-    lag = np.linspace(-0.01, 0.01, 401)
-    measured = full_width_at_half_maximum(lag, kernel(lag))
-    assert measured == pytest.approx(width, rel=1e-3, nan_ok=True)
 
 
 @pytest.mark.parametrize("length_m", [0.2, 0.04, 0.002])

@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import xarray
@@ -125,13 +124,10 @@ def averaging_kernel(dataset: xarray.Dataset) -> Figure:
     kernels, components = dataset["averaging_kernel"].values, names_of(dataset["component"])
     solved = [c for c in range(kernels.shape[1]) if shown(kernels[:, c, c])]
     methods = method_looks(names_of(dataset["method"]))
-    widths = [
-        full_width_at_half_maximum(dataset["lag"].values, kernel[c, c])
-        for kernel in kernels
-        for c in solved
-    ]
     few_depths = 5 * float(dataset["element_depth"].max())
-    reach = min(max(few_depths, 3 * peak(widths)), peak(dataset["lag"].values))
+    reach = min(
+        max(few_depths, 3 * peak(dataset["kernel_width"].values)), peak(dataset["lag"].values)
+    )
     rows = [
         [
             Panel(
@@ -149,21 +145,3 @@ def averaging_kernel(dataset: xarray.Dataset) -> Figure:
         for out in solved
     ]
     return panels(rows)
-
-
-def full_width_at_half_maximum(lag_m: np.ndarray, kernel: np.ndarray) -> float:
-    """Width [m] of the peak of `kernel` (n,) over `lag_m` (n,), between its two crossings of half
-    the maximum, straight lines between samples; NaN where it does not fall that far."""
-    if not np.isfinite(kernel).all() or kernel.max() <= 0:
-        return float("nan")
-    top, half = int(np.argmax(kernel)), kernel.max() / 2
-    left = np.flatnonzero(kernel[:top] < half)
-    right = np.flatnonzero(kernel[top:] < half)
-    if not left.size or not right.size:
-        return float("nan")
-
-    def crossing(i: Any, j: Any) -> float:
-        fraction = (half - kernel[i]) / (kernel[j] - kernel[i])
-        return float(lag_m[i] + fraction * (lag_m[j] - lag_m[i]))
-
-    return crossing(top + right[0] - 1, top + right[0]) - crossing(left[-1], left[-1] + 1)

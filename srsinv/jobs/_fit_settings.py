@@ -1,0 +1,105 @@
+"""Settings of the fit of a recording: which recordings, features and starts it takes."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import mapping, number, refuse, shown
+from ..forward.surface_feature import SurfaceFeature
+from ..inverse.cells import check_cells
+from ..inverse.features.contact import cell_for, checked_pressure
+from ..inverse.features.loading import Features
+from ..inverse.features.method import FeatureFit
+from ..inverse.nonlinear import Solver
+from ..inverse.problem import Problem
+from ..recording import Recording
+from ..recording.even import check_volts
+from ..resolution import cell_m
+
+
+def check(recording: Recording) -> None:
+    """Refuse a recording that no feature can be fitted to."""
+    check_volts(recording)
+    refuse(
+        bool(np.all(np.nanmax(recording.signal, axis=-1) == np.nanmin(recording.signal, axis=-1))),
+        f"{recording.name}: every channel has one value throughout (at the recorder's rail, or not "
+        "connected), so that there is nothing to fit: record it again within the range.",
+    )
+
+
+def settings_of(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Those of `fit` in the configuration, checked, with what it leaves out."""
+    known = {"select": False, "free": None, "start": None}
+    unknown = sorted(set(given) - set(known))
+    refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: {', '.join(known)}.")
+    select = given.get("select", False)
+    refuse(not isinstance(select, bool), f"fit.select is {shown(select)}: give true or false.")
+    return known | dict(given)
+
+
+def traction_fit(
+    problem: Problem, features: Features, solver: Solver, settings: Mapping[str, Any]
+) -> FeatureFit:
+    """The fit of features of traction; refuses settings that it does not take."""
+    for key in ("free", "start"):
+        refuse(
+            bool(settings[key]),
+            f"fit.{key} is {shown(settings[key])}: it is for features of a surface (ridge, tape, "
+            "step_up, step_down); leave it out.",
+        )
+    scanned = float(np.ptp(problem.motion.position_m))
+    check_cells(problem.name, scanned, cell_m("load", float(problem.sensor.depth_m)))
+    return FeatureFit(features, solver)
+
+
+def surface_fit(
+    problem: Problem,
+    facts: Mapping[str, Any],
+    features: Features,
+    solver: Solver,
+    settings: Mapping[str, Any],
+) -> FeatureFit:
+    """The fit of features of a surface, with the edges of the sidecar's `facts`. Raises `BadInput`
+    where what it needs to know of the recording is missing, and for settings that it does not
+    take."""
+    checked_pressure(problem.nominal_pressure_Pa)
+    features = {name: _with_edge(name, each, facts) for name, each in features.items()}
+    cell = cell_for(features, float(problem.sensor.depth_m))
+    check_cells(problem.name, problem.window.length_m, cell)
+    free = _names("fit.free", settings["free"])
+    return FeatureFit(features, solver, free, _start(settings["start"], features))
+
+
+def _with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
+    if feature.edge_length_m is not None:
+        return feature
+    known = (facts.get("feature") or {}).get("edge_length_m")
+    refuse(
+        known is None,
+        f"The length over which the edges of {name} rise is not known, and the data cannot tell it "
+        f"from the width: give feature.{name}.edge_length_m, or feature.edge_length_m in the "
+        "sidecar.",
+    )
+    return feature.with_edge(known)
+
+
+def _names(key: str, given: Any) -> tuple[str, ...]:
+    listed = [] if given is None else [given] if isinstance(given, str) else given
+    right = isinstance(listed, list | tuple) and all(isinstance(each, str) for each in listed)
+    refuse(not right, f"{key} is {shown(given)}: give a list of parameters' names.")
+    return tuple(listed)
+
+
+def _start(given: Any, features: Features) -> dict[str, float]:
+    """Values to start from, by the names that results have."""
+    start = {} if given is None else dict(mapping("fit.start", given))
+    several = len(features) > 1
+    own = [f"{n}_{a}" if several else a for n, f in features.items() for a in f.axes]
+    for name, value in start.items():
+        refuse(
+            name not in own,
+            f"fit.start names {name!r}, which is not searched for: name any of {', '.join(own)}.",
+        )
+        number(f"fit.start.{name}", value, "a number, in SI units, or leave it out")
+    return start
