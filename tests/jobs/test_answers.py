@@ -7,7 +7,7 @@ import pytest
 
 from srsinv.recording import load, save
 from srsinv.recording.even import on_even_times
-from tests.jobs.run import assumed, command, outcome
+from tests.jobs.run import assumed, command, outcome, tables, words
 from tests.jobs.test_fit_recording import EXAMPLES, TRUTH
 from tests.refusals import refused
 
@@ -115,7 +115,8 @@ def test_positions_without_volts_are_of_a_traction_without_a_unit(counts):
     for name in ("p_peak_position_m_wiener", "p_line_wavelength_m_wiener"):
         assert result.metrics[name] == pytest.approx(whole.metrics[name], rel=0.05)
     rows = {what: said for what, said in assumed(result).items() if what != "skin"}  # its modulus
-    said = [result.metrics, result.summary.columns, result.summary.notes, result.title, rows]
+    shown = [[each.columns, each.rows] for each in tables(result)[:-1]]
+    said = [result.metrics, shown, words(result), result.title, rows]
     assert "Pa" not in json.dumps(said)
     assert "p_peak_relative_wiener" in result.metrics
     units = {str(each.attrs["units"]) for each in result.dataset.variables.values()}
@@ -155,10 +156,10 @@ STATED = {0.97: ("good", "none"), 0.8: ("doubtful", "The residual is 1."), 0.2: 
 
 @pytest.mark.parametrize("noise_ratio", STATED)
 def test_a_fit_is_worth_what_its_residual_says(noise_ratio):
-    worth, words = STATED[noise_ratio]
+    worth, beginning = STATED[noise_ratio]
     result = fit(f"noise.white.rms={noise_ratio * TRUTH['white_noise_rms_V']}")
     assert result.metrics["quality"] == worth
-    assert result.metrics["warnings"].startswith(words)
+    assert result.metrics["warnings"].startswith(beginning)
     assert bool(result.dataset["reasons"].item()) == (worth != "good")
     assert result.dataset["quality"].item() == worth
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.jobs.run import outcome
+from srsinv.report.terminal import print_summary
+from tests.jobs.run import outcome, words
 
 CYLINDER = (
     "scene=ridge",
@@ -18,14 +19,12 @@ CYLINDER = (
 
 
 @pytest.mark.full
-def test_a_window_that_is_given_too_short_is_said_everywhere():
+def test_a_window_that_is_given_too_short_is_said_everywhere(capsys):
     result = outcome(*CYLINDER, "scene.contact_windows=1")
     assert result.metrics["quality_wiener"] != "good"
-    shown = [
-        note for section in result.sections for table in section.tables for note in table.notes
-    ]
-    for words in (str(result.metrics["warnings_wiener"]), *result.summary.notes, " ".join(shown)):
-        assert "its own wake" in words
+    print_summary(result)
+    for said in (str(result.metrics["warnings_wiener"]), words(result), capsys.readouterr().out):
+        assert "its own wake" in said
 
 
 def test_a_window_that_is_left_open_is_long_enough():

@@ -109,13 +109,14 @@ def test_page_figures_are_readable(draw, make):
 
 @pytest.mark.full
 @pytest.mark.parametrize("draw", PAGE, ids=lambda draw: draw.__name__)
-def test_same_bytes_whatever_the_users_settings(draw, recording):
-    figure = draw(recording)
+def test_same_bytes_whatever_the_users_settings(draw, recording, full):
+    dataset = full if draw in (plot.traction, plot.stress) else recording
+    figure = draw(dataset)
     first = png(figure)
     check_labels(figure)
     with mpl.rc_context({"lines.linewidth": 7.0, "font.size": 20.0, "axes.facecolor": "red"}):
         before = dict(mpl.rcParams)
-        again = png(draw(recording))
+        again = png(draw(dataset))
         assert dict(mpl.rcParams) == before
     assert again == first
 

@@ -28,6 +28,7 @@ from .style import (
     symbol,
 )
 
+LEAST_LOG = 1e-290  # matplotlib takes a log axis no further down than 1e-300
 _BAND = {"alpha": 0.22, "linewidth": 0}
 _MARGIN = 0.07  # of the range of the curves, above and below them
 _FEW_TICKS = 2.0  # decades: below, a logarithmic axis has numbers at 1, 2 and 5
@@ -212,8 +213,13 @@ def _finish(axes: Axes, panel: Panel, column: Sequence[Panel], x_factor: float, 
         axes.set(**{f"{name}scale": "log" if axis.is_log else "linear"})
     ends = [limits for each in column if (limits := _along(each)) is not None]
     own = (min(low for low, _ in ends), max(high for _, high in ends)) if ends else (None, None)
-    axes.set_xlim(*_limited(own, panel.x, x_factor))
-    axes.set_ylim(*_limited(_up(panel), panel.y, y_factor))
+    for axis, put, limits in (
+        (panel.x, axes.set_xlim, tuple(_limited(own, panel.x, x_factor))),
+        (panel.y, axes.set_ylim, tuple(_limited(_up(panel), panel.y, y_factor))),
+    ):
+        # Numbers too small for a logarithm leave an axis with the limits that it has.
+        if not (axis.is_log and (None in limits or limits[0] == limits[1])):
+            put(*limits)
     for axis, drawn, limits in (
         (panel.x, axes.xaxis, axes.get_xlim()), (panel.y, axes.yaxis, axes.get_ylim())
     ):  # fmt: skip
@@ -222,10 +228,12 @@ def _finish(axes: Axes, panel: Panel, column: Sequence[Panel], x_factor: float, 
 
 
 def _limited(own: tuple[Any, Any], axis: PanelAxis, factor: float) -> Iterator[float | None]:
-    """The axis's own limits where it has any, else those given, in the unit that is drawn."""
+    """The axis's own limits where it has any, else those given, in the unit that is drawn; none
+    where a number is too small for a logarithm."""
     for given, end in zip(own, axis.limits, strict=True):
         chosen = given if end is None else end
-        yield None if chosen is None else chosen * factor
+        drawn = None if chosen is None else chosen * factor
+        yield None if axis.is_log and drawn is not None and drawn < LEAST_LOG else drawn
 
 
 def _finite(values: Iterator[Any]) -> np.ndarray:
