@@ -74,6 +74,8 @@ def listed(names: Iterable[str]) -> str:
 
 def format_with_error(value: float, stderr: float) -> str:
     """Value and standard error, to the second digit of the latter; to three decimals if it is 0."""
+    if not math.isfinite(stderr):
+        return f"{significant(value)} (error not known)"
     decimals = max(0, 1 - math.floor(math.log10(stderr))) if stderr > 0 else 3
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
 

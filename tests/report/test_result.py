@@ -11,6 +11,7 @@ from srsinv.report.page import figures, render
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import WrittenSection, sections
 from srsinv.report.terminal import print_summary
+from srsinv.report.text import format_with_error, quantity_with_error
 from srsinv.report.words import Paragraph, Table, blocks
 
 DATA = dataset(
@@ -155,3 +156,18 @@ def test_a_column_has_one_unit():
     (table,) = blocks(own, data)
     assert isinstance(table, Table)
     assert table.rows == (("0.750 mm",), ("2.25 mm",), ("–",))
+
+
+@pytest.mark.parametrize(("value", "stderr", "units", "written"), [
+    (2.5894e-5, 3.2e-7, "m", "25.89 ± 0.32 µm"),
+    (1.50204e-3, 1.2e-5, "m", "1.502 ± 0.012 mm"),
+    (6009.26, 9.02, "Pa", "6.0093 ± 0.0090 kPa"),
+    (0.4468, 0.0021, "1", "0.4468 ± 0.0021"),
+    (2.5e-5, np.inf, "m", "25.0 µm (error not known)"),
+])  # fmt: skip
+def test_a_value_is_written_to_the_second_digit_of_its_error(value, stderr, units, written):
+    assert quantity_with_error(value, stderr, units) == written
+
+
+def test_an_unknown_error_is_said_to_be_so():
+    assert format_with_error(0.35, np.inf) == "0.350 (error not known)"
