@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from srsinv import config, plot
 from srsinv.errors import refuse
 from srsinv.forward.simulation import Simulation
-from srsinv.inverse.estimate import COMPONENTS
+from srsinv.inverse.estimate import COMPONENTS, deviation
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.simulated import problem_of
 from srsinv.parts import merged
@@ -120,14 +120,14 @@ def _gains(true: Simulation, problem: LineProblem, method, waves: np.ndarray) ->
 def _variables(truth, estimates, gains) -> dict[str, tuple[Any, ...]]:
     """Recovered traction with its relative error less the means, and the gains of sinusoids."""
     by, pairs = ("case", "component"), ("case", "component_out", "component_in", "wavelength")
-    wrong = np.linalg.norm(_deviation(estimates) - _deviation(truth), axis=-1)
+    wrong = np.linalg.norm(deviation(estimates) - deviation(truth), axis=-1)
     size = np.abs(gains)
     own = np.einsum("abbw->abw", size)[..., 0]
     leak = size.max(axis=-1)[:, [1, 0], [0, 1]]
     return {
         "traction": (("component", "x"), truth, "Pa"),
         "estimate": ((*by, "x"), estimates, "Pa"),
-        "error": (by, wrong / np.linalg.norm(_deviation(truth), axis=-1), "1",
+        "error": (by, wrong / np.linalg.norm(deviation(truth), axis=-1), "1",
                   "error_{component}_{case}"),
         "gain": (pairs, size, "1"),
         "phase": (pairs, np.angle(gains), "rad"),
@@ -147,18 +147,14 @@ def _sensors(sims: list[Simulation]) -> dict[str, tuple[Any, ...]]:
     }
 
 
-def _deviation(values: np.ndarray) -> np.ndarray:
-    return values - values.mean(axis=-1, keepdims=True)
-
-
 def recovered(ds: xarray.Dataset) -> Figure:
     """p and q less their means, recovered from the data of each sensor."""
     looks, truth = method_looks([str(each) for each in ds["case"].values]), ds["traction"].values
     parts = []
     for c, component in enumerate(COMPONENTS):
-        curves = [plot.Curve(_deviation(truth[c]), "truth", look={"color": TRUTH})]
+        curves = [plot.Curve(deviation(truth[c]), "truth", look={"color": TRUTH})]
         for (case, look), values in zip(looks.items(), ds["estimate"].values, strict=True):
-            curves.append(plot.Curve(_deviation(values[c]), case, look=look))
+            curves.append(plot.Curve(deviation(values[c]), case, look=look))
         up = plot.PanelAxis(f"{component} less its mean", "Pa")
         parts.append(plot.Panel(curves, X, up, ds["x"].values, QUANTITIES[component].capitalize()))
     return plot.panels(parts, height_in=2.6)

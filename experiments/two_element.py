@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from srsinv import config, plot
 from srsinv.errors import refuse
 from srsinv.forward.simulation import Simulation
-from srsinv.inverse.estimate import COMPONENTS
+from srsinv.inverse.estimate import COMPONENTS, deviation
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.progress import stage
 from srsinv.report.plot.stages import QUANTITIES, X, method_looks
@@ -97,10 +97,10 @@ def _errors(
 ) -> dict[str, tuple[Any, ...]]:
     """Relative errors of the deviations from the mean over x, and their predictions from the
     standard errors; of one element the mean over the draws."""
-    size = np.sqrt(np.mean(_deviation(truth) ** 2, axis=-1))
+    size = np.sqrt(np.mean(deviation(truth) ** 2, axis=-1))
 
     def relative(value: np.ndarray) -> np.ndarray:
-        return np.sqrt(np.mean((_deviation(value) - _deviation(truth)) ** 2, axis=-1)) / size
+        return np.sqrt(np.mean((deviation(value) - deviation(truth)) ** 2, axis=-1)) / size
 
     by = ("method", "component", "angle")
     # (angle, method, seed, component) to (method, component, angle, seed)
@@ -113,10 +113,6 @@ def _errors(
         "error_one_element": (by[:2], relative(one).mean(axis=1), "1",
                               "error_{component}_{method}_one_element"),
     }  # fmt: skip
-
-
-def _deviation(values: np.ndarray) -> np.ndarray:
-    return values - values.mean(axis=-1, keepdims=True)
 
 
 def against_angle(ds: xarray.Dataset) -> Figure:
@@ -142,7 +138,7 @@ def against_angle(ds: xarray.Dataset) -> Figure:
 def recovered(ds: xarray.Dataset) -> Figure:
     """p and q less their means by each method, a column for each angle shown."""
     looks = method_looks([str(v) for v in ds["method"].values])
-    truth, estimate = _deviation(ds["traction"].values), _deviation(ds["estimate"].values)
+    truth, estimate = deviation(ds["traction"].values), deviation(ds["estimate"].values)
     rows = []
     for c, component in enumerate(COMPONENTS):
         up = plot.PanelAxis(f"{component} less its mean", "Pa")

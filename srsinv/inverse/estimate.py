@@ -150,9 +150,10 @@ class TractionEstimate(Estimate):
         return jnp.asarray(rows) @ covariance[c * n : (c + 1) * n, c * n : (c + 1) * n]
 
 
-def deviation(values: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Values (..., n) of the cells that the mask `cells` (n,) picks, less their mean."""
-    values = np.asarray(values)[..., cells]
+def deviation(values: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray:
+    """Values (..., n) of the cells that the mask `cells` (n,) picks, of all without one, less their
+    mean."""
+    values = np.asarray(values) if cells is None else np.asarray(values)[..., cells]
     return values - values.mean(axis=-1, keepdims=True)
 
 

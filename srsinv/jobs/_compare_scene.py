@@ -238,7 +238,7 @@ def _of_wrong(own: Variables, wrong: Variables, names: list[str]) -> Variables:
         wrong[name][1][0] for name in
         ("estimate", "estimate_stderr", "error_overall", "coverage", "misfit", "log_evidence")
     )  # fmt: skip
-    truth = deviation(own["traction"][1], np.ones(value.shape[-1], bool))
+    truth = deviation(own["traction"][1])
     stated = np.sqrt(np.mean(stderr**2, axis=(1, 2, 3)) / np.mean(truth**2))
     along = (*DRAWN, "component", "x")
     variables: Variables = {

@@ -196,7 +196,7 @@ def _relative(value, reference) -> float:
 
 def _without_mean(values) -> np.ndarray:
     """Deviation from the mean over all cells."""
-    return deviation(np.asarray(values, float), np.ones(np.shape(values)[-1], bool))
+    return deviation(np.asarray(values, float))
 
 
 def _single(tree):

@@ -38,12 +38,7 @@ def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -
     for a variable without `units`.
     """
     filled = _filled(result)
-    figures = {
-        block.name: _png(block.figure)
-        for _, own in filled
-        for block in own
-        if isinstance(block, Drawing)
-    }
+    figures = {each.name: _png(each.figure) for each in _drawings(filled)}
     texts = {
         **{f".hydra/{name}": text for name, text in record.items()},
         **result.files,
@@ -60,8 +55,8 @@ def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -
 def page(result: Result, command: str = "") -> str:
     """The page of a result as HTML, its figures within it."""
     filled = _filled(result)
-    drawings = (block for _, own in filled for block in own if isinstance(block, Drawing))
-    return _page(result, filled, {each.name: _png(each.figure) for each in drawings}, command)
+    images = {each.name: _png(each.figure) for each in _drawings(filled)}
+    return _page(result, filled, images, command)
 
 
 def metrics_json(metrics: Mapping[str, Scalar]) -> str:
@@ -76,8 +71,7 @@ def metrics_json(metrics: Mapping[str, Scalar]) -> str:
 
 def figures(result: Result) -> dict[str, tuple[Figure, str]]:
     """The figures of a result with their captions, by name."""
-    drawings = (block for _, own in _filled(result) for block in own if isinstance(block, Drawing))
-    return {each.name: (each.figure, each.caption) for each in drawings}
+    return {each.name: (each.figure, each.caption) for each in _drawings(_filled(result))}
 
 
 Filled = list[tuple[Section, tuple[Block, ...]]]
@@ -88,6 +82,10 @@ def _filled(result: Result) -> Filled:
     shown = (each for each in result.sections if each.heading and each.is_met(result.dataset))
     filled = [(each, blocks(each, result.dataset)) for each in shown]
     return [(section, own) for section, own in filled if own]
+
+
+def _drawings(filled: Filled) -> Iterator[Drawing]:
+    return (block for _, own in filled for block in own if isinstance(block, Drawing))
 
 
 def _netcdf(data: xarray.Dataset) -> bytes:

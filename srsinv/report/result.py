@@ -97,13 +97,14 @@ def metrics(data: xarray.Dataset) -> dict[str, Scalar]:
 
 def _elements(data: xarray.Dataset, variable: xarray.Variable) -> Iterator[tuple[str, Scalar]]:
     pattern = str(variable.attrs[METRIC])
-    fields = [name for _, name, _, _ in Formatter().parse(pattern) if name]
+    fields = (name for _, name, _, _ in Formatter().parse(pattern) if name)
+    labels = {name: (data[name].dims, data[name].values) for name in fields}
     values = variable.values
     for at in np.ndindex(values.shape):
         place = dict(zip(variable.dims, at, strict=True))
         words = {
-            name: _Label(data[name].isel({dim: place[dim] for dim in data[name].dims}).item())
-            for name in fields
+            name: _Label(own[tuple(place[dim] for dim in dims)].item())
+            for name, (dims, own) in labels.items()
         }
         yield pattern.format(**words), _scalar(values[at])
 

@@ -24,6 +24,11 @@ def unit_of(name: str) -> str:
     return _UNITS.get(_unit_end(name.removesuffix("_stderr")), "1")
 
 
+def spoken(label: object) -> str:
+    """A label or a name in words."""
+    return f"{label:g}" if isinstance(label, float) else str(label).replace("_", " ")
+
+
 def without_unit(name: str) -> str:
     """A quantity's name in words, without the unit at its end: `ridge.height_m` is "ridge
     height"."""

@@ -193,10 +193,6 @@ def _is_unknown(value: Any) -> bool:
     return value is None or not np.isfinite(value)
 
 
-def _spoken(name: Any) -> str:
-    return str(name).replace("_", " ")
-
-
 def _with_error(values: Any, stderrs: Any, units: Any = "1") -> Any:
     """Each value with its standard error, in the unit of its own that reads best."""
     return _row_by_row(text.quantity_with_error, values, stderrs, units)
@@ -226,7 +222,7 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "parameter": _each(text.without_unit),
     "percent": _each(_percent),
     "quantity": _quantities,
-    "spoken": _each(_spoken),
+    "spoken": _each(text.spoken),
     "value": _each(text.format_value),
     "with_error": _with_error,
 }

@@ -8,6 +8,7 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
+from ..text import spoken
 from .panels import Curve, Mark, Panel, PanelAxis, panels
 from .style import LINE_STYLES, NORMAL_90, TRUTH, colours, units_of
 
@@ -40,8 +41,8 @@ def curves(
     names = [names] if isinstance(names, str) else list(names)
     first = dataset[names[0]]
     x = x or str(first.dims[-1])
-    across = PanelAxis(along or _words(x), units_of(dataset[x]), "x" in log)
-    up = PanelAxis(quantity or _words(names[0]), units_of(first), "y" in log, limits)
+    across = PanelAxis(along or spoken(x), units_of(dataset[x]), "x" in log)
+    up = PanelAxis(quantity or spoken(names[0]), units_of(first), "y" in log, limits)
     parts = [
         Panel(
             _distinct(list(_curves(part, names, x, labels or {}))),
@@ -57,7 +58,7 @@ def _by(dataset: xarray.Dataset, rows: str | None) -> Iterator[tuple[str, xarray
         yield "", dataset
         return
     for i, label in enumerate(dataset[rows].values):
-        yield _words(label), dataset.isel({rows: i})
+        yield spoken(label), dataset.isel({rows: i})
 
 
 def _curves(
@@ -66,11 +67,11 @@ def _curves(
     for name in names:
         array = dataset[name].transpose(..., x)
         stderr = dataset.get(f"{name}_stderr")
-        word = labels.get(name, _words(name) if len(names) > 1 else "")
+        word = labels.get(name, spoken(name) if len(names) > 1 else "")
         others = [dim for dim in array.dims if dim != x]
         for at in np.ndindex(array.shape[:-1]):
             place = dict(zip(others, at, strict=True))
-            own = [_words(dataset[dim].values[i]) for dim, i in place.items()]
+            own = [spoken(dataset[dim].values[i]) for dim, i in place.items()]
             band = None
             if stderr is not None:
                 half = NORMAL_90 * stderr.transpose(..., x).values[at]
@@ -93,7 +94,3 @@ def _distinct(lines: list[Curve]) -> list[Curve]:
         else Curve(line.y, line.label, look=looks[line.label])
         for line in lines
     ]
-
-
-def _words(name: Any) -> str:
-    return f"{name:g}" if isinstance(name, float) else str(name).replace("_", " ")

@@ -7,7 +7,7 @@ import xarray
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from ..text import without_unit
+from ..text import spoken, without_unit
 from .style import GREY, SHADE, WIDTH_IN, names_of, styled, symbol, units_of
 
 _CELL_IN, _LARGE_CELL_IN = 0.27, 0.5
@@ -58,13 +58,13 @@ def matrix(
             _letter(axes, at, value, own, norm, is_signed, len(rows))
         axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right")
         axes.set_yticks(range(len(rows)), rows)
-        axes.set_title("" if panels is None else _words(dataset[panels].values[p]))
+        axes.set_title("" if panels is None else spoken(dataset[panels].values[p]))
         axes.grid(visible=False)
         axes.tick_params(length=0)
     for d, put in zip(dims, (grid[0].set_ylabel, grid[0].set_xlabel), strict=True):
         put(str(dataset[d].attrs.get("long_name", "")))
     assert image is not None
-    text = label or f"{_words(name)} [{units_of(array)}]"
+    text = label or f"{spoken(name)} [{units_of(array)}]"
     figure.colorbar(image, ax=list(grid), label=text, location="bottom", fraction=0.05, pad=0.02)
     figure.suptitle(title)
     return figure
@@ -88,7 +88,3 @@ def _letter(axes, at, value, words, norm, is_signed: bool, rows: int) -> None:
     colour = GREY if not np.isfinite(value) else "white" if is_dark else "black"
     size = 7.5 if rows > _MANY else 9
     axes.text(at[1], at[0], text, ha="center", va="center", fontsize=size, color=colour)
-
-
-def _words(name: Any) -> str:
-    return str(name).replace("_", " ")

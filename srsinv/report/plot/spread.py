@@ -1,13 +1,13 @@
 """Values over many draws, or of several answers: dots with their spread, beside their names."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from ..text import spoken
 from .style import SHADE, TRUTH, WIDTH_IN, colours, legend_below, scale, styled, units_of
 
 _MARKERS = ("o", "D", "s", "^", "v", "P", "X")
@@ -44,7 +44,7 @@ def spread(
     - `log`: the headings of logarithmic axes, linear about zero where not all values are positive.
     - `labels`: words in the legend for the variables' names.
     """
-    entries = [_words(each) for each in dataset[rows].values]
+    entries = [spoken(each) for each in dataset[rows].values]
     count = len(dataset[over]) if over else 1
     tall = _ROW_IN * len(entries) * max(1.0, 0.5 * count) + 1.5
     figure = Figure(figsize=(WIDTH_IN, tall), layout="constrained")
@@ -65,7 +65,7 @@ def spread(
         axes.grid(axis="y", visible=False)
     grid[0].set_yticks(range(len(entries)), entries)
     if (unit := units_of(dataset[rows])) != "1":
-        grid[0].set_ylabel(f"{_words(rows)} [{unit}]")
+        grid[0].set_ylabel(f"{spoken(rows)} [{unit}]")
     figure.suptitle(title)
     legend_below(figure, grid)
     return figure
@@ -118,10 +118,6 @@ def _marks(axes, dataset, shown, rows, draws, over, factor: float, labels) -> No
 
 
 def _label(dataset, name, over, i, labels, several: bool) -> str:
-    own = labels.get(name, _words(name)) if several or over is None else ""
-    label = "" if i is None else _words(dataset[over].values[i])
+    own = labels.get(name, spoken(name)) if several or over is None else ""
+    label = "" if i is None else spoken(dataset[over].values[i])
     return ", ".join(filter(None, [own, label]))
-
-
-def _words(name: Any) -> str:
-    return f"{name:g}" if isinstance(name, float) else str(name).replace("_", " ")

@@ -166,17 +166,6 @@ def note(axes: Axes, sentence: str) -> None:
     axes.text(0.5, 0.5, sentence, transform=axes.transAxes, ha="center", va="center", color=GREY)
 
 
-@styled
-def note_alone(title: str, sentence: str) -> Figure:
-    """A figure that holds only the reason why there is none."""
-    figure = Figure(figsize=(WIDTH_IN, 1.2), layout="constrained")
-    figure.suptitle(title)
-    axes = figure.subplots()
-    axes.set_axis_off()
-    note(axes, sentence)
-    return figure
-
-
 def legend_beside(axes: Axes, least: int = 2) -> None:
     """A legend of `least` entries or more to the right of the panel, where it covers no curve."""
     if len(axes.get_legend_handles_labels()[1]) >= least:
