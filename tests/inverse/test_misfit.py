@@ -34,6 +34,12 @@ def test_a_misfit_where_the_feature_is_is_found(missing):
     assert excess(residual) > 2
 
 
+def test_flanks_that_are_missed_where_the_signal_is_small_are_found():
+    flank = np.exp(-(((np.abs(X - 0.01) - 1.6e-3) / 3e-4) ** 2))
+    residual = noise(np.random.default_rng(0)) + 5e-6 * np.stack([flank, -flank])
+    assert excess(residual) > 1.5
+
+
 def test_the_same_misfit_elsewhere_is_noise():
     residual = noise(np.random.default_rng(0)) + 0.03 * np.roll(FITTED, 250, axis=1)
     assert excess(residual) == 1.0

@@ -16,6 +16,7 @@ from .sliding_noise import Levels
 
 FALSE_ALARM = 1e-3
 MOST_BLOCKS = 256  # of samples, each with its mean: a misfit is as long as the film is deep
+PRESENT = 0.1  # of the fitted signal's greatest amplitude: from there on it is at a place
 
 
 def local_excess(
@@ -27,30 +28,34 @@ def local_excess(
 ) -> float:
     """The residual's power where the fitted signal is, or within a depth of it, over that of
     stationary noise of these levels; 1 where chance makes as much."""
-    given = residual, fitted, position_m, depth_m, levels
-    return max(_excess(*given, reach_m) for reach_m in (0.0, depth_m))
+    size = -(-residual.shape[1] // MOST_BLOCKS)
+    x = _means(np.asarray(position_m)[None], size)[0][0]
+    lag = np.abs(x[:, None] - x)
+    power = np.nanmean(_means(fitted**2, size)[0], axis=0)
+    amplitude = np.sqrt(power / max(power.max(), np.finfo(float).tiny))
+    near = np.max(np.where(lag <= depth_m, amplitude, 0.0), axis=-1)
+    correlation = np.exp(-lag / max(levels.correlation_m, depth_m / 2))
+    # A wrong shape is missed where the signal is large; flanks lie beside it, and may be small.
+    weights = amplitude, near, (near >= PRESENT).astype(float)
+    excesses = (
+        _excess(residual, lag, weight[:, None] * correlation * weight, levels, size)
+        for weight in weights
+    )
+    return max((each for each, p in excesses if p < FALSE_ALARM / len(weights)), default=1.0)
 
 
 def _excess(
     residual: Float[np.ndarray, "e sample"],
-    fitted: Float[np.ndarray, "e sample"],
-    position_m: Float[np.ndarray, " sample"],
-    depth_m: float,
+    lag: Float[np.ndarray, "block block"],
+    local: Float[np.ndarray, "block block"],
     levels: Levels,
-    reach_m: float,
-) -> float:
-    """That within `reach_m` of the fitted signal: flanks that are missed lie beside it."""
-    size = -(-residual.shape[1] // MOST_BLOCKS)
-    x, counts = _means(np.asarray(position_m)[None], size)[0][0], np.isfinite(residual)
-    lag = np.abs(x[:, None] - x)
+    size: int,
+) -> tuple[float, float]:
+    """The power along `local` over that of stationary noise, in blocks of `size` samples, and the
+    probability of as much."""
     total, mean, variance = 0.0, 0.0, 0.0
-    rows = zip(residual, fitted, counts, np.broadcast_to(levels.white, len(residual)), strict=True)
-    power = np.nanmean(_means(fitted**2, size)[0], axis=0)
-    power = np.max(np.where(lag <= reach_m, power, 0.0), axis=-1)
-    weight = np.sqrt(power / max(power.max(), np.finfo(float).tiny))
-    local = weight[:, None] * np.exp(-lag / max(levels.correlation_m, depth_m / 2)) * weight
-    for values, _, observed, white in rows:
-        means, number = _means(np.where(observed, values, np.nan)[None], size)
+    for values, white in zip(residual, np.broadcast_to(levels.white, len(residual)), strict=True):
+        means, number = _means(values[None], size)
         present = number[0] > 0
         noise = levels.sliding**2 * np.exp(-lag / levels.correlation_m)
         noise = noise + np.diag(white**2 / np.maximum(number[0], 1))
@@ -62,10 +67,9 @@ def _excess(
         mean += float(np.trace(spread))
         variance += 2 * float(np.sum(spread * spread.T))
     if not variance > 0:
-        return 1.0
+        return 1.0, 1.0
     freedom = 2 * mean**2 / variance
-    excess = total / mean
-    return excess if chi2.sf(freedom * excess, freedom) < FALSE_ALARM / 2 else 1.0
+    return total / mean, float(chi2.sf(freedom * total / mean, freedom))
 
 
 def _means(
