@@ -89,6 +89,7 @@ def test_refused(sentence):
         REFUSED[sentence]()
 
 
+@pytest.mark.full
 def test_what_is_no_such_thing_is_refused_where_it_is_given():
     made = subprocess.run(
         [sys.executable, "-m", "tests.wrong_arguments"],

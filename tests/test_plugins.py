@@ -150,6 +150,7 @@ def test_a_speed_profile_of_ones_own_sets_the_motion(folder):
     np.testing.assert_allclose(motion.speed_m_per_s, expected, rtol=1e-12)
 
 
+@pytest.mark.full
 def test_a_skin_a_surface_and_an_amplifier_of_ones_own(folder, tmp_path):
     named = ("scene=ridge", "surface@scene.surfaces.ridge=wedge", "skin=furred")
     small = (*SMALL[:-1], "method=[tikhonov]", "noise=[snr]", "effects=[start]")
@@ -170,6 +171,7 @@ def test_a_skin_of_ones_own_carries_the_surface(folder):
     assert pressure[1] < pressure[0]
 
 
+@pytest.mark.full
 def test_a_solver_of_ones_own_fits(folder):
     solver = part(folder, "solver/restarted.yaml", "solver")
     strip = {"strip": part(folder, "feature/pad.yaml", "traction_feature")}
@@ -330,6 +332,7 @@ def read_by(reader, folder, scan, *also):
     return main(["--config-dir", str(folder), *given, *also])
 
 
+@pytest.mark.full
 def test_a_reader_of_ones_own_serves_a_job(folder, scan):
     small = ("experiment=invert_recording", "method=[tikhonov]", "recording.cell_m=6e-4")
     assert read_by("lab", folder, scan, *small, *STATED) == 0
@@ -341,6 +344,7 @@ def test_a_reader_of_ones_own_serves_a_job(folder, scan):
     assert manifest["plugins"] == {"mylab.py": hashlib.sha256(text).hexdigest()}
 
 
+@pytest.mark.full
 def test_each_run_of_a_sweep_lists_the_plugins_of_its_own(folder, scan):
     into = f"hydra.sweep.dir={scan.parent}/sweep"
     assert read_by("shared,lab", folder, scan, "-m", "experiment=inspect_recording", into) == 0

@@ -14,6 +14,7 @@ from srsinv.__main__ import find_config_root, main
 from srsinv.errors import BadInput
 from srsinv.run_folder import MANIFEST, check, claim
 from tests.stability import killed
+from tests.tiers import quick
 
 REPOSITORY = Path(__file__).parents[1]
 REMEDY = "choose another"
@@ -136,7 +137,7 @@ FOREIGN = {
 
 
 class TestForeignFiles:
-    @pytest.mark.parametrize("place", ["by name", "current"])
+    @pytest.mark.parametrize("place", quick(["by name", "current"], "by name"))
     @pytest.mark.parametrize(("make", "name"), FOREIGN.values(), ids=FOREIGN)
     def test_they_stay(self, root, tmp_path, monkeypatch, capsys, make, name, place):
         """One sentence names the file; all is as it was."""
@@ -294,6 +295,9 @@ class TestOutput:
         assert Path("a", MANIFEST).is_file()
 
 
+POSSIBLE = ["", ".", "new/deep/run", "a b", "é", "a/../b", "n" * 255]
+
+
 class TestPlaces:
     @pytest.mark.parametrize("flags", [[], ["-m"]])
     @pytest.mark.parametrize(("typed", "make", "words"), PLACES.values(), ids=PLACES)
@@ -308,7 +312,7 @@ class TestPlaces:
         assert len(said) < 600
         assert snapshot(tmp_path) == before
 
-    @pytest.mark.parametrize("typed", ["", ".", "new/deep/run", "a b", "é", "a/../b", "n" * 255])
+    @pytest.mark.parametrize("typed", quick(POSSIBLE, "new/deep/run", "é"))
     def test_that_a_run_can_have(self, root, tmp_path, typed):
         folder = Path(os.path.realpath(typed))
         assert main([f'hydra.run.dir="{typed}"'], root) == 0

@@ -30,6 +30,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.simulation import Simulation
 from srsinv.forward.speed_profile import RippleProfile
 from srsinv.forward.trace import Trace, difference, pair, trace
+from tests.tiers import quick
 
 SMALL = ("grid.cells=128", "grid.refinement=2", "noise=[]")
 KEY = jax.random.key(0)
@@ -159,7 +160,7 @@ def test_every_effect_is_tried():
     assert set(ACTING) == set(NAMES)
 
 
-@pytest.mark.parametrize(("name", "settings"), CASES, ids=str)
+@pytest.mark.parametrize(("name", "settings"), quick(CASES, *CASES[::2]), ids=str)
 def test_it_changes_no_more_than_its_bound(name, settings):
     cfg = configuration(f"effects=[{name}]", *settings)
     with_effect, ideal = config.simulation(cfg), config.simulation(config.select_effects(cfg, ()))

@@ -15,6 +15,7 @@ from srsinv.forward.surface import Cylinder, Ridge, Rough, SineWave, Surface, Ta
 from srsinv.grid import Periodic
 from tests.reference import contacts
 from tests.refusals import refused
+from tests.tiers import quick
 
 LENGTH = 0.02
 SKIN = HalfSpace()
@@ -76,7 +77,7 @@ def test_westergaard_at_every_place_within_a_cell(load_fraction):
     assert all(error <= goal for error, goal in zip(errors, sizes.values(), strict=True)), errors
 
 
-@pytest.mark.parametrize("load_fraction", [0.1, 0.5])
+@pytest.mark.parametrize("load_fraction", quick([0.1, 0.5], 0.5))
 def test_westergaard_converges_at_first_order(load_fraction):
     """As the edge of contact is known to a cell: in the root mean square over places within one,
     which so few places tell to some per cent."""

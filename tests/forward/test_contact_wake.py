@@ -14,6 +14,7 @@ from srsinv.forward.surface import Cylinder, Ridge, Rough, Shape
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
 from tests.refusals import refused
+from tests.tiers import quick
 
 LENGTH_M, N = 0.02, 256
 LINE = Periodic(N, LENGTH_M / N, -LENGTH_M / 2)
@@ -74,7 +75,7 @@ def alone(wake_m):
     raise AssertionError("the contact set has not settled")
 
 
-@pytest.mark.parametrize("wake_m", [0.002, 0.008, 0.032])
+@pytest.mark.parametrize("wake_m", quick([0.002, 0.008, 0.032], 0.008))
 def test_a_cylinder_that_stands_alone(wake_m):
     """Wakes of a tenth of the window to half as long again."""
     reference = alone(wake_m)

@@ -19,6 +19,7 @@ from tests.reference import layered as dense
 from tests.reference.exact_layers_line import LayersOnLine
 from tests.refusals import refused
 from tests.shared import SHARED, needs_shared
+from tests.tiers import quick
 
 DEPTH = 0.75e-3
 FOAM = [(7e5, 0.5, 1.5e-3), (5e4, 0.3, 5e-3)]
@@ -245,7 +246,7 @@ def by_quadrature(name):
     return [np.einsum("wxk,ijk->wijx", wave, transfer).real for wave in (load, 1j * k * load)]
 
 
-@pytest.mark.parametrize("name", STACKS)
+@pytest.mark.parametrize("name", quick(STACKS, "foam"))
 def test_strip_against_quadrature(name):
     for ours, theirs in zip(
         zip(*(under_strip(STACKS[name], PLACES, width) for width in WIDTHS), strict=True),
@@ -264,6 +265,7 @@ FAR_APART = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("layers", "depth"), FAR_APART.values(), ids=FAR_APART)
 def test_strip_on_moduli_far_apart(layers, depth):
     """The whole line out to 1e5 depths, against exact layers along complex wavenumbers."""
@@ -349,6 +351,7 @@ def test_gradient_against_differences(derived, at, depth):
     np.testing.assert_allclose(float(derived(args, way)[1]), slope, rtol=1e-7)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("layers", [FOAM, PLATE], ids=["foam", "plate"])
 def test_gradients_are_finite_at_the_hard_places(layers):
     """At k h of 0 to 1e4, with the film on an interface and on the core."""
@@ -359,6 +362,7 @@ def test_gradients_are_finite_at_the_hard_places(layers):
         assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient))
 
 
+@pytest.mark.full
 def test_single_precision():
     """To a few of its round-offs, from k = 0 to where nothing arrives."""
     k, x = [0.0, 1e-3, 10.0, 300.0, 2e3, 1e5, 1e7], [0.0, 1e-3, -5e-3, 0.2]

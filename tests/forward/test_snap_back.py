@@ -260,6 +260,7 @@ def test_spectrum_passes_the_filters():
     np.testing.assert_allclose(spectrum, expected, rtol=1e-12, atol=0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("scan", [SCAN, BACKWARDS], ids=["forwards", "backwards"])
 def test_draws_come_later_in_time(scan):
     """Along x the filtered draw is scipy's response times the same draw without filters, its phase
@@ -297,6 +298,7 @@ def test_gaussian_causes_are_drawn_together(alone):
     np.testing.assert_allclose(noisy - signal, draw(KEY, spectrum, 2, 64), rtol=0, atol=1e-20)
 
 
+@pytest.mark.full
 def test_events_come_on_top(alone):
     """Wherever they are named, and two causes of them apart from each other."""
     signal, (gaussian, power, _) = alone

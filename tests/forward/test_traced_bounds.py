@@ -195,6 +195,7 @@ def test_traced_beyond_its_bounds_it_is_nan(case):
     assert np.isnan(gradient).any()
 
 
+@pytest.mark.full
 @cases
 def test_traced_within_them_it_is_what_it_is_untraced(case):
     traced = jax.jit(partial(end, case))(case.inside)
@@ -223,5 +224,6 @@ def test_value_and_gradient_within_the_bounds_are_unchanged_to_the_last_bit():
         np.testing.assert_array_equal(each, reference)
 
 
+@pytest.mark.full
 def test_an_array_in_place_of_one_number_is_refused():
     refused(lambda: Film(depth_m=jnp.ones(2)), "depth_m", "positive length")

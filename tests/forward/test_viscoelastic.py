@@ -392,6 +392,7 @@ def test_derivatives_are_finite(shape, nominal, lag):
         assert np.all(np.isfinite(leaf))
 
 
+@pytest.mark.full
 def test_without_pressure_everything_is_nan():
     height, nothing = RIDGE.height(LINE), jnp.asarray(0.0)
     assert np.all(np.isnan(solve_contact(LINE, sliding(0.1), height, nothing).pressure_Pa))

@@ -10,6 +10,7 @@ from tests.golden.compare import differences
 from tests.golden.entries import read
 from tests.golden.families import cases, entries, file
 from tests.jobs.run import ROOT
+from tests.tiers import quick
 
 
 def check(case: str) -> None:
@@ -18,10 +19,10 @@ def check(case: str) -> None:
     assert not moved, "\n".join(str(each) for each in moved)
 
 
-def golden_test(forms: Sequence[str]) -> Callable[[str], None]:
-    """The test of a file of tests/jobs for its short forms."""
+def golden_test(forms: Sequence[str], *some: str) -> Callable[[str], None]:
+    """The test of a file of tests/jobs for its short forms; `make test` runs `some` of them."""
 
-    @pytest.mark.parametrize("form", forms)
+    @pytest.mark.parametrize("form", quick(forms, *some))
     def test(form: str) -> None:
         check(f"forms/{form}")
 

@@ -33,7 +33,8 @@ def test_nothing_has_moved(case):
     check(case)
 
 
-@pytest.mark.parametrize("part", [pytest.param("typed", marks=pytest.mark.full), "configured"])
+@pytest.mark.full
+@pytest.mark.parametrize("part", ["typed", "configured"])
 def test_refusals_say_what_they_said(part):
     old = refusals.stored()
     new = refusals.now(old, [part])

@@ -23,7 +23,7 @@ def sensor(elements):
     return Sensor(films[:elements])
 
 
-@pytest.fixture(scope="module", params=quick([1, 2], 1), ids=["one_element", "two_elements"])
+@pytest.fixture(scope="module", params=quick([1, 2]), ids=["one_element", "two_elements"])
 def directions(request):
     """Every ridge with the one found at 20 dB, and without noise the first."""
     device, rng = sensor(request.param), np.random.default_rng(request.param)

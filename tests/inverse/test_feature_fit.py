@@ -95,7 +95,7 @@ def assert_recovered(read, truth, within):
 # Without noise, and without a word on where to look.
 
 
-@pytest.mark.parametrize("name", quick(FEATURES, "strip"))
+@pytest.mark.parametrize("name", quick(FEATURES))
 def test_found_where_nothing_is_said(name):
     y = simulated(name)
     estimate = fitter()({name: FEATURES[name]}, y, 1e-3 * rms(y))
@@ -157,6 +157,7 @@ def test_a_sum_of_two():
         assert_recovered(own, truth, 5e-4)
 
 
+@pytest.mark.full
 def test_a_grating_is_told_the_usual_way():
     """Gaps that pull are bars that press."""
     y = simulated("grating", truth=TRUTHS["grating"] | {"pressure_Pa": -2e3})
@@ -213,7 +214,7 @@ def cramer_rao(name, truth, noise):
     return {part: s / scale[part] for part, s in zip(columns, spread, strict=True)}
 
 
-@pytest.mark.parametrize("name", [*FEATURES, "nothing"])
+@pytest.mark.parametrize("name", quick([*FEATURES, "nothing"], "line", "nothing"))
 def test_the_right_one_is_most_probable(name):
     rng = np.random.default_rng(5)
     clean = np.zeros((2, SAMPLES)) if name == "nothing" else simulated(name)

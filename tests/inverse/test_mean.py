@@ -146,6 +146,7 @@ def test_rules_do_not_see_the_signal_of_a_known_mean(rule):
     assert np.linalg.norm(error) < 0.1 * np.linalg.norm(truth)
 
 
+@pytest.mark.full
 def test_the_open_line_says_that_its_ends_tell_the_mean():
     problem = make_case("open").problem
     assert all("weakly observed" in text for text in problem.mean_statement().values())

@@ -44,6 +44,7 @@ def test_single_precision(name):
     assert relative(single.stderr, double.stderr) < bound
 
 
+@pytest.mark.full
 def test_the_default_tolerance_is_within_reach():
     """The iterative path converges in single precision as it is, or the name means nothing."""
     with jax.enable_x64(False):

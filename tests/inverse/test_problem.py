@@ -21,6 +21,7 @@ from srsinv.inverse.problem import Problem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import make_case
+from tests.tiers import quick
 
 SENSOR = Sensor([Film(angle_rad=angle) for angle in (0.0, np.pi / 2)])
 SAMPLES, SPEED = 240, 0.05
@@ -57,7 +58,7 @@ def strip_problem(name="steady", **known) -> Problem:
     return Problem(SENSOR, motion, signal, NOISE, **known)
 
 
-@pytest.mark.parametrize("name", SPEEDS)
+@pytest.mark.parametrize("name", quick(SPEEDS, "varying"))
 def test_every_method_takes_it_and_says_on_which_line_its_answer_is(name):
     problem, line = strip_problem(name), Open(20, 5e-4, -4.75e-3)
     truth = strip(line) * np.array([[1.0], [np.sign(SPEEDS[name][0])]])
@@ -158,6 +159,7 @@ def test_beyond_its_line_an_estimate_knows_nothing():
     assert np.isfinite(estimate.on(line).value[:, 0]).all()
 
 
+@pytest.mark.full
 def test_a_feature_is_averaged_exactly_on_any_line():
     estimate = METHODS["features"](strip_problem())
     own, line = {k: v for k, (v, _) in estimate.parameters.items()}, Open(7, 1.7e-3, -6e-3)

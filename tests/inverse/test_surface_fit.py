@@ -81,7 +81,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", quick(CASES, "ridge"))
+@pytest.mark.parametrize("name", quick(CASES))
 def test_a_ridge_is_found_from_nothing_and_from_a_bad_start(ridges, simulated, name):
     own, base = CASES[name]
     y = noisy(np.asarray(simulated(tree(own, base))), 3)
@@ -130,6 +130,7 @@ def test_standard_errors_are_the_bound(ridges, simulated):
     np.testing.assert_allclose(stated, bound, rtol=0.03)
 
 
+@pytest.mark.full
 def test_derivatives_of_the_signal_are_differences_in_both_modes():
     """To 1e-4 where the contact stays: steps that move no cell in or out of it."""
     model = FeatureModel.on_window(SENSOR, ONWARDS, WINDOW, 2e-5, NOMINAL).with_features(

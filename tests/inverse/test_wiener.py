@@ -30,6 +30,7 @@ from tests.inverse.cases import (
     relative,
     stderr_of,
 )
+from tests.tiers import quick
 
 P, Q = Exponential(1500.0, 0.8e-3), Exponential(500.0, 1.5e-3)
 NOISES = {
@@ -135,7 +136,7 @@ CONDITIONED = {
 }
 
 
-@pytest.mark.parametrize("name", CONDITIONED)
+@pytest.mark.parametrize("name", quick(CONDITIONED, "friction", "gaps"))
 def test_posterior_is_dense_conditioning(name):
     problem = make_case(**CONDITIONED[name]).problem
     n, unknowns = problem.line.n, problem.unknowns

@@ -13,7 +13,7 @@ from tests.jobs.run import check_page, outcome, short_form, short_run
 FORMS = ("accuracy_cost",)
 TOLERANCES = (1e-4, 1e-8)
 
-test_nothing_has_moved = pytest.mark.full(golden_test(FORMS))
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")

@@ -27,5 +27,6 @@ def test_a_window_that_is_given_too_short_is_said_everywhere(capsys):
         assert "its own wake" in said
 
 
+@pytest.mark.full
 def test_a_window_that_is_left_open_is_long_enough():
     assert "wake" not in str(outcome(*CYLINDER).metrics["warnings_wiener"])

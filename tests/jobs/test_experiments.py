@@ -9,7 +9,7 @@ from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("fig05_orientation", "fig06_spectra", "two_element")
 
-test_nothing_has_moved = golden_test(FORMS)
+test_nothing_has_moved = golden_test(FORMS, "fig05_orientation")
 
 
 def run(name, *overrides):

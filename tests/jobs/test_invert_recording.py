@@ -20,6 +20,7 @@ from srsinv.inverse.recorded import motion_of
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, outcome
 from tests.shared import SHARED, needs_shared
+from tests.tiers import quick
 
 METHODS = ("wiener", "tikhonov")
 RIDGE = SHARED / "recordings" / "ridge_two_element.csv"
@@ -99,7 +100,7 @@ def test_strongest_line_of_a_real_board():
         assert 0.0195 < metrics[f"p_line_wavelength_m_{method}"] < 0.0205
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", params=quick(["a pressed strip"]))
 def formats(tmp_path_factory):
     """One simulated scan over a pressed strip, saved as CSV and as netCDF, inverted from both."""
     simulated = outcome("grid.line=open", "grid.cells=128", "method=wiener").dataset

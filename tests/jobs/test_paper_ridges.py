@@ -8,6 +8,7 @@ from srsinv.errors import BadInput
 from srsinv.inverse.detection import needed_known, needed_wave
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
+from tests.tiers import quick
 
 FORMS = ("fig12_ridges", "detection_limit")
 
@@ -15,7 +16,7 @@ TWO_SHAPES = (
     "+scene.surfaces.more={_target_:srsinv.forward.surface.Bump,height_m:1e-6,sigma_m:1e-4}"
 )
 
-test_nothing_has_moved = golden_test(FORMS)
+test_nothing_has_moved = golden_test(FORMS, "fig12_ridges")
 
 
 def run(name, *overrides):
@@ -27,9 +28,9 @@ def ridges():
     return short_run("fig12_ridges")
 
 
-@pytest.fixture(scope="module")
-def limits():
-    return short_run("detection_limit")
+@pytest.fixture(scope="module", params=quick(["detection_limit"]))
+def limits(request):
+    return short_run(request.param)
 
 
 def slope(x, y):
@@ -139,13 +140,14 @@ def test_needed_strengths():
     assert detected == pytest.approx(0.9, abs=3e-3)
 
 
-@pytest.mark.parametrize("name", FORMS)
-def test_page_is_whole(request, name):
-    result = request.getfixturevalue({"fig12_ridges": "ridges", "detection_limit": "limits"}[name])
+@pytest.mark.parametrize("name", quick(FORMS, "fig12_ridges"))
+def test_page_is_whole(name):
+    result = short_run(name)
     assert result.metrics["contact_converged"] is True
     check_page(result)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "override", "words"),
     [

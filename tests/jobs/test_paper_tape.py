@@ -19,7 +19,7 @@ from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("fig13_tape", "textures", "shape_from_traction")
 
-test_nothing_has_moved = pytest.mark.full(golden_test(FORMS))
+test_nothing_has_moved = golden_test(FORMS)
 
 
 def run(name, *overrides):
@@ -153,6 +153,7 @@ def test_page_is_whole(outcomes, name):
     check_page(outcomes[name], images=["texture_confusion"])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "override", "words"),
     [

@@ -9,6 +9,7 @@ from srsinv.report.page import figures
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 from tests.refusals import refused
+from tests.tiers import quick
 
 FORMS = ("ranking",)
 CANDIDATES = ["line_load", "step_load", "nothing"]
@@ -16,9 +17,9 @@ CANDIDATES = ["line_load", "step_load", "nothing"]
 test_nothing_has_moved = golden_test(FORMS)
 
 
-@pytest.fixture(scope="module")
-def ranked():
-    return short_run(*FORMS)
+@pytest.fixture(scope="module", params=quick(FORMS))
+def ranked(request):
+    return short_run(request.param)
 
 
 def test_every_draw_is_right(ranked):

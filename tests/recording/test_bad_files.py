@@ -29,6 +29,7 @@ from tests.recording.files import (
     write_h5,
     write_mat,
 )
+from tests.tiers import quick
 
 BINARY = tuple(format for format in FORMATS if format != "csv")
 TABLES = tuple(format for format in FORMATS if format != "wav")  # those that hold any columns
@@ -447,7 +448,7 @@ def good(tmp_path_factory):
     return {format: write(format, folder).read_bytes() for format in FORMATS}
 
 
-@pytest.mark.parametrize("format", [format for format in FORMATS if format not in HDF5])
+@pytest.mark.parametrize("format", quick([f for f in FORMATS if f not in HDF5], "csv"))
 @given(data=st.data())
 @FUZZ
 def test_damaged_bytes(tmp_path, good, format, data):
@@ -488,6 +489,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.full
 @given(sidecar=st.dictionaries(KEYS, VALUES, max_size=5))
 @FUZZ
 def test_random_sidecars(tmp_path, sidecar):
@@ -496,6 +498,7 @@ def test_random_sidecars(tmp_path, sidecar):
     read_or_refused(tmp_path / "r.csv")
 
 
+@pytest.mark.full
 @given(text=st.text(alphabet="gaindepth_m:[]{}&*!-'\"#\n 0123.", max_size=80))
 @FUZZ
 def test_random_yaml(tmp_path, text):
@@ -520,7 +523,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("case", COMMANDS)
+@pytest.mark.parametrize("case", quick(COMMANDS, "gain 0", "wrong channel"))
 def test_command(tmp_path, monkeypatch, capsys, case):
     format, table, stated, words = COMMANDS[case]
     monkeypatch.chdir(tmp_path)

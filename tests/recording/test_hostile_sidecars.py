@@ -15,8 +15,6 @@ import pytest
 import xarray
 import yaml
 
-from tests.tiers import quick
-
 EXAMPLES = Path(__file__).parents[2] / "srsinv" / "examples"
 ROOT = Path(__file__).parents[2]
 FACTS = json.loads((EXAMPLES / "strip_two_element.json").read_text())
@@ -99,8 +97,9 @@ def in_netcdf(path, text):
     xarray.Dataset(variables, attrs={"sidecar": text}).to_netcdf(path, engine="h5netcdf")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("is_quick", [True, pytest.param(False, marks=pytest.mark.claim)])
-@pytest.mark.parametrize("kind", quick(["json", "yaml", "netcdf"], "json"))
+@pytest.mark.parametrize("kind", ["json", "yaml", "netcdf"])
 def test_hostile_sidecars(tmp_path, kind, is_quick):
     (tmp_path / CANARY).write_text("alive")
     (tmp_path / "canary_module.py").write_text(f"import os; os.unlink({CANARY!r})\n")

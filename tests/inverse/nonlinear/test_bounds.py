@@ -8,6 +8,7 @@ import scipy.optimize
 
 import srsinv
 from srsinv.inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix
+from tests.tiers import quick
 
 X = np.linspace(0, 1, 40)
 NAMES = ("a", "k", "c", "w")
@@ -44,7 +45,7 @@ def problem(seed):
     return y, start, lower, upper
 
 
-@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+@pytest.mark.parametrize("solver", quick(SOLVERS, SOLVERS[0]), ids=lambda solver: solver.name)
 def test_constrained_minimum(solver):
     active = 0
     for seed in range(12):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import srsinv
+from tests.tiers import quick
 
 X = np.linspace(0, 1, 30)
 STDERR = 0.01
@@ -30,7 +31,7 @@ PROBLEMS = {  # model, start, data, names of each undetermined direction
 }
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", quick(PROBLEMS, "product", "no_amplitude"))
 def test_undetermined(name):
     model, start, y, directions = PROBLEMS[name]
     fit = srsinv.fit(model, start, y, noise=STDERR)

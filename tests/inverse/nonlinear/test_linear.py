@@ -7,6 +7,7 @@ import pytest
 
 import srsinv
 from srsinv.inverse.nonlinear import Correlated, Spectrum
+from tests.tiers import quick
 
 N, M = 40, 3
 RNG = np.random.default_rng(3)
@@ -69,7 +70,7 @@ def closed_form(case: LinearCase, y):
 
 
 @pytest.mark.parametrize("linear", [(), ("b",)], ids=["searched", "solved"])
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", quick(CASES, *list(CASES)[::3]))
 def test_closed_form(name, linear):
     case = CASES[name]
     y = BASIS @ TRUTH + 0.2 * np.random.default_rng(5).normal(size=N)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import srsinv
+from tests.tiers import quick
 
 PROBLEMS = json.loads((Path(__file__).parent / "nist" / "problems.json").read_text())["problems"]
 
@@ -82,9 +83,7 @@ MODELS = {
 # Lanczos1 is a sum of exponentials rounded to 14 digits: its standard errors are those of a
 # residual of 1e-13, at the rounding of double precision itself.
 LOOSER_STDERR = {"Lanczos1": 2e-3}
-# The rest take as long to compile and fall to less.
-HARDEST = ("BoxBOD", "Lanczos1", "MGH09", "MGH10", "MGH17", "Nelson", "Thurber")
-NAMES = [pytest.param(name, marks=() if name in HARDEST else pytest.mark.full) for name in PROBLEMS]
+HARDEST = ("Lanczos1", "MGH09", "MGH10", "MGH17")  # the rest take as long to compile
 
 
 @cache
@@ -107,7 +106,7 @@ def fits(name):
     return [srsinv.fit(model, start, y, free="b") for start in starts]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", quick(PROBLEMS, *HARDEST))
 def test_certified(name):
     problem = PROBLEMS[name]
     for fit in fits(name):

@@ -76,6 +76,7 @@ def test_a_wide_valley_does_not_take_all_starts():
 # --- solvers -----------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("solver", SOLVERS[1:], ids=lambda solver: solver.__name__)
 def test_same_minimum(solver):
     first, fit = (srsinv.fit(model, START, Y, solver=s) for s in (None, solver()))
@@ -97,6 +98,7 @@ def test_too_few_steps(solver):
     assert "more steps" in fit.reasons[0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("of", "start", "solver"),
     [
@@ -192,6 +194,7 @@ def test_units_change_nothing(unit, scales):
         np.testing.assert_allclose(fit.stderr[name] / s[name], unscaled.stderr[name], rtol=1e-8)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("linear", [(), ("a", "c")], ids=["searched", "solved"])
 def test_single_precision(linear):
     double = srsinv.fit(model, START, Y, linear=linear)
