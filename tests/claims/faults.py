@@ -25,7 +25,7 @@ from scipy.stats import chi2
 from srsinv.errors import BadInput
 from srsinv.grid import as_real
 from srsinv.inverse.cells import sample_spacing_m
-from srsinv.inverse.estimate import Estimate
+from srsinv.inverse.estimate import Estimate, deviation
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.method import Method
@@ -98,10 +98,16 @@ def measured(fault: Mapping[str, Any], tried: MethodOnScene, seed: int = SEED) -
 
 def ratios(made: Scan, stated: Problem, estimate: Estimate) -> np.ndarray:
     """Errors of p and q (2, cell) over their standard errors, where the scan passed."""
+    observed = stated.on_line().observed_cells
+    return errors(made, stated, estimate)[0] / np.asarray(estimate.stderr)[:, observed]
+
+
+def errors(made: Scan, stated: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of p and q (2, cell), and their true values, less the means, where the scan passed."""
     observed, p = stated.on_line().observed_cells, made.pressure(estimate.line)
-    error = (np.asarray(estimate.value) - np.stack([p, made.scene.friction * p]))[:, observed]
-    error = error - error.mean(axis=-1, keepdims=True)
-    return error / np.asarray(estimate.stderr)[:, observed]
+    truth = np.stack([p, made.scene.friction * p])
+    wrong = np.asarray(estimate.value) - truth
+    return deviation(wrong, observed), deviation(truth, observed)
 
 
 def fit_ratios(scene: ScannedScene, estimate: FeatureEstimate) -> np.ndarray:
