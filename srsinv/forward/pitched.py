@@ -56,8 +56,7 @@ class PitchedScan(NamedTuple):
         ridges = surface and surface.surface.only(Ridges)
         if surface is None or ridges is None:
             raise BadInput("The scene is not one set of ridges: use scene=ridges.")
-        elements = len(sensor.elements)
-        refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
+        sensor.require_elements(1)
         pitches = line.n * float(line.cell_m) / float(ridges.pitch_m)
         refuse(
             not isinstance(line, Periodic) or abs(pitches - round(pitches)) > 1e-6 or pitches < 0.5,

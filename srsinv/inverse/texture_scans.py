@@ -62,8 +62,7 @@ class TextureSensor:
     ):
         self.line, self.fine = lines
         self.scan, self.skin, self.refinement = scan, skin, refinement
-        elements = len(sensor.elements)
-        refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
+        sensor.require_elements(1)
         if mu is None:
             raise BadInput("friction is null: give mu of q = mu p, such as 0.4.")
         refuse(
