@@ -3,28 +3,21 @@
 from typing import Any
 
 import numpy as np
-import xarray
-from matplotlib.figure import Figure
-from scipy.interpolate import CubicSpline
 
-from srsinv import config, plot
+from experiments.fig13_tape_figures import EDGES, symmetry
+from srsinv import config
 from srsinv.errors import BadInput, number, refuse
-from srsinv.forward.scan import Motion
 from srsinv.forward.surface import Surface, Tape
-from srsinv.forward.surface_feature import SurfaceFeature
-from srsinv.inverse.cells import Window
 from srsinv.inverse.estimate import COMPONENTS, Estimate
-from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
+from srsinv.inverse.symmetry import even_and_odd
 from srsinv.progress import stage
 from srsinv.report.answers import answer_variables
-from srsinv.report.plot.style import short
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import format_with_error, listed
 
-EDGES = ("leading", "trailing")
 CASES = {  # with the end of its metrics' names
     "as it is": "",
     "base friction alone": "_base_friction",
@@ -54,7 +47,7 @@ def run(cfg: config.Config) -> Result:
         with stage("inverting"):
             estimate = method(problem)
         with stage("fitting the tape"):
-            fitted = _fit(solved, feature, problem)
+            fitted = solved.fit({"tape": feature}, problem)
         from_edge = np.linspace(-around, around, 257)
         variables = _edges(solved, tape, problem, from_edge)
         variables |= _recovered(solved.traction(), estimate, problem.forward.is_circular)
@@ -90,9 +83,8 @@ def _edges(
     signals = np.stack([*signals, problem.data])
     half = float(sim.scan.direction) * float(tape.width_m) / 2
     places = float(tape.position_m) + half * np.array([-1.0, 1.0])
-    along = CubicSpline(np.asarray(sim.line.x), signals, axis=-1)
-    near = along(places[:, None] + from_edge).swapaxes(1, 2)
-    even, odd = (near + near[..., ::-1]) / 2, (near - near[..., ::-1]) / 2
+    x = np.asarray(sim.line.x)
+    even, odd = (each.swapaxes(1, 2) for each in even_and_odd(x, signals, places, from_edge))
     ratio = np.sqrt(np.sum(even**2, axis=(2, 3)) / np.sum(odd**2, axis=(2, 3)))
     parts, unit = ("case", "edge", "element", "from_edge"), sim.sensor.amplifier.unit
     return {
@@ -130,45 +122,7 @@ def _numbers(
         "chi2_per_freedom": fitted.chi2_per_freedom,
     }
     for name, (value, stderr) in fitted.parameters.items():
-        true = getattr(tape, name, None)  # the base's friction is no part of the tape
+        true = getattr(tape, name, None)  # None: that of the base, or the base's own
         true = base if true is None else float(true)
         numbers |= {name: value, f"{name}_stderr": stderr, f"{name}_true": true}
     return numbers
-
-
-def _fit(solved: SolvedContact, feature: SurfaceFeature, problem: LineProblem) -> Estimate:
-    """The tape's parameters from the signal along x(t); white noise is known, any other kind is
-    estimated from the residual."""
-    sim, line, scene = solved.sim, solved.sim.line, solved.scene
-    start = float(line.x[0] - sim.fine.cell_m / 2)
-    window = Window(start, start + line.n * float(line.cell_m))
-    in_time = slice(None, None, 1 if float(sim.scan.direction) > 0 else -1)
-    time, x = np.sort(np.asarray(sim.scan.time_s(line))), np.asarray(line.x)[in_time]
-    motion = Motion(time, x, np.full(line.n, float(sim.scan.speed_m_per_s)))
-    features = {"tape": feature}
-    pressure = float(scene.nominal_pressure_Pa)
-    fitter = FeatureFitter.on_window(sim.sensor, motion, features, window, pressure)
-    level = np.sqrt(np.asarray(problem.noise)[1:])
-    noise = float(level[0]) if np.allclose(level, level[0]) else None
-    return fitter(features, np.asarray(problem.data)[:, in_time], noise)
-
-
-def symmetry(ds: xarray.Dataset) -> Figure:
-    """Even and odd parts of the signals about each edge, a column for each edge."""
-    across, unit = plot.PanelAxis("distance from the edge", "m"), ds["even"].attrs["units"]
-    cases = {"as it is": "", "no friction": ", no friction"}
-    rows = []
-    for name in ds["element"].values:
-        rows.append([])
-        for edge in EDGES:
-            own = ds.sel(element=name, edge=edge)
-            curves = [
-                plot.Curve(own[part].sel(case=case).values, f"{part}{end}",
-                           look={"color": colour, "linestyle": "--" if end else "-"})
-                for part, colour in (("even", "#d55e00"), ("odd", "#0072b2"))
-                for case, end in cases.items()
-            ]  # fmt: skip
-            title = f"{edge.capitalize()} edge, element {short(name)}"
-            up = plot.PanelAxis(f"signal of element {short(name)}", unit)
-            rows[-1].append(plot.Panel(curves, across, up, ds["from_edge"].values, title))
-    return plot.panels(rows)
