@@ -74,7 +74,7 @@ def run(cfg: config.Config) -> Result:
 def _separation(sensor: Sensor, skin: HalfSpace) -> dict[str, tuple[Any, ...]]:
     """How well the pair separates the stresses, and p from q over wavenumber times depth."""
     gains = stress_gains(sensor, float(skin.poisson_ratio))
-    number = condition(sensor, KZ / sensor.elements[0].depth_m)
+    number = condition(sensor, KZ / float(sensor.elements[0].depth_m))
     return {
         "gain": ("stresses", gains, "C/N", "gain_{stresses}_C_per_N"),
         "condition": ("kz", number, "1"),

@@ -1,23 +1,34 @@
 """The paper's Fig. 6: one element's transfer, the noise, and the Wiener filter."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import xarray
+from matplotlib.figure import Figure
 
-from experiments.fig06_spectra_figures import filters
-from srsinv import config
+from srsinv import config, plot
 from srsinv.errors import number, refuse
 from srsinv.grid import Stage
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.method import Method
 from srsinv.inverse.simulated import noisy_problem
+from srsinv.report.plot.spectra import (
+    gain_limits,
+    over_wavenumber,
+    power,
+    wavelength_mm,
+    wavenumbers,
+)
+from srsinv.report.plot.style import names_of
 from srsinv.report.result import Result, dataset
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 
 LONG_WAVES_KZ = 1e-3
+INVERSE = "inverse 1/|G|"
 
 
 def run(cfg: config.Config) -> Result:
@@ -36,8 +47,8 @@ def run(cfg: config.Config) -> Result:
         stages = {"charge": sim.sensor.charge(), "rate": sim.sensor.current(sim.scan)}
         slopes = [_octave_dB(each, sim.sensor.depth_m, friction) for each in stages.values()]
 
-    power = gain**2 * prior
-    resolution = power / (power + noise)
+    total = gain**2 * prior + noise
+    resolution = gain**2 * prior / total
     cutoff = np.array([_last_half(k, each) for each in resolution])
     unit, along = sim.sensor.amplifier.unit, ("method", "wavenumber")
     inverse = np.divide(1.0, gain, out=np.full_like(gain, np.nan), where=gain > 0)
@@ -45,9 +56,9 @@ def run(cfg: config.Config) -> Result:
         {
             "sensor_gain": ("wavenumber", gain, f"{unit}/Pa"),
             "inverse_gain": ("wavenumber", inverse, f"Pa/{unit}"),
-            "signal_power": ("wavenumber", power[0], f"({unit})^2"),
+            "signal_power": ("wavenumber", gain**2 * prior[0], f"({unit})^2"),
             "noise_power": ("wavenumber", noise, f"({unit})^2"),
-            "filter": (along, gain * prior / (power + noise), f"Pa/{unit}"),
+            "filter": (along, gain * prior / total, f"Pa/{unit}"),
             "resolution": (along, resolution, "1"),
             "cutoff": ("method", cutoff, "rad/m", "cutoff_{method}_rad_per_m"),
             "wavelength": ("method", 2 * np.pi / cutoff, "m", "cutoff_wavelength_{method}_m"),
@@ -81,3 +92,23 @@ def _last_half(k: np.ndarray, resolution: np.ndarray) -> float:
     """The last wavenumber [rad/m] with a resolution of at least one half, NaN if none."""
     resolved = np.flatnonzero(resolution >= 0.5)
     return float(k[resolved[-1]]) if resolved.size else float("nan")
+
+
+def filters(ds: xarray.Dataset) -> Figure:
+    """The sensor's transfer, the power of signal and noise, and the inverse filters."""
+    k, gain, cutoff = (ds[name].values for name in ("wavenumber", "sensor_gain", "cutoff"))
+    across, at = wavenumbers(k, gain, cutoff), float(cutoff[0])
+    marks = [plot.Mark(at, f"cut-off, {wavelength_mm(at):.3g} mm")] if np.isfinite(at) else []
+    waves = ds.isel(wavenumber=slice(1, None))
+    lines = {name: waves["filter"].sel({"method": name}) for name in names_of(ds["method"])}
+    # An unregularised inverse grows without bound: the lowest filter sets the limits.
+    lowest = min(float(line.max()) for line in lines.values())
+    panel = partial(plot.panel, along=across.quantity, within=across.limits, log="xy", marks=marks)
+    signal, noise = ds["signal_power"], ds["noise_power"].values
+    return over_wavenumber([
+        panel({f"p with q = {ds.attrs['friction']:g} p": waves["sensor_gain"]}, quantity="|G|",
+              limits=gain_limits(gain), title="Sensor transfer"),
+        power({"signal": signal.values}, noise, signal.attrs["units"], across, k, marks),
+        panel({**lines, INVERSE: waves["inverse_gain"]}, looks={INVERSE: {"linestyle": "--"}},
+              quantity="|H|", limits=(lowest * 1e-5, lowest * 1e3), title="Inverse filter"),
+    ])  # fmt: skip

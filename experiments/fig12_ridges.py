@@ -11,7 +11,7 @@ import xarray
 from experiments.fig12_ridges_figures import PAPER_M, draw_signal, draw_size
 from srsinv import config
 from srsinv.effects import add_effects
-from srsinv.errors import increasing, number, numbers, whole
+from srsinv.errors import number, refuse, whole
 from srsinv.forward.pitched import PitchedScan, PitchRecord, PitchSweep
 from srsinv.inverse import wave_detection as waves
 from srsinv.inverse.detection import needed_wave
@@ -75,12 +75,14 @@ def _tried(given: Settings) -> tuple[int, np.ndarray, np.ndarray]:
     """The number of ridges, and the heights and nominal pressures tried."""
     wanted = "a whole number from {}".format
     ridges = whole("fig12_ridges.ridges", given["ridges"], wanted(5), least=5)
-    ends = increasing("fig12_ridges.height_range_m", given["height_range_m"],
-                      "[least, greatest], positive and increasing", above=0)  # fmt: skip
+    name, in_order = "fig12_ridges.height_range_m", "[least, greatest], positive and increasing"
+    low = number(name, given["height_range_m"][0], in_order, above=0)
+    high = number(name, given["height_range_m"][1], in_order, above=low)
     count = whole("fig12_ridges.heights", given["heights"], wanted(3), least=3)
-    pressures = numbers("fig12_ridges.pressures_Pa", given["pressures_Pa"],
-                        "a list of positive pressures in Pa", above=0)  # fmt: skip
-    return ridges, np.geomspace(*ends, count), np.array(pressures, float)
+    name, positive = "fig12_ridges.pressures_Pa", "a list of positive pressures in Pa"
+    refuse(not given["pressures_Pa"], f"{name} is empty: give {positive}.")
+    pressures = [number(name, each, positive, above=0) for each in given["pressures_Pa"]]
+    return ridges, np.geomspace(low, high, count), np.array(pressures, float)
 
 
 def _signal(
@@ -111,9 +113,9 @@ def _numbers(
     """Of the pitch read, of the signal over the noise, and of the contact."""
     range_m, size = tuple(given["pitch_range_m"]), solved.amplitude
     fitted = waves.averaged_pitch(record.x, record.data, record.per_pitch, range_m)
-    wave = waves.WaveInNoise.of(record.x, record.power, scan.pitch_m, size)
+    wave = waves.noise_beside(record.x, record.power, scan.pitch_m, size)
     best = solved.by_pressure.argmax()
-    return wave._asdict() | {
+    return wave | {
         "pitch_m": float(fitted.pitch_m),
         "pitch_m_stderr": float(fitted.stderr_m),
         "pitch_error": float(fitted.pitch_m / scan.pitch_m - 1),
@@ -122,8 +124,8 @@ def _numbers(
         "amplitude_blind_strip_V": solved.amplitude_other,
         "amplitude_most_V": float(solved.by_pressure[best]),
         "amplitude_most_at_Pa": float(given["pressures_Pa"][best]),
-        "snr_shortfall": given["peak_over_noise"] * wave.noise_rms_V / size,
-        "snr_shortfall_in_band": given["peak_over_noise"] * wave.noise_rms_in_band_V / size,
+        "snr_shortfall": given["peak_over_noise"] * wave["noise_rms_V"] / size,
+        "snr_shortfall_in_band": given["peak_over_noise"] * wave["noise_rms_in_band_V"] / size,
         "load_to_touch_between_N_per_m": solved.touch_load,
         "load_to_touch_between_closed_form_N_per_m": scan.touch_load_closed_form,
         "load_per_ridge_N_per_m": float(scan.scene.nominal_pressure_Pa) * scan.pitch_m,

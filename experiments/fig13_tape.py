@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from experiments.fig13_tape_figures import EDGES, symmetry
 from srsinv import config
@@ -11,7 +12,6 @@ from srsinv.forward.surface import Surface, Tape
 from srsinv.inverse.estimate import COMPONENTS, Estimate
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
-from srsinv.inverse.symmetry import even_and_odd
 from srsinv.progress import stage
 from srsinv.report.answers import answer_variables
 from srsinv.report.result import Result, dataset, scalars
@@ -83,8 +83,9 @@ def _edges(
     signals = np.stack([*signals, problem.data])
     half = float(sim.scan.direction) * float(tape.width_m) / 2
     places = float(tape.position_m) + half * np.array([-1.0, 1.0])
-    x = np.asarray(sim.line.x)
-    even, odd = (each.swapaxes(1, 2) for each in even_and_odd(x, signals, places, from_edge))
+    along = CubicSpline(np.asarray(sim.line.x), signals, axis=-1)
+    near = along(places[:, None] + from_edge).swapaxes(1, 2)
+    even, odd = (near + near[..., ::-1]) / 2, (near - near[..., ::-1]) / 2
     ratio = np.sqrt(np.sum(even**2, axis=(2, 3)) / np.sum(odd**2, axis=(2, 3)))
     parts, unit = ("case", "edge", "element", "from_edge"), sim.sensor.amplifier.unit
     return {

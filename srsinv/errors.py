@@ -73,19 +73,6 @@ def whole(name: str, value: Any, wanted: str, *, least: int, most: int = 2**31 -
     return int(value)
 
 
-def numbers(name: str, values: Any, wanted: str, *, above: float = -math.inf) -> list[Any]:
-    """`values`, which are refused unless they are one or more numbers above a bound."""
-    refuse(len(values) == 0, f"{name} is empty: give {wanted}.")
-    return [number(name, value, wanted, above=above) for value in values]
-
-
-def increasing(name: str, ends: Any, wanted: str, *, above: float = -math.inf) -> tuple[Any, Any]:
-    """`ends`, which are refused unless they are two numbers, the second the larger."""
-    least, greatest = ends
-    number(name, least, wanted, above=above)
-    return least, number(name, greatest, wanted, above=least)
-
-
 def choice(name: str, value: Any, options: Collection[str]) -> str:
     """`value`, which is refused unless it is one of `options`."""
     fits = isinstance(value, str) and value in options

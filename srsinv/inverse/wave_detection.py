@@ -3,7 +3,7 @@
 Over n samples of noise of rms sigma a wave of amplitude A has d' = A/sqrt(2)/sigma sqrt(n).
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -65,42 +65,31 @@ def low_passed(values: Float[np.ndarray, " n"], most: float) -> Float[np.ndarray
     return np.fft.irfft(wave, values.size)
 
 
-class WaveInNoise(NamedTuple):
-    """The noise of a scan, in volts, beside a wave of known pitch in it.
+def noise_beside(
+    x_m: Float[np.ndarray, " n"],
+    noise_power: Float[np.ndarray, " m"],
+    pitch_m: float,
+    amplitude: float,
+) -> dict[str, float]:
+    """Numbers of the noise [V^2], per sample at the wavenumbers of even samples, beside a wave [V].
 
-    - `noise_at_pitch_V`: the rms of a sample of white noise that is as strong as the scan's is at
-      the pitch; `noise_rms_V`: that of the scan's own; `noise_rms_in_band_V`: that of the white
-      noise up to twice the wave's frequency.
-    - `snr_per_sample`, `snr_in_band`: the wave's rms over the latter two; `strength_over_scan`: its
-      d'; `pitch_m_stderr_bound`: see [`pitch_stderr_bound`][].
+    In volts the rms of white noise as strong as it is at the pitch, of the noise itself, and of the
+    white noise up to twice the wave's frequency; the wave's rms over the latter two, its d', and
+    the bound on the pitch's standard error.
     """
-
-    noise_at_pitch_V: float
-    noise_rms_V: float
-    noise_rms_in_band_V: float
-    snr_per_sample: float
-    snr_in_band: float
-    strength_over_scan: float
-    pitch_m_stderr_bound: float
-
-    @classmethod
-    def of(
-        cls,
-        x_m: Float[np.ndarray, " n"],
-        noise_power: Float[np.ndarray, " m"],
-        pitch_m: float,
-        amplitude: float,
-    ) -> "WaveInNoise":
-        """Of noise [V^2] per sample at the wavenumbers of even samples, and a wave's amplitude."""
-        step = float(x_m[1] - x_m[0])
-        power = np.interp(1 / pitch_m, np.fft.rfftfreq(x_m.size, step), noise_power)
-        level, noise = float(np.sqrt(power)), float(np.sqrt(np.mean(noise_power)))
-        in_band, rms = level * float(np.sqrt(4 * step / pitch_m)), amplitude / float(np.sqrt(2))
-        return cls(
-            level, noise, in_band, rms / noise, rms / in_band,
-            rms / level * float(np.sqrt(x_m.size)),
-            pitch_stderr_bound(x_m, pitch_m, amplitude, level),
-        )  # fmt: skip
+    step = float(x_m[1] - x_m[0])
+    power = np.interp(1 / pitch_m, np.fft.rfftfreq(x_m.size, step), noise_power)
+    level, noise = float(np.sqrt(power)), float(np.sqrt(np.mean(noise_power)))
+    in_band, rms = level * float(np.sqrt(4 * step / pitch_m)), amplitude / float(np.sqrt(2))
+    return {
+        "noise_at_pitch_V": level,
+        "noise_rms_V": noise,
+        "noise_rms_in_band_V": in_band,
+        "snr_per_sample": rms / noise,
+        "snr_in_band": rms / in_band,
+        "strength_over_scan": rms / level * float(np.sqrt(x_m.size)),
+        "pitch_m_stderr_bound": pitch_stderr_bound(x_m, pitch_m, amplitude, level),
+    }
 
 
 def detectable_amplitude(strength: float, noise: float, samples: Any) -> Any:
