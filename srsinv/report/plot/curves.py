@@ -14,15 +14,15 @@ from .style import LINE_STYLES, NORMAL_90, TRUTH, colours, units_of
 
 Limits = tuple[float | None, float | None]
 Look = Mapping[str, Any]
-Band = tuple[xarray.DataArray, xarray.DataArray]
+Ends = tuple[xarray.DataArray, xarray.DataArray]
 
 
 def panel(
     lines: Mapping[str, xarray.DataArray],
     *,
     looks: Mapping[str, Look] | None = None,
-    bands: Mapping[str, Band] | None = None,
-    bars: Mapping[str, Band] | None = None,
+    stderrs: Mapping[str, xarray.DataArray] | None = None,
+    bars: Mapping[str, Ends] | None = None,
     quantity: str | None = None,
     along: str | None = None,
     log: str = "",
@@ -36,8 +36,8 @@ def panel(
 
     - `lines`: arrays (n,) with their coordinate, of one unit, and so are the coordinates; a line's
       n is its own.
-    - `looks`: matplotlib's properties of lines, by their labels; `bands`, `bars`: the least and the
-      greatest (n,) about them, drawn as an area, a band of 90 %, or as bars.
+    - `looks`: matplotlib's properties of lines, by their labels; `stderrs`: standard errors (n,),
+      drawn as a band of 90 %; `bars`: the least and the greatest (n,) about a line.
     - `quantity`, `along`: the words on the axes, by default the first line's name and its
       coordinate's; `log`: the axes with a logarithmic scale, "x", "y" or "xy"; `limits` of y and
       `within` of x, in SI units.
@@ -46,20 +46,25 @@ def panel(
     at = first[first.dims[0]]
     across = PanelAxis(along or spoken(at.name), units_of(at), "x" in log, within)
     up = PanelAxis(quantity or spoken(first.name), units_of(first), "y" in log, limits)
-    looks, bands, bars = looks or {}, bands or {}, bars or {}
+    looks, stderrs, bars = looks or {}, stderrs or {}, bars or {}
     drawn = [
         Curve(
             line.values, label, x=np.asarray(line[line.dims[0]].values, float),
-            band=_ends(bands.get(label) or bars.get(label)), look=looks.get(label, {}),
-            band_label="90 % band" if label in bands else "", has_bars=label in bars,
+            band=_ends(line, stderrs.get(label), bars.get(label)), look=looks.get(label, {}),
+            band_label="90 % band" if label in stderrs else "", has_bars=label in bars,
         )
         for label, line in lines.items()
     ]  # fmt: skip
     return Panel(drawn, across, up, np.asarray(at.values, float), title, marks)
 
 
-def _ends(band: Band | None) -> tuple[np.ndarray, np.ndarray] | None:
-    return None if band is None else (band[0].values, band[1].values)
+def _ends(
+    line: xarray.DataArray, stderr: xarray.DataArray | None, bar: Ends | None
+) -> tuple[np.ndarray, np.ndarray] | None:
+    if stderr is None:
+        return None if bar is None else (bar[0].values, bar[1].values)
+    half = NORMAL_90 * stderr.values
+    return line.values - half, line.values + half
 
 
 def curves(
@@ -92,16 +97,10 @@ def curves(
     parts = []
     for label, part in _by(dataset, rows):
         lines = dict(_lines(part, names, x, labels or {}))
-        halves = {
-            label: NORMAL_90 * stderr
-            for label, stderr in _lines(part, names, x, labels or {}, "_stderr")
-        }
-        bands = {
-            label: (lines[label] - half, lines[label] + half) for label, half in halves.items()
-        }
+        stderrs = dict(_lines(part, names, x, labels or {}, "_stderr"))
         parts.append(
             panel(
-                lines, bands=bands, looks=_distinct(lines), title=label, marks=marks,
+                lines, stderrs=stderrs, looks=_distinct(lines), title=label, marks=marks,
                 quantity=quantity or spoken(names[0]), along=along, log=log, limits=limits,
             )
         )  # fmt: skip
