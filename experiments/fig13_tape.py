@@ -50,10 +50,9 @@ def run(cfg: config.Config) -> Result:
             fitted = solved.fit({"tape": feature}, problem)
         from_edge = np.linspace(-around, around, 257)
         variables = _edges(solved, tape, problem, from_edge)
-        variables |= _recovered(solved.traction(), estimate, problem.forward.is_circular)
+        variables |= _recovered(solved, tape, problem, estimate, fitted)
     data = dataset(
-        variables | answer_variables({"recovery": estimate, "fit": fitted}, "answer")
-        | scalars(_numbers(solved, tape, estimate, fitted)),
+        variables | answer_variables({"recovery": estimate, "fit": fitted}, "answer"),
         {"case": (list(CASES), "1"), "metric_end": ("case", list(CASES.values()), "1"),
          "edge": (list(EDGES), "1"), "element": (sim.sensor.element_names, "1"),
          "component": (list(COMPONENTS), "1"), "answer": (["recovery", "fit"], "1"),
@@ -98,22 +97,12 @@ def _edges(
 
 
 def _recovered(
-    truth: np.ndarray, estimate: Estimate, is_circular: bool
+    solved: SolvedContact, tape: Tape, problem: LineProblem, estimate: Estimate, fitted: Estimate
 ) -> dict[str, tuple[Any, ...]]:
-    along, resolved = ("component", "x"), smoothed_truth(truth, estimate, is_circular)
-    return {
-        "traction": (along, truth, "Pa"),
-        "traction_resolved": (along, resolved, "Pa"),
-        "estimate": (along, np.asarray(estimate.value), "Pa"),
-        "estimate_stderr": (along, np.asarray(estimate.stderr), "Pa"),
-    }
-
-
-def _numbers(
-    solved: SolvedContact, tape: Tape, estimate: Estimate, fitted: Estimate
-) -> dict[str, Any]:
-    """Of the contact, the recovery and the fit, whose parameters stand beside their true values."""
-    base = float(solved.surface.base_friction)
+    """The traction recovered, and numbers of the contact, the recovery and the fit, whose
+    parameters stand beside their true values."""
+    truth, base, along = solved.traction(), float(solved.surface.base_friction), ("component", "x")
+    resolved = smoothed_truth(truth, estimate, problem.forward.is_circular)
     numbers: dict[str, Any] = {
         "pressure_min_Pa": float(solved.contact.pressure_Pa.min()),
         "pressure_max_Pa": float(solved.contact.pressure_Pa.max()),
@@ -126,4 +115,10 @@ def _numbers(
         true = getattr(tape, name, None)  # None: that of the base, or the base's own
         true = base if true is None else float(true)
         numbers |= {name: value, f"{name}_stderr": stderr, f"{name}_true": true}
-    return numbers
+    return {
+        "traction": (along, truth, "Pa"),
+        "traction_resolved": (along, resolved, "Pa"),
+        "estimate": (along, np.asarray(estimate.value), "Pa"),
+        "estimate_stderr": (along, np.asarray(estimate.stderr), "Pa"),
+        **scalars(numbers),
+    }
