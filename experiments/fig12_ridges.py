@@ -76,8 +76,9 @@ def _tried(given: Settings) -> tuple[int, np.ndarray, np.ndarray]:
     wanted = "a whole number from {}".format
     ridges = whole("fig12_ridges.ridges", given["ridges"], wanted(5), least=5)
     name, in_order = "fig12_ridges.height_range_m", "[least, greatest], positive and increasing"
-    low = number(name, given["height_range_m"][0], in_order, above=0)
-    high = number(name, given["height_range_m"][1], in_order, above=low)
+    low, high = given["height_range_m"]
+    number(name, low, in_order, above=0)
+    number(name, high, in_order, above=low)
     count = whole("fig12_ridges.heights", given["heights"], wanted(3), least=3)
     name, positive = "fig12_ridges.pressures_Pa", "a list of positive pressures in Pa"
     refuse(not given["pressures_Pa"], f"{name} is empty: give {positive}.")
@@ -111,8 +112,8 @@ def _numbers(
     given: Settings, scan: PitchedScan, solved: PitchSweep, record: PitchRecord
 ) -> dict[str, Any]:
     """Of the pitch read, of the signal over the noise, and of the contact."""
-    range_m, size = tuple(given["pitch_range_m"]), solved.amplitude
-    fitted = waves.averaged_pitch(record.x, record.data, record.per_pitch, range_m)
+    (low, high), size = given["pitch_range_m"], solved.amplitude
+    fitted = waves.averaged_pitch(record.x, record.data, record.per_pitch, (low, high))
     wave = waves.noise_beside(record.x, record.power, scan.pitch_m, size)
     best = solved.by_pressure.argmax()
     return wave | {
@@ -136,7 +137,8 @@ def _numbers(
 def _averaged(
     given: Settings, needed: float, ds: xarray.Dataset, per_pitch: float
 ) -> xarray.Dataset:
-    """The least height detected over the length averaged over, and what the paper's need."""
+    """The least height detected over the length averaged over, and what the paper's heights
+    need."""
     heights, sizes = ds["ridge_height"].values, ds["amplitude_by_height"].values
     noise, pitch = float(ds["noise_at_pitch_V"]), ds.attrs["pitch_m"]
     counts = np.geomspace(1, given["most_ridges"], 121)
