@@ -114,7 +114,7 @@ class PitchedScan(NamedTuple):
         step = float(self.scan.speed_m_per_s) / rate_hz
         samples = Periodic(round(ridges * rate_hz / self.frequency_hz), step, 0.0)
         field = self.sensor.operator(self.line, self.scan)
-        traction = self._traction(self.scene, jnp.asarray(pressure))
+        traction = self.scene.traction(self.line, self.scan.direction, jnp.asarray(pressure))
         clean = jax.jit(lambda t: PositionInterpolation(self.line, samples.x)(field(t)))(traction)
         noisy, power, _ = with_noise(noises, samples, self.scan, clean, key)
         refuse(not bool(jnp.all(power > 0)), "There is no noise: give noise=[johnson].")
@@ -153,16 +153,12 @@ class PitchedScan(NamedTuple):
         def one(given):
             scene = eqx.tree_at(_height_and_load, self.scene, tuple(given))
             contact: Contact = scene.contact(self.line)
-            signal = field(self._traction(scene, contact.pressure_Pa))
+            signal = field(scene.traction(self.line, self.scan.direction, contact.pressure_Pa))
             size = 2 * jnp.abs(jnp.fft.rfft(signal)[:, wave]) / self.line.n
             return size, contact.pressure_Pa, contact.gap_m, contact.converged
 
         solved = jax.jit(lambda given: jax.lax.map(one, given))(jnp.asarray(points, float))
         return tuple(np.asarray(each) for each in solved)
-
-    def _traction(self, scene: SurfaceScene, pressure):
-        friction = scene.friction(self.line, self.scan.direction)
-        return jnp.stack([pressure, self.scan.direction * friction * pressure])
 
     @property
     def facts(self) -> dict[str, float | int | str]:

@@ -59,12 +59,11 @@ class SolvedContact(eqx.Module):
     def fine_traction(self, surface: Surface | None = None) -> Float[Array, "2 fine"]:
         """p and q on the finer line, with the friction of `surface` in place of its own."""
         sim, of = self.sim, self.surface if surface is None else surface
-        p, direction = self.contact.pressure_Pa, sim.scan.direction
-        ways = [of.friction(sim.fine, way) for way in (True, False)]
-        q = direction * jnp.where(direction < 0, ways[1], ways[0]) * p
-        level = self.scene.nominal_pressure_Pa * jnp.stack([1.0, direction * of.base_friction])
+        scene, direction = eqx.tree_at(lambda s: s.surface, self.scene, of), sim.scan.direction
+        traction = scene.traction(sim.fine, direction, self.contact.pressure_Pa)
         # On the periodic line nothing is taken out: its background is zero.
-        return jnp.stack([p, q]) - jnp.where(jnp.any(sim.background), level, 0.0)[:, None]
+        level = jnp.where(jnp.any(sim.background), scene.background(direction), 0.0)
+        return traction - level[:, None]
 
     def traction(self, surface: Surface | None = None) -> np.ndarray:
         """The same averaged over the cells of the line of the estimate."""
