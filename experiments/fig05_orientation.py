@@ -8,10 +8,10 @@ import xarray
 from matplotlib.figure import Figure
 
 from srsinv import config, plot
-from srsinv.errors import refuse
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import UniformStrip
+from srsinv.inverse.separation import condition, stress_gains
 from srsinv.inverse.widths import full_width_at_half_maximum
 from srsinv.report.plot.style import TRUTH, colours
 from srsinv.report.result import Result, dataset, scalars
@@ -19,9 +19,12 @@ from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity
 from srsinv.targets import make
 
-LOADS = ("p alone", "q alone", "p with friction")
-LOOKS = [{"color": colour} for colour in colours("pq").values()]
-LOOKS += [{"color": TRUTH, "linestyle": "--"}]
+P, Q = colours("pq").values()
+LOADS = {  # with their looks
+    "p alone": {"color": P},
+    "q alone": {"color": Q},
+    "p with friction": {"color": TRUTH, "linestyle": "--"},
+}
 KZ = np.geomspace(1e-2, 10, 301)  # wavenumbers times depth
 SHOWN_M = 6e-3  # on each side of the load: what follows is its far field
 
@@ -35,8 +38,8 @@ def run(cfg: config.Config) -> Result:
     load, width, mu = (settings[k] for k in ("load_N_per_m", "load_width_m", "friction"))
     with config.precision(cfg):
         line, sensor, scan = config.line(cfg), config.sensor(cfg), config.scan(cfg)
-        elements, x = len(sensor.elements), np.asarray(line.x)
-        refuse(elements != 2, f"sensor has {elements} elements: give 2, use sensor=two_element.")
+        sensor.require_elements(2)
+        x = np.asarray(line.x)
         p = UniformStrip(load / width, width).cell_average(line)
         tractions = [jnp.outer(jnp.asarray(each), p) for each in ((1, 0), (0, 1), (1, mu))]
         stages = sensor.charge(), sensor.output(scan), sensor.stress()
@@ -47,14 +50,14 @@ def run(cfg: config.Config) -> Result:
 
     angles = [f"{round(np.rad2deg(float(film.angle_rad)))}" for film in sensor.elements]
     peak, along = np.abs(charge).max(axis=-1), ("load", "element", "x")
-    sigma_z, depth = stress[0, 1], float(sensor.elements[0].depth_m)
-    width_of_stress = full_width_at_half_maximum(x / depth, -sigma_z)
+    depth = float(sensor.elements[0].depth_m)
+    width_of_stress = full_width_at_half_maximum(x / depth, -stress[0, 1])
     data = dataset(
         {
             "charge": (along, charge, "C"),
             "signal": (along, voltage, sensor.amplifier.unit),
             "peak_charge": (along[:2], peak, "C", "peak_charge_{load}_at_{element}_deg_C"),
-            "sigma_z_from_p": ("x", sigma_z, "Pa"),
+            "sigma_z_from_p": ("x", stress[0, 1], "Pa"),
             **scalars({"fwhm_sigma_z_over_depth": width_of_stress}),
             **separation,
         },
@@ -69,45 +72,30 @@ def run(cfg: config.Config) -> Result:
 
 
 def _separation(sensor: Sensor, skin: HalfSpace) -> dict[str, tuple[Any, ...]]:
-    """How well the pair separates p from q.
-
-    `gain` [C/N]: charge per area and stress of the combinations of sigma_x and sigma_z that it
-    measures best and least, in plane strain with sigma_y = nu (sigma_x + sigma_z). `condition`: of
-    its charge per p and q, over the wavenumber times the depth.
-    """
-    films = sensor.elements
-    area, depth = films[0].width_m * films[0].length_m, films[0].depth_m
-    per_stress = np.stack([film.charge_per_stress() for film in films]) / float(area)
-    per_pair = per_stress[:, :2] + float(skin.poisson_ratio) * per_stress[:, 3:]
-    gain = np.linalg.svd(per_pair, compute_uv=False)
-    pair = np.moveaxis(np.asarray(sensor.charge().transfer(jnp.asarray(KZ) / depth)), -1, 0)
-    condition = np.linalg.cond(pair)
-    numbers = {
-        "condition_least": condition.min(),
-        "condition_least_at_kz": KZ[condition.argmin()],
-        "condition_long_waves": condition[0],
-    }
+    """How well the pair separates the stresses, and p from q over wavenumber times depth."""
+    gains = stress_gains(sensor, float(skin.poisson_ratio))
+    number = condition(sensor, KZ / float(sensor.elements[0].depth_m))
     return {
-        "gain": ("stresses", gain, "C/N", "gain_{stresses}_C_per_N"),
-        "condition": ("kz", condition, "1"),
-        **scalars({name: float(value) for name, value in numbers.items()}),
-    }
+        "gain": ("stresses", gains, "C/N", "gain_{stresses}_C_per_N"),
+        "condition": ("kz", number, "1"),
+        **scalars({
+            "condition_least": number.min(),
+            "condition_least_at_kz": KZ[number.argmin()],
+            "condition_long_waves": number[0],
+        }),
+    }  # fmt: skip
 
 
 def draw_responses(ds: xarray.Dataset) -> Figure:
     """Charge and signal of each element under each load."""
-    across = plot.PanelAxis("position of the film from the load", "m", limits=(-SHOWN_M, SHOWN_M))
-    return plot.panels(
+    return plot.panels([
         [
-            [
-                plot.Panel(
-                    [plot.Curve(ds[name].values[i, e], each, look=LOOKS[i])
-                     for i, each in enumerate(LOADS)],
-                    across, plot.PanelAxis(name, ds[name].attrs["units"]), ds["x"].values,
-                    f"Film at {angle}°: {name}",
-                )
-                for name in ("charge", "signal")
-            ]
-            for e, angle in enumerate(ds["element"].values)
+            plot.panel(
+                {load: ds[name].sel(element=angle, load=load) for load in LOADS}, looks=LOADS,
+                along="position of the film from the load", within=(-SHOWN_M, SHOWN_M),
+                title=f"Film at {angle}°: {name}",
+            )
+            for name in ("charge", "signal")
         ]
-    )  # fmt: skip
+        for angle in ds["element"].values
+    ])  # fmt: skip

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from srsinv import config, plot
 from srsinv.errors import refuse
 from srsinv.forward.trace import trace
+from srsinv.inverse.detection import finest_wavelength_m
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 
@@ -31,8 +32,7 @@ def run(cfg: config.Config) -> Result:
     with config.precision(cfg):
         others = named - {"film_angle", "snap_back"}
         ideal = config.simulation(config.select_effects(cfg, others))
-        elements = len(ideal.sensor.elements)
-        refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
+        ideal.sensor.require_elements(1)
         tilted = config.simulation(config.select_effects(cfg, others | {"film_angle"}))
         snapping, key = config.simulation(cfg), config.random_key(cfg)
         clean = np.stack([trace(sim, key).signal[0] for sim in (ideal, tilted)])
@@ -41,13 +41,15 @@ def run(cfg: config.Config) -> Result:
         bursts = effects["snap_back"]
         tilt_deg = float(np.rad2deg(effects["film_angle"].tilt_rad))
 
-    unit = ideal.sensor.amplifier.unit
+    unit, bursts_alone = ideal.sensor.amplifier.unit, each - clean[1]
+    finest = finest_wavelength_m(np.asarray(ideal.line.k), clean[1], bursts_alone)
+    numbers = {"bursts_rms_V": float(np.std(bursts_alone)), "finest_wavelength_m": finest}
     data = dataset(
         {
             "signal": (("case", "x"), clean, unit),
             "passes": (("pass_number", "x"), each, unit),
             **_lobes(clean, each, unit),
-            **scalars(_blur(np.asarray(ideal.line.k), clean, each)),
+            **scalars(numbers),
         },
         {"case": ([IDEAL, TILTED], "1"), "x": (np.asarray(ideal.line.x), "m"),
          "pass_number": (np.arange(passes), "1"), "lobe": (["leading", "trailing"], "1"),
@@ -86,33 +88,19 @@ def _lobes(clean: np.ndarray, each: np.ndarray, unit: str) -> dict[str, tuple[An
     }
 
 
-def _blur(k: np.ndarray, clean: np.ndarray, each: np.ndarray) -> dict[str, float]:
-    """Rms of the bursts, and the shortest wavelength at which one pass of the impulse is still
-    above them."""
-    bursts = each - clean[1]
-    power = np.abs(np.fft.rfft(clean[1])) ** 2
-    noise = np.mean(np.abs(np.fft.rfft(bursts)) ** 2, axis=0)
-    # Both smoothed over a few wavenumbers, as the periodogram of some passes scatters.
-    above = np.convolve(power - noise, np.ones(9) / 9, "same") > 0
-    finest = 2 * np.pi / k[np.flatnonzero(above[1:]).max() + 1] if above[1:].any() else np.inf
-    return {"bursts_rms_V": float(np.std(bursts)), "finest_wavelength_m": float(finest)}
-
-
 def draw_traces(ds: xarray.Dataset) -> Figure:
     """The signals without bursts, one pass with bursts, and the mean of all passes."""
-    across = plot.PanelAxis(
-        "position of the film from the impulse", "m", limits=(-SHOWN_M, SHOWN_M)
-    )
-    up, passes = plot.PanelAxis("signal", ds["signal"].attrs["units"]), ds["passes"].values
-    ideal, tilted = ds["signal"].values
-    known = plot.Curve(tilted, TILTED, look={"linestyle": "--"})
+    passes, known = ds["passes"], {TILTED: ds["signal"].sel(case=TILTED)}
+    mean = passes.mean("pass_number", keep_attrs=True)
     parts = {
-        "Without bursts": plot.Curve(ideal, IDEAL),
-        "One pass with bursts": plot.Curve(passes[0], "with bursts"),
-        f"Mean of {len(passes)} passes with bursts": plot.Curve(passes.mean(axis=0), "with bursts"),
+        "Without bursts": {IDEAL: ds["signal"].sel(case=IDEAL)},
+        "One pass with bursts": {"with bursts": passes[0]},
+        f"Mean of {len(passes)} passes with bursts": {"with bursts": mean},
     }
-    x = ds["x"].values
-    return plot.panels(
-        [plot.Panel([own, known], across, up, x, title) for title, own in parts.items()],
-        height_in=1.7,
-    )
+    return plot.panels([
+        plot.panel(
+            own | known, looks={TILTED: {"linestyle": "--"}}, quantity="signal", title=title,
+            along="position of the film from the impulse", within=(-SHOWN_M, SHOWN_M),
+        )
+        for title, own in parts.items()
+    ], height_in=1.7)  # fmt: skip

@@ -3,28 +3,21 @@
 from typing import Any
 
 import numpy as np
-import xarray
-from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 
-from srsinv import config, plot
+from experiments.fig13_tape_figures import EDGES, symmetry
+from srsinv import config
 from srsinv.errors import BadInput, number, refuse
-from srsinv.forward.scan import Motion
 from srsinv.forward.surface import Surface, Tape
-from srsinv.forward.surface_feature import SurfaceFeature
-from srsinv.inverse.cells import Window
 from srsinv.inverse.estimate import COMPONENTS, Estimate
-from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
 from srsinv.report.answers import answer_variables
-from srsinv.report.plot.style import short
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import format_with_error, listed
 
-EDGES = ("leading", "trailing")
 CASES = {  # with the end of its metrics' names
     "as it is": "",
     "base friction alone": "_base_friction",
@@ -54,13 +47,12 @@ def run(cfg: config.Config) -> Result:
         with stage("inverting"):
             estimate = method(problem)
         with stage("fitting the tape"):
-            fitted = _fit(solved, feature, problem)
+            fitted = solved.fit({"tape": feature}, problem)
         from_edge = np.linspace(-around, around, 257)
         variables = _edges(solved, tape, problem, from_edge)
-        variables |= _recovered(solved.traction(), estimate, problem.forward.is_circular)
+        variables |= _recovered(solved, tape, problem, estimate, fitted)
     data = dataset(
-        variables | answer_variables({"recovery": estimate, "fit": fitted}, "answer")
-        | scalars(_numbers(solved, tape, estimate, fitted)),
+        variables | answer_variables({"recovery": estimate, "fit": fitted}, "answer"),
         {"case": (list(CASES), "1"), "metric_end": ("case", list(CASES.values()), "1"),
          "edge": (list(EDGES), "1"), "element": (sim.sensor.element_names, "1"),
          "component": (list(COMPONENTS), "1"), "answer": (["recovery", "fit"], "1"),
@@ -105,22 +97,12 @@ def _edges(
 
 
 def _recovered(
-    truth: np.ndarray, estimate: Estimate, is_circular: bool
+    solved: SolvedContact, tape: Tape, problem: LineProblem, estimate: Estimate, fitted: Estimate
 ) -> dict[str, tuple[Any, ...]]:
-    along, resolved = ("component", "x"), smoothed_truth(truth, estimate, is_circular)
-    return {
-        "traction": (along, truth, "Pa"),
-        "traction_resolved": (along, resolved, "Pa"),
-        "estimate": (along, np.asarray(estimate.value), "Pa"),
-        "estimate_stderr": (along, np.asarray(estimate.stderr), "Pa"),
-    }
-
-
-def _numbers(
-    solved: SolvedContact, tape: Tape, estimate: Estimate, fitted: Estimate
-) -> dict[str, Any]:
-    """Of the contact, the recovery and the fit, whose parameters stand beside their true values."""
-    base = float(solved.surface.base_friction)
+    """The traction recovered, and numbers of the contact, the recovery and the fit, whose
+    parameters stand beside their true values."""
+    truth, base, along = solved.traction(), float(solved.surface.base_friction), ("component", "x")
+    resolved = smoothed_truth(truth, estimate, problem.forward.is_circular)
     numbers: dict[str, Any] = {
         "pressure_min_Pa": float(solved.contact.pressure_Pa.min()),
         "pressure_max_Pa": float(solved.contact.pressure_Pa.max()),
@@ -130,45 +112,13 @@ def _numbers(
         "chi2_per_freedom": fitted.chi2_per_freedom,
     }
     for name, (value, stderr) in fitted.parameters.items():
-        true = getattr(tape, name, None)  # the base's friction is no part of the tape
+        true = getattr(tape, name, None)  # None: that of the base, or the base's own
         true = base if true is None else float(true)
         numbers |= {name: value, f"{name}_stderr": stderr, f"{name}_true": true}
-    return numbers
-
-
-def _fit(solved: SolvedContact, feature: SurfaceFeature, problem: LineProblem) -> Estimate:
-    """The tape's parameters from the signal along x(t); white noise is known, any other kind is
-    estimated from the residual."""
-    sim, line, scene = solved.sim, solved.sim.line, solved.scene
-    start = float(line.x[0] - sim.fine.cell_m / 2)
-    window = Window(start, start + line.n * float(line.cell_m))
-    in_time = slice(None, None, 1 if float(sim.scan.direction) > 0 else -1)
-    time, x = np.sort(np.asarray(sim.scan.time_s(line))), np.asarray(line.x)[in_time]
-    motion = Motion(time, x, np.full(line.n, float(sim.scan.speed_m_per_s)))
-    features = {"tape": feature}
-    pressure = float(scene.nominal_pressure_Pa)
-    fitter = FeatureFitter.on_window(sim.sensor, motion, features, window, pressure)
-    level = np.sqrt(np.asarray(problem.noise)[1:])
-    noise = float(level[0]) if np.allclose(level, level[0]) else None
-    return fitter(features, np.asarray(problem.data)[:, in_time], noise)
-
-
-def symmetry(ds: xarray.Dataset) -> Figure:
-    """Even and odd parts of the signals about each edge, a column for each edge."""
-    across, unit = plot.PanelAxis("distance from the edge", "m"), ds["even"].attrs["units"]
-    cases = {"as it is": "", "no friction": ", no friction"}
-    rows = []
-    for name in ds["element"].values:
-        rows.append([])
-        for edge in EDGES:
-            own = ds.sel(element=name, edge=edge)
-            curves = [
-                plot.Curve(own[part].sel(case=case).values, f"{part}{end}",
-                           look={"color": colour, "linestyle": "--" if end else "-"})
-                for part, colour in (("even", "#d55e00"), ("odd", "#0072b2"))
-                for case, end in cases.items()
-            ]  # fmt: skip
-            title = f"{edge.capitalize()} edge, element {short(name)}"
-            up = plot.PanelAxis(f"signal of element {short(name)}", unit)
-            rows[-1].append(plot.Panel(curves, across, up, ds["from_edge"].values, title))
-    return plot.panels(rows)
+    return {
+        "traction": (along, truth, "Pa"),
+        "traction_resolved": (along, resolved, "Pa"),
+        "estimate": (along, np.asarray(estimate.value), "Pa"),
+        "estimate_stderr": (along, np.asarray(estimate.stderr), "Pa"),
+        **scalars(numbers),
+    }

@@ -8,16 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray
-from matplotlib.figure import Figure
 
-from srsinv import config, plot
+from experiments.two_element_figures import against_angle, recovered
+from srsinv import config
 from srsinv.errors import refuse
 from srsinv.forward.simulation import Simulation
-from srsinv.inverse.estimate import COMPONENTS, deviation
+from srsinv.inverse.estimate import COMPONENTS, deviation, relative_error
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.progress import stage
-from srsinv.report.plot.stages import QUANTITIES, X, method_looks
-from srsinv.report.plot.style import TRUTH
 from srsinv.report.result import Result, dataset
 from srsinv.report.section import sections
 from srsinv.report.text import listed, significant
@@ -38,8 +36,7 @@ def run(cfg: config.Config) -> Result:
     keys = [jax.random.key(config.seed(cfg) + i) for i in range(settings["seeds"])]
     with config.precision(cfg):
         sim, methods = config.simulation(cfg), config.methods(cfg)
-        elements = len(sim.sensor.elements)
-        refuse(elements != 2, f"sensor has {elements} elements: give 2, use sensor=two_element.")
+        sim.sensor.require_elements(2)
         truth = np.asarray(sim.traction(sim.line))
         with stage("sweeping the angle between two elements"):
             turned = [_turned(sim, angle) for angle in angles]
@@ -86,10 +83,8 @@ def _estimates(sim, methods, keys, friction=None) -> tuple[np.ndarray, np.ndarra
     """Values and standard errors (method, seed, component, x) [Pa]."""
     problems = [noisy_problem(sim, key, friction) for key in keys]
     estimates = [[method(problem) for problem in problems] for method in methods.values()]
-    value, stderr = (
-        [[getattr(e, k) for e in row] for row in estimates] for k in ("value", "stderr")
-    )
-    return np.asarray(value), np.asarray(stderr)
+    both = np.array([[(each.value, each.stderr) for each in row] for row in estimates])
+    return both[:, :, 0], both[:, :, 1]
 
 
 def _errors(
@@ -97,58 +92,15 @@ def _errors(
 ) -> dict[str, tuple[Any, ...]]:
     """Relative errors of the deviations from the mean over x, and their predictions from the
     standard errors; of one element the mean over the draws."""
-    size = np.sqrt(np.mean(deviation(truth) ** 2, axis=-1))
-
-    def relative(value: np.ndarray) -> np.ndarray:
-        return np.sqrt(np.mean((deviation(value) - deviation(truth)) ** 2, axis=-1)) / size
-
-    by = ("method", "component", "angle")
+    by, size = ("method", "component", "angle"), np.sqrt(np.mean(deviation(truth) ** 2, axis=-1))
     # (angle, method, seed, component) to (method, component, angle, seed)
-    error = np.moveaxis(relative(np.stack([each[0] for each in swept])), (1, 3, 0), (0, 1, 2))
+    error = relative_error(np.stack([value for value, _ in swept]), truth)
+    error = np.moveaxis(error, (1, 3, 0), (0, 1, 2))
     predicted = [np.sqrt(np.mean(stderr**2, axis=(1, 3))) / size for _, stderr in swept]
     return {
         "error": ((*by, "seed"), error, "1"),
         "error_mean": (by, error.mean(-1), "1", "error_{component}_{method}_at_{angle}_deg"),
         "error_predicted": (by, np.stack(predicted, axis=-1), "1"),
-        "error_one_element": (by[:2], relative(one).mean(axis=1), "1",
+        "error_one_element": (by[:2], relative_error(one, truth).mean(axis=1), "1",
                               "error_{component}_{method}_one_element"),
     }  # fmt: skip
-
-
-def against_angle(ds: xarray.Dataset) -> Figure:
-    """Error of each component over the angle: the draws and their prediction."""
-    angle, looks = ds["angle"].values, method_looks([str(v) for v in ds["method"].values])
-    across = plot.PanelAxis("angle between the two elements", "deg", limits=(0, 1.03 * angle.max()))
-    up = plot.PanelAxis("relative error", limits=(0, None))
-    parts = []
-    for component in COMPONENTS:
-        own, curves = ds.sel(component=component), []
-        for m, (method, look) in enumerate(looks.items()):
-            draws, predicted = own["error"].values[m], own["error_predicted"].values[m]
-            line = {"color": look["color"], "linestyle": "--"}
-            curves += [
-                plot.Curve(draws.mean(axis=-1), method, band=(draws.min(-1), draws.max(-1)),
-                           look={**line, "linestyle": "", "marker": "os^D"[m % 4]}, has_bars=True),
-                plot.Curve(predicted, f"predicted, {method}", look=line),
-            ]  # fmt: skip
-        parts.append(plot.Panel(curves, across, up, angle, QUANTITIES[component].capitalize()))
-    return plot.panels(parts)
-
-
-def recovered(ds: xarray.Dataset) -> Figure:
-    """p and q less their means by each method, a column for each angle shown."""
-    looks = method_looks([str(v) for v in ds["method"].values])
-    truth, estimate = deviation(ds["traction"].values), deviation(ds["estimate"].values)
-    rows = []
-    for c, component in enumerate(COMPONENTS):
-        up = plot.PanelAxis(f"{component} less its mean", "Pa")
-        known = plot.Curve(truth[c], "truth", look={"color": TRUTH})
-        rows.append([
-            plot.Panel(
-                [known, *(plot.Curve(estimate[a, m, c], name, look=look)
-                          for m, (name, look) in enumerate(looks.items()))],
-                X, up, ds["x"].values, f"{component}, elements {angle:g}° apart",
-            )
-            for a, angle in enumerate(ds["angle_shown"].values)
-        ])  # fmt: skip
-    return plot.panels(rows)

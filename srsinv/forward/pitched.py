@@ -18,6 +18,7 @@ from ..errors import BadInput, refuse
 from ..grid import Line, Periodic
 from .contact import Contact
 from .film import Film
+from .noise import Noise, with_noise
 from .operator import PositionInterpolation
 from .scan import ConstantSpeed
 from .scene import Scene, SurfaceScene
@@ -27,14 +28,37 @@ from .surface import Ridges
 _TOUCH_LOADS = (0.8, 0.95)  # of the closed form's, at which the gap between ridges is evaluated
 
 
-class PitchWaves(NamedTuple):
-    """Waves at the pitch for each of some ridges: their `amplitude` (point, film) [V], `pressure`
-    (point, n) [Pa] and `gap` (point, n) [m], and whether all contacts converged."""
+class PitchSweep(NamedTuple):
+    """Contact with ridges, and the amplitude of the wave at their pitch in the signal.
 
-    amplitude: Float[np.ndarray, "point film"]
-    pressure: Float[np.ndarray, "point n"]
-    gap: Float[np.ndarray, "point n"]
+    - `amplitude`, `amplitude_other` [V]: of the sensor's film and of another one, in the scene.
+    - `by_height`, `by_pressure` [V]: of the sensor's film, over heights and nominal pressures in
+      place of the scene's.
+    - `pressure` [Pa] and `gap` [m] (n,): of the scene's contact.
+    - `touch_load`: the load per ridge [N/m] at which the skin reaches the plate between them.
+    - `converged`: whether all contacts did.
+    """
+
+    amplitude: float
+    amplitude_other: float
+    by_height: Float[np.ndarray, " height"]
+    by_pressure: Float[np.ndarray, " load"]
+    pressure: Float[np.ndarray, " n"]
+    gap: Float[np.ndarray, " n"]
+    touch_load: float
     converged: bool
+
+
+class PitchRecord(NamedTuple):
+    """Samples of a scan over ridges: positions `x` [m], the signal [V] without noise and with it,
+    `data`; the noise's `power` per sample [V^2] at the wavenumbers of x, and how many samples a
+    ridge has, `per_pitch`."""
+
+    x: Float[np.ndarray, " sample"]
+    signal: Float[np.ndarray, " sample"]
+    data: Float[np.ndarray, " sample"]
+    power: Float[np.ndarray, " k"]
+    per_pitch: float
 
 
 class PitchedScan(NamedTuple):
@@ -56,8 +80,7 @@ class PitchedScan(NamedTuple):
         ridges = surface and surface.surface.only(Ridges)
         if surface is None or ridges is None:
             raise BadInput("The scene is not one set of ridges: use scene=ridges.")
-        elements = len(sensor.elements)
-        refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
+        sensor.require_elements(1)
         pitches = line.n * float(line.cell_m) / float(ridges.pitch_m)
         refuse(
             not isinstance(line, Periodic) or abs(pitches - round(pitches)) > 1e-6 or pitches < 0.5,
@@ -73,17 +96,56 @@ class PitchedScan(NamedTuple):
         """The ridges' distance."""
         return float(self.ridges.pitch_m)
 
-    def signal(
-        self, pressure: Float[np.ndarray, " n"], x: Float[Array, " sample"]
-    ) -> Float[Array, "1 sample"]:
-        """The signal [V] of a pressure [Pa] on the line, read at positions x [m]."""
-        field = self.sensor.operator(self.line, self.scan)
-        traction = self._traction(self.scene, jnp.asarray(pressure))
-        return jax.jit(lambda t: PositionInterpolation(self.line, x)(field(t)))(traction)
+    @property
+    def frequency_hz(self) -> float:
+        """The frequency at which ridges pass."""
+        return float(self.scan.speed_m_per_s) / self.pitch_m
 
-    def waves(self, other: Film, points: list[tuple[float, float]]) -> PitchWaves:
-        """The waves at the pitch of the sensor's film and of an `other`, for ridges and loads:
-        `points` of height [m] and nominal pressure [Pa]."""
+    def record(
+        self,
+        pressure: Float[np.ndarray, " n"],
+        ridges: int,
+        rate_hz: float,
+        noises: tuple[Noise, ...],
+        key: Array,
+    ) -> "PitchRecord":
+        """The signal of a pressure [Pa] on the line, sampled at `rate_hz` over whole ridges, with
+        noise. Raises `BadInput` without any."""
+        step = float(self.scan.speed_m_per_s) / rate_hz
+        samples = Periodic(round(ridges * rate_hz / self.frequency_hz), step, 0.0)
+        field = self.sensor.operator(self.line, self.scan)
+        traction = self.scene.traction(self.line, self.scan.direction, jnp.asarray(pressure))
+        clean = jax.jit(lambda t: PositionInterpolation(self.line, samples.x)(field(t)))(traction)
+        noisy, power, _ = with_noise(noises, samples, self.scan, clean, key)
+        refuse(not bool(jnp.all(power > 0)), "There is no noise: give noise=[johnson].")
+        x, signal, data, power = map(np.asarray, (samples.x, clean[0], noisy[0], power))
+        return PitchRecord(x, signal, data, power, rate_hz / self.frequency_hz)
+
+    def sweep(
+        self,
+        heights_m: Float[np.ndarray, " height"],
+        pressures_Pa: Float[np.ndarray, " load"],
+        other: Film,
+    ) -> PitchSweep:
+        """The waves at the pitch of the sensor's film over heights and nominal pressures, and of an
+        `other` film."""
+        height, load = float(self.ridges.height_m), float(self.scene.nominal_pressure_Pa)
+        per_pitch = self.touch_load_closed_form / self.pitch_m
+        points = [
+            *((each, load) for each in heights_m),
+            *((height, each) for each in pressures_Pa),
+            *((height, each * per_pitch) for each in _TOUCH_LOADS),
+            (height, load),
+        ]
+        size, pressure, gap, converged = self._waves(other, points)
+        by_height, by_pressure = np.split(size[: -len(_TOUCH_LOADS) - 1, 0], [len(heights_m)])
+        here = float(size[-1, 0]), float(size[-1, 1])
+        own = pressure[-1], gap[-1], self._touch_load(gap[-len(_TOUCH_LOADS) - 1 : -1])
+        return PitchSweep(*here, by_height, by_pressure, *own, bool(converged.all()))
+
+    def _waves(self, other: Film, points: list[tuple[float, float]]) -> tuple[np.ndarray, ...]:
+        """For `points` of height [m] and nominal pressure [Pa] the amplitude [V] of both films'
+        waves (point, film), pressure and gap (point, n), and whether the contact converged."""
         both = Sensor((*self.sensor.elements, other), self.sensor.skin, self.sensor.amplifier)
         field = both.operator(self.line, self.scan)
         wave = round(self.line.n * float(self.line.cell_m) / self.pitch_m)
@@ -91,17 +153,28 @@ class PitchedScan(NamedTuple):
         def one(given):
             scene = eqx.tree_at(_height_and_load, self.scene, tuple(given))
             contact: Contact = scene.contact(self.line)
-            signal = field(self._traction(scene, contact.pressure_Pa))
+            signal = field(scene.traction(self.line, self.scan.direction, contact.pressure_Pa))
             size = 2 * jnp.abs(jnp.fft.rfft(signal)[:, wave]) / self.line.n
             return size, contact.pressure_Pa, contact.gap_m, contact.converged
 
-        solve = jax.jit(lambda given: jax.lax.map(one, given))
-        size, pressure, gap, right = (np.asarray(v) for v in solve(jnp.asarray(points, float)))
-        return PitchWaves(size, pressure, gap, bool(right.all()))
+        solved = jax.jit(lambda given: jax.lax.map(one, given))(jnp.asarray(points, float))
+        return tuple(np.asarray(each) for each in solved)
 
-    def _traction(self, scene: SurfaceScene, pressure):
-        friction = scene.friction(self.line, self.scan.direction)
-        return jnp.stack([pressure, self.scan.direction * friction * pressure])
+    @property
+    def facts(self) -> dict[str, float | int | str]:
+        """Ridges, contact, film and motion, as attributes of a dataset."""
+        film = self.sensor.elements[0]
+        return {
+            "height_m": float(self.ridges.height_m),
+            "pitch_m": self.pitch_m,
+            "nominal_Pa": float(self.scene.nominal_pressure_Pa),
+            "skin": self.scene.skin.words,
+            "friction": float(self.scene.surface.base_friction),
+            "depth_m": float(film.depth_m),
+            "strips": int(film.strips),
+            "strip_width_m": float(film.width_m),
+            "speed_m_per_s": float(self.scan.speed_m_per_s),
+        }
 
     @property
     def touch_load_closed_form(self) -> float:
@@ -112,16 +185,9 @@ class PitchedScan(NamedTuple):
         plane = 2 / (k * float(np.abs(self.scene.skin.compliance(jnp.asarray([k]))[0])))
         return float(np.pi * plane * float(self.ridges.height_m) / (2 * np.arccosh(1 / half)))
 
-    @property
-    def touch_points(self) -> list[tuple[float, float]]:
-        """Points of [`PitchedScan.waves`][] of which [`PitchedScan.touch_load`][] takes the
-        gaps."""
-        per_pitch = self.touch_load_closed_form / self.pitch_m
-        return [(float(self.ridges.height_m), each * per_pitch) for each in _TOUCH_LOADS]
-
-    def touch_load(self, gaps: Float[np.ndarray, "2 n"]) -> float:
-        """The load per ridge [N/m] of the closed form, by contact: where the line through the gaps
-        [m] between ridges at the `touch_points` reaches zero."""
+    def _touch_load(self, gaps: Float[np.ndarray, "2 n"]) -> float:
+        """The load of the closed form by contact: where the line through the gaps [m] between
+        ridges at the `_TOUCH_LOADS` reaches zero."""
         loads = self.touch_load_closed_form * np.asarray(_TOUCH_LOADS)
         from_ridge = np.asarray((self.line.x - self.ridges.position_m) % self.pitch_m)
         between = gaps[:, np.abs(from_ridge - self.pitch_m / 2).argmin()]

@@ -115,6 +115,13 @@ class Sensor(eqx.Module):
         for each in self.filters:
             check_poles(each)
 
+    def require_elements(self, count: int) -> None:
+        """Raises `BadInput` unless there are so many film elements, one or two."""
+        elements, name = len(self.elements), {1: "one_element", 2: "two_element"}[count]
+        refuse(
+            elements != count, f"sensor has {elements} elements: give {count}, use sensor={name}."
+        )
+
     @property
     def element_names(self) -> list[str]:
         """A short name for every film element: its number and its angle."""

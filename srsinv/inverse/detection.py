@@ -58,6 +58,22 @@ def power_law_exponent(
     return float(np.polyfit(np.log(at[good]), np.log(values[good]), 1)[0])
 
 
+def finest_wavelength_m(
+    k: Float[np.ndarray, " k"],
+    signal: Float[np.ndarray, " n"],
+    noise: Float[np.ndarray, "draw n"],
+) -> float:
+    """The shortest wavelength [m] at which a signal's power is above that of noise, the mean of
+    some draws, at wavenumbers `k` [rad/m]; infinite where it nowhere is.
+
+    The difference is smoothed over nine wavenumbers, as the periodogram of a few draws scatters.
+    """
+    power = np.abs(np.fft.rfft(signal)) ** 2
+    level = np.mean(np.abs(np.fft.rfft(noise)) ** 2, axis=0)
+    above = np.flatnonzero(np.convolve(power - level, np.ones(9) / 9, "same")[1:] > 0)
+    return float(2 * np.pi / k[above.max() + 1]) if above.size else float("inf")
+
+
 def resolved_wavelength_m(depth_m: float, strength: float) -> float:
     """The wavelength [m] at which e^(-kz) attenuates a signal of this d' to the noise; NaN where
     the noise is the stronger."""

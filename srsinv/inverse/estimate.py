@@ -157,6 +157,15 @@ def deviation(values: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray
     return values - values.mean(axis=-1, keepdims=True)
 
 
+def relative_error(
+    values: Float[np.ndarray, "*rows n"], truth: Float[np.ndarray, "*part n"]
+) -> Float[np.ndarray, "*rows"]:
+    """Rms error of values over that of the truth, their means taken out of both."""
+    true = deviation(truth)
+    size = np.sqrt(np.mean(true**2, axis=-1))
+    return np.sqrt(np.mean((deviation(values) - true) ** 2, axis=-1)) / size
+
+
 def averages(r: Float[Array, "c n"], line: Line, onto: Line) -> Float[Array, "c m"]:
     """Averages over the cells of `onto` of what is constant over each cell of `line` and zero
     beyond."""

@@ -11,7 +11,10 @@ from ..forward.contact import Contact
 from ..forward.scene import SurfaceScene
 from ..forward.simulation import Simulation, response
 from ..forward.surface import Surface
+from .cells import Window
 from .estimate import Estimate
+from .features.fit import FeatureFitter
+from .features.loading import Features
 from .line_problem import LineProblem
 from .simulated import problem_of
 
@@ -45,16 +48,22 @@ class SolvedContact(eqx.Module):
         """What the skin is pressed on."""
         return self.scene.surface
 
+    @property
+    def window(self) -> Window:
+        """The stretch with which the contact repeats: the finer line's cells."""
+        fine = self.sim.fine
+        start = float(fine.x[0] - fine.cell_m / 2)
+        return Window(start, start + fine.n * float(fine.cell_m))
+
     @eqx.filter_jit
     def fine_traction(self, surface: Surface | None = None) -> Float[Array, "2 fine"]:
         """p and q on the finer line, with the friction of `surface` in place of its own."""
         sim, of = self.sim, self.surface if surface is None else surface
-        p, direction = self.contact.pressure_Pa, sim.scan.direction
-        ways = [of.friction(sim.fine, way) for way in (True, False)]
-        q = direction * jnp.where(direction < 0, ways[1], ways[0]) * p
-        level = self.scene.nominal_pressure_Pa * jnp.stack([1.0, direction * of.base_friction])
+        scene, direction = eqx.tree_at(lambda s: s.surface, self.scene, of), sim.scan.direction
+        traction = scene.traction(sim.fine, direction, self.contact.pressure_Pa)
         # On the periodic line nothing is taken out: its background is zero.
-        return jnp.stack([p, q]) - jnp.where(jnp.any(sim.background), level, 0.0)[:, None]
+        level = jnp.where(jnp.any(sim.background), scene.background(direction), 0.0)
+        return traction - level[:, None]
 
     def traction(self, surface: Surface | None = None) -> np.ndarray:
         """The same averaged over the cells of the line of the estimate."""
@@ -70,6 +79,15 @@ class SolvedContact(eqx.Module):
         """The signal with noise, and what inverts it; the mean pressure is known as the load."""
         mean_p = jnp.mean(self.fine_traction()[0])
         return problem_of(self.sim, self.signal(), mean_p, key, friction)
+
+    def fit(self, features: Features, problem: LineProblem) -> Estimate:
+        """Features of a surface fitted to a problem's signal, the load and the skin known. White
+        noise is known, any other is estimated from the residual."""
+        samples, power = problem.samples(), np.asarray(problem.noise)[1:]
+        given = self.window, float(self.scene.nominal_pressure_Pa)
+        fitter = FeatureFitter.on_window(samples.sensor, samples.motion, features, *given)
+        is_white = np.allclose(power, power[0])
+        return fitter(features, samples.signal, samples.noise if is_white else None)
 
 
 def cell_averages(values, refinement: int) -> np.ndarray:

@@ -87,12 +87,14 @@ def _run_about(top: int, mask: np.ndarray) -> np.ndarray:
 class HeightSpectra(NamedTuple):
     """Densities of height [m^3] in bands of wavenumber, by the linear law of full contact.
 
-    - `densities`, with their bands of 90 % from `low` to `high`; `mean` of the draws.
+    - `middle` [rad/m] of the bands; `densities`, with their bands of 90 % from `low` to `high`;
+      `mean` of the draws.
     - `expected`: of the true density; `usable`: which have more signal than noise, with their
       `limits` [rad/m].
     - `ratio`: power estimated over the true one, in the usable bands.
     """
 
+    middle: Float[np.ndarray, " band"]
     densities: Float[np.ndarray, "contact texture draw band"]
     low: Float[np.ndarray, "contact texture draw band"]
     high: Float[np.ndarray, "contact texture draw band"]
@@ -121,6 +123,7 @@ def height_spectra(
     weights = usable * bands.gain
     densities, low, high = bands.density(power)
     return HeightSpectra(
+        bands.middle,
         densities,
         low,
         high,

@@ -6,15 +6,15 @@ signal's power is a gain times the density of heights.
 
 import dataclasses
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from ..errors import BadInput, refuse
+from ..errors import BadInput, number, refuse
 from ..forward.contact import press
 from ..forward.noise import Noise, total_spectrum
 from ..forward.noise import draw as draw_noise
@@ -23,6 +23,14 @@ from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
 from ..forward.surface import Rough
 from ..grid import Line, Periodic
+from .texture import (
+    Bands,
+    HeightSpectra,
+    confusion,
+    expected_power,
+    height_spectra,
+    tapered_power,
+)
 
 FINEST = 0.9  # of the highest wavenumber: the sampling's own limit stays out of sight
 
@@ -37,6 +45,11 @@ class TextureScans(NamedTuple):
     signals: Float[np.ndarray, "contact texture draw n"]
     contact_fraction: Float[np.ndarray, "contact texture"]
     noise: Float[np.ndarray, " k"]
+
+    @property
+    def power(self) -> Float[np.ndarray, "contact texture draw k"]:
+        """The signals' power per sample."""
+        return np.abs(np.fft.rfft(self.signals)) ** 2 / self.signals.shape[-1]
 
 
 class TextureSensor:
@@ -62,8 +75,7 @@ class TextureSensor:
     ):
         self.line, self.fine = lines
         self.scan, self.skin, self.refinement = scan, skin, refinement
-        elements = len(sensor.elements)
-        refuse(elements != 1, f"sensor has {elements} elements: give 1, use sensor=one_element.")
+        sensor.require_elements(1)
         if mu is None:
             raise BadInput("friction is null: give mu of q = mu p, such as 0.4.")
         refuse(
@@ -112,6 +124,47 @@ class TextureSensor:
         noise = draw_noise(jax.random.key(seed), spectrum, int(np.prod(shape)), self.line.n)
         noisy = clean + np.asarray(noise).reshape(clean.shape)
         return TextureScans(noisy, touching[..., 0].mean(axis=-1), np.asarray(spectrum))
+
+    def spectra(
+        self, scans: TextureScans, densities: Mapping[str, Float[np.ndarray, " k"]], count: int
+    ) -> HeightSpectra:
+        """Densities of height from scans, in up to `count` bands of wavenumber, beside the true
+        `densities` of the surfaces. Raises `BadInput` where the noise hides one of them."""
+        bands = Bands(self.k, self.gain, scans.noise, self.last, count)
+        spectra = height_spectra(bands, scans.power, np.stack(list(densities.values())))
+        rows = zip(densities, spectra.usable, strict=True)
+        hidden = [name for name, row in rows if not row.any()]
+        refuse(
+            bool(hidden),
+            f"The noise hides {', '.join(hidden)} at every wavenumber: give rougher surfaces in "
+            "textures.surfaces, or less noise.",
+        )
+        return spectra
+
+    def cells_in(self, stretch_m: Any) -> int:
+        """The number of cells in a stretch of the line. Raises `BadInput` for fewer than four, and
+        more than there are."""
+        wanted, most = "a positive length within the line", self.line.n * self.cell_m
+        least = 4 * self.cell_m
+        stretch_m = number("textures.stretch_m", stretch_m, wanted, above=least, most=most)
+        return int(stretch_m / self.cell_m)
+
+    def confusions(
+        self,
+        scans: TextureScans,
+        densities: Mapping[str, Float[np.ndarray, " k"]],
+        samples: int,
+        draws: int,
+    ) -> Int[np.ndarray, "3 truth candidate"]:
+        """How many of the first `draws` stretches of so many samples are taken for which surface:
+        under the first pressure and under the second one by the law and the true `densities`, and
+        under the second one by spectra learned from further draws."""
+        pieces = tapered_power(scans.signals, samples)
+        power = self.gain * np.stack(list(densities.values())) + scans.noise
+        law = expected_power(power, self.line.n, samples)
+        learned = pieces[1, :, draws:].mean(axis=1)
+        cases = (pieces[0], law), (pieces[1], law), (pieces[1], learned)
+        return np.stack([confusion(piece[:, :draws], references) for piece, references in cases])
 
     def density(self, surface: Rough) -> Float[np.ndarray, " k"]:
         """The surface's spectral density of height [m^3] at the line's wavenumbers."""

@@ -65,6 +65,33 @@ def low_passed(values: Float[np.ndarray, " n"], most: float) -> Float[np.ndarray
     return np.fft.irfft(wave, values.size)
 
 
+def noise_beside(
+    x_m: Float[np.ndarray, " n"],
+    noise_power: Float[np.ndarray, " m"],
+    pitch_m: float,
+    amplitude: float,
+) -> dict[str, float]:
+    """Numbers of the noise [V^2], per sample at the wavenumbers of even samples, beside a wave [V].
+
+    In volts the rms of white noise as strong as it is at the pitch, of the noise itself, and of the
+    white noise up to twice the wave's frequency; the wave's rms over the latter two, its d', and
+    the bound on the pitch's standard error.
+    """
+    step = float(x_m[1] - x_m[0])
+    power = np.interp(1 / pitch_m, np.fft.rfftfreq(x_m.size, step), noise_power)
+    level, noise = float(np.sqrt(power)), float(np.sqrt(np.mean(noise_power)))
+    in_band, rms = level * float(np.sqrt(4 * step / pitch_m)), amplitude / float(np.sqrt(2))
+    return {
+        "noise_at_pitch_V": level,
+        "noise_rms_V": noise,
+        "noise_rms_in_band_V": in_band,
+        "snr_per_sample": rms / noise,
+        "snr_in_band": rms / in_band,
+        "strength_over_scan": rms / level * float(np.sqrt(x_m.size)),
+        "pitch_m_stderr_bound": pitch_stderr_bound(x_m, pitch_m, amplitude, level),
+    }
+
+
 def detectable_amplitude(strength: float, noise: float, samples: Any) -> Any:
     """The amplitude of the wave that has this d' over so many samples."""
     return strength * noise * np.sqrt(2 / samples)

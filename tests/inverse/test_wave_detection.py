@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from srsinv.inverse.detection import needed_wave
+from srsinv.inverse.detection import finest_wavelength_m, needed_wave
 from srsinv.inverse.wave_detection import (
     averaged_pitch,
     detectable_amplitude,
     inverse_of_rising,
     low_passed,
+    noise_beside,
     pitch_stderr_bound,
     samples_to_detect,
     wave_spectrum,
@@ -71,3 +72,24 @@ def test_inverse_of_a_power_law():
     heights = np.geomspace(1e-8, 1e-5, 5)
     reached = inverse_of_rising(np.array([4e-12, 1e-17, 1.0]), 4.0 * heights**2, heights)
     np.testing.assert_allclose(reached, [1e-6, np.nan, np.nan])
+
+
+def test_the_finest_wavelength_is_where_the_signal_falls_below_the_noise():
+    n, cell, width = 4096, 1e-5, 1e-4
+    x, k = cell * (np.arange(n) - n / 2), 2 * np.pi * np.fft.rfftfreq(n, cell)
+    signal = np.exp(-(x**2) / (2 * width**2))
+    noise = 0.1 * np.random.default_rng(1).normal(size=(200, n))
+    # |S|^2 = 2 pi (width/cell)^2 e^(-(k width)^2) reaches 0.1^2 n.
+    expected = np.sqrt(np.log(2 * np.pi * (width / cell) ** 2 / (0.01 * n))) / width
+    highest = 2 * np.pi / finest_wavelength_m(k, signal, noise)
+    assert highest == pytest.approx(expected, abs=9 * k[1])
+    assert finest_wavelength_m(k, 1e-6 * signal, noise) == np.inf
+
+
+def test_noise_beside_a_wave():
+    power = np.full(X.size // 2 + 1, NOISE**2)
+    numbers = noise_beside(X, power, PITCH_M, AMPLITUDE)
+    rms = np.std(low_passed(noisy(3, 0.0), 2 / PER_PERIOD))
+    assert numbers["noise_rms_in_band_V"] == pytest.approx(rms, rel=0.2)
+    strength = numbers["strength_over_scan"]
+    assert detectable_amplitude(strength, NOISE, X.size) == pytest.approx(AMPLITUDE)

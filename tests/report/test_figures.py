@@ -449,6 +449,22 @@ def test_curves_have_bands_of_their_standard_errors():
     assert [each.get_title("left") for each in apart] == ["one", "two"]
 
 
+def test_lines_of_a_panel_have_coordinates_of_their_own():
+    dense, few = np.linspace(0.0, 0.01, 11), np.linspace(0.0, 0.01, 3)
+    data = result.dataset(
+        {"wave": ("x", 1e-3 * dense, "V"), "mean": ("place", few, "V")},
+        {"x": (dense, "m"), "place": (few, "m")},
+    )
+    lines, look = {"one": data["wave"], "all": data["mean"]}, {"color": "#123456"}
+    part = plot.panel(lines, looks={"all": look}, along="way", within=(0, 0.02), title="Two")
+    (axes,) = panels_of(plot.panels([part]))
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("way [mm]", "wave [mV]")
+    np.testing.assert_allclose(line(axes, "one"), (1e3 * dense, dense))
+    np.testing.assert_allclose(line(axes, "all"), (1e3 * few, 1e3 * few))
+    assert axes.get_xlim() == pytest.approx((0, 20))
+    assert [each.get_color() for each in axes.get_lines()][1] == "#123456"
+
+
 def test_a_matrix_has_a_number_in_every_cell():
     data = result.dataset(
         {"chosen": (("truth", "candidate"), [[3.0, np.nan], [1.0, 2.0]], "1")},

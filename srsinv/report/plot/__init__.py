@@ -9,6 +9,7 @@ from .contact import contact as contact
 from .contact import feature_traction as feature_traction
 from .cost import cost as cost
 from .curves import curves as curves
+from .curves import panel as panel
 from .estimates import averaging_kernel as averaging_kernel
 from .estimates import estimates as estimates
 from .long import extremes as extremes

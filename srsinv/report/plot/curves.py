@@ -1,7 +1,7 @@
 """Variables of a dataset as curves over one of their dimensions."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,60 @@ from matplotlib.figure import Figure
 from ..text import spoken
 from .panels import Curve, Mark, Panel, PanelAxis, panels
 from .style import LINE_STYLES, NORMAL_90, TRUTH, colours, units_of
+
+Limits = tuple[float | None, float | None]
+Look = Mapping[str, Any]
+Ends = tuple[xarray.DataArray, xarray.DataArray]
+
+
+def panel(
+    lines: Mapping[str, xarray.DataArray],
+    *,
+    looks: Mapping[str, Look] | None = None,
+    stderrs: Mapping[str, xarray.DataArray] | None = None,
+    bars: Mapping[str, Ends] | None = None,
+    quantity: str | None = None,
+    along: str | None = None,
+    log: str = "",
+    limits: Limits = (None, None),
+    within: Limits = (None, None),
+    title: str = "",
+    marks: Sequence[Mark] = (),
+) -> Panel:
+    """A panel of lines by their labels in the legend, each over its only dimension, for
+    [`panels`][srsinv.plot.panels].
+
+    - `lines`: arrays (n,) with their coordinate, of one unit, and so are the coordinates; a line's
+      n is its own.
+    - `looks`: matplotlib's properties of lines, by their labels; `stderrs`: standard errors (n,),
+      drawn as a band of 90 %; `bars`: the least and the greatest (n,) about a line.
+    - `quantity`, `along`: the words on the axes, by default the first line's name and its
+      coordinate's; `log`: the axes with a logarithmic scale, "x", "y" or "xy"; `limits` of y and
+      `within` of x, in SI units.
+    """
+    first = next(iter(lines.values()))
+    at = first[first.dims[0]]
+    across = PanelAxis(along or spoken(at.name), units_of(at), "x" in log, within)
+    up = PanelAxis(quantity or spoken(first.name), units_of(first), "y" in log, limits)
+    looks, stderrs, bars = looks or {}, stderrs or {}, bars or {}
+    drawn = [
+        Curve(
+            line.values, label, x=np.asarray(line[line.dims[0]].values, float),
+            band=_ends(line, stderrs.get(label), bars.get(label)), look=looks.get(label, {}),
+            band_label="90 % band" if label in stderrs else "", has_bars=label in bars,
+        )
+        for label, line in lines.items()
+    ]  # fmt: skip
+    return Panel(drawn, across, up, np.asarray(at.values, float), title, marks)
+
+
+def _ends(
+    line: xarray.DataArray, stderr: xarray.DataArray | None, bar: Ends | None
+) -> tuple[np.ndarray, np.ndarray] | None:
+    if stderr is None:
+        return None if bar is None else (bar[0].values, bar[1].values)
+    half = NORMAL_90 * stderr.values
+    return line.values - half, line.values + half
 
 
 def curves(
@@ -25,7 +79,7 @@ def curves(
     log: str = "",
     marks: Sequence[Mark] = (),
     title: str = "",
-    limits: tuple[float | None, float | None] = (None, None),
+    limits: Limits = (None, None),
     height_in: float = 2.2,
 ) -> Figure:
     """Curves of variables over the coordinate `x`, by default their last dimension.
@@ -39,17 +93,17 @@ def curves(
     - `log`: the axes with a logarithmic scale, "x", "y" or "xy"; `limits` of y, in SI units.
     """
     names = [names] if isinstance(names, str) else list(names)
-    first = dataset[names[0]]
-    x = x or str(first.dims[-1])
-    across = PanelAxis(along or spoken(x), units_of(dataset[x]), "x" in log)
-    up = PanelAxis(quantity or spoken(names[0]), units_of(first), "y" in log, limits)
-    parts = [
-        Panel(
-            _distinct(list(_curves(part, names, x, labels or {}))),
-            across, up, np.asarray(dataset[x].values, float), panel, marks,
-        )
-        for panel, part in _by(dataset, rows)
-    ]  # fmt: skip
+    x = x or str(dataset[names[0]].dims[-1])
+    parts = []
+    for label, part in _by(dataset, rows):
+        lines = dict(_lines(part, names, x, labels or {}))
+        stderrs = dict(_lines(part, names, x, labels or {}, "_stderr"))
+        parts.append(
+            panel(
+                lines, stderrs=stderrs, looks=_distinct(lines), title=label, marks=marks,
+                quantity=quantity or spoken(names[0]), along=along, log=log, limits=limits,
+            )
+        )  # fmt: skip
     return panels(parts, title, height_in=height_in)
 
 
@@ -61,36 +115,24 @@ def _by(dataset: xarray.Dataset, rows: str | None) -> Iterator[tuple[str, xarray
         yield spoken(label), dataset.isel({rows: i})
 
 
-def _curves(
-    dataset: xarray.Dataset, names: Sequence[str], x: str, labels: Mapping[str, str]
-) -> Iterator[Curve]:
+def _lines(
+    dataset: xarray.Dataset, names: Sequence[str], x: str, labels: Mapping[str, str], end: str = ""
+) -> Iterator[tuple[str, xarray.DataArray]]:
+    """Lines of the variables NAME + `end`, those that there are, by their labels."""
     for name in names:
-        array = dataset[name].transpose(..., x)
-        stderr = dataset.get(f"{name}_stderr")
         word = labels.get(name, spoken(name) if len(names) > 1 else "")
-        others = [dim for dim in array.dims if dim != x]
-        for at in np.ndindex(array.shape[:-1]):
+        others = [dim for dim in dataset[name].dims if dim != x]
+        for at in np.ndindex(*(dataset.sizes[dim] for dim in others)):
             place = dict(zip(others, at, strict=True))
             own = [spoken(dataset[dim].values[i]) for dim, i in place.items()]
-            band = None
-            if stderr is not None:
-                half = NORMAL_90 * stderr.transpose(..., x).values[at]
-                band = array.values[at] - half, array.values[at] + half
-            label = ", ".join(filter(None, [*own, word]))
-            yield Curve(array.values[at], label, band=band)
+            if name + end in dataset:
+                yield ", ".join(filter(None, [*own, word])), dataset[name + end].isel(place)
 
 
-def _distinct(lines: list[Curve]) -> list[Curve]:
-    """Each line with a colour and a style of its own; the truth is black."""
-    palette = colours([line.label for line in lines])
+def _distinct(labels: Iterable[str]) -> dict[str, Look]:
+    """A colour and a style for each label; the truth is black."""
     styles = itertools.cycle(LINE_STYLES)
-    looks: dict[str, dict[str, Any]] = {
+    return {
         label: {"color": TRUTH if label.startswith("true") else colour, "linestyle": next(styles)}
-        for label, colour in palette.items()
+        for label, colour in colours(labels).items()
     }
-    return [
-        Curve(line.y, line.label, band=line.band, look=looks[line.label], band_label="90 % band")
-        if line.band is not None
-        else Curve(line.y, line.label, look=looks[line.label])
-        for line in lines
-    ]
