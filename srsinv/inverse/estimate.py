@@ -157,6 +157,46 @@ def deviation(values: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray
     return values - values.mean(axis=-1, keepdims=True)
 
 
+def relative_error(
+    value: Float[np.ndarray, "*row n"],
+    truth: Float[np.ndarray, "#*row n"],
+    cells: np.ndarray | None = None,
+) -> Float[np.ndarray, "*row"]:
+    """The norm of the error over that of the truth, both less their mean over `cells` (n,), all
+    without one; NaN of a truth that is uniform."""
+    true = deviation(truth, cells)
+    size = np.linalg.norm(true, axis=-1)
+    wrong = np.linalg.norm(deviation(value, cells) - true, axis=-1)
+    return wrong / np.where(size > 0, size, np.nan)
+
+
+def coverage_90(
+    value: Float[np.ndarray, "*row n"],
+    stderr: Float[np.ndarray, "*row n"],
+    truth: Float[np.ndarray, "#*row n"],
+    cells: np.ndarray,
+) -> Float[np.ndarray, "*row"]:
+    """The fraction of the cells of the mask `cells` (n,) whose 90 % band holds the truth, both
+    less their mean over these."""
+    wrong = deviation(value, cells) - deviation(truth, cells)
+    return np.mean(np.abs(wrong) <= BAND_90 * np.asarray(stderr)[..., cells], axis=-1)
+
+
+def z_rms(
+    value: Float[np.ndarray, "*row n"],
+    stderr: Float[np.ndarray, "*row n"],
+    truth: Float[np.ndarray, "#*row n"],
+    cells: np.ndarray,
+) -> Float[np.ndarray, "*row"]:
+    """Rms over `cells` of the error in standard errors, value and truth less their means; infinite
+    where a wrong value has no error."""
+    wrong = deviation(value, cells) - deviation(truth, cells)
+    stderr = np.maximum(np.asarray(stderr, float)[..., cells], np.finfo(float).tiny)
+    with np.errstate(over="ignore"):  # to infinity
+        z = np.where(wrong == 0, 0.0, np.abs(wrong) / stderr)
+        return np.sqrt(np.mean(z**2, axis=-1))
+
+
 def averages(r: Float[Array, "c n"], line: Line, onto: Line) -> Float[Array, "c m"]:
     """Averages over the cells of `onto` of what is constant over each cell of `line` and zero
     beyond."""
