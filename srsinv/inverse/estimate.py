@@ -167,7 +167,7 @@ def relative_error(
     true = deviation(truth, cells)
     size = np.linalg.norm(true, axis=-1)
     wrong = np.linalg.norm(deviation(value, cells) - true, axis=-1)
-    return wrong / np.where(size > 0, size, np.nan)
+    return np.asarray(wrong / np.where(size > 0, size, np.nan))
 
 
 def coverage_90(
@@ -179,7 +179,8 @@ def coverage_90(
     """The fraction of the cells of the mask `cells` (n,) whose 90 % band holds the truth, both
     less their mean over these."""
     wrong = deviation(value, cells) - deviation(truth, cells)
-    return np.mean(np.abs(wrong) <= BAND_90 * np.asarray(stderr)[..., cells], axis=-1)
+    inside = np.abs(wrong) <= BAND_90 * np.asarray(stderr)[..., cells]
+    return np.asarray(inside.mean(axis=-1))
 
 
 def z_rms(
@@ -194,7 +195,7 @@ def z_rms(
     stderr = np.maximum(np.asarray(stderr, float)[..., cells], np.finfo(float).tiny)
     with np.errstate(over="ignore"):  # to infinity
         z = np.where(wrong == 0, 0.0, np.abs(wrong) / stderr)
-        return np.sqrt(np.mean(z**2, axis=-1))
+        return np.asarray(np.sqrt(np.mean(z**2, axis=-1)))
 
 
 def averages(r: Float[Array, "c n"], line: Line, onto: Line) -> Float[Array, "c m"]:

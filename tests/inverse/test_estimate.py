@@ -24,6 +24,12 @@ def test_scores_of_draws_with_their_own_standard_error():
     assert np.isnan(error[:, 1]).all()  # of a uniform truth
 
 
+def test_scores_of_one_component():
+    assert coverage_90(VALUE[0, 0], STDERR[0], TRUTH[0], CELLS).shape == ()
+    assert z_rms(VALUE[0, 0], STDERR[0], TRUTH[0], CELLS) == pytest.approx(1.0, abs=0.05)
+    assert relative_error(VALUE[0, 0], TRUTH[0]) == pytest.approx(0.2 * np.sqrt(2), rel=0.05)
+
+
 def test_scores_take_the_mean_out_and_leave_other_cells_aside():
     moved = TRUTH + 7.0 + np.where(CELLS, 0.0, 1e3)
     assert relative_error(moved, TRUTH, CELLS)[0] == pytest.approx(0.0, abs=1e-12)
