@@ -1,0 +1,48 @@
+"""What is recovered of the scene and of sinusoids, with each sensor as the true one."""
+
+import xarray
+from matplotlib.figure import Figure
+
+from srsinv import plot
+from srsinv.inverse.estimate import COMPONENTS, deviation
+from srsinv.report.plot.stages import QUANTITIES, X, method_looks
+from srsinv.report.plot.style import TRUTH
+
+GAINS = {  # by component out and in, the upper two 1 if all is right, the lower two 0
+    ("p", "p"): "p recovered of p",
+    ("q", "q"): "q recovered of q",
+    ("q", "p"): "q recovered where there is p",
+    ("p", "q"): "p recovered where there is q",
+}
+
+
+def recovered(ds: xarray.Dataset) -> Figure:
+    """p and q less their means, recovered from the data of each sensor."""
+    parts = []
+    for component in COMPONENTS:
+        own, up = ds.sel(component=component), plot.PanelAxis(f"{component} less its mean", "Pa")
+        truth = plot.Curve(deviation(own["traction"].values), "truth", look={"color": TRUTH})
+        curves = [truth, *_of_cases(ds, deviation(own["estimate"].values))]
+        parts.append(plot.Panel(curves, X, up, ds["x"].values, QUANTITIES[component].capitalize()))
+    return plot.panels(parts, height_in=2.6)
+
+
+def by_wavelength(ds: xarray.Dataset) -> Figure:
+    """The size of what is recovered of a sinusoid, over its wavelength."""
+    across = plot.PanelAxis("wavelength", "m", is_log=True)
+    up = plot.PanelAxis("gain", limits=(0, None))
+    parts = []
+    for (out, into), title in GAINS.items():
+        gain = ds["gain"].sel(component_out=out, component_in=into).values
+        curves = _of_cases(ds, gain)
+        parts.append(plot.Panel(curves, across, up, ds["wavelength"].values, title))
+    return plot.panels([parts[:2], parts[2:]])
+
+
+def _of_cases(ds: xarray.Dataset, rows) -> list[plot.Curve]:
+    """A curve for each case, in its own look."""
+    looks = method_looks([str(each) for each in ds["case"].values])
+    return [
+        plot.Curve(row, case, look=look)
+        for (case, look), row in zip(looks.items(), rows, strict=True)
+    ]
