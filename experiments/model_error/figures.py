@@ -5,8 +5,8 @@ from matplotlib.figure import Figure
 
 from srsinv import plot
 from srsinv.inverse.estimate import COMPONENTS, deviation
-from srsinv.report.plot.stages import QUANTITIES, X, method_looks
-from srsinv.report.plot.style import TRUTH
+from srsinv.report.plot.stages import QUANTITIES, X, method_curves
+from srsinv.report.plot.style import TRUTH, names_of
 
 GAINS = {  # by component out and in, the upper two 1 if all is right, the lower two 0
     ("p", "p"): "p recovered of p",
@@ -18,11 +18,11 @@ GAINS = {  # by component out and in, the upper two 1 if all is right, the lower
 
 def recovered(ds: xarray.Dataset) -> Figure:
     """p and q less their means, recovered from the data of each sensor."""
-    parts = []
+    cases, parts = names_of(ds["case"]), []
     for component in COMPONENTS:
         own, up = ds.sel(component=component), plot.PanelAxis(f"{component} less its mean", "Pa")
         truth = plot.Curve(deviation(own["traction"].values), "truth", look={"color": TRUTH})
-        curves = [truth, *_of_cases(ds, deviation(own["estimate"].values))]
+        curves = [truth, *method_curves(cases, deviation(own["estimate"].values))]
         parts.append(plot.Panel(curves, X, up, ds["x"].values, QUANTITIES[component].capitalize()))
     return plot.panels(parts, height_in=2.6)
 
@@ -34,15 +34,6 @@ def by_wavelength(ds: xarray.Dataset) -> Figure:
     parts = []
     for (out, into), title in GAINS.items():
         gain = ds["gain"].sel(component_out=out, component_in=into).values
-        curves = _of_cases(ds, gain)
+        curves = method_curves(names_of(ds["case"]), gain)
         parts.append(plot.Panel(curves, across, up, ds["wavelength"].values, title))
     return plot.panels([parts[:2], parts[2:]])
-
-
-def _of_cases(ds: xarray.Dataset, rows) -> list[plot.Curve]:
-    """A curve for each case, in its own look."""
-    looks = method_looks([str(each) for each in ds["case"].values])
-    return [
-        plot.Curve(row, case, look=look)
-        for (case, look), row in zip(looks.items(), rows, strict=True)
-    ]

@@ -29,14 +29,9 @@ def shapes(ds: xarray.Dataset) -> Figure:
             plot.Curve(own["shape"], "recovered", look=RECOVERED, in_view=near),
             plot.Curve(own["shape_resolved"], "without noise", look=DOTTED, in_view=near),
         ]
-        error, missed, half = (
-            np.where(own["touching"], values, np.nan)
-            for values in (
-                own["shape"] - own["height"],
-                own["shape_resolved"] - own["height"],
-                BAND_90 * own["shape_stderr"],
-            )
-        )
+        inside = np.where(own["touching"], 1.0, np.nan)
+        error, missed = ((own[key] - own["height"]) * inside for key in ("shape", "shape_resolved"))
+        half = BAND_90 * own["shape_stderr"] * inside
         errors = [
             plot.Curve(0 * error, band=(-half, half), look={**RECOVERED, "linewidth": 0.0},
                        band_label="90 % band"),

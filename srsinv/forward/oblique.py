@@ -20,6 +20,7 @@ from .antiplane import Antiplane
 from .film import Film, Kernel, LineEffect, StripAverage
 from .scan import ConstantSpeed, Motion
 from .sensor import Sensor
+from .simulation import response
 from .skin import Skin
 
 Scan = TypeVar("Scan", ConstantSpeed, Motion)
@@ -172,16 +173,12 @@ def gain_of_angle(
     `traction` [Pa] is that of the feature along its normal."""
 
     def rms(angle_rad: float) -> np.ndarray:
-        signal = _signal(turned(sensor, angle_rad), turned_scan(scan, angle_rad), line, traction)
+        stage = turned(sensor, angle_rad).output(turned_scan(scan, angle_rad))
+        signal = response(stage, line, traction, refinement=1)
         return np.sqrt(np.mean(np.asarray(signal) ** 2, axis=-1))
 
     straight = rms(0.0)
     return np.stack([rms(angle) / straight for angle in angles_rad], axis=-1)
-
-
-@eqx.filter_jit
-def _signal(sensor: Sensor, scan: ConstantSpeed, line: Line, traction) -> Float[Array, "e n"]:
-    return sensor.operator(line, scan)(traction)
 
 
 def _within_quarter(angle_rad) -> Float[Array, ""]:

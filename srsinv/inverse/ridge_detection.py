@@ -22,8 +22,6 @@ from ..forward.surface import Ridge, Surface
 from ..grid import Line, Periodic
 from .detection import last_crossing, resolved_wavelength_m
 
-Detectability = Callable[[float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
-
 
 class RidgeTractions(NamedTuple):
     """Traction (2, n) [Pa] of every ridge, and of every pair with its derivatives by height,
@@ -130,7 +128,7 @@ class RidgeDetection(NamedTuple):
         p = contact.pressure_Pa
         return jnp.stack([p, surface.friction(self.line) * p]), contact.converged
 
-    def detectability(self, tractions: RidgeTractions, rate_hz: float) -> Detectability:
+    def _detectability(self, tractions: RidgeTractions, rate_hz: float):
         """Map from (depth [m], speed [m/s]), in white noise of 1 V in each sample, to d' (height,)
         of single ridges, d' and the Cramer-Rao standard error [m] of the distance (distance,) of
         pairs, whose height and position are unknown as well. One program for all."""
@@ -159,11 +157,7 @@ class RidgeDetection(NamedTuple):
                 jax.lax.map(stderr, tractions.slopes),
             )
 
-        def of(depth_m, speed_m_per_s):
-            one, pair, stderr = at(jnp.asarray(depth_m, float), jnp.asarray(speed_m_per_s, float))
-            return np.asarray(one), np.asarray(pair), np.asarray(stderr)
-
-        return of
+        return at
 
     def limits(
         self, tractions: RidgeTractions, rate_hz: float, needed: float, precision: float
@@ -171,11 +165,12 @@ class RidgeDetection(NamedTuple):
         """Map from (depth [m], noise [V rms of a sample], speed [m/s]) to the limits: a ridge is
         detected at the strength `needed`, a pair resolved where its distance is known to one part
         in `precision`."""
-        detectability = self.detectability(tractions, rate_hz)
+        detectability = self._detectability(tractions, rate_hz)
         heights, distances = tractions.heights_m, tractions.distances_m
 
         def of(depth: float, noise: float, speed: float) -> RidgeLimits:
-            ridge, pair, stderr = detectability(depth, speed)
+            given = jnp.asarray(depth, float), jnp.asarray(speed, float)
+            ridge, pair, stderr = (np.asarray(each) for each in detectability(*given))
             return RidgeLimits(
                 last_crossing(heights, needed * noise / ridge),
                 last_crossing(distances, precision * noise * stderr / distances),

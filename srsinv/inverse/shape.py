@@ -110,16 +110,8 @@ class RecoveredShape(NamedTuple):
         resolved = smoothed_truth(p, estimate, isinstance(sim.line, Periodic))[0]
         height = solved.surface.height(sim.line)
         on_surface = (solved.surface.height(sim.fine) + solved.contact.gap_m)[:: sim.refinement]
-        heights = (
-            shape,
-            stderr,
-            *(_less_mean(shape_under(sim.line, skin, jnp.asarray(each)), touching)
-              for each in (resolved, p[0])),
-            _less_mean(height, touching),
-            on_surface - jnp.mean(height, where=touching),
-        )  # fmt: skip
+        w = shape_under(sim.line, skin, jnp.stack([resolved, p[0]]))
+        w = w - jnp.mean(w, axis=-1, keepdims=True, where=touching)
+        level = jnp.mean(height, where=touching)
+        heights = shape, stderr, *w, height - level, on_surface - level
         return cls(*(np.asarray(each) for each in (*heights, p[0], resolved, touching)))
-
-
-def _less_mean(values: Float[Array, " n"], touching: Bool[Array, " n"]) -> Float[Array, " n"]:
-    return values - jnp.mean(values, where=touching)
