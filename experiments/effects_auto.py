@@ -17,9 +17,9 @@ from srsinv.report.section import sections
 from srsinv.report.text import significant
 
 BY = ("scene", "tolerance")
-# Of one scene at one tolerance: the effects `on`, the `bound` on the error by the others and the
-# `error`; the costs with all effects on, `full`, with those screened, `auto`, and with the same
-# ones `named`.
+# Of one scene at one tolerance: the effects `on`, the `bound` on the error by the others, the
+# `bounds` of each effect and the `error`; the costs with all effects on, `full`, with those
+# screened, `auto`, and with the same ones `named`.
 Screened = dict[str, Any]
 
 
@@ -32,7 +32,6 @@ def run(cfg: config.Config) -> Result:
     tolerances, scenes = settings["tolerances"], settings["scenes"]
     refuse(not tolerances or not scenes, "effects_auto needs a scene and a tolerance: name some.")
     screened: dict[str, list[Screened]] = {name: [] for name in scenes}
-    bounds = {}
     with config.precision(cfg):
         key, line = config.random_key(cfg), config.line(cfg)
         for scene, changes in scenes.items():
@@ -53,9 +52,10 @@ def run(cfg: config.Config) -> Result:
                         error = difference(reduced, whole)
                         auto = cost(partial(config.simulation, asked), key)[1]
                         done[on] = {"error": error, "full": full, "auto": auto, "named": alone}
-                    screened[scene].append(done[on] | {"on": on, "bound": screening.bound})
-                    bounds[scene] = screening.relative_change_bounds
-    data = _dataset(screened, bounds, tolerances).assign_attrs(
+                    of_each = screening.relative_change_bounds
+                    bounds = {"on": on, "bound": screening.bound, "bounds": of_each}
+                    screened[scene].append(done[on] | bounds)
+    data = _dataset(screened, tolerances).assign_attrs(
         line=line.kind, cells=line.n, refinement=config.part(cfg, "grid")["refinement"]
     )
     return Result(_title(data), data, sections(__file__))
@@ -71,19 +71,16 @@ def _title(data: xarray.Dataset) -> str:
     )
 
 
-def _dataset(
-    screened: Mapping[str, list[Screened]],
-    bounds: Mapping[str, Mapping[str, float]],
-    tolerances: Sequence[float],
-) -> xarray.Dataset:
-    """`screened` by scene, at each tolerance; `bounds` on each effect's change, by scene."""
-    effects = sorted(next(iter(bounds.values())))
+def _dataset(screened: Mapping[str, list[Screened]], tolerances: Sequence[float]) -> xarray.Dataset:
+    """`screened` by scene, at each tolerance."""
+    bounds = [row[-1]["bounds"] for row in screened.values()]
+    effects = sorted(bounds[0])
     bound, error, full, auto, named = (
         np.array([[each[name] for each in row] for row in screened.values()])
         for name in ("bound", "error", "full", "auto", "named")
     )
     on = [[[int(n in each["on"]) for n in effects] for each in row] for row in screened.values()]
-    of_effect = [[one[name] for name in effects] for one in bounds.values()]
+    of_effect = [[each[name] for name in effects] for each in bounds]
     over_tolerance = error / np.array(tolerances)
     over_bound = np.divide(error, bound, out=np.zeros_like(error), where=bound != 0)
     key = "{scene}_{tolerance}"
@@ -109,5 +106,5 @@ def _dataset(
         "time_s_saved_first_total": saved.sum(),
         "time_s_deciding_first_total": deciding[..., 0].sum(),
     })  # fmt: skip
-    coordinates = {"scene": list(bounds), "tolerance": list(tolerances), "effect": effects}
+    coordinates = {"scene": list(screened), "tolerance": list(tolerances), "effect": effects}
     return dataset(variables, {name: (labels, "1") for name, labels in coordinates.items()})

@@ -16,7 +16,6 @@ from srsinv.report.text import listed, quantity
 
 from .figures import AXES, least_height, narrowest_pair
 
-RANGES = {"depth": "depth_range_m", "noise": "noise_range_V", "speed": "speed_range_m_per_s"}
 LIMITS = RidgeLimits._fields
 
 
@@ -27,7 +26,7 @@ def run(cfg: config.Config) -> Result:
     not increase.
     """
     given = cfg["detection_limit"]
-    axes = {name: _range(given, key, "points") for name, key in RANGES.items()}
+    axes = {name: _range(given, key, "points") for name, (key, *_) in AXES.items()}
     heights = _range(given, "height_range_m", "heights")
     wanted = _range(given, "distance_range_m", "distances")
     positive = "a positive number in Hz"
@@ -91,7 +90,7 @@ def _dataset(
             "exponent": (by, exponent, "1", "{limit}_against_{axis}_exponent"),
             **scalars(numbers),
         },
-        {name: (values, AXES[name][1]) for name, values in axes.items()}
+        {name: (values, AXES[name][-1]) for name, values in axes.items()}
         | {"limit": (list(LIMITS[:2]), "1"), "axis": (list(axes), "1"),
            "end": (["least", "most"], "1")},
     )  # fmt: skip

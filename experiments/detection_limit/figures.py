@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 
 from srsinv import plot
 
-AXES = {  # words and unit of what is varied
-    "depth": ("film depth", "m"),
-    "noise": ("noise of a sample, rms", "V"),
-    "speed": ("speed", "m/s"),
+AXES = {  # what is varied: key of its range, words, unit
+    "depth": ("depth_range_m", "film depth", "m"),
+    "noise": ("noise_range_V", "noise of a sample, rms", "V"),
+    "speed": ("speed_range_m_per_s", "speed", "m/s"),
 }
 
 
@@ -34,7 +34,7 @@ def _against(ds: xarray.Dataset, lines: Mapping[str, str], words: str, *marks) -
     up = plot.PanelAxis(words, "m", True, (np.nanmin(shown) / 1.3, np.nanmax(shown) * 1.3))
     dot = {"marker": "o", "linestyle": "none"}
     parts = []
-    for name, (what, unit) in AXES.items():
+    for name, (_, what, unit) in AXES.items():
         here = [ds.attrs[f"{name}_here"]]
         curves = [
             *(plot.Curve(ds[f"{key}_against_{name}"].values, lines[key]) for key in lines),

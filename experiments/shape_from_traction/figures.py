@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from srsinv import plot
 from srsinv.inverse.estimate import BAND_90
 from srsinv.report.plot.style import SHADE, TRUTH, stretches
-from srsinv.report.text import quantity
+from srsinv.report.text import quantity, spoken
 
 LEAST_M, AROUND = 3e-3, 3.0  # drawn on each side: at least, and in half-widths of the contact
 SURFACE, DOTTED = {"color": TRUTH}, {"color": TRUTH, "linestyle": ":", "linewidth": 1.8}
@@ -84,4 +84,4 @@ def _scenes(ds: xarray.Dataset) -> Iterator[Scene]:
         def panel(curves, of, unit, title, across=across, marks=marks) -> plot.Panel:
             return plot.Panel(curves, across, plot.PanelAxis(of, unit), x, title, marks)
 
-        yield str(name).replace("_", " ").capitalize(), own, np.abs(x) <= reach, panel
+        yield spoken(name).capitalize(), own, np.abs(x) <= reach, panel

@@ -37,10 +37,8 @@ def wave_response(
     response = np.zeros((2, 2, waves.size), complex)
     for at, m in enumerate(waves):
         wave = np.cos(2 * np.pi * m * np.arange(line.n) / line.n)
-        for c in range(2):
-            traction = np.zeros((2, line.n))
-            traction[c] = wave
-            data = sensor(jnp.asarray(traction))
+        for c, component in enumerate(np.eye(2)):
+            data = sensor(jnp.asarray(np.outer(component, wave)))
             scale = size / np.sqrt(np.mean(np.asarray(data) ** 2))
             given = LineProblem(
                 line, problem.forward, scale * data, problem.noise, known_mean_Pa=(0.0, None)
