@@ -24,8 +24,7 @@ from srsinv.report.section import sections
 PRECISIONS = ("float64", "float32")
 MARKS = {Quality.GOOD: "", Quality.DOUBTFUL: "?", Quality.FAILED: "!", "refused": "–"}
 LARGEST_Z = 3.0  # standard errors: an rms error beyond, without a warning, is a failure
-NOTHING = np.full(len(COMPONENTS), np.nan)
-REFUSED = {"error": NOTHING, "z_rms": NOTHING, "condition": np.nan, "quality": "refused"}
+REFUSED = {"error": [np.nan] * 2, "z_rms": [np.nan] * 2, "condition": np.nan, "quality": "refused"}
 Answer = dict[str, Any]  # of one method to one case, by the variable's name
 
 
