@@ -1,15 +1,16 @@
 """Each effect on and off: change of a scene's signal, and cost."""
 
 import importlib
+from collections.abc import Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import xarray
 
 from srsinv import config
 from srsinv.effects import reference
 from srsinv.errors import refuse
-from srsinv.forward.sensor import Sensor
+from srsinv.forward.simulation import Simulation
 from srsinv.forward.trace import Cost, Trace, cost, difference, pair
 from srsinv.progress import stage
 from srsinv.report.result import Result, dataset, scalars
@@ -18,11 +19,10 @@ from srsinv.report.text import significant
 
 
 class EffectRow(NamedTuple):
-    """One effect: the signal with it and without, the change, and the bound on it."""
+    """One effect: the signal with it and without, the bound on the change, and the cost."""
 
     with_effect: Trace
     ideal: Trace
-    change: float
     bound: float
     cost: Cost
 
@@ -43,41 +43,38 @@ def run(cfg: config.Config) -> Result:
             with stage(f"effect: {name}"):
                 alone = partial(config.simulation, config.select_effects(cfg, (name,)))
                 sim, taken = cost(alone, key)
-                with_effect, ideal = pair(sim, none, key)
                 bound = effect.relative_change_bound(spectra)
-                rows[name] = EffectRow(
-                    with_effect, ideal, difference(with_effect, ideal), bound, taken
-                )
+                rows[name] = EffectRow(*pair(sim, none, key), bound, taken)
     settings = {
         f"{name}.{key}": str(value)
         for name, node in nodes.items()
         for key, value in node.items()
         if not key.startswith("_")
     }
-    data = _dataset(rows, ideal_cost, none.sensor, settings).assign_attrs(
-        line=none.line.kind,
-        cells=none.line.n,
-        refinement=none.refinement,
-        speed_m_per_s=float(none.scan.speed_m_per_s),
-    )
-    return Result(_title(rows), data, sections(__file__))
+    data = _dataset(rows, none, ideal_cost, settings)
+    return Result(_title(data), data, sections(__file__))
 
 
 def _dataset(
-    rows: dict[str, EffectRow], ideal_cost: Cost, sensor: Sensor, settings: dict[str, str]
+    rows: Mapping[str, EffectRow], none: Simulation, ideal_cost: Cost, settings: Mapping[str, str]
 ) -> xarray.Dataset:
-    every = list(rows.values())
-    signals, times = _signals(rows, sensor.amplifier.unit)
+    numbers = {
+        "change": ([difference(row.with_effect, row.ideal) for row in rows.values()], "1"),
+        "bound": ([row.bound for row in rows.values()], "1"),
+        "first_call_s": ([row.cost.first_s for row in rows.values()], "s"),
+        "steady_call_s": ([row.cost.steady_s for row in rows.values()], "s"),
+    }
+    without = {"first_call_s_none": ideal_cost.first_s, "steady_call_s_none": ideal_cost.steady_s}
+    # Effects have sample times of their own, which differ in number.
+    signals = {
+        f"signal_{which}_{name}": (("element", f"time_{name}"), signal, none.sensor.amplifier.unit)
+        for name, row in rows.items()
+        for which, signal in (("with", row.with_effect.signal), ("without", row.ideal.signal))
+    }
     return dataset(
         {
-            "change": ("effect", [row.change for row in every], "1", "change_{effect}"),
-            "bound": ("effect", [row.bound for row in every], "1", "bound_{effect}"),
-            "first_call_s": ("effect", [row.cost.first_s for row in every], "s",
-                             "first_call_s_{effect}"),
-            "steady_call_s": ("effect", [row.cost.steady_s for row in every], "s",
-                              "steady_call_s_{effect}"),
-            **scalars({"first_call_s_none": ideal_cost.first_s,
-                       "steady_call_s_none": ideal_cost.steady_s}),
+            **{name: ("effect", *each, f"{name}_{{effect}}") for name, each in numbers.items()},
+            **scalars(without),
             "description": ("effect", [_first_line(name) for name in rows], "1"),
             "setting_value": ("setting", list(settings.values()), "1"),
             **signals,
@@ -85,31 +82,22 @@ def _dataset(
         {
             "effect": (list(rows), "1"),
             "setting": (list(settings), "1"),
-            "element": (sensor.element_names, "1"),
-            **times,
+            "element": (none.sensor.element_names, "1"),
+            **{f"time_{name}": (row.with_effect.time_s, "s") for name, row in rows.items()},
         },
-    )  # fmt: skip
-
-
-def _signals(rows: dict[str, EffectRow], unit: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Signals with and without each effect over its own sample times, which differ in number, and
-    these times."""
-    signals = {
-        f"signal_{which}_{name}": (("element", f"time_{name}"), record.signal, unit)
-        for name, row in rows.items()
-        for which, record in (("with", row.with_effect), ("without", row.ideal))
-    }
-    return signals, {f"time_{name}": (row.with_effect.time_s, "s") for name, row in rows.items()}
-
-
-def _title(rows: dict[str, EffectRow]) -> str:
-    most = max(rows, key=lambda name: rows[name].change)
-    exceeding = [name for name, row in rows.items() if row.change > row.bound]
-    bounds = (
-        f"beyond the bound: {', '.join(exceeding)}" if exceeding else "all stay within their bounds"
+        line=none.line.kind,
+        cells=none.line.n,
+        refinement=none.refinement,
+        speed_m_per_s=float(none.scan.speed_m_per_s),
     )
-    change = significant(100 * rows[most].change)
-    return f"Of {len(rows)} effects {most} changes the signal most, by {change} %; {bounds}"
+
+
+def _title(data: xarray.Dataset) -> str:
+    change = data["change"]
+    most, greatest = change.idxmax().item(), significant(100 * float(change.max()))
+    exceeding = ", ".join(data["effect"].values[change > data["bound"]])
+    bounds = f"beyond the bound: {exceeding}" if exceeding else "all stay within their bounds"
+    return f"Of {change.size} effects {most} changes the signal most, by {greatest} %; {bounds}"
 
 
 def _first_line(name: str) -> str:

@@ -11,14 +11,16 @@ from typing import TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact
 
 from ..errors import number
-from ..grid import as_real
+from ..grid import Line, as_real
 from .antiplane import Antiplane
 from .film import Film, Kernel, LineEffect, StripAverage
 from .scan import ConstantSpeed, Motion
 from .sensor import Sensor
+from .simulation import response
 from .skin import Skin
 
 Scan = TypeVar("Scan", ConstantSpeed, Motion)
@@ -158,6 +160,25 @@ def turned_scan(scan: Scan, angle_rad) -> Scan:
     keeps its sign. Raises `BadInput` for an angle beyond.
     """
     return scan.scaled(cosine(_within_quarter(angle_rad)))
+
+
+def gain_of_angle(
+    sensor: Sensor,
+    scan: ConstantSpeed,
+    line: Line,
+    traction: Float[Array, "2 n"],
+    angles_rad: Float[np.ndarray, " angle"],
+) -> Float[np.ndarray, "element angle"]:
+    """Rms signal in time of straight scans over a feature at each angle, over that at angle 0;
+    `traction` [Pa] is that of the feature along its normal."""
+
+    def rms(angle_rad: float) -> np.ndarray:
+        stage = turned(sensor, angle_rad).output(turned_scan(scan, angle_rad))
+        signal = response(stage, line, traction, refinement=1)
+        return np.sqrt(np.mean(np.asarray(signal) ** 2, axis=-1))
+
+    straight = rms(0.0)
+    return np.stack([rms(angle) / straight for angle in angles_rad], axis=-1)
 
 
 def _within_quarter(angle_rad) -> Float[Array, ""]:

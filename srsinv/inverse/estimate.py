@@ -157,13 +157,35 @@ def deviation(values: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray
     return values - values.mean(axis=-1, keepdims=True)
 
 
-def relative_error(
-    values: Float[np.ndarray, "*rows n"], truth: Float[np.ndarray, "*part n"]
-) -> Float[np.ndarray, "*rows"]:
-    """Rms error of values over that of the truth, their means taken out of both."""
-    true = deviation(truth)
-    size = np.sqrt(np.mean(true**2, axis=-1))
-    return np.sqrt(np.mean((deviation(values) - true) ** 2, axis=-1)) / size
+Values = Float[np.ndarray, "*row n"]
+Truth = Float[np.ndarray, "#*row n"]
+Score = Float[np.ndarray, "*row"]
+
+
+def relative_error(value: Values, truth: Truth, cells: np.ndarray | None = None) -> Score:
+    """The norm of the error over that of the truth, both less their mean over `cells` (n,), all
+    without one; NaN of a truth that is uniform."""
+    true = deviation(truth, cells)
+    size = np.linalg.norm(true, axis=-1)
+    wrong = np.linalg.norm(deviation(value, cells) - true, axis=-1)
+    return np.asarray(wrong / np.where(size > 0, size, np.nan))
+
+
+def coverage_90(value: Values, stderr: Values, truth: Truth, cells: np.ndarray) -> Score:
+    """The fraction of the cells of the mask `cells` (n,) whose 90 % band holds the truth, both
+    less their mean over these."""
+    wrong = deviation(value, cells) - deviation(truth, cells)
+    return np.asarray(np.mean(np.abs(wrong) <= BAND_90 * stderr[..., cells], axis=-1))
+
+
+def z_rms(value: Values, stderr: Values, truth: Truth, cells: np.ndarray) -> Score:
+    """Rms over `cells` of the error in standard errors, value and truth less their means; infinite
+    where a wrong value has no error."""
+    wrong = deviation(value, cells) - deviation(truth, cells)
+    stderr = np.maximum(stderr[..., cells].astype(float), np.finfo(float).tiny)
+    with np.errstate(over="ignore"):  # to infinity
+        z = np.where(wrong == 0, 0.0, np.abs(wrong) / stderr)
+        return np.asarray(np.sqrt(np.mean(z**2, axis=-1)))
 
 
 def averages(r: Float[Array, "c n"], line: Line, onto: Line) -> Float[Array, "c m"]:

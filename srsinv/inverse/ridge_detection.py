@@ -13,25 +13,35 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import refuse
+from ..errors import BadInput, refuse
 from ..forward.noise import Noise, total_spectrum
 from ..forward.scan import ConstantSpeed
-from ..forward.scene import SurfaceScene
+from ..forward.scene import Scene, SurfaceScene
 from ..forward.sensor import Sensor
 from ..forward.surface import Ridge, Surface
 from ..grid import Line, Periodic
-
-Detectability = Callable[[float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
+from .detection import last_crossing, resolved_wavelength_m
 
 
 class RidgeTractions(NamedTuple):
     """Traction (2, n) [Pa] of every ridge, and of every pair with its derivatives by height,
     position and distance; `converged` of all."""
 
+    heights_m: Float[np.ndarray, " height"]
+    distances_m: Float[np.ndarray, " distance"]
     ridge: Float[Array, "height 2 n"]
     pair: Float[Array, "distance 2 n"]
     slopes: Float[Array, "distance 3 2 n"]
     converged: bool
+
+
+class RidgeLimits(NamedTuple):
+    """Limits [m]: the least ridge that is detected, the narrowest pair whose distance a fit
+    resolves, the shortest wave that is recovered without a model."""
+
+    least_height: float
+    narrowest_pair: float
+    resolved_wavelength: float
 
 
 class RidgeDetection(NamedTuple):
@@ -42,6 +52,37 @@ class RidgeDetection(NamedTuple):
     ridge: Ridge
     sensor: Sensor
     scan: ConstantSpeed
+
+    @classmethod
+    def checked(
+        cls, line: Line, scene: Scene, sensor: Sensor, scan: ConstantSpeed
+    ) -> "RidgeDetection":
+        """Raises `BadInput` for another surface than one ridge, a line that is not periodic, and a
+        speed that is not positive."""
+        surface = scene.contact_scene
+        ridge = surface and surface.surface.only(Ridge)
+        if surface is None or ridge is None:
+            raise BadInput("The scene is not one ridge: use scene=ridge.")
+        refuse(not isinstance(line, Periodic), "grid.line is open: give periodic.")
+        speed = float(scan.speed_m_per_s)
+        refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
+        return cls(line, surface, ridge, sensor, scan)
+
+    def pair_distances(
+        self, name: str, wanted_m: Float[np.ndarray, " wanted"]
+    ) -> Float[np.ndarray, " distance"]:
+        """Increasing distances of a pair in whole pairs of cells, nearest to those wanted, each
+        once. Raises `BadInput` for `name`, where they do not fit between ridge and window."""
+        line, step = self.line, 2 * float(self.line.cell_m)
+        distances = step * np.unique(np.round(wanted_m / step))
+        width, window = float(self.ridge.width_m), line.n * float(line.cell_m)
+        refuse(
+            not width + step < distances[0] < distances[-1] < window / 2,
+            f"{name} is {[float(wanted_m[0]), float(wanted_m[-1])]}: give distances above the "
+            f"ridge's width {width:g} m by more than two cells ({step:g} m), and below half the "
+            f"window's {window:g} m.",
+        )
+        return distances
 
     def tractions(
         self, heights_m: Float[np.ndarray, " height"], distances_m: Float[np.ndarray, " distance"]
@@ -75,7 +116,8 @@ class RidgeDetection(NamedTuple):
         single, right = jax.jit(lambda h: jax.lax.map(one, h))(jnp.asarray(heights_m))
         cells = jnp.round(jnp.asarray(distances_m) / (2 * line.cell_m))
         both, slopes, as_well = jax.jit(lambda d: jax.lax.map(with_slopes, d))(cells)
-        return RidgeTractions(single, both, slopes, bool(right.all() & as_well.all()))
+        converged = bool(right.all() & as_well.all())
+        return RidgeTractions(heights_m, distances_m, single, both, slopes, converged)
 
     def _placed(self, height_m, position_m) -> Ridge:
         return eqx.tree_at(lambda r: (r.height_m, r.position_m), self.ridge, (height_m, position_m))
@@ -86,7 +128,7 @@ class RidgeDetection(NamedTuple):
         p = contact.pressure_Pa
         return jnp.stack([p, surface.friction(self.line) * p]), contact.converged
 
-    def detectability(self, tractions: RidgeTractions, rate_hz: float) -> Detectability:
+    def _detectability(self, tractions: RidgeTractions, rate_hz: float):
         """Map from (depth [m], speed [m/s]), in white noise of 1 V in each sample, to d' (height,)
         of single ridges, d' and the Cramer-Rao standard error [m] of the distance (distance,) of
         pairs, whose height and position are unknown as well. One program for all."""
@@ -115,9 +157,25 @@ class RidgeDetection(NamedTuple):
                 jax.lax.map(stderr, tractions.slopes),
             )
 
-        def of(depth_m, speed_m_per_s):
-            one, pair, stderr = at(jnp.asarray(depth_m, float), jnp.asarray(speed_m_per_s, float))
-            return np.asarray(one), np.asarray(pair), np.asarray(stderr)
+        return at
+
+    def limits(
+        self, tractions: RidgeTractions, rate_hz: float, needed: float, precision: float
+    ) -> Callable[..., RidgeLimits]:
+        """Map from (depth [m], noise [V rms of a sample], speed [m/s]) to the limits: a ridge is
+        detected at the strength `needed`, a pair resolved where its distance is known to one part
+        in `precision`."""
+        detectability = self._detectability(tractions, rate_hz)
+        heights, distances = tractions.heights_m, tractions.distances_m
+
+        def of(depth: float, noise: float, speed: float) -> RidgeLimits:
+            given = jnp.asarray(depth, float), jnp.asarray(speed, float)
+            ridge, pair, stderr = (np.asarray(each) for each in detectability(*given))
+            return RidgeLimits(
+                last_crossing(heights, needed * noise / ridge),
+                last_crossing(distances, precision * noise * stderr / distances),
+                resolved_wavelength_m(depth, pair[-1] / noise),
+            )
 
         return of
 

@@ -5,15 +5,19 @@ pressure alone displaces it, w(k) = compliance(k) p(k) (docs/physics.md, section
 the skin over the gap. The compliance falls as 1/|k|: errors of long waves grow most.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..errors import BadInput
 from ..forward.contact import cell_compliance
 from ..forward.skin import Skin
-from ..grid import Line
+from ..grid import Line, Periodic
 from .estimate import Estimate
+from .solved_contact import SolvedContact, smoothed_truth
 
 
 @eqx.filter_jit
@@ -70,3 +74,44 @@ def _whole(line: Line, skin: Skin, covariance: Float[Array, "n n"], weights):
     """As `_stationary`, from the covariance between all cells."""
     carried = shape_under(line, skin, shape_under(line, skin, covariance).T)
     return jnp.diagonal(carried), carried @ weights
+
+
+class RecoveredShape(NamedTuple):
+    """The profile recovered in a solved contact, and what it is compared with.
+
+    - `shape`, `shape_stderr` [m]: the skin's displacement under the estimate's p, and its standard
+      error.
+    - `shape_resolved`, `shape_exact_pressure` [m]: the displacement under `pressure_resolved`, and
+      under the true `pressure`.
+    - `height`, `skin` [m]: of the surface, and of the skin on it. All heights are less the mean of
+      the surface or of their own over the cells in contact, `touching`.
+    - `pressure`, `pressure_resolved` [Pa]: the truth, and what the averaging kernels of the
+      estimate show of it without any noise.
+    """
+
+    shape: Float[np.ndarray, " n"]
+    shape_stderr: Float[np.ndarray, " n"]
+    shape_resolved: Float[np.ndarray, " n"]
+    shape_exact_pressure: Float[np.ndarray, " n"]
+    height: Float[np.ndarray, " n"]
+    skin: Float[np.ndarray, " n"]
+    pressure: Float[np.ndarray, " n"]
+    pressure_resolved: Float[np.ndarray, " n"]
+    touching: Bool[np.ndarray, " n"]
+
+    @classmethod
+    def under(cls, solved: SolvedContact, estimate: Estimate) -> "RecoveredShape":
+        """From an estimate on the line of the simulation. Raises `BadInput` for one without a
+        covariance."""
+        sim, skin = solved.sim, solved.scene.skin
+        touching = solved.contact.touching[:: sim.refinement]
+        shape, stderr = shape_band(sim.line, skin, estimate, touching)
+        p = solved.traction()
+        resolved = smoothed_truth(p, estimate, isinstance(sim.line, Periodic))[0]
+        height = solved.surface.height(sim.line)
+        on_surface = (solved.surface.height(sim.fine) + solved.contact.gap_m)[:: sim.refinement]
+        w = shape_under(sim.line, skin, jnp.stack([resolved, p[0]]))
+        w = w - jnp.mean(w, axis=-1, keepdims=True, where=touching)
+        level = jnp.mean(height, where=touching)
+        heights = shape, stderr, *w, height - level, on_surface - level
+        return cls(*(np.asarray(each) for each in (*heights, p[0], resolved, touching)))

@@ -13,7 +13,7 @@ from .. import plot
 from ..errors import is_number, refuse
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.simulation import Simulation
-from ..inverse.estimate import BAND_90, COMPONENTS, Estimate, deviation
+from ..inverse.estimate import COMPONENTS, Estimate, coverage_90, deviation, relative_error
 from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
@@ -172,14 +172,12 @@ def _scores(
     cells in the 90 % band: all of the deviation from the mean."""
     true = deviation(truth, cells)
     wrong = deviation(value, cells) - true
-    size = np.linalg.norm(true, axis=-1)
     overall = np.linalg.norm(wrong, axis=(-2, -1)) / np.linalg.norm(true)
-    inside = np.mean(np.abs(wrong) <= BAND_90 * stderr[..., cells], axis=-1)
-    error = np.linalg.norm(wrong, axis=-1) / np.where(size > 0, size, np.nan)
+    of = (*BY, "component")
     return {
-        "error": ((*BY, "component"), error, "1"),
+        "error": (of, relative_error(value, truth, cells), "1"),
         "error_overall": (BY, overall, "1"),
-        "coverage": ((*BY, "component"), inside, "1"),
+        "coverage": (of, coverage_90(value, stderr, truth, cells), "1"),
         "rank": (BY, ranks(overall), "1"),
     }
 

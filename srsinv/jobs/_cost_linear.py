@@ -88,7 +88,7 @@ def noisy_problems(
             sim = simulated(line, cells)
             problem = noisy_problem(sim, key, friction)
             truth = np.asarray(sim.traction(sim.line))[: problem.unknowns]
-            problems[line, cells] = problem, _without_mean(truth)
+            problems[line, cells] = problem, deviation(np.asarray(truth, float))
     return problems
 
 
@@ -117,7 +117,7 @@ def inversion_rows(
         exact, solvers = _solvers(tolerances, problem, prior_of(problem), peers)
         for family, peer, work, compile_s in solvers:
             value, first, steady = timed(work, repeats)
-            value = _without_mean(value)
+            value = deviation(np.asarray(value, float))
             errors = np.linalg.norm(value - truth, axis=1) / size
             yield {
                 "part": part,
@@ -168,7 +168,7 @@ def _solvers(
         ways += [_Solver(f"iterative, {tolerance:g}", peer, work, iterate_s), *beside(peer)]
     for family in list(others):
         ways += beside(family)
-    return _without_mean(exact), ways
+    return deviation(np.asarray(exact, float)), ways
 
 
 def _spectral_ways(given: tuple[LineProblem, Prior]) -> tuple[Any, list[_Solver]]:
@@ -192,11 +192,6 @@ def _compiled(function: Callable, *arguments) -> tuple[Callable, float]:
 
 def _relative(value, reference) -> float:
     return float(np.linalg.norm(value - reference) / np.linalg.norm(reference))
-
-
-def _without_mean(values) -> np.ndarray:
-    """Deviation from the mean over all cells."""
-    return deviation(np.asarray(values, float))
 
 
 def _single(tree):

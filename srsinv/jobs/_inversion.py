@@ -11,7 +11,7 @@ from ..effects import ScreeningResult
 from ..errors import of_kind
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
-from ..inverse.estimate import BAND_90, COMPONENTS, Estimate, deviation
+from ..inverse.estimate import COMPONENTS, Estimate, coverage_90, relative_error
 from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
 from ..inverse.spectral_lines import strongest_line_m
@@ -214,15 +214,13 @@ def _scores(case: InversionCase, estimates: Estimates) -> Variables:
     coverage = error.copy()
     if "traction" in case.stages:
         observed = case.problem.observed_cells
-        truth = deviation(case.stages["traction"][1], observed)
-        size = np.linalg.norm(truth, axis=-1)
+        truth = np.asarray(case.stages["traction"][1])
         for m, estimate in enumerate(estimates.values()):
-            wrong = deviation(np.asarray(estimate.value), observed) - truth
-            stderr = np.asarray(estimate.stderr)[:, observed]
-            error[m] = np.linalg.norm(wrong, axis=-1) / np.where(size > 0, size, np.nan)
-            inside = np.mean(np.abs(wrong) <= BAND_90 * stderr, axis=-1)
+            value, stderr = np.asarray(estimate.value), np.asarray(estimate.stderr)
+            error[m] = relative_error(value, truth, observed)
+            inside = coverage_90(value, stderr, truth, observed)
             # A method of one's own may give no band.
-            coverage[m] = np.where(np.isnan(stderr).all(axis=-1), np.nan, inside)
+            coverage[m] = np.where(np.isnan(stderr[:, observed]).all(axis=-1), np.nan, inside)
     by = ("method", "component")
     return {
         "error": (by, error, "1", "error_{component}_{method}"),

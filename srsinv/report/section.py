@@ -53,7 +53,8 @@ def sections(*sources: str, **plots: Plot) -> tuple[Section, ...]:
     """The sections of pages, in order; `plots` are their own, `own.plots.NAME` in the words.
 
     A source is the name of a page of this package, `inversion`, or the path of a Python file that
-    has its page beside it, `__file__`. In the file a line `# Heading` begins a section; the lines
+    has its page beside it, `__file__`: `NAME.md.j2` of NAME.py, `page.md.j2` of a folder's
+    `__init__.py`. In the file a line `# Heading` begins a section; the lines
     `needs: variable(dimension, ...), ...` and `folded` may follow it. Text before the first
     heading is a section without one.
     """
@@ -61,9 +62,10 @@ def sections(*sources: str, **plots: Plot) -> tuple[Section, ...]:
 
 
 def _path(source: str) -> Path:
-    if source.endswith(".py"):
-        return Path(source).with_suffix(_END)
-    return PAGES / f"{source}{_END}"
+    path = Path(source)
+    if path.name == "__init__.py":
+        return path.with_name(f"page{_END}")
+    return path.with_suffix(_END) if path.suffix == ".py" else PAGES / f"{source}{_END}"
 
 
 def _read(path: Path, plots: Mapping[str, Plot]) -> Iterator[WrittenSection]:

@@ -121,6 +121,12 @@ def test_a_page_is_read_from_the_file_beside_the_job(result):
     assert caption == "The wave goes up and down."
 
 
+def test_a_job_that_is_a_folder_has_its_page_in_it(tmp_path):
+    (tmp_path / "page.md.j2").write_text(PAGE)
+    headings = [each.heading for each in sections(str(tmp_path / "__init__.py"))]
+    assert headings == ["", "Wave", "Lacking"]
+
+
 def test_the_page_says_the_result_before_everything(result):
     page = render(result, {}, "srsinv experiment=waves")["report.html"].decode()
     assert "<h1>Waves &amp; &lt;more&gt;</h1>" in page

@@ -9,7 +9,7 @@ import xarray
 from matplotlib.figure import Figure
 
 from .panels import Curve, Mark, Panel, PanelAxis, panels
-from .stages import QUANTITIES, X, method_looks
+from .stages import QUANTITIES, X, method_curves, method_looks
 from .style import (
     NORMAL_90,
     SHADE,
@@ -123,7 +123,7 @@ def averaging_kernel(dataset: xarray.Dataset) -> Figure:
     for each that contributes; only those that were solved for."""
     kernels, components = dataset["averaging_kernel"].values, names_of(dataset["component"])
     solved = [c for c in range(kernels.shape[1]) if shown(kernels[:, c, c])]
-    methods = method_looks(names_of(dataset["method"]))
+    methods = names_of(dataset["method"])
     few_depths = 5 * float(dataset["element_depth"].max())
     reach = min(
         max(few_depths, 3 * peak(dataset["kernel_width"].values)), peak(dataset["lag"].values)
@@ -131,10 +131,7 @@ def averaging_kernel(dataset: xarray.Dataset) -> Figure:
     rows = [
         [
             Panel(
-                [
-                    Curve(kernel[out, into], method, look=look)
-                    for (method, look), kernel in zip(methods.items(), kernels, strict=True)
-                ],
+                method_curves(methods, kernels[:, out, into]),
                 PanelAxis("distance along x", "m", limits=(-reach, reach)),
                 PanelAxis("kernel", "1/m"),
                 dataset["lag"].values,

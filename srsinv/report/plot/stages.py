@@ -1,5 +1,7 @@
 """The stages of a scene along x, and of its recording: traction, stress, samples in time."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import xarray
 from matplotlib.figure import Figure
@@ -105,3 +107,9 @@ def method_looks(methods: list[str]) -> dict[str, dict[str, str]]:
         name: {"color": palette[name], "linestyle": styles[i % len(styles)]}
         for i, name in enumerate(palette)
     }
+
+
+def method_curves(methods: list[str], rows: Iterable[np.ndarray]) -> list[Curve]:
+    """A curve for each method, one of `rows` (n,), in its look."""
+    looks = method_looks(methods).items()
+    return [Curve(row, name, look=look) for (name, look), row in zip(looks, rows, strict=True)]

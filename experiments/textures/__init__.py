@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import xarray
 
-from experiments.textures_figures import height_densities
 from srsinv import config
 from srsinv.errors import mapping, number, refuse, whole
 from srsinv.inverse.texture import HeightSpectra
@@ -16,6 +15,8 @@ from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 from srsinv.targets import make
+
+from .figures import height_densities
 
 CONTACTS = {"full": "pressure_Pa", "light": "light_pressure_Pa"}  # and the key of each pressure
 CLASSIFICATIONS = {  # and the end of its accuracy's name in metrics.json

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import xarray
 
-from experiments.fig12_ridges_figures import PAPER_M, draw_signal, draw_size
 from srsinv import config
 from srsinv.effects import add_effects
 from srsinv.errors import number, refuse, whole
@@ -18,6 +17,8 @@ from srsinv.inverse.detection import needed_wave
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity, quantity_with_error
+
+from .figures import PAPER_M, draw_signal, draw_size
 
 STATED = ("ridges", "blind_strip_width_m", "false_alarm", "detection", "peak_over_noise",
           "sample_rate_hz")  # settings that the page names  # fmt: skip

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
-from experiments.two_element_figures import against_angle, recovered
 from srsinv import config
 from srsinv.errors import refuse
 from srsinv.forward.simulation import Simulation
@@ -19,6 +18,8 @@ from srsinv.progress import stage
 from srsinv.report.result import Result, dataset
 from srsinv.report.section import sections
 from srsinv.report.text import listed, significant
+
+from .figures import against_angle, recovered
 
 
 def run(cfg: config.Config) -> Result:

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from experiments.fig13_tape_figures import EDGES, symmetry
 from srsinv import config
 from srsinv.errors import BadInput, number, refuse
 from srsinv.forward.surface import Surface, Tape
@@ -17,6 +16,8 @@ from srsinv.report.answers import answer_variables
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import format_with_error, listed
+
+from .figures import EDGES, symmetry
 
 CASES = {  # with the end of its metrics' names
     "as it is": "",
