@@ -471,6 +471,15 @@ def test_a_spread_goes_from_the_least_to_the_greatest():
     assert [text.get_text() for text in axes.get_yticklabels()] == ["Wiener", "Tikhonov"]
 
 
+def test_the_axis_of_a_spread_holds_its_values_in_their_unit():
+    data = result.dataset(
+        {"error": ("method", [-3.5e-6, 5e-6], "m")}, {"method": (["a", "b"], "1")}
+    )
+    (axes,) = panels_of(plot.spread(data, {"error": "error"}, "method", log=["error"]))
+    assert axes.get_xlabel() == "[µm]"
+    assert axes.get_xlim() == pytest.approx((-7.0, 10.0))
+
+
 @pytest.mark.parametrize("draw", [plot.estimates, plot.signals, plot.spectra])
 def test_what_a_run_leaves_can_be_drawn_again(full, draw, tmp_path):
     path = tmp_path / "result.nc"

@@ -55,7 +55,7 @@ def spread(
         axes.set(title=heading, xlabel="" if unit.unit == "1" else f"[{unit.unit}]")
         ends = (limits or {}).get(heading)
         axes.set_xlim([end * unit.factor for end in ends] if ends else None)
-        drawn = [right[:1], *(dataset[name].values.ravel() for name in shown)]
+        drawn = [right[:1], *(unit.factor * dataset[name].values.ravel() for name in shown)]
         _ticks(axes, np.concatenate(drawn), heading in log)
     figure.suptitle(title)
     legend_below(figure, grid)
