@@ -13,8 +13,8 @@ from ..forward.sensor import Sensor
 from ..grid import wavenumbers
 from ..inverse.estimate import BAND_90, COMPONENTS, Estimate, deviation
 from ..inverse.line_problem import LineProblem
+from ..inverse.periodogram import strongest_line_m
 from ..inverse.quality import Quality
-from ..inverse.spectral_lines import strongest_line_m
 from ..inverse.widths import cutoff, full_width_at_half_maximum
 from ..progress import stage
 from ..report.answers import answer_variables
