@@ -12,11 +12,11 @@ from jaxtyping import Array, Complex, Float
 
 from ..errors import of_kind
 from ..grid import Line
+from ..numerics import BAND_90 as BAND_90
 from ..status import Status
 from .quality import Quality, quality, reasons
 
 COMPONENTS = ("p", "q")
-BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standard errors
 
 
 class Estimate(eqx.Module):

@@ -13,11 +13,12 @@ from .. import plot
 from ..errors import is_number, refuse
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.simulation import Simulation
-from ..inverse.estimate import BAND_90, COMPONENTS, Estimate, deviation
+from ..inverse.estimate import COMPONENTS, Estimate, deviation
 from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
 from ..inverse.simulated import noisy_problem
+from ..numerics import BAND_90
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
 from ._statistics import differences, ranks

@@ -11,11 +11,12 @@ from ..effects import ScreeningResult
 from ..errors import of_kind
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
-from ..inverse.estimate import BAND_90, COMPONENTS, Estimate, deviation
+from ..inverse.estimate import COMPONENTS, Estimate, deviation
 from ..inverse.line_problem import LineProblem
 from ..inverse.periodogram import strongest_line_m
 from ..inverse.quality import Quality
 from ..inverse.widths import cutoff, full_width_at_half_maximum
+from ..numerics import BAND_90
 from ..progress import stage
 from ..report.answers import answer_variables
 from ..report.result import Result, dataset, key_of, scalars

@@ -11,12 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from xarray import DataArray, Dataset
 
+from ...numerics import BAND_90
 from ..text import best_unit
 from .lettering import SYMBOLS, show_as_written
 
 WIDTH_IN = 8.0
 MM_PER_M = 1e3
-NORMAL_90 = 1.645  # half the width of the standard normal's central 90 %
+NORMAL_90 = BAND_90  # as curves.py has it
 
 TRUTH = "#000000"
 GREY = "#6b747c"
