@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from . import parts
 from .errors import mapping, number, refuse, shown, whole
-from .targets import KINDS as KINDS
 from .targets import make
 
 if TYPE_CHECKING:  # most import jax

@@ -17,11 +17,11 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table
     from .forward.noise import Noise as Noise
     from .forward.scan import ConstantSpeed as ConstantSpeed
     from .forward.scene import Scene as Scene
+    from .forward.shape import Shape as Shape
     from .forward.skin import HalfSpace as HalfSpace
     from .forward.skin import Skin as Skin
     from .forward.speed_profile import SpeedProfile as SpeedProfile
     from .forward.surface import Rough as Rough
-    from .forward.surface import Shape as Shape
     from .forward.surface_feature import SurfaceFeature as SurfaceFeature
     from .forward.traction import FrictionStep as FrictionStep
     from .forward.traction import Pressure as Pressure

@@ -45,7 +45,7 @@ KINDS: Mapping[str, Sequence[str]] = {
     "solver": ("srsinv.inverse.nonlinear.Solver",),
     "spectrum": ("srsinv.inverse.wiener.TractionSpectrum",),
     "speed_profile": ("srsinv.forward.speed_profile.SpeedProfile",),
-    "surface": ("srsinv.forward.surface.Shape",),
+    "surface": ("srsinv.forward.shape.Shape",),
     "surface_feature": ("srsinv.forward.surface_feature.SurfaceFeature",),
     "traction_feature": ("srsinv.forward.feature.Feature",),
 }

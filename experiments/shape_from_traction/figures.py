@@ -8,7 +8,7 @@ import xarray
 from matplotlib.figure import Figure
 
 from srsinv import plot
-from srsinv.inverse.estimate import BAND_90
+from srsinv.numerics import BAND_90
 from srsinv.report.plot.style import SHADE, TRUTH, stretches
 from srsinv.report.text import quantity, spoken
 

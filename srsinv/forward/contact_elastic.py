@@ -94,6 +94,10 @@ def _partial(height, nominal, compliance, most: int):
 
 
 class _DescentState(NamedTuple):
+    """The deviation, the displacement `moved` under it, the gap and its error; `evenly` is the
+    preconditioned unit load on the `active` cells, the next step goes on as `conjugate` to this
+    one's `direction`."""
+
     deviation: Float[Array, " n"]
     moved: Float[Array, " n"]
     gap: Float[Array, " n"]
@@ -108,50 +112,14 @@ class _DescentState(NamedTuple):
 
 def iterate(height, nominal, compliance, start, most: int, tolerance):
     """The deviation and the number of steps, from the deviation `start`: each step is one of
-    conjugate gradients on the cells that touch or overlap.
-
-    A state holds the deviation, the displacement `moved` under it, the gap and its error; `evenly`
-    is the preconditioned unit load on the `active` cells. What costs Fourier transforms is only
-    done again where cells came or went.
-    """
+    conjugate gradients on the cells that touch or overlap."""
     stiffness = _stiffness(compliance)
-
-    def on(active, values):
-        return jnp.where(active, times(stiffness, values), 0.0)
 
     def going(at: _DescentState):
         return (at.residual > tolerance) & (at.steps < most)
 
     def step(at: _DescentState) -> _DescentState:
-        touching = touches(nominal, at.deviation)
-        entering = ~touching & (at.gap < 0)
-        active = touching | entering
-        evenly = jax.lax.cond(
-            jnp.all(active == at.active),
-            lambda: at.evenly,
-            lambda: on(active, active.astype(height.dtype)),
-        )
-        rest = jnp.where(active, at.gap, 0.0)
-        z = _balanced(on(active, rest), evenly)
-        norm = rest @ z
-        keep = at.conjugate & ~jnp.any(entering)
-        beta = jnp.where(keep, norm / at.norm, 0.0)
-        direction = jnp.where(active, z + beta * at.direction, 0.0)
-        answer = times(compliance, direction)
-        length = (rest @ direction) / (direction @ answer)
-        free = at.deviation - length * direction
-        lifted = active & (free <= -nominal)
-        whole = ~jnp.any(lifted)
-        deviation, moved = jax.lax.cond(
-            whole,
-            lambda: (free, at.moved - length * answer),
-            lambda: _falling(at, _cut(free, active, nominal), height, compliance),
-        )
-        gap, residual = gap_and_error(height, nominal, moved, deviation)
-        # A direction that lost cells would carry a net force.
-        return _DescentState(
-            deviation, moved, gap, residual, active, evenly, direction, norm, whole, at.steps + 1
-        )
+        return _descended(at, height, nominal, compliance, stiffness)
 
     zero, none = jnp.zeros((), height.dtype), jnp.zeros_like(height)
     moved = times(compliance, start)
@@ -162,6 +130,44 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
     )
     end = jax.lax.while_loop(going, step, first)
     return end.deviation, end.steps
+
+
+def _descended(at: _DescentState, height, nominal, compliance, stiffness) -> _DescentState:
+    """The state after one step. What costs Fourier transforms is only done again where cells came
+    or went."""
+
+    def on(active, values):
+        return jnp.where(active, times(stiffness, values), 0.0)
+
+    touching = touches(nominal, at.deviation)
+    entering = ~touching & (at.gap < 0)
+    active = touching | entering
+    evenly = jax.lax.cond(
+        jnp.all(active == at.active),
+        lambda: at.evenly,
+        lambda: on(active, active.astype(height.dtype)),
+    )
+    rest = jnp.where(active, at.gap, 0.0)
+    z = _balanced(on(active, rest), evenly)
+    norm = rest @ z
+    keep = at.conjugate & ~jnp.any(entering)
+    beta = jnp.where(keep, norm / at.norm, 0.0)
+    direction = jnp.where(active, z + beta * at.direction, 0.0)
+    answer = times(compliance, direction)
+    length = (rest @ direction) / (direction @ answer)
+    free = at.deviation - length * direction
+    lifted = active & (free <= -nominal)
+    whole = ~jnp.any(lifted)
+    deviation, moved = jax.lax.cond(
+        whole,
+        lambda: (free, at.moved - length * answer),
+        lambda: _falling(at, _cut(free, active, nominal), height, compliance),
+    )
+    gap, residual = gap_and_error(height, nominal, moved, deviation)
+    # A direction that lost cells would carry a net force.
+    return _DescentState(
+        deviation, moved, gap, residual, active, evenly, direction, norm, whole, at.steps + 1
+    )
 
 
 def _falling(at: _DescentState, cut, height, compliance):

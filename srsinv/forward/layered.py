@@ -12,6 +12,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..errors import mapping, number, refuse, shown
 from ..grid import as_real
+from ..quantities import quantity
 from .antiplane import Antiplane, AntiplaneHalfSpace
 from .kernel_table import KAPPA, integral_over_x, kernel
 from .layer_stack import LayerStack
@@ -85,7 +86,7 @@ class Layered(Skin):
             thick = layer.thickness_m
             kind = "a half space" if thick is None else f"{float(thick) * 1e3:.4g} mm"
             return (
-                f"{kind} of {float(layer.youngs_modulus_Pa):.4g} Pa "
+                f"{kind} of {quantity(float(layer.youngs_modulus_Pa), 'Pa')} "
                 f"(Poisson's ratio {float(layer.poisson_ratio):.4g})"
             )
 

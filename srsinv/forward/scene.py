@@ -12,8 +12,9 @@ from ..errors import all_of_kind, number, of_kind, refuse, whole
 from ..grid import Line, Scalar, as_real
 from .contact import Contact, press
 from .contact_wake import press_with_wake
+from .shape import Shape
 from .skin import HalfSpace, Skin
-from .surface import Shape, Surface
+from .surface import Surface
 from .traction import FrictionStep, Pressure
 
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Complex, Float, Inexact
 
 from ..errors import number
 from ..grid import Scalar, as_real
+from ..quantities import quantity
 from .antiplane import Antiplane, AntiplaneHalfSpace
 
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
@@ -109,7 +110,7 @@ class HalfSpace(Skin):
     @property
     def words(self) -> str:
         modulus, nu = float(self.youngs_modulus_Pa), float(self.poisson_ratio)
-        return f"half space of {modulus:.4g} Pa, Poisson's ratio {nu:.4g}"
+        return f"half space of {quantity(modulus, 'Pa')}, Poisson's ratio {nu:.4g}"
 
     @property
     def half_space(self) -> "HalfSpace | None":

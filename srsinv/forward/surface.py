@@ -5,7 +5,6 @@ their own over a short zone, mu(x) = base + (edge - base) exp(-((x - x_edge)/l)^
 is the one met first (docs/physics.md, section 10).
 """
 
-import abc
 from collections.abc import Sequence
 from typing import Any, ClassVar, TypeVar
 
@@ -18,57 +17,7 @@ from jaxtyping import Array, Float, UInt32
 
 from ..errors import all_of_kind, number, refuse, whole
 from ..grid import Line, Scalar, as_real, wavenumbers
-
-
-def _real(name: str, value) -> Float[Array, ""]:
-    return as_real(number(f"surface {name}", value, "a number, in SI units"))
-
-
-def _positive(name: str, value) -> Float[Array, ""]:
-    return as_real(number(f"surface {name}", value, "a positive number, in SI units", above=0))
-
-
-def _not_negative(name: str, value) -> Float[Array, ""]:
-    return as_real(number(f"surface {name}", value, "a length in metres, 0 or more", least=0))
-
-
-def _friction(name: str, value) -> Float[Array, ""] | None:
-    wanted = "a number, of either sign, or null for that of the plate"
-    return None if value is None else as_real(number(f"surface {name}", value, wanted))
-
-
-class EdgeFriction(eqx.Module):
-    """The friction of an edge at `position_m`, instead of the base's, over about `length_m`."""
-
-    position_m: Float[Array, ""]
-    friction: Float[Array, ""]
-    length_m: Float[Array, ""]
-
-    def weight(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Weight of the edge's friction against the base's: exp(-((x - x_edge)/l)^2)."""
-        return jnp.exp(-(((x - self.position_m) / self.length_m) ** 2))
-
-
-class Shape(eqx.Module):
-    """One shape on a surface. `is_periodic`: whether it goes on beyond the window for ever."""
-
-    is_periodic: ClassVar[bool] = False
-
-    @abc.abstractmethod
-    def height(self, line: Line) -> Float[Array, " n"]:
-        """Height [m] at the cell centres."""
-
-    def edges(self, forward: bool) -> tuple[EdgeFriction, ...]:
-        """Edges with a friction of their own, `forward` for sliding towards +x."""
-        del forward
-        return ()
-
-
-def rise(x: Float[Array, " n"], edge_length_m: Float[Array, ""]) -> Float[Array, " n"]:
-    """A smooth step from 0 to 1 at x = 0, tanh over `edge_length_m`; vertical where that is 0."""
-    sharp = edge_length_m <= 0
-    smooth = jnp.tanh(x / jnp.where(sharp, 1.0, edge_length_m))
-    return 0.5 * (1 + jnp.where(sharp, jnp.sign(x), smooth))
+from .shape import EdgeFriction, Shape, friction, not_negative, positive, real, rise
 
 
 def _raised(x, height, width, position, edge_length) -> Float[Array, " n"]:
@@ -80,18 +29,12 @@ def _raised(x, height, width, position, edge_length) -> Float[Array, " n"]:
 class Ridge(Shape):
     """A raised strip (of negative height a groove), its friction that of the plate."""
 
-    height_m: Float[Array, ""]
-    width_m: Float[Array, ""]
-    position_m: Float[Array, ""]
-    edge_length_m: Float[Array, ""]
-
-    def __init__(self, height_m, width_m, position_m: Scalar = 0.0, edge_length_m: Scalar = 1e-5):
-        self.height_m, self.position_m = (
-            _real("height_m", height_m),
-            _real("position_m", position_m),
-        )
-        self.width_m = _positive("width_m", width_m)
-        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
+    height_m: Float[Array, ""] = eqx.field(converter=real("height_m"))
+    width_m: Float[Array, ""] = eqx.field(converter=positive("width_m"))
+    position_m: Float[Array, ""] = eqx.field(converter=real("position_m"), default=0.0)
+    edge_length_m: Float[Array, ""] = eqx.field(
+        converter=not_negative("edge_length_m"), default=1e-5
+    )
 
     def height(self, line: Line) -> Float[Array, " n"]:
         return _raised(line.x, self.height_m, self.width_m, self.position_m, self.edge_length_m)
@@ -103,33 +46,21 @@ class Tape(Shape):
     `friction_zone_length_m` is the length l of both; a friction of None is that of the plate.
     """
 
-    height_m: Float[Array, ""]
-    width_m: Float[Array, ""]
-    position_m: Float[Array, ""]
-    edge_length_m: Float[Array, ""]
-    leading_edge_friction: Float[Array, ""] | None
-    trailing_edge_friction: Float[Array, ""] | None
-    friction_zone_length_m: Float[Array, ""]
-
-    def __init__(
-        self,
-        height_m,
-        width_m,
-        position_m: Scalar = 0.0,
-        edge_length_m: Scalar = 2e-5,
-        leading_edge_friction: Any = None,
-        trailing_edge_friction: Any = None,
-        friction_zone_length_m: Scalar = 0.6e-3,
-    ):
-        self.height_m, self.position_m = (
-            _real("height_m", height_m),
-            _real("position_m", position_m),
-        )
-        self.width_m = _positive("width_m", width_m)
-        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
-        self.leading_edge_friction = _friction("leading_edge_friction", leading_edge_friction)
-        self.trailing_edge_friction = _friction("trailing_edge_friction", trailing_edge_friction)
-        self.friction_zone_length_m = _positive("friction_zone_length_m", friction_zone_length_m)
+    height_m: Float[Array, ""] = eqx.field(converter=real("height_m"))
+    width_m: Float[Array, ""] = eqx.field(converter=positive("width_m"))
+    position_m: Float[Array, ""] = eqx.field(converter=real("position_m"), default=0.0)
+    edge_length_m: Float[Array, ""] = eqx.field(
+        converter=not_negative("edge_length_m"), default=2e-5
+    )
+    leading_edge_friction: Float[Array, ""] | None = eqx.field(
+        converter=friction("leading_edge_friction"), default=None
+    )
+    trailing_edge_friction: Float[Array, ""] | None = eqx.field(
+        converter=friction("trailing_edge_friction"), default=None
+    )
+    friction_zone_length_m: Float[Array, ""] = eqx.field(
+        converter=positive("friction_zone_length_m"), default=0.6e-3
+    )
 
     def height(self, line: Line) -> Float[Array, " n"]:
         return _raised(line.x, self.height_m, self.width_m, self.position_m, self.edge_length_m)
@@ -148,11 +79,17 @@ class Tape(Shape):
 class _Step(Shape):
     """A step, its other edge at the seam of the periodic window."""
 
-    height_m: eqx.AbstractVar[Float[Array, ""]]
-    position_m: eqx.AbstractVar[Float[Array, ""]]
-    edge_length_m: eqx.AbstractVar[Float[Array, ""]]
-    edge_friction: eqx.AbstractVar[Float[Array, ""] | None]
-    friction_zone_length_m: eqx.AbstractVar[Float[Array, ""]]
+    height_m: Float[Array, ""] = eqx.field(converter=real("height_m"))
+    position_m: Float[Array, ""] = eqx.field(converter=real("position_m"), default=0.0)
+    edge_length_m: Float[Array, ""] = eqx.field(
+        converter=not_negative("edge_length_m"), default=2e-5
+    )
+    edge_friction: Float[Array, ""] | None = eqx.field(
+        converter=friction("edge_friction"), default=None
+    )
+    friction_zone_length_m: Float[Array, ""] = eqx.field(
+        converter=positive("friction_zone_length_m"), default=0.6e-3
+    )
 
     def edges(self, forward: bool) -> tuple[EdgeFriction, ...]:
         del forward
@@ -164,56 +101,12 @@ class _Step(Shape):
 class StepUp(_Step):
     """Higher from `position_m` on, up to the end of the window."""
 
-    height_m: Float[Array, ""]
-    position_m: Float[Array, ""]
-    edge_length_m: Float[Array, ""]
-    edge_friction: Float[Array, ""] | None
-    friction_zone_length_m: Float[Array, ""]
-
-    def __init__(
-        self,
-        height_m,
-        position_m: Scalar = 0.0,
-        edge_length_m: Scalar = 2e-5,
-        edge_friction: Any = None,
-        friction_zone_length_m: Scalar = 0.6e-3,
-    ):
-        self.height_m, self.position_m = (
-            _real("height_m", height_m),
-            _real("position_m", position_m),
-        )
-        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
-        self.edge_friction = _friction("edge_friction", edge_friction)
-        self.friction_zone_length_m = _positive("friction_zone_length_m", friction_zone_length_m)
-
     def height(self, line: Line) -> Float[Array, " n"]:
         return self.height_m * _from(line, self.position_m, self.edge_length_m)
 
 
 class StepDown(_Step):
     """Higher from the beginning of the window to `position_m`, and lower from there on."""
-
-    height_m: Float[Array, ""]
-    position_m: Float[Array, ""]
-    edge_length_m: Float[Array, ""]
-    edge_friction: Float[Array, ""] | None
-    friction_zone_length_m: Float[Array, ""]
-
-    def __init__(
-        self,
-        height_m,
-        position_m: Scalar = 0.0,
-        edge_length_m: Scalar = 2e-5,
-        edge_friction: Any = None,
-        friction_zone_length_m: Scalar = 0.6e-3,
-    ):
-        self.height_m, self.position_m = (
-            _real("height_m", height_m),
-            _real("position_m", position_m),
-        )
-        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
-        self.edge_friction = _friction("edge_friction", edge_friction)
-        self.friction_zone_length_m = _positive("friction_zone_length_m", friction_zone_length_m)
 
     def height(self, line: Line) -> Float[Array, " n"]:
         return self.height_m * (1 - _from(line, self.position_m, self.edge_length_m))
@@ -233,26 +126,13 @@ class Ridges(Shape):
     """
 
     is_periodic: ClassVar[bool] = True
-    height_m: Float[Array, ""]
-    width_m: Float[Array, ""]
-    pitch_m: Float[Array, ""]
-    position_m: Float[Array, ""]
-    edge_length_m: Float[Array, ""]
-
-    def __init__(
-        self,
-        height_m,
-        width_m,
-        pitch_m,
-        position_m: Scalar = 0.0,
-        edge_length_m: Scalar = 1e-5,
-    ):
-        self.height_m, self.position_m = (
-            _real("height_m", height_m),
-            _real("position_m", position_m),
-        )
-        self.width_m, self.pitch_m = _positive("width_m", width_m), _positive("pitch_m", pitch_m)
-        self.edge_length_m = _not_negative("edge_length_m", edge_length_m)
+    height_m: Float[Array, ""] = eqx.field(converter=real("height_m"))
+    width_m: Float[Array, ""] = eqx.field(converter=positive("width_m"))
+    pitch_m: Float[Array, ""] = eqx.field(converter=positive("pitch_m"))
+    position_m: Float[Array, ""] = eqx.field(converter=real("position_m"), default=0.0)
+    edge_length_m: Float[Array, ""] = eqx.field(
+        converter=not_negative("edge_length_m"), default=1e-5
+    )
 
     def height(self, line: Line) -> Float[Array, " n"]:
         from_ridge = (line.x - self.position_m) / self.pitch_m
@@ -270,12 +150,8 @@ class Ridges(Shape):
 class Cylinder(Shape):
     """A cylinder across the sliding direction: h = sqrt(R^2 - (x - x0)^2) - R, and flat beyond."""
 
-    radius_m: Float[Array, ""]
-    position_m: Float[Array, ""]
-
-    def __init__(self, radius_m, position_m: Scalar = 0.0):
-        self.radius_m = _positive("radius_m", radius_m)
-        self.position_m = _real("position_m", position_m)
+    radius_m: Float[Array, ""] = eqx.field(converter=positive("radius_m"))
+    position_m: Float[Array, ""] = eqx.field(converter=real("position_m"), default=0.0)
 
     def height(self, line: Line) -> Float[Array, " n"]:
         square = (line.x - self.position_m) ** 2
@@ -288,16 +164,9 @@ class Cylinder(Shape):
 class Bump(Shape):
     """A smooth bump, H exp(-(x - x0)^2/(2 s^2))."""
 
-    height_m: Float[Array, ""]
-    sigma_m: Float[Array, ""]
-    position_m: Float[Array, ""]
-
-    def __init__(self, height_m, sigma_m, position_m: Scalar = 0.0):
-        self.height_m, self.position_m = (
-            _real("height_m", height_m),
-            _real("position_m", position_m),
-        )
-        self.sigma_m = _positive("sigma_m", sigma_m)
+    height_m: Float[Array, ""] = eqx.field(converter=real("height_m"))
+    sigma_m: Float[Array, ""] = eqx.field(converter=positive("sigma_m"))
+    position_m: Float[Array, ""] = eqx.field(converter=real("position_m"), default=0.0)
 
     def height(self, line: Line) -> Float[Array, " n"]:
         return self.height_m * jnp.exp(-(((line.x - self.position_m) / self.sigma_m) ** 2) / 2)
@@ -307,16 +176,9 @@ class SineWave(Shape):
     """h = H cos(2 pi (x - x0)/L)."""
 
     is_periodic: ClassVar[bool] = True
-    height_m: Float[Array, ""]
-    wavelength_m: Float[Array, ""]
-    position_m: Float[Array, ""]
-
-    def __init__(self, height_m, wavelength_m, position_m: Scalar = 0.0):
-        self.height_m, self.position_m = (
-            _real("height_m", height_m),
-            _real("position_m", position_m),
-        )
-        self.wavelength_m = _positive("wavelength_m", wavelength_m)
+    height_m: Float[Array, ""] = eqx.field(converter=real("height_m"))
+    wavelength_m: Float[Array, ""] = eqx.field(converter=positive("wavelength_m"))
+    position_m: Float[Array, ""] = eqx.field(converter=real("position_m"), default=0.0)
 
     def height(self, line: Line) -> Float[Array, " n"]:
         k = 2 * jnp.pi / self.wavelength_m
@@ -339,8 +201,8 @@ class Rough(Shape):
     seed: UInt32[Array, ""]
 
     def __init__(self, rms_m, longest_m, shortest_m, hurst: Scalar = 0.8, seed: Any = 0):
-        self.rms_m = _not_negative("rms_m", rms_m)
-        self.longest_m = _positive("longest_m", longest_m)
+        self.rms_m = not_negative("rms_m")(rms_m)
+        self.longest_m = positive("longest_m")(longest_m)
         wanted = "a positive length in metres, not above longest_m"
         most = float("inf") if isinstance(longest_m, Tracer) else float(longest_m)
         self.shortest_m = as_real(
@@ -417,7 +279,7 @@ class Surface(eqx.Module):
 
     def __init__(self, shapes: Sequence[Shape] = (), base_friction: Scalar = 0.0):
         self.shapes = all_of_kind("surfaces", shapes, Shape, "shapes, as [Ridge(4e-5, 6e-4, 0.0)]")
-        self.base_friction = _real("base_friction", base_friction)
+        self.base_friction = real("base_friction")(base_friction)
 
     def only(self, kind: type[OneShape]) -> OneShape | None:
         """Its only shape, where that is of this kind, else None."""

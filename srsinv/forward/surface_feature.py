@@ -14,7 +14,8 @@ import numpy as np
 from ..errors import BadInput, number
 from ..grid import Scalar
 from .feature import POSITION, Axis, Range, ScanExtent, ShapeFamily
-from .surface import Ridge, Shape, StepDown, StepUp, Tape
+from .shape import Shape
+from .surface import Ridge, StepDown, StepUp, Tape
 
 LEAST_HEIGHT_M, GREATEST_HEIGHT_M = 1e-7, 1e-3
 HEIGHTS = 7  # tried: the signal goes from linear in the height to independent of it

@@ -15,21 +15,7 @@ from ..status import Status
 def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None:
     """Refuse what [`LineProblem`][] refuses."""
     elements = forward.transfer.shape[0]
-    shape = (elements, line.n)
-    refuse(
-        data.shape != shape,
-        f"The data have shape {data.shape}: the model expects (element, sample) = {shape}.",
-    )
-    refuse(
-        noise.shape != line.k.shape,
-        f"The noise has shape {noise.shape}: give its power at the {line.n // 2 + 1} wavenumbers "
-        "line.k.",
-    )
-    is_observed = np.ones(shape, bool) if observed is None else np.asarray(observed)
-    refuse(
-        is_observed.shape != shape,
-        f"observed has shape {is_observed.shape}: give one truth value for each of {shape}.",
-    )
+    is_observed = _checked_shapes((elements, line.n), line, data, noise, observed)
     refuse(
         friction is None and elements < 2,
         "One element cannot tell p from q: give friction (q = mu p) or a second element.",
@@ -44,17 +30,9 @@ def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None
             "there in observed, or correct them.",
         )
     if not isinstance(noise, Tracer):
-        level = np.asarray(noise)
-        usable = (level > 0) & (np.isfinite(level) | (np.arange(level.size) == 0))
-        worst = int(np.argmin(usable))
-        refuse(
-            not usable.all(),
-            f"The noise is {'zero' if level[worst] == 0 else level[worst]} at wavenumber number "
-            f"{worst}: give a power above 0 (infinite at number 0 alone, for an offset that is "
-            "not known).",
-        )
-    for name, value in (("friction", friction), *zip(("known mean of p", "known mean of q"),
-                                                      known_mean_Pa, strict=True)):  # fmt: skip
+        _check_noise(np.asarray(noise))
+    means = zip(("known mean of p", "known mean of q"), known_mean_Pa, strict=True)
+    for name, value in (("friction", friction), *means):
         refuse(
             value is not None and not isinstance(value, Tracer) and not np.isfinite(value),
             f"The {name} is {value}: give a finite number.",
@@ -67,6 +45,36 @@ def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None
         )
 
 
+def _checked_shapes(shape: tuple[int, int], line, data, noise, observed) -> np.ndarray:
+    """The mask of valid samples, of this shape as the data."""
+    refuse(
+        data.shape != shape,
+        f"The data have shape {data.shape}: the model expects (element, sample) = {shape}.",
+    )
+    refuse(
+        noise.shape != line.k.shape,
+        f"The noise has shape {noise.shape}: give its power at the {line.n // 2 + 1} wavenumbers "
+        "line.k.",
+    )
+    is_observed = np.ones(shape, bool) if observed is None else np.asarray(observed)
+    refuse(
+        is_observed.shape != shape,
+        f"observed has shape {is_observed.shape}: give one truth value for each of {shape}.",
+    )
+    return is_observed
+
+
+def _check_noise(power: np.ndarray) -> None:
+    usable = (power > 0) & (np.isfinite(power) | (np.arange(power.size) == 0))
+    worst = int(np.argmin(usable))
+    refuse(
+        not usable.all(),
+        f"The noise is {'zero' if power[worst] == 0 else power[worst]} at wavenumber number "
+        f"{worst}: give a power above 0 (infinite at number 0 alone, for an offset that is not "
+        "known).",
+    )
+
+
 def unboxed(value: Any) -> Any:
     """A number of an array as Python's; anything else as it is."""
     return value.item() if getattr(value, "ndim", None) == 0 else value
@@ -74,13 +82,14 @@ def unboxed(value: Any) -> Any:
 
 def check_estimate(
     shape: tuple[int, int],
-    stderr: Any,
+    parts: Mapping[str, Any],
     status: Any,
     resolved_dof: Any,
     warnings: Any,
     stats: Mapping[str, Any],
 ) -> None:
-    """Refuse what a method says of its solution of this shape where it cannot be."""
+    """Refuse what a method says of its solution of this shape, `traction` and `stderr` (None where
+    there is none) by name, where it cannot be."""
     choice("status", status, list(Status))
     wanted = f"a number from 0 to {math.prod(shape)}, of as many unknowns"
     number("resolved_dof", resolved_dof, wanted, least=0, most=math.prod(shape))
@@ -90,7 +99,15 @@ def check_estimate(
             not (value is None or isinstance(value, str | Real)),
             f"stats has {name} = {shown(value)}: give a number or a word, as float(...) makes one.",
         )
+    given = {name: np.asarray(values) for name, values in parts.items() if values is not None}
+    for name, values in given.items():
+        refuse(
+            values.shape != shape,
+            f"The {name} has the shape {values.shape}: give (component, cell), as they are solved "
+            f"for: {shape}.",
+        )
+    stderr = given.get("stderr", np.zeros(shape))
     refuse(
-        stderr is not None and bool(np.any((np.asarray(stderr) < 0) | np.isinf(stderr))),
+        bool(np.any((stderr < 0) | np.isinf(stderr))),
         "stderr has negative or infinite numbers: give NaN where it is not known.",
     )

@@ -12,11 +12,11 @@ from jaxtyping import Array, Complex, Float
 
 from ..errors import of_kind
 from ..grid import Line
+from ..numerics import BAND_90
 from ..status import Status
 from .quality import Quality, quality, reasons
 
 COMPONENTS = ("p", "q")
-BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standard errors
 
 
 class Estimate(eqx.Module):
@@ -101,14 +101,14 @@ class TractionEstimate(Estimate):
     stderr: Float[Array, "2 n"]
     fitted: Float[Array, "e sample"]
     whitened: Float[Array, "e sample"]
-    covariance: Complex[Array, "c c k"] | Float[Array, "m m"] | None
-    mean_weights: Float[Array, "c n"] | None
-    averaging: Float[Array, "c c n"] | None
     friction: Float[Array, ""] | None
     status: Status = eqx.field(static=True, converter=Status)
     warnings: tuple[str, ...] = eqx.field(static=True)
     stats: dict[str, Any] = eqx.field(static=True)
     parameters: Mapping[str, tuple[float, float]] = eqx.field(static=True, default_factory=dict)
+    covariance: Complex[Array, "c c k"] | Float[Array, "m m"] | None = None
+    mean_weights: Float[Array, "c n"] | None = None
+    averaging: Float[Array, "c c n"] | None = None
 
     def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value = np.asarray(self.value)

@@ -21,7 +21,8 @@ from ..grid import half_spectrum_weights
 from ..status import Status
 from . import diagnostics, direct, iterative, spectral
 from .estimate import COMPONENTS, TractionEstimate
-from .line_problem import LineProblem, Shown
+from .line_model import Shown
+from .line_problem import LineProblem
 from .prior import Prior, Score, Solution
 
 DIRECT_LIMIT = 4096

@@ -44,13 +44,7 @@ def problem_of(
     """
     sensor = sensor_described(recording) if sensor is None else sensor
     check_elements(recording, of_kind("sensor", sensor, Sensor, "a Sensor").elements)
-    unit = sensor.amplifier.unit
-    refuse(
-        unit not in VOLTS and unit != recording.signal_unit,
-        f"{recording.name}: the signal is in {recording.signal_unit}, and the amplifier "
-        f"({type(sensor.amplifier).__name__}) gives {unit}: take one of the signal's unit, or give "
-        "recording.gain.",
-    )
+    _check_unit(recording, sensor)
     window = recording.sidecar.get("contact_window_m")
     problem = Problem(
         sensor,
@@ -65,6 +59,16 @@ def problem_of(
     )
     health = channel_findings(recording.channels, recording.signal, recording.signal_unit)
     return problem.with_warnings((*health, *_wiring(recording, problem)))
+
+
+def _check_unit(recording: Recording, sensor: Sensor) -> None:
+    unit = sensor.amplifier.unit
+    refuse(
+        unit not in VOLTS and unit != recording.signal_unit,
+        f"{recording.name}: the signal is in {recording.signal_unit}, and the amplifier "
+        f"({type(sensor.amplifier).__name__}) gives {unit}: take one of the signal's unit, or give "
+        "recording.gain.",
+    )
 
 
 def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .spectral_lines import Pitch, drift, scan_pitch
+from .pitch import Pitch, drift, scan_pitch
 
 BLOCKS_PER_PERIOD = 20  # whose means hold all but 0.4 % of the wave
 OVERSAMPLING = 4  # of the spectrum

@@ -8,9 +8,10 @@ import numpy as np
 from ..errors import mapping, number, refuse, shown
 from ..forward.surface_feature import SurfaceFeature
 from ..inverse.cells import check_cells
-from ..inverse.features.contact import cell_for, checked_pressure
+from ..inverse.features.contact import cell_for
 from ..inverse.features.loading import Features
 from ..inverse.features.method import FeatureFit
+from ..inverse.features.surface_settings import checked_pressure
 from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
 from ..recording import Recording

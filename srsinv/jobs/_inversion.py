@@ -13,8 +13,8 @@ from ..forward.sensor import Sensor
 from ..grid import wavenumbers
 from ..inverse.estimate import COMPONENTS, Estimate, coverage_90, relative_error
 from ..inverse.line_problem import LineProblem
+from ..inverse.periodogram import strongest_line_m
 from ..inverse.quality import Quality
-from ..inverse.spectral_lines import strongest_line_m
 from ..inverse.widths import cutoff, full_width_at_half_maximum
 from ..progress import stage
 from ..report.answers import answer_variables
@@ -95,16 +95,12 @@ def _title(case: InversionCase, data: xarray.Dataset) -> str:
     return f"{case.name}: the pressure is highest at {', '.join(said)}"
 
 
-# --- data ------------------------------------------------------------------------------------
-
-
 def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xarray.Dataset:
-    problem, sensor = case.problem, case.sensor
     variables = (
         _signals(case)
         | _estimated(case, estimates)
         | _resolution(case, estimates)
-        | _of_sensor(sensor)
+        | _of_sensor(case.sensor)
         | dict(case.stages)
         | _scores(case, estimates)
         | _highest(case, estimates)
@@ -116,22 +112,7 @@ def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xa
         | _screened(case.screening)
         | scalars(_numbers(case, estimates))
     )
-    n, cell = problem.line.n, float(problem.line.cell_m)
-    coordinates: dict[str, tuple[Any, ...]] = {
-        "x": (np.asarray(problem.line.x), "m"),
-        "wavenumber": (np.asarray(wavenumbers(n, cell)), "rad/m"),
-        "lag": (cell * (np.arange(n) - n // 2), "m"),
-        "component": (list(COMPONENTS), "1"),
-        "component_out": (list(COMPONENTS), "1"),
-        "component_in": (list(COMPONENTS), "1"),
-        "method": (list(estimates), "1"),
-        "element": (sensor.element_names, "1"),
-    }
-    if "stress" in variables:
-        coordinates["stress_name"] = (list(STRESSES), "1")
-    if case.screening:
-        coordinates["effect"] = (list(case.screening.relative_change_bounds), "1")
-    means = problem.mean_statement()
+    means = case.problem.mean_statement()
     unobserved = [c for c in COMPONENTS if means[c].startswith(("unobserved", "weakly"))]
     said = {f"mean_of_{component}": words for component, words in means.items()}
     attributes: dict[str, Any] = {
@@ -140,7 +121,26 @@ def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xa
     }
     if case.traction_unit != "Pa":
         attributes["is_relative"] = 1
-    return dataset(variables, coordinates, **case.facts, **attributes, **said)
+    return dataset(variables, _labels(case, estimates), **case.facts, **attributes, **said)
+
+
+def _labels(case: InversionCase, estimates: Estimates) -> Variables:
+    """The coordinates, those of stresses and effects where there are any."""
+    line = case.problem.line
+    n, cell = line.n, float(line.cell_m)
+    coordinates: Variables = {
+        "x": (np.asarray(line.x), "m"),
+        "wavenumber": (np.asarray(wavenumbers(n, cell)), "rad/m"),
+        "lag": (cell * (np.arange(n) - n // 2), "m"),
+        **dict.fromkeys(("component", "component_out", "component_in"), (list(COMPONENTS), "1")),
+        "method": (list(estimates), "1"),
+        "element": (case.sensor.element_names, "1"),
+    }
+    if "stress" in case.stages:
+        coordinates["stress_name"] = (list(STRESSES), "1")
+    if case.screening:
+        coordinates["effect"] = (list(case.screening.relative_change_bounds), "1")
+    return coordinates
 
 
 def _signals(case: InversionCase) -> Variables:

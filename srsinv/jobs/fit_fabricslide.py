@@ -1,6 +1,6 @@
 """The pitch of a ridged surface from all channels of a recording together, and its other lines.
 
-Method and derivation of the standard errors: [`srsinv.inverse.spectral_lines`][].
+Method and derivation of the standard errors: [`srsinv.inverse.pitch`][].
 """
 
 from dataclasses import dataclass
@@ -12,16 +12,9 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from .. import config, plot
+from ..inverse.pitch import Pitch, channel_pitches, drift, fit_pitch
 from ..inverse.quality import Quality, quality, reasons
-from ..inverse.spectral_lines import (
-    Pitch,
-    SpectralPeak,
-    SpectralPeaks,
-    channel_pitches,
-    drift,
-    find_lines,
-    fit_pitch,
-)
+from ..inverse.spectral_lines import SpectralPeak, SpectralPeaks, find_lines
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import load_steady

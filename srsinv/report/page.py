@@ -27,6 +27,7 @@ from .words import Block, Drawing, Paragraph, Table, answers, blocks, summary
 
 _DPI = 140
 _CODE = re.compile(r"`([^`]+)`")
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=[^\d\s]\S*$)")
 
 
 def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -> dict[str, bytes]:
@@ -153,5 +154,10 @@ def _table(table: Table) -> dict[str, Any]:
     return {
         "caption": _inline(table.caption),
         "columns": list(zip(table.columns, numeric, strict=True)),
-        "rows": [list(zip(map(format_value, row), numeric, strict=True)) for row in table.rows],
+        "rows": [list(zip(map(_cell, row), numeric, strict=True)) for row in table.rows],
     }
+
+
+def _cell(value: object) -> str:
+    """A cell's text, in which no line ends between a number and its unit."""
+    return _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", format_value(value))

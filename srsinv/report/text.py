@@ -1,16 +1,12 @@
 """Numbers as text: with the digits that count, the unit that reads best, and their errors."""
 
 import math
-import re
 from collections.abc import Iterable
 from numbers import Integral, Real
-from typing import Any
 
 import numpy as np
 
-_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_PREFIXED = {"Pa", "V", "V m", "A", "C", "s", "m", "m/s"}
-
+from ..quantities import best_unit, quantity, significant, suffix
 
 # The unit at the end of a quantity's name, the longest first.
 _UNITS = {
@@ -62,16 +58,6 @@ def format_value(value: object) -> str:
     return f"{_digits(float(mantissa) * 10**shift)}e{int(power) - shift}"
 
 
-def significant(value: float, digits: int = 3) -> str:
-    """The value to so many significant digits, without an exponent where it reads well so."""
-    if not math.isfinite(value):
-        return "–" if math.isnan(value) else str(value)
-    if value == 0 or not 1e-4 <= abs(value) < 1e6:
-        return f"{value:.{digits}g}"
-    places = digits - 1 - math.floor(math.log10(abs(value)))
-    return f"{round(value, places):.{max(places, 0)}f}"
-
-
 def listed(names: Iterable[str]) -> str:
     """Names in a row, or "none"."""
     return ", ".join(names) or "none"
@@ -85,35 +71,12 @@ def format_with_error(value: float, stderr: float) -> str:
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
 
 
-def best_unit(units: str, *values: Any) -> tuple[float, str]:
-    """The factor on SI values and the unit with the prefix that brings the largest of `values`
-    between 1 and 1000. Units that take no prefix (counts, powers) are only written out."""
-    if units not in _PREFIXED:
-        return 1.0, re.sub(r"\((\w+)\)", r"\1", units).replace("^2", "²").replace(
-            "^3", "³"
-        ).removesuffix("/1")
-    tops = [np.max(np.abs(v), where=np.isfinite(v), initial=0.0) for v in map(_numbers, values)]
-    top = float(max(tops, default=0.0))
-    # Rounded first: 0.99996e-3 is 1e-3.
-    power = 3 * (int(f"{top:.3e}".partition("e")[2]) // 3) if top > 0 else 0
-    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
-    if units in ("m", "m/s"):
-        power = min(power, 0)  # kilometres are no lengths of a scan
-    return 10.0**-power, _PREFIXES[power] + units
-
-
-def quantity(value: float, units: str, digits: int = 3) -> str:
-    """A value of SI `units` in the unit that reads best: `25.9 µm`."""
-    factor, unit = best_unit(units, value)
-    return f"{significant(value * factor, digits)}{_after(unit)}"
-
-
 def quantity_with_error(value: float, stderr: float, units: str) -> str:
     """A value of SI `units` with its standard error: `25.89 ± 0.32 µm`."""
     if not math.isfinite(stderr):
         return f"{quantity(value, units)} (error not known)"
     factor, unit = best_unit(units, value)
-    return f"{format_with_error(value * factor, stderr * factor)}{_after(unit)}"
+    return f"{format_with_error(value * factor, stderr * factor)}{suffix(unit)}"
 
 
 def interval(value: float, half: float, units: str) -> str:
@@ -123,11 +86,7 @@ def interval(value: float, half: float, units: str) -> str:
     factor, unit = best_unit(units, value)
     decimals = max(0, 1 - math.floor(math.log10(half * factor))) if half > 0 else 3
     low, high = ((value + sign * half) * factor for sign in (-1, 1))
-    return f"{low:.{decimals}f} to {high:.{decimals}f}{_after(unit)}"
-
-
-def _after(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
+    return f"{low:.{decimals}f} to {high:.{decimals}f}{suffix(unit)}"
 
 
 def is_numeric(cells: tuple[object, ...]) -> bool:
@@ -135,10 +94,6 @@ def is_numeric(cells: tuple[object, ...]) -> bool:
     return bool(cells) and all(
         isinstance(cell, Real) and not isinstance(cell, bool) for cell in cells
     )
-
-
-def _numbers(values: Any) -> np.ndarray:
-    return np.asarray(values, float)
 
 
 def _digits(number: float) -> str:

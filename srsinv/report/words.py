@@ -11,6 +11,7 @@ import xarray
 from matplotlib.figure import Figure
 
 from ..errors import BadInput
+from ..numerics import BAND_90
 from . import plot, text
 from .result import Result, metrics
 from .section import Section
@@ -198,7 +199,7 @@ def _with_error(values: Any, stderrs: Any, units: Any = "1") -> Any:
     return _row_by_row(text.quantity_with_error, values, stderrs, units)
 
 
-def _interval(values: Any, stderrs: Any, units: Any, half: float = 1.6449) -> Any:
+def _interval(values: Any, stderrs: Any, units: Any, half: float = BAND_90) -> Any:
     """The central 90 % of each value's normal distribution."""
     return _row_by_row(
         lambda value, stderr, unit: text.interval(value, half * stderr, unit),

@@ -14,8 +14,9 @@ from srsinv.forward.feature import Axis, Feature, HertzFeature, StripFeature
 from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
+from srsinv.forward.shape import Shape
 from srsinv.forward.skin import HalfSpace
-from srsinv.forward.surface import Bump, Shape
+from srsinv.forward.surface import Bump
 from srsinv.forward.surface_feature import HEIGHT, POSITION, WIDTH, RidgeFeature, SurfaceFeature
 from srsinv.grid import Line
 from srsinv.inverse.cells import Window

@@ -9,8 +9,9 @@ from scipy.special import digamma, expi
 from srsinv.forward.contact import WakeFriction, press
 from srsinv.forward.contact_wake import wake_friction, windows_for
 from srsinv.forward.scene import SurfaceScene
+from srsinv.forward.shape import Shape
 from srsinv.forward.skin import HalfSpace
-from srsinv.forward.surface import Cylinder, Ridge, Rough, Shape
+from srsinv.forward.surface import Cylinder, Ridge, Rough
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
 from tests.refusals import refused

@@ -415,6 +415,6 @@ def test_refusals():
 
 def test_words():
     words = Layered([Layer(1.5e-3), Layer(5e-3, 5e4, 0.3)]).words
-    assert words.startswith("1.5 mm of 7e+05 Pa (Poisson's ratio 0.5) on 5 mm of 5e+04 Pa")
+    assert words.startswith("1.5 mm of 700 kPa (Poisson's ratio 0.5) on 5 mm of 50.0 kPa")
     assert words.endswith("on a rigid core")
-    assert Layered([Layer()]).words.startswith("a half space of 7e+05 Pa")
+    assert Layered([Layer()]).words.startswith("a half space of 700 kPa")

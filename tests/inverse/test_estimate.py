@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from srsinv.inverse.estimate import BAND_90, coverage_90, relative_error, z_rms
+from srsinv.inverse.estimate import coverage_90, relative_error, z_rms
+from srsinv.numerics import BAND_90
 
 N = 4000
 CELLS = np.arange(N) >= N // 2

@@ -8,7 +8,8 @@ import pytest
 from scipy import signal, stats
 
 from srsinv.errors import BadInput
-from srsinv.inverse import spectral_lines
+from srsinv.inverse.pitch import drift, fit_pitch, scan_pitch, shifts
+from srsinv.inverse.spectral_lines import find_lines
 from srsinv.recording import Recording, load, save
 from srsinv.report.page import figures
 from tests.jobs.run import command, outcome
@@ -43,8 +44,8 @@ def scan(seed, pitch_m, samples=240, level=0.3, memory=5.0, common=0.5):
     return x_m, pattern + slow + level * noise(rng, samples, memory, common)
 
 
-def fitted(x_m, channels, range_m, by=spectral_lines.scan_pitch, harmonics=HARMONICS):
-    return by(x_m, channels, spectral_lines.drift(x_m, 2 * range_m[1]), range_m, harmonics)
+def fitted(x_m, channels, range_m, by=scan_pitch, harmonics=HARMONICS):
+    return by(x_m, channels, drift(x_m, 2 * range_m[1]), range_m, harmonics)
 
 
 def written(path, x_m, channels, speed_m_per_s=SPEED):
@@ -83,7 +84,7 @@ def test_standard_error_is_the_spread(pitch_m, range_m, memory, common):
 
 def test_white_noise_error_is_too_small_for_red_noise():
     scans = [scan(seed, 0.0201, level=1.0) for seed in range(3)]
-    pitches = [fitted(*each, COARSE, by=spectral_lines.fit_pitch) for each in scans]
+    pitches = [fitted(*each, COARSE, by=fit_pitch) for each in scans]
     for pitch, each in zip(pitches, scans, strict=True):
         assert pitch.status == "converged"
         scanned = fitted(*each, COARSE)
@@ -99,8 +100,8 @@ def test_shift_of_the_pattern_is_read_in_each_period():
     moved_m = 2e-4 * np.sign(x_m - 0.05)
     k = 2 * np.pi / 0.01 * x_m
     slope = np.stack([np.cos(k), 3 * np.sin(k)])
-    shifts = spectral_lines.shifts(x_m, slope, -slope * moved_m, np.array([1.0, 3.0]), 0.01)
-    np.testing.assert_allclose(shifts.shift_m, 2e-4 * np.repeat([-1, 1], 5), rtol=1e-12)
+    each = shifts(x_m, slope, -slope * moved_m, np.array([1.0, 3.0]), 0.01)
+    np.testing.assert_allclose(each.shift_m, 2e-4 * np.repeat([-1, 1], 5), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("memory", "common"), [(0.1, 0.0), (5.0, 0.5), (40.0, 0.9)])
@@ -109,11 +110,11 @@ def test_other_lines_are_those_put_in(memory, common):
     for seed in range(8):
         x_m, channels = scan(seed, 0.00399, memory=memory, common=common)
         given = (0.00399, HARMONICS)
-        false += len(spectral_lines.find_lines(x_m, channels, given, 0.04, 0.01).lines)
+        false += len(find_lines(x_m, channels, given, 0.04, 0.01).lines)
         for wavelength, size in ((0.0201, 1.0), (0.0067, 0.7)):
             phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, (len(CHANNELS), 1))
             channels = channels + size * np.cos(2 * np.pi / wavelength * x_m + phase)
-        long, short = spectral_lines.find_lines(x_m, channels, given, 0.04, 0.01).lines
+        long, short = find_lines(x_m, channels, given, 0.04, 0.01).lines
         assert abs(long.wavelength_m - 0.0201) < 6 * long.stderr_m
         assert abs(short.wavelength_m - 0.0067) < 6 * short.stderr_m
         assert long.explained_fraction > short.explained_fraction

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 import xarray
 from matplotlib.collections import PolyCollection
+from scipy.special import ndtri
 
 from srsinv import plot
 from srsinv.report import result
 from srsinv.report.plot.style import colours, runs, scale
 from tests.report import synthetic
 
+BAND_90 = ndtri(0.95)
 PAGE = (
     plot.scene,
     plot.traction,
@@ -231,10 +233,10 @@ def test_residual_counts_what_lies_inside(page, full):
     for (trace, histogram), (e, m) in zip(panels, np.ndindex(2, 2), strict=True):
         np.testing.assert_array_equal(trace.get_lines()[0].get_ydata(), values[m, e])
         present = values[m, e][np.isfinite(values[m, e])]
-        percentage = 100 * np.mean(np.abs(present) < 1.645)
+        percentage = 100 * np.mean(np.abs(present) < BAND_90)
         assert f"{percentage:.1f} %" in trace.get_title("left")
         levels = sorted(line.get_ydata()[0] for line in trace.get_lines()[1:])
-        assert levels == [-1.645, 1.645]
+        assert levels == pytest.approx([-BAND_90, BAND_90])
         density, at = line(histogram, "histogram")
         assert histogram.get_xlim()[1] >= density.max()
         assert np.sum(density) * (at[1] - at[0]) == pytest.approx(1)
@@ -249,8 +251,8 @@ def test_estimates_are_the_datasets_with_bands(page, full):
     for m, name in enumerate(("Wiener", "Tikhonov")):
         np.testing.assert_allclose(line(pressure, name)[1], p[m])
         drawn = np.asarray(bands[m].get_paths()[0].vertices)[:, 1]
-        assert drawn.min() == pytest.approx((p[m] - 1.645 * half[m]).min())
-        assert drawn.max() == pytest.approx((p[m] + 1.645 * half[m]).max())
+        assert drawn.min() == pytest.approx((p[m] - BAND_90 * half[m]).min())
+        assert drawn.max() == pytest.approx((p[m] + BAND_90 * half[m]).max())
 
 
 @pytest.mark.parametrize("name", ["truth", "Wiener", "Tikhonov"])
@@ -444,7 +446,7 @@ def test_curves_have_bands_of_their_standard_errors():
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [mm]", "gain [V/Pa]")
     np.testing.assert_allclose(line(axes, "two"), (1e3 * x, 2 * value))
     band = np.asarray(axes.collections[0].get_paths()[0].vertices)[:, 1]
-    assert (band.min(), band.max()) == pytest.approx((-0.1645, 4.1645))
+    assert (band.min(), band.max()) == pytest.approx((-0.1 * BAND_90, 4 + 0.1 * BAND_90))
     apart = panels_of(plot.curves(data, "gain", rows="rig"))
     assert [each.get_title("left") for each in apart] == ["one", "two"]
 
@@ -485,6 +487,15 @@ def test_a_spread_goes_from_the_least_to_the_greatest():
     ends = np.array(marks.lines[2][0].get_segments())[:, :, 0]
     np.testing.assert_allclose(ends, [[0.1, 0.6], [0.3, 0.3]])
     assert [text.get_text() for text in axes.get_yticklabels()] == ["Wiener", "Tikhonov"]
+
+
+def test_the_axis_of_a_spread_holds_its_values_in_their_unit():
+    data = result.dataset(
+        {"error": ("method", [-3.5e-6, 5e-6], "m")}, {"method": (["a", "b"], "1")}
+    )
+    (axes,) = panels_of(plot.spread(data, {"error": "error"}, "method", log=["error"]))
+    assert axes.get_xlabel() == "[µm]"
+    assert axes.get_xlim() == pytest.approx((-7.0, 10.0))
 
 
 @pytest.mark.parametrize("draw", [plot.estimates, plot.signals, plot.spectra])

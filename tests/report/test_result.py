@@ -164,6 +164,15 @@ def test_a_column_has_one_unit():
     assert table.rows == (("0.750 mm",), ("2.25 mm",), ("–",))
 
 
+@pytest.mark.parametrize(
+    ("cell", "shown"),
+    [("100 %", "100\xa0%"), ("25.89 ± 0.32 µm", "25.89 ± 0.32\xa0µm"), ("two words", "two words")],
+)
+def test_no_line_of_a_table_ends_between_a_number_and_its_unit(cell, shown):
+    page = render(Result("", dataset(scalars({"width": cell}), {})), {})["report.html"].decode()
+    assert f"<td>{shown}</td>" in page
+
+
 @pytest.mark.parametrize(("value", "stderr", "units", "written"), [
     (2.5894e-5, 3.2e-7, "m", "25.89 ± 0.32 µm"),
     (1.50204e-3, 1.2e-5, "m", "1.502 ± 0.012 mm"),

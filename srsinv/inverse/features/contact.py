@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...errors import number, refuse
 from ...forward.contact import Contact, press
 from ...forward.feature import ScanExtent
 from ...forward.operator import MotionOperator
@@ -235,34 +234,6 @@ def cell_for(features: Features, depth_m: float) -> float:
     """How wide the cells may be."""
     edges = [feature.edge_length_m for feature in features.values() if feature.edge_length_m]
     return min([cell_m("contact", depth_m), *(edge / CELLS_PER_EDGE for edge in edges)])
-
-
-def checked_pressure(given: Any) -> float:
-    """The nominal pressure, refused where none is known."""
-    refuse(
-        given is None,
-        "No nominal pressure is known, which a surface is pressed on with: give "
-        "recording.nominal_pressure_Pa, the mean over the contact window.",
-    )
-    wanted = "a positive pressure in Pa"
-    return float(number("recording.nominal_pressure_Pa", given, wanted, above=0))
-
-
-def checked_names(features: Features, also: tuple[str, ...]) -> tuple[str, ...]:
-    """Those of `KNOWN` among the names, refused where one is of no parameter."""
-    for name in also:
-        refuse(
-            name not in KNOWN and not _is_parameter(features, name),
-            f"fit.free names {name!r}: beside the features' own parameters it can name "
-            f"{', '.join(KNOWN)}.",
-        )
-    return tuple(name for name in also if name in KNOWN)
-
-
-def _is_parameter(features: Features, name: str) -> bool:
-    return name == "base_friction" or any(
-        name in (*feature.axes, *feature.linear) for feature in features.values()
-    )
 
 
 def _about(name: str, value: float) -> Range:

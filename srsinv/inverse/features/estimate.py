@@ -16,7 +16,8 @@ from ...grid import Line, as_real
 from ...status import Status
 from ..diagnostics import of_fit, undetected
 from ..estimate import Estimate
-from ..line_problem import CHI2, FREEDOM, PassedCells
+from ..line_model import CHI2, FREEDOM
+from ..line_problem import PassedCells
 from ..nonlinear import Fit, whitener
 from ..quality import Quality
 from .identifiability import undetected_features

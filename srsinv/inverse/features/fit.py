@@ -18,13 +18,14 @@ from ...resolution import cell_m
 from ..cells import Window
 from ..diagnostics import local_misfit, sliding_noise
 from ..nonlinear import Fit, Solver, fit, fit_many
-from .contact import cell_for, checked_names
+from .contact import cell_for
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
 from .misfit import local_excess
 from .model import FeatureModel, scan_extent
 from .search import STARTS, Blocks, FeatureSearch
 from .sliding_noise import Levels, estimate, first_levels
+from .surface_settings import checked_names
 
 # Prior standard deviation of an amplitude: the one whose signal is this multiple of the largest
 # datum. Wide enough not to pull. The same rule for every candidate and every shape: one for the

@@ -16,10 +16,10 @@ from ..method import Method
 from ..nonlinear import Solver
 from ..problem import Problem
 from ..sample_noise import Samples
-from .contact import checked_pressure
 from .estimate import FeatureEstimate
 from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
+from .surface_settings import checked_pressure
 
 
 class Latest:

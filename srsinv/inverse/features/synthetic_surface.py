@@ -15,7 +15,8 @@ from jaxtyping import Float
 
 from ...errors import BadInput, refuse
 from ...forward.scene import Scene
-from ...forward.surface import Ridge, Shape, StepDown, StepUp, Tape
+from ...forward.shape import Shape
+from ...forward.surface import Ridge, StepDown, StepUp, Tape
 from ...forward.surface_feature import (
     RidgeFeature,
     StepDownFeature,

@@ -1,5 +1,8 @@
 """Summary of a minimum as a `Fit`."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,10 +15,36 @@ from ._parameters import Parameters
 from ._search import Objective, SearchEnd
 from ._second_order import newton_fall
 from ._solvers import Solver
-from ._uncertainty import log_evidence, nothing_known, offset, spread
+from ._uncertainty import Spread, log_evidence, nothing_known, offset, spread
 
 AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter counts as on it
 SAME = 1e-8  # relative difference of two costs up to which they are one minimum
+
+
+@dataclass(frozen=True)
+class _Minimum:
+    """The linearised problem where a search ended.
+
+    - `terms` (r,) of the sum of squares, and their derivative `jacobian` (r, m).
+    - `known`: the spread of the parameters; `low`, `high` (m,): those on a bound, and `held` those
+      that it holds.
+    - `distance` to the minimum, in standard errors, and how far is `near_enough`.
+    - `data`, `freedom`: numbers of data, and of the degrees of freedom that are left.
+    """
+
+    terms: np.ndarray
+    jacobian: np.ndarray
+    cost: float
+    is_finite: bool
+    eps: float
+    known: Spread
+    low: np.ndarray
+    high: np.ndarray
+    held: np.ndarray
+    distance: float
+    near_enough: float
+    data: int
+    freedom: int
 
 
 def summarise(
@@ -23,9 +52,41 @@ def summarise(
 ) -> Fit:
     """The `Fit` at a minimum: values, errors, warnings and statistics."""
     layout, z = objective.layout, np.asarray(ends.z, float)
+    at = _minimum(objective, unknowns, ends, level_known, solver)
+    covariance, free = at.known.covariance(), np.asarray(layout.free)
+    row, stderr = np.asarray(objective.row, float).copy(), np.zeros(len(layout.names))
+    row[free], stderr[free] = z, at.known.stderr()
+    # Back from the unit in place of an unknown noise level.
+    is_unit = level_known or objective.is_robust or objective.prior_mean is not None
+    unit = 1.0 if is_unit else float(objective.scale)
+    has_evidence = level_known and at.is_finite and not objective.is_robust
+    return Fit(
+        value=layout.host_tree(row),
+        stderr=layout.host_tree(stderr),
+        names=layout.free_names,
+        covariance=covariance,
+        correlation=_correlation(covariance),
+        residual=np.where(objective.whiten.observed(objective.y.shape), ends.residual, np.nan),
+        whitened=unit * np.asarray(ends.white),
+        jacobian=unit * np.asarray(ends.jacobian),
+        noise_rms=None if level_known else _rms(objective, ends, at.freedom),
+        status=_status(objective, ends, solver, at),
+        at_bound=tuple(layout.free_names[i] for i in np.flatnonzero(at.low | at.high)),
+        undetermined=at.known.directions(layout.free_names, z),
+        log_evidence=_log_evidence(objective, unknowns, at, z) if has_evidence else None,
+        stats=_stats(ends, solver, at, unit),
+        _objective=objective,
+        _z=z,
+        _spread=at.known,
+    )
+
+
+def _minimum(
+    objective: Objective, unknowns: Parameters, ends: SearchEnd, level_known: bool, solver: Solver
+) -> _Minimum:
+    z = np.asarray(ends.z, float)
     eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.derivative_rounding)
     terms, jacobian = _terms(objective, ends)
-    free = np.asarray(layout.free)
     with np.errstate(all="ignore"):
         gradient, squares = jacobian.T @ terms, np.sum(jacobian**2, axis=0)
         cost = 0.5 * float(terms @ terms)
@@ -45,56 +106,38 @@ def summarise(
     if 0 < level < along and distance > near_enough:
         # The residual is rounding, of which this much can still be a move.
         known = known.times(along / level)
-    covariance, errors = known.covariance(), known.stderr()
-    row, stderr = np.asarray(objective.row, float).copy(), np.zeros(len(layout.names))
-    row[free], stderr[free] = z, errors
-    costs = np.asarray(ends.costs)
+    return _Minimum(
+        terms, jacobian, cost, finite, eps, known, low, high, held, distance, near_enough, count,
+        freedom,
+    )  # fmt: skip
+
+
+def _log_evidence(
+    objective: Objective, unknowns: Parameters, at: _Minimum, z: np.ndarray
+) -> float | None:
     weight = objective.prior_weight
     weight = np.zeros(z.size) if weight is None else np.asarray(weight, float)
     sigma = np.where(weight > 0, 1 / np.where(weight > 0, weight, 1.0), np.inf)
-    # Back from the unit in place of an unknown noise level.
-    is_unit = level_known or objective.is_robust or objective.prior_mean is not None
-    unit = 1.0 if is_unit else float(objective.scale)
-    evidence = None
-    if level_known and finite and not objective.is_robust:
-        volume = objective.whiten.log_volume(objective.y.shape) + count / 2 * np.log(2 * np.pi)
-        evidence = log_evidence(
-            terms, jacobian, volume,
-            np.where(low, unknowns.lower, np.where(high, unknowns.upper, z)),
-            unknowns.lower, unknowns.upper, sigma,
-        )  # fmt: skip
-    return Fit(
-        value=layout.host_tree(row),
-        stderr=layout.host_tree(stderr),
-        names=layout.free_names,
-        covariance=covariance,
-        correlation=_correlation(covariance),
-        residual=np.where(objective.whiten.observed(objective.y.shape), ends.residual, np.nan),
-        whitened=unit * np.asarray(ends.white),
-        jacobian=unit * np.asarray(ends.jacobian),
-        noise_rms=None if level_known else _rms(objective, ends, freedom),
-        status=_status(
-            finite, distance, near_enough, terms, jacobian, held, objective, ends, solver, eps
-        ),
-        at_bound=tuple(layout.free_names[i] for i in np.flatnonzero(low | high)),
-        undetermined=known.directions(layout.free_names, z),
-        log_evidence=evidence,
-        stats={
-            "solver": solver.name,
-            "cost": unit**2 * cost,
-            "data": count,
-            "degrees_of_freedom": freedom,
-            "chi2_per_freedom": 2 * unit**2 * cost / freedom if freedom > 0 else None,
-            "iterations": int(ends.iterations),
-            "starts": int(ends.start_costs.size),
-            "searches": int(costs.size),
-            "searches_at_best": int(np.sum(costs <= costs.min() * (1 + SAME) + SAME**2)),
-            "distance_to_minimum": distance,
-        },
-        _objective=objective,
-        _z=z,
-        _spread=known,
-    )
+    volume = objective.whiten.log_volume(objective.y.shape) + at.data / 2 * np.log(2 * np.pi)
+    ends = np.where(at.low, unknowns.lower, np.where(at.high, unknowns.upper, z))
+    box = unknowns.lower, unknowns.upper
+    return log_evidence(at.terms, at.jacobian, volume, ends, *box, sigma)
+
+
+def _stats(ends: SearchEnd, solver: Solver, at: _Minimum, unit: float) -> dict[str, Any]:
+    costs, cost = np.asarray(ends.costs), unit**2 * at.cost
+    return {
+        "solver": solver.name,
+        "cost": cost,
+        "data": at.data,
+        "degrees_of_freedom": at.freedom,
+        "chi2_per_freedom": 2 * cost / at.freedom if at.freedom > 0 else None,
+        "iterations": int(ends.iterations),
+        "starts": int(ends.start_costs.size),
+        "searches": int(costs.size),
+        "searches_at_best": int(np.sum(costs <= costs.min() * (1 + SAME) + SAME**2)),
+        "distance_to_minimum": at.distance,
+    }
 
 
 def _rms(objective: Objective, ends: SearchEnd, freedom: int) -> float:
@@ -160,13 +203,11 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
     return correlation
 
 
-def _status(
-    finite, distance, near_enough, terms, jacobian, held, objective: Objective, ends: SearchEnd,
-    solver: Solver, eps: float,
-) -> Status:  # fmt: skip
-    if not finite:
+def _status(objective: Objective, ends: SearchEnd, solver: Solver, at: _Minimum) -> Status:
+    terms, jacobian, held, eps = at.terms, at.jacobian, at.held, at.eps
+    if not at.is_finite:
         return Status.NOT_FINITE
-    if distance <= near_enough or _nothing_left(terms, objective, ends, eps):
+    if at.distance <= at.near_enough or _nothing_left(terms, objective, ends, eps):
         return Status.CONVERGED
     if not bool(ends.done):
         return Status.STEP_LIMIT

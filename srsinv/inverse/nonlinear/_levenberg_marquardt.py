@@ -99,15 +99,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         accept = state.first | (gain > ACCEPTED * state.predicted) | (state.ready & harmless)
         moved = state.trial - y
         y = jnp.where(accept, state.trial, y)
-        point = jax.lax.cond(
-            accept,
-            lambda: linearised(
-                residual, cost, _jacobian(push, y), moved, state.point, REMEMBERED, state.first
-            ),
-            lambda: state.point,
-        )
-        uses = uses_secant(state.point, moved, gain)
-        uses = jnp.where(accept & ~state.first, uses, state.uses_secant)
+        uses = _uses(state, accept, moved, gain)
+        point = _reached(state, accept, residual, cost, push, moved)
         damping, growth = _damping(state, gain, accept)
         begun = jnp.where(state.first, cost, state.begun)
         held = self._held(y, point)
@@ -118,10 +111,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         predicted = model.fall(c, straight)
         # By the whole step: one that the box cuts short is no sign of a minimum.
         ready = self._converged(y, point, model, held, damping, step, model.fall(c, step))
+        bend, tight = jnp.zeros_like(straight), jnp.array(True)
         if self.bends:
             bend, tight = _bend(residual_at, y, straight, point, model, held, damping, begun)
-        else:
-            bend, tight = jnp.zeros_like(straight), jnp.array(True)
         state = _DampedState(
             trial=y + self._cut(y, straight + bend),
             predicted=jnp.where(tight, predicted, jnp.inf),  # else it will not be accepted
@@ -171,6 +163,24 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         small = (undamped * length <= self.rtol * size) | (length <= jnp.finfo(y.dtype).eps * size)
         flat = undamped * predicted <= self._ftol * point.cost
         return (cosine <= self.rtol) | small | flat
+
+
+def _uses(state: _DampedState, accept, moved, gain) -> Bool[Array, ""]:
+    """Whether the next model has the residual's own curvature."""
+    uses = uses_secant(state.point, moved, gain)
+    return jnp.where(accept & ~state.first, uses, state.uses_secant)
+
+
+def _reached(state: _DampedState, accept, residual, cost, push, moved) -> Point:
+    """The trial, linearised, where it is accepted; else the point before."""
+    return jax.lax.cond(
+        accept,
+        lambda: linearised(
+            residual, cost, _jacobian(push, state.trial), moved, state.point, REMEMBERED,
+            state.first,
+        ),
+        lambda: state.point,
+    )  # fmt: skip
 
 
 def _jacobian(push, y) -> Float[Array, "r m"]:

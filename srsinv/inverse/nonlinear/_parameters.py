@@ -175,8 +175,7 @@ def parameters(initial: Tree, bounds: Any, free: Any, linear: Collection[str]) -
             f"The first value of {name} is {first[i]:g}, outside its bounds [{lower[i]:g}, "
             f"{upper[i]:g}]: start inside them.",
         )
-    where = list(chosen)
-    return Parameters(layout, first, lower[where], upper[where])
+    return Parameters(layout, first, lower[list(chosen)], upper[list(chosen)])
 
 
 def _layout(initial: Tree) -> tuple[Layout, np.ndarray]:
@@ -296,7 +295,6 @@ def _listed(given: Mapping, unknowns: Parameters) -> np.ndarray:
     refuse(
         not inside.all(),
         f"A start of {layout.free_names[worst]} lies outside its bounds "
-        f"[{unknowns.lower[worst]:g}, "
-        f"{unknowns.upper[worst]:g}]: start inside them.",
+        f"[{unknowns.lower[worst]:g}, {unknowns.upper[worst]:g}]: start inside them.",
     )
     return rows

@@ -4,9 +4,10 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
+from ...numerics import BAND_90
 from .panels import Curve, Panel, PanelAxis, panels
 from .stages import QUANTITIES, X
-from .style import NORMAL_90, TRUTH, names_of, peak, units_of
+from .style import TRUTH, names_of, peak, units_of
 
 _AROUND = 2.0  # of the length of the raised part, at each end
 _RAISED = 1e-3  # of the greatest height: less is the plate
@@ -58,7 +59,7 @@ def feature_traction(dataset: xarray.Dataset) -> Figure:
     parts = []
     for name in names_of(near["component"]):
         value = near["estimate"].sel(component=name).values
-        half = NORMAL_90 * near["estimate_stderr"].sel(component=name).values
+        half = BAND_90 * near["estimate_stderr"].sel(component=name).values
         half = np.where(np.isfinite(half), half, 0.0)
         curve = Curve(value, name, band=(value - half, value + half), band_label="90 % band")
         reach = peak(value) or 1.0

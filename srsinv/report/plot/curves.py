@@ -8,9 +8,10 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
+from ...numerics import BAND_90
 from ..text import spoken
 from .panels import Curve, Mark, Panel, PanelAxis, panels
-from .style import LINE_STYLES, NORMAL_90, TRUTH, colours, units_of
+from .style import LINE_STYLES, TRUTH, colours, units_of
 
 Limits = tuple[float | None, float | None]
 Look = Mapping[str, Any]
@@ -63,7 +64,7 @@ def _ends(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     if stderr is None:
         return None if bar is None else (bar[0].values, bar[1].values)
-    half = NORMAL_90 * stderr.values
+    half = BAND_90 * stderr.values
     return line.values - half, line.values + half
 
 

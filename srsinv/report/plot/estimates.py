@@ -8,10 +8,10 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
+from ...numerics import BAND_90
 from .panels import Curve, Mark, Panel, PanelAxis, panels
 from .stages import QUANTITIES, X, method_curves, method_looks
 from .style import (
-    NORMAL_90,
     SHADE,
     TRUTH,
     names_of,
@@ -61,7 +61,7 @@ def _component(
 
     chosen = [list(looks).index(method) for method in methods]
     middle = values("estimate")[chosen]
-    half = NORMAL_90 * _finite(own["estimate_stderr"].values[chosen])
+    half = BAND_90 * _finite(own["estimate_stderr"].values[chosen])
     curves = list(_bands(methods, looks, middle, half, observed))
     if len(looks) > _TOGETHER:  # alone in its panel, whose title names it
         look = {"color": looks[methods[0]]["color"]}

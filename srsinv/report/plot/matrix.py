@@ -1,9 +1,11 @@
 """Matrices: one coloured cell for each pair of labels, with its number."""
 
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
 import xarray
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
@@ -36,36 +38,21 @@ def matrix(
     """
     array = dataset[name]
     array = array.expand_dims("panel") if panels is None else array.transpose(panels, ...)
-    dims = array.dims[1:]
+    shape = array.shape
     texts = None if words is None else dataset[words].transpose(*array.dims, missing_dims="ignore")
-    rows, columns = (
-        [symbol(without_unit(each)) for each in names_of(dataset[dim])] for dim in dims
-    )
-    cell = _CELL_IN if len(rows) > _MANY else _LARGE_CELL_IN
-    figure = Figure(figsize=(WIDTH_IN, cell * len(rows) + 2.2), layout="constrained")
-    grid = figure.subplots(1, array.shape[0], squeeze=False, sharey=True)[0]
+    own = [None] * shape[0] if texts is None else np.broadcast_to(texts.values, shape)
     low, high = limits or (float(np.nanmin(array)), float(np.nanmax(array)))
-    norm = LogNorm(low, high, clip=True) if is_log else Normalize(low, high, clip=True)
-    is_signed = low < 0 < high
-    image = None
+    colours = _colours(low, high, is_log)
+    cell = _CELL_IN if shape[1] > _MANY else _LARGE_CELL_IN
+    figure = Figure(figsize=(WIDTH_IN, cell * shape[1] + 2.2), layout="constrained")
+    grid = figure.subplots(1, shape[0], squeeze=False, sharey=True)[0]
     for p, axes in enumerate(grid):
-        values = array.values[p]
-        axes.set_facecolor(SHADE)
-        colours = "RdBu_r" if is_signed else "cividis_r" if is_log else "Blues"
-        image = axes.imshow(values, norm=norm, cmap=colours, aspect="auto")
-        for at, value in np.ndenumerate(values):
-            own = None if texts is None else texts.values.reshape(array.shape)[p][at]
-            _letter(axes, at, value, own, norm, is_signed, len(rows))
-        axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right")
-        axes.set_yticks(range(len(rows)), rows)
+        axes.imshow(array.values[p], norm=colours.norm, cmap=colours.cmap, aspect="auto")
+        _letter(axes, array.values[p], own[p], colours.norm, is_signed=low < 0 < high)
         axes.set_title("" if panels is None else spoken(dataset[panels].values[p]))
-        axes.grid(visible=False)
-        axes.tick_params(length=0)
-    for d, put in zip(dims, (grid[0].set_ylabel, grid[0].set_xlabel), strict=True):
-        put(str(dataset[d].attrs.get("long_name", "")))
-    assert image is not None
+    _name(grid, dataset, array.dims[1:])
     text = label or f"{spoken(name)} [{units_of(array)}]"
-    figure.colorbar(image, ax=list(grid), label=text, location="bottom", fraction=0.05, pad=0.02)
+    figure.colorbar(colours, ax=list(grid), label=text, location="bottom", fraction=0.05, pad=0.02)
     figure.suptitle(title)
     return figure
 
@@ -81,10 +68,32 @@ def compact(value: float) -> str:
     return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 
-def _letter(axes, at, value, words, norm, is_signed: bool, rows: int) -> None:
-    text = str(words) if words is not None else compact(float(value))
-    depth = abs(2 * norm(value) - 1) if is_signed else norm(value)
-    is_dark = np.isfinite(value) and float(depth) > _DARK
-    colour = GREY if not np.isfinite(value) else "white" if is_dark else "black"
-    size = 7.5 if rows > _MANY else 9
-    axes.text(at[1], at[0], text, ha="center", va="center", fontsize=size, color=colour)
+def _colours(low: float, high: float, is_log: bool) -> ScalarMappable:
+    norm = LogNorm(low, high, clip=True) if is_log else Normalize(low, high, clip=True)
+    return ScalarMappable(norm, "RdBu_r" if low < 0 < high else "cividis_r" if is_log else "Blues")
+
+
+def _letter(axes, values: np.ndarray, words: np.ndarray | None, norm, is_signed: bool) -> None:
+    """In each cell its words, or else its value, white where the colour is dark."""
+    size = 7.5 if len(values) > _MANY else 9
+    for (row, column), value in np.ndenumerate(values):
+        text = compact(float(value)) if words is None else str(words[row, column])
+        depth = abs(2 * norm(value) - 1) if is_signed else norm(value)
+        is_dark = np.isfinite(value) and float(depth) > _DARK
+        colour = GREY if not np.isfinite(value) else "white" if is_dark else "black"
+        axes.text(column, row, text, ha="center", va="center", fontsize=size, color=colour)
+
+
+def _name(grid, dataset: xarray.Dataset, dims: tuple[Hashable, ...]) -> None:
+    """Labels of the rows and columns, which are of these dimensions, on all panels."""
+    rows, columns = (
+        [symbol(without_unit(each)) for each in names_of(dataset[dim])] for dim in dims
+    )
+    for axes in grid:
+        axes.set_facecolor(SHADE)
+        axes.set_xticks(range(len(columns)), columns, rotation=35, ha="right")
+        axes.set_yticks(range(len(rows)), rows)
+        axes.grid(visible=False)
+        axes.tick_params(length=0)
+    up, along = (str(dataset[dim].attrs.get("long_name", "")) for dim in dims)
+    grid[0].set(xlabel=along, ylabel=up)

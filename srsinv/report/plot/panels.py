@@ -129,12 +129,17 @@ def panels(
             _draw(place, panel, column, units, palette, is_lowest)
             if c and panel.y == beside[c - 1].y:
                 place.set_ylabel("")
-            if legend == "beside":
-                legend_beside(place)
-    if legend == "below":
-        legend_below(figure, [place for row in axes for place in row if place.figure])
+    _legend(figure, legend)
     figure.suptitle(title)
     return figure
+
+
+def _legend(figure: Figure, where: str) -> None:
+    if where == "below":
+        legend_below(figure, figure.axes)
+    elif where == "beside":
+        for axes in figure.axes:
+            legend_beside(axes)
 
 
 def _units(every: Sequence[Panel]) -> dict[PanelAxis | tuple[str, str], Scale]:

@@ -6,9 +6,10 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
+from ...numerics import BAND_90
 from .panels import Curve, Mark, Panel, PanelAxis, panels
 from .stages import TIME, X, method_looks
-from .style import GREY, NORMAL_90, SHADE, TRUTH, colours, names_of, peak, stretches, units_of
+from .style import GREY, SHADE, TRUTH, colours, names_of, peak, stretches, units_of
 
 _DATA = {"color": "#b5bcc2", "linewidth": 2.6}
 _FIT = {"fitted": {"color": "#d55e00"}}
@@ -100,7 +101,7 @@ def _residuals(
         reach = max(_LEAST_REACH, 1.05 * peak(values))
         curve = Curve(values, look={"color": GREY, "linewidth": 0.7})
         marks = [
-            Mark(sign * NORMAL_90, label, "y", look={"color": TRUTH, "linestyle": "--"})
+            Mark(sign * BAND_90, label, "y", look={"color": TRUTH, "linestyle": "--"})
             for sign, label in ((1, "90 % of normal noise is within"), (-1, ""))
         ]
         up = PanelAxis("residual", "1", limits=(-reach, reach))
@@ -132,4 +133,4 @@ def _percent_inside(values: np.ndarray) -> str:
     present = values[np.isfinite(values)]
     if not present.size:
         return ""
-    return f": {100 * np.mean(np.abs(present) < NORMAL_90):.1f} % within the dashed lines"
+    return f": {100 * np.mean(np.abs(present) < BAND_90):.1f} % within the dashed lines"

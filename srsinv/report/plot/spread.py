@@ -44,11 +44,7 @@ def spread(
     - `log`: the headings of logarithmic axes, linear about zero where not all values are positive.
     - `labels`: words in the legend for the variables' names.
     """
-    entries = [spoken(each) for each in dataset[rows].values]
-    count = len(dataset[over]) if over else 1
-    tall = _ROW_IN * len(entries) * max(1.0, 0.5 * count) + 1.5
-    figure = Figure(figsize=(WIDTH_IN, tall), layout="constrained")
-    grid = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
+    figure, grid = _grid(dataset, rows, len(dataset[over]) if over else 1, len(names))
     for axes, (heading, shown) in zip(grid, names.items(), strict=True):
         shown = [shown] if isinstance(shown, str) else list(shown)
         unit = scale(units_of(dataset[shown[0]]), *(dataset[name].values for name in shown))
@@ -56,19 +52,29 @@ def spread(
         right = np.array([(expected or {}).get(heading, np.nan), low, high]) * unit.factor
         _expect(axes, right, (expected_label, band_label))
         _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
-        words = "" if unit.unit == "1" else f"[{unit.unit}]"
-        axes.set(title=heading, xlabel=words, ylim=(len(entries) - 0.5, -0.5))
+        axes.set(title=heading, xlabel="" if unit.unit == "1" else f"[{unit.unit}]")
         ends = (limits or {}).get(heading)
         axes.set_xlim([end * unit.factor for end in ends] if ends else None)
-        drawn = [right[:1], *(dataset[name].values.ravel() for name in shown)]
+        drawn = [right[:1], *(unit.factor * dataset[name].values.ravel() for name in shown)]
         _ticks(axes, np.concatenate(drawn), heading in log)
-        axes.grid(axis="y", visible=False)
-    grid[0].set_yticks(range(len(entries)), entries)
-    if (unit := units_of(dataset[rows])) != "1":
-        grid[0].set_ylabel(f"{spoken(rows)} [{unit}]")
     figure.suptitle(title)
     legend_below(figure, grid)
     return figure
+
+
+def _grid(dataset: xarray.Dataset, rows: str, marks: int, panels: int) -> tuple[Figure, np.ndarray]:
+    """A figure with panels side by side, and in each a row for each label, of so many marks."""
+    entries = [spoken(each) for each in dataset[rows].values]
+    tall = _ROW_IN * len(entries) * max(1.0, 0.5 * marks) + 1.5
+    figure = Figure(figsize=(WIDTH_IN, tall), layout="constrained")
+    grid = figure.subplots(1, panels, squeeze=False, sharey=True)[0]
+    for axes in grid:
+        axes.set_yticks(range(len(entries)), entries)
+        axes.set_ylim(len(entries) - 0.5, -0.5)
+        axes.grid(axis="y", visible=False)
+    if (unit := units_of(dataset[rows])) != "1":
+        grid[0].set_ylabel(f"{spoken(rows)} [{unit}]")
+    return figure, grid
 
 
 def _expect(axes, right: np.ndarray, labels: tuple[str, str]) -> None:

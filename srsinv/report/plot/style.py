@@ -16,7 +16,6 @@ from .lettering import SYMBOLS, show_as_written
 
 WIDTH_IN = 8.0
 MM_PER_M = 1e3
-NORMAL_90 = 1.645  # half the width of the standard normal's central 90 %
 
 TRUTH = "#000000"
 GREY = "#6b747c"

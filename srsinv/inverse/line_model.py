@@ -1,0 +1,184 @@
+"""What follows from a linear model of signals on the cells of a line, whatever solves it."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..grid import Convolution, Line
+from .estimate import COMPONENTS
+from .means import are_observable
+
+CHI2, FREEDOM = "chi2_per_freedom", "degrees_of_freedom"
+
+
+class Shown(NamedTuple):
+    """Parts of an estimate: p and q [Pa] and their standard error (2, n), the fitted signal and the
+    whitened residual (e, n), and the sum of the latter's squares."""
+
+    value: Float[Array, "2 n"]
+    stderr: Float[Array, "2 n"]
+    fitted: Float[Array, "e n"]
+    whitened: Float[Array, "e n"]
+    squares: Float[Array, ""]
+
+
+class LineModel(eqx.Module):
+    """Signals and their linear model, data = forward(r) + noise: [`LineProblem`][] has what each
+    field is."""
+
+    line: eqx.AbstractVar[Line]
+    forward: eqx.AbstractVar[Convolution]
+    data: eqx.AbstractVar[Float[Array, "e n"]]
+    noise: eqx.AbstractVar[Float[Array, " k"]]
+    observed: eqx.AbstractVar[Bool[Array, "e n"] | None]
+    known_mean_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
+    background_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
+    friction: eqx.AbstractVar[Float[Array, ""] | None]
+    zero_mean: eqx.AbstractVar[Bool[Array, " c"]]
+    mean_signal: eqx.AbstractVar[Float[Array, "e n"]]
+
+    @property
+    def is_observed(self) -> Bool[np.ndarray, "e n"]:
+        """The mask of valid samples."""
+        if self.observed is None:
+            return np.ones(self.data.shape, bool)
+        return np.asarray(self.observed)
+
+    @property
+    def observed_cells(self) -> Bool[np.ndarray, " n"]:
+        """Cells at which at least one element was sampled."""
+        return np.any(self.is_observed, axis=0)
+
+    @property
+    def noise_rms(self) -> float:
+        """Standard deviation of a sample's noise, an unknown offset aside."""
+        return float(np.sqrt(np.mean(np.asarray(self.noise)[1:])))
+
+    @property
+    def surrounding_pressure_Pa(self) -> float:
+        """The pressure around the features, as far as it is known."""
+        known = self.known_mean_Pa[0], self.background_Pa[0]
+        return sum(float(each) for each in known if each is not None)
+
+    @property
+    def has_free_offset(self) -> bool:
+        """Whether each element's signal has a constant that is not known."""
+        return not np.isfinite(float(self.noise[0]))
+
+    @property
+    def unknowns(self) -> int:
+        """Number of components that are solved for."""
+        return self.forward.transfer.shape[1]
+
+    @property
+    def separable(self) -> bool:
+        """Whether each wavenumber can be treated alone: a periodic line with every sample valid."""
+        return self.forward.is_circular and self.observed is None
+
+    @property
+    def information(self) -> Float[Array, "c k"]:
+        """Fisher information on each component at line.k, sum over elements of |G|^2/N [1/Pa^2], of
+        the nearest periodic problem."""
+        gain = jnp.abs(self.forward.circulant().transfer * self.whitener) ** 2
+        return jnp.sum(gain, axis=0)
+
+    @property
+    def whitener(self) -> Float[Array, " k"]:
+        """N^(-1/2) at line.k."""
+        return 1 / jnp.sqrt(self.noise)
+
+    @property
+    def sample_count(self) -> int:
+        """Number of valid samples, over all elements."""
+        return int(self.data.size if self.observed is None else np.sum(np.asarray(self.observed)))
+
+    @eqx.filter_jit
+    def free_offset(self, y: Float[Array, "e n"]) -> Float[Array, "e 1"]:
+        """The mean of y over the valid samples, where the signal's offset is not known and absorbs
+        it; else zero."""
+        is_observed = jnp.ones(y.shape, bool) if self.observed is None else self.observed
+        count = jnp.maximum(jnp.sum(is_observed, axis=-1, keepdims=True), 1)
+        mean = jnp.sum(jnp.where(is_observed, y, 0.0), axis=-1, keepdims=True) / count
+        return jnp.where(jnp.isfinite(self.noise[0]), 0.0, mean)
+
+    @property
+    def mean_is_observable(self) -> Bool[Array, " c"]:
+        """For each unknown, whether its mean is observable.
+
+        Its gain at k = 0 must not vanish, nor be proportional to another unknown's.
+        """
+        return are_observable(self.forward, self.noise, self._known)
+
+    @property
+    def mean_weights(self) -> Float[Array, "c n"]:
+        """The weights of each unknown's mean over the sampled cells where that mean is weakly
+        observed, on an open line: its error would mask all others. Else zero."""
+        hidden = ~self.zero_mean & ~self.mean_is_observable & (not self.forward.is_circular)
+        ones = jnp.ones(self.data.shape, bool) if self.observed is None else self.observed
+        cells = jnp.any(ones, axis=0)
+        return hidden[:, None] * (cells / jnp.sum(cells))[None, :]
+
+    def show(self, traction: Float[Array, "c n"], stderr: Float[Array, "c n"]) -> Shown:
+        """What an estimate shows of a solution: see `Shown`."""
+        fitted, value = self.forward(traction), traction
+        pairs = zip(self.known_mean_Pa, self.background_Pa, strict=True)
+        means = [
+            sum((m for m in pair if m is not None), jnp.zeros((), value.dtype)) for pair in pairs
+        ]
+        if self.friction is not None:
+            value = jnp.concatenate([value, self.friction * value])
+            stderr = jnp.concatenate([stderr, jnp.abs(self.friction) * stderr])
+            means[1] = self.friction * means[0]
+        whitened = self.whitened(self.data - fitted)
+        return Shown(
+            value + jnp.stack(means)[:, None],
+            stderr,
+            fitted + self.mean_signal + self.free_offset(self.data - fitted),
+            whitened,
+            jnp.nansum(whitened**2),
+        )
+
+    def whitened(self, residual: Float[Array, "e n"]) -> Float[Array, "e n"]:
+        """The residual in units of the noise, NaN where a sample is missing."""
+        residual = residual - self.free_offset(residual)
+        observed = self.observed
+        if observed is not None:
+            residual = jnp.where(observed, residual, 0.0)
+        whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * self.whitener, self.line.n)
+        return whitened if observed is None else jnp.where(observed, whitened, jnp.nan)
+
+    def chi2(self, resolved_dof: float, squares: float) -> dict[str, float | None]:
+        """Chi-square of the residual per degree of freedom, from the whitened residual's sum of
+        squares; None where it is undefined."""
+        noise = np.asarray(self.noise)
+        offsets = 0 if np.isfinite(noise[0]) else self.data.shape[0]
+        freedom = float(self.sample_count - offsets - resolved_dof)
+        # With samples missing, a residual whitened with zeros in the gaps is white for white noise
+        # alone.
+        known = (self.observed is None or not np.ptp(noise[1:])) and freedom >= 1
+        return {CHI2: squares / freedom if known else None, FREEDOM: freedom}
+
+    @property
+    def _known(self) -> tuple[bool, ...]:
+        return tuple(mean is not None for mean in self.known_mean_Pa[: self.unknowns])
+
+    def mean_statement(self) -> dict[str, str]:
+        """Origin of the estimate's mean for p and q, in words."""
+        return {name: self._mean_of(c) for c, name in enumerate(COMPONENTS)}
+
+    def _mean_of(self, c: int) -> str:
+        if c >= self.unknowns:
+            return f"follows from p by q = mu p with mu = {self.friction:.4g}"
+        known, background = self.known_mean_Pa[c], self.background_Pa[c]
+        if background is None:
+            return "unobserved: the estimate is the deviation from a background that is not known"
+        if known is not None:
+            return f"known from outside: {float(known + background):.6g} Pa"
+        if bool(self.mean_is_observable[c]):
+            return "from the signal"
+        if self.forward.is_circular:
+            return "unobserved: the signal is blind to it; the estimate is the deviation from it"
+        return "weakly observed: only what the window's ends show of it"
