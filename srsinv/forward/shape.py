@@ -50,27 +50,27 @@ def rise(x: Float[Array, " n"], edge_length_m: Float[Array, ""]) -> Float[Array,
     return 0.5 * (1 + jnp.where(sharp, jnp.sign(x), smooth))
 
 
-Converter = Callable[[Any], Any]
+Conversion = Callable[[Any], Any]
 
 
-def real(name: str) -> Converter:
+def real(name: str) -> Conversion:
     """Of a number of either sign."""
     return lambda value: as_real(number(f"surface {name}", value, "a number, in SI units"))
 
 
-def positive(name: str) -> Converter:
+def positive(name: str) -> Conversion:
     """Of a number above 0."""
     wanted = "a positive number, in SI units"
     return lambda value: as_real(number(f"surface {name}", value, wanted, above=0))
 
 
-def not_negative(name: str) -> Converter:
+def not_negative(name: str) -> Conversion:
     """Of a length that may be 0."""
     wanted = "a length in metres, 0 or more"
     return lambda value: as_real(number(f"surface {name}", value, wanted, least=0))
 
 
-def friction(name: str) -> Converter:
+def friction(name: str) -> Conversion:
     """Of a friction, or None for that of the plate."""
     wanted = "a number, of either sign, or null for that of the plate"
     return lambda value: (

@@ -27,7 +27,7 @@ from .words import Block, Drawing, Paragraph, Table, answers, blocks, summary
 
 _DPI = 140
 _CODE = re.compile(r"`([^`]+)`")
-_BEFORE_UNIT = re.compile(r"(?<=\d) (?=[^\d\s]\S*$)")
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=%|dB\b|[fpnµmkMG]?(?:m|s|A|C|Hz|N|Pa|V|rad)\b)")
 
 
 def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -> dict[str, bytes]:
@@ -115,7 +115,7 @@ def _page(result: Result, filled: Filled, images: Mapping[str, bytes], command: 
     )
     numbers = Table(("name", "value"), tuple(sorted(result.metrics.items())))
     return environment.get_template("page.html.j2").render(
-        title=result.title,
+        title=_unbroken(result.title),
         command=command,
         version=__version__,
         answers=[
@@ -144,8 +144,16 @@ def _in_html(own: tuple[Block, ...], images: Mapping[str, bytes]) -> Iterator[di
 
 
 def _inline(text: str) -> markupsafe.Markup:
-    """Words as HTML; between backticks they are code."""
-    return markupsafe.Markup(_CODE.sub(r"<code>\1</code>", str(markupsafe.escape(text))))
+    """Words as HTML; between backticks they are code, which is left as it is typed."""
+    words = _CODE.split(str(markupsafe.escape(text)))
+    words[::2] = map(_unbroken, words[::2])
+    words[1::2] = (f"<code>{code}</code>" for code in words[1::2])
+    return markupsafe.Markup("".join(words))
+
+
+def _unbroken(text: str) -> str:
+    """Text in which no line ends between a number and its unit."""
+    return _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
 
 
 def _table(table: Table) -> dict[str, Any]:
@@ -154,10 +162,8 @@ def _table(table: Table) -> dict[str, Any]:
     return {
         "caption": _inline(table.caption),
         "columns": list(zip(table.columns, numeric, strict=True)),
-        "rows": [list(zip(map(_cell, row), numeric, strict=True)) for row in table.rows],
+        "rows": [
+            list(zip(map(_unbroken, map(format_value, row)), numeric, strict=True))
+            for row in table.rows
+        ],
     }
-
-
-def _cell(value: object) -> str:
-    """A cell's text, in which no line ends between a number and its unit."""
-    return _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", format_value(value))

@@ -38,7 +38,7 @@ LARGE_ERROR = np.sqrt(1 - LEAST_EXPLAINED)  # of a component, relative
 UNRESOLVED = re.compile("The signal resolves .* degrees of freedom of ([pq])")
 
 
-class Answer(NamedTuple):
+class DrawOutcome(NamedTuple):
     """Of one draw: its warnings, the errors over the standard errors, and the components of which
     the signal explains less than half of the variance."""
 
@@ -83,16 +83,16 @@ def drawn(tried: MethodOnScene, count: int = DRAWS) -> dict[str, Any]:
     }
 
 
-def _answer(method: Method, tried: MethodOnScene, scene: ScannedScene, rng: Rng) -> Answer:
+def _answer(method: Method, tried: MethodOnScene, scene: ScannedScene, rng: Rng) -> DrawOutcome:
     made = scan(scene, rng)
     stated = problem(made, tried.known_friction, CELL_M)
     estimate = method(stated)
     if isinstance(estimate, FeatureEstimate):
-        return Answer(estimate.reasons, fit_ratios(scene, estimate))
+        return DrawOutcome(estimate.reasons, fit_ratios(scene, estimate))
     wrong, truth = errors(made, stated, estimate)
     size = np.linalg.norm(wrong, axis=-1) / np.linalg.norm(truth, axis=-1)
     large = [name for name, each in zip("pq", size, strict=True) if each > LARGE_ERROR]
-    return Answer(estimate.reasons, ratios(made, stated, estimate), "".join(large))
+    return DrawOutcome(estimate.reasons, ratios(made, stated, estimate), "".join(large))
 
 
 def main() -> None:

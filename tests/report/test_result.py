@@ -130,7 +130,7 @@ def test_a_job_that_is_a_folder_has_its_page_in_it(tmp_path):
 def test_the_page_says_the_result_before_everything(result):
     page = render(result, {}, "srsinv experiment=waves")["report.html"].decode()
     assert "<h1>Waves &amp; &lt;more&gt;</h1>" in page
-    order = ["<h1>", "these numbers are no answer. It did not converge.", "20.0 µm",
+    order = ["<h1>", "these numbers are no answer. It did not converge.", "20.0\xa0µm",
              "error of p", "srsinv experiment=waves", "<h2>Wave</h2>"]  # fmt: skip
     assert sorted(order, key=page.index) == order
     assert "Lacking" not in page
@@ -168,9 +168,11 @@ def test_a_column_has_one_unit():
     ("cell", "shown"),
     [("100 %", "100\xa0%"), ("25.89 ± 0.32 µm", "25.89 ± 0.32\xa0µm"), ("two words", "two words")],
 )
-def test_no_line_of_a_table_ends_between_a_number_and_its_unit(cell, shown):
-    page = render(Result("", dataset(scalars({"width": cell}), {})), {})["report.html"].decode()
+def test_no_line_ends_between_a_number_and_its_unit(cell, shown):
+    data = dataset(scalars({"width": cell}), {})
+    page = render(Result(f"Of {cell}", data), {})["report.html"].decode()
     assert f"<td>{shown}</td>" in page
+    assert f"<h1>Of {shown}</h1>" in page
 
 
 @pytest.mark.parametrize(("value", "stderr", "units", "written"), [
