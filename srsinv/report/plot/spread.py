@@ -89,13 +89,13 @@ def _ticks(axes, values: np.ndarray, is_log: bool) -> None:
     """Whole numbers for counts; a logarithmic scale over more than a decade, linear from -1 to 1
     where not all values are positive."""
     values = values[np.isfinite(values)]
-    if np.all(values % 1 == 0):
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    elif is_log and values.min() <= 0:
+    if is_log and np.any(values <= 0):
         axes.set_xscale("symlog", linthresh=1, linscale=0.5)
         axes.set_xlim(2 * min(values.min(), -0.5), 2 * max(values.max(), 0.5))
-    elif is_log and values.max() > 10 * values.min():
+    elif is_log and np.any(values > 10 * np.min(values, initial=np.inf)):
         axes.set_xscale("log")
+    elif np.all(values % 1 == 0):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _marks(axes, dataset, shown, rows, draws, over, factor: float, labels) -> None:
