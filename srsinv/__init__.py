@@ -25,6 +25,7 @@ if "JAX_ENABLE_X64" not in os.environ:
 
 if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table below
     from . import kinds as kinds
+    from . import plot as plot
     from .api import fit_recording as fit_recording
     from .api import invert as invert
     from .api import simulate as simulate
@@ -49,7 +50,6 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .inverse.wiener import Wiener as Wiener
     from .recording import Recording as Recording
     from .recording import load as load
-    from .report import plot as plot
 
 __version__ = "0.1.0"
 
@@ -80,7 +80,7 @@ _MODULES = {
     "invert": "api",
     "kinds": "kinds",
     "load": "recording",
-    "plot": "report.plot",
+    "plot": "plot",
     "simulate": "api",
 }
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -1,6 +1,7 @@
 """`import srsinv`: what is public there, how soon it is loaded, and what it says of itself."""
 
 import ast
+import importlib
 import inspect
 import subprocess
 import sys
@@ -44,6 +45,11 @@ def test_every_name_says_what_it_is_and_in_which_units(name):
         unit = next((unit for end, unit in UNITS.items() if key.endswith(end)), None)
         lines = [line for line in text.splitlines() if f"`{key}`" in line]
         assert unit is None or any(f"[{unit}]" in line for line in lines), key
+
+
+def test_plots_are_a_module_that_can_be_imported():
+    assert importlib.import_module("srsinv.plot") is srsinv.plot
+    assert srsinv.plot.estimates.__module__.startswith("srsinv.report.plot")
 
 
 def test_a_name_that_it_has_not_is_an_error():

@@ -489,6 +489,20 @@ def test_a_spread_goes_from_the_least_to_the_greatest():
     assert [text.get_text() for text in axes.get_yticklabels()] == ["Wiener", "Tikhonov"]
 
 
+def test_a_logarithmic_axis_of_a_spread_spans_its_values():
+    """Of 0.01 to 20 % in draws: not of what a linear axis leaves below zero."""
+    data = result.dataset(
+        {"error": (("method", "draw"), [[1e-4, 2e-4], [0.1, 0.2]], "1")},
+        {"method": (["a", "b"], "1")},
+    )
+    (axes,) = panels_of(
+        plot.spread(data, {"error": "error"}, "method", draws="draw", log=["error"])
+    )
+    low, high = axes.get_xlim()
+    assert 1e-5 < low < 1e-4
+    assert 0.2 < high < 2
+
+
 def test_the_axis_of_a_spread_holds_its_values_in_their_unit():
     data = result.dataset(
         {"error": ("method", [-3.5e-6, 5e-6], "m")}, {"method": (["a", "b"], "1")}

@@ -53,10 +53,10 @@ def spread(
         _expect(axes, right, (expected_label, band_label))
         _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
         axes.set(title=heading, xlabel="" if unit.unit == "1" else f"[{unit.unit}]")
-        ends = (limits or {}).get(heading)
-        axes.set_xlim([end * unit.factor for end in ends] if ends else None)
         drawn = [right[:1], *(unit.factor * dataset[name].values.ravel() for name in shown)]
         _ticks(axes, np.concatenate(drawn), heading in log)
+        if ends := (limits or {}).get(heading):
+            axes.set_xlim([end * unit.factor for end in ends])
     figure.suptitle(title)
     legend_below(figure, grid)
     return figure
