@@ -87,8 +87,7 @@ class PitchedScan(NamedTuple):
             f"The window holds {pitches:.4g} pitches: give grid.line=periodic and as grid.length_m "
             "a whole number of pitches.",
         )
-        speed = float(scan.speed_m_per_s)
-        refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
+        scan.require_onwards()
         return cls(line, surface, ridges, sensor, scan)
 
     @property

@@ -34,6 +34,11 @@ class ConstantSpeed(eqx.Module):
         """sign(u): the sign with which Coulomb friction enters q = sign(u) mu p."""
         return jnp.sign(self.speed_m_per_s)
 
+    def require_onwards(self) -> None:
+        """Raises `BadInput` unless the finger slides towards +x."""
+        speed = float(self.speed_m_per_s)
+        refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
+
     def scaled(self, factor: Scalar) -> "ConstantSpeed":
         """The scan at a speed times `factor`."""
         return eqx.tree_at(lambda scan: scan.speed_m_per_s, self, factor * self.speed_m_per_s)

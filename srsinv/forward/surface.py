@@ -26,8 +26,8 @@ def _raised(x, height, width, position, edge_length) -> Float[Array, " n"]:
     return height * (rise(left, edge_length) - rise(right, edge_length))
 
 
-class Ridge(Shape):
-    """A raised strip (of negative height a groove), its friction that of the plate."""
+class _Raised(Shape):
+    """A raised strip."""
 
     height_m: Float[Array, ""] = eqx.field(converter=real("height_m"))
     width_m: Float[Array, ""] = eqx.field(converter=positive("width_m"))
@@ -40,15 +40,16 @@ class Ridge(Shape):
         return _raised(line.x, self.height_m, self.width_m, self.position_m, self.edge_length_m)
 
 
-class Tape(Shape):
+class Ridge(_Raised):
+    """A raised strip (of negative height a groove), its friction that of the plate."""
+
+
+class Tape(_Raised):
     """A raised strip whose leading and trailing edges have a friction of their own.
 
     `friction_zone_length_m` is the length l of both; a friction of None is that of the plate.
     """
 
-    height_m: Float[Array, ""] = eqx.field(converter=real("height_m"))
-    width_m: Float[Array, ""] = eqx.field(converter=positive("width_m"))
-    position_m: Float[Array, ""] = eqx.field(converter=real("position_m"), default=0.0)
     edge_length_m: Float[Array, ""] = eqx.field(
         converter=not_negative("edge_length_m"), default=2e-5
     )
@@ -61,9 +62,6 @@ class Tape(Shape):
     friction_zone_length_m: Float[Array, ""] = eqx.field(
         converter=positive("friction_zone_length_m"), default=0.6e-3
     )
-
-    def height(self, line: Line) -> Float[Array, " n"]:
-        return _raised(line.x, self.height_m, self.width_m, self.position_m, self.edge_length_m)
 
     def edges(self, forward: bool) -> tuple[EdgeFriction, ...]:
         left, right = self.position_m - self.width_m / 2, self.position_m + self.width_m / 2

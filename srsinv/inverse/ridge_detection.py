@@ -64,8 +64,7 @@ class RidgeDetection(NamedTuple):
         if surface is None or ridge is None:
             raise BadInput("The scene is not one ridge: use scene=ridge.")
         refuse(not isinstance(line, Periodic), "grid.line is open: give periodic.")
-        speed = float(scan.speed_m_per_s)
-        refuse(speed <= 0, f"scan.speed_m_per_s is {speed}: give a positive speed in m/s.")
+        scan.require_onwards()
         return cls(line, surface, ridge, sensor, scan)
 
     def pair_distances(

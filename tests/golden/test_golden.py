@@ -13,6 +13,7 @@ from tests.golden.families import DATA, cases, file
 from tests.golden.floors import FILE as FLOORS
 from tests.golden.floors import OF_STDERR
 from tests.jobs.run import short_forms
+from tests.tiers import quick
 
 QUICK = {
     "forms/default", "forms/fit_fabricslide", "forms/inspect_recording",
@@ -25,10 +26,7 @@ MOST_BYTES = 2_000_000
 MARGIN = 3  # of a tolerance over what the quantity moves by itself
 
 
-@pytest.mark.parametrize(
-    "case",
-    [pytest.param(case, marks=() if case in QUICK else pytest.mark.full) for case in other_cases()],
-)
+@pytest.mark.parametrize("case", quick(other_cases(), *QUICK))
 def test_nothing_has_moved(case):
     check(case)
 

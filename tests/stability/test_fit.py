@@ -12,6 +12,7 @@ import pytest
 import srsinv
 from srsinv.inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix
 from tests.stability.matrix import PRECISIONS
+from tests.tiers import quick
 
 N = 30
 X = np.linspace(0, 1, N)
@@ -73,12 +74,7 @@ def _inverse(matrix):
 
 
 # A model compiles once for each precision.
-IN_PRECISIONS = [
-    pytest.param(name, marks=() if name == "float64" else pytest.mark.full) for name in PRECISIONS
-]
-
-
-@pytest.fixture(params=IN_PRECISIONS)
+@pytest.fixture(params=quick(PRECISIONS, "float64"))
 def precision(request):
     solver = request.node.callspec.params.get("solver")
     if solver == "jaxopt LBFGSB" and request.param == "float32":

@@ -8,8 +8,11 @@ variance 2 tr(K C_a K C_a); it is taken as a multiple of a chi-square with these
 The fit takes noise out of the residual where the feature is, so that the test is conservative.
 """
 
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
 from .sliding_noise import Levels
@@ -37,33 +40,44 @@ def local_excess(
     correlation = np.exp(-lag / max(levels.correlation_m, depth_m / 2))
     # A wrong shape is missed where the signal is large; flanks lie beside it, and may be small.
     weights = amplitude, near, (near >= PRESENT).astype(float)
-    excesses = (
-        _excess(residual, lag, weight[:, None] * correlation * weight, levels, size)
-        for weight in weights
-    )
+    whitened = list(_whitened(residual, lag, levels, size))
+    excesses = (_excess(whitened, weight[:, None] * correlation * weight) for weight in weights)
     return max((each for each, p in excesses if p < FALSE_ALARM / len(weights)), default=1.0)
 
 
-def _excess(
+class _Whitened(NamedTuple):
+    """Of one element's means over blocks: those `present`, the inverse K of their noise's
+    covariance, and K r."""
+
+    present: Bool[np.ndarray, " block"]
+    precise: Float[np.ndarray, "n n"]
+    pulled: Float[np.ndarray, " n"]
+
+
+def _whitened(
     residual: Float[np.ndarray, "e sample"],
     lag: Float[np.ndarray, "block block"],
-    local: Float[np.ndarray, "block block"],
     levels: Levels,
     size: int,
-) -> tuple[float, float]:
-    """The power along `local` over that of stationary noise, in blocks of `size` samples, and the
-    probability of as much."""
-    total, mean, variance = 0.0, 0.0, 0.0
+) -> Iterator[_Whitened]:
     for values, white in zip(residual, np.broadcast_to(levels.white, len(residual)), strict=True):
         means, number = _means(values[None], size)
         present = number[0] > 0
         noise = levels.sliding**2 * np.exp(-lag / levels.correlation_m)
         noise = noise + np.diag(white**2 / np.maximum(number[0], 1))
-        pick = np.ix_(present, present)
-        precise = np.linalg.inv(noise[pick])
-        spread = precise @ local[pick]
-        pulled = precise @ means[0][present]
-        total += float(pulled @ local[pick] @ pulled)
+        precise = np.linalg.inv(noise[np.ix_(present, present)])
+        yield _Whitened(present, precise, precise @ means[0][present])
+
+
+def _excess(
+    whitened: Sequence[_Whitened], local: Float[np.ndarray, "block block"]
+) -> tuple[float, float]:
+    """The power along `local` over that of stationary noise, and the probability of as much."""
+    total, mean, variance = 0.0, 0.0, 0.0
+    for present, precise, pulled in whitened:
+        own = local[np.ix_(present, present)]
+        spread = precise @ own
+        total += float(pulled @ own @ pulled)
         mean += float(np.trace(spread))
         variance += 2 * float(np.sum(spread * spread.T))
     if not variance > 0:
