@@ -6,8 +6,8 @@ Stress decays as e^(-k z), so that what is fine is measured in depths of the sha
 MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 # Cells, or samples, in a depth.
 _IN_A_DEPTH = {
-    # Beyond, e^(-k z) is negligible: at the cells' last wavenumber it is e^(-25).
-    "inversion": 8,
+    # Beyond, e^(-k z) is negligible: at the cells' last wavenumber it is e^(-50).
+    "inversion": 16,
     # Each half of the cells then has one every 0.4 depths, where e^(-k z) is 4e-4.
     "comparison": 5,
     # The signal of a load's edge is then right to 1e-6 of its peak, of a line load to 1e-5.

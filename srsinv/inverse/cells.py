@@ -4,9 +4,10 @@ At constant speed a cell has the mean of a block of samples; else its signal at 
 fitted to the samples that lie in it.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
+import scipy.fft
 from jaxtyping import Float
 
 from .. import resolution
@@ -16,7 +17,6 @@ from ..forward.scan import Motion
 from ..grid import Open, as_real
 from .sample_noise import is_steady
 
-MOST_UNKNOWNS = 4096  # that a direct solution can hold
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
 LEAST_CELLS = 3  # as a line needs
 LEAST_SAMPLES = 3
@@ -81,13 +81,18 @@ def sample_spacing_m(motion: Motion) -> float:
     return abs(float(np.mean(motion.speed_m_per_s))) / motion.sample_rate_hz
 
 
-def block_of(motion: Motion, depth_m: float, unknowns: int, cell_m: float | None) -> int:
-    """Number of samples in one cell: `cell_m` wide, else as wide as the depth and a direct solution
-    of so many unknowns per cell ask for."""
+def block_of(motion: Motion, depth_m: float, cell_m: float | None) -> int:
+    """Number of samples in one cell: about `cell_m` wide, else no wider than the depth asks for.
+
+    At a varying speed samples are shared between cells, and with one in each their noise would be.
+    """
     spacing, count = sample_spacing_m(motion), motion.time_s.size
-    length = spacing * count + 2 * resolution.margin_m("traction", depth_m)
-    cell = max(resolution.cell_m("inversion", depth_m), length * unknowns / MOST_UNKNOWNS)
-    return int(np.clip(round((cell_m or cell) / spacing), 1, count // LEAST_SAMPLES))
+    if cell_m is None:
+        block = int(resolution.cell_m("inversion", depth_m) / spacing * (1 + 1e-9))
+        block = max(block, 1 if is_steady(motion) else 2)
+    else:
+        block = round(cell_m / spacing)
+    return int(np.clip(block, 1, count // LEAST_SAMPLES))
 
 
 def cell_signals(
@@ -136,7 +141,11 @@ def line_over(
     check_cells(f"The contact window, [{window.start_m}, {window.end_m}] m", window.length_m, cell)
     before = max(0, int(np.floor((x[0] - cell / 2 - window.start_m) / cell)))
     after = max(0, int(np.floor((window.end_m - x[-1] - cell / 2) / cell)))
-    line = Open(before + x.size + after, cell, x[0] - before * cell)
+    n = before + x.size + after
+    if window_m is None:  # a length that Fourier transforms are quick for
+        n = int(cast(int, scipy.fft.next_fast_len(n, real=True)))
+        after = n - before - x.size
+    line = Open(n, cell, x[0] - before * cell)
     return line, np.pad(signal, ((0, 0), (before, after)), constant_values=np.nan)
 
 
@@ -207,13 +216,14 @@ def _interpolated(
 
     Beside a gap by the slope on its other side: one across the gap is not that at its edge.
     """
-    moved = values.copy()
-    side = np.where(centres > at, 1, -1)
-    for i in np.flatnonzero(np.isfinite(values) & (centres != at)):
-        j = i + side[i]
-        if not 0 <= j < values.size:  # at the scan's ends the value is taken as it is
-            continue
-        j = j if np.isfinite(values[j]) else max(i - side[i], 0)
-        if j != i and j < values.size and np.isfinite(values[j]):
-            moved[i] += (values[j] - values[i]) * (centres[i] - at[i]) / (at[j] - at[i])
+    moved, last = values.copy(), values.size - 1
+    cells = np.flatnonzero(np.isfinite(values) & (centres != at))
+    side = np.where(centres[cells] > at[cells], 1, -1)
+    beside = cells + side
+    inside = (beside >= 0) & (beside <= last)  # at the scan's ends the value is taken as it is
+    cells, side, beside = cells[inside], side[inside], beside[inside]
+    beside = np.where(np.isfinite(values[beside]), beside, np.clip(cells - side, 0, last))
+    known = (beside != cells) & np.isfinite(values[beside])
+    i, j = cells[known], beside[known]
+    moved[i] += (values[j] - values[i]) * (centres[i] - at[i]) / (at[j] - at[i])
     return moved

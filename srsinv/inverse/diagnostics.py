@@ -153,22 +153,14 @@ def unresolved_waves(name: str, resolution: float) -> Sequence[str]:
     )
 
 
-def missing(fraction: float, stderr_with_all: bool) -> Sequence[str]:
-    """Warnings on a `fraction` of samples missing within the scan, and on standard errors that
-    assume every sample is valid."""
-    words = []
-    if fraction > FEW_MISSING:
-        words.append(
-            f"{100 * fraction:.3g} % of the samples are missing: if their size took them out "
-            "(rails), "
-            "what was strongest is not in the answer."
-        )
-    if stderr_with_all:
-        words.append(
-            "The band is that with every sample there, too narrow where some are missing: "
-            "path=direct gives their own."
-        )
-    return words
+def missing(fraction: float) -> Sequence[str]:
+    """Warning on a `fraction` of samples missing within the scan."""
+    if fraction <= FEW_MISSING:
+        return ()
+    return (
+        f"{100 * fraction:.3g} % of the samples are missing: if their size took them out (rails), "
+        "what was strongest is not in the answer.",
+    )
 
 
 def undetermined_weights(status: Status) -> Sequence[str]:

@@ -1,90 +1,195 @@
-"""The iterative path: conjugate gradients (lineax) on the normal equations, matrix-free.
+"""The iterative path: conjugate gradients on the normal equations, matrix-free, on a line of any
+length, with any samples missing.
 
-It serves lines of any length, with samples missing where the noise is white. The solution of the
-nearest periodic problem is its preconditioner, and gives its standard error.
+Its preconditioner is the nearest periodic problem with the same samples missing, whose solution is
+wrong at the line's ends only, and there in a few smooth shapes: hats, narrow at the ends and wide
+in the middle, for which the equations are solved exactly.
 """
 
-import equinox as eqx
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
-import lineax as lx
+import numpy as np
 from jaxtyping import Array, Float
 
-from . import spectral
+from ..grid import as_real
+from .bands import variance
+from .coarse import Coarse, hats_of
+from .gaps import BlockInverse, Gaps, Solved, conjugate_gradients
 from .line_problem import LineProblem
+from .near_periodic import MOST_STEPS, NearPeriodic
 from .prior import Prior, Solution
+from .transforms import adjoint, from_spectrum, times, to_spectrum
+
+Traction = Float[np.ndarray, "c n"]
+Signal = Float[np.ndarray, "e n"]
 
 
-class NormalEquations(eqx.Module):
-    """(G^T N^-1 G + P) r = G^T N^-1 m, on traction whose known means are taken out."""
+class NormalEquations:
+    """(G^T R^-1 G + P) r = G^T R^-1 m over the samples that are there, R their noise's covariance;
+    on traction whose known means are taken out."""
 
-    problem: LineProblem
-    prior: Prior
-    factor: spectral.OrthogonalFactor
+    def __init__(self, problem: LineProblem, prior: Prior, gaps: Gaps):
+        self.problem, self.prior, self.gaps = problem, prior, gaps
+        self.transfer = np.asarray(problem.forward.transfer, complex)
+        self.length, self.n = problem.forward.length, problem.line.n
+        self.precision = np.asarray(problem.whitener, float) ** 2
+        self.shape = problem.unknowns, self.n
+        self.zero_mean = np.asarray(problem.zero_mean)
+        self.is_observed = problem.is_observed
+        self.is_white = not np.ptp(self.precision[1:]) and self.precision[0] in (
+            0.0,
+            self.precision[1],
+        )
+        self.penalty = _penalty(problem, prior)
+        lags = from_spectrum(self.precision, self.n)
+        apart = np.eye(len(self.is_observed))[..., None] * lags
+        self.noise_blocks = BlockInverse(()) if self.is_white else gaps.inverses(apart)
 
-    def __call__(self, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+    def __call__(self, r: Traction) -> Traction:
         r = self.centre(r)
-        problem = self.problem
-        return self.right_side(problem.forward(r)) + self.centre(self.prior.apply(problem.line, r))
+        return self.right_side(self.forward(r)) + self.centre(self.penalty(r))
 
-    def right_side(self, y: Float[Array, "e n"]) -> Float[Array, "c n"]:
-        """G^T N^-1 y."""
-        return self.centre(self.problem.forward.adjoint(self._weigh(y)))
+    def forward(self, r: Traction) -> Signal:
+        """G r."""
+        return self._convolved(self.transfer, r)
 
-    def precondition(self, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
-        """The posterior covariance of the nearest periodic problem, applied to r."""
-        inverse = self.factor.inverse
-        # A mode that the periodic problem does not determine still has to move: it takes the
-        # largest step that any other mode of its component takes.
-        largest = jnp.max(jnp.sum(jnp.abs(inverse) ** 2, axis=1), axis=-1)[:, None]
-        spectrum = jnp.fft.rfft(r)
-        step = jnp.einsum("ijk,ljk,lk->ik", inverse, inverse.conj(), spectrum)
-        step = jnp.where(self.factor.determined, step, largest * spectrum)
-        return self.centre(jnp.fft.irfft(step, self.problem.line.n))
+    def right_side(self, y: Signal) -> Traction:
+        """G^T R^-1 y."""
+        return self.centre(self._convolved(adjoint(self.transfer), self.weighed(y)))
 
-    def centre(self, r: Array) -> Array:
+    def centre(self, r: Traction) -> Traction:
         """Project out the means that are not solved for."""
-        mean = r.mean(axis=-1, keepdims=True)
-        return r - jnp.where(self.problem.zero_mean[:, None], mean, 0.0)
+        return r - np.where(self.zero_mean[:, None], r.mean(axis=-1, keepdims=True), 0.0)
 
-    def _weigh(self, y: Array) -> Array:
-        problem = self.problem
-        if problem.observed is None:
-            return jnp.fft.irfft(jnp.fft.rfft(y) * problem.whitener**2, problem.line.n)
-        # White noise: the last wavenumber gives its level.
-        y = y - problem.free_offset(y)
-        return jnp.where(problem.observed, y, 0.0) * problem.whitener[-1] ** 2
+    def weighed(self, y: Signal) -> Signal:
+        """R^-1 y, zero where samples are missing.
+
+        They are completed so that N^-1 y vanishes there; white noise needs none of it.
+        """
+        y = np.where(self.is_observed, y, 0.0)
+        if self.is_white:
+            if not self.precision[0]:
+                count = np.maximum(self.is_observed.sum(axis=-1, keepdims=True), 1)
+                y = y - y.sum(axis=-1, keepdims=True) / count
+            return np.where(self.is_observed, y * self.precision[-1], 0.0)
+        weighed = self._times_precision(y)
+        if self.gaps.cell.size:
+            right, tight = self.gaps.picked(weighed), 1e-12
+
+            def operator(values):
+                return self.gaps.picked(self._times_precision(self.gaps.placed(values)))
+
+            filling = conjugate_gradients(operator, self.noise_blocks, right, tight, MOST_STEPS)
+            weighed = weighed - self._times_precision(self.gaps.placed(filling.value))
+        return np.where(self.is_observed, weighed, 0.0)
+
+    def _times_precision(self, y: Signal) -> Signal:
+        return from_spectrum(to_spectrum(y) * self.precision, self.n)
+
+    def _convolved(self, matrices: np.ndarray, values: np.ndarray) -> np.ndarray:
+        spectrum = times(matrices, to_spectrum(values, self.length))
+        return from_spectrum(spectrum, self.length)[:, : self.n]
 
 
-@eqx.filter_jit
-def solve(problem: LineProblem, prior: Prior, tolerance: Float[Array, ""]):
-    """Posterior mean by conjugate gradients to a relative `tolerance`, its standard error from the
-    nearest periodic problem: the solution, the steps taken, and whether it converged."""
-    factor = spectral.factorise(problem, prior)
-    normal = NormalEquations(problem, prior, factor)
-    n = problem.line.n
-    unknowns = problem.unknowns
-    impulses = jnp.eye(unknowns)[:, :, None] * (jnp.arange(n) == n // 2)
-    signals = jnp.concatenate([problem.data[None], jax.vmap(problem.forward)(impulses)])
-    right = jax.vmap(normal.right_side)(signals)
-    solutions, steps, fine = jax.vmap(lambda b: _conjugate_gradients(normal, b, tolerance))(right)
-    value, averaging = solutions[0], solutions[1:].swapaxes(0, 1)
-    # As of the nearest periodic problem, over the cells that have samples.
-    resolved_dof = spectral.resolved_degrees_of_freedom(spectral.resolution_of(problem, factor), n)
-    if problem.observed is not None:
-        resolved_dof = resolved_dof * jnp.mean(jnp.any(problem.observed, axis=0))
-    covariance = jnp.einsum("ijk,ljk->ilk", factor.inverse, factor.inverse.conj())
-    if not problem.forward.is_circular:  # of the deviation from the mean, as on the direct path
-        factor = factor._replace(inverse=factor.inverse.at[..., 0].set(0.0))
-    stderr = spectral.stationary_stderr(factor, n)
-    size = _condition(problem, prior)
-    return (
-        Solution(value, stderr, covariance, averaging, resolved_dof, size),
-        steps[0],
-        jnp.all(fine),
+def _penalty(problem: LineProblem, prior: Prior) -> Callable[[Traction], Traction]:
+    """P, in double precision where it is a sum of squared differences."""
+    squares = prior.differences(problem.line)
+    if squares is None:
+        apply = jax.jit(lambda r: prior.apply(problem.line, r))
+        return lambda r: np.asarray(apply(r), float)
+    order, weights = squares[0], np.asarray(squares[1], float)[:, None]
+    wraps = problem.forward.is_circular
+
+    def differences(r: np.ndarray) -> np.ndarray:
+        return np.roll(r, -1, axis=-1) - r if wraps else r[:, 1:] - r[:, :-1]
+
+    def transpose(d: np.ndarray) -> np.ndarray:
+        if wraps:
+            return np.roll(d, 1, axis=-1) - d
+        zero = np.zeros((len(d), 1))
+        return np.concatenate([zero, d], axis=-1) - np.concatenate([d, zero], axis=-1)
+
+    def penalty(r: Traction) -> Traction:
+        for _ in range(order):
+            r = differences(r)
+        for _ in range(order):
+            r = transpose(r)
+        return weights * r
+
+    return penalty
+
+
+class PosteriorMap:
+    """The posterior covariance under the normal equations, as a map and its diagonal."""
+
+    def __init__(self, problem: LineProblem, prior: Prior):
+        gaps = Gaps.of(problem.is_observed)
+        self.normal = NormalEquations(problem, prior, gaps)
+        self.near = NearPeriodic(problem, prior, gaps)
+        self.blocks = self.near.blocks()
+        is_open = not problem.forward.is_circular
+        hats = hats_of(self.near) if is_open else None
+        self.coarse = None if hats is None else Coarse.of(self.normal, hats, problem.unknowns)
+
+    def near_times(self, r: Traction) -> Traction:
+        """The covariance of the nearest periodic problem times r."""
+        return self.normal.centre(self.near.covariance_times(self.normal.centre(r), self.blocks))
+
+    def nearly_times(self, r: Traction) -> Traction:
+        """The covariance times r, but for what conjugate gradients still correct."""
+        if self.coarse is None:
+            return self.near_times(r)
+        r = self.normal.centre(r)
+        among = self.coarse.times(r)
+        z = self.near_times(r - self.normal(among))
+        return self.normal.centre(z - self.coarse.times(self.normal(z)) + among)
+
+    def precondition(self, r: Traction) -> Traction:
+        """The covariance of the nearest periodic problem times r, and exact for hats."""
+        z = self.near_times(r)
+        return z if self.coarse is None else z - self.coarse.times(self.normal(z) - r)
+
+    def times(self, right: Traction, tolerance: float) -> Solved:
+        """The covariance times `right`, to a relative tolerance."""
+        if self.coarse is None:
+            return conjugate_gradients(self.normal, self.precondition, right, tolerance, MOST_STEPS)
+        start = self.coarse.times(right)
+        energy = float(np.vdot(right, start))
+        left = right - self.normal(start)
+        solved = conjugate_gradients(
+            self.normal, self.precondition, left, tolerance, MOST_STEPS, energy
+        )
+        return solved._replace(value=self.normal.centre(start + solved.value))
+
+
+def solve(problem: LineProblem, prior: Prior, tolerance: float) -> tuple[Solution, int, bool]:
+    """PosteriorMap mean to a relative `tolerance`, and its standard error: the solution, the steps
+    taken, and whether they converged."""
+    posterior = PosteriorMap(problem, prior)
+    normal, near, n = posterior.normal, posterior.near, problem.line.n
+    data = np.asarray(problem.data, float)
+    solved = [posterior.times(normal.right_side(data), tolerance)]
+    for c in range(problem.unknowns):
+        impulse = np.zeros((problem.unknowns, n))
+        impulse[c, n // 2] = 1.0
+        right = normal.right_side(normal.forward(normal.centre(impulse)))
+        solved.append(posterior.times(right, tolerance))
+    value, *averaging = (jnp.asarray(each.value) for each in solved)
+    stderr = np.sqrt(np.maximum(variance(posterior, np.asarray(problem.mean_weights)), 0.0))
+    solution = Solution(
+        as_real(value),
+        as_real(stderr),
+        jnp.asarray(near.covariance),
+        as_real(jnp.stack(averaging, axis=1)),
+        as_real(near.resolved_dof(posterior.blocks)),
+        _condition(problem, prior),
     )
+    return solution, solved[0].steps, all(each.converged for each in solved)
 
 
+@jax.jit
 def _condition(problem: LineProblem, prior: Prior) -> Float[Array, ""]:
     """Estimate of the condition number: the best observed mode over one held by the prior alone.
 
@@ -94,35 +199,3 @@ def _condition(problem: LineProblem, prior: Prior) -> Float[Array, ""]:
     information = jnp.max(problem.information)
     held = jnp.mean(prior.root(problem.line) ** 2, axis=-1)
     return (information + jnp.max(held)) / jnp.maximum(jnp.min(held), jnp.finfo(held.dtype).tiny)
-
-
-def _conjugate_gradients(normal: NormalEquations, right: Array, tolerance):
-    # The solver's tolerances are absolute, so the equations are scaled to numbers about one. Scales
-    # and preconditioner do not move the solution, which has no derivative by way of them.
-    tiny = jnp.finfo(right.dtype).tiny
-    fixed = jax.tree.map(jax.lax.stop_gradient, normal)
-    size = jnp.maximum(jnp.max(jnp.abs(jax.lax.stop_gradient(right))), tiny)
-    unit = jnp.maximum(jnp.max(jnp.abs(fixed.precondition(jax.lax.stop_gradient(right)))), tiny)
-    structure = jax.eval_shape(lambda: right)
-
-    def fixed_means(u):
-        # Means that are not solved for answer by themselves: the equations are regular for any
-        # right side, such as that behind a derivative.
-        return u - fixed.centre(u)
-
-    tag = lx.positive_semidefinite_tag
-    solution = lx.linear_solve(
-        lx.FunctionLinearOperator(
-            lambda u: normal(u * unit) / size + fixed_means(u), structure, tag
-        ),
-        right / size,
-        lx.CG(rtol=tolerance, atol=tolerance, max_steps=20 * right.shape[-1]),
-        options={
-            "preconditioner": lx.FunctionLinearOperator(
-                lambda u: fixed.precondition(u * size) / unit + fixed_means(u), structure, tag
-            )
-        },
-        throw=False,
-    )
-    fine = solution.result == lx.RESULTS.successful
-    return solution.value * unit, solution.stats["num_steps"], fine

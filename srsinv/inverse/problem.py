@@ -157,14 +157,13 @@ class Problem(eqx.Module):
     def on_line(self, cell_m: float | None = None) -> LineProblem:
         """The signals put on the cells of an open line over the window.
 
-        Cells are the problem's own `cell_m` wide, or else as given here, or else an eighth of the
-        depth, and as much wider as a direct solution can hold. Raises `BadInput` for a motion
-        that reverses, and a scan shorter than three cells.
+        Cells are the problem's own `cell_m` wide, or else as given here, or else a sixteenth of the
+        depth at most. Raises `BadInput` for a motion that reverses, and a scan shorter than three
+        cells.
         """
         refuse_reversing(self.name, np.asarray(self.motion.speed_m_per_s))
         depth, sensor = float(self.sensor.depth_m), self.sensor
-        wanted = self.cell_m or cell_m
-        block = block_of(self.motion, depth, 1 if self.friction is not None else 2, wanted)
+        block = block_of(self.motion, depth, self.cell_m or cell_m)
         signal = np.where(self.observed, np.asarray(self.data), np.nan)
         cells = cell_signals(self.name, self.motion, signal, sensor.amplifier, block)
         line, padded = line_over(cells, self.window_m, depth)

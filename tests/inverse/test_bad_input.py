@@ -58,18 +58,6 @@ REFUSED = {
         "periodic",
         "auto",
     ),
-    "iterative_rule": (
-        lambda: Tikhonov(path="iterative")(make_case("open").problem),
-        "path=iterative",
-        "weights",
-        "direct",
-    ),
-    "iterative_colour": (
-        lambda: Wiener(path="iterative")(make_case(observed=gaps(), colour=True).problem),
-        "path=iterative",
-        "white noise",
-        "direct",
-    ),
     "direct_size": (
         lambda: Wiener(path="direct")(make_case(n=2050).problem),
         "path=direct",

@@ -1,0 +1,94 @@
+"""A few smooth shapes along an open line, in which its equations are solved exactly."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sparse
+from jaxtyping import Bool, Float
+
+from .near_periodic import NearPeriodic
+
+# How many hats at each end are as narrow as the model's response, and by how much each further one
+# is wider.
+AS_NARROW, GROWTH = 10, 1.5
+NEGLIGIBLE = 1e-14  # of the largest eigenvalue, the hats scaled to the same energy
+
+Traction = Float[np.ndarray, "c n"]
+
+
+def knots_of(n: int, narrowest: float) -> Float[np.ndarray, " knot"]:
+    """The hats' tips, in cells: dense at both ends, and ever further apart towards the middle."""
+    knots, step = [narrowest * i for i in range(AS_NARROW + 1)], narrowest
+    while knots[-1] + step < n / 2:
+        step *= GROWTH
+        knots.append(knots[-1] + step)
+    left = np.array([knot for knot in knots if knot < (n - 1 - step / 2) / 2])
+    return np.unique(np.round(np.concatenate([left, n - 1 - left])))
+
+
+def hats_of(near: NearPeriodic) -> Any:
+    """The hats for this model, a sparse matrix (n, hat): each cell lies between two tips."""
+    knots = knots_of(near.n, near.hat_cells)
+    cells = np.arange(near.n)
+    right = np.clip(np.searchsorted(knots, cells, "right"), 1, knots.size - 1)
+    part = (cells - knots[right - 1]) / (knots[right] - knots[right - 1])
+    at = np.concatenate([right - 1, right])
+    weights = np.concatenate([1 - part, part])
+    return sparse.csr_array((weights, (np.tile(cells, 2), at)), shape=(near.n, knots.size))
+
+
+class Coarse(NamedTuple):
+    """The equations restricted to `hats` (n, hat) of each component: `inverse` (c hat, c hat) is
+    theirs."""
+
+    hats: Any
+    inverse: Float[np.ndarray, "m m"]
+
+    @classmethod
+    def of(cls, equations: Callable[[Traction], Traction], hats: Any, unknowns: int) -> "Coarse":
+        """These equations on the hats."""
+        rows = []
+        for c in range(unknowns):
+            for hat in range(hats.shape[1]):
+                r = np.zeros((unknowns, hats.shape[0]))
+                r[c] = hats[:, [hat]].toarray()[:, 0]
+                rows.append((hats.T @ equations(r).T).T.ravel())
+        matrix = np.array(rows)
+        return cls(hats, _inverse((matrix + matrix.T) / 2))
+
+    def spread(self, values: Float[np.ndarray, " m"]) -> Traction:
+        """The traction that is so much of each hat."""
+        return (self.hats @ values.reshape(-1, self.hats.shape[1]).T).T
+
+    def gathered(self, r: Traction) -> Float[np.ndarray, " m"]:
+        """The product with each hat."""
+        return (self.hats.T @ r.T).T.ravel()
+
+    def diagonal(
+        self, matrix: Float[np.ndarray, "m m"], zero_mean: Bool[np.ndarray, " c"]
+    ) -> Traction:
+        """The diagonal of Z matrix Z^T for each component, Z the hats, less their means where it is
+        zero_mean."""
+        size, means = self.hats.shape[1], np.asarray(self.hats.mean(axis=0))
+        rows = []
+        for c, is_centred in enumerate(zero_mean):
+            part = matrix[c * size : (c + 1) * size, c * size : (c + 1) * size]
+            among = self.hats @ part
+            less = is_centred * means
+            rows.append((among * self.hats).sum(axis=1) - 2 * among @ less + less @ part @ less)
+        return np.stack(rows)
+
+    def times(self, r: Traction) -> Traction:
+        """The solution among hats for the right side r."""
+        return self.spread(self.inverse @ self.gathered(r))
+
+
+def _inverse(matrix: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
+    """The inverse but for the directions, such as a fixed mean, that have no energy."""
+    diagonal = np.diag(matrix)
+    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
+    kept = values > NEGLIGIBLE * max(values[-1], 0.0)
+    vectors = scale[:, None] * vectors[:, kept]
+    return (vectors / values[kept]) @ vectors.T

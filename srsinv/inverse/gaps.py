@@ -1,0 +1,149 @@
+"""Missing samples of a line, in blocks that are treated densely, and a solver over them."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Bool, Float, Int
+
+# A block is cut where it has so many samples and the next one is no neighbour, or else at the most
+# that a dense inverse is quick for.
+BLOCK, MOST = 64, 1024
+
+Values = Float[np.ndarray, " m"]
+Lags = Float[np.ndarray, "e f n"]
+
+
+class Gaps(NamedTuple):
+    """The m missing samples of a line of n cells: their `element` and `cell`, in the order of cells
+    around the line, and `blocks` of neighbours."""
+
+    element: Int[np.ndarray, " m"]
+    cell: Int[np.ndarray, " m"]
+    blocks: Sequence[slice]
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, is_observed: Bool[np.ndarray, "e n"]) -> "Gaps":
+        """What is not observed."""
+        element, cell = np.nonzero(~is_observed)
+        n = is_observed.shape[1]
+        # The order begins where samples are there, so that no run is cut at the line's ends.
+        whole = np.flatnonzero(is_observed.all(axis=0))
+        start = whole[whole.size // 2] if whole.size else 0
+        position = (cell - start) % n
+        order = np.lexsort((element, position))
+        ends = _block_ends(position[order])
+        blocks = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
+        return cls(element[order], cell[order], blocks, is_observed.shape)
+
+    def placed(self, values: Values) -> Float[np.ndarray, "e n"]:
+        """Values of the missing samples on the line, zero elsewhere."""
+        whole = np.zeros(self.shape)
+        whole[self.element, self.cell] = values
+        return whole
+
+    def picked(self, y: Float[np.ndarray, "e n"]) -> Values:
+        """What stands at the missing samples."""
+        return y[self.element, self.cell]
+
+    def matrix(self, lags: Lags, rows: slice, columns: slice) -> Float[np.ndarray, "r s"]:
+        """The part of the circular convolution with the kernel `lags` that takes these missing
+        samples to those."""
+        lag = (self.cell[rows, None] - self.cell[None, columns]) % self.shape[1]
+        return lags[self.element[rows, None], self.element[None, columns], lag]
+
+    def inverses(self, lags: Lags) -> "BlockInverse":
+        """The inverses of its blocks, of a kernel that is positive definite."""
+        inverses = []
+        for block in self.blocks:
+            matrix = self.matrix(lags, block, block)
+            # Where all samples of an element are missing, its offset has no information at all.
+            matrix.flat[:: len(matrix) + 1] *= 1 + 1e-13
+            inverses.append(inverse_of(matrix))
+        return BlockInverse(self.blocks, *zip(*inverses, strict=True))
+
+
+def inverse_of(matrix: Float[np.ndarray, "b b"]) -> tuple[Float[np.ndarray, "b b"], float]:
+    """The inverse of a symmetric matrix, by Cholesky's factor where it is positive definite, and
+    the logarithm of its determinant."""
+    factorise, invert = scipy.linalg.get_lapack_funcs(("potrf", "potri"), (matrix,))
+    factor, failed = factorise(matrix, lower=1)
+    if failed:
+        whole = np.linalg.inv(matrix)
+        return (whole + whole.T) / 2, float(np.linalg.slogdet(whole)[1])
+    log_determinant = -2 * float(np.sum(np.log(np.diag(factor))))
+    lower = np.tril(invert(factor, lower=1)[0])
+    return lower + np.tril(lower, -1).T, log_determinant
+
+
+class BlockInverse(NamedTuple):
+    """The inverse of a matrix over the missing samples, one block at a time."""
+
+    blocks: Sequence[slice]
+    inverses: Sequence[Float[np.ndarray, "b b"]] = ()
+    log_determinants: Sequence[float] = ()
+
+    def __call__(self, values: Values) -> Values:
+        out = np.empty_like(values)
+        for block, inverse in zip(self.blocks, self.inverses, strict=True):
+            out[block] = inverse @ values[block]
+        return out
+
+    def log_determinant(self) -> float:
+        """The logarithm of its determinant."""
+        return sum(self.log_determinants)
+
+
+def _block_ends(position: Int[np.ndarray, " m"]) -> list[int]:
+    """Where the blocks of the missing samples at these positions end."""
+    ends: list[int] = []
+    begun, m = 0, position.size
+    apart = np.flatnonzero(np.diff(position) > 1) + 1  # a run can be cut before these
+    while begun < m:
+        after = apart[np.searchsorted(apart, begun + BLOCK) :]
+        end = min(int(after[0]) if after.size else m, begun + MOST)
+        ends.append(end)
+        begun = end
+    return ends
+
+
+class Solved(NamedTuple):
+    """What conjugate gradients end with: the solution, the steps, and whether they converged."""
+
+    value: np.ndarray
+    steps: int
+    converged: bool
+
+
+def conjugate_gradients(
+    operator: Callable[[np.ndarray], np.ndarray],
+    preconditioner: Callable[[np.ndarray], np.ndarray],
+    right: np.ndarray,
+    tolerance: float,
+    most_steps: int,
+    first: float = 0.0,
+) -> Solved:
+    """Solve operator(x) = right, both maps symmetric and positive definite.
+
+    It ends when the residual r, measured as r^T M r with M the preconditioner, has fallen to
+    `tolerance`^2 of its first, or of the energy `first` that is given and larger: where M is near
+    the inverse, that is the error's energy.
+    """
+    x, residual = np.zeros_like(right), right.copy()
+    ahead = preconditioner(residual)
+    direction = ahead.copy()
+    energy = float(np.vdot(residual, ahead))
+    first = max(first, energy)
+    for step in range(most_steps):
+        if not energy > tolerance**2 * first:
+            return Solved(x, step, bool(np.isfinite(energy)))
+        image = operator(direction)
+        length = energy / float(np.vdot(direction, image))
+        x += length * direction
+        residual -= length * image
+        ahead = preconditioner(residual)
+        before, energy = energy, float(np.vdot(residual, ahead))
+        direction = ahead + energy / before * direction
+    return Solved(x, most_steps, energy <= tolerance**2 * first)
