@@ -167,12 +167,12 @@ def _remove_unreadable(folder: Path) -> None:
 
 def _shrink(folder: Path, most_bytes: int) -> None:
     """Remove the least recently used entries where there are more than `most_bytes` of them."""
-    found = [(path, path.stat()) for path in folder.rglob("*-cache")]
-    size = sum(status.st_size for _, status in found)
+    entries = [(path, path.stat()) for path in folder.rglob("*-cache")]
+    size = sum(status.st_size for _, status in entries)
     if size <= most_bytes:
         return
     # Some file systems do not note when a file was read; when it was written is a lower bound.
-    for path, status in sorted(found, key=lambda each: max(each[1].st_atime, each[1].st_mtime)):
+    for path, status in sorted(entries, key=lambda each: max(each[1].st_atime, each[1].st_mtime)):
         if size <= _LEFT * most_bytes:
             return
         path.unlink(missing_ok=True)

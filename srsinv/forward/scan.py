@@ -124,7 +124,8 @@ class Motion(eqx.Module):
     @property
     def sample_rate_hz(self) -> float:
         """The mean rate of its samples. Of a motion that is not traced."""
-        return (self.time_s.size - 1) / float(self.time_s[-1] - self.time_s[0])
+        first, last = np.asarray(self.time_s)[[0, -1]]
+        return (self.time_s.size - 1) / float(last - first)
 
     @property
     def ways(self) -> tuple[bool, ...]:
