@@ -12,7 +12,7 @@ from srsinv.effects import reference
 from srsinv.errors import refuse
 from srsinv.forward.simulation import Simulation
 from srsinv.forward.trace import Cost, Trace, cost, difference, pair
-from srsinv.progress import stage
+from srsinv.progress import stage, steps
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import significant
@@ -39,7 +39,7 @@ def run(cfg: config.Config) -> Result:
         none, ideal_cost = cost(partial(config.simulation, config.select_effects(cfg, ())), key)
         spectra = reference(none.scenario, none.line)
         rows = {}
-        for name, effect in config.effects(cfg).items():
+        for name, effect in steps("effects", config.effects(cfg).items()):
             with stage(f"effect: {name}"):
                 alone = partial(config.simulation, config.select_effects(cfg, (name,)))
                 sim, taken = cost(alone, key)

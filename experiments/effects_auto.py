@@ -11,7 +11,7 @@ from srsinv import config
 from srsinv.errors import refuse
 from srsinv.forward.trace import cost, difference, pair
 from srsinv.parts import merged
-from srsinv.progress import stage
+from srsinv.progress import stage, steps
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import significant
@@ -34,7 +34,7 @@ def run(cfg: config.Config) -> Result:
     screened: dict[str, list[Screened]] = {name: [] for name in scenes}
     with config.precision(cfg):
         key, line = config.random_key(cfg), config.line(cfg)
-        for scene, changes in scenes.items():
+        for scene, changes in steps("scenes", scenes.items()):
             with stage(f"scene: {scene}"):
                 own = merged(cfg, changes)
                 named = {k: v for k, v in own.items() if k != "tolerance"}

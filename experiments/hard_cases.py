@@ -16,7 +16,7 @@ from srsinv.inverse.method import Method
 from srsinv.inverse.quality import Quality
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.parts import merged
-from srsinv.progress import stage
+from srsinv.progress import stage, steps
 from srsinv.report.plot.matrix import compact
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
@@ -38,7 +38,7 @@ def run(cfg: config.Config) -> Result:
     refuse(not cases, "hard_cases.cases is empty: give a case by name, none: {label: nothing}.")
     precisions = [choice("hard_cases.precisions", p, PRECISIONS) for p in settings["precisions"]]
     answers: dict[str, list[list[Answer]]] = {}  # (precision, method) by the case's label
-    for name, changes in cases.items():
+    for name, changes in steps("hard cases", cases.items()):
         hard = dict(mapping(f"hard_cases.cases.{name}", changes))
         label = str(hard.pop("label", name))
         refuse(label in answers, f"Two cases of hard_cases.cases are {label!r}: name them apart.")

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .command.interrupts import stoppable
+from .command.programs import rare_collections
 from .errors import BadInput
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -45,12 +46,13 @@ def main(argv: Sequence[str] | None = None, config_root: Path | None = None) -> 
         return 0
 
     os.environ.setdefault("MPLBACKEND", "Agg")  # a run must not look for a display
-    from .command.launch import launch, say
+    with rare_collections():
+        from .command.launch import launch, say
 
-    try:
-        return launch(arguments, root)
-    except BadInput as refusal:
-        return say(refusal)
+        try:
+            return launch(arguments, root)
+        except BadInput as refusal:
+            return say(refusal)
 
 
 if __name__ == "__main__":

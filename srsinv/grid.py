@@ -12,16 +12,15 @@ Both turn a stage into the same [`Convolution`][], so nothing above this file kn
 
 import abc
 from collections.abc import Callable
-from typing import cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
 from jaxtyping import Array, Complex, Float
 
 from .errors import number, refuse
+from .numerics import fast_length
 
 Scalar = float | Float[Array, ""]
 
@@ -229,7 +228,7 @@ class Open(Line):
 
     @eqx.filter_jit
     def operator(self, stage: Stage) -> Convolution:
-        length = int(cast(int, scipy.fft.next_fast_len(2 * self.n, real=True)))
+        length = fast_length(2 * self.n)
         lag = np.arange(length)
         lag = np.where(lag < self.n, lag, lag - length)
         response = stage.cell_response(self.cell_m * lag, self.cell_m)

@@ -1,10 +1,24 @@
-"""Numbers: sums along millions of samples without loss of digits, and a normal's band."""
+"""Numbers: sums along millions of samples without loss of digits, lengths of fast Fourier
+transforms, and a normal's band."""
 
 import numpy as np
 from jaxtyping import Float
 
 BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standard errors
 FEW = 64  # values that are added in sequence
+
+
+def fast_length(least: int) -> int:
+    """The least length of a fast real Fourier transform, at least `least`: 2^a 3^b 5^c."""
+    lengths = []
+    five = 1
+    while five < 5 * least:
+        three = five
+        while three < 3 * least:
+            lengths.append(three << max(0, (-(-least // three) - 1).bit_length()))
+            three *= 3
+        five *= 5
+    return min(lengths)
 
 
 def pairwise_cumsum(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -34,7 +34,7 @@ install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
 install_import_hook("srsinv.report", "tests.tower.checked")
 
 import srsinv  # noqa: E402, F401
-from srsinv.command.programs import release_programs  # noqa: E402
+from srsinv.command.programs import RARE, release_programs  # noqa: E402
 from tests.tiers import mark_single_precision  # noqa: E402
 
 pytest_plugins = ["tests.seconds"]
@@ -47,7 +47,7 @@ def pytest_collection_finish():
     """Tracing makes many objects that live long: collected as often as by default they take a
     tenth of the tests' time."""
     gc.freeze()
-    gc.set_threshold(50_000, 20, 50)
+    gc.set_threshold(*RARE)
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -17,7 +17,7 @@ from jinja2 import UndefinedError
 from matplotlib.figure import Figure
 
 from srsinv.__main__ import find_config_root, main
-from srsinv.progress import stage
+from srsinv.progress import stage, steps
 from srsinv.report.page import metrics_json, render
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import WrittenSection
@@ -524,8 +524,26 @@ class Terminal(io.StringIO):
         (Terminal, 0.0, r"(\r\x1b\[Kcompiling \.\.\. 0 s)+\r\x1b\[K"),
     ],
 )
-def test_progress(monkeypatch, stream, delay_s, expected):
+def test_progress_of_a_stage(monkeypatch, stream, delay_s, expected):
     monkeypatch.setattr(sys, "stderr", stream())
     with stage("compiling", delay_s=delay_s, refresh_s=0.01):
         time.sleep(0.05)
     assert re.fullmatch(expected, sys.stderr.getvalue())
+
+
+def test_progress_of_steps_has_a_bar_and_the_time_left(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    for item in steps("cases", "ab", delay_s=0.0, refresh_s=0.01):
+        with stage(f"case {item}", delay_s=0.0, refresh_s=0.01):
+            time.sleep(0.1)
+    said = sys.stderr.getvalue()
+    assert "cases ... [....................] 0 of 2; case a ... 0 s" in said
+    assert "cases ... [##########..........] 1 of 2, about 0 s left; case b ... 0 s" in said
+    assert said.endswith("\r\x1b[K")
+
+
+def test_progress_of_steps_without_a_terminal_is_one_line(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    for _ in steps("cases", "ab", delay_s=0.0):
+        time.sleep(0.05)
+    assert sys.stderr.getvalue() == "cases ...\n"

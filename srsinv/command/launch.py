@@ -28,6 +28,7 @@ from ..config import check_early, sections
 from ..errors import BadInput, refuse
 from ..namespaces import fault_in_plugin, load_job, open_plugins, plugin_files
 from ..run_folder import claim
+from .compilation_cache import compilation_cache
 from .folders import DONE, FAULT, REFUSED, run, sweep
 from .hydra_settings import check_hydra_settings, check_typed
 from .interrupts import apart
@@ -130,15 +131,16 @@ class LaunchedTask:
         settings = cast(dict[str, Any], with_current_keys(settings))
         open_plugins(self.config_dir)
         check_early(settings)
-        job = load_job(settings["job"], self.root)
-        extra = sections(settings)
-        result = job(settings).with_sections(extra)
+        with compilation_cache(settings.get("compilation_cache", False)):
+            job = load_job(settings["job"], self.root)
+            extra = sections(settings)
+            result = job(settings).with_sections(extra)
 
-        # After the job, whose module decides when jax and matplotlib are imported.
-        from ..report.page import render
+            # After the job, whose module decides when jax and matplotlib are imported.
+            from ..report.page import render
 
-        command = self.command(HydraConfig.get().overrides.task)
-        files = render(result, _record(config), command)
+            command = self.command(HydraConfig.get().overrides.task)
+            files = render(result, _record(config), command)
         return result, files, command, settings.get("seed"), plugin_files(settings)
 
 

@@ -1,14 +1,33 @@
-"""Release of compiled programs before there are too many."""
+"""Memory of a process that compiles: compiled programs released before there are too many, and
+rarer searches for garbage."""
 
 import ctypes
 import gc
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 _MAPS = Path("/proc/self/maps")
 # A configuration compiles programs of some 60 MB in 600 memory maps, and Linux gives a process
 # 65530 maps, beyond which compiling crashes: a quarter of a gigabyte of them is cached.
 MOST_MAPS = 4_000
+
+
+# Objects made less those freed before a search for garbage, and searches before a deeper one.
+RARE = (50_000, 20, 50)
+
+
+@contextmanager
+def rare_collections() -> Iterator[None]:
+    """Search for garbage rarely inside: imports and tracing make many objects that live long, and
+    searching them as often as by default takes a tenth of a run."""
+    before = gc.get_threshold()
+    gc.set_threshold(*RARE)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 def release_programs(most_maps: int = MOST_MAPS) -> None:

@@ -7,19 +7,19 @@ nothing is divided by T: T = 0 is a filter that does nothing. At constant speed 
 effect along the line; along a measured motion it is run over the samples.
 """
 
-from typing import Any, cast
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
 from jax.core import Tracer
 from jaxtyping import Array, Complex, Float
 from numpy.polynomial.legendre import leggauss, legvander
 
 from ..errors import number, refuse, whole
 from ..grid import Scalar, as_real, spread_over
+from ..numerics import fast_length
 from .film import Kernel, LineEffect
 
 HIGHEST_ORDER = 8
@@ -209,7 +209,7 @@ def _refuse_uneven(time: np.ndarray) -> None:
 
 def _causal(kernel: Float[Array, " step"], steps: Float[Array, "e step"]) -> Float[Array, "e step"]:
     """sum over j <= i of kernel[i - j] steps[j]."""
-    length = int(cast(int, scipy.fft.next_fast_len(2 * kernel.size, real=True)))
+    length = fast_length(2 * kernel.size)
     spectrum = jnp.fft.rfft(kernel, length)[None] * jnp.fft.rfft(steps, length)
     return jnp.fft.irfft(spectrum, length)[:, : kernel.size]
 

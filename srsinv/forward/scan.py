@@ -1,12 +1,14 @@
 """Scans: the motion of the finger over the surface."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax.core import Tracer
 from jaxtyping import Array, Float
-from scipy.interpolate import BSpline, make_interp_spline
 
 from ..errors import number, refuse
 from ..grid import Line, Scalar, as_real
@@ -122,7 +124,8 @@ class Motion(eqx.Module):
     @property
     def sample_rate_hz(self) -> float:
         """The mean rate of its samples. Of a motion that is not traced."""
-        return (self.time_s.size - 1) / float(self.time_s[-1] - self.time_s[0])
+        first, last = np.asarray(self.time_s)[[0, -1]]
+        return (self.time_s.size - 1) / float(last - first)
 
     @property
     def ways(self) -> tuple[bool, ...]:
@@ -185,12 +188,13 @@ def _distinct_times(time_s) -> Float[Array, " sample"]:
     return as_real(time - time[0] if off > MAX_INTERVAL_ROUNDING * np.min(interval) else time_s)
 
 
-def _spline(time_s, values, degree: int) -> BSpline:
+def _spline(time_s, values, degree: int) -> Any:
     """The interpolating spline over the time since the first sample, of lower degree where the
     samples are too few."""
     since = np.asarray(time_s, dtype=float) - time_s[0]
-    return make_interp_spline(since, np.asarray(values, dtype=float), min(degree, since.size - 1))
+    degree = min(degree, since.size - 1)
+    return scipy.interpolate.make_interp_spline(since, np.asarray(values, dtype=float), degree)
 
 
-def _at_samples(spline: BSpline, time_s) -> np.ndarray:
+def _at_samples(spline: Any, time_s) -> np.ndarray:
     return spline(np.asarray(time_s, dtype=float) - time_s[0])

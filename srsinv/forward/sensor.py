@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..errors import all_of_kind, of_kind, refuse
@@ -126,7 +127,7 @@ class Sensor(eqx.Module):
     def element_names(self) -> list[str]:
         """A short name for every film element: its number and its angle."""
         names = {0.0: "1 to x, 3 to z", 90.0: "1 to z, 3 to x"}
-        angles = [float(jnp.rad2deg(film.angle_rad)) for film in self.elements]
+        angles = [float(np.rad2deg(film.angle_rad)) for film in self.elements]
         return [f"{i}: {names.get(round(a, 6), f'at {a:.4g} deg')}" for i, a in enumerate(angles)]
 
     @property

@@ -7,9 +7,8 @@ white noise sqrt(sum of squares)/rms.
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2, norm
 
 from ..errors import number
 
@@ -22,15 +21,18 @@ def needed_known(false_alarm: float, detection: float) -> float:
     Noise alone passes the threshold with probability `false_alarm`, the signal with `detection`.
     """
     _check(false_alarm, detection)
-    return float(norm.isf(false_alarm) + norm.isf(1 - detection))
+    return float(scipy.stats.norm.isf(false_alarm) + scipy.stats.norm.isf(1 - detection))
 
 
 def needed_wave(false_alarm: float, detection: float) -> float:
     """The d' that a sine wave of known pitch and unknown phase needs: its cosine and sine parts
     are estimated, and their squares are chi-square of two degrees of freedom."""
     _check(false_alarm, detection)
-    threshold = chi2.isf(false_alarm, 2)
-    root: Any = brentq(lambda d: ncx2.sf(threshold, 2, d**2) - detection, 1e-6, STRONGEST)
+    threshold = scipy.stats.chi2.isf(false_alarm, 2)
+    noncentral = scipy.stats.ncx2
+    root: Any = scipy.optimize.brentq(
+        lambda d: noncentral.sf(threshold, 2, d**2) - detection, 1e-6, STRONGEST
+    )
     return float(root)
 
 

@@ -9,7 +9,7 @@ chi-square. Bands are valid under the model, and too narrow where these relation
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 from ..status import Status
 from .quality import is_excess
@@ -97,7 +97,7 @@ def pulled_by_prior(name: str, pull: float, resolved_dof: float) -> Sequence[str
     `MOST_PULL`, and it scatters as a chi-square of `resolved_dof`.
     """
     freedom = max(resolved_dof, LEAST_RESOLVED_DOF)
-    if not pull > max(1.0, MOST_PULL * chi2.isf(FALSE_ALARM, freedom) / freedom):
+    if not pull > max(1.0, MOST_PULL * chdtri(freedom, FALSE_ALARM) / freedom):
         return ()
     return (
         f"The prior pulls {name} by {np.sqrt(pull):.2g} times its standard error, so that its band "
@@ -110,7 +110,7 @@ def negative_pressure(p: np.ndarray, stderr: np.ndarray, resolved_dof: float) ->
     independent ones as are resolved."""
     below = np.where(stderr > 0, -p / np.where(stderr > 0, stderr, 1.0), 0.0)
     worst = int(np.argmax(below))
-    if not below[worst] > norm.isf(FALSE_ALARM / max(resolved_dof, 1.0)):
+    if not below[worst] > -ndtri(FALSE_ALARM / max(resolved_dof, 1.0)):
         return ()
     words = _pull_in_words(f"p falls to {1e-3 * p[worst]:.3g} kPa", below[worst])
     return (f"{words} Else the prior allows too little, so that the band is too narrow.",)
@@ -118,7 +118,7 @@ def negative_pressure(p: np.ndarray, stderr: np.ndarray, resolved_dof: float) ->
 
 def negative_load(name: str, value: float, stderr: float) -> Sequence[str]:
     """Warning on a feature whose pressure, with that of its surroundings, is below zero."""
-    if not -value > norm.isf(FALSE_ALARM) * stderr:
+    if not -value > -ndtri(FALSE_ALARM) * stderr:
         return ()
     return (_pull_in_words(f"{name.replace('_', ' ')} has {value:.3g}", -value / stderr),)
 

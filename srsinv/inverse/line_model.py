@@ -113,6 +113,7 @@ class LineModel(eqx.Module):
         return are_observable(self.forward, self.noise, self._known)
 
     @property
+    @eqx.filter_jit
     def mean_weights(self) -> Float[Array, "c n"]:
         """The weights of each unknown's mean over the sampled cells where that mean is weakly
         observed, on an open line: its error would mask all others. Else zero."""
@@ -176,8 +177,8 @@ class LineModel(eqx.Module):
         if background is None:
             return "unobserved: the estimate is the deviation from a background that is not known"
         if known is not None:
-            return f"known from outside: {float(known + background):.6g} Pa"
-        if bool(self.mean_is_observable[c]):
+            return f"known from outside: {float(known) + float(background):.6g} Pa"
+        if np.asarray(self.mean_is_observable)[c]:
             return "from the signal"
         if self.forward.is_circular:
             return "unobserved: the signal is blind to it; the estimate is the deviation from it"

@@ -216,9 +216,9 @@ def _shown(problem: LineProblem, traction, stderr) -> Shown:
 
 
 def _passed(n: int, observed: Array | None, scan: ConstantSpeed) -> PassedCells:
-    at = np.arange(n) if observed is None else np.flatnonzero(np.any(observed, axis=0))
+    at = np.arange(n) if observed is None else np.flatnonzero(np.any(np.asarray(observed), axis=0))
     cells = np.arange(at[0], at[-1] + 1)
-    return PassedCells(cells if scan.speed_m_per_s > 0 else cells[::-1], n)
+    return PassedCells(cells if float(scan.speed_m_per_s) > 0 else cells[::-1], n)
 
 
 def _pair(values: Sequence[float | Array | None]):

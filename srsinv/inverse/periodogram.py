@@ -3,9 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.ndimage import median_filter
-from scipy.stats import chi2, f
 
 OVERSAMPLING = 4  # of the periodogram
 LOBE = 2.0  # half-width of the Hann taper's main lobe, in 1/length
@@ -35,11 +34,12 @@ class Periodogram(NamedTuple):
     def false_alarm(self, power: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Probability that noise alone reaches `power` (k,) at any wavenumber."""
         excess = (power / self.floor - self.shift) / (self.step * self.dof)
-        return np.minimum(1.0, self.trials * f.sf(excess, self.dof, self.dof * FLOOR_BINS))
+        chance = scipy.stats.f.sf(excess, self.dof, self.dof * FLOOR_BINS)
+        return np.minimum(1.0, self.trials * chance)
 
     def level(self, false_alarm: float) -> Float[np.ndarray, " k"]:
         """The power (k,) that noise alone reaches anywhere with this probability."""
-        excess = f.isf(false_alarm / self.trials, self.dof, self.dof * FLOOR_BINS)
+        excess = scipy.stats.f.isf(false_alarm / self.trials, self.dof, self.dof * FLOOR_BINS)
         return self.floor * (self.shift + self.step * self.dof * excess)
 
 
@@ -68,7 +68,7 @@ def _floor(per_m, power) -> Float[np.ndarray, " k"]:
     at = np.log(per_m)
     trend = np.exp(np.polyval(np.polyfit(at, np.log(power), 2), at))
     width = min(FLOOR * OVERSAMPLING, power.size) // 2 * 2 + 1
-    return trend * median_filter(power / trend, width, mode="reflect")
+    return trend * scipy.ndimage.median_filter(power / trend, width, mode="reflect")
 
 
 def _scatter(amplitude, power, floor) -> tuple[float, float, float]:
@@ -84,7 +84,7 @@ def _scatter(amplitude, power, floor) -> tuple[float, float, float]:
     dof = 2 * two**3 / three**2
     step = np.sqrt(two / (2 * dof))
     shift = one - step * dof
-    median = shift + step * chi2.median(dof)
+    median = shift + step * scipy.stats.chi2.median(dof)
     return float(shift / median), float(step / median), float(dof)
 
 

@@ -50,8 +50,15 @@ class _Minimise(Rule):
         low, high = np.asarray(box)
         samples = scorer.problem.sample_count
 
+        size = 3 ** len(low)  # of a grid, and of the scan's parts: one program serves both
+
+        def criteria(points):
+            part = np.concatenate([points, np.repeat(points[-1:], size - len(points), axis=0)])
+            return np.asarray(self.criterion(scorer(jnp.asarray(part)), samples))[: len(points)]
+
         def best(points):
-            values = np.asarray(self.criterion(scorer(jnp.asarray(points)), samples))
+            starts = range(0, len(points), size)
+            values = np.concatenate([criteria(points[i : i + size]) for i in starts])
             return points[np.argmin(np.where(np.isfinite(values), values, np.inf))]
 
         fractions = np.linspace(1, 0, 19)[:, None]  # from strong to weak: ties go to the smoother

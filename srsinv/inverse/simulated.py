@@ -3,8 +3,10 @@
 import dataclasses
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ..errors import refuse
 from ..forward.film import StripAverage
@@ -21,10 +23,15 @@ LEAST_SAMPLES = 0.99  # a cell: with fewer, the cells would have to be guessed
 
 def noisy_problem(sim: Simulation, key, friction=None) -> LineProblem:
     """The simulated signal with noise, its traction's mean pressure known as the load."""
-    mean_p_Pa = jnp.mean(sim.traction(sim.line)[0])
+    mean_p_Pa = _mean_pressure(sim.traction(sim.line))
     if sim.scenario.recorder.samples_in_time:
         return timed_problem(sim, mean_p_Pa, key, friction)
     return problem_of(sim, sim.signal(), mean_p_Pa, key, friction)
+
+
+@eqx.filter_jit
+def _mean_pressure(traction: Float[Array, "c n"]) -> Float[Array, ""]:
+    return jnp.mean(traction[0])
 
 
 def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> LineProblem:
@@ -120,13 +127,13 @@ def _problem(
 def _check_noise(sensor: Sensor, noises, spectrum, rms) -> None:
     parts = (sensor.skin, *sensor.elements, sensor.amplifier, *sensor.filters)
     refuse(
-        not bool(jnp.isfinite(rms)),
+        not np.isfinite(float(rms)),
         f"The signal's rms is {float(rms)}: one of {', '.join(type(p).__name__ for p in parts)} or "
         "the scene gives what is no number; correct it.",
     )
     check_power(noises, spectrum)
     refuse(
-        bool(noises) and not bool(jnp.any(spectrum > 0)) and not bool(rms > 0),
+        bool(noises) and not np.any(np.asarray(spectrum) > 0) and not bool(rms > 0),
         "The scene gives no signal at all, nor noise that is set by its ratio to the signal: put "
         "something uneven within the window, or name noise of its own, noise=[white] or [johnson].",
     )

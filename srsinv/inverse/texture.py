@@ -8,8 +8,8 @@ for the linear law of full contact behind the gain. Powers are per sample, as th
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float, Int
-from scipy.stats import chi2
 
 LEVEL = 0.9  # of the band about a density
 
@@ -56,7 +56,8 @@ class Bands:
         each = self._gain[self._waves] * flat + self._noise[self._waves]
         freedom = 2 * self._add(each) ** 2 / self._add(each**2)
         low, high = (
-            np.maximum(freedom * total / chi2.ppf(probability, freedom) - noise, 0.0) / gain
+            np.maximum(freedom * total / scipy.stats.chi2.ppf(probability, freedom) - noise, 0.0)
+            / gain
             for probability in ((1 + LEVEL) / 2, (1 - LEVEL) / 2)
         )
         return value, low, high

@@ -16,7 +16,7 @@ from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
 from ..inverse.method import Method
 from ..inverse.nonlinear import Solver
-from ..progress import stage
+from ..progress import steps
 from ..report.text import unit_of, without_unit
 
 FEATURE_FIT = "Feature fit"
@@ -58,9 +58,9 @@ def simulate_and_fit(
     """Every method on every problem; `shape` of the array of problems, None for a row of them."""
     answers, times = {}, []
     for name, method in methods.items():
-        with stage(f"{name}, {len(problems)} times"):
-            answers[name], own = zip(*(_timed(method, each) for each in problems), strict=True)
-            times.append(own)
+        each = steps(f"{name}, {len(problems)} times", problems)
+        answers[name], own = zip(*(_timed(method, problem) for problem in each), strict=True)
+        times.append(own)
     return Answers(answers, np.array(times), (len(problems),) if shape is None else shape)
 
 

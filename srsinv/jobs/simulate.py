@@ -2,10 +2,13 @@
 
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from .. import config
+from ..forward.scene import Scene
 from ..forward.simulation import Simulation
+from ..grid import Line
 from ..inverse.simulated import noisy_problem, recorded
 from ..report.result import Result
 from . import _facts
@@ -43,6 +46,11 @@ def run(cfg: config.Config) -> Result:
         )
 
 
+@eqx.filter_jit
+def _friction(scene: Scene, line: Line):
+    return scene.friction(line)
+
+
 def stages(sim: Simulation) -> Stages:
     """Every stage of the simulation at the line's positions: (dims, values, units) by name."""
     elements = len(sim.sensor.elements)
@@ -50,7 +58,7 @@ def stages(sim: Simulation) -> Stages:
     along = ("element", "x")
     return {
         "traction": (("component", "x"), np.asarray(sim.traction(sim.line)), "Pa"),
-        "friction": (("x",), np.asarray(sim.scene.friction(sim.line)), "1"),
+        "friction": (("x",), np.asarray(_friction(sim.scene, sim.line)), "1"),
         "stress": (("element", "stress_name", "x"), np.asarray(stress), "Pa"),
         "charge": (along, np.asarray(sim.response(sim.sensor.charge())), "C"),
         "current": (along, np.asarray(sim.response(sim.sensor.current(sim.scan))), "A"),

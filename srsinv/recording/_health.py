@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
-import scipy.signal
+import scipy
 from jaxtyping import Float
 
 FLAT = 3  # equal samples in a row at a signal's extreme that count as one flat stretch

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from srsinv.errors import BadInput, choice, refuse
 
@@ -236,12 +236,13 @@ def _derivative(
         return np.zeros_like(time_s)  # at rest: differences are rounding
     try:
         with np.errstate(all="ignore"):
-            spline = make_interp_spline(since_s, position_m, min(_QUINTIC, time_s.size - 1))
+            degree = min(_QUINTIC, time_s.size - 1)
+            spline = scipy.interpolate.make_interp_spline(since_s, position_m, degree)
             speed = np.asarray(spline.derivative()(since_s))
             goes_one_way = bool(np.all(steps_m >= 0) or np.all(steps_m <= 0))
             if goes_one_way and np.ptp(np.sign(speed)) > 1:
                 # The spline overshoots at a start or a stop; a monotone curve does not.
-                speed = np.asarray(PchipInterpolator(since_s, position_m).derivative()(since_s))
+                speed = scipy.interpolate.pchip_interpolate(since_s, position_m, since_s, der=1)
             return speed
     except (ValueError, np.linalg.LinAlgError) as error:
         raise BadInput(

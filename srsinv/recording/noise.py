@@ -10,8 +10,8 @@ noise of level one on the same pattern.
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.interpolate import make_interp_spline
 
 ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
 LONG_GAP = 8  # samples: shorter gaps are filled, so that single ones do not split the signal
@@ -79,7 +79,7 @@ def filled(values: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]
         return values
     at, every = np.flatnonzero(observed), np.arange(values.size)
     smooth = bool(np.max(np.diff(at)) <= LONG_GAP + 1)
-    spline = make_interp_spline(at, values[observed], CUBIC if smooth else 1)
+    spline = scipy.interpolate.make_interp_spline(at, values[observed], CUBIC if smooth else 1)
     return np.where(observed, values, spline(every))
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import jinja2
 import markupsafe
 import xarray
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from .. import __version__
@@ -97,11 +98,12 @@ def _netcdf(data: xarray.Dataset) -> bytes:
 
 
 def _png(figure: Figure) -> bytes:
+    """The image of a figure, laid out once and drawn once; `savefig` draws it up to three times."""
     image = io.BytesIO()
-    figure.savefig(
-        image, format="png", dpi=_DPI, bbox_inches="tight", facecolor="white",
-        metadata={"Software": None},
-    )  # fmt: skip
+    before = figure.dpi
+    figure.set_dpi(_DPI)
+    FigureCanvasAgg(figure).print_png(image, metadata={"Software": None})
+    figure.set_dpi(before)
     return image.getvalue()
 
 

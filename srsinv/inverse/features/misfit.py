@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from .sliding_noise import Levels
 
@@ -83,7 +83,7 @@ def _excess(
     if not variance > 0:
         return 1.0, 1.0
     freedom = 2 * mean**2 / variance
-    return total / mean, float(chi2.sf(freedom * total / mean, freedom))
+    return total / mean, float(chdtrc(freedom, freedom * total / mean))
 
 
 def _means(

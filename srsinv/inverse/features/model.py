@@ -1,13 +1,12 @@
 """Forward model of features: parameters to the signal of a sensor along a motion."""
 
 import dataclasses
-from typing import Any, cast
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
 from jaxtyping import Array, Float
 
 from ... import resolution
@@ -18,6 +17,7 @@ from ...forward.operator import MotionOperator
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...grid import Line, Open, Periodic, as_real
+from ...numerics import fast_length
 from ..cells import Window
 from .contact import ContactLoading
 from .direct import DirectLoading
@@ -79,7 +79,7 @@ class FeatureModel(eqx.Module):
             "as [start, end] around it.",
         )
         blocks = int(np.ceil(window.length_m / cell_m / BLOCK))
-        n = BLOCK * int(cast(int, scipy.fft.next_fast_len(max(blocks, 1), real=True)))
+        n = BLOCK * fast_length(max(blocks, 1))
         cell = window.length_m / n
         line, ways = kind(n, cell, window.start_m + cell / 2), motion.ways
         if len(ways) > 1:

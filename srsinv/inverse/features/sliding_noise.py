@@ -8,9 +8,9 @@ Thompson 1971), with white noise of its own in each element and the same sliding
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float
 from scipy.linalg import get_lapack_funcs
-from scipy.optimize import minimize
 
 from ..nonlinear import WhitePlusOU
 
@@ -89,7 +89,9 @@ def estimate(
     spread = float(np.nanmax(np.abs(residual))) / size
     bounds.append((np.log(LEAST_SLIDING), np.log(max(spread, 10 * LEAST_SLIDING))))
     bounds.append((np.log(depth_m / RANGE), np.log(depth_m * RANGE)))
-    best = minimize(minus_log_likelihood, np.log(first), method="L-BFGS-B", bounds=bounds)
+    best = scipy.optimize.minimize(
+        minus_log_likelihood, np.log(first), method="L-BFGS-B", bounds=bounds
+    )
     *white, sliding, correlation = np.exp(best.x)
     return Levels(size * np.array(white), float(size * sliding), float(correlation))
 

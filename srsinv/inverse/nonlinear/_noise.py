@@ -135,6 +135,7 @@ class WhitePlusOU(Whitener):
         self.keep, self.decay_across = as_real(blocked), as_real(through[-1].T)
         self.decay_within = as_real(np.concatenate([np.ones_like(through[:1]), through[:-1]]))
 
+    @eqx.filter_jit
     def __call__(self, residual: Float[Array, "e sample"]) -> Float[Array, " n"]:
         observed = jnp.isfinite(self.stderr)
         known = jnp.where(observed, residual, 0.0)

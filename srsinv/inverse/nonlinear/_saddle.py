@@ -43,7 +43,7 @@ def _lower_beside(objective: Objective, ends: SearchEnd, lower, upper):
     steps = np.sqrt(2 * cost / len(rows)) * spread(rows, eps).factor.T
     for fraction in BESIDE:
         for step in (*(fraction * steps), *(-fraction * steps)):
-            z = jnp.clip(ends.z + as_real(step), lower, upper)
+            z = np.clip(np.asarray(ends.z) + np.asarray(as_real(step)), lower, upper)
             if float(_cost_at(objective, z)) < cost * (1 - ROUNDING_FACTOR * eps):
                 return z
     return None

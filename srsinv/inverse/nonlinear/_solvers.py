@@ -10,7 +10,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
@@ -176,6 +175,8 @@ class OptaxLBFGS(LimitedMemory):
     name: ClassVar[str] = "optax L-BFGS"
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
+        import optax  # which takes a tenth of a second, and few ask for
+
         tolerance = relative(self.tolerance, z0.dtype)
         unit = unit_of(residual, z0)
         to_box, from_box = _box(lower / unit, upper / unit)

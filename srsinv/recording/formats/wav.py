@@ -4,7 +4,7 @@ import struct
 import warnings
 
 import numpy as np
-import scipy.io.wavfile
+import scipy
 from jaxtyping import Float
 
 from .._guard import DataFile, quoted
@@ -29,9 +29,10 @@ class Wav(Reader):
         table.check_count(channels)
         table.check_size("channel_0", samples * channels)
         file.limit(reads=_MOST_READS)
+        wavfile = scipy.io.wavfile
         with warnings.catch_warnings():
-            warnings.filterwarnings("error", "Reached EOF", scipy.io.wavfile.WavFileWarning)
-            rate_hz, raw = scipy.io.wavfile.read(file)
+            warnings.filterwarnings("error", "Reached EOF", wavfile.WavFileWarning)
+            rate_hz, raw = wavfile.read(file)
         if rate_hz <= 0:
             raise ValueError("no sample rate")
         table.sidecar["sample_rate_hz"] = int(rate_hz)

@@ -1,7 +1,7 @@
 """Errors over their standard errors against the standard normal, quantile by quantile."""
 
 import numpy as np
-import scipy.stats
+import scipy
 import xarray
 from matplotlib.figure import Figure
 

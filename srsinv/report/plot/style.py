@@ -58,6 +58,8 @@ _LOOK = {
     "legend.frameon": False,
     "legend.fontsize": 9,
     "figure.titlesize": 12,
+    "figure.constrained_layout.w_pad": 0.08,
+    "figure.constrained_layout.h_pad": 0.08,
 }
 
 _Inputs = ParamSpec("_Inputs")
