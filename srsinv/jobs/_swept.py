@@ -1,5 +1,6 @@
 """The runs of a sweep as their folders and its record of failures have them."""
 
+import functools
 import json
 import re
 import shlex
@@ -105,8 +106,13 @@ def _flat(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, An
 
 def _current(metrics: dict[str, Any]) -> dict[str, Any]:
     """Metrics without those that are there under their new names, too."""
-    newer = {name: current_name(name, METRICS) for name in metrics}
+    newer = {name: _newer(name) for name in metrics}
     return {n: v for n, v in metrics.items() if newer[n] == n or newer[n] not in metrics}
+
+
+@functools.cache  # thousands of runs have the same names
+def _newer(name: str) -> str:
+    return current_name(name, METRICS)
 
 
 def _in_order(place: str) -> list[tuple[int, int | str]]:
