@@ -301,8 +301,11 @@ class TestSweep:
         assert sorted(os.listdir("outputs/default/sweep")) == [
             "0",
             "2",
+            "failures.json",
             "multirun.yaml",
             "run.json",
+            "sweep.html",
+            "sweep.nc",
         ]
 
     @pytest.mark.parametrize(

@@ -361,7 +361,7 @@ task, config = pickle.load(sys.stdin.buffer)
 HydraConfig.instance().set_config(config)
 with open_dict(config):
     del config["hydra"]
-sys.exit(task(config))
+sys.exit(task(config).code)
 """
 
 

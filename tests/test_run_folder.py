@@ -12,7 +12,7 @@ import pytest
 from srsinv import __version__
 from srsinv.__main__ import find_config_root, main
 from srsinv.errors import BadInput
-from srsinv.run_folder import MANIFEST, check, claim
+from srsinv.run_folder import GATHERED, MANIFEST, check, claim
 from tests.stability import killed
 from tests.tiers import quick
 
@@ -350,7 +350,8 @@ class TestSweeps:
 
     def test_over_one_without_manifests(self, root):
         assert sweep(root, "value=1,2") == 0
-        Path("sweep", MANIFEST).unlink()
+        for name in (MANIFEST, *GATHERED):
+            Path("sweep", name).unlink()
         for i in range(2):
             killed.older(Path(f"sweep/{i}"))
         assert sweep(root, "value=3,4") == 0

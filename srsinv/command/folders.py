@@ -1,21 +1,23 @@
-"""One run or a sweep through Hydra, in folders that stay unchanged where no job is done."""
+"""Folders of runs and sweeps, which stay unchanged where no job is done."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-from hydra.core.plugins import Plugins
 from hydra.core.utils import run_job
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
-from ..errors import BadInput, refuse
+from ..errors import BadInput
 from ..run_folder import (
+    FAILURES,
+    GATHERED,
     MANIFEST,
+    NEW,
+    Workspace,
     check,
-    hold,
     listed,
     listing,
     locate,
@@ -23,63 +25,28 @@ from ..run_folder import (
     strangers,
     writing,
 )
+from .outcome import Outcome
 
-DONE, FAULT, REFUSED = 0, 1, 2
-_RECORD = "multirun.yaml"  # of a sweep, by Hydra's sweepers
+_RECORD = "multirun.yaml"  # of a sweep, as Hydra's sweepers write it
+# What a sweep writes to its folder itself, beside the runs'.
+OF_SWEEPS = {_RECORD, FAILURES, *GATHERED}
 
 
-def run(context: HydraContext, task: Callable[[DictConfig], int], config: DictConfig) -> int:
+def run(context: HydraContext, task: Callable[[DictConfig], Outcome], config: DictConfig) -> int:
     """One run; its exit code. Raises `BadInput` for a folder that cannot be used."""
     folder = Path(config.hydra.run.dir)
     check(folder)
-    with _no_empty_folders(folder), writing(folder):
+    with no_empty_folders(folder), writing(folder):
         return run_job(
             hydra_context=context,
             task_function=task,
             config=config,
             job_dir_key="hydra.run.dir",
             job_subdir_key=None,
-        ).return_value
+        ).return_value.code
 
 
-def sweep(
-    context: HydraContext,
-    task: Callable[[DictConfig], int],
-    config: DictConfig,
-    command: str,
-    written: set[Path],
-) -> int:
-    """A sweep; its exit code. Every job runs, whatever the outcome of earlier ones; a fault
-    outranks a refusal. `command` as typed, `written` the folders written so far.
-
-    Raises `BadInput` for a folder that cannot be used.
-    """
-    folder = Path(config.hydra.sweep.dir)
-    inside = cast(dict[str, Any], OmegaConf.to_container(config.hydra.sweep))["subdir"]  # as typed
-    refuse(
-        os.path.normpath(str(inside)) == ".",
-        f"hydra.sweep.subdir is {inside!r}, the sweep's own folder; leave it out, and each run has "
-        "one by its number",
-    )
-    _check_sweep(folder)
-    sweeper = Plugins.instance().instantiate_sweeper(
-        config=config, hydra_context=context, task_function=task
-    )
-    codes: list[int] = []
-    with (
-        _no_empty_folders(folder, inside=True),
-        writing(folder),
-        hold(folder) as space,
-        _recorded(space.folder, config, command, lambda: DONE in codes or bool(written)),
-    ):
-        batches = sweeper.sweep([*config.hydra.overrides.task])
-        codes += [job.return_value for batch in batches for job in batch]
-    if DONE in codes:
-        print(folder.absolute(), flush=True)
-    return next((code for code in (FAULT, REFUSED) if code in codes), DONE if codes else FAULT)
-
-
-def _check_sweep(folder: Path) -> None:
+def check_sweep(folder: Path) -> None:
     """Raise `BadInput` unless the folder can be written to and is empty or an earlier sweep's, in
     which folders are for the runs to check."""
     place = locate(folder)
@@ -100,7 +67,7 @@ def _earlier_sweep(place: Path) -> Any:
     where there was none."""
     files = listed(place)
     if files is not None:
-        return files if set(files) == {_RECORD} else None
+        return files if _RECORD in files and set(files) <= OF_SWEEPS else None
     record = place / _RECORD
     if record.is_symlink() or not record.is_file():
         return None
@@ -111,30 +78,40 @@ def _earlier_sweep(place: Path) -> Any:
 
 
 @contextmanager
-def _recorded(
-    place: Path, config: DictConfig, command: str, is_done: Callable[[], bool]
-) -> Iterator[None]:
-    """A manifest for the record that the sweeper writes; both are put back as they were unless a
-    job `is_done`."""
-    paths = [place / _RECORD, place / MANIFEST]
-    before = [path.read_bytes() if path.is_file() else None for path in paths]
-    record = listing({_RECORD: OmegaConf.to_yaml(config).encode()})
+def recorded(
+    space: Workspace, config: DictConfig, command: str, is_done: Callable[[], bool]
+) -> Iterator[Callable[[Mapping[str, bytes]], None]]:
+    """Hydra's record of a sweep in its folder, with a manifest, and a function that puts what was
+    gathered beside it; all are as they were before unless a job `is_done`."""
+    place = space.folder
+    record = {_RECORD: OmegaConf.to_yaml(config).encode()}
+    typed: Any = OmegaConf.to_container(config, resolve=False)  # a seed may be of each job's own
+
+    def put(files: Mapping[str, bytes]) -> None:
+        # In this order the manifest never disagrees with the files, whenever this ends.
+        for name in OF_SWEEPS:
+            (place / name).unlink(missing_ok=True)
+        (place / MANIFEST).write_bytes(manifest(listing(files), command, typed.get("seed")))
+        (space.path / NEW).mkdir(exist_ok=True)
+        for name, data in files.items():
+            (space.path / NEW / name).write_bytes(data)
+            os.replace(space.path / NEW / name, place / name)
+
+    paths = [place / name for name in (*OF_SWEEPS, MANIFEST)]
+    before = {path: path.read_bytes() for path in paths if path.is_file()}
     try:
-        # In this order the manifest never disagrees with the record, whenever this ends.
-        paths[0].unlink(missing_ok=True)
-        paths[1].write_bytes(manifest(record, command, config.get("seed")))
-        yield
+        put(record)
+        yield lambda files: put(record | dict(files))
     finally:
         if not is_done():
-            for path, data in zip(paths, before, strict=True):
-                if data is not None:
-                    path.write_bytes(data)
-                else:
-                    path.unlink(missing_ok=True)
+            for path in paths:
+                path.unlink(missing_ok=True)
+            for path, data in before.items():
+                path.write_bytes(data)
 
 
 @contextmanager
-def _no_empty_folders(folder: Path, inside: bool = False) -> Iterator[None]:
+def no_empty_folders(folder: Path, inside: bool = False) -> Iterator[None]:
     """Remove the folders made for `folder`, and `inside` it, that are still empty at the end."""
     folder = folder.absolute()
 

@@ -14,7 +14,10 @@ srsinv: what a stress-rate tactile sensor feels, and what that says about the su
 
 usage
   srsinv [experiment=NAME] [GROUP=OPTION ...] [key=value ...]
-  srsinv -m key=a,b ...     a sweep: one run for each value
+  srsinv -m key=a,b ...     a sweep: one run for each value, gathered in one page; called again
+                            with the same hydra.sweep.dir it runs what is missing
+  srsinv -m hydra/launcher=parallel ...
+                            the same side by side; slurm: on a cluster
   srsinv --cfg job ...      show the composed configuration and its keys, run nothing
   srsinv --hydra-help       the rest of Hydra's flags
 """

@@ -5,6 +5,7 @@ srsinv takes the launchers and sweepers below, by an exact list, and no callback
 it has no use for them.
 """
 
+import importlib.util
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -23,6 +24,13 @@ ALLOWED = {
     ),
     "sweeper": ("hydra._internal.core_plugins.basic_sweeper.BasicSweeper",),
 }
+# Options of hydra/launcher that an extra brings: its package's module, and the extra.
+EXTRAS = {
+    **dict.fromkeys(("joblib", "parallel"), ("hydra_joblib_launcher", "parallel")),
+    **dict.fromkeys(
+        ("submitit_local", "submitit_slurm", "slurm"), ("hydra_submitit_launcher", "slurm")
+    ),
+}
 
 
 # Settings refused as typed, as Hydra acts on them, or fails, while it composes.
@@ -37,12 +45,30 @@ NOT_TYPED = {
 def check_typed(overrides: Sequence[Override]) -> None:
     """Refuse Hydra's settings that srsinv does not support, before anything is composed."""
     for override in overrides:
+        if override.key_or_group == "hydra/launcher":
+            _check_installed(override.value())
         for key in _keys(override.key_or_group, override.value()):
             for refused, remedy in NOT_TYPED.items():
                 refuse(
                     key == refused or key.startswith(f"{refused}."),
                     f"{refused} is not for srsinv: {remedy}.",
                 )
+
+
+def _check_installed(launcher: Any) -> None:
+    module, extra = EXTRAS.get(str(launcher), ("", ""))
+    refuse(
+        bool(module) and not _is_installed(module),
+        f"hydra/launcher={launcher} needs the package {module.replace('_', '-')}: install it by "
+        f'pip install "srsinv[{extra}]".',
+    )
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(f"{_PLUGINS}.{module}") is not None
+    except ModuleNotFoundError:  # no package of Hydra's plugins at all
+        return False
 
 
 def _keys(key: str, value: Any) -> Iterator[str]:

@@ -8,8 +8,8 @@ import shlex
 import sys
 import traceback
 from argparse import Namespace
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
@@ -21,19 +21,28 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.types import Override
 from hydra.types import HydraContext, RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
-from ..aliases import current_override, with_current_keys
+from ..aliases import current_override
 from ..config import check_early, sections
 from ..errors import BadInput, refuse
 from ..namespaces import fault_in_plugin, load_job, open_plugins, plugin_files
+<<<<<<< HEAD
 from ..run_folder import claim
 from .compilation_cache import compilation_cache
 from .folders import DONE, FAULT, REFUSED, run, sweep
+=======
+from ..run_folder import Workspace, claim
+from .folders import run
+>>>>>>> 5ce32bb8200443c50b8f13023013f2513d5ada60
 from .hydra_settings import check_hydra_settings, check_typed
+from .identity import identity, resolved
 from .interrupts import apart
+from .outcome import DONE, FAULT, REFUSED, Outcome
 from .overrides import check
 from .programs import release_programs
+from .sweep_jobs import overrides_of
+from .sweeps import sweep
 from .typed import parse, refusing
 
 _PLACES = ("hydra.run.dir", "hydra.sweep.dir")
@@ -76,8 +85,8 @@ def launch(arguments: Sequence[str], root: Path) -> int:
         task = LaunchedTask(root, given, here)
         if not flags.multirun:
             return run(context, task, config)
-        command = task.command(["-m", *config.hydra.overrides.task])
-        return sweep(context, task, config, command, task.written)
+        command = task.command(["-m", *overrides_of(config)])
+        return sweep(context, task, config, command)
 
 
 @dataclass(frozen=True)
@@ -87,48 +96,53 @@ class LaunchedTask:
     - `root`: the folder of configurations.
     - `flags`: those of the command that set where configurations come from.
     - `config_dir`: the user's own folder of options and plugins, wherever the job is run.
-    - `written`: the folders written so far, in this process.
+    - `places`: numbers and folders of a sweep's jobs in the order in which they are launched, as
+      some may have been done before; no folder where only the job itself knows it.
     """
 
     root: Path
     flags: tuple[str, ...]
     config_dir: str | None
-    written: set[Path] = field(default_factory=set)
+    places: tuple[tuple[int, str | None], ...] = ()
 
-    def __call__(self, config: DictConfig) -> int:
-        """Run the job of a composed configuration; the exit code, with the reason printed."""
+    def __call__(self, config: DictConfig) -> Outcome:
+        """Run the job of a composed configuration; what became of it, with the reason printed."""
+        if self.places:
+            self._take_place()
         folder = Path(HydraConfig.get().runtime.output_dir)
         try:
             with claim(folder) as workspace:
-                refuse(
-                    workspace.folder in self.written,
-                    f"{folder} holds an earlier run of this sweep; give each its own folder with "
-                    "hydra.sweep.subdir, which is the job's number unless given",
-                )
-                result, files, command, seed, plugins = apart(lambda: self._run(config))
-                workspace.replace(files, command, seed, plugins)
-                self.written.add(workspace.folder)
+                result, write = apart(lambda: self._run(config))
+                write(workspace)
             _show_result(result, folder)
         except BadInput as refusal:
-            return say(refusal)
+            return Outcome(say(refusal), str(refusal))
         except (Exception, SystemExit) as error:
             if refusal := fault_in_plugin(error):
-                return say(refusal)
+                return Outcome(say(refusal), str(refusal))
             traceback.print_exception(error)
-            return FAULT
+            return Outcome(FAULT, f"{type(error).__name__}: {error}")
         finally:
             release_programs()
-        return DONE
+        return Outcome(DONE)
+
+    def _take_place(self) -> None:
+        """Give a job of a sweep its own number and folder, and print what it is."""
+        hydra = cast(Any, HydraConfig.get())
+        with read_write(hydra), open_dict(hydra):
+            hydra.job.num, place = self.places[hydra.job.num]
+            if place is not None:
+                hydra.runtime.output_dir = str(Path(hydra.sweep.dir, place).absolute())
+        print(f"job {hydra.job.num}: {' '.join(hydra.overrides.task)}", flush=True)
 
     def command(self, overrides: Sequence[str]) -> str:
         """The command as typed."""
         return shlex.join(["srsinv", *self.flags, *overrides])
 
-    def _run(self, config: DictConfig) -> tuple[Any, dict[str, bytes], str, Any, dict[str, str]]:
-        """The job's result, and the files, the command, the seed and the plugins of its run."""
-        with refusing():
-            settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-        settings = cast(dict[str, Any], with_current_keys(settings))
+    def _run(self, config: DictConfig) -> tuple[Any, Callable[[Workspace], None]]:
+        """The job's result, and what writes the files of its run."""
+        settings = resolved(config)
+        known_by = identity(settings, self.config_dir)
         open_plugins(self.config_dir)
         check_early(settings)
         with compilation_cache(settings.get("compilation_cache", False)):
@@ -139,9 +153,16 @@ class LaunchedTask:
             # After the job, whose module decides when jax and matplotlib are imported.
             from ..report.page import render
 
+<<<<<<< HEAD
             command = self.command(HydraConfig.get().overrides.task)
             files = render(result, _record(config), command)
         return result, files, command, settings.get("seed"), plugin_files(settings)
+=======
+        command = self.command(HydraConfig.get().overrides.task)
+        files = render(result, _record(config), command)
+        seed, plugins = settings.get("seed"), plugin_files(settings)
+        return result, lambda space: space.replace(files, command, seed, plugins, known_by)
+>>>>>>> 5ce32bb8200443c50b8f13023013f2513d5ada60
 
 
 def _record(config: DictConfig) -> dict[str, str]:
@@ -168,7 +189,7 @@ def _show_result(result: Any, folder: Path) -> None:
 
     try:
         print_summary(result)
-        print(f"{folder / 'report.html'}\n{folder}", flush=True)
+        print(f"{folder / result.page_name}\n{folder}", flush=True)
     except OSError as error:  # a full disk, or a pipe without a reader
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python tries again when it ends
         raise BadInput(

@@ -3,6 +3,7 @@
 from ._read import check_settings as check_settings
 from ._read import load as load
 from ._recording import Recording as Recording
+from ._sidecar import SUFFIXES as SIDECAR_SUFFIXES  # noqa: F401
 from ._sidecar import merge as merge
 from ._write import save as save
 from .profile import load_profile as load_profile

@@ -32,8 +32,8 @@ _BEFORE_UNIT = re.compile(r"(?<=\d) (?=%|dB\b|[fpnµmkMG]?(?:m|s|A|C|Hz|N|Pa|V|r
 
 
 def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -> dict[str, bytes]:
-    """The files of a run's folder by their names in it: `metrics.json`, `result.nc`, `report.html`,
-    `figures/*.png`, `.hydra/` and the result's own.
+    """The files of a run's folder by their names in it: `metrics.json`, the dataset (`result.nc`),
+    the page (`report.html`), `figures/*.png`, `.hydra/` and the result's own.
 
     Nothing is written: all is made in memory, where no full disk can cut it short. `record` maps
     the names in `.hydra` to their text, `command` is the command on the page. Raises `ValueError`
@@ -45,11 +45,11 @@ def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -
         **{f".hydra/{name}": text for name, text in record.items()},
         **result.files,
         "metrics.json": metrics_json(result.metrics),
-        "report.html": _page(result, filled, figures, command),
+        result.page_name: _page(result, filled, figures, command),
     }
     return {
         **{name: text.encode() for name, text in texts.items()},
-        "result.nc": _netcdf(result.dataset),
+        result.data_name: _netcdf(result.dataset),
         **{f"figures/{name}.png": image for name, image in figures.items()},
     }
 

@@ -25,12 +25,15 @@ class Result:
       `result.nc`. Variables with the attribute `metric` are those of `metrics.json`.
     - `sections`: of the page, in order; those without a heading come first, and are printed.
     - `files`: the text of further files, by name.
+    - `data_name`, `page_name`: names of the files of the dataset and of the page.
     """
 
     title: str
     dataset: xarray.Dataset
     sections: tuple[Section, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
+    data_name: str = "result.nc"
+    page_name: str = "report.html"
 
     @property
     def metrics(self) -> dict[str, Scalar]:
@@ -93,6 +96,16 @@ def metrics(data: xarray.Dataset) -> dict[str, Scalar]:
     no number."""
     marked = (each for each in data.variables.values() if METRIC in each.attrs)
     return dict(itertools.chain.from_iterable(_elements(data, each) for each in marked))
+
+
+def metric_units(data: xarray.Dataset) -> dict[str, str]:
+    """The units of a dataset's metrics, by their names."""
+    return {
+        name: str(each.attrs["units"])
+        for each in data.variables.values()
+        if METRIC in each.attrs
+        for name, _ in _elements(data, each)
+    }
 
 
 def _elements(data: xarray.Dataset, variable: xarray.Variable) -> Iterator[tuple[str, Scalar]]:

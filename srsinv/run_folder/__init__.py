@@ -17,11 +17,17 @@ meanwhile, a run leaves `new` with the rest, and the next command moves that in 
 from ._claim import check as check
 from ._claim import claim as claim
 from ._claim import hold as hold
+from ._claim import recover as recover
 from ._manifest import MANIFEST as MANIFEST
+from ._manifest import described as described
+from ._manifest import has as has
 from ._manifest import listed as listed
 from ._manifest import listing as listing
 from ._manifest import manifest as manifest
 from ._manifest import strangers as strangers
+from ._names import FAILURES as FAILURES
+from ._names import GATHERED as GATHERED
+from ._names import NEW as NEW
 from ._place import locate as locate
 from ._place import writing as writing
 from ._workspace import Workspace as Workspace

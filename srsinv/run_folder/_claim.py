@@ -3,7 +3,7 @@
 import errno
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -120,7 +120,16 @@ def _recover_stale(place: Path) -> None:
     stale = {
         path for root in roots for depth in range(3) for path in root.glob("*/" * depth + name)
     }
-    for path in sorted({*stale, *place.parent.glob(name)}):
+    _recover({*stale, *place.parent.glob(name)})
+
+
+def recover(folder: Path) -> None:
+    """Finish or undo, where possible, what killed runs were writing to folders inside `folder`."""
+    _recover(folder.rglob(f".?*{WORKSPACE}"))
+
+
+def _recover(spaces: Iterable[Path]) -> None:
+    for path in sorted(spaces):
         folder = path.with_name(path.name[1 : -len(WORKSPACE)])
         with suppress(OSError, BadInput):
             if is_workspace(path) and (lock := lease.take(path / LOCK)) is not None:

@@ -25,7 +25,7 @@ _OLDER_FILES = re.compile(
     r"|\.hydra/(config|overrides|hydra)\.yaml"
 )
 _KEYS = {"command", "files", "seed", "version"}
-_OPTIONAL = {"plugins"}
+_OPTIONAL = {"configuration", "plugins"}
 _MOST_BYTES = 2**24  # of a manifest: a hundred thousand files
 
 Listing = Mapping[str, str]  # name within the folder, with slashes, to SHA-256
@@ -36,14 +36,21 @@ def listing(files: Mapping[str, bytes]) -> Listing:
     return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
 
-def manifest(files: Listing, command: str, seed: Any, plugins: Listing | None = None) -> bytes:
-    """The manifest of a run: the version, the command, the seed and every file's SHA-256, and of a
-    run with `plugins` theirs.
+def manifest(
+    files: Listing,
+    command: str,
+    seed: Any,
+    plugins: Listing | None = None,
+    configuration: str | None = None,
+) -> bytes:
+    """The manifest of a run: the version, the command, the seed and every file's SHA-256, and where
+    they are given those of `plugins` and the hash of its resolved `configuration`.
 
-    The same files, command, seed and plugins give the same bytes.
+    The same files, command, seed, plugins and configuration give the same bytes.
     """
     whole = {"command": command, "files": files, "seed": seed, "version": __version__}
-    return _text(whole | ({"plugins": plugins} if plugins else {}))
+    more = {"plugins": plugins, "configuration": configuration}
+    return _text(whole | {key: value for key, value in more.items() if value})
 
 
 def listed(folder: Path) -> Listing | None:
@@ -73,6 +80,12 @@ def _shows(page: bytes, figure: Path) -> bool:
 
 def read(folder: Path) -> Listing | None:
     """The listing of the manifest in `folder`; None where there is none that srsinv wrote."""
+    document = described(folder)
+    return None if document is None else document["files"]
+
+
+def described(folder: Path) -> dict[str, Any] | None:
+    """The manifest in `folder`; None where there is none that srsinv wrote."""
     path = folder / MANIFEST
     if not _is_file(path) or path.stat().st_size > _MOST_BYTES:
         return None
@@ -84,7 +97,7 @@ def read(folder: Path) -> Listing | None:
     except (ValueError, RecursionError):
         return None
     files = document["files"] if ours else None
-    return files if isinstance(files, dict) and all(map(_is_name, files)) else None
+    return document if isinstance(files, dict) and all(map(_is_name, files)) else None
 
 
 def strangers(folder: Path, *listings: Listing) -> Iterator[str]:

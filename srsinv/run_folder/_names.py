@@ -6,6 +6,9 @@ from pathlib import Path
 WORKSPACE = ".srsinv"  # inside the run's folder; beside it, the end of the name
 LOCK, NEW, OLD, TRASH = "lock", "new", "old", "trash"
 CONTENTS = {LOCK, NEW, OLD, TRASH}
+# In a sweep's folder: what its runs gave, and why others failed.
+GATHERED = ("sweep.nc", "sweep.html")
+FAILURES = "failures.json"
 
 
 def workspaces(place: Path) -> tuple[Path, Path]:

@@ -34,14 +34,15 @@ class Workspace:
         command: str,
         seed: Any,
         plugins: Mapping[str, str] | None = None,
+        configuration: str | None = None,
     ) -> None:
         """Replace all files of an earlier run by `files` (contents by name, with slashes) and their
-        manifest, which lists the SHA-256 of `plugins`, too.
+        manifest, which has the SHA-256 of `plugins` and of the resolved `configuration`, too.
 
         Raises `BadInput` where they cannot be written, and where the folder has files that no run
         wrote.
         """
-        record = manifest(listing(files), command, seed, plugins)
+        record = manifest(listing(files), command, seed, plugins, configuration)
         with writing(self.folder):
             for name, data in {**files, MANIFEST: record}.items():
                 path = self.path / NEW / name

@@ -31,3 +31,4 @@ from .stages import record as record
 from .stages import stress as stress
 from .stages import traction as traction
 from .stages import with_and_without as with_and_without
+from .sweep import sweep as sweep

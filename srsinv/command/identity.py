@@ -1,0 +1,90 @@
+"""What a job is known by: its resolved configuration and the content of the files that it names."""
+
+import hashlib
+import json
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from omegaconf import DictConfig, OmegaConf
+
+from ..aliases import with_current_keys
+from .typed import refusing
+
+_FILES = ("path", "sidecar")  # keys whose values name files of data
+LARGEST_FILE = 2**32  # bytes: no reader takes more, and the job refuses the file
+
+
+def resolved(config: DictConfig) -> dict[str, Any]:
+    """The settings of a composed configuration without Hydra's own, by their current names.
+
+    Raises `BadInput` for a value that is missing or refers to nothing.
+    """
+    with refusing():
+        settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    return cast(dict[str, Any], with_current_keys(settings))
+
+
+def identity(settings: Mapping[str, Any], config_dir: str | None) -> str:
+    """The SHA-256 of what decides on a job's result: its resolved `settings`, the files of data
+    that they name, with the sidecars beside these, and where they name a plugin all plugins of
+    `config_dir`.
+
+    A file that was changed under its name makes another job. The version of srsinv is not in it;
+    `run.json` has it beside this hash.
+    """
+    paths = [*_data_files(settings), *_plugins(settings, config_dir)]
+    files = {str(path): _sha256(path) for path in paths}
+    whole = {"settings": settings, "files": files}
+    return hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _data_files(settings: Mapping[str, Any]) -> Iterator[Path]:
+    for key, value in _leaves(settings):
+        if key not in _FILES or not isinstance(value, str) or "\0" in value:
+            continue
+        path = Path(value)
+        if key == "path" and _is_data(path):
+            from ..recording import SIDECAR_SUFFIXES
+
+            beside = {path.with_suffix(suffix) for suffix in SIDECAR_SUFFIXES}
+            yield from sorted(filter(_is_data, beside - {path}))
+        if _is_data(path):
+            yield path
+
+
+def _plugins(settings: Mapping[str, Any], config_dir: str | None) -> list[Path]:
+    """All of them, as any may import another one; none is run to see."""
+    texts = (value for _, value in _leaves(settings) if isinstance(value, str))
+    if config_dir is None or not any(text.startswith("plugins.") for text in texts):
+        return []
+    return sorted(Path(config_dir, "plugins").rglob("*.py"))
+
+
+def _leaves(node: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value of a tree of settings with the key that it stands under."""
+    if isinstance(node, Mapping):
+        for name, each in node.items():
+            yield from _leaves(each, str(name))
+    elif isinstance(node, list):
+        for each in node:
+            yield from _leaves(each, key)
+    else:
+        yield key, node
+
+
+def _is_data(path: Path) -> bool:
+    try:
+        status = path.stat()
+    except OSError:
+        return False
+    return stat.S_ISREG(status.st_mode) and status.st_size <= LARGEST_FILE
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:  # the job will say what is wrong with it
+        return ""

@@ -1,0 +1,180 @@
+"""What came out of the runs of a sweep against what was varied, as one data set and one page.
+
+Only `run.json` and `metrics.json` of each run are read (thousands in seconds), and the `result.nc`
+of one run for the units of the metrics, which the names alone do not always tell.
+"""
+
+import itertools
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray
+
+from .. import config
+from ..errors import refuse, shown
+from ..report.result import Result, dataset, scalars
+from ..report.section import sections
+from ..report.text import quantity, unit_of
+from ..run_folder import GATHERED
+from ._swept import SweptJob, failed_jobs, metric_units, swept_jobs
+
+MOST_SHOWN = 6  # metrics in figures and in the table, unless they are chosen
+_TIMES = re.compile(r"(^|_)(call|time)_s(_|$)")  # differ from run to run, whatever is varied
+_SAME = 1e-9  # relative: rounding, not an outcome
+
+
+def run(cfg: config.Config) -> Result:
+    """The job: read the runs in `gather.folder`, gather them."""
+    given = config.part(cfg, "gather")
+    name = given.get("folder")
+    is_folder = isinstance(name, str) and "\0" not in name and Path(name).is_dir()
+    refuse(not is_folder, f"gather.folder is {shown(name)}: give the folder of a sweep.")
+    folder, chosen = Path(str(name)), given.get("metrics")
+    refuse(
+        not (chosen is None or isinstance(chosen, list)),
+        f"gather.metrics is {shown(chosen)}: give a list of names of metrics, or null.",
+    )
+    return gathered(folder, failed_jobs(folder), chosen)
+
+
+def gathered(
+    folder: Path, failures: Mapping[str, Any], chosen: Sequence[str] | None = None
+) -> Result:
+    """The runs in a sweep's `folder`, and the jobs that failed: their overrides and the reason by
+    their number. `chosen` are the metrics to show, by default those that say most.
+
+    Raises `BadInput` for a folder without runs, and for a metric that no run has.
+    """
+    jobs = swept_jobs(folder, failures)
+    done = [job for job in jobs if not job.reason]
+    refuse(
+        not done,
+        f"{folder} has no runs of srsinv: give the folder of a sweep, in which each run has its "
+        "own.",
+    )
+    keys, metrics = _varied(jobs), _outcomes(done, metric_units(folder, done))
+    # A setting that is a metric, too, stays the setting's.
+    data = dataset(
+        {
+            **{name: ("job", *_column(name, jobs, each)) for name, each in metrics.items()
+               if name not in keys},
+            "setting": ("job", [_setting(job, keys) for job in jobs], "1"),
+            "status": ("job", ["failed" if job.reason else "done" for job in jobs], "1"),
+            "reason": ("job", [job.reason for job in jobs], "1"),
+            **scalars({"jobs": len(jobs), "jobs_failed": len(jobs) - len(done)}),
+        },
+        {"job": ([job.place for job in jobs], "1")}
+        | {name: ("job", *values) for name, values in keys.items()},
+    )  # fmt: skip
+    names = _shown(data, list(keys), chosen)
+    data = data.assign(shown=xarray.Variable("metric_shown", names, {"units": "1"}))
+    data.attrs["is_grid"] = int(_is_grid(jobs, keys))
+    return Result(
+        _title(data, list(keys), names),
+        data,
+        sections("gather"),
+        data_name=GATHERED[0],
+        page_name=GATHERED[1],
+    )
+
+
+# --- columns ---------------------------------------------------------------------------------
+
+
+def _varied(jobs: Sequence[SweptJob]) -> dict[str, tuple[Any, str]]:
+    """Values and units of every override that is not the same in all jobs, numbers as numbers."""
+    keys = dict.fromkeys(itertools.chain.from_iterable(job.overrides for job in jobs))
+    columns = {key: [job.overrides.get(key) for job in jobs] for key in keys}
+    return {
+        key.replace("/", "."): _typed(values, unit_of(key))
+        for key, values in columns.items()
+        if len(set(values)) > 1
+    }
+
+
+def _typed(values: Sequence[str | None], units: str) -> tuple[Any, str]:
+    """Typed overrides as numbers where each is one, NaN where a job has none; else as text."""
+    try:
+        numbers = [np.nan if each in (None, "null") else float(each) for each in values]
+        return np.array(numbers), units
+    except ValueError:
+        return ["" if each is None else each for each in values], "1"
+
+
+def _outcomes(done: Sequence[SweptJob], units: Mapping[str, str]) -> dict[str, str]:
+    """Every metric of the runs, with its units."""
+    names = dict.fromkeys(itertools.chain.from_iterable(job.metrics for job in done))
+    return {name: units.get(name) or unit_of(name) for name in names}
+
+
+def _column(name: str, jobs: Sequence[SweptJob], units: str) -> tuple[Any, str]:
+    """A metric over the jobs: NaN, or of words nothing, where a job has none."""
+    values = [job.metrics.get(name) for job in jobs]
+    if all(each is None or isinstance(each, int | float) for each in values):
+        return np.array([np.nan if each is None else float(each) for each in values]), units
+    return ["" if each is None else str(each) for each in values], "1"
+
+
+def _is_grid(jobs: Sequence[SweptJob], keys: Mapping[str, tuple[Any, str]]) -> bool:
+    """Whether there is one job for each combination of the varied values."""
+    columns = [[str(each) for each in values] for values, _ in keys.values()]
+    combinations = set(zip(*columns, strict=True))
+    levels = int(np.prod([len(set(column)) for column in columns]))
+    return len(combinations) == levels == len(jobs)
+
+
+# --- words -----------------------------------------------------------------------------------
+
+
+def _shown(data: xarray.Dataset, keys: Sequence[str], chosen: Sequence[str] | None) -> list[str]:
+    """The metrics to show: errors first, then what has a unit; none that is the same in all jobs,
+    that is a time or a standard error."""
+    numeric = [
+        str(name)
+        for name, each in data.data_vars.items()
+        if each.dims == ("job",) and each.dtype.kind == "f"
+    ]
+    if chosen is not None:
+        for name in chosen:
+            refuse(
+                name not in numeric,
+                f"gather.metrics names {shown(name)}, which is no number of these runs: give some "
+                f"of {', '.join(numeric[:20])}.",
+            )
+        return list(chosen)
+    names = [
+        name
+        for name in numeric
+        if not (_TIMES.search(name) or name.endswith("_stderr")) and _differs(data[name].values)
+    ]
+    names.sort(key=lambda name: (not name.startswith("error"), data[name].attrs["units"] == "1"))
+    return names[:MOST_SHOWN]
+
+
+def _differs(values: np.ndarray) -> bool:
+    finite = values[np.isfinite(values)]
+    return finite.size > 1 and bool(np.ptp(finite) > _SAME * np.max(np.abs(finite)))
+
+
+def _title(data: xarray.Dataset, keys: Sequence[str], names: Sequence[str]) -> str:
+    """How far the first metric goes, and where its ends are."""
+    jobs, failed = data.sizes["job"], int(data["jobs_failed"])
+    count = f"{jobs - failed} of {jobs} jobs" if failed else f"{jobs} jobs"
+    if not names:
+        return f"{count} over {', '.join(keys) or 'one setting'}: no metric differs"
+    values, units = data[names[0]].values, data[names[0]].attrs["units"]
+    low, high = (
+        f"{quantity(float(values[at]), units)} ({data['setting'].values[at]})"
+        for at in (np.nanargmin(values), np.nanargmax(values))
+    )
+    return f"{names[0]} goes from {low} to {high} in {count}"
+
+
+def _setting(job: SweptJob, keys: Iterable[str]) -> str:
+    """What was varied, as it was typed for one job."""
+    typed = {key.replace("/", "."): value for key, value in job.overrides.items()}
+    words = (f"{key}={typed[key]}" for key in keys if key in typed)
+    return ", ".join(words) or f"job {job.place}"

@@ -1,0 +1,119 @@
+"""What a sweep gave against what was varied, from the folders of its runs."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+from srsinv.errors import BadInput
+from srsinv.jobs.gather import gathered
+from srsinv.report.page import figures, page
+from srsinv.report.result import dataset, scalars
+from srsinv.run_folder import GATHERED, claim
+from tests.jobs.run import ROOT, command, short_run
+
+SWEEP = Path(__file__).parent / "sweep"  # signal to noise ratio by scene, one job failed
+
+
+def a_run(folder: Path, typed: str, metrics: dict, arrays: xarray.Dataset | None = None) -> None:
+    """A run's folder with its numbers alone, and where they are given with arrays."""
+    files = {"metrics.json": json.dumps(metrics).encode()}
+    if arrays is not None:
+        files["result.nc"] = bytes(arrays.to_netcdf(engine="h5netcdf"))
+    with claim(folder) as workspace:
+        workspace.replace(files, f"srsinv --config-dir mine {typed}", 0)
+
+
+class TestDataset:
+    def test_numbers_are_numbers_with_units_and_categories_words(self):
+        data = short_run("gather").dataset
+        assert data["noise.snr.snr_dB"].values.tolist() == [20, 20, 30, 30, 40, 40]
+        assert data["noise.snr.snr_dB"].attrs["units"] == "dB"
+        assert data["scene"].values.tolist() == ["ridge", "tape"] * 3
+        assert data["height_m"].attrs["units"] == "m"
+        assert set(data.coords) == {"job", "noise.snr.snr_dB", "scene"}  # not what all share
+
+    def test_what_failed_has_no_numbers(self):
+        data = short_run("gather").dataset
+        is_failed = data["status"].values == "failed"
+        assert data["job"].values[is_failed].tolist() == ["1"]
+        assert "scene.pitch_m is 0" in data["reason"].values[is_failed][0]
+        np.testing.assert_array_equal(np.isnan(data["error_p_wiener"].values), is_failed)
+        assert data["quality_wiener"].values[is_failed] == [""]
+        assert np.isnan(data["friction"].values[0])  # null in metrics.json
+        assert "doubts_wiener" not in data  # an old name of one that is there
+
+    def test_a_full_grid_unstacks(self):
+        data = short_run("gather").dataset
+        assert data.attrs["is_grid"] == 1
+        grid = data.set_index(job=["noise.snr.snr_dB", "scene"]).unstack("job")
+        error = grid["error_p_wiener"].sel(scene="ridge")
+        np.testing.assert_allclose(error, 10 ** (-grid["noise.snr.snr_dB"] / 20))
+
+    def test_units_in_the_middle_of_a_name_are_those_of_the_arrays(self, tmp_path):
+        metrics = {"peak_Pa_wiener": 2.0, "peak_Pa": 1.0}
+        variable = {"peak": ((), 2.0, "Pa", "peak_Pa_wiener"), **scalars({"peak_Pa": 1.0})}
+        a_run(tmp_path / "0", "a=1", metrics, dataset(variable, {}))
+        a_run(tmp_path / "1", "a=2", metrics)
+        data = gathered(tmp_path, {}).dataset
+        assert data["peak_Pa_wiener"].attrs["units"] == data["peak_Pa"].attrs["units"] == "Pa"
+
+    def test_nested_and_odd_metrics(self, tmp_path):
+        """Words and numbers under one name are words; a setting is not overwritten by a metric."""
+        a_run(tmp_path / "2", "group/part=a seed=1", {"seed": 1, "x": {"y": [1, None]}, "z": 1})
+        a_run(tmp_path / "10", "group/part=b seed=2", {"seed": 7, "x": {"y": [3, 4]}, "z": "no"})
+        data = gathered(tmp_path, {}).dataset
+        assert data["job"].values.tolist() == ["2", "10"]
+        assert data["seed"].values.tolist() == [1, 2]
+        assert data["group.part"].values.tolist() == ["a", "b"]
+        np.testing.assert_array_equal(data["x_y_1"], [np.nan, 4])
+        assert data["z"].values.tolist() == ["1", "no"]
+        page(gathered(tmp_path, {}))
+
+
+def test_the_page_states_the_range_and_names_what_failed():
+    result = short_run("gather")
+    assert "error_p_wiener goes from 0.0100 (noise.snr.snr_dB=40, scene=ridge)" in result.title
+    assert "5 of 6 jobs" in result.title
+    assert list(figures(result)) == ["over_noise.snr.snr_dB"]
+    text = page(result)
+    assert "scene.pitch_m is 0" in text
+    assert "first_call_s" not in text
+
+
+def test_categories_alone_are_rows(tmp_path):
+    for i, name in enumerate(("wiener", "tikhonov")):
+        a_run(tmp_path / str(i), f"method={name}", {"error_p": 0.1 * (i + 1)})
+    assert list(figures(gathered(tmp_path, {}))) == ["by_settings"]
+
+
+def test_the_command_leaves_the_page_and_the_data(tmp_path, capsys):
+    """The sweep itself is only read."""
+    folder = tmp_path / "old"
+    shutil.copytree(SWEEP, folder)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    chosen = "gather.metrics=[height_m]"
+    assert command(tmp_path / "run", "experiment=gather", f"gather.folder={folder}", chosen) == 0
+    assert capsys.readouterr().out.splitlines()[-2] == str(tmp_path / "run" / GATHERED[1])
+    with xarray.open_dataset(tmp_path / "run" / GATHERED[0], engine="h5netcdf") as data:
+        assert data["shown"].values.tolist() == ["height_m"]
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("chosen", "words"), [(["heights"], "'heights'"), (["quality_wiener"], "is no number")]
+)
+def test_metrics_that_are_none(chosen, words):
+    with pytest.raises(BadInput, match=words):
+        gathered(SWEEP, {}, chosen)
+
+
+@pytest.mark.parametrize("folder", ["absent", "configs"])
+def test_a_folder_without_runs(tmp_path, capsys, folder):
+    named = f"gather.folder={ROOT / folder}"
+    assert command(tmp_path / "run", "experiment=gather", named) == 2
+    assert "give the folder of a sweep" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
