@@ -27,14 +27,9 @@ from ..aliases import current_override
 from ..config import check_early, sections
 from ..errors import BadInput, refuse
 from ..namespaces import fault_in_plugin, load_job, open_plugins, plugin_files
-<<<<<<< HEAD
-from ..run_folder import claim
-from .compilation_cache import compilation_cache
-from .folders import DONE, FAULT, REFUSED, run, sweep
-=======
 from ..run_folder import Workspace, claim
+from .compilation_cache import compilation_cache
 from .folders import run
->>>>>>> 5ce32bb8200443c50b8f13023013f2513d5ada60
 from .hydra_settings import check_hydra_settings, check_typed
 from .identity import identity, resolved
 from .interrupts import apart
@@ -153,16 +148,10 @@ class LaunchedTask:
             # After the job, whose module decides when jax and matplotlib are imported.
             from ..report.page import render
 
-<<<<<<< HEAD
             command = self.command(HydraConfig.get().overrides.task)
             files = render(result, _record(config), command)
-        return result, files, command, settings.get("seed"), plugin_files(settings)
-=======
-        command = self.command(HydraConfig.get().overrides.task)
-        files = render(result, _record(config), command)
         seed, plugins = settings.get("seed"), plugin_files(settings)
         return result, lambda space: space.replace(files, command, seed, plugins, known_by)
->>>>>>> 5ce32bb8200443c50b8f13023013f2513d5ada60
 
 
 def _record(config: DictConfig) -> dict[str, str]:

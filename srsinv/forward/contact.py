@@ -22,7 +22,7 @@ from ..errors import number, refuse
 from ..grid import Line, as_real, sinc
 from ..status import Status
 from . import contact_elastic, contact_viscoelastic
-from .contact_elastic import gap_and_error, least_error, times
+from .contact_conditions import gap_and_error, least_error, times
 from .skin import Skin
 
 MUCH_MISSING = 0.02  # of the lag's friction: below, the window is long enough

@@ -9,61 +9,27 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Inexact
+from jaxtyping import Array, Bool, Float
 
-COARSER = 16  # ratio of the widths of the start's cells
-COARSEST = 2048  # cells: below, a coarse start gains nothing, and costs compilation
-COARSE_STEPS = 60  # of the start on coarser cells, which need not converge
+from .contact_conditions import (
+    cut,
+    forceless_stiffness,
+    gap_and_error,
+    least_error,
+    stiffness,
+    times,
+    touches,
+)
+from .contact_sets import by_sets, edges, extension
+
+COARSER = 16  # ratio of the widths of the cells that the sets are begun on
+COARSEST = 256  # cells: of fewer, descent is done in no time, and sets cost compilation
+FEW_EDGES = 8  # of contacts on wider cells: of so few, descent ends in some ten steps
 MOST_STEPS = 1000
 DERIVATIVE_STEPS = 500
 # Steps in which the energy may rise where cells are let go: the shortest way of most contacts,
 # which end within them. Some, of a stiff layer that bends over many cells, would go on in a circle.
 FREE_STEPS = 20
-
-
-def rounding(dtype) -> float:
-    """Bound on the gap's rounding error, over the displacement's range."""
-    return 40 * float(jnp.finfo(dtype).eps)
-
-
-def least_error(dtype) -> float:
-    """Tolerance on the gap's error, in the measure of `gap_and_error`."""
-    return max(1e-10, rounding(dtype))
-
-
-def times(spectrum: Inexact[Array, " k"], values: Float[Array, " n"]) -> Float[Array, " n"]:
-    """`values` (n,) convolved with the kernel of this half spectrum."""
-    return jnp.fft.irfft(spectrum * jnp.fft.rfft(values), values.size)
-
-
-def _stiffness(compliance: Float[Array, " k"]) -> Float[Array, " k"]:
-    """1/compliance, with a value of the size of the longest wave's at k = 0."""
-    inverse = 1 / compliance  # infinite at k = 0; no derivative goes through it
-    return jnp.where(compliance > 0, inverse, inverse[1] / 2)
-
-
-def gap_and_error(height, nominal, moved, deviation):
-    """The gap, zero on average where the skin touches, and its error: over the displacement's
-    range, and with the pressure over the nominal one, over the profile's height."""
-    touching = touches(nominal, deviation)
-    gap = moved - height
-    gap = gap - jnp.sum(jnp.where(touching, gap, 0.0)) / jnp.maximum(jnp.sum(touching), 1)
-    off = jnp.where(touching, jnp.abs(gap), jnp.maximum(-gap, 0.0))
-    # A slight contact displaces far less than the profile is high.
-    span, reach = jnp.ptp(height), jnp.ptp(moved)
-    wrong = jnp.max(off) / jnp.where(reach > 0, reach, span)
-    # So that p gap is small beside the load times the height too, as far as rounding lets it be
-    # under a high peak.
-    weight = jnp.where(touching, 1.0 + deviation / nominal, 0.0)
-    rounding_ratio = rounding(gap.dtype) / least_error(gap.dtype)
-    work = jnp.max(weight * off) / jnp.maximum(span, rounding_ratio * jnp.max(weight) * reach)
-    # A flat profile has no size to compare with, and no error.
-    return gap, jax.lax.stop_gradient(jnp.where(span > 0, jnp.maximum(wrong, work), 0.0))
-
-
-def touches(nominal, deviation):
-    """Contact mask: cells where the pressure is not zero."""
-    return deviation > -nominal
 
 
 @jax.custom_jvp
@@ -72,25 +38,31 @@ def pressure_deviation(height, nominal, compliance):
 
     As a deviation, so that features far smaller than the load keep their digits.
     """
-    full = times(_stiffness(compliance).at[0].set(0.0), height)
+    full = times(forceless_stiffness(compliance), height)
     is_full = jnp.all(full > -nominal)
     return jax.lax.cond(
         is_full,
         lambda: (full, jnp.zeros((), height.dtype)),
-        lambda: _partial(height, nominal, compliance, MOST_STEPS),
+        lambda: _partial(height, nominal, compliance, full),
     )
 
 
-def _partial(height, nominal, compliance, most: int):
-    """Partial contact, from the solution on wider cells."""
-    n = height.size
-    if n % COARSER == 0 and n // COARSER >= COARSEST:
-        coarse = jnp.mean(height.reshape(-1, COARSER), axis=1)
-        lower = compliance[: coarse.size // 2 + 1]
-        start = jnp.repeat(_partial(coarse, nominal, lower, COARSE_STEPS)[0], COARSER)
-    else:
-        start = jnp.zeros_like(height)
-    return iterate(height, nominal, compliance, start, most, least_error(height.dtype))
+def _partial(height, nominal, compliance, full):
+    """Partial contact, by descent: of many cells begun where sets settle, these where they settle
+    on wider cells."""
+    steps, start, n = jnp.zeros((), height.dtype), jnp.zeros_like(height), height.size
+    if n // COARSER >= COARSEST:
+        start, few = full, jnp.array(False)
+        if n % COARSER == 0:
+            wide, from_wide = (jnp.mean(v.reshape(-1, COARSER), axis=1) for v in (height, full))
+            lower = compliance[: wide.size // 2 + 1]
+            wider = by_sets(wide, nominal, lower, from_wide, few).deviation
+            start, few = jnp.repeat(wider, COARSER), edges(touches(nominal, wider)) <= FEW_EDGES
+        end = by_sets(height, nominal, compliance, start, few)
+        start, steps = jnp.where(end.settled, end.deviation, 0.0), end.steps
+    tolerance = least_error(height.dtype)
+    deviation, more = iterate(height, nominal, compliance, start, MOST_STEPS, tolerance)
+    return deviation, steps + more
 
 
 class _DescentState(NamedTuple):
@@ -113,13 +85,13 @@ class _DescentState(NamedTuple):
 def iterate(height, nominal, compliance, start, most: int, tolerance):
     """The deviation and the number of steps, from the deviation `start`: each step is one of
     conjugate gradients on the cells that touch or overlap."""
-    stiffness = _stiffness(compliance)
+    inverse = stiffness(compliance)
 
     def going(at: _DescentState):
         return (at.residual > tolerance) & (at.steps < most)
 
     def step(at: _DescentState) -> _DescentState:
-        return _descended(at, height, nominal, compliance, stiffness)
+        return _descended(at, height, nominal, compliance, inverse)
 
     zero, none = jnp.zeros((), height.dtype), jnp.zeros_like(height)
     moved = times(compliance, start)
@@ -132,12 +104,12 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
     return end.deviation, end.steps
 
 
-def _descended(at: _DescentState, height, nominal, compliance, stiffness) -> _DescentState:
+def _descended(at: _DescentState, height, nominal, compliance, inverse) -> _DescentState:
     """The state after one step. What costs Fourier transforms is only done again where cells came
     or went."""
 
     def on(active, values):
-        return jnp.where(active, times(stiffness, values), 0.0)
+        return jnp.where(active, times(inverse, values), 0.0)
 
     touching = touches(nominal, at.deviation)
     entering = ~touching & (at.gap < 0)
@@ -161,7 +133,7 @@ def _descended(at: _DescentState, height, nominal, compliance, stiffness) -> _De
     deviation, moved = jax.lax.cond(
         whole,
         lambda: (free, at.moved - length * answer),
-        lambda: _falling(at, _cut(free, active, nominal), height, compliance),
+        lambda: _falling(at, cut(free, active, nominal), height, compliance),
     )
     gap, residual = gap_and_error(height, nominal, moved, deviation)
     # A direction that lost cells would carry a net force.
@@ -181,13 +153,6 @@ def _falling(at: _DescentState, cut, height, compliance):
     # A mean of pressures that are not negative, but for rounding.
     falling = jnp.maximum(at.deviation + part * change, jnp.minimum(at.deviation, cut))
     return jnp.where(rises, falling, cut), jnp.where(rises, at.moved + part * response, moved)
-
-
-def _cut(deviation, active, nominal):
-    """The deviation with cells in tension released, and the same load on the rest."""
-    pressure = jnp.where(active, jnp.maximum(nominal + deviation, 0.0), 0.0)
-    mean = jnp.mean(pressure)
-    return nominal / jnp.where(mean > 0, mean, 1.0) * pressure - nominal
 
 
 def _balanced(values, evenly):
@@ -233,7 +198,8 @@ def _solve_on(touching, compliance, wanted):
 
 def on_contact(touching, compliance):
     """Three maps of values (n,): onto what has no net force on the contact set, the displacement
-    under that as far as it is no constant there, and nearly the inverse of that displacement."""
+    under that as far as it is no constant there, and nearly the inverse of that displacement
+    (contact_sets.py)."""
     count = jnp.maximum(jnp.sum(touching), 1)
 
     def project(values):
@@ -243,11 +209,12 @@ def on_contact(touching, compliance):
     def response(values):
         return project(times(compliance, project(values)))
 
-    def on(values):
-        return jnp.where(touching, times(_stiffness(compliance), values), 0.0)
+    extend, inverse = extension(touching, compliance.dtype), forceless_stiffness(compliance)
 
-    evenly = on(touching.astype(compliance.dtype))
-    return project, response, lambda values: _balanced(on(values), evenly)
+    def precondition(values):
+        return project(extend.adjoint(times(inverse, extend(project(values)))))
+
+    return project, response, precondition
 
 
 def gradients(response, precondition, right, tolerance=None):

@@ -20,15 +20,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from .contact_elastic import (
-    derivative,
-    gap_and_error,
-    gradients,
-    iterate,
-    least_error,
-    on_contact,
-    times,
-)
+from .contact_conditions import gap_and_error, least_error, times
+from .contact_elastic import derivative, gradients, iterate, on_contact
 
 MOST_ROUNDS = 1000
 ROUND_STEPS = 40  # of one elastic contact, which need not converge before the last

@@ -111,8 +111,10 @@ def spectrum(
     present = np.isfinite(values)
     if present.sum() < SHORTEST or np.ptp(values[present]) == 0:
         return None
-    row = np.arange(values.size)
-    filled = np.interp(row, row[present], values[present])
+    filled = values
+    if not present.all():
+        row = np.arange(values.size)
+        filled = np.interp(row, row[present], values[present])
     # Scaled to one: squares of a signal in femtovolts would leave float64's range.
     size = float(np.max(np.abs(filled)))
     segment = min(segment, filled.size)

@@ -274,8 +274,11 @@ def _signal(
     polarity = _per_channel(table.name, facts, "polarity", len(channels))
     converted = np.isfinite(gain)
     gain, polarity = np.where(converted, gain, 1.0), np.nan_to_num(polarity, nan=1.0)
-    with np.errstate(over="ignore"):
-        signal = np.stack(values) / per_unit[:, None] * polarity[:, None] / gain[:, None]
+    signal = np.stack(values)
+    with np.errstate(over="ignore"):  # in place: a long recording fits into memory a few times
+        signal /= per_unit[:, None]
+        signal *= polarity[:, None]
+        signal /= gain[:, None]
     is_volt = [unit in PER_V or bool(by) for unit, by in zip(stated, converted, strict=True)]
     units = {"V" if volt else unit for unit, volt in zip(stated, is_volt, strict=True)}
     return names, signal, units.pop() if len(units) == 1 else "counts"

@@ -119,7 +119,8 @@ class ColumnTable:
         )
 
     def numbers(self, column: str, *, allow_missing: bool = False) -> Float[np.ndarray, " row"]:
-        """Column `column` as float64 (row,); NaN where its cell is empty, if that is allowed.
+        """Column `column` as float64 (row,); NaN where its cell is empty, if that is allowed. The
+        table's own array where it is float64 already.
 
         An array has no other way to leave a cell empty than NaN. Raises `BadInput` for a column
         that is absent or unusable, and for a cell that is not a finite number.
@@ -150,7 +151,7 @@ class ColumnTable:
     def _cells(self, column: str) -> Float[np.ndarray, " row"]:
         # A number beyond float64's range becomes infinite, and is refused as such.
         with np.errstate(over="ignore", invalid="ignore"):
-            return self.columns[column].astype(np.float64)
+            return self.columns[column].astype(np.float64, copy=False)
 
     def _no_column(self, column: str) -> str:
         near = nearest(column, self.columns, cutoff=0.0)

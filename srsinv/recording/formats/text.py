@@ -3,7 +3,6 @@
 import csv
 import io
 import math
-from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,12 +13,15 @@ from srsinv.errors import BadInput, refuse
 from .._guard import DataFile, quoted
 from .._table import ColumnTable
 from ..reader import Reader
+from ._numeric_rows import numeric_rows
 
 _DELIMITERS = ",;\t"
 LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
-_BLOCK = 2**18  # characters whose cells are turned into numbers together
+_BLOCK = 2**20  # characters whose cells are turned into numbers together
 _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
 _TEXT = 80  # characters stored of a cell that is no number
+
+_Rows = list[list[str]] | Float[np.ndarray, "row column"]
 
 
 class Text(Reader):
@@ -37,7 +39,7 @@ class Text(Reader):
         lines.begin_after(1)
         columns = {index: _Column() for index, name in enumerate(names) if name}
         for rows in _blocks(table, lines, delimiter, names):
-            cells = list(zip(*rows, strict=True))
+            cells = rows.T if isinstance(rows, np.ndarray) else list(zip(*rows, strict=True))
             for index, column in columns.items():
                 column.extend(cells[index])
         for index, column in columns.items():
@@ -56,7 +58,7 @@ class _Lines(Iterator[str]):
 
     def __init__(self, name: str, text: io.TextIOWrapper):
         self._name, self._text = name, text
-        self._begun, self._waiting = "", deque[str]()
+        self._begun, self._block, self._at = "", "", 0
         self._rows, self._characters = 0, 0
 
     def begin_after(self, rows: int) -> None:
@@ -65,33 +67,28 @@ class _Lines(Iterator[str]):
 
     def has_more_at_hand(self) -> bool:
         """Whether a line is buffered."""
-        return bool(self._waiting)
+        return self._at < len(self._block)
 
-    def rows_at_hand(self) -> list[str]:
-        """All buffered lines, if each is certainly a row; else none."""
-        if not self._waiting:
+    def block_at_hand(self) -> str:
+        """All buffered lines, read if there are none; empty at the end of the text."""
+        if not self.has_more_at_hand():
             self._fill()
-        lines = list(self._waiting)
-        if (
-            not lines
-            or "\n" in lines
-            or max(map(len, lines)) > LONGEST_ROW
-            or '"' in "".join(lines)
-        ):
-            return []
-        self._waiting.clear()
-        return lines
+        return self._block[self._at :]
+
+    def pass_over(self) -> None:
+        """Take all buffered lines as read."""
+        self._at = len(self._block)
 
     def __next__(self) -> str:
-        if not self._waiting:
+        if not self.has_more_at_hand():
             self._fill()
-        if not self._waiting:
+        if not self.has_more_at_hand():
             raise StopIteration
-        line = self._waiting.popleft()
-        self._characters += len(line)
+        begin, self._at = self._at, self._block.find("\n", self._at) + 1 or len(self._block)
+        self._characters += self._at - begin
         if self._characters > LONGEST_ROW:
             raise self.too_long()
-        return line
+        return self._block[begin : self._at]
 
     def too_long(self) -> BadInput:
         """The refusal of the row that was begun last."""
@@ -102,17 +99,17 @@ class _Lines(Iterator[str]):
         )
 
     def _fill(self) -> None:
-        """Buffer a line, unless the text is at its end."""
-        read = " "
-        while read and not self._waiting:
+        """Buffer lines, unless the text is at its end."""
+        read, self._block, self._at = " ", "", 0
+        while read and not self._block:
             read = self._text.read(_BLOCK)
             if "\0" in read:
                 raise ValueError("binary")
-            *lines, self._begun = (self._begun + read).split("\n")
-            self._waiting.extend(line + "\n" for line in lines)
+            lines, end, self._begun = (self._begun + read).rpartition("\n")
+            self._block = lines + end
             # The last line needs no end; nor is the end of one read that is too long already.
             if self._begun and (not read or len(self._begun) > LONGEST_ROW):
-                self._waiting.append(self._begun)
+                self._block += self._begun
                 self._begun = ""
 
 
@@ -123,8 +120,11 @@ class _Column:
         self._parts: list[np.ndarray] = []
         self.text = ""  # of the first cell that holds no finite number
 
-    def extend(self, cells: tuple[str, ...]) -> None:
-        """Add the next cells."""
+    def extend(self, cells: tuple[str, ...] | Float[np.ndarray, " row"]) -> None:
+        """Add the next cells, or their numbers, finite but where a cell is empty."""
+        if isinstance(cells, np.ndarray):
+            self._parts.append(cells.copy())  # not a view, which would hold all columns
+            return
         try:
             values = np.fromiter(map(float, cells), np.float64, len(cells))
         except ValueError:
@@ -142,24 +142,22 @@ class _Column:
         return values
 
 
-def _blocks(
-    table: ColumnTable, lines: _Lines, delimiter: str, names: list[str]
-) -> Iterator[list[list[str]]]:
+def _blocks(table: ColumnTable, lines: _Lines, delimiter: str, names: list[str]) -> Iterator[_Rows]:
     """Rows of as many cells as there are names, a block of them at a time.
 
     A blank line is the empty cell of a file of one column, and nothing at the end of any file.
     """
     reader = csv.reader(lines, delimiter=delimiter)
     done = blank = 0
-    while rows := _next_rows(lines, reader, delimiter):
+    while len(rows := _next_rows(lines, reader, delimiter, len(names))):
         at_end = 0
-        while rows and rows[-1] == [""]:
+        while isinstance(rows, list) and rows and rows[-1] == [""]:
             rows.pop()
             at_end += 1
-        blank, at_end = (blank, at_end) if rows else (blank + at_end, 0)
-        if rows or (blank > _MOST_BLANK and len(names) > 1):
+        blank, at_end = (blank, at_end) if len(rows) else (blank + at_end, 0)
+        if len(rows) or (blank > _MOST_BLANK and len(names) > 1):
             held = ([[""]] * min(_BLOCK, blank - start) for start in range(0, blank, _BLOCK))
-            for part in filter(None, (*held, rows)):
+            for part in (*held, rows) if len(rows) else held:
                 done = _checked(table, part, names, done)
                 yield part
             blank = 0
@@ -167,11 +165,16 @@ def _blocks(
         table.check_size(names[0], done + blank)
 
 
-def _next_rows(lines: _Lines, reader: Iterator[list[str]], delimiter: str) -> list[list[str]]:
+def _next_rows(lines: _Lines, reader: Iterator[list[str]], delimiter: str, columns: int) -> _Rows:
     """The rows of the next lines, a blank line's being one empty cell; none at the end."""
-    if simple := lines.rows_at_hand():
-        lines.begin_after(len(simple))
-        return list(csv.reader(simple, delimiter=delimiter))
+    block = lines.block_at_hand()
+    rows = numeric_rows(block, delimiter, columns)
+    if rows is None:
+        rows = _simple_rows(block, delimiter)
+    if len(rows):
+        lines.pass_over()
+        lines.begin_after(len(rows))
+        return rows
     rows = []
     try:
         for row in reader:
@@ -184,9 +187,22 @@ def _next_rows(lines: _Lines, reader: Iterator[list[str]], delimiter: str) -> li
     return rows
 
 
-def _checked(table: ColumnTable, rows: list[list[str]], names: list[str], done: int) -> int:
+def _simple_rows(block: str, delimiter: str) -> list[list[str]]:
+    """The rows of a block of lines each of which is certainly one; else none."""
+    if '"' in block or "\n\n" in block or block.startswith("\n"):
+        return []
+    lines = block.split("\n")
+    return (
+        list(csv.reader(filter(None, lines), delimiter=delimiter))
+        if max(map(len, lines)) < LONGEST_ROW
+        else []
+    )
+
+
+def _checked(table: ColumnTable, rows: _Rows, names: list[str], done: int) -> int:
     """Number of rows in all: these and the first `done`."""
-    odd = next((index for index, row in enumerate(rows) if len(row) != len(names)), None)
+    lengths = [rows.shape[1]] if isinstance(rows, np.ndarray) else map(len, rows)
+    odd = next((index for index, size in enumerate(lengths) if size != len(names)), None)
     if odd is not None:
         raise BadInput(
             f"{table.name}: data row {done + odd + 1} has {len(rows[odd])} cells where the header "
