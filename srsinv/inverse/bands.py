@@ -34,7 +34,7 @@ def variance(posterior: "PosteriorMap", mean_weights: Float[np.ndarray, "c n"]) 
     """The variance of the traction, less its mean with these weights, in every cell."""
     near = posterior.near
     stationary = near.lags(near.covariance)[..., 0]
-    total = np.diagonal(stationary)[:, None] + _lost(near)
+    total = np.diagonal(stationary)[:, None] + _of_gaps(near)
     if posterior.coarse is not None:
         total = total + _at_ends(posterior, posterior.coarse)
     further = _further(posterior)
@@ -95,22 +95,22 @@ def _at_ends(posterior: "PosteriorMap", coarse: Coarse) -> Variance:
 
 def _places(cells: Int[np.ndarray, " b"], n: int, width: float) -> Int[np.ndarray, " place"]:
     """Where the variance that samples missing at these cells make is computed, between the first
-    and the last of them and as far beyond as it changes, around the line: cell by cell near each,
+    and the last of them and as far outside as it changes, around the line: cell by cell near each,
     and every width of the response elsewhere."""
     offsets = (cells - cells[0]) % n
-    reach, beyond = int(AS_NARROW * width), int(FAR * AS_NARROW * width)
-    span = int(offsets[-1]) + 1 + 2 * beyond
+    reach, outside = int(AS_NARROW * width), int(FAR * AS_NARROW * width)
+    span = int(offsets[-1]) + 1 + 2 * outside
     if span >= n:
-        beyond, span = (n - int(offsets[-1])) // 2, n
+        outside, span = (n - int(offsets[-1])) // 2, n
     near = np.zeros(span + 1, int)
-    np.add.at(near, np.maximum(offsets + beyond - reach, 0), 1)
-    np.add.at(near, np.minimum(offsets + beyond + reach, span), -1)
+    np.add.at(near, np.maximum(offsets + outside - reach, 0), 1)
+    np.add.at(near, np.minimum(offsets + outside + reach, span), -1)
     is_place = np.cumsum(near)[:span] > 0
     is_place[:: max(1, int(width))] = is_place[-1] = True
-    return int(cells[0]) - beyond + np.flatnonzero(is_place)
+    return int(cells[0]) - outside + np.flatnonzero(is_place)
 
 
-def _lost(near: NearPeriodic) -> Variance:
+def _of_gaps(near: NearPeriodic) -> Variance:
     """What the missing samples add: the diagonal of B T B^T, T the inverse of Q over them and B the
     response of the traction to them.
 

@@ -20,6 +20,7 @@ from .sample_noise import is_steady
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
 LEAST_CELLS = 3  # as a line needs
 LEAST_SAMPLES = 3
+FEW_CELLS = 1024  # beyond, a line is lengthened to what Fourier transforms are quick for
 FEW = 0.25  # of the median information: a cell with less has twice the noise of the others
 
 
@@ -142,7 +143,7 @@ def line_over(
     before = max(0, int(np.floor((x[0] - cell / 2 - window.start_m) / cell)))
     after = max(0, int(np.floor((window.end_m - x[-1] - cell / 2) / cell)))
     n = before + x.size + after
-    if window_m is None:  # a length that Fourier transforms are quick for
+    if window_m is None and n > FEW_CELLS:
         n = int(cast(int, scipy.fft.next_fast_len(n, real=True)))
         after = n - before - x.size
     line = Open(n, cell, x[0] - before * cell)

@@ -89,6 +89,6 @@ def _inverse(matrix: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
     diagonal = np.diag(matrix)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
-    kept = values > NEGLIGIBLE * max(values[-1], 0.0)
-    vectors = scale[:, None] * vectors[:, kept]
-    return (vectors / values[kept]) @ vectors.T
+    has_energy = values > NEGLIGIBLE * max(values[-1], 0.0)
+    vectors = scale[:, None] * vectors[:, has_energy]
+    return (vectors / values[has_energy]) @ vectors.T

@@ -164,6 +164,12 @@ class PosteriorMap:
         return solved._replace(value=self.normal.centre(start + solved.value))
 
 
+def value(problem: LineProblem, prior: Prior, tolerance: float) -> Solved:
+    """Posterior mean to a relative `tolerance`, without its standard error."""
+    posterior = PosteriorMap(problem, prior)
+    return posterior.times(posterior.normal.right_side(np.asarray(problem.data, float)), tolerance)
+
+
 def solve(problem: LineProblem, prior: Prior, tolerance: float) -> tuple[Solution, int, bool]:
     """PosteriorMap mean to a relative `tolerance`, and its standard error: the solution, the steps
     taken, and whether they converged."""
@@ -176,10 +182,10 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> tuple[Solutio
         impulse[c, n // 2] = 1.0
         right = normal.right_side(normal.forward(normal.centre(impulse)))
         solved.append(posterior.times(right, tolerance))
-    value, *averaging = (jnp.asarray(each.value) for each in solved)
+    mean, *averaging = (jnp.asarray(each.value) for each in solved)
     stderr = np.sqrt(np.maximum(variance(posterior, np.asarray(problem.mean_weights)), 0.0))
     solution = Solution(
-        as_real(value),
+        as_real(mean),
         as_real(stderr),
         jnp.asarray(near.covariance),
         as_real(jnp.stack(averaging, axis=1)),

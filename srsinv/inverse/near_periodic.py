@@ -93,14 +93,14 @@ class NearPeriodic:
 
         The missing samples take from component c the trace of Q_mm^-1 (Q G)_c (N^-1 G C^-1)_c^H.
         """
-        seen = np.einsum("eck,ick->eik", self.top, self.inverse.conj())  # N^-1/2 G C^-1
+        shown = np.einsum("eck,ick->eik", self.top, self.inverse.conj())  # N^-1/2 G C^-1
         weights = half_spectrum_weights(self.n)
-        whole = self.n * np.einsum("eik,eik,k->i", seen.conj(), self.model, weights).real
+        whole = self.n * np.einsum("eik,eik,k->i", shown.conj(), self.model, weights).real
         if not self.gaps.cell.size:
             return whole
         left = self.model - np.einsum("eck,fck,fik->eik", self.top, self.top.conj(), self.model)
         filling = [
-            self._trace(blocks, self.white**2 * left[:, None, c] * seen[None, :, c].conj())
+            self._trace(blocks, self.white**2 * left[:, None, c] * shown[None, :, c].conj())
             for c in range(len(whole))
         ]
         return whole - np.array(filling)

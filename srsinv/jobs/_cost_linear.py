@@ -142,7 +142,6 @@ def _solvers(
     Exact is the spectral solution; on the open line that of conjugate gradients to `TIGHT`.
     """
     given, is_circular = (problem, prior), problem.forward.is_circular
-    iterate, iterate_s = _compiled(_iterative, *given, jnp.asarray(TIGHT))
     if is_circular:
         tolerances = [min(tolerances)]  # the preconditioner is the solution
     others: dict[str, Callable[[], Any]] = (
@@ -157,15 +156,15 @@ def _solvers(
         ways += beside(NUMPY)
         direct_peer = NUMPY
     else:
-        exact, ways = iterate(*given, jnp.asarray(TIGHT)), []
+        exact, ways = _iterative(*given, TIGHT), []
         direct_peer = f"{SCIPY}, {min(tolerances):g}"
     if problem.line.n <= DIRECT_CELLS:
         work, compile_s = _compiled(_direct, *given)
         ways.append(_Solver("direct", direct_peer, partial(work, *given), compile_s))
     for tolerance in tolerances:
         peer = f"{SCIPY}, {tolerance:g}"
-        work = partial(iterate, *given, jnp.asarray(tolerance))
-        ways += [_Solver(f"iterative, {tolerance:g}", peer, work, iterate_s), *beside(peer)]
+        work = partial(_iterative, *given, tolerance)
+        ways += [_Solver(f"iterative, {tolerance:g}", peer, work), *beside(peer)]
     for family in list(others):
         ways += beside(family)
     return deviation(np.asarray(exact, float)), ways
@@ -207,5 +206,5 @@ def _direct(problem: LineProblem, prior: Prior):
     return direct.solve(problem, prior, direct.whiten(problem)).value
 
 
-def _iterative(problem: LineProblem, prior: Prior, tolerance):
-    return iterative.solve(problem, prior, tolerance)[0].value
+def _iterative(problem: LineProblem, prior: Prior, tolerance: float) -> np.ndarray:
+    return iterative.value(problem, prior, tolerance).value
