@@ -30,7 +30,8 @@ from .prior import Prior, Score, Solution
 DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not chosen
 # Condition numbers up to which a solution is accepted: beyond these, errors of 1 % and more occur,
 # some 70 times the condition's round-off. The iterative path is in double precision.
-TRUSTED, TRUSTED_ITERATIVE = {"float64": 6e11, "float32": 1.7e4}, 6e11
+TRUSTED = {"float64": 6e11, "float32": 1.7e4}
+TRUSTED_ITERATIVE = 6e11
 PATHS = ("auto", "spectral", "direct", "iterative")
 
 
