@@ -9,7 +9,7 @@ M is stationary but for what each missing sample adds to it.
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.linalg
+import scipy
 from jaxtyping import Float, Int
 
 from .coarse import AS_NARROW, Coarse

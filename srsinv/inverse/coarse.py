@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 from jaxtyping import Bool, Float
 
 from .near_periodic import NearPeriodic
@@ -35,7 +35,7 @@ def hats_of(near: NearPeriodic) -> Any:
     part = (cells - knots[right - 1]) / (knots[right] - knots[right - 1])
     at = np.concatenate([right - 1, right])
     weights = np.concatenate([1 - part, part])
-    return sparse.csr_array((weights, (np.tile(cells, 2), at)), shape=(near.n, knots.size))
+    return scipy.sparse.csr_array((weights, (np.tile(cells, 2), at)), shape=(near.n, knots.size))
 
 
 class Coarse(NamedTuple):

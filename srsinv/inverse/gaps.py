@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
+import scipy
 from jaxtyping import Bool, Float, Int
 
 # A block is cut where it has so many samples and the next one is no neighbour, or else at the most

@@ -25,11 +25,6 @@ class Prior(eqx.Module):
     def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
         """P r on the line as it is."""
 
-    def moved(self, line: Line, onto: Line) -> "Prior":
-        """The same prior on another line with the same cells; itself where it is of no line."""
-        del line, onto
-        return self
-
     def differences(self, line: Line) -> tuple[int, Float[Array, " c"]] | None:
         """Where P is a weighted sum of squared differences of neighbouring cells: their order, and
         the weight of each component's [1/Pa^2]. None where it is no such sum."""

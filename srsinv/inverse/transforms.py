@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-import scipy.fft
+import scipy
 
 
 def to_spectrum(values: np.ndarray, length: int | None = None) -> np.ndarray:

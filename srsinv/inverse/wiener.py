@@ -88,10 +88,6 @@ class SpectralPrior(Prior):
     def root(self, line: Line) -> Float[Array, "c k"]:
         return 1 / jnp.sqrt(self.power)
 
-    def moved(self, line: Line, onto: Line) -> "SpectralPrior":
-        rows = [jnp.interp(onto.k, line.k, power) for power in self.power]
-        return SpectralPrior(jnp.stack(rows))
-
     def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
         # By its root, as the derivative of 1/S is 1/S^2, which overflows long before S does.
         return jnp.fft.irfft(jnp.fft.rfft(r) * self.root(line) ** 2, line.n)
