@@ -8,7 +8,7 @@ invalid, by the key that the configuration has. None imports jax before it is ca
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 from .errors import choice, mapping, number, refuse, whole
@@ -35,6 +35,17 @@ def merged(node: Node, changes: Node) -> dict[str, Any]:
         old, inside = both.get(key), isinstance(value, Mapping) and TARGET not in value
         both[key] = merged(old, value) if inside and isinstance(old, Mapping) else value
     return both
+
+
+def varied(
+    whole: Node, line: str, refinement: int, effects: Collection[str], **changed: Any
+) -> dict[str, Any]:
+    """A configuration on another kind of line, with another refinement and some of its effects; all
+    of these act, unless a `tolerance` is among the other changes."""
+    named = {name: node for name, node in (whole["effects"] or {}).items() if name in effects}
+    without = {name: value for name, value in whole.items() if name != "tolerance"}
+    grid = {**whole["grid"], "line": line, "refinement": refinement}
+    return {**without, "effects": named, "grid": grid, **changed}
 
 
 def line(grid: Node, refinement: Any) -> Line:

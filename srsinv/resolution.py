@@ -8,6 +8,8 @@ MOST_CELLS = 2**24  # beyond, the arrays over a line take gigabytes each
 _IN_A_DEPTH = {
     # Beyond, e^(-k z) is negligible: at the cells' last wavenumber it is e^(-50).
     "inversion": 16,
+    # The error of cells falls at least as they do: what is left is a few parts in a thousand.
+    "converged_inversion": 64,
     # Each half of the cells then has one every 0.4 depths, where e^(-k z) is 4e-4.
     "comparison": 5,
     # The signal of a load's edge is then right to 1e-6 of its peak, of a line load to 1e-5.

@@ -188,10 +188,10 @@ def _tolerances(task: FitTask, settings: FitSettings, repeats: int) -> Iterator[
     """One signal from one near start, to several tolerances."""
 
     def row(family: str, tolerance: float, work, read) -> Row:
-        value, first, steady = timed(work, repeats)
+        one = timed(work, repeats)
         return _measured(
-            task, [read(value)], "tolerance", family, tolerance,
-            first_call_s=first, steady_call_s=steady, peer=NEAR_PEER,
+            task, [read(one.value)], "tolerance", family, tolerance,
+            first_call_s=one.first_s, steady_call_s=one.least_s, peer=NEAR_PEER,
         )  # fmt: skip
 
     for tolerance in settings.tolerances:
@@ -234,9 +234,9 @@ def _starts(task: FitTask, settings: FitSettings) -> Iterator[Row]:
 
         for family, work in _both(task, ours, peer):
             ends = [timed(lambda i=i, work=work: work(i), 0) for i in range(settings.signals)]
-            times = [first for _, first, _ in ends]
+            times = [one.first_s for one in ends]
             yield _measured(
-                task, [z for z, *_ in ends], "starts", family, count, first_call_s=times[0],
+                task, [one.value for one in ends], "starts", family, count, first_call_s=times[0],
                 steady_call_s=float(np.median(times[1:] or times)), peer=FAR_PEER,
             )  # fmt: skip
 
@@ -257,11 +257,10 @@ def _batches(task: FitTask, settings: FitSettings, repeats: int) -> Iterator[Row
             return [_best(other, task, i, [start], tolerance) for i in range(count)]
 
         for family, work in _both(task, ours, peer):
-            estimates, first, steady = timed(work, repeats)
+            one = timed(work, repeats)
             yield _measured(
-                task, estimates, "batch", family, count, first_call_s=first / count,
-                steady_call_s=(first if steady is None else steady) / count,
-                peer=FAR_PEER,
+                task, one.value, "batch", family, count, first_call_s=one.first_s / count,
+                steady_call_s=one.least_s / count, peer=FAR_PEER,
             )  # fmt: skip
 
 

@@ -44,8 +44,8 @@ def forward_rows(
     reference = np.asarray(operator(traction))[:, :: REFERENCE * max(sizes) // common]
 
     def row(family: str, cells: int, work: Callable[[], Any], compile_s: float, exact) -> Row:
-        result, first, steady = timed(work, repeats)
-        value = np.asarray(result, float)
+        one = timed(work, repeats)
+        value = np.asarray(one.value, float)
         return {
             "part": "forward",
             "line": line,
@@ -54,8 +54,8 @@ def forward_rows(
             "value": value,
             "error": _relative(value[:, :: cells // common], reference),
             "algebraic_error": 0.0 if exact is None else _relative(value, exact),
-            "first_call_s": compile_s + first,
-            "steady_call_s": steady,
+            "first_call_s": compile_s + one.first_s,
+            "steady_call_s": one.least_s,
             "peer": NUMPY,
             "is_peer": family not in PRECISIONS,
         }
@@ -116,8 +116,8 @@ def inversion_rows(
     for part, prior_of in priors.items():
         exact, solvers = _solvers(tolerances, problem, prior_of(problem), peers)
         for family, peer, work, compile_s in solvers:
-            value, first, steady = timed(work, repeats)
-            value = deviation(np.asarray(value, float))
+            one = timed(work, repeats)
+            value = deviation(np.asarray(one.value, float))
             errors = np.linalg.norm(value - truth, axis=1) / size
             yield {
                 "part": part,
@@ -127,8 +127,8 @@ def inversion_rows(
                 "error": _relative(value, truth),
                 **{f"error_{c}": float(e) for c, e in zip(COMPONENTS, errors, strict=False)},
                 "algebraic_error": _relative(value, exact),
-                "first_call_s": compile_s + first,
-                "steady_call_s": steady,
+                "first_call_s": compile_s + one.first_s,
+                "steady_call_s": one.least_s,
                 "peer": peer,
                 "is_peer": family == peer,
             }

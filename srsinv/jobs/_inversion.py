@@ -59,14 +59,12 @@ def run(case: InversionCase) -> Result:
     estimates, times = {}, []
     for name, method in case.methods.items():
         with stage(f"inverting: {name}"):
-            given, first, steady = timed(
-                lambda method=method: method(case.problem), repeats=case.repeats
-            )
+            one = timed(lambda method=method: method(case.problem), repeats=case.repeats)
         wanted = "an Estimate, as problem.on_line().estimate(...) gives it"
-        estimates[name] = of_kind(f"what {name} gives", given, Estimate, wanted).with_warnings(
+        estimates[name] = of_kind(f"what {name} gives", one.value, Estimate, wanted).with_warnings(
             case.warnings
         )
-        times.append((first, np.nan if steady is None else steady))
+        times.append((one.first_s, one.least_s))
     data = _dataset(case, estimates, np.array(times))
     return Result(_title(case, data), data, sections("inversion", "assumed"))
 

@@ -1,0 +1,69 @@
+"""A problem with the samples of neighbouring cells gathered into wider ones."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import refuse, whole
+from ..forward.film import SampleAverage
+from ..grid import as_real
+from .line_problem import LineProblem
+
+
+def gathered(problem: LineProblem, count: int) -> LineProblem:
+    """The same problem on cells `count` times wider, each with the mean of its samples.
+
+    A cell with a missing sample is missing. The film's charge is averaged as the samples are, and
+    the noise has the spectrum of the means. Raises `BadInput` for a problem without a sensor, and
+    where `count` does not divide the number of cells.
+    """
+    line = problem.line
+    count = whole("count", count, "a whole number from 1", least=1)
+    refuse(
+        line.n % count > 0,
+        f"{line.n} cells cannot be gathered by {count}: give a divisor of their number.",
+    )
+    if count == 1:
+        return problem
+    sensor, scan = problem.sensor, problem.scan
+    refuse(sensor is None, "The problem has an operator and no sensor, and cannot be gathered.")
+    assert sensor is not None
+    assert scan is not None
+    cell = float(line.cell_m)
+    average = SampleAverage(count, cell)
+    films = [film.with_effect(average) for film in sensor.elements]
+    start = float(line.start_m) + (count - 1) / 2 * cell
+    wider = type(line)(line.n // count, as_real(count * cell), as_real(start))
+    observed = problem.is_observed.reshape(len(films), -1, count).all(axis=-1)
+    whole_signal = np.asarray(problem.data + problem.mean_signal)
+    data = np.where(observed, whole_signal.reshape(len(films), -1, count).mean(axis=-1), 0.0)
+    return LineProblem.of_sensor(
+        wider,
+        dataclasses.replace(sensor, elements=films),
+        scan,
+        data,
+        noise_of_means(np.asarray(problem.noise), line.n, count),
+        observed=observed,
+        known_mean_Pa=problem.known_mean_Pa,
+        background_Pa=problem.background_Pa,
+        friction=problem.friction,
+        warnings=problem.warnings,
+    )
+
+
+def noise_of_means(
+    power: Float[np.ndarray, " k"], n: int, count: int
+) -> Float[np.ndarray, " wide"]:
+    """Power of means of `count` successive samples out of n, from their `power` per sample.
+
+    The mean's response is that of a comb of `count`, and the waves that the wider cells cannot tell
+    apart add up. An infinite power at k = 0, of an offset, stays.
+    """
+    has_offset = not np.isfinite(power[0])
+    finite = np.where(np.isfinite(power), power, 0.0)
+    both = np.concatenate([finite, finite[1 : n - power.size + 1][::-1]])
+    comb = np.abs(np.fft.fft(np.ones(count) / count, n)) ** 2
+    folded = (comb * both).reshape(count, -1).sum(axis=0) / count
+    wide = folded[: n // count // 2 + 1]
+    return np.concatenate([[np.inf], wide[1:]]) if has_offset else wide

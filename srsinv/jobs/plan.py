@@ -1,0 +1,258 @@
+"""Accuracy against time, answered: the quickest way to an answer of so much error.
+
+Ways differ in cells, line, precision, effects, method and path. Each is tried on the data
+themselves: errors are measured along curves of ever finer cells and continued by their order.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+
+from .. import config
+from ..errors import choice, number, refuse
+from ..parts import varied
+from ..progress import stage
+from ..report.plot.panels import Curve, Mark, Panel, PanelAxis, panels
+from ..report.plot.style import GREY
+from ..report.result import Result, dataset, scalars
+from ..report.section import sections
+from ..report.text import quantity as in_words
+from ..report.text import significant
+from ._plan_recording import RecordingTrials
+from ._plan_scene import Scenes, SceneTrials
+from ._plan_search import Plan, search
+from ._plan_trials import QUANTITIES, SIGNAL, Trial, Trials
+
+FINER = 4  # times: the converged answer beside the one that others are measured against
+Variables = dict[str, tuple[Any, ...]]
+SETTINGS = ("cells", "refinement", "line", "precision", "effects", "method", "path")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked for: a quantity, its error, the seconds, and whether the plan is to be run."""
+
+    quantity: str
+    error: float | None
+    budget_s: float | None
+    runs: bool
+
+    @classmethod
+    def checked(cls, quantity: str, error: Any, budget_s: Any, runs: Any) -> "Asked":
+        """Raises `BadInput` where nothing is asked for, and for what is no number."""
+        refuse(
+            error is None and budget_s is None,
+            "Nothing is asked for: give error=0.01 for an answer within 1 %, budget_s=1 for one "
+            "within a second, or both.",
+        )
+        refuse(runs not in (True, False), f"plan.run is {runs}: give true or false.")
+        wanted = "a positive number, as 0.01 for 1 %"
+        error = None if error is None else float(number("error", error, wanted, above=0))
+        wanted = "a positive number of seconds"
+        if budget_s is not None:
+            budget_s = float(number("budget_s", budget_s, wanted, above=0))
+        return cls(quantity, error, budget_s, bool(runs))
+
+
+def run(cfg: config.Config) -> Result:
+    """The job: plan for every method named, take the quickest; with `plan.run` compute the
+    converged answer, too.
+
+    Raises `BadInput` where neither an error nor a budget is asked for, and for a quantity that is
+    none.
+    """
+    settings, wanted = config.part(cfg, "plan"), choice("quantity", cfg["quantity"], QUANTITIES)
+    asked = Asked.checked(wanted, cfg["error"], cfg["budget_s"], settings["run"])
+    start = time.perf_counter()
+    with jax.enable_x64(True), stage("trying ways of computing"):
+        if config.part(cfg, "recording")["path"] is None:
+            noise = _noise(config.part(cfg, "noise"), settings["scene_noise"])
+            facts = _sensor(config.part(cfg, "sensor"), settings["scene_sensor"])
+            cfg = config.with_facts({**cfg, "noise": noise}, facts, {"poisson_ratio": 0.5})
+            line, effects = config.line(cfg), tuple(config.part(cfg, "effects"))
+            given = Scenes(
+                line, effects, config.random_key(cfg), config.friction(cfg),
+                lambda r: config.simulation(varied(cfg, *r.simulated)),
+                lambda r, t: config.screened(varied(cfg, *r.simulated, tolerance=t))[1],
+                lambda: config.methods(cfg),
+            )  # fmt: skip
+            make = partial(SceneTrials, given)
+        else:
+            recorded = partial(config.recorded_problem, cfg, config.recording(cfg))
+            make = partial(RecordingTrials, recorded, partial(config.methods, cfg))
+        names = [""] if wanted == SIGNAL else list(config.methods(cfg))
+        tried = [(one, _searched(one, asked)) for one in map(partial(make, wanted), names)]
+        trials, plan = min(tried, key=lambda each: _rank(each[1], asked))
+        spent_s = time.perf_counter() - start
+        measured = _measured(trials, plan) if asked.runs else None
+    data = _dataset([each for _, each in tried], plan, measured, trials, asked)
+    data = data.assign(dataset(scalars({"plan_planning_time_s": spent_s}), {}))
+    title = _title(plan, asked)
+    return Result(title, data, sections("plan", tradeoff=tradeoff, answers=answers))
+
+
+def _noise(named: Mapping[str, Any], of_scene: Any) -> Mapping[str, Any]:
+    """The noise of a scene: the one named, else its own."""
+    is_open = set(named) == {"white"} and named["white"].get("rms") is None
+    return {"snr": of_scene} if is_open else named
+
+
+def _sensor(named: Mapping[str, Any], of_scene: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What a scene's sensor has where the one named leaves it open."""
+    has_elements = named.get("elements") is not None
+    return {k: v for k, v in of_scene.items() if k != "elements" or not has_elements}
+
+
+def _searched(trials: Trials, asked: Asked) -> Plan:
+    return search(trials, asked.error, asked.budget_s)
+
+
+def _rank(plan: Plan, asked: Asked) -> tuple[bool, float]:
+    """The least is best: what is asked for first, then the quickest, or the most exact."""
+    if asked.error is not None:
+        return plan.error > asked.error, max(plan.error - asked.error, 0.0) or plan.trial.seconds
+    over = plan.trial.seconds > (asked.budget_s or np.inf)
+    return over, plan.trial.seconds if over else plan.error
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The planned answer, computed again, and the converged one."""
+
+    planned: Trial
+    converged: Trial
+
+
+def _measured(trials: Trials, plan: Plan) -> Measured:
+    with stage("the converged answer"):
+        converged = trials(trials.finer(plan.beside.recipe, FINER))
+    with stage("the planned answer"):
+        return Measured(trials.run(plan.trial.recipe), converged)
+
+
+def _dataset(
+    plans: Sequence[Plan], plan: Plan, measured: Measured | None, trials: Trials, asked: Asked
+) -> xarray.Dataset:
+    """Every trial, the numbers of the plan, and its answer beside the converged one."""
+    rows = [(trial, of) for of in plans for trial in of.trials]
+    each = [trial for trial, _ in rows]
+    variables: Variables = {
+        "error": ("trial", [of.error_of(trial) for trial, of in rows], "1"),
+        "steady_call_s": ("trial", [trial.seconds for trial in each], "s"),
+        "simulate_time_s": ("trial", [trial.simulate_s for trial in each], "s"),
+        "invert_time_s": ("trial", [trial.invert_s for trial in each], "s"),
+        "first_call_s": ("trial", [trial.first_s for trial in each], "s"),
+        "memory": ("trial", [trial.memory_bytes for trial in each], "B"),
+        "is_chosen": ("trial", [int(trial is plan.trial) for trial in each], "1"),
+        "changed": ("trial", [_changed(trial, of) for trial, of in rows], "1"),
+        **{name: ("trial", [_word(trial, name) for trial in each], "1") for name in SETTINGS},
+    }
+    coordinates: Variables = {"trial": (np.arange(len(rows)), "1")}
+    if measured is not None:
+        along = "row", "point"
+        variables["planned"] = along, measured.planned.value, trials.unit
+        variables["converged"] = along, measured.converged.value, trials.unit
+        coordinates |= {"row": (list(trials.rows), "1"), "point": (trials.points, trials.along)}
+    numbers = scalars(_numbers(plan, measured, asked))
+    return dataset(variables | numbers, coordinates, quantity=asked.quantity)
+
+
+def _numbers(plan: Plan, measured: Measured | None, asked: Asked) -> dict[str, Any]:
+    one, error, budget_s = plan.trial, asked.error, asked.budget_s
+    return {
+        "plan_error_asked": error,
+        "plan_budget_s_asked": budget_s,
+        "plan_error_predicted": plan.error,
+        "plan_error_found": measured and measured.planned.error_from(measured.converged),
+        "plan_time_s_predicted": one.seconds,
+        "plan_time_s_found": measured and measured.planned.seconds,
+        "plan_first_call_s_predicted": one.first_s,
+        "plan_memory_bytes_predicted": one.memory_bytes,
+        "plan_floor": one.floor,
+        "plan_meets_error": None if error is None else plan.error <= error,
+        "plan_meets_budget": None if budget_s is None else one.seconds <= budget_s,
+        "plan_is_in_data": None if error is None else one.floor <= error,
+    }
+
+
+def _changed(trial: Trial, plan: Plan) -> str:
+    """The settings in which a trial differs from the one that errors are measured from."""
+    pairs = ((name, _word(trial, name), _word(plan.beside, name)) for name in SETTINGS)
+    return ", ".join(name for name, own, other in pairs if own != other) or "reference"
+
+
+def _word(trial: Trial, name: str) -> str:
+    if name == "cells":
+        return str(trial.cells)
+    value = getattr(trial.recipe, name)
+    return ", ".join(value) or "none" if isinstance(value, tuple) else str(value or "")
+
+
+def _title(plan: Plan, asked: Asked) -> str:
+    quantity, error, budget_s = asked.quantity, asked.error, asked.budget_s
+    trial, predicted = plan.trial, f"{significant(100 * plan.error, 2)} %"
+    seconds = in_words(trial.seconds, "s")
+    what = f"{quantity} on {trial.cells} cells"
+    if error is not None and plan.error > error:
+        return f"Not reached: {what} leaves an error of {predicted}, and none of the ways less"
+    if error is not None and trial.floor > error:
+        return (
+            f"Not in the data: floor {significant(100 * trial.floor, 2)} %; {what} adds a "
+            f"numerical error of {predicted}, in {seconds}"
+        )
+    if budget_s is not None and trial.seconds > budget_s:
+        return f"Not within {in_words(budget_s, 's')}: {what} takes {seconds}, for {predicted}"
+    return f"{what[0].upper()}{what[1:]} within {predicted} in {seconds}"
+
+
+def tradeoff(ds: xarray.Dataset) -> Figure:
+    """Error against time of every trial, with the one chosen and what was asked for."""
+    curves = [
+        Curve(own["error"].values, str(changed), own["steady_call_s"].values,
+              look={"marker": "o", "linestyle": "none"})
+        for changed in dict.fromkeys(ds["changed"].values.tolist())
+        for own in [ds.isel(trial=np.flatnonzero(ds["changed"] == changed))]
+    ]  # fmt: skip
+    chosen = ds.isel(trial=np.flatnonzero(ds["is_chosen"]))
+    ring = {"marker": "o", "markersize": 13, "markerfacecolor": "none", "linestyle": "none"}
+    curves.append(
+        Curve(chosen["error"].values, "chosen", chosen["steady_call_s"].values, look=ring)
+    )
+    marks = [
+        Mark(float(ds[name]), label, axis, look={"color": GREY, "linestyle": linestyle})
+        for name, label, axis, linestyle in (
+            ("plan_error_asked", "error asked for", "y", "--"),
+            ("plan_budget_s_asked", "budget", "x", ":"),
+            ("plan_floor", "floor of the data", "y", "-."),
+        )
+        if name in ds and float(ds[name]) > 0
+    ]
+    time, error = (
+        PanelAxis(name, unit, is_log=True)
+        for name, unit in (("time of a further call", "s"), ("numerical error", "1"))
+    )
+    return panels([Panel(curves, time, error, marks=marks)], height_in=4.0)
+
+
+def answers(ds: xarray.Dataset) -> Figure:
+    """The planned answer beside the converged one, and their difference."""
+    x = PanelAxis("x" if ds["point"].units == "m" else "time", ds["point"].units)
+    rows = []
+    for row in ds["row"].values.tolist():
+        own = ds.sel(row=row)
+        unit, difference = own["planned"].units, own["planned"] - own["converged"]
+        both = [
+            Curve(own["converged"].values, "converged", look={"linewidth": 3, "alpha": 0.4}),
+            Curve(own["planned"].values, "planned"),
+        ]
+        rows.append(Panel(both, x, PanelAxis(row, unit), own["point"].values))
+        apart = [Curve(difference.values, "planned less converged")]
+        rows.append(Panel(apart, x, PanelAxis(f"difference of {row}", unit), own["point"].values))
+    return panels(rows)
