@@ -14,7 +14,7 @@ from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
 from ..status import Status
 from .diagnostics import undetermined_weights
-from .estimate import Estimate
+from .estimate import Estimate, Numbers
 from .line_problem import LineProblem
 from .method import Method
 from .prior import Prior
@@ -98,8 +98,8 @@ class ScaledSpectra(Family):
 
     power: Float[Array, "c k"]
 
-    def __call__(self, log_weights: Float[Array, " c"]) -> SpectralPrior:
-        return SpectralPrior(10.0 ** log_weights[:, None] * self.power)
+    def __call__(self, log_weights: Float[Numbers, " c"]) -> SpectralPrior:
+        return SpectralPrior(10.0 ** jnp.asarray(log_weights)[:, None] * self.power)
 
 
 class Wiener(Method):
@@ -147,8 +147,8 @@ class Wiener(Method):
             f"rms_{c}_Pa": float(np.sqrt(half_spectrum_weights(problem.line.n) @ s))
             for c, s in zip("pq", np.asarray(power), strict=False)
         }
-        estimate = solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
-        return estimate.with_warnings(undetermined_weights(status))
+        how, warnings = (self.path, self.tolerance), undetermined_weights(status)
+        return solve(problem, SpectralPrior(power), *how, stats=stats, warnings=warnings)
 
     def spectra(self, problem: LineProblem) -> Float[Array, "c k"]:
         return _powers(problem, (self.p, self.q)[: problem.unknowns])
