@@ -143,7 +143,9 @@ def pivots(model: OrthogonalModel, roots: list[PerMode]) -> Pivots:
     xp = model.squares[0].__array_namespace__()
 
     def over(total, known, *parts):
-        inverse = xp.where(known, 1 / xp.where(known, total, 1.0), 0.0)
+        # By its root: the derivative of 1/x has x^2, of all sizes that numbers have.
+        over_length = xp.where(known, 1 / xp.sqrt(xp.where(known, total, 1.0)), 0.0)
+        inverse = over_length * over_length
         return inverse, *(xp.where(known, part * inverse, 1.0) for part in parts)
 
     pairs = zip(model.is_solved, roots, strict=True)
