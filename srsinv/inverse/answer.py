@@ -38,7 +38,7 @@ class Checks(NamedTuple):
     difference_dof: float
 
 
-class Answer(NamedTuple):
+class CheckedSolution(NamedTuple):
     """A solution, what the estimate shows of it, and its checks."""
 
     solution: Solution
@@ -46,7 +46,7 @@ class Answer(NamedTuple):
     checks: Checks
 
 
-def spectral_answer(problem: LineProblem, prior: Prior) -> Answer:
+def spectral_answer(problem: LineProblem, prior: Prior) -> CheckedSolution:
     """The posterior on a periodic line with every sample valid, in numpy and double precision."""
     n, dtype, root = problem.line.n, problem.data.dtype, prior_root(problem.line, prior)
     white, model = noise_whitener(problem), whitened(problem)
@@ -79,10 +79,10 @@ def spectral_answer(problem: LineProblem, prior: Prior) -> Answer:
         residual,
         np.asarray(np.vdot(residual, residual)),
     )
-    return Answer(solution, shown, _checks(solved, stderr, model, roots, n))
+    return CheckedSolution(solution, shown, _checks(solved, stderr, model, roots, n))
 
 
-def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Answer:
+def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> CheckedSolution:
     """The answer of any other solution; the waves' checks are the nearest periodic problem's."""
     n, roots = problem.line.n, list(np.asarray(prior_root(problem.line, prior), float))
     shown, pull, variance = _shown(problem, prior, solution)
@@ -93,7 +93,7 @@ def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Answer:
         np.abs(to_spectrum(averaging))[:, -1],
         difference_dof(whitened(problem), roots, n),
     )
-    return Answer(solution, shown, checks)
+    return CheckedSolution(solution, shown, checks)
 
 
 @eqx.filter_jit

@@ -11,7 +11,7 @@ import abc
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ from jaxtyping import Float
 from ..errors import refuse
 from ..status import Status
 from . import diagnostics, direct, iterative, near_periodic, spectral
-from .answer import Answer, answer_of, spectral_answer
+from .answer import CheckedSolution, answer_of, spectral_answer
 from .estimate import COMPONENTS, Numbers, TractionEstimate
 from .gaps import Gaps
 from .line_model import Shown, chi2
@@ -98,7 +98,10 @@ def choose_path(problem: LineProblem, path: str) -> str:
 
 
 class Family(eqx.Module):
-    """A family of priors, by their log10 weights, for a rule to choose from."""
+    """A family of priors, by their log10 weights, for a rule to choose from: P is that of weights 0
+    times 10^(`sign` log10 weight), for each component."""
+
+    sign: ClassVar[int]
 
     @abc.abstractmethod
     def __call__(self, log_weights: Float[Numbers, " c"]) -> Prior:
@@ -110,14 +113,16 @@ class Scorer(eqx.Module):
 
     family: Family
     problem: LineProblem
-    reduced: direct.Whitened | spectral.Reduced | None
+    reduced: "direct.Whitened | tuple[spectral.Reduced, Numbers] | None"
 
     def __init__(self, family: Family, problem: LineProblem, path: str):
         path = choose_path(problem, path)
         self.family, self.problem = family, problem.on_line()
         has_gaps = path == "iterative" and problem.observed is not None
-        reduce = direct.whiten if path == "direct" else spectral.reduced
-        self.reduced = None if has_gaps else _on_device(reduce(problem))
+        if path == "direct":
+            self.reduced = direct.whiten(self.problem)
+        else:
+            self.reduced = None if has_gaps else _on_device(_reduced(family, self.problem))
 
     def __call__(self, log_weights: Float[Numbers, "b c"]) -> Score:
         """One score for each row of log10 weights."""
@@ -144,6 +149,12 @@ def _as_it_is(score: Score, samples: int) -> Score:
     return score
 
 
+def _reduced(family: Family, problem: LineProblem):
+    """The problem, and the prior's root with weights of 1, reduced to what all weights share."""
+    root = spectral.prior_root(problem.line, family(np.zeros(problem.unknowns)))
+    return spectral.reduced(problem), root
+
+
 @jax.jit
 def _on_device(tree):
     """Arrays of numpy as jax's, all at once."""
@@ -161,10 +172,11 @@ def _values(
     samples: int,
 ):
     def value(logs):
-        prior = family(logs)
-        if isinstance(reduced, spectral.Reduced):
-            return criterion(spectral.score(reduced, prior.root(problem.line)), samples)
-        return criterion(direct.score(problem, prior, reduced), samples)
+        if isinstance(reduced, direct.Whitened):
+            return criterion(direct.score(problem, family(logs), reduced), samples)
+        of, root = reduced
+        factor = 10.0 ** (family.sign * logs / 2)
+        return criterion(spectral.score(of, factor[:, None] * root), samples)
 
     def add(i, values):
         return jax.tree.map(lambda all, each: all.at[i].set(each), values, value(log_weights[i]))
@@ -175,7 +187,11 @@ def _values(
 
 
 def _estimate(
-    problem: LineProblem, answer: Answer, status: Status, stats: dict, warnings: Sequence[str]
+    problem: LineProblem,
+    answer: CheckedSolution,
+    status: Status,
+    stats: dict,
+    warnings: Sequence[str],
 ) -> TractionEstimate:
     solution, shown, _ = answer
     stats["condition"] = float(solution.condition)
@@ -200,7 +216,7 @@ def _estimate(
     )
 
 
-def _warnings(problem: LineProblem, answer: Answer, stats: dict) -> tuple[str, ...]:
+def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tuple[str, ...]:
     solution, shown, checks = answer
     resolved_dof, noise = np.asarray(solution.resolved_dof, float), np.asarray(problem.noise)
     columns = COMPONENTS[: problem.unknowns], resolved_dof, *checks[:3]

@@ -236,12 +236,13 @@ def prior_root(line: Line, prior: Prior) -> Float[Array, "c k"]:
 class Reduced(NamedTuple):
     """What scores take of a problem, whatever the prior: the model without its columns, the data
     `along` their directions (re and im, k) in phases that make t real, and the sum of squares of
-    the `rest`; `weights` (k,) of a wavenumber in a sum over all n."""
+    the `rest`; `weights` (k,) of a wavenumber in a sum over all `n`."""
 
     model: OrthogonalModel
     along: list[Float[Any, "2 k"]]
     rest: float
     weights: PerMode
+    n: float
 
 
 def reduced(problem: LineProblem) -> Reduced:
@@ -258,13 +259,13 @@ def reduced(problem: LineProblem) -> Reduced:
     parts = [np.stack([z.real, z.imag]) for z in along]
     weights = n * half_spectrum_weights(n)
     rest = float(weights @ np.sum(square(left), axis=0)) / n
-    return Reduced(model._replace(columns=[], ratio=ratio), parts, rest, weights)
+    return Reduced(model._replace(columns=[], ratio=ratio), parts, rest, weights, float(n))
 
 
 def score(of: Reduced, root: Float[Array, "c k"]) -> Score:
     """The score of the prior with this root."""
     model, at, z = of.model, pivots(of.model, list(root)), of.along
-    n = jnp.sum(of.weights)
+    n = of.n
     freedom, left = at.inverse[0] * model.squares[0], [at.others[0] * z[0]]
     if len(z) == 2:
         mix = at.prior[0] * at.inverse[1] * jnp.sqrt(model.shared * model.squares[1])

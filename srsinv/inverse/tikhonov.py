@@ -1,7 +1,7 @@
 """Tikhonov's method: a penalty on the traction or its derivatives, its weight chosen by a rule."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -51,6 +51,7 @@ class DerivativePenalty(Prior):
 class Penalties(Family):
     """Derivative penalties by their log10 weights."""
 
+    sign: ClassVar[int] = 1
     length_m: Float[Array, ""]
     order: int = eqx.field(static=True)
 

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -96,6 +96,7 @@ class SpectralPrior(Prior):
 class ScaledSpectra(Family):
     """Given spectra, each multiplied by a factor."""
 
+    sign: ClassVar[int] = -1
     power: Float[Array, "c k"]
 
     def __call__(self, log_weights: Float[Numbers, " c"]) -> SpectralPrior:
