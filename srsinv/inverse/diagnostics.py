@@ -25,7 +25,6 @@ GOOD_CHI2 = 1.2  # of a fit, per degree of freedom: bands so much too narrow cov
 # its resolution.
 MOST_PULL = 0.25
 RESOLVED_GAIN = 0.5  # of a wave's amplitude, from which on it counts as resolved
-LEAST_EXPONENT = -1000  # of 2, whose inverse is a number still
 FEW_MISSING = 0.05  # of the samples
 MUCH_SLIDING = 0.1  # of the signal's rms: sliding makes less
 
@@ -49,45 +48,15 @@ def prior_alone(
     )
 
 
-def shared_out(gain: np.ndarray, root: np.ndarray, cells: int) -> Sequence[str]:
-    """Warning on p and q that are observed through one linear combination alone.
-
-    `gain` (e, 2, k) is the model over the noise, `root` (2, k) the prior's. The second singular
-    direction v of each wavenumber has s^2/(s^2 + v^H P v) resolved degrees of freedom.
-    """
-    small, of_p = _singular(gain.astype(complex))
-    held = of_p * root[0].astype(float) ** 2 + (1 - of_p) * root[1].astype(float) ** 2
-    resolved_dof = cells * np.mean(small / np.maximum(small + held, np.finfo(float).tiny))
+def shared_out(resolved_dof: float) -> Sequence[str]:
+    """Warning on p and q that are observed through one linear combination alone: of the other one
+    the signal resolves `resolved_dof` degrees of freedom."""
     if resolved_dof >= LEAST_RESOLVED_DOF:
         return ()
     return (
         "The elements respond to one mix of p and q alone, and the prior divides it between them: "
         f"the signal resolves {resolved_dof:.2g} degrees of freedom of their difference.",
     )
-
-
-def _singular(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The second singular value squared of (e, 2, k), and the fraction of p in its direction.
-
-    Both squares have the product of the larger column's square and that of the smaller one's
-    residual beside it, which loses no digits where the columns are nearly parallel. Each wavenumber
-    is taken by a power of 2 of its own, as squares of short waves are beyond the smallest number.
-    """
-    scale = 2.0 ** -np.maximum(np.frexp(np.abs(gain).max(axis=(0, 1)))[1], LEAST_EXPONENT)
-    gain = gain * scale
-    squares = np.sum(np.abs(gain) ** 2, axis=0)
-    first = np.where(squares[0] >= squares[1], 0, 1)
-    a, b = (np.take_along_axis(gain, at[None, None], 1)[:, 0] for at in (first, 1 - first))
-    size, total = squares.max(axis=0), squares.sum(axis=0)
-    safe = np.where(size > 0, size, 1.0)
-    for _ in range(2):  # the second sweep restores the orthogonality that the first one loses
-        b = b - a * np.sum(a.conj() * b, axis=0) / safe
-    product = size * np.sum(np.abs(b) ** 2, axis=0)
-    large = (total + np.sqrt(np.maximum(total**2 - 4 * product, 0.0))) / 2
-    small = product / np.where(large > 0, large, 1.0)
-    between = large - small
-    of_p = np.where(between > 0, (large - squares[0]) / np.where(between > 0, between, 1.0), 0.5)
-    return small / scale / scale, np.clip(of_p, 0.0, 1.0)
 
 
 def pulled_by_prior(name: str, pull: float, resolved_dof: float) -> Sequence[str]:

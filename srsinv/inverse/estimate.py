@@ -17,6 +17,7 @@ from ..status import Status
 from .quality import Quality, quality, reasons
 
 COMPONENTS = ("p", "q")
+Numbers = Array | np.ndarray
 
 
 class Estimate(eqx.Module):
@@ -38,13 +39,13 @@ class Estimate(eqx.Module):
     """
 
     line: eqx.AbstractVar[Line]
-    value: eqx.AbstractVar[Float[Array, "2 n"]]
-    stderr: eqx.AbstractVar[Float[Array, "2 n"]]
-    fitted: eqx.AbstractVar[Float[Array, "e sample"]]
-    whitened: eqx.AbstractVar[Float[Array, "e sample"]]
+    value: eqx.AbstractVar[Float[Numbers, "2 n"]]
+    stderr: eqx.AbstractVar[Float[Numbers, "2 n"]]
+    fitted: eqx.AbstractVar[Float[Numbers, "e sample"]]
+    whitened: eqx.AbstractVar[Float[Numbers, "e sample"]]
     parameters: eqx.AbstractVar[Mapping[str, tuple[float, float]]]
-    covariance: eqx.AbstractVar[Complex[Array, "c c k"] | Float[Array, "m m"] | None]
-    averaging: eqx.AbstractVar[Float[Array, "c c n"] | None]
+    covariance: eqx.AbstractVar[Complex[Numbers, "c c k"] | Float[Numbers, "m m"] | None]
+    averaging: eqx.AbstractVar[Float[Numbers, "c c n"] | None]
     status: eqx.AbstractVar[Status]
     warnings: eqx.AbstractVar[tuple[str, ...]]
     stats: eqx.AbstractVar[dict[str, Any]]
@@ -97,18 +98,18 @@ class TractionEstimate(Estimate):
     """
 
     line: Line
-    value: Float[Array, "2 n"]
-    stderr: Float[Array, "2 n"]
-    fitted: Float[Array, "e sample"]
-    whitened: Float[Array, "e sample"]
-    friction: Float[Array, ""] | None
+    value: Float[Numbers, "2 n"]
+    stderr: Float[Numbers, "2 n"]
+    fitted: Float[Numbers, "e sample"]
+    whitened: Float[Numbers, "e sample"]
+    friction: Float[Numbers, ""] | None
     status: Status = eqx.field(static=True, converter=Status)
     warnings: tuple[str, ...] = eqx.field(static=True)
     stats: dict[str, Any] = eqx.field(static=True)
     parameters: Mapping[str, tuple[float, float]] = eqx.field(static=True, default_factory=dict)
-    covariance: Complex[Array, "c c k"] | Float[Array, "m m"] | None = None
-    mean_weights: Float[Array, "c n"] | None = None
-    averaging: Float[Array, "c c n"] | None = None
+    covariance: Complex[Numbers, "c c k"] | Float[Numbers, "m m"] | None = None
+    mean_weights: Float[Numbers, "c n"] | None = None
+    averaging: Float[Numbers, "c c n"] | None = None
 
     def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value = np.asarray(self.value)

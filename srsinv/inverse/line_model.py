@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..grid import Convolution, Line
-from .estimate import COMPONENTS
+from .estimate import COMPONENTS, Numbers
 from .means import are_observable
 
 CHI2, FREEDOM = "chi2_per_freedom", "degrees_of_freedom"
@@ -18,11 +18,11 @@ class Shown(NamedTuple):
     """Parts of an estimate: p and q [Pa] and their standard error (2, n), the fitted signal and the
     whitened residual (e, n), and the sum of the latter's squares."""
 
-    value: Float[Array, "2 n"]
-    stderr: Float[Array, "2 n"]
-    fitted: Float[Array, "e n"]
-    whitened: Float[Array, "e n"]
-    squares: Float[Array, ""]
+    value: Float[Numbers, "2 n"]
+    stderr: Float[Numbers, "2 n"]
+    fitted: Float[Numbers, "e n"]
+    whitened: Float[Numbers, "e n"]
+    squares: Float[Numbers, ""]
 
 
 class LineModel(eqx.Module):
@@ -113,30 +113,26 @@ class LineModel(eqx.Module):
         return are_observable(self.forward, self.noise, self._known)
 
     @property
-    @eqx.filter_jit
-    def mean_weights(self) -> Float[Array, "c n"]:
+    def mean_weights(self) -> Float[Numbers, "c n"]:
         """The weights of each unknown's mean over the sampled cells where that mean is weakly
         observed, on an open line: its error would mask all others. Else zero."""
-        hidden = ~self.zero_mean & ~self.mean_is_observable & (not self.forward.is_circular)
+        if self.forward.is_circular:
+            return np.broadcast_to(0.0, (self.unknowns, self.line.n))
+        return self._mean_weights()
+
+    @eqx.filter_jit
+    def _mean_weights(self) -> Float[Array, "c n"]:
+        hidden = ~self.zero_mean & ~self.mean_is_observable
         ones = jnp.ones(self.data.shape, bool) if self.observed is None else self.observed
         cells = jnp.any(ones, axis=0)
         return hidden[:, None] * (cells / jnp.sum(cells))[None, :]
 
-    def show(self, traction: Float[Array, "c n"], stderr: Float[Array, "c n"]) -> Shown:
+    def show(self, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"]) -> Shown:
         """What an estimate shows of a solution: see `Shown`."""
-        fitted, value = self.forward(traction), traction
-        pairs = zip(self.known_mean_Pa, self.background_Pa, strict=True)
-        means = [
-            sum((m for m in pair if m is not None), jnp.zeros((), value.dtype)) for pair in pairs
-        ]
-        if self.friction is not None:
-            value = jnp.concatenate([value, self.friction * value])
-            stderr = jnp.concatenate([stderr, jnp.abs(self.friction) * stderr])
-            means[1] = self.friction * means[0]
+        fitted = self.forward(jnp.asarray(traction))
         whitened = self.whitened(self.data - fitted)
         return Shown(
-            value + jnp.stack(means)[:, None],
-            stderr,
+            *with_means(self, traction, stderr),
             fitted + self.mean_signal + self.free_offset(self.data - fitted),
             whitened,
             jnp.nansum(whitened**2),
@@ -150,17 +146,6 @@ class LineModel(eqx.Module):
             residual = jnp.where(observed, residual, 0.0)
         whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * self.whitener, self.line.n)
         return whitened if observed is None else jnp.where(observed, whitened, jnp.nan)
-
-    def chi2(self, resolved_dof: float, squares: float) -> dict[str, float | None]:
-        """Chi-square of the residual per degree of freedom, from the whitened residual's sum of
-        squares; None where it is undefined."""
-        noise = np.asarray(self.noise)
-        offsets = 0 if np.isfinite(noise[0]) else self.data.shape[0]
-        freedom = float(self.sample_count - offsets - resolved_dof)
-        # With samples missing, a residual whitened with zeros in the gaps is white for white noise
-        # alone.
-        known = (self.observed is None or not np.ptp(noise[1:])) and freedom >= 1
-        return {CHI2: squares / freedom if known else None, FREEDOM: freedom}
 
     @property
     def _known(self) -> tuple[bool, ...]:
@@ -183,3 +168,33 @@ class LineModel(eqx.Module):
         if self.forward.is_circular:
             return "unobserved: the signal is blind to it; the estimate is the deviation from it"
         return "weakly observed: only what the window's ends show of it"
+
+
+def with_means(
+    model: LineModel, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"]
+) -> tuple[Float[Numbers, "2 n"], Float[Numbers, "2 n"]]:
+    """p and q with the means that are known, and their standard error."""
+    xp = traction.__array_namespace__()
+    pairs = zip(model.known_mean_Pa, model.background_Pa, strict=True)
+    means = [
+        sum((xp.asarray(m) for m in pair if m is not None), xp.zeros((), traction.dtype))
+        for pair in pairs
+    ]
+    if model.friction is not None:
+        friction = xp.asarray(model.friction)
+        traction = xp.concatenate([traction, friction * traction])
+        stderr = xp.concatenate([stderr, xp.abs(friction) * stderr])
+        means[1] = friction * means[0]
+    return traction + xp.stack(means)[:, None], stderr
+
+
+def chi2(model: LineModel, resolved_dof: float, squares: float) -> dict[str, float | None]:
+    """Chi-square of the residual per degree of freedom, from the whitened residual's sum of
+    squares; None where it is undefined."""
+    noise = np.asarray(model.noise)
+    offsets = 0 if np.isfinite(noise[0]) else model.data.shape[0]
+    freedom = float(model.sample_count - offsets - resolved_dof)
+    # With samples missing, a residual whitened with zeros in the gaps is white for white noise
+    # alone.
+    known = (model.observed is None or not np.ptp(noise[1:])) and freedom >= 1
+    return {CHI2: squares / freedom if known else None, FREEDOM: freedom}

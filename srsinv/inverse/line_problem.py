@@ -1,6 +1,7 @@
 """A problem on the cells of a line, linear in the traction: what Wiener's filter, Tikhonov's method
 and their like solve. What follows from its numbers alone is in line_model.py."""
 
+import copy
 import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ from ._line_checks import check, check_estimate, unboxed
 from .cells import Window
 from .diagnostics import residual_over_noise
 from .estimate import TractionEstimate
-from .line_model import CHI2, FREEDOM, LineModel, Shown
+from .line_model import CHI2, FREEDOM, LineModel, Shown, chi2
 from .means import have_zero_mean, less_means
 from .sample_noise import Samples, noise_on_line
 
@@ -124,7 +125,10 @@ class LineProblem(LineModel):
         """Itself, without the sensor: what is compiled for one problem then serves all sensors."""
         if self.sensor is None:
             return self
-        return eqx.tree_at(lambda p: (p.sensor, p.scan, p.passed), self, (None, None, None))
+        alone = copy.copy(self)
+        for name in ("sensor", "scan", "passed"):
+            object.__setattr__(alone, name, None)
+        return alone
 
     @property
     def own_line(self) -> Line:
@@ -194,8 +198,8 @@ class LineProblem(LineModel):
         check_estimate((self.unknowns, self.line.n), parts, status, resolved_dof, warnings, stats)
         unknown = jnp.full(np.shape(traction), jnp.nan)
         shown = _shown(self, jnp.asarray(traction), unknown if stderr is None else stderr)
-        chi2 = self.chi2(float(resolved_dof), float(shown.squares))
-        over_noise = residual_over_noise(chi2[CHI2], chi2[FREEDOM] or 0.0)
+        squares = chi2(self, float(resolved_dof), float(shown.squares))
+        over_noise = residual_over_noise(squares[CHI2], squares[FREEDOM] or 0.0)
         finite = bool(jnp.all(jnp.isfinite(shown.value)))
         return TractionEstimate(
             line=self.line,
@@ -206,7 +210,7 @@ class LineProblem(LineModel):
             friction=self.friction,
             status=Status(status) if finite else Status.NOT_FINITE,
             warnings=(*self.warnings, *warnings, *over_noise),
-            stats=stats | chi2,
+            stats=stats | squares,
         )
 
 

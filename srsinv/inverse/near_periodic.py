@@ -9,7 +9,6 @@ blocks of neighbours: conjugate gradients solve it in a few steps.
 It is all in numpy and in double precision: a recording is solved once, and compiling takes longer.
 """
 
-import jax
 import numpy as np
 from jaxtyping import Complex, Float
 
@@ -26,7 +25,6 @@ HAT = 2.5  # rms lags of the kernel
 SCORE_TOLERANCE = 1e-4
 
 Matrices = Complex[np.ndarray, "row column k"]
-_factorise = jax.jit(factorise)
 
 
 class NearPeriodic:
@@ -41,9 +39,7 @@ class NearPeriodic:
     def __init__(self, problem: LineProblem, prior: Prior, gaps: Gaps):
         self.gaps, self.n = gaps, problem.line.n
         self.white = np.asarray(problem.whitener, float)
-        factor = _factorise(problem.on_line(), prior)
-        top, inverse = (np.asarray(of, complex) for of in (factor.q, factor.inverse))
-        top = top[: problem.data.shape[0]]
+        top, inverse = factorise(problem, prior)
         self.model = self.white * np.asarray(problem.forward.circulant().transfer, complex)
         self.inverse, self.top = inverse, top
         self.covariance = np.einsum("ijk,ljk->ilk", inverse, inverse.conj())

@@ -12,6 +12,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from ..grid import Line
+from .estimate import Numbers
 
 
 class Prior(eqx.Module):
@@ -25,7 +26,7 @@ class Prior(eqx.Module):
     def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
         """P r on the line as it is."""
 
-    def differences(self, line: Line) -> tuple[int, Float[Array, " c"]] | None:
+    def differences(self, line: Line) -> tuple[int, Float[Numbers, " c"]] | None:
         """Where P is a weighted sum of squared differences of neighbouring cells: their order, and
         the weight of each component's [1/Pa^2]. None where it is no such sum."""
         del line
@@ -47,9 +48,9 @@ class Solution(NamedTuple):
     - `condition`: the condition number of the path's system.
     """
 
-    value: Float[Array, "c n"]
-    stderr: Float[Array, "c n"]
-    covariance: Array
-    averaging: Float[Array, "c c n"]
-    resolved_dof: Float[Array, " c"]
-    condition: Float[Array, ""]
+    value: Float[Numbers, "c n"]
+    stderr: Float[Numbers, "c n"]
+    covariance: Numbers
+    averaging: Float[Numbers, "c c n"]
+    resolved_dof: Float[Numbers, " c"]
+    condition: Float[Numbers, ""]

@@ -8,22 +8,24 @@
 """
 
 import abc
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
 from ..errors import refuse
-from ..grid import half_spectrum_weights
 from ..status import Status
 from . import diagnostics, direct, iterative, near_periodic, spectral
-from .estimate import COMPONENTS, TractionEstimate
+from .answer import CheckedSolution, answer_of, spectral_answer
+from .estimate import COMPONENTS, Numbers, TractionEstimate
 from .gaps import Gaps
-from .line_model import Shown
+from .line_model import Shown, chi2
 from .line_problem import LineProblem
 from .prior import Prior, Score, Solution
 
@@ -33,22 +35,31 @@ DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not cho
 TRUSTED = {"float64": 6e11, "float32": 1.7e4}
 TRUSTED_ITERATIVE = 6e11
 PATHS = ("auto", "spectral", "direct", "iterative")
+BATCH = 19  # weights of one call at least, as in a rule's first scan: one program serves all
+Criterion = Callable[[Score, int], Any]
 
 
 def solve(
-    problem: LineProblem, prior: Prior, path: str = "auto", tolerance: float = 1e-10
+    problem: LineProblem,
+    prior: Prior,
+    path: str = "auto",
+    tolerance: float = 1e-10,
+    *,
+    stats: Mapping[str, Any] = MappingProxyType({}),
+    warnings: Sequence[str] = (),
 ) -> TractionEstimate:
     """Posterior mean and standard error of the traction.
 
-    `path` is one of `PATHS`; `tolerance` is the relative tolerance of the iterative one. Raises
-    `BadInput` for a path that is unknown or does not serve this problem.
+    `path` is one of `PATHS`; `tolerance` is the relative tolerance of the iterative one; `stats`
+    and `warnings` are what the estimate has besides. Raises `BadInput` for a path that is unknown
+    or does not serve this problem.
     """
     path = choose_path(problem, path)
-    stats: dict = {"path": path}
+    stats = {**stats, "path": path}
     status, eps = Status.CONVERGED, float(jnp.finfo(problem.data.dtype).eps)
     if path == "spectral":
-        solution = spectral.solve(problem, prior)
-    elif path == "direct":
+        return _estimate(problem, spectral_answer(problem, prior), status, stats, warnings)
+    if path == "direct":
         solution = direct.solve(problem, prior, direct.whiten(problem))
         status = _trusted(solution, TRUSTED[problem.data.dtype.name])
     else:
@@ -59,8 +70,7 @@ def solve(
             status = Status.STEP_LIMIT
         elif not problem.separable:
             status = _trusted(solution, TRUSTED_ITERATIVE)
-    stats["condition"] = float(solution.condition)
-    return _estimate(problem, prior, solution, status, stats)
+    return _estimate(problem, answer_of(problem, prior, solution), status, stats, warnings)
 
 
 def _trusted(solution: Solution, most: float) -> Status:
@@ -88,10 +98,13 @@ def choose_path(problem: LineProblem, path: str) -> str:
 
 
 class Family(eqx.Module):
-    """A family of priors, by their log10 weights, for a rule to choose from."""
+    """A family of priors, by their log10 weights, for a rule to choose from: P is that of weights 0
+    times 10^(`sign` log10 weight), for each component."""
+
+    sign: ClassVar[int]
 
     @abc.abstractmethod
-    def __call__(self, log_weights: Float[Array, " c"]) -> Prior:
+    def __call__(self, log_weights: Float[Numbers, " c"]) -> Prior:
         """The prior with these weights."""
 
 
@@ -100,41 +113,93 @@ class Scorer(eqx.Module):
 
     family: Family
     problem: LineProblem
-    white: direct.Whitened | None
-    has_gaps: bool = eqx.field(static=True)
+    reduced: "direct.Whitened | tuple[spectral.Reduced, Numbers] | None"
 
     def __init__(self, family: Family, problem: LineProblem, path: str):
         path = choose_path(problem, path)
-        self.family, self.problem = family, problem
-        self.white = direct.whiten(problem) if path == "direct" else None
-        self.has_gaps = path == "iterative" and problem.observed is not None
+        self.family, self.problem = family, problem.on_line()
+        has_gaps = path == "iterative" and problem.observed is not None
+        if path == "direct":
+            self.reduced = direct.whiten(self.problem)
+        else:
+            self.reduced = None if has_gaps else _on_device(_reduced(family, self.problem))
 
-    def __call__(self, log_weights: Float[Array, "b c"]) -> Score:
+    def __call__(self, log_weights: Float[Numbers, "b c"]) -> Score:
         """One score for each row of log10 weights."""
-        if not self.has_gaps:
-            return _scores(self, log_weights)
-        gaps = Gaps.of(self.problem.is_observed)
-        scores = [near_periodic.score(self.problem, self.family(w), gaps) for w in log_weights]
-        return Score(*(jnp.asarray(np.array(terms)) for terms in zip(*scores, strict=True)))
+        return self.values(_as_it_is, log_weights)
+
+    def values(self, criterion: Criterion, log_weights: Float[Numbers, "b c"]) -> Any:
+        """The criterion, which takes a score and the number of samples, for each row of log10
+        weights. It is compiled with the scores, of which it may need some terms alone."""
+        samples = self.problem.sample_count
+        if self.reduced is None:
+            gaps = Gaps.of(self.problem.is_observed)
+            terms = [near_periodic.score(self.problem, self.family(w), gaps) for w in log_weights]
+            columns = (jnp.asarray(np.array(each)) for each in zip(*terms, strict=True))
+            return criterion(Score(*columns), samples)
+        count = len(log_weights)
+        padded = np.zeros((max(count, BATCH), log_weights.shape[1]))
+        padded[:count] = log_weights
+        of = criterion, self.family, self.problem, self.reduced
+        return jax.tree.map(lambda each: each[:count], _values(*of, padded, count, samples))
 
 
-@eqx.filter_jit
-def _scores(scorer: Scorer, log_weights: Float[Array, "b c"]) -> Score:
-    problem, white = scorer.problem, scorer.white
-    if white is None:
-        return jax.vmap(lambda logs: spectral.score(problem, scorer.family(logs)))(log_weights)
-    return jax.lax.map(lambda logs: direct.score(problem, scorer.family(logs), white), log_weights)
+def _as_it_is(score: Score, samples: int) -> Score:
+    del samples
+    return score
+
+
+def _reduced(family: Family, problem: LineProblem):
+    """The problem, and the prior's root with weights of 1, reduced to what all weights share."""
+    root = spectral.prior_root(problem.line, family(np.zeros(problem.unknowns)))
+    return spectral.reduced(problem), root
+
+
+@jax.jit
+def _on_device(tree):
+    """Arrays of numpy as jax's, all at once."""
+    return tree
+
+
+@partial(jax.jit, static_argnames=("criterion", "samples"))
+def _values(
+    criterion: Criterion,
+    family: Family,
+    problem: LineProblem,
+    reduced,
+    log_weights,
+    count,
+    samples: int,
+):
+    def value(logs):
+        if isinstance(reduced, direct.Whitened):
+            return criterion(direct.score(problem, family(logs), reduced), samples)
+        of, root = reduced
+        factor = 10.0 ** (family.sign * logs / 2)
+        return criterion(spectral.score(of, factor[:, None] * root), samples)
+
+    def add(i, values):
+        return jax.tree.map(lambda all, each: all.at[i].set(each), values, value(log_weights[i]))
+
+    like = jax.eval_shape(value, log_weights[0])
+    empty = jax.tree.map(lambda each: jnp.zeros((len(log_weights), *each.shape), each.dtype), like)
+    return jax.lax.fori_loop(0, count, add, empty)
 
 
 def _estimate(
-    problem: LineProblem, prior: Prior, solution: Solution, status: Status, stats: dict
+    problem: LineProblem,
+    answer: CheckedSolution,
+    status: Status,
+    stats: dict,
+    warnings: Sequence[str],
 ) -> TractionEstimate:
-    shown, finite, against = _shown(problem, prior, solution)
-    if not bool(finite):
+    solution, shown, _ = answer
+    stats["condition"] = float(solution.condition)
+    if not (np.isfinite(shown.value).all() and np.isfinite(shown.stderr).all()):
         status = Status.NOT_FINITE
     names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.resolved_dof, float)
     stats |= {f"resolved_dof_{name}": float(t) for name, t in zip(names, resolved_dof, strict=True)}
-    stats |= problem.chi2(resolved_dof.sum(), float(shown.squares))
+    stats |= chi2(problem, float(resolved_dof.sum()), float(shown.squares))
     return TractionEstimate(
         line=problem.line,
         value=shown.value,
@@ -146,41 +211,22 @@ def _estimate(
         averaging=solution.averaging,
         friction=problem.friction,
         status=status,
-        warnings=_warnings(problem, prior, solution, shown, against, stats),
+        warnings=(*_warnings(problem, answer, stats), *warnings),
         stats=stats,
     )
 
 
-class _AgainstPrior(NamedTuple):
-    """Of each component (c,): the prior's pull on the estimate, squared, over its variance; and the
-    fraction of the prior's variance that the signal explains."""
-
-    pull: Float[Array, " c"]
-    explained: Float[Array, " c"]
-
-
-def _warnings(
-    problem: LineProblem,
-    prior: Prior,
-    solution: Solution,
-    shown: Shown,
-    against: _AgainstPrior,
-    stats: dict,
-) -> tuple[str, ...]:
+def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tuple[str, ...]:
+    solution, shown, checks = answer
     resolved_dof, noise = np.asarray(solution.resolved_dof, float), np.asarray(problem.noise)
-    averaging = np.einsum("ccn->cn", np.asarray(solution.averaging))
-    shortest = np.abs(np.fft.rfft(averaging.astype(float)))[:, -1]
-    pull, explained = (np.asarray(of, float) for of in against)
-    columns = COMPONENTS[: problem.unknowns], resolved_dof, pull, explained, shortest
+    columns = COMPONENTS[: problem.unknowns], resolved_dof, *checks[:3]
     each = list(zip(*columns, strict=True))
     largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.mean_signal))))
-    shared, n = (), problem.line.n
-    if problem.unknowns > 1 and resolved_dof.sum() >= diagnostics.LEAST_RESOLVED_DOF:
-        gain, root = (np.asarray(part)[..., 1:] for part in _whitened_model(problem, prior))
-        shared = diagnostics.shared_out(gain, root, n)
+    is_any = resolved_dof.sum() >= diagnostics.LEAST_RESOLVED_DOF
+    n = problem.line.n
     return (
         *problem.warnings,
-        *shared,
+        *(diagnostics.shared_out(checks.difference_dof) if is_any else ()),
         *(s for name, t, _, part, _ in each for s in diagnostics.prior_alone(name, t, n, part)),
         *(s for name, t, pull, _, _ in each for s in diagnostics.pulled_by_prior(name, pull, t)),
         *(s for name, *_, least in each for s in diagnostics.unresolved_waves(name, least)),
@@ -206,40 +252,3 @@ def _missing(problem: LineProblem) -> float:
     observed = np.asarray(problem.observed)
     cells = np.flatnonzero(observed.any(axis=0))
     return float(1 - observed[:, cells[0] : cells[-1] + 1].mean())
-
-
-@eqx.filter_jit
-def _whitened_model(problem: LineProblem, prior: Prior):
-    """The nearest periodic model over the noise (e, c, k), and the prior's root (c, k)."""
-    return problem.forward.circulant().transfer * problem.whitener, prior.root(problem.line)
-
-
-@eqx.filter_jit
-def _shown(
-    problem: LineProblem, prior: Prior, solution: Solution
-) -> tuple[Shown, Bool[Array, ""], _AgainstPrior]:
-    """What the estimate shows, whether all of it is finite, and what speaks against its prior."""
-    value, stderr = solution.value, solution.stderr
-    finite = jnp.all(jnp.isfinite(value)) & jnp.all(jnp.isfinite(stderr))
-    return problem.show(value, stderr), finite, _against_prior(problem, prior, solution)
-
-
-def _against_prior(problem: LineProblem, prior: Prior, solution: Solution) -> _AgainstPrior:
-    """The prior's pull is C P r, C the posterior covariance: the estimate less what the data alone
-    would have in its place, as far as they can tell. Over the cells with samples, less its mean."""
-    line, covariance = problem.line, solution.covariance
-    weighted = prior.apply(line, solution.value)
-    if covariance.ndim == 3:
-        pull = jnp.fft.irfft(jnp.einsum("ijk,jk->ik", covariance, jnp.fft.rfft(weighted)), line.n)
-    else:
-        pull = (covariance @ jnp.ravel(weighted)).reshape(weighted.shape)
-    observed = jnp.ones(line.n, bool) if problem.observed is None else problem.observed.any(axis=0)
-    count = jnp.maximum(jnp.sum(observed), 1)
-    pull = pull - jnp.sum(pull * observed, axis=-1, keepdims=True) / count
-    variance = jnp.sum(solution.stderr**2 * observed, axis=-1) / count
-    squares = jnp.sum(pull**2 * observed, axis=-1) / count
-    root = prior.root(line)[:, 1:]  # the mean aside, which many priors leave free
-    powers = jnp.where(root > 0, 1 / jnp.where(root > 0, root, 1.0) ** 2, jnp.inf)
-    of_prior = powers @ half_spectrum_weights(line.n)[1:]
-    safe = jnp.where(variance > 0, variance, 1.0)
-    return _AgainstPrior(squares / safe, 1 - variance / of_prior)

@@ -40,37 +40,27 @@ class Rule(eqx.Module):
 class _Minimise(Rule):
     """A rule that minimises a criterion of the score."""
 
+    @staticmethod
     @abc.abstractmethod
-    def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
-        """The criterion to minimise, for each score."""
+    def criterion(score: Score, samples: int) -> Float[Array, "..."]:
+        """The criterion to minimise."""
 
     def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
         # A scan along the box's diagonal, then grids about the best point, each half as wide: no
         # derivative, bounded, and the same answer every time.
         low, high = np.asarray(box)
-        samples = scorer.problem.sample_count
-
-        size = 3 ** len(low)  # of a grid, and of the scan's parts: one program serves both
-
-        def criteria(points):
-            part = np.concatenate([points, np.repeat(points[-1:], size - len(points), axis=0)])
-            return np.asarray(self.criterion(scorer(jnp.asarray(part)), samples))[: len(points)]
 
         def best(points):
-            starts = range(0, len(points), size)
-            values = np.concatenate([criteria(points[i : i + size]) for i in starts])
+            values = np.asarray(scorer.values(self.criterion, points))
             return points[np.argmin(np.where(np.isfinite(values), values, np.inf))]
 
         fractions = np.linspace(1, 0, 19)[:, None]  # from strong to weak: ties go to the smoother
         centre = best(low + fractions * (high - low))
         for half in (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625):
-            axes = [
-                np.clip([c + half, c, c - half], a, b)
-                for c, a, b in zip(centre, low, high, strict=True)
-            ]
-            centre = best(
-                np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(low))
-            )
+            ends = zip(centre, low, high, strict=True)
+            axes = [np.clip([c + half, c, c - half], a, b) for c, a, b in ends]
+            grid = np.meshgrid(*axes, indexing="ij")
+            centre = best(np.stack(grid, axis=-1).reshape(-1, len(low)))
         ended = (high > low) & ((centre <= low) | (centre >= high))
         status = Status.RANGE_END if np.any(ended) else Status.CONVERGED
         return Choice(jnp.asarray(centre), status)
@@ -84,8 +74,8 @@ class GeneralisedCrossValidation(_Minimise):
 
     name: ClassVar[str] = "generalised cross validation"
 
-    @eqx.filter_jit
-    def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
+    @staticmethod
+    def criterion(score: Score, samples: int) -> Float[Array, "..."]:
         return score.residual / samples / (1 - score.freedom / samples) ** 2
 
 
@@ -94,5 +84,7 @@ class Evidence(_Minimise):
 
     name: ClassVar[str] = "evidence"
 
-    def criterion(self, score: Score, samples: int) -> Float[Array, " b"]:
+    @staticmethod
+    def criterion(score: Score, samples: int) -> Float[Array, "..."]:
+        del samples
         return -score.log_evidence

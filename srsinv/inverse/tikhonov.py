@@ -1,7 +1,7 @@
 """Tikhonov's method: a penalty on the traction or its derivatives, its weight chosen by a rule."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -13,19 +13,20 @@ from ..errors import choice, number, of_kind, refuse, whole
 from ..grid import Line, as_real
 from ..status import Status
 from .diagnostics import undetermined_weights
-from .estimate import Estimate
+from .estimate import Estimate, Numbers
 from .line_problem import LineProblem
 from .method import Method
 from .prior import Prior
 from .problem import Problem
 from .quadratic import PATHS, Family, Scorer, choose_path, solve
 from .rule import Choice, GeneralisedCrossValidation, Rule
+from .spectral import square, white_model
 
 
 class DerivativePenalty(Prior):
     """lambda_c |(length_m d/dx)^order r_c|^2 by forward differences, no wrap on the open line."""
 
-    weights: Float[Array, " c"]
+    weights: Float[Numbers, " c"]
     length_m: Float[Array, ""]
     order: int = eqx.field(static=True)
 
@@ -43,18 +44,22 @@ class DerivativePenalty(Prior):
         (penalty,) = transpose(penalised(r))
         return weights[:, None] * penalty
 
-    def differences(self, line: Line) -> tuple[int, Float[Array, " c"]]:
+    def differences(self, line: Line) -> tuple[int, Float[Numbers, " c"]]:
         return self.order, self.weights * (self.length_m / line.cell_m) ** (2 * self.order)
 
 
 class Penalties(Family):
     """Derivative penalties by their log10 weights."""
 
+    sign: ClassVar[int] = 1
     length_m: Float[Array, ""]
     order: int = eqx.field(static=True)
 
-    def __call__(self, log_weights: Float[Array, " c"]) -> DerivativePenalty:
+    def __call__(self, log_weights: Float[Numbers, " c"]) -> DerivativePenalty:
         return DerivativePenalty(10.0**log_weights, self.length_m, self.order)
+
+
+Weights = Sequence[Float[Array, ""] | None]
 
 
 def _weight(name: str, value) -> Float[Array, ""] | None:
@@ -110,35 +115,33 @@ class Tikhonov(Method):
         """Estimate of p and q, with the weights that were given or chosen in its stats."""
         problem = problem.on_line()
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
-        choice = self._choose(problem, given)
-        prior = self._family(choice.log_weights)
-        fixed = all(weight is not None for weight in given)
-        stats = {
-            "method": "tikhonov",
-            "order": self.order,
-            "rule": "given" if fixed else self.rule.name,
-            "rule_status": choice.status,
-        }
+        rule, status, weights = "given", Status.GIVEN, _known(given)
+        if weights is None:
+            choice = self._choose(problem, given)
+            rule, status, weights = self.rule.name, choice.status, 10.0**choice.log_weights
+        prior = DerivativePenalty(weights, self.length_m, self.order)
+        stats = {"method": "tikhonov", "order": self.order, "rule": rule, "rule_status": status}
         stats |= {
-            f"weight_{c}_per_Pa2": float(w) for c, w in zip("pq", prior.weights, strict=False)
+            f"weight_{c}_per_Pa2": float(w) for c, w in zip("pq", np.asarray(weights), strict=False)
         }
-        estimate = solve(problem, prior, self.path, self.tolerance).with_stats(stats)
-        return estimate.with_warnings(undetermined_weights(choice.status))
+        how, warnings = (self.path, self.tolerance), undetermined_weights(status)
+        return solve(problem, prior, *how, stats=stats, warnings=warnings)
 
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
         problem = problem.on_line()  # without its sensor, which may hold words
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
-        prior = self._family(self._choose(problem, given).log_weights)
+        weights = _known(given)
+        weights = 10.0 ** self._choose(problem, given).log_weights if weights is None else weights
+        prior = DerivativePenalty(weights, self.length_m, self.order)
         return lambda _: prior
 
-    def _choose(self, problem: LineProblem, given) -> Choice:
-        box = self._box(problem, given)
-        if all(weight is not None for weight in given):
-            return Choice(box[0], Status.GIVEN)
-        name = type(self.rule).__name__
-        choice = self.rule.choose(Scorer(self._family, problem, self.path), box)
+    def _choose(self, problem: LineProblem, given: Weights) -> Choice:
+        """The rule's choice of the weights that are not given."""
+        low, high = box = self._box(problem, given)
+        name, family = type(self.rule).__name__, Penalties(self.length_m, self.order)
+        choice = self.rule.choose(Scorer(family, problem, self.path), as_real(box))
         of_kind(f"what {name}.choose gives", choice, Choice, "a Choice of srsinv.inverse.rule")
-        chosen, (low, high) = np.asarray(choice.log_weights), np.asarray(box)
+        chosen = np.asarray(choice.log_weights)
         fits = chosen.shape == low.shape and np.all((low <= chosen) & (chosen <= high))
         refuse(
             not fits,
@@ -147,25 +150,22 @@ class Tikhonov(Method):
         )
         return choice
 
-    @property
-    def _family(self) -> "Penalties":
-        return Penalties(self.length_m, self.order)
-
-    def _box(self, problem: LineProblem, given) -> Float[Array, "2 c"]:
+    def _box(self, problem: LineProblem, given: Weights) -> Float[np.ndarray, "2 c"]:
         """Range of the log10 weight: from far below to above the signal's information per mode."""
         # Normal equations square the condition number, so there round-off sets the lower end.
         below = 12.0
         if choose_path(problem, self.path) != "spectral":
             below = min(below, -4.0 - float(np.log10(jnp.finfo(problem.data.dtype).eps)))
-        return _ends(problem, given, below)
+        information = np.sum(square(white_model(problem)), axis=0)
+        most = np.log10(np.max(information, axis=-1))
+        box = np.stack([most - below, most + 4.0])
+        for c, weight in enumerate(given):
+            box[:, c] = box[:, c] if weight is None else np.log10(weight)
+        return np.asarray(as_real(box))
 
 
-@eqx.filter_jit
-def _ends(problem: LineProblem, given, below: float) -> Float[Array, "2 c"]:
-    most = jnp.log10(jnp.max(problem.information, axis=-1))
-
-    def end(free):
-        pairs = zip(free, given, strict=True)
-        return jnp.stack([each if w is None else jnp.log10(w) for each, w in pairs])
-
-    return jnp.stack([end(most - below), end(most + 4)])
+def _known(weights: Weights) -> Float[np.ndarray, " c"] | None:
+    """The weights, where all are given."""
+    if any(weight is None for weight in weights):
+        return None
+    return np.stack([np.asarray(weight) for weight in weights])

@@ -1,9 +1,12 @@
 """Real Fourier transforms in numpy, along the last axis and on all cores."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import scipy
+
+Rows = np.ndarray | Sequence  # of arrays
 
 
 def to_spectrum(values: np.ndarray, length: int | None = None) -> np.ndarray:
@@ -18,7 +21,7 @@ def from_spectrum(spectrum: np.ndarray, n: int) -> np.ndarray:
     return values
 
 
-def times(matrices: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
+def times(matrices: Rows, spectrum: Rows) -> np.ndarray:
     """The matrix (row, column, k) of each wavenumber times its column (column, k)."""
     rows = (sum(m * s for m, s in zip(row, spectrum, strict=True)) for row in matrices)
     return np.stack([np.asarray(row) for row in rows])

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
 from ..status import Status
 from .diagnostics import undetermined_weights
-from .estimate import Estimate
+from .estimate import Estimate, Numbers
 from .line_problem import LineProblem
 from .method import Method
 from .prior import Prior
@@ -96,10 +96,11 @@ class SpectralPrior(Prior):
 class ScaledSpectra(Family):
     """Given spectra, each multiplied by a factor."""
 
+    sign: ClassVar[int] = -1
     power: Float[Array, "c k"]
 
-    def __call__(self, log_weights: Float[Array, " c"]) -> SpectralPrior:
-        return SpectralPrior(10.0 ** log_weights[:, None] * self.power)
+    def __call__(self, log_weights: Float[Numbers, " c"]) -> SpectralPrior:
+        return SpectralPrior(10.0 ** jnp.asarray(log_weights)[:, None] * self.power)
 
 
 class Wiener(Method):
@@ -147,8 +148,8 @@ class Wiener(Method):
             f"rms_{c}_Pa": float(np.sqrt(half_spectrum_weights(problem.line.n) @ s))
             for c, s in zip("pq", np.asarray(power), strict=False)
         }
-        estimate = solve(problem, SpectralPrior(power), self.path, self.tolerance).with_stats(stats)
-        return estimate.with_warnings(undetermined_weights(status))
+        how, warnings = (self.path, self.tolerance), undetermined_weights(status)
+        return solve(problem, SpectralPrior(power), *how, stats=stats, warnings=warnings)
 
     def spectra(self, problem: LineProblem) -> Float[Array, "c k"]:
         return _powers(problem, (self.p, self.q)[: problem.unknowns])

@@ -15,7 +15,7 @@ from ...errors import of_kind
 from ...grid import Line, as_real
 from ...status import Status
 from ..diagnostics import of_fit, undetected
-from ..estimate import Estimate
+from ..estimate import Estimate, Numbers
 from ..line_model import CHI2, FREEDOM
 from ..line_problem import PassedCells
 from ..nonlinear import Fit, whitener
@@ -46,7 +46,7 @@ class FeatureEstimate(Estimate):
     fit: Fit | None
     model: FeatureModel
     data: Float[np.ndarray, "e sample"]
-    whitened: Float[Array, "e sample"]
+    whitened: Float[Numbers, "e sample"]
     parameters: Mapping[str, tuple[float, float]]
     log_evidence: float
     status: Status
@@ -56,8 +56,8 @@ class FeatureEstimate(Estimate):
     background_Pa: tuple[float, float] = (0.0, 0.0)
     levels: Levels | None = None
     cells: PassedCells | None = None
-    covariance: Float[Array, "m m"] | None = None
-    averaging: Float[Array, "c c n"] | None = None
+    covariance: Float[Numbers, "m m"] | None = None
+    averaging: Float[Numbers, "c c n"] | None = None
 
     @classmethod
     def of(
