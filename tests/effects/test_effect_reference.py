@@ -7,7 +7,7 @@ import pytest
 from srsinv import config
 from srsinv.effects._reference import _pressure, reference
 from srsinv.effects._reference_contact import pressure_under
-from srsinv.effects._screen import rounded
+from srsinv.effects._rounding import RoundedSignal
 from srsinv.forward.contact import press
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Periodic
@@ -70,7 +70,7 @@ def test_rounding_makes_no_more_of_a_change_than_its_bound(name, spectra):
     size = float(np.sqrt(np.mean(samples**2)))
     given = spectra.replace(simulated=np.fft.rfft(samples)[None], signal_rms=size)
     for change in np.geomspace(1e-5, 1, 20) * STEP:
-        bound = size * rounded(given, change / size, STEP / size)
+        bound = size * RoundedSignal(given, STEP / size).bound(change / size)
         for shape in SHAPES.values():
             other = samples + change * shape / np.sqrt(np.mean(shape**2))
             moved = STEP * (np.round(other / STEP) - np.round(samples / STEP))
