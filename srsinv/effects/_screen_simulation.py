@@ -6,17 +6,13 @@ from collections.abc import Mapping, Set
 from dataclasses import replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
 
-from ..forward.sensor import FilmSignal, FilmStress
 from ..forward.simulation import Simulation
-from ..forward.skin import STRESSES
-from ..grid import Stage
 from ._effect import Effect, add_effects
 from ._memory import Memory, content_key
 from ._screen import ScreeningResult, screen
+from ._signal_and_stress import signal_and_stress
 
 MOST_HELD = 128  # results of a few kilobytes: all scenes of a study at all its tolerances
 
@@ -62,27 +58,6 @@ def _screened(sim: Simulation, effects: Mapping[str, Effect], tolerance: float) 
     addable = {name: e for name, e in effects.items() if not e.is_defined_in(ideal.scenario)}
 
     def simulated(names: Set[str]) -> tuple[np.ndarray, np.ndarray]:
-        some = _with_effects(ideal, addable, names)
-        stages = _SignalAndStress(some.sensor.output(some.scan), some.sensor.stress())
-        both = np.asarray(some.response(stages))
-        count = len(some.sensor.elements)
-        return both[:count], both[count:].reshape(count, len(STRESSES), -1)
+        return signal_and_stress(_with_effects(ideal, addable, names))
 
     return screen(ideal.scenario, ideal.fine, addable, tolerance, simulated)
-
-
-class _SignalAndStress(Stage):
-    """The recorded signal and the stress at the films, rows one after another: in one program, and
-    from one traction."""
-
-    signal: FilmSignal
-    stress: FilmStress
-
-    def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
-        return jnp.concatenate([self.signal.transfer(k), self.stress.transfer(k)])
-
-    def cell_response(
-        self, x: Float[Array, " x"], cell_m: Float[Array, ""]
-    ) -> Float[Array, "e c x"]:
-        both = self.signal, self.stress
-        return jnp.concatenate([each.cell_response(x, cell_m) for each in both])
