@@ -22,18 +22,16 @@ def content_key(tree: Any) -> Hashable | None:
     can change has none: nothing is known to be the same then.
     """
     leaves, structure = jax.tree.flatten(tree)
-    digest = hashlib.blake2b(repr(jnp.result_type(float)).encode(), digest_size=32)
+    if not all(isinstance(leaf, NUMBERS) for leaf in leaves):
+        return None
     try:
         _hash_static(structure)
-        for leaf in leaves:
-            if not isinstance(leaf, NUMBERS):
-                return None
-            array = np.asarray(leaf)
-            digest.update(f"{type(leaf).__name__}{array.dtype.str}{array.shape}".encode())
-            digest.update(array.tobytes())
+        arrays = [np.asarray(leaf) for leaf in leaves]
     except TypeError:  # not hashable, traced, or a key of random numbers
         return None
-    return structure, digest.digest()
+    kinds = tuple((type(leaf), a.dtype, a.shape) for leaf, a in zip(leaves, arrays, strict=True))
+    content = hashlib.blake2b(b"".join(a.tobytes() for a in arrays), digest_size=32)
+    return jnp.result_type(float), structure, kinds, content.digest()
 
 
 def _hash_static(structure: Any) -> None:
