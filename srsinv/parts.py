@@ -112,6 +112,8 @@ def _profile_read(node: Any, at: str) -> Any:
 
 def effects(named: Node) -> dict[str, Effect]:
     """The named effects, in the order in which they are added."""
+    import jax.numpy as jnp
+
     from .effects import NAMES
 
     for name in named:
@@ -125,15 +127,14 @@ def effects(named: Node) -> dict[str, Effect]:
             f"effects.{name} has settings, and {name} is not among the effects: name it in "
             "effects=[...] too, or leave its settings out.",
         )
-    made = {name: _effect(name, node) for name, node in named.items()}
+    precision = str(jnp.result_type(float))
+    made = {name: _effect(name, node, precision) for name, node in named.items()}
     return dict(sorted(made.items(), key=lambda each: (each[1].order, each[0])))
 
 
-def _effect(name: str, node: Node) -> Effect:
+def _effect(name: str, node: Node, precision: str) -> Effect:
     """The effect of a node. One of the package, made of the package's parts alone, is immutable and
     is made once of the same settings: `effects=auto` asks for all of them with every scene."""
-    import jax.numpy as jnp
-
     try:
         settings = json.dumps(node)
     except (TypeError, ValueError):  # objects, which only a program of one's own gives
@@ -141,7 +142,7 @@ def _effect(name: str, node: Node) -> Effect:
     of_package = settings.count(f'"{TARGET}": "srsinv.')
     if of_package == 0 or of_package < settings.count(f'"{TARGET}"'):
         return make(node, f"effects.{name}", "effects")
-    return _effect_of_package(name, settings, str(jnp.result_type(float)))
+    return _effect_of_package(name, settings, precision)
 
 
 @lru_cache(maxsize=256)
