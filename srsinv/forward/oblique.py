@@ -67,7 +67,7 @@ class TurnedSkin(Skin):
         return self.turned_back(plane, self.antiplane.transfer(k, depth_m))
 
     def transfer_once(self, k: np.ndarray, depth_m: float) -> Complex[np.ndarray, "4 2 k"]:
-        plane = self.skin.transfer_once(k, depth_m)
+        plane = jnp.asarray(self.skin.transfer_once(k, depth_m))
         across = self.antiplane.transfer(as_real(k), as_real(depth_m))
         # The skin has done its part: one program serves all skins.
         return np.asarray(TurnedSkin(HalfSpace(), self.angle_rad).turned_back(plane, across))

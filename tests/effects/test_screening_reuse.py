@@ -65,12 +65,12 @@ def weighed(*asked) -> bool:
 def test_the_same_scene_is_weighed_once():
     """Made anew from the same configuration, and with other noise, which keeps to its scene."""
     sim, effects = case()
-    first, found = screen_effects(sim, effects, TOLERANCE)
+    first, result = screen_effects(sim, effects, TOLERANCE)
     again, _ = case()
     loud = again.with_noises((SignalToNoise(20.0),))
     assert not weighed(again, effects, TOLERANCE)
     noisy, reused = screen_effects(loud, effects, TOLERANCE)
-    assert reused == found
+    assert reused == result
     assert eqx.tree_equal(noisy.with_noises(()), first)
     assert len(noisy.scenario.noises) == 1
 
@@ -126,8 +126,8 @@ def test_what_cannot_be_compared_is_weighed_every_time(own):
 
 def test_a_caller_cannot_change_what_is_held():
     sim, effects = case()
-    found = screen_effects(sim, effects, TOLERANCE)[1]
-    bounds: Any = found.relative_change_bounds
+    result = screen_effects(sim, effects, TOLERANCE)[1]
+    bounds: Any = result.relative_change_bounds
     bounds["strip_width"] = -1.0
     reused = screen_effects(sim, effects, TOLERANCE)[1]
     assert reused.relative_change_bounds["strip_width"] > 0
@@ -148,6 +148,6 @@ def test_a_reused_screening_is_that_found_afresh():
     assert len(Counted.weighed) < 2 * len(draws)
     for (scene, tolerance), held in zip(draws, reused, strict=True):
         forget_screenings()
-        found = screen_effects(*scene, tolerance)[1]
-        assert (held.on, held.bound) == (found.on, found.bound)
-        assert held.relative_change_bounds == found.relative_change_bounds
+        result = screen_effects(*scene, tolerance)[1]
+        assert (held.on, held.bound) == (result.on, result.bound)
+        assert held.relative_change_bounds == result.relative_change_bounds
