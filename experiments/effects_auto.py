@@ -8,6 +8,7 @@ import numpy as np
 import xarray
 
 from srsinv import config
+from srsinv.effects import forget_screenings
 from srsinv.errors import refuse
 from srsinv.forward.trace import cost, difference, pair
 from srsinv.parts import merged
@@ -50,6 +51,7 @@ def run(cfg: config.Config) -> Result:
                         less, alone = cost(selected, key)
                         whole, reduced = pair(sim, less, key)
                         error = difference(reduced, whole)
+                        forget_screenings()  # the first call weighs, further ones reuse it
                         auto = cost(partial(config.simulation, asked), key)[1]
                         done[on] = {"error": error, "full": full, "auto": auto, "named": alone}
                     of_each = screening.relative_change_bounds

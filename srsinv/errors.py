@@ -44,8 +44,9 @@ def number(
         return _nan_outside(value, above, least, most, below)
     scalar = value.item() if getattr(value, "ndim", None) == 0 else value
     fits = is_number(scalar) and above < scalar < below and least <= scalar <= most
-    refuse(not fits, f"{name} is {shown(scalar)}: give {wanted}.")
-    refuse(abs(scalar) > LARGEST, f"{name} is {shown(scalar)}: give {wanted}, up to {LARGEST:g}.")
+    if not fits or abs(scalar) > LARGEST:  # thousands are checked, and few sentences needed
+        up_to = f", up to {LARGEST:g}" if fits else ""
+        raise BadInput(f"{name} is {shown(scalar)}: give {wanted}{up_to}.")
     return value
 
 
@@ -98,7 +99,8 @@ def all_of_kind(name: str, values: Any, kind: type[Kind], wanted: str) -> tuple[
 
 def mapping(name: str, value: Any, wanted: str = "a mapping of its keys") -> Mapping[str, Any]:
     """`value`, which is refused unless it is a mapping."""
-    refuse(not isinstance(value, Mapping), f"{name} is {shown(value)}: give {wanted}.")
+    if not isinstance(value, Mapping):
+        raise BadInput(f"{name} is {shown(value)}: give {wanted}.")
     return value
 
 

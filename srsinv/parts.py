@@ -8,7 +8,9 @@ invalid, by the key that the configuration has. None imports jax before it is ca
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Collection, Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from .errors import choice, mapping, number, refuse, whole
@@ -121,6 +123,8 @@ def _profile_read(node: Any, at: str) -> Any:
 
 def effects(named: Node) -> dict[str, Effect]:
     """The named effects, in the order in which they are added."""
+    import jax.numpy as jnp
+
     from .effects import NAMES
 
     for name in named:
@@ -134,8 +138,31 @@ def effects(named: Node) -> dict[str, Effect]:
             f"effects.{name} has settings, and {name} is not among the effects: name it in "
             "effects=[...] too, or leave its settings out.",
         )
-    made = {name: make(node, f"effects.{name}", "effects") for name, node in named.items()}
+    precision = str(jnp.result_type(float))
+    made = {name: _effect(name, node, precision) for name, node in named.items()}
     return dict(sorted(made.items(), key=lambda each: (each[1].order, each[0])))
+
+
+def _effect(name: str, node: Node, precision: str) -> Effect:
+    """The effect of a node. One of the package, made of the package's parts alone, is immutable and
+    is made once of the same settings: `effects=auto` asks for all of them with every scene."""
+    try:
+        settings = json.dumps(node)
+    except (TypeError, ValueError):  # objects, which only a program of one's own gives
+        settings = ""
+    of_package = settings.count(f'"{TARGET}": "srsinv.')
+    if of_package == 0 or of_package < settings.count(f'"{TARGET}"'):
+        return make(node, f"effects.{name}", "effects")
+    return _effect_of_package(name, settings, precision)
+
+
+@lru_cache(maxsize=256)
+def _effect_of_package(name: str, settings: str, precision: str) -> Effect:
+    import jax
+
+    del precision  # that of its numbers, which are arrays
+    with jax.ensure_compile_time_eval():  # within a compiled program they are numbers, too
+        return make(json.loads(settings), f"effects.{name}", "effects")
 
 
 def effects_of_sensor(named: Node) -> dict[str, Effect]:

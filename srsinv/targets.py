@@ -12,6 +12,7 @@ Nothing here imports jax: a base is imported when a node of its kind is made.
 import importlib
 import inspect
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 from .errors import BadInput, mapping, refuse, shown
@@ -125,7 +126,7 @@ def _public(target: Any) -> str | None:
 
 def _check_keys(made: type, node: Mapping[str, Any], name: str) -> None:
     """Refuse keys that a class does not take, or lacks; none of hydra's beside `_target_`."""
-    parameters = inspect.signature(made).parameters
+    parameters = _parameters(made)
     known = {key: each for key, each in parameters.items() if each.kind is not each.VAR_KEYWORD}
     takes_any = len(known) < len(parameters)
     keys = [key for key in node if key != TARGET]
@@ -141,6 +142,11 @@ def _check_keys(made: type, node: Mapping[str, Any], name: str) -> None:
         bool(missing),
         f"{name} lacks {missing and missing[0]!r}: {made.__name__} takes {listed}.",
     )
+
+
+@lru_cache(maxsize=256)  # reading a signature takes half as long as making an effect
+def _parameters(made: type) -> Mapping[str, inspect.Parameter]:
+    return inspect.signature(made).parameters
 
 
 def _check_inside(value: Any, name: str, kind: str | None, depth: int = 1) -> None:

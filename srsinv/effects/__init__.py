@@ -9,7 +9,8 @@ from pathlib import Path
 
 from ._effect import Effect, Order, add_effects
 from ._reference import ReferenceSpectra, reference
-from ._screen import ScreeningResult, screen, screen_effects
+from ._screen import ScreeningResult, screen
+from ._screen_simulation import forget_screenings, screen_effects
 
 __all__ = [
     "NAMES",
@@ -18,6 +19,7 @@ __all__ = [
     "ReferenceSpectra",
     "ScreeningResult",
     "add_effects",
+    "forget_screenings",
     "reference",
     "screen",
     "screen_effects",

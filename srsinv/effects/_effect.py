@@ -114,12 +114,13 @@ class NoiseEffect(Effect):
     """An effect that adds noise of its own, which passes film, skin and electronics, too."""
 
     @abc.abstractmethod
-    def noise(self, reference: ReferenceSpectra) -> ReferenceSpectra:
-        """Reference spectra of the noise alone, its spectrum along the line that of the charge."""
+    def noise(self, reference: ReferenceSpectra) -> ReferenceSpectra | None:
+        """Reference spectra of the noise alone, its spectrum along the line that of the charge;
+        None where there is none."""
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         noise = self.noise(reference)
-        return noise.relative_rms(noise.signal)
+        return 0.0 if noise is None else noise.relative_rms(noise.signal)
 
 
 def add_effects(scenario: Scenario, named: Mapping[str, Effect]) -> Scenario:

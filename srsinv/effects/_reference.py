@@ -6,7 +6,8 @@ surface's height, which a simulation needs too, little is compiled.
 
 import dataclasses
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import equinox as eqx
 import jax
@@ -24,6 +25,12 @@ NO_PRESSURE = 1e-12  # of the highest one, below which a cell does not touch
 # Cells per bin of the sample count: the signal varies little within a bin, and a slow sampling
 # still has samples in it.
 CELLS_A_BIN = 8
+# Spectra that follow from the rest, and the parts that they do not depend on.
+SPECTRA = {"film_stress", "charge", "signal", "largest", "_half_space_stress", "_friction"}
+BESIDE_SIGNAL = {
+    "transfer_of_others", "interval_s", "sample_weight", "signal_rms", "noise_peak",
+    "max_gain_of_others",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -55,9 +62,6 @@ class ReferenceSpectra:
     transfer_of_others: Inexact[np.ndarray, "e k"]
     interval_s: float
     sample_weight: Float[np.ndarray, " n"]
-    film_stress: Complex[np.ndarray, "e 4 k"] = field(init=False)
-    charge: Complex[np.ndarray, "e k"] = field(init=False)
-    signal: Complex[np.ndarray, "e k"] = field(init=False)
     simulated: Complex[np.ndarray, "e k"] | None = None
     simulated_stress: Complex[np.ndarray, "e 4 k"] | None = None
     signal_rms: float = 0.0
@@ -65,20 +69,36 @@ class ReferenceSpectra:
     max_gain_of_others: float = 1.0
 
     def __post_init__(self):
-        stress = np.einsum("esck,ck->esk", self.stress, self.traction)
-        charge = np.einsum("es,esk->ek", self.weights, stress)
-        given = self.simulated_stress
-        object.__setattr__(self, "film_stress", stress if given is None else given)
-        object.__setattr__(self, "charge", charge)
-        signal = self.read(charge) if self.simulated is None else self.simulated
-        object.__setattr__(self, "signal", signal)
         if not self.signal_rms:
             rms = self.saturated_rms(self.transfer_of_others, math.inf)
             object.__setattr__(self, "signal_rms", rms)
 
     def replace(self, **changed) -> "ReferenceSpectra":
-        """The same reference with other parts."""
-        return dataclasses.replace(self, **changed)
+        """The same reference with other parts; spectra that do not change are not computed anew."""
+        made = dataclasses.replace(self, **changed)
+        if changed.keys() <= BESIDE_SIGNAL:
+            known = {name: each for name, each in vars(self).items() if name in SPECTRA}
+            vars(made).update(known)
+        return made
+
+    @cached_property
+    def film_stress(self) -> Complex[np.ndarray, "e 4 k"]:
+        """The stress at the films [Pa]."""
+        return self._half_space_stress if self.simulated_stress is None else self.simulated_stress
+
+    @cached_property
+    def charge(self) -> Complex[np.ndarray, "e k"]:
+        """The films' charge, without any effect."""
+        return np.einsum("es,esk->ek", self.weights, self._half_space_stress)
+
+    @cached_property
+    def signal(self) -> Complex[np.ndarray, "e k"]:
+        """The signal."""
+        return self.read(self.charge) if self.simulated is None else self.simulated
+
+    @cached_property
+    def _half_space_stress(self) -> Complex[np.ndarray, "e 4 k"]:
+        return np.einsum("esck,ck->esk", self.stress, self.traction)
 
     def with_signal(
         self,
@@ -124,7 +144,7 @@ class ReferenceSpectra:
         """The signal's spectrum from that of the charge."""
         return self.gain * (1j * self.k) ** self.order * charge
 
-    @property
+    @cached_property
     def largest(self) -> Float[np.ndarray, "e k"]:
         """The charge's spectrum if nothing cancelled: all stresses by their size."""
         size = np.abs(self.weights), np.abs(self.stress), np.abs(self.traction)
@@ -191,7 +211,7 @@ class ReferenceSpectra:
         square = off**2 @ (half_spectrum_weights(self.line.n) / self.line.n)[1:]
         return float(np.sqrt(passed.max() * square * self.sample_weight.max())) / self.signal_rms
 
-    @property
+    @cached_property
     def _friction(self) -> Float[np.ndarray, " n"]:
         """Friction q/p [1] in contact, 0 outside."""
         p, q = np.fft.irfft(self.traction, self.line.n) + self.background_Pa[:, None]

@@ -8,29 +8,24 @@ sum is raised by `INTERACTION` for interactions that the reference lacks.
 import math
 import time
 from collections.abc import Callable, Mapping, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from ..errors import refuse, shown
 from ..forward.scenario import Scenario
-from ..forward.simulation import Simulation
-from ..forward.skin import STRESSES
 from ..grid import Line
-from ._effect import Effect, Order, add_effects
+from ._effect import Effect, Order
 from ._reference import TINY, ReferenceSpectra, reference
+from ._rounding import LARGEST_UNSIMULATED_CHANGE, RoundedSignal
 
 # Effects act on each other beyond their factors, and the reference's contact is accurate to 1 %.
 # Over random scenes the measured change is at most tests/claims/results/screening.json's
 # `error_over_bound_max` of the bound with this factor.
 INTERACTION = 1.25
-# Fraction of the signal that effects that stay on may change before it is simulated with them.
-LARGEST_UNSIMULATED_CHANGE = 0.1
 MOST_ROUNDS = 4  # each turns on more than the one before
-LEAST_EXPECTED_FLIPS = 1e-3  # of samples over all of them: fewer do not happen
 
 Simulate = Callable[[Set[str]], tuple[np.ndarray, np.ndarray]]
 
@@ -49,28 +44,6 @@ class ScreeningResult:
     times_s: Mapping[str, float]
 
 
-def screen_effects(
-    sim: Simulation, effects: Mapping[str, Effect], tolerance: float
-) -> tuple[Simulation, ScreeningResult]:
-    """A simulation without effects, with those alone that its scene calls for; and what was found
-    of each. One that the skin defines already is no effect to decide on."""
-    ideal = sim.scenario.replace(noises=())
-    addable = {name: e for name, e in effects.items() if not e.is_defined_in(ideal)}
-
-    def only(names: Set[str]) -> Simulation:
-        named = {name: effect for name, effect in addable.items() if name in names}
-        return replace(sim, scenario=add_effects(sim.scenario, named))
-
-    def simulated(names: Set[str]) -> tuple[np.ndarray, np.ndarray]:
-        with_effects = only(names)
-        signal = np.asarray(with_effects.signal())
-        stress = np.asarray(with_effects.response(with_effects.sensor.stress()))
-        return signal, stress.reshape(signal.shape[0], len(STRESSES), -1)
-
-    screening = screen(ideal, sim.fine, addable, tolerance, simulated)
-    return only(screening.on), screening
-
-
 def screen(
     scenario: Scenario,
     line: Line,
@@ -86,41 +59,41 @@ def screen(
     and the stress at the films (e, 4, n), and the rest is screened again beside it.
     """
     spectra = _sampled(reference(scenario, line), effects)
-    screening = _round(spectra, effects, set(effects), set(effects), tolerance)
-    off = screening.off
+    weighed = _weighed(spectra, effects, set(effects), set(effects))
+    bounds, times_s = weighed.bounds, weighed.times_s
+    off, bound = _left_out(bounds, effects, weighed.spectra, tolerance)
     for _ in range(MOST_ROUNDS):
         on = effects.keys() - off
-        unsure = sum((screening.bounds[n] for n in on if _alters(effects[n])), 0.0)
+        unsure = sum((bounds[n] for n in effects if n in on and _alters(effects[n])), 0.0)
         if unsure > LARGEST_UNSIMULATED_CHANGE and simulate is not None:
             transfer = math.prod(
                 _factors(spectra, effects, on).values(), start=spectra.transfer_of_others
             )
             beside = spectra.with_signal(*simulate(on), transfer)
-            again = _round(beside, effects, off, off, tolerance)
-        else:
+            weighed = _weighed(beside, effects, off, off)
+        elif unsure > 0:  # else all is as it was weighed first
             least = min(unsure, LARGEST_UNSIMULATED_CHANGE)
-            again = _round(spectra, effects, off, set(effects), tolerance, least)
-        screening = screening.updated(again)
-        if again.off == off:
+            weighed = _weighed(spectra, effects, off, set(effects), least)
+        bounds, times_s = bounds | weighed.bounds, weighed.added_to(times_s)
+        again, bound = _left_out(
+            {n: weighed.bounds[n] for n in effects if n in off}, effects, weighed.spectra, tolerance
+        )
+        if again == off:
             break
-        off = again.off
-    bounds = dict(sorted(screening.bounds.items(), key=lambda each: -each[1]))
-    return ScreeningResult(
-        frozenset(effects.keys() - off), screening.bound, bounds, screening.times
-    )
+        off = again
+    ordered = dict(sorted(bounds.items(), key=lambda each: -each[1]))
+    return ScreeningResult(frozenset(effects.keys() - off), bound, ordered, times_s)
 
 
-class _Round(NamedTuple):
-    """Bounds by name, effects that are off, their joint bound, and the time of each bound [s]."""
+class _Weighed(NamedTuple):
+    """Bounds by name, the time of each [s], and the reference behind all factors."""
 
     bounds: dict[str, float]
-    off: set[str]
-    bound: float
-    times: dict[str, float]
+    times_s: dict[str, float]
+    spectra: ReferenceSpectra
 
-    def updated(self, by: "_Round") -> "_Round":
-        times = {n: spent + by.times.get(n, 0.0) for n, spent in self.times.items()}
-        return _Round(self.bounds | by.bounds, by.off, by.bound, times)
+    def added_to(self, times_s: Mapping[str, float]) -> dict[str, float]:
+        return {n: spent + self.times_s.get(n, 0.0) for n, spent in times_s.items()}
 
 
 def _sampled(spectra: ReferenceSpectra, effects: Mapping[str, Effect]) -> ReferenceSpectra:
@@ -141,14 +114,13 @@ def _sampled(spectra: ReferenceSpectra, effects: Mapping[str, Effect]) -> Refere
     return spectra.replace(interval_s=interval).with_motion(motion, load)
 
 
-def _round(
+def _weighed(
     spectra: ReferenceSpectra,
     effects: Mapping[str, Effect],
     screened: Set[str],
     acting: Set[str],
-    tolerance: float,
     unsure: float = 0.0,
-) -> _Round:
+) -> _Weighed:
     """Bounds of the `screened` effects, beside the factors of the `acting` ones that are not in the
     signal yet, which may be off by the fraction `unsure`."""
     every_one = effects.values()
@@ -159,21 +131,22 @@ def _round(
     spectra = spectra.replace(signal_rms=rms)
     noises = [noise for each in every_one if (noise := each.noise(spectra)) is not None]
     noises = [noise.replace(signal_rms=rms) for noise in noises]
-    spectra = spectra.replace(
+    behind_all = spectra.replace(
         noise_peak=sum((noise.noise_peak for noise in noises), 0.0),
         max_gain_of_others=math.prod((each.max_gain for each in every_one), start=1 + unsure),
+        transfer_of_others=every,
     )
     bounds, times = {}, {}
     for name in (n for n in effects if n in screened):  # a set has no order of its own
-        start = time.perf_counter()
-        others = (factor for n, factor in factors.items() if n != name)
-        transfer = math.prod(others, start=spectra.transfer_of_others)
-        beside = spectra.replace(transfer_of_others=transfer)
+        start, beside = time.perf_counter(), behind_all
+        if name in factors:
+            others = (factor for n, factor in factors.items() if n != name)
+            transfer = math.prod(others, start=spectra.transfer_of_others)
+            beside = behind_all.replace(transfer_of_others=transfer)
         of_noise = sum(_of_noise(effects[name], noise) for noise in noises)
         bounds[name] = _bound(name, effects[name], beside) + of_noise
         times[name] = time.perf_counter() - start
-    off, bound = _left_out(bounds, effects, spectra.replace(transfer_of_others=every), tolerance)
-    return _Round(bounds, off, bound, times)
+    return _Weighed(bounds, times, behind_all)
 
 
 def _bound(name: str, effect: Effect, beside: ReferenceSpectra) -> float:
@@ -189,7 +162,7 @@ def _bound(name: str, effect: Effect, beside: ReferenceSpectra) -> float:
 
 
 def _factors(spectra: ReferenceSpectra, effects: Mapping[str, Effect], names: Set[str]):
-    factors = {name: effects[name].factor(spectra) for name in names}
+    factors = {name: each.factor(spectra) for name, each in effects.items() if name in names}
     return {name: factor for name, factor in factors.items() if factor is not None}
 
 
@@ -232,37 +205,12 @@ def _left_out(
 
 def _smallest(bounds, rounding, spectra, tolerance) -> tuple[set[str], float]:
     off, total, bound = set(), 0.0, 0.0
+    signal = RoundedSignal(spectra, max(rounding.values(), default=0.0))
     for name in sorted(bounds, key=lambda each: bounds[each]):
         total += INTERACTION * bounds[name]
-        together = rounded(spectra, total, max(rounding.values(), default=0.0))
+        together = signal.bound(total)
         if not together <= tolerance:
             break
         off.add(name)
         bound = together
     return off, bound
-
-
-def rounded(spectra: ReferenceSpectra, change: float, step: float) -> float:
-    """A bound on the rms of a `change` once samples are rounded to multiples of `step`, all over
-    the signal's rms.
-
-    A change of d turns a sample over where a tie is within d, by a step beyond the change itself:
-    in all, d^2 + step^2 times the fraction of samples that turn. The signal is known but for an
-    offset, so that this is the fraction within d at the worst one; samples that are always rounded
-    to zero do not turn.
-    """
-    samples = np.fft.irfft(spectra.transfer_of_others * spectra.signal, spectra.line.n).ravel()
-    turned = _turned_part(samples / spectra.signal_rms, change, step) if step > 0 else 0.0
-    return math.sqrt(change**2 + step**2 * turned)
-
-
-def _turned_part(samples: Float[np.ndarray, " n"], change: float, step: float) -> float:
-    if not step < math.inf or change / step * samples.size < LEAST_EXPECTED_FLIPS:
-        return 0.0
-    if change >= step:
-        return change / step
-    can = np.abs(samples) * (1 + LARGEST_UNSIMULATED_CHANGE) + change >= step / 2
-    phases = np.sort(samples[can] / step % 1.0)
-    twice = np.concatenate([phases, phases + 1])
-    most = np.searchsorted(twice, phases + change / step, side="right") - np.arange(phases.size)
-    return max(float(most.max(initial=0)) / samples.size, change / step)

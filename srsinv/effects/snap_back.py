@@ -52,7 +52,9 @@ class SnapBack(NoiseEffect):
         )
         return scenario.replace(noises=(*scenario.noises, bursts))
 
-    def noise(self, reference: ReferenceSpectra) -> ReferenceSpectra:
+    def noise(self, reference: ReferenceSpectra) -> ReferenceSpectra | None:
+        if not self.rate_hz:
+            return None
         # Campbell: a mean of rate * decay/2 bursts at a time, each of the mean square charge that
         # a patch gives over the contact; Parseval: the integral of a kernel's square along the line
         # is that of |F|^2 over 2 pi.
@@ -74,7 +76,7 @@ class SnapBack(NoiseEffect):
             rms = rms * np.sqrt(-2 * np.expm1(-reference.interval_s / self.decay_s)) / between
             reading = reading / between
         at_most = np.trapezoid(np.abs(one.charge), reference.k).max() / np.pi
-        together = PEAK * np.sqrt(1 + self.rate_hz * self.decay_s) if self.rate_hz else 0.0
+        together = PEAK * np.sqrt(1 + self.rate_hz * self.decay_s)
         scale = rms / max(one.rms(one.signal), np.finfo(float).tiny)
         return one.replace(traction=scale * shear, noise_peak=float(together * reading * at_most))
 
@@ -86,8 +88,6 @@ class SnapBack(NoiseEffect):
         contact and amplitudes Gaussian: that of a chi-square of nu = 2/3 N <g^2>^2/<g^4> degrees of
         freedom, which is nu + 2 sqrt(nu L) + 2 L at most (Laurent and Massart 2000).
         """
-        if not self.rate_hz:
-            return 1.0
         cell, n = float(one.line.cell_m), one.line.n
         energy = np.mean(np.fft.irfft(one.charge, n) ** 2, axis=0)
         spread = np.sum(energy) ** 2 / np.sum(energy**2) * cell / self.contact_m

@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Complex, Float
 
-from ..errors import mapping, number, refuse, shown
+from ..errors import BadInput, mapping, number, refuse, shown
 from ..grid import as_real
 from ..quantities import quantity
 from .antiplane import Antiplane, AntiplaneHalfSpace
@@ -243,11 +243,11 @@ def _never_zero(k):
 def layers_of(layers: Any, key: str) -> list[Layer]:
     """Layers as they are or as mappings of what [`Layer`][] takes, in a list or by name. Raises
     `BadInput` for anything else, which it calls `key`.layers."""
-    refuse(
-        not isinstance(layers, Mapping | list | tuple) or not layers,
-        f"{key}.layers is {shown(layers)}: give a list of layers, or a mapping of them by name, "
-        "from the surface down.",
-    )
+    if not isinstance(layers, Mapping | list | tuple) or not layers:
+        raise BadInput(
+            f"{key}.layers is {shown(layers)}: give a list of layers, or a mapping of them by "
+            "name, from the surface down."
+        )
     named = layers.items() if isinstance(layers, Mapping) else enumerate(layers)
     return [_layer(f"{key}.layers.{name}", node) for name, node in named]
 

@@ -21,7 +21,7 @@ from .film import Film, Kernel, LineEffect, StripAverage
 from .scan import ConstantSpeed, Motion
 from .sensor import Sensor
 from .simulation import response
-from .skin import Skin
+from .skin import HalfSpace, Skin
 
 Scan = TypeVar("Scan", ConstantSpeed, Motion)
 
@@ -64,7 +64,19 @@ class TurnedSkin(Skin):
 
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
         plane = self.skin.transfer(k, depth_m)
-        return self._sliding(self._in_frame(plane, self.antiplane.transfer(k, depth_m)))
+        return self.turned_back(plane, self.antiplane.transfer(k, depth_m))
+
+    def transfer_once(self, k: np.ndarray, depth_m: float) -> Complex[np.ndarray, "4 2 k"]:
+        plane = jnp.asarray(self.skin.transfer_once(k, depth_m))
+        across = self.antiplane.transfer(as_real(k), as_real(depth_m))
+        # The skin has done its part: one program serves all skins.
+        return np.asarray(TurnedSkin(HalfSpace(), self.angle_rad).turned_back(plane, across))
+
+    @eqx.filter_jit
+    def turned_back(self, plane: Complex[Array, "4 2 k"], antiplane: Complex[Array, "2 k"]):
+        """Stress in the sensor's frame (4, 2, k), of that in plane strain and of that in antiplane
+        shear, under (p, q)."""
+        return self._sliding(self._in_frame(plane, antiplane))
 
     def strip_response(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]

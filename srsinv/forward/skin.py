@@ -50,7 +50,7 @@ class Skin(eqx.Module):
 
     def transfer_once(self, k: np.ndarray, depth_m: float) -> Complex[np.ndarray, "4 2 k"]:
         """[`transfer`][] for use outside a compiled program."""
-        return np.asarray(self.transfer(as_real(k), as_real(depth_m)))
+        return np.asarray(_transfer(self, as_real(k), as_real(depth_m)))
 
     def compliance_once(self, k: np.ndarray) -> Inexact[np.ndarray, " k"]:
         """[`compliance`][] for use outside a compiled program."""
@@ -83,6 +83,11 @@ class Skin(eqx.Module):
     @abc.abstractmethod
     def antiplane(self) -> Antiplane:
         """The stress under shear along features that cross the sliding direction."""
+
+
+@eqx.filter_jit
+def _transfer(skin: Skin, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Array:
+    return skin.transfer(k, depth_m)
 
 
 class HalfSpace(Skin):

@@ -96,6 +96,9 @@ class Viscoelastic(Skin):
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
         return self.skin.transfer(k, depth_m)
 
+    def transfer_once(self, k: np.ndarray, depth_m: float) -> Complex[np.ndarray, "4 2 k"]:
+        return self.skin.transfer_once(k, depth_m)
+
     def strip_response(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "4 2 x"]:

@@ -7,7 +7,8 @@ import pytest
 from srsinv import config
 from srsinv.effects._reference import _pressure, reference
 from srsinv.effects._reference_contact import pressure_under
-from srsinv.effects._screen import rounded
+from srsinv.effects._rounding import RoundedSignal
+from srsinv.effects._signal_and_stress import signal_and_stress
 from srsinv.forward.contact import press
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Periodic
@@ -70,7 +71,7 @@ def test_rounding_makes_no_more_of_a_change_than_its_bound(name, spectra):
     size = float(np.sqrt(np.mean(samples**2)))
     given = spectra.replace(simulated=np.fft.rfft(samples)[None], signal_rms=size)
     for change in np.geomspace(1e-5, 1, 20) * STEP:
-        bound = size * rounded(given, change / size, STEP / size)
+        bound = size * RoundedSignal(given, STEP / size).bound(change / size)
         for shape in SHAPES.values():
             other = samples + change * shape / np.sqrt(np.mean(shape**2))
             moved = STEP * (np.round(other / STEP) - np.round(samples / STEP))
@@ -80,3 +81,25 @@ def test_rounding_makes_no_more_of_a_change_than_its_bound(name, spectra):
             ratios.append(bound / max(rms, change))
     # Nor is it far above where many samples turn.
     assert name != "phases spread evenly" or np.median(ratios) < 4
+
+
+KINDS = {
+    "strip": "strip_width",
+    "electronics": "strip_width,element_offsets,film_angle,amplifier_bandwidth,antialias_filter",
+    "skins": "strip_width,layered_skin,viscoelastic_skin",
+    "oblique": "strip_width,layered_skin,oblique_features,antialias_filter",
+}
+
+
+CASES = [("open", "strip"), *(("periodic", kind) for kind in KINDS)]
+
+
+@pytest.mark.parametrize(("line", "kind"), CASES)
+def test_the_signal_that_screens_is_the_simulated_one(line, kind):
+    """And the stress at the films: in the factors' product as in the compiled program."""
+    offset = "sensor.elements.upright.offset_m=3e-4"
+    sim = config.simulation(configuration(f"effects=[{KINDS[kind]}]", f"grid.line={line}", offset))
+    signal, stress = signal_and_stress(sim)
+    compiled = np.asarray(sim.signal()), np.asarray(sim.response(sim.sensor.stress()))
+    for own, wanted in zip((signal, stress.reshape(8, -1)), compiled, strict=True):
+        np.testing.assert_allclose(own, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())

@@ -1,0 +1,76 @@
+"""The signal and the stress at the films of a simulation, for screening: one traction for both.
+
+On the periodic line in numpy, of the skin's and the films' factors: which effects are on differs
+with every scene and every round, and a program for each would take longer to compile.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Inexact
+
+from ..forward.film import Film, LineEffect
+from ..forward.sensor import FilmSignal, FilmStress
+from ..forward.simulation import Simulation
+from ..forward.skin import STRESSES
+from ..grid import Periodic, Stage, as_real
+
+
+def signal_and_stress(
+    sim: Simulation,
+) -> tuple[Float[np.ndarray, "e n"], Float[np.ndarray, "e 4 n"]]:
+    """The noise-free signal and the stress [Pa] at the coarse line's positions, computed on the
+    fine one."""
+    sensor, line = sim.sensor, sim.fine
+    output = sensor.output(sim.scan)
+    if not isinstance(line, Periodic):
+        both = np.asarray(sim.response(_SignalAndStress(output, sensor.stress())))
+        count = len(sensor.elements)
+        return both[:count], both[count:].reshape(count, len(STRESSES), -1)
+    k = 2 * np.pi * np.fft.rfftfreq(line.n, np.asarray(line.cell_m))
+    # Cell averages, as in `Periodic.operator`.
+    mean = np.sinc(k * np.asarray(line.cell_m) / (2 * np.pi))
+    traction = np.fft.rfft(np.asarray(sim.traction(line))) / mean
+    depths = [float(film.depth_m) for film in output.elements]
+    transfer = {depth: output.skin.transfer_once(k, depth) for depth in set(depths)}
+    stress = np.stack([np.einsum("sck,ck->sk", transfer[depth], traction) for depth in depths])
+    readout = np.asarray(output.gain) * (1j * k if output.order else 1.0)
+    signal = np.stack([
+        readout * (_weights(film) @ own) * _along_line(film.effects, k)
+        for film, own in zip(output.elements, stress, strict=True)
+    ])  # fmt: skip
+    at = slice(None, None, sim.refinement)
+    return np.fft.irfft(signal, line.n)[..., at], np.fft.irfft(stress, line.n)[..., at]
+
+
+def _weights(film: Film) -> Float[np.ndarray, "4"]:
+    return jax.tree.map(np.asarray, film).charge_per_stress(np)
+
+
+def _along_line(effects: tuple[LineEffect, ...], k) -> Inexact[np.ndarray, " k"]:
+    factor, at = np.ones_like(k), as_real(k)
+    for each in effects:
+        factor = factor * np.asarray(_factor(each, at))
+    return factor
+
+
+@eqx.filter_jit
+def _factor(effect: LineEffect, k: Float[Array, " k"]) -> Inexact[Array, " k"]:
+    return effect.transfer(k)
+
+
+class _SignalAndStress(Stage):
+    """The recorded signal and the stress at the films, rows one after another."""
+
+    signal: FilmSignal
+    stress: FilmStress
+
+    def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
+        return jnp.concatenate([self.signal.transfer(k), self.stress.transfer(k)])
+
+    def cell_response(
+        self, x: Float[Array, " x"], cell_m: Float[Array, ""]
+    ) -> Float[Array, "e c x"]:
+        both = self.signal, self.stress
+        return jnp.concatenate([each.cell_response(x, cell_m) for each in both])
