@@ -58,6 +58,8 @@ def objective_of(model, unknowns: Parameters, data, noise, priors, loss) -> tupl
     whiten, observed = whitener(noise, data.shape)
     data = filled(data, observed)
     refuse(not whiten.count(data.shape), "All of the data are left out: there is nothing to fit.")
+    if not callable(model):  # the repr of jax arrays is slow
+        raise BadInput(f"The model is {model!r}: give a function of the parameters.")
     layout = unknowns.layout
     mean, weight = _priors(layout, priors)
     scale = 1.0 if noise is not None else data_unit(data, observed)
@@ -65,28 +67,7 @@ def objective_of(model, unknowns: Parameters, data, noise, priors, loss) -> tupl
         model, layout, as_real(unknowns.first), as_real(data), whiten,
         as_real(scale), mean, weight, loss_of(loss),
     )  # fmt: skip
-    _check_model(model, layout.tree(objective.row), data.shape)
     return objective, noise is not None
-
-
-def _check_model(model, tree: Tree, shape: tuple[int, ...]) -> None:
-    if not callable(model):  # the repr of jax arrays is slow
-        raise BadInput(f"The model is {model!r}: give a function of the parameters.")
-    try:
-        made = jax.eval_shape(lambda params: model(params), tree)
-    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
-        raise BadInput(
-            "The model takes a parameter out of jax, by numpy, float() or an if: compute with "
-            "jax.numpy alone, so that it can be differentiated."
-        ) from error
-    got = getattr(made, "shape", type(made).__name__)
-    refuse(
-        got != shape, f"The model gives {got} where the data have shape {shape}: they must agree."
-    )
-    refuse(
-        jnp.issubdtype(made.dtype, jnp.complexfloating),
-        "The model gives complex numbers: give their real and imaginary parts side by side.",
-    )
 
 
 def _priors(layout, priors) -> tuple[Any, Any]:
@@ -136,7 +117,7 @@ def _is_affine(objective: Objective, z):
     size = jnp.maximum(jnp.abs(z[places]), 1.0)
 
     def at(reach):
-        return objective.model(objective.tree(z.at[places].set(reach * size)))
+        return objective.signal(z.at[places].set(reach * size))
 
     zero, one, two = jax.lax.map(at, jnp.array([0.0, 1.0, 2.5], size.dtype))
     bent = jnp.linalg.norm(two - zero - 2.5 * (one - zero))

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...errors import BadInput, refuse
 from ._lengths import lengths
 from ._loss import Loss, Squares
 from ._noise import Whitener
@@ -45,9 +46,30 @@ class Objective(eqx.Module):
         """The parameters as the model takes them."""
         return self.layout.tree(self.row.at[np.asarray(self.layout.free)].set(z))
 
+    def signal(self, z: Float[Array, " m"]) -> Float[Array, "..."]:
+        """The model at z. Raises `BadInput`, as it is traced, for one that jax cannot differentiate
+        and for what is not like the data."""
+        try:
+            made = self.model(self.tree(z))
+        except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
+            raise BadInput(
+                "The model takes a parameter out of jax, by numpy, float() or an if: compute with "
+                "jax.numpy alone, so that it can be differentiated."
+            ) from error
+        got, shape = getattr(made, "shape", type(made).__name__), self.y.shape
+        refuse(
+            got != shape,
+            f"The model gives {got} where the data have shape {shape}: they must agree.",
+        )
+        refuse(
+            jnp.issubdtype(made.dtype, jnp.complexfloating),
+            "The model gives complex numbers: give their real and imaginary parts side by side.",
+        )
+        return made
+
     def white(self, z: Float[Array, " m"]) -> tuple[Float[Array, " n"], Float[Array, "..."]]:
         """The whitened residual, and the residual itself."""
-        residual = self.y - self.model(self.tree(z))
+        residual = self.y - self.signal(z)
         return self.whiten(residual) / self.scale, residual
 
     def terms(self, z: Float[Array, " m"]) -> Float[Array, " terms"]:
