@@ -150,18 +150,31 @@ class FeatureFitter:
     def many(
         self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
     ) -> tuple[FeatureModel, list[Fit]]:
-        """Fit one feature to many signals of the same scene, of known noise.
+        """Fit one feature to many signals, of known noise, each from where the search finds it."""
+        parts = {name: feature}
+        model = self._model.with_features(parts)
+        shapes = self._search.best(ys, feature)
+        start = {part: float(values[0]) for part, values in shapes.items()}
+        start = self._common(ys[0]) | {name: start | self._model.loading.begun(feature)}
+        each = {f"{name}.{part}": values for part, values in shapes.items()}
+        settings = self._settings(parts, ys, noise)
+        return model, fit_many(model, start, ys, each=each, **settings)
 
-        All start from the search in the first signal.
-        """
-        params, parts = self._common(ys[0]), {name: feature}
-        white = np.ones(len(ys[0]))
-        shape = self._search.starts(ys[0], white, ({}, params), feature, {})[0]
-        start = params | {name: shape | self._model.loading.begun(feature)}
-        settings = self._settings(parts, ys[0], noise)
-        return self._model.with_features(parts), fit_many(
-            self._model.with_features(parts), start, ys, **settings
-        )
+    def estimates(
+        self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
+    ) -> list[FeatureEstimate]:
+        """The estimates of [`many`][srsinv.inverse.features.fit.FeatureFitter.many]."""
+        model, fits = self.many(name, feature, ys, noise)
+        shapes = {part: np.array([fit.value[name][part] for fit in fits]) for part in feature.axes}
+        ratios = model.loading.log_prior_ratio(feature, shapes, self._search)
+        features = {name: feature}
+        return [
+            FeatureEstimate.of(
+                features, fit, model, y, model.loading.report(features, fit),
+                _evidence_of(fit, float(ratio)),
+            )
+            for fit, y, ratio in zip(fits, ys, ratios, strict=True)
+        ]  # fmt: skip
 
     def _fit_in_turn(
         self,
@@ -237,11 +250,9 @@ class FeatureFitter:
 
         The fit used that of the shape with the strongest signal; both are too wide to move it.
         """
-        if result.log_evidence is None:
-            return -np.inf
         weigh = self._model.loading.log_prior_ratio
-        ratios = (weigh(f, result.value[name], self._search) for name, f in features.items())
-        return float(result.log_evidence + sum(ratios))
+        ratios = (weigh(f, result.value[name], self._search)[0] for name, f in features.items())
+        return _evidence_of(result, float(sum(ratios)))
 
     # --- noise estimated from the residual ---
 
@@ -274,6 +285,10 @@ class FeatureFitter:
     @property
     def _scale(self):
         return self._motion.position_m, self._depth_m
+
+
+def _evidence_of(fit: Fit, log_prior_ratio: float) -> float:
+    return -np.inf if fit.log_evidence is None else float(fit.log_evidence + log_prior_ratio)
 
 
 def _own(start: Mapping[str, float], name: str, features: Features) -> dict[str, float]:

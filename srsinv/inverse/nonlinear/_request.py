@@ -9,10 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...errors import BadInput, of_kind, refuse
-from ...grid import as_real
 from ._loss import loss_of
 from ._noise import whitener
-from ._parameters import Parameters, Tree, flat_mapping, real
+from ._parameters import Parameters, flat_mapping, on_host, real
 from ._search import Objective
 from ._solvers import Optimistix, Solver
 
@@ -54,18 +53,21 @@ def data_unit(data: np.ndarray, observed: np.ndarray) -> float:
     return float(2.0 ** np.round(np.log2(size))) if size > 0 else 1.0
 
 
-def objective_of(model, unknowns: Parameters, data, noise, priors, loss) -> tuple[Objective, bool]:
+def objective_of(
+    model: Any, unknowns: Parameters, data, noise, priors, loss
+) -> tuple[Objective, bool]:
     whiten, observed = whitener(noise, data.shape)
     data = filled(data, observed)
     refuse(not whiten.count(data.shape), "All of the data are left out: there is nothing to fit.")
-    if not callable(model):  # the repr of jax arrays is slow
+    is_function: bool = callable(model)
+    if not is_function:  # the repr of jax arrays is slow
         raise BadInput(f"The model is {model!r}: give a function of the parameters.")
     layout = unknowns.layout
     mean, weight = _priors(layout, priors)
     scale = 1.0 if noise is not None else data_unit(data, observed)
     objective = Objective(
-        model, layout, as_real(unknowns.first), as_real(data), whiten,
-        as_real(scale), mean, weight, loss_of(loss),
+        model, layout, on_host(unknowns.first), on_host(data), whiten,
+        on_host(scale), mean, weight, loss_of(loss),
     )  # fmt: skip
     return objective, noise is not None
 
@@ -90,7 +92,7 @@ def _priors(layout, priors) -> tuple[Any, Any]:
         f"The prior of {layout.names[i]} is ({mean[i]:g}, {stderr[i]:g}): {remedy}.",
     )
     free = list(layout.free)
-    return as_real(mean[free]), as_real(1 / stderr[free])
+    return on_host(mean[free]), on_host(1 / stderr[free])
 
 
 def check_linear(objective: Objective, points, linear: Collection[str]) -> None:
