@@ -186,7 +186,7 @@ class Batch:
         """How large a change of the terms is none: a part of their rms, or rounding."""
         size = self.data.shape[1]
         eps = np.finfo(np.asarray(self.objective.y).dtype).eps
-        relative = max(min(self.tolerance, LOOSEST), ROUNDING_FACTOR * eps)
+        relative = max(min(self.tolerance**0.75, LOOSEST), ROUNDING_FACTOR * eps)
         return relative * np.sqrt(2 * cost / size) + ROUNDING_FACTOR * eps * self._lengths[which]
 
     @cached_property

@@ -59,17 +59,20 @@ def objective_of(
     whiten, observed = whitener(noise, data.shape)
     data = filled(data, observed)
     refuse(not whiten.count(data.shape), "All of the data are left out: there is nothing to fit.")
-    is_function: bool = callable(model)
-    if not is_function:  # the repr of jax arrays is slow
-        raise BadInput(f"The model is {model!r}: give a function of the parameters.")
     layout = unknowns.layout
     mean, weight = _priors(layout, priors)
     scale = 1.0 if noise is not None else data_unit(data, observed)
     objective = Objective(
-        model, layout, on_host(unknowns.first), on_host(data), whiten,
+        _checked_model(model), layout, on_host(unknowns.first), on_host(data), whiten,
         on_host(scale), mean, weight, loss_of(loss),
     )  # fmt: skip
     return objective, noise is not None
+
+
+def _checked_model(model: Any) -> Any:
+    if not callable(model):  # the repr of jax arrays is slow
+        raise BadInput(f"The model is {model!r}: give a function of the parameters.")
+    return model
 
 
 def _priors(layout, priors) -> tuple[Any, Any]:

@@ -64,8 +64,8 @@ def test_starts_of_each():
     frequencies = np.array([12.0, 25.0, 60.0])
     each = {"w": frequencies + 0.4}
     fits = srsinv.fit_many(wave, START, data(frequencies), noise=NOISE, each=each)
-    found = [fit.value["w"] for fit in fits]
-    np.testing.assert_allclose(found, frequencies, atol=0.05)
+    values = [fit.value["w"] for fit in fits]
+    np.testing.assert_allclose(values, frequencies, atol=0.05)
     with pytest.raises(srsinv.BadInput, match="each gives 3 values to start from for 2 data"):
         srsinv.fit_many(wave, START, data(frequencies[:2]), noise=NOISE, each=each)
 
