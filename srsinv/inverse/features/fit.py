@@ -36,11 +36,8 @@ ROUNDS = 4  # of fitting, and estimating the noise from the residual
 
 
 class FeatureFitter:
-    """Fitter of features to signals of one sensor along one motion.
-
-    Computations that do not depend on the signal are done once, and the programs compiled for the
-    first signal serve all.
-    """
+    """Fitter of features to signals of one sensor along one motion; what does not depend on the
+    signal is done once."""
 
     def __init__(
         self,
@@ -151,11 +148,10 @@ class FeatureFitter:
         self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
     ) -> tuple[FeatureModel, list[Fit]]:
         """Fit one feature to many signals, of known noise, each from where the search finds it."""
-        parts = {name: feature}
-        model = self._model.with_features(parts)
+        model, parts = self._model.with_features({name: feature}), {name: feature}
         shapes = self._search.best(ys, feature)
-        start = {part: float(values[0]) for part, values in shapes.items()}
-        start = self._common(ys[0]) | {name: start | self._model.loading.begun(feature)}
+        own = {part: float(values[0]) for part, values in shapes.items()}
+        start = self._common(ys[0]) | {name: own | self._model.loading.begun(feature)}
         each = {f"{name}.{part}": values for part, values in shapes.items()}
         settings = self._settings(parts, ys, noise)
         return model, fit_many(model, start, ys, each=each, **settings)
@@ -163,18 +159,17 @@ class FeatureFitter:
     def estimates(
         self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
     ) -> list[FeatureEstimate]:
-        """The estimates of [`many`][srsinv.inverse.features.fit.FeatureFitter.many]."""
+        """Its estimates."""
         model, fits = self.many(name, feature, ys, noise)
+        loading, features = model.loading, {name: feature}
         shapes = {part: np.array([fit.value[name][part] for fit in fits]) for part in feature.axes}
-        ratios = model.loading.log_prior_ratio(feature, shapes, self._search)
-        features = {name: feature}
-        return [
-            FeatureEstimate.of(
-                features, fit, model, y, model.loading.report(features, fit),
-                _evidence_of(fit, float(ratio)),
-            )
-            for fit, y, ratio in zip(fits, ys, ratios, strict=True)
-        ]  # fmt: skip
+        ratios = loading.log_prior_ratio(feature, shapes, self._search)
+
+        def estimate_of(fit: Fit, y: np.ndarray, ratio: float) -> FeatureEstimate:
+            read, evidence = loading.report(features, fit), _evidence_of(fit, float(ratio))
+            return FeatureEstimate.of(features, fit, model, y, read, evidence)
+
+        return list(map(estimate_of, fits, ys, ratios))
 
     def _fit_in_turn(
         self,
@@ -250,9 +245,9 @@ class FeatureFitter:
 
         The fit used that of the shape with the strongest signal; both are too wide to move it.
         """
-        weigh = self._model.loading.log_prior_ratio
-        ratios = (weigh(f, result.value[name], self._search)[0] for name, f in features.items())
-        return _evidence_of(result, float(sum(ratios)))
+        weigh, values = self._model.loading.log_prior_ratio, result.value
+        ratio = sum(float(weigh(f, values[n], self._search)[0]) for n, f in features.items())
+        return _evidence_of(result, ratio)
 
     # --- noise estimated from the residual ---
 
@@ -293,8 +288,7 @@ def _evidence_of(fit: Fit, log_prior_ratio: float) -> float:
 
 def _own(start: Mapping[str, float], name: str, features: Features) -> dict[str, float]:
     """The start values of this feature."""
-    prefix = f"{name}_" if len(features) > 1 else ""
-    wanted = "a number, in SI units"
+    prefix, wanted = f"{name}_" if len(features) > 1 else "", "a number, in SI units"
     return {
         part: float(number(f"fit.start.{prefix}{part}", start[prefix + part], wanted))
         for part in features[name].axes
@@ -304,5 +298,4 @@ def _own(start: Mapping[str, float], name: str, features: Features) -> dict[str,
 
 def _reach(y: np.ndarray) -> float:
     """Signal at one prior standard deviation of an amplitude: see `AMPLITUDE_PRIOR_REACH`."""
-    largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
-    return AMPLITUDE_PRIOR_REACH * largest if largest > 0 else 1.0
+    return AMPLITUDE_PRIOR_REACH * float(np.nanmax(np.abs(y), initial=0.0)) or 1.0

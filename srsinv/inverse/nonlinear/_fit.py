@@ -18,11 +18,12 @@ from ._answer import Fit
 from ._described import Summary
 from ._loss import Loss
 from ._many import ends_of_many
-from ._parameters import Tree, on_host, parameters, starting_points, starting_rows
+from ._parameters import Tree, on_host, parameters
 from ._request import check_linear, checked_data, checked_solver, data_unit, filled, objective_of
 from ._saddle import escape_saddle
 from ._search import Objective, SearchEnd, search
 from ._solvers import Solver
+from ._starts import starting_points, starting_rows
 
 AT_ONCE = 8  # data whose model is one call: more of them no longer share a processor's cache
 MAX_SEARCHES = 8  # number of best starts to search from

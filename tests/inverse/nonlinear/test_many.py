@@ -79,5 +79,6 @@ def test_clean_data_have_the_warning_once_in_a_thousand():
 
 def test_other_solvers_fit_one_after_the_other():
     ys = data([12.0, 12.2])
-    fits = srsinv.fit_many(wave, START, ys, noise=NOISE, solver=OptaxLBFGS())
+    solver = OptaxLBFGS()  # pyright: ignore[reportCallIssue]
+    fits = srsinv.fit_many(wave, START, ys, noise=NOISE, solver=solver)
     assert all(fit.explains for fit in fits)
