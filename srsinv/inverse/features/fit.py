@@ -159,7 +159,7 @@ class FeatureFitter:
     def estimates(
         self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
     ) -> list[FeatureEstimate]:
-        """Its estimates."""
+        """The estimates of these fits."""
         model, fits = self.many(name, feature, ys, noise)
         loading, features = model.loading, {name: feature}
         shapes = {part: np.array([fit.value[name][part] for fit in fits]) for part in feature.axes}
@@ -249,8 +249,6 @@ class FeatureFitter:
         ratio = sum(float(weigh(f, values[n], self._search)[0]) for n, f in features.items())
         return _evidence_of(result, ratio)
 
-    # --- noise estimated from the residual ---
-
     def _settled(
         self, features: Features, result: Fit, y: np.ndarray, levels: Levels
     ) -> tuple[Fit, Levels]:
@@ -298,4 +296,5 @@ def _own(start: Mapping[str, float], name: str, features: Features) -> dict[str,
 
 def _reach(y: np.ndarray) -> float:
     """Signal at one prior standard deviation of an amplitude: see `AMPLITUDE_PRIOR_REACH`."""
-    return AMPLITUDE_PRIOR_REACH * float(np.nanmax(np.abs(y), initial=0.0)) or 1.0
+    largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
+    return AMPLITUDE_PRIOR_REACH * largest if largest > 0 else 1.0
