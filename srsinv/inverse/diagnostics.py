@@ -9,7 +9,7 @@ chi-square. Bands are valid under the model, and too narrow where these relation
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.special import chdtri, ndtri
+from scipy.special import chdtrc, chdtri, ndtri
 
 from ..status import Status
 from .quality import is_excess
@@ -168,6 +168,20 @@ def of_fit(
             for each in undetermined
         ),
         *_on_bounds(at_bound),
+    )
+
+
+def false_minimum(chi2_per_dof: float | None, degrees_of_freedom: float | int) -> tuple[str, ...]:
+    """Warning on one fit of many whose chi-square noise alone exceeds less than once in a thousand
+    times, None where the noise is not known."""
+    if chi2_per_dof is None or not degrees_of_freedom >= 1:
+        return ()
+    if chdtrc(degrees_of_freedom, chi2_per_dof * degrees_of_freedom) >= FALSE_ALARM:
+        return ()
+    return (
+        f"The residual is {np.sqrt(chi2_per_dof):.3g} times the noise, more than chance makes once "
+        "in a thousand times, and no minimum of the other data explains it: it may be a false "
+        "minimum (give starts nearer to it), or the model or the noise is not as stated.",
     )
 
 

@@ -19,7 +19,6 @@ from ..forward.circular import Circle, Circling, ObliqueRidge
 from ..forward.sensor import Sensor
 from ..grid import as_real
 from ..resolution import cell_m
-from .features.direct import Ratio
 from .features.search import apart
 from .nonlinear import Fit, fit
 
@@ -128,8 +127,7 @@ def _canonical_angle(fitted: Fit) -> dict[str, tuple[float, float]]:
     value = fitted.value | {"angle_deg": angle, "distance_m": side * fitted.value["distance_m"]}
     names = ("angle_deg", "distance_m", "load_N_per_m", "width_m")
     read = {name: (float(value[name]), float(fitted.stderr[name])) for name in names}
-    mu, stderr = fitted.derive(Ratio(("shear_N_per_m",), ("load_N_per_m",)))
-    return read | {"friction": (float(mu), float(stderr))}
+    return read | {"friction": fitted.ratio("shear_N_per_m", "load_N_per_m")}
 
 
 class _RidgeBank:

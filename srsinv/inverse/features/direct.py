@@ -1,8 +1,6 @@
 """Features of traction: they load the skin by themselves."""
 
 from collections.abc import Iterator, Mapping
-from functools import reduce
-from operator import getitem
 from typing import Any
 
 import equinox as eqx
@@ -83,8 +81,10 @@ class DirectLoading(Loading):
             for part, top in zip(feature.linear, search.strongest(feature), strict=True)
         }
 
-    def log_prior_ratio(self, feature: Any, own: Mapping[str, Any], search: Strengths) -> float:
-        return float(np.log(search.relative_signal(feature, own)).sum())
+    def log_prior_ratio(
+        self, feature: Any, own: Mapping[str, Any], search: Strengths
+    ) -> Float[np.ndarray, " b"]:
+        return np.log(search.relative_signal(feature, own)).sum(axis=1)
 
     def report(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
         """The shape, the amplitude and the friction of each feature.
@@ -154,18 +154,6 @@ def responses(model: Any, shapes) -> Float[Array, "start a e sample"]:
     return jax.lax.map(at, shapes, batch_size=64)
 
 
-class Ratio(eqx.Module):
-    """One parameter over another, each by its keys."""
-
-    above: tuple[str, ...] = eqx.field(static=True)
-    below: tuple[str, ...] = eqx.field(static=True)
-
-    def __call__(self, params: Any) -> Float[Array, ""]:
-        above, below = (reduce(getitem, keys, params) for keys in (self.above, self.below))
-        return above / below
-
-
 def friction_of(fit: Fit, name: str, feature: Any) -> tuple[float, float]:
     """mu, the ratio of the two amplitudes, and its standard error to first order."""
-    value, stderr = fit.derive(Ratio((name, feature.shear), (name, feature.amplitude)))
-    return float(value), float(stderr)
+    return fit.ratio(f"{name}.{feature.shear}", f"{name}.{feature.amplitude}")

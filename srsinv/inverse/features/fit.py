@@ -36,11 +36,8 @@ ROUNDS = 4  # of fitting, and estimating the noise from the residual
 
 
 class FeatureFitter:
-    """Fitter of features to signals of one sensor along one motion.
-
-    Computations that do not depend on the signal are done once, and the programs compiled for the
-    first signal serve all.
-    """
+    """Fitter of features to signals of one sensor along one motion; what does not depend on the
+    signal is done once."""
 
     def __init__(
         self,
@@ -150,18 +147,29 @@ class FeatureFitter:
     def many(
         self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
     ) -> tuple[FeatureModel, list[Fit]]:
-        """Fit one feature to many signals of the same scene, of known noise.
+        """Fit one feature to many signals, of known noise, each from where the search finds it."""
+        model, parts = self._model.with_features({name: feature}), {name: feature}
+        shapes = self._search.best(ys, feature)
+        own = {part: float(values[0]) for part, values in shapes.items()}
+        start = self._common(ys[0]) | {name: own | self._model.loading.begun(feature)}
+        each = {f"{name}.{part}": values for part, values in shapes.items()}
+        settings = self._settings(parts, ys, noise)
+        return model, fit_many(model, start, ys, each=each, **settings)
 
-        All start from the search in the first signal.
-        """
-        params, parts = self._common(ys[0]), {name: feature}
-        white = np.ones(len(ys[0]))
-        shape = self._search.starts(ys[0], white, ({}, params), feature, {})[0]
-        start = params | {name: shape | self._model.loading.begun(feature)}
-        settings = self._settings(parts, ys[0], noise)
-        return self._model.with_features(parts), fit_many(
-            self._model.with_features(parts), start, ys, **settings
-        )
+    def estimates(
+        self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
+    ) -> list[FeatureEstimate]:
+        """The estimates of these fits."""
+        model, fits = self.many(name, feature, ys, noise)
+        loading, features = model.loading, {name: feature}
+        shapes = {part: np.array([fit.value[name][part] for fit in fits]) for part in feature.axes}
+        ratios = loading.log_prior_ratio(feature, shapes, self._search)
+
+        def estimate_of(fit: Fit, y: np.ndarray, ratio: float) -> FeatureEstimate:
+            read, evidence = loading.report(features, fit), _evidence_of(fit, float(ratio))
+            return FeatureEstimate.of(features, fit, model, y, read, evidence)
+
+        return list(map(estimate_of, fits, ys, ratios))
 
     def _fit_in_turn(
         self,
@@ -237,13 +245,9 @@ class FeatureFitter:
 
         The fit used that of the shape with the strongest signal; both are too wide to move it.
         """
-        if result.log_evidence is None:
-            return -np.inf
-        weigh = self._model.loading.log_prior_ratio
-        ratios = (weigh(f, result.value[name], self._search) for name, f in features.items())
-        return float(result.log_evidence + sum(ratios))
-
-    # --- noise estimated from the residual ---
+        weigh, values = self._model.loading.log_prior_ratio, result.value
+        ratio = sum(float(weigh(f, values[n], self._search)[0]) for n, f in features.items())
+        return _evidence_of(result, ratio)
 
     def _settled(
         self, features: Features, result: Fit, y: np.ndarray, levels: Levels
@@ -276,10 +280,13 @@ class FeatureFitter:
         return self._motion.position_m, self._depth_m
 
 
+def _evidence_of(fit: Fit, log_prior_ratio: float) -> float:
+    return -np.inf if fit.log_evidence is None else float(fit.log_evidence + log_prior_ratio)
+
+
 def _own(start: Mapping[str, float], name: str, features: Features) -> dict[str, float]:
     """The start values of this feature."""
-    prefix = f"{name}_" if len(features) > 1 else ""
-    wanted = "a number, in SI units"
+    prefix, wanted = f"{name}_" if len(features) > 1 else "", "a number, in SI units"
     return {
         part: float(number(f"fit.start.{prefix}{part}", start[prefix + part], wanted))
         for part in features[name].axes

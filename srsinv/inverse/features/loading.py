@@ -40,7 +40,7 @@ class Strengths(Protocol):
         ...
 
     def relative_signal(self, feature: AnyFeature, own: Mapping[str, Any]) -> np.ndarray:
-        """That of one shape (a,), relative to the strongest."""
+        """That of shapes (b,), relative to the strongest: (b, a)."""
         ...
 
 
@@ -125,10 +125,10 @@ class Loading(eqx.Module):
 
     def log_prior_ratio(
         self, feature: AnyFeature, own: Mapping[str, Any], search: "Strengths"
-    ) -> float:
-        """Log of the priors' densities that belong to the fitted shape, over those of the fit."""
-        del feature, own, search
-        return 0.0
+    ) -> Float[np.ndarray, " b"]:
+        """Log of the priors' densities that belong to fitted shapes (b,), over those of the fit."""
+        del feature, search
+        return np.zeros(np.size(next(iter(own.values()))))
 
     def common_priors(self) -> dict[str, Range]:
         """Those of the linear parameters that are no feature's."""

@@ -30,11 +30,16 @@ class Latest:
 
     def of(self, given: Any, make: Callable[[], Any]) -> Any:
         """What was made for the same arrays and settings, else what `make` gives."""
-        leaves, tree = jax.tree.flatten(given)
-        key = tree, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
+        key = _key(given)
         if self._made is None or key != self._key:
             self._key, self._made = key, make()
         return self._made
+
+
+def _key(given: Any) -> tuple[Any, tuple[bytes, ...]]:
+    """Equal for the same arrays and settings."""
+    leaves, tree = jax.tree.flatten(given)
+    return tree, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 
 
 class FeatureFit(Method):
@@ -100,9 +105,37 @@ class FeatureFit(Method):
         rough = self.is_of_surface and samples.is_estimate
         noise = None if rough else samples.noise
         estimate = self._fitter(problem, samples)(features, samples.signal, noise, self.start)
-        placed = estimate.of_problem(problem.background_Pa, problem.own_line, problem.passed)
-        pulling = _pulling(placed, problem.surrounding_pressure_Pa)
-        return dataclasses.replace(placed, warnings=(*problem.warnings, *placed.warnings, *pulling))
+        return _placed(estimate, problem)
+
+    def many(self, problems: Sequence[Problem | LineProblem]) -> list[FeatureEstimate]:
+        """The estimate of each problem.
+
+        One feature of traction is fitted to all recordings of the same sensor, motion and noise at
+        once, each from where the search finds it; a minimum in one of them is a start for the
+        others, and what stays above the noise has a warning (see [`fit_many`][]). Else they are
+        fitted one after the other.
+        """
+        samples = [problem.samples() for problem in problems]
+        alike: dict[Any, list[int]] = {}
+        for i, each in enumerate(samples):
+            own = None if self._is_batched else i
+            alike.setdefault((own, _key((each.sensor, each.motion, each.noise))), []).append(i)
+        estimates: dict[int, FeatureEstimate] = {}
+        for group in alike.values():
+            if len(group) == 1:
+                estimates[group[0]] = self(problems[group[0]])
+                continue
+            first, ((name, feature),) = samples[group[0]], self.features.items()
+            fitter = self._fitter(problems[group[0]], first)
+            signals = np.stack([samples[i].signal for i in group])
+            fitted = fitter.estimates(name, feature, signals, first.noise)
+            for i, estimate in zip(group, fitted, strict=True):
+                estimates[i] = _placed(estimate, problems[i])
+        return [estimates[i] for i in range(len(problems))]
+
+    @property
+    def _is_batched(self) -> bool:
+        return len(self.features) == 1 and not self.is_of_surface and not self.start
 
     def _fitter(self, problem: Problem | LineProblem, samples: Samples) -> FeatureFitter:
         """The fitter along the samples' motion."""
@@ -117,6 +150,13 @@ class FeatureFit(Method):
                 sensor, motion, self.features, window, pressure, self.also, self.solver
             ),
         )
+
+
+def _placed(estimate: FeatureEstimate, problem: Problem | LineProblem) -> FeatureEstimate:
+    """The estimate on the problem's own line and over its background, with its warnings."""
+    placed = estimate.of_problem(problem.background_Pa, problem.own_line, problem.passed)
+    pulling = _pulling(placed, problem.surrounding_pressure_Pa)
+    return dataclasses.replace(placed, warnings=(*problem.warnings, *placed.warnings, *pulling))
 
 
 def _pulling(estimate: FeatureEstimate, surrounding_Pa: float) -> Sequence[str]:

@@ -1,6 +1,7 @@
 """Start values of a fit of features: banks of matched filters on coarser samples."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -48,12 +49,49 @@ def apart(tried: Sequence[np.ndarray], explained: np.ndarray) -> list[int]:
     return chosen
 
 
+@dataclass(frozen=True)
+class FilterBank:
+    """Matched filters of some shapes (start,).
+
+    `basis` (start, a, row): an orthonormal basis of each one's signals, slightly damped where there
+    is hardly any; its `fixed` signal (start, row), None for none.
+    """
+
+    shapes: Mapping[str, Float[np.ndarray, " start"]]
+    basis: Float[np.ndarray, "start a row"]
+    fixed: Float[np.ndarray, "start row"] | None
+
+    @classmethod
+    def of(
+        cls, tried: Tried, weigh: Callable[[Float[np.ndarray, "..."]], Float[np.ndarray, "..."]]
+    ) -> "FilterBank":
+        """Those of the shapes tried; `weigh` gives signals in units of the noise."""
+        signals = weigh(tried.signals)
+        signals = signals.reshape(*signals.shape[:2], -1)
+        gram = signals @ signals.swapaxes(1, 2)
+        damping = 1e-9 * np.trace(gram.mean(axis=0)) + 1e-300
+        root = np.linalg.cholesky(gram + damping * np.eye(gram.shape[-1]))
+        fixed = weigh(tried.fixed).reshape(len(gram), -1) if np.any(tried.fixed) else None
+        return cls(tried.shapes, np.linalg.solve(root, signals), fixed)
+
+    def explained(self, rest: Float[np.ndarray, "b row"]) -> Float[np.ndarray, "b start"]:
+        """Reduction of the squares of each residual by a shape with its best linear parameters,
+        less the squares that its fixed signal leaves."""
+        starts, a, rows = self.basis.shape
+        along = (rest @ self.basis.reshape(-1, rows).T).reshape(-1, starts, a)
+        squares = np.sum(rest**2, axis=1)[:, None]
+        if self.fixed is not None:
+            along = along - (self.basis @ self.fixed[:, :, None])[..., 0]
+            squares = squares - 2 * rest @ self.fixed.T + np.sum(self.fixed**2, axis=1)
+        return np.sum(along**2, axis=2) - squares
+
+
 class FeatureSearch:
     """The best shapes of a feature to start from, by a coarse model along the means of `blocks`."""
 
     def __init__(self, coarse: FeatureModel, blocks: Blocks, stretch: ScanExtent):
         self._model, self._blocks, self._stretch = coarse, blocks, stretch
-        self._known: dict[AnyFeature, list[Tried]] = {}
+        self._banks: dict[Any, list[FilterBank]] = {}
         self._strongest: dict[AnyFeature, list[float]] = {}
 
     def starts(
@@ -76,56 +114,75 @@ class FeatureSearch:
         rest = self._blocks.means(np.nan_to_num(y))
         if before[0]:
             rest = rest - np.asarray(self._model.with_features(before[0])(before[1]))
-        rest = self._without_mean(rest / white[:, None])
-        shapes, explained = [], []
-        for tried in self._tried(feature, given):
-            shapes.append(tried.shapes)
-            explained.append(self._explained(rest, white, tried))
-        columns = {name: np.concatenate([each[name] for each in shapes]) for name in feature.axes}
-        chosen = apart(list(columns.values()), np.concatenate(explained))
+        columns, explained = self._explained(rest[None], white, feature, given)
+        chosen = apart(list(columns.values()), explained[0])
         return [{name: float(column[at]) for name, column in columns.items()} for at in chosen]
+
+    def best(
+        self, ys: Float[np.ndarray, "b e sample"], feature: AnyFeature
+    ) -> dict[str, Float[np.ndarray, " b"]]:
+        """The best shape of the only feature to start from, for each of many signals."""
+        rest, white = self._blocks.means(np.nan_to_num(ys)), np.ones(ys.shape[1])
+        columns, explained = self._explained(rest, white, feature, {})
+        return {name: column[explained.argmax(axis=1)] for name, column in columns.items()}
+
+    def _explained(
+        self, rest: Float[np.ndarray, "b e sample"], white, feature: AnyFeature, given
+    ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "b start"]]:
+        """The shapes tried, and how much of each residual they explain."""
+        left = self._weighed(rest, white).reshape(len(rest), -1)
+        shapes, explained = [], []
+        for bank in self._tried(feature, white, given):
+            shapes.append(bank.shapes)
+            explained.append(bank.explained(left))
+        columns = {name: np.concatenate([each[name] for each in shapes]) for name in feature.axes}
+        return columns, np.concatenate(explained, axis=1)
 
     def strongest(self, feature: AnyFeature) -> list[float]:
         """The strongest signal of each of its unit linear parameters over all shapes tried."""
         if feature not in self._strongest:
-            peaks = [np.abs(part.signals).max(axis=(0, 2, 3)) for part in self._tried(feature, {})]
-            self._strongest[feature] = np.max(peaks, axis=0).tolist()
+            tried = self._model.loading.tried(self._model, feature, self._stretch, {})
+            self._note(feature, peaks=[_peaks(part) for part in tried])
         return self._strongest[feature]
 
     def relative_signal(
         self, feature: AnyFeature, own: Mapping[str, Any]
-    ) -> Float[np.ndarray, " a"]:
-        """Signal of each unit amplitude, relative to the shape with the strongest signal."""
-        shape = {part: as_real([own[part]]) for part in feature.axes}
+    ) -> Float[np.ndarray, "b a"]:
+        """Signal of each unit amplitude, relative to the shape with the strongest signal, for
+        shapes whose parameters are (b,) each."""
+        shape = {part: as_real(np.atleast_1d(own[part])) for part in feature.axes}
         signals = np.asarray(responses(self._model.with_features({"one": feature}), shape))
-        peak = np.abs(signals).max(axis=(0, 2, 3))
+        peak = np.abs(signals).max(axis=(2, 3))
         top = np.asarray(self.strongest(feature))
         return np.maximum(peak / np.where(top > 0, top, 1.0), LEAST_RELATIVE_SIGNAL)
 
-    def _tried(self, feature: AnyFeature, given: Mapping[str, float]) -> Iterable[Tried]:
+    def _tried(
+        self, feature: AnyFeature, white: np.ndarray, given: Mapping[str, float]
+    ) -> Iterable[FilterBank]:
         loading = self._model.loading
+        key = feature, white.tobytes()
+        if key in self._banks:
+            return self._banks[key]
+        tried = loading.tried(self._model, feature, self._stretch, given)
+
+        def weigh(signals):
+            return self._weighed(signals, white)
+
         if not loading.ARE_FEW:
-            return loading.tried(self._model, feature, self._stretch, given)
-        if feature not in self._known:
-            tried = loading.tried(self._model, feature, self._stretch, given)
-            self._known[feature] = list(tried)
-        return self._known[feature]
+            return (FilterBank.of(part, weigh) for part in tried)
+        tried = list(tried)
+        self._note(feature, peaks=[_peaks(part) for part in tried])
+        self._banks[key] = [FilterBank.of(part, weigh) for part in tried]
+        return self._banks[key]
 
-    def _explained(
-        self, rest: Float[np.ndarray, "e sample"], white: Float[np.ndarray, " e"], tried: Tried
-    ) -> Float[np.ndarray, " start"]:
-        """Reduction of the squares of the residual `rest` by the best linear parameters."""
-        basis = self._without_mean(tried.signals / white[:, None])
-        basis = basis.reshape(*basis.shape[:2], -1)
-        left = (rest - self._without_mean(tried.fixed / white[:, None])).reshape(-1, rest.size)
-        projections = (basis @ left[:, :, None])[..., 0]
-        gram = basis @ basis.swapaxes(1, 2)
-        # Slightly damped, for shapes with hardly any signal.
-        damping = 1e-9 * np.trace(gram.mean(axis=0)) + 1e-300
-        gram = gram + damping * np.eye(gram.shape[-1])
-        solved = np.linalg.solve(gram, projections[..., None])[..., 0]
-        return np.sum(projections * solved, axis=1) - np.sum(left**2, axis=1)
+    def _note(self, feature: AnyFeature, peaks: list[np.ndarray]) -> None:
+        self._strongest[feature] = np.max(peaks, axis=0).tolist()
 
-    def _without_mean(self, signals: np.ndarray) -> np.ndarray:
-        """Signals less each element's mean, where its offset is free."""
-        return signals - self._model.free_offset * signals.mean(axis=-1, keepdims=True)
+    def _weighed(self, signals: np.ndarray, white: np.ndarray) -> np.ndarray:
+        """Signals in units of the noise, less each element's mean where its offset is free."""
+        weighed = signals / white[:, None]
+        return weighed - self._model.free_offset * weighed.mean(axis=-1, keepdims=True)
+
+
+def _peaks(tried: Tried) -> Float[np.ndarray, " a"]:
+    return np.abs(tried.signals).max(axis=(0, 2, 3))

@@ -36,6 +36,7 @@ class Fit:
     - `undetermined`: directions of unidentifiable moves, each a mapping of names to moves.
     - `warnings`: sentences on the validity of the standard errors; `quality`: good, doubtful (any
       warning) or failed; `reasons`: why it is not good.
+    - `notes`: further warnings, of a fit among many.
     - `log_evidence`: the log marginal likelihood (Laplace), where the noise and proper priors for
       all free parameters are given, else None.
     - `stats`: cost (half the sum of squares), chi2 per degree of freedom, iterations, starts.
@@ -58,6 +59,7 @@ class Fit:
     _objective: Objective
     _z: np.ndarray
     _spread: Spread
+    notes: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -84,7 +86,8 @@ class Fit:
     def warnings(self) -> tuple[str, ...]:
         """Warnings on the standard errors, as sentences."""
         freedom = self.stats["degrees_of_freedom"]
-        return of_fit(self.known_chi2, freedom, self.at_bound, self.undetermined)
+        own = of_fit(self.known_chi2, freedom, self.at_bound, self.undetermined)
+        return (*own, *self.notes)
 
     @property
     def quality(self) -> Quality:
@@ -114,6 +117,16 @@ class Fit:
         level_counts = objective.is_robust or objective.prior_mean is not None
         unit = float(objective.scale) if self.noise_rms is not None and level_counts else 1.0
         return np.asarray(objective.whiten(as_real(signal)), float) / unit
+
+    def ratio(self, above: str, below: str) -> tuple[float, float]:
+        """The ratio of two free parameters, by their names, and its standard error to first
+        order."""
+        at = [self.names.index(above), self.names.index(below)]
+        gradient = np.zeros((1, len(self.names)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = self._z[at[0]] / self._z[at[1]]
+            gradient[0, at] = 1 / self._z[at[1]], -value / self._z[at[1]]
+            return float(value), float(self._spread.along(gradient)[0])
 
     def derive(
         self, function: Callable[[Tree], Any], steps: Mapping[str, float] | None = None
@@ -157,7 +170,8 @@ def _slope(function, layout: Layout, row, z):
     """A function of the parameters, and its derivative by the free ones."""
 
     def of(z):
-        return jnp.asarray(function(layout.tree(row.at[np.asarray(layout.free)].set(z))))
+        whole = jnp.asarray(row).at[np.asarray(layout.free)].set(z)
+        return jnp.asarray(function(layout.tree(whole)))
 
     return of(z), jax.jacfwd(of)(z)
 

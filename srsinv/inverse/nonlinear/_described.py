@@ -7,8 +7,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.special import chdtrc
 
 from ...status import Status
+from ..diagnostics import FALSE_ALARM
 from ._answer import Fit
 from ._loss import Loss
 from ._parameters import Parameters
@@ -25,11 +27,12 @@ SAME = 1e-8  # relative difference of two costs up to which they are one minimum
 class _Minimum:
     """The linearised problem where a search ended.
 
-    - `terms` (r,) of the sum of squares, and their derivative `jacobian` (r, m).
+    - `terms` of the sum of squares and their derivative `jacobian` (_, m), turned into as few rows
+      as there are columns: lengths and angles are the same.
     - `known`: the spread of the parameters; `low`, `high` (m,): those on a bound, and `held` those
       that it holds.
     - `distance` to the minimum, in standard errors, and how far is `near_enough`.
-    - `data`, `freedom`: numbers of data, and of the degrees of freedom that are left.
+    - `freedom`: number of the degrees of freedom that are left.
     """
 
     terms: np.ndarray
@@ -43,101 +46,133 @@ class _Minimum:
     held: np.ndarray
     distance: float
     near_enough: float
-    data: int
     freedom: int
 
 
-def summarise(
-    objective: Objective, unknowns: Parameters, ends: SearchEnd, level_known: bool, solver: Solver
-) -> Fit:
-    """The `Fit` at a minimum: values, errors, warnings and statistics."""
-    layout, z = objective.layout, np.asarray(ends.z, float)
-    at = _minimum(objective, unknowns, ends, level_known, solver)
-    covariance, free = at.known.covariance(), np.asarray(layout.free)
-    row, stderr = np.asarray(objective.row, float).copy(), np.zeros(len(layout.names))
-    row[free], stderr[free] = z, at.known.stderr()
-    # Back from the unit in place of an unknown noise level.
-    is_unit = level_known or objective.is_robust or objective.prior_mean is not None
-    unit = 1.0 if is_unit else float(objective.scale)
-    has_evidence = level_known and at.is_finite and not objective.is_robust
-    return Fit(
-        value=layout.host_tree(row),
-        stderr=layout.host_tree(stderr),
-        names=layout.free_names,
-        covariance=covariance,
-        correlation=_correlation(covariance),
-        residual=np.where(objective.whiten.observed(objective.y.shape), ends.residual, np.nan),
-        whitened=unit * np.asarray(ends.white),
-        jacobian=unit * np.asarray(ends.jacobian),
-        noise_rms=None if level_known else _rms(objective, ends, at.freedom),
-        status=_status(objective, ends, solver, at),
-        at_bound=tuple(layout.free_names[i] for i in np.flatnonzero(at.low | at.high)),
-        undetermined=at.known.directions(layout.free_names, z),
-        log_evidence=_log_evidence(objective, unknowns, at, z) if has_evidence else None,
-        stats=_stats(ends, solver, at, unit),
-        _objective=objective,
-        _z=z,
-        _spread=at.known,
-    )
+class Summary:
+    """What the fits of one model to data of one kind have in common."""
+
+    def __init__(
+        self, objective: Objective, unknowns: Parameters, level_known: bool, solver: Solver
+    ):
+        shape, layout = objective.y.shape, objective.layout
+        self.unknowns, self.level_known, self.solver = unknowns, level_known, solver
+        self.observed = objective.whiten.observed(shape)
+        self.is_complete = bool(self.observed.all())
+        self.count = objective.whiten.count(shape)
+        self.row, self.free = np.asarray(objective.row, float), np.asarray(layout.free)
+        self.names, weight = layout.free_names, objective.prior_weight
+        self.weight = np.zeros(len(self.names)) if weight is None else np.asarray(weight, float)
+        volume = objective.whiten.log_volume(shape)
+        self.log_norm = volume + self.count / 2 * np.log(2 * np.pi)
+
+    def __call__(self, objective: Objective, ends: SearchEnd) -> Fit:
+        """The `Fit` at a minimum: values, errors, warnings and statistics."""
+        layout, z = objective.layout, np.asarray(ends.z, float)
+        level_known = self.level_known
+        at = self._minimum(objective, ends)
+        covariance, stderr = at.known.covariance(), np.zeros(self.row.size)
+        row = self.row.copy()
+        row[self.free], stderr[self.free] = z, at.known.stderr()
+        # Back from the unit in place of an unknown noise level.
+        is_unit = level_known or objective.is_robust or objective.prior_mean is not None
+        unit = 1.0 if is_unit else float(objective.scale)
+        has_evidence = level_known and at.is_finite and not objective.is_robust
+        return Fit(
+            value=layout.host_tree(row),
+            stderr=layout.host_tree(stderr),
+            names=self.names,
+            covariance=covariance,
+            correlation=_correlation(covariance),
+            residual=self._residual(ends),
+            whitened=_times(unit, ends.white),
+            jacobian=_times(unit, ends.jacobian),
+            noise_rms=None if level_known else _rms(objective, ends, at.freedom),
+            status=_status(objective, ends, self.solver, at),
+            at_bound=tuple(self.names[i] for i in np.flatnonzero(at.low | at.high)),
+            undetermined=at.known.directions(self.names, z),
+            log_evidence=self._log_evidence(at, z) if has_evidence else None,
+            stats=self._stats(ends, at, unit),
+            _objective=objective,
+            _z=z,
+            _spread=at.known,
+        )
+
+    def _residual(self, ends: SearchEnd) -> np.ndarray:
+        residual = np.asarray(ends.residual)
+        return residual if self.is_complete else np.where(self.observed, residual, np.nan)
+
+    def is_noise(self, cost: np.ndarray) -> np.ndarray:
+        """Whether so large a cost is that of noise alone; True where its level is not known."""
+        freedom = self.count - len(self.names)
+        if not self.level_known or freedom < 1:
+            return np.ones(cost.shape, bool)
+        return chdtrc(freedom, 2 * cost) >= FALSE_ALARM
+
+    def _minimum(self, objective: Objective, ends: SearchEnd) -> _Minimum:
+        z, solver = np.asarray(ends.z, float), self.solver
+        eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.derivative_rounding)
+        full = _terms(objective, ends)
+        terms, jacobian = triangular(*full)
+        rows = rows_of(objective, ends) if objective.is_robust else jacobian
+        with np.errstate(all="ignore"):
+            gradient, squares = jacobian.T @ terms, np.sum(jacobian**2, axis=0)
+            cost = 0.5 * float(terms @ terms)
+        finite = bool(np.isfinite([*gradient, *squares, cost]).all())
+        known = spread(rows, eps) if finite else nothing_known(z.size)
+        freedom = self.count - known.factor.shape[1]
+        level = _inflation(objective, ends, self.level_known, freedom) if finite else 1.0
+        known = known.times(level)
+        # A solver that works in other variables reaches a bound up to rounding only.
+        near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1)) + 8 * eps * np.abs(z)
+        low, high = z - self.unknowns.lower <= near, self.unknowns.upper - z <= near
+        held = (low & (gradient >= 0)) | (high & (gradient <= 0))
+        least = 1.0 if self.level_known else 0.0  # rms of a known noise in its own units
+        distance, along = np.inf, 0.0
+        if finite:
+            distance, along = offset(jacobian, terms, len(full[0]), held, eps, least)
+        near_enough = max(solver.near_enough, 2 * np.sqrt(eps * self.count / z.size))
+        if 0 < level < along and distance > near_enough:
+            # The residual is rounding, of which this much can still be a move.
+            known = known.times(along / level)
+        return _Minimum(
+            terms, jacobian, cost, finite, eps, known, low, high, held, distance, near_enough,
+            freedom,
+        )  # fmt: skip
+
+    def _log_evidence(self, at: _Minimum, z: np.ndarray) -> float | None:
+        weight, unknowns = self.weight, self.unknowns
+        sigma = np.where(weight > 0, 1 / np.where(weight > 0, weight, 1.0), np.inf)
+        ends = np.where(at.low, unknowns.lower, np.where(at.high, unknowns.upper, z))
+        box = unknowns.lower, unknowns.upper
+        return log_evidence(at.terms, at.jacobian, self.log_norm, ends, *box, sigma)
+
+    def _stats(self, ends: SearchEnd, at: _Minimum, unit: float) -> dict[str, Any]:
+        costs, cost = np.asarray(ends.costs), unit**2 * at.cost
+        return {
+            "solver": self.solver.name,
+            "cost": cost,
+            "data": self.count,
+            "degrees_of_freedom": at.freedom,
+            "chi2_per_freedom": 2 * cost / at.freedom if at.freedom > 0 else None,
+            "iterations": int(ends.iterations),
+            "starts": int(ends.start_costs.size),
+            "searches": int(costs.size),
+            "searches_at_best": int(np.sum(costs <= costs.min() * (1 + SAME) + SAME**2)),
+            "distance_to_minimum": at.distance,
+        }
 
 
-def _minimum(
-    objective: Objective, unknowns: Parameters, ends: SearchEnd, level_known: bool, solver: Solver
-) -> _Minimum:
-    z = np.asarray(ends.z, float)
-    eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.derivative_rounding)
-    terms, jacobian = _terms(objective, ends)
-    with np.errstate(all="ignore"):
-        gradient, squares = jacobian.T @ terms, np.sum(jacobian**2, axis=0)
-        cost = 0.5 * float(terms @ terms)
-    finite = bool(np.isfinite([*gradient, *squares, cost]).all())
-    known = spread(rows_of(objective, ends), eps) if finite else nothing_known(z.size)
-    count = objective.whiten.count(objective.y.shape)
-    freedom = count - known.factor.shape[1]
-    level = _inflation(objective, ends, level_known, freedom) if finite else 1.0
-    known = known.times(level)
-    # A solver that works in other variables reaches a bound up to rounding only.
-    near = AT_BOUND * np.sqrt(np.sum(known.factor**2, axis=1)) + 8 * eps * np.abs(z)
-    low, high = z - unknowns.lower <= near, unknowns.upper - z <= near
-    held = (low & (gradient >= 0)) | (high & (gradient <= 0))
-    least = 1.0 if level_known else 0.0  # rms of a known noise in its own units
-    distance, along = offset(jacobian, terms, held, eps, least) if finite else (np.inf, 0.0)
-    near_enough = max(solver.near_enough, 2 * np.sqrt(eps * count / z.size))
-    if 0 < level < along and distance > near_enough:
-        # The residual is rounding, of which this much can still be a move.
-        known = known.times(along / level)
-    return _Minimum(
-        terms, jacobian, cost, finite, eps, known, low, high, held, distance, near_enough, count,
-        freedom,
-    )  # fmt: skip
+def _times(unit: float, values: Any) -> np.ndarray:
+    return np.asarray(values) if unit == 1 else unit * np.asarray(values)
 
 
-def _log_evidence(
-    objective: Objective, unknowns: Parameters, at: _Minimum, z: np.ndarray
-) -> float | None:
-    weight = objective.prior_weight
-    weight = np.zeros(z.size) if weight is None else np.asarray(weight, float)
-    sigma = np.where(weight > 0, 1 / np.where(weight > 0, weight, 1.0), np.inf)
-    volume = objective.whiten.log_volume(objective.y.shape) + at.data / 2 * np.log(2 * np.pi)
-    ends = np.where(at.low, unknowns.lower, np.where(at.high, unknowns.upper, z))
-    box = unknowns.lower, unknowns.upper
-    return log_evidence(at.terms, at.jacobian, volume, ends, *box, sigma)
-
-
-def _stats(ends: SearchEnd, solver: Solver, at: _Minimum, unit: float) -> dict[str, Any]:
-    costs, cost = np.asarray(ends.costs), unit**2 * at.cost
-    return {
-        "solver": solver.name,
-        "cost": cost,
-        "data": at.data,
-        "degrees_of_freedom": at.freedom,
-        "chi2_per_freedom": 2 * cost / at.freedom if at.freedom > 0 else None,
-        "iterations": int(ends.iterations),
-        "starts": int(ends.start_costs.size),
-        "searches": int(costs.size),
-        "searches_at_best": int(np.sum(costs <= costs.min() * (1 + SAME) + SAME**2)),
-        "distance_to_minimum": at.distance,
-    }
+def triangular(terms: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The terms and their derivative after a rotation that leaves as many rows as columns."""
+    both = np.column_stack([jacobian, terms])
+    if len(both) > both.shape[1]:
+        both = np.asarray(np.linalg.qr(both, mode="r"))
+    return both[:, -1], both[:, :-1]
 
 
 def _rms(objective: Objective, ends: SearchEnd, freedom: int) -> float:
@@ -151,7 +186,9 @@ def _rms(objective: Objective, ends: SearchEnd, freedom: int) -> float:
 
 def _terms(objective: Objective, ends: SearchEnd) -> tuple[np.ndarray, np.ndarray]:
     """The terms of the sum of squares, and their derivative."""
-    root, slope = _rooted(objective.loss, ends.white)
+    if not objective.is_robust:
+        return _with_priors(objective, ends, np.asarray(ends.white), np.asarray(ends.jacobian))
+    root, slope = _rooted(objective.loss, jnp.asarray(ends.white))
     jacobian = np.asarray(slope)[:, None] * np.asarray(ends.jacobian)
     return _with_priors(objective, ends, np.asarray(root), jacobian)
 
@@ -171,7 +208,7 @@ def _with_priors(
     objective: Objective, ends: SearchEnd, terms, jacobian
 ) -> tuple[np.ndarray, np.ndarray]:
     if objective.prior_mean is None or objective.prior_weight is None:
-        return terms.astype(float), jacobian.astype(float)
+        return terms.astype(float, copy=False), jacobian.astype(float, copy=False)
     weight = np.asarray(objective.prior_weight, float)
     more = (np.asarray(ends.z) - np.asarray(objective.prior_mean)) * weight
     return np.concatenate([terms, more]), np.vstack([jacobian, np.diag(weight)])
@@ -183,15 +220,17 @@ def _inflation(objective: Objective, ends: SearchEnd, level_known: bool, freedom
     One for least squares with known noise; the residual's rms where its level is not known; Huber's
     ratio (1981, section 7.6) for a robust loss. Infinite where no degrees of freedom remain.
     """
-    white = np.asarray(ends.white, float)
     if objective.is_robust:
         observed = objective.whiten.observed(objective.y.shape).ravel()
-        influence, slope = (np.asarray(v)[observed] for v in objective.loss.influence(ends.white))
+        influence, slope = (
+            np.asarray(v)[observed] for v in objective.loss.influence(jnp.asarray(ends.white))
+        )
         mean = max(float(slope.mean()), 1e-12)
         correction = 1 + ends.z.size / slope.size * float(slope.var()) / mean**2
         return float(correction * np.sqrt(influence @ influence / max(freedom, 1)) / mean)
     if level_known or objective.prior_mean is not None:
         return 1.0
+    white = np.asarray(ends.white, float)
     return float(np.sqrt(white @ white / freedom)) if freedom > 0 else np.inf
 
 
@@ -204,13 +243,14 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 
 
 def _status(objective: Objective, ends: SearchEnd, solver: Solver, at: _Minimum) -> Status:
-    terms, jacobian, held, eps = at.terms, at.jacobian, at.held, at.eps
+    terms, held, eps = at.terms, at.held, at.eps
     if not at.is_finite:
         return Status.NOT_FINITE
     if at.distance <= at.near_enough or _nothing_left(terms, objective, ends, eps):
         return Status.CONVERGED
     if not bool(ends.done):
         return Status.STEP_LIMIT
+    jacobian = _terms(objective, ends)[1]
     if _rounding_holds(terms, jacobian, held, ends, eps) or (
         # Differences of a discontinuous derivative give no second one.
         solver.derivative_rounding == 0
@@ -222,7 +262,9 @@ def _status(objective: Objective, ends: SearchEnd, solver: Solver, at: _Minimum)
 
 def _nothing_left(terms, objective: Objective, ends: SearchEnd, eps: float) -> bool:
     """Whether the residual is rounding beside the data, or beside where the search began."""
-    data = np.linalg.norm(np.asarray(objective.whiten(objective.y), float)) / float(objective.scale)
+    data = np.linalg.norm(np.asarray(objective.whiten(jnp.asarray(objective.y)), float)) / float(
+        objective.scale
+    )
     begun = np.asarray(ends.start_costs)
     begun = np.sqrt(2 * np.max(begun, where=np.isfinite(begun), initial=0.0))
     return bool(np.linalg.norm(terms) <= eps ** (2 / 3) * max(data, begun))

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ...errors import BadInput, refuse
 from ...grid import as_real, half_spectrum_weights
-from ._parameters import real
+from ._parameters import on_host, real
 
 
 class Whitener(eqx.Module):
@@ -37,7 +37,7 @@ class Whitener(eqx.Module):
 class Independent(Whitener):
     """White noise: a standard deviation for all data, or one for each; infinite leaves one out."""
 
-    stderr: Float[Array, "..."]
+    stderr: Float[Array, "..."] | Float[np.ndarray, "..."]
 
     def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
         observed = jnp.isfinite(self.stderr)
@@ -247,5 +247,5 @@ def whitener(noise: Any, shape: tuple[int, ...]) -> tuple[Whitener, np.ndarray]:
             "The noise holds a standard deviation that is not above 0: give positive ones, "
             "infinite for a sample to leave out.",
         )
-        noise = Independent(as_real(stderr))
+        noise = Independent(on_host(stderr))
     return noise, noise.observed(shape)

@@ -1,34 +1,34 @@
 """Conversion of parameters between a tree of arrays and a row of named numbers."""
 
+import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ...errors import BadInput, refuse
-from ...grid import as_real
 
 Tree = Any
 
 
-class Layout(eqx.Module):
-    """Layout of a tree's numbers in a row: all static, so that it is part of a program.
+@dataclass(frozen=True)
+class Layout:
+    """Layout of a tree's numbers in a row: hashable, as it is part of a program.
 
     `free` and `linear` are indices into the row: those that are fitted, and of them those that
     enter the model linearly.
     """
 
-    structure: Any = eqx.field(static=True)
-    shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
-    leaves: tuple[str, ...] = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)
-    free: tuple[int, ...] = eqx.field(static=True)
-    linear: tuple[int, ...] = eqx.field(static=True)
+    structure: Any
+    shapes: tuple[tuple[int, ...], ...]
+    leaves: tuple[str, ...]
+    names: tuple[str, ...]
+    free: tuple[int, ...]
+    linear: tuple[int, ...]
 
     def tree(self, row: Float[Array, " all"]) -> Tree:
         """The tree whose numbers are `row`."""
@@ -40,10 +40,11 @@ class Layout(eqx.Module):
 
     def host_tree(self, row: np.ndarray) -> Tree:
         """The tree of `row` in numpy arrays; a scalar leaf becomes a float."""
-        sizes = [int(np.prod(shape)) for shape in self.shapes]
-        parts = np.split(np.asarray(row), np.cumsum(sizes)[:-1])
-        leaves = [p.reshape(s) if s else float(p[0])
-                  for p, s in zip(parts, self.shapes, strict=True)]  # fmt: skip
+        leaves, first = [], 0
+        for shape in self.shapes:
+            last = first + math.prod(shape)
+            leaves.append(row[first:last].reshape(shape) if shape else float(row[first]))
+            first = last
         return jax.tree.unflatten(self.structure, leaves)
 
     @property
@@ -110,6 +111,12 @@ class Layout(eqx.Module):
         numbers = real(default if value is None else value, remedy)
         refuse(numbers.size not in (1, size), remedy)
         return np.broadcast_to(numbers.ravel(), (size,))
+
+
+def on_host(value: Any) -> np.ndarray:
+    """Numbers in the working precision, in numpy: a program takes them sooner than arrays that were
+    put on the device one by one."""
+    return np.asarray(value, jax.dtypes.canonicalize_dtype(np.float64))
 
 
 def real(value: Any, sentence: str) -> np.ndarray:
@@ -237,64 +244,3 @@ def _bounds(layout: Layout, bounds: Any) -> tuple[np.ndarray, np.ndarray]:
     name = layout.names[bad.argmax()]
     refuse(bool(bad.any()), f"The bounds of {name} have nan: give a number, or None for none.")
     return low, high
-
-
-def starting_points(given: Any, unknowns: Parameters) -> Float[Array, "s m"]:
-    """The points to start from, the first value among them.
-
-    A number: that many points spread evenly over the bounds (a Sobol sequence); a mapping by name:
-    values along a leading axis, the other parameters as in the first; None: the first value alone.
-    """
-    layout = unknowns.layout
-    first = unknowns.first[list(layout.free)]
-    if given is None:
-        return as_real(first[None])
-    if isinstance(given, Mapping):
-        return as_real(np.concatenate([first[None], _listed(given, unknowns)]))
-    refuse(
-        isinstance(given, bool) or not isinstance(given, int) or given < 1,
-        f"starts is {given!r}: give a whole number from 1, or a mapping of names to values.",
-    )
-    bounded = np.isfinite(unknowns.lower) & np.isfinite(unknowns.upper)
-    searched = [j for j, i in enumerate(layout.free) if i not in layout.linear]
-    open_ended = [layout.names[layout.free[j]] for j in searched if not bounded[j]]
-    refuse(
-        bool(open_ended),
-        f"starts={given} is spread over the bounds, but {', '.join(open_ended)} has none: give "
-        "both, or name the starts.",
-    )
-    from scipy.stats import qmc
-
-    points = np.tile(first, (given, 1))
-    if searched:
-        power = int(np.ceil(np.log2(given)))
-        unit = qmc.Sobol(len(searched), scramble=True, rng=0).random_base2(power)[:given]
-        low, high = unknowns.lower[searched], unknowns.upper[searched]
-        points[:, searched] = low + unit * (high - low)
-    return as_real(np.concatenate([first[None], points]))
-
-
-def _listed(given: Mapping, unknowns: Parameters) -> np.ndarray:
-    layout, rows = unknowns.layout, None
-    for name, values in flat_mapping(given).items():
-        where = layout.indices(name, "starts")
-        listed = real(values, f"The starts of {name} are {values!r}: give rows of numbers.")
-        count = len(rows) if rows is not None else len(np.atleast_1d(listed))
-        refuse(
-            not count or listed.shape[:1] != (count,) or listed.size != count * len(where),
-            f"The starts of {name} have shape {listed.shape}: give as many as for the others, at "
-            f"least one, each of {len(where)} numbers.",
-        )
-        refuse(not np.isfinite(listed).all(), f"A start of {name} is not finite: give numbers.")
-        rows = np.tile(unknowns.first, (count, 1)) if rows is None else rows
-        rows[:, where] = listed.reshape(count, -1)
-    refuse(rows is None, "starts names no parameter: give values for at least one.")
-    rows = np.asarray(rows)[:, list(layout.free)]
-    inside = (rows >= unknowns.lower) & (rows <= unknowns.upper)
-    worst = int(np.argmin(inside.all(axis=0)))
-    refuse(
-        not inside.all(),
-        f"A start of {layout.free_names[worst]} lies outside its bounds "
-        f"[{unknowns.lower[worst]:g}, {unknowns.upper[worst]:g}]: start inside them.",
-    )
-    return rows

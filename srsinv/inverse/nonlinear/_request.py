@@ -9,10 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...errors import BadInput, of_kind, refuse
-from ...grid import as_real
 from ._loss import loss_of
 from ._noise import whitener
-from ._parameters import Parameters, Tree, flat_mapping, real
+from ._parameters import Parameters, flat_mapping, on_host, real
 from ._search import Objective
 from ._solvers import Optimistix, Solver
 
@@ -54,7 +53,9 @@ def data_unit(data: np.ndarray, observed: np.ndarray) -> float:
     return float(2.0 ** np.round(np.log2(size))) if size > 0 else 1.0
 
 
-def objective_of(model, unknowns: Parameters, data, noise, priors, loss) -> tuple[Objective, bool]:
+def objective_of(
+    model: Any, unknowns: Parameters, data, noise, priors, loss
+) -> tuple[Objective, bool]:
     whiten, observed = whitener(noise, data.shape)
     data = filled(data, observed)
     refuse(not whiten.count(data.shape), "All of the data are left out: there is nothing to fit.")
@@ -62,31 +63,16 @@ def objective_of(model, unknowns: Parameters, data, noise, priors, loss) -> tupl
     mean, weight = _priors(layout, priors)
     scale = 1.0 if noise is not None else data_unit(data, observed)
     objective = Objective(
-        model, layout, as_real(unknowns.first), as_real(data), whiten,
-        as_real(scale), mean, weight, loss_of(loss),
+        _checked_model(model), layout, on_host(unknowns.first), on_host(data), whiten,
+        on_host(scale), mean, weight, loss_of(loss),
     )  # fmt: skip
-    _check_model(model, layout.tree(objective.row), data.shape)
     return objective, noise is not None
 
 
-def _check_model(model, tree: Tree, shape: tuple[int, ...]) -> None:
+def _checked_model(model: Any) -> Any:
     if not callable(model):  # the repr of jax arrays is slow
         raise BadInput(f"The model is {model!r}: give a function of the parameters.")
-    try:
-        made = jax.eval_shape(lambda params: model(params), tree)
-    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
-        raise BadInput(
-            "The model takes a parameter out of jax, by numpy, float() or an if: compute with "
-            "jax.numpy alone, so that it can be differentiated."
-        ) from error
-    got = getattr(made, "shape", type(made).__name__)
-    refuse(
-        got != shape, f"The model gives {got} where the data have shape {shape}: they must agree."
-    )
-    refuse(
-        jnp.issubdtype(made.dtype, jnp.complexfloating),
-        "The model gives complex numbers: give their real and imaginary parts side by side.",
-    )
+    return model
 
 
 def _priors(layout, priors) -> tuple[Any, Any]:
@@ -109,7 +95,7 @@ def _priors(layout, priors) -> tuple[Any, Any]:
         f"The prior of {layout.names[i]} is ({mean[i]:g}, {stderr[i]:g}): {remedy}.",
     )
     free = list(layout.free)
-    return as_real(mean[free]), as_real(1 / stderr[free])
+    return on_host(mean[free]), on_host(1 / stderr[free])
 
 
 def check_linear(objective: Objective, points, linear: Collection[str]) -> None:
@@ -136,7 +122,7 @@ def _is_affine(objective: Objective, z):
     size = jnp.maximum(jnp.abs(z[places]), 1.0)
 
     def at(reach):
-        return objective.model(objective.tree(z.at[places].set(reach * size)))
+        return objective.signal(z.at[places].set(reach * size))
 
     zero, one, two = jax.lax.map(at, jnp.array([0.0, 1.0, 2.5], size.dtype))
     bent = jnp.linalg.norm(two - zero - 2.5 * (one - zero))

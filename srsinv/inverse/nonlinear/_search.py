@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,12 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...errors import BadInput, refuse
 from ._lengths import lengths
 from ._loss import Loss, Squares
 from ._noise import Whitener
 from ._parameters import Layout
 from ._solvers import Minimum, Solver, reached
 
+Host = Array | np.ndarray
 NEAREST = 2  # neighbours of a start for each parameter that is searched
 
 
@@ -27,13 +29,13 @@ class Objective(eqx.Module):
     """
 
     model: Callable[[Any], Float[Array, "..."]]
-    layout: Layout
-    row: Float[Array, " all"]
-    y: Float[Array, "..."]
+    layout: Layout = eqx.field(static=True)
+    row: Float[Host, " all"]
+    y: Float[Host, "..."]
     whiten: Whitener
-    scale: Float[Array, ""]
-    prior_mean: Float[Array, " m"] | None
-    prior_weight: Float[Array, " m"] | None
+    scale: Float[Host, ""]
+    prior_mean: Float[Host, " m"] | None
+    prior_weight: Float[Host, " m"] | None
     loss: Loss
 
     @property
@@ -43,12 +45,33 @@ class Objective(eqx.Module):
 
     def tree(self, z: Float[Array, " m"]) -> Any:
         """The parameters as the model takes them."""
-        return self.layout.tree(self.row.at[np.asarray(self.layout.free)].set(z))
+        return self.layout.tree(jnp.asarray(self.row).at[np.asarray(self.layout.free)].set(z))
+
+    def signal(self, z: Float[Array, " m"]) -> Float[Array, "..."]:
+        """The model at z. Raises `BadInput`, as it is traced, for one that jax cannot differentiate
+        and for what is not like the data."""
+        try:
+            made = self.model(self.tree(z))
+        except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
+            raise BadInput(
+                "The model takes a parameter out of jax, by numpy, float() or an if: compute with "
+                "jax.numpy alone, so that it can be differentiated."
+            ) from error
+        got, shape = getattr(made, "shape", type(made).__name__), self.y.shape
+        refuse(
+            got != shape,
+            f"The model gives {got} where the data have shape {shape}: they must agree.",
+        )
+        refuse(
+            jnp.issubdtype(made.dtype, jnp.complexfloating),
+            "The model gives complex numbers: give their real and imaginary parts side by side.",
+        )
+        return made
 
     def white(self, z: Float[Array, " m"]) -> tuple[Float[Array, " n"], Float[Array, "..."]]:
         """The whitened residual, and the residual itself."""
-        residual = self.y - self.model(self.tree(z))
-        return self.whiten(residual) / self.scale, residual
+        residual = jnp.asarray(self.y) - self.signal(z)
+        return self.whiten(residual) / jnp.asarray(self.scale), residual
 
     def terms(self, z: Float[Array, " m"]) -> Float[Array, " terms"]:
         """The terms of the sum of squares."""
@@ -183,14 +206,19 @@ def _least_squares(basis: Float[Array, "n m"], target: Float[Array, "n *k"]):
     return c.reshape(size, *target.shape[1:])
 
 
-class SearchEnd(Linearised):
-    """The best minimum, the problem linearised there, as its uncertainty is computed from it; the
-    `costs` (s,) at the ends of the searches, and the `start_costs` of every start."""
+class SearchEnd(NamedTuple):
+    """The best minimum, the problem linearised there, as its uncertainty is computed from it (see
+    [`Linearised`][]); the `costs` (s,) at the ends of the searches, and the `start_costs` of every
+    start."""
 
-    costs: Float[Array, " s"]
-    start_costs: Float[Array, " starts"]
-    iterations: Int[Array, ""]
-    done: Bool[Array, ""]
+    z: Float[Host, " m"]
+    white: Float[Host, " n"]
+    jacobian: Float[Host, "n m"]
+    residual: Float[Host, "..."]
+    costs: Float[Host, " s"]
+    start_costs: Float[Host, " starts"]
+    iterations: Int[Host, ""]
+    done: Bool[Host, ""]
 
 
 @eqx.filter_jit
@@ -199,20 +227,6 @@ def search(
 ) -> SearchEnd:
     """The best of the minima reached from the `max_searches` best starts (s, m)."""
     return _search(objective, solver, starts, lower, upper, max_searches)
-
-
-@eqx.filter_jit
-def search_many(
-    objective: Objective, ys, solver: Solver, starts, lower, upper, max_searches: int, at_once
-):
-    """As [`search`][], for data (batch, ...), `at_once` of them in parallel."""
-
-    def one(y):
-        return _search(
-            dataclasses.replace(objective, y=y), solver, starts, lower, upper, max_searches
-        )
-
-    return jax.lax.map(one, ys, batch_size=at_once)
 
 
 def _search(

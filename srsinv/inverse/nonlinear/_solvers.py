@@ -63,6 +63,11 @@ class Solver(eqx.Module):
         """Relative rounding of a derivative, where that exceeds the precision's."""
         return 0.0
 
+    @property
+    def has_batch(self) -> bool:
+        """Whether `_batch` is the same method for many data at once."""
+        return False
+
     def tolerating(self, rounding: float) -> "Solver":
         """The same solver for a residual that is smooth only beyond this fraction of its size."""
         del rounding
@@ -133,6 +138,10 @@ class Optimistix(Solver):
     @property
     def derivative_rounding(self) -> float:
         return EXACT * (self.rounding or 0.0)
+
+    @property
+    def has_batch(self) -> bool:
+        return self.rounding is None
 
     def tolerating(self, rounding: float) -> "Solver":
         # Its square, the relative error of the cost there, limits how well a minimum is located.

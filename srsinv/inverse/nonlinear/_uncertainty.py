@@ -92,9 +92,14 @@ def nothing_known(m: int) -> Spread:
 
 
 def offset(
-    jacobian: np.ndarray, terms: np.ndarray, held: np.ndarray, eps: float, least: float
+    jacobian: np.ndarray,
+    terms: np.ndarray,
+    size: int,
+    held: np.ndarray,
+    eps: float,
+    least: float,
 ) -> tuple[float, float]:
-    """Distance of a point from the minimum of the problem linearised there.
+    """Distance of a point from the minimum of the problem linearised there, of `size` terms.
 
     The length of the residual's part along the Jacobian's columns, bounds that hold left out, per
     root parameter: in units of its rms across them or of `least`, the greater, and absolute.
@@ -106,7 +111,7 @@ def offset(
     u, s, _ = np.linalg.svd(jacobian[:, moving] / columns[moving], full_matrices=False)
     along = u[:, s > ROUNDING_FACTOR * eps * s[0]].T @ terms
     across = max(terms @ terms - along @ along, 0.0)
-    freedom = len(terms) - len(along)
+    freedom = size - len(along)
     rms = max(np.sqrt(across / freedom) if freedom > 0 else 0.0, least)
     distance = np.linalg.norm(along) / np.sqrt(max(len(along), 1))
     if rms > 0:
