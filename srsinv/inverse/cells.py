@@ -137,7 +137,7 @@ def line_over(
     x, signal = cells.x_m, cells.signal
     if x[-1] < x[0]:
         x, signal = x[::-1], signal[:, ::-1]
-    cell = (x[-1] - x[0]) / (x.size - 1)
+    cell = float((x[-1] - x[0]) / (x.size - 1))
     window = window_around(window_m, x, depth_m)
     check_cells(f"The contact window, [{window.start_m}, {window.end_m}] m", window.length_m, cell)
     before = max(0, int(np.floor((x[0] - cell / 2 - window.start_m) / cell)))

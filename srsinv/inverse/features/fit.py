@@ -246,8 +246,8 @@ class FeatureFitter:
         The fit used that of the shape with the strongest signal; both are too wide to move it.
         """
         weigh, values = self._model.loading.log_prior_ratio, result.value
-        ratio = sum(float(weigh(f, values[n], self._search)[0]) for n, f in features.items())
-        return _evidence_of(result, ratio)
+        each = (float(weigh(f, values[n], self._search)[0]) for n, f in features.items())
+        return _evidence_of(result, sum(each, 0.0))
 
     def _settled(
         self, features: Features, result: Fit, y: np.ndarray, levels: Levels
