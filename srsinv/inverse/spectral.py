@@ -95,7 +95,7 @@ class OrthogonalFactor(NamedTuple):
 
 @jax.jit
 def solve(problem: LineProblem, prior: Prior) -> Solution:
-    """ModePosterior of the traction on a periodic line with every sample valid.
+    """Posterior of the traction on a periodic line with every sample valid.
 
     The condition number is that of the rows, over all wavenumbers, in Frobenius' norm.
     """

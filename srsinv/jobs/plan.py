@@ -30,6 +30,8 @@ from ._plan_scene import Scenes, SceneTrials
 from ._plan_search import Plan, search
 from ._plan_trials import QUANTITIES, SIGNAL, Trial, Trials
 
+MOST_LISTED = 4  # effects: of more it is said which are off
+AROUND = 1.3  # a margin around what is drawn, as a factor
 FINER = 4  # times: the converged answer beside the one that others are measured against
 Variables = dict[str, tuple[Any, ...]]
 SETTINGS = ("cells", "refinement", "line", "precision", "effects", "method", "path")
@@ -114,12 +116,13 @@ def _searched(trials: Trials, asked: Asked) -> Plan:
     return search(trials, asked.error, asked.budget_s)
 
 
-def _rank(plan: Plan, asked: Asked) -> tuple[bool, float]:
-    """The least is best: what is asked for first, then the quickest, or the most exact."""
+def _rank(plan: Plan, asked: Asked) -> tuple[float, ...]:
+    """The least is best: what is asked for first, then what the noise leaves, where that is more,
+    then the quickest, or the most exact."""
+    seconds, floor = plan.trial.seconds, plan.trial.floor
     if asked.error is not None:
-        return plan.error > asked.error, max(plan.error - asked.error, 0.0) or plan.trial.seconds
-    over = plan.trial.seconds > (asked.budget_s or np.inf)
-    return over, plan.trial.seconds if over else plan.error
+        return max(plan.error, asked.error), max(floor, asked.error), seconds
+    return max(seconds, asked.budget_s or 0.0), max(floor, plan.error), plan.error
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,10 @@ def _dataset(
         "memory": ("trial", [trial.memory_bytes for trial in each], "B"),
         "is_chosen": ("trial", [int(trial is plan.trial) for trial in each], "1"),
         "changed": ("trial", [_changed(trial, of) for trial, of in rows], "1"),
-        **{name: ("trial", [_word(trial, name) for trial in each], "1") for name in SETTINGS},
+        **{
+            name: ("trial", [_word(trial, name, of) for trial, of in rows], "1")
+            for name in SETTINGS
+        },
     }
     coordinates: Variables = {"trial": (np.arange(len(rows)), "1")}
     if measured is not None:
@@ -184,15 +190,20 @@ def _numbers(plan: Plan, measured: Measured | None, asked: Asked) -> dict[str, A
 
 def _changed(trial: Trial, plan: Plan) -> str:
     """The settings in which a trial differs from the one that errors are measured from."""
-    pairs = ((name, _word(trial, name), _word(plan.beside, name)) for name in SETTINGS)
-    return ", ".join(name for name, own, other in pairs if own != other) or "reference"
+    both = ((name, _word(trial, name, plan), _word(plan.beside, name, plan)) for name in SETTINGS)
+    return ", ".join(name for name, own, other in both if own != other) or "reference"
 
 
-def _word(trial: Trial, name: str) -> str:
+def _word(trial: Trial, name: str, plan: Plan) -> str:
     if name == "cells":
         return str(trial.cells)
     value = getattr(trial.recipe, name)
-    return ", ".join(value) or "none" if isinstance(value, tuple) else str(value or "")
+    if name != "effects" or value is None:
+        return str(value or "")
+    off = [each for each in plan.beside.recipe.effects or () if each not in value]
+    if len(value) > max(MOST_LISTED, len(off)):
+        return f"all but {', '.join(off)}" if off else f"all {len(value)} that are named"
+    return ", ".join(value) or "none"
 
 
 def _title(plan: Plan, asked: Asked) -> str:
@@ -234,11 +245,17 @@ def tradeoff(ds: xarray.Dataset) -> Figure:
         )
         if name in ds and float(ds[name]) > 0
     ]
-    time, error = (
-        PanelAxis(name, unit, is_log=True)
-        for name, unit in (("time of a further call", "s"), ("numerical error", "1"))
-    )
+    lines = {axis: [mark.at for mark in marks if mark.axis == axis] for axis in ("x", "y")}
+    time = _axis("time of a further call", "s", [*ds["steady_call_s"].values, *lines["x"]])
+    error = _axis("numerical error", "1", [*ds["error"].values, *lines["y"]])
     return panels([Panel(curves, time, error, marks=marks)], height_in=4.0)
+
+
+def _axis(name: str, unit: str, values: Sequence[float]) -> PanelAxis:
+    """A logarithmic axis with a margin around all that is above zero."""
+    above = [float(value) for value in values if 0 < value < np.inf]
+    ends = (min(above) / AROUND, max(above) * AROUND) if above else (None, None)
+    return PanelAxis(name, unit, is_log=True, limits=ends)
 
 
 def answers(ds: xarray.Dataset) -> Figure:
