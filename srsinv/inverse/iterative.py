@@ -22,9 +22,6 @@ from .near_periodic import MOST_STEPS, NearPeriodic
 from .prior import Prior, Solution
 from .transforms import adjoint, from_spectrum, times, to_spectrum
 
-# A weak prior leaves much undetermined at the ends, where the preconditioner is not exact: steps
-# then grow as the inverse of its weight.
-MOST_OUTER_STEPS = 2000
 Traction = Float[np.ndarray, "c n"]
 Signal = Float[np.ndarray, "e n"]
 
@@ -157,14 +154,12 @@ class PosteriorMap:
     def times(self, right: Traction, tolerance: float) -> Solved:
         """The covariance times `right`, to a relative tolerance."""
         if self.coarse is None:
-            return conjugate_gradients(
-                self.normal, self.precondition, right, tolerance, MOST_OUTER_STEPS
-            )
+            return conjugate_gradients(self.normal, self.precondition, right, tolerance, MOST_STEPS)
         start = self.coarse.times(right)
         energy = float(np.vdot(right, start))
         left = right - self.normal(start)
         solved = conjugate_gradients(
-            self.normal, self.precondition, left, tolerance, MOST_OUTER_STEPS, energy
+            self.normal, self.precondition, left, tolerance, MOST_STEPS, energy
         )
         return solved._replace(value=self.normal.centre(start + solved.value))
 
