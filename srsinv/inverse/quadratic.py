@@ -9,6 +9,7 @@
 
 import abc
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import partial
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -122,7 +123,9 @@ class Scorer(eqx.Module):
         if path == "direct":
             self.reduced = direct.whiten(self.problem)
         else:
-            self.reduced = None if has_gaps else _on_device(_reduced(family, self.problem))
+            # In double precision: weights lie in flat minima, where rounding would choose.
+            with jax.enable_x64(True):
+                self.reduced = None if has_gaps else _on_device(_reduced(family, self.problem))
 
     def __call__(self, log_weights: Float[Numbers, "b c"]) -> Score:
         """One score for each row of log10 weights."""
@@ -141,7 +144,8 @@ class Scorer(eqx.Module):
         padded = np.zeros((max(count, BATCH), log_weights.shape[1]))
         padded[:count] = log_weights
         of = criterion, self.family, self.problem, self.reduced
-        return jax.tree.map(lambda each: each[:count], _values(*of, padded, count, samples))
+        with nullcontext() if isinstance(self.reduced, direct.Whitened) else jax.enable_x64(True):
+            return jax.tree.map(lambda each: each[:count], _values(*of, padded, count, samples))
 
 
 def _as_it_is(score: Score, samples: int) -> Score:

@@ -26,7 +26,6 @@ from srsinv.forward.feature import LineFeature
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.features.direct import Ratio
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.simulated import noisy_problem
 
@@ -139,7 +138,7 @@ def fitted(seed: int) -> list[np.ndarray]:
         priors={"rest": (0.9 * rest, rest)},
     )
     assert fit.converged
-    ratio = fit.derive(Ratio(("height",), ("rate",)))
+    ratio = np.array(fit.ratio("height", "rate"))
     return [*(np.array(list(tree.values())) for tree in (fit.value, fit.stderr)), ratio]
 
 
