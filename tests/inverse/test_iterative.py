@@ -90,6 +90,7 @@ def test_the_limit_of_iterations_is_said(name):
     assert "more steps" in estimate.reasons[0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("log_weight", [-16, -14, -13, -12, -10, -8, -6, -4, 0])
 @pytest.mark.parametrize("order", [0, 1])
 @pytest.mark.parametrize("path", ["direct", "iterative"])

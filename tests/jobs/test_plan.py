@@ -113,6 +113,7 @@ def planned():
     return outcome(*short_form("plan"), "plan.run=true", "error=0.05")
 
 
+@pytest.mark.full
 def test_what_is_found_is_within_what_was_predicted(planned):
     metrics = planned.metrics
     assert metrics["plan_error_found"] <= 0.05
@@ -121,6 +122,7 @@ def test_what_is_found_is_within_what_was_predicted(planned):
     check_page(planned)
 
 
+@pytest.mark.full
 def test_an_error_below_the_floor_is_said_to_be_not_in_the_data(planned):
     floor = planned.metrics["plan_floor"]
     result = short_run("plan")

@@ -77,6 +77,7 @@ def test_clean_data_have_the_warning_once_in_a_thousand():
     assert sum(bool(fit.notes) for fit in fits) <= 9
 
 
+@pytest.mark.full
 def test_other_solvers_fit_one_after_the_other():
     ys = data([12.0, 12.2])
     solver = OptaxLBFGS()  # pyright: ignore[reportCallIssue]
