@@ -156,7 +156,7 @@ def _effect(name: str, node: Node, precision: str) -> Effect:
     return _effect_of_package(name, settings, precision)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def _effect_of_package(name: str, settings: str, precision: str) -> Effect:
     import jax
 

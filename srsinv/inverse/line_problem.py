@@ -1,7 +1,6 @@
 """A problem on the cells of a line, linear in the traction: what Wiener's filter, Tikhonov's method
 and their like solve. What follows from its numbers alone is in line_model.py."""
 
-import copy
 import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -125,9 +124,11 @@ class LineProblem(LineModel):
         """Itself, without the sensor: what is compiled for one problem then serves all sensors."""
         if self.sensor is None:
             return self
-        alone = copy.copy(self)
-        for name in ("sensor", "scan", "passed"):
-            object.__setattr__(alone, name, None)
+        # Not by copy.copy: Equinox holds what it makes until its __init__ ends, and this has none.
+        alone = object.__new__(type(self))
+        without = dict.fromkeys(("sensor", "scan", "passed"))
+        for name, value in (vars(self) | without).items():
+            object.__setattr__(alone, name, value)
         return alone
 
     @property
