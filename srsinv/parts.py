@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -39,15 +39,12 @@ def merged(node: Node, changes: Node) -> dict[str, Any]:
     return both
 
 
-def varied(
-    whole: Node, line: str, refinement: int, effects: Collection[str], **changed: Any
-) -> dict[str, Any]:
-    """A configuration on another kind of line, with another refinement and some of its effects; all
-    of these act, unless a `tolerance` is among the other changes."""
-    named = {name: node for name, node in (whole["effects"] or {}).items() if name in effects}
+def varied(whole: Node, line: str, refinement: int, **changed: Any) -> dict[str, Any]:
+    """A configuration on another kind of line, with another refinement; all of its effects act,
+    unless a `tolerance` is among the other changes."""
     without = {name: value for name, value in whole.items() if name != "tolerance"}
     grid = {**whole["grid"], "line": line, "refinement": refinement}
-    return {**without, "effects": named, "grid": grid, **changed}
+    return {**without, "grid": grid, **changed}
 
 
 def line(grid: Node, refinement: Any) -> Line:

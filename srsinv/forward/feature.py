@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import BadInput, is_number, number, of_kind, refuse, shown
 from ..grid import Scalar
+from ..modules import with_fields
 from .traction import Bars, Hertz, LineLoad, Pressure, Step, UniformStrip
 
 if TYPE_CHECKING:  # a type checker would give a module's heirs an `__init__` of its fields
@@ -130,12 +131,8 @@ class ShapeFamily(_Module):
         return [field.name for field in dataclasses.fields(cast(Any, self))]
 
     def _with(self, **changed: Any) -> Any:
-        """A copy that differs in these fields. Its `__init__`, which may be a stranger's, is not
-        called."""
-        copy = object.__new__(type(self))
-        for name in self._fields():
-            object.__setattr__(copy, name, changed.get(name, getattr(self, name)))
-        return copy
+        """A copy that differs in these fields."""
+        return with_fields(cast(Any, self), **changed)
 
     @property
     def anywhere(self) -> Any:

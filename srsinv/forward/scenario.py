@@ -54,8 +54,7 @@ class Scenario(eqx.Module):
 
     def with_films(self, change) -> "Scenario":
         """The scenario with `change` applied to every film element."""
-        films = tuple(change(film) for film in self.sensor.elements)
-        return self.replace(sensor=dataclasses.replace(self.sensor, elements=films))
+        return self.replace(sensor=self.sensor.with_films(change))
 
     def with_recorder(self, **changed) -> "Scenario":
         """The scenario with other parts of the recorder."""

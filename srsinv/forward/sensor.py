@@ -1,6 +1,7 @@
 """The sensor: skin, film elements and amplifier composed into stages on a line."""
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
@@ -115,6 +116,11 @@ class Sensor(eqx.Module):
         self.filters = all_of_kind("filters", filters, Filter, "filters, as [FirstOrder(1e-4)]")
         for each in self.filters:
             check_poles(each)
+
+    def with_films(self, change: Callable[[Film], Film]) -> "Sensor":
+        """The sensor with `change` applied to every film element."""
+        films = tuple(change(film) for film in self.elements)
+        return dataclasses.replace(self, elements=films)
 
     def require_elements(self, count: int) -> None:
         """Raises `BadInput` unless there are so many film elements, one or two."""

@@ -1,7 +1,5 @@
 """A problem with the samples of neighbouring cells gathered into wider ones."""
 
-import dataclasses
-
 import numpy as np
 from jaxtyping import Float
 
@@ -32,15 +30,14 @@ def gathered(problem: LineProblem, count: int) -> LineProblem:
     assert scan is not None
     cell = float(line.cell_m)
     average = SampleAverage(count, cell)
-    films = [film.with_effect(average) for film in sensor.elements]
     start = float(line.start_m) + (count - 1) / 2 * cell
     wider = type(line)(line.n // count, as_real(count * cell), as_real(start))
-    observed = problem.is_observed.reshape(len(films), -1, count).all(axis=-1)
+    observed = _gather(problem.is_observed, count).all(axis=-1)
     whole_signal = np.asarray(problem.data + problem.mean_signal)
-    data = np.where(observed, whole_signal.reshape(len(films), -1, count).mean(axis=-1), 0.0)
+    data = np.where(observed, _gather(whole_signal, count).mean(axis=-1), 0.0)
     return LineProblem.of_sensor(
         wider,
-        dataclasses.replace(sensor, elements=films),
+        sensor.with_films(lambda film: film.with_effect(average)),
         scan,
         data,
         noise_of_means(np.asarray(problem.noise), line.n, count),
@@ -50,6 +47,10 @@ def gathered(problem: LineProblem, count: int) -> LineProblem:
         friction=problem.friction,
         warnings=problem.warnings,
     )
+
+
+def _gather(samples: np.ndarray, count: int) -> np.ndarray:
+    return samples.reshape(len(samples), -1, count)
 
 
 def noise_of_means(

@@ -14,6 +14,7 @@ from ..errors import BadInput
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Convolution, Line, Operator, as_real
+from ..modules import with_fields
 from ..status import Status
 from ._line_checks import check, check_estimate, unboxed
 from .cells import Window
@@ -124,12 +125,7 @@ class LineProblem(LineModel):
         """Itself, without the sensor: what is compiled for one problem then serves all sensors."""
         if self.sensor is None:
             return self
-        # Not by copy.copy: Equinox holds what it makes until its __init__ ends, and this has none.
-        alone = object.__new__(type(self))
-        without = dict.fromkeys(("sensor", "scan", "passed"))
-        for name, value in (vars(self) | without).items():
-            object.__setattr__(alone, name, value)
-        return alone
+        return with_fields(self, sensor=None, scan=None, passed=None)
 
     @property
     def own_line(self) -> Line:

@@ -1,7 +1,5 @@
 """What every inversion starts from: recorded signals, what made them, and what is known."""
 
-import copy
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,6 +14,7 @@ from ..forward.film import SampleAverage
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Operator, as_real
+from ..modules import with_fields
 from .cells import (
     Window,
     block_of,
@@ -103,9 +102,7 @@ class Problem(eqx.Module):
 
     def with_warnings(self, warnings: Sequence[str]) -> "Problem":
         """The same problem with further warnings."""
-        changed = copy.copy(self)
-        object.__setattr__(changed, "warnings", (*self.warnings, *warnings))
-        return changed
+        return with_fields(self, warnings=(*self.warnings, *warnings))
 
     @property
     def own_line(self) -> None:
@@ -174,8 +171,7 @@ class Problem(eqx.Module):
         power = self.noise.power(line, scan, signal_rms, cells.samples)
         if block > 1:
             average = SampleAverage(block, sample_spacing_m(self.motion))
-            films = [film.with_effect(average) for film in sensor.elements]
-            sensor = dataclasses.replace(sensor, elements=films)
+            sensor = sensor.with_films(lambda film: film.with_effect(average))
         return LineProblem.of_sensor(
             line,
             sensor,

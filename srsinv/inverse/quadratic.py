@@ -114,18 +114,19 @@ class Scorer(eqx.Module):
 
     family: Family
     problem: LineProblem
-    reduced: "direct.Whitened | tuple[spectral.Reduced, Numbers] | None"
+    reduced: "direct.Whitened | tuple[spectral.Reduced, Numbers] | Gaps"
 
     def __init__(self, family: Family, problem: LineProblem, path: str):
         path = choose_path(problem, path)
         self.family, self.problem = family, problem.on_line()
-        has_gaps = path == "iterative" and problem.observed is not None
         if path == "direct":
             self.reduced = direct.whiten(self.problem)
+        elif path == "iterative" and problem.observed is not None:
+            self.reduced = Gaps.of(problem.is_observed)
         else:
             # In double precision: weights lie in flat minima, where rounding would choose.
             with jax.enable_x64(True):
-                self.reduced = None if has_gaps else _on_device(_reduced(family, self.problem))
+                self.reduced = _on_device(_reduced(family, self.problem))
 
     def __call__(self, log_weights: Float[Numbers, "b c"]) -> Score:
         """One score for each row of log10 weights."""
@@ -135,8 +136,7 @@ class Scorer(eqx.Module):
         """The criterion, which takes a score and the number of samples, for each row of log10
         weights. It is compiled with the scores, of which it may need some terms alone."""
         samples = self.problem.sample_count
-        if self.reduced is None:
-            gaps = Gaps.of(self.problem.is_observed)
+        if isinstance(gaps := self.reduced, Gaps):
             terms = [near_periodic.score(self.problem, self.family(w), gaps) for w in log_weights]
             columns = (jnp.asarray(np.array(each)) for each in zip(*terms, strict=True))
             return criterion(Score(*columns), samples)

@@ -1,6 +1,5 @@
 """The problem of inverting a simulation: its signal with noise, as it is recorded."""
 
-import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -72,9 +71,9 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> LineProblem
     signal = signal if direction > 0 else signal[:, ::-1]
     power = np.interp(sim.line.k, record.k, record.spectrum) / typical
     # A cell has the mean of what is sampled on its way.
-    mean = [StripAverage.at_depth(cell, float(film.depth_m)) for film in sim.sensor.elements]
-    films = [film.with_effect(m) for film, m in zip(sim.sensor.elements, mean, strict=True)]
-    sensor = dataclasses.replace(sim.sensor, elements=films)
+    sensor = sim.sensor.with_films(
+        lambda film: film.with_effect(StripAverage.at_depth(cell, float(film.depth_m)))
+    )
     data, observed = jnp.nan_to_num(signal), np.isfinite(signal)
     return _problem(sim, sensor, data, jnp.asarray(power), observed, mean_p_Pa, friction)
 

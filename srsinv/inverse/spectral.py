@@ -265,7 +265,6 @@ def reduced(problem: LineProblem) -> Reduced:
 def score(of: Reduced, root: Float[Array, "c k"]) -> Score:
     """The score of the prior with this root."""
     model, at, z = of.model, pivots(of.model, list(root)), of.along
-    n = of.n
     freedom, left = at.inverse[0] * model.squares[0], [at.others[0] * z[0]]
     if len(z) == 2:
         mix = at.prior[0] * at.inverse[1] * jnp.sqrt(model.shared * model.squares[1])
@@ -276,7 +275,7 @@ def score(of: Reduced, root: Float[Array, "c k"]) -> Score:
     # log det(G S G^H + N) less its part without G, from the pivots of A^H A + P and of P; a mode
     # that the prior leaves free has no proper evidence and is left out.
     logs = sum(jnp.log(jnp.where(part > 0, part, 1.0)) for part in at.prior)
-    whole, surprise = of.rest + of.weights @ residual / n, of.weights @ surprise / n
+    whole, surprise = of.rest + of.weights @ residual / of.n, of.weights @ surprise / of.n
     evidence = (of.weights @ logs - of.rest - surprise) / 2
     return Score(whole, of.weights @ freedom, evidence)
 

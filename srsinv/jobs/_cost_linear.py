@@ -1,8 +1,7 @@
 """Error against time of the forward model and the inversions, as rows of one table.
 
-Functions are compiled with their arrays as arguments, and return the traction or the signal alone.
-Two rows of a part do more: the direct path forms the whole covariance, and the iterative one solves
-for the averaging kernel too.
+Functions are compiled with their arrays as arguments, and return the traction or the signal alone;
+the direct path forms the whole covariance, too.
 """
 
 import time

@@ -46,13 +46,6 @@ class Recipe:
     method: str
     path: str
 
-    @property
-    def simulated(self) -> tuple[str, int, tuple[str, ...]]:
-        """Line, refinement and effects of a simulation."""
-        assert self.refinement is not None
-        assert self.effects is not None
-        return self.line, self.refinement, self.effects
-
     def with_(self, **changed: Any) -> "Recipe":
         """The same recipe with other settings."""
         return dataclasses.replace(self, **changed)

@@ -28,7 +28,7 @@ from ..report.text import significant
 from ._plan_recording import RecordingTrials
 from ._plan_scene import Scenes, SceneTrials
 from ._plan_search import Plan, search
-from ._plan_trials import QUANTITIES, SIGNAL, Trial, Trials
+from ._plan_trials import QUANTITIES, SIGNAL, Recipe, Trial, Trials
 
 MOST_LISTED = 4  # effects: of more it is said which are off
 AROUND = 1.3  # a margin around what is drawn, as a factor
@@ -79,10 +79,15 @@ def run(cfg: config.Config) -> Result:
             facts = _sensor(config.part(cfg, "sensor"), settings["scene_sensor"])
             cfg = config.with_facts({**cfg, "noise": noise}, facts, {"poisson_ratio": 0.5})
             line, effects = config.line(cfg), tuple(config.part(cfg, "effects"))
+
+            def with_(r: Recipe, **changed: float) -> config.Config:
+                some = config.select_effects(cfg, r.effects or ())
+                return varied(some, r.line, r.refinement or 1, **changed)
+
             given = Scenes(
                 line, effects, config.random_key(cfg), config.friction(cfg),
-                lambda r: config.simulation(varied(cfg, *r.simulated)),
-                lambda r, t: config.screened(varied(cfg, *r.simulated, tolerance=t))[1],
+                lambda r: config.simulation(with_(r)),
+                lambda r, t: config.screened(with_(r, tolerance=t))[1],
                 lambda: config.methods(cfg),
             )  # fmt: skip
             make = partial(SceneTrials, given)
@@ -90,7 +95,8 @@ def run(cfg: config.Config) -> Result:
             recorded = partial(config.recorded_problem, cfg, config.recording(cfg))
             make = partial(RecordingTrials, recorded, partial(config.methods, cfg))
         names = [""] if wanted == SIGNAL else list(config.methods(cfg))
-        tried = [(one, _searched(one, asked)) for one in map(partial(make, wanted), names)]
+        ways = map(partial(make, wanted), names)
+        tried = [(one, search(one, asked.error, asked.budget_s)) for one in ways]
         trials, plan = min(tried, key=lambda each: _rank(each[1], asked))
         spent_s = time.perf_counter() - start
         measured = _measured(trials, plan) if asked.runs else None
@@ -110,10 +116,6 @@ def _sensor(named: Mapping[str, Any], of_scene: Mapping[str, Any]) -> Mapping[st
     """What a scene's sensor has where the one named leaves it open."""
     has_elements = named.get("elements") is not None
     return {k: v for k, v in of_scene.items() if k != "elements" or not has_elements}
-
-
-def _searched(trials: Trials, asked: Asked) -> Plan:
-    return search(trials, asked.error, asked.budget_s)
 
 
 def _rank(plan: Plan, asked: Asked) -> tuple[float, ...]:
