@@ -140,12 +140,14 @@ class Scorer(eqx.Module):
             terms = [near_periodic.score(self.problem, self.family(w), gaps) for w in log_weights]
             columns = (jnp.asarray(np.array(each)) for each in zip(*terms, strict=True))
             return criterion(Score(*columns), samples)
-        count = len(log_weights)
+        count, is_direct = len(log_weights), isinstance(self.reduced, direct.Whitened)
         padded = np.zeros((max(count, BATCH), log_weights.shape[1]))
         padded[:count] = log_weights
-        of = criterion, self.family, self.problem, self.reduced
-        with nullcontext() if isinstance(self.reduced, direct.Whitened) else jax.enable_x64(True):
-            return jax.tree.map(lambda each: each[:count], _values(*of, padded, count, samples))
+        of = criterion, self.family, self.problem if is_direct else None, self.reduced
+        with nullcontext() if is_direct else jax.enable_x64(True):
+            values = _values(*of, padded, count, samples)
+        # Sliced by numpy, which takes a hundredth of what jax's dispatch takes.
+        return jax.tree.map(lambda each: np.asarray(each)[:count], values)
 
 
 def _as_it_is(score: Score, samples: int) -> Score:
@@ -169,14 +171,14 @@ def _on_device(tree):
 def _values(
     criterion: Criterion,
     family: Family,
-    problem: LineProblem,
+    problem: LineProblem | None,
     reduced,
     log_weights,
     count,
     samples: int,
 ):
     def value(logs):
-        if isinstance(reduced, direct.Whitened):
+        if problem is not None:
             return criterion(direct.score(problem, family(logs), reduced), samples)
         of, root = reduced
         factor = 10.0 ** (family.sign * logs / 2)
