@@ -53,6 +53,7 @@ def test_a_simulated_signal_is_inverted():
         assert estimate.quality == "good"
 
 
+@pytest.mark.full
 def test_a_file_is_inverted_and_fitted():
     """The bundled strip of 4 kPa, from its path and from the recording."""
     estimate = srsinv.invert(EXAMPLE)

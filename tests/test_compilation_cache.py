@@ -177,6 +177,7 @@ def test_is_bounded_and_keeps_what_was_used_last(home):
     assert 0 < sum(each.stat().st_size for each in left) <= most
 
 
+@pytest.mark.full
 def test_processes_side_by_side(home):
     program = """
 import jax

@@ -199,6 +199,7 @@ def test_a_load_profile_of_ones_own_is_in_a_scene(folder):
     np.testing.assert_allclose(p, expected, rtol=0, atol=1.01 * from_mean)
 
 
+@pytest.mark.full
 def test_a_section_of_ones_own_is_on_the_page(folder, tmp_path, capsys):
     given = ["--config-dir", str(folder), *SMALL, f"hydra.run.dir={tmp_path}/r"]
     assert main([*given, "section=[gains,residual_spectrum]"]) == 0
@@ -219,6 +220,7 @@ def test_an_example_is_short():
     assert max(lines.values()) <= 15
 
 
+@pytest.mark.full
 def test_a_feature_of_ones_own_is_found(folder):
     open_plugins(str(folder))
     own = part(folder, "feature/pad.yaml", "traction_feature")
@@ -365,6 +367,7 @@ sys.exit(task(config).code)
 """
 
 
+@pytest.mark.full
 def test_a_launched_process_finds_the_plugins(folder, scan):
     into, configs = scan.parent / "run", ROOT / "configs"
     named = ("experiment=inspect_recording", "reader=lab", f"recording.path={scan}")

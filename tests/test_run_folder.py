@@ -277,6 +277,7 @@ PLACES = {
 
 
 class TestOutput:
+    @pytest.mark.full
     @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
     def test_that_cannot_be_printed(self, root, tmp_path):
         """The run is there all the same."""

@@ -98,6 +98,7 @@ def needs(launcher: str) -> None:
 
 
 class TestMissing:
+    @pytest.mark.full
     def test_only_what_failed_runs_again(self, run):
         code, begun, said = run("value=1,-2,2,-1")
         assert code == 1

@@ -317,6 +317,7 @@ def test_two_overlapping_ridges():
     check(solve_contact(line, SKIN, height, 2e4), line, np.asarray(height), 2e4)
 
 
+@pytest.mark.full
 def test_the_compliance_of_cells_is_that_of_points_at_long_waves():
     compliance = np.asarray(cell_compliance(LINE, SKIN))
     k = np.asarray(LINE.k)

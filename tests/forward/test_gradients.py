@@ -19,6 +19,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import FrictionStep, PressedStrip
 from srsinv.grid import Open, Periodic
+from tests.tiers import quick
 
 N = 48
 NOMINAL = {
@@ -95,7 +96,7 @@ def gradients(line):
     }
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", quick(LINES, "periodic"))
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 @pytest.mark.parametrize("name", NAMES)
 def test_gradient_in_a_parameter(name, mode, line):
@@ -104,7 +105,7 @@ def test_gradient_in_a_parameter(name, mode, line):
     assert by_mode[mode][i] == pytest.approx(by_mode["difference"][i], rel=1e-6, abs=1e-9)
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", quick(LINES, "periodic"))
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_gradient_in_the_traction(mode, line):
     by_mode = gradients(line)
@@ -113,7 +114,7 @@ def test_gradient_in_the_traction(mode, line):
     assert error < 1e-6 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", quick(LINES, "periodic"))
 def test_gradient_in_depth_of_the_other_readouts(line):
     def sums(depth):
         grid = LINES[line](N, 1.3e-4, -3e-3)

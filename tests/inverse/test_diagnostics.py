@@ -96,6 +96,7 @@ def test_noise_that_is_stated_too_small(method, noise_ratio):
     assert (estimate.reasons == ()) == (worth == "good")
 
 
+@pytest.mark.full
 def test_an_estimate_that_did_not_converge_failed():
     estimate = Wiener(P, Q, path="iterative", tolerance=1e-12)(
         louder(make_case("open", observed=gaps()).problem, 1e-6)

@@ -10,9 +10,9 @@ from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.direction import DirectionFinder, angle_bounds_deg
 from tests.refusals import refused
-from tests.tiers import quick
 
 CIRCLE = Circle(radius_m=6e-3, samples=192)
+TIERS = [pytest.param(1, marks=pytest.mark.claim), pytest.param(2, marks=pytest.mark.full)]
 # Across x, along x, nearly so, near the circle's edge, and through its centre.
 RIDGES = [(1.0, 4.5e-3), (89.0, -3e-3), (90.0, 0.0), (127.0, 0.0), (179.5, -4.7e-3)]
 
@@ -23,7 +23,7 @@ def sensor(elements):
     return Sensor(films[:elements])
 
 
-@pytest.fixture(scope="module", params=quick([1, 2]), ids=["one_element", "two_elements"])
+@pytest.fixture(scope="module", params=TIERS, ids=["one_element", "two_elements"])
 def directions(request):
     """Every ridge with the one found at 20 dB, and without noise the first."""
     device, rng = sensor(request.param), np.random.default_rng(request.param)

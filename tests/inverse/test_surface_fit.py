@@ -206,6 +206,7 @@ def test_noise_alone_prefers_nothing(ridges):
     assert nothing.log_evidence > ridge.log_evidence
 
 
+@pytest.mark.full
 def test_refusals(ridges):
     away = Window(0.0, 0.01)
     make = partial(FeatureFitter.on_window, SENSOR, ONWARDS, {"it": RidgeFeature(EDGE)})

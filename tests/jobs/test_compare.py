@@ -14,7 +14,7 @@ from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("compare", "compare_recording")
 
-test_nothing_has_moved = golden_test(FORMS, "compare")
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ EFFECTS = {("ripple", "lag"): (0.0, 3.0), ("lag",): (2e-3, 2.0), (): (3e-2, 1.0)
 PRECISIONS = {"float64": (0.0, 1.0), "float32": (1e-4, 0.6)}
 PATHS = {"auto": 1.0, "iterative": 0.5}
 
-test_nothing_has_moved = golden_test(FORMS, *FORMS)
+test_nothing_has_moved = golden_test(FORMS)
 
 
 class KnownTrials(Trials):

@@ -19,6 +19,7 @@ from tests.recording.files import FORMATS, write
 from tests.recording.fuzz import PACKED, damaged
 from tests.recording.hostile import CASES, SLOW
 from tests.recording.test_bad_files import assert_one_sentence
+from tests.tiers import quick
 
 ROOT = Path(__file__).parents[2]
 COPIES = 25  # of a good file, damaged
@@ -58,6 +59,7 @@ def large(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("large")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", QUICK)
 def test_one_sentence_soon_and_in_little_memory(folder, case):
     check(case, results(folder, *QUICK))
@@ -74,7 +76,7 @@ def test_large_files_too(large, case):
 DEADLY = {"crash": ("packed hdf5", 552), "endless loop": ("packed netcdf", 62)}
 
 
-@pytest.mark.parametrize("case", DEADLY)
+@pytest.mark.parametrize("case", quick(DEADLY, "crash"))
 def test_a_file_that_kills_its_reader(tmp_path, case):
     """It is refused, the next file is read, and nothing is left running."""
     format, seed = DEADLY[case]

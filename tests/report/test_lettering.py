@@ -134,6 +134,7 @@ def test_many_signals_and_gaps_are_drawn_in_part():
     assert len(figure.axes[0].patches) <= 200
 
 
+@pytest.mark.full
 def test_an_inspection_of_such_names(tmp_path):
     """Page, numbers, arrays and sidecar hold them all; the page as text, not as marks."""
     names = [r"$\frac{", "<b>bold</b>", "\u200fabc\u202e", "温$", "n" * 200]

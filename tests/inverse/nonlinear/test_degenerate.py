@@ -107,7 +107,7 @@ def test_nearly_degenerate(apart):
 
 
 @pytest.mark.parametrize("noise", [None, 0.01])
-@pytest.mark.parametrize("linear", [(), ("a",)])
+@pytest.mark.parametrize("linear", [(), pytest.param(("a",), marks=pytest.mark.full)])
 def test_nothing_in_the_data(noise, linear):
     fit = srsinv.fit(
         lambda p: decay(p["a"], p), {"a": 1.0, "k": 1.0}, 0 * Y, noise=noise, linear=linear
