@@ -81,7 +81,7 @@ class SceneTrials(Trials):
 
     def alternatives(self, recipe: Recipe, error: float) -> dict[str, list[Recipe]]:
         assert recipe.effects is not None
-        subsets = dict.fromkeys(self._effects(recipe, part * error) for part in TOLERANCES)
+        subsets = dict.fromkeys(self.called_for(recipe, part * error) for part in TOLERANCES)
         others: dict[str, list[Recipe]] = {
             "effects": [recipe.with_(effects=on) for on in subsets if on != recipe.effects],
             "precision": [recipe.with_(precision="float32")],
@@ -93,7 +93,7 @@ class SceneTrials(Trials):
             others["path"] = [recipe.with_(path=path) for path in paths_of(problem)]
         return others
 
-    def _effects(self, recipe: Recipe, tolerance: float) -> tuple[str, ...]:
+    def called_for(self, recipe: Recipe, tolerance: float) -> tuple[str, ...]:
         """Those that the scene calls for at this tolerance."""
         assert recipe.effects is not None
         screening = self._scenes.screened(recipe, tolerance)

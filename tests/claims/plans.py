@@ -1,0 +1,104 @@
+"""Plans beside brute force: `python -m tests.claims.plans [SCENE ...]` (hours).
+
+For each of the twelve scenes of experiment=effects_auto and three tolerances, p by Wiener's filter:
+what the plan predicts, what its recipe then does (medians of five calls), and the quickest of all
+combinations of cells, refinement, effects and precision that keeps what is asked, told by the
+converged result with every effect on. Writes results/plans.json, and goes on from what it holds.
+"""
+
+import itertools
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from srsinv import config
+from srsinv.jobs._plan_scene import Scenes, SceneTrials
+from srsinv.jobs._plan_search import Plan, search
+from srsinv.jobs._plan_trials import Recipe, Trial
+from srsinv.parts import merged, varied
+from tests.jobs.run import composed
+
+RESULTS = Path(__file__).parent / "results" / "plans.json"
+ERRORS = (0.3, 0.1, 0.03)
+QUANTITY, METHOD = "p", "Wiener"
+FINER = 4  # times as fine as the plan's most exact cells is what errors are told by
+TOLERANCES = (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3)  # of the sets of effects that brute force tries
+REFINEMENTS = 4  # the coarsest of them
+
+
+def scenes() -> dict[str, dict[str, Any]]:
+    """Configurations of the scenes, with the noise of experiment=plan."""
+    base, plan = composed("experiment=effects_auto"), composed("experiment=plan", "error=0.1")
+    own = {"noise": {"snr": plan["plan"]["scene_noise"]}, "method": plan["method"]}
+    return {
+        name: {**merged(base, changes), **own}
+        for name, changes in base["effects_auto"]["scenes"].items()
+    }
+
+
+def trials_of(cfg: dict[str, Any]) -> SceneTrials:
+    """Trials of one scene, as experiment=plan makes them."""
+
+    def with_(r: Recipe, **changed: float) -> dict[str, Any]:
+        some = config.select_effects(cfg, r.effects or ())
+        return varied(some, r.line, r.refinement or 1, **changed)
+
+    given = Scenes(
+        config.line(cfg), tuple(config.part(cfg, "effects")), config.random_key(cfg),
+        config.friction(cfg), lambda r: config.simulation(with_(r)),
+        lambda r, t: config.screened(with_(r, tolerance=t))[1], lambda: config.methods(cfg),
+    )  # fmt: skip
+    return SceneTrials(given, QUANTITY, METHOD)
+
+
+def quickest(trials: SceneTrials, plan: Plan, reference: Trial, error: float) -> Trial | None:
+    """Of all combinations, the quickest whose error is at most `error`."""
+    beside = plan.beside.recipe
+    subsets = {beside.effects, *(trials.called_for(beside, each) for each in TOLERANCES)}
+    settings = itertools.product(
+        trials.counts, trials.refinements[:REFINEMENTS], subsets, ("float64", "float32")
+    )
+    tried = (
+        trials(beside.with_(count=count, refinement=refinement, effects=on, precision=precision))
+        for count, refinement, on, precision in settings
+    )
+    within = (each for each in tried if each.error_from(reference) <= error)
+    return min(within, key=lambda each: each.seconds, default=None)
+
+
+def study(cfg: dict[str, Any], error: float) -> dict[str, Any]:
+    """One scene at one tolerance."""
+    trials = trials_of(cfg)
+    plan = search(trials, error, None)
+    reference = trials(trials.finer(plan.beside.recipe, FINER))
+    best = quickest(trials, plan, reference, error)
+    # Both again, one after the other: the machine may have been busier with one of them.
+    found, again = trials.run(plan.trial.recipe), best and trials.run(best.recipe)
+    return {
+        "error_predicted": plan.error,
+        "error_found": found.error_from(reference),
+        "floor": plan.trial.floor,
+        "time_s_predicted": plan.trial.seconds,
+        "time_s_found": found.seconds,
+        "time_s_quickest": again and again.seconds,
+    }
+
+
+def main(names: list[str]) -> None:
+    known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    for name, cfg in scenes().items():
+        for error in ERRORS:
+            key = f"{name}, {error:g}"
+            if key in known or (names and name not in names):
+                continue
+            with jax.enable_x64(True):
+                known[key] = study(cfg, error)
+            RESULTS.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+            print(key, json.dumps(known[key]), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
