@@ -72,7 +72,7 @@ class Convolution(Operator):
     length: int = eqx.field(static=True)
     has_dc_gain: bool = eqx.field(static=True, default=True)
 
-    def __call__(self, traction: Float[Array, "c n"]) -> Float[Array, "e n"]:
+    def __call__(self, traction: Float[Array | np.ndarray, "c n"]) -> Float[Array, "e n"]:
         shape = self.transfer.shape[1], self.n
         refuse(
             traction.shape != shape,
@@ -81,7 +81,7 @@ class Convolution(Operator):
         )
         return _convolved(self.transfer, traction, self.n, self.length)
 
-    def adjoint(self, signal: Float[Array, "e n"]) -> Float[Array, "c n"]:
+    def adjoint(self, signal: Float[Array | np.ndarray, "e n"]) -> Float[Array, "c n"]:
         return _correlated(self.transfer, signal, self.n, self.length)
 
     @eqx.filter_jit
