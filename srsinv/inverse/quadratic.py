@@ -36,7 +36,8 @@ DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not cho
 TRUSTED = {"float64": 6e11, "float32": 1.7e4}
 TRUSTED_ITERATIVE = 6e11
 PATHS = ("auto", "spectral", "direct", "iterative")
-BATCH = 19  # weights of one call at least, as in a rule's first scan: one program serves all
+TOGETHER = 3  # weights that are scored at once
+BATCH = 21  # weights of one call at least, more than in a rule's first scan: one program serves all
 Criterion = Callable[[Score, int], Any]
 
 
@@ -141,7 +142,7 @@ class Scorer(eqx.Module):
             columns = (jnp.asarray(np.array(each)) for each in zip(*terms, strict=True))
             return criterion(Score(*columns), samples)
         count, is_direct = len(log_weights), isinstance(self.reduced, direct.Whitened)
-        padded = np.zeros((max(count, BATCH), log_weights.shape[1]))
+        padded = np.zeros((max(count + -count % TOGETHER, BATCH), log_weights.shape[1]))
         padded[:count] = log_weights
         of = criterion, self.family, self.problem if is_direct else None, self.reduced
         with nullcontext() if is_direct else jax.enable_x64(True):
@@ -184,12 +185,18 @@ def _values(
         factor = 10.0 ** (family.sign * logs / 2)
         return criterion(spectral.score(of, factor[:, None] * root), samples)
 
+    # LAPACK, which scores of the direct path use, one after the other: side by side it may wait for
+    # itself on a CPU. Elsewhere memory is read once for all that are scored together.
+    together, every = (1, partial(jax.lax.map, value)) if problem else (TOGETHER, jax.vmap(value))
+
     def add(i, values):
-        return jax.tree.map(lambda all, each: all.at[i].set(each), values, value(log_weights[i]))
+        rows = jax.lax.dynamic_slice_in_dim(log_weights, i * together, together)
+        put = partial(jax.lax.dynamic_update_slice_in_dim, start_index=i * together, axis=0)
+        return jax.tree.map(put, values, every(rows))
 
     like = jax.eval_shape(value, log_weights[0])
     empty = jax.tree.map(lambda each: jnp.zeros((len(log_weights), *each.shape), each.dtype), like)
-    return jax.lax.fori_loop(0, count, add, empty)
+    return jax.lax.fori_loop(0, (count + together - 1) // together, add, empty)
 
 
 def _estimate(
