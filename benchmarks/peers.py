@@ -240,12 +240,13 @@ def _tamaas_contact(
     basic = tamaas.model_type.basic_1d
     model = tamaas.ModelFactory.createModel(basic, [length], [height.size])
     model.E, model.nu = modulus, 0.0
-    solver = tamaas.PolonskyKeerRey(model, np.ascontiguousarray(height, float), tolerance)
+    solver = tamaas.PolonskyKeerRey(model, np.array(height, float), tolerance)
     solver.max_iter, solver.dump_freq = TAMAAS_STEPS, TAMAAS_STEPS + 1
 
     def work() -> np.ndarray:
         model.traction[:] = 0
-        solver.solve(nominal)
+        if not solver.solve(nominal) <= tolerance:
+            raise RuntimeError(f"Tamaas is not converged after {TAMAAS_STEPS} steps")
         return np.ravel(np.array(model.traction))
 
     return work

@@ -88,22 +88,23 @@ class Queue:
 
 class Forecast:
     """What a trial will take [s], by those before it: by two sizes of its family with the power of
-    the size between them, by one in proportion, else as its part takes on average."""
+    the size between them, by one in proportion, else as its group takes on average for what has
+    been prepared."""
 
     def __init__(self):
         self._families: dict[tuple[str, str, str], list[tuple[float, float]]] = defaultdict(list)
-        self._parts: dict[str, list[float]] = defaultdict(list)
+        self._groups: dict[str, list[float]] = defaultdict(list)
 
     def learn(self, trial: CostTrial, row: Row) -> None:
         """Take in what a trial took."""
         self._families[_family(trial)].append((float(trial.size), row["trial_s"]))
-        self._parts[trial.part].append(row["trial_s"])
+        self._groups[trial.group].append(row["trial_s"] - row.get("prepare_s", 0.0))
 
     def __call__(self, trial: CostTrial) -> float:
-        """What it will take; nothing is expected of the first trial of a part."""
+        """What it will take; nothing is expected of the first trial of a group."""
         smaller = sorted(each for each in self._families[_family(trial)] if each[0] < trial.size)
         if not smaller:
-            return float(np.mean(self._parts[trial.part] or [0.0]))
+            return float(np.mean(self._groups[trial.group] or [0.0]))
         size, taken = smaller[-1]
         return taken * (trial.size / size) ** _growth(smaller[-2:])
 

@@ -79,7 +79,7 @@ def measured(trial: CostTrial, repeats: int, is_fresh: bool) -> Row:
     """The row of a trial: first call, memory, further calls, score; or why it has failed.
 
     `is_fresh`: nothing that was compiled before serves the first call. `trial_s` is what all of it
-    took.
+    took, `prepare_s` what came before the first call.
     """
     start = time.perf_counter()
     try:
@@ -92,7 +92,9 @@ def measured(trial: CostTrial, repeats: int, is_fresh: bool) -> Row:
 
 
 def _measured(trial: CostTrial, repeats: int, is_fresh: bool) -> Row:
+    start = time.perf_counter()
     work = trial.prepare()
+    prepare_s = time.perf_counter() - start
     if is_fresh and not trial.is_peer:
         jax.clear_caches()
     first = timed(work, 0)
@@ -110,6 +112,7 @@ def _measured(trial: CostTrial, repeats: int, is_fresh: bool) -> Row:
         "lower_call_s": float(np.quantile(times, 0.25)) / trial.count,
         "upper_call_s": float(np.quantile(times, 0.75)) / trial.count,
         "memory_bytes": memory,
+        "prepare_s": prepare_s,
     }
 
 
