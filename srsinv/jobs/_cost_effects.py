@@ -4,12 +4,13 @@ from collections.abc import Callable, Collection, Iterator
 from functools import cache, partial
 
 import jax
+import numpy as np
 
 from ..forward.simulation import Simulation
 from ..forward.trace import Trace, difference, pair, trace
 from ..timing import timed
 from ._cost_settings import CostSettings
-from ._cost_trials import MOST_S, CostScore, CostTrial, Work
+from ._cost_trials import CostScore, CostTrial, Work
 
 PART = "effects"
 
@@ -28,10 +29,11 @@ def trials(
     same without it."""
     for cells in sorted(settings.effects_cells):
         for name in dict.fromkeys((*named, *settings.effects)):
-            bench = WithAndWithout(partial(simulated, cells), name, named, key)
+            bench = WithAndWithout(partial(simulated, cells), name, named, key, settings.repeats)
+            rests_on = {"named": sorted(named), "effect": settings.effects.get(name)}
             yield CostTrial(
                 group=PART, part=PART, line=line, family=name, size=cells,
-                prepare=bench.work, score=bench.score, rests_on={"named": sorted(named)},
+                prepare=bench.work, score=bench.score, rests_on=rests_on,
             )  # fmt: skip
 
 
@@ -44,9 +46,10 @@ class WithAndWithout:
         name: str,
         named: Collection[str],
         key: jax.Array,
+        repeats: int,
     ):
         others = [each for each in named if each != name]
-        self._key = key
+        self._key, self._repeats = key, repeats
         self.full = cache(partial(simulated, [*others, name]))
         self.less = cache(partial(simulated, others))
 
@@ -55,9 +58,14 @@ class WithAndWithout:
         return partial(trace, self.full(), self._key)
 
     def score(self, given: Trace) -> CostScore:
-        """The change over the signal with all of them, and the time without the effect."""
+        """The change over the signal with all of them, and the time that the effect costs: the
+        median and the quartiles of differences between calls in turns."""
         del given
         full, less = pair(self.full(), self.less(), self._key)
-        without = timed(partial(trace, self.less(), self._key), 5, MOST_S)
-        measures = {"error": difference(less, full), "without_call_s": without.median_s}
-        return CostScore(measures)
+        calls = [partial(trace, each(), self._key) for each in (self.full, self.less)]
+        for call in calls:
+            call()
+        seconds = [[timed(call, 0).first_s for call in calls] for _ in range(self._repeats)]
+        lower, cost, upper = np.quantile(-np.diff(seconds), (0.25, 0.5, 0.75)).tolist()
+        measures = {"error": difference(less, full), "cost_s": cost}
+        return CostScore(measures | {"lower_cost_s": lower, "upper_cost_s": upper})

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..forward.simulation import Simulation, response
+from ..forward.simulation import Simulation
 from ..grid import LINES, Convolution
 from ._cost_settings import CostSettings
 from ._cost_trials import CostScore, CostTrial, Work, relative
@@ -128,8 +128,8 @@ class ForwardModel:
     def _refined(self, line: str, cells: int) -> Work:
         """From finer cells, as a simulation does."""
         sim = self.simulated(line, cells)
-        stage, traction = sim.sensor.output(sim.scan), sim.traction(sim.fine)
-        return partial(response, stage, sim.fine, traction, sim.refinement)
+        operator, traction = sim.sensor.operator(sim.fine, sim.scan), sim.traction(sim.fine)
+        return lambda: operator(traction)[:, :: sim.refinement]
 
     def gradient(self, line: str, cells: int) -> Work:
         """The gradient of half the signal's squares by the traction."""

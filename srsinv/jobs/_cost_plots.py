@@ -18,7 +18,7 @@ def effect_costs(ds: xarray.Dataset) -> Figure:
         range(own["size"].size),
     )
     figure, axes = grid_of_axes(1, 2, 0.3 * len(names) + 0.6, sharey=True)
-    error, cost = own["error"].values, own["steady_call_s"].values - own["without_call_s"].values
+    error, cost = own["error"].values, own["cost_s"].values
     left, right = axes[0]
     changes = error[error > 0]
     least = changes.min() / 3 if changes.size else 0.1
@@ -31,10 +31,9 @@ def effect_costs(ds: xarray.Dataset) -> Figure:
     log_ticks(left.xaxis, *left.get_xlim())
     left.set_title("Error of leaving it out")
     unit = scale("s", cost)
-    spread = (unit.factor * (own[name].values - own["without_call_s"].values)
-              for name in ("lower_call_s", "upper_call_s"))  # fmt: skip
+    low, high = (unit.factor * own[name].values for name in ("lower_cost_s", "upper_cost_s"))
     right.axvline(0, color=GREY, linewidth=0.9)
-    right.hlines(at, *spread, color=PALETTE[1], linewidth=2.5, alpha=0.4)
+    right.hlines(at, low, high, color=PALETTE[1], linewidth=2.5, alpha=0.4)
     right.plot(unit.factor * cost, at, "o", color=PALETTE[1])
     right.set_xlabel(unit.label("time more"))
     right.set_title("Time that it costs")

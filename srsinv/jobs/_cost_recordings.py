@@ -29,15 +29,16 @@ def trials(
     methods: Mapping[str, Method],
     seed: int,
     friction: float | None,
+    cell_m: float,
 ) -> Iterator[CostTrial]:
-    """Every method as it is configured, at every number of samples."""
+    """Every method as it is configured, at every number of samples, `cell_m` apart."""
     problem = lru_cache(1)(partial(_problem, scanned, seed, friction))
     for samples in sorted(settings.recording_samples):
         for name, method in methods.items():
             yield CostTrial(
                 group=PART, part=PART, line="open", family=name.lower(), size=samples,
                 prepare=partial(_work, problem, samples, method),
-                score=partial(_score, scanned, samples),
+                score=partial(_score, scanned, samples), rests_on={"cell_m": cell_m},
             )  # fmt: skip
 
 

@@ -26,7 +26,9 @@ MEASURES = {
     "steady_call_s": ("s", True),
     "lower_call_s": ("s", False),
     "upper_call_s": ("s", False),
-    "without_call_s": ("s", False),
+    "cost_s": ("s", True),
+    "lower_cost_s": ("s", False),
+    "upper_cost_s": ("s", False),
 }
 
 

@@ -5,8 +5,9 @@ one table. Peers are the packages of a clone's `benchmarks` that do the same wor
 rows are ours alone.
 """
 
-from collections.abc import Callable, Collection, Iterable
-from functools import lru_cache
+import platform
+from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import lru_cache, partial
 from types import ModuleType
 from typing import Any
 
@@ -64,17 +65,12 @@ def _parts(
     whole: config.Config, settings: CostSettings, peers: ModuleType | None
 ) -> dict[str, Callable[[], Iterable[CostTrial]]]:
     """What makes the trials of each part of a whole configuration, by the part's name."""
+    simulated = partial(_simulated, whole)
 
-    def simulated(line: str, cells: int) -> Simulation:
-        return config.simulation({**whole, "grid": {**whole["grid"], "line": line, "cells": cells}})
-
-    @lru_cache(1)
-    def scanned(samples: int) -> Simulation:
-        grid, cell = whole["grid"], whole["grid"]["length_m"] / whole["grid"]["cells"]
-        middle = grid["start_m"] + grid["length_m"] / 2
-        own = {"length_m": samples * cell, "start_m": middle - samples * cell / 2}
-        grid = {**grid, **own, "line": "open", "cells": samples}
-        return config.simulation({**whole, "grid": grid})
+    def effects() -> Iterable[CostTrial]:
+        named, line = list(config.part(whole, "effects")), whole["grid"]["line"]
+        of = partial(_with_effects, whole, settings.effects)
+        return _cost_effects.trials(of, settings, named, line, config.random_key(whole))
 
     def inversions() -> Iterable[CostTrial]:
         given = config.methods(whole), config.random_key(whole), config.friction(whole)
@@ -84,29 +80,42 @@ def _parts(
         given = config.sensor(whole), config.scan(whole), config.seed(whole)
         return _cost_fit.trials(settings, *given, peers)
 
-    def with_effects(cells: int, names: Collection[str]) -> Simulation:
-        # All of these act: nothing is screened.
-        own = {name: each for name, each in whole.items() if name != "tolerance"}
-        own |= {"effects": {**settings.effects, **config.part(whole, "effects")}}
-        grid = {**whole["grid"], "cells": cells}
-        return config.simulation(config.select_effects({**own, "grid": grid}, names))
-
-    def effects() -> Iterable[CostTrial]:
-        named, line = list(config.part(whole, "effects")), whole["grid"]["line"]
-        return _cost_effects.trials(with_effects, settings, named, line, config.random_key(whole))
-
     def recordings() -> Iterable[CostTrial]:
-        given = config.methods(whole), config.seed(whole), config.friction(whole)
-        return _cost_recordings.trials(scanned, settings, *given)
+        cell_m = whole["grid"]["length_m"] / whole["grid"]["cells"]
+        given = config.methods(whole), config.seed(whole), config.friction(whole), cell_m
+        return _cost_recordings.trials(lru_cache(1)(partial(_scanned, whole)), settings, *given)
 
     return {
+        "forward": lambda: _cost_forward.trials(simulated, settings, peers),
         "contact": lambda: _cost_contact.trials(settings, peers),
         "effects": effects,
-        "recordings": recordings,
-        "forward": lambda: _cost_forward.trials(simulated, settings, peers),
         "inversion": inversions,
         "fit": fits,
+        "recordings": recordings,
     }
+
+
+def _simulated(whole: config.Config, line: str, cells: int) -> Simulation:
+    """The scene on another line."""
+    return config.simulation({**whole, "grid": {**whole["grid"], "line": line, "cells": cells}})
+
+
+def _scanned(whole: config.Config, samples: int) -> Simulation:
+    """The scene in the middle of so many cells of an open line, as wide as those configured."""
+    grid = whole["grid"]
+    length_m = grid["length_m"] / grid["cells"] * samples
+    start_m = grid["start_m"] + (grid["length_m"] - length_m) / 2
+    of_scan = {**grid, "length_m": length_m, "start_m": start_m}
+    return _simulated({**whole, "grid": of_scan}, "open", samples)
+
+
+def _with_effects(
+    whole: config.Config, more: Mapping[str, Any], cells: int, names: Collection[str]
+) -> Simulation:
+    """The scene with these of its effects and `more`; all of them act, none is screened."""
+    own = {name: each for name, each in whole.items() if name != "tolerance"}
+    both = {**own, "effects": {**more, **config.part(whole, "effects")}}
+    return _simulated(config.select_effects(both, names), whole["grid"]["line"], cells)
 
 
 def _rests_on(whole: config.Config, settings: CostSettings) -> dict[str, Any]:
@@ -114,7 +123,8 @@ def _rests_on(whole: config.Config, settings: CostSettings) -> dict[str, Any]:
     grid = {name: each for name, each in whole["grid"].items() if name not in ("cells", "line")}
     rest = {name: each for name, each in whole.items() if name not in _APART}
     fit = settings.fit.samples, settings.fit.snr_dB
-    return {**rest, "grid": grid, "repeats": settings.repeats, "fit": fit}
+    how = settings.repeats, settings.is_fresh, platform.node()  # times are those of one machine
+    return {**rest, "grid": grid, "how": how, "fit": fit}
 
 
 def _facts(settings: CostSettings, has_peers: bool) -> dict[str, Any]:

@@ -5,7 +5,16 @@ from tests.golden.entries import Entries, entry
 from tests.jobs.run import short_forms, short_run
 
 # In the names of what a clock was read for, or memory.
-CLOCKED = ("time_s", "_call_s", "fastest", "goal_family", "goal_size", "goal_peer", "memory_bytes")
+CLOCKED = (
+    "time_s",
+    "_call_s",
+    "fastest",
+    "goal_family",
+    "goal_size",
+    "goal_peer",
+    "cost_s",
+    "memory_bytes",
+)
 
 
 def is_time(name: str) -> bool:
