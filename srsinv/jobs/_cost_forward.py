@@ -16,7 +16,7 @@ from ._cost_settings import CostSettings
 from ._cost_trials import CostScore, CostTrial, Work, relative
 
 GROUP, GRADIENT = "forward", "gradient"  # the part of the signal, and that of its derivative
-FINER = 8  # refinement of the reference over the cells of a trial
+FINER = 16  # refinement of a trial's reference: where sizes are powers of 4, it has one of theirs
 MOST_CELLS = 2**21  # of the reference
 POINT = 16  # a point sample is the average over this part of a cell, at its centre
 CACHED = 4  # models, of one size and its lines, which several trials take

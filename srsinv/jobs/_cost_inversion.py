@@ -74,30 +74,36 @@ def trials(
 def ways_of(
     method: Method, line: str, is_direct: bool, tolerances: Any, peers: ModuleType | None
 ) -> Iterator[Way]:
-    """The ways of a method on a line, each peer behind what it is compared with."""
+    """The ways of a method on a line, from what is used most to what is used least."""
     is_circular = line == "periodic"
     # On a periodic line the preconditioner is the solution.
-    tolerances = [min(tolerances)] if is_circular and tolerances else list(tolerances)
-    last = f"{SCIPY}, {min(tolerances, default=TIGHT):g}"
+    tolerances = [min(tolerances)] if is_circular and tolerances else sorted(tolerances)
     others = {} if peers is None else peers.inversions(is_circular, tolerances)
-    exact = NUMPY if is_circular else last
+    exact = NUMPY if is_circular else f"{SCIPY}, {min(tolerances, default=TIGHT):g}"
     paths = ["spectral"] * is_circular + ["iterative"] + ["direct"] * is_direct
+    iterative_ways = [
+        Way(f"iterative, {each:g}", _fixed("iterative", each), f"{SCIPY}, {each:g}")
+        for each in tolerances
+    ]
+    ruled = [_by_rule(method, rule, path) for path in paths for rule in _rules(method)]
     if is_circular:
         yield Way("spectral, float64", _fixed("spectral"), NUMPY)
+    else:
+        yield from iterative_ways
+    yield from (Way(family, other, family, is_peer=True) for family, other in others.items())
+    yield from ruled[: len(_rules(method))]
+    if is_circular:
         yield Way("spectral, float32", _single, NUMPY)
-    for family, other in others.items():
-        yield Way(family, other, family, is_peer=True)
-    for tolerance in tolerances:
-        work = _fixed("iterative", tolerance)
-        yield Way(f"iterative, {tolerance:g}", work, f"{SCIPY}, {tolerance:g}")
+        yield from iterative_ways
     if is_direct:
         yield Way("direct", _fixed("direct"), exact)
-    for rule, chosen in _rules(method).items():
-        for path in paths:
-            ruled = dataclasses.replace(method, path=path, **chosen)
-            yield Way(
-                f"{path}, {rule}", lambda problem, _, by=ruled: partial(by, problem), "", rule
-            )
+    yield from ruled[len(_rules(method)) :]
+
+
+def _by_rule(method: Method, rule: str, path: str) -> Way:
+    """The whole method with a rule, by a path."""
+    ruled = dataclasses.replace(method, path=path, **_rules(method)[rule])
+    return Way(f"{path}, {rule}", lambda problem, _: partial(ruled, problem), "", rule)
 
 
 class Problems:

@@ -142,24 +142,24 @@ def _quickest(rows: Iterable[Row], is_peer: bool) -> Row:
 
 def title(data: xarray.Dataset) -> str:
     """The fastest ways of the last method, as exact as asked for at most; else of the last part."""
-    if not data.sizes["goal"]:
+    if _titular(data) == "none":
         return f"{data.sizes['case']} trials measured, {data.sizes['left']} families cut short"
-    goals = data.isel(goal=np.flatnonzero(data["goal_part"] == _titular(data)))
+    own = (data["goal_part"] == _titular(data)) & (data["goal_family"] != "none")
+    goals = data.isel(goal=np.flatnonzero(own))
     tightest = goals.isel(goal=np.flatnonzero(goals["goal_within"] == goals["goal_within"].min()))
+    columns = (tightest[f"goal_{name}"].values for name in ("family", "size", "line"))
+    seconds = tightest["goal_steady_call_s"].values.tolist()
     ways = [
-        f"{family} on {size} ({line}, {quantity(seconds, 's')})" if family != "none" else
-        f"none measured ({line})"
-        for family, size, line, seconds in zip(
-            *(tightest[f"goal_{name}"].values for name in ("family", "size", "line")),
-            tightest["goal_steady_call_s"].values.tolist(), strict=True,
-        )
-    ]  # fmt: skip
+        f"{family} on {size} ({line}, {quantity(time_s, 's')})"
+        for family, size, line, time_s in zip(*columns, seconds, strict=True)
+    ]
     within, of = tightest["goal_within"].values[0], tightest["goal_of"].values[0]
     text = f"{_titular(data).capitalize()}: fastest within {within:g} of {of}: {', '.join(ways)}"
     return text.replace("e-0", "e-")
 
 
 def _titular(data: xarray.Dataset) -> str:
-    parts = dict.fromkeys(data["goal_part"].values.tolist())
-    inversions = [part for part in parts if part not in GOALS]
-    return (inversions or list(parts))[-1]
+    """The last method, else the last part, that has met a goal."""
+    answered = data["goal_part"].values[data["goal_family"].values != "none"].tolist()
+    parts = list(dict.fromkeys(answered))
+    return ([part for part in parts if part not in (*GOALS, "gradient")] or parts or ["none"])[-1]
