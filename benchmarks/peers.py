@@ -1,9 +1,11 @@
-"""Forward model, inversions and fit by numpy and scipy alone, for comparison of times.
+"""Forward model, inversions, fit and contact by numpy, scipy and Tamaas alone, for comparison of
+times.
 
-The experiment accuracy_cost takes from here, by the name that a row of its table has, what to time:
-`forward`, `inversions` and `fits`.
+The experiment accuracy_cost takes from here, by the names that rows of its table have, what to
+time: `FORWARD`, `inversions`, `FITS` and `contacts`.
 """
 
+import importlib.util
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -18,32 +20,28 @@ from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.prior import Prior
 
+TAMAAS_STEPS = 3000
+
 Work = Callable[[], np.ndarray]
 
 
-def forward(operator: Convolution, traction: ArrayLike) -> dict[str, Work]:
+def inversions(
+    is_circular: bool, tolerances: Sequence[float]
+) -> dict[str, Callable[[LineProblem, Prior], Work]]:
+    """What finds the traction (c, n) [Pa] that minimises a problem's and a prior's squares."""
+
+    def iterative(tolerance: float, problem: LineProblem, prior: Prior) -> Work:
+        return partial(NumpyNormal(problem, prior).conjugate_gradients, tolerance)
+
+    ways = {f"scipy cg, {tolerance:g}": partial(iterative, tolerance) for tolerance in tolerances}
+    exact = {"numpy": lambda problem, prior: NumpyNormal(problem, prior).solve}
+    return exact | ways if is_circular else ways
+
+
+def numpy_forward(operator: Convolution, traction: ArrayLike) -> np.ndarray:
     """Signals (e, n) [V] of traction (c, n) [Pa]."""
     transfer, r = np.asarray(operator.transfer), np.asarray(traction)
-    return {"numpy": partial(numpy_apply, transfer, r, operator.n, operator.length)}
-
-
-def inversions(problem: LineProblem, prior: Prior, tolerances: Sequence[float]) -> dict[str, Work]:
-    """Traction (c, n) [Pa] that minimises the problem's and the prior's squares."""
-    normal = NumpyNormal(problem, prior)
-    iterative: dict[str, Work] = {
-        f"scipy cg, {tolerance:g}": partial(normal.conjugate_gradients, tolerance)
-        for tolerance in tolerances
-    }
-    return {"numpy": normal.solve, **iterative} if problem.forward.is_circular else iterative
-
-
-def fits(model: FeatureModel) -> dict[str, Callable[..., tuple[np.ndarray, float]]]:
-    """Fits of a strip, see [`NumpyStrip.fit`][], by scipy's slopes and by exact ones."""
-    strip = NumpyStrip(model)
-    return {
-        "scipy, 2-point": partial(strip.fit, analytic=False),
-        "scipy, analytic": partial(strip.fit, analytic=True),
-    }
+    return numpy_apply(transfer, r, operator.n, operator.length)
 
 
 def numpy_apply(transfer: np.ndarray, r: np.ndarray, n: int, length: int) -> np.ndarray:
@@ -178,8 +176,9 @@ class NumpyStrip:
         bounds,
         tolerance: float,
         analytic: bool,
-    ) -> tuple[np.ndarray, float]:
-        """Parameters and half the sum of squares, by scipy from `start`; `bounds` as scipy's."""
+    ) -> tuple[np.ndarray, float, int]:
+        """Parameters, half the sum of squares and evaluations of the model, by scipy from `start`;
+        `bounds` as scipy's."""
 
         def slope(z: np.ndarray) -> np.ndarray:
             return self.jacobian(z).reshape(-1, 4) / noise_rms
@@ -195,7 +194,7 @@ class NumpyStrip:
             ftol=tolerance,
             gtol=tolerance,
         )
-        return solution.x, float(solution.cost)
+        return solution.x, float(solution.cost), int(solution.nfev)
 
 
 def _bell(t: np.ndarray) -> np.ndarray:
@@ -209,3 +208,45 @@ def _rise(t: np.ndarray) -> np.ndarray:
     t = np.clip(t, -1.5, 1.5)
     tail = (1.5 - np.abs(t)) ** 3 / 6
     return np.where(np.abs(t) < 0.5, 0.5 + 0.75 * t - t**3 / 3, np.where(t < 0, tail, 1 - tail))
+
+
+def _strip_fit(model: FeatureModel, analytic: bool):
+    return partial(NumpyStrip(model).fit, analytic=analytic)
+
+
+FORWARD = {"numpy": numpy_forward}
+# By scipy's slopes and by exact ones, see `NumpyStrip.fit`.
+FITS = {
+    "scipy, 2-point": partial(_strip_fit, analytic=False),
+    "scipy, analytic": partial(_strip_fit, analytic=True),
+}
+
+
+def contacts(tolerances: Sequence[float]) -> dict[str, Callable[..., Work]]:
+    """Pressure (n,) [Pa] of a height (n,) [m] on a window [m] under a mean pressure [Pa], of a half
+    space of modulus E* [Pa], by Tamaas; none where that is not installed (extra `peers`)."""
+    if importlib.util.find_spec("tamaas") is None:
+        return {}
+    return {f"tamaas, {each:g}": partial(_tamaas_contact, each) for each in tolerances}
+
+
+def _tamaas_contact(
+    tolerance: float, height: np.ndarray, length: float, nominal: float, modulus: float
+) -> Work:
+    """Polonsky and Keer's conjugate gradients, `tolerance` on the mean of |p gap|."""
+    import tamaas  # pyright: ignore[reportMissingImports]
+
+    tamaas.set_log_level(tamaas.LogLevel.error)
+    basic = tamaas.model_type.basic_1d
+    model = tamaas.ModelFactory.createModel(basic, [length], [height.size])
+    model.E, model.nu = modulus, 0.0
+    solver = tamaas.PolonskyKeerRey(model, np.array(height, float), tolerance)
+    solver.max_iter, solver.dump_freq = TAMAAS_STEPS, TAMAAS_STEPS + 1
+
+    def work() -> np.ndarray:
+        model.traction[:] = 0
+        if not solver.solve(nominal) <= tolerance:
+            raise RuntimeError(f"Tamaas is not converged after {TAMAAS_STEPS} steps")
+        return np.ravel(np.array(model.traction))
+
+    return work

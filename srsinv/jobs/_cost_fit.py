@@ -1,13 +1,16 @@
-"""Error against time of the feature fit, with its peers beside it in the same run.
+"""Feature fit: over solver and tolerance, the number of starting points, and the number of signals
+fitted together.
 
-A strip of pressure and shear is fitted to noisy signals: over solver and tolerance, over the number
-of starting points, and over the number of signals fitted together.
+A strip of pressure and shear is fitted to noisy signals, by srsinv and by its peers.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
+from itertools import chain, zip_longest
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -17,14 +20,20 @@ from ..forward.feature import StripFeature
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..inverse.features.model import FeatureModel
-from ..inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix, Solver, fit, fit_many
-from ..progress import stage
+from ..inverse.nonlinear import (
+    Fit,
+    JaxoptLBFGSB,
+    OptaxLBFGS,
+    Optimistix,
+    Solver,
+    fit,
+    fit_many,
+)
 from ..resolution import cell_m
-from ..timing import timed
-from ._cost_settings import EXACT, FitSettings
+from ._cost_settings import CONVERGED_WITHIN, EXACT, CostSettings, FitSettings
+from ._cost_trials import CostScore, CostTrial
 
 FINER = 4  # refinement of the cells of the model that makes the data
-CONVERGED_WITHIN = 0.1  # standard errors from the minimum up to which it counts as found
 SCAN_M = 0.012
 MOST_STEPS = 60  # of a search from a far start: bounds those that reach no minimum
 TRUE = {"width_m": 3e-3, "pressure_Pa": 5e3, "shear_Pa": 2e3}
@@ -32,19 +41,27 @@ POSITIONS_M = (-6e-4, 6e-4)  # true positions are drawn from here, one for each 
 NEAR = {"position_m": 6e-4, "width_m": -1e-3}  # offset of a solver's start from the truth
 WHERE: dict[str, Any] = {"position_range_m": [-SCAN_M / 2, SCAN_M / 2]}
 SHAPE = ("position_m", "width_m")
-PART = "feature fit"
+PART = "fit"
 OURS: dict[str, Callable[..., Solver]] = {
     "optimistix": Optimistix,
     "optax L-BFGS": OptaxLBFGS,
     "jaxopt LBFGSB": JaxoptLBFGSB,
 }
-# The peers to compare times with: with one start near the minimum, and with far or many ones.
+# The peers to compare times with: from one start near the minimum, and from far or many ones.
 NEAR_PEER, FAR_PEER = "scipy, 2-point", "scipy, analytic"
-MEASURES = ("error", "error_cramer_rao", "converged", "first_call_s", "steady_call_s")
 
-Row = dict[str, Any]
-# A fit of (y, noise_rms, start, bounds, tolerance): the parameters and half the sum of squares.
-PeerFit = Callable[..., tuple[np.ndarray, float]]
+# A fit of (y, noise_rms, start, bounds, tolerance): the parameters, half the sum of squares, and
+# evaluations of the model.
+PeerFit = Callable[..., tuple[np.ndarray, float, int]]
+
+
+class Fitted(NamedTuple):
+    """The parameters (4,) that a fit ends with, how often it evaluated the model, and why it is no
+    answer."""
+
+    value: np.ndarray
+    evaluations: float
+    failure: str = ""
 
 
 @dataclass(frozen=True)
@@ -83,25 +100,23 @@ class FitTask:
         return {"noise": self.noise_rms, "bounds": self.bounds, "linear": self.model.linear}
 
 
-def rows_of(
-    settings: FitSettings,
-    repeats: int,
-    sensor: Sensor,
-    scan: ConstantSpeed,
-    seed: int,
-    peers: ModuleType | None,
-) -> list[Row]:
-    """Every measurement."""
-    with stage("signals to fit, and their exact minima"):
-        task = _task(settings, sensor, scan, seed, peers)
-    rows: list[Row] = []
-    with stage("fits over solver and tolerance"):
-        rows += _tolerances(task, settings, repeats)
-    with stage("fits over the number of starts"):
-        rows += _starts(task, settings)
-    with stage("fits over the number of signals"):
-        rows += _batches(task, settings, repeats)
-    return rows
+def trials(
+    settings: CostSettings, sensor: Sensor, scan: ConstantSpeed, seed: int, peers: ModuleType | None
+) -> Iterator[CostTrial]:
+    """Fits over solver and tolerance, over the number of starts, and of signals at once."""
+    own = settings.fit
+    task = cache(lambda: _task(own, sensor, scan, seed, peers))
+    names = [] if peers is None else list(peers.FITS)
+    rest = {"signals": own.signals, "batches": list(own.batches), "tolerance": min(own.tolerances)}
+    sweeps = (
+        _tolerances(task, own, names), _batches(task, own, names), _starts(task, own, names),
+    )  # fmt: skip
+    for trial in chain.from_iterable(zip_longest(*sweeps)):
+        if trial is not None:
+            yield dataclasses.replace(trial, rests_on=rest)
+
+
+Task = Callable[[], FitTask]
 
 
 def _task(
@@ -127,7 +142,7 @@ def _task(
         "strip.width_m": (0.1 * depth, SCAN_M),
     }
     minima = _exact(model, ys, noise_rms, bounds)
-    others = {} if peers is None else peers.fits(model)
+    others = {} if peers is None else {name: of(model) for name, of in peers.FITS.items()}
     return FitTask(model, others, bounds, ys, noise_rms, truth, *minima)
 
 
@@ -165,111 +180,106 @@ def _initial(shape: Mapping[str, float]) -> dict[str, dict[str, float]]:
 # --- three sweeps ----------------------------------------------------------------------------
 
 
-def _measured(
-    task: FitTask, estimates, sweep: str, family: str, setting: float | int, **more: Any
-) -> Row:
-    """A row: `estimates` are parameters (signal, 4) of the first signals."""
-    away = [task.distance(i, z, task.exact[i]) for i, z in enumerate(estimates)]
-    wrong = [task.distance(i, z, task.truth[i]) for i, z in enumerate(estimates)]
-    return {
-        "part": PART,
-        "line": sweep,
-        "family": family,
-        "size": setting,
-        "is_peer": family not in OURS,
+def _trial(
+    task: Task, sweep: str, family: str, size: int | float, work: Callable[[FitTask], list[Fitted]],
+    peer: str, count: int = 1,
+) -> CostTrial:  # fmt: skip
+    """A trial whose work fits the first signals of the task."""
+    return CostTrial(
+        group=PART, part=PART, line=sweep, family=family, size=size,
+        prepare=lambda: partial(work, task()), score=lambda ends: _score(task(), ends),
+        peer=peer, is_peer=family not in OURS, count=count,
+    )  # fmt: skip
+
+
+def _score(task: FitTask, ends: Sequence[Fitted]) -> CostScore:
+    away = [task.distance(i, end.value, task.exact[i]) for i, end in enumerate(ends)]
+    wrong = [task.distance(i, end.value, task.truth[i]) for i, end in enumerate(ends)]
+    measures = {
         "error": float(np.median(away)),
         "converged": float(np.mean(np.array(away) < CONVERGED_WITHIN)),
         "error_cramer_rao": float(np.sqrt(np.mean(np.square(wrong)))),
-        **more,
+        "applications": float(np.mean([end.evaluations for end in ends])),
     }
+    failures = [end.failure for end in ends]
+    return CostScore(measures, failures[0] if all(failures) else "")
 
 
-def _tolerances(task: FitTask, settings: FitSettings, repeats: int) -> Iterator[Row]:
+def _tolerances(task: Task, settings: FitSettings, names: Sequence[str]) -> Iterator[CostTrial]:
     """One signal from one near start, to several tolerances."""
-
-    def row(family: str, tolerance: float, work, read) -> Row:
-        one = timed(work, repeats)
-        return _measured(
-            task, [read(one.value)], "tolerance", family, tolerance,
-            first_call_s=one.first_s, steady_call_s=one.least_s, peer=NEAR_PEER,
-        )  # fmt: skip
-
-    for tolerance in settings.tolerances:
-        for family, solver in OURS.items():
-            given = {**task.options(), "solver": solver(tolerance)}
-            initial = _initial(task.start(0))
-
-            def ours(initial=initial, given=given):
-                return fit(task.model, initial, task.ys[0], **given)
-
-            yield row(family, tolerance, ours, lambda answer: _row(answer.value))
-        for family, other in task.peers.items():
-
-            def peer(tolerance=tolerance, other=other):
-                return _best(other, task, 0, [task.start(0)], tolerance)
-
-            yield row(family, tolerance, peer, lambda answer: answer)
+    for tolerance in sorted(settings.tolerances, reverse=True):
+        for family in (*OURS, *names):
+            work = partial(_near, family=family, tolerance=tolerance)
+            yield _trial(task, "tolerance", family, tolerance, work, NEAR_PEER)
 
 
-def _starts(task: FitTask, settings: FitSettings) -> Iterator[Row]:
+def _near(task: FitTask, family: str, tolerance: float) -> list[Fitted]:
+    if family not in OURS:
+        return [_best(task.peers[family], task, 0, [task.start(0)], tolerance)]
+    solver, initial = OURS[family](tolerance), _initial(task.start(0))
+    return [_ended(fit(task.model, initial, task.ys[0], **task.options(), solver=solver))]
+
+
+def _starts(task: Task, settings: FitSettings, names: Sequence[str]) -> Iterator[CostTrial]:
     """A few signals, in sequence, from one far start and random ones within the bounds."""
-    initial, low, high = _initial(task.far()), *np.array(list(task.bounds.values())).T
-    unit = np.random.default_rng(1).uniform(size=(max(settings.starts), 2))
+    tolerance = min(settings.tolerances)
+    for count in sorted(settings.starts):
+        for family in _both(names):
+            work = partial(
+                _far, family=family, count=count, signals=settings.signals, tolerance=tolerance
+            )
+            yield _trial(task, "starts", family, count, work, FAR_PEER, settings.signals)
+
+
+def _far(
+    task: FitTask, family: str, count: int, signals: int, tolerance: float
+) -> list[Fitted]:  # fmt: skip
+    low, high = np.array(list(task.bounds.values())).T
+    unit = np.random.default_rng(1).uniform(size=(count, 2))
     spread = [dict(zip(SHAPE, z, strict=True)) for z in low + unit * (high - low)]
-    for count in settings.starts:
-        shapes = [task.far(), *spread][:count]
-        listed = {f"strip.{n}": np.array([s[n] for s in shapes[1:]]) for n in SHAPE}
-        given = {
-            **task.options(),
-            "solver": Optimistix(max_steps=MOST_STEPS),
-            "starts": listed if count > 1 else None,
-            "max_searches": count,
-        }
-
-        def ours(i: int, given=given):
-            return _row(fit(task.model, initial, task.ys[i], **given).value)
-
-        def peer(i: int, shapes=shapes):
-            return _best(task.peers[FAR_PEER], task, i, shapes, min(settings.tolerances))
-
-        for family, work in _both(task, ours, peer):
-            ends = [timed(lambda i=i, work=work: work(i), 0) for i in range(settings.signals)]
-            times = [one.first_s for one in ends]
-            yield _measured(
-                task, [one.value for one in ends], "starts", family, count, first_call_s=times[0],
-                steady_call_s=float(np.median(times[1:] or times)), peer=FAR_PEER,
-            )  # fmt: skip
+    shapes = [task.far(), *spread][:count]
+    if family not in OURS:
+        other = task.peers[family]
+        return [_best(other, task, i, shapes, tolerance) for i in range(signals)]
+    listed = {f"strip.{n}": np.array([s[n] for s in shapes[1:]]) for n in SHAPE}
+    given = {
+        **task.options(),
+        "solver": Optimistix(max_steps=MOST_STEPS),
+        "starts": listed if count > 1 else None,
+        "max_searches": count,
+    }
+    initial = _initial(task.far())
+    return [_ended(fit(task.model, initial, task.ys[i], **given)) for i in range(signals)]
 
 
-def _batches(task: FitTask, settings: FitSettings, repeats: int) -> Iterator[Row]:
+def _batches(task: Task, settings: FitSettings, names: Sequence[str]) -> Iterator[CostTrial]:
     """Signals fitted together, from one start each: time for each signal."""
+    tolerance = min(settings.tolerances)
+    for count in sorted(settings.batches):
+        for family in _both(names):
+            work = partial(_together, family=family, count=count, tolerance=tolerance)
+            yield _trial(task, "batch", family, count, work, FAR_PEER, count)
+
+
+def _together(task: FitTask, family: str, count: int, tolerance: float) -> list[Fitted]:
     middle = _initial({"position_m": 0.0, "width_m": TRUE["width_m"]})
-    start = middle["strip"]
-    for count in settings.batches:
-
-        def ours(count=count):
-            fits = fit_many(task.model, middle, task.ys[:count], **task.options())
-            return [_row(one.value) for one in fits]
-
-        def peer(count=count):
-            tolerance = min(settings.tolerances)
-            other = task.peers[FAR_PEER]
-            return [_best(other, task, i, [start], tolerance) for i in range(count)]
-
-        for family, work in _both(task, ours, peer):
-            one = timed(work, repeats)
-            yield _measured(
-                task, one.value, "batch", family, count, first_call_s=one.first_s / count,
-                steady_call_s=one.least_s / count, peer=FAR_PEER,
-            )  # fmt: skip
+    if family not in OURS:
+        other, start = task.peers[family], [middle["strip"]]
+        return [_best(other, task, i, start, tolerance) for i in range(count)]
+    return [*map(_ended, fit_many(task.model, middle, task.ys[:count], **task.options()))]
 
 
-def _both(task: FitTask, ours: Callable, peer: Callable) -> list[tuple[str, Callable]]:
-    """What to time: ours, and the peer's work where it is there."""
-    return [("optimistix", ours)] + [(FAR_PEER, peer)] * (FAR_PEER in task.peers)
+def _both(names: Sequence[str]) -> list[str]:
+    """Families of a sweep: ours, and the peer's where it is there."""
+    return ["optimistix"] + [FAR_PEER] * (FAR_PEER in names)
 
 
-def _best(fit_one: PeerFit, task: FitTask, i: int, shapes, tolerance: float) -> np.ndarray:
+def _ended(end: Fit) -> Fitted:
+    failure = "" if end.status.is_answer else f"{end.status}. {end.status.advice}"
+    return Fitted(_row(end.value), float(end.stats["iterations"]), failure)
+
+
+def _best(fit_one: PeerFit, task: FitTask, i: int, shapes, tolerance: float) -> Fitted:
     """The best of a peer's minima from these shapes, with amplitudes of the right size."""
     low, high = np.array(list(task.bounds.values())).T
     box = np.array([*low, -np.inf, -np.inf]), np.array([*high, np.inf, np.inf])
@@ -278,4 +288,5 @@ def _best(fit_one: PeerFit, task: FitTask, i: int, shapes, tolerance: float) -> 
         inside = np.clip([shape[name] for name in SHAPE], low + 1e-9, high - 1e-9)
         begin = np.array([*inside, TRUE["pressure_Pa"], TRUE["shear_Pa"]])
         ends.append(fit_one(task.ys[i], task.noise_rms, begin, box, tolerance))
-    return min(ends, key=lambda end: end[1])[0]
+    value, _ = min((end[:2] for end in ends), key=lambda end: end[1])
+    return Fitted(value, float(sum(end[2] for end in ends)))

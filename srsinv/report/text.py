@@ -25,6 +25,11 @@ def spoken(label: object) -> str:
     return f"{label:g}" if isinstance(label, float) else str(label).replace("_", " ")
 
 
+def sized(size: int | float) -> str:
+    """A size in full: 1048576 cells, a tolerance of 1e-08."""
+    return f"{int(size)}" if float(size).is_integer() else f"{size:g}"
+
+
 def without_unit(name: str) -> str:
     """A quantity's name in words, without the unit at its end: `ridge.height_m` is "ridge
     height"."""

@@ -223,6 +223,7 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "parameter": _each(text.without_unit),
     "percent": _each(_percent),
     "quantity": _quantities,
+    "sized": _each(text.sized),
     "spoken": _each(text.spoken),
     "value": _each(text.format_value),
     "with_error": _with_error,

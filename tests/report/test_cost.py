@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from srsinv import plot
+from srsinv.report.plot.cost import pareto
 from srsinv.report.result import dataset
 
 SIZES = (1024, 256, 4096)
@@ -25,6 +26,7 @@ def axes():
 
 def test_each_family_has_a_line_by_size_and_what_is_exact_has_none(axes):
     lines = {line.get_label(): line.get_xydata() for line in axes.lines}
+    del lines["not beaten"]
     assert set(lines) == {"open", "periodic"}
     for family, points in lines.items():
         sizes = np.sort(SIZES)
@@ -37,3 +39,10 @@ def test_sizes_stand_at_the_ends_of_each_line(axes):
 
 def test_the_error_has_the_name_that_is_given(axes):
     assert axes.get_ylabel() == "relative error"
+
+
+def test_the_front_is_what_nothing_beats():
+    time = np.array([3.0, 1.0, 2.0, 2.0, 5.0, 4.0])
+    error = np.array([0.5, 9.0, 4.0, 6.0, 0.5, 0.1])
+    np.testing.assert_array_equal(pareto(time, error), [1, 2, 0, 5])
+    assert pareto(time[:0], error[:0]).size == 0

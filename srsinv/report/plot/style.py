@@ -173,14 +173,16 @@ def legend_beside(axes: Axes, least: int = 2) -> None:
         axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.02), borderaxespad=0.0)
 
 
-def legend_below(figure: Figure, axes: Iterable[Axes]) -> None:
+def legend_below(figure: Figure, axes: Iterable[Axes], columns: int = 6) -> None:
     """One legend under panels with common labels, each label once."""
     entries: dict[str, Any] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     if entries:
-        figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=6)
+        figure.legend(
+            list(entries.values()), list(entries), loc="outside lower center", ncols=columns
+        )
 
 
 def runs(mask: np.ndarray) -> list[tuple[int, int]]:
