@@ -9,10 +9,9 @@ M is stationary but for what each missing sample adds to it.
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 from jaxtyping import Float, Int
 
-from .coarse import AS_NARROW, Coarse
+from .coarse import Coarse
 from .gaps import inverse_of
 from .near_periodic import NearPeriodic
 from .transforms import adjoint, from_spectrum, times, to_spectrum
@@ -20,8 +19,7 @@ from .transforms import adjoint, from_spectrum, times, to_spectrum
 if TYPE_CHECKING:
     from .iterative import PosteriorMap
 
-# Steps at most, and how near to one the eigenvalues are that are left when they end, rooted.
-LANCZOS, ONE = 60, 0.01
+NEAR = 10  # widths of the response
 FAR = 4  # times as far from a missing sample as is computed cell by cell, its variance is traced
 # Missing samples before and after a block that are inverted with it, and how few in all are
 # inverted at once.
@@ -37,46 +35,15 @@ def variance(posterior: "PosteriorMap", mean_weights: Float[np.ndarray, "c n"]) 
     total = np.diagonal(stationary)[:, None] + _of_gaps(near)
     if posterior.coarse is not None:
         total = total + _at_ends(posterior, posterior.coarse)
-    further = _further(posterior)
-    total = total + sum(factor * shape**2 for factor, shape in further)
+    for factor, shape in posterior.shapes:
+        total = total + factor * shape**2
     for c, weights in enumerate(mean_weights):
         if weights.any():
             r = np.zeros_like(mean_weights)
             r[c] = weights
-            shared = posterior.nearly_times(r)
-            shared = (shared + sum(f * np.vdot(shape, r) * shape for f, shape in further))[c]
+            shared = posterior.nearly_times(r)[c]
             total[c] += weights @ shared - 2 * shared
     return total
-
-
-def _further(posterior: "PosteriorMap") -> list[tuple[float, Variance]]:
-    """What is still missing: shapes u and factors f whose sum f u u^T the covariance has more.
-
-    With M the map so far and H the equations, M H has few eigenvalues t that are not near one.
-    Lanczos' steps find these with their vectors, u^T M^-1 u = 1, and f = 1/t - 1.
-    """
-    normal, shape = posterior.normal, posterior.normal.shape
-    # Vectors and M^-1 times them.
-    vectors, duals, diagonal, beside = [], [], [], []
-    any_one = normal.centre(np.random.default_rng(0).normal(size=shape))
-    dual = normal(posterior.nearly_times(any_one)) - any_one  # what is not near one, alone
-    for _ in range(LANCZOS):
-        for _ in range(2):
-            for u, w in zip(vectors, duals, strict=True):
-                dual = dual - np.vdot(u, dual) * w
-        dual = normal.centre(dual)  # where the map is zero, rounding would grow unseen
-        vector = posterior.nearly_times(dual)
-        length = float(np.sqrt(max(np.vdot(dual, vector), 0.0)))
-        if vectors and not length > ONE:
-            break
-        vectors.append(vector / length)
-        duals.append(dual / length)
-        beside.append(length)
-        dual = normal(vectors[-1])
-        diagonal.append(float(np.vdot(vectors[-1], dual)))
-    values, rows = scipy.linalg.eigh_tridiagonal(diagonal, beside[1 : len(diagonal)])
-    pairs = zip(values, rows.T, strict=True)
-    return [(1 / t - 1, np.tensordot(row, vectors, 1)) for t, row in pairs]
 
 
 def _at_ends(posterior: "PosteriorMap", coarse: Coarse) -> Variance:
@@ -98,7 +65,7 @@ def _places(cells: Int[np.ndarray, " b"], n: int, width: float) -> Int[np.ndarra
     and the last of them and as far outside as it changes, around the line: cell by cell near each,
     and every width of the response elsewhere."""
     offsets = (cells - cells[0]) % n
-    reach, outside = int(AS_NARROW * width), int(FAR * AS_NARROW * width)
+    reach, outside = int(NEAR * width), int(FAR * NEAR * width)
     span = int(offsets[-1]) + 1 + 2 * outside
     if span >= n:
         outside, span = (n - int(offsets[-1])) // 2, n
@@ -131,7 +98,7 @@ def _of_gaps(near: NearPeriodic) -> Variance:
         of_each = gaps.element[around][None] == np.arange(elements)[:, None]
         rows = np.einsum("ab,fb->fa", inverse, of_each)
         sums[gaps.element[block], :, gaps.cell[block]] = rows.T
-        places = _places(gaps.cell[around], n, near.hat_cells)
+        places = _places(gaps.cell[around], n, near.width_cells)
         lag = (places[:, None] - gaps.cell[None, around]) % n
         for c in range(unknowns):
             near_b = response[c, gaps.element[around], lag]

@@ -9,27 +9,37 @@ from jaxtyping import Bool, Float
 
 from .near_periodic import NearPeriodic
 
-# How many hats at each end are as narrow as the model's response, and by how much each further one
-# is wider.
-AS_NARROW, GROWTH = 10, 1.5
+# The hats are this part of the resolved wave's half length wide at the ends of the data, `FLAT` of
+# them inwards; further ones grow, into the data and into the margins beyond.
+WIDTH, FLAT, GROWTH = 2.0, 14, 2.0
 NEGLIGIBLE = 1e-14  # of the largest eigenvalue, the hats scaled to the same energy
 
 Traction = Float[np.ndarray, "c n"]
 
 
-def knots_of(n: int, narrowest: float) -> Float[np.ndarray, " knot"]:
-    """The hats' tips, in cells: dense at both ends, and ever further apart towards the middle."""
-    knots, step = [narrowest * i for i in range(AS_NARROW + 1)], narrowest
-    while knots[-1] + step < n / 2:
-        step *= GROWTH
-        knots.append(knots[-1] + step)
-    left = np.array([knot for knot in knots if knot < (n - 1 - step / 2) / 2])
-    return np.unique(np.round(np.concatenate([left, n - 1 - left])))
+def _ladder(length: float, step: float, flat: int) -> list[float]:
+    """Distances from zero to `length`: `flat` of these steps, and further ones ever wider."""
+    rungs = [0.0]
+    while rungs[-1] + 1.5 * step < length:
+        rungs.append(rungs[-1] + step)
+        step *= GROWTH if len(rungs) > flat else 1.0
+    return rungs
 
 
-def hats_of(near: NearPeriodic) -> Any:
+def knots_of(n: int, first: int, last: int, narrowest: float) -> Float[np.ndarray, " knot"]:
+    """The hats' tips, in cells, dense at the first and the last cell with data."""
+    inwards = _ladder((last - first) / 2, narrowest, FLAT)
+    before = _ladder(float(first), narrowest, 0)
+    after = _ladder(float(n - 1 - last), narrowest, 0)
+    left = [0.0, *(first - d for d in before), *(first + d for d in inwards)]
+    right = [n - 1.0, *(last + d for d in after), *(last - d for d in inwards)]
+    return np.unique(np.round(left + right))
+
+
+def hats_of(near: NearPeriodic, has_data: Bool[np.ndarray, " n"]) -> Any:
     """The hats for this model, a sparse matrix (n, hat): each cell lies between two tips."""
-    knots = knots_of(near.n, near.hat_cells)
+    first, *_, last = np.flatnonzero(has_data).tolist()
+    knots = knots_of(near.n, first, last, WIDTH * near.half_wave_cells)
     cells = np.arange(near.n)
     right = np.clip(np.searchsorted(knots, cells, "right"), 1, knots.size - 1)
     part = (cells - knots[right - 1]) / (knots[right] - knots[right - 1])

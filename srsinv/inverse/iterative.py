@@ -1,9 +1,10 @@
 """The iterative path: conjugate gradients on the normal equations, matrix-free, on a line of any
 length, with any samples missing.
 
-Its preconditioner is the nearest periodic problem with the same samples missing, whose solution is
-wrong at the line's ends only, and there in a few smooth shapes: hats, narrow at the ends and wide
-in the middle, for which the equations are solved exactly.
+Its preconditioner is the nearest periodic problem with the same samples missing, M. That is wrong
+at the line's ends only, in a few smooth shapes: hats, for which the equations H are solved exactly
+before and after M (balancing, Mandel 1993), and those that Lanczos' steps find besides. Under a
+weak prior rounding takes the directions' orthogonality, and each shape left would cost many steps.
 """
 
 from collections.abc import Callable
@@ -14,9 +15,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..grid import as_real
+from ..modules import with_fields
 from .bands import variance
 from .coarse import Coarse, hats_of
 from .gaps import BlockInverse, Gaps, Solved, conjugate_gradients
+from .lanczos import Shapes, missing_shapes
 from .line_problem import LineProblem
 from .near_periodic import MOST_STEPS, NearPeriodic
 from .prior import Prior, Solution
@@ -126,40 +129,50 @@ class PosteriorMap:
 
     def __init__(self, problem: LineProblem, prior: Prior):
         gaps = Gaps.of(problem.is_observed)
-        self.normal = NormalEquations(problem, prior, gaps)
-        self.near = NearPeriodic(problem, prior, gaps)
-        self.blocks = self.near.blocks()
         is_open = not problem.forward.is_circular
-        hats = hats_of(self.near) if is_open else None
+        self.normal = NormalEquations(problem, prior, gaps)
+        # The hats have the means, and the nearest problem none: its own are next to undetermined.
+        fixed = {"zero_mean": np.ones(problem.unknowns, bool)} if is_open else {}
+        self.near = NearPeriodic(with_fields(problem, **fixed), prior, gaps)
+        self.blocks = self.near.blocks()
+        hats = hats_of(self.near, problem.observed_cells) if is_open else None
         self.coarse = None if hats is None else Coarse.of(self.normal, hats, problem.unknowns)
+        self.shapes: Shapes = []
+
+    def find_shapes(self) -> None:
+        """Find the shapes in which the map differs from the covariance, and correct it by them."""
+        normal = self.normal
+        any_one = normal.centre(np.random.default_rng(0).normal(size=normal.shape))
+        first = normal(self.nearly_times(any_one)) - any_one  # what is not near one, alone
+        self.shapes = missing_shapes(normal, self.nearly_times, normal.centre, first)
 
     def near_times(self, r: Traction) -> Traction:
         """The covariance of the nearest periodic problem times r."""
         return self.normal.centre(self.near.covariance_times(self.normal.centre(r), self.blocks))
 
     def nearly_times(self, r: Traction) -> Traction:
-        """The covariance times r, but for what conjugate gradients still correct."""
+        """The covariance times r, but for what conjugate gradients still correct: exact for hats,
+        and for the shapes found."""
         if self.coarse is None:
-            return self.near_times(r)
-        r = self.normal.centre(r)
-        among = self.coarse.times(r)
-        z = self.near_times(r - self.normal(among))
-        return self.normal.centre(z - self.coarse.times(self.normal(z)) + among)
-
-    def precondition(self, r: Traction) -> Traction:
-        """The covariance of the nearest periodic problem times r, and exact for hats."""
-        z = self.near_times(r)
-        return z if self.coarse is None else z - self.coarse.times(self.normal(z) - r)
+            z = self.near_times(r)
+        else:
+            r = self.normal.centre(r)
+            among = self.coarse.times(r)
+            z = self.near_times(r - self.normal(among))
+            z = self.normal.centre(z - self.coarse.times(self.normal(z)) + among)
+        for factor, shape in self.shapes:
+            z += factor * np.vdot(shape, r) * shape
+        return z
 
     def times(self, right: Traction, tolerance: float) -> Solved:
         """The covariance times `right`, to a relative tolerance."""
         if self.coarse is None:
-            return conjugate_gradients(self.normal, self.precondition, right, tolerance, MOST_STEPS)
+            return conjugate_gradients(self.normal, self.nearly_times, right, tolerance, MOST_STEPS)
         start = self.coarse.times(right)
         energy = float(np.vdot(right, start))
         left = right - self.normal(start)
         solved = conjugate_gradients(
-            self.normal, self.precondition, left, tolerance, MOST_STEPS, energy
+            self.normal, self.nearly_times, left, tolerance, MOST_STEPS, energy
         )
         return solved._replace(value=self.normal.centre(start + solved.value))
 
@@ -174,8 +187,10 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> tuple[Solutio
     """Posterior mean to a relative `tolerance`, and its standard error: the solution, the steps
     taken, and whether they converged."""
     posterior = PosteriorMap(problem, prior)
-    normal, near, n = posterior.normal, posterior.near, problem.line.n
+    normal, n = posterior.normal, problem.line.n
+    near = NearPeriodic(problem, prior, normal.gaps)
     data = np.asarray(problem.data, float)
+    posterior.find_shapes()
     solved = [posterior.times(normal.right_side(data), tolerance)]
     for c in range(problem.unknowns):
         impulse = np.zeros((problem.unknowns, n))
@@ -189,7 +204,7 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> tuple[Solutio
         as_real(stderr),
         jnp.asarray(near.covariance),
         as_real(jnp.stack(averaging, axis=1)),
-        as_real(near.resolved_dof(posterior.blocks)),
+        as_real(near.resolved_dof(near.blocks())),
         _condition(problem, prior),
     )
     return solution, solved[0].steps, all(each.converged for each in solved)

@@ -20,8 +20,8 @@ from .spectral import factorise
 from .transforms import adjoint, from_spectrum, times, to_spectrum
 
 MOST_STEPS = 300
-INNER_TOLERANCE = 1e-6
-HAT = 2.5  # rms lags of the kernel
+INNER_TOLERANCE = 1e-10
+WIDTH = 2.5  # rms lags of the kernel
 SCORE_TOLERANCE = 1e-4
 
 Matrices = Complex[np.ndarray, "row column k"]
@@ -30,7 +30,8 @@ Matrices = Complex[np.ndarray, "row column k"]
 class NearPeriodic:
     """The nearest periodic problem under a prior, its gaps as they are.
 
-    - `hat_cells`: the width, in cells, over which the model's response decays.
+    - `width_cells`: over how many cells the model's response decays; `half_wave_cells`: half the
+      shortest wave that is resolved, at most that.
     - `covariance` (c, c, k): C^-1, zero where neither data nor prior determine a mode;
       `expected` (e, c, k): N^-1 G C^-1; `unexpected` (e, e, k): Q, and `smooth` the same with its
       mean as that of long waves, for a mean is of all samples, and joins all that are missing.
@@ -51,7 +52,9 @@ class NearPeriodic:
         self.step = np.real(self.unexpected[..., 0] - self.smooth[..., 0]) / self.n
         lag = np.minimum(np.arange(self.n), self.n - np.arange(self.n))
         power = np.sum(self.lags(self.model) ** 2, axis=(0, 1))
-        self.hat_cells = max(1.0, HAT * float(np.sqrt(lag**2 @ power / power.sum())))
+        self.width_cells = max(1.0, WIDTH * float(np.sqrt(lag**2 @ power / power.sum())))
+        resolved = half_spectrum_weights(self.n) @ np.sum(np.abs(top) ** 2, axis=(0, 1))
+        self.half_wave_cells = float(min(max(1.0, top.shape[1] / resolved), self.width_cells))
 
     def lags(self, matrices: Matrices) -> Float[np.ndarray, "row column n"]:
         """The circular kernel of matrices at each wavenumber."""

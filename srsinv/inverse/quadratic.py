@@ -32,9 +32,10 @@ from .prior import Prior, Score, Solution
 
 DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not chosen
 # Condition numbers up to which a solution is accepted: beyond these, errors of 1 % and more occur,
-# some 70 times the condition's round-off. The iterative path is in double precision.
+# some 70 times the condition's round-off. The iterative path is in double precision, and beyond its
+# own the weakest traction is less than its tolerance of the whole.
 TRUSTED = {"float64": 6e11, "float32": 1.7e4}
-TRUSTED_ITERATIVE = 6e11
+TRUSTED_ITERATIVE = 1e11
 PATHS = ("auto", "spectral", "direct", "iterative")
 TOGETHER = 3  # weights that are scored at once
 BATCH = 21  # weights of one call at least, more than in a rule's first scan: one program serves all

@@ -76,14 +76,14 @@ def study(cfg: dict[str, Any], error: float) -> dict[str, Any]:
     reference = trials(trials.finer(plan.beside.recipe, FINER))
     best = quickest(trials, plan, reference, error)
     # Both again, one after the other: the machine may have been busier with one of them.
-    found, again = trials.run(plan.trial.recipe), best and trials.run(best.recipe)
+    ours, other = trials.run(plan.trial.recipe), best and trials.run(best.recipe)
     return {
         "error_predicted": plan.error,
-        "error_found": found.error_from(reference),
+        "error_found": ours.error_from(reference),
         "floor": plan.trial.floor,
         "time_s_predicted": plan.trial.seconds,
-        "time_s_found": found.seconds,
-        "time_s_quickest": again and again.seconds,
+        "time_s_found": ours.seconds,
+        "time_s_quickest": other and other.seconds,
     }
 
 

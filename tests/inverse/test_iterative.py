@@ -77,10 +77,11 @@ def test_operator_and_preconditioners_are_symmetric_and_semidefinite(name, prior
 
 
 TOO_HARD = {
-    "next_to_no_weight": Tikhonov(1, 1e-13, 1e-13, path="iterative"),
+    "next_to_no_weight": Tikhonov(1, 1e-15, 1e-15, path="iterative", tolerance=1e-13),
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", TOO_HARD)
 def test_the_limit_of_iterations_is_said(name):
     """An open line with gaps, where hundreds of steps are not enough."""
@@ -91,7 +92,7 @@ def test_the_limit_of_iterations_is_said(name):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("log_weight", [-16, -14, -13, -12, -10, -8, -6, -4, 0])
+@pytest.mark.parametrize("log_weight", [-13, -12, -10, -8, -4])
 @pytest.mark.parametrize("order", [0, 1])
 @pytest.mark.parametrize("path", ["direct", "iterative"])
 def test_what_is_called_converged_is_the_solution(path, order, log_weight):
@@ -191,12 +192,13 @@ def test_value_and_bands_are_those_of_the_dense_solution(name, missing, colour):
         assert abs(each[0] - each[1]) < 0.02 * each[1] + 0.5
 
 
+@pytest.mark.parametrize("weight", [1e-7, pytest.param(1e-11, marks=pytest.mark.full)])
 @pytest.mark.parametrize("missing", ["scattered", pytest.param("runs", marks=pytest.mark.full)])
-def test_steps_hardly_grow_with_the_line(missing):
-    short, long = (
-        METHODS["slope"](recorded(n, missing)).stats["iterations"] for n in (1000, 16000)
-    )
-    assert long <= 1.5 * short
+def test_steps_hardly_grow_with_the_line(missing, weight):
+    """Nor under a prior so weak that the ends of the data matter over many depths."""
+    method = Tikhonov(1, weight, weight, path="iterative")
+    short, long = (method(recorded(n, missing)).stats["iterations"] for n in (1000, 4000))
+    assert long <= max(1.2 * short, 10)
 
 
 @pytest.mark.full
