@@ -11,10 +11,11 @@ import pytest
 from srsinv.__main__ import find_config_root
 from srsinv.errors import BadInput
 from srsinv.jobs import accuracy_cost
+from srsinv.jobs._cost_contact import Wave
 from srsinv.jobs._cost_rows import RowFile
 from srsinv.jobs._cost_runner import run as run_trials
 from srsinv.jobs._cost_table import tables
-from srsinv.jobs._cost_trials import CostScore, CostTrial
+from srsinv.jobs._cost_trials import CostScore, CostTrial, relative
 from srsinv.memory import weighed
 from srsinv.namespaces import benchmark, import_experiments
 from srsinv.report import plot
@@ -130,9 +131,15 @@ def test_a_further_run_measures_what_is_missing_of_a_file_that_was_cut_short(tmp
 
 @pytest.mark.parametrize(
     "content",
-    ["time,value\n1,2\n", '{"identity": 1}\n', "[" * 5000 + "\n", '{"identity": "a", "row": []}\n',
-     "time,value"],
-)  # fmt: skip
+    [
+        "time,value\n1,2\n",
+        '{"identity": 1}\n',
+        '{"identity": "a", "row": []}\n',
+        '{"identity": "a", "row": {"failure": ""}}\n',
+        "[" * 5000 + "\n",
+        "time,value",
+    ],
+)
 def test_a_file_of_something_else_is_refused_and_stays(tmp_path, content):
     path = tmp_path / "table.csv"
     path.write_text(content)
@@ -185,6 +192,20 @@ def test_the_contact_is_the_closed_form(tiny):
     assert tiny.metrics["contact_periodic_as_called_256_error"] < 2e-3
     apart = tiny.metrics["contact_periodic_from_no_pressure_0.0001_256_algebraic_error"]
     assert 0 < apart < 1e-2
+
+
+def test_tamaas_is_near_the_closed_form():
+    pytest.importorskip("tamaas")
+    wave = Wave(256)
+    (other,) = benchmark("peers").contacts([1e-8]).values()
+    error = relative(wave.by_peer(other)(), wave.exact())
+    assert error < 2e-3
+
+
+def test_a_scene_that_is_none_is_refused_before_any_trial():
+    cfg = changed(TINY)
+    with pytest.raises(BadInput, match=r"scan\.speed_m_per_s"):
+        result_of({**cfg, "scan": {**cfg["scan"], "speed_m_per_s": 0.0}})
 
 
 def test_peers_are_those_of_a_clone(tmp_path):
