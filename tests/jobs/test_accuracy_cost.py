@@ -196,8 +196,10 @@ def test_the_contact_is_the_closed_form(tiny):
 
 def test_tamaas_is_near_the_closed_form():
     pytest.importorskip("tamaas")
-    wave = Wave(256)
-    (other,) = benchmark("peers").contacts([1e-8]).values()
+    import_experiments(find_config_root())
+    peers, wave = benchmark("peers"), Wave(256)
+    assert peers is not None
+    (other,) = peers.contacts([1e-8]).values()
     error = relative(wave.by_peer(other)(), wave.exact())
     assert error < 2e-3
 
