@@ -122,8 +122,8 @@ def fastest(rows: Sequence[Row]) -> Iterator[Row]:
             yield {
                 "part": part, "line": line, "of": goal.of, "within": within,
                 "family": ours["family"], "size": sized(ours["size"]) if ours["size"] else "none",
-                "steady_call_s": ours["steady_call_s"], "peer": peer["family"],
-                "peer_steady_call_s": peer["steady_call_s"],
+                "steady_call_s": ours.get("steady_call_s", np.nan), "peer": peer["family"],
+                "peer_steady_call_s": peer.get("steady_call_s", np.nan),
             }  # fmt: skip
 
 
@@ -137,7 +137,7 @@ def _at_common_size(rows: Sequence[Row]) -> list[Row]:
 def _quickest(rows: Iterable[Row], is_peer: bool) -> Row:
     nothing = {"family": "none", "size": 0, "steady_call_s": np.nan}
     own = (row for row in rows if row["is_peer"] == is_peer)
-    return min(own, key=lambda row: row["steady_call_s"], default=nothing)
+    return min(own, key=lambda row: row.get("steady_call_s", np.inf), default=nothing)
 
 
 def title(data: xarray.Dataset) -> str:

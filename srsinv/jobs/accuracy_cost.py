@@ -45,6 +45,7 @@ def run(cfg: config.Config) -> Result:
     """
     settings, peers = CostSettings.checked(cfg["accuracy_cost"]), benchmark("peers")
     with jax.enable_x64(True):
+        _simulated(cfg, "periodic", min(settings.forward_cells))  # refuses a scene that is none
         parts = _parts(cfg, settings, peers)
         trials = [trial for name in settings.parts for trial in parts[name]()]
         known = RowFile(settings.rows, _rests_on(cfg, settings))

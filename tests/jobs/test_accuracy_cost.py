@@ -1,6 +1,5 @@
-"""Accuracy against cost: how trials are run, resumed and left out; what their scores must say."""
+"""Accuracy against cost: what the scores of its parts must say."""
 
-import json
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
@@ -11,18 +10,13 @@ import pytest
 from srsinv.__main__ import find_config_root
 from srsinv.errors import BadInput
 from srsinv.jobs import accuracy_cost
-from srsinv.jobs._cost_rows import RowFile
-from srsinv.jobs._cost_runner import run as run_trials
-from srsinv.jobs._cost_table import tables
-from srsinv.jobs._cost_trials import CostScore, CostTrial
-from srsinv.memory import weighed
+from srsinv.jobs._cost_contact import Wave
+from srsinv.jobs._cost_trials import relative
 from srsinv.namespaces import benchmark, import_experiments
-from srsinv.report import plot
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, composed, outcome, result_of, short_form, short_run
 
 FORMS = ("accuracy_cost",)
-SIZES = (16, 64, 256)
 TINY = {
     "parts": ["forward", "contact"], "forward_cells": [64], "contact_cells": [256],
     "tolerances": [1e-4], "repeats": 1, "budget_s": None,
@@ -30,24 +24,6 @@ TINY = {
 OTHERS = {"parts": ["effects", "recordings"], "effects_cells": [64], "recording_samples": [256]}
 
 test_nothing_has_moved = golden_test(FORMS)
-
-
-def trial(family: str, size: int, work=lambda: 2.0, group: str = "forward", **more) -> CostTrial:
-    """A trial that costs nothing; its error falls as the size grows."""
-    return CostTrial(
-        group=group, part=group, line="open", family=family, size=size, prepare=lambda: work,
-        score=lambda value: CostScore({"error": value / size}), **more,
-    )  # fmt: skip
-
-
-def some_trials() -> list[CostTrial]:
-    """Two families of one group, one of another."""
-    first = [trial(family, size) for family in ("one", "other") for size in SIZES]
-    return first + [trial("third", size, group="contact") for size in SIZES]
-
-
-def refusing():
-    raise BadInput("The cells are too many: take fewer.")
 
 
 @cache
@@ -78,90 +54,6 @@ def result():
     return short_run(*FORMS)
 
 
-# --- how trials are run ----------------------------------------------------------------------
-
-
-def test_all_trials_are_measured_and_stay_in_order():
-    trials = some_trials()
-    rows = run_trials(trials, 2, RowFile(None, {})).rows
-    assert [row["key"] for row in rows] == [each.key for each in trials]
-    assert all(row["failure"] == "" and row["steady_call_s"] > 0 for row in rows)
-    assert [row["error"] for row in rows] == [2.0 / each.size for each in trials]
-
-
-def test_without_time_all_is_left_out():
-    done = run_trials(some_trials(), 1, RowFile(None, {}), budget_s=0.0)
-    assert not done.rows
-    ds = tables(done)
-    assert ds.sizes["left"] == 3
-    assert set(ds["left_sizes"].values) == {"16, 64, 256"}
-
-
-def test_a_trial_that_fails_is_a_row_and_the_next_one_follows():
-    trials = [trial("bad", 16, refusing), trial("good", 16), trial("good", 64)]
-    done = run_trials(trials, 1, RowFile(None, {}))
-    assert [row["failure"] for row in done.rows] == ["The cells are too many: take fewer.", "", ""]
-    (axes,) = plot.cost(tables(done), failure="failure").axes
-    assert [line.get_marker() for line in axes.lines].count("x") == 1
-
-
-def test_a_further_run_measures_what_is_missing_of_a_file_that_was_cut_short(tmp_path):
-    path, calls = tmp_path / "rows.jsonl", []
-
-    def counted(size):
-        return trial("one", size, lambda: calls.append(size) or 1.0)
-
-    run_trials([counted(size) for size in SIZES[:2]], 1, RowFile(str(path), {"seed": 0}))
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-20])
-    calls.clear()
-    trials = [counted(size) for size in SIZES]
-    done = run_trials(trials, 1, RowFile(str(path), {"seed": 0}))
-    assert set(calls) == set(SIZES[1:])
-    assert [row["size"] for row in done.rows] == list(SIZES)
-    assert len(path.read_text().splitlines()) == 3
-    calls.clear()
-    again = run_trials(trials, 1, RowFile(str(path), {"seed": 0}))
-    assert not calls
-    assert again.rows[0]["steady_call_s"] == done.rows[0]["steady_call_s"]
-    run_trials(trials[:1], 1, RowFile(str(path), {"seed": 1}))
-    assert set(calls) == {SIZES[0]}
-
-
-@pytest.mark.parametrize(
-    "content",
-    ["time,value\n1,2\n", '{"identity": 1}\n', "[" * 5000 + "\n", '{"identity": "a", "row": []}\n',
-     "time,value"],
-)  # fmt: skip
-def test_a_file_of_something_else_is_refused_and_stays(tmp_path, content):
-    path = tmp_path / "table.csv"
-    path.write_text(content)
-    with pytest.raises(BadInput, match=r"line 1 of .*table\.csv is no row of accuracy_cost"):
-        RowFile(str(path), {})
-    assert path.read_text() == content
-
-
-def test_a_file_that_cannot_be_written_is_refused(tmp_path):
-    with pytest.raises(BadInput, match="name a file that can be read and written"):
-        RowFile(str(tmp_path), {})
-    with pytest.raises(BadInput, match="name a file that can be read and written"):
-        RowFile(str(tmp_path / "absent" / "rows.jsonl"), {})
-
-
-def test_rows_are_numbers_and_words_of_json(tmp_path):
-    path = tmp_path / "rows.jsonl"
-    run_trials([trial("one", 16, lambda: np.nan)], 1, RowFile(str(path), {}))
-    row = json.loads(path.read_text())["row"]
-    assert row["error"] is None
-    assert np.isnan(RowFile(str(path), {}).row(trial("one", 16))["error"])
-
-
-def test_memory_is_what_a_call_touches():
-    size = 2**25
-    taken = weighed(lambda: np.ones(size // 8)).rise_bytes
-    assert np.isnan(taken) or 0.9 * size < taken < 1.2 * size
-
-
 # --- what scores must say --------------------------------------------------------------------
 
 
@@ -185,6 +77,22 @@ def test_the_contact_is_the_closed_form(tiny):
     assert tiny.metrics["contact_periodic_as_called_256_error"] < 2e-3
     apart = tiny.metrics["contact_periodic_from_no_pressure_0.0001_256_algebraic_error"]
     assert 0 < apart < 1e-2
+
+
+def test_tamaas_is_near_the_closed_form():
+    pytest.importorskip("tamaas")
+    import_experiments(find_config_root())
+    peers, wave = benchmark("peers"), Wave(256)
+    assert peers is not None
+    (other,) = peers.contacts([1e-8]).values()
+    error = relative(wave.by_peer(other)(), wave.exact())
+    assert error < 2e-3
+
+
+def test_a_scene_that_is_none_is_refused_before_any_trial():
+    cfg = changed(TINY)
+    with pytest.raises(BadInput, match=r"scan\.speed_m_per_s"):
+        result_of({**cfg, "scan": {**cfg["scan"], "speed_m_per_s": 0.0}})
 
 
 def test_peers_are_those_of_a_clone(tmp_path):

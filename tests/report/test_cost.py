@@ -46,3 +46,29 @@ def test_the_front_is_what_nothing_beats():
     error = np.array([0.5, 9.0, 4.0, 6.0, 0.5, 0.1])
     np.testing.assert_array_equal(pareto(time, error), [1, 2, 0, 5])
     assert pareto(time[:0], error[:0]).size == 0
+
+
+@pytest.mark.parametrize("errors", [[2.3e-14], [0.1, 0.1 + 1e-16], [0.3, 0.29]])
+def test_errors_that_differ_by_rounding_lie_on_one_level(errors):
+    ds = dataset(
+        {"error": ("case", errors, "1"), "size": ("case", np.arange(1, 1 + len(errors)), "1"),
+         "steady_call_s": ("case", 1e-3 * np.arange(1, 1 + len(errors)), "s")},
+        {"family": ("case", ["one"] * len(errors), "1")},
+    )  # fmt: skip
+    (axes,) = plot.cost(ds).axes
+    low, high = axes.get_ylim()
+    assert low < min(errors) / 4
+    assert high > 4 * max(errors)
+
+
+def test_a_failure_without_an_error_is_a_cross_at_the_rim():
+    ds = dataset(
+        {"error": ("case", [1e-2, np.nan], "1"), "size": ("case", [1, 2], "1"),
+         "steady_call_s": ("case", [1e-3, 4e-3], "s")},
+        {"family": ("case", ["one", "one"], "1"), "failure": ("case", ["", "not converged"], "1")},
+    )  # fmt: skip
+    (axes,) = plot.cost(ds, failure="failure").axes
+    (cross,) = (line for line in axes.lines if line.get_marker() == "x")
+    assert cross.get_label() == "failed"
+    assert cross.get_xdata()[0] == pytest.approx(4.0)
+    assert cross.get_ydata()[0] == pytest.approx(axes.get_ylim()[1])

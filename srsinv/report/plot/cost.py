@@ -13,7 +13,7 @@ from .panels import log_ticks
 from .style import GREY, PALETTE, WIDTH_IN, legend_below, names_of, scale, styled, units_of
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">")
-_LEAST_SPAN = 20.0  # from the least to the greatest error of the panel
+_LEAST_SPAN = 5.0  # from the least to the greatest error, and from both to the panel's ends
 
 
 @styled
@@ -56,7 +56,7 @@ def cost(
     axes.set(xscale="log", yscale="log", xlabel=unit.label("time of a further call"))
     axes.set_ylabel(quantity or f"{error.replace('_', ' ')} [{units_of(dataset[error])}]")
     axes.margins(0.12)
-    _widen(axes)
+    _widen(axes, values[usable])
     times = unit.factor * dataset[time].values
     for at in np.flatnonzero(failed):
         _cross(axes, times[at], values[at], PALETTE[look[names[at]] % len(PALETTE)])
@@ -76,13 +76,12 @@ def pareto(time: np.ndarray, error: np.ndarray) -> np.ndarray:
     return order[np.asarray(is_first, bool)]
 
 
-def _widen(axes: Axes) -> None:
+def _widen(axes: Axes, error: np.ndarray) -> None:
     """Let equal errors, which differ by rounding alone, lie on one level."""
-    low, high = axes.get_ylim()
-    if 0 < low < high < _LEAST_SPAN * low:
-        middle = np.sqrt(low * high)
-        axes.set_ylim(middle / _LEAST_SPAN**0.5, middle * _LEAST_SPAN**0.5)
-        log_ticks(axes.yaxis, *axes.get_ylim())
+    if not error.size or error.max() >= _LEAST_SPAN * error.min():
+        return
+    middle = np.sqrt(error.min() * error.max())
+    axes.set_ylim(middle / _LEAST_SPAN, middle * _LEAST_SPAN)
 
 
 def _failed(dataset: xarray.Dataset, failure: str | None) -> np.ndarray:

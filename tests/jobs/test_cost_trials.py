@@ -1,0 +1,121 @@
+"""Trials of accuracy_cost: how they are run, resumed and left out."""
+
+import json
+
+import numpy as np
+import pytest
+
+from srsinv.errors import BadInput
+from srsinv.jobs._cost_rows import RowFile
+from srsinv.jobs._cost_runner import run as run_trials
+from srsinv.jobs._cost_table import tables
+from srsinv.jobs._cost_trials import CostScore, CostTrial
+from srsinv.memory import weighed
+from srsinv.report import plot
+
+SIZES = (16, 64, 256)
+
+
+def trial(family: str, size: int, work=lambda: 2.0, group: str = "forward", **more) -> CostTrial:
+    """A trial that costs nothing; its error falls as the size grows."""
+    return CostTrial(
+        group=group, part=group, line="open", family=family, size=size, prepare=lambda: work,
+        score=lambda value: CostScore({"error": value / size}), **more,
+    )  # fmt: skip
+
+
+def some_trials() -> list[CostTrial]:
+    """Two families of one group, one of another."""
+    first = [trial(family, size) for family in ("one", "other") for size in SIZES]
+    return first + [trial("third", size, group="contact") for size in SIZES]
+
+
+def refusing():
+    raise BadInput("The cells are too many: take fewer.")
+
+
+def test_all_trials_are_measured_and_stay_in_order():
+    trials = some_trials()
+    rows = run_trials(trials, 2, RowFile(None, {})).rows
+    assert [row["key"] for row in rows] == [each.key for each in trials]
+    assert all(row["failure"] == "" and row["steady_call_s"] > 0 for row in rows)
+    assert [row["error"] for row in rows] == [2.0 / each.size for each in trials]
+
+
+def test_without_time_all_is_left_out():
+    done = run_trials(some_trials(), 1, RowFile(None, {}), budget_s=0.0)
+    assert not done.rows
+    ds = tables(done)
+    assert ds.sizes["left"] == 3
+    assert set(ds["left_sizes"].values) == {"16, 64, 256"}
+
+
+def test_a_trial_that_fails_is_a_row_and_the_next_one_follows():
+    trials = [trial("bad", 16, refusing), trial("good", 16), trial("good", 64)]
+    done = run_trials(trials, 1, RowFile(None, {}))
+    assert [row["failure"] for row in done.rows] == ["The cells are too many: take fewer.", "", ""]
+    (axes,) = plot.cost(tables(done), failure="failure").axes
+    assert [line.get_marker() for line in axes.lines].count("x") == 1
+
+
+def test_a_further_run_measures_what_is_missing_of_a_file_that_was_cut_short(tmp_path):
+    path, calls = tmp_path / "rows.jsonl", []
+
+    def counted(size):
+        return trial("one", size, lambda: calls.append(size) or 1.0)
+
+    run_trials([counted(size) for size in SIZES[:2]], 1, RowFile(str(path), {"seed": 0}))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-20])
+    calls.clear()
+    trials = [counted(size) for size in SIZES]
+    done = run_trials(trials, 1, RowFile(str(path), {"seed": 0}))
+    assert set(calls) == set(SIZES[1:])
+    assert [row["size"] for row in done.rows] == list(SIZES)
+    assert len(path.read_text().splitlines()) == 3
+    calls.clear()
+    again = run_trials(trials, 1, RowFile(str(path), {"seed": 0}))
+    assert not calls
+    assert again.rows[0]["steady_call_s"] == done.rows[0]["steady_call_s"]
+    run_trials(trials[:1], 1, RowFile(str(path), {"seed": 1}))
+    assert set(calls) == {SIZES[0]}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "time,value\n1,2\n",
+        '{"identity": 1}\n',
+        '{"identity": "a", "row": []}\n',
+        '{"identity": "a", "row": {"failure": ""}}\n',
+        "[" * 5000 + "\n",
+        "time,value",
+    ],
+)
+def test_a_file_of_something_else_is_refused_and_stays(tmp_path, content):
+    path = tmp_path / "table.csv"
+    path.write_text(content)
+    with pytest.raises(BadInput, match=r"line 1 of .*table\.csv is no row of accuracy_cost"):
+        RowFile(str(path), {})
+    assert path.read_text() == content
+
+
+def test_a_file_that_cannot_be_written_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="name a file that can be read and written"):
+        RowFile(str(tmp_path), {})
+    with pytest.raises(BadInput, match="name a file that can be read and written"):
+        RowFile(str(tmp_path / "absent" / "rows.jsonl"), {})
+
+
+def test_rows_are_numbers_and_words_of_json(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    run_trials([trial("one", 16, lambda: np.nan)], 1, RowFile(str(path), {}))
+    row = json.loads(path.read_text())["row"]
+    assert row["error"] is None
+    assert np.isnan(RowFile(str(path), {}).row(trial("one", 16))["error"])
+
+
+def test_memory_is_what_a_call_touches():
+    size = 2**25
+    taken = weighed(lambda: np.ones(size // 8)).rise_bytes
+    assert np.isnan(taken) or 0.9 * size < taken < 1.2 * size
