@@ -35,8 +35,8 @@ def variance(posterior: "PosteriorMap", mean_weights: Float[np.ndarray, "c n"]) 
     total = np.diagonal(stationary)[:, None] + _of_gaps(near)
     if posterior.coarse is not None:
         total = total + _at_ends(posterior, posterior.coarse)
-    for factor, shape in posterior.shapes:
-        total = total + factor * shape**2
+    if posterior.shapes is not None:
+        total = total + posterior.shapes.diagonal()
     for c, weights in enumerate(mean_weights):
         if weights.any():
             r = np.zeros_like(mean_weights)

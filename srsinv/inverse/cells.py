@@ -7,6 +7,7 @@ fitted to the samples that lie in it.
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from .. import resolution
@@ -14,7 +15,6 @@ from ..errors import refuse
 from ..forward.amplifier import Amplifier
 from ..forward.scan import Motion
 from ..grid import Open, as_real
-from ..numerics import fast_length
 from .sample_noise import is_steady
 
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
@@ -144,7 +144,7 @@ def line_over(
     after = max(0, int(np.floor((window.end_m - x[-1] - cell / 2) / cell)))
     n = before + x.size + after
     if window_m is None and n > FEW_CELLS:
-        n = fast_length(n)
+        n = int(scipy.fft.next_fast_len(n))
         after = n - before - x.size
     line = Open(n, cell, x[0] - before * cell)
     return line, np.pad(signal, ((0, 0), (before, after)), constant_values=np.nan)

@@ -134,21 +134,19 @@ class PosteriorMap:
         # The hats have the means, and the nearest problem none: its own are next to undetermined.
         fixed = {"zero_mean": np.ones(problem.unknowns, bool)} if is_open else {}
         self.near = NearPeriodic(with_fields(problem, **fixed), prior, gaps)
-        self.blocks = self.near.blocks()
+        self.filler = self.near.filler()
         hats = hats_of(self.near, problem.observed_cells) if is_open else None
         self.coarse = None if hats is None else Coarse.of(self.normal, hats, problem.unknowns)
-        self.shapes: Shapes = []
+        self.shapes: Shapes | None = None
 
     def find_shapes(self) -> None:
         """Find the shapes in which the map differs from the covariance, and correct it by them."""
-        normal = self.normal
-        any_one = normal.centre(np.random.default_rng(0).normal(size=normal.shape))
-        first = normal(self.nearly_times(any_one)) - any_one  # what is not near one, alone
-        self.shapes = missing_shapes(normal, self.nearly_times, normal.centre, first)
+        normal, like = self.normal, np.zeros(self.normal.shape)
+        self.shapes = missing_shapes(normal, self.nearly_times, normal.centre, like)
 
     def near_times(self, r: Traction) -> Traction:
         """The covariance of the nearest periodic problem times r."""
-        return self.normal.centre(self.near.covariance_times(self.normal.centre(r), self.blocks))
+        return self.normal.centre(self.near.covariance_times(self.normal.centre(r), self.filler))
 
     def nearly_times(self, r: Traction) -> Traction:
         """The covariance times r, but for what conjugate gradients still correct: exact for hats,
@@ -160,9 +158,7 @@ class PosteriorMap:
             among = self.coarse.times(r)
             z = self.near_times(r - self.normal(among))
             z = self.normal.centre(z - self.coarse.times(self.normal(z)) + among)
-        for factor, shape in self.shapes:
-            z += factor * np.vdot(shape, r) * shape
-        return z
+        return z if self.shapes is None else z + self.shapes.times(r)
 
     def times(self, right: Traction, tolerance: float) -> Solved:
         """The covariance times `right`, to a relative tolerance."""

@@ -14,6 +14,7 @@ from jaxtyping import Complex, Float
 
 from ..grid import as_real, half_spectrum_weights
 from .gaps import BlockInverse, Gaps, conjugate_gradients
+from .lanczos import Map, missing_shapes
 from .line_problem import LineProblem
 from .prior import Prior, Score
 from .spectral import factorise
@@ -64,26 +65,32 @@ class NearPeriodic:
         """The inverses of Q's blocks of missing samples."""
         return self.gaps.inverses(self.lags(self.smooth))
 
-    def filled(self, right: Float[np.ndarray, " m"], blocks: BlockInverse, tolerance: float):
-        """Q_mm^-1 times values at the missing samples."""
-        gaps = self.gaps
+    def filler(self) -> Map:
+        """Nearly the inverse of Q over the missing samples: its blocks', and what couples them."""
+        blocks, like = self.blocks(), np.zeros(self.gaps.cell.size)
+        shapes = missing_shapes(self.over_gaps, blocks, np.copy, like)
+        return lambda values: blocks(values) + shapes.times(values)
 
-        def operator(values):
-            signal = to_spectrum(gaps.placed(values))
-            return gaps.picked(from_spectrum(times(self.unexpected, signal), self.n))
+    def over_gaps(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Q over the missing samples, times values at these."""
+        signal = to_spectrum(self.gaps.placed(values))
+        return self.gaps.picked(from_spectrum(times(self.unexpected, signal), self.n))
 
-        solved = conjugate_gradients(operator, blocks, right, tolerance, MOST_STEPS)
-        return solved.value
+    def filled(
+        self, right: Float[np.ndarray, " m"], filler: Map, tolerance: float
+    ) -> Float[np.ndarray, " m"]:
+        """Q_mm^-1 times values at the missing samples, `filler` nearly that inverse."""
+        return conjugate_gradients(self.over_gaps, filler, right, tolerance, MOST_STEPS).value
 
     def covariance_times(
-        self, r: Float[np.ndarray, "c n"], blocks: BlockInverse
+        self, r: Float[np.ndarray, "c n"], filler: Map
     ) -> Float[np.ndarray, "c n"]:
         """The posterior covariance times r."""
         spectrum = to_spectrum(r)
         out = times(self.covariance, spectrum)
         if self.gaps.cell.size:
             signal = self.gaps.picked(from_spectrum(times(self.expected, spectrum), self.n))
-            filling = to_spectrum(self.gaps.placed(self.filled(signal, blocks, INNER_TOLERANCE)))
+            filling = to_spectrum(self.gaps.placed(self.filled(signal, filler, INNER_TOLERANCE)))
             out = out + times(adjoint(self.expected), filling)
         return from_spectrum(out, self.n)
 
