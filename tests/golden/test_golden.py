@@ -23,13 +23,20 @@ QUICK = {
         "differences", "circular", "contact_elastic", "contact_viscoelastic")),
 }  # fmt: skip
 MOST_BYTES = 2_000_000
+RANDOM = [case for case in other_cases() if case.startswith("random/")]
 EACH = 4  # of the refusals are one for make test-all, and the rest for make claims
 REST = [pytest.param(first, marks=pytest.mark.claim) for first in range(1, EACH)]
 MARGIN = 3  # of a tolerance over what the quantity moves by itself
 
 
-@pytest.mark.parametrize("case", quick(other_cases(), *QUICK))
+@pytest.mark.parametrize("case", quick([c for c in other_cases() if c not in RANDOM], *QUICK))
 def test_nothing_has_moved(case):
+    check(case)
+
+
+@pytest.mark.claim
+@pytest.mark.parametrize("case", RANDOM)
+def test_nothing_random_has_moved(case):
     check(case)
 
 

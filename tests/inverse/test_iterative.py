@@ -92,7 +92,7 @@ def test_the_limit_of_iterations_is_said(name):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("log_weight", [-13, -12, -10, -8, -4])
+@pytest.mark.parametrize("log_weight", [-13, -10, -4])
 @pytest.mark.parametrize("order", [0, 1])
 @pytest.mark.parametrize("path", ["direct", "iterative"])
 def test_what_is_called_converged_is_the_solution(path, order, log_weight):

@@ -174,7 +174,7 @@ def test_friction_turns_with_the_motion():
     np.testing.assert_allclose(back_signal, -signal[:, ::-1], atol=1e-9 * np.abs(signal).max())
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_sliding_back_the_leading_edge_is_the_other_one():
     model = fine(TapeFeature(EDGE), BACK)
     y = noisy(np.asarray(model(tree(TAPE, 0.35))), 7)
@@ -186,7 +186,7 @@ def test_sliding_back_the_leading_edge_is_the_other_one():
     assert estimate.parameters["leading_edge_friction"][1] < 0.05
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_gain_pressure_and_height_cannot_be_told_apart(simulated):
     """Twice the pressure and the height at half the gain is the same signal."""
     y = noisy(np.asarray(simulated(tree(RIDGE, 0.4))), 11)

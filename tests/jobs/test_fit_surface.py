@@ -17,7 +17,7 @@ NAMES = {
     "ridge_varying_speed": "ridge",
     "tape_two_element": "tape",
 }
-LONG = {"ridge_two_element", "ridge_varying_speed"}  # beside one ridge and the tape
+LONG = {*NAMES} - {"ridge_one_element"}
 
 
 def truth_of(name):

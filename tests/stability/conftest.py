@@ -1,7 +1,8 @@
 """The hard cases of a test file, its GROUPS, one after the other in both precisions as `hard`; and
 at the end of a run how many there were and which came nearest to its bound.
 
-All are in `make test-all`; `make test` runs each file's first group in double precision.
+All are in `make test-all` in double precision, and each file's first group in single precision,
+too: the rest is for `make claims`. `make test` runs each file's first group in double precision.
 """
 
 from pathlib import Path
@@ -22,13 +23,18 @@ def pytest_generate_tests(metafunc):
 
 def pytest_collection_modifyitems(items):
     for item in items:
-        if HERE in item.path.parents and not _is_quick(item):
-            item.add_marker(pytest.mark.full)
+        if HERE in item.path.parents:
+            for tier in _tier(item):
+                item.add_marker(getattr(pytest.mark, tier))
 
 
-def _is_quick(item) -> bool:
-    given = item.callspec.params.get("hard") if hasattr(item, "callspec") else None
-    return given is not None and given[0] is item.module.GROUPS[0] and given[2] == PRECISIONS[0]
+def _tier(item) -> list[str]:
+    """The mark of a test in this folder, if it has one."""
+    params = item.callspec.params if hasattr(item, "callspec") else {}
+    given = params.get("hard")
+    is_first = given is not None and given[0] is item.module.GROUPS[0]
+    is_double = (params.get("precision") if given is None else given[2]) != PRECISIONS[1]
+    return [] if is_first and is_double else ["full"] if is_first or is_double else ["claim"]
 
 
 @pytest.fixture
