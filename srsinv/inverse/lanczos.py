@@ -59,5 +59,5 @@ def missing_shapes(operator: Map, nearly_inverse: Map, project: Map, like: Value
     if not vectors:
         return Shapes(np.zeros(0), np.zeros((0, *like.shape)))
     values, rows = scipy.linalg.eigh_tridiagonal(diagonal, beside[1 : len(diagonal)])
-    del duals
+    del duals  # as large as what is made next
     return Shapes(1 / values - 1, np.tensordot(rows.T, np.stack(vectors), 1))

@@ -22,7 +22,7 @@ from ..inverse.rule import Evidence, GeneralisedCrossValidation
 from ..inverse.simulated import noisy_problem
 from ._cost_forward import Simulated
 from ._cost_settings import TIGHT, CostSettings
-from ._cost_trials import CostScore, CostTrial, Work, relative
+from ._cost_trials import CostScore, CostTrial, Work, failure_of, relative
 
 GROUP = "inversion"
 NUMPY, SCIPY = "numpy", "scipy cg"  # the peers to compare times with, of values alone
@@ -165,8 +165,7 @@ class Inversions:
         if way.is_peer:
             return CostScore(measures)
         measures["applications"] = _applications(given, problem.unknowns)
-        status = given.status
-        return CostScore(measures, "" if status.is_answer else f"{status}. {status.advice}")
+        return CostScore(measures, failure_of(given.status))
 
     def _exact(self, rule: str) -> np.ndarray | None:
         """The solution by an exact path; with fixed weights, where there is none, by conjugate

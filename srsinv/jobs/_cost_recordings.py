@@ -15,7 +15,7 @@ from ..inverse.estimate import COMPONENTS, Estimate, deviation, relative_error
 from ..inverse.method import Method
 from ..inverse.problem import Problem
 from ._cost_settings import CostSettings
-from ._cost_trials import CostScore, CostTrial, Work, relative
+from ._cost_trials import CostScore, CostTrial, Work, failure_of, relative
 
 PART = "recordings"
 MISSING, NOISE = 0.03, 0.01  # of the samples; of the signal's rms over the scene
@@ -74,5 +74,4 @@ def _score(scanned: ScanOf, samples: int, estimate: Estimate) -> CostScore:
         "applications": 2.0 * estimate.stats.get("iterations", np.nan),
     }
     measures |= {f"error_{c}": float(e) for c, e in zip(COMPONENTS, errors, strict=False)}
-    status = estimate.status
-    return CostScore(measures, "" if status.is_answer else f"{status}. {status.advice}")
+    return CostScore(measures, failure_of(estimate.status))

@@ -16,6 +16,7 @@ from ..errors import BadInput
 from ..memory import weighed
 from ..report.result import key_of
 from ..report.text import sized
+from ..status import Status
 from ..timing import timed
 
 MOST_S = 2.0  # a trial's further calls, after which no more of them begin
@@ -67,6 +68,11 @@ class CostTrial:
         """What a row of the trial begins with."""
         names = ("group", "part", "line", "family", "size", "peer", "is_peer", "key")
         return {name: getattr(self, name) for name in names}
+
+
+def failure_of(status: Status) -> str:
+    """Why an estimate of this status is no answer, "" where it is one."""
+    return "" if status.is_answer else f"{status}. {status.advice}"
 
 
 def name_of(family: str) -> str:
