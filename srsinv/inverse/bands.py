@@ -9,6 +9,7 @@ M is stationary but for what each missing sample adds to it.
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Int
 
 from .coarse import Coarse
@@ -19,11 +20,11 @@ from .transforms import adjoint, from_spectrum, times, to_spectrum
 if TYPE_CHECKING:
     from .iterative import PosteriorMap
 
-NEAR = 10  # widths of the response
-FAR = 4  # times as far from a missing sample as is computed cell by cell, its variance is traced
-# Missing samples before and after a block that are inverted with it, and how few in all are
-# inverted at once.
-AROUND, FEW = 192, 1024
+# What missing samples add is computed cell by cell up to so many widths of the response from each,
+# every width up to FAR times that, and beyond at distances that grow by e in so many steps.
+NEAR, FAR, RUNGS = 5, 8, 10
+TOGETHER = 16  # hats
+AROUND = 192  # missing samples before and after a block that are inverted with it
 
 Variance = Float[np.ndarray, "c n"]
 
@@ -47,70 +48,82 @@ def variance(posterior: "PosteriorMap", mean_weights: Float[np.ndarray, "c n"]) 
 
 
 def _at_ends(posterior: "PosteriorMap", coarse: Coarse) -> Variance:
-    """What the hats change, one of them after the other."""
-    normal, inverse = posterior.normal, coarse.inverse
-    total, size = 0.0, len(inverse)
-    energy = np.empty((size, size))
-    for j in range(size):
-        hat = normal.centre(coarse.spread(np.eye(size)[j]))
-        moved = posterior.near_times(normal(hat))
-        energy[j] = coarse.gathered(normal(moved))
-        total = total - 2 * normal.centre(coarse.spread(inverse[j])) * moved
-    among = inverse + inverse @ energy @ inverse
+    """What the hats change."""
+    normal, inverse, images = posterior.normal, coarse.inverse, coarse.images
+    energy, total = [], 0.0
+    for first in range(0, len(images), TOGETHER):
+        moved = np.stack([posterior.near_times(each) for each in images[first : first + TOGETHER]])
+        energy.append(moved.reshape(len(moved), -1) @ images.reshape(len(images), -1).T)
+        for row, each in zip(inverse[first:], moved, strict=False):
+            total = total - 2 * normal.centre(coarse.spread(row)) * each
+    among = inverse + inverse @ np.concatenate(energy) @ inverse
     return total + coarse.diagonal((among + among.T) / 2, normal.zero_mean)
-
-
-def _places(cells: Int[np.ndarray, " b"], n: int, width: float) -> Int[np.ndarray, " place"]:
-    """Where the variance that samples missing at these cells make is computed, between the first
-    and the last of them and as far outside as it changes, around the line: cell by cell near each,
-    and every width of the response elsewhere."""
-    offsets = (cells - cells[0]) % n
-    reach, outside = int(NEAR * width), int(FAR * NEAR * width)
-    span = int(offsets[-1]) + 1 + 2 * outside
-    if span >= n:
-        outside, span = (n - int(offsets[-1])) // 2, n
-    near = np.zeros(span + 1, int)
-    np.add.at(near, np.maximum(offsets + outside - reach, 0), 1)
-    np.add.at(near, np.minimum(offsets + outside + reach, span), -1)
-    is_place = np.cumsum(near)[:span] > 0
-    is_place[:: max(1, int(width))] = is_place[-1] = True
-    return int(cells[0]) - outside + np.flatnonzero(is_place)
 
 
 def _of_gaps(near: NearPeriodic) -> Variance:
     """What the missing samples add: the diagonal of B T B^T, T the inverse of Q over them and B the
     response of the traction to them.
 
-    T is taken from each block and what is around it. Far from a block B varies slowly, and T acts
-    by the sums of its rows: a convolution. Near it the difference is added.
+    The rows of T are taken from each block and what is around it, and what they add is computed at
+    a few places alone: T may be so large that sums of its rows would say nothing.
     """
     gaps, n = near.gaps, near.n
-    response = near.lags(adjoint(near.expected))
+    response, unexpected = near.lags(adjoint(near.expected)), near.lags(near.smooth)
     elements, unknowns = len(near.model), len(response)
     sums, total = np.zeros((elements, elements, n)), np.zeros((unknowns, n))
-    unexpected = near.lags(near.smooth)
-    many = gaps.cell.size
-    beside = AROUND if many > FEW else many
+    grid = np.arange(0, n, max(1, int(near.width_cells)))
+    on_grid = np.zeros((unknowns, grid.size))
     for block in gaps.blocks:
-        around = slice(max(0, block.start - beside), min(many, block.stop + beside))
-        own = slice(block.start - around.start, block.stop - around.start)
+        around, own = _around(block, gaps.cell.size)
         inverse = inverse_of(gaps.matrix(unexpected, around, around))[0][own]
-        of_each = gaps.element[around][None] == np.arange(elements)[:, None]
-        rows = np.einsum("ab,fb->fa", inverse, of_each)
-        sums[gaps.element[block], :, gaps.cell[block]] = rows.T
-        places = _places(gaps.cell[around], n, near.width_cells)
-        lag = (places[:, None] - gaps.cell[None, around]) % n
+        of_each = gaps.element[around, None] == np.arange(elements)
+        sums[gaps.element[block], :, gaps.cell[block]] = inverse @ of_each
+        line, places = _places(gaps.cell[around], grid, n, near.width_cells)
+        lag = (places[:, None] - gaps.cell[around]) % n
+        added = []
         for c in range(unknowns):
-            near_b = response[c, gaps.element[around], lag]
-            exact = np.sum(near_b[:, own] * (near_b @ inverse.T), axis=1)
-            far = sum(rows[f] * response[c, f, lag[:, own]] for f in range(elements))
-            more = exact - np.sum(near_b[:, own] * far, axis=1)
-            line = np.arange(places[0], places[-1] + 1)
-            total[c, line % n] += np.interp(line, places, more)
-    spectra = to_spectrum(sums)
-    for c in range(unknowns):
-        squares = to_spectrum(response[c][:, None] * response[c][None])
-        total[c] += from_spectrum(np.einsum("efk,efk->k", spectra, squares), n)
+            shown = response[c, gaps.element[around], lag]
+            added.append(np.sum(shown[:, own] * (shown @ inverse.T), axis=1))
+        along = _around_line(places, np.stack(added), n)
+        far = along(grid)
+        on_grid += far
+        total[:, line % n] += along(line) - _around_line(grid, far, n)(line)
+    total += _around_line(grid, on_grid, n)(np.arange(n))
     of_mean, back = near.of_mean(sums), adjoint(near.expected)
     moved = [from_spectrum(times(back, to_spectrum(each)), n) for each in sums.swapaxes(0, 1)]
     return total - np.einsum("fcn,fg,gcn->cn", moved, of_mean, moved)
+
+
+def _around_line(places: Int[np.ndarray, " place"], values: Float[np.ndarray, "c place"], n: int):
+    """Values on a circle of n cells as a function of the cell: parabolas, which nearly cancel with
+    those of the mean, would be seen between places that are joined by straight lines."""
+    ends = np.append(places, places[0] + n), np.concatenate([values, values[:, :1]], axis=1)
+    return scipy.interpolate.CubicSpline(*ends, axis=1, bc_type="periodic")
+
+
+def _around(block: slice, many: int) -> tuple[Int[np.ndarray, " around"], slice]:
+    """Which of so many missing samples around the line are inverted with a block's, and where the
+    block's own are among these."""
+    size = block.stop - block.start
+    if many <= size + 2 * AROUND:
+        return np.arange(many), block
+    return np.arange(block.start - AROUND, block.stop + AROUND) % many, slice(AROUND, AROUND + size)
+
+
+def _places(
+    cells: Int[np.ndarray, " b"], grid: Int[np.ndarray, " g"], n: int, width: float
+) -> tuple[Int[np.ndarray, " near"], Int[np.ndarray, " place"]]:
+    """Where on a line of n cells the variance that samples missing at these cells make is computed:
+    the cells near them, and these with those of the `grid`, ever fewer far away."""
+    reach, start = int(NEAR * width), int(cells[0])
+    offsets = (cells - start) % n
+    within = start - reach + np.arange(int(offsets[-1]) + 2 * reach + 1)
+    near = np.zeros(within.size + 1, int)
+    np.add.at(near, offsets, 1)
+    np.add.at(near, offsets + 2 * reach + 1, -1)
+    dense = within[np.cumsum(near)[:-1] > 0] % n
+    after = (grid - start) % n - int(offsets[-1])
+    away = np.minimum(after, n - int(offsets[-1]) - after) / (FAR * reach)
+    rung = np.floor(RUNGS * np.log(np.maximum(away, 1.0)))
+    is_place = (away <= 1) | (rung != np.roll(rung, 1))
+    return within[:n], np.unique(np.concatenate([dense, grid[is_place]]))

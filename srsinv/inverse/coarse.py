@@ -50,22 +50,24 @@ def hats_of(near: NearPeriodic, has_data: Bool[np.ndarray, " n"]) -> Any:
 
 class Coarse(NamedTuple):
     """The equations restricted to `hats` (n, hat) of each component: `inverse` (c hat, c hat) is
-    theirs."""
+    theirs, and `images` (c hat, c, n) are the equations times each hat."""
 
     hats: Any
     inverse: Float[np.ndarray, "m m"]
+    images: Float[np.ndarray, "m c n"]
 
     @classmethod
     def of(cls, equations: Callable[[Traction], Traction], hats: Any, unknowns: int) -> "Coarse":
         """These equations on the hats."""
-        rows = []
+        n, size = hats.shape
+        images = np.empty((unknowns * size, unknowns, n))
         for c in range(unknowns):
-            for hat in range(hats.shape[1]):
-                r = np.zeros((unknowns, hats.shape[0]))
+            for hat in range(size):
+                r = np.zeros((unknowns, n))
                 r[c] = hats[:, [hat]].toarray()[:, 0]
-                rows.append((hats.T @ equations(r).T).T.ravel())
-        matrix = np.array(rows)
-        return cls(hats, _inverse((matrix + matrix.T) / 2))
+                images[c * size + hat] = equations(r)
+        matrix = np.array([(hats.T @ image.T).T.ravel() for image in images])
+        return cls(hats, _inverse((matrix + matrix.T) / 2), images)
 
     def spread(self, values: Float[np.ndarray, " m"]) -> Traction:
         """The traction that is so much of each hat."""

@@ -13,6 +13,7 @@ BLOCK, MOST = 64, 1024
 
 Values = Float[np.ndarray, " m"]
 Lags = Float[np.ndarray, "e f n"]
+Some = slice | Int[np.ndarray, " some"]
 
 
 class Gaps(NamedTuple):
@@ -48,7 +49,7 @@ class Gaps(NamedTuple):
         """What stands at the missing samples."""
         return y[self.element, self.cell]
 
-    def matrix(self, lags: Lags, rows: slice, columns: slice) -> Float[np.ndarray, "r s"]:
+    def matrix(self, lags: Lags, rows: Some, columns: Some) -> Float[np.ndarray, "r s"]:
         """The part of the circular convolution with the kernel `lags` that takes these missing
         samples to those."""
         lag = (self.cell[rows, None] - self.cell[None, columns]) % self.shape[1]

@@ -9,6 +9,9 @@ blocks of neighbours: conjugate gradients solve it in a few steps.
 It is all in numpy and in double precision: a recording is solved once, and compiling takes longer.
 """
 
+from collections.abc import Sequence
+from functools import cached_property
+
 import numpy as np
 from jaxtyping import Complex, Float
 
@@ -31,8 +34,6 @@ Matrices = Complex[np.ndarray, "row column k"]
 class NearPeriodic:
     """The nearest periodic problem under a prior, its gaps as they are.
 
-    - `width_cells`: over how many cells the model's response decays; `half_wave_cells`: half the
-      shortest wave that is resolved, at most that.
     - `covariance` (c, c, k): C^-1, zero where neither data nor prior determine a mode;
       `expected` (e, c, k): N^-1 G C^-1; `unexpected` (e, e, k): Q, and `smooth` the same with its
       mean as that of long waves, for a mean is of all samples, and joins all that are missing.
@@ -51,11 +52,19 @@ class NearPeriodic:
         self.smooth = self.unexpected.copy()
         self.smooth[..., 0] = self.unexpected[..., 1].real
         self.step = np.real(self.unexpected[..., 0] - self.smooth[..., 0]) / self.n
+
+    @cached_property
+    def width_cells(self) -> float:
+        """Over how many cells the model's response decays."""
         lag = np.minimum(np.arange(self.n), self.n - np.arange(self.n))
         power = np.sum(self.lags(self.model) ** 2, axis=(0, 1))
-        self.width_cells = max(1.0, WIDTH * float(np.sqrt(lag**2 @ power / power.sum())))
-        resolved = half_spectrum_weights(self.n) @ np.sum(np.abs(top) ** 2, axis=(0, 1))
-        self.half_wave_cells = float(min(max(1.0, top.shape[1] / resolved), self.width_cells))
+        return max(1.0, WIDTH * float(np.sqrt(lag**2 @ power / power.sum())))
+
+    @property
+    def half_wave_cells(self) -> float:
+        """Half the shortest wave that is resolved, at most the response's width."""
+        resolved = half_spectrum_weights(self.n) @ np.sum(np.abs(self.top) ** 2, axis=(0, 1))
+        return float(min(max(1.0, self.top.shape[1] / resolved), self.width_cells))
 
     def lags(self, matrices: Matrices) -> Float[np.ndarray, "row column n"]:
         """The circular kernel of matrices at each wavenumber."""
@@ -95,21 +104,26 @@ class NearPeriodic:
         return from_spectrum(out, self.n)
 
     def resolved_dof(self, blocks: BlockInverse) -> Float[np.ndarray, " c"]:
-        """Effective degrees of freedom of each component: the trace of its resolution.
+        """Effective degrees of freedom of each component: the trace of its resolution."""
+        return np.array([self._resolved(blocks, [c]) for c in range(len(self.inverse))])
 
-        The missing samples take from component c the trace of Q_mm^-1 (Q G)_c (N^-1 G C^-1)_c^H.
-        """
-        shown = np.einsum("eck,ick->eik", self.top, self.inverse.conj())  # N^-1/2 G C^-1
+    def freedom(self, blocks: BlockInverse) -> float:
+        """The degrees of freedom of all components."""
+        return self._resolved(blocks, range(len(self.inverse)))
+
+    def _resolved(self, blocks: BlockInverse, components: Sequence[int]) -> float:
+        """The missing samples take from these components the trace of
+        Q_mm^-1 (Q G)_c (N^-1 G C^-1)_c^H."""
+        # N^-1/2 G C^-1
+        shown = np.einsum("eck,ick->eik", self.top, self.inverse[components].conj())
+        model = self.model[:, components]
         weights = half_spectrum_weights(self.n)
-        whole = self.n * np.einsum("eik,eik,k->i", shown.conj(), self.model, weights).real
+        whole = self.n * np.einsum("eik,eik,k->", shown.conj(), model, weights).real
         if not self.gaps.cell.size:
             return whole
-        left = self.model - np.einsum("eck,fck,fik->eik", self.top, self.top.conj(), self.model)
-        filling = [
-            self._trace(blocks, self.white**2 * left[:, None, c] * shown[None, :, c].conj())
-            for c in range(len(whole))
-        ]
-        return whole - np.array(filling)
+        left = model - np.einsum("eck,fck,fik->eik", self.top, self.top.conj(), model)
+        taken = np.einsum("eik,fik->efk", left, shown.conj())
+        return whole - self._trace(blocks, self.white**2 * taken)
 
     def _trace(self, blocks: BlockInverse, matrices: Matrices) -> float:
         """The trace of Q_mm^-1 times a convolution, over the blocks."""
@@ -165,5 +179,4 @@ def score(problem: LineProblem, prior: Prior, gaps: Gaps) -> Score:
     ratio = np.sum(np.log(np.where(diagonal > 0, diagonal, 1.0)), axis=0)
     determinant = near.log_determinant(blocks)
     evidence = near.n * float(weights @ ratio) - square / 2 + determinant / 2
-    freedom = float(near.resolved_dof(blocks).sum())
-    return Score(*(as_real(term) for term in (residual, freedom, evidence)))
+    return Score(*(as_real(term) for term in (residual, near.freedom(blocks), evidence)))
