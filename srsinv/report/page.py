@@ -14,9 +14,11 @@ from typing import Any
 
 import jinja2
 import markupsafe
+import numpy as np
 import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 from .. import __version__
 from ..aliases import with_old_names
@@ -27,6 +29,7 @@ from .text import format_value, is_numeric
 from .words import Block, Drawing, Paragraph, Table, answers, blocks, summary
 
 _DPI = 140
+_COMPRESSION = 3  # zlib's: 6 takes a third longer for files that are 7 % smaller
 _CODE = re.compile(r"`([^`]+)`")
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=%|dB\b|[fpnµmkMG]?(?:m|s|A|C|Hz|N|Pa|V|rad)\b)")
 
@@ -99,10 +102,12 @@ def _netcdf(data: xarray.Dataset) -> bytes:
 
 def _png(figure: Figure) -> bytes:
     """The image of a figure, laid out once and drawn once; `savefig` draws it up to three times."""
-    image = io.BytesIO()
+    image, canvas = io.BytesIO(), FigureCanvasAgg(figure)
     before = figure.dpi
     figure.set_dpi(_DPI)
-    FigureCanvasAgg(figure).print_png(image, metadata={"Software": None})
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # figures are opaque
+    Image.fromarray(pixels).save(image, "png", dpi=(_DPI, _DPI), compress_level=_COMPRESSION)
     figure.set_dpi(before)
     return image.getvalue()
 

@@ -1,6 +1,7 @@
 """Whitening of residuals by the noise of the data: z = N^(-1/2) r, and log det N^(1/2)."""
 
 import abc
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -120,15 +121,12 @@ class WhitePlusOU(Whitener):
         )
         step = np.abs(np.diff(np.asarray(position_m, float), append=np.inf)) / correlation_m
         decay, renewed = np.exp(-step), -np.expm1(-2 * step)
-        keep, take, stderr = np.zeros_like(white), np.zeros_like(white), np.zeros_like(white)
-        expected = np.full(len(white), float(sliding) ** 2)
-        for i in range(white.shape[1]):
-            total = expected + white[:, i] ** 2
-            gain = np.where(np.isfinite(total), expected / total, 0.0)
-            keep[:, i], take[:, i] = decay[i] * (1 - gain), decay[i] * gain
-            stderr[:, i] = np.sqrt(total)
-            expected = decay[i] ** 2 * (1 - gain) * expected + renewed[i] * float(sliding) ** 2
-        self.take, self.stderr = as_real(take), as_real(stderr)
+        variance, along = float(sliding) ** 2, zip(decay.tolist(), renewed.tolist(), strict=True)
+        steps = [(each**2, new * variance) for each, new in along]
+        predicted = _predicted((white**2).tolist(), steps, variance)
+        gain, total = np.moveaxis(np.asarray(predicted).reshape(*white.shape, 2), -1, 0)
+        keep, take = decay * (1 - gain), decay * gain
+        self.take, self.stderr = as_real(take), as_real(np.sqrt(total))
         # In about sqrt(n) parallel blocks, with the decay over each place and over each block.
         blocked = _by_place(keep, np)
         through = np.cumprod(blocked, axis=0)
@@ -177,6 +175,27 @@ class WhitePlusOU(Whitener):
             f"The noise is for data of shape {self.stderr.shape}, but they have {shape}.",
         )
         return np.isfinite(np.asarray(self.stderr))
+
+
+def _predicted(
+    white: Sequence[Sequence[float]], steps: Sequence[tuple[float, float]], first: float
+) -> list[list[tuple[float, float]]]:
+    """Gain and predicted variance (e, sample) of a Kalman filter of a process that begins with the
+    variance `first`, beside variances `white` (e, sample), where each step multiplies it and adds
+    to it as `steps` (sample,) say.
+
+    In Python's own numbers: arrays of two or three elements take several times as long.
+    """
+    rows = []
+    for row in white:
+        expected, own = first, []
+        for each, (factor, more) in zip(row, steps, strict=True):
+            total = expected + each
+            gain = expected / total if total else 0.0  # and where the white noise is infinite
+            own.append((gain, total))
+            expected = factor * (1 - gain) * expected + more
+        rows.append(own)
+    return rows
 
 
 def _follow(carry, at):
