@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -137,21 +138,20 @@ FOREIGN = {
 
 
 class TestForeignFiles:
-    @pytest.mark.parametrize("place", quick(["by name", "current"], "by name"))
     @pytest.mark.parametrize(("make", "name"), FOREIGN.values(), ids=FOREIGN)
-    def test_they_stay(self, root, tmp_path, monkeypatch, capsys, make, name, place):
-        """One sentence names the file; all is as it was."""
+    def test_they_stay(self, root, tmp_path, monkeypatch, capsys, make, name):
+        """One sentence names the file; all is as it was. So it is from within the folder."""
         folder = tmp_path / "run"
         killed.page(folder, 1.0)
         make(folder)
         before = snapshot(tmp_path)
-        if place == "current":
-            monkeypatch.chdir(folder)
-        target = "." if place == "current" else folder
-        assert main([f"hydra.run.dir={target}"], root) == 2
+        assert main([f"hydra.run.dir={folder}"], root) == 2
         words = sentence(capsys)
         assert f"holds {name}, which" in words
         assert REMEDY in words
+        monkeypatch.chdir(folder)
+        with pytest.raises(BadInput, match=re.escape(f"holds {name}, which")):
+            check(Path("."))
         assert snapshot(tmp_path) == before
 
     def test_nothing_heavy_is_imported_before(self, root, tmp_path, monkeypatch, capsys):

@@ -2,7 +2,7 @@
 NaN, and within the bounds value and gradient are as ever."""
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -186,11 +186,15 @@ def end(case: Case, value):
     return case.signal(case.made(**{case.key: value}))
 
 
+@cache
+def traced(case: Case):
+    """Value and derivative of where a number ends, compiled once for what is inside and outside."""
+    return jax.jit(lambda value: jax.jvp(partial(end, case), (value,), (jnp.ones_like(value),)))
+
+
 @cases
 def test_traced_beyond_its_bounds_it_is_nan(case):
-    value, gradient = jax.jit(jax.jvp, static_argnums=0)(
-        partial(end, case), (case.outside,), (1.0,)
-    )
+    value, gradient = traced(case)(case.outside)
     assert np.isnan(value).any()
     assert np.isnan(gradient).any()
 
@@ -198,9 +202,10 @@ def test_traced_beyond_its_bounds_it_is_nan(case):
 @pytest.mark.full
 @cases
 def test_traced_within_them_it_is_what_it_is_untraced(case):
-    traced = jax.jit(partial(end, case))(case.inside)
-    assert np.isfinite(traced).all()
-    ours, untraced = np.asarray(traced), np.asarray(end(case, case.inside))
+    ours, gradient = map(np.asarray, traced(case)(case.inside))
+    assert np.isfinite(ours).all()
+    assert np.isfinite(gradient).all()
+    untraced = np.asarray(end(case, case.inside))
     np.testing.assert_allclose(ours, untraced, rtol=1e-12, atol=1e-12 * np.abs(untraced).max())
 
 

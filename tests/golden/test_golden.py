@@ -24,7 +24,7 @@ QUICK = {
 }  # fmt: skip
 MOST_BYTES = 2_000_000
 RANDOM = [case for case in other_cases() if case.startswith("random/")]
-EACH = 4  # of the refusals are one for make test-all, and the rest for make claims
+EACH = 8  # of the refusals are one for make test-all, and the rest for make claims
 REST = [pytest.param(first, marks=pytest.mark.claim) for first in range(1, EACH)]
 MARGIN = 3  # of a tolerance over what the quantity moves by itself
 

@@ -1,4 +1,4 @@
-"""Three of the random scenes of tests/claims/screening.py, what is left out really left out, and
+"""Two of the random scenes of tests/claims/screening.py, what is left out really left out, and
 bursts behind layers: programs that take long to compile."""
 
 import jax
@@ -10,7 +10,7 @@ from srsinv.forward.trace import difference, pair
 from tests.claims.random_scenes import configuration
 from tests.claims.screening import measured
 
-SCENES = (2, 6, 3)  # two of loads, one of surfaces
+SCENES = (2, 3)  # of loads, and of surfaces
 
 
 @pytest.mark.full

@@ -1,7 +1,7 @@
 """Reads damaged copies of good files until it is told to stop: run as a process of its own, which a
 library that crashes takes down alone.
 
-python -m tests.recording.fuzz FORMAT FOLDER FIRST_SEED COPIES
+python -m tests.recording.fuzz FOLDER FIRST_SEED COPIES FORMAT ...
 """
 
 import random
@@ -72,7 +72,7 @@ def damaged(good: bytes, chance: random.Random) -> bytes:
 
 
 def main(format: str, folder: Path, first: int, copies: int) -> None:
-    """Print a line for every copy: its seed before it is read, then what became of it."""
+    """Print a line for every copy: format and seed before it is read, then what became of it."""
     if format in PACKED:
         name, make = PACKED[format]
         path = folder / name
@@ -82,7 +82,7 @@ def main(format: str, folder: Path, first: int, copies: int) -> None:
     good = path.read_bytes()
     known = {"speed_m_per_s": 0.05} if format == "wav" else {}
     for seed in range(first, first + copies):
-        print(seed, end=" ", flush=True)
+        print(f"{format}:", seed, end=" ", flush=True)
         path.write_bytes(damaged(good, random.Random(seed)))
         for read in (load, inspect):
             try:
@@ -94,6 +94,7 @@ def main(format: str, folder: Path, first: int, copies: int) -> None:
 
 
 if __name__ == "__main__":
-    format, folder, first, copies = sys.argv[1:]
-    assert format in FORMATS | PACKED
-    main(format, Path(folder), int(first), int(copies))
+    folder, first, copies, *formats = sys.argv[1:]
+    assert set(formats) <= set(FORMATS | PACKED)
+    for format in formats:
+        main(format, Path(folder), int(first), int(copies))

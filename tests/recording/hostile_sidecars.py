@@ -15,7 +15,7 @@ FORBIDDEN = {
 }  # fmt: skip
 
 
-def run_all(folder: Path, job: str) -> list[tuple[str, object, str, list[str]]]:
+def run_all(folder: Path) -> list[tuple[str, object, str, list[str]]]:
     """For every recording in `folder`: its name, the exit code, what was said, what was caused."""
     from srsinv.__main__ import main
 
@@ -30,23 +30,24 @@ def run_all(folder: Path, job: str) -> list[tuple[str, object, str, list[str]]]:
         if event in FORBIDDEN or is_written:
             caused.append(f"{event} {arguments[:1]!r}")
 
-    with contextlib.redirect_stderr(io.StringIO()):  # what imports cause is not looked at
-        main([f"experiment={job}", f"recording.path={next(folder.glob('r*.[cn]*'))}"])
+    # What imports cause is not looked at, nor the process that reads HDF5.
+    with contextlib.redirect_stderr(io.StringIO()):
+        for job, files in (("inspect_recording", "yaml*.csv"), ("invert_recording", "netcdf*.nc")):
+            main([f"experiment={job}", f"recording.path={next(folder.glob(files))}"])
     sys.addaudithook(hook)
     reports = []
-    for path in sorted(folder.glob("r*.*")):
-        if path.suffix not in (".csv", ".nc"):
-            continue
+    for path in sorted([*folder.glob("*.csv"), *folder.glob("*.nc")]):
+        job = "inspect_recording" if path.name.startswith("yaml") else "invert_recording"
         said = io.StringIO()
         caused.clear()
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
             watching = True
             code = main([f"experiment={job}", f"recording.path={path}"])
             watching = False
-        reports.append((path.name, code, said.getvalue(), list(caused)))
+        reports.append((path.stem, code, said.getvalue(), list(caused)))
     return reports
 
 
 if __name__ == "__main__":
     os.chdir(sys.argv[1])
-    print(json.dumps(run_all(Path("."), sys.argv[2])))
+    print(json.dumps(run_all(Path("."))))

@@ -148,17 +148,21 @@ class ContactLoading(Loading):
         size = -(-len(shapes) // rounds)
         filled = shapes[np.minimum(np.arange(rounds * size), len(shapes) - 1)]
         alone = model.with_features({"one": feature})
+        shifted = _Shifting(alone)
         for start, some in enumerate(np.split(filled, rounds)):
             count = min(size, len(shapes) - start * size)
             named = dict(zip(columns, some.T, strict=True))
             fields = self._unit_fields(alone, feature, named)
             for place in places:
-                signals = _shifted(alone, fields, place)[:count]
+                signals = shifted(fields, place)[:count]
                 at = {name: column[:count] for name, column in named.items()}
                 at[PLACE] = np.full(count, place)
                 yield Tried(at, signals[:, 0], signals[:, 1:])
 
-    def _unit_fields(self, model: Any, feature: Any, shapes) -> Float[np.ndarray, "start ..."]:
+    def _unit_fields(
+        self, model: Any, feature: Any, shapes
+    ) -> Float[np.ndarray, "start part e cell"]:
+        """`_fields`, with the cells of all ways one after the other."""
         line = model.line
         # Edges sharper than a cell would be sampled or missed as a whole.
         edge = max(feature.edge_m, float(line.cell_m))
@@ -167,7 +171,9 @@ class ContactLoading(Loading):
             "edge_length_m": as_real(edge),
             PLACE: as_real(float(line.x[line.n // 2])),
         }
-        return np.asarray(_fields(model, {k: as_real(v) for k, v in shapes.items()}, rest))
+        fields = np.asarray(_fields(model, {k: as_real(v) for k, v in shapes.items()}, rest))
+        by_element = fields.swapaxes(2, 3)
+        return by_element.reshape(*by_element.shape[:3], -1)
 
     # --- the fit ---
 
@@ -262,19 +268,24 @@ def _fields(model: Any, shapes, rest) -> Float[Array, "start part way e n"]:
     return jax.lax.map(at, shapes)
 
 
-def _shifted(model: Any, fields, place: float) -> Float[np.ndarray, "start part e sample"]:
+class _Shifting:
     """The signals of a feature elsewhere than in the line's middle."""
-    line, operator, motion = model.line, model.operator, model.loading.motion
-    gain, ways = np.asarray(operator.gain), operator.ways
-    onwards = np.asarray(motion.direction) >= 0
-    way = np.array([ways.index(bool(each)) for each in onwards])
-    start, cell = float(line.x[0]), float(line.cell_m)
-    middle = float(line.x[line.n // 2])
-    at = (np.asarray(motion.position_m) - place + middle - start) / cell
-    first = np.floor(at).astype(int)
-    fraction = (at - first)[:, None, None, None]
-    # Advanced indices come first: (sample, shape, part, e).
-    low = fields[:, :, way, :, first % line.n]
-    high = fields[:, :, way, :, (first + 1) % line.n]
-    signal = gain[:, None, None, None] * (low + fraction * (high - low))
-    return signal.transpose(1, 2, 3, 0)
+
+    def __init__(self, model: Any):
+        line, operator, motion = model.line, model.operator, model.loading.motion
+        onwards = np.asarray(motion.direction) >= 0
+        x = np.asarray(line.x)
+        self._gain, self._n = np.asarray(operator.gain), line.n
+        self._way = np.array([operator.ways.index(bool(each)) for each in onwards])
+        self._from_middle = np.asarray(motion.position_m) + float(x[line.n // 2])
+        self._start_m, self._cell_m = float(x[0]), float(line.cell_m)
+
+    def __call__(self, fields, place: float) -> Float[np.ndarray, "start part e sample"]:
+        """Those of `fields` (start, part, e, way and cell) for a feature at `place` [m]."""
+        at = (self._from_middle - place - self._start_m) / self._cell_m
+        first = np.floor(at).astype(int)
+        low, high = (
+            fields.take(self._way * self._n + cell % self._n, axis=-1)
+            for cell in (first, first + 1)
+        )
+        return self._gain * (low + (at - first) * (high - low))
