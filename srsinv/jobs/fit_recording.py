@@ -18,7 +18,7 @@ from ..inverse.diagnostics import direction_in_words
 from ..inverse.estimate import COMPONENTS
 from ..inverse.features.estimate import FeatureEstimate, probabilities
 from ..inverse.features.method import FeatureFit
-from ..inverse.features.window import Stretch, stretch_of
+from ..inverse.features.window import FittedStretch, stretch_of
 from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
 from ..inverse.quality import Quality
@@ -49,7 +49,7 @@ class FittedRecording:
     the time [s] that it took, and the best one."""
 
     recording: Recording
-    stretch: Stretch
+    stretch: FittedStretch
     candidates: list[FeatureEstimate]
     times_s: list[float]
     best: FeatureEstimate

@@ -27,7 +27,7 @@ LONG = 96  # depths: shorter recordings are fitted whole, and no stretch is long
 FALSE_ALARM = 1e-3  # of noise alone, over all blocks: a block above the noise
 
 
-class Stretch(NamedTuple):
+class FittedStretch(NamedTuple):
     """The `problem` of the samples that a fit goes by, the `whole` extent of the recording, and
     where else its signal is above the noise: x [m], or None."""
 
@@ -72,7 +72,7 @@ class Stretch(NamedTuple):
         )
 
 
-def stretch_of(problem: Problem, features: Features) -> Stretch:
+def stretch_of(problem: Problem, features: Features) -> FittedStretch:
     """The stretch that features of traction are fitted to: all of a recording of up to `LONG`
     depths, of features that are no local load, of a signal that is not a rate, and of coloured
     noise, which is known as a fraction of the whole signal's rms. Raises `BadInput` where no sample
@@ -82,7 +82,7 @@ def stretch_of(problem: Problem, features: Features) -> Stretch:
     is_local = not any(each.is_of_surface or each.is_periodic for each in features.values())
     is_rate = problem.sensor.amplifier.order == 1 and not problem.has_free_offset
     if not is_local or not is_rate or problem.noise.causes or whole.length_m <= LONG * depth:
-        return Stretch(problem, whole)
+        return FittedStretch(problem, whole)
     x, power, is_above = _blocks(problem)
     inside = _searched(x, features, whole)
     refuse(
@@ -94,7 +94,7 @@ def stretch_of(problem: Problem, features: Features) -> Stretch:
     near = _around(x, power, is_above & inside, inside, LONG * depth - 2 * margin, margin)
     window = Window(near.start_m - margin, near.end_m + margin)
     left = is_above & inside & ((x < window.start_m) | (x > window.end_m))
-    return Stretch(_cut(problem, window), whole, float(x[left][0]) if left.any() else None)
+    return FittedStretch(_cut(problem, window), whole, float(x[left][0]) if left.any() else None)
 
 
 def _blocks(
