@@ -72,15 +72,28 @@ def check_cells(name: str, length_m: float, cell_m: float) -> None:
     )
 
 
-def refuse_reversing(name: str, speed: Float[np.ndarray, " sample"]) -> None:
+def refuse_reversing(
+    name: str, time_s: Float[np.ndarray, " sample"], speed: Float[np.ndarray, " sample"]
+) -> None:
     """Refuse speeds [m/s] of a motion that turns back."""
     least, greatest = speed.min(), speed.max()
+    turned = min(greatest, -least) > TURNED * max(greatest, -least)
+    moving = np.flatnonzero(np.abs(speed) > TURNED * max(greatest, -least))
+    turns = moving[1:][np.diff(np.sign(speed[moving])) != 0]
     refuse(
-        min(greatest, -least) > TURNED * max(greatest, -least),
+        turned,
         f"{name}: the motion reverses (its speed goes from {least:.4g} to "
         f"{greatest:.4g} m/s), and friction with it, so that no one traction explains all of it: "
-        "cut the recording where it turns.",
+        f"cut the recording where it turns{_first(time_s[turns])}, or fit a feature to it, which "
+        "takes both ways.",
     )
+
+
+def _first(times_s: Float[np.ndarray, " turn"]) -> str:
+    if not times_s.size:
+        return ""
+    at = ", ".join(f"{each:.4g}" for each in times_s[:3])
+    return f" (at {at} s{', ...' if times_s.size > 3 else ''})"
 
 
 def sample_spacing_m(motion: Motion) -> float:

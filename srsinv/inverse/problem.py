@@ -158,7 +158,8 @@ class Problem(eqx.Module):
         depth at most. Raises `BadInput` for a motion that reverses, and a scan shorter than three
         cells.
         """
-        refuse_reversing(self.name, np.asarray(self.motion.speed_m_per_s))
+        motion = self.motion
+        refuse_reversing(self.name, np.asarray(motion.time_s), np.asarray(motion.speed_m_per_s))
         depth, sensor = float(self.sensor.depth_m), self.sensor
         block = block_of(self.motion, depth, self.cell_m or cell_m)
         signal = np.where(self.observed, np.asarray(self.data), np.nan)

@@ -219,7 +219,7 @@ REFUSED = {
     "reversing": (
         0.05 * np.cos(2 * np.pi * TIME / 0.3),
         (),
-        r"reverses.*-0\.05.*cut the recording",
+        r"reverses.*-0\.05.*cut the recording where it turns \(at 0\.075",
     ),
     "integrated": (
         SPEEDS["halting"],
