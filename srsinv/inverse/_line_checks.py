@@ -75,6 +75,18 @@ def _check_noise(power: np.ndarray) -> None:
     )
 
 
+def check_noise_scale(shape: tuple[int, ...], scale: Any) -> None:
+    """Refuse factors on the noise that are not positive, or not of the data's shape."""
+    if scale is None or isinstance(scale, Tracer):
+        return
+    values = np.asarray(scale)
+    refuse(
+        values.shape != shape or not bool(np.all(np.isfinite(values) & (values > 0))),
+        f"noise_scale is {shown(values)}: give a positive factor on the noise's standard deviation "
+        f"for each of the samples, {shape}.",
+    )
+
+
 def unboxed(value: Any) -> Any:
     """A number of an array as Python's; anything else as it is."""
     return value.item() if getattr(value, "ndim", None) == 0 else value

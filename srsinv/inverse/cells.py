@@ -38,11 +38,17 @@ class Window(NamedTuple):
 
 class Cells(NamedTuple):
     """Signals on successive cells: their centres `x_m` [m], the signal NaN where it is missing, and
-    the number of `samples` at the mean speed that a cell is equivalent to."""
+    the number of `samples` at the mean speed that a cell is typically equivalent to.
+
+    Factors on the noise's standard deviation, (e, cell): `white_scale` on that of as many samples,
+    `slow_scale` on that of noise that is correlated along the motion, whatever the speed.
+    """
 
     x_m: Float[np.ndarray, " cell"]
     signal: Float[np.ndarray, "e cell"]
     samples: float
+    white_scale: Float[np.ndarray, "e cell"]
+    slow_scale: Float[np.ndarray, "e cell"]
 
 
 def window_around(
@@ -66,15 +72,28 @@ def check_cells(name: str, length_m: float, cell_m: float) -> None:
     )
 
 
-def refuse_reversing(name: str, speed: Float[np.ndarray, " sample"]) -> None:
+def refuse_reversing(
+    name: str, time_s: Float[np.ndarray, " sample"], speed: Float[np.ndarray, " sample"]
+) -> None:
     """Refuse speeds [m/s] of a motion that turns back."""
     least, greatest = speed.min(), speed.max()
+    turned = min(greatest, -least) > TURNED * max(greatest, -least)
+    moving = np.flatnonzero(np.abs(speed) > TURNED * max(greatest, -least))
+    turns = moving[1:][np.diff(np.sign(speed[moving])) != 0]
     refuse(
-        min(greatest, -least) > TURNED * max(greatest, -least),
+        turned,
         f"{name}: the motion reverses (its speed goes from {least:.4g} to "
         f"{greatest:.4g} m/s), and friction with it, so that no one traction explains all of it: "
-        "cut the recording where it turns.",
+        f"cut the recording where it turns{_first(time_s[turns])}, or fit a feature to it, which "
+        "takes both ways.",
     )
+
+
+def _first(times_s: Float[np.ndarray, " turn"]) -> str:
+    if not times_s.size:
+        return ""
+    at = ", ".join(f"{each:.4g}" for each in times_s[:3])
+    return f" (at {at} s{', ...' if times_s.size > 3 else ''})"
 
 
 def sample_spacing_m(motion: Motion) -> float:
@@ -113,7 +132,8 @@ def cell_signals(
         def means(values: np.ndarray) -> np.ndarray:
             return values[..., :used].reshape(*values.shape[:-1], -1, block).mean(axis=-1)
 
-        return Cells(means(np.asarray(motion.position_m)), means(signal), float(block))
+        of_cells, alike = means(signal), np.ones((len(signal), used // block))
+        return Cells(means(np.asarray(motion.position_m)), of_cells, float(block), alike, alike)
     return _fitted_cells(name, motion, signal, amplifier, block * sample_spacing_m(motion))
 
 
@@ -126,17 +146,17 @@ def _fitted_cells(
     a = np.asarray(amplifier.at_speed(as_real(speed)) / amplifier.at_speed(as_real(mean)))
     x = np.maximum.accumulate(np.sign(mean) * np.asarray(motion.position_m))
     edges = _cell_edges(name, _middles(x), cell)
-    fitted, typical = fitted_on(edges, x, a, signal)
-    return Cells(np.sign(mean) * (edges[:-1] + cell / 2), fitted, typical)
+    return Cells(np.sign(mean) * (edges[:-1] + cell / 2), *fitted_on(edges, x, a, signal))
 
 
 def line_over(
     cells: Cells, window_m: tuple[float, float] | None, depth_m: float
-) -> tuple[Open, Float[np.ndarray, "e n"]]:
-    """The open line over the window, and the signal on its cells, NaN where there is none."""
-    x, signal = cells.x_m, cells.signal
+) -> tuple[Open, Cells]:
+    """The open line over the window, and what is on all of its cells: the signal is NaN where there
+    is none."""
+    x, rows = cells.x_m, (cells.signal, cells.white_scale, cells.slow_scale)
     if x[-1] < x[0]:
-        x, signal = x[::-1], signal[:, ::-1]
+        x, rows = x[::-1], tuple(each[:, ::-1] for each in rows)
     cell = float((x[-1] - x[0]) / (x.size - 1))
     window = window_around(window_m, x, depth_m)
     check_cells(f"The contact window, [{window.start_m}, {window.end_m}] m", window.length_m, cell)
@@ -147,7 +167,10 @@ def line_over(
         n = int(scipy.fft.next_fast_len(n))
         after = n - before - x.size
     line = Open(n, cell, x[0] - before * cell)
-    return line, np.pad(signal, ((0, 0), (before, after)), constant_values=np.nan)
+    around = (0, 0), (before, after)
+    signal = np.pad(rows[0], around, constant_values=np.nan)
+    scales = (np.pad(each, around, constant_values=1.0) for each in rows[1:])
+    return line, Cells(np.asarray(line.x), signal, cells.samples, *scales)
 
 
 def fitted_on(
@@ -155,15 +178,18 @@ def fitted_on(
     x: Float[np.ndarray, " sample"],
     a: Float[np.ndarray, " sample"],
     signal: Float[np.ndarray, "e sample"],
-) -> tuple[Float[np.ndarray, "e cell"], float]:
+) -> tuple[
+    Float[np.ndarray, "e cell"], float, Float[np.ndarray, "e cell"], Float[np.ndarray, "e cell"]
+]:
     """The least-squares signal of each cell at the mean speed, NaN with too little information, and
-    the number of samples at that speed that a cell is equivalent to.
+    what else [`Cells`][] has of them.
 
     A sample at x, which never falls, is v = a s + white noise, a = gain(u) / gain(mean u): u over
     its mean for a rate signal. Least squares give s = sum(a v) / sum(a^2) with the noise's variance
     over sum(a^2), and nothing is divided by a small u. A cell where sum(a^2) is far below the
     median is missing (a standstill, a gap); the median is taken for the others, less the fraction
-    of their samples that is missing.
+    of their samples that is missing, and each cell's own information is in its factor. What is
+    correlated along the motion is in s sum(a) / sum(a^2) times.
 
     The mean of whole samples is off the cell's centre by up to half a spacing, which on a clean
     recording matters more than the noise. So a sample is weighted in each cell by the fraction of
@@ -185,9 +211,13 @@ def fitted_on(
     observed_fraction = (information / whole)[np.isfinite(information)]
     typical *= float(np.median(observed_fraction)) if observed_fraction.size else 1.0
     fitted = totals(np.where(observed, a * signal, 0.0)) / information
+    white = np.sqrt(typical / information)
+    slow = totals(np.where(observed, np.abs(a), 0.0)) / information
     centres = (edges[:-1] + edges[1:]) / 2
     rows = zip(totals(weight * x) / information, fitted, strict=True)
-    return np.stack([_interpolated(centres, *row) for row in rows]), typical
+    signals = np.stack([_interpolated(centres, *row) for row in rows])
+    white, slow = (np.where(np.isfinite(each), each, 1.0) for each in (white, slow))
+    return signals, typical, white, slow
 
 
 def _middles(x: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " middle"]:

@@ -34,9 +34,10 @@ def whiten(problem: LineProblem) -> Whitened:
     lag = np.arange(n)[:, None] - np.arange(n)
     toeplitz = jnp.fft.irfft(noise, n)[lag]
 
-    def one(model, data, observed):
+    def one(model, data, observed, scale=None):
         both = observed[:, None] & observed[None, :]
-        root = jnp.linalg.cholesky(jnp.where(both, toeplitz, jnp.eye(n)))
+        covariance = toeplitz if scale is None else scale[:, None] * toeplitz * scale
+        root = jnp.linalg.cholesky(jnp.where(both, covariance, jnp.eye(n)))
         rows = jnp.concatenate([model, data[:, None], jnp.ones((n, 1))], axis=-1)
         rows = jnp.where(observed[:, None], rows, 0.0)
         rows = jax.scipy.linalg.solve_triangular(root, rows, lower=True)
@@ -46,7 +47,9 @@ def whiten(problem: LineProblem) -> Whitened:
         return rows[:, :-2], rows[:, -2]
 
     # Not batched: batched LAPACK on a CPU can deadlock (see `nonlinear`).
-    model, data = jax.lax.map(lambda each: one(*each), (columns, problem.data, observed))
+    each = columns, problem.data, observed
+    each = each if problem.noise_scale is None else (*each, problem.noise_scale)
+    model, data = jax.lax.map(lambda rows: one(*rows), each)
     return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
 
 

@@ -42,11 +42,19 @@ def gathered(problem: LineProblem, count: int) -> LineProblem:
         data,
         noise_of_means(np.asarray(problem.noise), line.n, count),
         observed=observed,
+        noise_scale=_scale_of_means(problem.noise_scale, count),
         known_mean_Pa=problem.known_mean_Pa,
         background_Pa=problem.background_Pa,
         friction=problem.friction,
         warnings=problem.warnings,
     )
+
+
+def _scale_of_means(scale, count: int) -> Float[np.ndarray, "e wide"] | None:
+    """The factor on the noise of means: the rms of those of their samples."""
+    if scale is None:
+        return None
+    return np.sqrt(np.mean(_gather(np.asarray(scale) ** 2, count), axis=-1))
 
 
 def _gather(samples: np.ndarray, count: int) -> np.ndarray:

@@ -22,6 +22,7 @@ from .gaps import BlockInverse, Gaps, Solved, conjugate_gradients
 from .lanczos import Shapes, missing_shapes
 from .line_problem import LineProblem
 from .near_periodic import MOST_STEPS, NearPeriodic
+from .noise_levels import at_one_level, change_of_variance
 from .prior import Prior, Solution
 from .transforms import adjoint, from_spectrum, times, to_spectrum
 
@@ -38,6 +39,10 @@ class NormalEquations:
         self.transfer = np.asarray(problem.forward.transfer, complex)
         self.length, self.n = problem.forward.length, problem.line.n
         self.precision = np.asarray(problem.whitener, float) ** 2
+        self.scale, has_offset = problem.noise_scale, not self.precision[0]
+        if self.scale is not None:  # then what an offset takes is no mean
+            self.scale = np.asarray(self.scale, float)
+            self.precision[0] = self.precision[0] or self.precision[1]
         self.shape = problem.unknowns, self.n
         self.zero_mean = np.asarray(problem.zero_mean)
         self.is_observed = problem.is_observed
@@ -49,6 +54,9 @@ class NormalEquations:
         lags = from_spectrum(self.precision, self.n)
         apart = np.eye(len(self.is_observed))[..., None] * lags
         self.noise_blocks = BlockInverse(()) if self.is_white else gaps.inverses(apart)
+        self.of_offset = None
+        if self.scale is not None and has_offset:
+            self.of_offset = self._weighed(1 / self.scale) / self.scale
 
     def __call__(self, r: Traction) -> Traction:
         r = self.centre(r)
@@ -67,9 +75,19 @@ class NormalEquations:
         return r - np.where(self.zero_mean[:, None], r.mean(axis=-1, keepdims=True), 0.0)
 
     def weighed(self, y: Signal) -> Signal:
-        """R^-1 y, zero where samples are missing.
+        """R^-1 y, zero where samples are missing; R = S N S where the noise has a scale S."""
+        if self.scale is None:
+            return self._weighed(y)
+        y = self._weighed(y / self.scale) / self.scale
+        if self.of_offset is None:
+            return y
+        offset = y.sum(axis=-1, keepdims=True) / self.of_offset.sum(axis=-1, keepdims=True)
+        return y - offset * self.of_offset
 
-        They are completed so that N^-1 y vanishes there; white noise needs none of it.
+    def _weighed(self, y: Signal) -> Signal:
+        """The same for noise without a scale.
+
+        Missing samples are completed so that N^-1 y vanishes there; white noise needs none of it.
         """
         y = np.where(self.is_observed, y, 0.0)
         if self.is_white:
@@ -125,12 +143,18 @@ def _penalty(problem: LineProblem, prior: Prior) -> Callable[[Traction], Tractio
 
 
 class PosteriorMap:
-    """The posterior covariance under the normal equations, as a map and its diagonal."""
+    """The posterior covariance under the normal equations, as a map and its diagonal.
+
+    Where the noise has a scale, the map is that of noise at one level, and `equations` have their
+    own.
+    """
 
     def __init__(self, problem: LineProblem, prior: Prior):
         gaps = Gaps.of(problem.is_observed)
-        is_open = not problem.forward.is_circular
+        is_open, own = not problem.forward.is_circular, problem
+        problem = at_one_level(own)
         self.normal = NormalEquations(problem, prior, gaps)
+        self.equations = self.normal if own is problem else NormalEquations(own, prior, gaps)
         # The hats have the means, and the nearest problem none: its own are next to undetermined.
         fixed = {"zero_mean": np.ones(problem.unknowns, bool)} if is_open else {}
         self.near = NearPeriodic(with_fields(problem, **fixed), prior, gaps)
@@ -162,8 +186,9 @@ class PosteriorMap:
 
     def times(self, right: Traction, tolerance: float) -> Solved:
         """The covariance times `right`, to a relative tolerance."""
-        if self.coarse is None:
-            return conjugate_gradients(self.normal, self.nearly_times, right, tolerance, MOST_STEPS)
+        if self.coarse is None or self.equations is not self.normal:
+            of = self.equations, self.nearly_times, right, tolerance, MOST_STEPS
+            return conjugate_gradients(*of)
         start = self.coarse.times(right)
         energy = float(np.vdot(right, start))
         left = right - self.normal(start)
@@ -176,15 +201,16 @@ class PosteriorMap:
 def value(problem: LineProblem, prior: Prior, tolerance: float) -> Solved:
     """Posterior mean to a relative `tolerance`, without its standard error."""
     posterior = PosteriorMap(problem, prior)
-    return posterior.times(posterior.normal.right_side(np.asarray(problem.data, float)), tolerance)
+    data = np.asarray(problem.data, float)
+    return posterior.times(posterior.equations.right_side(data), tolerance)
 
 
 def solve(problem: LineProblem, prior: Prior, tolerance: float) -> tuple[Solution, int, bool]:
     """Posterior mean to a relative `tolerance`, and its standard error: the solution, the steps
     taken, and whether they converged."""
     posterior = PosteriorMap(problem, prior)
-    normal, n = posterior.normal, problem.line.n
-    near = NearPeriodic(problem, prior, normal.gaps)
+    normal, n = posterior.equations, problem.line.n
+    near = NearPeriodic(at_one_level(problem), prior, normal.gaps)
     data = np.asarray(problem.data, float)
     posterior.find_shapes()
     solved = [posterior.times(normal.right_side(data), tolerance)]
@@ -194,7 +220,8 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> tuple[Solutio
         right = normal.right_side(normal.forward(normal.centre(impulse)))
         solved.append(posterior.times(right, tolerance))
     mean, *averaging = (jnp.asarray(each.value) for each in solved)
-    stderr = np.sqrt(np.maximum(variance(posterior, np.asarray(problem.mean_weights)), 0.0))
+    spread = variance(posterior, np.asarray(problem.mean_weights))
+    stderr = np.sqrt(np.maximum(spread + change_of_variance(problem, posterior.near), 0.0))
     solution = Solution(
         as_real(mean),
         as_real(stderr),

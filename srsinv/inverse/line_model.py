@@ -34,6 +34,7 @@ class LineModel(eqx.Module):
     data: eqx.AbstractVar[Float[Array, "e n"]]
     noise: eqx.AbstractVar[Float[Array, " k"]]
     observed: eqx.AbstractVar[Bool[Array, "e n"] | None]
+    noise_scale: eqx.AbstractVar[Float[Array, "e n"] | None]
     known_mean_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
     background_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
     friction: eqx.AbstractVar[Float[Array, ""] | None]
@@ -75,8 +76,9 @@ class LineModel(eqx.Module):
 
     @property
     def separable(self) -> bool:
-        """Whether each wavenumber can be treated alone: a periodic line with every sample valid."""
-        return self.forward.is_circular and self.observed is None
+        """Whether each wavenumber can be treated alone: a periodic line with every sample valid,
+        all of them under the same noise."""
+        return self.forward.is_circular and self.observed is None and self.noise_scale is None
 
     @property
     def information(self) -> Float[Array, "c k"]:
@@ -99,9 +101,11 @@ class LineModel(eqx.Module):
     def free_offset(self, y: Float[Array, "e n"]) -> Float[Array, "e 1"]:
         """The mean of y over the valid samples, where the signal's offset is not known and absorbs
         it; else zero."""
-        is_observed = jnp.ones(y.shape, bool) if self.observed is None else self.observed
-        count = jnp.maximum(jnp.sum(is_observed, axis=-1, keepdims=True), 1)
-        mean = jnp.sum(jnp.where(is_observed, y, 0.0), axis=-1, keepdims=True) / count
+        weights = jnp.ones(y.shape) if self.noise_scale is None else 1 / self.noise_scale**2
+        if self.observed is not None:
+            y, weights = (jnp.where(self.observed, each, 0.0) for each in (y, weights))
+        total = jnp.maximum(jnp.sum(weights, axis=-1, keepdims=True), jnp.finfo(y.dtype).tiny)
+        mean = jnp.sum(weights * y, axis=-1, keepdims=True) / total
         return jnp.where(jnp.isfinite(self.noise[0]), 0.0, mean)
 
     @property
@@ -141,10 +145,14 @@ class LineModel(eqx.Module):
     def whitened(self, residual: Float[Array, "e n"]) -> Float[Array, "e n"]:
         """The residual in units of the noise, NaN where a sample is missing."""
         residual = residual - self.free_offset(residual)
+        white = self.whitener
+        if self.noise_scale is not None:  # an offset is then no wave of the line's length
+            residual = residual / self.noise_scale
+            white = white.at[0].set(jnp.where(white[0] > 0, white[0], white[1]))
         observed = self.observed
         if observed is not None:
             residual = jnp.where(observed, residual, 0.0)
-        whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * self.whitener, self.line.n)
+        whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * white, self.line.n)
         return whitened if observed is None else jnp.where(observed, whitened, jnp.nan)
 
     @property

@@ -16,7 +16,7 @@ from ..forward.sensor import Sensor
 from ..grid import Convolution, Line, Operator, as_real
 from ..modules import with_fields
 from ..status import Status
-from ._line_checks import check, check_estimate, unboxed
+from ._line_checks import check, check_estimate, check_noise_scale, unboxed
 from .cells import Window
 from .diagnostics import residual_over_noise
 from .estimate import TractionEstimate
@@ -49,6 +49,8 @@ class LineProblem(LineModel):
     - `noise` (k,): power per sample at `line.k` (see `forward.noise`); infinite at k = 0 where the
       signal's offset is not known, which takes its mean out of the data.
     - `observed` (e, n): mask of valid samples; None means all.
+    - `noise_scale` (e, n): the noise's standard deviation in each cell in units of that of `noise`,
+      slowly varying or not; 1 where a sample is missing. None means 1 everywhere.
     - `known_mean_Pa`: for each component its mean over the window where it is known, else None.
     - `background_Pa`: for each component a uniform traction that continues beyond the window of an
       open line, which is unobservable; it is added to the estimate. None: not known.
@@ -69,6 +71,7 @@ class LineProblem(LineModel):
     data: Float[Array, "e n"]
     noise: Float[Array, " k"]
     observed: Bool[Array, "e n"] | None
+    noise_scale: Float[Array, "e n"] | None
     known_mean_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
     background_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
     friction: Float[Array, ""] | None
@@ -87,6 +90,7 @@ class LineProblem(LineModel):
         noise,
         *,
         observed=None,
+        noise_scale=None,
         known_mean_Pa: Sequence[float | Array | None] = (None, None),
         background_Pa: Sequence[float | Array | None] = (0.0, 0.0),
         friction=None,
@@ -97,6 +101,8 @@ class LineProblem(LineModel):
         self.warnings = tuple(warnings)
         data, noise = as_real(data), as_real(noise)
         check(line, forward, data, noise, observed, friction, known_mean_Pa)
+        self.noise_scale = None if noise_scale is None else as_real(noise_scale)
+        check_noise_scale(data.shape, self.noise_scale)
         if friction is not None:
             friction = as_real(friction)
             transfer = forward.transfer[:, :1] + friction * forward.transfer[:, 1:]
@@ -154,7 +160,8 @@ class LineProblem(LineModel):
         y = np.where(self.is_observed, np.asarray(self.data + self.mean_signal), np.nan)[
             :, passed.cells
         ]
-        noise = noise_on_line(np.asarray(self.noise), self.line.n, y)
+        scale = np.ones(()) if self.noise_scale is None else self.noise_scale[:, passed.cells]
+        noise = noise_on_line(np.asarray(self.noise), self.line.n, y, np.asarray(scale))
         return Samples(sensor, self._motion, y, noise, is_estimate=False)
 
     def restricted_to(self, cells: Bool[np.ndarray, " n"]) -> "LineProblem":

@@ -158,14 +158,15 @@ class Problem(eqx.Module):
         depth at most. Raises `BadInput` for a motion that reverses, and a scan shorter than three
         cells.
         """
-        refuse_reversing(self.name, np.asarray(self.motion.speed_m_per_s))
+        motion = self.motion
+        refuse_reversing(self.name, np.asarray(motion.time_s), np.asarray(motion.speed_m_per_s))
         depth, sensor = float(self.sensor.depth_m), self.sensor
         block = block_of(self.motion, depth, self.cell_m or cell_m)
         signal = np.where(self.observed, np.asarray(self.data), np.nan)
         cells = cell_signals(self.name, self.motion, signal, sensor.amplifier, block)
-        line, padded = line_over(cells, self.window_m, depth)
-        observed = np.isfinite(padded)
-        data = np.where(observed, padded, 0.0)
+        line, cells = line_over(cells, self.window_m, depth)
+        observed = np.isfinite(cells.signal)
+        data = np.where(observed, cells.signal, 0.0)
         scan = ConstantSpeed(float(np.mean(self.motion.speed_m_per_s)))
         signal_rms = np.sqrt(np.sum(data**2) / np.sum(observed))
         power = self.noise.power(line, scan, signal_rms, cells.samples)
@@ -179,6 +180,7 @@ class Problem(eqx.Module):
             data,
             power.at[0].set(jnp.inf) if self.has_free_offset else power,
             observed=observed,
+            noise_scale=self.noise.scale(power, cells.samples, cells.white_scale, cells.slow_scale),
             known_mean_Pa=(0.0, None),
             background_Pa=(self.nominal_pressure_Pa, None),
             friction=self.friction,

@@ -28,6 +28,7 @@ from .estimate import COMPONENTS, Numbers, TractionEstimate
 from .gaps import Gaps
 from .line_model import Shown, chi2
 from .line_problem import LineProblem
+from .noise_levels import at_one_level
 from .prior import Prior, Score, Solution
 
 DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not chosen
@@ -121,6 +122,8 @@ class Scorer(eqx.Module):
     def __init__(self, family: Family, problem: LineProblem, path: str):
         path = choose_path(problem, path)
         self.family, self.problem = family, problem.on_line()
+        if path == "iterative":
+            self.problem = at_one_level(self.problem)
         if path == "direct":
             self.reduced = direct.whiten(self.problem)
         elif path == "iterative" and problem.observed is not None:

@@ -17,6 +17,7 @@ from ..grid import Line, Periodic, as_real
 from ..recording.even import STEADY
 from .nonlinear import Correlated, Spectrum
 
+EVEN = 0.01  # relative differences of the noise's standard deviation that no band shows
 MISSING = 1e8  # of the noise's variance: at missing samples in coloured noise
 
 
@@ -56,6 +57,19 @@ class SampleNoise(eqx.Module):
         check_power(causes, coloured)
         return coloured + (float(self.rms) / np.sqrt(samples)) ** 2
 
+    def scale(
+        self,
+        power: Float[Array, " k"],
+        samples: float,
+        white: Float[np.ndarray, "e n"],
+        slow: Float[np.ndarray, "e n"],
+    ) -> Float[np.ndarray, "e n"] | None:
+        """The factor on the standard deviation of all noise in each cell, from those of its white
+        and of its coloured part; None where it is one but for `EVEN`."""
+        from_white = (float(self.rms) ** 2 / samples) / float(jnp.mean(power[1:]))
+        scale = np.sqrt(from_white * white**2 + max(1 - from_white, 0.0) * slow**2)
+        return None if np.all(np.abs(scale - 1) < EVEN) else scale
+
     def of_fit(self, name: str, motion: Motion, y: Float[np.ndarray, "e sample"]) -> Any:
         """The noise of samples along a motion, as [`nonlinear.fit`][] takes it. Raises `BadInput`
         for coloured noise where the speed varies or samples are missing."""
@@ -79,14 +93,21 @@ def is_steady(motion: Motion) -> bool:
     return bool(np.max(np.abs(speed - speed.mean())) <= STEADY * abs(speed.mean()))
 
 
-def noise_on_line(power: Float[np.ndarray, " k"], n: int, y: Float[np.ndarray, "e sample"]) -> Any:
-    """The noise of samples that are successive cells of a line of n, by its power there, as a fit
-    takes it; an offset that is not known is no part of it."""
+def noise_on_line(
+    power: Float[np.ndarray, " k"],
+    n: int,
+    y: Float[np.ndarray, "e sample"],
+    scale: Float[np.ndarray, "..."],
+) -> Any:
+    """The noise of samples that are successive cells of a line of n, by its power there and a
+    factor on its standard deviation, as a fit takes it; an offset that is not known is no part of
+    it."""
     power = np.where(np.isfinite(power), power, power[1])
     observed = np.isfinite(y)
     if np.ptp(power) <= 1e-9 * power.max():
-        return np.where(observed, np.sqrt(power[1]), np.inf)
+        return np.where(observed, scale * np.sqrt(power[1]), np.inf)
     toeplitz = scipy.linalg.toeplitz(np.fft.irfft(power, n)[: y.shape[1]])
-    covariance = np.kron(np.eye(len(y)), toeplitz)
+    each = np.broadcast_to(scale, y.shape).ravel()
+    covariance = each[:, None] * np.kron(np.eye(len(y)), toeplitz) * each
     missing = np.where(observed, 0.0, MISSING * toeplitz[0, 0])
     return Correlated(covariance + np.diag(missing.ravel()))

@@ -62,7 +62,7 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> LineProblem
     edges = np.sort(
         direction * (float(sim.line.start_m) + cell * (np.arange(sim.line.n + 1) - 0.5))
     )
-    signal, typical = fitted_on(edges, onwards, a, samples)
+    signal, typical, *_ = fitted_on(edges, onwards, a, samples)
     refuse(
         typical < LEAST_SAMPLES,
         f"There are {typical:.2g} samples for each of the {sim.line.n} cells, fewer than "

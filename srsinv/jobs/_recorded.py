@@ -30,7 +30,7 @@ def traction_unit_named(given: Any) -> str:
 
 def check_invertible(recording: Recording, unit: str) -> None:
     """Refuse a recording that turns back, or that cannot give p and q in this unit."""
-    refuse_reversing(recording.name, recording.speed_m_per_s)
+    refuse_reversing(recording.name, recording.time_s, recording.speed_m_per_s)
     if unit == "Pa":
         check_volts(recording)
     refuse(

@@ -18,6 +18,7 @@ from ..inverse.diagnostics import direction_in_words
 from ..inverse.estimate import COMPONENTS
 from ..inverse.features.estimate import FeatureEstimate, probabilities
 from ..inverse.features.method import FeatureFit
+from ..inverse.features.window import FittedStretch, stretch_of
 from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
 from ..inverse.quality import Quality
@@ -31,6 +32,7 @@ from . import _facts
 from ._fit_settings import check, settings_of, surface_fit, traction_fit
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
+STRETCH = "stretch_start_m", "stretch_end_m"
 PROFILE_UNITS = {"p": "Pa", "q": "Pa", "height": "m", "gap": "m", "friction": "1"}
 # Parameters that a page's title names, and how.
 IN_TITLE = {
@@ -43,14 +45,19 @@ IN_TITLE = {
 
 @dataclass(frozen=True)
 class FittedRecording:
-    """A recording's problem, every candidate that was fitted to it with the time [s] that it took,
-    and the best one."""
+    """The stretch of a recording that its fit goes by, every candidate that was fitted to it with
+    the time [s] that it took, and the best one."""
 
     recording: Recording
-    problem: Problem
+    stretch: FittedStretch
     candidates: list[FeatureEstimate]
     times_s: list[float]
     best: FeatureEstimate
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of the stretch."""
+        return self.stretch.problem
 
 
 def run(cfg: config.Config) -> Result:
@@ -102,7 +109,8 @@ def _fit(
     order = [-1, *range(len(sums))]
     candidates = [fits[i] for i in order]
     best = max(candidates, key=lambda each: each.log_evidence) if select else candidates[-1]
-    return FittedRecording(recording, problem, candidates, [times[i] for i in order], best)
+    stretch = stretch_of(problem, named)
+    return FittedRecording(recording, stretch, candidates, [times[i] for i in order], best)
 
 
 def _title(fitted: FittedRecording) -> str:
@@ -127,6 +135,8 @@ def _of_fit(fitted: FittedRecording, solver: Solver) -> dict[str, Any]:
     """What the fit assumed, as attributes."""
     best, problem, model = fitted.best, fitted.problem, fitted.best.model
     facts: dict[str, Any] = {"is_fit": 1, "solver": type(solver).__name__}
+    if fitted.stretch.is_part:
+        facts |= dict(zip(STRETCH, fitted.stretch.window, strict=True))
     if best.levels is not None:
         facts |= {
             "noise_rms": _noise_rms(fitted),
@@ -233,6 +243,8 @@ def _numbers(fitted: FittedRecording) -> dict[str, Any]:
         "first_call_s": float(sum(fitted.times_s)),
         "chi2_per_freedom": best.chi2_per_freedom,
     }
+    if fitted.stretch.is_part:
+        numbers |= dict(zip(STRETCH, fitted.stretch.window, strict=True))
     if best.levels is not None:
         numbers |= {
             f"noise_sliding_rms_{unit}": best.levels.sliding,

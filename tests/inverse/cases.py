@@ -164,11 +164,13 @@ def observed(problem: LineProblem) -> np.ndarray:
 def noise_covariance(problem: LineProblem) -> np.ndarray:
     """Covariance of the samples that are there; an unknown offset is left out of it."""
     spectrum = np.asarray(problem.noise)
-    spectrum = np.where(np.isfinite(spectrum), spectrum, spectrum[-1])
+    spectrum = np.where(np.isfinite(spectrum), spectrum, spectrum[1])
     is_observed = observed(problem)
-    return blocks([spectrum] * problem.data.shape[0], problem.line.n)[
-        np.ix_(is_observed, is_observed)
-    ]
+    covariance = blocks([spectrum] * problem.data.shape[0], problem.line.n)
+    if problem.noise_scale is not None:
+        scale = np.ravel(problem.noise_scale)
+        covariance = scale[:, None] * covariance * scale
+    return covariance[np.ix_(is_observed, is_observed)]
 
 
 def prior_covariance(problem: LineProblem, power) -> np.ndarray:

@@ -180,7 +180,7 @@ def test_cells_hold_what_the_mean_speed_would_give(name):
     """All but those that were passed at a crawl. Cells of whole samples, off their centres, would
     miss by 1 %."""
     scan, steady = varying(SPEEDS[name])
-    x, cells, _ = in_cells(scan, 10)
+    x, cells, *_ = in_cells(scan, 10)
     observed, expected = np.isfinite(cells), steady(x)
     assert np.abs(cells - expected)[observed].max() < 5e-3 * np.abs(expected).max()
     holes = ~observed[:, 2:-2]
@@ -197,13 +197,16 @@ def test_a_strip_found_through_a_halt(tmp_path):
 
 
 def test_noise_of_a_varying_speed_is_what_repeats_show():
-    """Spread of the cells over many draws of the noise, against the number that goes with them."""
+    """Spread of each cell over many draws of the noise, against the numbers that go with it."""
     speed, draws = 0.05 + 0.02 * np.cos(2 * np.pi * TIME / 0.1), 400
     noise = np.random.default_rng(3).normal(size=(draws, TIME.size))
     names = tuple(f"voltage_{i}_V" for i in range(draws))
     recording = Recording(noise, TIME, speed, names)
-    _, cells, samples = in_cells(recording, 8)
-    assert np.median(cells.std(axis=0)) == pytest.approx(1 / np.sqrt(samples), rel=0.05)
+    cells = in_cells(recording, 8)
+    spread = cells.signal.std(axis=0) * np.sqrt(cells.samples)
+    assert np.median(spread) == pytest.approx(1, rel=0.05)
+    assert np.ptp(cells.white_scale[0]) > 0.3
+    np.testing.assert_allclose(spread, cells.white_scale[0], rtol=0.2)
 
 
 def test_a_scan_of_less_than_three_cells_is_refused():
@@ -216,7 +219,7 @@ REFUSED = {
     "reversing": (
         0.05 * np.cos(2 * np.pi * TIME / 0.3),
         (),
-        r"reverses.*-0\.05.*cut the recording",
+        r"reverses.*-0\.05.*cut the recording where it turns \(at 0\.075",
     ),
     "integrated": (
         SPEEDS["halting"],

@@ -20,6 +20,7 @@ from .estimate import FeatureEstimate
 from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
 from .surface_settings import checked_pressure
+from .window import stretch_of
 
 
 class Latest:
@@ -51,6 +52,9 @@ class FeatureFit(Method):
     - `also`: of a surface, further parameters to fit: `edge_length_m`, `depth_m`, `gain`,
       `nominal_pressure_Pa`.
     - `start`: of a surface, values to start from, by the parameters' names as in the result.
+
+    A long recording is fitted in the stretch where its signal is above the noise (see
+    [`stretch_of`][]).
 
     The traction lies on fine cells of its own; the estimate is on the problem's line where that has
     one. A surface repeats with the problem's window, and is pressed on with its nominal pressure;
@@ -100,7 +104,18 @@ class FeatureFit(Method):
         return self.candidate(self.features, problem)
 
     def candidate(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
-        """The fit of some of the features, or of none."""
+        """The fit of some of the features, or of none, to the stretch that all of them go by."""
+        if isinstance(problem, LineProblem):
+            return self._fitted(features, problem)
+        stretch = stretch_of(problem, self.features)
+        estimate = self._fitted(features, stretch.problem)
+        if not stretch.is_part:
+            return estimate
+        evidence = estimate.log_evidence + stretch.log_prior_ratio(features)
+        warnings = *estimate.warnings, *stretch.warnings
+        return dataclasses.replace(estimate, log_evidence=evidence, warnings=warnings)
+
+    def _fitted(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         samples = problem.samples()
         rough = self.is_of_surface and samples.is_estimate
         noise = None if rough else samples.noise
