@@ -222,7 +222,11 @@ def test_steps_hardly_grow_with_the_line(missing, weight):
 @pytest.mark.full
 @pytest.mark.parametrize("missing", ["scattered", pytest.param("runs", marks=pytest.mark.claim)])
 @pytest.mark.parametrize(
-    "rule", [GeneralisedCrossValidation(), Evidence()], ids=["gcv", "evidence"]
+    "rule",
+    [
+        pytest.param(GeneralisedCrossValidation(), id="gcv"),
+        pytest.param(Evidence(), id="evidence", marks=pytest.mark.claim),
+    ],
 )
 def test_a_rule_chooses_as_on_the_direct_path(rule, missing):
     """To a step of its finest grid, for the scores are those of the nearest periodic problem."""
