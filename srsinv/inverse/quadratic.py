@@ -3,7 +3,7 @@
 - *spectral*: exact and quickest; a periodic line with every sample valid.
 - *direct*: exact; any line, any missing samples, any noise; up to a few thousand unknowns.
 - *iterative*: conjugate gradients; any line, any missing samples, any noise, any length. Its
-  standard error is within 1 % of the direct one's, and a rule weighs by the nearest periodic
+  standard error is within 3 % of the direct one's, and a rule weighs by the nearest periodic
   problem with the same samples missing.
 """
 
