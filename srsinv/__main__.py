@@ -46,6 +46,8 @@ def main(argv: Sequence[str] | None = None, config_root: Path | None = None) -> 
         return 0
 
     os.environ.setdefault("MPLBACKEND", "Agg")  # a run must not look for a display
+    # Before numpy: its library's threads wait for each other longer than small matrices take.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with rare_collections():
         from .command.launch import launch, say
 

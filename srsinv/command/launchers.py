@@ -19,7 +19,7 @@ from omegaconf import OmegaConf
 from .outcome import DONE, FAULT, Outcome
 
 # Read once, when numpy and jax are loaded; NPROC is the size of jax's pool of threads on a CPU.
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NPROC")
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NPROC")
 _PATIENCE_S = 5.0  # for processes that were told to end: submitit gives its own 1 s
 _POLL_S = 0.05
 

@@ -20,7 +20,8 @@ from .sample_noise import is_steady
 TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
 LEAST_CELLS = 3  # as a line needs
 LEAST_SAMPLES = 3
-FEW_CELLS = 1024  # beyond, a line is lengthened to what Fourier transforms are quick for
+FEW_CELLS = 1024  # beyond, a line is lengthened to what Fourier transforms are quick for,
+MOST_LONGER = 256  # by so many cells at most: equations for missing samples treat a run densely
 FEW = 0.25  # of the median information: a cell with less has twice the noise of the others
 
 
@@ -164,13 +165,29 @@ def line_over(
     after = max(0, int(np.floor((window.end_m - x[-1] - cell / 2) / cell)))
     n = before + x.size + after
     if window_m is None and n > FEW_CELLS:
-        n = int(scipy.fft.next_fast_len(n))
+        n = _quick_length(n)
         after = n - before - x.size
     line = Open(n, cell, x[0] - before * cell)
     around = (0, 0), (before, after)
     signal = np.pad(rows[0], around, constant_values=np.nan)
     scales = (np.pad(each, around, constant_values=1.0) for each in rows[1:])
     return line, Cells(np.asarray(line.x), signal, cells.samples, *scales)
+
+
+def _quick_length(n: int) -> int:
+    """The length from n on that Fourier transforms are quick for."""
+    quick = int(scipy.fft.next_fast_len(n))
+    if quick - n <= MOST_LONGER:
+        return quick
+    return min(range(n, n + MOST_LONGER), key=_largest_prime)
+
+
+def _largest_prime(n: int) -> int:
+    """The largest prime factor."""
+    prime = 2
+    while prime * prime <= n:
+        n, prime = (n // prime, prime) if n % prime == 0 else (n, prime + 1)
+    return n
 
 
 def fitted_on(

@@ -7,9 +7,10 @@ import numpy as np
 import scipy
 from jaxtyping import Bool, Float, Int
 
-# A block is cut where it has so many samples and the next one is no neighbour, or else at the most
-# that a dense inverse is quick for.
-BLOCK, MOST = 64, 1024
+# A block has so many samples, from least to usual, and ends at the widest distance between two of
+# them, for what lies across it is left to conjugate gradients; a run is cut at the most that a
+# dense inverse is quick for.
+LEAST, USUAL, MOST = 96, 256, 1024
 
 Values = Float[np.ndarray, " m"]
 Lags = Float[np.ndarray, "e f n"]
@@ -100,14 +101,17 @@ class BlockInverse(NamedTuple):
 def _block_ends(position: Int[np.ndarray, " m"]) -> list[int]:
     """Where the blocks of the missing samples at these positions end."""
     ends: list[int] = []
-    begun, m = 0, position.size
-    apart = np.flatnonzero(np.diff(position) > 1) + 1  # a run can be cut before these
-    while begun < m:
-        after = apart[np.searchsorted(apart, begun + BLOCK) :]
-        end = min(int(after[0]) if after.size else m, begun + MOST)
-        ends.append(end)
-        begun = end
-    return ends
+    begun, m, step = 0, position.size, np.diff(position)
+    while m - begun > USUAL:
+        ahead = step[begun + LEAST - 1 : begun + MOST]
+        usual = ahead[: USUAL - LEAST + 1]
+        if usual.max() > 1:
+            size = LEAST + int(usual.argmax())
+        else:  # a run, to its end
+            size = LEAST + int((ahead > 1).argmax()) if ahead.max() > 1 else MOST
+        begun = min(begun + size, m)
+        ends.append(begun)
+    return [*ends, m] if begun < m else ends
 
 
 class Solved(NamedTuple):

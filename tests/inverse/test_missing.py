@@ -5,6 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from srsinv.inverse.cells import Cells, line_over
+from srsinv.inverse.gaps import Gaps
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
@@ -117,3 +119,43 @@ def test_an_unknown_offset_leaves_no_trace(path):
     assert relative(other.value, one.value) < 1e-6
     assert relative(other.stderr, one.stderr) < 1e-9
     assert np.nanmax(np.abs(np.asarray(other.whitened) - np.asarray(one.whitened))) < 1e-3
+
+
+def test_a_long_line_ends_close_to_its_margin():
+    """Samples missing in one long run take a dense matrix, or hundreds of steps."""
+    count, cell, depth = 1_111_111, 45e-6, 0.75e-3
+    ones = np.ones((2, count))
+    cells = Cells(cell * np.arange(count), ones, 1.0, ones, ones)
+    line, on_line = line_over(cells, None, depth)
+    shortest = line_over(cells._replace(x_m=cells.x_m[:500], signal=ones[:, :500]), None, depth)
+    margins = shortest[0].n - 500
+    missing = np.isnan(on_line.signal[0])
+    assert 0 < margins <= missing.sum() <= margins + 256
+    factors, rest = [], line.n
+    for prime in (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31):
+        while rest % prime == 0:
+            rest //= prime
+            factors.append(prime)
+    assert rest == 1, factors
+
+
+def test_neighbouring_runs_of_missing_samples_are_solved_together():
+    clusters, run, apart = 8, 20, 400  # three runs in each, two samples between
+    is_observed = np.ones((2, clusters * apart), bool)
+    for cluster in range(clusters):
+        for first in cluster * apart + np.array([100, 122, 144]):
+            is_observed[:, first : first + run] = False
+    each = 3 * 2 * run
+    sizes = [block.stop - block.start for block in Gaps.of(is_observed).blocks]
+    assert sum(sizes) == clusters * each
+    assert all(size % each == 0 for size in sizes)
+
+
+def test_blocks_of_a_long_run_are_bounded():
+    is_observed = np.ones((2, 3000), bool)
+    is_observed[:, 500:2500] = False
+    blocks = Gaps.of(is_observed).blocks
+    assert [block.start for block in blocks[1:]] == [block.stop for block in blocks[:-1]]
+    assert blocks[0].start == 0
+    assert blocks[-1].stop == 4000
+    assert max(block.stop - block.start for block in blocks) <= 1024
