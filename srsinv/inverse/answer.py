@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from ..grid import half_spectrum_weights
 from .line_model import Shown, with_means
 from .line_problem import LineProblem
+from .missing_runs import Runs, missing_runs
 from .prior import Prior, Solution
 from .spectral import (
     ModePosterior,
@@ -30,12 +31,13 @@ class Checks(NamedTuple):
     """Of each component (c,): the prior's `pull` on the estimate, squared, over its variance; the
     fraction of the prior's variance that the signal has `explained`; and the resolution of the
     `shortest` wave. `difference_dof`: the degrees of freedom that are resolved of the difference of
-    p and q; infinite of one component."""
+    p and q; infinite of one component. `runs`: without a sample, if any."""
 
     pull: Float[np.ndarray, " c"]
     explained: Float[np.ndarray, " c"]
     shortest: Float[np.ndarray, " c"]
     difference_dof: float
+    runs: Runs | None = None
 
 
 class CheckedSolution(NamedTuple):
@@ -92,6 +94,7 @@ def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Checked
         1 - np.asarray(variance, float) / _variances(roots, n),
         np.abs(to_spectrum(averaging))[:, -1],
         difference_dof(whitened(problem), roots, n),
+        missing_runs(problem, prior, solution.value),
     )
     return CheckedSolution(solution, shown, checks)
 

@@ -24,6 +24,8 @@ GOOD_CHI2 = 1.2  # of a fit, per degree of freedom: bands so much too narrow cov
 # Of a mode's variance that its prior's pull has at most, squared, in the mean: R (1 - R) <= 1/4, R
 # its resolution.
 MOST_PULL = 0.25
+# Of a change where it is seen, squared, over the prior's: bands so much too narrow cover 73 %.
+MOST_CHANGE = 1.5**2
 RESOLVED_GAIN = 0.5  # of a wave's amplitude, from which on it counts as resolved
 FEW_MISSING = 0.05  # of the samples
 MUCH_SLIDING = 0.1  # of the signal's rms: sliding makes less
@@ -119,6 +121,34 @@ def unresolved_waves(name: str, resolution: float) -> Sequence[str]:
     return (
         f"The signal resolves {name} down to waves of two cells, so that shorter ones are in it, "
         "too, and are taken for longer ones: take narrower cells.",
+    )
+
+
+def changing_in_runs(
+    name: str,
+    resolved_dof: float,
+    observed: float,
+    of_prior: float,
+    *,
+    run_m: float,
+    lengths: float,
+) -> Sequence[str]:
+    """Warning on a component that changes more over the length of a run of missing samples than its
+    prior allows.
+
+    `observed`: the mean square of its change where it is seen, over so many independent `lengths`;
+    `of_prior`: the prior's [Pa^2]; `resolved_dof`: of its degrees of freedom, what would have been
+    resolved in one run. With less than one, a run is bridged by what is beside it.
+    """
+    chance = chdtri(max(lengths, 1.0), FALSE_ALARM) / max(lengths, 1.0)
+    ratio = observed / of_prior if of_prior > 0 else 0.0
+    if resolved_dof < LEAST_RESOLVED_DOF or not ratio > max(MOST_CHANGE, chance):
+        return ()
+    return (
+        f"Samples are missing in runs of {1e3 * run_m:.2g} mm, where the band of {name} is its "
+        f"prior's: changes of {1e-3 * np.sqrt(of_prior):.2g} kPa, where it is seen "
+        f"{1e-3 * np.sqrt(observed):.2g} kPa. It is too narrow there, and that of the level from "
+        "run to run: take rule=evidence, or a wider prior (a smaller weight, a larger rms).",
     )
 
 

@@ -28,6 +28,7 @@ from .estimate import COMPONENTS, Numbers, TractionEstimate
 from .gaps import Gaps
 from .line_model import Shown, chi2
 from .line_problem import LineProblem
+from .missing_runs import Runs
 from .noise_levels import at_one_level
 from .prior import Prior, Score, Solution
 
@@ -247,10 +248,23 @@ def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tup
         *(s for name, t, _, part, _ in each for s in diagnostics.prior_alone(name, t, n, part)),
         *(s for name, t, pull, _, _ in each for s in diagnostics.pulled_by_prior(name, pull, t)),
         *(s for name, *_, least in each for s in diagnostics.unresolved_waves(name, least)),
+        *_within_runs(checks.runs, resolved_dof / n),
         *_pulling(problem, shown, resolved_dof[0]),
         *diagnostics.residual_over_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
         *diagnostics.missing(_missing(problem)),
+    )
+
+
+def _within_runs(runs: Runs | None, resolved: Float[np.ndarray, " c"]) -> Sequence[str]:
+    """Warning on components of which so much is `resolved` of a cell, in runs without a sample."""
+    if runs is None:
+        return ()
+    each = zip(COMPONENTS, runs.cells * resolved, runs.observed, runs.of_prior, strict=False)
+    return tuple(
+        s
+        for name, *of in each
+        for s in diagnostics.changing_in_runs(name, *of, run_m=runs.length_m, lengths=runs.lengths)
     )
 
 
