@@ -8,6 +8,7 @@ weak prior rounding takes the directions' orthogonality, and each shape left wou
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,9 @@ from .near_periodic import MOST_STEPS, NearPeriodic
 from .noise_levels import at_one_level, change_of_variance
 from .prior import Prior, Solution
 from .transforms import adjoint, from_spectrum, times, to_spectrum
+
+DRAWS = 3  # of noise, that the map is tried with
+LEFT_TO_ROUNDING = 1 / float(np.finfo(float).eps)  # a condition number
 
 Traction = Float[np.ndarray, "c n"]
 Signal = Float[np.ndarray, "e n"]
@@ -184,6 +188,18 @@ class PosteriorMap:
             z = self.normal.centre(z - self.coarse.times(self.normal(z)) + among)
         return z if self.shapes is None else z + self.shapes.times(r)
 
+    def defect(self) -> float:
+        """How far the map M is from the covariance: |H M w - w| over |w| as M weighs their squares,
+        the worst of a few draws w of noise."""
+        rng, worst = np.random.default_rng(1), 0.0
+        for _ in range(DRAWS):
+            w = self.normal.centre(rng.normal(size=self.normal.shape))
+            nearly = self.nearly_times(w)
+            left = self.normal(nearly) - w
+            part = np.vdot(left, self.nearly_times(left)) / np.vdot(w, nearly)
+            worst = max(worst, float(np.sqrt(abs(part))))
+        return worst
+
     def times(self, right: Traction, tolerance: float) -> Solved:
         """The covariance times `right`, to a relative tolerance."""
         if self.coarse is None or self.equations is not self.normal:
@@ -205,9 +221,18 @@ def value(problem: LineProblem, prior: Prior, tolerance: float) -> Solved:
     return posterior.times(posterior.equations.right_side(data), tolerance)
 
 
-def solve(problem: LineProblem, prior: Prior, tolerance: float) -> tuple[Solution, int, bool]:
-    """Posterior mean to a relative `tolerance`, and its standard error: the solution, the steps
-    taken, and whether they converged."""
+class Outcome(NamedTuple):
+    """A solution, the steps taken, whether they converged, and the defect of the map that its bands
+    are of (see `PosteriorMap`)."""
+
+    solution: Solution
+    steps: int
+    converged: bool
+    defect: float
+
+
+def solve(problem: LineProblem, prior: Prior, tolerance: float) -> Outcome:
+    """Posterior mean to a relative `tolerance`, and its standard error."""
     posterior = PosteriorMap(problem, prior)
     normal, n = posterior.equations, problem.line.n
     near = NearPeriodic(at_one_level(problem), prior, normal.gaps)
@@ -221,16 +246,19 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> tuple[Solutio
         solved.append(posterior.times(right, tolerance))
     mean, *averaging = (jnp.asarray(each.value) for each in solved)
     spread = variance(posterior, np.asarray(problem.mean_weights))
-    stderr = np.sqrt(np.maximum(spread + change_of_variance(problem, posterior.near), 0.0))
+    spread = spread + change_of_variance(problem, posterior.near)
+    stderr = np.sqrt(np.maximum(spread, 0.0))
     solution = Solution(
         as_real(mean),
         as_real(stderr),
         jnp.asarray(near.covariance),
         as_real(jnp.stack(averaging, axis=1)),
         as_real(near.resolved_dof(near.blocks())),
-        _condition(problem, prior),
+        # A sum of variances that ends at or below zero is rounding.
+        _condition(problem, prior) if spread.min() > 0 else jnp.asarray(LEFT_TO_ROUNDING),
     )
-    return solution, solved[0].steps, all(each.converged for each in solved)
+    converged = all(each.converged for each in solved)
+    return Outcome(solution, solved[0].steps, converged, posterior.defect())
 
 
 @jax.jit

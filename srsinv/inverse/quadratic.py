@@ -69,8 +69,9 @@ def solve(
         status = _trusted(solution, TRUSTED[problem.data.dtype.name])
     else:
         tolerance = max(tolerance, 100 * eps)  # round-off allows no less
-        solution, steps, converged = iterative.solve(problem, prior, tolerance)
+        solution, steps, converged, defect = iterative.solve(problem, prior, tolerance)
         stats |= {"iterations": steps, "tolerance": tolerance}
+        warnings = (*warnings, *diagnostics.rough_bands(defect))
         if not converged:
             status = Status.STEP_LIMIT
         elif not problem.separable:

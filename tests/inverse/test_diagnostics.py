@@ -58,6 +58,7 @@ THRESHOLDS = {
     "numbers told": (lambda resolved_dof: diagnostics.prior_alone("p", resolved_dof, 48), 1.2, 0.8),
     "shortest wave": (lambda fraction: diagnostics.unresolved_waves("p", fraction), 0.4, 0.6),
     "samples missing": (lambda fraction: diagnostics.missing(fraction), 0.03, 0.08),
+    "noise off its covariance": (diagnostics.rough_bands, 0.05, 0.07),
     "sliding over signal": (diagnostics.sliding_noise, 0.07, 0.15),
     "rms over noise": (lambda rms: diagnostics.residual_over_noise(rms**2, 1e4), 1.2, 1.3),
     "pull of the prior": (lambda pull: diagnostics.pulled_by_prior("p", pull, 1e4), 0.9, 1.1),

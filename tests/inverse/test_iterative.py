@@ -107,6 +107,25 @@ def test_what_is_called_converged_is_the_solution(path, order, log_weight):
     assert log_weight <= -8 or estimate.status == "converged"
 
 
+@pytest.mark.parametrize("log_weight", [-9, -11, -13])
+def test_bands_without_a_word_are_those_of_the_direct_path(log_weight):
+    """Under ever weaker priors, until rounding has made them up."""
+    problem = make_case("open", n=240, noise_fraction=2e-2, observed=gaps(240)).problem
+    weights = [10.0**log_weight] * 2
+    exact, near = (Tikhonov(1, *weights, path=path)(problem) for path in ("direct", "iterative"))
+    ratio = np.asarray(near.stderr) / np.asarray(exact.stderr)
+    off = np.abs(ratio - 1).max()
+    assert off < 0.05 or any(each.startswith("Bands are rough") for each in near.warnings)
+    assert (off < 0.05) == (log_weight == -9)
+
+
+def test_variances_below_zero_are_no_answer():
+    problem = make_case("open", n=240, noise_fraction=2e-2).problem
+    estimate = Tikhonov(1, 1e-16, 1e-16, path="iterative", tolerance=1e-2)(problem)
+    assert np.asarray(estimate.stderr).min() == 0
+    assert estimate.quality == "failed"
+
+
 def test_a_looser_tolerance_takes_fewer_steps():
     problem = make_case("open", observed=gaps()).problem
     steps = [

@@ -63,7 +63,7 @@ def estimated(v, n, order, path, observed=None):
     elif path == "direct":
         estimate = direct.solve(problem, prior, direct.whiten(problem))
     else:
-        estimate, _, _ = iterative.solve(problem, prior, 1e-12)
+        estimate = iterative.solve(problem, prior, 1e-12).solution
     return jnp.stack([estimate.value, estimate.stderr])
 
 
