@@ -221,7 +221,7 @@ def value(problem: LineProblem, prior: Prior, tolerance: float) -> Solved:
     return posterior.times(posterior.equations.right_side(data), tolerance)
 
 
-class Outcome(NamedTuple):
+class IterativeSolution(NamedTuple):
     """A solution, the steps taken, whether they converged, and the defect of the map that its bands
     are of (see `PosteriorMap`)."""
 
@@ -231,7 +231,7 @@ class Outcome(NamedTuple):
     defect: float
 
 
-def solve(problem: LineProblem, prior: Prior, tolerance: float) -> Outcome:
+def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolution:
     """Posterior mean to a relative `tolerance`, and its standard error."""
     posterior = PosteriorMap(problem, prior)
     normal, n = posterior.equations, problem.line.n
@@ -258,7 +258,7 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> Outcome:
         _condition(problem, prior) if spread.min() > 0 else jnp.asarray(LEFT_TO_ROUNDING),
     )
     converged = all(each.converged for each in solved)
-    return Outcome(solution, solved[0].steps, converged, posterior.defect())
+    return IterativeSolution(solution, solved[0].steps, converged, posterior.defect())
 
 
 @jax.jit
