@@ -1,24 +1,55 @@
 """Real Fourier transforms in numpy, along the last axis and on all cores."""
 
-from collections.abc import Sequence
+import functools
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import scipy
+
+LONG = 100_000  # values: two such rows side by side, which scipy would take, leave the cache
 
 Rows = np.ndarray | Sequence  # of arrays
 
 
 def to_spectrum(values: np.ndarray, length: int | None = None) -> np.ndarray:
     """The half spectrum of values, padded with zeros to `length`."""
+    n = length or values.shape[-1]
+    if n >= LONG:
+        dtype = np.result_type(values, np.complex64)
+        return _row_by_row(scipy.fft.rfft, values, n, np.empty((n // 2 + 1), dtype))
     spectrum: Any = scipy.fft.rfft(values, length, axis=-1, workers=-1)
     return spectrum
 
 
 def from_spectrum(spectrum: np.ndarray, n: int) -> np.ndarray:
     """The n values of a half spectrum."""
+    if n >= LONG:
+        return _row_by_row(scipy.fft.irfft, spectrum, n, np.empty(n, spectrum.real.dtype))
     values: Any = scipy.fft.irfft(spectrum, n, axis=-1, workers=-1)
     return values
+
+
+def _row_by_row(
+    transform: Callable[[np.ndarray, int], Any], of: np.ndarray, n: int, like: np.ndarray
+) -> np.ndarray:
+    """The transforms of long rows, each on a core of its own, and as an array `like` this."""
+    made = np.empty((*of.shape[:-1], like.size), like.dtype)
+
+    def put(at: tuple[int, ...]) -> None:
+        made[at] = transform(of[at], n)
+
+    list(_threads(os.getpid()).map(put, np.ndindex(of.shape[:-1])))
+    return made
+
+
+@functools.cache
+def _threads(process: int) -> ThreadPoolExecutor:
+    """Threads of this process: one that is forked off has none of its parent's."""
+    del process
+    return ThreadPoolExecutor(os.cpu_count())
 
 
 def times(matrices: Rows, spectrum: Rows) -> np.ndarray:
