@@ -19,7 +19,7 @@ def to_spectrum(values: np.ndarray, length: int | None = None) -> np.ndarray:
     n = length or values.shape[-1]
     if n >= LONG:
         dtype = np.result_type(values, np.complex64)
-        return _row_by_row(scipy.fft.rfft, values, n, np.empty((n // 2 + 1), dtype))
+        return _row_by_row(lambda row: scipy.fft.rfft(row, n), values, n // 2 + 1, dtype)
     spectrum: Any = scipy.fft.rfft(values, length, axis=-1, workers=-1)
     return spectrum
 
@@ -27,19 +27,20 @@ def to_spectrum(values: np.ndarray, length: int | None = None) -> np.ndarray:
 def from_spectrum(spectrum: np.ndarray, n: int) -> np.ndarray:
     """The n values of a half spectrum."""
     if n >= LONG:
-        return _row_by_row(scipy.fft.irfft, spectrum, n, np.empty(n, spectrum.real.dtype))
+        dtype = np.real(spectrum).dtype
+        return _row_by_row(lambda row: scipy.fft.irfft(row, n), spectrum, n, dtype)
     values: Any = scipy.fft.irfft(spectrum, n, axis=-1, workers=-1)
     return values
 
 
 def _row_by_row(
-    transform: Callable[[np.ndarray, int], Any], of: np.ndarray, n: int, like: np.ndarray
+    transform: Callable[[np.ndarray], Any], of: np.ndarray, size: int, dtype: np.dtype
 ) -> np.ndarray:
-    """The transforms of long rows, each on a core of its own, and as an array `like` this."""
-    made = np.empty((*of.shape[:-1], like.size), like.dtype)
+    """The transforms of long rows, each of this size and on a core of its own."""
+    made = np.empty((*of.shape[:-1], size), dtype)
 
     def put(at: tuple[int, ...]) -> None:
-        made[at] = transform(of[at], n)
+        made[at] = transform(of[at])
 
     list(_threads(os.getpid()).map(put, np.ndindex(of.shape[:-1])))
     return made
