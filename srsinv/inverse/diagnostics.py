@@ -161,8 +161,8 @@ def rough_bands(defect: float) -> Sequence[str]:
     if not defect > MOST_DEFECT:
         return ()
     return (
-        f"Bands are rough: noise finds the covariance that they are of {defect:.2g} of itself off. "
-        "Take larger weights, a stronger prior, or path=direct.",
+        "Bands are rough: tried with noise, the approximate covariance that they come from is "
+        f"{defect:.0%} off. Take larger weights, a stronger prior, or path=direct.",
     )
 
 
