@@ -1,8 +1,8 @@
 """Numbers: sums along millions of samples without loss of digits, lengths of fast Fourier
-transforms, and a normal's band."""
+transforms, runs in a mask, and a normal's band."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standard errors
 FEW = 64  # values that are added in sequence
@@ -19,6 +19,12 @@ def fast_length(least: int) -> int:
             three *= 3
         five *= 5
     return min(lengths)
+
+
+def runs(mask: Bool[np.ndarray, " n"]) -> list[tuple[int, int]]:
+    """The [start, stop) index ranges over which `mask` holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
 
 def pairwise_cumsum(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

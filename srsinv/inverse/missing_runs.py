@@ -8,8 +8,9 @@ so. Every run adds such an error to the level of what follows.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
+from ..numerics import runs
 from .estimate import Numbers
 from .line_problem import LineProblem
 from .prior import Prior
@@ -37,10 +38,12 @@ def missing_runs(problem: LineProblem, prior: Prior, value: Float[Numbers, "c n"
     is_observed = problem.observed_cells
     at = np.flatnonzero(is_observed)
     first, last = at[0], at[-1] + 1
-    runs = run_lengths(~is_observed[first:last])
-    if not runs.size:
+    missing = np.array([stop - start for start, stop in runs(~is_observed[first:last])])
+    if not missing.size:
         return None
-    cells = round(float(runs @ runs / runs.sum()))  # the mean over the cells that lie in runs
+    cells = round(
+        float(missing @ missing / missing.sum())
+    )  # the mean over the cells that lie in runs
     before = np.pad(np.cumsum(is_observed), (1, 0))
     starts = np.flatnonzero(before[cells + 1 :] - before[: -cells - 1] == cells + 1)
     if not starts.size:
@@ -54,9 +57,3 @@ def missing_runs(problem: LineProblem, prior: Prior, value: Float[Numbers, "c n"
     of_prior = np.maximum(2 * (lags[:, 0] - lags[:, cells]), 0.0)
     length = cells * float(problem.line.cell_m)
     return Runs(cells, length, starts.size / cells, observed, of_prior)
-
-
-def run_lengths(is_in: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " run"]:
-    """The lengths of the runs of true values."""
-    steps = np.diff(np.pad(is_in.astype(int), 1))
-    return np.flatnonzero(steps < 0) - np.flatnonzero(steps > 0)

@@ -6,6 +6,8 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from ..numerics import runs
+
 FLAT = 3  # equal samples in a row at a signal's extreme that count as one flat stretch
 _ROUNDING = 1e-3  # of a step: how far from whole steps rounded values may lie
 _MOST_STEPS = 2**24  # a range of more steps is that of printed digits, not of a converter
@@ -51,9 +53,8 @@ def clipping(values: Float[np.ndarray, " sample"]) -> ClippedSamples:
         return ClippedSamples(0.0, ())
     stretches = []
     for extreme in (present.min(), present.max()):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], values == extreme, [0]]).astype(int)))
-        ends = edges.reshape(-1, 2).tolist()
-        stretches += [(start, stop) for start, stop in ends if stop - start >= FLAT]
+        at = runs(values == extreme)
+        stretches += [(start, stop) for start, stop in at if stop - start >= FLAT]
     at_extreme = (present == present.min()) | (present == present.max())
     return ClippedSamples(float(np.mean(at_extreme)), tuple(sorted(stretches)))
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from .. import numerics
 from ._health import FLAT, quantisation_step
 
 FALSE_ALARM = 1e-3  # of a sound channel, for each finding
@@ -55,10 +56,8 @@ def _findings(name: str, values: Float[np.ndarray, " sample"], unit: str) -> Seq
 
 def repeats(values: Float[np.ndarray, " sample"]) -> tuple[list[tuple[int, int]], int]:
     """Runs [start, stop) of two and more equal samples, and the number of equal neighbours."""
-    same = np.concatenate([[False], values[1:] == values[:-1], [False]])
-    edges = np.flatnonzero(np.diff(same.astype(int)))
-    runs = [(int(start), int(stop) + 1) for start, stop in edges.reshape(-1, 2)]
-    return runs, int(same.sum())
+    same = values[1:] == values[:-1]
+    return [(start, stop + 1) for start, stop in numerics.runs(same)], int(same.sum())
 
 
 def _described(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from srsinv.inverse import diagnostics
-from srsinv.inverse.missing_runs import missing_runs, run_lengths
+from srsinv.inverse.missing_runs import missing_runs
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
 from tests.inverse.cases import DEPTH_M, make_case
 
@@ -107,13 +107,8 @@ def test_no_stretch_is_as_long_as_the_runs():
     assert missing_runs(problem, prior, np.zeros((2, N))) is None
 
 
-def test_run_lengths():
-    assert list(run_lengths(np.array([1, 1, 0, 1, 0, 0, 1, 1, 1], bool))) == [2, 1, 3]
-    assert run_lengths(np.zeros(4, bool)).size == 0
-
-
 def test_by_chance_few_lengths_differ_more():
-    """Half as often from the prior's again, seen over a thousand lengths, and over one."""
+    """A ratio of 2.5 is said of a thousand independent lengths, and not of one."""
     many, one = (
         diagnostics.changing_in_runs("p", 2.0, 2.5, 1.0, run_m=1e-3, lengths=lengths)
         for lengths in (1e3, 1.0)

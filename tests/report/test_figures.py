@@ -12,8 +12,9 @@ from matplotlib.collections import PolyCollection
 from scipy.special import ndtri
 
 from srsinv import plot
+from srsinv.numerics import runs
 from srsinv.report import result
-from srsinv.report.plot.style import colours, runs, scale
+from srsinv.report.plot.style import colours, scale
 from tests.report import synthetic
 
 BAND_90 = ndtri(0.95)

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from xarray import DataArray, Dataset
 
+from ...numerics import runs
 from ..text import best_unit
 from .lettering import SYMBOLS, show_as_written
 
@@ -185,16 +186,13 @@ def legend_below(figure: Figure, axes: Iterable[Axes], columns: int = 6) -> None
         )
 
 
-def runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """The [start, stop) index ranges over which `mask` holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], np.asarray(mask, bool), [False]])))
-    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
-
-
 def stretches(x_m: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
     """The stretches [m] of the line whose cells `mask` picks, cell edge to cell edge."""
     half = (x_m[1] - x_m[0]) / 2
-    return [(float(x_m[start] - half), float(x_m[stop - 1] + half)) for start, stop in runs(mask)]
+    return [
+        (float(x_m[start] - half), float(x_m[stop - 1] + half))
+        for start, stop in runs(np.asarray(mask, bool))
+    ]
 
 
 def observed_anywhere(dataset: Dataset) -> np.ndarray:
