@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from srsinv.errors import refuse
 
-from ._timing import JITTER, Timing, line_through, resolution_s, timing
+from ._timing import JITTER, Timing, line_through, resolution, timing
 
 ROUNDED = 0.25  # of an interval: stamps nearer to even ones than this are only rounded
 MAX_MISSING_RATIO = 9  # missing rows for each valid one
@@ -111,7 +111,7 @@ def check_rate(
 
 
 def _agree(stated_hz: float | int, rate_hz: float, time_s: Float[np.ndarray, " sample"]) -> bool:
-    rounding = resolution_s(time_s) / float(time_s[-1] - time_s[0])
+    rounding = resolution(time_s) / float(time_s[-1] - time_s[0])
     return abs(stated_hz / rate_hz - 1) <= AGREES + rounding
 
 

@@ -1,32 +1,33 @@
 """Reading of a `Recording` from a file and its sidecar."""
 
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 from jaxtyping import Float
 
-from srsinv.errors import BadInput, choice, refuse
+from srsinv.errors import choice, refuse
 
 from ._ahead import store, take_table
+from ._columns import Quantity, column_of, signal_columns, signal_unit, unit_of
 from ._even_times import check_rate
 from ._guard import path_of, within_memory
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import check_elements, merge, read_sidecar
+from ._speed import speed_of_positions
 from ._table import ColumnTable, listing
-from ._units import PER_S, PER_V, POSITIONS, SPEEDS, TIMES, UNITLESS_TIMES, in_volts, unit_of_name
+from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, bracketed, in_volts
 from .formats import BY_SUFFIX
 from .reader import Reader
 
-_VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)})")
 # Facts on the file that are in the Recording's own fields once it is read.
-_LAYOUT = ("time_unit", "channels", "signal_unit", "polarity", "gain")
-_QUINTIC = 5
+_LAYOUT = (
+    "time_column", "time_unit", "speed_column", "speed_unit", "position_column", "position_unit",
+    "channels", "signal_unit", "polarity", "gain",
+)  # fmt: skip
 MISSING = ("refuse", "allow")  # treatment of an empty cell, the default first
 TIMES_OF_ROWS = ("use", "ignore")  # treatment of a column of times
 
@@ -41,19 +42,25 @@ def load(
     **known: Any,
 ) -> Recording:
     """The recording in `path`: CSV (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5), netCDF (.nc), MATLAB
-    5 or 7.3 (.mat), WAV or TDMS (the last with `pip install srsinv[tdms]`); or what `reader` reads.
+    5 or 7.3 (.mat) or WAV; TDMS, Parquet or FLAC with `pip install srsinv[tdms]`, `[parquet]` or
+    `[flac]`; or what `reader` reads.
 
-    Columns (1-D, of equal length; in MATLAB row or column vectors):
-    - time: `time_s`, `time_ms` or `time_us`; or `time`, `timestamp` or `t` with the file's own unit
-      or `time_unit`; or none, with `sample_rate_hz`, which WAV and TDMS may hold themselves. Beside
-      times, `sample_rate_hz` has to agree with them, and changes nothing.
-    - speed: `speed_m_per_s` or `speed_mm_per_s`; or none, with a position or the number
-      `speed_m_per_s`.
-    - position: `position_m`, `position_mm` or `position_um`, or none. Without a speed column the
-      speed is the derivative of the quintic spline through the positions (of lower degree for
-      fewer than six samples), which follows every rounding of them: a measured speed is better.
-    - signals: `voltage_0_V`, `voltage_1_mV`, ... in the order of their numbers; or those that
-      `channels` lists; or all that is left in WAV (`channel_0`, ...) and TDMS.
+    Columns (1-D, of equal length; in MATLAB row or column vectors) end in their unit, as
+    `Name (unit)`, `Name [unit]` or `name_unit`, in any case; or the file states it, or `time_unit`,
+    `speed_unit` and `position_unit` do:
+    - time (s, ms, us): `time_s`, `Time (ms)`, `timestamp`, `t`, or `time_column`; or none, with
+      `sample_rate_hz`, which WAV, FLAC and TDMS may hold themselves. Beside times, `sample_rate_hz`
+      has to agree with them, and changes nothing.
+    - speed (m/s, cm/s, mm/s, um/s): `speed_m_per_s`, `Stage velocity [mm/s]`, or `speed_column`; or
+      none, with a position or the number `speed_m_per_s`.
+    - position (m, cm, mm, um) along x: `position_m`, `Stage pos (mm)`, or `position_column`; or
+      none. Without a speed column the speed is derived from the positions: see `_speed`.
+    - signals: those that `channels` lists; or `voltage_0_V`, `voltage_1_mV`, ... in the order of
+      their numbers; or all that is left in WAV, FLAC and TDMS; or all others in V, mV or uV, as
+      `Ch A [V]`; or those called channels, as `AI0`.
+    `time_column`, `position_column`, `speed_column` and `channels` take a column's whole name, or
+    the name without its unit. A row with no number at all is as if it was not there where there are
+    times, and a missing sample of all signals where there are none.
 
     `sidecar` names a JSON or YAML mapping of further facts; without it NAME.json, NAME.yaml or
     NAME.yml beside the file is read if it is there. `known` holds facts too (None: not given) and
@@ -73,10 +80,10 @@ def load(
     choice(f"{path.name}: recording.missing", missing, MISSING)
     choice(f"{path.name}: recording.times", times, TIMES_OF_ROWS)
     with within_memory(path):
-        return _load(path, take_table(path, reader), sidecar, missing, times, known)
+        return recording_of_table(path, take_table(path, reader), sidecar, missing, times, known)
 
 
-def _load(
+def recording_of_table(
     path: Path,
     table: ColumnTable,
     sidecar: str | os.PathLike[str] | None,
@@ -84,15 +91,18 @@ def _load(
     times: str,
     known: Mapping[str, Any],
 ) -> Recording:
+    """The recording in a file's table: see [`load`][]."""
     facts = read_facts(path, table, sidecar, known)
-    channels = choose_channels(table, facts)
+    channels = signal_columns(table, facts)
     check_elements(path.name, facts, channels)
+    column = column_of(table, facts, "time") if times == "use" else None
+    if column is not None:
+        table = table.without_blank_rows()
     columns = {c: table.numbers(c, allow_missing=missing == "allow") for c in channels}
     samples = columns[channels[0]].size
-    column = time_column(table) if times == "use" else None
     columns[TIME] = _time_s(table, facts, column, samples)
     if known.get(SPEED) is None:
-        columns |= _motion(table)
+        columns |= _motion(table, facts)
     _check_lengths(table, columns)
     check_samples(path.name, samples)
     check_times(path.name, columns[TIME])
@@ -124,6 +134,18 @@ def check_settings(settings: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> N
     store(path, reader, table)
 
 
+def facts_beside(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Facts about a recording that its sidecar, or `settings` of it (`path`, `sidecar` and facts),
+    state, without those within the file. Raises `BadInput` where they are invalid."""
+    path = path_of(settings["path"], "recording.path")
+    given = settings.get("sidecar")
+    given = None if given is None else path_of(given, "recording.sidecar")
+    known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
+    facts = merge(read_sidecar(path, given), known)
+    check_facts(path.name, facts)
+    return facts
+
+
 def read_facts(
     path: Path, table: ColumnTable, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
 ) -> dict[str, Any]:
@@ -143,29 +165,13 @@ def _with_listed_elements(known: Mapping[str, Any]) -> dict[str, Any]:
     return {**known, "sensor": {**sensor, "elements": list(elements.values())}}
 
 
-def choose_channels(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, ...]:
-    """The columns that are the signals, in order."""
-    chosen = facts.get("channels")
-    if chosen is not None:
-        return (chosen,) if isinstance(chosen, str) else tuple(chosen)
-    # An unusable one too: it is refused, as leaving it out would be silent.
-    named = [*table.columns, *table.unusable]
-    voltages = [(int(m[1]), c) for c in named if (m := _VOLTAGE.fullmatch(c))]
-    refuse(
-        not voltages and not table.signals,
-        f"{table.name}: there is no column voltage_0_V, voltage_1_V, ... among the columns "
-        f"{listing(table.columns)}: name the signals by recording.channels=[...].",
-    )
-    return tuple(column for _, column in sorted(voltages)) or tuple(table.signals)
-
-
 def _time_s(
     table: ColumnTable, facts: Mapping[str, Any], column: str | None, samples: int
 ) -> Float[np.ndarray, " sample"]:
     if column is not None:
-        return table.numbers(column) / PER_S[_time_unit(table, facts, column)]
+        return table.numbers(column) / PER_S[_unit(table, facts, column, "time", PER_S)]
     refuse(
-        facts.get("sample_rate_hz") is None and time_column(table) is not None,
+        facts.get("sample_rate_hz") is None and column_of(table, facts, "time") is not None,
         f"{table.name}: recording.times=ignore leaves the times out: give "
         "recording.sample_rate_hz=...",
     )
@@ -178,35 +184,35 @@ def _time_s(
         return np.arange(samples) / float(facts["sample_rate_hz"])
 
 
-def time_column(table: ColumnTable) -> str | None:
-    """The column of times, those first whose name states the unit."""
-    return next((column for column in (*TIMES, *UNITLESS_TIMES) if column in table), None)
-
-
-def stated_time_unit(table: ColumnTable, facts: Mapping[str, Any], column: str) -> str | None:
-    """The unit of a column of times, as its name, the experimenter or the file has it."""
-    if column in TIMES:
-        return column.removeprefix("time_")
-    return facts.get("time_unit") or table.units.get(column)
-
-
-def _time_unit(table: ColumnTable, facts: Mapping[str, Any], column: str) -> str:
-    unit = stated_time_unit(table, facts, column)
+def _unit(
+    table: ColumnTable,
+    facts: Mapping[str, Any],
+    column: str,
+    quantity: Quantity,
+    units: Mapping[str, int],
+) -> str:
+    unit = unit_of(table, facts, column, quantity)[0]
     refuse(
-        unit not in list(PER_S),
-        f"{table.name}: the unit of column {column!r} is {unit or 'not stated'}: give it by "
-        f"recording.time_unit=..., one of {', '.join(PER_S)}.",
+        unit is None,
+        f"{table.name}: the unit of column {column!r} is "
+        f"{table.units.get(column) or bracketed(column)[1] or 'not stated'}: give it by "
+        f"recording.{quantity}_unit=..., one of {', '.join(units)}.",
     )
     return str(unit)
 
 
-def _motion(table: ColumnTable) -> dict[str, Float[np.ndarray, " _"]]:
+def _motion(table: ColumnTable, facts: Mapping[str, Any]) -> dict[str, Float[np.ndarray, " _"]]:
     """The measured speed [m/s] and position [m], as far as the file has them."""
     motion = {}
-    for quantity, names in ((SPEED, SPEEDS), (POSITION, POSITIONS)):
-        column = next((name for name in names if name in table), None)
+    quantities: tuple[tuple[str, Quantity, Mapping[str, int]], ...] = (
+        (SPEED, "speed", PER_M_PER_S),
+        (POSITION, "position", PER_M),
+    )
+    for key, quantity, per_si in quantities:
+        column = column_of(table, facts, quantity)
         if column is not None:
-            motion[quantity] = table.numbers(column) / names[column]
+            unit = _unit(table, facts, column, quantity, per_si)
+            motion[key] = table.numbers(column) / per_si[unit]
     return motion
 
 
@@ -216,39 +222,13 @@ def _speed_m_per_s(
     if SPEED in columns:
         return columns[SPEED]
     if POSITION in columns:
-        return _derivative(table.name, columns[TIME], columns[POSITION])
+        return speed_of_positions(table.name, columns[TIME], columns[POSITION])
     refuse(
         facts.get(SPEED) is None,
         f"{table.name}: no speed: there is no column {SPEED} or {POSITION} among the columns "
         f"{listing(table.columns)}: add one or give recording.{SPEED}=...",
     )
     return np.full(columns[TIME].size, float(facts[SPEED]))
-
-
-def _derivative(
-    name: str, time_s: Float[np.ndarray, " sample"], position_m: Float[np.ndarray, " sample"]
-) -> Float[np.ndarray, " sample"]:
-    """Speed [m/s] along the spline through the positions."""
-    # From the first time on: far from zero the knots would lose digits.
-    since_s = time_s - time_s[0]
-    steps_m = np.diff(position_m)
-    if np.ptp(position_m) <= 2 * np.spacing(np.max(np.abs(position_m))):
-        return np.zeros_like(time_s)  # at rest: differences are rounding
-    try:
-        with np.errstate(all="ignore"):
-            degree = min(_QUINTIC, time_s.size - 1)
-            spline = scipy.interpolate.make_interp_spline(since_s, position_m, degree)
-            speed = np.asarray(spline.derivative()(since_s))
-            goes_one_way = bool(np.all(steps_m >= 0) or np.all(steps_m <= 0))
-            if goes_one_way and np.ptp(np.sign(speed)) > 1:
-                # The spline overshoots at a start or a stop; a monotone curve does not.
-                speed = scipy.interpolate.pchip_interpolate(since_s, position_m, since_s, der=1)
-            return speed
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise BadInput(
-            f"{name}: no speed can be derived from the positions at these times, as some are too "
-            f"close together: add a column {SPEED} or give recording.{SPEED}=..."
-        ) from error
 
 
 def _check_lengths(table: ColumnTable, columns: Mapping[str, np.ndarray]) -> None:
@@ -282,11 +262,6 @@ def _signal(
     is_volt = [unit in PER_V or bool(by) for unit, by in zip(stated, converted, strict=True)]
     units = {"V" if volt else unit for unit, volt in zip(stated, is_volt, strict=True)}
     return names, signal, units.pop() if len(units) == 1 else "counts"
-
-
-def signal_unit(table: ColumnTable, facts: Mapping[str, Any], column: str) -> str | None:
-    """The unit of a signal's column, as the experimenter, the file or its name has it."""
-    return facts.get("signal_unit") or table.units.get(column) or unit_of_name(column)
 
 
 def _per_channel(

@@ -15,7 +15,7 @@ from pydantic_core import PydanticCustomError
 from srsinv.errors import BadInput, is_number, refuse, shown
 
 from ._guard import LONGEST_NAME, MOST_COLUMNS, is_broken
-from ._units import PER_S
+from ._units import PER_M, PER_M_PER_S, PER_S
 
 LONGEST_TEXT = 10_000  # characters of a description
 ORIENTATIONS = ("1_to_x_3_to_z", "1_to_z_3_to_x")
@@ -44,6 +44,10 @@ def _is_text(value: Any, most: int = LONGEST_NAME) -> bool:
 def _is_interval(value: Any) -> bool:
     pair = isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
     return pair and value[0] < value[1]
+
+
+def _is_list(value: Any, fits: Callable[[Any], bool]) -> bool:
+    return isinstance(value, list) and len(value) <= MOST_COLUMNS and all(map(fits, value))
 
 
 def _is_channels(value: Any) -> bool:
@@ -100,8 +104,23 @@ Gain = Annotated[
     _wanted("a number above 0, or one for each channel", _each(_is_positive)),
 ]
 TimeUnit = Annotated[str | None, _one_of(*PER_S)]
+SpeedUnit = Annotated[str | None, _one_of(*PER_M_PER_S)]
+PositionUnit = Annotated[str | None, _one_of(*PER_M)]
 Orientation = Annotated[str | None, _one_of(*ORIENTATIONS)]
 SkinModel = Annotated[str | None, _one_of("half_space")]
+
+
+Names = Annotated[
+    list[str] | None,
+    _wanted("a list of names", lambda v: _is_list(v, lambda each: _is_text(each))),
+]
+Numbers = Annotated[
+    list[float] | None, _wanted("a list of numbers", lambda v: _is_list(v, is_number))
+]
+Matrix = Annotated[
+    list[list[float]] | None,
+    _wanted("rows of numbers", lambda v: _is_list(v, lambda row: _is_list(row, is_number))),
+]
 
 
 class Facts(BaseModel):
@@ -154,12 +173,27 @@ class FeatureFacts(Facts):
     edge_length_m: Positive = None
 
 
+class CalibrationFacts(Facts):
+    """What a calibration determined, in the order of `parameters`, and what it did not."""
+
+    parameters: Names = None
+    values: Numbers = None
+    stderr: Numbers = None
+    covariance: Matrix = None
+    not_determined: Names = None
+
+
 class RecordingFacts(Facts):
     """All that a sidecar or a caller may state about a recording."""
 
     description: Description = None
     channels: Channels = None
+    time_column: Text = None
     time_unit: TimeUnit = None
+    speed_column: Text = None
+    speed_unit: SpeedUnit = None
+    position_column: Text = None
+    position_unit: PositionUnit = None
     signal_unit: Text = None
     polarity: Polarity = None
     gain: Gain = None
@@ -172,6 +206,7 @@ class RecordingFacts(Facts):
     sensor: SensorFacts | None = None
     skin: SkinFacts | None = None
     feature: FeatureFacts | None = None
+    calibration: CalibrationFacts | None = None
 
 
 def check_facts(name: str, facts: Mapping[str, Any]) -> None:

@@ -1,8 +1,9 @@
 """A file's named columns, whatever its format."""
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,10 @@ class ColumnTable:
 
     def __contains__(self, column: str) -> bool:
         return column in self.columns or column in self.unusable
+
+    def __iter__(self) -> Iterator[str]:
+        """All names, those of arrays that are no columns last."""
+        return chain(self.columns, self.unusable)
 
     def take(
         self,
@@ -141,6 +146,21 @@ class ColumnTable:
         )
         if column not in self.columns:
             raise BadInput(self._no_column(column))
+
+    def without_blank_rows(self) -> "ColumnTable":
+        """The same table without rows that hold no number in any column; as it is where columns
+        differ in length."""
+        sizes = {values.size for values in self.columns.values()}
+        if len(sizes) != 1:
+            return self
+        blank = np.ones(sizes.pop(), bool)
+        for column, values in self.columns.items():
+            if not blank.any():
+                return self
+            blank &= np.isnan(self._cells(column)) if values.dtype.kind == "f" else False
+        if not blank.any() or blank.all():
+            return self
+        return replace(self, columns={c: v[~blank] for c, v in self.columns.items()})
 
     def finite(self, column: str, most: float = math.inf) -> Float[np.ndarray, " row"]:
         """Column `column` as float64 (row,); NaN for every cell that is not a finite number of at

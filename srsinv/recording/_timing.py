@@ -15,7 +15,7 @@ HALF_A_DIGIT = 0.55
 # Which of the intervals in order of length is the usual one: the median, and where those near it
 # are not even, as when half of the rows are missing, one among the shortest.
 USUAL = (0.5, 0.1)
-_DIGITS_S = tuple(10.0**-digit for digit in range(10))
+_DIGITS = tuple(10.0**-digit for digit in range(10))
 _TINY = 1e-100  # no interval, and the inverse of none
 
 
@@ -104,13 +104,13 @@ def line_through(
     slope_s = float(from_middle @ since_s / (from_middle @ from_middle))
     line_s = since_s.mean() + slope_s * (np.arange(int(row[-1]) + 1) - row.mean())
     off_s = float(np.max(np.abs(since_s - line_s[row])))
-    return time_s[0] + line_s, off_s <= HALF_A_DIGIT * resolution_s(time_s)
+    return time_s[0] + line_s, off_s <= HALF_A_DIGIT * resolution(time_s)
 
 
-def resolution_s(time_s: Float[np.ndarray, " sample"]) -> float:
-    """The power of ten [s] to which all stamps are rounded."""
-    for digit in _DIGITS_S:
-        whole = time_s / digit
+def resolution(values: Float[np.ndarray, " sample"]) -> float:
+    """The power of ten, of at most 1, to which all values are rounded; 0: to none above 1e-9."""
+    for digit in _DIGITS:
+        whole = values / digit
         off = np.abs(whole - np.round(whole))
         if np.all(off <= 1e-6 + 8 * np.finfo(float).eps * np.abs(whole)):
             return digit

@@ -1,38 +1,66 @@
 """The units that a column's name, a file or the experimenter may state, each per SI unit.
 
-Divided by, not multiplied with 1e-3: that rounds correctly.
+Divided by, not multiplied with 1e-3: that rounds correctly. A column's name ends in its unit: as
+`Name (unit)`, `Name [unit]` or `name_unit`.
 """
 
+import re
 from collections.abc import Mapping
 
 PER_S: Mapping[str, int] = {"s": 1, "ms": 1_000, "us": 1_000_000}
-PER_M: Mapping[str, int] = {"m": 1, "mm": 1_000, "um": 1_000_000}
-PER_M_PER_S: Mapping[str, int] = {"m_per_s": 1, "mm_per_s": 1_000}
-PER_V: Mapping[str, int] = {"V": 1, "mV": 1_000, "uV": 1_000_000, "µV": 1_000_000, "Volts": 1}
+PER_M: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1_000, "um": 1_000_000}
+PER_M_PER_S: Mapping[str, int] = {f"{unit}_per_s": per_m for unit, per_m in PER_M.items()}
+PER_V: Mapping[str, int] = {"V": 1, "mV": 1_000, "uV": 1_000_000}
+# Other spellings, in small letters.
+_SPELT: Mapping[str, str] = {
+    **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("msec", "millisecond", "milliseconds"), "ms"),
+    **dict.fromkeys(("usec", "microsecond", "microseconds"), "us"),
+    **dict.fromkeys(("metre", "metres", "meter", "meters"), "m"),
+    **dict.fromkeys(("micron", "microns"), "um"),
+    **dict.fromkeys(("volt", "volts"), "V"),
+}
+_MICRO = str.maketrans("\u00b5\u03bc", "uu")
+_BRACKETS = re.compile(r"(.*\S)\s*(?:\(([^()]*)\)|\[([^][]*)\])\s*")
 
 
-def names(quantity: str, units: Mapping[str, int]) -> dict[str, int]:
-    """The names that a column of `quantity` may have, with the divisor of each."""
-    return {f"{quantity}_{unit}": per_si for unit, per_si in units.items()}
+def known_unit(text: str | None, units: Mapping[str, int]) -> str | None:
+    """The one of `units` that a text means, whatever its spelling and its case; None: none.
+
+    No film gives megavolts and no stamp is in megaseconds: a capital M is milli.
+    """
+    if text is None:
+        return None
+    name = text.strip().translate(_MICRO).replace("/", "_per_").replace(" ", "")
+    folded = {unit.casefold(): unit for unit in units}
+    spelt = _SPELT.get(name.casefold())
+    return name if name in units else folded.get(name.casefold(), spelt if spelt in units else None)
 
 
-TIMES = names("time", PER_S)
-UNITLESS_TIMES = ("time", "timestamp", "t")
-SPEEDS = names("speed", PER_M_PER_S)
-POSITIONS = names("position", PER_M)
+def bracketed(column: str) -> tuple[str, str | None]:
+    """A column's name before a unit in brackets, and that unit as it is written."""
+    parts = _BRACKETS.fullmatch(column)
+    if not parts:
+        return column, None
+    return parts[1], (parts[2] or parts[3] or "").strip() or None
 
 
-def may_be_signal(column: str) -> bool:
-    """Whether a column's name allows a signal: it names no time, speed or position."""
-    return column not in {*TIMES, *UNITLESS_TIMES, *SPEEDS, *POSITIONS}
-
-
-def unit_of_name(column: str) -> str | None:
-    """The unit of voltage that a column's name ends in, or None."""
-    head, _, unit = column.rpartition("_")
-    return unit if head and unit in PER_V else None
+def split_unit(column: str, units: Mapping[str, int]) -> tuple[str, str | None]:
+    """A column's name without its unit, and that unit where it is one of `units`."""
+    words, unit = bracketed(column)
+    if unit is not None:
+        return words, known_unit(unit, units)
+    # From the left, as a unit may hold the mark itself: speed_mm_per_s.
+    for mark in re.finditer("_", column):
+        if mark.start() and (unit := known_unit(column[mark.end() :], units)):
+            return column[: mark.start()], unit
+    return column, None
 
 
 def in_volts(column: str, unit: str) -> str:
-    """The name of a column in `unit` once a voltage's values are in V."""
-    return f"{column.removesuffix(unit)}V" if unit_of_name(column) == unit else column
+    """The name of a signal's column in `unit` once a voltage's values are in V."""
+    words, in_brackets = bracketed(column)
+    if in_brackets is not None:
+        return words
+    words, in_name = split_unit(column, PER_V)
+    return f"{words}_V" if in_name and in_name == known_unit(unit, PER_V) else column

@@ -1,11 +1,10 @@
 """Inspection of a file without the facts that `load` requires: guesses are marked as such."""
 
 import os
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +12,18 @@ from jaxtyping import Float
 from srsinv.errors import LARGEST, BadInput, refuse
 
 from ._ahead import take_table
+from ._columns import Quantity, unit_of
+from ._described_columns import (
+    UNKNOWN,
+    Column,
+    Role,
+    described_column,
+    motion_column,
+    roles_of,
+    shown_signals,
+    time_unit_or_guess,
+    unit_and_reason,
+)
 from ._guard import path_of, within_memory
 from ._health import (
     SHORTEST,
@@ -23,41 +34,14 @@ from ._health import (
     segment_length,
     spectrum,
 )
-from ._read import choose_channels, read_facts, stated_time_unit, time_column
+from ._read import MISSING, TIMES_OF_ROWS, read_facts, recording_of_table
 from ._recording import SPEED
 from ._table import ColumnTable, listing
 from ._timing import Timing, timing
-from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, POSITIONS, SPEEDS, TIMES, unit_of_name
+from ._units import PER_M, PER_M_PER_S, PER_S, PER_V
+from .even import on_even_times
 from .formats import BY_SUFFIX
 from .reader import Reader
-
-Role = Literal["time", "speed", "position", "signal", "other"]
-UNKNOWN = "not stated"
-_NAMES: Mapping[Role, re.Pattern[str]] = {
-    "speed": re.compile(r"speed|veloc", re.IGNORECASE),
-    "position": re.compile(r"^x$|(^|[ _-])pos(ition)?($|[ _-])|displace|encoder", re.IGNORECASE),
-    "signal": re.compile(
-        r"^(volt(age)?|ch(an(nel)?)?|ai|adc|sig(nal)?|sensor|taxel|force|pressure)[ _-]?\d*($|_)",
-        re.IGNORECASE,
-    ),
-}
-_FEW_TICKS = 100  # whole time stamps this close together are milliseconds: 10 Hz and faster
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column: its inferred role, and its numbers in its own unit (None: it has none)."""
-
-    name: str
-    role: Role
-    unit: str
-    reason: str
-    samples: int = 0
-    missing: int = 0
-    least: float | None = None
-    greatest: float | None = None
-    mean: float | None = None
-    rms: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +68,8 @@ class Inspection:
     - `rate_hz`: from the stamps, or stated; None without either.
     - `speed_m_per_s`, `position_m`: (sample,) where a column states them.
     - `facts`: those of the sidecar and the caller.
+    - `refusal`: the sentence by which `load` refuses the file; None: it takes it as it is;
+      `overrides`: the settings with which it would take it all the same.
     """
 
     name: str
@@ -97,6 +83,8 @@ class Inspection:
     speed_m_per_s: Float[np.ndarray, " _"] | None
     position_m: Float[np.ndarray, " _"] | None
     facts: dict[str, Any]
+    refusal: str | None = None
+    overrides: tuple[str, ...] = ()
 
     @property
     def mean_speed_m_per_s(self) -> float | None:
@@ -115,6 +103,8 @@ def inspect(
     *,
     reader: Reader = BY_SUFFIX,
     sidecar: str | os.PathLike[str] | None = None,
+    missing: str = MISSING[0],
+    times: str = TIMES_OF_ROWS[0],
     **known: Any,
 ) -> Inspection:
     """Look at the file `path`, in any format of `load`, whose arguments these are.
@@ -124,7 +114,26 @@ def inspect(
     """
     path = path_of(path, "recording.path")
     with within_memory(path):
-        return _inspect(path, take_table(path, reader), sidecar, known)
+        table = take_table(path, reader)
+        refusal = _refusal(path, table, sidecar, missing, times, known)
+        inspection = _inspect(path, table, sidecar, known)
+        for allowed, unit in ((True, False), (False, True), (True, True)) if refusal else ():
+            stated = known | ({"time_unit": inspection.time_unit} if unit else {})
+            how = "allow" if allowed else missing
+            if _refusal(path, table, sidecar, how, times, stated) is None:
+                words = ["recording.missing=allow"] * allowed
+                words += [f"recording.time_unit={inspection.time_unit}"] * unit
+                return replace(inspection, refusal=refusal, overrides=tuple(words))
+        return replace(inspection, refusal=refusal)
+
+
+def _refusal(path: Path, table: ColumnTable, *settings: Any) -> str | None:
+    """The sentence by which `load` refuses the table, or its times; None: it takes it."""
+    try:
+        on_even_times(recording_of_table(path, table, *settings))
+    except BadInput as refusal:
+        return str(refusal)
+    return None
 
 
 def _inspect(
@@ -134,16 +143,17 @@ def _inspect(
     known: Mapping[str, Any],
 ) -> Inspection:
     facts = read_facts(path, table, sidecar, known)
+    if motion_column(table, facts, "time"):
+        table = table.without_blank_rows()
     refuse(
         not any(np.isfinite(table.finite(name)).any() for name in table.columns),
         f"{path.name}: no column holds a number, among {listing([*table.columns, *table.unusable])}"
         ": store each quantity as a column of real numbers.",
     )
-    signals = _signal_columns(table, facts)
-    columns = tuple(
-        _column(table, facts, name, signals) for name in [*table.columns, *table.unusable]
-    )
-    time_s, unit, source = _time(table, facts)
+    signals = shown_signals(table, facts)
+    roles = roles_of(table, facts, signals)
+    columns = tuple(described_column(table, facts, name, roles) for name in table)
+    time_s, unit, source = _time(table, facts, roles)
     stamps = None if time_s is None else timing(time_s)
     stated_hz = facts.get("sample_rate_hz")
     if stamps is not None:
@@ -159,121 +169,38 @@ def _inspect(
         time_source=source,
         rate_hz=rate_hz,
         signals=_signals(table, facts, signals, rate_hz),
-        speed_m_per_s=_stated(table, SPEEDS),
-        position_m=_stated(table, POSITIONS),
+        speed_m_per_s=_measured(table, facts, "speed", roles, PER_M_PER_S),
+        position_m=_measured(table, facts, "position", roles, PER_M),
         facts=facts,
     )
 
 
-def _signal_columns(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, ...]:
-    """Signal columns as `load` chooses them; else those named like a signal; else all others."""
-    if facts.get("channels") is not None:
-        channels = choose_channels(table, facts)
-        for channel in channels:
-            table.check_usable(channel)
-        return channels
-    try:
-        return choose_channels(table, facts)
-    except BadInput:
-        numeric = [name for name in table.columns if np.isfinite(table.finite(name)).any()]
-        left = [name for name in numeric if _role_of_name(table, name) in ("signal", "other")]
-        named = [name for name in left if _role_of_name(table, name) == "signal"]
-        return tuple(named or left)
-
-
-def _role_of_name(table: ColumnTable, name: str) -> Role:
-    if name == time_column(table) or name in TIMES:
-        return "time"
-    fitting: list[Role] = [role for role, pattern in _NAMES.items() if pattern.search(name)]
-    return fitting[0] if fitting else "other"
-
-
-def _column(
-    table: ColumnTable, facts: Mapping[str, Any], name: str, signals: tuple[str, ...]
-) -> Column:
-    if name in table.unusable:
-        return Column(name, "other", UNKNOWN, table.unusable[name])
-    values = table.finite(name)
-    present = values[np.isfinite(values)]
-    if not present.size:
-        return Column(name, "other", UNKNOWN, "no numbers", values.size, values.size)
-    role: Role = "signal" if name in signals else _role_of_name(table, name)
-    if role == "signal" and name not in signals:
-        role = "other"
-    unit, reason = _unit(table, facts, name, role, present)
-    # By a power of two, which rounds nothing: sums and squares may leave float64's range.
-    size = float(np.ldexp(0.5, np.frexp(np.max(np.abs(present)))[1]))
-    scaled = present / size if size > 0 else present
-    return Column(
-        name,
-        role,
-        unit,
-        reason,
-        values.size,
-        values.size - present.size,
-        float(present.min()),
-        float(present.max()),
-        size * float(scaled.mean()),
-        size * float(np.sqrt(np.mean(scaled**2))),
-    )
-
-
-def _unit(
-    table: ColumnTable, facts: Mapping[str, Any], name: str, role: Role, present: np.ndarray
-) -> tuple[str, str]:
-    """A column's unit and why."""
-    if role == "time":
-        return _time_unit(table, facts, name)
-    if role == "signal" and facts.get("signal_unit"):
-        return str(facts["signal_unit"]), "stated as signal_unit"
-    if name in table.units:
-        return table.units[name], "stated in the file"
-    for quantity, units in (("speed", PER_M_PER_S), ("position", PER_M)):
-        unit = name.removeprefix(f"{quantity}_")
-        if role == quantity and unit in units:
-            return unit.replace("_per_", "/"), "the column's name"
-    if unit := unit_of_name(name):
-        return unit, "the column's name"
-    if role == "signal" and np.all(present == np.round(present)):
-        return "counts", "whole numbers only: a converter's raw counts"
-    return UNKNOWN, "neither the name nor the file states one"
-
-
-def _time_unit(table: ColumnTable, facts: Mapping[str, Any], name: str) -> tuple[str, str]:
-    unit = stated_time_unit(table, facts, name)
-    if unit in PER_S:
-        source = "the column's name" if name in TIMES else "stated in the file"
-        stated = name not in TIMES and facts.get("time_unit")
-        return str(unit), "stated as time_unit" if stated else source
-    stamps = timing(table.finite(name, LARGEST))
-    if stamps is None:
-        return UNKNOWN, "the stamps do not increase"
-    tick = 1 / stamps.rate_hz
-    values = table.finite(name)
-    if np.any(values != np.round(values), where=np.isfinite(values)):
-        return "s", f"a guess: stamps {tick:.3g} apart, not whole numbers"
-    if tick < _FEW_TICKS:
-        return "ms", f"a guess: whole numbers {tick:.3g} apart"
-    return "us", f"a guess: whole numbers as far as {tick:.3g} apart"
-
-
 def _time(
-    table: ColumnTable, facts: Mapping[str, Any]
+    table: ColumnTable, facts: Mapping[str, Any], roles: Mapping[str, Role]
 ) -> tuple[Float[np.ndarray, " sample"] | None, str | None, str]:
     """The stamps [s], their unit, and its origin."""
-    name = time_column(table)
+    name = next((name for name, role in roles.items() if role == "time"), None)
     if name is None or name in table.unusable:
         return None, None, "no column of times"
-    unit, reason = _time_unit(table, facts, name)
+    unit, reason = time_unit_or_guess(table, facts, name)
     if unit == UNKNOWN:
         return None, None, f"column {name}: {reason}"
     return table.finite(name, LARGEST) / PER_S[unit], unit, f"column {name} in {unit} ({reason})"
 
 
-def _stated(table: ColumnTable, names: Mapping[str, int]) -> Float[np.ndarray, " _"] | None:
-    """The first column of these names, in SI units."""
-    column = next((name for name in names if name in table.columns), None)
-    return None if column is None else table.finite(column, LARGEST) / names[column]
+def _measured(
+    table: ColumnTable,
+    facts: Mapping[str, Any],
+    quantity: Quantity,
+    roles: Mapping[str, Role],
+    per_si: Mapping[str, int],
+) -> Float[np.ndarray, " _"] | None:
+    """The file's speeds or positions, in SI units."""
+    column = next((name for name, role in roles.items() if role == quantity), None)
+    unit = None if column is None else unit_of(table, facts, column, quantity)[0]
+    if column is None or unit is None or column in table.unusable:
+        return None
+    return table.finite(column, LARGEST) / per_si[unit]
 
 
 def _signals(
@@ -285,7 +212,7 @@ def _signals(
     sizes = [v.size for v in values.values() if v.size >= SHORTEST]
     segment = segment_length(min(sizes, default=SHORTEST))
     for name, raw in values.items():
-        unit = _unit(table, facts, name, "signal", raw[np.isfinite(raw)])[0]
+        unit = unit_and_reason(table, facts, name, "signal", raw[np.isfinite(raw)])[0]
         signal = raw / PER_V.get(unit, 1)
         signals[name] = Signal(
             values=signal,

@@ -4,8 +4,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from ._units import UNITLESS_TIMES
-from .inspection import UNKNOWN, Inspection
+from ._described_columns import UNKNOWN
+from ._units import PER_S, split_unit
+from .inspection import Inspection
 
 # Facts that only the experimenter has, and the hint to write there.
 SIGNAL = {
@@ -105,7 +106,7 @@ def _guessed(inspection: Inspection) -> list[str]:
         "signal_unit": None if unit == UNKNOWN else unit,
     }
     comments = {"channels": "the signals, in the order of sensor.elements"}
-    if any(column.name in UNITLESS_TIMES for column in inspection.of_role("time")):
+    if any(split_unit(column.name, PER_S)[1] is None for column in inspection.of_role("time")):
         comments["time_unit"] = inspection.time_source
     comments["signal_unit"] = reason
     return _lines(facts, comments)

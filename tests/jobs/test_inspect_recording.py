@@ -126,3 +126,29 @@ def test_shared_recordings(name, signals, rate_hz, unit):
     assert result.metrics["signals"] == signals
     assert result.metrics["sample_rate_hz"] == pytest.approx(rate_hz, rel=1e-3)
     assert set(result.dataset["signal_unit"].values.tolist()) == {unit}
+
+
+VERDICTS = {
+    "usable": ({}, "usable as it is, once the sidecar", "", "experiment=invert_recording"),
+    "missing samples": (
+        {"voltage_1_mV": np.where(np.arange(N) == 4, np.nan, np.arange(N))},
+        "usable with recording.missing=allow, once", "data row 5 is empty",
+        "recording.missing=allow",
+    ),
+    "no motion": ({"position_mm": None}, "not usable as it is", "recording.speed_m_per_s", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", VERDICTS)
+def test_verdict_first(tmp_path, case):
+    changes, verdict, refusal, following = VERDICTS[case]
+    write_csv(tmp_path / "r.csv", scan(**changes))
+    (tmp_path / "r.csv").write_text((tmp_path / "r.csv").read_text().replace("nan", ""))
+    result = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.csv'}")
+    facts = result.dataset.attrs
+    assert facts["verdict"].startswith(verdict)
+    assert refusal in facts["refusal"]
+    assert following in facts["next_command"]
+    assert bool(facts["next_command"]) == bool(following)
+    first = str(summary(result))
+    assert first.index(verdict[:20]) < first.index("sample rate")

@@ -6,10 +6,13 @@ from typing import Any
 
 import h5py
 import numpy as np
+import pyarrow as pa
 import scipy.io
 import scipy.io.wavfile
+import soundfile
 import xarray as xr
 from nptdms import ChannelObject, TdmsWriter
+from pyarrow import parquet
 
 N = 12
 RATE_HZ = 1000
@@ -87,6 +90,16 @@ def write_tdms(path: Path, table: Columns) -> None:
         file.write_segment([ChannelObject("scan", name, values) for name, values in table.items()])
 
 
+def write_parquet(path: Path, table: Columns) -> None:
+    arrays = {name: pa.array(np.asarray(values)) for name, values in table.items()}
+    parquet.write_table(pa.table(arrays), path)
+
+
+def write_flac(path: Path, table: Columns) -> None:
+    values = np.stack([np.asarray(v) for v in table.values()], axis=1)
+    soundfile.write(path, values, RATE_HZ, format="FLAC", subtype="PCM_16")
+
+
 # format: (the file's name, how it is written)
 FORMATS: dict[str, tuple[str, Callable[[Path, Columns], None]]] = {
     "csv": ("r.csv", write_csv),
@@ -96,14 +109,17 @@ FORMATS: dict[str, tuple[str, Callable[[Path, Columns], None]]] = {
     "mat": ("r.mat", write_mat),
     "mat73": ("r.mat", write_mat73),
     "wav": ("r.wav", write_wav),
+    "flac": ("r.flac", write_flac),
     "tdms": ("r.tdms", write_tdms),
+    "parquet": ("r.parquet", write_parquet),
 }
+WITHOUT_TIMES = ("wav", "flac")  # they hold a rate, and signals alone
 WAV_COLUMNS = {"left": COUNTS[0], "right": COUNTS[1]}
 
 
 def write(format: str, folder: Path, table: Columns | None = None) -> Path:
     """A good file of this format (with `table` in place of the good columns) in `folder`."""
     name, writer = FORMATS[format]
-    good = WAV_COLUMNS if format == "wav" else COLUMNS
+    good = WAV_COLUMNS if format in WITHOUT_TIMES else COLUMNS
     writer(folder / name, good if table is None else table)
     return folder / name

@@ -3,8 +3,10 @@
 import json
 import os
 import struct
+import sys
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -14,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from srsinv.errors import BadInput
-from srsinv.recording import load
+from srsinv.recording import _apart, load
 from srsinv.recording.inspection import inspect
 from tests.jobs.run import command
 from tests.recording.files import (
@@ -22,6 +24,7 @@ from tests.recording.files import (
     FORMATS,
     SIGNAL,
     TIME_S,
+    WITHOUT_TIMES,
     N,
     columns,
     with_value,
@@ -32,15 +35,16 @@ from tests.recording.files import (
 from tests.tiers import quick
 
 BINARY = tuple(format for format in FORMATS if format != "csv")
-TABLES = tuple(format for format in FORMATS if format != "wav")  # those that hold any columns
+# Those that hold any columns.
+TABLES = tuple(format for format in FORMATS if format not in WITHOUT_TIMES)
 NOT_NETCDF = ("npz", "hdf5", "mat", "mat73")
 ARRAYS = (*NOT_NETCDF, "netcdf")
 SPEED = {"speed_m_per_s": 0.05}
 
 
 def known(format):
-    """What has to be told beside a good file: a WAV file knows its signals and their rate."""
-    return SPEED if format == "wav" else {}
+    """What has to be stated beside a good file: WAV and FLAC know their signals and the rate."""
+    return SPEED if format in WITHOUT_TIMES else {}
 
 
 def assert_clear_message(error):
@@ -350,10 +354,15 @@ def test_more_than_it_holds(tmp_path, case):
     assert_refused(tmp_path / name, words)
 
 
-def test_tdms_without_its_package(tmp_path, monkeypatch):
-    path = write("tdms", tmp_path)
-    monkeypatch.setitem(__import__("sys").modules, "nptdms", None)
-    assert_refused(path, ["pip install srsinv[tdms]"])
+@pytest.mark.parametrize(
+    ("format", "package"), [("tdms", "nptdms"), ("parquet", "pyarrow"), ("flac", "soundfile")]
+)
+def test_without_the_package_of_a_format(tmp_path, monkeypatch, format, package):
+    path = write(format, tmp_path)
+    monkeypatch.setitem(sys.modules, package, None)
+    # In this process: the one that isolates it has its own packages.
+    monkeypatch.setattr(_apart, "sys", SimpleNamespace(executable=""))
+    assert_refused(path, [f"pip install srsinv[{format}]"], **known(format))
 
 
 # Sidecars: text -> words of the sentence

@@ -11,7 +11,17 @@ from srsinv.recording._sidecar import parse
 from srsinv.recording._timing import timing
 from srsinv.recording.inspection import inspect
 from srsinv.recording.template import blanks, sidecar_template
-from tests.recording.files import COLUMNS, FORMATS, SPEED, TIME_S, N, columns, write, write_csv
+from tests.recording.files import (
+    COLUMNS,
+    FORMATS,
+    SPEED,
+    TIME_S,
+    WITHOUT_TIMES,
+    N,
+    columns,
+    write,
+    write_csv,
+)
 from tests.tiers import quick
 
 NOISE = np.random.default_rng(5).normal(size=8192)
@@ -33,16 +43,17 @@ ROLES = [
     ("t", TIME_S, "time", "s", "a guess"),
     ("position_um", TIME_S, "position", "um", "the column's name"),
     ("speed_mm_per_s", SPEED, "speed", "mm/s", "the column's name"),
-    ("velocity", SPEED, "speed", "not stated", "neither"),
+    ("velocity", SPEED, "other", "not stated", "its name is of a speed, and its unit"),
+    ("velocity (rpm)", SPEED, "other", "rpm", "its name is of a speed"),
     ("voltage_3_mV", TIME_S, "signal", "mV", "the column's name"),
-    ("load_cell", TIME_S, "other", "not stated", "neither"),
+    ("load_cell", TIME_S, "other", "not stated", "in no unit of voltage"),
     ("note", ["x"] * N, "other", "not stated", "no numbers"),
 ]
 
 
 @pytest.mark.parametrize(("name", "values", "role", "unit", "reason"), ROLES)
 def test_roles_and_units(tmp_path, name, values, role, unit, reason):
-    table = columns(time_s=None) if role == "time" else columns()
+    table = columns(**({f"{role}_s": None, f"{role}_m_per_s": None} if role != "other" else {}))
     write_csv(tmp_path / "r.csv", table | {name: values})
     (column,) = [c for c in inspect(tmp_path / "r.csv").columns if c.name == name]
     assert (column.role, column.unit) == (role, unit)
@@ -163,7 +174,7 @@ def test_no_spectrum_of_nothing(values):
 @pytest.mark.parametrize("format", FORMATS)
 def test_template_unfilled_is_harmless(tmp_path, format):
     path = write(format, tmp_path)
-    stated = {"speed_m_per_s": 0.05} if format == "wav" else {}
+    stated = {"speed_m_per_s": 0.05} if format in WITHOUT_TIMES else {}
     without_template = load(path, **stated)
     path.with_suffix(".yaml").write_text(sidecar_template(inspect(path)))
     got = load(path, **stated)

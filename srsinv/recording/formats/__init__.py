@@ -15,10 +15,12 @@ from srsinv.errors import BadInput, refuse
 from .._guard import DataFile, quoted
 from .._table import ColumnTable
 from ..reader import Reader
+from .flac import Flac
 from .hdf5 import Hdf5
 from .matlab import Matlab
 from .netcdf import NetCdf
 from .npz import Npz
+from .parquet import Parquet
 from .tdms import Tdms
 from .text import Text
 from .wav import Wav
@@ -34,7 +36,9 @@ SUFFIXES: Mapping[str, Reader] = {
     ".nc": NetCdf(),
     ".mat": Matlab(),
     ".wav": Wav(),
+    ".flac": Flac(),
     ".tdms": Tdms(),
+    ".parquet": Parquet(),
 }
 
 

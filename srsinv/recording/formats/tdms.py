@@ -8,9 +8,9 @@ import numpy as np
 
 from srsinv.errors import BadInput
 
+from .._columns import may_be_signal
 from .._guard import DataFile, quoted
 from .._table import ColumnTable
-from .._units import may_be_signal
 from ..reader import Reader
 
 _MOST_READS = 2_000_000  # of all segments' descriptions: some seconds

@@ -2,7 +2,7 @@
 
 import csv
 import io
-import math
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,9 +13,10 @@ from srsinv.errors import BadInput, refuse
 from .._guard import DataFile, quoted
 from .._table import ColumnTable
 from ..reader import Reader
-from ._numeric_rows import numeric_rows
+from ._numbers import DecimalMark, is_number
 
-_DELIMITERS = ",;\t"
+_DELIMITERS = "\t;,"  # the first that the header has: a name may hold a comma, hardly the others
+_QUOTED = re.compile('"[^"]*"')
 LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
 _BLOCK = 2**20  # characters whose cells are turned into numbers together
 _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
@@ -25,7 +26,10 @@ _Rows = list[list[str]] | Float[np.ndarray, "row column"]
 
 
 class Text(Reader):
-    """Text with a header row, cells separated by commas, semicolons or tabs."""
+    """Text with a header row, cells separated by commas, semicolons or tabs.
+
+    Between semicolons or tabs the decimal mark may be a comma, throughout the file.
+    """
 
     def read(self, file: DataFile) -> ColumnTable:
         """The columns of a UTF-8 text; blank lines and lines of # before the header are skipped."""
@@ -33,12 +37,13 @@ class Text(Reader):
         text = io.TextIOWrapper(file, encoding="utf-8-sig")
         lines = _Lines(table.name, text)
         header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-        delimiter = next((mark for mark in header if mark in _DELIMITERS), ",")
+        delimiter = next((mark for mark in _DELIMITERS if mark in _QUOTED.sub("", header)), ",")
         names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
         _check_names(table, names)
         lines.begin_after(1)
-        columns = {index: _Column() for index, name in enumerate(names) if name}
-        for rows in _blocks(table, lines, delimiter, names):
+        decimal = DecimalMark(delimiter != ",")
+        columns = {index: _Column(decimal) for index, name in enumerate(names) if name}
+        for rows in _blocks(table, lines, delimiter, names, decimal):
             cells = rows.T if isinstance(rows, np.ndarray) else list(zip(*rows, strict=True))
             for index, column in columns.items():
                 column.extend(cells[index])
@@ -116,8 +121,9 @@ class _Lines(Iterator[str]):
 class _Column:
     """A column's cells as numbers: NaN for one that is empty, infinite for no finite number."""
 
-    def __init__(self):
+    def __init__(self, decimal: DecimalMark):
         self._parts: list[np.ndarray] = []
+        self._decimal = decimal
         self.text = ""  # of the first cell that holds no finite number
 
     def extend(self, cells: tuple[str, ...] | Float[np.ndarray, " row"]) -> None:
@@ -129,8 +135,8 @@ class _Column:
             values = np.fromiter(map(float, cells), np.float64, len(cells))
         except ValueError:
             values = np.full(1, np.nan)
-        if not np.isfinite(values).all():
-            values = np.fromiter(map(_number, cells), np.float64, len(cells))
+        if self._decimal.may_differ or not np.isfinite(values).all():
+            values = np.fromiter(map(self._decimal.number, cells), np.float64, len(cells))
             if not self.text and np.isinf(values).any():
                 self.text = cells[int(np.isinf(values).argmax())].strip()[:_TEXT]
         self._parts.append(values)
@@ -142,14 +148,16 @@ class _Column:
         return values
 
 
-def _blocks(table: ColumnTable, lines: _Lines, delimiter: str, names: list[str]) -> Iterator[_Rows]:
+def _blocks(
+    table: ColumnTable, lines: _Lines, delimiter: str, names: list[str], decimal: DecimalMark
+) -> Iterator[_Rows]:
     """Rows of as many cells as there are names, a block of them at a time.
 
-    A blank line is the empty cell of a file of one column, and nothing at the end of any file.
+    A blank line is a row of empty cells, and nothing at the end of any file.
     """
     reader = csv.reader(lines, delimiter=delimiter)
     done = blank = 0
-    while len(rows := _next_rows(lines, reader, delimiter, len(names))):
+    while len(rows := _next_rows(lines, reader, delimiter, len(names), decimal)):
         at_end = 0
         while isinstance(rows, list) and rows and rows[-1] == [""]:
             rows.pop()
@@ -158,17 +166,24 @@ def _blocks(table: ColumnTable, lines: _Lines, delimiter: str, names: list[str])
         if len(rows) or (blank > _MOST_BLANK and len(names) > 1):
             held = ([[""]] * min(_BLOCK, blank - start) for start in range(0, blank, _BLOCK))
             for part in (*held, rows) if len(rows) else held:
-                done = _checked(table, part, names, done)
-                yield part
+                whole = _with_blank_rows(part, len(names))
+                done = _checked(table, whole, names, done)
+                yield whole
             blank = 0
         blank += at_end
         table.check_size(names[0], done + blank)
 
 
-def _next_rows(lines: _Lines, reader: Iterator[list[str]], delimiter: str, columns: int) -> _Rows:
+def _next_rows(
+    lines: _Lines,
+    reader: Iterator[list[str]],
+    delimiter: str,
+    columns: int,
+    decimal: DecimalMark,
+) -> _Rows:
     """The rows of the next lines, a blank line's being one empty cell; none at the end."""
     block = lines.block_at_hand()
-    rows = numeric_rows(block, delimiter, columns)
+    rows = decimal.numeric_rows(block, delimiter, columns)
     if rows is None:
         rows = _simple_rows(block, delimiter)
     if len(rows):
@@ -197,6 +212,13 @@ def _simple_rows(block: str, delimiter: str) -> list[list[str]]:
         if max(map(len, lines)) < LONGEST_ROW
         else []
     )
+
+
+def _with_blank_rows(rows: _Rows, columns: int) -> _Rows:
+    """The rows with a row of empty cells for each blank line."""
+    if isinstance(rows, np.ndarray):
+        return rows
+    return [[""] * columns if len(row) == 1 and not row[0].strip() else row for row in rows]
 
 
 def _checked(table: ColumnTable, rows: _Rows, names: list[str], done: int) -> int:
@@ -228,19 +250,3 @@ def _check_names(table: ColumnTable, names: list[str]) -> None:
             f"{table.name}: column {column!r} appears twice in the header: give every column its "
             "own name.",
         )
-
-
-def is_number(cell: str) -> bool:
-    """Whether a cell holds a finite number."""
-    return math.isfinite(_number(cell))
-
-
-def _number(cell: str) -> float:
-    """The number in a cell: NaN only if the cell is empty, infinite if it holds no finite one."""
-    if not cell or cell.isspace():
-        return math.nan
-    try:
-        number = float(cell)
-    except ValueError:
-        return math.inf
-    return number if math.isfinite(number) else math.inf

@@ -1,0 +1,185 @@
+"""Which column of a table is what: time, speed, position along x, and the signals.
+
+By the experimenter's word, else by the column's name and unit. The one place that decides it:
+`load` and `inspect` both go by it.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from srsinv.errors import refuse, shown
+
+from ._table import ColumnTable, listing
+from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, bracketed, known_unit, split_unit
+
+Quantity = Literal["time", "speed", "position"]
+_VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)}|[µμ]V|Volts)")
+_SIGNAL = re.compile(
+    r"(volt(age)?|ch(an(nel)?)?|ai|adc|sig(nal)?|sensor|film|taxel)[ _-]?(\d+|[a-z])?",
+    re.IGNORECASE,
+)
+# Of another axis, or not what the sensor did.
+_ELSEWHERE = re.compile(r"(^|[\W_])(y|z|set|target|cmd|command(ed)?)($|[\W_])", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class _Names:
+    """What a quantity's column may be called: exactly, and as a part of its name."""
+
+    units: Mapping[str, int]
+    exact: tuple[str, ...]
+    pattern: re.Pattern[str]
+
+
+_NAMES: Mapping[Quantity, _Names] = {
+    "time": _Names(
+        PER_S, ("time", "timestamp", "t"), re.compile(r"(^|[ _-])time([ _-]?stamps?)?($|[ _-])")
+    ),
+    "speed": _Names(PER_M_PER_S, ("speed",), re.compile(r"speed|veloc")),
+    "position": _Names(
+        PER_M,
+        ("position", "x"),
+        re.compile(r"(^|[ _-])pos(ition)?s?($|[ _-])|displace|encoder|(^|[ _-])x$"),
+    ),
+}
+
+
+def quantity_of(column: str) -> Quantity | None:
+    """The quantity that a column's name is of, or None."""
+    for quantity, names in _NAMES.items():
+        words = split_unit(column, names.units)[0].casefold()
+        if words in names.exact or names.pattern.search(words):
+            return quantity
+    return None
+
+
+def may_be_signal(column: str) -> bool:
+    """Whether a column's name allows a signal: it names no time, speed or position."""
+    return quantity_of(column) is None
+
+
+def is_named_signal(column: str) -> bool:
+    """Whether a column is called what signals are, as `Ch A`, `AI0` or `channel_1`."""
+    return bool(_SIGNAL.fullmatch(bracketed(column)[0]))
+
+
+def resolve(table: ColumnTable, given: str) -> str:
+    """The column that the experimenter names, in full, or without its unit and in any case.
+
+    Raises `BadInput` where there is none, or more than one.
+    """
+    if given in table:
+        return given
+    folded = given.casefold()
+    near = [c for c in table if folded in (c.casefold(), bracketed(c)[0].casefold())]
+    refuse(
+        len(near) > 1,
+        f"{table.name}: {shown(given)} may be any of the columns {listing(near)}: give the whole "
+        "name.",
+    )
+    return near[0] if near else given
+
+
+def unit_of(
+    table: ColumnTable, facts: Mapping[str, Any], column: str, quantity: Quantity
+) -> tuple[str | None, str]:
+    """The unit of a column of times, speeds or positions, and who states it: its name, else the
+    experimenter, else the file; None: nobody, or an unknown one."""
+    units = _NAMES[quantity].units
+    named = split_unit(column, units)[1]
+    stated = facts.get(f"{quantity}_unit")
+    if named is not None:
+        return named, "the column's name"
+    if stated is not None:
+        return stated, f"stated as {quantity}_unit"
+    return known_unit(table.units.get(column), units), "stated in the file"
+
+
+def column_of(table: ColumnTable, facts: Mapping[str, Any], quantity: Quantity) -> str | None:
+    """The column of times, speeds or positions, or None; a position or speed without a unit is
+    taken only where it is named in `facts`.
+
+    Raises `BadInput` where the one that is named is absent, and where several may be it.
+    """
+    stated = facts.get(f"{quantity}_column")
+    if stated is not None:
+        column = resolve(table, stated)
+        refuse(
+            column not in table,
+            f"{table.name}: recording.{quantity}_column is {shown(stated)}, and there is no column "
+            f"{shown(stated)} among {listing(table)}: name one of them.",
+        )
+        table.check_usable(column)
+        return column
+    names = _NAMES[quantity]
+    own = [f"{names.exact[0]}_{unit}" for unit in names.units]
+    signals = [resolve(table, c) for c in _listed(facts.get("channels"))]
+    rest = [c for c in table if c not in own and c not in signals]
+    taken = [c for c in own if c in table][:1] or _alike(table, facts, quantity, rest)
+    refuse(
+        len(taken) > 1,
+        f"{table.name}: the {quantity} may be any of the columns {listing(taken)}: name one by "
+        f"recording.{quantity}_column=...",
+    )
+    return taken[0] if taken else None
+
+
+def _alike(
+    table: ColumnTable, facts: Mapping[str, Any], quantity: Quantity, rest: list[str]
+) -> list[str]:
+    """The columns that may be a quantity's: by exact names in small or large letters, if any is,
+    or else by a part of the name. A time needs no unit to be one."""
+    names = _NAMES[quantity]
+    words = {c: split_unit(c, names.units)[0].casefold() for c in rest}
+    has_unit = [c for c in rest if quantity == "time" or unit_of(table, facts, c, quantity)[0]]
+    exact = [c for c in has_unit if words[c] in names.exact]
+    if exact:
+        # Times by their first name, as before units could be anywhere.
+        order = names.exact.index
+        return sorted(exact, key=lambda c: order(words[c]))[: 1 if quantity == "time" else None]
+    return [
+        c for c in has_unit if names.pattern.search(words[c]) and not _ELSEWHERE.search(words[c])
+    ]
+
+
+def _listed(channels: Any) -> tuple[str, ...]:
+    return (channels,) if isinstance(channels, str) else tuple(channels or ())
+
+
+def signal_columns(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, ...]:
+    """The columns that are the signals, in order: those that are stated; else `voltage_0_V`, ...;
+    else what the format has for signals; else all in a unit of voltage; else all that are called
+    what signals are. Raises `BadInput` where there is none."""
+    stated = facts.get("channels")
+    if stated is not None:
+        return tuple(resolve(table, channel) for channel in _listed(stated))
+    # An unusable one too: it is refused, as leaving it out would be silent.
+    voltages = [(int(m[1]), c) for c in table if (m := _VOLTAGE.fullmatch(c))]
+    if voltages:
+        return tuple(column for _, column in sorted(voltages))
+    if table.signals:
+        return tuple(table.signals)
+    left = [c for c in table if may_be_signal(c)]
+    in_volts = [c for c in left if _unit_by_file(table, c) in PER_V]
+    chosen = in_volts or [c for c in left if is_named_signal(c)]
+    refuse(
+        not chosen,
+        f"{table.name}: there is no column voltage_0_V, voltage_1_V, ..., none in V, mV or uV, and "
+        f"none called channel, among the columns {listing(table.columns)}: name the signals by "
+        "recording.channels=[...].",
+    )
+    return tuple(chosen)
+
+
+def _unit_by_file(table: ColumnTable, column: str) -> str | None:
+    """A signal's unit as its name or the file has it: of voltage, or as it is written."""
+    written = table.units.get(column) or bracketed(column)[1]
+    return known_unit(written, PER_V) or written or split_unit(column, PER_V)[1]
+
+
+def signal_unit(table: ColumnTable, facts: Mapping[str, Any], column: str) -> str | None:
+    """The unit of a signal's column, as the experimenter, the file or its name has it."""
+    stated = facts.get("signal_unit")
+    return known_unit(stated, PER_V) or stated or _unit_by_file(table, column)

@@ -1,0 +1,44 @@
+"""FLAC: a column a channel, at the file's own sample rate, read by soundfile. Needs the extra
+`flac`."""
+
+import numpy as np
+
+from srsinv.errors import BadInput
+
+from .._apart import IsolatedReader
+from .._guard import DataFile, quoted
+from .._table import ColumnTable
+from .wav import UNIT
+
+
+class Flac(IsolatedReader):
+    """FLAC, integers as fractions of full scale; needs the extra `flac`."""
+
+    def read_here(self, file: DataFile) -> ColumnTable:
+        """`channel_0`, `channel_1`, ... as fractions of full scale, with `sample_rate_hz`.
+
+        The full scale in volts is not in the file: it is the inverse of `gain`. Raises `BadInput`
+        where the package that reads them is not installed.
+        """
+        table = ColumnTable(quoted(file.path.name))
+        try:
+            import soundfile
+        except ImportError as error:
+            raise BadInput(
+                f"{table.name}: reading .flac takes a package that is not installed: add it by "
+                "pip install srsinv[flac], or save the recording in another format."
+            ) from error
+        with soundfile.SoundFile(file) as source:
+            if source.format != "FLAC" or source.samplerate <= 0:
+                raise ValueError("no FLAC")
+            table.check_count(source.channels)
+            table.check_size("channel_0", source.frames * source.channels)
+            table.sidecar["sample_rate_hz"] = int(source.samplerate)
+            values = source.read(dtype="float64", always_2d=True)
+            if len(values) != source.frames:
+                raise EOFError("cut short")
+        for index, channel in enumerate(np.ascontiguousarray(values.T)):
+            name = f"channel_{index}"
+            table.take(name, channel.shape, channel.dtype, channel.copy, UNIT)
+            table.signals.append(name)
+        return table
