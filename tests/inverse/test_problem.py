@@ -18,8 +18,10 @@ from srsinv.grid import Open
 from srsinv.inverse.estimate import overlap
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
+from srsinv.inverse.recorded import motion_of, sensor_described
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
+from srsinv.recording import Recording
 from tests.inverse.cases import make_case
 from tests.tiers import quick
 
@@ -194,3 +196,24 @@ def test_what_is_compiled_for_one_sensor_serves_all():
     leaves = jax.tree.leaves(on_line.on_line())
     assert len(leaves) < len(jax.tree.leaves(on_line))
     assert on_line.on_line().sensor is None
+
+
+def test_a_sidecars_elements_are_where_it_says():
+    """The films' offsets are in the sensor that a sidecar describes, and shift its signals."""
+    element = {"angle_deg": 20.0, "strip_width_m": 7e-4, "active_length_m": 8e-3}
+    sidecar = {
+        "sensor": {
+            "depth_m": 7.5e-4, "feedback_resistance_ohm": 1e6,
+            "elements": [element, element | {"offset_m": 1.5e-3}],
+        }
+    }  # fmt: skip
+    time_s = np.arange(400) / 1000
+    given = Recording(np.zeros((2, 400)), time_s, 0.03 + 0 * time_s, ("a", "b"), sidecar)
+    sensor, line = sensor_described(given), Open(400, 5e-5, -4e-3)
+    traction = jnp.asarray(strip(line))
+    signals = np.asarray(sensor.operator_along(line, motion_of(given))(traction))
+    shifted = np.interp(0.03 * time_s + 1.5e-3, 0.03 * time_s, signals[0])
+    inside = 0.03 * time_s < 0.03 * time_s[-1] - 1.5e-3
+    np.testing.assert_allclose(
+        signals[1][inside], shifted[inside], atol=1e-2 * np.abs(signals[0]).max()
+    )
