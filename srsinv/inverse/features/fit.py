@@ -16,12 +16,11 @@ from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...resolution import cell_m
 from ..cells import Window
-from ..diagnostics import local_misfit, sliding_noise
 from ..nonlinear import Fit, Solver, fit, fit_many
 from .contact import cell_for
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
-from .misfit import local_excess
+from .misfit import against_levels
 from .model import FeatureModel, scan_extent
 from .search import STARTS, Blocks, FeatureSearch
 from .sliding_noise import Levels, estimate, first_levels
@@ -269,11 +268,8 @@ class FeatureFitter:
         """Warnings on noise that was estimated from the residual."""
         if levels is None:
             return ()
-        x = np.asarray(self._motion.position_m)
-        fitted = y - result.residual
-        excess = local_excess(result.residual, fitted, x, self._depth_m, levels)
-        fraction = levels.sliding / float(np.sqrt(np.nanmean(y**2)))
-        return (*sliding_noise(fraction), *local_misfit(excess))
+        taken = self._whitener(levels, y).coloured(result.jacobian)
+        return against_levels(y, result.residual, *self._scale, levels, taken)
 
     @property
     def _scale(self):

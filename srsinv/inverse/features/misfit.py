@@ -9,13 +9,14 @@ The fit takes noise out of the residual where the feature is, so that the test i
 """
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import chdtrc
 
-from .sliding_noise import Levels
+from ..diagnostics import local_misfit, sliding_noise
+from .sliding_noise import Levels, evidence_of_sliding
 
 FALSE_ALARM = 1e-3
 MOST_BLOCKS = 256  # of samples, each with its mean: a misfit is as long as the film is deep
@@ -95,3 +96,20 @@ def _means(
     cut = padded.reshape(len(values), blocks, size)
     number = np.isfinite(cut).sum(axis=-1)
     return np.nansum(cut, axis=-1) / np.maximum(number, 1), number.astype(float)
+
+
+def against_levels(
+    y: Float[np.ndarray, "e sample"],
+    residual: Float[np.ndarray, "e sample"],
+    position_m: Any,
+    depth_m: float,
+    levels: Levels,
+    taken: Float[np.ndarray, "e sample m"],
+) -> tuple[str, ...]:
+    """Warnings on noise that was estimated from the residual of a fit to `y`, the fit's derivatives
+    being `taken`; a correlated part that chance makes as well says nothing."""
+    x = np.asarray(position_m)
+    warnings = sliding_noise(levels.sliding / float(np.sqrt(np.nanmean(y**2))))
+    if warnings and evidence_of_sliding(residual, x, taken, levels) < -np.log(FALSE_ALARM):
+        warnings = ()
+    return (*warnings, *local_misfit(local_excess(residual, y - residual, x, depth_m, levels)))

@@ -71,29 +71,69 @@ def estimate(
     - `start`: levels to begin with.
     """
     start = first_levels(residual, depth_m) if start is None else start
-    size = float(start.white.mean())
-    taken = np.zeros((*residual.shape, 0)) if fitted is None else _directions(fitted, residual)
-    rows = [_Row(position_m, *each) for each in zip(residual / size, taken, strict=True)]
-    first = [*(start.white / size), max(start.sliding / size, LEAST_START), start.correlation_m]
+    likelihood = _Likelihood(residual, position_m, fitted, float(start.white.mean()))
+    return likelihood.greatest(start, depth_m)
 
-    def minus_log_likelihood(logs) -> float:
+
+def evidence_of_sliding(
+    residual: Float[np.ndarray, "e sample"],
+    position_m,
+    fitted: Float[np.ndarray, "e sample m"] | None,
+    levels: Levels,
+) -> float:
+    """Log of the restricted likelihood of these levels over that of the best white noise alone, of
+    which chance makes more than g with a probability of about e^-g."""
+    likelihood = _Likelihood(residual, position_m, fitted, float(levels.white.mean()))
+    return likelihood.of_white() - likelihood.minus_log(levels)
+
+
+class _Likelihood:
+    """The restricted likelihood of a residual, in units of `size`."""
+
+    def __init__(self, residual, position_m, fitted, size: float):
+        taken = np.zeros((*residual.shape, 0)) if fitted is None else _directions(fitted, residual)
+        self._rows = [_Row(position_m, *each) for each in zip(residual / size, taken, strict=True)]
+        self._size = size
+        self._spread = float(np.nanmax(np.abs(residual))) / size
+
+    def minus_log(self, levels: Levels) -> float:
+        """Minus the log of that of some levels."""
+        logs = np.log([*(levels.white / self._size), levels.sliding / self._size])
+        return self._minus_log([*logs, np.log(levels.correlation_m)])
+
+    def greatest(self, start: Levels, depth_m: float) -> Levels:
+        """The levels of greatest likelihood, from these on."""
+        sliding = max(start.sliding / self._size, LEAST_START)
+        first = np.log([*(start.white / self._size), sliding, start.correlation_m])
+        bounds = [
+            *((white - np.log(MOST_WHITE), white + np.log(MOST_WHITE)) for white in first[:-2]),
+            (np.log(LEAST_SLIDING), np.log(max(self._spread, 10 * LEAST_SLIDING))),
+            (np.log(depth_m / RANGE), np.log(depth_m * RANGE)),
+        ]
+        best = scipy.optimize.minimize(self._minus_log, first, method="L-BFGS-B", bounds=bounds)
+        *white, sliding, correlation = np.exp(best.x)
+        return Levels(self._size * np.array(white), self._size * float(sliding), float(correlation))
+
+    def of_white(self) -> float:
+        """Minus the log of the greatest likelihood of white noise alone."""
+        rest = [np.log(LEAST_SLIDING), 0.0]
+        first = np.zeros(len(self._rows))
+        bounds = [(-np.log(MOST_WHITE), np.log(MOST_WHITE))] * len(first)
+        best = scipy.optimize.minimize(
+            lambda logs: self._minus_log([*logs, *rest]), first, method="L-BFGS-B", bounds=bounds
+        )
+        return float(best.fun)
+
+    def _minus_log(self, logs) -> float:
         *white, sliding, correlation = np.exp(logs)
-        each = [row.products(w, sliding, correlation) for row, w in zip(rows, white, strict=True)]
+        each = [
+            row.products(w, sliding, correlation) for row, w in zip(self._rows, white, strict=True)
+        ]
         product = np.sum([products for products, _ in each], axis=0)
         projections, inner = product[1:, 0], product[1:, 1:]
         refitted = projections @ np.linalg.solve(inner, projections)
         log_volume = sum(volume for _, volume in each) + np.linalg.slogdet(inner)[1]
         return 0.5 * float(product[0, 0] - refitted + log_volume)
-
-    bounds = [(s - np.log(MOST_WHITE), s + np.log(MOST_WHITE)) for s in np.log(first[:-2])]
-    spread = float(np.nanmax(np.abs(residual))) / size
-    bounds.append((np.log(LEAST_SLIDING), np.log(max(spread, 10 * LEAST_SLIDING))))
-    bounds.append((np.log(depth_m / RANGE), np.log(depth_m * RANGE)))
-    best = scipy.optimize.minimize(
-        minus_log_likelihood, np.log(first), method="L-BFGS-B", bounds=bounds
-    )
-    *white, sliding, correlation = np.exp(best.x)
-    return Levels(size * np.array(white), float(size * sliding), float(correlation))
 
 
 def _directions(fitted, residual) -> Float[np.ndarray, "e sample k"]:
