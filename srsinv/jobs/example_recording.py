@@ -1,0 +1,133 @@
+"""Recordings as a lab's rig writes them, simulated: a known ridge and another, to try things on."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from .. import config, plot
+from ..errors import mapping, number, refuse
+from ..forward.scan import Motion
+from ..forward.surface_feature import RidgeFeature
+from ..grid import as_real
+from ..inverse.cells import Window
+from ..inverse.features.contact import cell_for
+from ..inverse.features.model import FeatureModel
+from ..inverse.recorded import sensor_described
+from ..recording import Recording
+from ..report.result import Result, dataset
+from ..report.section import sections
+
+FINER = 2.5  # times as many cells as a fit has, and in no simple ratio to them
+COLUMNS = ("Time (ms)", "Ch A [V]", "Ch B [V]", "Stage pos (mm)")
+FORMATS = ("%.4f", "%.6f", "%.6f", "%.4f")  # digits as a logger writes them
+RIDGE = ("height_m", "width_m", "position_m")
+NUMBERS = {
+    "friction": "a number",
+    "speed_m_per_s": "a speed in m/s",
+    "sample_rate_hz": "a rate in Hz",
+    "noise_rms_V": "a voltage, before the gain",
+}
+
+
+def run(cfg: config.Config) -> Result:
+    """The job: simulate every ridge, and write each as a file of columns with its sidecar."""
+    with config.precision(cfg):
+        settings = mapping("example", config.part(cfg, "example"))
+        ridges = mapping("example.ridges", settings.get("ridges"))
+        refuse(not ridges, "example.ridges is empty: name one, with height_m, width_m, position_m.")
+        for key, wanted in NUMBERS.items():
+            number(f"example.{key}", settings.get(key), wanted)
+        rng = np.random.default_rng(config.seed(cfg))
+        tables = {str(name): _table(str(name), settings, rng) for name in ridges}
+        sidecar = "# What is known of the rig.\n" + json.dumps(settings["rig"], indent=1) + "\n"
+        files = {f"{name}.csv": _csv(table) for name, table in tables.items()}
+        files |= {f"{name}.yaml": sidecar for name in tables}  # JSON is YAML
+        truth = {name: dict(each) | {"base_friction": settings["friction"]}
+                 for name, each in ridges.items()}  # fmt: skip
+        files["truth.json"] = json.dumps(truth, indent=1) + "\n"
+        shown = sections("example_recording", signals=signals)
+        title = f"Recordings of {' and '.join(tables)}, as a rig of two films writes them"
+        return Result(title, _dataset(tables), shown, files)
+
+
+def _table(
+    name: str, settings: Mapping[str, Any], rng: np.random.Generator
+) -> Float[np.ndarray, "4 row"]:
+    """A recording's columns, in the order and the units of `COLUMNS`."""
+    ridge = mapping(f"example.ridges.{name}", settings["ridges"][name])
+    for part in RIDGE:
+        number(f"example.ridges.{name}.{part}", ridge.get(part), "a length in metres")
+    rig = dict(settings["rig"])
+    start_m, end_m = rig["contact_window_m"]
+    lead_m = (end_m - start_m) / 8
+    rate_hz, speed = float(settings["sample_rate_hz"]), float(settings["speed_m_per_s"])
+    samples = int((end_m - start_m - 2 * lead_m) / speed * rate_hz)
+    time_s = np.arange(samples) / rate_hz
+    motion = Motion.from_speed(time_s, np.full(samples, speed), start_m + lead_m)
+    gain = np.array(rig["gain"], float)[:, None]
+    noise = rng.normal(scale=float(settings["noise_rms_V"]), size=(len(gain), samples))
+    signal = gain * (_signal(name, rig, ridge, settings["friction"], motion) + noise)
+    return np.vstack([1e3 * time_s, signal, 1e3 * np.asarray(motion.position_m)])
+
+
+def _signal(
+    name: str, rig: Mapping[str, Any], ridge: Mapping[str, Any], friction: float, motion: Motion
+) -> Float[np.ndarray, "e sample"]:
+    """The voltage [V] of each film along the motion, without noise."""
+    none = np.zeros((len(rig["gain"]), motion.time_s.size))
+    channels = tuple(COLUMNS[1:-1])
+    moved = np.asarray(motion.time_s), np.asarray(motion.speed_m_per_s)
+    known = Recording(none, *moved, channels, dict(rig), name=name)
+    sensor = sensor_described(known)
+    feature = RidgeFeature(rig["feature"]["edge_length_m"])
+    pressure, window = float(rig["nominal_pressure_Pa"]), Window(*rig["contact_window_m"])
+    cell = cell_for({name: feature}, float(sensor.depth_m)) / FINER
+    model = FeatureModel.on_window(sensor, motion, window, cell, pressure)
+    own = {part: as_real(float(ridge[part])) for part in RIDGE}
+    values = {"gain": 1.0, "nominal_pressure_Pa": pressure, "base_friction": friction}
+    common = {key: as_real(float(value)) for key, value in values.items()}
+    own["edge_length_m"] = as_real(feature.edge_m)
+    return np.asarray(model.with_features({name: feature})({name: own, **common}))
+
+
+def _csv(table: Float[np.ndarray, "4 row"]) -> str:
+    rows = (",".join(form % value for form, value in zip(FORMATS, row, strict=True))
+            for row in table.T)  # fmt: skip
+    return "\n".join([",".join(COLUMNS), *rows]) + "\n"
+
+
+def _dataset(tables: Mapping[str, Float[np.ndarray, "4 row"]]) -> xarray.Dataset:
+    longest = max(table.shape[1] for table in tables.values())
+    whole = np.full((len(tables), 4, longest), np.nan)
+    for row, table in enumerate(tables.values()):
+        whole[row, :, : table.shape[1]] = table
+    each = ("recording", "row")
+    return dataset(
+        {
+            "time": (each, 1e-3 * whole[:, 0], "s"),
+            "position": (each, 1e-3 * whole[:, -1], "m"),
+            "signal": (("recording", "channel", "row"), whole[:, 1:-1], "V"),
+        },
+        {"recording": (list(tables), "1"), "channel": (["Ch A", "Ch B"], "1")},
+    )
+
+
+def signals(ds: xarray.Dataset) -> Figure:
+    """The channels of each recording over the stage's position."""
+    channels = [str(channel) for channel in ds["channel"].values]
+    across, up = plot.PanelAxis("stage position", "m"), plot.PanelAxis("", "V")
+    parts = [
+        plot.Panel(
+            [plot.Curve(values, name) for values, name in zip(rows, channels, strict=True)],
+            across, up, x, str(title), [],
+        )
+        for title, rows, x in zip(
+            ds["recording"].values, ds["signal"].values, ds["position"].values, strict=True
+        )
+    ]  # fmt: skip
+    return plot.panels(parts, height_in=1.9)

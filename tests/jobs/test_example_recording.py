@@ -1,0 +1,48 @@
+"""Example recordings: files as a lab writes them, that give back the truth written beside them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from srsinv.recording import load
+from tests.jobs.run import command, outcome
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """What the command leaves."""
+    folder = tmp_path_factory.mktemp("example") / "run"
+    assert command(folder, "experiment=example_recording") == 0
+    return folder
+
+
+def test_files(folder):
+    truth = json.loads((folder / "truth.json").read_text())
+    assert list(truth) == ["known_ridge", "unknown_ridge"]
+    for name in truth:
+        assert (folder / f"{name}.csv").read_text().startswith("Time (ms),Ch A [V],Ch B [V],")
+        recording = load(folder / f"{name}.csv")
+        assert (recording.channels, recording.signal_unit) == (("Ch A", "Ch B"), "V")
+        np.testing.assert_allclose(recording.speed_m_per_s, 0.02, rtol=1e-3)
+        # Far from the ridge there is noise alone, before the gain.
+        np.testing.assert_allclose(recording.signal[:, :800].std(axis=1), 1.5e-5, rtol=0.1)
+
+
+def test_looked_at_and_fitted(folder):
+    known, unknown = (
+        f"recording.path={folder / name}.csv" for name in ("known_ridge", "unknown_ridge")
+    )
+    looked = outcome("experiment=inspect_recording", known)
+    assert looked.dataset.attrs["verdict"] == "usable as it is"
+    fitted = outcome("experiment=fit_recording", "feature=ridge", unknown).metrics
+    assert (fitted["quality"], fitted["warnings"]) == ("good", "none")
+    truth = json.loads((folder / "truth.json").read_text())["unknown_ridge"]
+    for name, value in truth.items():
+        assert abs(fitted[name] - value) < 3 * fitted[f"{name}_stderr"]
+
+
+def test_settings_are_checked(tmp_path, capsys):
+    for override in ("example.ridges.known_ridge.height_m=high", "example.noise_rms_V=no"):
+        assert command(tmp_path / "run", "experiment=example_recording", override) == 2
+        assert override.partition("=")[0] in capsys.readouterr().err
