@@ -22,6 +22,11 @@ from ..resolution import cell_m
 def check(recording: Recording) -> None:
     """Refuse a recording that no feature can be fitted to."""
     check_volts(recording)
+    check_channels(recording)
+
+
+def check_channels(recording: Recording) -> None:
+    """Refuse a recording whose channels are all constant."""
     refuse(
         bool(np.all(np.nanmax(recording.signal, axis=-1) == np.nanmin(recording.signal, axis=-1))),
         f"{recording.name}: every channel has one value throughout (at the recorder's rail, or not "
@@ -65,14 +70,16 @@ def surface_fit(
     where what it needs to know of the recording is missing, and for settings that it does not
     take."""
     checked_pressure(problem.nominal_pressure_Pa)
-    features = {name: _with_edge(name, each, facts) for name, each in features.items()}
+    features = {name: with_edge(name, each, facts) for name, each in features.items()}
     cell = cell_for(features, float(problem.sensor.depth_m))
     check_cells(problem.name, problem.window.length_m, cell)
-    free = _names("fit.free", settings["free"])
+    free = names_of("fit.free", settings["free"])
     return FeatureFit(features, solver, free, _start(settings["start"], features))
 
 
-def _with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
+def with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
+    """The feature with the edge length of the sidecar's `facts`, where it has none of its own;
+    raises `BadInput` where neither is known."""
     if feature.edge_length_m is not None:
         return feature
     known = (facts.get("feature") or {}).get("edge_length_m")
@@ -85,7 +92,8 @@ def _with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> 
     return feature.with_edge(known)
 
 
-def _names(key: str, given: Any) -> tuple[str, ...]:
+def names_of(key: str, given: Any) -> tuple[str, ...]:
+    """Parameters' names, one or a list of them, as `key` of the configuration gives them."""
     listed = [] if given is None else [given] if isinstance(given, str) else given
     right = isinstance(listed, list | tuple) and all(isinstance(each, str) for each in listed)
     refuse(not right, f"{key} is {shown(given)}: give a list of parameters' names.")

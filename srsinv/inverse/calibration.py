@@ -1,0 +1,249 @@
+"""Calibration of a rig: what its films are and how its channels are wired, from a known feature.
+
+Over a feature whose shape and load are known the traction is known but for its place x0 and the
+friction mu. The signal of element e is then
+
+    v_e(t) = g_e R_f u d/dx [(K_p + s mu K_q) * p](x(t) + o_e - x0),    s = sign(u),
+
+K_p and K_q the film's responses at its depth and angle (docs/physics.md, sections 2 to 4). The
+gains enter linearly and are solved out; x0, mu, the depth, and the angles and offsets of all
+elements but the first, which the others are measured from, are searched. Contact is solved once, as
+nothing of the rig changes it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import BadInput, number, refuse, shown
+from ..grid import as_real
+from ..resolution import cell_m
+from ..status import Status
+from .features.identifiability import limited_by_bounds
+from .features.misfit import against_levels
+from .features.sliding_noise import Levels, estimate, first_levels
+from .nonlinear import Fit, fit
+from .problem import Problem
+from .quality import Quality, quality, reasons
+from .rig_model import KnownTraction, RigModel
+from .rig_search import feature_start
+
+DEPTH_RANGE = 3.0  # factor about the stated depth
+MOST_ANGLE_RAD = np.pi / 4  # about the stated angle: half a turn more is another polarity
+MOST_FRICTION = 3.0
+SLACK = 4.0  # depths that the feature may move in the fit
+ROUNDS = 4  # of fitting, and estimating the noise from the residual
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A rig that was fitted.
+
+    - `parameters`: value and standard error by name, of those that were free, angles in degrees;
+      the error is infinite where the data do not determine it. `covariance`: in their order.
+    - `fit`, `model`; `data`, `fitted` (e, sample); `levels`: the noise.
+    """
+
+    parameters: Mapping[str, tuple[float, float]]
+    covariance: Float[np.ndarray, "m m"]
+    fit: Fit
+    model: RigModel
+    data: Float[np.ndarray, "e sample"]
+    levels: Levels
+    noise_warnings: tuple[str, ...]
+
+    @property
+    def status(self) -> Status:
+        """How the search ended."""
+        return self.fit.status
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the standard errors, as sentences."""
+        return (*self.fit.warnings, *self.noise_warnings)
+
+    @property
+    def quality(self) -> Quality:
+        """Good, doubtful or failed."""
+        freedom = self.fit.stats["degrees_of_freedom"]
+        return quality(self.status, self.fit.known_chi2, self.warnings, freedom)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the quality is not good, as sentences."""
+        return reasons(self.status, self.warnings)
+
+    @property
+    def fitted(self) -> Float[np.ndarray, "e sample"]:
+        """The fitted signal."""
+        return np.asarray(self.model(jax.tree.map(as_real, self.fit.value)))
+
+    @property
+    def whitened(self) -> Float[np.ndarray, "e sample"]:
+        """What is left, in units of the noise; NaN where a sample is missing."""
+        observed = np.isfinite(self.data)
+        return np.where(observed, np.reshape(self.fit.whitened, observed.shape), np.nan)
+
+
+def calibrate(
+    problem: Problem, feature: Any, held: Mapping[str, float], free: Any = None
+) -> Calibration:
+    """The rig's gains, depth, angles and offsets, from signals over a known feature.
+
+    - `problem`: with the sensor as it is stated, from which the search begins; its films without
+      offsets of their own in their effects.
+    - `held`: what is known, by name: of the feature all but its place; of the rig whatever is.
+    - `free`: names of what is fitted; None: all that is not held.
+
+    Raises `BadInput` for parameters that are not held, unknown names, and names that are both.
+    """
+    pressure = problem.nominal_pressure_Pa
+    if feature.is_of_surface and pressure is None:
+        raise BadInput(
+            "No nominal pressure is known, which the known surface is pressed on with: give "
+            "recording.nominal_pressure_Pa, the mean over the contact window."
+        )
+    known = KnownTraction.of(problem, feature, held, float(pressure or 0.0))
+    samples, x = problem.samples(), np.asarray(problem.motion.position_m)
+    depth = float(problem.sensor.depth_m)
+    cell, least, most = cell_m("load", depth), float(x.min()), float(x.max())
+    # The feature may be anywhere: first the line is long enough for that.
+    reach = most - least + 2 * depth
+    anywhere = known.over(known.place_m - reach, known.place_m + reach, cell)
+    model = RigModel.on(problem, anywhere)
+    stated = _stated(model)
+    first = stated | _held_in_rig(stated, feature, held)
+    names = _free_names(first, feature, held, free)
+    first |= feature_start(model, samples.signal, first, names)
+    near = known.moved_to(first["position_m"]).over(
+        least - SLACK * depth, most + SLACK * depth, cell
+    )
+    return _fitted(RigModel.on(problem, near), samples.signal, first, names)
+
+
+# --- parameters --------------------------------------------------------------------------------
+
+
+def _stated(model: RigModel) -> dict[str, Any]:
+    """The parameters as the sensor is stated."""
+    films = list(enumerate(model.sensor.elements, 1))
+    offset = {"offset": np.zeros(len(films))} if model.free_offset else {}
+    return {
+        **{f"gain_{n}": 1.0 for n, _ in films},
+        "depth_m": float(model.sensor.depth_m),
+        "position_m": float(model.place_m),
+        "base_friction": 0.0,
+        **{f"angle_{n}_rad": float(film.angle_rad) for n, film in films[1:]},
+        **{f"offset_{n}_m": float(film.offset_m) for n, film in films[1:]},
+        **offset,
+    }
+
+
+def reported_name(name: str) -> str:
+    """A parameter's name in results, where angles are in degrees."""
+    return f"{name.removesuffix('_rad')}_deg" if name.endswith("_rad") else name
+
+
+def _own_names(stated: Mapping[str, Any], feature: Any) -> tuple[dict[str, str], list[str]]:
+    """Names in results with those in the model, of the rig; and those of the feature."""
+    rig = {reported_name(name): name for name in stated if name != "offset"}
+    load = [] if feature.is_of_surface else [feature.amplitude]
+    return rig, [name for name in (*feature.axes, *load) if name != "position_m"]
+
+
+def _held_in_rig(
+    stated: Mapping[str, Any], feature: Any, held: Mapping[str, Any]
+) -> dict[str, float]:
+    """What is held of the rig, by the model's names."""
+    rig, shape = _own_names(stated, feature)
+    for name, value in held.items():
+        refuse(
+            name not in rig and name not in shape,
+            f"fit.hold names {shown(name)}: it can name {', '.join([*shape, *rig])}.",
+        )
+        number(f"fit.hold.{name}", value, "a number, in the unit at the name's end")
+    return {
+        rig[name]: float(np.deg2rad(value) if name.endswith("_deg") else value)
+        for name, value in held.items()
+        if name in rig
+    }
+
+
+def _free_names(
+    stated: Mapping[str, Any], feature: Any, held: Mapping[str, Any], free: Any
+) -> list[str]:
+    """The model's names of what is fitted."""
+    rig, _ = _own_names(stated, feature)
+    named = list(rig) if free is None else list(free)
+    for name in named if free is not None else ():
+        refuse(name not in rig, f"fit.free names {shown(name)}: it can name {', '.join(rig)}.")
+        refuse(
+            name in held,
+            f"{name} is named both in fit.free and in fit.hold: leave it out of one of them.",
+        )
+    # Where the feature lies and how it rubs is known of no rig.
+    always = [name for name in ("position_m", "base_friction") if name not in named]
+    chosen = [rig[name] for name in (*named, *always) if name not in held]
+    return [*chosen, *(["offset"] if "offset" in stated else [])]
+
+
+def _bounds(model: RigModel, first: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    depth = float(model.sensor.depth_m)
+    bounds = {
+        "depth_m": (depth / DEPTH_RANGE, depth * DEPTH_RANGE),
+        "base_friction": (-MOST_FRICTION, MOST_FRICTION),
+    }
+    place = float(model.place_m)
+    bounds["position_m"] = place - SLACK * depth, place + SLACK * depth
+    for n, film in list(enumerate(model.sensor.elements, 1))[1:]:
+        angle, offset = float(film.angle_rad), float(film.offset_m)
+        bounds[f"angle_{n}_rad"] = angle - MOST_ANGLE_RAD, angle + MOST_ANGLE_RAD
+        bounds[f"offset_{n}_m"] = offset - 4 * depth, offset + 4 * depth
+    return bounds
+
+
+# --- the fit -----------------------------------------------------------------------------------
+
+
+def _fitted(
+    model: RigModel,
+    y: Float[np.ndarray, "e sample"],
+    first: dict[str, Any],
+    free: list[str],
+) -> Calibration:
+    """The fit and its noise in turn, until the noise no longer changes."""
+    x, depth = np.asarray(model.motion.position_m), float(model.sensor.depth_m)
+    bounds = {n: b for n, b in _bounds(model, first).items() if n in free}
+    for name, (low, high) in bounds.items():
+        first[name] = float(np.clip(first[name], low, high))
+    linear = [name for name in model.linear if name in free]
+    step, observed = float(np.median(np.abs(np.diff(x)))), np.isfinite(y)
+
+    def fitted(start: Mapping[str, Any], levels: Levels) -> Fit:
+        noise = levels.whitener(x, observed)
+        return fit(model, start, y, noise=noise, bounds=bounds, free=free, linear=linear)
+
+    levels = first_levels(y, depth)
+    result = fitted(first, levels)
+    for _ in range(ROUNDS):
+        last, taken = levels, levels.whitener(x, observed).coloured(result.jacobian)
+        levels = estimate(result.residual, x, depth, taken, last)
+        result = fitted(dict(result.value), levels)
+        if not levels.differs_from(last, max(step, 1e-9 * depth)):
+            break
+    taken = levels.whitener(x, observed).coloured(result.jacobian)
+    against = against_levels(y, result.residual, x, depth, levels, taken)
+    unsure = limited_by_bounds(result)
+    at = [i for i, name in enumerate(result.names) if not name.startswith("offset[")]
+    names = [result.names[i] for i in at]
+    unit = np.array([180 / np.pi if name.endswith("_rad") else 1.0 for name in names])
+    errors = [np.inf if name in unsure else float(result.stderr[name]) for name in names]
+    values = [float(result.value[name]) for name in names]
+    pairs = zip(unit * values, unit * errors, strict=True)
+    parameters = dict(zip(map(reported_name, names), pairs, strict=True))
+    covariance = np.outer(unit, unit) * result.covariance[np.ix_(at, at)]
+    return Calibration(parameters, covariance, result, model, y, levels, against)

@@ -1,0 +1,152 @@
+"""Signals of a rig over a known traction, by its gains, depth, angles and offsets."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import refuse
+from ..forward.film import Film, Offset
+from ..forward.scan import Motion
+from ..forward.sensor import Sensor
+from ..grid import Open, as_real
+from .features.contact import cell_for
+from .features.model import FeatureModel
+from .problem import Problem
+
+
+@dataclass(frozen=True)
+class KnownTraction:
+    """The pressure's deviation from its background (n,) [Pa] on an open line, of a feature at
+    `place_m`; the shear is mu times it."""
+
+    line: Open
+    pressure_Pa: Float[np.ndarray, " n"]
+    place_m: float
+
+    @classmethod
+    def of(
+        cls, problem: Problem, feature: Any, held: Mapping[str, float], nominal_pressure_Pa: float
+    ) -> "KnownTraction":
+        """That of a feature of these parameters, its place left out, in the window's middle.
+
+        Raises `BadInput` where one of them is not held.
+        """
+        depth, window = float(problem.sensor.depth_m), problem.window
+        place = (window.start_m + window.end_m) / 2
+        names = [name for name in feature.axes if name != "position_m"]
+        load = [] if feature.is_of_surface else [feature.amplitude]
+        absent = [name for name in (*names, *load) if name not in held]
+        refuse(
+            bool(absent),
+            f"{', '.join(absent)} of the feature is not held, and a gain cannot be told from what "
+            f"it is fitted with: give fit.hold={{{', '.join(f'{each}: ...' for each in absent)}}}.",
+        )
+        refuse(
+            bool(getattr(feature, "is_semi_infinite", False) or feature.axes.keys() >= {"pitch_m"}),
+            f"{type(feature).__name__} has no place of its own within the scan: calibrate on a "
+            "ridge, a step of a surface, a line load or a strip load.",
+        )
+        own = {name: float(held[name]) for name in (*names, *load)} | {"position_m": place}
+        if feature.is_of_surface:
+            cell = cell_for({"known": feature}, depth)
+            model = FeatureModel.on_window(
+                problem.sensor, problem.motion, window, cell, nominal_pressure_Pa
+            )
+            own |= dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_m}
+        else:
+            model = FeatureModel.along(problem.sensor, problem.motion)
+            own |= {name: 0.0 for name in feature.linear if name not in load}
+        model = model.with_features({"known": feature})
+        params = model.loading.common() | {"known": own}
+        pressure = np.asarray(model.traction(jax.tree.map(as_real, params)))[0]
+        return cls(_open(model.line), pressure, place)
+
+    def over(self, start_m: float, end_m: float, cell_m: float) -> "KnownTraction":
+        """The same as means over cells of at most `cell_m`, on a line that goes on, with nothing on
+        it, to hold a stretch."""
+        own, first = float(self.line.cell_m), float(self.line.x[0])
+        each = max(int(cell_m / own), 1)
+        cell = own * each
+        before = max(int(np.ceil((first - start_m) / cell)) + 1, 0)
+        after = max(int(np.ceil((end_m - float(self.line.x[-1])) / cell)) + 1, 0)
+        whole = np.pad(self.pressure_Pa, (0, -self.line.n % each))
+        pressure = np.pad(whole.reshape(-1, each).mean(axis=1), (before, after))
+        line = Open(pressure.size, cell, first + (cell - own) / 2 - before * cell)
+        return KnownTraction(line, pressure, self.place_m)
+
+    def moved_to(self, place_m: float) -> "KnownTraction":
+        """The same with its feature elsewhere."""
+        start_m = float(self.line.x[0]) + place_m - self.place_m
+        line = Open(self.line.n, float(self.line.cell_m), start_m)
+        return KnownTraction(line, self.pressure_Pa, place_m)
+
+
+def _open(line: Any) -> Open:
+    return Open(line.n, float(line.cell_m), float(line.x[0]))
+
+
+class RigModel(eqx.Module):
+    """Parameters of a rig to its signals (e, sample) along a motion over a known traction.
+
+    The parameters are `gain_N`, `depth_m`, `position_m`, `base_friction`, and `angle_N_rad` and
+    `offset_N_m` of the elements from the second on, N from 1; `offset` (e,) where the channels have
+    a constant that is not known.
+    """
+
+    sensor: Sensor
+    motion: Motion
+    line: Open
+    pressure_Pa: Float[Array, " n"]
+    place_m: Float[Array, ""]
+    ways: tuple[bool, ...] = eqx.field(static=True)
+    free_offset: bool = eqx.field(static=True)
+
+    @classmethod
+    def on(cls, problem: Problem, known: KnownTraction) -> "RigModel":
+        """That of a problem's sensor and motion."""
+        motion = problem.motion
+        traction = known.line, as_real(known.pressure_Pa), as_real(known.place_m)
+        return cls(problem.sensor, motion, *traction, motion.ways, problem.has_free_offset)
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the parameters that enter linearly."""
+        gains = tuple(f"gain_{n + 1}" for n in range(len(self.sensor.elements)))
+        return (*gains, *(("offset",) if self.free_offset else ()))
+
+    @eqx.filter_jit
+    def __call__(self, params: Mapping[str, Any]) -> Float[Array, "e sample"]:
+        elements = range(len(self.sensor.elements))
+        gain = jnp.stack([jnp.asarray(params[f"gain_{n + 1}"]) for n in elements])
+        signal = gain[:, None] * self.unit_signal(params)
+        return signal + params["offset"][:, None] if self.free_offset else signal
+
+    def unit_signal(self, params: Mapping[str, Any]) -> Float[Array, "e sample"]:
+        """The signals at gains of one."""
+        shift = self.place_m - params["position_m"]
+        motion = eqx.tree_at(lambda m: m.position_m, self.motion, self.motion.position_m + shift)
+        operator = self.sensor_of(params).operator_along(self.line, motion, ways=self.ways)
+        shear = params["base_friction"] * self.pressure_Pa
+        turned = [jnp.stack([self.pressure_Pa, shear if way else -shear]) for way in self.ways]
+        return operator(jnp.stack(turned) if len(self.ways) > 1 else turned[0])
+
+    def sensor_of(self, params: Mapping[str, Any]) -> Sensor:
+        """The sensor of these parameters."""
+        deeper = params["depth_m"] - self.sensor.depth_m
+
+        def moved(number: int, film: Film) -> Film:
+            angle, offset = params.get(f"angle_{number}_rad"), params.get(f"offset_{number}_m")
+            film = eqx.tree_at(lambda f: f.depth_m, film, film.depth_m + deeper)
+            if angle is not None:
+                film = eqx.tree_at(lambda f: f.angle_rad, film, as_real(angle))
+            own = film.offset_m if offset is None else offset
+            return film.with_effect(Offset(own))
+
+        films = [moved(n + 1, film) for n, film in enumerate(self.sensor.elements)]
+        return eqx.tree_at(lambda s: s.elements, self.sensor, tuple(films))

@@ -1,0 +1,156 @@
+"""The sidecar that a calibration leaves: the recording's own, with what was found in its place."""
+
+import copy
+import json
+import os
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadInput, refuse
+from ..inverse.calibration import Calibration
+from ..inverse.problem import Problem
+from ..recording import Recording, facts_beside
+
+HEADER = "# Written by srsinv experiment=calibrate: a sidecar (JSON is YAML).\n"
+SUFFIXES = (".yaml", ".yml")
+OF_FILE = ("channels", "time_column", "time_unit", "position_column", "position_unit",
+           "speed_column", "speed_unit", "signal_unit")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What the sidecar and the configuration state of the file and its channels, `facts`, of which
+    gain and polarity are in the recording's numbers already."""
+
+    facts: Mapping[str, Any]
+
+    def in_volts(self, recording: Recording) -> Recording:
+        """The recording as voltages at a gain that is to be found, whatever its unit."""
+        return replace(recording, signal_unit="V")
+
+    def factor(self, n: int) -> float:
+        """Recorded signal per volt of channel `n`, from 1, as far as it is stated."""
+        gain, polarity = (_of_channel(self.facts.get(key), n) for key in ("gain", "polarity"))
+        return gain * polarity
+
+    def total(self, calibration: Calibration) -> dict[str, tuple[float, float]]:
+        """The parameters, gains being those of the file's numbers, without their sign."""
+        total = dict(calibration.parameters)
+        for name in [name for name in total if name.startswith("gain_")]:
+            factor = abs(self.factor(int(name.removeprefix("gain_"))))
+            value, error = total[name]
+            total[name] = abs(value) * factor, error * factor
+        return total
+
+
+def wiring_of(settings: Mapping[str, Any]) -> Wiring:
+    """That of the recording which the configuration's `recording` names."""
+    refuse(settings.get("path") is None, "No recording is named: give recording.path=FILE.")
+    return Wiring(facts_beside(settings))
+
+
+def _of_channel(given: Any, n: int) -> float:
+    value = given[n - 1] if isinstance(given, list | tuple) and n <= len(given) else given
+    return 1.0 if value is None or isinstance(value, list | tuple) else float(value)
+
+
+def sidecar_of(
+    recording: Recording, problem: Problem, calibration: Calibration, wiring: Wiring
+) -> str:
+    """The sidecar's text."""
+    facts = copy.deepcopy(dict(recording.sidecar))
+    facts |= {key: wiring.facts[key] for key in OF_FILE if wiring.facts.get(key) is not None}
+    value = {name: float(np.asarray(each)) for name, each in calibration.fit.value.items()
+             if name != "offset"}  # fmt: skip
+    films = calibration.model.sensor_of(value).elements
+    gains = [value[f"gain_{n}"] * wiring.factor(n) for n in range(1, len(films) + 1)]
+    facts["gain"] = [abs(gain) for gain in gains]
+    facts["polarity"] = [-1 if gain < 0 else 1 for gain in gains]
+    sensor = dict(facts.get("sensor") or {})
+    sensor["depth_m"] = value["depth_m"]
+    resistance = getattr(problem.sensor.amplifier, "feedback_resistance_ohm", None)
+    if resistance is not None:
+        sensor["feedback_resistance_ohm"] = float(resistance)
+    sensor["elements"] = [
+        {
+            "angle_deg": float(np.rad2deg(film.angle_rad)),
+            "strip_width_m": float(film.width_m),
+            "active_length_m": float(film.length_m),
+            "offset_m": value.get(f"offset_{n}_m", float(film.offset_m)),
+            "depth_m": float(film.depth_m),
+            "strips": int(film.strips),
+        }
+        for n, film in enumerate(films, 1)
+    ]
+    facts["sensor"] = sensor
+    facts["calibration"] = _uncertainty(calibration, wiring)
+    return HEADER + json.dumps(facts, indent=1, allow_nan=False) + "\n"
+
+
+def _uncertainty(calibration: Calibration, wiring: Wiring) -> dict[str, Any]:
+    """Values and covariance of what is determined of the rig; that of the scan is left out."""
+    total = wiring.total(calibration)
+    own = [name for name in total if name not in ("position_m", "base_friction")]
+    names = [name for name in own if np.isfinite(total[name][1])]
+    places = [list(total).index(name) for name in names]
+    scale = np.array([_scale(calibration, total, name) for name in names])
+    covariance = np.outer(scale, scale) * calibration.covariance[np.ix_(places, places)]
+    return {
+        "parameters": names,
+        "values": [total[name][0] for name in names],
+        "stderr": [total[name][1] for name in names],
+        "covariance": covariance.tolist(),
+        "not_determined": [name for name in own if name not in names],
+    }
+
+
+def _scale(calibration: Calibration, total: Mapping[str, tuple[float, float]], name: str) -> float:
+    """A parameter's number in the file's terms over the fit's."""
+    value = calibration.parameters[name][0]
+    return total[name][0] / value if value and name.startswith("gain_") else 1.0
+
+
+def check_target(given: Any) -> Path | None:
+    """The file that `calibration.write` names, refused where it cannot be written there or would
+    replace another one than an earlier calibration's."""
+    if given is None:
+        return None
+    path = Path(str(given)).expanduser()
+    refuse(
+        path.suffix.lower() not in SUFFIXES,
+        f"calibration.write is {path.name!r}: a sidecar ends in {' or '.join(SUFFIXES)}: name it "
+        "so.",
+    )
+    refuse(
+        not path.parent.is_dir(),
+        f"calibration.write: there is no folder {str(path.parent)!r}: make it first.",
+    )
+    is_other = os.path.lexists(path) and not (
+        path.is_file() and path.read_bytes().startswith(HEADER.encode())
+    )
+    refuse(
+        is_other,
+        f"{path}: there is a file already that no calibration wrote: choose another name, or move "
+        "it away.",
+    )
+    return path
+
+
+def write_sidecar(path: Path, text: str) -> None:
+    """Write the file as a whole or not at all. Raises `BadInput` where it cannot be written."""
+    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.srsinv")
+    try:
+        scratch.write_text(text, encoding="utf-8")
+        os.replace(scratch, path)
+    except OSError as error:
+        raise BadInput(
+            f"{path}: the file cannot be written ({error.strerror or 'write error'}): give a path "
+            "in a folder that can be written to and has room."
+        ) from error
+    finally:
+        scratch.unlink(missing_ok=True)

@@ -1,0 +1,146 @@
+"""What a rig is, from a recording of a known feature: gains, depth, angles, offsets, polarity.
+
+It is written as a finished sidecar, with its standard errors.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray
+
+from .. import config
+from ..errors import mapping, refuse, shown
+from ..inverse.calibration import Calibration, calibrate
+from ..inverse.diagnostics import direction_in_words
+from ..inverse.problem import Problem
+from ..inverse.quality import Quality
+from ..progress import stage
+from ..recording import Recording
+from ..report.answers import answer_of
+from ..report.result import Result, dataset, scalars
+from ..report.section import sections
+from ..report.text import quantity_with_error, unit_of
+from . import _facts
+from ._calibrated_sidecar import check_target, sidecar_of, wiring_of, write_sidecar
+from ._fit_settings import check_channels, names_of, with_edge
+
+KEYS = ("hold", "free", "select", "start")
+
+
+def run(cfg: config.Config) -> Result:
+    """The job: load, fit the rig, write its sidecar."""
+    with config.precision(cfg):
+        settings, target = (
+            _settings(config.part(cfg, "fit")),
+            check_target(config.part(cfg, "calibration").get("write")),
+        )
+        surfaces = config.surface_features(cfg)
+        features = surfaces or config.features(cfg)
+        refuse(
+            len(features) != 1,
+            f"feature names {len(features)} features: calibrate on one that is known, as "
+            "feature=ridge.",
+        )
+        ((name, feature),) = features.items()
+        wiring = wiring_of(config.part(cfg, "recording"))
+        recording = wiring.in_volts(config.recording(cfg))
+        check_channels(recording)
+        if surfaces:
+            feature = with_edge(name, surfaces[name], recording.sidecar)
+        problem = config.recorded_problem(cfg, recording)
+        with stage(f"fitting the rig to {recording.name}"):
+            calibration = calibrate(problem, feature, settings["hold"], settings["free"])
+        total = wiring.total(calibration)
+        sidecar = sidecar_of(recording, problem, calibration, wiring)
+        facts = {
+            **_facts.of_recording(recording, problem, config.part(cfg, "recording").get("times")),
+            **_facts.of_effects(config.part(cfg, "effects")),
+            **_of_fit(calibration, settings, name),
+        }
+        data = _dataset(recording, problem, calibration, total, facts)
+        title = _title(recording, calibration, total)
+        result = Result(title, data, sections("calibrate", "fit_recording", "assumed"),
+                        {"calibration.yaml": sidecar})  # fmt: skip
+        if target is not None:
+            write_sidecar(target, sidecar)
+        return result
+
+
+def _settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    unknown = sorted(set(given) - set(KEYS))
+    refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: hold, free.")
+    for key in ("select", "start"):
+        refuse(
+            bool(given.get(key)),
+            f"fit.{key} is {shown(given.get(key))}: a calibration takes fit.hold and fit.free "
+            "alone; leave it out.",
+        )
+    held = {} if given.get("hold") is None else mapping("fit.hold", given["hold"])
+    free = given.get("free")
+    return {"hold": dict(held), "free": None if free is None else names_of("fit.free", free)}
+
+
+def _title(
+    recording: Recording, calibration: Calibration, total: Mapping[str, tuple[float, float]]
+) -> str:
+    if calibration.quality is Quality.FAILED:
+        return f"{recording.name}: the calibration failed"
+    remark = " (doubtful)" if calibration.quality is Quality.DOUBTFUL else ""
+    gains = [quantity_with_error(*pair, "1") for key, pair in total.items() if "gain" in key]
+    said = [f"gain {' and '.join(gains)}"] if gains else []
+    if "depth_m" in total:
+        said.append(f"film {quantity_with_error(*total['depth_m'], 'm')} deep")
+    return f"{recording.name}: {', '.join(said) or 'the rig is held'}{remark}"
+
+
+def _of_fit(calibration: Calibration, settings: Mapping[str, Any], name: str) -> dict[str, Any]:
+    levels = calibration.levels
+    held = ", ".join(f"{key} {value:g}" for key, value in settings["hold"].items())
+    return {
+        "is_fit": 1,
+        "held": f"{name}: {held}",
+        "noise_rms": float(np.sqrt(np.mean(levels.white**2))),
+        "noise_sliding_rms": levels.sliding,
+        "noise_sliding_correlation_m": levels.correlation_m,
+    }
+
+
+def _dataset(
+    recording: Recording,
+    problem: Problem,
+    calibration: Calibration,
+    total: Mapping[str, tuple[float, float]],
+    facts: Mapping[str, Any],
+) -> xarray.Dataset:
+    motion, along, unit = problem.motion, ("element", "sample"), recording.signal_unit
+    fit = calibration.fit
+    pairs = np.array(list(total.values()), float).reshape(-1, 2)
+    dims = ("parameter", "parameter_2")
+    variables: dict[str, tuple[Any, ...]] = {
+        "time": ("sample", motion.time_s, "s"),
+        "position": ("sample", motion.position_m, "m"),
+        "speed": ("sample", motion.speed_m_per_s, "m/s"),
+        "signal": (along, calibration.data, unit),
+        "fitted_signal": (along, calibration.fitted, unit),
+        "whitened_residual": (along, calibration.whitened, "1"),
+        "parameter_value": ("reported", pairs[:, 0], "SI", "{reported!s}"),
+        "parameter_stderr": ("reported", pairs[:, 1], "SI", "{reported!s}_stderr"),
+        "parameter_unit": ("reported", [unit_of(name) for name in total], "1"),
+        "correlation": (dims, fit.correlation, "1"),
+        **answer_of(calibration),
+        **scalars({
+            "samples": int(problem.observed.sum()),
+            f"noise_rms_{unit}": facts["noise_rms"],
+            "chi2_per_freedom": fit.known_chi2,
+            "at_bound": ", ".join(fit.at_bound),
+            "undetermined": "; ".join(map(direction_in_words, fit.undetermined)),
+            "undetected_features": "",
+        }),
+    }  # fmt: skip
+    coordinates: dict[str, tuple[Any, ...]] = {
+        "element": (problem.sensor.element_names, "1"),
+        "reported": (list(total), "1"),
+        **dict.fromkeys(dims, (list(fit.names), "1")),
+    }
+    return dataset(variables, coordinates, signal_unit=unit, **facts)
