@@ -134,6 +134,10 @@ class LineProblem(LineModel):
         return with_fields(self, sensor=None, scan=None, passed=None)
 
     @property
+    def rig(self) -> None:
+        """How well the sensor is known: exactly."""
+
+    @property
     def own_line(self) -> Line:
         """The line that the samples are the cells of."""
         return self.line

@@ -25,6 +25,7 @@ from .cells import (
     window_around,
 )
 from .line_problem import LineProblem
+from .rig_error import RigError
 from .sample_noise import SampleNoise, Samples
 
 
@@ -40,6 +41,8 @@ class Problem(eqx.Module):
       the scan and 8 depths beyond its ends.
     - `cell_m` [m]: the width of the cells of methods that solve for the traction on a line; None
       lets the method choose.
+    - `rig`: how well a calibration determined the sensor; None: it is taken as exact. Fits of
+      features carry it into their standard errors.
     - `name`: for messages. `warnings`: sentences on the signal, which every estimate takes over.
 
     It is made of numbers that are known, outside `jax.jit`. A method chooses its line, and takes
@@ -56,6 +59,7 @@ class Problem(eqx.Module):
     nominal_pressure_Pa: float | None = eqx.field(static=True)
     window_m: tuple[float, float] | None = eqx.field(static=True)
     cell_m: float | None = eqx.field(static=True)
+    rig: RigError | None
     name: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
 
@@ -70,6 +74,7 @@ class Problem(eqx.Module):
         nominal_pressure_Pa: Any = None,
         window_m: Any = None,
         cell_m: Any = None,
+        rig: RigError | None = None,
         name: str = "the signal",
     ):
         of_kind("sensor", sensor, Sensor, "a Sensor")
@@ -98,7 +103,7 @@ class Problem(eqx.Module):
         self.window_m = None if window_m is None else _pair(window_m)
         if cell_m is not None:
             cell_m = float(number("cell_m", cell_m, "a positive width in metres", above=0))
-        self.cell_m = cell_m
+        self.cell_m, self.rig = cell_m, rig
 
     def with_warnings(self, warnings: Sequence[str]) -> "Problem":
         """The same problem with further warnings."""

@@ -19,6 +19,7 @@ from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.noise import white_level
 from .elements import element_findings
 from .problem import Problem
+from .rig_error import RigError
 from .sample_noise import SampleNoise
 
 SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # where nothing else gives them
@@ -55,6 +56,9 @@ def problem_of(
         nominal_pressure_Pa=recording.sidecar.get("nominal_pressure_Pa"),
         window_m=None if not window else (float(window[0]), float(window[1])),
         cell_m=cell_m,
+        rig=RigError.of_facts(
+            recording.name, recording.sidecar.get("rig_error"), len(recording.channels)
+        ),
         name=recording.name,
     )
     health = channel_findings(recording.channels, recording.signal, recording.signal_unit)

@@ -88,7 +88,7 @@ def sidecar_of(
         for n, film in enumerate(films, 1)
     ]
     facts["sensor"] = sensor
-    facts["calibration"] = _uncertainty(calibration, wiring)
+    facts["rig_error"] = _uncertainty(calibration, wiring)
     return HEADER + json.dumps(facts, indent=1, allow_nan=False) + "\n"
 
 

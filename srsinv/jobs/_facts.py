@@ -84,6 +84,7 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
         "speed_greatest_m_per_s": float(speed.max()),
         **of_sensor(problem.sensor),
         **_of_noise(problem.noise, recording.signal_unit),
+        **({} if problem.rig is None else {"rig_error": ", ".join(problem.rig.names)}),
     }
 
 

@@ -18,7 +18,7 @@ from . import _inspection_plots as own
 
 _LONGEST_STEM = 200  # bytes: a file's name has at most 255, with its ending
 _SHOWN_ROWS = 20  # of those out of order
-_NOT_FACTS = ("path", "cell_m", "sidecar")
+_NOT_FACTS = ("path", "cell_m", "sidecar", "calibration")
 _DENSITY = "signal_unit per root of frequency"
 Variables = dict[str, tuple[Any, ...]]
 
@@ -30,7 +30,8 @@ def run(cfg: Mapping[str, Any]) -> Result:
     refuse(path is None, "No recording is named: give recording.path=FILE.")
     known = {key: value for key, value in settings.items() if key not in _NOT_FACTS}
     known = merge({}, known | {"sensor": cfg["sensor"]})
-    inspection = inspect(path, reader=config.reader(cfg), sidecar=settings.get("sidecar"), **known)
+    files = {key: settings.get(key) for key in ("sidecar", "calibration")}
+    inspection = inspect(path, reader=config.reader(cfg), **files, **known)
     stem = Path(path).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
     template, blank = f"{stem}.yaml", blanks(inspection)
     coordinates, variables = _columns(inspection)

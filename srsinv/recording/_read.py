@@ -16,7 +16,7 @@ from ._even_times import check_rate
 from ._guard import path_of, within_memory
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._schema import RecordingFacts, check_facts
-from ._sidecar import check_elements, merge, read_sidecar
+from ._sidecar import Sidecars, check_elements, merge
 from ._speed import speed_of_positions
 from ._table import ColumnTable, listing
 from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, bracketed, in_volts
@@ -37,6 +37,7 @@ def load(
     *,
     reader: Reader = BY_SUFFIX,
     sidecar: str | os.PathLike[str] | None = None,
+    calibration: str | os.PathLike[str] | None = None,
     missing: str = MISSING[0],
     times: str = TIMES_OF_ROWS[0],
     **known: Any,
@@ -63,8 +64,9 @@ def load(
     times, and a missing sample of all signals where there are none.
 
     `sidecar` names a JSON or YAML mapping of further facts; without it NAME.json, NAME.yaml or
-    NAME.yml beside the file is read if it is there. `known` holds facts too (None: not given) and
-    overrides the sidecar, in depth, and the file's speed and position.
+    NAME.yml beside the file is read if it is there. `calibration` names the one that a calibration
+    of the rig wrote: its gain, polarity and sensor win over the sidecar's. `known` holds facts too
+    (None: not given) and overrides both, in depth, and the file's speed and position.
 
     A signal's unit is `signal_unit`, or the file's own, or that of its column's name, or else
     "counts"; values in mV or uV are converted to V. It is multiplied by `polarity` (1 or -1) and
@@ -80,13 +82,14 @@ def load(
     choice(f"{path.name}: recording.missing", missing, MISSING)
     choice(f"{path.name}: recording.times", times, TIMES_OF_ROWS)
     with within_memory(path):
-        return recording_of_table(path, take_table(path, reader), sidecar, missing, times, known)
+        given = Sidecars(sidecar, calibration)
+        return recording_of_table(path, take_table(path, reader), given, missing, times, known)
 
 
 def recording_of_table(
     path: Path,
     table: ColumnTable,
-    sidecar: str | os.PathLike[str] | None,
+    sidecar: Sidecars,
     missing: str,
     times: str,
     known: Mapping[str, Any],
@@ -130,7 +133,7 @@ def check_settings(settings: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> N
     known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
     with within_memory(path):
         table = take_table(path, reader)
-        read_facts(path, table, settings.get("sidecar"), known)
+        read_facts(path, table, Sidecars.of_settings(settings), known)
     store(path, reader, table)
 
 
@@ -138,20 +141,17 @@ def facts_beside(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Facts about a recording that its sidecar, or `settings` of it (`path`, `sidecar` and facts),
     state, without those within the file. Raises `BadInput` where they are invalid."""
     path = path_of(settings["path"], "recording.path")
-    given = settings.get("sidecar")
-    given = None if given is None else path_of(given, "recording.sidecar")
     known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
-    facts = merge(read_sidecar(path, given), known)
+    facts = merge(Sidecars.of_settings(settings).facts(path), known)
     check_facts(path.name, facts)
     return facts
 
 
 def read_facts(
-    path: Path, table: ColumnTable, sidecar: str | os.PathLike[str] | None, known: Mapping[str, Any]
+    path: Path, table: ColumnTable, sidecar: Sidecars, known: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Facts beside the columns: from the file's own sidecar, the one beside it, and `known`."""
-    given = None if sidecar is None else path_of(sidecar, "recording.sidecar")
-    facts = merge(merge(table.sidecar, read_sidecar(path, given)), _with_listed_elements(known))
+    """Facts beside the columns: from the file's own sidecar, those beside it, and `known`."""
+    facts = merge(sidecar.facts(path, table.sidecar), _with_listed_elements(known))
     check_facts(path.name, facts)
     return facts
 

@@ -173,7 +173,7 @@ class FeatureFacts(Facts):
     edge_length_m: Positive = None
 
 
-class CalibrationFacts(Facts):
+class RigErrorFacts(Facts):
     """What a calibration determined, in the order of `parameters`, and what it did not."""
 
     parameters: Names = None
@@ -206,7 +206,7 @@ class RecordingFacts(Facts):
     sensor: SensorFacts | None = None
     skin: SkinFacts | None = None
     feature: FeatureFacts | None = None
-    calibration: CalibrationFacts | None = None
+    rig_error: RigErrorFacts | None = None
 
 
 def check_facts(name: str, facts: Mapping[str, Any]) -> None:

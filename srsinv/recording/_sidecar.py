@@ -11,18 +11,19 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import yaml
 
 from srsinv.errors import BadInput, refuse, shown
 
-from ._guard import read_bytes
+from ._guard import path_of, read_bytes
 
 SUFFIXES = (".json", ".yaml", ".yml")
 MOST_BYTES = 2**18  # a thousand elements with all their keys take half of it
 DEEPEST = 20  # mappings and lists within each other
 MOST_VALUES = 50_000
+_OF_RIG = ("gain", "polarity", "sensor", "rig_error")  # facts that a calibration determines
 _INT = re.compile(r"[-+]?[0-9]{1,400}")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _WORDS = {
@@ -46,6 +47,28 @@ def merge(sidecar: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any
         elif value is not None:
             merged[key] = list(value) if isinstance(value, tuple) else value
     return merged
+
+
+class Sidecars(NamedTuple):
+    """The files that are named beside a recording: its sidecar, and that of a calibration."""
+
+    sidecar: str | os.PathLike[str] | None = None
+    calibration: str | os.PathLike[str] | None = None
+
+    @classmethod
+    def of_settings(cls, settings: Mapping[str, Any]) -> "Sidecars":
+        """As the configuration's `recording` names them."""
+        return cls(settings.get("sidecar"), settings.get("calibration"))
+
+    def facts(self, path: Path, own: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """What they state of the recording at `path`, over its `own` facts; of the rig the
+        calibration has the last word, of all else the first."""
+        given = None if self.sidecar is None else path_of(self.sidecar, "recording.sidecar")
+        beside = merge(own or {}, read_sidecar(path, given))
+        if self.calibration is None:
+            return beside
+        rig = read_sidecar(path, path_of(self.calibration, "recording.calibration"))
+        return merge(merge(rig, beside), {key: rig[key] for key in _OF_RIG if key in rig})
 
 
 def read_sidecar(recording: Path, given: Path | None) -> dict[str, Any]:

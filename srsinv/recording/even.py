@@ -49,8 +49,9 @@ def load_even(settings: Any, known: Mapping[str, Any], reader: Reader = BY_SUFFI
     times = facts.pop("times", TIMES_OF_ROWS[0])
     refuse(path is None, "No recording is named: give recording.path=FILE.")
     path = path_of(path, "recording.path")
-    if facts.get("sidecar") is not None:
-        facts["sidecar"] = path_of(facts["sidecar"], "recording.sidecar")
+    for key in ("sidecar", "calibration"):
+        if facts.get(key) is not None:
+            facts[key] = path_of(facts[key], f"recording.{key}")
     for key, wanted in MOTION.items():
         if (given := facts.get(key)) is not None:
             number(f"recording.{key}", given, wanted)

@@ -36,6 +36,7 @@ from ._health import (
 )
 from ._read import MISSING, TIMES_OF_ROWS, read_facts, recording_of_table
 from ._recording import SPEED
+from ._sidecar import Sidecars
 from ._table import ColumnTable, listing
 from ._timing import Timing, timing
 from ._units import PER_M, PER_M_PER_S, PER_S, PER_V
@@ -103,6 +104,7 @@ def inspect(
     *,
     reader: Reader = BY_SUFFIX,
     sidecar: str | os.PathLike[str] | None = None,
+    calibration: str | os.PathLike[str] | None = None,
     missing: str = MISSING[0],
     times: str = TIMES_OF_ROWS[0],
     **known: Any,
@@ -115,12 +117,13 @@ def inspect(
     path = path_of(path, "recording.path")
     with within_memory(path):
         table = take_table(path, reader)
-        refusal = _refusal(path, table, sidecar, missing, times, known)
-        inspection = _inspect(path, table, sidecar, known)
+        given = Sidecars(sidecar, calibration)
+        refusal = _refusal(path, table, given, missing, times, known)
+        inspection = _inspect(path, table, given, known)
         for allowed, unit in ((True, False), (False, True), (True, True)) if refusal else ():
             stated = known | ({"time_unit": inspection.time_unit} if unit else {})
             how = "allow" if allowed else missing
-            if _refusal(path, table, sidecar, how, times, stated) is None:
+            if _refusal(path, table, given, how, times, stated) is None:
                 words = ["recording.missing=allow"] * allowed
                 words += [f"recording.time_unit={inspection.time_unit}"] * unit
                 return replace(inspection, refusal=refusal, overrides=tuple(words))
@@ -139,7 +142,7 @@ def _refusal(path: Path, table: ColumnTable, *settings: Any) -> str | None:
 def _inspect(
     path: Path,
     table: ColumnTable,
-    sidecar: str | os.PathLike[str] | None,
+    sidecar: Sidecars,
     known: Mapping[str, Any],
 ) -> Inspection:
     facts = read_facts(path, table, sidecar, known)

@@ -5,31 +5,30 @@ solved out. Candidates are ranked by their evidence, the probability of the data
 its parameters integrated out.
 """
 
+import copy
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from ...errors import number
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
+from ...grid import as_real
 from ...resolution import cell_m
 from ..cells import Window
 from ..nonlinear import Fit, Solver, fit, fit_many
+from ..rig_error import RigError
 from .contact import cell_for
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
 from .misfit import against_levels
 from .model import FeatureModel, scan_extent
-from .search import STARTS, Blocks, FeatureSearch
+from .search import STARTS, Blocks, FeatureSearch, given_start, prior_reach
 from .sliding_noise import Levels, estimate, first_levels
 from .surface_settings import checked_names
 
-# Prior standard deviation of an amplitude: the one whose signal is this multiple of the largest
-# datum. Wide enough not to pull. The same rule for every candidate and every shape: one for the
-# pressure itself would favour shapes with hardly any signal, as these take any pressure.
-AMPLITUDE_PRIOR_REACH = 30.0
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
 ROUNDS = 4  # of fitting, and estimating the noise from the residual
 
@@ -46,7 +45,7 @@ class FeatureFitter:
         motion: Motion,
         solver: Solver | None = None,
     ):
-        self._model, self._search, self._motion = model, search, motion
+        self._model, self._search, self._sensor, self._motion = model, search, sensor, motion
         self._stretch, self._depth_m = scan_extent(sensor, motion), float(sensor.depth_m)
         self._solver = model.loading.solver(solver)
 
@@ -114,6 +113,7 @@ class FeatureFitter:
         noise: Any = None,
         start: Mapping[str, float] | None = None,
         starts: int = STARTS,
+        rig: RigError | None = None,
     ) -> FeatureEstimate:
         """Fit the features' parameters to `y`, NaN where a sample is missing.
 
@@ -122,6 +122,7 @@ class FeatureFitter:
           feature's, taken where they explain the data better than the search, or some of them, and
           the rest is searched.
         - `starts`: how many of the search's shapes are fitted from.
+        - `rig`: how well gains, depth, angles and offsets are known; None: exactly.
 
         Features of a sum are found one after the other, each beside those found before, and then
         fitted together. No feature at all is a candidate too.
@@ -129,7 +130,7 @@ class FeatureFitter:
         y = np.asarray(y, float)
         levels = first_levels(y, self._depth_m) if noise is None else None
         using = noise if levels is None else self._whitener(levels, y)
-        given = {name: _own(start or {}, name, features) for name in features}
+        given = {name: given_start(start or {}, name, features) for name in features}
         result = self._fit_in_turn(features, y, using, levels, given, starts)
         model = self._model.with_features(features)
         if result is None:
@@ -138,6 +139,9 @@ class FeatureFitter:
             return FeatureEstimate.of_nothing(model, y, using, levels)
         if levels is not None:
             result, levels = self._settled(features, result, y, levels)
+            using = self._whitener(levels, y)
+        if rig is not None:
+            model, result = self._with_rig_error(rig, features, result, y, using)
         read = model.loading.report(features, result)
         evidence = self._evidence(features, result)
         against = self._against(levels, y, result)
@@ -222,12 +226,14 @@ class FeatureFitter:
 
     def _settings(self, parts: Features, y: np.ndarray, noise: Any) -> dict[str, Any]:
         model, loading = self._model.with_features(parts), self._model.loading
-        reach = _reach(y)
+        reach = prior_reach(y)
         priors = loading.common_priors() if parts else {}
         for name, feature in parts.items():
             priors |= loading.priors(name, feature, reach, self._search)
         if model.free_offset:
             priors["offset"] = (0.0, reach)
+        if model.nuisance is not None:
+            priors["calibration"] = (0.0, 1.0)
         bounds = loading.bounds(model.line, parts, self._stretch) if parts else {}
         linear = model.linear if parts else ("offset",)
         return {
@@ -261,6 +267,20 @@ class FeatureFitter:
                 break
         return result, levels
 
+    def _with_rig_error(
+        self, rig: RigError, features: Features, result: Fit, y: np.ndarray, noise: Any
+    ) -> tuple[FeatureModel, Fit]:
+        """The model and the fit with room for what is not known of the rig."""
+        model = self._model.with_features(features)
+        fitted = np.asarray(model(result.value))
+        columns = rig.columns(
+            self._sensor, fitted, lambda s: model.with_sensor(s, self._motion)(result.value)
+        )
+        own = copy.copy(self)
+        own._model = dataclasses.replace(self._model, nuisance=as_real(columns))
+        start = dict(result.value) | {"calibration": np.zeros(len(columns))}
+        return own._model.with_features(features), own._fit(features, start, y, noise)
+
     def _whitener(self, levels: Levels, y: np.ndarray):
         return levels.whitener(np.asarray(self._motion.position_m), np.isfinite(y))
 
@@ -278,19 +298,3 @@ class FeatureFitter:
 
 def _evidence_of(fit: Fit, log_prior_ratio: float) -> float:
     return -np.inf if fit.log_evidence is None else float(fit.log_evidence + log_prior_ratio)
-
-
-def _own(start: Mapping[str, float], name: str, features: Features) -> dict[str, float]:
-    """The start values of this feature."""
-    prefix, wanted = f"{name}_" if len(features) > 1 else "", "a number, in SI units"
-    return {
-        part: float(number(f"fit.start.{prefix}{part}", start[prefix + part], wanted))
-        for part in features[name].axes
-        if prefix + part in start
-    }
-
-
-def _reach(y: np.ndarray) -> float:
-    """Signal at one prior standard deviation of an amplitude: see `AMPLITUDE_PRIOR_REACH`."""
-    largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
-    return AMPLITUDE_PRIOR_REACH * largest if largest > 0 else 1.0

@@ -119,7 +119,8 @@ class FeatureFit(Method):
         samples = problem.samples()
         rough = self.is_of_surface and samples.is_estimate
         noise = None if rough else samples.noise
-        estimate = self._fitter(problem, samples)(features, samples.signal, noise, self.start)
+        fitter = self._fitter(problem, samples)
+        estimate = fitter(features, samples.signal, noise, self.start, rig=problem.rig)
         return _placed(estimate, problem)
 
     def many(self, problems: Sequence[Problem | LineProblem]) -> list[FeatureEstimate]:
@@ -133,7 +134,7 @@ class FeatureFit(Method):
         samples = [problem.samples() for problem in problems]
         alike: dict[Any, list[int]] = {}
         for i, each in enumerate(samples):
-            own = None if self._is_batched else i
+            own = None if self._is_batched and problems[i].rig is None else i
             alike.setdefault((own, _key((each.sensor, each.motion, each.noise))), []).append(i)
         estimates: dict[int, FeatureEstimate] = {}
         for group in alike.values():

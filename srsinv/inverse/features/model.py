@@ -32,13 +32,15 @@ class FeatureModel(eqx.Module):
 
     `loading` says how they load the skin. Parameters are a tree: each feature's by its name, those
     of the loading, and where each element has an unknown constant `offset`. Where features are
-    searched is no part of the model: one program serves every range.
+    searched is no part of the model: one program serves every range. `nuisance` (j, e, sample) are
+    signals of what is not known of the rig, each times a number of `calibration` (j,).
     """
 
     operator: MotionOperator
     loading: Loading
     features: dict[str, Any]
     free_offset: bool = eqx.field(static=True)
+    nuisance: Float[Array, "j e sample"] | None = None
 
     @classmethod
     def along(cls, sensor: Sensor, motion: Motion, cell_m: float | None = None) -> "FeatureModel":
@@ -102,12 +104,19 @@ class FeatureModel(eqx.Module):
     def linear(self) -> tuple[str, ...]:
         """Names of the parameters that enter linearly."""
         own = [f"{name}.{part}" for name, f in self.features.items() for part in f.linear]
-        return (*self.loading.LINEAR, *own, *(("offset",) if self.free_offset else ()))
+        rig = () if self.nuisance is None else ("calibration",)
+        return (*self.loading.LINEAR, *own, *rig, *(("offset",) if self.free_offset else ()))
 
     @property
     def steps(self) -> dict[str, float]:
         """Steps for central differences, by parameter, where derivatives need them."""
         return self.loading.steps(self.line, self.features)
+
+    def with_sensor(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
+        """The same features and line under another sensor of the same films' number."""
+        reach = None if self.operator.end is None else FAR_M
+        operator = operator_along(sensor, self.line, motion, reach, self.operator.ways)
+        return dataclasses.replace(self, operator=operator)
 
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] on the line beyond their background, while sliding towards +x."""
@@ -136,6 +145,8 @@ class FeatureModel(eqx.Module):
             _stacked(self.tractions(params)), None if end is None else _stacked(self._each_way(end))
         )
         signal = signal if gain is None else gain * signal
+        if self.nuisance is not None:
+            signal = signal + jnp.tensordot(params["calibration"], self.nuisance, 1)
         return signal + params["offset"][:, None] if self.free_offset else signal
 
     def _each_way(self, end: Float[Array, " 2"]) -> list[Float[Array, " 2"]]:

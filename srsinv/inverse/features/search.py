@@ -7,13 +7,18 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ...errors import number
 from ...forward.feature import ScanExtent
 from ...forward.scan import Motion
 from ...grid import as_real
 from .direct import responses
-from .loading import AnyFeature, Tried
+from .loading import AnyFeature, Features, Tried
 from .model import FeatureModel
 
+# Prior standard deviation of an amplitude: the one whose signal is this multiple of the largest
+# datum. Wide enough not to pull. The same rule for every candidate and every shape: one for the
+# pressure itself would favour shapes with hardly any signal, as these take any pressure.
+AMPLITUDE_PRIOR_REACH = 30.0
 STARTS = 3  # the best of the search that are fitted from
 LEAST_RELATIVE_SIGNAL = 1e-6  # of the strongest signal: a floor
 
@@ -189,3 +194,19 @@ class FeatureSearch:
 
 def _peaks(tried: Tried) -> Float[np.ndarray, " a"]:
     return np.abs(tried.signals).max(axis=(0, 2, 3))
+
+
+def given_start(start: Mapping[str, float], name: str, features: Features) -> dict[str, float]:
+    """The start values of this feature."""
+    prefix, wanted = f"{name}_" if len(features) > 1 else "", "a number, in SI units"
+    return {
+        part: float(number(f"fit.start.{prefix}{part}", start[prefix + part], wanted))
+        for part in features[name].axes
+        if prefix + part in start
+    }
+
+
+def prior_reach(y: np.ndarray) -> float:
+    """Signal at one prior standard deviation of an amplitude: see `AMPLITUDE_PRIOR_REACH`."""
+    largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
+    return AMPLITUDE_PRIOR_REACH * largest if largest > 0 else 1.0

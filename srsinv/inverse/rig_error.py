@@ -1,0 +1,119 @@
+"""How well a rig is known: the covariance of a calibration, as signals that a fit leaves room for.
+
+A calibration determines gains, depth, angles and offsets c to within a covariance S = L L^T. To
+first order the signal is then m + sum_j s_j (dm/dc L)_j with s_j normal of variance one: columns
+that enter linearly, under priors of their own. Fitted beside the parameters they carry the
+calibration's error into all that a fit gives.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import refuse
+from ..forward.film import Film, Offset
+from ..forward.sensor import Sensor
+
+_OF_ELEMENT = re.compile(r"(gain|angle|offset)_([1-9]\d*)(_deg|_m)?")
+_DEPTH = "depth_m"
+
+
+class RigError(eqx.Module):
+    """The covariance (k, k) of parameters of a rig, and their values (k,): `gain_N`, `depth_m`,
+    `angle_N_deg`, `offset_N_m`, N from 1."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    values: Float[np.ndarray, " k"]
+    covariance: Float[np.ndarray, "k k"]
+
+    @classmethod
+    def of_facts(
+        cls, name: str, facts: Mapping[str, Any] | None, elements: int
+    ) -> "RigError | None":
+        """That of a sidecar's key `rig_error`; None where it has none. Raises `BadInput`, calling
+        the recording `name`, for one that is damaged or of another number of elements."""
+        given: Mapping[str, Any] = {} if facts is None else facts
+        names: tuple[str, ...] = tuple(given.get("parameters") or ())
+        if not names:
+            return None
+        values = np.asarray(given.get("values") or [], float)
+        rows: list[Any] = given.get("covariance") or []
+        size = len(names)
+        is_square = len(rows) == size and all(len(row) == size for row in rows)
+        covariance = np.array(rows, float) if is_square else np.zeros((0, 0))
+        valid = bool(is_square and values.shape == (size,) and _is_covariance(covariance))
+        refuse(
+            not valid or len({*names}) < size,
+            f"{name}: the sidecar's rig_error is damaged, as its values and covariance are not "
+            f"those of {size} parameters: run experiment=calibrate again.",
+        )
+        for each in names:
+            of_element = _OF_ELEMENT.fullmatch(each)
+            refuse(
+                each != _DEPTH and (of_element is None or int(of_element[2]) > elements),
+                f"{name}: the sidecar's rig_error has {each!r}, and the recording {elements} "
+                "channels: give the sidecar of this rig.",
+            )
+        return cls(names, values, covariance)
+
+    def columns(
+        self,
+        sensor: Sensor,
+        fitted: Float[np.ndarray, "e sample"],
+        signal_of: Callable[[Sensor], Any],
+    ) -> Float[np.ndarray, "k e sample"]:
+        """The signals of one standard deviation in each direction of the covariance, about the
+        `fitted` one; `signal_of` gives that of another sensor."""
+        slopes = np.stack([
+            self._slope(i, sensor, np.asarray(fitted), signal_of) for i in range(len(self.names))
+        ])  # fmt: skip
+        stderr = np.sqrt(np.diag(self.covariance))
+        correlation = self.covariance / np.outer(stderr, stderr)
+        strength, axes = np.linalg.eigh(correlation)
+        root = stderr[:, None] * axes * np.sqrt(np.maximum(strength, 0.0))
+        return np.einsum("ij,ies->jes", root, slopes)
+
+    def _slope(self, i: int, sensor: Sensor, fitted, signal_of) -> Float[np.ndarray, "e sample"]:
+        """The derivative of the signal by one parameter."""
+        name, step = self.names[i], float(np.sqrt(self.covariance[i, i]))
+        if name.startswith("gain_"):
+            own = np.zeros_like(fitted)
+            element = int(name.removeprefix("gain_")) - 1
+            own[element] = fitted[element] / self.values[i]
+            return own
+        above, below = (signal_of(_moved(sensor, name, sign * step)) for sign in (1, -1))
+        return (np.asarray(above) - np.asarray(below)) / (2 * step)
+
+
+def _is_covariance(matrix: Float[np.ndarray, "k k"]) -> bool:
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    if not np.all(np.diag(matrix) > 0) or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=0):
+        return False
+    return bool(np.linalg.eigvalsh(matrix / np.outer(size, size)).min() > -1e-6)
+
+
+def _moved(sensor: Sensor, name: str, by: float) -> Sensor:
+    """The sensor with one parameter changed by so much."""
+
+    def depth(film: Film) -> Film:
+        return eqx.tree_at(lambda f: f.depth_m, film, film.depth_m + by)
+
+    def angle(film: Film) -> Film:
+        return eqx.tree_at(lambda f: f.angle_rad, film, film.angle_rad + np.deg2rad(by))
+
+    def offset(film: Film) -> Film:
+        return film.with_effect(Offset(by))
+
+    if name == _DEPTH:
+        films = [depth(film) for film in sensor.elements]
+    else:
+        kind, number = name.split("_")[:2]
+        change = {"angle": angle, "offset": offset}[kind]
+        films = [
+            change(film) if n == int(number) else film for n, film in enumerate(sensor.elements, 1)
+        ]
+    return eqx.tree_at(lambda s: s.elements, sensor, tuple(films))
