@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from ..aliases import with_current_keys
 from .typed import refusing
 
-_FILES = ("path", "sidecar")  # keys whose values name files of data
+_FILES = ("path", "sidecar", "calibration")  # keys whose values name files of data
 LARGEST_FILE = 2**32  # bytes: no reader takes more, and the job refuses the file
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from .. import config
 from ..errors import refuse
 from ..recording import merge
+from ..recording.even import sidecar_paths
 from ..recording.inspection import Inspection, inspect
 from ..recording.template import blanks, essential, sidecar_template
 from ..report.result import Result, dataset, scalars
@@ -30,7 +31,7 @@ def run(cfg: Mapping[str, Any]) -> Result:
     refuse(path is None, "No recording is named: give recording.path=FILE.")
     known = {key: value for key, value in settings.items() if key not in _NOT_FACTS}
     known = merge({}, known | {"sensor": cfg["sensor"]})
-    files = {key: settings.get(key) for key in ("sidecar", "calibration")}
+    files = sidecar_paths(settings)
     inspection = inspect(path, reader=config.reader(cfg), **files, **known)
     stem = Path(path).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
     template, blank = f"{stem}.yaml", blanks(inspection)

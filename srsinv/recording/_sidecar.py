@@ -67,12 +67,16 @@ class Sidecars(NamedTuple):
         beside = merge(own or {}, read_sidecar(path, given))
         if self.calibration is None:
             return beside
-        rig = read_sidecar(path, path_of(self.calibration, "recording.calibration"))
+        key = "recording.calibration"
+        rig = read_sidecar(path, path_of(self.calibration, key), key)
         return merge(merge(rig, beside), {key: rig[key] for key in _OF_RIG if key in rig})
 
 
-def read_sidecar(recording: Path, given: Path | None) -> dict[str, Any]:
-    """The mapping in `given`, else in the sidecar beside `recording`, else an empty one.
+def read_sidecar(
+    recording: Path, given: Path | None, key: str = "recording.sidecar"
+) -> dict[str, Any]:
+    """The mapping in `given`, the file that `key` of the configuration names, else in the sidecar
+    beside `recording`, else an empty one.
 
     Raises `BadInput` for a file that is absent, unreadable or not a mapping, and where two sidecars
     stand beside the recording.
@@ -89,7 +93,7 @@ def read_sidecar(recording: Path, given: Path | None) -> dict[str, Any]:
         return _read(beside[0]) if beside else {}
     refuse(
         given.suffix.lower() not in SUFFIXES,
-        f"{given.name}: a sidecar ends in {', '.join(SUFFIXES)}, not in {given.suffix!r}: "
+        f"{key} is {given.name}: a sidecar ends in {', '.join(SUFFIXES)}, not in {given.suffix!r}: "
         "write it as JSON or YAML.",
     )
     return _read(given)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,9 +50,7 @@ def load_even(settings: Any, known: Mapping[str, Any], reader: Reader = BY_SUFFI
     times = facts.pop("times", TIMES_OF_ROWS[0])
     refuse(path is None, "No recording is named: give recording.path=FILE.")
     path = path_of(path, "recording.path")
-    for key in ("sidecar", "calibration"):
-        if facts.get(key) is not None:
-            facts[key] = path_of(facts[key], f"recording.{key}")
+    facts |= sidecar_paths(facts)
     for key, wanted in MOTION.items():
         if (given := facts.get(key)) is not None:
             number(f"recording.{key}", given, wanted)
@@ -66,6 +65,15 @@ def load_even(settings: Any, known: Mapping[str, Any], reader: Reader = BY_SUFFI
         "recording.speed_m_per_s=... in m/s.",
     )
     return on_even_times(recording)
+
+
+def sidecar_paths(settings: Mapping[str, Any]) -> dict[str, Path | None]:
+    """The files beside a recording that the configuration's `recording` names. Raises `BadInput`
+    for what is no path."""
+    return {
+        key: None if settings.get(key) is None else path_of(settings[key], f"recording.{key}")
+        for key in ("sidecar", "calibration")
+    }
 
 
 def _check_signal(recording: Recording) -> None:
