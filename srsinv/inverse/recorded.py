@@ -62,7 +62,15 @@ def problem_of(
         name=recording.name,
     )
     health = channel_findings(recording.channels, recording.signal, recording.signal_unit)
-    return problem.with_warnings((*health, *_wiring(recording, problem)))
+    return problem.with_warnings(
+        (*_of_calibration(recording), *health, *_wiring(recording, problem))
+    )
+
+
+def _of_calibration(recording: Recording) -> tuple[str, ...]:
+    """That the calibration of the rig was doubtful, with its words."""
+    said = (recording.sidecar.get("rig_error") or {}).get("warnings")
+    return (f"The rig's calibration was doubtful: {said}",) if said else ()
 
 
 def _check_unit(recording: Recording, sensor: Sensor) -> None:

@@ -106,6 +106,7 @@ def _uncertainty(calibration: Calibration, wiring: Wiring) -> dict[str, Any]:
         "stderr": [total[name][1] for name in names],
         "covariance": covariance.tolist(),
         "not_determined": [name for name in own if name not in names],
+        "warnings": " ".join(calibration.warnings) or None,
     }
 
 

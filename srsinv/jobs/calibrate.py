@@ -44,7 +44,8 @@ def run(cfg: config.Config) -> Result:
         )
         ((name, feature),) = features.items()
         wiring = wiring_of(config.part(cfg, "recording"))
-        recording = wiring.in_volts(config.recording(cfg))
+        measured = config.recording(cfg)
+        recording = wiring.in_volts(measured)
         check_channels(recording)
         if surfaces:
             feature = with_edge(name, surfaces[name], recording.sidecar)
@@ -52,17 +53,20 @@ def run(cfg: config.Config) -> Result:
         with stage(f"fitting the rig to {recording.name}"):
             calibration = calibrate(problem, feature, settings["hold"], settings["free"])
         total = wiring.total(calibration)
-        sidecar = sidecar_of(recording, problem, calibration, wiring)
+        # A calibration that failed is none to go on with.
+        is_good = calibration.quality is not Quality.FAILED
+        sidecar = sidecar_of(recording, problem, calibration, wiring) if is_good else None
         facts = {
-            **_facts.of_recording(recording, problem, config.part(cfg, "recording").get("times")),
+            **_facts.of_recording(measured, problem, config.part(cfg, "recording").get("times")),
             **_facts.of_effects(config.part(cfg, "effects")),
             **_of_fit(calibration, settings, name),
+            **({"is_written": 1} if sidecar else {}),
         }
-        data = _dataset(recording, problem, calibration, total, facts)
+        data = _dataset(measured, problem, calibration, total, facts)
         title = _title(recording, calibration, total)
         result = Result(title, data, sections("calibrate", "fit_recording", "assumed"),
-                        {"calibration.yaml": sidecar})  # fmt: skip
-        if target is not None:
+                        {"calibration.yaml": sidecar} if sidecar else {})  # fmt: skip
+        if target is not None and sidecar:
             write_sidecar(target, sidecar)
         return result
 

@@ -82,6 +82,7 @@ def roles_of(
 def described_column(
     table: ColumnTable, facts: Mapping[str, Any], name: str, roles: Mapping[str, Role]
 ) -> Column:
+    """A column with its role, its unit and its numbers."""
     if name in table.unusable:
         return Column(name, "other", UNKNOWN, table.unusable[name])
     values = table.finite(name)
@@ -140,6 +141,7 @@ def _left_out(table: ColumnTable, name: str, quantity: Quantity) -> tuple[str, s
 
 
 def time_unit_or_guess(table: ColumnTable, facts: Mapping[str, Any], name: str) -> tuple[str, str]:
+    """The unit of a column of times and why; a guess by its values where nobody states it."""
     unit, source = unit_of(table, facts, name, "time")
     if unit is not None:
         return unit, source

@@ -181,6 +181,7 @@ class RigErrorFacts(Facts):
     stderr: Numbers = None
     covariance: Matrix = None
     not_determined: Names = None
+    warnings: Description = None
 
 
 class RecordingFacts(Facts):

@@ -100,10 +100,16 @@ FEATURES = {
 }
 
 
-@pytest.mark.parametrize("back", [False, True])
-@pytest.mark.parametrize("name", quick(FEATURES, "ridge"))
-def test_the_rig_that_made_the_signals(name, back):
+CASES = {
+    "ridge": ("ridge", False), "ridge, there and back": ("ridge", True),
+    "step": ("step", False), "line, there and back": ("line", True),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", quick(CASES, "ridge"))
+def test_the_rig_that_made_the_signals(case):
     """Gains of either sign, from a sensor stated 8 % too shallow, 5 degrees and 0.3 mm off."""
+    name, back = CASES[case]
     feature, held = FEATURES[name]
     signal = recorded(feature, np.random.default_rng(1), back)
     made = calibrate(problem(signal, turning=back), feature, held)
@@ -120,13 +126,14 @@ def test_the_rig_that_made_the_signals(name, back):
 def test_standard_errors_are_those_of_many_draws():
     feature, held = FEATURES["ridge"]
     rng = np.random.default_rng(2)
-    every = [calibrate(problem(recorded(feature, rng)), feature, held) for _ in range(12)]
+    every = [calibrate(problem(recorded(feature, rng)), feature, held) for _ in range(8)]
     for name in TRUE:
         squares = np.mean([pulls(each)[name] ** 2 for each in every])
-        # Twelve draws of a chi-square of one: within 0.3 and 2.2 but for one in a hundred.
-        assert 0.2 < squares < 2.6, name
+        # The mean of eight chi-squares of one is outside once in 150 draws.
+        assert 0.17 < squares < 2.7, name
 
 
+@pytest.mark.full
 def test_one_strip():
     feature, held = FEATURES["ridge"]
     signal = recorded(feature, np.random.default_rng(3))
@@ -135,6 +142,7 @@ def test_one_strip():
     assert max(map(abs, pulls(made).values())) < 3.5
 
 
+@pytest.mark.full
 def test_what_is_held_stays_and_the_rest_is_surer():
     feature, held = FEATURES["ridge"]
     signal = recorded(feature, np.random.default_rng(4))
@@ -148,6 +156,7 @@ def test_what_is_held_stays_and_the_rest_is_surer():
     assert set(some.parameters) == {"gain_1", "gain_2", "position_m", "base_friction"}
 
 
+@pytest.mark.full
 def test_missing_samples_and_an_offset():
     feature, held = FEATURES["ridge"]
     signal = recorded(feature, np.random.default_rng(5))

@@ -5,10 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from srsinv.inverse.recorded import problem_of
 from srsinv.recording import load
 from srsinv.recording._sidecar import parse
 from tests.jobs.run import ROOT, command, outcome, short_form
 
+EXAMPLE = ROOT / "srsinv" / "examples" / "strip_two_element.csv"
 HOLD = "fit.hold={height_m:2e-5,width_m:2e-3}"
 TRUE = {"gain_1": 95.0, "gain_2": 110.0, "depth_m": 1.2e-3, "angle_2_deg": 45.0,
         "offset_2_m": 1.5e-3, "base_friction": 0.35}  # fmt: skip
@@ -59,6 +61,7 @@ def test_the_rig_is_found(run):
     }  # fmt: skip
 
 
+@pytest.mark.full
 def test_the_sidecar_is_finished_and_gives_the_other_ridge(run):
     text = (run / "rig.yaml").read_text()
     assert text == (run / "run" / "calibration.yaml").read_text()
@@ -84,6 +87,7 @@ def test_the_sidecar_is_finished_and_gives_the_other_ridge(run):
     assert fitted.dataset.attrs["rig_error"].startswith("angle_2_deg, depth_m, gain_1")
 
 
+@pytest.mark.full
 def test_a_stated_gain_is_counted_in(lab):
     """Gains are those of the file's numbers, whatever the sidecar said of them before."""
     form = short_form("calibrate")
@@ -117,4 +121,29 @@ def test_refused(lab, capsys, case):
     assert words in capsys.readouterr().err
     assert not (lab / "refused").exists()
     assert (lab / "nominal.yaml").read_text() == "gain: 1\n"
-    assert (ROOT / "srsinv" / "examples" / "strip_two_element.csv").is_file()
+    assert EXAMPLE.is_file()
+
+
+@pytest.mark.full
+def test_a_doubtful_one_says_so_in_its_sidecar(lab):
+    """A strip taken for twice as wide as it is."""
+    form = [each for each in short_form("calibrate") if not each.startswith("fit.hold")]
+    held = "fit.hold={width_m:0.0076,pressure_Pa:6000}", f"calibration.write={lab}/wide.yaml"
+    assert outcome(*form, *held).metrics["quality"] == "doubtful"
+    recording = load(EXAMPLE, calibration=lab / "wide.yaml")
+    (first, *_) = problem_of(recording).warnings
+    assert first.startswith("The rig's calibration was doubtful: ")
+
+
+@pytest.mark.full
+def test_a_signal_in_counts_is_calibrated(lab):
+    """Its gain is in counts per volt."""
+    rows = np.loadtxt(lab / "known_ridge.csv", delimiter=",", skiprows=1)
+    rows[:, 1:3] *= 3276.8
+    header = "Time (ms),Ch A,Ch B,Stage pos (mm)"
+    np.savetxt(lab / "counts.csv", rows, "%.7g", ",", header=header, comments="")
+    sidecar = f"recording.sidecar={lab}/nominal.json"
+    path = f"recording.path={lab}/counts.csv"
+    metrics = outcome("experiment=calibrate", path, sidecar, "feature=ridge", HOLD).metrics
+    assert abs(metrics["gain_1"] / 3276.8 - 95) < 3.5 * metrics["gain_1_stderr"] / 3276.8
+    assert metrics["noise_rms_counts"] > 1
