@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import BadInput, refuse
 from ..inverse.calibration import Calibration
 from ..inverse.problem import Problem
-from ..recording import Recording, facts_beside
+from ..recording import Reader, Recording, facts_of
 
 HEADER = "# Written by srsinv experiment=calibrate: a sidecar (JSON is YAML).\n"
 SUFFIXES = (".yaml", ".yml")
@@ -24,7 +24,7 @@ OF_FILE = ("channels", "time_column", "time_unit", "position_column", "position_
 
 @dataclass(frozen=True)
 class Wiring:
-    """What the sidecar and the configuration state of the file and its channels, `facts`, of which
+    """What the file, its sidecar and the configuration state of its channels, `facts`, of which
     gain and polarity are in the recording's numbers already."""
 
     facts: Mapping[str, Any]
@@ -48,10 +48,10 @@ class Wiring:
         return total
 
 
-def wiring_of(settings: Mapping[str, Any]) -> Wiring:
+def wiring_of(settings: Mapping[str, Any], reader: Reader) -> Wiring:
     """That of the recording which the configuration's `recording` names."""
     refuse(settings.get("path") is None, "No recording is named: give recording.path=FILE.")
-    return Wiring(facts_beside(settings))
+    return Wiring(facts_of(settings, reader))
 
 
 def _of_channel(given: Any, n: int) -> float:

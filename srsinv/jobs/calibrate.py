@@ -43,7 +43,7 @@ def run(cfg: config.Config) -> Result:
             "feature=ridge.",
         )
         ((name, feature),) = features.items()
-        wiring = wiring_of(config.part(cfg, "recording"))
+        wiring = wiring_of(config.part(cfg, "recording"), config.reader(cfg))
         measured = config.recording(cfg)
         recording = wiring.in_volts(measured)
         check_channels(recording)

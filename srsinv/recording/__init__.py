@@ -1,7 +1,7 @@
 """Recordings of measured signals, read from files and written to them (without jax)."""
 
 from ._read import check_settings as check_settings
-from ._read import facts_beside as facts_beside
+from ._read import facts_of as facts_of
 from ._read import load as load
 from ._recording import Recording as Recording
 from ._sidecar import SUFFIXES as SIDECAR_SUFFIXES  # noqa: F401

@@ -129,21 +129,18 @@ def recording_of_table(
 def check_settings(settings: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> None:
     """Refuse settings of a recording (`path`, `sidecar` and facts) that name no readable table or
     state invalid facts. Columns are not checked: not every job needs the same ones."""
+    facts_of(settings, reader)
+
+
+def facts_of(settings: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> dict[str, Any]:
+    """All facts about a recording that the file itself, its sidecars, or `settings` of it (`path`,
+    `sidecar` and facts) state. Raises `BadInput` as [`load`][] does for them."""
     path = path_of(settings["path"], "recording.path")
     known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
     with within_memory(path):
         table = take_table(path, reader)
-        read_facts(path, table, Sidecars.of_settings(settings), known)
+        facts = read_facts(path, table, Sidecars.of_settings(settings), known)
     store(path, reader, table)
-
-
-def facts_beside(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Facts about a recording that its sidecar, or `settings` of it (`path`, `sidecar` and facts),
-    state, without those within the file. Raises `BadInput` where they are invalid."""
-    path = path_of(settings["path"], "recording.path")
-    known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
-    facts = merge(Sidecars.of_settings(settings).facts(path), known)
-    check_facts(path.name, facts)
     return facts
 
 

@@ -5,11 +5,12 @@ import json
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from srsinv.errors import BadInput
-from srsinv.recording import Recording, load, save
+from srsinv.recording import Recording, facts_of, load, save
 from tests.recording.files import (
     COLUMNS,
     COUNTS,
@@ -255,3 +256,13 @@ def test_positions_that_stand_still_or_start(tmp_path):
         speed = load(tmp_path / "r.npz").speed_m_per_s
         assert speed.min() >= 0
         np.testing.assert_allclose(speed.max(), fastest, rtol=1e-9)
+
+
+def test_facts_within_a_file_are_stated_too(tmp_path):
+    """A gain in the file's own sidecar is applied on loading, and a calibration counts it in."""
+    variables = {name: ("sample", values) for name, values in COLUMNS.items()}
+    inside = xr.Dataset(variables, attrs={"sidecar": json.dumps({"gain": 7.0})})
+    inside.to_netcdf(tmp_path / "r.nc", engine="h5netcdf")
+    settings = {"path": str(tmp_path / "r.nc"), "polarity": -1}
+    assert facts_of(settings) == {"gain": 7.0, "polarity": -1}
+    np.testing.assert_allclose(load(tmp_path / "r.nc").signal, SIGNAL / 7)
