@@ -101,8 +101,8 @@ FEATURES = {
 
 
 CASES = {
-    "ridge": ("ridge", False), "ridge, there and back": ("ridge", True),
-    "step": ("step", False), "line, there and back": ("line", True),
+    "ridge": ("ridge", False), "step": ("step", False),
+    "line, there and back": ("line", True),
 }  # fmt: skip
 
 
@@ -122,7 +122,7 @@ def test_the_rig_that_made_the_signals(case):
         assert 1e-4 * abs(value) < stderr < 0.03 * abs(value)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_standard_errors_are_those_of_many_draws():
     feature, held = FEATURES["ridge"]
     rng = np.random.default_rng(2)
@@ -156,7 +156,7 @@ def test_what_is_held_stays_and_the_rest_is_surer():
     assert set(some.parameters) == {"gain_1", "gain_2", "position_m", "base_friction"}
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_missing_samples_and_an_offset():
     feature, held = FEATURES["ridge"]
     signal = recorded(feature, np.random.default_rng(5))

@@ -87,7 +87,7 @@ def test_the_sidecar_is_finished_and_gives_the_other_ridge(run):
     assert fitted.dataset.attrs["rig_error"].startswith("angle_2_deg, depth_m, gain_1")
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_stated_gain_is_counted_in(lab):
     """Gains are those of the file's numbers, whatever the sidecar said of them before."""
     form = short_form("calibrate")
@@ -124,7 +124,7 @@ def test_refused(lab, capsys, case):
     assert EXAMPLE.is_file()
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_doubtful_one_says_so_in_its_sidecar(lab):
     """A strip taken for twice as wide as it is."""
     form = [each for each in short_form("calibrate") if not each.startswith("fit.hold")]
