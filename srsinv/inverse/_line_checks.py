@@ -75,6 +75,18 @@ def _check_noise(power: np.ndarray) -> None:
     )
 
 
+def check_nuisance(shape: tuple[int, ...], columns: Any) -> None:
+    """Refuse columns that are not finite, or not of the data's shape."""
+    if columns is None or isinstance(columns, Tracer):
+        return
+    fits = columns.ndim == 3 and (columns.shape[0], columns.shape[2]) == shape
+    refuse(
+        not fits or not bool(np.isfinite(np.asarray(columns)).all()),
+        f"The nuisance has the shape {columns.shape}: give finite numbers (element, column, "
+        f"sample), of the {shape[0]} elements and {shape[1]} samples of the data.",
+    )
+
+
 def check_noise_scale(shape: tuple[int, ...], scale: Any) -> None:
     """Refuse factors on the noise that are not positive, or not of the data's shape."""
     if scale is None or isinstance(scale, Tracer):

@@ -11,6 +11,7 @@ from ..grid import half_spectrum_weights
 from .line_model import Shown, with_means
 from .line_problem import LineProblem
 from .missing_runs import Runs, missing_runs
+from .nuisance import Cleaned
 from .prior import Prior, Solution
 from .spectral import (
     ModePosterior,
@@ -41,11 +42,13 @@ class Checks(NamedTuple):
 
 
 class CheckedSolution(NamedTuple):
-    """A solution, what the estimate shows of it, and its checks."""
+    """A solution, what the estimate shows of it, its checks, and the degrees of freedom that went
+    to the problem's nuisance."""
 
     solution: Solution
     shown: Shown
     checks: Checks
+    nuisance_dof: float = 0.0
 
 
 def spectral_answer(problem: LineProblem, prior: Prior) -> CheckedSolution:
@@ -87,7 +90,9 @@ def spectral_answer(problem: LineProblem, prior: Prior) -> CheckedSolution:
 def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> CheckedSolution:
     """The answer of any other solution; the waves' checks are the nearest periodic problem's."""
     n, roots = problem.line.n, list(np.asarray(prior_root(problem.line, prior), float))
-    shown, pull, variance = _shown(problem, prior, solution)
+    cleaned = Cleaned.of(problem, solution.value)
+    shown, pull, variance = _shown(cleaned.problem, prior, solution)
+    shown = shown._replace(fitted=shown.fitted + cleaned.signal)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging, float))
     checks = Checks(
         np.asarray(pull, float),
@@ -96,7 +101,7 @@ def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Checked
         difference_dof(whitened(problem), roots, n),
         missing_runs(problem, prior, solution.value),
     )
-    return CheckedSolution(solution, shown, checks)
+    return CheckedSolution(solution, shown, checks, cleaned.dof)
 
 
 @eqx.filter_jit

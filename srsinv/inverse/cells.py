@@ -51,6 +51,13 @@ class Cells(NamedTuple):
     white_scale: Float[np.ndarray, "e cell"]
     slow_scale: Float[np.ndarray, "e cell"]
 
+    def parted(self, elements: int) -> tuple["Cells", Float[np.ndarray, "e column cell"]]:
+        """The cells of the first of each element's rows, and the others' signals."""
+        first, *_ = rows = self.signal.reshape(elements, -1, self.signal.shape[-1]).swapaxes(0, 1)
+        count = len(rows)
+        scales = self.white_scale[::count], self.slow_scale[::count]
+        return Cells(self.x_m, first, self.samples, *scales), rows[1:].swapaxes(0, 1)
+
 
 def window_around(
     given: tuple[float, float] | None, x_m: Float[np.ndarray, " x"], depth_m: float

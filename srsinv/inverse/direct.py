@@ -34,9 +34,9 @@ def whiten(problem: LineProblem) -> Whitened:
     lag = np.arange(n)[:, None] - np.arange(n)
     toeplitz = jnp.fft.irfft(noise, n)[lag]
 
-    def one(model, data, observed, scale=None):
+    def one(model, data, observed, scale, columns):
         both = observed[:, None] & observed[None, :]
-        covariance = toeplitz if scale is None else scale[:, None] * toeplitz * scale
+        covariance = scale[:, None] * toeplitz * scale + columns.T @ columns
         root = jnp.linalg.cholesky(jnp.where(both, covariance, jnp.eye(n)))
         rows = jnp.concatenate([model, data[:, None], jnp.ones((n, 1))], axis=-1)
         rows = jnp.where(observed[:, None], rows, 0.0)
@@ -47,8 +47,10 @@ def whiten(problem: LineProblem) -> Whitened:
         return rows[:, :-2], rows[:, -2]
 
     # Not batched: batched LAPACK on a CPU can deadlock (see `nonlinear`).
-    each = columns, problem.data, observed
-    each = each if problem.noise_scale is None else (*each, problem.noise_scale)
+    scale = jnp.ones(problem.data.shape) if problem.noise_scale is None else problem.noise_scale
+    nothing = jnp.zeros((len(problem.data), 0, n))
+    nuisance = nothing if problem.nuisance is None else problem.nuisance
+    each = columns, problem.data, observed, scale, nuisance
     model, data = jax.lax.map(lambda rows: one(*rows), each)
     return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
 

@@ -43,6 +43,7 @@ def gathered(problem: LineProblem, count: int) -> LineProblem:
         noise_of_means(np.asarray(problem.noise), line.n, count),
         observed=observed,
         noise_scale=_scale_of_means(problem.noise_scale, count),
+        nuisance=_means_of(problem.nuisance, count),
         known_mean_Pa=problem.known_mean_Pa,
         background_Pa=problem.background_Pa,
         friction=problem.friction,
@@ -55,6 +56,12 @@ def _scale_of_means(scale, count: int) -> Float[np.ndarray, "e wide"] | None:
     if scale is None:
         return None
     return np.sqrt(np.mean(_gather(np.asarray(scale) ** 2, count), axis=-1))
+
+
+def _means_of(columns, count: int) -> Float[np.ndarray, "e column wide"] | None:
+    if columns is None:
+        return None
+    return np.stack([_gather(np.asarray(each), count).mean(axis=-1) for each in columns])
 
 
 def _gather(samples: np.ndarray, count: int) -> np.ndarray:

@@ -19,11 +19,13 @@ from ..grid import as_real
 from ..modules import with_fields
 from .bands import variance
 from .coarse import Coarse, hats_of
-from .gaps import BlockInverse, Gaps, Solved, conjugate_gradients
+from .gaps import Gaps, Solved, conjugate_gradients
 from .lanczos import Shapes, missing_shapes
 from .line_problem import LineProblem
 from .near_periodic import MOST_STEPS, NearPeriodic
 from .noise_levels import at_one_level, change_of_variance
+from .noise_precision import NoisePrecision
+from .nuisance import Beside, Nuisance
 from .prior import Prior, Solution
 from .transforms import adjoint, from_spectrum, times, to_spectrum
 
@@ -39,28 +41,13 @@ class NormalEquations:
     on traction whose known means are taken out."""
 
     def __init__(self, problem: LineProblem, prior: Prior, gaps: Gaps):
-        self.problem, self.prior, self.gaps = problem, prior, gaps
+        self.gaps = gaps
         self.transfer = np.asarray(problem.forward.transfer, complex)
         self.length, self.n = problem.forward.length, problem.line.n
-        self.precision = np.asarray(problem.whitener, float) ** 2
-        self.scale, has_offset = problem.noise_scale, not self.precision[0]
-        if self.scale is not None:  # then what an offset takes is no mean
-            self.scale = np.asarray(self.scale, float)
-            self.precision[0] = self.precision[0] or self.precision[1]
         self.shape = problem.unknowns, self.n
         self.zero_mean = np.asarray(problem.zero_mean)
-        self.is_observed = problem.is_observed
-        self.is_white = not np.ptp(self.precision[1:]) and self.precision[0] in (
-            0.0,
-            self.precision[1],
-        )
         self.penalty = _penalty(problem, prior)
-        lags = from_spectrum(self.precision, self.n)
-        apart = np.eye(len(self.is_observed))[..., None] * lags
-        self.noise_blocks = BlockInverse(()) if self.is_white else gaps.inverses(apart)
-        self.of_offset = None
-        if self.scale is not None and has_offset:
-            self.of_offset = self._weighed(1 / self.scale) / self.scale
+        self.weighed = NoisePrecision(problem, gaps)
 
     def __call__(self, r: Traction) -> Traction:
         r = self.centre(r)
@@ -72,46 +59,15 @@ class NormalEquations:
 
     def right_side(self, y: Signal) -> Traction:
         """G^T R^-1 y."""
-        return self.centre(self._convolved(adjoint(self.transfer), self.weighed(y)))
+        return self.adjoint(self.weighed(y))
+
+    def adjoint(self, y: Signal) -> Traction:
+        """G^T y."""
+        return self.centre(self._convolved(adjoint(self.transfer), y))
 
     def centre(self, r: Traction) -> Traction:
         """Project out the means that are not solved for."""
         return r - np.where(self.zero_mean[:, None], r.mean(axis=-1, keepdims=True), 0.0)
-
-    def weighed(self, y: Signal) -> Signal:
-        """R^-1 y, zero where samples are missing; R = S N S where the noise has a scale S."""
-        if self.scale is None:
-            return self._weighed(y)
-        y = self._weighed(y / self.scale) / self.scale
-        if self.of_offset is None:
-            return y
-        offset = y.sum(axis=-1, keepdims=True) / self.of_offset.sum(axis=-1, keepdims=True)
-        return y - offset * self.of_offset
-
-    def _weighed(self, y: Signal) -> Signal:
-        """The same for noise without a scale.
-
-        Missing samples are completed so that N^-1 y vanishes there; white noise needs none of it.
-        """
-        y = np.where(self.is_observed, y, 0.0)
-        if self.is_white:
-            if not self.precision[0]:
-                count = np.maximum(self.is_observed.sum(axis=-1, keepdims=True), 1)
-                y = y - y.sum(axis=-1, keepdims=True) / count
-            return np.where(self.is_observed, y * self.precision[-1], 0.0)
-        weighed = self._times_precision(y)
-        if self.gaps.cell.size:
-            right, tight = self.gaps.picked(weighed), 1e-12
-
-            def operator(values):
-                return self.gaps.picked(self._times_precision(self.gaps.placed(values)))
-
-            filling = conjugate_gradients(operator, self.noise_blocks, right, tight, MOST_STEPS)
-            weighed = weighed - self._times_precision(self.gaps.placed(filling.value))
-        return np.where(self.is_observed, weighed, 0.0)
-
-    def _times_precision(self, y: Signal) -> Signal:
-        return from_spectrum(to_spectrum(y) * self.precision, self.n)
 
     def _convolved(self, matrices: np.ndarray, values: np.ndarray) -> np.ndarray:
         spectrum = times(matrices, to_spectrum(values, self.length))
@@ -214,11 +170,39 @@ class PosteriorMap:
         return solved._replace(value=self.normal.centre(start + solved.value))
 
 
+class Marginal:
+    """The posterior of a problem from the map without its nuisance."""
+
+    def __init__(self, problem: LineProblem, posterior: PosteriorMap, tolerance: float):
+        self._posterior, self._tolerance = posterior, tolerance
+        self._nuisance = self._beside = None
+        equations = posterior.equations
+        self._weigh = equations.weighed
+        if problem.nuisance is not None:
+            self._nuisance = Nuisance(problem, equations.weighed)
+            self._weigh = self._nuisance.weigh
+            self._beside = Beside.of(
+                self._nuisance, equations.adjoint, lambda r: posterior.times(r, tolerance).value
+            )
+
+    def mean(self, y: Signal) -> Solved:
+        """The posterior mean of the traction of a signal."""
+        right = self._posterior.equations.adjoint(self._weigh(y))
+        solved = self._posterior.times(right, self._tolerance)
+        if self._beside is None:
+            return solved
+        return solved._replace(value=self._beside.corrected(solved.value))
+
+    def variance(self, mean_weights: Float[np.ndarray, "c n"]) -> Traction:
+        """The variance of the traction, less its mean with these weights, in every cell."""
+        without = variance(self._posterior, mean_weights)
+        return without if self._beside is None else without + self._beside.variance(mean_weights)
+
+
 def value(problem: LineProblem, prior: Prior, tolerance: float) -> Solved:
     """Posterior mean to a relative `tolerance`, without its standard error."""
-    posterior = PosteriorMap(problem, prior)
-    data = np.asarray(problem.data, float)
-    return posterior.times(posterior.equations.right_side(data), tolerance)
+    posterior = PosteriorMap(with_fields(problem, nuisance=None), prior)
+    return Marginal(problem, posterior, tolerance).mean(np.asarray(problem.data, float))
 
 
 class IterativeSolution(NamedTuple):
@@ -233,19 +217,19 @@ class IterativeSolution(NamedTuple):
 
 def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolution:
     """Posterior mean to a relative `tolerance`, and its standard error."""
-    posterior = PosteriorMap(problem, prior)
+    posterior = PosteriorMap(with_fields(problem, nuisance=None), prior)
     normal, n = posterior.equations, problem.line.n
     near = NearPeriodic(at_one_level(problem), prior, normal.gaps)
     data = np.asarray(problem.data, float)
     posterior.find_shapes()
-    solved = [posterior.times(normal.right_side(data), tolerance)]
+    marginal = Marginal(problem, posterior, tolerance)
+    solved = [marginal.mean(data)]
     for c in range(problem.unknowns):
         impulse = np.zeros((problem.unknowns, n))
         impulse[c, n // 2] = 1.0
-        right = normal.right_side(normal.forward(normal.centre(impulse)))
-        solved.append(posterior.times(right, tolerance))
+        solved.append(marginal.mean(normal.forward(normal.centre(impulse))))
     mean, *averaging = (jnp.asarray(each.value) for each in solved)
-    spread = variance(posterior, np.asarray(problem.mean_weights))
+    spread = marginal.variance(np.asarray(problem.mean_weights))
     spread = spread + change_of_variance(problem, posterior.near)
     stderr = np.sqrt(np.maximum(spread, 0.0))
     solution = Solution(

@@ -38,6 +38,7 @@ class LineModel(eqx.Module):
     known_mean_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
     background_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
     friction: eqx.AbstractVar[Float[Array, ""] | None]
+    nuisance: eqx.AbstractVar[Float[Array, "e column n"] | None]
     zero_mean: eqx.AbstractVar[Bool[Array, " c"]]
     mean_signal: eqx.AbstractVar[Float[Array, "e n"]]
 
@@ -77,8 +78,9 @@ class LineModel(eqx.Module):
     @property
     def separable(self) -> bool:
         """Whether each wavenumber can be treated alone: a periodic line with every sample valid,
-        all of them under the same noise."""
-        return self.forward.is_circular and self.observed is None and self.noise_scale is None
+        all of them under the same noise, and nothing else on them."""
+        further = self.observed, self.noise_scale, self.nuisance
+        return self.forward.is_circular and all(each is None for each in further)
 
     @property
     def information(self) -> Float[Array, "c k"]:

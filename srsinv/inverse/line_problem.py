@@ -16,7 +16,7 @@ from ..forward.sensor import Sensor
 from ..grid import Convolution, Line, Operator, as_real
 from ..modules import with_fields
 from ..status import Status
-from ._line_checks import check, check_estimate, check_noise_scale, unboxed
+from ._line_checks import check, check_estimate, check_noise_scale, check_nuisance, unboxed
 from .cells import Window
 from .diagnostics import residual_over_noise
 from .estimate import TractionEstimate
@@ -51,6 +51,8 @@ class LineProblem(LineModel):
     - `observed` (e, n): mask of valid samples; None means all.
     - `noise_scale` (e, n): the noise's standard deviation in each cell in units of that of `noise`,
       slowly varying or not; 1 where a sample is missing. None means 1 everywhere.
+    - `nuisance` (e, column, n): what else may be on each element's signal, of unknown sizes that
+      are normal of variance one (see nuisance.py). None: nothing.
     - `known_mean_Pa`: for each component its mean over the window where it is known, else None.
     - `background_Pa`: for each component a uniform traction that continues beyond the window of an
       open line, which is unobservable; it is added to the estimate. None: not known.
@@ -72,6 +74,7 @@ class LineProblem(LineModel):
     noise: Float[Array, " k"]
     observed: Bool[Array, "e n"] | None
     noise_scale: Float[Array, "e n"] | None
+    nuisance: Float[Array, "e column n"] | None
     known_mean_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
     background_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
     friction: Float[Array, ""] | None
@@ -91,6 +94,7 @@ class LineProblem(LineModel):
         *,
         observed=None,
         noise_scale=None,
+        nuisance=None,
         known_mean_Pa: Sequence[float | Array | None] = (None, None),
         background_Pa: Sequence[float | Array | None] = (0.0, 0.0),
         friction=None,
@@ -103,6 +107,8 @@ class LineProblem(LineModel):
         check(line, forward, data, noise, observed, friction, known_mean_Pa)
         self.noise_scale = None if noise_scale is None else as_real(noise_scale)
         check_noise_scale(data.shape, self.noise_scale)
+        self.nuisance = None if nuisance is None else as_real(nuisance)
+        check_nuisance(data.shape, self.nuisance)
         if friction is not None:
             friction = as_real(friction)
             transfer = forward.transfer[:, :1] + friction * forward.transfer[:, 1:]

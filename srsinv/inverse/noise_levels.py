@@ -17,7 +17,9 @@ from .transforms import adjoint, from_spectrum, times, to_spectrum
 
 
 def at_one_level(problem: LineProblem) -> LineProblem:
-    """The same problem under noise of its typical level everywhere."""
+    """The same problem under noise of its typical level everywhere, and nothing else."""
+    if problem.nuisance is not None:
+        problem = with_fields(problem, nuisance=None)
     if problem.noise_scale is None:
         return problem
     level = jnp.asarray(np.exp(2 * np.mean(_log_scale(problem)[problem.is_observed])))

@@ -15,6 +15,7 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Operator, as_real
 from ..modules import with_fields
+from ..recording.mains import MainsLine, waves
 from .cells import (
     Window,
     block_of,
@@ -41,6 +42,7 @@ class Problem(eqx.Module):
       the scan and 8 depths beyond its ends.
     - `cell_m` [m]: the width of the cells of methods that solve for the traction on a line; None
       lets the method choose.
+    - `mains`: lines of mains on the signals, as [`mains_lines`][] measures them.
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact. Fits of
       features carry it into their standard errors.
     - `name`: for messages. `warnings`: sentences on the signal, which every estimate takes over.
@@ -59,6 +61,7 @@ class Problem(eqx.Module):
     nominal_pressure_Pa: float | None = eqx.field(static=True)
     window_m: tuple[float, float] | None = eqx.field(static=True)
     cell_m: float | None = eqx.field(static=True)
+    mains: tuple[MainsLine, ...]
     rig: RigError | None
     name: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
@@ -74,6 +77,7 @@ class Problem(eqx.Module):
         nominal_pressure_Pa: Any = None,
         window_m: Any = None,
         cell_m: Any = None,
+        mains: Sequence[MainsLine] = (),
         rig: RigError | None = None,
         name: str = "the signal",
     ):
@@ -103,7 +107,7 @@ class Problem(eqx.Module):
         self.window_m = None if window_m is None else _pair(window_m)
         if cell_m is not None:
             cell_m = float(number("cell_m", cell_m, "a positive width in metres", above=0))
-        self.cell_m, self.rig = cell_m, rig
+        self.cell_m, self.rig, self.mains = cell_m, rig, tuple(mains)
 
     def with_warnings(self, warnings: Sequence[str]) -> "Problem":
         """The same problem with further warnings."""
@@ -133,10 +137,12 @@ class Problem(eqx.Module):
         return self.sensor.amplifier.offset is None
 
     @property
-    def nuisance_columns(self) -> Float[np.ndarray, "column sample"]:
-        """Signals of no interest that every element may have, of unknown sizes: its offset, where
-        that is not known."""
-        return np.ones((int(self.has_free_offset), self.data.shape[1]))
+    def nuisance_columns(self) -> Float[np.ndarray, "e column sample"]:
+        """Signals of no interest that each element may have, of unknown sizes that are normal of
+        variance one: the waves of mains. An offset that is not known is the amplifier's."""
+        if not self.mains:
+            return np.zeros((len(self.data), 0, self.data.shape[1]))
+        return waves(np.asarray(self.motion.time_s), self.mains, float(self.noise.rms))
 
     @property
     def window(self) -> Window:
@@ -150,7 +156,12 @@ class Problem(eqx.Module):
         return self.sensor.operator_along(line, self.motion, ways=self.motion.ways)
 
     def samples(self) -> Samples:
-        """The signals along the motion."""
+        """The signals along the motion. Raises `BadInput` where lines of mains are named."""
+        refuse(
+            bool(self.mains),
+            f"{self.name}: mains_Hz names lines of mains, and fits of features do not take them "
+            "yet: leave it out, or invert.",
+        )
         y = np.where(self.observed, np.asarray(self.data), np.nan)
         noise = self.noise.of_fit(self.name, self.motion, y)
         is_estimate = self.noise.is_estimate and not self.noise.causes
@@ -167,14 +178,24 @@ class Problem(eqx.Module):
         refuse_reversing(self.name, np.asarray(motion.time_s), np.asarray(motion.speed_m_per_s))
         depth, sensor = float(self.sensor.depth_m), self.sensor
         block = block_of(self.motion, depth, self.cell_m or cell_m)
-        signal = np.where(self.observed, np.asarray(self.data), np.nan)
-        cells = cell_signals(self.name, self.motion, signal, sensor.amplifier, block)
+        signal, columns = np.asarray(self.data, float), self.nuisance_columns
+        # Whatever is on the signals is put on cells with them, missing where they are.
+        rows = np.concatenate([signal[:, None], columns], axis=1)
+        rows = np.where(self.observed[:, None], rows, np.nan).reshape(-1, signal.shape[1])
+        cells = cell_signals(self.name, self.motion, rows, sensor.amplifier, block)
+        start_m = float(cells.x_m[0])
         line, cells = line_over(cells, self.window_m, depth)
+        cells, columns = cells.parted(len(signal))
         observed = np.isfinite(cells.signal)
         data = np.where(observed, cells.signal, 0.0)
         scan = ConstantSpeed(float(np.mean(self.motion.speed_m_per_s)))
         signal_rms = np.sqrt(np.sum(data**2) / np.sum(observed))
         power = self.noise.power(line, scan, signal_rms, cells.samples)
+        if self.noise.drift:
+            trend = self.noise.trend(line, scan, start_m)
+            columns = np.concatenate(
+                [columns, np.broadcast_to(trend, (len(signal), 1, line.n))], axis=1
+            )
         if block > 1:
             average = SampleAverage(block, sample_spacing_m(self.motion))
             sensor = sensor.with_films(lambda film: film.with_effect(average))
@@ -185,6 +206,7 @@ class Problem(eqx.Module):
             data,
             power.at[0].set(jnp.inf) if self.has_free_offset else power,
             observed=observed,
+            nuisance=np.where(observed[:, None], columns, 0.0) if columns.shape[1] else None,
             noise_scale=self.noise.scale(power, cells.samples, cells.white_scale, cells.slow_scale),
             known_mean_Pa=(0.0, None),
             background_Pa=(self.nominal_pressure_Pa, None),

@@ -30,6 +30,7 @@ from .line_model import Shown, chi2
 from .line_problem import LineProblem
 from .missing_runs import Runs
 from .noise_levels import at_one_level
+from .nuisance import scored
 from .prior import Prior, Score, Solution
 
 DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not chosen
@@ -125,7 +126,7 @@ class Scorer(eqx.Module):
         path = choose_path(problem, path)
         self.family, self.problem = family, problem.on_line()
         if path == "iterative":
-            self.problem = at_one_level(self.problem)
+            self.problem = at_one_level(scored(self.problem))
         if path == "direct":
             self.reduced = direct.whiten(self.problem)
         elif path == "iterative" and problem.observed is not None:
@@ -212,13 +213,14 @@ def _estimate(
     stats: dict,
     warnings: Sequence[str],
 ) -> TractionEstimate:
-    solution, shown, _ = answer
+    solution, shown = answer.solution, answer.shown
     stats["condition"] = float(solution.condition)
     if not (np.isfinite(shown.value).all() and np.isfinite(shown.stderr).all()):
         status = Status.NOT_FINITE
     names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.resolved_dof, float)
     stats |= {f"resolved_dof_{name}": float(t) for name, t in zip(names, resolved_dof, strict=True)}
-    stats |= chi2(problem, float(resolved_dof.sum()), float(shown.squares))
+    taken = float(resolved_dof.sum()) + answer.nuisance_dof
+    stats |= chi2(problem, taken, float(shown.squares))
     return TractionEstimate(
         line=problem.line,
         value=shown.value,
@@ -236,7 +238,7 @@ def _estimate(
 
 
 def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tuple[str, ...]:
-    solution, shown, checks = answer
+    solution, shown, checks = answer.solution, answer.shown, answer.checks
     resolved_dof, noise = np.asarray(solution.resolved_dof, float), np.asarray(problem.noise)
     columns = COMPONENTS[: problem.unknowns], resolved_dof, *checks[:3]
     each = list(zip(*columns, strict=True))

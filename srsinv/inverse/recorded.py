@@ -13,9 +13,11 @@ from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
+from ..modules import with_fields
 from ..recording import Recording
 from ..recording.channels import channel_findings
 from ..recording.even import VOLTS, check_volts, on_even_times
+from ..recording.mains import MainsLine, mains_lines
 from ..recording.noise import white_level
 from .elements import element_findings
 from .problem import Problem
@@ -37,6 +39,7 @@ def problem_of(
 
     - `sensor`: None takes it from the sidecar, with its strip widths: see `sensor_described`.
     - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit.
+    - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
       those of the sidecar.
 
@@ -46,16 +49,22 @@ def problem_of(
     sensor = sensor_described(recording) if sensor is None else sensor
     check_elements(recording, of_kind("sensor", sensor, Sensor, "a Sensor").elements)
     _check_unit(recording, sensor)
+    if noise is None:
+        noise = noise_of(recording, float(sensor.depth_m))
+    noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
+    if drift := float(recording.sidecar.get("drift") or 0.0):
+        noise = with_fields(noise, drift=drift)
     window = recording.sidecar.get("contact_window_m")
     problem = Problem(
         sensor,
         motion_of(recording),
         recording.signal,
-        noise_of(recording, float(sensor.depth_m)) if noise is None else noise,
+        noise,
         friction=friction,
         nominal_pressure_Pa=recording.sidecar.get("nominal_pressure_Pa"),
         window_m=None if not window else (float(window[0]), float(window[1])),
         cell_m=cell_m,
+        mains=mains_of(recording),
         rig=RigError.of_facts(
             recording.name, recording.sidecar.get("rig_error"), len(recording.channels)
         ),
@@ -65,6 +74,16 @@ def problem_of(
     return problem.with_warnings(
         (*_of_calibration(recording), *health, *_wiring(recording, problem))
     )
+
+
+def mains_of(recording: Recording) -> tuple[MainsLine, ...]:
+    """The lines of mains that the facts name, as the recording has them; none where none are."""
+    given = recording.sidecar.get("mains_Hz")
+    if given is None:
+        return ()
+    listed = given if isinstance(given, list) else [given]
+    named = None if given == "auto" else [float(each) for each in listed]
+    return mains_lines(recording.signal, recording.sample_rate_hz, named)
 
 
 def _of_calibration(recording: Recording) -> tuple[str, ...]:

@@ -15,9 +15,10 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Periodic, as_real
 from ..recording.even import STEADY
-from .nonlinear import Correlated, Spectrum
+from .nonlinear import Correlated, Spectrum, WhitePlusOU
 
 EVEN = 0.01  # relative differences of the noise's standard deviation that no band shows
+LONG = 100.0  # durations of the recording, over which a walk is taken as correlated
 MISSING = 1e8  # of the noise's variance: at missing samples in coloured noise
 
 
@@ -35,17 +36,27 @@ class Samples(NamedTuple):
 class SampleNoise(eqx.Module):
     """White noise of `rms` per sample, in the signal's unit, and coloured `causes` by their names.
 
+    `drift`: of a random walk besides, its rms after a second, in the signal's unit.
     `is_estimate`: whether the level was taken from the recording's shortest waves. Where no cause
     is named a fit may then estimate it, and what is correlated along the motion, from its residual.
     """
 
     rms: Float[Array, ""]
+    drift: float = eqx.field(static=True)
     causes: Mapping[str, Noise]
     is_estimate: bool = eqx.field(static=True)
 
-    def __init__(self, rms, causes: Mapping[str, Noise] | None = None, is_estimate: bool = False):
+    def __init__(
+        self,
+        rms,
+        causes: Mapping[str, Noise] | None = None,
+        is_estimate: bool = False,
+        drift: float = 0.0,
+    ):
         wanted = "a positive number in the signal's unit"
         self.rms = as_real(number("the noise's rms", rms, wanted, above=0))
+        wanted = "a number that is at least 0"
+        self.drift = float(number("the noise's drift", drift, wanted, least=0))
         self.causes, self.is_estimate = dict(causes or {}), is_estimate
 
     def power(
@@ -55,7 +66,27 @@ class SampleNoise(eqx.Module):
         causes = tuple(self.causes.values())
         coloured = total_spectrum(causes, line, scan, signal_rms)
         check_power(causes, coloured)
-        return coloured + (float(self.rms) / np.sqrt(samples)) ** 2
+        return coloured + self._of_drift(line, scan) + (float(self.rms) / np.sqrt(samples)) ** 2
+
+    def _of_drift(self, line: Line, scan: ConstantSpeed) -> Float[np.ndarray, " k"]:
+        """The power of a random walk less its trend: that of one around a circle. The mean has the
+        variance of that of a walk that begins at zero, the trend's aside."""
+        n, k, cell = line.n, np.asarray(line.k), float(line.cell_m)
+        step = self._step(line, scan) ** 2
+        power = np.full(k.shape, step * n**2 / 12)
+        power[1:] = step / (4 * np.sin(k[1:] * cell / 2) ** 2)
+        return power
+
+    def trend(self, line: Line, scan: ConstantSpeed, start_m: float) -> Float[np.ndarray, " n"]:
+        """A random walk's trend along the line, of one standard deviation, from the scan's start:
+        a walk around a circle of n cells, of variogram h (1 - h/n), and this trend, of h^2/n, make
+        that of the whole walk, h."""
+        cells = (np.asarray(line.x) - start_m) / float(line.cell_m)
+        return self._step(line, scan) / np.sqrt(line.n) * cells
+
+    def _step(self, line: Line, scan: ConstantSpeed) -> float:
+        """The rms of a walk from cell to cell."""
+        return self.drift * float(np.sqrt(line.cell_m / abs(float(scan.speed_m_per_s))))
 
     def scale(
         self,
@@ -74,8 +105,11 @@ class SampleNoise(eqx.Module):
         """The noise of samples along a motion, as [`nonlinear.fit`][] takes it. Raises `BadInput`
         for coloured noise where the speed varies or samples are missing."""
         missing, rms = ~np.isfinite(y), float(self.rms)
+        white = np.where(missing, np.inf, rms)
+        if not self.causes and self.drift:
+            return walk_and_white(motion, white, self.drift)
         if not self.causes:
-            return np.where(missing, np.inf, rms)
+            return white
         refuse(
             bool(missing.any()) or not is_steady(motion),
             f"{name}: coloured noise ({', '.join(['white', *self.causes])}) is known along x, for "
@@ -85,6 +119,14 @@ class SampleNoise(eqx.Module):
         line = Periodic(y.shape[-1], abs(speed) / motion.sample_rate_hz)
         signal_rms = jnp.sqrt(jnp.mean(jnp.asarray(y) ** 2))
         return Spectrum(np.asarray(self.power(line, ConstantSpeed(speed), signal_rms)))
+
+
+def walk_and_white(motion: Motion, white: Float[np.ndarray, "e sample"], drift: float):
+    """White noise and a random walk in time from an unknown level: a process so slow that it is
+    one."""
+    time_s = np.asarray(motion.time_s)
+    slow = LONG * float(time_s[-1] - time_s[0])
+    return WhitePlusOU(time_s, white, drift * np.sqrt(slow / 2), slow)
 
 
 def is_steady(motion: Motion) -> bool:

@@ -16,6 +16,7 @@ from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers
 from .line_problem import LineProblem
 from .method import Method
+from .pilot import to_score
 from .prior import Prior
 from .problem import Problem
 from .quadratic import PATHS, Family, Scorer, choose_path, solve
@@ -139,6 +140,7 @@ class Tikhonov(Method):
         """The rule's choice of the weights that are not given."""
         low, high = box = self._box(problem, given)
         name, family = type(self.rule).__name__, Penalties(self.length_m, self.order)
+        problem = to_score(problem, family, box, self.path)
         choice = self.rule.choose(Scorer(family, problem, self.path), as_real(box))
         of_kind(f"what {name}.choose gives", choice, Choice, "a Choice of srsinv.inverse.rule")
         chosen = np.asarray(choice.log_weights)

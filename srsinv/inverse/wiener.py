@@ -17,6 +17,7 @@ from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers
 from .line_problem import LineProblem
 from .method import Method
+from .pilot import to_score
 from .prior import Prior
 from .problem import Problem
 from .quadratic import PATHS, Family, Scorer, solve
@@ -174,7 +175,9 @@ def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Array, 
     """The factors on the powers that maximise the evidence, six decades about the data's level."""
     middle = _log_scale(problem, power, problem.sample_count)
     box = jnp.stack([middle - 6, middle + 6])
-    choice = Evidence().choose(Scorer(ScaledSpectra(power), problem, path), box)
+    family = ScaledSpectra(power)
+    problem = to_score(problem, family, np.asarray(box), path)
+    choice = Evidence().choose(Scorer(family, problem, path), box)
     return 10.0**choice.log_weights, choice.status
 
 

@@ -84,6 +84,8 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
         "speed_greatest_m_per_s": float(speed.max()),
         **of_sensor(problem.sensor),
         **_of_noise(problem.noise, recording.signal_unit),
+        "mains_Hz": ", ".join(f"{line.frequency_Hz:.4g}" for line in problem.mains),
+        "drift": problem.noise.drift,
         **({} if problem.rig is None else {"rig_error": ", ".join(problem.rig.names)}),
     }
 

@@ -103,6 +103,16 @@ Gain = Annotated[
     list[float | None] | float | None,
     _wanted("a number above 0, or one for each channel", _each(_is_positive)),
 ]
+Mains = Annotated[
+    list[float] | float | str | None,
+    _wanted(
+        "auto, or the frequencies of lines in Hz",
+        lambda v: v == "auto" or _is_positive(v) or (_is_list(v, _is_positive) and v != []),
+    ),
+]
+NotNegative = Annotated[
+    float | None, _wanted("a number that is at least 0", lambda v: is_number(v) and v >= 0)
+]
 TimeUnit = Annotated[str | None, _one_of(*PER_S)]
 SpeedUnit = Annotated[str | None, _one_of(*PER_M_PER_S)]
 PositionUnit = Annotated[str | None, _one_of(*PER_M)]
@@ -204,6 +214,8 @@ class RecordingFacts(Facts):
     scan_length_m: Number = None
     nominal_pressure_Pa: Number = None
     contact_window_m: Interval = None
+    mains_Hz: Mains = None
+    drift: NotNegative = None
     sensor: SensorFacts | None = None
     skin: SkinFacts | None = None
     feature: FeatureFacts | None = None

@@ -83,7 +83,7 @@ def test_its_operator_gives_the_signal_and_has_an_adjoint():
         / NOISE
     )
     assert np.sum(white**2) < 1.3 * white.size
-    assert problem.nuisance_columns.shape == (0, SAMPLES)
+    assert problem.nuisance_columns.shape == (2, 0, SAMPLES)
     r, y = (jnp.asarray(rng.normal(size=shape)) for shape in ((2, line.n), problem.data.shape))
     assert float(jnp.vdot(operator(r), y)) == pytest.approx(float(jnp.vdot(r, operator.adjoint(y))))
 

@@ -74,19 +74,19 @@ def leaves(node: Any, prefix: str = ""):
 
 WRONG = ("loud", [0.5, 0.5, 0.5], math.nan, math.inf, 1e300, True, {"value": 1.0})
 NO_NUMBERS = {"elements", "piezo_constants_C_per_N", "path", "sidecar", "channels", "time_unit",
-              "signal_unit"}  # fmt: skip
+              "signal_unit", "mains_Hz"}  # fmt: skip
 EITHER_SIGN = re.compile(
     r"pressure_Pa|background_pressure_Pa|.*friction|change|.*position_m|.*start_m|offset_m|d[123]"
     r"|snr_dB|angle_deg|speed_m_per_s|polarity"
 )
-FROM_ZERO = re.compile(r"order|poisson_ratio|seed|fraction|correlation_m|nominal_pressure_Pa")
+FROM_ZERO = re.compile(r"order|poisson_ratio|seed|fraction|correlation_m|nominal_pressure_Pa|drift")
 # What cannot be elsewhere, and is taken here: (job, keys, value, why).
 TAKEN = (
     ("simulate", r"sensor\.strips", None, "one strip"),
     ("simulate", r"sensor\.elements\.\w+\.offset_m", None, "no offset"),
     ("invert_recording", r"recording\.gain", 1e300, "any unit; the noise is refused as too small"),
     (".*_recording", r"recording\.(gain|polarity)", [0.5, 0.5, 0.5], "a number for each channel"),
-    ("inspect_recording", r"recording\.(gain|sample_rate_hz)", 1e300, "a look computes nothing"),
+    ("inspect_recording", r"recording\.(gain|sample_rate_hz|drift)", 1e300, "a look computes nothing"),
     ("fit_recording", r"solver\.max_steps", True, "one step"),
 )
 # Parts of a kind with another one.
@@ -220,6 +220,8 @@ OTHERS = (
      (None, 4e-4, [4e-4], [8e-4, 3e-4], [0.0, 8e-4], ["a", 8e-4], [3e-4, 1.0], [1e-9, 8e-4])),
     ("invert_recording", "recording.contact_window_m",
      (0.5, "all", [0.0], [0.01, 0.0], [0.0, math.inf], [-1e12, 1e12], {"start": 0})),
+    ("invert_recording", "recording.mains_Hz", ("loud", 0.0, -50.0, [], [50.0, "a"], math.nan)),
+    ("invert_recording", "recording.drift", (-1.0, "auto", math.nan, [1e-6])),
     ("invert_recording", "recording.sidecar", (3, ["a.json"])),
     ("invert_recording", "recording.channels", (3, {"a": 1}, [])),
     ("fit_recording", "recording.path", (3, ["a.csv"], {"file": "a.csv"})),
@@ -269,6 +271,9 @@ RIGHT = [
     ("invert_recording", "recording.polarity", [-1, 1]),
     ("invert_recording", "recording.contact_window_m", [-0.001, 0.004]),
     ("invert_recording", "recording.nominal_pressure_Pa", 0),
+    ("invert_recording", "recording.mains_Hz", [50, 150.0]),
+    ("invert_recording", "recording.mains_Hz", "auto"),
+    ("invert_recording", "recording.drift", 1e-6),
     ("invert_recording", "recording.speed_m_per_s", -0.02),
     ("fit_recording", "feature.strip_load.width_range_m", [1e-4, 0.01]),
     ("fit_recording", "noise.white.rms", 1e-7),

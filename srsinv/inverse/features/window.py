@@ -81,7 +81,8 @@ def stretch_of(problem: Problem, features: Features) -> FittedStretch:
     whole = scan_extent(problem.sensor, problem.motion)
     is_local = not any(each.is_of_surface or each.is_periodic for each in features.values())
     is_rate = problem.sensor.amplifier.order == 1 and not problem.has_free_offset
-    if not is_local or not is_rate or problem.noise.causes or whole.length_m <= LONG * depth:
+    is_white = not problem.noise.causes and not problem.noise.drift
+    if not is_local or not is_rate or not is_white or whole.length_m <= LONG * depth:
         return FittedStretch(problem, whole)
     x, power, is_above = _blocks(problem)
     inside = _searched(x, features, whole)
