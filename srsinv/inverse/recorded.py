@@ -24,6 +24,7 @@ from .problem import Problem
 from .rig_error import RigError
 from .sample_noise import SampleNoise
 
+MOST_DRIFT = 1e4  # in a second, of the largest sample: more is another unit
 SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # where nothing else gives them
 
 
@@ -52,7 +53,7 @@ def problem_of(
     if noise is None:
         noise = noise_of(recording, float(sensor.depth_m))
     noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
-    if drift := float(recording.sidecar.get("drift") or 0.0):
+    if drift := _drift_of(recording):
         noise = with_fields(noise, drift=drift)
     window = recording.sidecar.get("contact_window_m")
     problem = Problem(
@@ -74,6 +75,17 @@ def problem_of(
     return problem.with_warnings(
         (*_of_calibration(recording), *health, *_wiring(recording, problem))
     )
+
+
+def _drift_of(recording: Recording) -> float:
+    """The drift that the facts state, zero where they do not."""
+    drift, largest = float(recording.sidecar.get("drift") or 0.0), np.nanmax(abs(recording.signal))
+    refuse(
+        drift > MOST_DRIFT * largest,
+        f"{recording.name}: recording.drift is {drift:.4g} in a second, and no sample is above "
+        f"{largest:.4g}: give it in the signal's unit, after the gain.",
+    )
+    return drift
 
 
 def mains_of(recording: Recording) -> tuple[MainsLine, ...]:

@@ -86,7 +86,7 @@ TAKEN = (
     ("simulate", r"sensor\.elements\.\w+\.offset_m", None, "no offset"),
     ("invert_recording", r"recording\.gain", 1e300, "any unit; the noise is refused as too small"),
     (".*_recording", r"recording\.(gain|polarity)", [0.5, 0.5, 0.5], "a number for each channel"),
-    ("inspect_recording", r"recording\.(gain|sample_rate_hz|drift)", 1e300, "a look computes nothing"),
+    ("inspect_recording", r"recording\.(gain|sample_rate_hz|drift)", 1e300, "nothing is computed"),
     ("fit_recording", r"solver\.max_steps", True, "one step"),
 )
 # Parts of a kind with another one.
