@@ -79,7 +79,8 @@ def problem_of(
 
 def _drift_of(recording: Recording) -> float:
     """The drift that the facts state, zero where they do not."""
-    drift, largest = float(recording.sidecar.get("drift") or 0.0), np.nanmax(abs(recording.signal))
+    drift = float(recording.sidecar.get("drift") or 0.0)
+    largest = float(np.nanmax(np.abs(recording.signal)))
     refuse(
         drift > MOST_DRIFT * largest,
         f"{recording.name}: recording.drift is {drift:.4g} in a second, and no sample is above "
