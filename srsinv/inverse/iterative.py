@@ -175,14 +175,13 @@ class Marginal:
 
     def __init__(self, problem: LineProblem, posterior: PosteriorMap, tolerance: float):
         self._posterior, self._tolerance = posterior, tolerance
-        self._nuisance = self._beside = None
-        equations = posterior.equations
+        equations, self._beside = posterior.equations, None
         self._weigh = equations.weighed
         if problem.nuisance is not None:
-            self._nuisance = Nuisance(problem, equations.weighed)
-            self._weigh = self._nuisance.weigh
+            nuisance = Nuisance(problem, equations.weighed)
+            self._weigh = nuisance.weigh
             self._beside = Beside.of(
-                self._nuisance, equations.adjoint, lambda r: posterior.times(r, tolerance).value
+                nuisance, equations.adjoint, lambda r: posterior.times(r, tolerance).value
             )
 
     def mean(self, y: Signal) -> Solved:

@@ -26,17 +26,16 @@ Columns = Float[np.ndarray, "e column n"]
 
 
 class Nuisance:
-    """The columns of a problem beside its noise."""
+    """The columns of a problem, which has some, beside its noise."""
 
     def __init__(self, problem: LineProblem, precision: NoisePrecision | None = None):
-        given = np.zeros((len(problem.data), 0, problem.line.n))
-        given = given if problem.nuisance is None else np.asarray(problem.nuisance, float)
+        given = np.asarray(problem.nuisance, float)
         self.columns: Columns = np.where(problem.is_observed[:, None], given, 0.0)
         if precision is None:
             precision = NoisePrecision(problem, Gaps.of(problem.is_observed))
         # Elements are independent: one column of each at a time.
         each = [precision(column) for column in self.columns.swapaxes(0, 1)]
-        self.weighed = np.stack(each, axis=1) if each else self.columns
+        self.weighed = np.stack(each, axis=1)
         self._precision, size = precision, self.columns.shape[1]
         self.among = np.eye(size) + np.einsum("ein,ejn->eij", self.columns, self.weighed)
 

@@ -52,15 +52,12 @@ def problem_of(
     _check_unit(recording, sensor)
     if noise is None:
         noise = noise_of(recording, float(sensor.depth_m))
-    noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
-    if drift := _drift_of(recording):
-        noise = with_fields(noise, drift=drift)
     window = recording.sidecar.get("contact_window_m")
     problem = Problem(
         sensor,
         motion_of(recording),
         recording.signal,
-        noise,
+        _with_drift(recording, noise),
         friction=friction,
         nominal_pressure_Pa=recording.sidecar.get("nominal_pressure_Pa"),
         window_m=None if not window else (float(window[0]), float(window[1])),
@@ -77,8 +74,8 @@ def problem_of(
     )
 
 
-def _drift_of(recording: Recording) -> float:
-    """The drift that the facts state, zero where they do not."""
+def _with_drift(recording: Recording, noise: SampleNoise | float) -> SampleNoise:
+    """The noise with the drift that the facts state, if any."""
     drift = float(recording.sidecar.get("drift") or 0.0)
     largest = float(np.nanmax(np.abs(recording.signal)))
     refuse(
@@ -86,7 +83,8 @@ def _drift_of(recording: Recording) -> float:
         f"{recording.name}: recording.drift is {drift:.4g} in a second, and no sample is above "
         f"{largest:.4g}: give it in the signal's unit, after the gain.",
     )
-    return drift
+    noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
+    return with_fields(noise, drift=drift) if drift else noise
 
 
 def mains_of(recording: Recording) -> tuple[MainsLine, ...]:

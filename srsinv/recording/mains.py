@@ -12,6 +12,8 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from srsinv.errors import refuse
+
 from .noise import filled
 
 FUNDAMENTALS_HZ = (50.0, 60.0)
@@ -116,7 +118,8 @@ def waves(
     time_s: Float[np.ndarray, " sample"], lines: Sequence[MainsLine], noise_rms: float
 ) -> Float[np.ndarray, "e wave sample"]:
     """The waves that lines are made of, for each element its own, scaled so that their sizes are
-    independent and of variance one; what is far below white noise of `noise_rms` is left out."""
+    independent and of variance one; what is far below white noise of `noise_rms` is left out.
+    Raises `BadInput` for more than `MOST_WAVES`."""
     n, elements = time_s.size, len(lines[0].rms) if lines else 0
     rows = []
     for line in lines:
@@ -126,8 +129,12 @@ def waves(
         for envelope, part in zip(envelopes[strong], variances[strong], strict=True):
             for wave in (np.cos(phase), np.sin(phase)):
                 rows.append(np.sqrt(part) * line.rms[:, None] * envelope * wave)
-        if len(rows) > MOST_WAVES:
-            return np.stack(rows[:MOST_WAVES], axis=1)
+        refuse(
+            len(rows) > MOST_WAVES,
+            f"The line at {line.frequency_Hz:.4g} Hz is {2 * line.half_Hz:.3g} Hz wide over "
+            f"{time_s[-1] - time_s[0]:.4g} s, more than {MOST_WAVES} waves: leave it out "
+            "of mains_Hz, or cut the recording.",
+        )
     return np.stack(rows, axis=1) if rows else np.zeros((elements, 0, n))
 
 

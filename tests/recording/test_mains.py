@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from srsinv.recording.mains import MainsLine, mains_lines, waves
+from tests.refusals import refused
 
 RATE_HZ, COUNT = 2000.0, 5000
 TIME_S = np.arange(COUNT) / RATE_HZ
@@ -73,6 +74,11 @@ def test_waves_span_a_line_to_below_the_noise(width_Hz):
     left = hum - columns.T @ np.linalg.solve(inner, columns @ hum)
     assert np.sqrt(np.mean(left**2)) < 0.2
     assert len(columns) < 0.05 * COUNT
+
+
+def test_a_line_of_too_many_waves_is_refused():
+    line = MainsLine(200.0, 400.0, np.ones(2))
+    refused(lambda: waves(TIME_S, (line,), 1e-3), "200 Hz", "mains_Hz")
 
 
 def test_waves_have_the_line_s_variance():
