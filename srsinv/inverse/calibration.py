@@ -24,8 +24,8 @@ from ..grid import as_real
 from ..resolution import cell_m
 from ..status import Status
 from .features.identifiability import limited_by_bounds
-from .features.misfit import against_levels
-from .features.sliding_noise import Levels, estimate, first_levels
+from .features.residual_noise import ResidualNoise, residual_noise
+from .features.sliding_noise import Levels
 from .nonlinear import Fit, fit
 from .problem import Problem
 from .quality import Quality, quality, reasons
@@ -36,7 +36,6 @@ DEPTH_RANGE = 3.0  # factor about the stated depth
 MOST_ANGLE_RAD = np.pi / 4  # about the stated angle: half a turn more is another polarity
 MOST_FRICTION = 3.0
 SLACK = 4.0  # depths that the feature may move in the fit
-ROUNDS = 4  # of fitting, and estimating the noise from the residual
 
 
 @dataclass(frozen=True)
@@ -118,11 +117,13 @@ def calibrate(
     stated = _stated(model)
     first = stated | _held_in_rig(stated, feature, held)
     names = _free_names(first, feature, held, free)
-    first |= feature_start(model, samples.signal, first, names)
+    noise = residual_noise(problem, samples)
+    clean = noise.without_waves(samples.signal)
+    first |= feature_start(model, clean, first, names)
     near = known.moved_to(first["position_m"]).over(
         least - SLACK * depth, most + SLACK * depth, cell
     )
-    return _fitted(RigModel.on(problem, near), samples.signal, first, names)
+    return _fitted(RigModel.on(problem, near), samples.signal, noise, first, names)
 
 
 # --- parameters --------------------------------------------------------------------------------
@@ -212,31 +213,23 @@ def _bounds(model: RigModel, first: Mapping[str, Any]) -> dict[str, tuple[float,
 def _fitted(
     model: RigModel,
     y: Float[np.ndarray, "e sample"],
+    noise: ResidualNoise,
     first: dict[str, Any],
     free: list[str],
 ) -> Calibration:
     """The fit and its noise in turn, until the noise no longer changes."""
-    x, depth = np.asarray(model.motion.position_m), float(model.sensor.depth_m)
     bounds = {n: b for n, b in _bounds(model, first).items() if n in free}
     for name, (low, high) in bounds.items():
         first[name] = float(np.clip(first[name], low, high))
     linear = [name for name in model.linear if name in free]
-    step, observed = float(np.median(np.abs(np.diff(x)))), np.isfinite(y)
 
-    def fitted(start: Mapping[str, Any], levels: Levels) -> Fit:
-        noise = levels.whitener(x, observed)
-        return fit(model, start, y, noise=noise, bounds=bounds, free=free, linear=linear)
+    def fitted(start: Mapping[str, Any], white: Any) -> Fit:
+        return fit(model, start, y, noise=white, bounds=bounds, free=free, linear=linear)
 
-    levels = first_levels(y, depth)
-    result = fitted(first, levels)
-    for _ in range(ROUNDS):
-        last, taken = levels, levels.whitener(x, observed).coloured(result.jacobian)
-        levels = estimate(result.residual, x, depth, taken, last)
-        result = fitted(dict(result.value), levels)
-        if not levels.differs_from(last, max(step, 1e-9 * depth)):
-            break
-    taken = levels.whitener(x, observed).coloured(result.jacobian)
-    against = against_levels(y, result.residual, x, depth, levels, taken)
+    levels = noise.first(y)
+    result = fitted(first, noise.whitener(levels, y))
+    result, levels = noise.settled(fitted, result, levels, y)
+    against = noise.warnings(levels, y, result)
     unsure = limited_by_bounds(result)
     at = [i for i, name in enumerate(result.names) if not name.startswith("offset[")]
     names = [result.names[i] for i in at]

@@ -26,6 +26,7 @@ from .cells import (
     window_around,
 )
 from .line_problem import LineProblem
+from .nonlinear import WithNuisance
 from .rig_error import RigError
 from .sample_noise import SampleNoise, Samples
 
@@ -156,16 +157,14 @@ class Problem(eqx.Module):
         return self.sensor.operator_along(line, self.motion, ways=self.motion.ways)
 
     def samples(self) -> Samples:
-        """The signals along the motion. Raises `BadInput` where lines of mains are named."""
-        refuse(
-            bool(self.mains),
-            f"{self.name}: mains_Hz names lines of mains, and fits of features do not take them "
-            "yet: leave it out, or invert.",
-        )
+        """The signals along the motion."""
         y = np.where(self.observed, np.asarray(self.data), np.nan)
         noise = self.noise.of_fit(self.name, self.motion, y)
         is_estimate = self.noise.is_estimate and not self.noise.causes
-        return Samples(self.sensor, self.motion, y, noise, is_estimate)
+        if not self.mains:
+            return Samples(self.sensor, self.motion, y, noise, is_estimate)
+        beside = WithNuisance.of(noise, self.nuisance_columns)
+        return Samples(self.sensor, self.motion, y, beside, is_estimate, self.nuisance_columns)
 
     def on_line(self, cell_m: float | None = None) -> LineProblem:
         """The signals put on the cells of an open line over the window.

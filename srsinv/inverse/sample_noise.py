@@ -24,13 +24,15 @@ MISSING = 1e8  # of the noise's variance: at missing samples in coloured noise
 
 class Samples(NamedTuple):
     """Signals (e, sample) less their known offset, NaN where they are missing, along a sensor's
-    motion; `noise` as [`nonlinear.fit`][] takes it, and whether it is an estimate."""
+    motion; `noise` as [`nonlinear.fit`][] takes it, and whether it is an estimate; `waves`
+    (e, m, sample) of mains, which are in the noise too, or None."""
 
     sensor: Sensor
     motion: Motion
     signal: Float[np.ndarray, "e sample"]
     noise: Any
     is_estimate: bool
+    waves: Float[np.ndarray, "e m sample"] | None = None
 
 
 class SampleNoise(eqx.Module):
@@ -122,11 +124,16 @@ class SampleNoise(eqx.Module):
 
 
 def walk_and_white(motion: Motion, white: Float[np.ndarray, "e sample"], drift: float):
-    """White noise and a random walk in time from an unknown level: a process so slow that it is
-    one."""
+    """White noise and a random walk in time from an unknown level."""
     time_s = np.asarray(motion.time_s)
-    slow = LONG * float(time_s[-1] - time_s[0])
-    return WhitePlusOU(time_s, white, drift * np.sqrt(slow / 2), slow)
+    return WhitePlusOU(time_s, white, *walk_as_correlated(time_s, drift))
+
+
+def walk_as_correlated(time_s: Float[np.ndarray, " sample"], drift: float) -> tuple[float, float]:
+    """The rms and the correlation time [s] of a process so slow that it is a random walk of an
+    unknown level over these times; `drift` is the walk's rms after a second."""
+    slow_s = LONG * float(time_s[-1] - time_s[0])
+    return drift * float(np.sqrt(slow_s / 2)), slow_s
 
 
 def is_steady(motion: Motion) -> bool:

@@ -6,18 +6,23 @@ import pytest
 import scipy
 
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier
+from srsinv.forward.feature import LineFeature
 from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open
+from srsinv.inverse.calibration import calibrate
+from srsinv.inverse.features import FeatureFit
+from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.quadratic import solve
 from srsinv.inverse.rule import Evidence
 from srsinv.inverse.sample_noise import SampleNoise
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
+from srsinv.modules import with_fields
 from srsinv.recording.mains import mains_lines
-from tests.refusals import refused
+from tests.inverse import test_calibration as rig
 
 RATE_HZ, SPEED, DEPTH, COUNT = 500.0, 20e-3, 1.2e-3, 1000
 TIME_S = np.arange(COUNT) / RATE_HZ
@@ -184,9 +189,52 @@ def test_a_rule_chooses_as_without_hum_or_drift():
     assert hummed.chi2_per_freedom == pytest.approx(1.0, abs=0.1)
 
 
-def test_fits_of_features_refuse_mains():
-    signal = NOISE * (
-        np.random.default_rng(0).normal(size=(2, COUNT)) + 30 * np.sin(2 * np.pi * 50 * TIME_S)
-    )
-    given = problem(signal, lines=mains_lines(signal, RATE_HZ))
-    refused(given.samples, "mains_Hz", "invert")
+def test_a_fit_of_features_takes_hum_out():
+    """A line load beside hum of ten times its signal, as well as without."""
+    rng, x = np.random.default_rng(6), SPEED * TIME_S
+    load = {"position_m": 0.02, "load_N_per_m": 1.0, "shear_N_per_m": 0.3}
+    model = FeatureModel.along(sensor(), Motion(TIME_S, x, np.full(COUNT, SPEED)))
+    signal = np.asarray(model.with_features({"line": LineFeature()})({"line": load}))
+    noise = 0.01 * np.std(signal)
+    noisy = signal + noise * rng.normal(size=signal.shape)
+    loud = noisy + 10 * np.std(signal) * hum(rng)
+    both = []
+    for data, lines in ((noisy, ()), (loud, mains_lines(loud, RATE_HZ))):
+        motion = Motion(TIME_S, x, np.full(COUNT, SPEED))
+        given = Problem(sensor(), motion, data, SampleNoise(noise), mains=lines)
+        both.append(FeatureFit({"line": LineFeature()})(given))
+    quiet, hummed = both
+    for name, (value, stderr) in hummed.parameters.items():
+        expected, alone = quiet.parameters[name]
+        assert stderr == pytest.approx(alone, rel=0.02)
+        assert abs(value - expected) < 0.5 * stderr
+    assert hummed.quality == "good"
+    assert hummed.chi2_per_freedom == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.full
+def test_a_ridge_is_fitted_and_a_rig_calibrated_beside_hum_and_drift():
+    """In noise that both estimate from what they leave: as without, but for what drift costs."""
+    rng, clean = np.random.default_rng(7), rig.clean(rig.FEATURES["ridge"][0])
+    rms, time_s = np.std(clean), np.asarray(rig.motion().time_s)
+    noisy = clean + rig.NOISE_V * rng.normal(size=clean.shape)
+    waves = np.sin(2 * np.pi * 50.2 * time_s + np.array([[0.3], [1.0]]))
+    drift = 0.03 * rms / np.sqrt(time_s[-1])
+    walk = drift * np.sqrt(time_s[1]) * np.cumsum(rng.normal(size=clean.shape), axis=1)
+    loud = noisy + 3 * rms * waves + walk
+    stated = SampleNoise(rig.NOISE_V, is_estimate=True, drift=drift)
+    lines = mains_lines(loud, rig.RATE_HZ)
+    feature, held = rig.FEATURES["ridge"]
+    given = with_fields(rig.problem(loud), noise=stated, mains=lines)
+    calibration = calibrate(given, feature, held)
+    gain = {"gain_1": 1.0, "gain_2": 1.0}
+    assert calibration.quality == "good"
+    for name, (value, stderr) in calibration.parameters.items():
+        assert abs(value - (rig.TRUE | gain)[name]) < 3.5 * stderr
+    exact = rig.sensor(rig.TRUE["depth_m"], rig.TRUE["angle_2_deg"], rig.TRUE["offset_2_m"], True)
+    fitted = FeatureFit({"ridge": feature})(with_fields(given, sensor=exact))
+    assert fitted.quality == "good"
+    for name, expected in held.items():
+        value, stderr = fitted.parameters[name]
+        assert abs(value - expected) < 3.5 * stderr
+        assert stderr < 0.02 * expected

@@ -18,19 +18,18 @@ from ...forward.sensor import Sensor
 from ...grid import as_real
 from ...resolution import cell_m
 from ..cells import Window
-from ..nonlinear import Fit, Solver, fit, fit_many
+from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
 from ..rig_error import RigError
 from .contact import cell_for
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
-from .misfit import against_levels
 from .model import FeatureModel, scan_extent
+from .residual_noise import ResidualNoise
 from .search import STARTS, Blocks, FeatureSearch, given_start, prior_reach
-from .sliding_noise import Levels, estimate, first_levels
+from .sliding_noise import Levels
 from .surface_settings import checked_names
 
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
-ROUNDS = 4  # of fitting, and estimating the noise from the residual
 
 
 class FeatureFitter:
@@ -117,7 +116,8 @@ class FeatureFitter:
     ) -> FeatureEstimate:
         """Fit the features' parameters to `y`, NaN where a sample is missing.
 
-        - `noise`: as [`nonlinear.fit`][] takes it; None: estimated from the residual, in rounds.
+        - `noise`: as [`nonlinear.fit`][] takes it; a [`ResidualNoise`][], or None for one without
+          waves or drift: estimated from the residual, in rounds.
         - `start`: values to start from, by the parameters' names as in the result: all of a
           feature's, taken where they explain the data better than the search, or some of them, and
           the rest is searched.
@@ -128,23 +128,26 @@ class FeatureFitter:
         fitted together. No feature at all is a candidate too.
         """
         y = np.asarray(y, float)
-        levels = first_levels(y, self._depth_m) if noise is None else None
-        using = noise if levels is None else self._whitener(levels, y)
+        rough = ResidualNoise(self._motion, self._depth_m) if noise is None else noise
+        rough = rough if isinstance(rough, ResidualNoise) else None
+        levels = rough.first(y) if rough else None
+        using = rough.whitener(levels, y) if rough and levels else noise
         given = {name: given_start(start or {}, name, features) for name in features}
         result = self._fit_in_turn(features, y, using, levels, given, starts)
         model = self._model.with_features(features)
         if result is None:
-            levels = None if levels is None else estimate(y, *self._scale)
-            using = using if levels is None else self._whitener(levels, y)
+            levels = rough.alone(y) if rough else None
+            using = rough.whitener(levels, y) if rough and levels else noise
             return FeatureEstimate.of_nothing(model, y, using, levels)
-        if levels is not None:
-            result, levels = self._settled(features, result, y, levels)
-            using = self._whitener(levels, y)
+        if rough and levels:
+            again = lambda begun, white: self._fit(features, begun, y, white)  # noqa: E731
+            result, levels = rough.settled(again, result, levels, y)
+            using = rough.whitener(levels, y)
         if rig is not None:
             model, result = self._with_rig_error(rig, features, result, y, using)
         read = model.loading.report(features, result)
         evidence = self._evidence(features, result)
-        against = self._against(levels, y, result)
+        against = rough.warnings(levels, y, result) if rough and levels else ()
         return FeatureEstimate.of(features, result, model, y, read, evidence, levels, against)
 
     def many(
@@ -186,6 +189,7 @@ class FeatureFitter:
         """The fit of all features together, found one after the other; None where there is nothing
         to fit."""
         white = np.ones(len(y)) if levels is None else levels.white
+        clean = noise.without(y) if isinstance(noise, WithNuisance) else y
         parts: dict[str, AnyFeature] = {}
         params, result = self._common(y), None
         if not features and self._model.free_offset:
@@ -193,7 +197,7 @@ class FeatureFitter:
         for name, feature in features.items():
             before, parts = (parts, params), parts | {name: feature}
             ends: list[Fit] = []
-            for shape in self._shapes(y, white, before, feature, given[name], starts):
+            for shape in self._shapes(clean, white, before, feature, given[name], starts):
                 own = shape | self._model.loading.begun(feature)
                 ends.append(self._fit(parts, params | {name: own}, y, noise))
                 if self._is_good(ends[-1], levels):
@@ -254,19 +258,6 @@ class FeatureFitter:
         each = (float(weigh(f, values[n], self._search)[0]) for n, f in features.items())
         return _evidence_of(result, sum(each, 0.0))
 
-    def _settled(
-        self, features: Features, result: Fit, y: np.ndarray, levels: Levels
-    ) -> tuple[Fit, Levels]:
-        """Fit and noise in turn, until the noise no longer changes."""
-        step = float(np.median(np.abs(np.diff(self._motion.position_m))))
-        for _ in range(ROUNDS):
-            last, fitted = levels, self._whitener(levels, y).coloured(result.jacobian)
-            levels = estimate(result.residual, *self._scale, fitted, last)
-            result = self._fit(features, dict(result.value), y, self._whitener(levels, y))
-            if not levels.differs_from(last, max(step, 1e-9 * self._depth_m)):
-                break
-        return result, levels
-
     def _with_rig_error(
         self, rig: RigError, features: Features, result: Fit, y: np.ndarray, noise: Any
     ) -> tuple[FeatureModel, Fit]:
@@ -280,20 +271,6 @@ class FeatureFitter:
         own._model = dataclasses.replace(self._model, nuisance=as_real(columns))
         start = dict(result.value) | {"calibration": np.zeros(len(columns))}
         return own._model.with_features(features), own._fit(features, start, y, noise)
-
-    def _whitener(self, levels: Levels, y: np.ndarray):
-        return levels.whitener(np.asarray(self._motion.position_m), np.isfinite(y))
-
-    def _against(self, levels: Levels | None, y: np.ndarray, result: Fit) -> tuple[str, ...]:
-        """Warnings on noise that was estimated from the residual."""
-        if levels is None:
-            return ()
-        taken = self._whitener(levels, y).coloured(result.jacobian)
-        return against_levels(y, result.residual, *self._scale, levels, taken)
-
-    @property
-    def _scale(self):
-        return self._motion.position_m, self._depth_m
 
 
 def _evidence_of(fit: Fit, log_prior_ratio: float) -> float:

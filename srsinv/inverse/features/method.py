@@ -19,6 +19,7 @@ from ..sample_noise import Samples
 from .estimate import FeatureEstimate
 from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
+from .residual_noise import residual_noise
 from .surface_settings import checked_pressure
 from .window import stretch_of
 
@@ -117,9 +118,9 @@ class FeatureFit(Method):
 
     def _fitted(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         samples = problem.samples()
-        rough = self.is_of_surface and samples.is_estimate
-        noise = None if rough else samples.noise
-        fitter = self._fitter(problem, samples)
+        fitter, noise = self._fitter(problem, samples), samples.noise
+        if self.is_of_surface and isinstance(problem, Problem) and samples.is_estimate:
+            noise = residual_noise(problem, samples)
         estimate = fitter(features, samples.signal, noise, self.start, rig=problem.rig)
         return _placed(estimate, problem)
 

@@ -107,9 +107,9 @@ def against_levels(
     taken: Float[np.ndarray, "e sample m"],
 ) -> tuple[str, ...]:
     """Warnings on noise that was estimated from the residual of a fit to `y`, the fit's derivatives
-    being `taken`; a correlated part that chance makes as well says nothing."""
-    x = np.asarray(position_m)
-    warnings = sliding_noise(levels.sliding / float(np.sqrt(np.nanmean(y**2))))
+    being `taken`; a correlated part that is known, or that chance makes as well, says nothing."""
+    x, size = np.asarray(position_m), float(np.sqrt(np.nanmean(y**2)))
+    warnings = () if levels.is_stated else sliding_noise(levels.sliding / size)
     if warnings and evidence_of_sliding(residual, x, taken, levels) < -np.log(FALSE_ALARM):
         warnings = ()
     return (*warnings, *local_misfit(local_excess(residual, y - residual, x, depth_m, levels)))

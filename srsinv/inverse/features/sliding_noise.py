@@ -28,11 +28,12 @@ MOST_WHITE = 1e3  # times the estimate from the residual's differences
 @dataclass(frozen=True)
 class Levels:
     """Standard deviations: `white` (e,) per sample, `sliding` of the correlated part over
-    `correlation_m`."""
+    `correlation_m`; `is_stated`: whether the latter is known, not estimated."""
 
     white: Float[np.ndarray, " e"]
     sliding: float
     correlation_m: float
+    is_stated: bool = False
 
     def whitener(self, position_m, observed: Bool[np.ndarray, "e sample"]) -> WhitePlusOU:
         """Whitener of the noise along the motion, at `observed` samples."""
@@ -110,9 +111,13 @@ class _Likelihood:
             (np.log(LEAST_SLIDING), np.log(max(self._spread, 10 * LEAST_SLIDING))),
             (np.log(depth_m / RANGE), np.log(depth_m * RANGE)),
         ]
+        if start.is_stated:
+            first[-2:] = np.log([start.sliding / self._size, start.correlation_m])
+            bounds[-2:] = [(each, each) for each in first[-2:]]
         best = scipy.optimize.minimize(self._minus_log, first, method="L-BFGS-B", bounds=bounds)
         *white, sliding, correlation = np.exp(best.x)
-        return Levels(self._size * np.array(white), self._size * float(sliding), float(correlation))
+        white, sliding = self._size * np.array(white), self._size * float(sliding)
+        return Levels(white, sliding, float(correlation), start.is_stated)
 
     def of_white(self) -> float:
         """Minus the log of the greatest likelihood of white noise alone."""

@@ -74,14 +74,14 @@ class FittedStretch(NamedTuple):
 
 def stretch_of(problem: Problem, features: Features) -> FittedStretch:
     """The stretch that features of traction are fitted to: all of a recording of up to `LONG`
-    depths, of features that are no local load, of a signal that is not a rate, and of coloured
-    noise, which is known as a fraction of the whole signal's rms. Raises `BadInput` where no sample
-    is in the features' range."""
+    depths, of features that are no local load, of a signal that is not a rate, of coloured noise,
+    which is known as a fraction of the whole signal's rms, and of lines of mains. Raises `BadInput`
+    where no sample is in the features' range."""
     depth = float(problem.sensor.depth_m)
     whole = scan_extent(problem.sensor, problem.motion)
     is_local = not any(each.is_of_surface or each.is_periodic for each in features.values())
     is_rate = problem.sensor.amplifier.order == 1 and not problem.has_free_offset
-    is_white = not problem.noise.causes and not problem.noise.drift
+    is_white = not problem.noise.causes and not problem.noise.drift and not problem.mains
     if not is_local or not is_rate or not is_white or whole.length_m <= LONG * depth:
         return FittedStretch(problem, whole)
     x, power, is_above = _blocks(problem)

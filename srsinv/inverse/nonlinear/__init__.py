@@ -13,6 +13,7 @@ from ._noise import Correlated as Correlated
 from ._noise import Spectrum as Spectrum
 from ._noise import WhitePlusOU as WhitePlusOU
 from ._noise import whitener as whitener
+from ._nuisance import WithNuisance as WithNuisance
 from ._solvers import Minimum as Minimum
 from ._solvers import OptaxLBFGS as OptaxLBFGS
 from ._solvers import Optimistix as Optimistix

@@ -1,0 +1,117 @@
+"""Noise that a fit estimates from what it leaves: fit and noise in turn.
+
+White noise of a level of its own in each channel, and either a part that is correlated along the
+motion, of levels estimated too, or a random walk in time of a stated one. The waves of mains are
+beside them.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ...forward.scan import Motion
+from ..nonlinear import Fit, WhitePlusOU, WithNuisance
+from ..problem import Problem
+from ..sample_noise import Samples, walk_as_correlated
+from .misfit import against_levels
+from .sliding_noise import Levels, estimate, first_levels
+
+ROUNDS = 4  # of fitting, and estimating the noise from the residual
+
+
+@dataclass(frozen=True)
+class ResidualNoise:
+    """How the noise of signals along a motion is estimated.
+
+    - `depth_m` of the film, which gives the scale of what is correlated.
+    - `white_rms`: a first level of the white noise, where there are waves.
+    - `waves` (e, m, sample): see [`WithNuisance`][]; None: there are none.
+    - `drift`: of a random walk, its rms after a second; 0: what is correlated is estimated.
+    """
+
+    motion: Motion
+    depth_m: float
+    white_rms: float = 1.0
+    waves: Float[np.ndarray, "e m sample"] | None = None
+    drift: float = 0.0
+
+    def first(self, y: Float[np.ndarray, "e sample"]) -> Levels:
+        """First levels, from the samples' differences."""
+        levels = first_levels(self.without_waves(y), self.depth_m)
+        if not self.drift:
+            return levels
+        seconds = np.asarray(self.motion.time_s)
+        rms, slow_s = walk_as_correlated(seconds, self.drift)
+        return Levels(levels.white, rms, slow_s * self._mean_speed, is_stated=True)
+
+    def without_waves(self, y: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, "e sample"]:
+        """The signals less the waves that they say of themselves."""
+        if self.waves is None:
+            return y
+        white = np.where(np.isfinite(y), self.white_rms, np.inf)
+        return WithNuisance.of(white, self.waves).without(y)
+
+    def whitener(
+        self, levels: Levels, y: Float[np.ndarray, "e sample"]
+    ) -> WhitePlusOU | WithNuisance:
+        """Whitener of the noise of these levels, at the samples of `y` that are there."""
+        alone = levels.whitener(self._path_m, np.isfinite(y))
+        return alone if self.waves is None else WithNuisance.of(alone, self.waves)
+
+    def alone(self, y: Float[np.ndarray, "e sample"]) -> Levels:
+        """The levels where there is nothing but noise."""
+        levels = self.first(y)
+        return estimate(self._left(levels, y, y), self._path_m, self.depth_m, start=levels)
+
+    def settled(
+        self,
+        fitted: Callable[[Mapping[str, Any], Any], Fit],
+        result: Fit,
+        levels: Levels,
+        y: Float[np.ndarray, "e sample"],
+    ) -> tuple[Fit, Levels]:
+        """Fit and noise in turn, until the noise no longer changes; `fitted` fits from a start with
+        a noise."""
+        step = float(np.median(np.abs(np.diff(self.motion.position_m))))
+        for _ in range(ROUNDS):
+            last, taken = levels, self.whitener(levels, y).coloured(result.jacobian)
+            left = self._left(levels, result.residual, y)
+            levels = estimate(left, self._path_m, self.depth_m, taken, last)
+            result = fitted(dict(result.value), self.whitener(levels, y))
+            if not levels.differs_from(last, max(step, 1e-9 * self.depth_m)):
+                break
+        return result, levels
+
+    def warnings(
+        self, levels: Levels, y: Float[np.ndarray, "e sample"], result: Fit
+    ) -> tuple[str, ...]:
+        """Warnings on noise that was estimated from a fit's residual."""
+        taken = self.whitener(levels, y).coloured(result.jacobian)
+        left = self._left(levels, result.residual, y)
+        clean = y - (result.residual - left)
+        return against_levels(clean, left, self._path_m, self.depth_m, levels, taken)
+
+    def _left(self, levels: Levels, residual, y) -> Float[np.ndarray, "e sample"]:
+        """A residual without the waves."""
+        white = self.whitener(levels, y)
+        return white.without(residual) if isinstance(white, WithNuisance) else residual
+
+    @property
+    def _path_m(self) -> Float[np.ndarray, " sample"]:
+        """What noise is correlated along: where the finger is, or, of a walk, the time."""
+        if not self.drift:
+            return np.asarray(self.motion.position_m)
+        return self._mean_speed * np.asarray(self.motion.time_s)
+
+    @property
+    def _mean_speed(self) -> float:
+        return float(np.mean(np.abs(np.asarray(self.motion.speed_m_per_s))))
+
+
+def residual_noise(problem: Problem, samples: Samples) -> ResidualNoise:
+    """That of a problem's samples, with the waves and the drift that are named."""
+    depth, noise = float(problem.sensor.depth_m), problem.noise
+    return ResidualNoise(samples.motion, depth, float(noise.rms), samples.waves, noise.drift)
