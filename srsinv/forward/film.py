@@ -195,6 +195,8 @@ class Film(eqx.Module):
     - `piezo`: piezoelectric constants, those of PVDF by default.
     - `effects`: effects along the line; empty for an ideal thin strip at the origin, whatever its
       width and offset are. [`with_strip_average`][] adds that of the width.
+    - `is_backward`: whether it stands for the element as it slides towards -x, where friction, and
+      with it q, is turned.
 
     Raises `BadInput` for a depth, width, length or number of strips that is not positive.
     """
@@ -207,6 +209,7 @@ class Film(eqx.Module):
     effects: tuple[LineEffect, ...]
     strips: int = eqx.field(static=True)
     offset_m: Float[Array, ""]
+    is_backward: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -218,6 +221,7 @@ class Film(eqx.Module):
         effects: Sequence[LineEffect] = (),
         strips: Any = 1,
         offset_m=0.0,
+        is_backward: bool = False,
     ):
         self.depth_m = _length("depth_m", depth_m)
         self.width_m = _length("strip_width_m", width_m)
@@ -228,7 +232,7 @@ class Film(eqx.Module):
         wanted = "a whole number, as an element has at least 1 strip"
         self.strips = whole("sensor strips", strips, wanted, least=1)
         self.piezo = Piezo() if piezo is None else piezo
-        self.effects = tuple(effects)
+        self.effects, self.is_backward = tuple(effects), is_backward
 
     def with_effect(self, effect: LineEffect) -> "Film":
         """The same film with one more effect along the line."""
@@ -238,6 +242,14 @@ class Film(eqx.Module):
     def with_strip_average(self) -> "Film":
         """The same film, its charge the mean over its width. Its width and depth are not traced."""
         return self.with_effect(StripAverage.at_depth(float(self.width_m), float(self.depth_m)))
+
+    def backward(self) -> "Film":
+        """The same film as it slides towards -x."""
+        return dataclasses.replace(self, is_backward=True)
+
+    def turned(self, response: Shaped[Array, "c x"]) -> Shaped[Array, "c x"]:
+        """Responses to p and q of sliding towards +x, from those to what acts as it slides."""
+        return response * jnp.array([[1.0], [-1.0]]) if self.is_backward else response
 
     def charge_per_stress(self, xp: Any = jnp) -> Shaped[Any, "4"]:
         """Charge [C] per unit (sigma_x, sigma_z, tau_xz, sigma_y) [Pa], by `xp`: jax.numpy, or

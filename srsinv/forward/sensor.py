@@ -36,7 +36,7 @@ class FilmSignal(Stage):
         def one(film: Film):
             weights = film.charge_per_stress()
             charge = jnp.tensordot(weights, stress_in(self.skin, k, film.depth_m), 1)
-            return film.along_line(charge, k)
+            return film.turned(film.along_line(charge, k))
 
         derivative = 1j * k[None, None] if self.order else 1.0
         return self.gain * derivative * jnp.stack([one(film) for film in self.elements])
@@ -51,7 +51,7 @@ class FilmSignal(Stage):
             kernel = film.along_kernel(
                 lambda x: jnp.tensordot(weights, respond(x, film.depth_m, cell_m), 1)
             )
-            return kernel(x)
+            return film.turned(kernel(x))
 
         return self.gain * jnp.stack([one(film) for film in self.elements])
 
@@ -132,9 +132,13 @@ class Sensor(eqx.Module):
     @property
     def element_names(self) -> list[str]:
         """A short name for every film element: its number and its angle."""
-        names = {0.0: "1 to x, 3 to z", 90.0: "1 to z, 3 to x"}
-        angles = [float(np.rad2deg(film.angle_rad)) for film in self.elements]
-        return [f"{i}: {names.get(round(a, 6), f'at {a:.4g} deg')}" for i, a in enumerate(angles)]
+        known, names = {0.0: "1 to x, 3 to z", 90.0: "1 to z, 3 to x"}, []
+        onwards = sum(not film.is_backward for film in self.elements)
+        for i, film in enumerate(self.elements):
+            angle = float(np.rad2deg(film.angle_rad))
+            own = known.get(round(angle, 6), f"at {angle:.4g} deg")
+            names.append(f"{i % onwards}: {own}, back" if film.is_backward else f"{i}: {own}")
+        return names
 
     @property
     def depth_m(self) -> Float[Array, ""]:
@@ -198,8 +202,9 @@ class Sensor(eqx.Module):
         """The elements as read through the filters, which at constant speed act along the line."""
 
         def one(film: Film) -> Film:
+            speed = -scan.speed_m_per_s if film.is_backward else scan.speed_m_per_s
             for each in self.filters:
-                film = film.with_effect(each.along(scan.speed_m_per_s, film.depth_m))
+                film = film.with_effect(each.along(speed, film.depth_m))
             return film
 
         return tuple(one(film) for film in self.elements)

@@ -80,33 +80,9 @@ def check_cells(name: str, length_m: float, cell_m: float) -> None:
     )
 
 
-def refuse_reversing(
-    name: str, time_s: Float[np.ndarray, " sample"], speed: Float[np.ndarray, " sample"]
-) -> None:
-    """Refuse speeds [m/s] of a motion that turns back."""
-    least, greatest = speed.min(), speed.max()
-    turned = min(greatest, -least) > TURNED * max(greatest, -least)
-    moving = np.flatnonzero(np.abs(speed) > TURNED * max(greatest, -least))
-    turns = moving[1:][np.diff(np.sign(speed[moving])) != 0]
-    refuse(
-        turned,
-        f"{name}: the motion reverses (its speed goes from {least:.4g} to "
-        f"{greatest:.4g} m/s), and friction with it, so that no one traction explains all of it: "
-        f"cut the recording where it turns{_first(time_s[turns])}, or fit a feature to it, which "
-        "takes both ways.",
-    )
-
-
-def _first(times_s: Float[np.ndarray, " turn"]) -> str:
-    if not times_s.size:
-        return ""
-    at = ", ".join(f"{each:.4g}" for each in times_s[:3])
-    return f" (at {at} s{', ...' if times_s.size > 3 else ''})"
-
-
 def sample_spacing_m(motion: Motion) -> float:
     """The mean distance between samples."""
-    return abs(float(np.mean(motion.speed_m_per_s))) / motion.sample_rate_hz
+    return float(np.mean(np.abs(np.asarray(motion.speed_m_per_s)))) / motion.sample_rate_hz
 
 
 def block_of(motion: Motion, depth_m: float, cell_m: float | None) -> int:
@@ -153,7 +129,7 @@ def _fitted_cells(
     mean = speed.mean()
     a = np.asarray(amplifier.at_speed(as_real(speed)) / amplifier.at_speed(as_real(mean)))
     x = np.maximum.accumulate(np.sign(mean) * np.asarray(motion.position_m))
-    edges = _cell_edges(name, _middles(x), cell)
+    edges = _cell_edges(name, sample_middles(x), cell)
     return Cells(np.sign(mean) * (edges[:-1] + cell / 2), *fitted_on(edges, x, a, signal))
 
 
@@ -220,7 +196,7 @@ def fitted_on(
     its interval, from middle to middle between neighbours, inside; and s, which is at the samples'
     weighted mean position, is interpolated to the centres: the two differ beside a standstill.
     """
-    middles = _middles(x)
+    middles = sample_middles(x)
 
     def totals(values: Float[np.ndarray, "row sample"]) -> Float[np.ndarray, "row cell"]:
         sums = np.pad(np.cumsum(values, axis=-1), ((0, 0), (1, 0)))
@@ -244,7 +220,8 @@ def fitted_on(
     return signals, typical, white, slow
 
 
-def _middles(x: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " middle"]:
+def sample_middles(x: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " middle"]:
+    """Where the intervals of samples at rising x meet, and the ends of the first and the last."""
     return np.concatenate(
         [[1.5 * x[0] - x[1] / 2], (x[1:] + x[:-1]) / 2, [1.5 * x[-1] - x[-2] / 2]]
     )

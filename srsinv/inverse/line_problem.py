@@ -22,6 +22,7 @@ from .diagnostics import residual_over_noise
 from .estimate import TractionEstimate
 from .line_model import CHI2, FREEDOM, LineModel, Shown, chi2
 from .means import have_zero_mean, less_means
+from .passes import AveragedPasses
 from .sample_noise import Samples, noise_on_line
 
 
@@ -63,6 +64,7 @@ class LineProblem(LineModel):
     - `warnings`: sentences on the signal, which every estimate takes over.
     - `sensor`, `scan`: what made the signals, one sample a cell at constant speed; `passed`: the
       cells from the first to the last with a sample. None where only the operator is known.
+    - `passes`: what averaging found, where the signals are means over passes.
 
     Raises `BadInput` where shapes disagree, a number is not finite, fewer than three samples are
     valid, the noise is zero, the model is zero, or one element is asked for p and q apart.
@@ -83,6 +85,7 @@ class LineProblem(LineModel):
     sensor: Sensor | None
     scan: ConstantSpeed | None
     passed: PassedCells | None
+    passes: AveragedPasses | None
     warnings: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(
@@ -100,9 +103,10 @@ class LineProblem(LineModel):
         friction=None,
         sensor: Sensor | None = None,
         scan: ConstantSpeed | None = None,
+        passes: AveragedPasses | None = None,
         warnings: Sequence[str] = (),
     ):
-        self.warnings = tuple(warnings)
+        self.warnings, self.passes = tuple(warnings), passes
         data, noise = as_real(data), as_real(noise)
         check(line, forward, data, noise, observed, friction, known_mean_Pa)
         self.noise_scale = None if noise_scale is None else as_real(noise_scale)
@@ -137,7 +141,7 @@ class LineProblem(LineModel):
         """Itself, without the sensor: what is compiled for one problem then serves all sensors."""
         if self.sensor is None:
             return self
-        return with_fields(self, sensor=None, scan=None, passed=None)
+        return with_fields(self, sensor=None, scan=None, passed=None, passes=None)
 
     @property
     def rig(self) -> None:

@@ -4,27 +4,18 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from ..errors import BadInput, is_number, number, of_kind, refuse, shown
-from ..forward.film import SampleAverage
-from ..forward.scan import ConstantSpeed, Motion
+from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Operator, as_real
 from ..modules import with_fields
 from ..recording.mains import MainsLine, waves
-from .cells import (
-    Window,
-    block_of,
-    cell_signals,
-    line_over,
-    refuse_reversing,
-    sample_spacing_m,
-    window_around,
-)
+from .cells import Window, window_around
+from .gridding import SampledSignals, on_cells
 from .line_problem import LineProblem
 from .nonlinear import WithNuisance
 from .rig_error import RigError
@@ -64,6 +55,7 @@ class Problem(eqx.Module):
     cell_m: float | None = eqx.field(static=True)
     mains: tuple[MainsLine, ...]
     rig: RigError | None
+    way: bool | None = eqx.field(static=True)
     name: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
 
@@ -93,7 +85,7 @@ class Problem(eqx.Module):
         )
         offset = sensor.amplifier.offset
         self.sensor, self.motion, self.name = sensor, motion, name
-        self.warnings = ()
+        self.warnings, self.way = (), None
         self.observed = np.isfinite(signal)
         known = 0.0 if offset is None else float(offset)
         self.data = as_real(np.where(self.observed, signal - known, 0.0))
@@ -170,48 +162,37 @@ class Problem(eqx.Module):
         """The signals put on the cells of an open line over the window.
 
         Cells are the problem's own `cell_m` wide, or else as given here, or else a sixteenth of the
-        depth at most. Raises `BadInput` for a motion that reverses, and a scan shorter than three
-        cells.
+        depth at most. Where the motion turns its passes are averaged (see passes.py), and each
+        element is there once for each way; q is that of sliding towards +x. Raises `BadInput` for
+        a scan shorter than three cells.
         """
-        motion = self.motion
-        refuse_reversing(self.name, np.asarray(motion.time_s), np.asarray(motion.speed_m_per_s))
-        depth, sensor = float(self.sensor.depth_m), self.sensor
-        block = block_of(self.motion, depth, self.cell_m or cell_m)
-        signal, columns = np.asarray(self.data, float), self.nuisance_columns
-        # Whatever is on the signals is put on cells with them, missing where they are.
-        rows = np.concatenate([signal[:, None], columns], axis=1)
-        rows = np.where(self.observed[:, None], rows, np.nan).reshape(-1, signal.shape[1])
-        cells = cell_signals(self.name, self.motion, rows, sensor.amplifier, block)
-        start_m = float(cells.x_m[0])
-        line, cells = line_over(cells, self.window_m, depth)
-        cells, columns = cells.parted(len(signal))
-        observed = np.isfinite(cells.signal)
-        data = np.where(observed, cells.signal, 0.0)
-        scan = ConstantSpeed(float(np.mean(self.motion.speed_m_per_s)))
-        signal_rms = np.sqrt(np.sum(data**2) / np.sum(observed))
-        power = self.noise.power(line, scan, signal_rms, cells.samples)
-        if self.noise.drift:
-            trend = self.noise.trend(line, scan, start_m)
-            columns = np.concatenate(
-                [columns, np.broadcast_to(trend, (len(signal), 1, line.n))], axis=1
-            )
-        if block > 1:
-            average = SampleAverage(block, sample_spacing_m(self.motion))
-            sensor = sensor.with_films(lambda film: film.with_effect(average))
+        y = np.where(self.observed, np.asarray(self.data, float), np.nan)
+        given = SampledSignals(
+            self.name, self.sensor, self.motion, y, self.nuisance_columns, self.noise
+        )
+        on = on_cells(given, self.window_m, self.cell_m or cell_m, self.way)
         return LineProblem.of_sensor(
-            line,
-            sensor,
-            scan,
-            data,
-            power.at[0].set(jnp.inf) if self.has_free_offset else power,
-            observed=observed,
-            nuisance=np.where(observed[:, None], columns, 0.0) if columns.shape[1] else None,
-            noise_scale=self.noise.scale(power, cells.samples, cells.white_scale, cells.slow_scale),
+            on.line,
+            on.sensor,
+            on.scan,
+            on.data,
+            on.power,
+            observed=on.observed,
+            nuisance=on.nuisance,
+            noise_scale=on.noise_scale,
             known_mean_Pa=(0.0, None),
             background_Pa=(self.nominal_pressure_Pa, None),
-            friction=self.friction,
-            warnings=self.warnings,
+            # By the passes back alone q is what acts in them.
+            friction=-self.friction
+            if self.friction is not None and self.way is False
+            else self.friction,
+            passes=on.passes,
+            warnings=(*self.warnings, *(on.passes.warnings if on.passes else ())),
         )
+
+    def of_way(self, is_onwards: bool) -> "Problem":
+        """The same problem, on a line by the passes towards +x alone, or towards -x."""
+        return with_fields(self, way=is_onwards)
 
 
 def _numbers(name: str, signal: Any) -> Float[np.ndarray, "..."]:

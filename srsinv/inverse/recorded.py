@@ -20,6 +20,7 @@ from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
 from ..recording.noise import white_level
 from .elements import element_findings
+from .passes import passes_of
 from .problem import Problem
 from .rig_error import RigError
 from .sample_noise import SampleNoise
@@ -40,6 +41,7 @@ def problem_of(
 
     - `sensor`: None takes it from the sidecar, with its strip widths: see `sensor_described`.
     - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit.
+    - the fact `ways` takes the passes of one way, `onwards` or `back`, of a motion that turns.
     - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
       those of the sidecar.
@@ -68,6 +70,8 @@ def problem_of(
         ),
         name=recording.name,
     )
+    way = {"onwards": True, "back": False}.get(recording.sidecar.get("ways") or "both")
+    problem = problem if way is None else problem.of_way(way)
     health = channel_findings(recording.channels, recording.signal, recording.signal_unit)
     return problem.with_warnings(
         (*_of_calibration(recording), *health, *_wiring(recording, problem))
@@ -114,12 +118,16 @@ def _check_unit(recording: Recording, sensor: Sensor) -> None:
 
 
 def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
-    """Faults of the elements' wiring, where the recording can be put on a line."""
+    """Faults of the elements' wiring, where the recording can be put on a line, by the passes of
+    one way."""
     if len(recording.channels) < 2:
         return ()
+    passes = passes_of(problem.motion)
+    if problem.way is None and len({each.is_onwards for each in passes}) > 1:
+        problem = problem.of_way(passes[0].is_onwards)
     try:
         line = problem.on_line()
-    except BadInput:  # it turns back, or is too short
+    except BadInput:  # it is too short
         return ()
     return element_findings(line, recording.channels, float(problem.sensor.depth_m))
 

@@ -86,6 +86,11 @@ class SampleNoise(eqx.Module):
         cells = (np.asarray(line.x) - start_m) / float(line.cell_m)
         return self._step(line, scan) / np.sqrt(line.n) * cells
 
+    def level(self, motion: Motion) -> float:
+        """The rms of a random walk's level at the end of a motion, from zero at its start."""
+        time_s = np.asarray(motion.time_s)
+        return self.drift * float(np.sqrt(time_s[-1] - time_s[0]))
+
     def _step(self, line: Line, scan: ConstantSpeed) -> float:
         """The rms of a walk from cell to cell."""
         return self.drift * float(np.sqrt(line.cell_m / abs(float(scan.speed_m_per_s))))

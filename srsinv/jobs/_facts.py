@@ -79,7 +79,9 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
     return {
         **of_samples(recording, times),
         "is_steady": int(recording.is_constant_speed(STEADY)),
-        "speed_m_per_s": float(speed.mean()),
+        "speed_m_per_s": float(np.abs(speed).mean())
+        if speed.min() < 0 < speed.max()
+        else float(speed.mean()),
         "speed_least_m_per_s": float(speed.min()),
         "speed_greatest_m_per_s": float(speed.max()),
         **of_sensor(problem.sensor),

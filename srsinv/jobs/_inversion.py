@@ -37,7 +37,7 @@ class InversionCase:
     - `stages`: (dims, values, units) of the simulation's stages, by variable name; the truth is
       `traction`. Empty for a recording, which has a `name`.
     - `facts`: what was assumed, for the dataset's attributes; `screening`: the result of screening
-      effects, if any; `warnings`: those on the simulated scene.
+      effects, if any; `warnings`: those on the simulated scene, or on both ways of a recording.
     - `repeats`: further calls of each method that are timed.
     """
 
@@ -108,6 +108,7 @@ def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xa
             "steady_call_s": ("method", times[:, 1], "s", "steady_call_s_{method}"),
         }
         | _screened(case.screening)
+        | _passes(case.problem)
         | scalars(_numbers(case, estimates))
     )
     means = case.problem.mean_statement()
@@ -243,6 +244,19 @@ def _highest(case: InversionCase, estimates: Estimates) -> Variables:
         "p_line_wavelength": ("method", [np.nan if each is None else each for each in lines], "m",
                               "p_line_wavelength_m_{method}"),
     }  # fmt: skip
+
+
+def _passes(problem: LineProblem) -> Variables:
+    """What averaging of passes found."""
+    found = problem.passes
+    if found is None:
+        return {}
+    numbers = {"passes_onwards": found.onwards, "passes_back": found.back}
+    return {
+        "pass_shift": ("pass", found.shifts_m, "m"),
+        **scalars(numbers | {"pass_scatter": found.scatter}),
+        **scalars({"pass_shift_stderr_m": found.shift_stderr_m}),
+    }
 
 
 def _screened(screening: ScreeningResult | None) -> Variables:

@@ -3,7 +3,6 @@
 from typing import Any
 
 from ..errors import choice, refuse
-from ..inverse.cells import refuse_reversing
 from ..inverse.line_problem import LineProblem
 from ..inverse.problem import Problem
 from ..recording import Recording
@@ -29,8 +28,7 @@ def traction_unit_named(given: Any) -> str:
 
 
 def check_invertible(recording: Recording, unit: str) -> None:
-    """Refuse a recording that turns back, or that cannot give p and q in this unit."""
-    refuse_reversing(recording.name, recording.time_s, recording.speed_m_per_s)
+    """Refuse a recording that cannot give p and q in this unit."""
     if unit == "Pa":
         check_volts(recording)
     refuse(

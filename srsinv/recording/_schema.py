@@ -18,6 +18,7 @@ from ._guard import LONGEST_NAME, MOST_COLUMNS, is_broken
 from ._units import PER_M, PER_M_PER_S, PER_S
 
 LONGEST_TEXT = 10_000  # characters of a description
+WAYS = ("both", "onwards", "back")
 ORIENTATIONS = ("1_to_x_3_to_z", "1_to_z_3_to_x")
 
 
@@ -76,6 +77,7 @@ def _one_of(*options: str) -> PlainValidator:
 
 Number = Annotated[float | None, _wanted("a finite number (such as 7.5e-4)", is_number)]
 Positive = Annotated[float | None, _wanted("a number above 0", _is_positive)]
+Ways = Annotated[str | None, _one_of(*WAYS)]
 Strips = Annotated[
     float | None,
     _wanted("a whole number from 1", lambda v: is_number(v) and v >= 1 and v == int(v)),
@@ -216,6 +218,7 @@ class RecordingFacts(Facts):
     contact_window_m: Interval = None
     mains_Hz: Mains = None
     drift: NotNegative = None
+    ways: Ways = None
     sensor: SensorFacts | None = None
     skin: SkinFacts | None = None
     feature: FeatureFacts | None = None

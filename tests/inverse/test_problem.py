@@ -107,9 +107,6 @@ REFUSED = {
         SENSOR, strip_problem().motion, np.zeros((2, SAMPLES)), 0.0
     ),
     "cell_m is -1": lambda: strip_problem(cell_m=-1),
-    "motion reverses": lambda: Problem(
-        SENSOR, Motion.from_speed(TIME, SPEED * np.cos(30 * TIME)), np.ones((2, SAMPLES)), NOISE
-    ).on_line(),
     "No nominal pressure is known": lambda: FeatureFit({"it": RidgeFeature(1e-5)})(strip_problem()),
     "an operator and no sensor": lambda: METHODS["features"](make_case().problem),
 }

@@ -216,11 +216,6 @@ def test_a_scan_of_less_than_three_cells_is_refused():
 
 
 REFUSED = {
-    "reversing": (
-        0.05 * np.cos(2 * np.pi * TIME / 0.3),
-        (),
-        r"reverses.*-0\.05.*cut the recording where it turns \(at 0\.075",
-    ),
     "integrated": (
         SPEEDS["halting"],
         ("amplifier=integrated",),

@@ -33,7 +33,6 @@ def folder(tmp_path, monkeypatch):
     holed[1, 4] = np.nan
     for name, values, speed in (
         ("good.csv", signal, 0.05 + 0 * ramp),
-        ("reversing.csv", signal, 0.05 - 0.1 * ramp),
         ("still.csv", signal, 0 * ramp),
         ("holed.csv", holed, 0.05 + 0 * ramp),
     ):
@@ -60,7 +59,6 @@ REFUSALS = {
         of("holed.csv"),
         r"voltage_1_V, data row 5 is empty: correct it .*recording\.missing=allow",
     ),
-    "reversing": (of("reversing.csv"), r"the motion reverses .*-0\.05 .*cut the recording"),
     "speed 0 recorded": (
         of("still.csv"),
         r"still\.csv: the speed is 0.* give recording\.speed_m_per_s=",

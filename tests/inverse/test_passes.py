@@ -1,0 +1,176 @@
+"""A motion that turns: its passes parted, aligned and averaged, and both ways inverted together."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from srsinv.forward.amplifier import CurrentAmplifier
+from srsinv.forward.film import Film
+from srsinv.forward.scan import Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.skin import HalfSpace
+from srsinv.grid import Open
+from srsinv.inverse.passes import passes_of
+from srsinv.inverse.problem import Problem
+from srsinv.inverse.quadratic import solve
+from srsinv.inverse.rule import Evidence
+from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
+from srsinv.inverse.ways import pressure_by_way
+from srsinv.recording.mains import mains_lines
+from tests.refusals import refused
+
+RATE_HZ, SPEED, DEPTH, LENGTH = 1000.0, 0.02, 1.2e-3, 0.02
+CELL = 2e-4
+LINE = Open(2048, 0.04 / 2048, -0.02)
+X = np.asarray(LINE.x)
+P = 6e3 * np.exp(-((X / 1.2e-3) ** 2)) + 3e3 * np.exp(-(((X - 5e-3) / 8e-4) ** 2))
+Q = 0.35 * P * (1 + 0.3 * np.tanh(X / 2e-3))
+
+
+def motion(passes, ramp_s=0.1):
+    """There and back so often, turning within `ramp_s`."""
+    steady = np.full(int(LENGTH / SPEED * RATE_HZ), SPEED)
+    turn = -SPEED * np.sin(np.linspace(-np.pi / 2, np.pi / 2, int(ramp_s * RATE_HZ)))
+    parts = [(-1) ** i * part for i in range(passes) for part in (steady, turn)][:-1]
+    speed = np.concatenate(parts)
+    return Motion.from_speed(np.arange(speed.size) / RATE_HZ, speed, -LENGTH / 2)
+
+
+def sensor(angles=(0.0, np.pi / 4)):
+    films = [Film(DEPTH, angle).with_strip_average() for angle in angles]
+    return Sensor(films, HalfSpace(0.5, 7e5), CurrentAmplifier(1e8))
+
+
+def signals(moved, sensed, back=1.0, ahead_m=0.0):
+    """The signals, the traction times `back` on the way back, the stage `ahead_m` of where it is
+    said to be."""
+    true = Motion(moved.time_s, np.asarray(moved.position_m) - ahead_m, moved.speed_m_per_s)
+    traction = jnp.stack([jnp.array([P, Q]), back * jnp.array([P, -Q])])
+    return np.asarray(sensed.operator_along(LINE, true, ways=moved.ways)(traction))
+
+
+def fixed(problem):
+    """The posterior under a prior that resolves what the signal has."""
+    line = problem.on_line()
+    return solve(line, DerivativePenalty(jnp.array([3e-8, 1e-7]), jnp.array(DEPTH), 1), "direct")
+
+
+def error(estimate, component=0):
+    """Relative, of the deviation from the mean along the scan; and by how much bands cover."""
+    x = np.asarray(estimate.line.x)
+    cells = np.abs(x) < LENGTH / 2 - DEPTH
+    truth = np.interp(x, X, (P, Q)[component])[cells]
+    off = np.asarray(estimate.value)[component, cells] - truth
+    off, truth = off - off.mean(), truth - truth.mean()
+    inside = np.abs(off) < 1.645 * np.asarray(estimate.stderr)[component, cells]
+    return np.linalg.norm(off) / np.linalg.norm(truth), np.mean(inside)
+
+
+def noisy(clean, seed, level=0.01):
+    rms = level * np.abs(clean).max()
+    return clean + rms * np.random.default_rng(seed).normal(size=clean.shape), rms
+
+
+def test_passes_are_parted_where_the_motion_turns():
+    moved = motion(5)
+    passes = passes_of(moved)
+    assert [each.is_onwards for each in passes] == [True, False, True, False, True]
+    x = np.asarray(moved.position_m)
+    for each in passes:
+        assert np.ptp(x[each.samples]) > 0.95 * np.ptp(x)
+    # A standstill parts nothing, and a short way back at the end is no pass.
+    speed = np.concatenate([np.full(300, SPEED), np.zeros(50), np.full(300, SPEED),
+                            np.full(20, -SPEED)])  # fmt: skip
+    (only,) = passes_of(Motion.from_speed(np.arange(speed.size) / RATE_HZ, speed))
+    assert (only.samples.start, only.samples.stop, only.is_onwards) == (0, 650, True)
+
+
+def test_one_element_both_ways_tells_p_from_q():
+    moved, sensed = motion(2), sensor((0.0,))
+    signal, rms = noisy(signals(moved, sensed), 1)
+    estimate = Tikhonov(rule=Evidence())(Problem(sensed, moved, signal, rms, cell_m=CELL))
+    assert estimate.quality == "good"
+    (p, covered), (q, q_covered) = error(estimate), error(estimate, 1)
+    assert p < 0.1
+    assert q < 0.4
+    assert min(covered, q_covered) > 0.8
+    # One way alone it does not.
+    one = Problem(sensed, moved, signal, rms, cell_m=CELL).of_way(True)
+    refused(one.on_line, "friction")
+
+
+def test_averaged_passes_are_the_posterior_of_all_of_them():
+    """The mean over passes with the noise of one over the root of their number: the dense posterior
+    of one pass each way at that noise, whatever the draw."""
+    many, one, sensed = motion(6), motion(2), sensor()
+    rms = noisy(signals(one, sensed), 0)[1]
+    of_many = Problem(sensed, many, np.zeros((2, many.time_s.size)), rms, cell_m=CELL)
+    fewer = np.zeros((2, one.time_s.size))
+    of_one = Problem(sensed, one, fewer, rms / np.sqrt(3), cell_m=CELL)
+    ours, floor = (np.asarray(fixed(each).stderr) for each in (of_many, of_one))
+    x, other = (np.asarray(each.on_line().line.x) for each in (of_many, of_one))
+    middle = np.abs(x) < LENGTH / 4
+    floor = np.stack([np.interp(x, other, row) for row in floor])
+    np.testing.assert_allclose(ours[:, middle], floor[:, middle], rtol=0.02)
+
+
+def test_shifts_of_the_stage_are_found_and_taken_out():
+    moved, sensed = motion(6), sensor()
+    ahead = np.array([20e-6, -30e-6, 15e-6, 45e-6, -35e-6, -15e-6])
+    along = np.zeros(moved.time_s.size)
+    for each, own in zip(passes_of(moved), ahead, strict=True):
+        along[each.samples] = own
+    signal, rms = noisy(signals(moved, sensed, ahead_m=along), 2)
+    problem = Problem(sensed, moved, signal, rms, cell_m=CELL)
+    found = problem.on_line().passes
+    assert (found.onwards, found.back) == (3, 3)
+    np.testing.assert_allclose(found.shifts_m, ahead, atol=5 * found.shift_stderr_m)
+    assert found.scatter == pytest.approx(1.0, abs=0.1)
+    size, covered = error(fixed(problem))
+    assert size < 0.1
+    assert covered > 0.8
+    quiet = Problem(sensed, moved, noisy(signals(moved, sensed), 2)[0], rms, cell_m=CELL)
+    assert not quiet.on_line().passes.shifts_m.any()
+
+
+def test_what_passes_differ_by_is_said():
+    moved, sensed = motion(4), sensor()
+    signal, rms = noisy(signals(moved, sensed), 3)
+    signal = signal + 0.3 * np.std(signal) * np.sin(3 * np.asarray(moved.time_s))
+    line = Problem(sensed, moved, signal, rms, cell_m=CELL).on_line()
+    assert line.passes.scatter > 1.5
+    assert any(each.startswith("Passes of one way differ") for each in line.warnings)
+
+
+@pytest.mark.parametrize("size", [1.0, 10.0])
+def test_hum_on_passes(size):
+    """The error beside hum is that without it, within a tenth, under the same prior."""
+    moved, sensed = motion(4), sensor()
+    clean = signals(moved, sensed)
+    signal, rms = noisy(clean, 4)
+    waves = np.sin(2 * np.pi * 50.1 * np.asarray(moved.time_s) + np.array([[0.3], [1.0]]))
+    loud = signal + size * np.std(clean) * np.sqrt(2) * waves
+    lines = mains_lines(loud, RATE_HZ)
+    quiet = fixed(Problem(sensed, moved, signal, rms, cell_m=CELL))
+    hummed = fixed(Problem(sensed, moved, loud, rms, cell_m=CELL, mains=lines))
+    assert error(hummed)[0] < 1.1 * error(quiet)[0]
+    assert error(hummed)[1] > 0.8
+
+
+@pytest.mark.full
+def test_a_pressure_that_changes_with_the_direction_is_said():
+    moved, sensed = motion(4), sensor()
+    same, rms = noisy(signals(moved, sensed), 5)
+    other = noisy(signals(moved, sensed, back=1.15), 5)[0]
+    problems = [Problem(sensed, moved, each, rms, cell_m=CELL) for each in (same, other)]
+    assert pressure_by_way(fixed, problems[0]) == ()
+    (said,) = pressure_by_way(fixed, problems[1])
+    assert "recording.ways=onwards" in said
+    onwards, back = (fixed(problems[1].of_way(way)).value[0] for way in (True, False))
+    assert np.ptp(back) / np.ptp(onwards) == pytest.approx(1.15, abs=0.05)
+
+
+def test_a_way_that_is_not_there_is_refused():
+    moved, sensed = motion(1), sensor()
+    problem = Problem(sensed, moved, np.zeros((2, moved.time_s.size)), 1.0, cell_m=CELL)
+    refused(problem.of_way(False).on_line, "recording.ways=both")
