@@ -18,7 +18,8 @@ from ..recording import Recording
 from ..recording.channels import channel_findings
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
-from ..recording.noise import white_level
+from ..recording.noise import ABOVE_CUTOFF, white_level
+from ..recording.preparation import preparation_warnings, prepare
 from .elements import element_findings
 from .passes import passes_of
 from .problem import Problem
@@ -42,13 +43,15 @@ def problem_of(
     - `sensor`: None takes it from the sidecar, with its strip widths: see `sensor_described`.
     - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit.
     - the fact `ways` takes the passes of one way, `onwards` or `back`, of a motion that turns.
-    - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk.
+    - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk; what
+      `detrend`, `high_pass_Hz` and `notch_Hz` take out of the signal is warned of.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
       those of the sidecar.
 
     Raises `BadInput` for missing facts, for a sensor of another number of elements, and where no
     noise is found in the signal.
     """
+    recording = prepare(recording)
     sensor = sensor_described(recording) if sensor is None else sensor
     check_elements(recording, of_kind("sensor", sensor, Sensor, "a Sensor").elements)
     _check_unit(recording, sensor)
@@ -72,9 +75,16 @@ def problem_of(
     )
     way = {"onwards": True, "back": False}.get(recording.sidecar.get("ways") or "both")
     problem = problem if way is None else problem.of_way(way)
-    health = channel_findings(recording.channels, recording.signal, recording.signal_unit)
+    # Of the samples as they were recorded: equal ones are no longer equal once filtered.
+    raw = recording.signal if recording.raw_signal is None else recording.raw_signal
+    health = channel_findings(recording.channels, raw, recording.signal_unit)
     return problem.with_warnings(
-        (*_of_calibration(recording), *health, *_wiring(recording, problem))
+        (
+            *_of_calibration(recording),
+            *_of_preparation(recording, sensor),
+            *health,
+            *_wiring(recording, problem),
+        )
     )
 
 
@@ -105,6 +115,16 @@ def _of_calibration(recording: Recording) -> tuple[str, ...]:
     """That the calibration of the rig was doubtful, with its words."""
     said = (recording.sidecar.get("rig_error") or {}).get("warnings")
     return (f"The rig's calibration was doubtful: {said}",) if said else ()
+
+
+def _of_preparation(recording: Recording, sensor: Sensor) -> tuple[str, ...]:
+    """What the preparation of the signals took of waves that the skin transmits."""
+    fastest = float(np.max(np.abs(recording.speed_m_per_s)))
+    highest_Hz = fastest * ABOVE_CUTOFF / (2 * np.pi * float(sensor.depth_m))
+    amplifier = sensor.amplifier
+    return preparation_warnings(
+        recording, highest_Hz, amplifier.order == 0 and amplifier.offset is not None
+    )
 
 
 def _check_unit(recording: Recording, sensor: Sensor) -> None:

@@ -15,6 +15,7 @@ from ..inverse.problem import Problem
 from ..inverse.sample_noise import SampleNoise
 from ..recording import Recording
 from ..recording.even import STEADY
+from ..recording.preparation import Preparation
 
 Facts = dict[str, Any]
 
@@ -70,7 +71,22 @@ def of_samples(recording: Recording, times: Any) -> Facts:
         "rows_missing_places": int(recording.gaps),
         "other_samples_missing": int(missing.sum()) - rows * len(recording.channels),
         "times_ignored": int(times == "ignore"),
+        **_of_preparation(recording),
     }
+
+
+def _of_preparation(recording: Recording) -> Facts:
+    """What was taken out of the signals, where they are prepared."""
+    wanted = Preparation.of_facts(recording.sidecar)
+    facts: Facts = {}
+    if wanted.detrend is not None:
+        facts["detrend"] = wanted.detrend
+    if wanted.high_pass_Hz is not None:
+        facts["high_pass_Hz"] = wanted.high_pass_Hz
+    if wanted.notch_Hz:
+        facts["notch_Hz"] = ", ".join(f"{each:.4g}" for each in wanted.notch_Hz)
+        facts["notch_width_Hz"] = wanted.notch_width_Hz
+    return facts
 
 
 def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:

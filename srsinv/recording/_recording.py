@@ -29,6 +29,8 @@ class Recording:
     - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
     - `missing_rows`, `gaps`: number of rows missing by the times, and of gaps; they are missing
       samples.
+    - `raw_signal`: (element, sample), the signal before its preparation (preparation.py); None for
+      one that is as recorded.
 
     Raises `BadInput` for shapes that do not agree, fewer than 3 samples, times that do not increase
     strictly, infinite values, NaN outside `signal`, names that cannot head a column, and facts that
@@ -45,9 +47,10 @@ class Recording:
     measured_position_m: np.ndarray | None = None
     missing_rows: int = 0
     gaps: int = 0
+    raw_signal: np.ndarray | None = None
 
     def __post_init__(self):
-        for key in ("signal", TIME, SPEED, "measured_position_m"):
+        for key in ("signal", TIME, SPEED, "measured_position_m", "raw_signal"):
             if getattr(self, key) is None:
                 continue
             values = np.array(getattr(self, key), dtype=np.float64)

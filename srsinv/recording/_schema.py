@@ -51,6 +51,10 @@ def _is_list(value: Any, fits: Callable[[Any], bool]) -> bool:
     return isinstance(value, list) and len(value) <= MOST_COLUMNS and all(map(fits, value))
 
 
+def _is_frequencies(value: Any) -> bool:
+    return _is_positive(value) or (_is_list(value, _is_positive) and value != [])
+
+
 def _is_channels(value: Any) -> bool:
     if isinstance(value, list):
         return 0 < len(value) <= MOST_COLUMNS and all(map(_is_channel, value))
@@ -107,11 +111,13 @@ Gain = Annotated[
 ]
 Mains = Annotated[
     list[float] | float | str | None,
-    _wanted(
-        "auto, or the frequencies of lines in Hz",
-        lambda v: v == "auto" or _is_positive(v) or (_is_list(v, _is_positive) and v != []),
-    ),
+    _wanted("auto, or the frequencies of lines in Hz", lambda v: v == "auto" or _is_frequencies(v)),
 ]
+Frequencies = Annotated[
+    list[float] | float | None,
+    _wanted("a frequency in Hz above 0, or a list of them", _is_frequencies),
+]
+Detrending = Annotated[str | None, _one_of("constant", "linear")]
 NotNegative = Annotated[
     float | None, _wanted("a number that is at least 0", lambda v: is_number(v) and v >= 0)
 ]
@@ -219,6 +225,10 @@ class RecordingFacts(Facts):
     mains_Hz: Mains = None
     drift: NotNegative = None
     ways: Ways = None
+    detrend: Detrending = None
+    high_pass_Hz: Positive = None
+    notch_Hz: Frequencies = None
+    notch_width_Hz: Positive = None
     sensor: SensorFacts | None = None
     skin: SkinFacts | None = None
     feature: FeatureFacts | None = None

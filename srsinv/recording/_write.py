@@ -30,7 +30,8 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
     it in V. Each file appears whole or not at all, the sidecar first. An earlier recording in
     NAME.nc is replaced; NAME.csv only where NAME.json is identical, as another sidecar may be a
     user's work and would be read with the wrong data if this ended half-way. Raises `BadInput` for
-    that, another suffix, a sidecar that JSON cannot hold, and a place that cannot be written to.
+    that, prepared signals (preparation.py), another suffix, a sidecar that JSON cannot hold, and a
+    place that cannot be written to.
     """
     path = Path(path).expanduser()
     writer = _WRITERS.get(path.suffix.lower())
@@ -39,6 +40,11 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
             f"{path.name}: a recording cannot be written as {path.suffix!r}: use one of "
             f"{', '.join(_WRITERS)}."
         )
+    refuse(
+        recording.raw_signal is not None,
+        f"{path.name}: the signals of {recording.name} are prepared, and would be so again when "
+        "they are read: save the recording as it was loaded.",
+    )
     sidecar = _sidecar_text(recording, path)
     try:
         writer(recording, path, sidecar)

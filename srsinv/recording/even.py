@@ -14,6 +14,7 @@ from ._guard import path_of
 from ._read import MISSING, TIMES_OF_ROWS, load
 from ._recording import MIN_SAMPLES, Recording
 from .formats import BY_SUFFIX
+from .preparation import prepare
 from .reader import Reader
 
 STEADY = 1e-3  # largest relative deviation of a constant speed from its mean
@@ -112,12 +113,18 @@ def _given(known: dict[str, Any]) -> dict[str, Any]:
 
 
 def on_even_times(recording: Recording) -> Recording:
-    """The recording at even times, with missing samples for rows missing by its time stamps; speed
-    and measured position are interpolated there.
+    """The recording at even times, its signals prepared as its facts ask (preparation.py). Raises
+    `BadInput` for intervals that vary too much, and where it cannot be prepared so."""
+    return prepare(_at_even_times(recording))
+
+
+def _at_even_times(recording: Recording) -> Recording:
+    """The recording with missing samples for rows missing by its time stamps; speed and measured
+    position are interpolated there.
 
     Stamps that are off by less than a quarter of an interval, or than half their last digit, are
     only rounded, and are replaced: interpolating would colour the noise, which the rules take as
-    white. Else the signal is interpolated. Raises `BadInput` for intervals that vary too much.
+    white. Else the signal is interpolated.
     """
     even = even_times(recording.name, recording.time_s, recording.sidecar.get("sample_rate_hz"))
     if even.is_rounded and not even.missing_rows:

@@ -35,12 +35,12 @@ def sensor(offset=0.0):
     return Sensor(films, HalfSpace(0.5, 7e5), readout)
 
 
-def problem(signal, drift=0.0, offset=0.0, lines=(), observed=None):
-    x = SPEED * TIME_S
+def problem(signal, drift=0.0, offset=0.0, lines=(), observed=None, speed=SPEED):
+    x = speed * TIME_S
     signal = signal if observed is None else np.where(observed, signal, np.nan)
     return Problem(
         sensor(offset),
-        Motion(TIME_S, x, np.full(COUNT, SPEED)),
+        Motion(TIME_S, x, np.full(COUNT, speed)),
         signal,
         SampleNoise(NOISE, drift=drift),
         friction=0.3,

@@ -74,7 +74,7 @@ def leaves(node: Any, prefix: str = ""):
 
 WRONG = ("loud", [0.5, 0.5, 0.5], math.nan, math.inf, 1e300, True, {"value": 1.0})
 NO_NUMBERS = {"elements", "piezo_constants_C_per_N", "path", "sidecar", "channels", "time_unit",
-              "signal_unit", "mains_Hz"}  # fmt: skip
+              "signal_unit", "mains_Hz", "detrend", "notch_Hz"}  # fmt: skip
 EITHER_SIGN = re.compile(
     r"pressure_Pa|background_pressure_Pa|.*friction|change|.*position_m|.*start_m|offset_m|d[123]"
     r"|snr_dB|angle_deg|speed_m_per_s|polarity"
@@ -86,7 +86,12 @@ TAKEN = (
     ("simulate", r"sensor\.elements\.\w+\.offset_m", None, "no offset"),
     ("invert_recording", r"recording\.gain", 1e300, "any unit; the noise is refused as too small"),
     (".*_recording", r"recording\.(gain|polarity)", [0.5, 0.5, 0.5], "a number for each channel"),
-    ("inspect_recording", r"recording\.(gain|sample_rate_hz|drift)", 1e300, "nothing is computed"),
+    (
+        "inspect_recording",
+        r"recording\.(gain|sample_rate_hz|drift|high_pass_Hz|notch_width_Hz)",
+        1e300,
+        "nothing is computed",
+    ),
     ("fit_recording", r"solver\.max_steps", True, "one step"),
 )
 # Parts of a kind with another one.
@@ -222,6 +227,10 @@ OTHERS = (
      (0.5, "all", [0.0], [0.01, 0.0], [0.0, math.inf], [-1e12, 1e12], {"start": 0})),
     ("invert_recording", "recording.mains_Hz", ("loud", 0.0, -50.0, [], [50.0, "a"], math.nan)),
     ("invert_recording", "recording.drift", (-1.0, "auto", math.nan, [1e-6])),
+    ("invert_recording", "recording.detrend", ("quadratic", 1, True, ["linear"])),
+    ("invert_recording", "recording.notch_Hz",
+     ("auto", 0.0, -50.0, [], [50.0, "a"], math.nan, 500.0, [50.0, 1.0])),
+    ("invert_recording", "recording.high_pass_Hz", (500.0, 1.0)),
     ("invert_recording", "recording.sidecar", (3, ["a.json"])),
     ("invert_recording", "recording.channels", (3, {"a": 1}, [])),
     ("fit_recording", "recording.path", (3, ["a.csv"], {"file": "a.csv"})),
@@ -274,6 +283,8 @@ RIGHT = [
     ("invert_recording", "recording.mains_Hz", [50, 150.0]),
     ("invert_recording", "recording.mains_Hz", "auto"),
     ("invert_recording", "recording.drift", 1e-6),
+    ("invert_recording", "recording.detrend", "linear"),
+    ("invert_recording", "recording.high_pass_Hz", 20),
     ("invert_recording", "recording.speed_m_per_s", -0.02),
     ("fit_recording", "feature.strip_load.width_range_m", [1e-4, 0.01]),
     ("fit_recording", "noise.white.rms", 1e-7),
