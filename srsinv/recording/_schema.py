@@ -110,8 +110,11 @@ Mains = Annotated[
         lambda v: v == "auto" or _is_positive(v) or (_is_list(v, _is_positive) and v != []),
     ),
 ]
-NotNegative = Annotated[
-    float | None, _wanted("a number that is at least 0", lambda v: is_number(v) and v >= 0)
+Drift = Annotated[
+    float | str | None,
+    _wanted(
+        "auto, or a number that is at least 0", lambda v: v == "auto" or (is_number(v) and v >= 0)
+    ),
 ]
 TimeUnit = Annotated[str | None, _one_of(*PER_S)]
 SpeedUnit = Annotated[str | None, _one_of(*PER_M_PER_S)]
@@ -215,7 +218,7 @@ class RecordingFacts(Facts):
     nominal_pressure_Pa: Number = None
     contact_window_m: Interval = None
     mains_Hz: Mains = None
-    drift: NotNegative = None
+    drift: Drift = None
     sensor: SensorFacts | None = None
     skin: SkinFacts | None = None
     feature: FeatureFacts | None = None
