@@ -16,6 +16,7 @@ from ..forward.skin import HalfSpace
 from ..modules import with_fields
 from ..recording import Recording
 from ..recording.channels import channel_findings
+from ..recording.drift import drift_level
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
 from ..recording.noise import ABOVE_CUTOFF, white_level
@@ -89,8 +90,8 @@ def problem_of(
 
 
 def _with_drift(recording: Recording, noise: SampleNoise | float) -> SampleNoise:
-    """The noise with the drift that the facts state, if any."""
-    drift = float(recording.sidecar.get("drift") or 0.0)
+    """The noise with the drift that the facts state, or that is found, if any."""
+    drift = _drift_of(recording)
     largest = float(np.nanmax(np.abs(recording.signal)))
     refuse(
         drift > MOST_DRIFT * largest,
@@ -99,6 +100,14 @@ def _with_drift(recording: Recording, noise: SampleNoise | float) -> SampleNoise
     )
     noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
     return with_fields(noise, drift=drift) if drift else noise
+
+
+def _drift_of(recording: Recording) -> float:
+    """The facts' drift, or that of the recording where they leave it to be found."""
+    given = recording.sidecar.get("drift")
+    if given == "auto":
+        return drift_level(recording.signal, recording.sample_rate_hz)
+    return float(given or 0.0)
 
 
 def mains_of(recording: Recording) -> tuple[MainsLine, ...]:

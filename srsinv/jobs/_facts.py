@@ -104,6 +104,7 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
         **_of_noise(problem.noise, recording.signal_unit),
         "mains_Hz": ", ".join(f"{line.frequency_Hz:.4g}" for line in problem.mains),
         "drift": problem.noise.drift,
+        "drift_is_found": int(recording.sidecar.get("drift") == "auto"),
         **({} if problem.rig is None else {"rig_error": ", ".join(problem.rig.names)}),
     }
 

@@ -1,6 +1,5 @@
 """A first look at a recorded file: columns, times, clipping, noise, and a sidecar to fill in."""
 
-import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from ..recording.template import blanks, essential, sidecar_template
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
 from . import _inspection_plots as own
+from ._inspection_verdict import disturbance_facts, of_disturbances, verdict
 
 _LONGEST_STEM = 200  # bytes: a file's name has at most 255, with its ending
 _SHOWN_ROWS = 20  # of those out of order
@@ -37,12 +37,14 @@ def run(cfg: Mapping[str, Any]) -> Result:
     template, blank = f"{stem}.yaml", blanks(inspection)
     coordinates, variables = _columns(inspection)
     over_frequency, spectra = _spectra(inspection)
+    labels, disturbances = of_disturbances(inspection)
     data = dataset(
         variables | _over_time(inspection) | _of_signals(inspection) | spectra
-        | _lines(inspection) | _gaps(inspection) | _numbers(inspection)
+        | _lines(inspection) | _gaps(inspection) | _numbers(inspection) | disturbances
         | {"hint": ("blank", list(blank.values()), "1")},
-        coordinates | over_frequency | {"blank": (list(blank), "1")},
-        **_facts(inspection), **_verdict(inspection, str(path)), template=template,
+        coordinates | over_frequency | labels | {"blank": (list(blank), "1")},
+        **_facts(inspection), **disturbance_facts(inspection), **verdict(inspection, str(path)),
+        template=template,
     )  # fmt: skip
     plots = {"signals": own.signals, "spectra": own.spectra, "motion": own.motion}
     shown = sections("inspect_recording", **plots)
@@ -97,27 +99,6 @@ def _facts(inspection: Inspection) -> dict[str, Any]:
         "lengths_differ": int(len({each.samples for each in inspection.columns} - {0}) > 1),
         "essential": ", ".join(essential(inspection)),
         "per": "Hz" if inspection.rate_hz else "1/sample",
-    }
-
-
-def _verdict(inspection: Inspection, path: str) -> dict[str, str]:
-    """Whether the recording can be used, in a sentence, and the command to go on with."""
-    needed = ", ".join(essential(inspection))
-    if inspection.refusal and not inspection.overrides:
-        said, remedy = "not usable as it is", inspection.refusal
-    elif inspection.refusal:
-        said, remedy = f"usable with {' '.join(inspection.overrides)}", inspection.refusal
-    else:
-        said, remedy = "usable as it is", ""
-    if needed:
-        said += ", once the sidecar has what only you know (see below)"
-    words = ["srsinv experiment=invert_recording", shlex.quote(f"recording.path={path}")]
-    given = shlex.join(inspection.overrides)
-    return {
-        "verdict": said,
-        "refusal": remedy,
-        "override": given,
-        "next_command": "" if said.startswith("not") else " ".join([*words, given]).strip(),
     }
 
 

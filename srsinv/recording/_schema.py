@@ -118,8 +118,11 @@ Frequencies = Annotated[
     _wanted("a frequency in Hz above 0, or a list of them", _is_frequencies),
 ]
 Detrending = Annotated[str | None, _one_of("constant", "linear")]
-NotNegative = Annotated[
-    float | None, _wanted("a number that is at least 0", lambda v: is_number(v) and v >= 0)
+Drift = Annotated[
+    float | str | None,
+    _wanted(
+        "auto, or a number that is at least 0", lambda v: v == "auto" or (is_number(v) and v >= 0)
+    ),
 ]
 TimeUnit = Annotated[str | None, _one_of(*PER_S)]
 SpeedUnit = Annotated[str | None, _one_of(*PER_M_PER_S)]
@@ -223,7 +226,7 @@ class RecordingFacts(Facts):
     nominal_pressure_Pa: Number = None
     contact_window_m: Interval = None
     mains_Hz: Mains = None
-    drift: NotNegative = None
+    drift: Drift = None
     ways: Ways = None
     detrend: Detrending = None
     high_pass_Hz: Positive = None

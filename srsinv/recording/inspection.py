@@ -35,11 +35,12 @@ from ._health import (
     spectrum,
 )
 from ._read import MISSING, TIMES_OF_ROWS, read_facts, recording_of_table
-from ._recording import SPEED
+from ._recording import SPEED, Recording
 from ._sidecar import Sidecars
 from ._table import ColumnTable, listing
 from ._timing import Timing, timing
 from ._units import PER_M, PER_M_PER_S, PER_S, PER_V
+from .disturbances import Disturbances, disturbances
 from .even import on_even_times
 from .formats import BY_SUFFIX
 from .reader import Reader
@@ -71,6 +72,7 @@ class Inspection:
     - `facts`: those of the sidecar and the caller.
     - `refusal`: the sentence by which `load` refuses the file; None: it takes it as it is;
       `overrides`: the settings with which it would take it all the same.
+    - `disturbances`: hum, drift and turns of the recording as it is taken so; None where it is not.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Inspection:
     facts: dict[str, Any]
     refusal: str | None = None
     overrides: tuple[str, ...] = ()
+    disturbances: Disturbances | None = None
 
     @property
     def mean_speed_m_per_s(self) -> float | None:
@@ -118,25 +121,31 @@ def inspect(
     with within_memory(path):
         table = take_table(path, reader)
         given = Sidecars(sidecar, calibration)
-        refusal = _refusal(path, table, given, missing, times, known)
+        taken = _taken(path, table, given, missing, times, known)
         inspection = _inspect(path, table, given, known)
-        for allowed, unit in ((True, False), (False, True), (True, True)) if refusal else ():
+        if isinstance(taken, Recording):
+            return replace(inspection, disturbances=disturbances(taken))
+        refusal = taken
+        for allowed, unit in ((True, False), (False, True), (True, True)):
             stated = known | ({"time_unit": inspection.time_unit} if unit else {})
             how = "allow" if allowed else missing
-            if _refusal(path, table, given, how, times, stated) is None:
+            taken = _taken(path, table, given, how, times, stated)
+            if isinstance(taken, Recording):
                 words = ["recording.missing=allow"] * allowed
                 words += [f"recording.time_unit={inspection.time_unit}"] * unit
-                return replace(inspection, refusal=refusal, overrides=tuple(words))
+                return replace(
+                    inspection, refusal=refusal, overrides=tuple(words),
+                    disturbances=disturbances(taken),
+                )  # fmt: skip
         return replace(inspection, refusal=refusal)
 
 
-def _refusal(path: Path, table: ColumnTable, *settings: Any) -> str | None:
-    """The sentence by which `load` refuses the table, or its times; None: it takes it."""
+def _taken(path: Path, table: ColumnTable, *settings: Any) -> Recording | str:
+    """The recording at even times as `load` takes it, or the sentence by which it refuses it."""
     try:
-        on_even_times(recording_of_table(path, table, *settings))
+        return on_even_times(recording_of_table(path, table, *settings))
     except BadInput as refusal:
         return str(refusal)
-    return None
 
 
 def _inspect(

@@ -82,11 +82,24 @@ def sidecar_template(inspection: Inspection) -> str:
         *_lines(feature, FEATURE, "  "),
         *_rest(feature, {*FEATURE}, "  "),
         *_rest(facts, {*_scan(inspection), *_LAYOUT, "sensor", "feature"}, ""),
+        *_suggested(inspection),
     ]
     return "\n".join(lines) + "\n"
 
 
 _LAYOUT = ("channels", "time_unit", "signal_unit")
+
+
+def _suggested(inspection: Inspection) -> list[str]:
+    """Comments that become facts by removing their #: hum and drift that were found."""
+    found = inspection.disturbances.overrides if inspection.disturbances else ()
+    pairs = [each.removeprefix("recording.").split("=") for each in found]
+    lines = [f"# {key}: {value}" for key, value in pairs if inspection.facts.get(key) is None]
+    return [
+        "",
+        "# Hum and drift that were found: remove the # to invert with them.",
+        *lines,
+    ] * bool(lines)
 
 
 def _scan(inspection: Inspection) -> dict[str, str]:

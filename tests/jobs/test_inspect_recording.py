@@ -1,15 +1,18 @@
 """Inspecting a recording: the page, the numbers and the sidecar's template that a run leaves."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
 import yaml
 
+from srsinv import config
 from srsinv.recording import load
 from srsinv.report.page import figures
 from srsinv.report.words import summary
-from tests.jobs.run import command, outcome
+from tests.jobs.run import command, composed, outcome
+from tests.jobs.run import words as said
 from tests.recording.files import write_csv
 from tests.shared import SHARED, needs_shared
 
@@ -152,3 +155,58 @@ def test_verdict_first(tmp_path, case):
     assert bool(facts["next_command"]) == bool(following)
     first = str(summary(result))
     assert first.index(verdict[:20]) < first.index("sample rate")
+
+
+def hummed(folder):
+    """A recording with hum and drift, there and back, in a folder with a blank in its name, and the
+    sidecar of all that an inversion needs."""
+    rng = np.random.default_rng(4)
+    time_s = np.arange(N) / RATE_HZ
+    hum = 20 * np.sin(2 * np.pi * 50.05 * time_s) + 5 * np.sin(2 * np.pi * 150.15 * time_s)
+    walk = 5 / np.sqrt(RATE_HZ) * np.cumsum(rng.normal(size=(2, N)), axis=1)
+    signal = walk + hum + rng.normal(size=(2, N))
+    folder = folder / "my data"
+    folder.mkdir()
+    table = {"time_s": time_s, "position_mm": 20 * time_s,
+             "voltage_0_mV": signal[0], "voltage_1_mV": signal[1]}  # fmt: skip
+    write_csv(folder / "r.csv", table)
+    element = {"strip_width_m": 7e-4, "active_length_m": 8e-3}
+    elements = [element | {"angle_deg": angle} for angle in (0.0, 45.0)]
+    sensor = {"depth_m": 1.2e-3, "feedback_resistance_ohm": 1e6, "elements": elements}
+    (folder / "r.yaml").write_text(yaml.safe_dump({"sensor": sensor, "gain": 2.0}))
+    return folder / "r.csv"
+
+
+def test_hum_and_drift_and_the_command_that_takes_them(tmp_path):
+    path = hummed(tmp_path)
+    result = outcome("experiment=inspect_recording", f"recording.path='{path}'")
+    facts, metrics = result.dataset.attrs, result.metrics
+    assert facts["verdict"].startswith("usable as it is; hum at 50 and 150 Hz, ")
+    assert facts["verdict"].endswith(" times the rest of the signal, and drift")
+    assert metrics["mains_Hz_50"] == pytest.approx(50.05, abs=0.1)
+    assert metrics["hum_rms_V_voltage_0_mV"] == pytest.approx(1e-3 * 425**0.5 / 8**0.5, rel=0.05)
+    assert metrics["drift_V_per_sqrt_s"] == pytest.approx(2.5e-3, rel=0.3)
+    assert "texture of such a wavelength" in said(result)
+    program, *typed = shlex.split(facts["next_command"])
+    assert (program, typed[0]) == ("srsinv", "experiment=invert_recording")
+    cfg = composed(*typed)
+    problem = config.recorded_problem(cfg, config.recording(cfg))
+    assert [round(line.frequency_Hz) for line in problem.mains] == [50, 150]
+    assert problem.noise.drift == pytest.approx(metrics["drift_V_per_sqrt_s"], rel=1e-12)
+
+
+def test_what_is_stated_is_not_offered_again(tmp_path):
+    path = hummed(tmp_path)
+    with path.with_suffix(".yaml").open("a") as sidecar:
+        sidecar.write("drift: auto\nmains_Hz: [50.0, 150.0]\n")
+    result = outcome("experiment=inspect_recording", f"recording.path='{path}'")
+    assert result.dataset.attrs["override"] == ""
+    assert "and drift" in result.dataset.attrs["verdict"]
+
+
+def test_passes_are_counted(tmp_path):
+    position_mm = 100 * np.abs((np.arange(N) / 1000 + 0.5) % 1 - 0.5)
+    write_csv(tmp_path / "r.csv", scan(position_mm=position_mm))
+    result = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.csv'}")
+    assert "6 passes, 3 each way" in result.dataset.attrs["verdict"]
+    assert (result.metrics["passes_forwards"], result.metrics["passes_backwards"]) == (3, 3)

@@ -1,0 +1,118 @@
+"""Whether a recording can be used and how to go on, and its hum, drift and turns."""
+
+import shlex
+from typing import Any
+
+import numpy as np
+
+from ..recording.disturbances import Disturbances
+from ..recording.inspection import Inspection
+from ..recording.template import essential
+from ..report.result import scalars
+
+_PER_ROOT = "signal's unit per root of s"
+Variables = dict[str, tuple[Any, ...]]
+
+
+def verdict(inspection: Inspection, path: str) -> dict[str, Any]:
+    """Whether the recording can be used, in a sentence, and the command to go on with."""
+    needed, given = ", ".join(essential(inspection)), offered(inspection)
+    if inspection.refusal and not inspection.overrides:
+        said, remedy = "not usable as it is", inspection.refusal
+    elif inspection.refusal:
+        said, remedy = f"usable with {' '.join(inspection.overrides)}", inspection.refusal
+    else:
+        said, remedy = "usable as it is", ""
+    if needed:
+        said += ", once the sidecar has what only you know (see below)"
+    said = "; ".join([said, *_described(inspection.disturbances)])
+    words = ["srsinv experiment=invert_recording", shlex.quote(f"recording.path={path}")]
+    return {
+        "verdict": said,
+        "refusal": remedy,
+        "override": shlex.join(given),
+        "next_command": ""
+        if said.startswith("not")
+        else " ".join([*words, shlex.join(given)]).strip(),
+    }
+
+
+def offered(inspection: Inspection) -> tuple[str, ...]:
+    """The settings with which to go on: those that loading needs, and those of what was found and
+    is not stated yet."""
+    found = inspection.disturbances.overrides if inspection.disturbances else ()
+    new = (each for each in found if inspection.facts.get(_key(each)) is None)
+    return (*inspection.overrides, *new)
+
+
+def _key(override: str) -> str:
+    return override.partition("=")[0].removeprefix("recording.")
+
+
+def _described(found: Disturbances | None) -> list[str]:
+    if found is None:
+        return []
+    words, has_drift = [], bool(found.drift.any())
+    if found.nominal_Hz:
+        ratio = float(np.max(found.hum_ratio))
+        words.append(f"hum at {_row(found.nominal_Hz)} Hz, {ratio:.2g} times the rest of the signal"
+                     + (", and drift" if has_drift else ""))  # fmt: skip
+    elif has_drift:
+        words.append("drift")
+    count = found.forwards + found.backwards
+    if count > 1:
+        ways = found.forwards, found.backwards
+        each = (
+            f"{ways[0]} each way" if ways[0] == ways[1] else f"{ways[0]} forwards, {ways[1]} back"
+        )
+        words.append(f"{count} passes, {each}")
+    return words
+
+
+def _row(frequencies_Hz: tuple[int, ...]) -> str:
+    *first, last = map(str, frequencies_Hz)
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def of_disturbances(inspection: Inspection) -> tuple[Variables, Variables]:
+    """Labels and numbers of hum, drift and passes; none where the recording cannot be loaded."""
+    found, signals = inspection.disturbances, len(inspection.signals)
+    if found is None or len(found.drift) != signals:
+        return {}, {}
+    unit, of = "{found_unit_key!s}", "{signal!s}"
+    key = found.unit.replace(" ", "_").replace("/", "_per_")
+    measured = np.array([line.frequency_Hz for line in found.lines])
+    wavelength = found.speed_m_per_s / measured if found.speed_m_per_s else np.nan * measured
+    level = float(np.sqrt(np.mean(found.drift**2)))
+    labels = {
+        "mains": ([f"{frequency:.0f}" for frequency in measured], "1"),
+        "found_unit_key": ("signal", [key] * signals, "1"),
+    }
+    return labels, {
+        "mains_frequency": ("mains", measured, "Hz", "mains_Hz_{mains!s}"),
+        "mains_wavelength": ("mains", wavelength, "m"),
+        "hum_rms": ("signal", found.hum_rms, "signal's unit", f"hum_rms_{unit}_{of}"),
+        "hum_ratio": ("signal", found.hum_ratio, "1", f"hum_over_rest_{of}"),
+        "drift": ("signal", found.drift, _PER_ROOT, f"drift_{unit}_per_sqrt_s_{of}"),
+        **_scalar("drift_level", level, _PER_ROOT, f"drift_{key}_per_sqrt_s"),
+        **scalars({"passes": found.forwards + found.backwards, "passes_forwards": found.forwards,
+                   "passes_backwards": found.backwards}),
+    }  # fmt: skip
+
+
+def _scalar(name: str, value: float, units: str, metric: str) -> Variables:
+    """A number whose metric has a name from the file, which may hold braces."""
+    return {name: ((), value, units, metric.replace("{", "{{").replace("}", "}}"))}
+
+
+def disturbance_facts(inspection: Inspection) -> dict[str, Any]:
+    """What the page says of hum and drift besides the numbers."""
+    found = inspection.disturbances
+    if found is None:
+        return {}
+    return {
+        "found_unit": found.unit,
+        "hum": f"at {_row(found.nominal_Hz)} Hz" if found.nominal_Hz else "",
+        "travel_speed_m_per_s": found.speed_m_per_s,
+        "scan_s": found.duration_s,
+    }

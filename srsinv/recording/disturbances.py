@@ -1,0 +1,102 @@
+"""What is on a recording besides the touch: hum, drift, and a motion that turns."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ._recording import Recording
+from .drift import drift_levels
+from .mains import FUNDAMENTALS_HZ, MainsLine, mains_lines
+
+TURN = 0.05  # of the travelled range: a way back that is shorter is no pass
+MOST_POSITIONS = 10_000  # that turns are looked for among
+
+
+class Disturbances(NamedTuple):
+    """Hum, drift and turns of a recording at even times.
+
+    - `lines`: the lines of mains that noise does not make, `nominal_Hz` the multiples of 50 or 60
+      Hz that they are.
+    - `hum_rms`: (e,) of all lines together, `hum_ratio` (e,) the same over the rms of all else.
+    - `drift`: (e,) rms of a random walk after a second; 0 where none is found.
+    - `unit` of both, after the gain.
+    - `speed_m_per_s`: mean of its size; `forwards`, `backwards`: passes each way; `duration_s`.
+    """
+
+    lines: tuple[MainsLine, ...]
+    nominal_Hz: tuple[int, ...]
+    hum_rms: Float[np.ndarray, " e"]
+    hum_ratio: Float[np.ndarray, " e"]
+    drift: Float[np.ndarray, " e"]
+    unit: str
+    speed_m_per_s: float
+    forwards: int
+    backwards: int
+    duration_s: float
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """Settings with which an inversion takes hum and drift into account."""
+        listed = ",".join(map(str, self.nominal_Hz))
+        hum = (f"recording.mains_Hz=[{listed}]",) if self.nominal_Hz else ()
+        return (*hum, *(("recording.drift=auto",) if self.drift.any() else ()))
+
+
+def disturbances(recording: Recording) -> Disturbances:
+    """Those of a recording at even times."""
+    rate_hz, valid = recording.sample_rate_hz, np.isfinite(recording.signal)
+    # Scaled to one: squares of a signal in femtovolts would leave float64's range.
+    size = float(np.max(np.abs(recording.signal), initial=0.0, where=valid)) or 1.0
+    signal = recording.signal / size
+    lines = tuple(line._replace(rms=size * line.rms) for line in mains_lines(signal, rate_hz))
+    squares = [(line.rms / size) ** 2 for line in lines]
+    hum_rms = np.sqrt(np.sum([np.zeros(len(signal)), *squares], axis=0))
+    counts = np.maximum(valid.sum(axis=1), 1)
+    mean = np.sum(np.where(valid, signal, 0.0), axis=1) / counts
+    square = np.sum(np.where(valid, signal - mean[:, None], 0.0) ** 2, axis=1) / counts
+    # A line's rms is an estimate: where there is hardly anything else it may exceed the whole.
+    rest = np.sqrt(np.maximum(square - hum_rms**2, 1e-6 * square))
+    forwards, backwards = passes(recording.position_m)
+    return Disturbances(
+        lines=lines,
+        nominal_Hz=_nominal(lines),
+        hum_rms=size * hum_rms,
+        hum_ratio=np.divide(hum_rms, rest, out=np.zeros_like(rest), where=rest > 0),
+        drift=size * drift_levels(signal, rate_hz),
+        unit=recording.signal_unit,
+        speed_m_per_s=float(np.mean(np.abs(recording.speed_m_per_s))),
+        forwards=forwards,
+        backwards=backwards,
+        duration_s=float(recording.time_s[-1] - recording.time_s[0]),
+    )
+
+
+def _nominal(lines: Sequence[MainsLine]) -> tuple[int, ...]:
+    """The multiples of one fundamental that the lines are."""
+    measured = np.array([line.frequency_Hz for line in lines])
+    multiples = [each * np.maximum(np.round(measured / each), 1) for each in FUNDAMENTALS_HZ]
+    nominal = min(multiples, key=lambda each: np.sum(np.abs(measured - each)))
+    # Two broad maxima may be of one line.
+    return tuple(dict.fromkeys(int(each) for each in nominal))
+
+
+def passes(position_m: Float[np.ndarray, " sample"]) -> tuple[int, int]:
+    """The number of passes towards +x and towards -x, from turning points that are `TURN` of the
+    range apart."""
+    every = max(position_m.size // MOST_POSITIONS, 1)
+    x = np.append(position_m[::every], position_m[-1])
+    least = TURN * float(np.ptp(x))
+    if not least > 0:
+        return 0, 0
+    ways, low, high = [0], float(x[0]), float(x[0])
+    for at in map(float, x):
+        low, high = min(low, at), max(high, at)
+        if ways[-1] <= 0 and at - low >= least:
+            ways.append(1)
+            high = at
+        elif ways[-1] >= 0 and high - at >= least:
+            ways.append(-1)
+            low = at
+    return ways.count(1), ways.count(-1)

@@ -1,0 +1,99 @@
+"""Hum, drift and turns of a file: what an inspection finds and the settings that it offers."""
+
+import numpy as np
+import pytest
+
+from srsinv.recording import load
+from srsinv.recording._sidecar import parse
+from srsinv.recording.disturbances import disturbances, passes
+from srsinv.recording.even import on_even_times
+from srsinv.recording.inspection import inspect
+from srsinv.recording.template import sidecar_template
+from tests.recording.files import write_csv
+
+RATE_HZ, N = 1000.0, 3000
+TIME_S = np.arange(N) / RATE_HZ
+
+
+def table(hum=0.0, drift=0.0, fundamental_Hz=50.0, **changes):
+    """Two signals of white noise of one, 50.05 and 150.15 Hz of rms `hum` together, and a walk."""
+    rng = np.random.default_rng(3)
+    signal = rng.normal(size=(2, N))
+    signal += drift / np.sqrt(RATE_HZ) * np.cumsum(rng.normal(size=(2, N)), axis=1)
+    phase = 2 * np.pi * 1.001 * fundamental_Hz * TIME_S
+    signal += hum * (np.sin(phase) + np.sin(3 * phase))
+    columns = {"time_s": TIME_S, "position_mm": 20 * TIME_S,
+               "voltage_0_V": signal[0], "voltage_1_V": signal[1]}  # fmt: skip
+    return columns | changes
+
+
+CASES = {
+    "clean": ({}, ()),
+    "hum": ({"hum": 3.0}, ("recording.mains_Hz=[50,150]",)),
+    "hum of 60 Hz": ({"hum": 3.0, "fundamental_Hz": 60.0}, ("recording.mains_Hz=[60,180]",)),
+    "drift": ({"drift": 3.0}, ("recording.drift=auto",)),
+    "both": ({"hum": 30.0, "drift": 3.0}, ("recording.mains_Hz=[50,150]", "recording.drift=auto")),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_overrides_of_what_was_found(tmp_path, case):
+    given, overrides = CASES[case]
+    write_csv(tmp_path / "r.csv", table(**given))
+    inspection = inspect(tmp_path / "r.csv")
+    found = inspection.disturbances
+    assert (inspection.refusal, found.overrides) == (None, overrides)
+    assert found.hum_rms == pytest.approx(given.get("hum", 0.0), rel=0.05)
+    assert found.drift == pytest.approx(given.get("drift", 0.0), rel=0.4)
+    assert (found.forwards, found.backwards) == (1, 0)
+    assert found.speed_m_per_s == pytest.approx(0.02, rel=1e-6)
+
+
+def test_found_in_the_recording_as_it_is_loaded(tmp_path):
+    """After the gain, and with the settings that loading needs."""
+    columns = table(hum=3.0, drift=3.0)
+    columns["voltage_0_V"][4] = np.nan
+    write_csv(tmp_path / "r.csv", columns)
+    (tmp_path / "r.csv").write_text((tmp_path / "r.csv").read_text().replace("nan", ""))
+    inspection = inspect(tmp_path / "r.csv", gain=100.0)
+    assert inspection.overrides == ("recording.missing=allow",)
+    assert inspection.disturbances.hum_rms == pytest.approx(0.03, rel=0.05)
+    recording = on_even_times(load(tmp_path / "r.csv", gain=100.0, missing="allow"))
+    np.testing.assert_array_equal(
+        inspection.disturbances.drift, disturbances(recording).drift
+    )  # fmt: skip
+
+
+def test_nothing_is_found_where_nothing_can_be_loaded(tmp_path):
+    columns = table(hum=3.0)
+    del columns["position_mm"]
+    write_csv(tmp_path / "r.csv", columns)
+    assert inspect(tmp_path / "r.csv").disturbances is None
+
+
+def test_the_template_suggests_them_as_comments(tmp_path):
+    write_csv(tmp_path / "r.csv", table(hum=30.0, drift=3.0))
+    template = sidecar_template(inspect(tmp_path / "r.csv"))
+    assert not {"mains_Hz", "drift"} & set(parse("r.yaml", template, "YAML"))
+    for line in ("mains_Hz: [50,150]", "drift: auto"):
+        template = template.replace(f"# {line}", line)
+    (tmp_path / "r.yaml").write_text(template)
+    sidecar = load(tmp_path / "r.csv").sidecar
+    assert (sidecar["mains_Hz"], sidecar["drift"]) == ([50, 150], "auto")
+    assert "remove the #" not in sidecar_template(inspect(tmp_path / "r.csv"))
+
+
+@pytest.mark.parametrize(
+    ("position_m", "counts"),
+    [
+        (TIME_S, (1, 0)),
+        (-TIME_S, (0, 1)),
+        (np.abs((TIME_S + 0.5) % 1 - 0.5), (3, 3)),
+        (np.where(TIME_S < 2, TIME_S, 4 - TIME_S), (1, 1)),
+        (np.round(TIME_S, 2) + 0.01 * (np.arange(N) % 2), (1, 0)),
+        (np.zeros(N), (0, 0)),
+        (np.repeat(np.abs((TIME_S + 0.5) % 1 - 0.5), 30), (3, 3)),
+    ],
+)
+def test_passes_each_way(position_m, counts):
+    assert passes(position_m) == counts
