@@ -92,17 +92,18 @@ def row(index: int) -> Row:
     """What becomes of one rig."""
     rig, rng = rig_of(index)
     made = calibrated(rig, rng)
-    pull = pulls(rig, made)
+    found = pulls(rig, made)
     own: Row = {
         "rig": index, "strips": len(rig.gains), "turns": rig.turns, "noise": rig.noise,
         "quality": str(made.quality), "reasons": made.reasons,
-        "pulls": [pull.get(name) for name in PARAMETERS],
+        "pulls": [found.get(name) for name in PARAMETERS],
         "stderr": [_stderr(made, name) for name in PARAMETERS],
     }  # fmt: skip
     if made.quality is not Quality.FAILED:
         for name, fitted in refitted(rig, made, rng).items():
             height, error = fitted.parameters[HEIGHT]
-            numbers = (height - rig.later[HEIGHT]) / error, error / rig.later[HEIGHT]
+            pull = (height - rig.later[HEIGHT]) / error if np.isfinite(error) else np.nan
+            numbers = pull, error / rig.later[HEIGHT]
             own[name] = [str(fitted.quality), *numbers]
     return _rounded({key: each for key, each in own.items() if each != ()})
 
@@ -208,10 +209,12 @@ def _write(rows: list[Row]) -> None:
 
 def main() -> None:
     """Calibrate what is missing."""
-    rows = _read()
-    while len(rows) < RIGS:
-        rows += [row(index) for index in range(len(rows), min(len(rows) + EACH, RIGS))]
-        _write(rows)
+    rows = {each["rig"]: each for each in _read()}
+    missing = [index for index in range(RIGS) if index not in rows]
+    for start in range(0, len(missing), EACH):
+        rows |= {index: row(index) for index in missing[start : start + EACH]}
+        _write([rows[index] for index in sorted(rows)])
+    _write([rows[index] for index in sorted(rows)])
 
 
 if __name__ == "__main__":
