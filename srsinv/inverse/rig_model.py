@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
 from ..errors import refuse
 from ..forward.film import Film, Offset
@@ -19,6 +19,9 @@ from .cells import check_cells
 from .features.contact import cell_for
 from .features.model import FeatureModel
 from .problem import Problem
+
+BLOCK = 256  # cells come in multiples of it: one program then serves most places of a feature
+_OF_FILMS = "depth_", "angle_", "offset_"
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,9 @@ class KnownTraction:
         before = max(int(np.ceil((first - start_m) / cell)) + 1, 0)
         after = max(int(np.ceil((end_m - float(self.line.x[-1])) / cell)) + 1, 0)
         whole = np.pad(self.pressure_Pa, (0, -self.line.n % each))
-        pressure = np.pad(whole.reshape(-1, each).mean(axis=1), (before, after))
+        means = whole.reshape(-1, each).mean(axis=1)
+        after += -(before + means.size + after) % BLOCK
+        pressure = np.pad(means, (before, after))
         line = Open(pressure.size, cell, first + (cell - own) / 2 - before * cell)
         return KnownTraction(line, pressure, self.place_m)
 
@@ -133,10 +138,18 @@ class RigModel(eqx.Module):
         """The signals at gains of one."""
         shift = self.place_m - params["position_m"]
         motion = eqx.tree_at(lambda m: m.position_m, self.motion, self.motion.position_m + shift)
-        operator = self.sensor_of(params).operator_along(self.line, motion, ways=self.ways)
+        operator = self.sensor.operator_along(self.line, motion, ways=self.ways)
+        films = {n: as_real(each) for n, each in params.items() if n.startswith(_OF_FILMS)}
+        transfer = _transfer(films, model=self)
+        operator = eqx.tree_at(lambda o: o.field.transfer, operator, transfer)
         shear = params["base_friction"] * self.pressure_Pa
         turned = [jnp.stack([self.pressure_Pa, shear if way else -shear]) for way in self.ways]
         return operator(jnp.stack(turned) if len(self.ways) > 1 else turned[0])
+
+    def transfer_of(self, films: Mapping[str, Any]) -> Complex[Array, "e c k"]:
+        """The films' transfer along the line, at these depths, angles and offsets."""
+        sensor = self.sensor_of({"depth_m": self.sensor.depth_m, **films})
+        return sensor.operator_along(self.line, self.motion, ways=self.ways).field.transfer
 
     def sensor_of(self, params: Mapping[str, Any]) -> Sensor:
         """The sensor of these parameters."""
@@ -152,3 +165,30 @@ class RigModel(eqx.Module):
 
         films = [moved(n + 1, film) for n, film in enumerate(self.sensor.elements)]
         return eqx.tree_at(lambda s: s.elements, self.sensor, tuple(films))
+
+
+# A kernel is thousands of numbers made of a few: its slopes are computed once and multiplied, as
+# every direction of a fit would else go through the whole of it.
+@eqx.filter_custom_jvp
+def _transfer(films: Mapping[str, Array], model: RigModel) -> Complex[Array, "e c k"]:
+    return model.transfer_of(films)
+
+
+@_transfer.def_jvp
+def _transfer_jvp(primals, tangents, model: RigModel):
+    (films,), (moves,) = primals, tangents
+    transfer = _transfer(films, model=model)
+    moved = jnp.zeros_like(transfer)
+    for name, move in moves.items():
+        if move is not None:
+            moved = moved + move * _slope(films, name, model)
+    return transfer, moved
+
+
+def _slope(films: Mapping[str, Array], name: str, model: RigModel) -> Complex[Array, "e c k"]:
+    """The transfer's derivative by one of its numbers."""
+
+    def along(value):
+        return model.transfer_of({**films, name: value})
+
+    return jax.jvp(along, (films[name],), (jnp.ones_like(films[name]),))[1]

@@ -15,7 +15,9 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, StepUpFeature, TapeFeature
 from srsinv.inverse.cells import Window
 from srsinv.inverse.features.fit import FeatureFitter
-from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.features.model import FeatureModel, scan_extent
+from srsinv.inverse.features.search import Blocks, FeatureSearch
+from srsinv.resolution import cell_m
 from tests.refusals import refused
 from tests.tiers import quick
 
@@ -172,6 +174,28 @@ def test_friction_turns_with_the_motion():
     signal = np.asarray(onwards(tree(RIDGE, -0.4)))
     back_signal = back(tree(RIDGE, 0.4))
     np.testing.assert_allclose(back_signal, -signal[:, ::-1], atol=1e-9 * np.abs(signal).max())
+
+
+@pytest.mark.full
+def test_there_and_back_a_ridge_between_the_places_tried_is_found():
+    """In a long scan, where a wide ridge may have an edge beyond its end."""
+    n, scan_m, speed, depth_m = 600, 0.0152, 0.03, 0.75e-3
+    speeds = speed * np.clip(20 * (0.5 - np.arange(n) / n), -1, 1)
+    both = Motion.from_speed(np.arange(n) * 2 * scan_m / speed / n, speeds, -scan_m / 2)
+    window = Window(-0.0105, 0.0105)
+    blocks = Blocks(both, cell_m("contact_search_samples", depth_m))
+    coarse = FeatureModel.on_window(
+        SENSOR, blocks.motion, window, cell_m("contact_search", depth_m), NOMINAL
+    )
+    search = FeatureSearch(coarse, blocks, scan_extent(SENSOR, both))
+    made = FeatureModel.on_window(SENSOR, both, window, EDGE / 13, NOMINAL)
+    made = made.with_features({"it": RidgeFeature(EDGE)})
+    for width_m in (0.7e-3, 1.15e-3):
+        own = {"height_m": 2.2e-5, "width_m": width_m, "position_m": depth_m / 4}
+        y = np.asarray(made(tree(own, 0.23)))
+        best, *_ = search.starts(y, np.ones(2), ({}, {}), RidgeFeature(EDGE), {})
+        assert abs(best["position_m"] - own["position_m"]) < depth_m / 4
+        assert abs(best["width_m"] - width_m) < depth_m
 
 
 @pytest.mark.claim

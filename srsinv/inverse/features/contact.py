@@ -139,6 +139,10 @@ class ContactLoading(Loading):
         if not whole:
             columns |= {name: np.array([given[name]]) for name in columns.keys() & given.keys()}
         places = columns.pop(PLACE)
+        if len(model.operator.ways) > 1:
+            # One way, some friction makes up for a wrong place; there and back it turns with the
+            # motion, and wide ridges with an edge beyond the scan would do better than one beside.
+            places = _halved(places)
         shapes = np.array(list(itertools.product(*columns.values()))).reshape(-1, len(columns))
         if whole:
             shapes = np.vstack([shapes, [given[name] for name in columns]])
@@ -240,6 +244,11 @@ def cell_for(features: Features, depth_m: float) -> float:
     """How wide the cells may be."""
     edges = [feature.edge_length_m for feature in features.values() if feature.edge_length_m]
     return min([cell_m("contact", depth_m), *(edge / CELLS_PER_EDGE for edge in edges)])
+
+
+def _halved(places: Float[np.ndarray, " place"]) -> Float[np.ndarray, " more"]:
+    """The places, and those half way between them."""
+    return np.interp(np.arange(2 * len(places) - 1) / 2, np.arange(len(places)), places)
 
 
 def _about(name: str, value: float) -> Range:
