@@ -74,9 +74,10 @@ def on_cells(
     if not passes:
         towards = "+x" if way else "-x"
         raise BadInput(f"{given.name}: no pass goes towards {towards}: give recording.ways=both.")
-    if turns and len(passes) > 1:
+    first, *others = passes
+    if turns and others:
         return _averaged(given, passes, window_m, cell_m)
-    given = given.cut(passes[0]) if turns else given
+    given = given.cut(first) if turns else given
     depth = float(given.sensor.depth_m)
     block = block_of(given.motion, depth, cell_m)
     rows = given.rows
