@@ -26,6 +26,9 @@ FINER = 2.5  # times as many cells as a fit has, and in no simple ratio to them
 COLUMNS = ("Time (ms)", "Ch A [V]", "Ch B [V]", "Stage pos (mm)")
 FORMATS = ("%.4f", "%.6f", "%.6f", "%.4f")  # digits as a logger writes them
 RIDGE = ("height_m", "width_m", "position_m")
+DISTURBANCES = {"passes": 1, "hum": 0.0, "drift": 0.0, "lost_rows": 0}
+TURN_S = 0.1  # for turning back
+LINES_HZ = {50.08: 1.0, 150.24: 0.4}  # of hum, and their relative sizes
 NUMBERS = {
     "friction": "a number",
     "speed_m_per_s": "a speed in m/s",
@@ -47,8 +50,8 @@ def run(cfg: config.Config) -> Result:
         sidecar = "# What is known of the rig.\n" + json.dumps(settings["rig"], indent=1) + "\n"
         files = {f"{name}.csv": _csv(table) for name, table in tables.items()}
         files |= {f"{name}.yaml": sidecar for name in tables}  # JSON is YAML
-        truth = {name: dict(each) | {"base_friction": settings["friction"]}
-                 for name, each in ridges.items()}  # fmt: skip
+        common = {"base_friction": settings["friction"]}
+        truth = {n: {part: each[part] for part in RIDGE} | common for n, each in ridges.items()}
         files["truth.json"] = json.dumps(truth, indent=1) + "\n"
         shown = sections("example_recording", signals=signals)
         title = f"Recordings of {' and '.join(tables)}, as a rig of two films writes them"
@@ -58,21 +61,58 @@ def run(cfg: config.Config) -> Result:
 def _table(
     name: str, settings: Mapping[str, Any], rng: np.random.Generator
 ) -> Float[np.ndarray, "4 row"]:
-    """A recording's columns, in the order and the units of `COLUMNS`."""
+    """A recording's columns, in the order and the units of `COLUMNS`; lost rows are NaN."""
     ridge = mapping(f"example.ridges.{name}", settings["ridges"][name])
     for part in RIDGE:
         number(f"example.ridges.{name}.{part}", ridge.get(part), "a length in metres")
+    beside = DISTURBANCES | {key: each for key, each in ridge.items() if key not in RIDGE}
+    for key, value in beside.items():
+        refuse(key not in DISTURBANCES, f"example.ridges.{name} has no key {key}.")
+        number(f"example.ridges.{name}.{key}", value, "a number that is at least 0", least=0)
     rig = dict(settings["rig"])
     start_m, end_m = rig["contact_window_m"]
     lead_m = (end_m - start_m) / 8
     rate_hz, speed = float(settings["sample_rate_hz"]), float(settings["speed_m_per_s"])
-    samples = int((end_m - start_m - 2 * lead_m) / speed * rate_hz)
-    time_s = np.arange(samples) / rate_hz
-    motion = Motion.from_speed(time_s, np.full(samples, speed), start_m + lead_m)
+    steady = np.full(int((end_m - start_m - 2 * lead_m) / speed * rate_hz), speed)
+    speeds = _there_and_back(steady, int(TURN_S * rate_hz), int(beside["passes"]))
+    time_s = np.arange(speeds.size) / rate_hz
+    motion = Motion.from_speed(time_s, speeds, start_m + lead_m)
     gain = np.array(rig["gain"], float)[:, None]
-    noise = rng.normal(scale=float(settings["noise_rms_V"]), size=(len(gain), samples))
-    signal = gain * (_signal(name, rig, ridge, settings["friction"], motion) + noise)
-    return np.vstack([1e3 * time_s, signal, 1e3 * np.asarray(motion.position_m)])
+    clean = _signal(name, rig, ridge, settings["friction"], motion)
+    noise = rng.normal(scale=float(settings["noise_rms_V"]), size=clean.shape)
+    noise = noise + np.std(clean) * _disturbances(time_s, clean.shape, beside, rng)
+    table = np.vstack([1e3 * time_s, gain * (clean + noise), 1e3 * np.asarray(motion.position_m)])
+    lost = rng.choice(np.arange(100, speeds.size - 100), int(beside["lost_rows"]), replace=False)
+    table[:, lost] = np.nan
+    return table
+
+
+def _there_and_back(
+    steady: Float[np.ndarray, " pass"], turning: int, passes: int
+) -> Float[np.ndarray, " row"]:
+    """Speeds of so many passes, every other one back."""
+    turn = -steady[0] * np.sin(np.linspace(-np.pi / 2, np.pi / 2, turning))
+    parts = [(-1) ** i * part for i in range(passes) for part in (steady, turn)]
+    return np.concatenate(parts[: max(2 * passes - 1, 1)])
+
+
+def _disturbances(
+    time_s: Float[np.ndarray, " row"],
+    shape: tuple[int, ...],
+    beside: Mapping[str, Any],
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "e row"]:
+    """Hum and drift, over the signal's rms."""
+    made = np.zeros(shape)
+    if beside["hum"]:
+        whole = np.sqrt(sum(size**2 for size in LINES_HZ.values()) / 2)
+        for frequency, size in LINES_HZ.items():
+            phase = 2 * np.pi * frequency * time_s + rng.uniform(0, 6, size=(shape[0], 1))
+            made += beside["hum"] / whole * size * np.sin(phase)
+    if beside["drift"]:
+        steps = rng.normal(size=shape) / np.sqrt(time_s.size)
+        made += beside["drift"] * np.cumsum(steps, axis=1)
+    return made
 
 
 def _signal(
@@ -96,8 +136,14 @@ def _signal(
 
 
 def _csv(table: Float[np.ndarray, "4 row"]) -> str:
-    rows = (",".join(form % value for form, value in zip(FORMATS, row, strict=True))
-            for row in table.T)  # fmt: skip
+    """The rows; of those that are lost every other one is blank, the rest are not there."""
+    lost = np.cumsum(np.isnan(table[0]))
+    rows = (
+        "," * (len(COLUMNS) - 1) if np.isnan(row[0])
+        else ",".join(form % value for form, value in zip(FORMATS, row, strict=True))
+        for row, before in zip(table.T, lost, strict=True)
+        if np.isfinite(row[0]) or before % 2
+    )  # fmt: skip
     return "\n".join([",".join(COLUMNS), *rows]) + "\n"
 
 

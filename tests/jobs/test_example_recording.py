@@ -1,6 +1,7 @@
 """Example recordings: files as a lab writes them, that give back the truth written beside them."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ def folder(tmp_path_factory):
 
 def test_files(folder):
     truth = json.loads((folder / "truth.json").read_text())
-    assert list(truth) == ["known_ridge", "unknown_ridge"]
-    for name in truth:
+    assert list(truth) == ["known_ridge", "unknown_ridge", "passes"]
+    for name in list(truth)[:2]:
         assert (folder / f"{name}.csv").read_text().startswith("Time (ms),Ch A [V],Ch B [V],")
         recording = load(folder / f"{name}.csv")
         assert (recording.channels, recording.signal_unit) == (("Ch A", "Ch B"), "V")
@@ -39,6 +40,22 @@ def test_looked_at_and_fitted(folder):
     fitted = outcome("experiment=fit_recording", "feature=ridge", unknown).metrics
     assert (fitted["quality"], fitted["warnings"]) == ("good", "none")
     truth = json.loads((folder / "truth.json").read_text())["unknown_ridge"]
+    for name, value in truth.items():
+        assert abs(fitted[name] - value) < 3 * fitted[f"{name}_stderr"]
+
+
+@pytest.mark.full
+def test_passes_with_hum_and_drift_follow_what_inspection_offers(folder):
+    """The settings that inspection gives are those that give the truth back."""
+    path = f"recording.path={folder / 'passes'}.csv"
+    looked = outcome("experiment=inspect_recording", path).dataset.attrs
+    assert "6 passes, 3 each way" in looked["verdict"]
+    assert "hum at 50 and 150 Hz" in looked["verdict"]
+    offered = [word for word in shlex.split(looked["next_command"]) if "recording." in word]
+    assert any(word.startswith("recording.mains_Hz=") for word in offered)
+    fitted = outcome("experiment=fit_recording", "feature=ridge", *offered).metrics
+    assert fitted["quality"] == "good"
+    truth = json.loads((folder / "truth.json").read_text())["passes"]
     for name, value in truth.items():
         assert abs(fitted[name] - value) < 3 * fitted[f"{name}_stderr"]
 
