@@ -17,7 +17,6 @@ from ..forward.scan import Motion
 from ..grid import Open, as_real
 from .sample_noise import is_steady
 
-TURNED = 0.01  # of the greatest speed: a way back slower than this is the noise of a standstill
 LEAST_CELLS = 3  # as a line needs
 LEAST_SAMPLES = 3
 FEW_CELLS = 1024  # beyond, a line is lengthened to what Fourier transforms are quick for,

@@ -21,21 +21,15 @@ from ..errors import refuse
 from ..forward.amplifier import Amplifier
 from ..forward.scan import Motion
 from ..grid import as_real
-from .cells import LEAST_CELLS, TURNED, Cells, fitted_on, sample_middles
+from ..recording.passes import Pass
+from ..recording.passes import passes_of as positions_passes
+from .cells import LEAST_CELLS, Cells, fitted_on, sample_middles
 
-SHORT = 0.1  # of the longest pass: a shorter one is no pass
 FALSE_ALARM = 1e-3  # of shifts, and of a scatter beyond the noise, where there is none
 MUCH_SCATTER = 1.1  # times the noise: less may be what cells make of it
 SMOOTH_DEPTHS = 1 / 6  # over which signals' slopes are smoothed: waves so short are noise or hum
 SHIFT_DEPTHS = 0.25  # the standard deviation of shifts before they are known
 FAINT = 1e-3  # of the white noise's variance: a column that changes nothing
-
-
-class Pass(NamedTuple):
-    """The `samples` of a motion from turn to turn, and whether it is towards +x."""
-
-    samples: slice
-    is_onwards: bool
 
 
 class AveragedPasses(NamedTuple):
@@ -65,20 +59,8 @@ class AveragedPasses(NamedTuple):
 
 
 def passes_of(motion: Motion) -> tuple[Pass, ...]:
-    """The passes of a motion, in the order of time; one alone where it does not turn. Standstills,
-    and ways that are far shorter than the longest, belong to none."""
-    speed, x = np.asarray(motion.speed_m_per_s), np.asarray(motion.position_m)
-    moving = np.flatnonzero(np.abs(speed) > TURNED * np.max(np.abs(speed)))
-    way = speed[moving] > 0
-    runs = np.split(np.arange(moving.size), np.flatnonzero(np.diff(way)) + 1)
-    found = [
-        Pass(slice(int(moving[run[0]]), int(moving[run[-1]]) + 1), bool(way[run[0]]))
-        for run in runs
-    ]
-    lengths = [np.ptp(x[each.samples]) for each in found]
-    return tuple(
-        each for each, length in zip(found, lengths, strict=True) if length > SHORT * max(lengths)
-    )
+    """The passes of a motion: see [`recording.passes`][]."""
+    return positions_passes(np.asarray(motion.position_m))
 
 
 class PassOnCells(NamedTuple):
@@ -260,6 +242,20 @@ class Averaging:
         smooth = scipy.ndimage.gaussian_filter1d(mean, SMOOTH_DEPTHS * self._depth / cell, axis=1)
         return np.gradient(smooth, cell, axis=1)
 
+    def _level_spread(self, passes: Sequence[PassOnCells]) -> Float[np.ndarray, " e"]:
+        """Rms of the levels that passes of a way differ by, an offset that wanders; zero where
+        noise makes as much, or a walk is known."""
+        means = self._means([each.signal for each in passes], passes)
+        squares, noise = np.zeros(len(passes[0].signal)), np.zeros(len(passes[0].signal))
+        for way, each in zip(self._way, passes, strict=True):
+            total = np.sum(each.information, axis=1)
+            level = np.sum(each.information * (each.signal - means[way]), axis=1) / total
+            squares, noise = squares + level**2, noise + self._variance / total / len(passes)
+        freedom = max(self._contrasts, 1)
+        is_more = squares / noise > scipy.stats.chi2.isf(FALSE_ALARM, freedom)
+        is_found = is_more & (not self._is_walk) & (self._contrasts > 0)
+        return np.sqrt(np.where(is_found, np.maximum(squares / freedom - noise, 0.0), 0.0))
+
     def _scatter(self, passes: Sequence[PassOnCells]) -> tuple[float, int]:
         """Rms of what passes differ by over that of the noise, and its degrees of freedom."""
         means = self._means([each.signal for each in passes], passes)
@@ -297,7 +293,9 @@ class Averaging:
             # Of one pass alone the position is what the recording says.
             moved = self._slope(mean) * shift_stderr_m / np.sqrt(len(each))
             moved = moved[:, None] * (len(each) > 1)
-            beside.append(np.concatenate([own, moved], axis=1))
+            level = self._level_spread(passes)[:, None, None] / np.sqrt(len(each))
+            level = np.broadcast_to(level, moved.shape)
+            beside.append(np.concatenate([own, moved, level], axis=1))
         x = (self._edges[1:] + self._edges[:-1]) / 2
         rows = (np.concatenate(part) for part in (signal, white, slow, beside))
         signal, white, slow, beside = rows

@@ -16,7 +16,7 @@ from ..forward.skin import HalfSpace
 from ..modules import with_fields
 from ..recording import Recording
 from ..recording.channels import channel_findings
-from ..recording.drift import drift_level
+from ..recording.drift import drift_of
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
 from ..recording.noise import ABOVE_CUTOFF, white_level
@@ -106,7 +106,7 @@ def _drift_of(recording: Recording) -> float:
     """The facts' drift, or that of the recording where they leave it to be found."""
     given = recording.sidecar.get("drift")
     if given == "auto":
-        return drift_level(recording.signal, recording.sample_rate_hz)
+        return float(np.sqrt(np.mean(drift_of(recording) ** 2)))
     return float(given or 0.0)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 
 from .estimate import COMPONENTS, Estimate
+from .line_model import CHI2, FREEDOM
 from .passes import passes_of
 from .problem import Problem
 from .quality import Quality
@@ -20,13 +21,16 @@ def pressure_by_way(method: Callable[[Any], Estimate], problem: Problem) -> tupl
     Each way is inverted by itself, and both together. Of one pressure in both the joint fit leaves
     so much more of the signals than the others do as its degrees of freedom are fewer, but for the
     scatter of a chi-square; what the priors pull is less where both are together. Empty where the
-    motion does not turn, and where one way alone does not tell p from q.
+    joint fit leaves no more than noise, where the motion does not turn, and where one way alone
+    does not tell p from q.
     """
     ways = {each.is_onwards for each in passes_of(problem.motion)}
     cannot_part = problem.friction is None and len(problem.sensor.elements) < 2
     if len(ways) < 2 or problem.way is not None or cannot_part:
         return ()
     joint = method(problem)
+    if not _leaves_more_than_noise(joint):
+        return ()
     both = [method(problem.of_way(way)) for way in (True, False)]
     if any(each.quality is Quality.FAILED for each in both):
         return ()
@@ -46,6 +50,12 @@ def pressure_by_way(method: Callable[[Any], Estimate], problem: Problem) -> tupl
         "hum is on the signals (recording.drift, recording.mains_Hz): invert each way by "
         "recording.ways=onwards and recording.ways=back.",
     )
+
+
+def _leaves_more_than_noise(estimate: Estimate) -> bool:
+    """Whether chance leaves as much of the signals once in 1 / `FALSE_ALARM`."""
+    ratio, freedom = estimate.stats[CHI2], estimate.stats[FREEDOM]
+    return ratio is not None and bool(scipy.stats.chi2.sf(ratio * freedom, freedom) < FALSE_ALARM)
 
 
 def _resolved(estimate: Estimate) -> float:

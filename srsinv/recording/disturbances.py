@@ -1,17 +1,16 @@
 """What is on a recording besides the touch: hum, drift, and a motion that turns."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ._recording import Recording
-from .drift import drift_levels
+from .drift import drift_of
 from .mains import FUNDAMENTALS_HZ, MainsLine, mains_lines
-
-TURN = 0.05  # of the travelled range: a way back that is shorter is no pass
-MOST_POSITIONS = 10_000  # that turns are looked for among
+from .passes import passes_of
 
 
 class Disturbances(NamedTuple):
@@ -58,17 +57,17 @@ def disturbances(recording: Recording) -> Disturbances:
     square = np.sum(np.where(valid, signal - mean[:, None], 0.0) ** 2, axis=1) / counts
     # A line's rms is an estimate: where there is hardly anything else it may exceed the whole.
     rest = np.sqrt(np.maximum(square - hum_rms**2, 1e-6 * square))
-    forwards, backwards = passes(recording.position_m)
+    ways = [each.is_onwards for each in passes_of(recording.position_m)]
     return Disturbances(
         lines=lines,
         nominal_Hz=_nominal(lines),
         hum_rms=size * hum_rms,
         hum_ratio=np.divide(hum_rms, rest, out=np.zeros_like(rest), where=rest > 0),
-        drift=size * drift_levels(signal, rate_hz),
+        drift=size * drift_of(replace(recording, signal=signal)),
         unit=recording.signal_unit,
         speed_m_per_s=float(np.mean(np.abs(recording.speed_m_per_s))),
-        forwards=forwards,
-        backwards=backwards,
+        forwards=sum(ways),
+        backwards=len(ways) - sum(ways),
         duration_s=float(recording.time_s[-1] - recording.time_s[0]),
     )
 
@@ -80,23 +79,3 @@ def _nominal(lines: Sequence[MainsLine]) -> tuple[int, ...]:
     nominal = min(multiples, key=lambda each: np.sum(np.abs(measured - each)))
     # Two broad maxima may be of one line.
     return tuple(dict.fromkeys(int(each) for each in nominal))
-
-
-def passes(position_m: Float[np.ndarray, " sample"]) -> tuple[int, int]:
-    """The number of passes towards +x and towards -x, from turning points that are `TURN` of the
-    range apart."""
-    every = max(position_m.size // MOST_POSITIONS, 1)
-    x = np.append(position_m[::every], position_m[-1])
-    least = TURN * float(np.ptp(x))
-    if not least > 0:
-        return 0, 0
-    ways, low, high = [0], float(x[0]), float(x[0])
-    for at in map(float, x):
-        low, high = min(low, at), max(high, at)
-        if ways[-1] <= 0 and at - low >= least:
-            ways.append(1)
-            high = at
-        elif ways[-1] >= 0 and high - at >= least:
-            ways.append(-1)
-            low = at
-    return ways.count(1), ways.count(-1)

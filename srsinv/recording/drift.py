@@ -21,7 +21,9 @@ from jaxtyping import Bool, Float
 
 from srsinv.numerics import runs
 
+from ._recording import Recording
 from .noise import LONG_GAP, filled
+from .passes import pass_differences, passes_of
 
 FALSE_ALARM = 1e-3  # of a drift in white noise, for each element
 SHORTEST_S = 0.1  # of a taper: its main lobe ends at 40 Hz, below mains
@@ -52,6 +54,18 @@ class _Scale(NamedTuple):
 def drift_level(signal: Float[np.ndarray, "e sample"], rate_hz: float) -> float:
     """The drift of a recording: the root mean square of its elements' [`drift_levels`][]."""
     return float(np.sqrt(np.mean(drift_levels(signal, rate_hz) ** 2)))
+
+
+def drift_of(recording: Recording) -> Float[np.ndarray, " e"]:
+    """The drift of each element of a recording at even times: where it passes one way more than
+    once, from what passes differ by, which no touch is in."""
+    position, rate = recording.position_m, recording.sample_rate_hz
+    found = passes_of(position)
+    differences = pass_differences(recording.signal, position, found)
+    levels = drift_levels(recording.signal, rate)
+    if differences.shape[1] <= FEWEST_SAMPLES:
+        return levels
+    return np.maximum(levels, drift_levels(differences, rate))
 
 
 def drift_levels(signal: Float[np.ndarray, "e sample"], rate_hz: float) -> Float[np.ndarray, " e"]:

@@ -5,9 +5,10 @@ import pytest
 
 from srsinv.recording import load
 from srsinv.recording._sidecar import parse
-from srsinv.recording.disturbances import disturbances, passes
+from srsinv.recording.disturbances import disturbances
 from srsinv.recording.even import on_even_times
 from srsinv.recording.inspection import inspect
+from srsinv.recording.passes import pass_differences, passes_of
 from srsinv.recording.template import sidecar_template
 from tests.recording.files import write_csv
 
@@ -96,4 +97,17 @@ def test_the_template_suggests_them_as_comments(tmp_path):
     ],
 )
 def test_passes_each_way(position_m, counts):
-    assert passes(position_m) == counts
+    ways = [each.is_onwards for each in passes_of(position_m)]
+    assert (ways.count(True), ways.count(False)) == counts
+
+
+def test_what_repeats_is_in_no_difference_of_passes():
+    """Of a signal that goes with the place nothing is left, of white noise its level."""
+    x = np.abs((TIME_S + 0.5) % 1 - 0.5)
+    touch, rng = 100 * np.sin(9 * x)[None], np.random.default_rng(0)
+    noise = rng.normal(size=touch.shape)
+    passes = passes_of(x)
+    assert np.max(np.abs(pass_differences(touch, x, passes))) < 0.1
+    left = pass_differences(touch + noise, x, passes)
+    assert left.shape[1] > 900
+    np.testing.assert_allclose(left.std(), 1.0, rtol=0.1)

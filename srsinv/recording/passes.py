@@ -1,0 +1,69 @@
+"""Passes of a motion that turns, and what differs between those of one way (without jax)."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+SHORT = 0.1  # of the travelled range: a shorter way back is no pass
+MOST_POSITIONS = 10_000  # that turns are looked for among
+JOINT = 50  # samples, whose means join one difference to the next
+
+
+class Pass(NamedTuple):
+    """The `samples` of a motion from turn to turn, and whether it is towards +x."""
+
+    samples: slice
+    is_onwards: bool
+
+
+def passes_of(position_m: Float[np.ndarray, " sample"]) -> tuple[Pass, ...]:
+    """The passes of a motion, in the order of time: from turning points that are `SHORT` of its
+    range apart, whatever it does in between. One alone where it does not turn, none where it
+    stands."""
+    every = max(position_m.size // MOST_POSITIONS, 1)
+    x = np.asarray(position_m, float)[::every].tolist()
+    least = SHORT * float(np.ptp(position_m))
+    turns: list[tuple[int, bool]] = []  # where each pass starts, and its way
+    low = high = 0
+    for i, at in enumerate(x if least > 0 else ()):
+        low, high = (i if at < x[low] else low), (i if at > x[high] else high)
+        if (not turns or not turns[-1][1]) and at - x[low] >= least:
+            turns.append((low, True))
+            high = i
+        elif (not turns or turns[-1][1]) and x[high] - at >= least:
+            turns.append((high, False))
+            low = i
+    starts = [0, *(every * start for start, _ in turns[1:]), position_m.size]
+    return tuple(
+        Pass(slice(start, stop), way)
+        for start, stop, (_, way) in zip(starts[:-1], starts[1:], turns, strict=False)
+    )
+
+
+def pass_differences(
+    signal: Float[np.ndarray, "e sample"],
+    position_m: Float[np.ndarray, " sample"],
+    passes: Sequence[Pass],
+) -> Float[np.ndarray, "e row"]:
+    """What each pass differs by from the next of its way at the same places, over sqrt(2): noise as
+    in one pass, without what repeats. One after the other, each from where the last one ended; none
+    where no way is passed twice."""
+    pieces = []
+    for way in (True, False):
+        own = [each.samples for each in passes if each.is_onwards == way]
+        for before, after in zip(own[:-1:2], own[1::2], strict=False):
+            x, there = position_m[before], position_m[after]
+            order = np.argsort(there, kind="stable")
+            inside = (there.min() <= x) & (x <= there.max())
+            other = [np.interp(x[inside], there[order], row[after][order]) for row in signal]
+            pieces.append((signal[:, before][:, inside] - other) / np.sqrt(2))
+    joined = [np.zeros((len(signal), 0))]
+    for piece in pieces:
+        if joined[-1].shape[1]:
+            last, first = joined[-1][:, -JOINT:], piece[:, :JOINT]
+            ends = np.nanmean(last, axis=1) - np.nanmean(first, axis=1)
+            piece = piece + np.nan_to_num(ends)[:, None]
+        joined.append(piece)
+    return np.concatenate(joined, axis=1)
