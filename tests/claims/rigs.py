@@ -166,7 +166,7 @@ def _of_height(rows: Sequence[Row]) -> Row:
 def _scatter(pairs: Sequence[Sequence[Any]]) -> Row:
     """Of pulls and standard errors: how the intervals cover, the pulls' mean and mean square, and
     the standard errors' rms over that of the errors."""
-    known = [pair for pair in pairs if pair[0] is not None]
+    known = [pair for pair in pairs if None not in pair]
     if not known:
         return {"count": 0}
     pull, stderr = np.array(known, float).T
