@@ -87,6 +87,7 @@ def test_passes_are_parted_where_the_motion_turns():
     assert only.samples.stop >= 650
 
 
+@pytest.mark.full
 def test_one_element_both_ways_tells_p_from_q():
     moved, sensed = motion(2), sensor((0.0,))
     signal, rms = noisy(signals(moved, sensed), 1)
@@ -101,6 +102,7 @@ def test_one_element_both_ways_tells_p_from_q():
     refused(one.on_line, "friction")
 
 
+@pytest.mark.full
 def test_averaged_passes_are_the_posterior_of_all_of_them():
     """The mean over passes with the noise of one over the root of their number: the dense posterior
     of one pass each way at that noise, whatever the draw."""
