@@ -11,8 +11,9 @@ from ..forward.film import SampleAverage
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Open
+from ..recording.passes import Pass, go_both_ways
 from .cells import Cells, block_of, cell_signals, line_over, sample_spacing_m
-from .passes import AveragedPasses, Averaging, Pass, passes_of
+from .passes import AveragedPasses, Averaging, passes_of
 from .sample_noise import SampleNoise
 
 
@@ -69,7 +70,7 @@ def on_cells(
     towards +x (True) or -x (False) alone. Raises `BadInput` for scans shorter than three cells.
     """
     every = passes_of(given.motion)
-    turns = len({each.is_onwards for each in every}) > 1
+    turns = go_both_ways(every)
     passes = tuple(each for each in every if way is None or each.is_onwards == way)
     if not passes:
         towards = "+x" if way else "-x"

@@ -280,6 +280,7 @@ class Averaging:
         samples = float(np.median([p.typical for p in passes]))
         means = self._means([each.signal for each in passes], passes)
         columns = self._means([each.columns for each in passes], passes)
+        spread = self._level_spread(passes)[:, None, None]
         signal, white, slow, beside = [], [], [], []
         for way, (mean, own) in enumerate(zip(means, columns, strict=True)):
             each = [p for p, of in zip(passes, self._way, strict=True) if of == way]
@@ -293,8 +294,7 @@ class Averaging:
             # Of one pass alone the position is what the recording says.
             moved = self._slope(mean) * shift_stderr_m / np.sqrt(len(each))
             moved = moved[:, None] * (len(each) > 1)
-            level = self._level_spread(passes)[:, None, None] / np.sqrt(len(each))
-            level = np.broadcast_to(level, moved.shape)
+            level = np.broadcast_to(spread / np.sqrt(len(each)), moved.shape)
             beside.append(np.concatenate([own, moved, level], axis=1))
         x = (self._edges[1:] + self._edges[:-1]) / 2
         rows = (np.concatenate(part) for part in (signal, white, slow, beside))

@@ -155,8 +155,9 @@ class Problem(eqx.Module):
         is_estimate = self.noise.is_estimate and not self.noise.causes
         if not self.mains:
             return Samples(self.sensor, self.motion, y, noise, is_estimate)
-        beside = WithNuisance.of(noise, self.nuisance_columns)
-        return Samples(self.sensor, self.motion, y, beside, is_estimate, self.nuisance_columns)
+        columns = self.nuisance_columns
+        beside = WithNuisance.of(noise, columns)
+        return Samples(self.sensor, self.motion, y, beside, is_estimate, columns)
 
     def on_line(self, cell_m: float | None = None) -> LineProblem:
         """The signals put on the cells of an open line over the window.

@@ -16,10 +16,11 @@ from ..forward.skin import HalfSpace
 from ..modules import with_fields
 from ..recording import Recording
 from ..recording.channels import channel_findings
-from ..recording.drift import drift_of
+from ..recording.drift import common_level, drift_of
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
 from ..recording.noise import ABOVE_CUTOFF, white_level
+from ..recording.passes import go_both_ways
 from ..recording.preparation import preparation_warnings, prepare
 from .elements import element_findings
 from .passes import passes_of
@@ -106,7 +107,7 @@ def _drift_of(recording: Recording) -> float:
     """The facts' drift, or that of the recording where they leave it to be found."""
     given = recording.sidecar.get("drift")
     if given == "auto":
-        return float(np.sqrt(np.mean(drift_of(recording) ** 2)))
+        return common_level(drift_of(recording))
     return float(given or 0.0)
 
 
@@ -152,7 +153,7 @@ def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
     if len(recording.channels) < 2:
         return ()
     passes = passes_of(problem.motion)
-    if problem.way is None and len({each.is_onwards for each in passes}) > 1:
+    if problem.way is None and go_both_ways(passes):
         problem = problem.of_way(passes[0].is_onwards)
     try:
         line = problem.on_line()

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from ..recording.passes import go_both_ways
 from .estimate import COMPONENTS, Estimate
 from .line_model import CHI2, FREEDOM
 from .passes import passes_of
@@ -15,20 +16,21 @@ from .quality import Quality
 FALSE_ALARM = 1e-3  # of a pressure that is the same
 
 
-def pressure_by_way(method: Callable[[Any], Estimate], problem: Problem) -> tuple[str, ...]:
+def pressure_by_way(
+    method: Callable[[Any], Estimate], problem: Problem, joint: Estimate
+) -> tuple[str, ...]:
     """Warning on a pressure that changes with the direction of sliding.
 
-    Each way is inverted by itself, and both together. Of one pressure in both the joint fit leaves
-    so much more of the signals than the others do as its degrees of freedom are fewer, but for the
-    scatter of a chi-square; what the priors pull is less where both are together. Empty where the
-    joint fit leaves no more than noise, where the motion does not turn, and where one way alone
-    does not tell p from q.
+    Each way is inverted by itself; `joint` is what the method gives for both together. Of one
+    pressure in both, the joint fit leaves so much more of the signals than the others do as its
+    degrees of freedom are fewer, but for the scatter of a chi-square; what the priors pull is less
+    where both are together. Empty where the joint fit leaves no more than noise, where the motion
+    does not turn, and where one way alone does not tell p from q.
     """
-    ways = {each.is_onwards for each in passes_of(problem.motion)}
     cannot_part = problem.friction is None and len(problem.sensor.elements) < 2
-    if len(ways) < 2 or problem.way is not None or cannot_part:
+    turns = go_both_ways(passes_of(problem.motion))
+    if not turns or problem.way is not None or cannot_part:
         return ()
-    joint = method(problem)
     if not _leaves_more_than_noise(joint):
         return ()
     both = [method(problem.of_way(way)) for way in (True, False)]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..recording.disturbances import Disturbances
+from ..recording.drift import common_level
 from ..recording.inspection import Inspection
 from ..recording.template import essential
 from ..report.result import scalars
@@ -83,7 +84,7 @@ def of_disturbances(inspection: Inspection) -> tuple[Variables, Variables]:
     key = found.unit.replace(" ", "_").replace("/", "_per_")
     measured = np.array([line.frequency_Hz for line in found.lines])
     wavelength = found.speed_m_per_s / measured if found.speed_m_per_s else np.nan * measured
-    level = float(np.sqrt(np.mean(found.drift**2)))
+    level = common_level(found.drift)
     labels = {
         "mains": ([f"{frequency:.0f}" for frequency in measured], "1"),
         "found_unit_key": ("signal", [key] * signals, "1"),

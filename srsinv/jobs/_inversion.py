@@ -37,7 +37,8 @@ class InversionCase:
     - `stages`: (dims, values, units) of the simulation's stages, by variable name; the truth is
       `traction`. Empty for a recording, which has a `name`.
     - `facts`: what was assumed, for the dataset's attributes; `screening`: the result of screening
-      effects, if any; `warnings`: those on the simulated scene, or on both ways of a recording.
+      effects, if any; `warnings`: those on the simulated scene; `check`: gives further ones by the
+      first method and its estimate.
     - `repeats`: further calls of each method that are timed.
     """
 
@@ -51,6 +52,7 @@ class InversionCase:
     stages: Mapping[str, tuple[tuple[str, ...], Any, str]] = field(default_factory=dict)
     screening: ScreeningResult | None = None
     warnings: tuple[str, ...] = ()
+    check: Callable[[Callable[[Any], Estimate], Estimate], tuple[str, ...]] | None = None
     repeats: int = 0
 
 
@@ -61,10 +63,13 @@ def run(case: InversionCase) -> Result:
         with stage(f"inverting: {name}"):
             one = timed(lambda method=method: method(case.problem), repeats=case.repeats)
         wanted = "an Estimate, as problem.on_line().estimate(...) gives it"
-        estimates[name] = of_kind(f"what {name} gives", one.value, Estimate, wanted).with_warnings(
-            case.warnings
-        )
+        estimates[name] = of_kind(f"what {name} gives", one.value, Estimate, wanted)
         times.append((one.first_s, one.least_s))
+    first = next(iter(estimates))
+    further = case.check(case.methods[first], estimates[first]) if case.check else ()
+    estimates = {
+        name: each.with_warnings((*case.warnings, *further)) for name, each in estimates.items()
+    }
     data = _dataset(case, estimates, np.array(times))
     return Result(_title(case, data), data, sections("inversion", "assumed"))
 

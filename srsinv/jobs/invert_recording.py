@@ -2,7 +2,6 @@
 
 from .. import config
 from ..inverse.ways import pressure_by_way
-from ..progress import stage
 from ..report.result import Result
 from . import _facts
 from ._inversion import InversionCase
@@ -18,9 +17,6 @@ def run(cfg: config.Config) -> Result:
         check_invertible(recording, unit)
         problem = config.recorded_problem(cfg, recording)
         on_line = on_cells(problem)
-        first = next(iter(methods.values()))
-        with stage("comparing both ways"):
-            of_ways = pressure_by_way(first, problem)
         facts = {
             **_facts.of_recording(recording, problem, config.part(cfg, "recording").get("times")),
             **_facts.of_cells(recording, problem, on_line),
@@ -37,6 +33,6 @@ def run(cfg: config.Config) -> Result:
                 name=recording.name,
                 signal_unit=recording.signal_unit,
                 traction_unit=unit,
-                warnings=of_ways,
+                check=lambda method, joint: pressure_by_way(method, problem, joint),
             )
         )

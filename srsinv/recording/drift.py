@@ -52,8 +52,13 @@ class _Scale(NamedTuple):
 
 
 def drift_level(signal: Float[np.ndarray, "e sample"], rate_hz: float) -> float:
-    """The drift of a recording: the root mean square of its elements' [`drift_levels`][]."""
-    return float(np.sqrt(np.mean(drift_levels(signal, rate_hz) ** 2)))
+    """The drift of signals: one for all elements, of their [`drift_levels`][]."""
+    return common_level(drift_levels(signal, rate_hz))
+
+
+def common_level(levels: Float[np.ndarray, " e"]) -> float:
+    """One level for all elements: the root mean square of theirs."""
+    return float(np.sqrt(np.mean(levels**2)))
 
 
 def drift_of(recording: Recording) -> Float[np.ndarray, " e"]:

@@ -42,6 +42,11 @@ def passes_of(position_m: Float[np.ndarray, " sample"]) -> tuple[Pass, ...]:
     )
 
 
+def go_both_ways(passes: Sequence[Pass]) -> bool:
+    """Whether there are passes towards +x and towards -x."""
+    return len({each.is_onwards for each in passes}) > 1
+
+
 def pass_differences(
     signal: Float[np.ndarray, "e sample"],
     position_m: Float[np.ndarray, " sample"],

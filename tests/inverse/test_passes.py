@@ -167,8 +167,8 @@ def test_a_pressure_that_changes_with_the_direction_is_said():
     same, rms = noisy(signals(moved, sensed), 5)
     other = noisy(signals(moved, sensed, back=1.15), 5)[0]
     problems = [Problem(sensed, moved, each, rms, cell_m=CELL) for each in (same, other)]
-    assert pressure_by_way(fixed, problems[0]) == ()
-    (said,) = pressure_by_way(fixed, problems[1])
+    assert pressure_by_way(fixed, problems[0], fixed(problems[0])) == ()
+    (said,) = pressure_by_way(fixed, problems[1], fixed(problems[1]))
     assert "recording.ways=onwards" in said
     # The estimate of each way goes with the pressure of that way alone, whatever its prior pulls.
     for is_onwards, factor in ((True, 1.0), (False, 1.15)):

@@ -64,7 +64,8 @@ class ResidualNoise:
     def alone(self, y: Float[np.ndarray, "e sample"]) -> Levels:
         """The levels where there is nothing but noise."""
         levels = self.first(y)
-        return estimate(self._left(levels, y, y), self._path_m, self.depth_m, start=levels)
+        left = _without_waves(self.whitener(levels, y), y)
+        return estimate(left, self._path_m, self.depth_m, start=levels)
 
     def settled(
         self,
@@ -76,11 +77,13 @@ class ResidualNoise:
         """Fit and noise in turn, until the noise no longer changes; `fitted` fits from a start with
         a noise."""
         step = float(np.median(np.abs(np.diff(self.motion.position_m))))
+        white = self.whitener(levels, y)
         for _ in range(ROUNDS):
-            last, taken = levels, self.whitener(levels, y).coloured(result.jacobian)
-            left = self._left(levels, result.residual, y)
+            last, taken = levels, white.coloured(result.jacobian)
+            left = _without_waves(white, result.residual)
             levels = estimate(left, self._path_m, self.depth_m, taken, last)
-            result = fitted(dict(result.value), self.whitener(levels, y))
+            white = self.whitener(levels, y)
+            result = fitted(dict(result.value), white)
             if not levels.differs_from(last, max(step, 1e-9 * self.depth_m)):
                 break
         return result, levels
@@ -89,15 +92,10 @@ class ResidualNoise:
         self, levels: Levels, y: Float[np.ndarray, "e sample"], result: Fit
     ) -> tuple[str, ...]:
         """Warnings on noise that was estimated from a fit's residual."""
-        taken = self.whitener(levels, y).coloured(result.jacobian)
-        left = self._left(levels, result.residual, y)
+        white = self.whitener(levels, y)
+        taken, left = white.coloured(result.jacobian), _without_waves(white, result.residual)
         clean = y - (result.residual - left)
         return against_levels(clean, left, self._path_m, self.depth_m, levels, taken)
-
-    def _left(self, levels: Levels, residual, y) -> Float[np.ndarray, "e sample"]:
-        """A residual without the waves."""
-        white = self.whitener(levels, y)
-        return white.without(residual) if isinstance(white, WithNuisance) else residual
 
     @property
     def _path_m(self) -> Float[np.ndarray, " sample"]:
@@ -109,6 +107,13 @@ class ResidualNoise:
     @property
     def _mean_speed(self) -> float:
         return float(np.mean(np.abs(np.asarray(self.motion.speed_m_per_s))))
+
+
+def _without_waves(
+    white: WhitePlusOU | WithNuisance, residual: Float[np.ndarray, "e sample"]
+) -> Float[np.ndarray, "e sample"]:
+    """A residual without the waves that stand beside the noise, if any."""
+    return white.without(residual) if isinstance(white, WithNuisance) else residual
 
 
 def residual_noise(problem: Problem, samples: Samples) -> ResidualNoise:
