@@ -52,9 +52,9 @@ def _checked_shapes(shape: tuple[int, int], line, data, noise, observed) -> np.n
         f"The data have shape {data.shape}: the model expects (element, sample) = {shape}.",
     )
     refuse(
-        noise.shape != line.k.shape,
+        noise.shape not in ((1, *line.k.shape), (shape[0], *line.k.shape)),
         f"The noise has shape {noise.shape}: give its power at the {line.n // 2 + 1} wavenumbers "
-        "line.k.",
+        "line.k, one row for all elements or one for each.",
     )
     is_observed = np.ones(shape, bool) if observed is None else np.asarray(observed)
     refuse(
@@ -65,12 +65,13 @@ def _checked_shapes(shape: tuple[int, int], line, data, noise, observed) -> np.n
 
 
 def _check_noise(power: np.ndarray) -> None:
-    usable = (power > 0) & (np.isfinite(power) | (np.arange(power.size) == 0))
-    worst = int(np.argmin(usable))
+    is_free = np.isinf(power[:, 0]).all()
+    usable = (power > 0) & np.isfinite(power)
+    usable[:, 0] |= is_free
+    row, worst = np.unravel_index(int(np.argmin(usable)), power.shape)
     refuse(
         not usable.all(),
-        f"The noise is {'zero' if power[worst] == 0 else power[worst]} at wavenumber number "
-        f"{worst}: give a power above 0 (infinite at number 0 alone, for an offset that is not "
+        f"The noise is {power[row, worst] or 'zero'} at wavenumber number {worst}: give a power above 0 (infinite at number 0 alone, for an offset that is not "
         "known).",
     )
 

@@ -60,7 +60,7 @@ def spectral_answer(problem: LineProblem, prior: Prior) -> CheckedSolution:
     solved = posterior(model, model.inner(spectrum * white), roots)
     fitted = times(np.asarray(problem.forward.transfer), solved.value)
     residual = (spectrum - fitted) * white
-    if not white[0]:  # the signal's offset is not known, and takes the mean
+    if not white[:, 0].any():  # the signal's offset is not known, and takes the mean
         fitted[:, 0] = spectrum[:, 0]
     rows = [*solved.value, *fitted, *residual, *(row for rows in solved.resolution for row in rows)]
     # All at once: a call takes as long as a thousand samples.

@@ -29,12 +29,13 @@ def whiten(problem: LineProblem) -> Whitened:
     basis = jnp.eye(unknowns * n).reshape(-1, unknowns, n)
     columns = jnp.moveaxis(jax.vmap(problem.forward)(basis), 0, -1)  # (element, sample, unknown)
     observed = jnp.ones(problem.data.shape, bool) if problem.observed is None else problem.observed
-    free_offset = ~jnp.isfinite(problem.noise[0])
-    noise = problem.noise.at[0].set(jnp.where(free_offset, problem.noise[1], problem.noise[0]))
+    free_offset = ~jnp.all(jnp.isfinite(problem.noise[:, 0]))
+    at_zero = jnp.where(free_offset, problem.noise[:, 1], problem.noise[:, 0])
     lag = np.arange(n)[:, None] - np.arange(n)
-    toeplitz = jnp.fft.irfft(noise, n)[lag]
+    lags = jnp.fft.irfft(problem.noise.at[:, 0].set(at_zero), n)
 
-    def one(model, data, observed, scale, columns):
+    def one(model, data, observed, scale, columns, lags):
+        toeplitz = lags[lag]
         both = observed[:, None] & observed[None, :]
         covariance = scale[:, None] * toeplitz * scale + columns.T @ columns
         root = jnp.linalg.cholesky(jnp.where(both, covariance, jnp.eye(n)))
@@ -50,7 +51,8 @@ def whiten(problem: LineProblem) -> Whitened:
     scale = jnp.ones(problem.data.shape) if problem.noise_scale is None else problem.noise_scale
     nothing = jnp.zeros((len(problem.data), 0, n))
     nuisance = nothing if problem.nuisance is None else problem.nuisance
-    each = columns, problem.data, observed, scale, nuisance
+    of_each = jnp.broadcast_to(lags, (len(problem.data), n))
+    each = columns, problem.data, observed, scale, nuisance, of_each
     model, data = jax.lax.map(lambda rows: one(*rows), each)
     return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
 

@@ -33,8 +33,8 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
     used = np.flatnonzero(k * depth_m < DEEP) + 1
     together = problem.is_observed.all(axis=0)
     data = np.fft.rfft(np.where(together, np.asarray(problem.data), 0.0)) / np.sqrt(problem.line.n)
-    white = data[:, used] / np.sqrt(np.asarray(problem.noise, float)[used])
-    gain = np.asarray(problem.forward.circulant().transfer * problem.whitener)[..., used]
+    white = data[:, used] / np.sqrt(np.asarray(problem.noise, float)[:, used])
+    gain = np.asarray(problem.forward.circulant().transfer * problem.whitener[:, None])[..., used]
     gain = gain.astype(complex)
     priors = list(_priors(gain, white, k[used - 1] * depth_m))
     stated = _log_evidence(gain, white, priors)

@@ -32,7 +32,7 @@ class LineModel(eqx.Module):
     line: eqx.AbstractVar[Line]
     forward: eqx.AbstractVar[Convolution]
     data: eqx.AbstractVar[Float[Array, "e n"]]
-    noise: eqx.AbstractVar[Float[Array, " k"]]
+    noise: eqx.AbstractVar[Float[Array, "#e k"]]
     observed: eqx.AbstractVar[Bool[Array, "e n"] | None]
     noise_scale: eqx.AbstractVar[Float[Array, "e n"] | None]
     known_mean_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
@@ -57,7 +57,7 @@ class LineModel(eqx.Module):
     @property
     def noise_rms(self) -> float:
         """Standard deviation of a sample's noise, an unknown offset aside."""
-        return float(np.sqrt(np.mean(np.asarray(self.noise)[1:])))
+        return float(np.sqrt(np.mean(np.asarray(self.noise)[:, 1:])))
 
     @property
     def surrounding_pressure_Pa(self) -> float:
@@ -68,7 +68,7 @@ class LineModel(eqx.Module):
     @property
     def has_free_offset(self) -> bool:
         """Whether each element's signal has a constant that is not known."""
-        return not np.isfinite(float(self.noise[0]))
+        return not bool(np.isfinite(np.asarray(self.noise[:, 0])).all())
 
     @property
     def unknowns(self) -> int:
@@ -86,12 +86,12 @@ class LineModel(eqx.Module):
     def information(self) -> Float[Array, "c k"]:
         """Fisher information on each component at line.k, sum over elements of |G|^2/N [1/Pa^2], of
         the nearest periodic problem."""
-        gain = jnp.abs(self.forward.circulant().transfer * self.whitener) ** 2
+        gain = jnp.abs(self.forward.circulant().transfer * self.whitener[:, None]) ** 2
         return jnp.sum(gain, axis=0)
 
     @property
-    def whitener(self) -> Float[Array, " k"]:
-        """N^(-1/2) at line.k."""
+    def whitener(self) -> Float[Array, "#e k"]:
+        """N^(-1/2) at line.k, one row for all elements or one for each."""
         return 1 / jnp.sqrt(self.noise)
 
     @property
@@ -108,7 +108,7 @@ class LineModel(eqx.Module):
             y, weights = (jnp.where(self.observed, each, 0.0) for each in (y, weights))
         total = jnp.maximum(jnp.sum(weights, axis=-1, keepdims=True), jnp.finfo(y.dtype).tiny)
         mean = jnp.sum(weights * y, axis=-1, keepdims=True) / total
-        return jnp.where(jnp.isfinite(self.noise[0]), 0.0, mean)
+        return jnp.where(jnp.isfinite(self.noise[:, :1]), 0.0, mean)
 
     @property
     def mean_is_observable(self) -> Bool[Array, " c"]:
@@ -150,7 +150,8 @@ class LineModel(eqx.Module):
         white = self.whitener
         if self.noise_scale is not None:  # an offset is then no wave of the line's length
             residual = residual / self.noise_scale
-            white = white.at[0].set(jnp.where(white[0] > 0, white[0], white[1]))
+            at_zero = jnp.where(white[:, 0] > 0, white[:, 0], white[:, 1])
+            white = white.at[:, 0].set(at_zero)
         observed = self.observed
         if observed is not None:
             residual = jnp.where(observed, residual, 0.0)
@@ -202,9 +203,10 @@ def chi2(model: LineModel, resolved_dof: float, squares: float) -> dict[str, flo
     """Chi-square of the residual per degree of freedom, from the whitened residual's sum of
     squares; None where it is undefined."""
     noise = np.asarray(model.noise)
-    offsets = 0 if np.isfinite(noise[0]) else model.data.shape[0]
+    offsets = model.data.shape[0] if model.has_free_offset else 0
     freedom = float(model.sample_count - offsets - resolved_dof)
     # With samples missing, a residual whitened with zeros in the gaps is white for white noise
     # alone.
-    known = (model.observed is None or not np.ptp(noise[1:])) and freedom >= 1
+    is_white = not np.ptp(noise[:, 1:], axis=1).any()
+    known = (model.observed is None or is_white) and freedom >= 1
     return {CHI2: squares / freedom if known else None, FREEDOM: freedom}

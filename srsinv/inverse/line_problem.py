@@ -47,8 +47,9 @@ class LineProblem(LineModel):
 
     - `data` (e, n): signal less its known offset and less the signal of the known means; zero where
       it is missing.
-    - `noise` (k,): power per sample at `line.k` (see `forward.noise`); infinite at k = 0 where the
-      signal's offset is not known, which takes its mean out of the data.
+    - `noise` (k,), or (e, k) where it is not the same in all elements: power per sample at `line.k`
+      (see `forward.noise`); infinite at k = 0 where the signals' offsets are not known, which takes
+      their means out of the data. It is kept with one row for all, or one for each.
     - `observed` (e, n): mask of valid samples; None means all.
     - `noise_scale` (e, n): the noise's standard deviation in each cell in units of that of `noise`,
       slowly varying or not; 1 where a sample is missing. None means 1 everywhere.
@@ -73,7 +74,7 @@ class LineProblem(LineModel):
     line: Line
     forward: Convolution
     data: Float[Array, "e n"]
-    noise: Float[Array, " k"]
+    noise: Float[Array, "#e k"]
     observed: Bool[Array, "e n"] | None
     noise_scale: Float[Array, "e n"] | None
     nuisance: Float[Array, "e column n"] | None
@@ -107,7 +108,7 @@ class LineProblem(LineModel):
         warnings: Sequence[str] = (),
     ):
         self.warnings, self.passes = tuple(warnings), passes
-        data, noise = as_real(data), as_real(noise)
+        data, noise = as_real(data), jnp.atleast_2d(as_real(noise))
         check(line, forward, data, noise, observed, friction, known_mean_Pa)
         self.noise_scale = None if noise_scale is None else as_real(noise_scale)
         check_noise_scale(data.shape, self.noise_scale)

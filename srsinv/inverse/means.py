@@ -12,13 +12,13 @@ FAINT = 1e-3  # a gain at k = 0 below this fraction of the largest leaves a mean
 
 @eqx.filter_jit
 def are_observable(
-    forward: Convolution, noise: Float[Array, " k"], known: tuple[bool, ...]
+    forward: Convolution, noise: Float[Array, "#e k"], known: tuple[bool, ...]
 ) -> Bool[Array, " c"]:
     """For each unknown, whether its gain at k = 0 is neither zero nor proportional to another's."""
     gain = forward.transfer[..., 0]
     largest = jnp.max(jnp.abs(forward.transfer))
     size = jnp.linalg.norm(jnp.abs(gain), axis=0)
-    observable = forward.has_dc_gain & (size > FAINT * largest) & jnp.isfinite(noise[0])
+    observable = forward.has_dc_gain & (size > FAINT * largest) & jnp.all(jnp.isfinite(noise[:, 0]))
     unit = jnp.where(observable, gain / jnp.where(observable, size, 1.0), 0.0)
     overlap = jnp.abs(unit.conj().T @ unit) - jnp.eye(len(known))
     alike = jnp.any((overlap > 1 - FAINT**2) & ~np.array(known)[:, None], axis=0)
@@ -27,7 +27,7 @@ def are_observable(
 
 @eqx.filter_jit
 def have_zero_mean(
-    forward: Convolution, noise: Float[Array, " k"], known: tuple[bool, ...]
+    forward: Convolution, noise: Float[Array, "#e k"], known: tuple[bool, ...]
 ) -> Bool[Array, " c"]:
     """For each unknown, whether only its deviation from the mean is solved for."""
     # On an open line the window's ends respond weakly to every mean.

@@ -43,12 +43,13 @@ class NearPeriodic:
         self.gaps, self.n = gaps, problem.line.n
         self.white = np.asarray(problem.whitener, float)
         top, inverse = factorise(problem, prior)
-        self.model = self.white * np.asarray(problem.forward.circulant().transfer, complex)
+        each = self.white[:, None]
+        self.model = each * np.asarray(problem.forward.circulant().transfer, complex)
         self.inverse, self.top = inverse, top
         self.covariance = np.einsum("ijk,ljk->ilk", inverse, inverse.conj())
-        self.expected = self.white * np.einsum("ecj,icj->eij", top, inverse.conj())
+        self.expected = each * np.einsum("ecj,icj->eij", top, inverse.conj())
         within = np.einsum("ecj,fcj->efj", top, top.conj())
-        self.unexpected = self.white**2 * (np.eye(len(top))[..., None] - within)
+        self.unexpected = each * self.white * (np.eye(len(top))[..., None] - within)
         self.smooth = self.unexpected.copy()
         self.smooth[..., 0] = self.unexpected[..., 1].real
         self.step = np.real(self.unexpected[..., 0] - self.smooth[..., 0]) / self.n
@@ -123,7 +124,7 @@ class NearPeriodic:
             return whole
         left = model - np.einsum("eck,fck,fik->eik", self.top, self.top.conj(), model)
         taken = np.einsum("eik,fik->efk", left, shown.conj())
-        return whole - self._trace(blocks, self.white**2 * taken)
+        return whole - self._trace(blocks, self.white[:, None] * self.white * taken)
 
     def _trace(self, blocks: BlockInverse, matrices: Matrices) -> float:
         """The trace of Q_mm^-1 times a convolution, over the blocks."""

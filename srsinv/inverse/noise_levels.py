@@ -32,7 +32,7 @@ def change_of_variance(problem: LineProblem, near: NearPeriodic) -> Float[np.nda
     if problem.noise_scale is None:
         return np.zeros((problem.unknowns, problem.line.n))
     louder = _everywhere(problem) - np.mean(_log_scale(problem)[problem.is_observed])
-    model = near.model / np.where(near.white > 0, near.white, np.inf)
+    model = near.model / np.where(near.white > 0, near.white, np.inf)[:, None]
     response = np.einsum("ijk,jlk->ilk", near.covariance, adjoint(model))
     kernel = near.lags(response) * near.lags(adjoint(near.expected))
     relative = 2 * from_spectrum(times(to_spectrum(kernel), to_spectrum(louder)), near.n)

@@ -19,15 +19,14 @@ class NoisePrecision:
     def __init__(self, problem: LineProblem, gaps: Gaps):
         self.gaps, self.n = gaps, problem.line.n
         self.precision = np.asarray(problem.whitener, float) ** 2
-        self.scale, has_offset = problem.noise_scale, not self.precision[0]
+        self.scale, has_offset = problem.noise_scale, problem.has_free_offset
         if self.scale is not None:  # then what an offset takes is no mean
             self.scale = np.asarray(self.scale, float)
-            self.precision[0] = self.precision[0] or self.precision[1]
+            self.precision[:, 0] = self.precision[:, int(has_offset)]
         self.is_observed = problem.is_observed
-        self.is_white = not np.ptp(self.precision[1:]) and self.precision[0] in (
-            0.0,
-            self.precision[1],
-        )
+        at_zero, last = self.precision[:, 0], self.precision[:, -1]
+        is_even = not np.ptp(self.precision[:, 1:], axis=1).any()
+        self.is_white = is_even and bool(np.all((at_zero == 0) | (at_zero == last)))
         lags = from_spectrum(self.precision, self.n)
         apart = np.eye(len(self.is_observed))[..., None] * lags
         self.noise_blocks = BlockInverse(()) if self.is_white else gaps.inverses(apart)
@@ -52,10 +51,10 @@ class NoisePrecision:
         """
         y = np.where(self.is_observed, y, 0.0)
         if self.is_white:
-            if not self.precision[0]:
+            if not self.precision[:, 0].any():
                 count = np.maximum(self.is_observed.sum(axis=-1, keepdims=True), 1)
                 y = y - y.sum(axis=-1, keepdims=True) / count
-            return np.where(self.is_observed, y * self.precision[-1], 0.0)
+            return np.where(self.is_observed, y * self.precision[:, -1:], 0.0)
         weighed = self._times_precision(y)
         if self.gaps.cell.size:
             right = self.gaps.picked(weighed)

@@ -148,7 +148,7 @@ def is_steady(motion: Motion) -> bool:
 
 
 def noise_on_line(
-    power: Float[np.ndarray, " k"],
+    power: Float[np.ndarray, "#e k"],
     n: int,
     y: Float[np.ndarray, "e sample"],
     scale: Float[np.ndarray, "..."],
@@ -156,12 +156,13 @@ def noise_on_line(
     """The noise of samples that are successive cells of a line of n, by its power there and a
     factor on its standard deviation, as a fit takes it; an offset that is not known is no part of
     it."""
-    power = np.where(np.isfinite(power), power, power[1])
+    power = np.where(np.isfinite(power), power, power[:, 1:2])
     observed = np.isfinite(y)
-    if np.ptp(power) <= 1e-9 * power.max():
-        return np.where(observed, scale * np.sqrt(power[1]), np.inf)
-    toeplitz = scipy.linalg.toeplitz(np.fft.irfft(power, n)[: y.shape[1]])
+    if (np.ptp(power, axis=1) <= 1e-9 * power.max(axis=1)).all():
+        return np.where(observed, scale * np.sqrt(power[:, 1:2]), np.inf)
+    lags = np.broadcast_to(np.fft.irfft(power, n)[:, : y.shape[1]], y.shape)
     each = np.broadcast_to(scale, y.shape).ravel()
-    covariance = each[:, None] * np.kron(np.eye(len(y)), toeplitz) * each
-    missing = np.where(observed, 0.0, MISSING * toeplitz[0, 0])
+    blocks = scipy.linalg.block_diag(*map(scipy.linalg.toeplitz, lags))
+    covariance = each[:, None] * blocks * each
+    missing = np.where(observed, 0.0, MISSING * lags[:, :1])
     return Correlated(covariance + np.diag(missing.ravel()))

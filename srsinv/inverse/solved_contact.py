@@ -83,10 +83,10 @@ class SolvedContact(eqx.Module):
     def fit(self, features: Features, problem: LineProblem) -> Estimate:
         """Features of a surface fitted to a problem's signal, the load and the skin known. White
         noise is known, any other is estimated from the residual."""
-        samples, power = problem.samples(), np.asarray(problem.noise)[1:]
+        samples, power = problem.samples(), np.asarray(problem.noise)[:, 1:]
         given = self.window, float(self.scene.nominal_pressure_Pa)
         fitter = FeatureFitter.on_window(samples.sensor, samples.motion, features, *given)
-        is_white = np.allclose(power, power[0])
+        is_white = np.allclose(power, power[:, :1])
         return fitter(features, samples.signal, samples.noise if is_white else None)
 
 

@@ -100,7 +100,7 @@ def solve(problem: LineProblem, prior: Prior) -> Solution:
     The condition number is that of the rows, over all wavenumbers, in Frobenius' norm.
     """
     n, whitener = problem.line.n, problem.whitener
-    model = orthogonalised(problem.forward.transfer * whitener, problem.zero_mean)
+    model = orthogonalised(problem.forward.transfer * whitener[:, None], problem.zero_mean)
     data = jnp.fft.rfft(problem.data) * whitener
     solved = posterior(model, model.inner(data), list(prior.root(problem.line)))
     stderr = jnp.stack(solved.stderr(n))
@@ -219,11 +219,11 @@ def white_model(problem: LineProblem) -> Complex[np.ndarray, "e c k"]:
     """N^(-1/2) G of the nearest periodic problem, in double precision."""
     forward = problem.forward
     transfer = forward.transfer if forward.is_circular else forward.circulant().transfer
-    return np.asarray(transfer, complex) * noise_whitener(problem)
+    return np.asarray(transfer, complex) * noise_whitener(problem)[:, None]
 
 
-def noise_whitener(problem: LineProblem) -> Float[np.ndarray, " k"]:
-    """N^(-1/2) in double precision."""
+def noise_whitener(problem: LineProblem) -> Float[np.ndarray, "#e k"]:
+    """N^(-1/2) in double precision, one row for all elements or one for each."""
     return 1 / np.sqrt(np.asarray(problem.noise, float))
 
 

@@ -76,7 +76,8 @@ class Normalised(TractionSpectrum):
 
     def power(self, problem: LineProblem) -> Float[Array, " k"]:
         gain = jnp.max(jnp.abs(problem.forward.circulant().transfer)) ** 2
-        finite = jnp.where(jnp.isfinite(problem.noise), problem.noise, problem.noise[-1])
+        last = problem.noise[:, -1:]
+        finite = jnp.where(jnp.isfinite(problem.noise), problem.noise, last)
         level = jnp.mean(finite) / (self.noise_to_signal * gain)
         return jnp.full(problem.line.k.shape, level)
 

@@ -150,7 +150,8 @@ def _labels(case: InversionCase, estimates: Estimates) -> Variables:
 def _signals(case: InversionCase) -> Variables:
     problem, unit = case.problem, case.signal_unit
     n, observed = problem.line.n, problem.is_observed
-    data = np.asarray(problem.data)
+    data, power = np.asarray(problem.data), np.asarray(problem.noise)
+    power = power[0] if len(power) == 1 else power
     gain = np.full((len(case.sensor.elements), 2, n // 2 + 1), np.nan)
     gain[:, : problem.unknowns] = np.abs(problem.forward.circulant().transfer)
     along = ("element", "x")
@@ -161,7 +162,7 @@ def _signals(case: InversionCase) -> Variables:
         "sensor_gain": (("element", "component", "wavenumber"), gain, units),
         "signal_power": (("element", "wavenumber"), np.abs(np.fft.rfft(data)) ** 2 / n,
                          f"({unit})^2"),
-        "noise_power": ("wavenumber", np.asarray(problem.noise), f"({unit})^2"),
+        "noise_power": (("element", "wavenumber")[-power.ndim :], power, f"({unit})^2"),
     }  # fmt: skip
 
 

@@ -69,7 +69,7 @@ class Discrepancy(Rule):
         problem, fractions = scorer.problem, np.linspace(1, 0, 81)
         low, high = np.asarray(box)
         score = scorer(jnp.asarray(low + fractions[:, None] * (high - low)))
-        offsets = 0 if np.isfinite(problem.noise[0]) else problem.data.shape[0]
+        offsets = problem.data.shape[0] if problem.has_free_offset else 0
         fitted = np.asarray(score.freedom) + offsets
         proper = fitted < MOST_FITTED * problem.sample_count
         target = problem.sample_count - (fitted if self.less_fitted else 0.0 * fitted)

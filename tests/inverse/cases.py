@@ -73,25 +73,28 @@ def make_case(
     amplifier=RATE,
     friction=None,
     background_Pa=0.0,
-    colour=False,
+    colour: bool | str = False,
     free_offset=False,
     noise_fraction=1e-2,
     scale=1.0,
     seed=0,
     **known,
 ) -> ProblemCase:
-    """Signals of the bumps in noise of `noise_fraction` of their rms, all of it times `scale`."""
+    """Signals of the bumps in noise of `noise_fraction` of their rms, all of it times `scale`;
+    `colour`: False, True, or "apart", another one in each element."""
     line = make_line(kind, n)
     operator = make_operator(line, films, amplifier)
     truth = scale * bumps(line, background_Pa, friction)
     signal = np.asarray(operator(jnp.asarray(truth)))
     sigma = noise_fraction * signal.std()
     # Noise that rises four times towards long waves, where it is coloured.
-    shape = 1 + 3 * np.exp(-((np.asarray(line.k) / 2e3) ** 2)) * colour
+    shape = 1 + 3 * np.exp(-((np.asarray(line.k) / 2e3) ** 2))[None] * bool(colour)
+    if colour == "apart":
+        shape = np.concatenate([shape, *[4 / shape] * (len(signal) - 1)])
     white = np.random.default_rng(seed).normal(size=signal.shape)
     data = signal + np.fft.irfft(sigma * np.sqrt(shape) * np.fft.rfft(white), n)
     noise = sigma**2 * shape
-    noise[0] = np.inf if free_offset else noise[0]
+    noise[:, 0] = np.inf if free_offset else noise[:, 0]
     problem = LineProblem(line, operator, data, noise, friction=friction, **known)
     return ProblemCase(problem, truth, float(sigma))
 
@@ -163,10 +166,11 @@ def observed(problem: LineProblem) -> np.ndarray:
 
 def noise_covariance(problem: LineProblem) -> np.ndarray:
     """Covariance of the samples that are there; an unknown offset is left out of it."""
-    spectrum = np.asarray(problem.noise)
-    spectrum = np.where(np.isfinite(spectrum), spectrum, spectrum[1])
+    spectra = np.asarray(problem.noise)
+    spectra = np.where(np.isfinite(spectra), spectra, spectra[:, 1:2])
     is_observed = observed(problem)
-    covariance = blocks([spectrum] * problem.data.shape[0], problem.line.n)
+    each = np.broadcast_to(spectra, (problem.data.shape[0], spectra.shape[1]))
+    covariance = blocks(each, problem.line.n)
     if problem.noise_scale is not None:
         scale = np.ravel(problem.noise_scale)
         covariance = scale[:, None] * covariance * scale
@@ -230,7 +234,7 @@ def minimiser(problem: LineProblem) -> Callable[[np.ndarray], Dense]:
     deviations = scipy.linalg.null_space(np.ones((1, n)))
     solved = scipy.linalg.block_diag(*[deviations if c else np.eye(n) for c in problem.zero_mean])
     columns = matrix(problem)[is_observed] @ solved
-    if np.isinf(problem.noise[0]):
+    if problem.has_free_offset:
         ones = np.kron(np.eye(problem.data.shape[0]), np.ones((n, 1)))[is_observed]
         columns = np.hstack([columns, ones])
     root = np.linalg.cholesky(noise_covariance(problem))

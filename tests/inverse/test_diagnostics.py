@@ -26,7 +26,7 @@ def louder(problem, factor):
 
 def noise_alone(problem):
     """The problem with nothing but noise of the stated level in its data."""
-    rms = np.sqrt(float(problem.noise[1]))
+    rms = np.sqrt(float(problem.noise[0, 1]))
     return eqx.tree_at(
         lambda p: p.data, problem, rms * np.random.default_rng(8).normal(size=problem.data.shape)
     )

@@ -31,7 +31,7 @@ def number(method, theta):
     angle_rad = jnp.array([0.2, 1.6]) * factor["angle"]
     films = (Film(depth_m, angle_rad[0]), Film(depth_m, angle_rad[1]))
     line = make_line()
-    noise = jnp.full(line.k.shape, CASE.sigma**2)
+    noise = jnp.full((1, *line.k.shape), CASE.sigma**2)
     physics = (make_operator(line, films), data, noise * factor["noise"] ** 2)
     problem = eqx.tree_at(lambda p: (p.forward, p.data, p.noise), CASE.problem, physics)
     length_m = 1e-3 * factor["length"]

@@ -34,6 +34,7 @@ from tests.inverse.cases import (
 CASES = {
     "periodic": {},
     "coloured": {"colour": True},
+    "coloured_apart": {"colour": "apart"},
     "open": {"kind": "open"},
     "gaps": {"kind": "open", "observed": gaps()},
     "offset": {"films": "turned", "amplifier": SLOW, "free_offset": True},
@@ -264,7 +265,7 @@ def test_scores_with_gaps_are_those_of_conditioning():
     chosen = [family(jnp.array(logs)) for logs in ([0.0, 0.0], [1.0, -1.0], [-1.0, 0.5])]
     scores = [score(problem, prior, Gaps.of(problem.is_observed)) for prior in chosen]
     rows, y = gaps().ravel(), np.asarray(problem.data)[gaps()]
-    noise = blocks([problem.noise] * 2, N)[np.ix_(rows, rows)]
+    noise = blocks(np.tile(problem.noise, (2, 1)), N)[np.ix_(rows, rows)]
     model = matrix(problem)[rows]
     for ours, prior in zip(scores, chosen, strict=True):
         covariance = model @ blocks(np.asarray(prior.power), N) @ model.T + noise

@@ -57,7 +57,8 @@ def model_of(line_problem):
 
 def covariance_of(line_problem, e):
     """That of an element's noise, drift and mains as the problem states them."""
-    power, n = np.asarray(line_problem.noise).copy(), line_problem.line.n
+    power, n = np.asarray(line_problem.noise), line_problem.line.n
+    power = power[min(e, len(power) - 1)].copy()
     free = not np.isfinite(power[0])
     power[0] = power[1] if free else power[0]
     has_data = line_problem.observed_cells

@@ -52,6 +52,7 @@ def weights(estimate):
 PROBLEMS = {
     "whole": ({}, ("spectral", "direct")),
     "coloured": ({"colour": True}, ("spectral", "direct")),
+    "coloured_apart": ({"colour": "apart"}, ("spectral", "direct")),
     "mean_seen": ({"amplifier": SLOW, "films": "turned"}, ("spectral", "direct")),
     "friction": ({"films": "one", "friction": 0.3}, ("spectral", "direct")),
     "gaps": ({"kind": "open", "observed": gaps()}, ("direct",)),
@@ -95,7 +96,7 @@ def test_gcv_finds_weights_far_apart():
     sigma = 0.1 * signal.std()
     data = signal + sigma * np.random.default_rng(0).normal(size=signal.shape)
     problem = eqx.tree_at(
-        lambda p: (p.data, p.noise), case.problem, (data, np.full(N // 2 + 1, sigma**2))
+        lambda p: (p.data, p.noise), case.problem, (data, np.full((1, N // 2 + 1), sigma**2))
     )
     log10_weights, gcv = chosen("gcv", problem, "spectral"), dense_gcv(problem)
     assert abs(np.ptp(log10_weights)) > 1.0

@@ -33,6 +33,7 @@ SETTINGS = {
     "gaps": ({"kind": "open", "observed": gaps()}, ALL[1:]),
     "odd": ({"n": 47}, ALL[:1]),
     "coloured": ({"colour": True}, ALL),
+    "coloured_apart": ({"colour": "apart"}, ALL),
     "free_offset": ({"amplifier": SLOW, "films": "turned", "free_offset": True}, ALL),
     "friction": ({"films": "one", "friction": 0.3}, ALL[:2]),
     "open": ({"kind": "open"}, ALL[1:2]),
@@ -40,6 +41,7 @@ SETTINGS = {
         {"kind": "open", "observed": gaps(), "amplifier": SLOW, "free_offset": True},
         ALL[1:],
     ),
+    "coloured_apart_gaps": ({"kind": "open", "observed": gaps(), "colour": "apart"}, ALL[1:2]),
     "coloured_gaps": ({"kind": "open", "observed": gaps(), "colour": True}, ALL[1:2]),
 }
 # Every order on the plain lines, the second order (the hardest) elsewhere.

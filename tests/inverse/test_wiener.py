@@ -128,6 +128,7 @@ CONDITIONED = {
     "whole": {},
     "odd": {"n": 47},
     "coloured": {"colour": True},
+    "coloured_apart": {"colour": "apart"},
     "from_the_signal": {"amplifier": SLOW, "films": "turned"},
     "friction": {"films": "one", "friction": 0.3},
     "identical": {"films": "same"},

@@ -102,18 +102,23 @@ def power(
     k: np.ndarray,
     marks: Sequence[Mark] = (),
 ) -> Panel:
-    """The power (k,) of signals by label, and that of the noise (k,), down to below the noise."""
+    """The power (k,) of signals by label, and that of the noise, (k,) or (element, k) where it is
+    not the same in all, down to below the noise."""
+    noise = np.atleast_2d(noise)[:, 1:]
     shades = PALETTE[-2::-1]  # far from p and q
     lines = [
         Curve(values[1:], label, look={"color": shades[i % len(shades)], "linewidth": 1.0})
         for i, (label, values) in enumerate(signal.items())
     ]
-    lines.append(Curve(noise[1:], "noise", look={"color": TRUTH}))
-    powers = np.stack([*signal.values(), noise])[:, 1:]
+    lines += [
+        Curve(row, "" if i else "noise", look={"color": TRUTH, "linestyle": LINE_STYLES[i % 2]})
+        for i, row in enumerate(noise)
+    ]
+    powers = np.concatenate([[values[1:] for values in signal.values()], noise])
     positive = powers[np.isfinite(powers) & (powers > 0)]
     limits: tuple[float | None, float | None] = (None, None)
     if positive.size:
-        loud = noise[1:][np.isfinite(noise[1:]) & (noise[1:] > 0)]
+        loud = noise[np.isfinite(noise) & (noise > 0)]
         floor = loud.min() * 1e-2 if loud.size else positive.max() * _DEEPEST**2
         limits = (float(floor), 5 * float(positive.max()))
     up = PanelAxis("power", units, bool(positive.size), limits)
