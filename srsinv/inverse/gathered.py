@@ -69,19 +69,19 @@ def _gather(samples: np.ndarray, count: int) -> np.ndarray:
 
 
 def noise_of_means(
-    power: Float[np.ndarray, "e k"], n: int, count: int
-) -> Float[np.ndarray, "e wide"]:
+    power: Float[np.ndarray, "*e k"], n: int, count: int
+) -> Float[np.ndarray, "*e wide"]:
     """Power of means of `count` successive samples out of n, from their `power` per sample.
 
     The mean's response is that of a comb of `count`, and the waves that the wider cells cannot tell
     apart add up. An infinite power at k = 0, of an offset, stays.
     """
-    has_offset = not np.isfinite(power[0, 0])
+    has_offset = not np.isfinite(power[..., 0]).all()
     finite = np.where(np.isfinite(power), power, 0.0)
-    mirrored = finite[:, 1 : n - power.shape[1] + 1][:, ::-1]
-    both = np.concatenate([finite, mirrored], axis=1)
+    mirrored = finite[..., 1 : n - power.shape[-1] + 1][..., ::-1]
+    both = np.concatenate([finite, mirrored], axis=-1)
     comb = np.abs(np.fft.fft(np.ones(count) / count, n)) ** 2
-    folded = (comb * both).reshape(len(power), count, -1).sum(axis=1) / count
-    wide = folded[:, : n // count // 2 + 1]
-    wide[:, 0] = np.inf if has_offset else wide[:, 0]
+    folded = (comb * both).reshape(*power.shape[:-1], count, -1).sum(axis=-2) / count
+    wide = folded[..., : n // count // 2 + 1]
+    wide[..., 0] = np.inf if has_offset else wide[..., 0]
     return wide
