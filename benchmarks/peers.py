@@ -69,7 +69,7 @@ class NumpyNormal:
     def _matrices(self) -> np.ndarray:
         """G^H N^-1 G + P at every wavenumber of the nearest periodic problem (k, c, c)."""
         g = np.moveaxis(self.circulant, -1, 0)
-        matrix = g.conj().swapaxes(1, 2) @ (self.weight[:, None, None] * g)
+        matrix = g.conj().swapaxes(1, 2) @ (np.moveaxis(self.weight, -1, 0)[:, :, None] * g)
         matrix += self.root2.T[:, :, None] * np.eye(self.root2.shape[0])
         # Where the mean is unobservable its row is zero: any diagonal makes it solvable.
         empty = np.abs(np.diagonal(matrix[0])) == 0

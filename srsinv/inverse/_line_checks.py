@@ -71,8 +71,8 @@ def _check_noise(power: np.ndarray) -> None:
     row, worst = np.unravel_index(int(np.argmin(usable)), power.shape)
     refuse(
         not usable.all(),
-        f"The noise is {power[row, worst] or 'zero'} at wavenumber number {worst}: give a power above 0 (infinite at number 0 alone, for an offset that is not "
-        "known).",
+        f"The noise is {power[row, worst] or 'zero'} at wavenumber number {worst}: give a power "
+        "above 0 (infinite at number 0 alone, for an offset that is not known).",
     )
 
 

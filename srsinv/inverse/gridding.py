@@ -51,7 +51,7 @@ class OnCells(NamedTuple):
     sensor: Sensor
     scan: ConstantSpeed
     data: Float[np.ndarray, "e n"]
-    power: Float[Array, " k"]
+    power: Float[Array, "#e k"]
     observed: Bool[np.ndarray, "e n"]
     nuisance: Float[np.ndarray, "e m n"] | None
     noise_scale: Float[np.ndarray, "e n"] | None
@@ -109,7 +109,7 @@ def _averaged(
     mean = float(np.mean(np.concatenate([speed[each.samples] for each in passes])))
     averaging = Averaging(
         given.name, motion, passes, given.rows, given.sensor.amplifier, mean,
-        block * mean / rate, float(noise.rms), depth, noise.drift > 0,
+        block * mean / rate, np.asarray(noise.white, float), depth, noise.has_drift,
     )  # fmt: skip
     cells, beside, found = averaging()
     start_m, ways = float(cells.x_m[0]), averaging.ways
@@ -124,8 +124,10 @@ def _averaged(
     if len(ways) > 1:
         films = (*sensor.elements, *(film.backward() for film in sensor.elements))
         sensor = Sensor(films, sensor.skin, sensor.amplifier, sensor.filters)
-    if noise.drift:  # a walk goes on from pass to pass: each begins at a level of its own
-        level = noise.level(motion) * cells.slow_scale[:, None]
+    noise = noise.of_ways(len(ways))
+    if noise.has_drift:  # a walk goes on from pass to pass: each begins at a level of its own
+        level = noise.level(line, ConstantSpeed(mean), motion)[:, None, None]
+        level = level * cells.slow_scale[:, None]
         columns = np.concatenate([columns, level], axis=1)
     trend = cells.slow_scale, start_m
     return _placed(noise, line, sensor, ConstantSpeed(mean), cells, columns, trend, found)
@@ -147,13 +149,13 @@ def _placed(
     data = np.where(observed, cells.signal, 0.0)
     signal_rms = np.sqrt(np.sum(data**2) / np.sum(observed))
     power = noise.power(line, scan, signal_rms, cells.samples)
-    if noise.drift:
+    if noise.has_drift:
         size, start_m = trend
-        own = size[:, None] * noise.trend(line, scan, start_m)
+        own = (size * noise.trend(line, scan, start_m))[:, None]
         columns = np.concatenate([columns, own], axis=1)
     free_offset = sensor.amplifier.offset is None
     return OnCells(
-        line, sensor, scan, data, power.at[0].set(jnp.inf) if free_offset else power, observed,
+        line, sensor, scan, data, power.at[:, 0].set(jnp.inf) if free_offset else power, observed,
         np.where(observed[:, None], columns, 0.0) if columns.shape[1] else None,
         noise.scale(power, cells.samples, cells.white_scale, cells.slow_scale), passes,
     )  # fmt: skip

@@ -80,7 +80,7 @@ class Averaging:
 
     - `rows` (e, 1 + m, sample): the signals, and columns beside them, NaN where one is missing.
     - `speed_m_per_s`: the speed that signals are given at; `cell_m`: the width of the cells.
-    - `white_rms` per sample. `is_walk`: whether a random walk, which does not repeat, is on them.
+    - `white_rms` (#e,) per sample. `is_walk`: whether a drift, which does not repeat, is on them.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Averaging:
         amplifier: Amplifier,
         speed_m_per_s: float,
         cell_m: float,
-        white_rms: float,
+        white_rms: Float[np.ndarray, "#e"],
         depth_m: float,
         is_walk: bool,
     ):
@@ -109,7 +109,8 @@ class Averaging:
             "positions' unit, or give a smaller recording.cell_m.",
         )
         self._edges = first + cell_m * np.arange(int((last - first) / cell_m) + 1)
-        self._variance, self._depth, self._is_walk = white_rms**2, depth_m, is_walk
+        self._variance = np.broadcast_to(white_rms**2, len(rows))[:, None]
+        self._depth, self._is_walk = depth_m, is_walk
 
     @staticmethod
     def _rising(one: Pass, motion: Motion, gain, rows):
@@ -208,7 +209,7 @@ class Averaging:
         right = np.zeros(precision.shape[:2])
         for way, each in zip(self._way, passes, strict=True):
             off = each.columns - mean_columns[way]
-            weighed = off * each.information[:, None] / self._variance
+            weighed = off * (each.information / self._variance)[:, None]
             precision += np.einsum("ein,ejn->eij", weighed, off)
             right += np.einsum("ein,en->ei", weighed, each.signal - mean[way])
         covariance = np.linalg.inv(precision)
@@ -250,7 +251,8 @@ class Averaging:
         for way, each in zip(self._way, passes, strict=True):
             total = np.sum(each.information, axis=1)
             level = np.sum(each.information * (each.signal - means[way]), axis=1) / total
-            squares, noise = squares + level**2, noise + self._variance / total / len(passes)
+            noise = noise + self._variance[:, 0] / total / len(passes)
+            squares = squares + level**2
         freedom = max(self._contrasts, 1)
         is_more = squares / noise > scipy.stats.chi2.isf(FALSE_ALARM, freedom)
         is_found = is_more & (not self._is_walk) & (self._contrasts > 0)
@@ -299,7 +301,7 @@ class Averaging:
         x = (self._edges[1:] + self._edges[:-1]) / 2
         rows = (np.concatenate(part) for part in (signal, white, slow, beside))
         signal, white, slow, beside = rows
-        least = FAINT * self._variance * np.min(white**2) / samples
+        least = FAINT * np.min(self._variance) * np.min(white**2) / samples
         return Cells(x, signal, samples, white, slow), _compressed(beside, least)
 
 

@@ -90,6 +90,7 @@ class Problem(eqx.Module):
         known = 0.0 if offset is None else float(offset)
         self.data = as_real(np.where(self.observed, signal - known, 0.0))
         self.noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
+        self.noise.check_elements(name, len(signal))
         mu = number("friction", 0.0 if friction is None else friction, "a finite number, or none")
         self.friction = None if friction is None else as_real(mu)
         if nominal_pressure_Pa is not None:
@@ -135,7 +136,7 @@ class Problem(eqx.Module):
         variance one: the waves of mains. An offset that is not known is the amplifier's."""
         if not self.mains:
             return np.zeros((len(self.data), 0, self.data.shape[1]))
-        return waves(np.asarray(self.motion.time_s), self.mains, float(self.noise.rms))
+        return waves(np.asarray(self.motion.time_s), self.mains, self.noise.rms)
 
     @property
     def window(self) -> Window:

@@ -13,18 +13,18 @@ from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
-from ..modules import with_fields
 from ..recording import Recording
 from ..recording.channels import channel_findings
-from ..recording.drift import common_level, drift_of
+from ..recording.drift import drift_of, shared_levels
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
-from ..recording.noise import ABOVE_CUTOFF, white_level
+from ..recording.noise import ABOVE_CUTOFF, white_levels
 from ..recording.passes import go_both_ways
 from ..recording.preparation import preparation_warnings, prepare
 from .elements import element_findings
 from .passes import passes_of
 from .problem import Problem
+from .quiet_noise import quiet_noise
 from .rig_error import RigError
 from .sample_noise import SampleNoise
 
@@ -45,7 +45,8 @@ def problem_of(
     - `sensor`: None takes it from the sidecar, with its strip widths: see `sensor_described`.
     - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit.
     - the fact `ways` takes the passes of one way, `onwards` or `back`, of a motion that turns.
-    - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk; what
+    - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk, and
+      `quiet_s` names stretches from which the noise is taken; what
       `detrend`, `high_pass_Hz` and `notch_Hz` take out of the signal is warned of.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
       those of the sidecar.
@@ -92,23 +93,18 @@ def problem_of(
 
 def _with_drift(recording: Recording, noise: SampleNoise | float) -> SampleNoise:
     """The noise with the drift that the facts state, or that is found, if any."""
-    drift = _drift_of(recording)
-    largest = float(np.nanmax(np.abs(recording.signal)))
+    noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
+    given = recording.sidecar.get("drift")
+    if not given:
+        return noise
+    drift = shared_levels(drift_of(recording)) if given == "auto" else np.ravel(given)
+    most, largest = float(np.max(drift)), float(np.nanmax(np.abs(recording.signal)))
     refuse(
-        drift > MOST_DRIFT * largest,
-        f"{recording.name}: recording.drift is {drift:.4g} in a second, and no sample is above "
+        most > MOST_DRIFT * largest,
+        f"{recording.name}: recording.drift is {most:.4g} in a second, and no sample is above "
         f"{largest:.4g}: give it in the signal's unit, after the gain.",
     )
-    noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
-    return with_fields(noise, drift=drift) if drift else noise
-
-
-def _drift_of(recording: Recording) -> float:
-    """The facts' drift, or that of the recording where they leave it to be found."""
-    given = recording.sidecar.get("drift")
-    if given == "auto":
-        return common_level(drift_of(recording))
-    return float(given or 0.0)
+    return SampleNoise(noise.white, noise.causes, noise.is_estimate, drift.tolist())
 
 
 def mains_of(recording: Recording) -> tuple[MainsLine, ...]:
@@ -225,14 +221,17 @@ def mean_speed(recording: Recording) -> ConstantSpeed:
 def noise_of(
     recording: Recording, depth_m: float, causes: Mapping[str, Noise] | None = None
 ) -> SampleNoise:
-    """White noise per sample, at the level of wavenumbers that the skin does not transmit, and
-    coloured causes. Raises `BadInput` where there is none."""
+    """The noise of stretches that the fact `quiet_s` names, or else white noise at the level of
+    wavenumbers that the skin does not transmit, and coloured causes. Raises `BadInput` where there
+    is none."""
+    if recording.sidecar.get("quiet_s"):
+        return quiet_noise(recording, mains_of(recording), causes)
     # Where the motion is fastest: a frequency above the cut-off there is above it everywhere.
     fastest = float(np.max(np.abs(recording.speed_m_per_s)))
-    level = white_level(recording.signal, depth_m, fastest / recording.sample_rate_hz)
+    levels = white_levels(recording.signal, depth_m, fastest / recording.sample_rate_hz)
     refuse(
-        not level > 0,
+        not bool((levels > 0).all()),
         f"{recording.name}: no noise can be told from the signal (it is constant, or rounded): "
         "give noise.white.rms=... in the signal's unit.",
     )
-    return SampleNoise(level, causes, is_estimate=True)
+    return SampleNoise(levels, causes, is_estimate=True)

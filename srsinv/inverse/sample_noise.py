@@ -7,18 +7,21 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import scipy
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..errors import number, refuse
 from ..forward.noise import Noise, check_power, total_spectrum
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Periodic, as_real
+from ..modules import with_fields
 from ..recording.even import STEADY
 from .nonlinear import Correlated, Spectrum, WhitePlusOU
 
 EVEN = 0.01  # relative differences of the noise's standard deviation that no band shows
 LONG = 100.0  # durations of the recording, over which a walk is taken as correlated
+FORGOTTEN = 1 / 3  # of a line's duration: what is remembered longer is taken as a walk along it
+LEAST_DRIFT = 1e-6  # of the white noise, after a second: less is none
 MISSING = 1e8  # of the noise's variance: at missing samples in coloured noise
 
 
@@ -36,15 +39,22 @@ class Samples(NamedTuple):
 
 
 class SampleNoise(eqx.Module):
-    """White noise of `rms` per sample, in the signal's unit, and coloured `causes` by their names.
+    """White noise per sample, a drift beside it, and coloured `causes` by their names.
 
-    `drift`: of a random walk besides, its rms after a second, in the signal's unit.
-    `is_estimate`: whether the level was taken from the recording's shortest waves. Where no cause
-    is named a fit may then estimate it, and what is correlated along the motion, from its residual.
+    - `white` (#e,): its rms, one for all elements or one for each, in the signal's unit.
+    - `drift` (#e,): of a process whose rms is `drift` after a second, where it is a random walk;
+      `drift_time_s` (#e,): after which it forgets itself (an Ornstein-Uhlenbeck process), infinite
+      of a random walk. Zero: there is none.
+    - `is_estimate`: whether the level was taken from the recording's shortest waves. Where no cause
+      is named a fit may then estimate it, and what is correlated along the motion, from its
+      residual.
+
+    Raises `BadInput` for levels that are not above zero, and other numbers below it.
     """
 
-    rms: Float[Array, ""]
-    drift: float = eqx.field(static=True)
+    white: Float[Array, "#e"]
+    drift: tuple[float, ...] = eqx.field(static=True)
+    drift_time_s: tuple[float, ...] = eqx.field(static=True)
     causes: Mapping[str, Noise]
     is_estimate: bool = eqx.field(static=True)
 
@@ -53,92 +63,168 @@ class SampleNoise(eqx.Module):
         rms,
         causes: Mapping[str, Noise] | None = None,
         is_estimate: bool = False,
-        drift: float = 0.0,
+        drift: Any = 0.0,
+        drift_time_s: Any = np.inf,
     ):
         wanted = "a positive number in the signal's unit"
-        self.rms = as_real(number("the noise's rms", rms, wanted, above=0))
+        self.white = as_real(
+            [number("the noise's rms", each, wanted, above=0) for each in _each(rms)]
+        )
         wanted = "a number that is at least 0"
-        self.drift = float(number("the noise's drift", drift, wanted, least=0))
+        self.drift = tuple(
+            float(number("the noise's drift", each, wanted, least=0)) for each in _each(drift)
+        )
+        times = np.broadcast_to(np.asarray(drift_time_s, float), len(self.drift))
+        refuse(not bool((times > 0).all()), "drift_time_s: give seconds above 0.")
+        self.drift_time_s = tuple(times.tolist())
         self.causes, self.is_estimate = dict(causes or {}), is_estimate
+
+    @property
+    def rms(self) -> float:
+        """The white noise's rms over all elements."""
+        return float(np.sqrt(np.mean(np.asarray(self.white) ** 2)))
+
+    @property
+    def has_drift(self) -> bool:
+        """Whether any element drifts."""
+        return any(self.drift)
+
+    def of_ways(self, count: int) -> "SampleNoise":
+        """The noise of as many rows of signals, of all elements each."""
+        if len(self.white) == len(self.drift) == 1:
+            return self
+        elements = max(len(self.white), len(self.drift))
+        white = jnp.tile(jnp.broadcast_to(self.white, elements), count)
+        drift, time_s = (
+            tuple(np.tile(np.broadcast_to(each, elements), count).tolist())
+            for each in (self.drift, self.drift_time_s)
+        )
+        return with_fields(self, white=white, drift=drift, drift_time_s=time_s)
+
+    def check_elements(self, name: str, elements: int) -> None:
+        """Refuse levels that are not as many as the elements, nor one for all."""
+        for what, values in (("noise levels", self.white), ("drifts", self.drift)):
+            refuse(
+                len(values) not in (1, elements),
+                f"{name}: {len(values)} {what} are given, and there are {elements} elements: give "
+                "one for all or one for each.",
+            )
 
     def power(
         self, line: Line, scan: ConstantSpeed, signal_rms, samples: float = 1.0
-    ) -> Float[Array, " k"]:
-        """Power at line.k per cell, a cell being the mean of so many samples."""
+    ) -> Float[Array, "#e k"]:
+        """Power at line.k per cell, a cell being the mean of so many samples, one row for all
+        elements or one for each."""
         causes = tuple(self.causes.values())
         coloured = total_spectrum(causes, line, scan, signal_rms)
         check_power(causes, coloured)
-        return coloured + self._of_drift(line, scan) + (float(self.rms) / np.sqrt(samples)) ** 2
+        white = as_real(np.asarray(self.white, float)[:, None] ** 2 / samples)
+        return coloured + self._of_drift(line, scan, samples) + white
 
-    def _of_drift(self, line: Line, scan: ConstantSpeed) -> Float[np.ndarray, " k"]:
-        """The power of a random walk less its trend: that of one around a circle. The mean has the
-        variance of that of a walk that begins at zero, the trend's aside."""
-        n, k, cell = line.n, np.asarray(line.k), float(line.cell_m)
-        step = self._step(line, scan) ** 2
-        power = np.full(k.shape, step * n**2 / 12)
-        power[1:] = step / (4 * np.sin(k[1:] * cell / 2) ** 2)
-        return power
+    def _of_drift(
+        self, line: Line, scan: ConstantSpeed, samples: float
+    ) -> Float[np.ndarray, "#e k"]:
+        is_walk = self._is_walk(line, scan)
+        step_s = float(line.cell_m) / abs(float(scan.speed_m_per_s))
+        rows = [
+            _of_walk(line.n, rate * np.sqrt(step_s)) if walks
+            else _of_forgetful(line.n, rate, time_s, step_s, max(round(samples), 1))
+            for rate, time_s, walks in zip(self.drift, self.drift_time_s, is_walk, strict=True)
+        ]  # fmt: skip
+        return np.stack(rows)
 
-    def trend(self, line: Line, scan: ConstantSpeed, start_m: float) -> Float[np.ndarray, " n"]:
+    def _is_walk(self, line: Line, scan: ConstantSpeed) -> Bool[np.ndarray, "#e"]:
+        """Whether what drifts remembers itself all along the line, and is as good as a walk."""
+        duration_s = line.n * float(line.cell_m) / abs(float(scan.speed_m_per_s))
+        return np.asarray(self.drift_time_s) > FORGOTTEN * duration_s
+
+    def trend(self, line: Line, scan: ConstantSpeed, start_m: float) -> Float[np.ndarray, "#e n"]:
         """A random walk's trend along the line, of one standard deviation, from the scan's start:
         a walk around a circle of n cells, of variogram h (1 - h/n), and this trend, of h^2/n, make
         that of the whole walk, h."""
         cells = (np.asarray(line.x) - start_m) / float(line.cell_m)
-        return self._step(line, scan) / np.sqrt(line.n) * cells
+        step_s = float(line.cell_m) / abs(float(scan.speed_m_per_s))
+        rates = np.where(self._is_walk(line, scan), self.drift, 0.0)[:, None]
+        return rates * np.sqrt(step_s / line.n) * cells
 
-    def level(self, motion: Motion) -> float:
+    def level(self, line: Line, scan: ConstantSpeed, motion: Motion) -> Float[np.ndarray, "#e"]:
         """The rms of a random walk's level at the end of a motion, from zero at its start."""
         time_s = np.asarray(motion.time_s)
-        return self.drift * float(np.sqrt(time_s[-1] - time_s[0]))
-
-    def _step(self, line: Line, scan: ConstantSpeed) -> float:
-        """The rms of a walk from cell to cell."""
-        return self.drift * float(np.sqrt(line.cell_m / abs(float(scan.speed_m_per_s))))
+        rates = np.where(self._is_walk(line, scan), self.drift, 0.0)
+        return rates * np.sqrt(time_s[-1] - time_s[0])
 
     def scale(
         self,
-        power: Float[Array, " k"],
+        power: Float[Array, "#e k"],
         samples: float,
         white: Float[np.ndarray, "e n"],
         slow: Float[np.ndarray, "e n"],
     ) -> Float[np.ndarray, "e n"] | None:
         """The factor on the standard deviation of all noise in each cell, from those of its white
         and of its coloured part; None where it is one but for `EVEN`."""
-        from_white = (float(self.rms) ** 2 / samples) / float(jnp.mean(power[1:]))
-        scale = np.sqrt(from_white * white**2 + max(1 - from_white, 0.0) * slow**2)
+        level = np.asarray(self.white, float)[:, None] ** 2 / samples
+        from_white = level / np.mean(np.asarray(power)[:, 1:], axis=1, keepdims=True)
+        scale = np.sqrt(from_white * white**2 + np.maximum(1 - from_white, 0.0) * slow**2)
         return None if np.all(np.abs(scale - 1) < EVEN) else scale
 
     def of_fit(self, name: str, motion: Motion, y: Float[np.ndarray, "e sample"]) -> Any:
         """The noise of samples along a motion, as [`nonlinear.fit`][] takes it. Raises `BadInput`
         for coloured noise where the speed varies or samples are missing."""
-        missing, rms = ~np.isfinite(y), float(self.rms)
-        white = np.where(missing, np.inf, rms)
-        if not self.causes and self.drift:
-            return walk_and_white(motion, white, self.drift)
+        missing, levels = ~np.isfinite(y), np.asarray(self.white, float)[:, None]
+        white = np.where(missing, np.inf, levels)
+        if not self.causes and self.has_drift:
+            time_s = np.asarray(motion.time_s)
+            return WhitePlusOU(time_s, white, *self.drift_as_correlated(time_s))
         if not self.causes:
             return white
         refuse(
-            bool(missing.any()) or not is_steady(motion),
+            bool(missing.any()) or not is_steady(motion) or levels.size > 1 or self.has_drift,
             f"{name}: coloured noise ({', '.join(['white', *self.causes])}) is known along x, for "
-            "a recording at constant speed without missing samples: name white noise only.",
+            "a recording at constant speed without missing samples or drift, the same in all "
+            "elements: name white noise only.",
         )
         speed = float(np.mean(motion.speed_m_per_s))
         line = Periodic(y.shape[-1], abs(speed) / motion.sample_rate_hz)
         signal_rms = jnp.sqrt(jnp.mean(jnp.asarray(y) ** 2))
-        return Spectrum(np.asarray(self.power(line, ConstantSpeed(speed), signal_rms)))
+        (power,) = np.asarray(self.power(line, ConstantSpeed(speed), signal_rms))
+        return Spectrum(power)
+
+    def drift_as_correlated(
+        self, time_s: Float[np.ndarray, " sample"]
+    ) -> tuple[Float[np.ndarray, "#e"], Float[np.ndarray, "#e"]]:
+        """The rms and the correlation time [s] of what drifts; a random walk of an unknown level is
+        a process that is very slow over these times."""
+        slow_s = np.minimum(self.drift_time_s, LONG * float(time_s[-1] - time_s[0]))
+        rates = np.maximum(self.drift, LEAST_DRIFT * self.rms)
+        return rates * np.sqrt(slow_s / 2), slow_s
 
 
-def walk_and_white(motion: Motion, white: Float[np.ndarray, "e sample"], drift: float):
-    """White noise and a random walk in time from an unknown level."""
-    time_s = np.asarray(motion.time_s)
-    return WhitePlusOU(time_s, white, *walk_as_correlated(time_s, drift))
+def _each(values: Any) -> Any:
+    """One number, or several, as several."""
+    return values if isinstance(values, list | tuple) or np.ndim(values) else [values]
 
 
-def walk_as_correlated(time_s: Float[np.ndarray, " sample"], drift: float) -> tuple[float, float]:
-    """The rms and the correlation time [s] of a process so slow that it is a random walk of an
-    unknown level over these times; `drift` is the walk's rms after a second."""
-    slow_s = LONG * float(time_s[-1] - time_s[0])
-    return drift * float(np.sqrt(slow_s / 2)), slow_s
+def _of_walk(n: int, step: float) -> Float[np.ndarray, " k"]:
+    """The power of a random walk of so much from cell to cell, less its trend: that of one around a
+    circle. The mean has the variance of that of a walk that begins at zero, the trend's aside."""
+    power = np.full(n // 2 + 1, step**2 * n**2 / 12)
+    power[1:] = step**2 / (4 * np.sin(np.pi * np.arange(1, power.size) / n) ** 2)
+    return power
+
+
+def _of_forgetful(
+    n: int, rate: float, time_s: float, step_s: float, samples: int
+) -> Float[np.ndarray, " k"]:
+    """The power of means over `samples` of an Ornstein-Uhlenbeck process, around a circle of n
+    cells: with r the correlation of successive samples, m of them in a cell, means that are h cells
+    apart have the covariance r^(h m - m + 1) ((1 - r^m) / (1 - r) / m)^2."""
+    variance, per_sample = rate**2 * time_s / 2, step_s / samples / time_s
+    lags = np.minimum(np.arange(n), n - np.arange(n))
+    ratio = np.expm1(-samples * per_sample) / np.expm1(-per_sample) / samples
+    covariance = np.exp(-per_sample * (lags * samples - samples + 1)) * ratio**2
+    apart = np.arange(1, samples)
+    covariance[0] = (1 + 2 * np.sum((1 - apart / samples) * np.exp(-per_sample * apart))) / samples
+    return variance * np.fft.rfft(covariance).real
 
 
 def is_steady(motion: Motion) -> bool:

@@ -13,7 +13,9 @@ from ..inverse.features.synthetic import SyntheticScan
 from ..inverse.line_problem import LineProblem
 from ..inverse.problem import Problem
 from ..inverse.sample_noise import SampleNoise
+from ..quantities import quantity
 from ..recording import Recording
+from ..recording.drift import common_level
 from ..recording.even import STEADY
 from ..recording.preparation import Preparation
 
@@ -102,8 +104,8 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
         "speed_greatest_m_per_s": float(speed.max()),
         **of_sensor(problem.sensor),
         **_of_noise(problem.noise, recording.signal_unit),
+        "noise_is_of_quiet": int(bool(recording.sidecar.get("quiet_s"))),
         "mains_Hz": ", ".join(f"{line.frequency_Hz:.4g}" for line in problem.mains),
-        "drift": problem.noise.drift,
         "drift_is_found": int(recording.sidecar.get("drift") == "auto"),
         **({} if problem.rig is None else {"rig_error": ", ".join(problem.rig.names)}),
     }
@@ -111,11 +113,21 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
 
 def _of_noise(noise: SampleNoise, unit: str) -> Facts:
     return {
-        "noise_rms": float(noise.rms),
+        "noise_rms": noise.rms,
+        "noise_rms_each": _each(noise.white, unit),
+        "drift": common_level(np.asarray(noise.drift)),
+        "drift_each": _each(noise.drift, unit),
+        "drift_time_s": quickest if np.isfinite(quickest := min(noise.drift_time_s)) else 0.0,
         "noise_unit": unit,
         "noise_is_estimate": int(noise.is_estimate),
         "noise_causes": ", ".join(noise.causes),
     }
+
+
+def _each(levels: Iterable[Any], unit: str) -> str:
+    """The elements' levels where each has its own, else nothing."""
+    each = [quantity(float(level), unit) for level in levels]
+    return ", ".join(each) if len(each) > 1 else ""
 
 
 def of_cells(recording: Recording, problem: Problem, on_line: LineProblem) -> Facts:

@@ -104,9 +104,9 @@ def _of_fit(calibration: Calibration, settings: Mapping[str, Any], name: str) ->
     return {
         "is_fit": 1,
         "held": f"{name}: {held}",
-        "noise_rms": float(np.sqrt(np.mean(levels.white**2))),
-        "noise_sliding_rms": levels.sliding,
-        "noise_sliding_correlation_m": levels.correlation_m,
+        "noise_rms": levels.white_rms,
+        "noise_sliding_rms": levels.sliding_rms,
+        "noise_sliding_correlation_m": levels.longest_m,
     }
 
 

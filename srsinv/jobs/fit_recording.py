@@ -140,8 +140,8 @@ def _of_fit(fitted: FittedRecording, solver: Solver) -> dict[str, Any]:
     if best.levels is not None:
         facts |= {
             "noise_rms": _noise_rms(fitted),
-            "noise_sliding_rms": best.levels.sliding,
-            "noise_sliding_correlation_m": best.levels.correlation_m,
+            "noise_sliding_rms": best.levels.sliding_rms,
+            "noise_sliding_correlation_m": best.levels.longest_m,
         }
     if "height" in model.loading.PROFILES:
         facts |= {
@@ -157,8 +157,8 @@ def _of_fit(fitted: FittedRecording, solver: Solver) -> dict[str, Any]:
 def _noise_rms(fitted: FittedRecording) -> float:
     """The white noise per sample, as the best fit has it."""
     levels = fitted.best.levels
-    known = float(fitted.problem.noise.rms)
-    return known if levels is None else float(np.sqrt(np.mean(levels.white**2)))
+    known = fitted.problem.noise.rms
+    return known if levels is None else levels.white_rms
 
 
 # --- data ------------------------------------------------------------------------------------
@@ -247,8 +247,8 @@ def _numbers(fitted: FittedRecording) -> dict[str, Any]:
         numbers |= dict(zip(STRETCH, fitted.stretch.window, strict=True))
     if best.levels is not None:
         numbers |= {
-            f"noise_sliding_rms_{unit}": best.levels.sliding,
-            "noise_sliding_correlation_m": best.levels.correlation_m,
+            f"noise_sliding_rms_{unit}": best.levels.sliding_rms,
+            "noise_sliding_correlation_m": best.levels.longest_m,
         }
     if best.fit is not None:
         numbers |= {

@@ -38,6 +38,7 @@ LEAST = 0.25  # of a scale's differences: where fewer are left, the signal is ev
 FEWEST = 3.0  # degrees of freedom of a scale
 FEWEST_IN_ALL = 8.0  # of the scales that agree: fewer are as well a touch that lasts throughout
 AGREEMENT = 0.05  # of scales that show the same walk, on either side
+APART = 3.0  # times: levels of eight degrees of freedom differ less by chance, but once in 500
 LEAST_SPREAD = 0.0366  # d^2 T: a walk's variance about its mean is below once in twenty
 
 
@@ -51,9 +52,13 @@ class _Scale(NamedTuple):
     of_walk: float
 
 
-def drift_level(signal: Float[np.ndarray, "e sample"], rate_hz: float) -> float:
-    """The drift of signals: one for all elements, of their [`drift_levels`][]."""
-    return common_level(drift_levels(signal, rate_hz))
+def shared_levels(levels: Float[np.ndarray, " e"]) -> Float[np.ndarray, "#e"]:
+    """One level for all elements, or one for each where those that are found differ `APART` times;
+    where none is found that of all is taken."""
+    common, is_found = common_level(levels), levels > 0
+    if not is_found.any() or levels.max() < APART * levels[is_found].min():
+        return np.array([common])
+    return np.where(is_found, levels, common)
 
 
 def common_level(levels: Float[np.ndarray, " e"]) -> float:

@@ -19,16 +19,42 @@ SHORT_STRETCH = 32  # samples: of a shorter one hardly a wavenumber is above the
 CUBIC = 3
 DRAWN = 2**20  # samples of white noise drawn in all, so that its own scatter is below 1 %
 MOST_DRAWS = 24
+FALSE_ALARM = 1e-4  # of levels that differ from element to element, where they do not
+ALIKE = 0.1  # relative differences of levels, which no inversion shows
+# Variance of the logarithm of a level from the median of m bins, times m (simulated): that of
+# independent bins is 1 / (2 ln 2)^2, and a Hann taper joins neighbours.
+MEDIAN_VARIANCE = 0.9
 
 
-def white_level(
+def white_levels(
     signal: Float[np.ndarray, "element sample"], depth_m: float, spacing_m: float
-) -> float:
-    """Standard deviation of the white noise per sample, one for all elements; NaN is missing.
+) -> Float[np.ndarray, "#element"]:
+    """Standard deviation of the white noise per sample, one for all elements, or one for each where
+    they differ by more than chance makes; NaN is missing.
 
     `depth_m` of the film nearest to the skin, `spacing_m` from sample to sample, of at least 3. 0
-    where the signal is constant or rounded, and where hardly any sample is valid.
+    where the signal is constant or rounded, and where hardly any sample is valid: of one element it
+    is taken as that of all.
     """
+    common = _white_level(signal, depth_m, spacing_m)
+    own = np.array([_white_level(row[None], depth_m, spacing_m) for row in signal])
+    is_there = own > 0
+    if is_there.sum() < 2:
+        return np.array([common])
+    bins = _upper(np.zeros((1, signal.shape[-1])), depth_m, spacing_m).size
+    bins = bins * np.isfinite(signal[is_there]).mean(axis=1)
+    logs = np.log(own[is_there])
+    off = logs - np.average(logs, weights=bins)
+    chance = scipy.stats.chi2.sf(np.sum(off**2 * bins) / MEDIAN_VARIANCE, is_there.sum() - 1)
+    if chance > FALSE_ALARM or np.ptp(logs) < ALIKE:
+        return np.array([common])
+    return np.where(is_there, own, common or np.min(own[is_there]))
+
+
+def _white_level(
+    signal: Float[np.ndarray, "element sample"], depth_m: float, spacing_m: float
+) -> float:
+    """The level of all elements together."""
     if np.isfinite(signal).all():
         return float(np.sqrt(np.median(_upper(signal, depth_m, spacing_m)) / np.log(2)))
     n = signal.shape[-1]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from srsinv.recording.drift import drift_level, drift_levels
+from srsinv.recording.drift import common_level, drift_levels, shared_levels
 
 RATE_HZ, SECONDS = 2000.0, 2.0
 N = int(RATE_HZ * SECONDS)
@@ -51,7 +51,8 @@ def test_a_longer_recording_tells_more():
     signal = walks(RNG(3), 0.3, 20, n) + RNG(4).normal(size=(20, n)) / 30
     ratio = drift_levels(signal, RATE_HZ) * np.sqrt(10 * SECONDS) / 0.3
     assert ratio[ratio > 0] == pytest.approx(1.0, abs=0.25)
-    assert drift_level(signal, RATE_HZ) == pytest.approx(0.3 / np.sqrt(10 * SECONDS), rel=0.15)
+    expected = 0.3 / np.sqrt(10 * SECONDS)
+    assert common_level(drift_levels(signal, RATE_HZ)) == pytest.approx(expected, rel=0.15)
 
 
 @pytest.mark.parametrize("width_Hz", [0.0, 2.0])
@@ -120,4 +121,10 @@ def test_missing_samples_and_scale():
     "row", [np.ones(99), np.full(99, np.nan), RNG(13).normal(size=40), np.arange(3.0)]
 )
 def test_nothing_to_tell_it_from(row):
-    assert drift_level(row[None], RATE_HZ) == 0.0
+    assert drift_levels(row[None], RATE_HZ) == 0.0
+
+
+def test_elements_share_a_drift_unless_theirs_are_far_apart():
+    assert shared_levels(np.array([1.0, 2.0])) == pytest.approx([np.sqrt(2.5)])
+    assert shared_levels(np.array([1.0, 5.0, 0.0])) == pytest.approx([1.0, 5.0, np.sqrt(26 / 3)])
+    assert shared_levels(np.zeros(2)) == 0.0

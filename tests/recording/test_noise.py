@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srsinv.recording.noise import white_level
+from srsinv.recording.noise import white_levels
 
 N, DEPTH_M, SPACING_M = 2000, 7.5e-4, 1e-5
 AT = np.arange(N)
@@ -36,7 +36,7 @@ def test_white_noise_is_found_whatever_is_missing(name):
     (missing, most), level = MISSING[name], 1e-6
     rng = np.random.default_rng(1)
     levels = [
-        white_level(np.where(missing, np.nan, scan(level, rng)), DEPTH_M, SPACING_M)
+        white_levels(np.where(missing, np.nan, scan(level, rng)), DEPTH_M, SPACING_M)
         for _ in range(8)
     ]
     assert np.mean(levels) == pytest.approx(level, rel=most)
@@ -45,8 +45,8 @@ def test_white_noise_is_found_whatever_is_missing(name):
 def test_elements_may_miss_samples_of_their_own():
     rng = np.random.default_rng(2)
     missing = np.stack([MISSING["50 %"][0], MISSING["a quarter at once"][0]])
-    level = white_level(np.where(missing, np.nan, scan(2.0, rng)), DEPTH_M, SPACING_M)
-    assert level == pytest.approx(2.0, rel=0.08)
+    levels = white_levels(np.where(missing, np.nan, scan(2.0, rng)), DEPTH_M, SPACING_M)
+    assert levels == pytest.approx(2.0, rel=0.08)
 
 
 def test_a_texture_all_along_the_scan_is_no_noise():
@@ -57,10 +57,25 @@ def test_a_texture_all_along_the_scan_is_no_noise():
     levels = []
     for _ in range(8):
         texture = np.fft.irfft(damped * np.fft.rfft(rng.normal(size=(2, N))), N)
-        levels.append(white_level(texture + rng.normal(size=(2, N)), DEPTH_M, spacing_m))
+        levels.append(white_levels(texture + rng.normal(size=(2, N)), DEPTH_M, spacing_m))
     assert np.mean(levels) == pytest.approx(1.0, rel=0.02)
 
 
 @pytest.mark.parametrize("signal", [np.zeros((1, N)), np.full((1, N), np.nan)])
 def test_no_noise_where_nothing_varies(signal):
-    assert white_level(signal, DEPTH_M, SPACING_M) == 0
+    assert white_levels(signal, DEPTH_M, SPACING_M) == 0
+
+
+def test_elements_have_a_level_of_their_own_where_they_differ():
+    rng = np.random.default_rng(4)
+    alike, apart = [], []
+    for _ in range(40):
+        signal = scan(1.0, rng)
+        alike.append(white_levels(signal, DEPTH_M, SPACING_M).size)
+        louder = signal + np.array([[0.0], [3.0]]) * rng.normal(size=signal.shape)
+        apart.append(white_levels(louder, DEPTH_M, SPACING_M))
+    assert alike.count(1) >= 39  # chance makes 15 % once in some thousands
+    assert np.mean(apart, axis=0) == pytest.approx([1.0, np.sqrt(10)], rel=0.02)
+    # One that is dead has none to be found: the others' is as good as any.
+    signal[1] = 0.0
+    assert white_levels(signal, DEPTH_M, SPACING_M).shape == (1,)

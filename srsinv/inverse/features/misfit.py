@@ -38,7 +38,7 @@ def local_excess(
     power = np.nanmean(_means(fitted**2, size)[0], axis=0)
     amplitude = np.sqrt(power / max(power.max(), np.finfo(float).tiny))
     near = np.max(np.where(lag <= depth_m, amplitude, 0.0), axis=-1)
-    correlation = np.exp(-lag / max(levels.correlation_m, depth_m / 2))
+    correlation = np.exp(-lag / max(levels.longest_m, depth_m / 2))
     # A wrong shape is missed where the signal is large; flanks lie beside it, and may be small.
     weights = amplitude, near, (near >= PRESENT).astype(float)
     whitened = list(_whitened(residual, lag, levels, size))
@@ -61,10 +61,12 @@ def _whitened(
     levels: Levels,
     size: int,
 ) -> Iterator[_Whitened]:
-    for values, white in zip(residual, np.broadcast_to(levels.white, len(residual)), strict=True):
+    of_each = levels.white, levels.sliding, levels.correlation_m
+    each = (np.broadcast_to(level, len(residual)) for level in of_each)
+    for values, white, sliding, correlation_m in zip(residual, *each, strict=True):
         means, number = _means(values[None], size)
         present = number[0] > 0
-        noise = levels.sliding**2 * np.exp(-lag / levels.correlation_m)
+        noise = sliding**2 * np.exp(-lag / correlation_m)
         noise = noise + np.diag(white**2 / np.maximum(number[0], 1))
         precise = np.linalg.inv(noise[np.ix_(present, present)])
         yield _Whitened(present, precise, precise @ means[0][present])
@@ -109,7 +111,7 @@ def against_levels(
     """Warnings on noise that was estimated from the residual of a fit to `y`, the fit's derivatives
     being `taken`; a correlated part that is known, or that chance makes as well, says nothing."""
     x, size = np.asarray(position_m), float(np.sqrt(np.nanmean(y**2)))
-    warnings = () if levels.is_stated else sliding_noise(levels.sliding / size)
+    warnings = () if levels.is_stated else sliding_noise(levels.sliding_rms / size)
     if warnings and evidence_of_sliding(residual, x, taken, levels) < -np.log(FALSE_ALARM):
         warnings = ()
     return (*warnings, *local_misfit(local_excess(residual, y - residual, x, depth_m, levels)))

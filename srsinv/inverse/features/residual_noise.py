@@ -6,7 +6,7 @@ beside them.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from jaxtyping import Float
 from ...forward.scan import Motion
 from ..nonlinear import Fit, WhitePlusOU, WithNuisance
 from ..problem import Problem
-from ..sample_noise import Samples, walk_as_correlated
+from ..sample_noise import SampleNoise, Samples
 from .misfit import against_levels
 from .sliding_noise import Levels, estimate, first_levels
 
@@ -27,31 +27,29 @@ class ResidualNoise:
     """How the noise of signals along a motion is estimated.
 
     - `depth_m` of the film, which gives the scale of what is correlated.
-    - `white_rms`: a first level of the white noise, where there are waves.
+    - `known`: a first level of the white noise, where there are waves; and what drifts. Where
+      nothing does, what is correlated is estimated.
     - `waves` (e, m, sample): see [`WithNuisance`][]; None: there are none.
-    - `drift`: of a random walk, its rms after a second; 0: what is correlated is estimated.
     """
 
     motion: Motion
     depth_m: float
-    white_rms: float = 1.0
+    known: SampleNoise = field(default_factory=lambda: SampleNoise(1.0))
     waves: Float[np.ndarray, "e m sample"] | None = None
-    drift: float = 0.0
 
     def first(self, y: Float[np.ndarray, "e sample"]) -> Levels:
         """First levels, from the samples' differences."""
         levels = first_levels(self.without_waves(y), self.depth_m)
-        if not self.drift:
+        if not self.known.has_drift:
             return levels
-        seconds = np.asarray(self.motion.time_s)
-        rms, slow_s = walk_as_correlated(seconds, self.drift)
+        rms, slow_s = self.known.drift_as_correlated(np.asarray(self.motion.time_s))
         return Levels(levels.white, rms, slow_s * self._mean_speed, is_stated=True)
 
     def without_waves(self, y: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, "e sample"]:
         """The signals less the waves that they say of themselves."""
         if self.waves is None:
             return y
-        white = np.where(np.isfinite(y), self.white_rms, np.inf)
+        white = np.where(np.isfinite(y), np.asarray(self.known.white)[:, None], np.inf)
         return WithNuisance.of(white, self.waves).without(y)
 
     def whitener(
@@ -100,7 +98,7 @@ class ResidualNoise:
     @property
     def _path_m(self) -> Float[np.ndarray, " sample"]:
         """What noise is correlated along: where the finger is, or, of a walk, the time."""
-        if not self.drift:
+        if not self.known.has_drift:
             return np.asarray(self.motion.position_m)
         return self._mean_speed * np.asarray(self.motion.time_s)
 
@@ -118,5 +116,5 @@ def _without_waves(
 
 def residual_noise(problem: Problem, samples: Samples) -> ResidualNoise:
     """That of a problem's samples, with the waves and the drift that are named."""
-    depth, noise = float(problem.sensor.depth_m), problem.noise
-    return ResidualNoise(samples.motion, depth, float(noise.rms), samples.waves, noise.drift)
+    depth = float(problem.sensor.depth_m)
+    return ResidualNoise(samples.motion, depth, problem.noise, samples.waves)

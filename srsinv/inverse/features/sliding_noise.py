@@ -5,7 +5,9 @@ The correlated part, from sliding, has the covariance s^2 exp(-|dx|/l) along the
 Thompson 1971), with white noise of its own in each element and the same sliding noise in all.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -28,12 +30,27 @@ MOST_WHITE = 1e3  # times the estimate from the residual's differences
 @dataclass(frozen=True)
 class Levels:
     """Standard deviations: `white` (e,) per sample, `sliding` of the correlated part over
-    `correlation_m`; `is_stated`: whether the latter is known, not estimated."""
+    `correlation_m`; `is_stated`: whether the latter is known, (#e,), not estimated, a number."""
 
     white: Float[np.ndarray, " e"]
-    sliding: float
-    correlation_m: float
+    sliding: float | Float[np.ndarray, "#e"]
+    correlation_m: float | Float[np.ndarray, "#e"]
     is_stated: bool = False
+
+    @property
+    def white_rms(self) -> float:
+        """The white noise's rms over all elements."""
+        return float(np.sqrt(np.mean(self.white**2)))
+
+    @property
+    def sliding_rms(self) -> float:
+        """The rms of the correlated part over all elements."""
+        return float(np.sqrt(np.mean(np.square(self.sliding))))
+
+    @property
+    def longest_m(self) -> float:
+        """The longest of the correlation lengths."""
+        return float(np.max(self.correlation_m))
 
     def whitener(self, position_m, observed: Bool[np.ndarray, "e sample"]) -> WhitePlusOU:
         """Whitener of the noise along the motion, at `observed` samples."""
@@ -99,46 +116,50 @@ class _Likelihood:
 
     def minus_log(self, levels: Levels) -> float:
         """Minus the log of that of some levels."""
-        logs = np.log([*(levels.white / self._size), levels.sliding / self._size])
-        return self._minus_log([*logs, np.log(levels.correlation_m)])
+        white, sliding = (np.log(each / self._size) for each in (levels.white, levels.sliding))
+        return self._minus_log(white, sliding, np.log(levels.correlation_m))
 
     def greatest(self, start: Levels, depth_m: float) -> Levels:
         """The levels of greatest likelihood, from these on."""
+        white = np.log(start.white / self._size)
+        around = [(each - np.log(MOST_WHITE), each + np.log(MOST_WHITE)) for each in white]
+        if start.is_stated:
+            stated = np.log(start.sliding / self._size), np.log(start.correlation_m)
+            best = _least(lambda logs: self._minus_log(logs, *stated), white, around)
+            return replace(start, white=self._size * np.exp(best.x))
         sliding = max(start.sliding / self._size, LEAST_START)
-        first = np.log([*(start.white / self._size), sliding, start.correlation_m])
+        first = [*white, np.log(sliding), np.log(start.correlation_m)]
         bounds = [
-            *((white - np.log(MOST_WHITE), white + np.log(MOST_WHITE)) for white in first[:-2]),
+            *around,
             (np.log(LEAST_SLIDING), np.log(max(self._spread, 10 * LEAST_SLIDING))),
             (np.log(depth_m / RANGE), np.log(depth_m * RANGE)),
         ]
-        if start.is_stated:
-            first[-2:] = np.log([start.sliding / self._size, start.correlation_m])
-            bounds[-2:] = [(each, each) for each in first[-2:]]
-        best = scipy.optimize.minimize(self._minus_log, first, method="L-BFGS-B", bounds=bounds)
+        best = _least(lambda logs: self._minus_log(logs[:-2], *logs[-2:]), first, bounds)
         *white, sliding, correlation = np.exp(best.x)
-        white, sliding = self._size * np.array(white), self._size * float(sliding)
-        return Levels(white, sliding, float(correlation), start.is_stated)
+        return Levels(self._size * np.array(white), self._size * float(sliding), float(correlation))
 
     def of_white(self) -> float:
         """Minus the log of the greatest likelihood of white noise alone."""
-        rest = [np.log(LEAST_SLIDING), 0.0]
+        rest = np.log(LEAST_SLIDING), 0.0
         first = np.zeros(len(self._rows))
         bounds = [(-np.log(MOST_WHITE), np.log(MOST_WHITE))] * len(first)
-        best = scipy.optimize.minimize(
-            lambda logs: self._minus_log([*logs, *rest]), first, method="L-BFGS-B", bounds=bounds
-        )
-        return float(best.fun)
+        return float(_least(lambda logs: self._minus_log(logs, *rest), first, bounds).fun)
 
-    def _minus_log(self, logs) -> float:
-        *white, sliding, correlation = np.exp(logs)
-        each = [
-            row.products(w, sliding, correlation) for row, w in zip(self._rows, white, strict=True)
-        ]
+    def _minus_log(self, white, sliding, correlation) -> float:
+        """By logarithms, each of the elements' or one for all."""
+        levels = (
+            np.broadcast_to(np.exp(x), len(self._rows)) for x in (white, sliding, correlation)
+        )
+        each = [row.products(*own) for row, *own in zip(self._rows, *levels, strict=True)]
         product = np.sum([products for products, _ in each], axis=0)
         projections, inner = product[1:, 0], product[1:, 1:]
         refitted = projections @ np.linalg.solve(inner, projections)
         log_volume = sum(volume for _, volume in each) + np.linalg.slogdet(inner)[1]
         return 0.5 * float(product[0, 0] - refitted + log_volume)
+
+
+def _least(of: Callable[[Any], float], first, bounds) -> Any:
+    return scipy.optimize.minimize(of, first, method="L-BFGS-B", bounds=bounds)
 
 
 def _directions(fitted, residual) -> Float[np.ndarray, "e sample k"]:

@@ -81,7 +81,7 @@ def stretch_of(problem: Problem, features: Features) -> FittedStretch:
     whole = scan_extent(problem.sensor, problem.motion)
     is_local = not any(each.is_of_surface or each.is_periodic for each in features.values())
     is_rate = problem.sensor.amplifier.order == 1 and not problem.has_free_offset
-    is_white = not problem.noise.causes and not problem.noise.drift and not problem.mains
+    is_white = not problem.noise.causes and not problem.noise.has_drift and not problem.mains
     if not is_local or not is_rate or not is_white or whole.length_m <= LONG * depth:
         return FittedStretch(problem, whole)
     x, power, is_above = _blocks(problem)
@@ -113,7 +113,8 @@ def _blocks(
 
     total = sums(np.where(observed, np.asarray(problem.data), 0.0))
     count = np.maximum(sums(observed.astype(float)), 1)
-    power = np.sum(total**2 / count, axis=0) / float(problem.noise.rms) ** 2
+    level = np.asarray(problem.noise.white, float)[:, None]
+    power = np.sum((total / level) ** 2 / count, axis=0)
     above = float(chdtri(len(total), FALSE_ALARM / power.size))
     return sums(x) / size, power, power > above
 

@@ -94,7 +94,8 @@ class Spectrum(Whitener):
 
 
 class WhitePlusOU(Whitener):
-    """White noise and one that is correlated along the motion as exp(-|dx|/correlation_m).
+    """White noise and one that is correlated along the motion as exp(-|dx|/correlation_m), of the
+    same level and length in all rows or of their own.
 
     Rows are independent. Samples may lie unevenly in x, or be missing: the correlated part is an
     Ornstein-Uhlenbeck process along the path, and a Kalman filter gives each sample's prediction
@@ -111,19 +112,25 @@ class WhitePlusOU(Whitener):
 
     def __init__(self, position_m, white, sliding, correlation_m):
         """`position_m` (sample,); `white` (e, sample), infinite where a sample is left out;
-        `sliding` and `correlation_m`: the correlated part's standard deviation and length."""
+        `sliding` and `correlation_m`, (#e,) or numbers: the correlated part's standard deviation
+        and length."""
         white = real(white, "The white noise must be one standard deviation for each of the data.")
         for name, value in (("sliding", sliding), ("correlation_m", correlation_m)):
-            refuse(not value > 0, f"The noise's {name} is {value!r}: give a number above 0.")
+            above = bool(np.all(np.asarray(value) > 0))
+            refuse(not above, f"The noise's {name} is {value!r}: give a number above 0.")
         refuse(
             not bool((white > 0).all()),
             "The white noise holds a level that is not above 0: give positive ones.",
         )
-        step = np.abs(np.diff(np.asarray(position_m, float), append=np.inf)) / correlation_m
-        decay, renewed = np.exp(-step), -np.expm1(-2 * step)
-        variance, along = float(sliding) ** 2, zip(decay.tolist(), renewed.tolist(), strict=True)
-        steps = [(each**2, new * variance) for each, new in along]
-        predicted = _predicted((white**2).tolist(), steps, variance)
+        variance, length = (
+            np.broadcast_to(np.ravel(each), len(white))
+            for each in (np.square(sliding), correlation_m)
+        )
+        moved = np.abs(np.diff(np.asarray(position_m, float), append=np.inf))
+        step = moved / length[:, None]
+        decay, added = np.exp(-step), -np.expm1(-2 * step) * variance[:, None]
+        each = white**2, decay**2, added, variance
+        predicted = _predicted(*(rows.tolist() for rows in each))
         gain, total = np.moveaxis(np.asarray(predicted).reshape(*white.shape, 2), -1, 0)
         keep, take = decay * (1 - gain), decay * gain
         self.take, self.stderr = as_real(take), as_real(np.sqrt(total))
@@ -178,18 +185,21 @@ class WhitePlusOU(Whitener):
 
 
 def _predicted(
-    white: Sequence[Sequence[float]], steps: Sequence[tuple[float, float]], first: float
+    white: Sequence[Sequence[float]],
+    factors: Sequence[Sequence[float]],
+    added: Sequence[Sequence[float]],
+    first: Sequence[float],
 ) -> list[list[tuple[float, float]]]:
-    """Gain and predicted variance (e, sample) of a Kalman filter of a process that begins with the
-    variance `first`, beside variances `white` (e, sample), where each step multiplies it and adds
-    to it as `steps` (sample,) say.
+    """Gain and predicted variance (e, sample) of a Kalman filter of processes that begin with the
+    variances `first` (e,), beside variances `white` (e, sample), where each step multiplies them by
+    `factors` and adds `added` (e, sample).
 
     In Python's own numbers: arrays of two or three elements take several times as long.
     """
     rows = []
-    for row in white:
-        expected, own = first, []
-        for each, (factor, more) in zip(row, steps, strict=True):
+    for begin, *each_row in zip(first, white, factors, added, strict=True):
+        expected, own = begin, []
+        for each, factor, more in zip(*each_row, strict=True):
             total = expected + each
             gain = expected / total if total else 0.0  # and where the white noise is infinite
             own.append((gain, total))

@@ -159,3 +159,13 @@ def test_refusals():
     refused(lambda: WhitePlusOU(X, WHITE, 1.0, -1.0), "correlation_m", "above 0")
     refused(lambda: WhitePlusOU(X, np.zeros((2, 157)), 1.0, LENGTH), "level", "above 0")
     refused(lambda: WhitePlusOU(X, WHITE, 1.0, LENGTH).observed((3, 5)), "shape", "(3, 5)")
+
+
+def test_rows_may_have_levels_and_lengths_of_their_own():
+    own = WhitePlusOU(X, WHITE, np.array([0.7, 0.2]), np.array([LENGTH, 5 * LENGTH]))
+    y = np.random.default_rng(3).normal(size=WHITE.shape)
+    each = [
+        WhitePlusOU(X, WHITE[:1], 0.7, LENGTH)(y[:1]),
+        WhitePlusOU(X, WHITE[1:], 0.2, 5 * LENGTH)(y[1:]),
+    ]
+    np.testing.assert_allclose(own(y), np.concatenate(each), rtol=1e-12, atol=1e-12)
