@@ -4,7 +4,8 @@
 Traction is drawn from the prior of Wiener's filter, on cells a tenth as wide as those of the
 inversion, and a rig from the covariance of its calibration; the signals are inverted as if the rig
 were the calibrated one, once with the covariance and once as if it were known exactly. Of p
-and q the cells that the scan passed are counted, less their mean, whose error would mask theirs. Writes results/rig_bands.json.
+and q the cells that the scan passed are counted, less their mean, whose error would mask theirs.
+Writes results/rig_bands.json.
 """
 
 import dataclasses
@@ -38,7 +39,7 @@ Rng = np.random.Generator
 
 
 class Smooth(TractionSpectrum):
-    """Traction of `RMS_PA`, correlated as a Gaussian over `SMOOTH_M`; a millionth of it is white."""
+    """Traction of `RMS_PA`, correlated as a Gaussian over `SMOOTH_M`, and a little white."""
 
     def power(self, problem: LineProblem) -> Float[Array, " k"]:
         line = problem.line

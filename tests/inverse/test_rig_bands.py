@@ -84,7 +84,8 @@ def test_errors_are_what_a_rig_that_is_off_makes(name, motion):
     value = {"gain_1": 1.0, "depth_m": DEPTH_M, "angle_2_deg": 90.0, "offset_2_m": 0.0}[name]
     rig = RigError((name,), np.array([value]), np.array([[MOVES[name] ** 2]]))
     estimate = WIENER(problem(moved(name, 0.0, motion), rig, motion))
-    of = [WIENER(problem(moved(name, sign * MOVES[name], motion), None, motion)) for sign in (1, -1)]
+    by = MOVES[name]
+    of = [WIENER(problem(moved(name, off, motion), None, motion)) for off in (by, -by)]
     change = (np.asarray(of[0].value) - np.asarray(of[1].value)) / 2
     (error,) = estimate.rig_errors
     # To the regularised traction, of which the signals change, from the true one.
