@@ -95,6 +95,9 @@ class TractionEstimate(Estimate):
     - `mean_weights` (c, n): the weights of the mean that was taken out of `stderr`, zero where the
       mean is observable.
     - `friction`: mu where q = mu p was not solved for.
+    - `rig_errors` (j, c, n): errors by one standard deviation of the rig, in independent directions
+      (see rig_bands.py). They are in `stderr`, and beside `covariance`: the two have the covariance
+      C + sum_j f_j f_j^T. None of a rig that is exact.
     """
 
     line: Line
@@ -110,6 +113,7 @@ class TractionEstimate(Estimate):
     covariance: Complex[Numbers, "c c k"] | Float[Numbers, "m m"] | None = None
     mean_weights: Float[Numbers, "c n"] | None = None
     averaging: Float[Numbers, "c c n"] | None = None
+    rig_errors: Float[Numbers, "j c n"] | None = None
 
     def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value = np.asarray(self.value)
@@ -122,7 +126,8 @@ class TractionEstimate(Estimate):
         of_kind("line", line, Line, "a line, such as Open(256, 1.5e-4)")
         weights = overlap(self.line, line)
         value = jnp.asarray(np.asarray(self.value) @ weights.T)
-        nothing = {"covariance": None, "mean_weights": None, "averaging": None}
+        names = "covariance", "mean_weights", "averaging", "rig_errors"
+        nothing: dict[str, Any] = dict.fromkeys(names)
         stderr = self._carried(weights)
         return dataclasses.replace(self, line=line, value=value, stderr=stderr, **nothing)
 
@@ -137,7 +142,10 @@ class TractionEstimate(Estimate):
         for c in range(components):
             off = weights - weights.sum(axis=1, keepdims=True) * means[c]
             carried = np.asarray(self._times_covariance(c, off))
-            rows.append(np.sqrt(np.maximum(np.sum(carried * off, axis=1), 0.0)))
+            variance = np.maximum(np.sum(carried * off, axis=1), 0.0)
+            if self.rig_errors is not None:
+                variance = variance + np.sum((np.asarray(self.rig_errors)[:, c] @ off.T) ** 2, 0)
+            rows.append(np.sqrt(variance))
         if self.friction is not None:
             rows.append(np.abs(float(self.friction)) * rows[0])
         return jnp.asarray(np.stack(rows))

@@ -47,6 +47,7 @@ def gathered(problem: LineProblem, count: int) -> LineProblem:
         known_mean_Pa=problem.known_mean_Pa,
         background_Pa=problem.background_Pa,
         friction=problem.friction,
+        rig=problem.rig,
         warnings=problem.warnings,
     )
 

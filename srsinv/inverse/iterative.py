@@ -228,6 +228,7 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolu
         impulse[c, n // 2] = 1.0
         solved.append(marginal.mean(normal.forward(normal.centre(impulse))))
     mean, *averaging = (jnp.asarray(each.value) for each in solved)
+    moved = [marginal.mean(each).value for each in problem.rig_signals(mean)]
     spread = marginal.variance(np.asarray(problem.mean_weights))
     spread = spread + change_of_variance(problem, posterior.near)
     stderr = np.sqrt(np.maximum(spread, 0.0))
@@ -239,6 +240,7 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolu
         as_real(near.resolved_dof(near.blocks())),
         # A sum of variances that ends at or below zero is rounding.
         _condition(problem, prior) if spread.min() > 0 else jnp.asarray(LEFT_TO_ROUNDING),
+        np.stack(moved) if moved else None,
     )
     converged = all(each.converged for each in solved)
     return IterativeSolution(solution, solved[0].steps, converged, posterior.defect())

@@ -23,6 +23,7 @@ from .estimate import TractionEstimate
 from .line_model import CHI2, FREEDOM, LineModel, Shown, chi2
 from .means import have_zero_mean, less_means
 from .passes import AveragedPasses
+from .rig_error import RigError
 from .sample_noise import Samples, noise_on_line
 
 
@@ -66,6 +67,9 @@ class LineProblem(LineModel):
     - `sensor`, `scan`: what made the signals, one sample a cell at constant speed; `passed`: the
       cells from the first to the last with a sample. None where only the operator is known.
     - `passes`: what averaging found, where the signals are means over passes.
+    - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
+    - `rig_changes`: the model's change by one standard deviation of the rig, the elements of one
+      independent direction after those of another (see rig_bands.py). None: no rig.
 
     Raises `BadInput` where shapes disagree, a number is not finite, fewer than three samples are
     valid, the noise is zero, the model is zero, or one element is asked for p and q apart.
@@ -87,6 +91,8 @@ class LineProblem(LineModel):
     scan: ConstantSpeed | None
     passed: PassedCells | None
     passes: AveragedPasses | None
+    rig: RigError | None
+    rig_changes: Convolution | None
     warnings: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(
@@ -105,9 +111,11 @@ class LineProblem(LineModel):
         sensor: Sensor | None = None,
         scan: ConstantSpeed | None = None,
         passes: AveragedPasses | None = None,
+        rig: RigError | None = None,
+        rig_changes: Convolution | None = None,
         warnings: Sequence[str] = (),
     ):
-        self.warnings, self.passes = tuple(warnings), passes
+        self.warnings, self.passes, self.rig = tuple(warnings), passes, rig
         data, noise = as_real(data), jnp.atleast_2d(as_real(noise))
         check(line, forward, data, noise, observed, friction, known_mean_Pa)
         self.noise_scale = None if noise_scale is None else as_real(noise_scale)
@@ -116,8 +124,9 @@ class LineProblem(LineModel):
         check_nuisance(data.shape, self.nuisance)
         if friction is not None:
             friction = as_real(friction)
-            transfer = forward.transfer[:, :1] + friction * forward.transfer[:, 1:]
-            forward = dataclasses.replace(forward, transfer=transfer)
+            forward = _of_pressure(forward, friction)
+            rig_changes = None if rig_changes is None else _of_pressure(rig_changes, friction)
+        self.rig_changes = rig_changes
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
         observed = None if observed is None or np.all(observed) else jnp.asarray(observed)
         self.observed, self.sensor, self.scan = observed, sensor, scan
@@ -131,22 +140,38 @@ class LineProblem(LineModel):
 
     @classmethod
     def of_sensor(
-        cls, line: Line, sensor: Sensor, scan: ConstantSpeed, data, noise, **known
+        cls,
+        line: Line,
+        sensor: Sensor,
+        scan: ConstantSpeed,
+        data,
+        noise,
+        rig: RigError | None = None,
+        **known,
     ) -> "LineProblem":
         """The problem of a sensor that slides along the line, one sample at each cell; `known` as
         the class takes it."""
         operator = sensor.operator(line, scan)
-        return cls(line, operator, data, noise, sensor=sensor, scan=scan, **known)
+        if rig is not None:
+            own = np.asarray(operator.transfer)
+            moved = rig.columns(sensor, own, lambda s: s.operator(line, scan).transfer)
+            changes = jnp.asarray(moved.reshape(-1, *own.shape[1:]))
+            known["rig_changes"] = dataclasses.replace(operator, transfer=changes)
+        return cls(line, operator, data, noise, sensor=sensor, scan=scan, rig=rig, **known)
 
     def on_line(self) -> "LineProblem":
         """Itself, without the sensor: what is compiled for one problem then serves all sensors."""
         if self.sensor is None:
             return self
-        return with_fields(self, sensor=None, scan=None, passed=None, passes=None)
+        return with_fields(self, sensor=None, scan=None, passed=None, passes=None, rig=None)
 
-    @property
-    def rig(self) -> None:
-        """How well the sensor is known: exactly."""
+    def rig_signals(self, traction: Float[Any, "c n"]) -> Float[np.ndarray, "k e n"]:
+        """What one standard deviation of the rig, in each independent direction, changes of the
+        signals of a traction; nothing where samples are missing. None of a rig that is exact."""
+        if self.rig_changes is None:
+            return np.zeros((0, *self.data.shape))
+        signals = np.asarray(self.rig_changes(jnp.asarray(traction)), float)
+        return np.where(self.is_observed, signals.reshape(-1, *self.data.shape), 0.0)
 
     @property
     def own_line(self) -> Line:
@@ -236,6 +261,12 @@ class LineProblem(LineModel):
 @eqx.filter_jit
 def _shown(problem: LineProblem, traction, stderr) -> Shown:
     return problem.show(traction, stderr)
+
+
+def _of_pressure(operator: Convolution, friction: Float[Array, ""]) -> Convolution:
+    """The operator from p alone, with q = mu p."""
+    transfer = operator.transfer[:, :1] + friction * operator.transfer[:, 1:]
+    return dataclasses.replace(operator, transfer=transfer)
 
 
 def _passed(n: int, observed: Array | None, scan: ConstantSpeed) -> PassedCells:

@@ -46,6 +46,8 @@ class Solution(NamedTuple):
 
     - `resolved_dof`: effective degrees of freedom of each component, the trace of its resolution.
     - `condition`: the condition number of the path's system.
+    - `rig_errors` (j, c, n): what errors of the rig make of the value (see rig_bands.py), where the
+      path finds them itself; not in `stderr` and `covariance`.
     """
 
     value: Float[Numbers, "c n"]
@@ -54,3 +56,4 @@ class Solution(NamedTuple):
     averaging: Float[Numbers, "c c n"]
     resolved_dof: Float[Numbers, " c"]
     condition: Float[Numbers, ""]
+    rig_errors: Float[Numbers, "j c n"] | None = None

@@ -35,8 +35,8 @@ class Problem(eqx.Module):
     - `cell_m` [m]: the width of the cells of methods that solve for the traction on a line; None
       lets the method choose.
     - `mains`: lines of mains on the signals, as [`mains_lines`][] measures them.
-    - `rig`: how well a calibration determined the sensor; None: it is taken as exact. Fits of
-      features carry it into their standard errors.
+    - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
+      Estimates carry it into their standard errors.
     - `name`: for messages. `warnings`: sentences on the signal, which every estimate takes over.
 
     It is made of numbers that are known, outside `jax.jit`. A method chooses its line, and takes
@@ -189,6 +189,7 @@ class Problem(eqx.Module):
             if self.friction is not None and self.way is False
             else self.friction,
             passes=on.passes,
+            rig=self.rig,
             warnings=(*self.warnings, *(on.passes.warnings if on.passes else ())),
         )
 

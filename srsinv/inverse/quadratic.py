@@ -32,6 +32,7 @@ from .missing_runs import Runs
 from .noise_levels import at_one_level
 from .nuisance import scored
 from .prior import Prior, Score, Solution
+from .rig_bands import rig_errors, with_rig_errors
 
 DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not chosen
 # Condition numbers up to which a solution is accepted: beyond these, errors of 1 % and more occur,
@@ -213,7 +214,11 @@ def _estimate(
     stats: dict,
     warnings: Sequence[str],
 ) -> TractionEstimate:
-    solution, shown = answer.solution, answer.shown
+    solution, moved = answer.solution, rig_errors(problem, answer.solution)
+    if moved is not None:
+        stderr = with_rig_errors(problem, answer.shown.stderr, moved)
+        answer = answer._replace(shown=answer.shown._replace(stderr=stderr))
+    shown = answer.shown
     stats["condition"] = float(solution.condition)
     if not (np.isfinite(shown.value).all() and np.isfinite(shown.stderr).all()):
         status = Status.NOT_FINITE
@@ -231,6 +236,7 @@ def _estimate(
         mean_weights=problem.mean_weights,
         averaging=solution.averaging,
         friction=problem.friction,
+        rig_errors=moved,
         status=status,
         warnings=(*_warnings(problem, answer, stats), *warnings),
         stats=stats,

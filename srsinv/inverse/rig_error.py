@@ -1,9 +1,9 @@
-"""How well a rig is known: the covariance of a calibration, as signals that a fit leaves room for.
+"""How well a rig is known: the covariance of a calibration, as signals that an estimate allows for.
 
 A calibration determines gains, depth, angles and offsets c to within a covariance S = L L^T. To
 first order the signal is then m + sum_j s_j (dm/dc L)_j with s_j normal of variance one: columns
 that enter linearly, under priors of their own. Fitted beside the parameters they carry the
-calibration's error into all that a fit gives.
+calibration's error into all that a fit gives; inversions carry it as rig_bands.py says.
 """
 
 import re
@@ -12,7 +12,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from ..errors import refuse
 from ..forward.film import Film, Offset
@@ -63,11 +63,12 @@ class RigError(eqx.Module):
     def columns(
         self,
         sensor: Sensor,
-        fitted: Float[np.ndarray, "e sample"],
+        fitted: Shaped[np.ndarray, "e *sample"],
         signal_of: Callable[[Sensor], Any],
-    ) -> Float[np.ndarray, "k e sample"]:
+    ) -> Shaped[np.ndarray, "k e *sample"]:
         """The signals of one standard deviation in each direction of the covariance, about the
-        `fitted` one; `signal_of` gives that of another sensor."""
+        `fitted` one; `signal_of` gives that of another sensor. Transfer functions may stand for
+        signals; of a motion that turns each film is there for the way back, too."""
         slopes = np.stack([
             self._slope(i, sensor, np.asarray(fitted), signal_of) for i in range(len(self.names))
         ])  # fmt: skip
@@ -75,15 +76,15 @@ class RigError(eqx.Module):
         correlation = self.covariance / np.outer(stderr, stderr)
         strength, axes = np.linalg.eigh(correlation)
         root = stderr[:, None] * axes * np.sqrt(np.maximum(strength, 0.0))
-        return np.einsum("ij,ies->jes", root, slopes)
+        return np.einsum("ij,i...->j...", root, slopes)
 
-    def _slope(self, i: int, sensor: Sensor, fitted, signal_of) -> Float[np.ndarray, "e sample"]:
+    def _slope(self, i: int, sensor: Sensor, fitted, signal_of) -> Shaped[np.ndarray, "e *sample"]:
         """The derivative of the signal by one parameter."""
         name, step = self.names[i], float(np.sqrt(self.covariance[i, i]))
         if name.startswith("gain_"):
             own = np.zeros_like(fitted)
-            element = int(name.removeprefix("gain_")) - 1
-            own[element] = fitted[element] / self.values[i]
+            channels = slice(int(name.removeprefix("gain_")) - 1, None, _films(sensor))
+            own[channels] = fitted[channels] / self.values[i]
             return own
         above, below = (signal_of(_moved(sensor, name, sign * step)) for sign in (1, -1))
         return (np.asarray(above) - np.asarray(below)) / (2 * step)
@@ -94,6 +95,11 @@ def _is_covariance(matrix: Float[np.ndarray, "k k"]) -> bool:
     if not np.all(np.diag(matrix) > 0) or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=0):
         return False
     return bool(np.linalg.eigvalsh(matrix / np.outer(size, size)).min() > -1e-6)
+
+
+def _films(sensor: Sensor) -> int:
+    """How many films there are, each counted once where it is there for both ways."""
+    return sum(not film.is_backward for film in sensor.elements)
 
 
 def _moved(sensor: Sensor, name: str, by: float) -> Sensor:
@@ -113,7 +119,8 @@ def _moved(sensor: Sensor, name: str, by: float) -> Sensor:
     else:
         kind, number = name.split("_")[:2]
         change = {"angle": angle, "offset": offset}[kind]
+        count, own = _films(sensor), int(number) - 1
         films = [
-            change(film) if n == int(number) else film for n, film in enumerate(sensor.elements, 1)
+            change(film) if n % count == own else film for n, film in enumerate(sensor.elements)
         ]
     return eqx.tree_at(lambda s: s.elements, sensor, tuple(films))

@@ -46,7 +46,13 @@ def shape_band(
             "The estimate has no covariance, from which the profile's error follows: take a method "
             "that gives one, such as Wiener or Tikhonov."
         )
-    return _band(line, skin, estimate.value[0], estimate.covariance, jnp.asarray(touching))
+    w, stderr = _band(line, skin, estimate.value[0], estimate.covariance, jnp.asarray(touching))
+    rig_errors = getattr(estimate, "rig_errors", None)
+    if rig_errors is None:
+        return w, stderr
+    moved = np.asarray(shape_under(line, skin, jnp.asarray(rig_errors[:, 0])))
+    moved = moved - moved[:, np.asarray(touching)].mean(axis=-1, keepdims=True)
+    return w, jnp.sqrt(stderr**2 + jnp.sum(jnp.asarray(moved) ** 2, axis=0))
 
 
 @eqx.filter_jit

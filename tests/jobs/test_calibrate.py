@@ -147,3 +147,21 @@ def test_a_signal_in_counts_is_calibrated(lab):
     metrics = outcome("experiment=calibrate", path, sidecar, "feature=ridge", HOLD).metrics
     assert abs(metrics["gain_1"] / 3276.8 - 95) < 3.5 * metrics["gain_1_stderr"] / 3276.8
     assert metrics["noise_rms_counts"] > 1
+
+
+@pytest.mark.full
+def test_an_inversion_carries_its_errors_into_its_bands(run):
+    exact = facts_in((run / "rig.yaml").read_text())
+    del exact["rig_error"]
+    (run / "exact.json").write_text(json.dumps(exact))
+    path = "experiment=invert_recording", f"recording.path={run}/unknown_ridge.csv"
+    nominal, wide = f"recording.sidecar={run}/nominal.json", "recording.cell_m=3e-4"
+    given = *path, nominal, wide, "method=tikhonov"
+    carried = outcome(*given, f"recording.calibration={run}/rig.yaml").dataset
+    without = outcome(*given, f"recording.calibration={run}/exact.json").dataset
+    np.testing.assert_array_equal(carried["estimate"], without["estimate"])
+    p = carried["estimate"].values[0, 0]
+    more, own = (each["estimate_stderr"].values[0, 0] for each in (carried, without))
+    assert np.all(more > own)
+    assert more[np.argmax(p)] > 1.01 * own[np.argmax(p)]  # its noise is larger than the rig's error
+    assert "gain_1" in carried.attrs["rig_error"]

@@ -1,0 +1,58 @@
+"""What errors of the rig make of an inversion: a low-rank part of its covariance.
+
+An estimate x = H y is linear in the signals, its weights and noise levels held. A rig that is off
+by one standard deviation in the direction j of its covariance S = L L^T changes the signals by
+d_j = (dG/dc L)_j x, and the estimate by f_j = H d_j: to first order
+
+    cov x = C + sum_j f_j f_j^T,
+
+C that of a rig that is exact. Columns d_j of the problem, under priors of their own as fits of
+features have them, would use what the signals say of the rig. But the prior of x states its size,
+and so a gain: x^T P x is about the resolved degrees of freedom m, and takes a gain of relative
+error s for wrong by s m standard errors (Rice 1986, on partial splines).
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from .estimate import Numbers
+from .gaps import Gaps
+from .line_problem import LineProblem
+from .noise_precision import NoisePrecision
+from .nuisance import Nuisance
+from .prior import Solution
+from .transforms import from_spectrum, times, to_spectrum
+
+
+def rig_errors(problem: LineProblem, solution: Solution) -> Float[np.ndarray, "j c n"] | None:
+    """The changes f_j of a solution; None where the rig is exact."""
+    if problem.rig_changes is None or solution.rig_errors is not None:
+        return solution.rig_errors
+    precision = NoisePrecision(problem, Gaps.of(problem.is_observed))
+    weigh = precision if problem.nuisance is None else Nuisance(problem, precision).weigh
+    signals = problem.rig_signals(solution.value)
+    right = [np.asarray(problem.forward.adjoint(weigh(each)), float) for each in signals]
+    return np.stack([_times_covariance(solution, each) for each in right])
+
+
+def _times_covariance(
+    solution: Solution, right: Float[np.ndarray, "c n"]
+) -> Float[np.ndarray, "c n"]:
+    covariance = np.asarray(solution.covariance)
+    if covariance.ndim == 3:
+        return from_spectrum(times(covariance, to_spectrum(right)), right.shape[-1])
+    return (covariance @ right.ravel()).reshape(right.shape)
+
+
+def with_rig_errors(
+    problem: LineProblem, stderr: Float[Numbers, "2 n"], moved: Float[np.ndarray, "j c n"]
+) -> Float[np.ndarray, "2 n"]:
+    """Standard errors of p and q with these changes by the rig, less their mean where that of the
+    standard errors is taken out."""
+    weights = np.asarray(problem.mean_weights)
+    off = moved - np.einsum("jcn,cn->jc", moved, weights)[..., None]
+    added = np.sum(off**2, axis=0)
+    if problem.friction is not None:
+        added = np.concatenate([added, float(problem.friction) ** 2 * added])
+    own = np.asarray(stderr)
+    return np.sqrt(own.astype(float) ** 2 + added).astype(own.dtype)

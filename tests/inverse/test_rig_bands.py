@@ -1,0 +1,128 @@
+"""A calibration's errors carried into the bands of inversions: closed forms, and rigs drawn."""
+
+import numpy as np
+import pytest
+
+from srsinv.forward.feature import StripFeature
+from srsinv.forward.film import Film, Offset
+from srsinv.forward.scan import Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.traction import UniformStrip
+from srsinv.grid import Open, as_real
+from srsinv.inverse.features.method import FeatureFit
+from srsinv.inverse.problem import Problem
+from srsinv.inverse.rig_error import RigError
+from srsinv.inverse.wiener import Exponential, Wiener
+from tests.claims.rig_bands import METHODS, SETTINGS, study
+from tests.tiers import quick
+
+NOISE_V, DEPTH_M, FRICTION, CELL_M = 3e-8, 7.5e-4, 0.4, 2e-4
+LINE = Open(2000, 1e-5, -1e-2)
+SCAN = Motion.from_speed(np.arange(240) / 1000, np.full(240, 0.05), -6e-3)
+TURN = np.clip((1 - np.arange(480) / 240) / 0.1, -1, 1)
+THERE_AND_BACK = Motion.from_speed(np.arange(480) / 1000, 0.05 * TURN, -6e-3)
+WIENER = Wiener(Exponential(4e3, 1e-3), Exponential(2e3, 1e-3))
+STRIP = np.asarray(UniformStrip(4e3, 3e-3, 4e-4).cell_average(LINE))
+
+
+def sensor(depth_m=DEPTH_M, angle_deg=90.0, offset_m=0.0, count=2) -> Sensor:
+    second = Film(depth_m, np.deg2rad(angle_deg)).with_effect(Offset(offset_m))
+    return Sensor([Film(depth_m), second][:count])
+
+
+def signal(made: Sensor, motion=SCAN, p=STRIP) -> np.ndarray:
+    ways = [np.stack([p, sign * FRICTION * p]) for sign in (1, -1)]
+    traction = np.stack(ways) if len(motion.ways) > 1 else ways[0]
+    return np.asarray(made.operator_along(LINE, motion)(as_real(traction)))
+
+
+def problem(y, rig=None, motion=SCAN, friction=None, count=2) -> Problem:
+    own = sensor(count=count)
+    return Problem(own, motion, y, NOISE_V, rig=rig, friction=friction, cell_m=CELL_M)
+
+
+def common_gain(stderr: float) -> RigError:
+    """Both gains wrong by the same."""
+    return RigError(("gain_1", "gain_2"), np.ones(2), stderr**2 * np.ones((2, 2)))
+
+
+def test_a_gain_adds_its_error_times_the_traction():
+    """s |x| where the signal resolves it; what it adds is the estimate from the fitted signal."""
+    y = signal(sensor())
+    exact, carried = WIENER(problem(y)), WIENER(problem(y, common_gain(0.03)))
+    np.testing.assert_array_equal(carried.value, exact.value)
+    added = np.sqrt(np.asarray(carried.stderr) ** 2 - np.asarray(exact.stderr) ** 2)
+    again = problem(y, common_gain(0.03)).on_line()
+    again = WIENER(type(again).of_sensor(
+        again.line, again.sensor, again.scan, exact.fitted, again.noise, observed=again.observed,
+        noise_scale=again.noise_scale, known_mean_Pa=again.known_mean_Pa,
+    ))  # fmt: skip
+    expected = 0.03 * np.abs(np.asarray(again.value[0]))
+    np.testing.assert_allclose(added[0], expected, atol=1e-6 * expected.max())
+    p = np.abs(np.asarray(exact.value)[0])
+    strong = p > 0.7 * p.max()
+    np.testing.assert_allclose(added[0, strong], 0.03 * p[strong], rtol=0.05)
+
+
+MOVES = {"gain_1": 0.02, "depth_m": 1e-5, "angle_2_deg": 1.0, "offset_2_m": 2e-5}
+
+
+def moved(name: str, by: float, motion) -> np.ndarray:
+    """The signals of a rig that is off by so much in one parameter."""
+    if name == "gain_1":
+        return signal(sensor(), motion) * np.array([[1 + by], [1.0]])
+    own = {"depth_m": DEPTH_M, "angle_2_deg": 90.0, "offset_2_m": 0.0}[name] + by
+    return signal(sensor(**{name.replace("_2", ""): own}), motion)
+
+
+@pytest.mark.parametrize(
+    ("name", "motion"),
+    quick([(name, each) for name in MOVES for each in (SCAN, THERE_AND_BACK)],
+          ("angle_2_deg", THERE_AND_BACK)),
+)  # fmt: skip
+def test_errors_are_what_a_rig_that_is_off_makes(name, motion):
+    value = {"gain_1": 1.0, "depth_m": DEPTH_M, "angle_2_deg": 90.0, "offset_2_m": 0.0}[name]
+    rig = RigError((name,), np.array([value]), np.array([[MOVES[name] ** 2]]))
+    estimate = WIENER(problem(moved(name, 0.0, motion), rig, motion))
+    by = MOVES[name]
+    of = [WIENER(problem(moved(name, off, motion), None, motion)) for off in (by, -by)]
+    change = (np.asarray(of[0].value) - np.asarray(of[1].value)) / 2
+    (error,) = estimate.rig_errors
+    # To the regularised traction, of which the signals change, from the true one.
+    np.testing.assert_allclose(error, change, atol=0.1 * np.abs(change).max())
+
+
+def test_paths_and_other_lines_agree():
+    rig = RigError(("gain_1", "depth_m"), np.array([1.0, DEPTH_M]), np.diag([4e-4, 1e-10]))
+    y = signal(sensor()) + NOISE_V * np.random.default_rng(1).normal(size=(2, 240))
+    y[:, 100:103] = np.nan
+    each = [
+        Wiener(WIENER.p, WIENER.q, path=path, tolerance=1e-12)(problem(y, rig))
+        for path in ("direct", "iterative")
+    ]
+    first, second = (np.asarray(one.rig_errors) for one in each)
+    np.testing.assert_allclose(first, second, atol=1e-6 * np.abs(first).max())
+    # Its own line gives its own band, and cells twice as wide the joint errors of their halves.
+    direct, line = each[0], each[0].line
+    np.testing.assert_allclose(direct.on(line).stderr, direct.stderr, rtol=1e-6)
+    wide = Open(line.n // 2, 2 * line.cell_m, line.start_m + line.cell_m / 2)
+    off = first[:, 0] - first[:, 0] @ np.asarray(direct.mean_weights)[0][:, None]
+    pairs = off[:, : 2 * wide.n].reshape(2, -1, 2).mean(axis=-1)
+    without = WIENER(problem(y)).on(wide).stderr[0]
+    expected = np.sqrt(np.asarray(without) ** 2 + np.sum(pairs**2, axis=0))
+    np.testing.assert_allclose(direct.on(wide).stderr[0], expected, rtol=1e-6)
+
+
+def test_features_on_a_line_carry_them_too():
+    y = signal(sensor()) + NOISE_V * np.random.default_rng(1).normal(size=(2, 240))
+    fit = FeatureFit({"strip": StripFeature()})
+    value, stderr = fit(problem(y, common_gain(0.02)).on_line()).parameters["pressure_Pa"]
+    assert stderr == pytest.approx(0.02 * value, rel=0.2)
+
+
+@pytest.mark.full
+def test_bands_cover_where_the_rig_dominates():
+    """At 60 dB, over draws of the traction, the rig and the noise."""
+    of = study(SETTINGS["two elements, 60 dB"], METHODS["wiener"], draws=60)
+    assert 0.85 < of["coverage_p_with"] < 0.95
+    assert of["coverage_p_without"] < of["coverage_p_with"] - 0.2
