@@ -57,12 +57,7 @@ def even_times(
     gaps aside, and where nearly all rows are missing; refusals call the recording `name`.
     """
     stamps = timing(time_s)
-    refuse(
-        stamps is None,
-        f"{name}: the time stamps lie too near to one another, or too far apart, to be times in "
-        "seconds: check recording.time_unit.",
-    )
-    assert stamps is not None
+    assert stamps is not None  # of times that a recording can have
     rounded = _without_loss(time_s, stated_hz)
     if rounded is not None:
         return rounded

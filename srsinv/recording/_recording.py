@@ -198,7 +198,7 @@ def check_range(name: str, column: str, values: np.ndarray) -> None:
         row = int(outside.argmax())
         raise BadInput(
             f"{name}: {column} is {values[row]:g} at data row {row + 1}, beyond {LARGEST:g}: "
-            "correct the value or its unit, or leave the row out."
+            "correct the value or its unit, or leave the row out if the file has times."
         )
 
 

@@ -187,7 +187,7 @@ class ColumnTable:
         cell = str(value) if not is_text else self.texts[column] if np.isinf(value) else ""
         fault = f"holds {cell[:_CELL]!r}, not a finite number" if cell else "is empty"
         raise BadInput(
-            f"{self.name}: column {quoted(column)}, data row {row + 1} {fault}: correct it or "
-            "leave the row out, or, if this is a missing sample of a signal, leave the cell empty "
-            "(NaN in an array) and set recording.missing=allow."
+            f"{self.name}: column {quoted(column)}, data row {row + 1} {fault}: correct it, "
+            "or leave the row out if the file has times, or, if this is a missing sample of a "
+            "signal, leave the cell empty (NaN in an array) and set recording.missing=allow."
         )
