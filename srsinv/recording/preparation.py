@@ -189,8 +189,9 @@ def _check_notches(recording: Recording, wanted: Preparation) -> None:
     most = MOST_OF_BAND * half
     refuse(
         count * wanted.notch_width_Hz > most,
-        f"{width}, at {count} frequencies, and more than {_rounded(most)} Hz in all, a tenth of "
-        "what is recorded, would be taken for noise that is not there: give narrower or fewer ones.",
+        f"{width}, at {count} frequencies, and more than {_rounded(most)} Hz in all, a tenth "
+        "of what is recorded, would be taken for noise that is not there: give narrower or fewer "
+        "ones.",
     )
 
 

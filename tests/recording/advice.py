@@ -193,7 +193,7 @@ def follows(*parts: str) -> Callable[[Any], Any]:
 
 def sentences() -> Iterator[tuple[str, str]]:
     """Where each sentence in the readers' source stands, and its text, {} where a part is filled
-    in: a string of three words or more that ends as a sentence does, or in a remedy."""
+    in: a string of three words or more that ends as a sentence does."""
     folder = Path(srsinv.recording.__file__).parent
     for path in sorted(folder.rglob("*.py")):
         for line, text in _strings(ast.parse(path.read_text(encoding="utf-8"))):
@@ -204,8 +204,8 @@ def sentences() -> Iterator[tuple[str, str]]:
 
 def _strings(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Strings that are no docstrings and no parts of others."""
-    inner = {id(child) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr | ast.Expr)
-             for child in ast.iter_child_nodes(node) if not isinstance(child, ast.Call)}  # fmt: skip
+    holders = [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr | ast.Expr)]
+    inner = {id(child) for holder in holders for child in ast.iter_child_nodes(holder)}
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
             parts = (p.value if isinstance(p, ast.Constant) else "{}" for p in node.values)

@@ -134,9 +134,20 @@ TIMES = [
 ]  # fmt: skip
 
 UNITS = [
-    Row("give it by recording.", Case(RAIL, ["recording.position_column=rail"]),
+    Row("convert the column to one of them",
+        Case(MINUTES), Case(scan(time_ms=None, time_s=TIME_S))),
+    Row("convert the column to one of them", Case(INCHES, ["recording.position_column=Stage pos"]),
+        Case(SCAN)),
+    Row("only if it is one of them by another name",
+        Case(renamed(time_ms="Time [millis]")),
+        lambda s: Case(renamed(time_ms="Time [millis]"), [asked(s, "time_unit", "ms")])),
+    Row("if the column's name is wrong, rename it", Case(OTHERS_MS, ["recording.time_unit=ms"]),
+        Case(SCAN)),
+    Row("if the column's name is wrong, rename it", Case(SCAN, ["recording.position_unit=um"]),
+        Case(SCAN)),
+    Row("is not stated: give it by", Case(RAIL, ["recording.position_column=rail"]),
         lambda s: Case(RAIL, ["recording.position_column=rail", asked(s, "position_unit", "mm")])),
-    Row("give it by recording.", Case(BARE_TIME),
+    Row("is not stated: give it by", Case(BARE_TIME),
         lambda s: Case(BARE_TIME, [asked(s, "time_unit", "ms")])),
 ]  # fmt: skip
 

@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import shlex
 import sys
 import tomllib
 import warnings
@@ -16,7 +17,9 @@ import numpy as np
 import pytest
 import yaml
 
-from srsinv.recording import Reader, Recording, _apart, load, save
+from srsinv import config
+from srsinv.recording import Reader, Recording, _apart, load, mains, save
+from srsinv.recording._schema import RecordingFacts, _facts_in, check_facts
 from srsinv.recording.channels import channel_findings
 from srsinv.recording.even import check_volts, load_even, load_steady, on_even_times
 from srsinv.recording.formats.text import Text
@@ -25,7 +28,7 @@ from srsinv.recording.mains import MainsLine, waves
 from srsinv.recording.preparation import preparation_warnings
 from srsinv.recording.profile import load_profile
 from srsinv.recording.template import sidecar_template
-from tests.jobs.run import ROOT, composed
+from tests.jobs.run import ROOT, composed, result_of
 from tests.recording.advice import (
     FOLLOWED,
     POSITION_M,
@@ -480,14 +483,62 @@ def test_counts_become_volts(tmp_path, key, value, factor):
     assert composed(*relative, "recording.path=r.csv")["traction_unit"] == "relative"
 
 
+@follows("(one for each channel where they differ)")
+def test_counts_beside_volts_have_a_gain_of_their_own(tmp_path):
+    table = scan(voltage_0_mV=None, voltage_1_V=None, AI0=4 * SIGNAL_V[0])
+    write_csv(tmp_path / "r.csv", table | {"film 1 [V]": SIGNAL_V[1]})
+    settings = {"path": tmp_path / "r.csv"} | typed("recording.channels=[AI0,film 1]")
+    said = refused(lambda: check_volts(load_even(settings, {})), "one for each channel")
+    recording = load_even(settings | typed(asked(said, "gain", "[4,1]")), {})
+    check_volts(recording)
+    assert_right(recording, RIGHT)
+
+
+def leaves(facts, path=()):
+    """The keys of all facts, and for each one that is in no other."""
+    for key, field in facts.model_fields.items():
+        below = _facts_in(field.annotation)
+        if below is None:
+            yield (*path, key)
+        else:
+            yield from leaves(below, (*path, key))
+
+
+def nested(path, value):
+    """Facts with a value at a key within keys; film elements are a list."""
+    for key in reversed(path):
+        value = [{key: value}] if path[path.index(key) - 1] == "elements" else {key: value}
+    return value
+
+
+@follows("where {} is expected: correct it in the sidecar")
+def test_the_key_that_a_wrong_fact_names_can_be_typed():
+    """As far as it names one: not every fact has a key on the command line."""
+    cfg = composed("experiment=invert_recording", "recording.path=r.csv")
+    named = {}
+    for path in leaves(RecordingFacts):
+        said = refused(lambda path=path: check_facts("r.csv", nested(path, {"no": "value"})))
+        key = re.search(r"command line \(([\w.]+)=\.\.\.\)", said)
+        if key:
+            group, name = key[1].split(".")
+            assert name in cfg[group], said
+            named[path] = key[1]
+    assert {path[0] for path in named} >= {"gain", "channels", "time_unit", "sensor", "drift"}
+    assert named["sensor", "elements", "offset_m"] == "sensor.elements"
+    assert {path[0] for path in leaves(RecordingFacts)} - {path[0] for path in named} == {
+        "description", "scan_length_m", "skin", "feature", "rig_error",
+    }  # fmt: skip
+
+
 @follows("leave it out of mains_Hz, or cut the recording")
-def test_a_broad_line_is_left_out_or_the_recording_cut():
-    broad, narrow = (MainsLine(50.0, half, np.ones(1)) for half in (40.0, 0.01))
-    time_s = np.arange(40_000) / RATE_HZ
+def test_a_broad_line_is_left_out_or_the_recording_cut(monkeypatch):
+    monkeypatch.setattr(mains, "MOST_WAVES", 40)
+    broad, narrow = (MainsLine(50.0, half, np.ones(1)) for half in (20.0, 0.01))
+    time_s = np.arange(2000) / RATE_HZ
     with pytest.raises(ValueError, match="leave it out of mains_Hz, or cut the recording"):
         waves(time_s, [broad, narrow], 1e-3)
     assert len(waves(time_s, [narrow], 1e-3)[0])
-    assert len(waves(time_s[:2000], [broad, narrow], 1e-3)[0])
+    assert len(waves(time_s[:200], [broad, narrow], 1e-3)[0])
 
 
 # Preparation: N samples last 0.1995 s
@@ -577,3 +628,48 @@ def test_the_template_is_filled_in_as_it_says(tmp_path):
     np.testing.assert_allclose(recording.time_s, np.arange(4000) / RATE_HZ, atol=1e-12)
     assert recording.sidecar["mains_Hz"] == [50]
     assert yaml.safe_load(template)["channels"] == ["AI0", "AI1"]
+
+
+# What `inspect_recording` says
+
+
+NEXT = {
+    "polarity and gain": (scan(), ["recording.polarity=-1", "recording.gain=[4,4]"], -0.25),
+    "channels": (
+        {"time_ms": 1e3 * TIME_S, "Ch A (0) raw": SIGNAL_V[0], "back 'b' 1": SIGNAL_V[1]},
+        ["recording.channels=['Ch A (0) raw',\"back 'b' 1\"]", "recording.signal_unit=V",
+         "recording.speed_m_per_s=0.02"], 1.0,
+    ),
+    "times of its own": (
+        scan(time_ms=7e3 * TIME_S, voltage_1_V=["", *SIGNAL_V[1][1:]]),
+        ["recording.times=ignore", "recording.sample_rate_hz=2000"], 1.0,
+    ),
+    "a guessed unit": (
+        scan(time_ms=None, position_mm=None, t=500 * np.arange(N)),
+        ["recording.speed_m_per_s=0.02", "recording.scan_start_m=1e-2"], 1.0,
+    ),
+    "a reader and a film": (scan(), ["reader=text", "sensor.depth_m=0.00125"], 1.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NEXT)
+def test_the_next_command_reads_as_the_look_did(tmp_path, case):
+    """Whatever was typed for the look is typed again: without it, signals would be others."""
+    table, overrides, factor = NEXT[case]
+    path = tmp_path / "scan (1), raw.csv"
+    write_csv(path, table)
+    cfg = composed("experiment=inspect_recording", f'recording.path="{path}"', *overrides)
+    facts = result_of(cfg).dataset.attrs
+    assert facts["verdict"].startswith("usable")
+    assert ("a guess from the stamps" in facts["verdict"]) == (case == "a guessed unit")
+    program, *again = shlex.split(facts["next_command"])
+    assert program == "srsinv"
+    cfg = composed(*again)
+    recording = config.recording(cfg)
+    missing = np.isnan(recording.signal)
+    assert missing.sum() == (case == "times of its own")
+    np.testing.assert_allclose(recording.signal[~missing], (factor * SIGNAL_V)[~missing])
+    np.testing.assert_allclose(recording.time_s - recording.time_s[0], TIME_S, atol=1e-12)
+    np.testing.assert_allclose(recording.speed_m_per_s, SPEED_M_PER_S, rtol=1e-4)
+    assert cfg["sensor"]["depth_m"] == (0.00125 if "film" in case else None)
+    assert cfg["reader"]["_target_"].endswith(".Text" if "film" in case else ".BySuffix")
