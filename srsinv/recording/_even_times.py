@@ -118,8 +118,8 @@ def _check_loss(name: str, stamps: Timing, row: np.ndarray) -> None:
     refuse(
         True,
         f"{name}: {missing} rows are lost and {row.size} are there: cut the recording at its "
-        "longest "
-        f"gap, after data row {longest.row} ({longest.length_s:.4g} s).",
+        f"longest gap, of {longest.length_s:.4g} s, after data row {longest.row} (blank rows "
+        f"aside), at {longest.start_s:.9g} s.",
     )
 
 

@@ -108,9 +108,9 @@ def recording_of_table(
         columns |= _motion(table, facts)
     _check_lengths(table, columns)
     check_samples(path.name, samples)
-    check_times(path.name, columns[TIME])
+    check_times(path.name, columns[TIME], table.row_of)
     for quantity in {SPEED, POSITION} & columns.keys():
-        check_range(path.name, quantity, columns[quantity])
+        check_range(path.name, quantity, columns[quantity], table.row_of)
     if column is not None:
         check_rate(path.name, columns[TIME], facts.get("sample_rate_hz"))
     names, signal, unit = _signal(table, facts, channels, [columns[c] for c in channels])

@@ -104,6 +104,33 @@ COLUMNS = [
         lambda s: Case(SCAN, [f"recording.channels=[{nearest(s)}]"])),
 ]  # fmt: skip
 
+BLANK = [*LINES[:3], "\n\n", *LINES[5:]]  # two rows of the scan, which are then missing
+
+
+def changed(row, old, new):
+    """The text with blank rows and a change in the data row of this number."""
+    lines = "".join(BLANK).splitlines(keepends=True)
+    return Case(text="".join([*lines[:row], lines[row].replace(old, new), *lines[row + 1 :]]))
+
+
+def mended(trouble):
+    """What puts a number back into the data row that a sentence names, as the file has it."""
+
+    def follow(sentence):
+        row = int(re.search(r"data row (\d+)", sentence)[1])
+        lines = trouble.text.splitlines(keepends=True)
+        return Case(text="".join([*lines[:row], LINES[row], *lines[row + 1 :]]))
+
+    return follow
+
+
+WORD, BACK, FAR = (changed(9, LINES[9].split(",")[at] + ",", new)
+                   for at, new in ((2, "x,"), (0, "0.25,"), (1, "1e30,")))  # fmt: skip
+BLANKS = [
+    Row("correct it, or leave the row out", WORD, mended(WORD), missing=[2, 3]),
+    Row("time must increase strictly", BACK, mended(BACK), missing=[2, 3]),
+    Row("beyond {}: correct the value or its unit", FAR, mended(FAR), missing=[2, 3]),
+]
 TIMES = [
     Row("give recording.times=ignore and recording.sample_rate_hz=...", Case(JITTERED),
         lambda s: Case(JITTERED, [offered(s, "times"), asked(s, "sample_rate_hz", "2000")])),
@@ -268,7 +295,7 @@ FILES = [
         Case(scan(**{"a" * 200: TIME_S}))),
     Row("which cannot be printed", Case(scan(**{"a\x07": TIME_S})), Case(scan(a=TIME_S))),
 ]  # fmt: skip
-ROWS = [*COLUMNS, *TIMES, *UNITS, *MOTION, *VALUES, *SIDECARS, *FILES]
+ROWS = [*BLANKS, *COLUMNS, *TIMES, *UNITS, *MOTION, *VALUES, *SIDECARS, *FILES]
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.says)
