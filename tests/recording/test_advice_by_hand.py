@@ -49,6 +49,7 @@ from tests.recording.advice import (
 )
 from tests.recording.files import write, write_csv, write_h5
 from tests.refusals import refused
+from tests.tiers import quick
 
 __all__ = ["FOLLOWED"]
 RIGHT = Row("", Case(), Case())
@@ -238,8 +239,11 @@ H5 = {
 }
 
 
+SLOW = {"keep one recording in one file", "has chunks that may unpack to more"}
+
+
 @follows(*H5)
-@pytest.mark.parametrize("part", H5)
+@pytest.mark.parametrize("part", quick(H5, *(H5.keys() - SLOW)))
 def test_hdf5_is_written_again(tmp_path, part):
     H5[part](tmp_path / "r.h5")
     with pytest.raises(ValueError, match=r"write it (again|shorter)|write the file|keep one") as no:
