@@ -1,6 +1,8 @@
 """Whether a recording can be used and how to go on, and its hum, drift and turns."""
 
+import re
 import shlex
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,30 +14,69 @@ from ..recording.template import essential
 from ..report.result import scalars
 
 _PER_ROOT = "signal's unit per root of s"
+_READER = "srsinv.recording.formats.BySuffix"
+_AS_BY_DEFAULT = {"missing": "refuse", "times": "use", "path": None}
+# Text that the command line reads as text without quotation marks.
+_PLAIN = re.compile(r"(?!(null|true|false|nan|inf)$)[A-Za-z_/~.][\w/~.+-]*( [\w/~.+-]+)*", re.ASCII)
 Variables = dict[str, tuple[Any, ...]]
 
 
-def verdict(inspection: Inspection, path: str) -> dict[str, Any]:
-    """Whether the recording can be used, in a sentence, and the command to go on with."""
+def verdict(inspection: Inspection, path: str, typed: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Whether the recording can be used, in a sentence, and the command to go on with, in which the
+    settings `typed` for this look are typed again."""
     needed, given = ", ".join(essential(inspection)), offered(inspection)
     if inspection.refusal and not inspection.overrides:
         said, remedy = "not usable as it is", inspection.refusal
     elif inspection.refusal:
         said, remedy = f"usable with {' '.join(inspection.overrides)}", inspection.refusal
+        if any(_key(each) == "time_unit" for each in inspection.overrides):
+            said += " (a guess from the stamps: check that unit)"
     else:
         said, remedy = "usable as it is", ""
     if needed:
         said += ", once the sidecar has what only you know (see below)"
     said = "; ".join([said, *_described(inspection.disturbances)])
-    words = ["srsinv experiment=invert_recording", shlex.quote(f"recording.path={path}")]
+    read_as = shlex.join([f"recording.path={_as_typed(path)}", *typed, *given])
     return {
         "verdict": said,
         "refusal": remedy,
         "override": shlex.join(given),
         "next_command": ""
         if said.startswith("not")
-        else " ".join([*words, shlex.join(given)]).strip(),
+        else f"srsinv experiment=invert_recording {read_as}",
     }
+
+
+def settings_of(cfg: Mapping[str, Any]) -> tuple[str, ...]:
+    """What a configuration says of its recording, as it is typed, but for the path."""
+    reader = dict(cfg["reader"])
+    target = reader.pop("_target_")
+    return (
+        *_given("recording", {**cfg["recording"], "path": None}),
+        *_given("sensor", cfg["sensor"]),
+        *([f"reader._target_={target}"] * (target != _READER)),
+        *_given("+reader", reader),
+    )
+
+
+def _given(group: str, settings: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in settings.items():
+        if value is not None and value != _AS_BY_DEFAULT.get(key):
+            yield f"{group}.{key}={_as_typed(value)}"
+
+
+def _as_typed(value: Any) -> str:
+    """A value as the command line reads it."""
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{key}:{_as_typed(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(_as_typed, value))}]"
+    if isinstance(value, bool) or value is None:
+        return {None: "null", True: "true", False: "false"}[value]
+    if not isinstance(value, str) or _PLAIN.fullmatch(value):
+        return str(value)
+    escaped = value.replace("'", "\\'")
+    return f"'{escaped}'"
 
 
 def offered(inspection: Inspection) -> tuple[str, ...]:

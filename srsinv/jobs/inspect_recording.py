@@ -15,7 +15,7 @@ from ..recording.template import blanks, essential, sidecar_template
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
 from . import _inspection_plots as own
-from ._inspection_verdict import disturbance_facts, of_disturbances, verdict
+from ._inspection_verdict import disturbance_facts, of_disturbances, settings_of, verdict
 
 _LONGEST_STEM = 200  # bytes: a file's name has at most 255, with its ending
 _SHOWN_ROWS = 20  # of those out of order
@@ -43,7 +43,8 @@ def run(cfg: Mapping[str, Any]) -> Result:
         | _lines(inspection) | _gaps(inspection) | _numbers(inspection) | disturbances
         | {"hint": ("blank", list(blank.values()), "1")},
         coordinates | over_frequency | labels | {"blank": (list(blank), "1")},
-        **_facts(inspection), **disturbance_facts(inspection), **verdict(inspection, str(path)),
+        **_facts(inspection), **disturbance_facts(inspection),
+        **verdict(inspection, str(path), settings_of(cfg)),
         template=template,
     )  # fmt: skip
     plots = {"signals": own.signals, "spectra": own.spectra, "motion": own.motion}

@@ -57,12 +57,7 @@ def even_times(
     gaps aside, and where nearly all rows are missing; refusals call the recording `name`.
     """
     stamps = timing(time_s)
-    refuse(
-        stamps is None,
-        f"{name}: the time stamps lie too near to one another, or too far apart, to be times in "
-        "seconds: check recording.time_unit.",
-    )
-    assert stamps is not None
+    assert stamps is not None  # of times that a recording can have
     rounded = _without_loss(time_s, stated_hz)
     if rounded is not None:
         return rounded
@@ -105,8 +100,8 @@ def check_rate(
         not agrees and _without_loss(time_s, stated_hz) is None,
         f"{name}: sample_rate_hz is {stated_hz:.6g}, but the time stamps come at "
         f"{stamps.rate_hz:.6g} Hz: leave sample_rate_hz out, as the stamps are used, or check "
-        "recording.time_unit; only where the stamps themselves are wrong and no row is lost, give "
-        "recording.times=ignore.",
+        "their unit, by the column's name or recording.time_unit; only where the stamps themselves "
+        "are wrong and no row is lost, give recording.times=ignore.",
     )
 
 
@@ -123,8 +118,8 @@ def _check_loss(name: str, stamps: Timing, row: np.ndarray) -> None:
     refuse(
         True,
         f"{name}: {missing} rows are lost and {row.size} are there: cut the recording at its "
-        "longest "
-        f"gap, after data row {longest.row} ({longest.length_s:.4g} s).",
+        f"longest gap, of {longest.length_s:.4g} s, after data row {longest.row} (blank rows "
+        f"aside), at {longest.start_s:.9g} s.",
     )
 
 

@@ -108,9 +108,9 @@ def recording_of_table(
         columns |= _motion(table, facts)
     _check_lengths(table, columns)
     check_samples(path.name, samples)
-    check_times(path.name, columns[TIME])
+    check_times(path.name, columns[TIME], table.row_of)
     for quantity in {SPEED, POSITION} & columns.keys():
-        check_range(path.name, quantity, columns[quantity])
+        check_range(path.name, quantity, columns[quantity], table.row_of)
     if column is not None:
         check_rate(path.name, columns[TIME], facts.get("sample_rate_hz"))
     names, signal, unit = _signal(table, facts, channels, [columns[c] for c in channels])
@@ -188,12 +188,21 @@ def _unit(
     quantity: Quantity,
     units: Mapping[str, int],
 ) -> str:
-    unit = unit_of(table, facts, column, quantity)[0]
+    """A column's unit, one of `units`, which nothing that is stated contradicts."""
+    unit, source = unit_of(table, facts, column, quantity)
+    stated, key = facts.get(f"{quantity}_unit"), f"recording.{quantity}_unit"
+    its, listed = f"{table.name}: the unit of column {column!r}", ", ".join(units)
+    written = table.units.get(column) or bracketed(column)[1]
     refuse(
-        unit is None,
-        f"{table.name}: the unit of column {column!r} is "
-        f"{table.units.get(column) or bracketed(column)[1] or 'not stated'}: give it by "
-        f"recording.{quantity}_unit=..., one of {', '.join(units)}.",
+        unit is None and written is not None,
+        f"{its} is {written}, which is none of {listed}: convert the column to one of them, or "
+        f"give {key}=... only if it is one of them by another name.",
+    )
+    refuse(unit is None, f"{its} is not stated: give it by {key}=..., one of {listed}.")
+    refuse(
+        stated not in (None, unit),
+        f"{its} is {unit}, by {source}, and {key} is {stated}: leave that out, or, if the column's "
+        "name is wrong, rename it.",
     )
     return str(unit)
 

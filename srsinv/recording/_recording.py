@@ -1,6 +1,7 @@
 """A measured signal with its times, its sliding speed and facts about the experiment."""
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -191,32 +192,39 @@ def check_samples(name: str, samples: int) -> None:
     )
 
 
-def check_range(name: str, column: str, values: np.ndarray) -> None:
+def _number(index: int) -> int:
+    """The number of a data row where all are there."""
+    return index + 1
+
+
+def check_range(
+    name: str, column: str, values: np.ndarray, row_of: Callable[[int], int] = _number
+) -> None:
     """Refuse times, speeds or positions (sample,) that are beyond `LARGEST` SI units."""
     outside = np.abs(values) > LARGEST
     if outside.any():
         row = int(outside.argmax())
         raise BadInput(
-            f"{name}: {column} is {values[row]:g} at data row {row + 1}, beyond {LARGEST:g}: "
-            "correct the value or its unit, or leave the row out."
+            f"{name}: {column} is {values[row]:g} at data row {row_of(row)}, beyond {LARGEST:g}: "
+            "correct the value or its unit, or leave the row out if the file has times."
         )
 
 
-def check_times(name: str, time_s: np.ndarray) -> None:
+def check_times(name: str, time_s: np.ndarray, row_of: Callable[[int], int] = _number) -> None:
     """Refuse times (sample,) [s] that do not increase strictly, or hardly."""
-    check_range(name, TIME, time_s)
+    check_range(name, TIME, time_s, row_of)
     stuck = np.flatnonzero(np.diff(time_s) <= 0)
     if stuck.size:
         row = int(stuck[0]) + 1
         raise BadInput(
-            f"{name}: time must increase strictly, but data row {row + 1} ({time_s[row]} s) does "
-            f"not come after data row {row} ({time_s[row - 1]} s): drop or reorder the rows, or "
-            "write the times with more digits where rounding made them equal."
+            f"{name}: time must increase strictly, but data row {row_of(row)} ({time_s[row]} s) "
+            f"does not come after data row {row_of(row - 1)} ({time_s[row - 1]} s): drop or "
+            "reorder the rows, or write the times with more digits where rounding made them equal."
         )
     close = np.flatnonzero(np.diff(time_s) < 1 / LARGEST)
     if close.size:
         row = int(close[0]) + 1
         raise BadInput(
-            f"{name}: data row {row + 1} comes {time_s[row] - time_s[row - 1]:g} s after data row "
-            f"{row}, less than {1 / LARGEST:g} s: correct the times or their unit."
+            f"{name}: data row {row_of(row)} comes {time_s[row] - time_s[row - 1]:g} s after data "
+            f"row {row_of(row - 1)}, less than {1 / LARGEST:g} s: correct the times or their unit."
         )

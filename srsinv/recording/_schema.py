@@ -42,6 +42,10 @@ from ._fact_types import (
 from ._guard import LONGEST_NAME
 
 
+# Keys that no command line has.
+_SIDECAR_ALONE = ("description", "scan_length_m", "sensor", "skin", "feature", "rig_error")
+
+
 class Facts(BaseModel):
     """A mapping with these keys and no others."""
 
@@ -176,16 +180,22 @@ def _sentence(error: Any) -> str:
     expected = error.get("ctx", {}).get("expected") or (
         "a list" if error["type"] == "list_type" else f"a mapping ({', '.join(_keys_at(path))})"
     )
+    typed = _typed([str(part) for part in path])
+    command_line = f" or on the command line ({typed}=...)" if typed else ""
     return (
-        f"{key} is {shown(error['input'])} where {expected} is expected: correct it in the sidecar "
-        f"or on the command line ({_typed(key)}=...)."
+        f"{key} is {shown(error['input'])} where {expected} is expected: correct it in the sidecar"
+        f"{command_line}."
     )
 
 
-def _typed(key: str) -> str:
-    """Name of a fact on the command line."""
-    is_part = key.partition(".")[0] in ("sensor", "skin", "feature")
-    return key if is_part else f"recording.{key}"
+def _typed(path: list[str]) -> str:
+    """The key of the command line that a fact is in, or nothing where it has none."""
+    own, *below = path
+    if own == "sensor" and below and below[0] != "feedback_resistance_ohm":
+        return f"sensor.{below[0]}"  # lists and mappings are typed whole
+    if own == "sensor" and below:
+        return f"amplifier.{below[0]}"
+    return "" if own in _SIDECAR_ALONE else f"recording.{own}"
 
 
 def _keys_at(path: Collection[str | int]) -> list[str]:

@@ -32,7 +32,8 @@ class ColumnTable:
     `unusable` gives the reason why any other array is no column; `units` the file's own units;
     `sidecar` the file's embedded one; `signals` the columns that are certainly signals. A column of
     text is NaN where its cell is empty and infinite where it holds no finite number, and `texts`
-    has the first such cell (empty where there is none).
+    has the first such cell (empty where there is none). `rows` are the file's numbers of the data
+    rows, where they are not all there.
     """
 
     name: str
@@ -42,6 +43,7 @@ class ColumnTable:
     sidecar: dict[str, Any] = field(default_factory=dict)
     signals: list[str] = field(default_factory=list)
     texts: dict[str, str] = field(default_factory=dict)
+    rows: list[int] | None = None
 
     def __contains__(self, column: str) -> bool:
         return column in self.columns or column in self.unusable
@@ -160,7 +162,12 @@ class ColumnTable:
             blank &= np.isnan(self._cells(column)) if values.dtype.kind == "f" else False
         if not blank.any() or blank.all():
             return self
-        return replace(self, columns={c: v[~blank] for c, v in self.columns.items()})
+        rows = (np.flatnonzero(~blank) + 1).tolist()
+        return replace(self, columns={c: v[~blank] for c, v in self.columns.items()}, rows=rows)
+
+    def row_of(self, index: int) -> int:
+        """The file's number of a data row."""
+        return index + 1 if self.rows is None else self.rows[index]
 
     def finite(self, column: str, most: float = math.inf) -> Float[np.ndarray, " row"]:
         """Column `column` as float64 (row,); NaN for every cell that is not a finite number of at
@@ -187,7 +194,7 @@ class ColumnTable:
         cell = str(value) if not is_text else self.texts[column] if np.isinf(value) else ""
         fault = f"holds {cell[:_CELL]!r}, not a finite number" if cell else "is empty"
         raise BadInput(
-            f"{self.name}: column {quoted(column)}, data row {row + 1} {fault}: correct it or "
-            "leave the row out, or, if this is a missing sample of a signal, leave the cell empty "
-            "(NaN in an array) and set recording.missing=allow."
+            f"{self.name}: column {quoted(column)}, data row {self.row_of(row)} {fault}: correct "
+            "it, or leave the row out if the file has times, or, if this is a missing sample of a "
+            "signal, leave the cell empty (NaN in an array) and set recording.missing=allow."
         )

@@ -15,6 +15,10 @@ from jaxtyping import Float
 from .. import numerics
 from ._health import FLAT, quantisation_step
 
+_AS_MISSING = (
+    "leave their cells empty (NaN in an array) and set recording.missing=allow, so that they are "
+    "missing samples"
+)
 FALSE_ALARM = 1e-3  # of a sound channel, for each finding
 ROUNDED = 0.5  # of neighbouring pairs that are equal where a step is twice the noise
 
@@ -41,7 +45,9 @@ def _findings(name: str, values: Float[np.ndarray, " sample"], unit: str) -> Seq
         return (
             f"{name}: {fraction:.0%} of its samples are equal to the one before{steps}: it is "
             "rounded to more than its noise, or each sample is stored several times, and the bands "
-            "take neither into account: record it with more gain, or leave repeated samples out.",
+            "take neither into account: record it with more gain, or leave the rows that repeat "
+            "others out, and, where there is no column of times, give recording.sample_rate_hz of "
+            "those that are left.",
         )
     log_alarm = np.log(values.size) + (np.arange(longest + 1) - 1) * np.log(
         min(np.sqrt(2) * fraction, 1.0)
@@ -70,12 +76,12 @@ def _described(
     if stuck:
         words.append(
             f"{name} is stuck: {_samples(stuck)} have one value over and over, where noise makes "
-            "them differ: mark them as missing (nan), or record it again."
+            f"them differ: {_AS_MISSING}, or record it again."
         )
     if clipped:
         words.append(
-            f"{name} is clipped: {_samples(clipped)} are flat at its least or greatest value: mark "
-            "them as missing (nan), or record it again with less gain."
+            f"{name} is clipped: {_samples(clipped)} are flat at its least or greatest value: "
+            f"{_AS_MISSING}, or record it again with less gain."
         )
     return words
 

@@ -100,9 +100,10 @@ def check_volts(recording: Recording) -> None:
     refuse(
         unit not in VOLTS,
         f"{recording.name}: the signal is in {unit}, which nothing converts to V, so that no "
-        f"pressure in Pa follows: give recording.gain, how many {unit} a volt is, or "
-        "recording.signal_unit (V, mV or uV) where the numbers are voltages; for positions and "
-        "wavelengths alone use experiment=invert_recording traction_unit=relative.",
+        f"pressure in Pa follows: give recording.gain, how many {unit} a volt is (one for "
+        "each channel where they differ), or recording.signal_unit (V, mV or uV) where all numbers "
+        "are voltages in that unit; for positions and wavelengths alone use "
+        "experiment=invert_recording traction_unit=relative.",
     )
 
 

@@ -149,20 +149,20 @@ def _check_high_pass(recording: Recording, wanted: Preparation) -> None:
     refuse(
         wanted.high_pass_Hz >= highest,
         f"{key}, and of {recording.sample_rate_hz:.4g} samples a second it has to be below "
-        f"{highest:.4g} Hz: give a lower one, or leave it out.",
+        f"{_rounded(highest)} Hz: give a lower one, or leave it out.",
     )
     lasts_s = _duration_s(recording)
     refuse(
         wanted.high_pass_Hz * lasts_s < 1,
         f"{key}, of a period of {1 / wanted.high_pass_Hz:.4g} s, and the recording lasts "
-        f"{lasts_s:.4g} s: give {1 / lasts_s:.4g} or more, or recording.detrend=linear in its "
-        "place.",
+        f"{lasts_s:.4g} s: give {_rounded(1 / lasts_s, up=True)} or more, or "
+        "recording.detrend=linear in its place.",
     )
     lowest = min(wanted.notch_Hz, default=np.inf) - wanted.notch_width_Hz / 2
     refuse(
         wanted.high_pass_Hz >= lowest,
-        f"{key}, and takes the notch from {lowest:.4g} Hz on with it: give a lower one, or leave "
-        "that line out of recording.notch_Hz.",
+        f"{key}, and takes the notch from {_rounded(lowest)} Hz on with it: give a lower one, or "
+        "leave that line out of recording.notch_Hz.",
     )
 
 
@@ -175,22 +175,23 @@ def _check_notches(recording: Recording, wanted: Preparation) -> None:
             each - half_width <= 0 or each + half_width >= HIGHEST * half,
             f"{name}: recording.notch_Hz is {each!r}, and half of recording.notch_width_Hz="
             f"{wanted.notch_width_Hz!r} on either side has to lie between 0 and "
-            f"{HIGHEST * half:.4g} Hz, as {recording.sample_rate_hz:.4g} samples a second are "
-            "taken: give another frequency or width, or leave it out.",
+            f"{_rounded(HIGHEST * half)} Hz, as {recording.sample_rate_hz:.4g} samples a second "
+            "are taken: give another frequency or width, or leave it out.",
         )
     width = f"{name}: recording.notch_width_Hz is {wanted.notch_width_Hz!r}"
     count, lasts_s = len(wanted.notch_Hz), _duration_s(recording)
     refuse(
         count > 0 and wanted.notch_width_Hz * lasts_s < 1,
         f"{width}, and the recording lasts {lasts_s:.4g} s, in which no line is narrower than "
-        f"{1 / lasts_s:.4g} Hz: give that or more, or invert with recording.mains_Hz in place of "
-        "recording.notch_Hz.",
+        f"{_rounded(1 / lasts_s, up=True)} Hz: give that or more, or invert with "
+        "recording.mains_Hz in place of recording.notch_Hz.",
     )
     most = MOST_OF_BAND * half
     refuse(
         count * wanted.notch_width_Hz > most,
-        f"{width}, at {count} frequencies, and more than {most:.4g} Hz in all, a tenth of what is "
-        "recorded, would be taken for noise that is not there: give narrower or fewer ones.",
+        f"{width}, at {count} frequencies, and more than {_rounded(most)} Hz in all, a tenth "
+        "of what is recorded, would be taken for noise that is not there: give narrower or fewer "
+        "ones.",
     )
 
 
@@ -204,6 +205,15 @@ def _check_observed(recording: Recording) -> None:
             f"needs {LEAST_OBSERVED:.0%} of them: leave out recording.high_pass_Hz and notch_Hz, "
             "or the channel.",
         )
+
+
+def _rounded(bound: float, *, up: bool = False) -> str:
+    """A bound to four digits, towards what is within it: who gives these is not refused."""
+    if not 0 < bound < np.inf:
+        return f"{bound:.4g}"
+    digit = 10.0 ** (np.floor(np.log10(bound)) - 3)
+    steps = np.ceil(bound / digit - 1e-9) if up else np.floor(bound / digit + 1e-9)
+    return f"{steps * digit:.4g}"
 
 
 def _duration_s(recording: Recording) -> float:

@@ -49,8 +49,8 @@ class BySuffix(Reader):
     def check_path(self, path: Path) -> None:
         refuse(
             path.suffix.lower() not in SUFFIXES,
-            f"{quoted(path.name)}: a recording cannot be read from suffix {path.suffix!r}: use one "
-            f"of {', '.join(SUFFIXES)}.",
+            f"{quoted(path.name)}: a recording cannot be read from suffix {path.suffix!r}: save it "
+            f"in a format of {', '.join(SUFFIXES)}, or say which of them it holds by reader=...",
         )
 
     def read(self, file: DataFile) -> Mapping[str, ArrayLike] | ColumnTable:
@@ -61,10 +61,12 @@ class BySuffix(Reader):
             raise
         # On damaged bytes a library's parser raises arbitrary exceptions.
         except Exception as error:
+            is_no_utf8 = isinstance(error, UnicodeDecodeError)
+            cause = "no UTF-8 text" if is_no_utf8 else "cut short or of another format"
+            again = "write it again as UTF-8" if is_no_utf8 else "write it again"
             raise BadInput(
-                f"{quoted(file.path.name)}: the file cannot be read as {suffix}, being cut short "
-                "or of another format: write it again, or give it the suffix of what it holds "
-                f"({', '.join(SUFFIXES)})."
+                f"{quoted(file.path.name)}: the file cannot be read as {suffix}, being {cause}: "
+                f"{again}, or give it the suffix of what it holds ({', '.join(SUFFIXES)})."
             ) from error
 
 

@@ -228,7 +228,7 @@ def _checked(table: ColumnTable, rows: _Rows, names: list[str], done: int) -> in
     if odd is not None:
         raise BadInput(
             f"{table.name}: data row {done + odd + 1} has {len(rows[odd])} cells where the header "
-            f"names {len(names)} columns: complete the row or leave it out."
+            f"names {len(names)} columns: complete the row, or leave it out if the file has times."
         )
     done += len(rows)
     table.check_size(names[0], done * len(names))
