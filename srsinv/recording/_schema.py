@@ -41,7 +41,6 @@ from ._fact_types import (
 )
 from ._guard import LONGEST_NAME
 
-
 # Keys that no command line has.
 _SIDECAR_ALONE = ("description", "scan_length_m", "sensor", "skin", "feature", "rig_error")
 
