@@ -106,6 +106,7 @@ def calibrate(
             "No nominal pressure is known, which the known surface is pressed on with: give "
             "recording.nominal_pressure_Pa, the mean over the contact window."
         )
+    problem = problem.aligned()
     known = KnownTraction.of(problem, feature, held, float(pressure or 0.0))
     samples, x = problem.samples(), np.asarray(problem.motion.position_m)
     depth = float(problem.sensor.depth_m)

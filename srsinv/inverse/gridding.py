@@ -1,5 +1,6 @@
 """Samples along a motion put on the cells of a line, with all that is on them."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -11,9 +12,9 @@ from ..forward.film import SampleAverage
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Open
-from ..recording.passes import Pass, go_both_ways
+from ..recording.passes import Pass, go_both_ways, passes_of
 from .cells import Cells, block_of, cell_signals, line_over, sample_spacing_m
-from .passes import AveragedPasses, Averaging, passes_of
+from .passes import AveragedPasses, Averaging
 from .sample_noise import SampleNoise
 
 
@@ -69,7 +70,9 @@ def on_cells(
     Passes of a motion that turns are averaged, those of each way by themselves; `way` takes those
     towards +x (True) or -x (False) alone. Raises `BadInput` for scans shorter than three cells.
     """
-    every = passes_of(given.motion)
+    every = passes_of(np.asarray(given.motion.position_m))
+    if not every:
+        raise BadInput(f"{given.name}: the sensor stands still, and a rate shows nothing then.")
     turns = go_both_ways(every)
     passes = tuple(each for each in every if way is None or each.is_onwards == way)
     if not passes:
@@ -101,6 +104,43 @@ def _averaged(
     cell_m: float | None,
 ) -> OnCells:
     """The means of several passes."""
+    noise, depth = given.noise, float(given.sensor.depth_m)
+    averaging, block, mean = _averaging(given, passes, cell_m)
+    cells, beside, found = averaging()
+    start_m, ways = float(cells.x_m[0]), averaging.ways
+    # Columns are rows of their own beside the signals, so that the line's ends are theirs too.
+    stacked = np.concatenate([cells.signal[:, None], beside], axis=1)
+    each = stacked.shape[1]
+    scales = (np.repeat(part, each, axis=0) for part in (cells.white_scale, cells.slow_scale))
+    wide = Cells(cells.x_m, stacked.reshape(-1, stacked.shape[-1]), cells.samples, *scales)
+    line, wide = line_over(wide, window_m, depth)
+    cells, columns = wide.parted(len(stacked))
+    spacing = mean / given.motion.sample_rate_hz
+    sensor = _averaging_samples(given.sensor, block, spacing)
+    if len(ways) > 1:
+        films = (*sensor.elements, *(film.backward() for film in sensor.elements))
+        sensor = Sensor(films, sensor.skin, sensor.amplifier, sensor.filters)
+    noise = noise.of_ways(len(ways))
+    if noise.has_drift:  # a walk goes on from pass to pass: each begins at a level of its own
+        level = noise.level(line, ConstantSpeed(mean), given.motion)[:, None, None]
+        level = level * cells.slow_scale[:, None]
+        columns = np.concatenate([columns, level], axis=1)
+    trend = cells.slow_scale, start_m
+    return _placed(noise, line, sensor, ConstantSpeed(mean), cells, columns, trend, found)
+
+
+def aligned(
+    given: SampledSignals, passes: Sequence[Pass], cell_m: float | None
+) -> tuple[Motion, Float[np.ndarray, "e way sample"]]:
+    """The motion with each of its passes where the signals of its way have their mean place: see
+    [`Averaging`][]. Raises `BadInput` for passes shorter than three cells."""
+    return _averaging(given, passes, cell_m)[0].aligned()
+
+
+def _averaging(
+    given: SampledSignals, passes: Sequence[Pass], cell_m: float | None
+) -> tuple[Averaging, int, float]:
+    """The averaging of passes, the samples in a cell, and the mean speed."""
     motion, noise = given.motion, given.noise
     depth, rate = float(given.sensor.depth_m), motion.sample_rate_hz
     longest = max(passes, key=lambda each: each.samples.stop - each.samples.start)
@@ -111,26 +151,7 @@ def _averaged(
         given.name, motion, passes, given.rows, given.sensor.amplifier, mean,
         block * mean / rate, np.asarray(noise.white, float), depth, noise.has_drift,
     )  # fmt: skip
-    cells, beside, found = averaging()
-    start_m, ways = float(cells.x_m[0]), averaging.ways
-    # Columns are rows of their own beside the signals, so that the line's ends are theirs too.
-    stacked = np.concatenate([cells.signal[:, None], beside], axis=1)
-    each = stacked.shape[1]
-    scales = (np.repeat(part, each, axis=0) for part in (cells.white_scale, cells.slow_scale))
-    wide = Cells(cells.x_m, stacked.reshape(-1, stacked.shape[-1]), cells.samples, *scales)
-    line, wide = line_over(wide, window_m, depth)
-    cells, columns = wide.parted(len(stacked))
-    sensor = _averaging_samples(given.sensor, block, mean / rate)
-    if len(ways) > 1:
-        films = (*sensor.elements, *(film.backward() for film in sensor.elements))
-        sensor = Sensor(films, sensor.skin, sensor.amplifier, sensor.filters)
-    noise = noise.of_ways(len(ways))
-    if noise.has_drift:  # a walk goes on from pass to pass: each begins at a level of its own
-        level = noise.level(line, ConstantSpeed(mean), motion)[:, None, None]
-        level = level * cells.slow_scale[:, None]
-        columns = np.concatenate([columns, level], axis=1)
-    trend = cells.slow_scale, start_m
-    return _placed(noise, line, sensor, ConstantSpeed(mean), cells, columns, trend, found)
+    return averaging, block, mean
 
 
 def _placed(

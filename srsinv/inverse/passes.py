@@ -22,13 +22,10 @@ from ..forward.amplifier import Amplifier
 from ..forward.scan import Motion
 from ..grid import as_real
 from ..recording.passes import Pass
-from ..recording.passes import passes_of as positions_passes
 from .cells import LEAST_CELLS, Cells, fitted_on, sample_middles
+from .pass_statistics import FALSE_ALARM, PassesOnCells, PassOnCells
 
-FALSE_ALARM = 1e-3  # of shifts, and of a scatter beyond the noise, where there is none
 MUCH_SCATTER = 1.1  # times the noise: less may be what cells make of it
-SMOOTH_DEPTHS = 1 / 6  # over which signals' slopes are smoothed: waves so short are noise or hum
-SHIFT_DEPTHS = 0.25  # the standard deviation of shifts before they are known
 FAINT = 1e-3  # of the white noise's variance: a column that changes nothing
 
 
@@ -58,23 +55,6 @@ class AveragedPasses(NamedTuple):
         )
 
 
-def passes_of(motion: Motion) -> tuple[Pass, ...]:
-    """The passes of a motion: see [`recording.passes`][]."""
-    return positions_passes(np.asarray(motion.position_m))
-
-
-class PassOnCells(NamedTuple):
-    """One pass on the common cells: signals (e, cell), their columns (e, m, cell) and their
-    information (e, cell) in samples at the mean speed, zero where there is none; `slow` (e, cell)
-    as in [`Cells`][]."""
-
-    signal: Float[np.ndarray, "e cell"]
-    columns: Float[np.ndarray, "e m cell"]
-    information: Float[np.ndarray, "e cell"]
-    slow: Float[np.ndarray, "e cell"]
-    typical: float
-
-
 class Averaging:
     """Averages of the passes of each way.
 
@@ -98,9 +78,10 @@ class Averaging:
     ):
         speed = as_real(np.asarray(motion.speed_m_per_s))
         gain = np.asarray(amplifier.at_speed(speed) / amplifier.at_speed(as_real(speed_m_per_s)))
+        self._motion, self._gain, self._every = motion, gain, passes
         self._given = [self._rising(each, motion, gain, rows) for each in passes]
         self.ways = tuple(way for way in (True, False) if any(p.is_onwards == way for p in passes))
-        self._way = np.array([self.ways.index(each.is_onwards) for each in passes])
+        self._way = [self.ways.index(each.is_onwards) for each in passes]
         middles = [sample_middles(x) for x, _, _ in self._given]
         first, last = min(m[0] for m in middles), max(m[-1] for m in middles)
         refuse(
@@ -126,39 +107,54 @@ class Averaging:
     def __call__(self) -> tuple[Cells, Float[np.ndarray, "row m cell"], AveragedPasses]:
         """Cells with a row for each way and element, way by way, the columns of each row, and what
         was found."""
-        shifts = np.zeros(len(self._given))
-        passes = self._passes(shifts)
-        cleaned = self._clean(passes)
-        fitted, stderr = self._shifts(cleaned)
-        if np.sum((fitted / stderr) ** 2) > self._most_squares:
-            shifts = fitted
-            for _ in range(2):
-                passes = self._passes(shifts)
-                cleaned = self._clean(passes)
-                further, stderr = self._shifts(cleaned)
-                shifts = shifts + further
-        spread = float(np.sqrt(np.sum(shifts**2) / max(self._contrasts, 1)))
-        cells, columns = self._average(cleaned, np.hypot(spread, stderr))
+        passes, shifts, stderr = self._settled()
+        cells, columns = self._average(passes, np.hypot(_spread(shifts, passes), stderr))
+        # What drifts does not repeat either: passes then differ by more than the white noise.
+        scatter, freedom = passes.scatter()
         found = AveragedPasses(
             int(np.sum([self.ways[i] for i in self._way])),
             int(np.sum([not self.ways[i] for i in self._way])),
-            shifts, stderr, *self._scatter(cleaned),
+            shifts, stderr, float("nan") if self._is_walk else scatter, freedom,
         )  # fmt: skip
         return cells, columns, found
 
-    @property
-    def _contrasts(self) -> int:
-        """Differences between passes of a way."""
-        return len(self._way) - len(self.ways)
+    def aligned(self) -> tuple[Motion, Float[np.ndarray, "e way sample"]]:
+        """The motion with each pass less its shift, and for each way what it may still be off makes
+        of the signals, as columns; none where noise explains all differences."""
+        passes, shifts, _ = self._settled()
+        position = np.asarray(self._motion.position_m).copy()
+        columns = np.zeros((len(self._variance), len(self.ways), position.size))
+        if not shifts.any():
+            return self._motion, columns[:, :0]
+        spread, centres = _spread(shifts, passes), (self._edges[1:] + self._edges[:-1]) / 2
+        slopes = [passes.slope(way, self._depth) for way in range(len(self.ways))]
+        for each, way, shift in zip(self._every, self._way, shifts, strict=True):
+            own = each.samples
+            position[own] -= shift
+            size = self._gain[own] * spread / np.sqrt(self._way.count(way))
+            columns[:, way, own] = [
+                size * np.interp(position[own], centres, row) for row in slopes[way]
+            ]
+        motion = self._motion
+        return Motion(motion.time_s, position, motion.speed_m_per_s), columns
 
-    @property
-    def _most_squares(self) -> float:
-        return (
-            float(scipy.stats.chi2.isf(FALSE_ALARM, self._contrasts)) if self._contrasts else np.inf
-        )
+    def _settled(self) -> tuple[PassesOnCells, Float[np.ndarray, " pass"], float]:
+        """The passes where their signals agree, by how much they are moved, and its standard error;
+        not moved where noise explains all differences."""
+        shifts = np.zeros(len(self._given))
+        passes = self._passes(shifts)
+        fitted, stderr = passes.shifts(self._depth)
+        if passes.are_shifted(fitted, stderr):
+            shifts = fitted
+            for _ in range(2):
+                passes = self._passes(shifts)
+                further, stderr = passes.shifts(self._depth)
+                shifts = shifts + further
+        return passes, shifts, stderr
 
-    def _passes(self, shifts_m: Float[np.ndarray, " pass"]) -> list[PassOnCells]:
-        """Every pass on the common cells, moved back by its shift."""
+    def _passes(self, shifts_m: Float[np.ndarray, " pass"]) -> PassesOnCells:
+        """Every pass on the common cells, moved back by its shift, less the columns' expected
+        signal."""
         n, every = self._edges.size - 1, []
         cell = self._edges[1] - self._edges[0]
         for (x, gain, rows), shift in zip(self._given, shifts_m, strict=True):
@@ -180,112 +176,16 @@ class Averaging:
             every.append(
                 PassOnCells(values[:, 0], values[:, 1:], information[:, 0], slow[:, 0], typical)
             )
-        return every
-
-    def _means(
-        self, parts: Sequence[np.ndarray], passes: Sequence[PassOnCells]
-    ) -> list[np.ndarray]:
-        """The weighted mean over the passes of each way, (e, ..., cell)."""
-        means = []
-        for way in range(len(self.ways)):
-            total, weight = 0.0, 0.0
-            for own, each, of in zip(parts, passes, self._way, strict=True):
-                if of == way:
-                    shape = (len(own), *[1] * (own.ndim - 2), own.shape[-1])
-                    total = total + each.information.reshape(shape) * own
-                    weight = weight + each.information.reshape(shape)
-            means.append(total / np.where(weight > 0, weight, 1.0))
-        return means
-
-    def _clean(self, passes: Sequence[PassOnCells]) -> list[PassOnCells]:
-        """The passes less the expected signal of the columns, of sizes by what passes differ by;
-        the columns become those of what is left open of the sizes."""
-        if not passes[0].columns.shape[1]:
-            return list(passes)
-        signals, columns = [each.signal for each in passes], [each.columns for each in passes]
-        mean, mean_columns = self._means(signals, passes), self._means(columns, passes)
-        size = columns[0].shape[1]
-        precision = np.tile(np.eye(size), (len(signals[0]), 1, 1))
-        right = np.zeros(precision.shape[:2])
-        for way, each in zip(self._way, passes, strict=True):
-            off = each.columns - mean_columns[way]
-            weighed = off * (each.information / self._variance)[:, None]
-            precision += np.einsum("ein,ejn->eij", weighed, off)
-            right += np.einsum("ein,en->ei", weighed, each.signal - mean[way])
-        covariance = np.linalg.inv(precision)
-        root = np.linalg.cholesky((covariance + covariance.swapaxes(1, 2)) / 2)
-        sizes = np.einsum("eij,ej->ei", covariance, right)
-        return [
-            each._replace(
-                signal=each.signal - np.einsum("ei,ein->en", sizes, each.columns),
-                columns=np.einsum("eij,ein->ejn", root, each.columns),
-            )
-            for each in passes
-        ]
-
-    def _shifts(self, passes: Sequence[PassOnCells]) -> tuple[Float[np.ndarray, " pass"], float]:
-        """By how much each pass is ahead of the mean of its way, and the standard error [m]."""
-        prior = SHIFT_DEPTHS * self._depth
-        signals = [each.signal for each in passes]
-        means = self._means(signals, passes)
-        shifts, precisions = np.zeros(len(passes)), np.full(len(passes), prior**-2)
-        for j, (way, each) in enumerate(zip(self._way, passes, strict=True)):
-            slope = self._slope(means[way])
-            weight = slope * each.information / self._variance
-            precisions[j] += np.sum(weight * slope)
-            if np.sum(self._way == way) > 1:
-                shifts[j] = -np.sum(weight * (each.signal - means[way])) / precisions[j]
-        return shifts, float(np.mean(precisions) ** -0.5)
-
-    def _slope(self, mean: Float[np.ndarray, "e cell"]) -> Float[np.ndarray, "e cell"]:
-        """The derivative of a mean signal along x, without what the skin does not transmit."""
-        cell = self._edges[1] - self._edges[0]
-        smooth = scipy.ndimage.gaussian_filter1d(mean, SMOOTH_DEPTHS * self._depth / cell, axis=1)
-        return np.gradient(smooth, cell, axis=1)
-
-    def _level_spread(self, passes: Sequence[PassOnCells]) -> Float[np.ndarray, " e"]:
-        """Rms of the levels that passes of a way differ by, an offset that wanders; zero where
-        noise makes as much, or a walk is known."""
-        means = self._means([each.signal for each in passes], passes)
-        squares, noise = np.zeros(len(passes[0].signal)), np.zeros(len(passes[0].signal))
-        for way, each in zip(self._way, passes, strict=True):
-            total = np.sum(each.information, axis=1)
-            level = np.sum(each.information * (each.signal - means[way]), axis=1) / total
-            noise = noise + self._variance[:, 0] / total / len(passes)
-            squares = squares + level**2
-        freedom = max(self._contrasts, 1)
-        is_more = squares / noise > scipy.stats.chi2.isf(FALSE_ALARM, freedom)
-        is_found = is_more & (not self._is_walk) & (self._contrasts > 0)
-        return np.sqrt(np.where(is_found, np.maximum(squares / freedom - noise, 0.0), 0.0))
-
-    def _scatter(self, passes: Sequence[PassOnCells]) -> tuple[float, int]:
-        """Rms of what passes differ by over that of the noise, and its degrees of freedom."""
-        means = self._means([each.signal for each in passes], passes)
-        squares, count = 0.0, 0
-        for way, each in zip(self._way, passes, strict=True):
-            off = each.signal - means[way]
-            squares += float(np.sum(off**2 * each.information) / self._variance)
-            count += int(np.sum(each.information > 0))
-        averages = sum(
-            int(np.sum(np.any([e.information > 0 for e, w in zip(passes, self._way, strict=True)
-                               if w == way], axis=0)))
-            for way in range(len(self.ways))
-        )  # fmt: skip
-        freedom = count - averages - self._contrasts
-        if self._is_walk or freedom < 1:
-            return float("nan"), freedom
-        return float(np.sqrt(squares / freedom)), freedom
+        return PassesOnCells(every, self._way, self._variance, cell).cleaned()
 
     def _average(
-        self, passes: Sequence[PassOnCells], shift_stderr_m: float
+        self, passes: PassesOnCells, shift_stderr_m: float
     ) -> tuple[Cells, Float[np.ndarray, "row m cell"]]:
-        samples = float(np.median([p.typical for p in passes]))
-        means = self._means([each.signal for each in passes], passes)
-        columns = self._means([each.columns for each in passes], passes)
-        spread = self._level_spread(passes)[:, None, None]
+        samples = float(np.median([p.typical for p in passes.every]))
+        spread = np.zeros(len(self._variance)) if self._is_walk else passes.level_spread()
         signal, white, slow, beside = [], [], [], []
-        for way, (mean, own) in enumerate(zip(means, columns, strict=True)):
-            each = [p for p, of in zip(passes, self._way, strict=True) if of == way]
+        for way, (mean, own) in enumerate(zip(passes.signals, passes.columns, strict=True)):
+            each = passes.of(way)
             total = np.sum([p.information for p in each], axis=0)
             known = total > 0
             total = np.where(known, total, 1.0)
@@ -294,15 +194,19 @@ class Averaging:
             white.append(np.where(known, np.sqrt(samples / total), 1.0))
             slow.append(np.where(known, np.sqrt(squares) / total, 1.0))
             # Of one pass alone the position is what the recording says.
-            moved = self._slope(mean) * shift_stderr_m / np.sqrt(len(each))
+            moved = passes.slope(way, self._depth) * shift_stderr_m / np.sqrt(len(each))
             moved = moved[:, None] * (len(each) > 1)
-            level = np.broadcast_to(spread / np.sqrt(len(each)), moved.shape)
+            level = np.broadcast_to(spread[:, None, None] / np.sqrt(len(each)), moved.shape)
             beside.append(np.concatenate([own, moved, level], axis=1))
         x = (self._edges[1:] + self._edges[:-1]) / 2
-        rows = (np.concatenate(part) for part in (signal, white, slow, beside))
-        signal, white, slow, beside = rows
+        signal, white, slow, beside = map(np.concatenate, (signal, white, slow, beside))
         least = FAINT * np.min(self._variance) * np.min(white**2) / samples
         return Cells(x, signal, samples, white, slow), _compressed(beside, least)
+
+
+def _spread(shifts_m: Float[np.ndarray, " pass"], passes: PassesOnCells) -> float:
+    """By how much a pass is typically off."""
+    return float(np.sqrt(np.sum(shifts_m**2) / max(passes.contrasts, 1)))
 
 
 def _compressed(columns: Float[np.ndarray, "row m n"], least: float) -> np.ndarray:

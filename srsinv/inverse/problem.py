@@ -14,8 +14,9 @@ from ..forward.sensor import Sensor
 from ..grid import Line, Operator, as_real
 from ..modules import with_fields
 from ..recording.mains import MainsLine, waves
+from ..recording.passes import Pass, is_within, passes_of
 from .cells import Window, window_around
-from .gridding import SampledSignals, on_cells
+from .gridding import SampledSignals, aligned, on_cells
 from .line_problem import LineProblem
 from .nonlinear import WithNuisance
 from .rig_error import RigError
@@ -55,6 +56,7 @@ class Problem(eqx.Module):
     cell_m: float | None = eqx.field(static=True)
     mains: tuple[MainsLine, ...]
     rig: RigError | None
+    off_place: Float[np.ndarray, "e column sample"]
     way: bool | None = eqx.field(static=True)
     name: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
@@ -86,6 +88,7 @@ class Problem(eqx.Module):
         offset = sensor.amplifier.offset
         self.sensor, self.motion, self.name = sensor, motion, name
         self.warnings, self.way = (), None
+        self.off_place = np.zeros((len(signal), 0, signal.shape[1]))
         self.observed = np.isfinite(signal)
         known = 0.0 if offset is None else float(offset)
         self.data = as_real(np.where(self.observed, signal - known, 0.0))
@@ -133,10 +136,12 @@ class Problem(eqx.Module):
     @property
     def nuisance_columns(self) -> Float[np.ndarray, "e column sample"]:
         """Signals of no interest that each element may have, of unknown sizes that are normal of
-        variance one: the waves of mains. An offset that is not known is the amplifier's."""
+        variance one: the waves of mains, and what aligned passes may be off. An offset that is not
+        known is the amplifier's."""
         if not self.mains:
-            return np.zeros((len(self.data), 0, self.data.shape[1]))
-        return waves(np.asarray(self.motion.time_s), self.mains, self.noise.rms)
+            return self.off_place
+        hum = waves(np.asarray(self.motion.time_s), self.mains, self.noise.rms)
+        return np.concatenate([hum, self.off_place], axis=1)
 
     @property
     def window(self) -> Window:
@@ -150,15 +155,42 @@ class Problem(eqx.Module):
         return self.sensor.operator_along(line, self.motion, ways=self.motion.ways)
 
     def samples(self) -> Samples:
-        """The signals along the motion."""
+        """The signals along the motion, those of its own way alone where it has one."""
         y = np.where(self.observed, np.asarray(self.data), np.nan)
+        if self.way is not None:
+            y = np.where(is_within(self._own_passes, y.shape[1]), y, np.nan)
         noise = self.noise.of_fit(self.name, self.motion, y)
         is_estimate = self.noise.is_estimate and not self.noise.causes
-        if not self.mains:
-            return Samples(self.sensor, self.motion, y, noise, is_estimate)
         columns = self.nuisance_columns
+        if not columns.shape[1]:
+            return Samples(self.sensor, self.motion, y, noise, is_estimate)
         beside = WithNuisance.of(noise, columns)
         return Samples(self.sensor, self.motion, y, beside, is_estimate, columns)
+
+    def aligned(self) -> "Problem":
+        """The same problem for a fit along the motion, each pass where the signals of its way have
+        their mean place, and what that may be off among the nuisance columns (see passes.py);
+        itself where no way is passed more than once, and where a pass is too short for cells."""
+        own = self._own_passes
+        if len(own) == len({each.is_onwards for each in own}):
+            return self
+        try:
+            motion, columns = aligned(self._sampled, own, self.cell_m)
+        except BadInput:
+            return self
+        return with_fields(self, motion=motion, off_place=columns)
+
+    @property
+    def _own_passes(self) -> list[Pass]:
+        every = passes_of(np.asarray(self.motion.position_m))
+        return [each for each in every if self.way is None or each.is_onwards == self.way]
+
+    @property
+    def _sampled(self) -> SampledSignals:
+        """All that is on the samples."""
+        y = np.where(self.observed, np.asarray(self.data, float), np.nan)
+        known = self.sensor, self.motion, y, self.nuisance_columns, self.noise
+        return SampledSignals(self.name, *known)
 
     def on_line(self, cell_m: float | None = None) -> LineProblem:
         """The signals put on the cells of an open line over the window.
@@ -168,11 +200,7 @@ class Problem(eqx.Module):
         element is there once for each way; q is that of sliding towards +x. Raises `BadInput` for
         a scan shorter than three cells.
         """
-        y = np.where(self.observed, np.asarray(self.data, float), np.nan)
-        given = SampledSignals(
-            self.name, self.sensor, self.motion, y, self.nuisance_columns, self.noise
-        )
-        on = on_cells(given, self.window_m, self.cell_m or cell_m, self.way)
+        on = on_cells(self._sampled, self.window_m, self.cell_m or cell_m, self.way)
         return LineProblem.of_sensor(
             on.line,
             on.sensor,

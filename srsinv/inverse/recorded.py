@@ -19,10 +19,9 @@ from ..recording.drift import drift_of, shared_levels
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
 from ..recording.noise import ABOVE_CUTOFF, white_levels
-from ..recording.passes import go_both_ways
+from ..recording.passes import go_both_ways, passes_of, with_backlash
 from ..recording.preparation import preparation_warnings, prepare
 from .elements import element_findings
-from .passes import passes_of
 from .problem import Problem
 from .quiet_noise import quiet_noise
 from .rig_error import RigError
@@ -148,7 +147,7 @@ def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
     one way."""
     if len(recording.channels) < 2:
         return ()
-    passes = passes_of(problem.motion)
+    passes = passes_of(np.asarray(problem.motion.position_m))
     if problem.way is None and go_both_ways(passes):
         problem = problem.of_way(passes[0].is_onwards)
     try:
@@ -206,11 +205,15 @@ def check_elements(recording: Recording, films: tuple[Film, ...]) -> None:
 
 
 def motion_of(recording: Recording) -> Motion:
-    """The sensor's motion: the measured positions, else the integral of the speed."""
+    """The sensor's motion: the measured positions, else the integral of the speed, with the stage's
+    backlash taken out that the facts state."""
     time_s, speed = recording.time_s, recording.speed_m_per_s
-    if recording.measured_position_m is not None:
-        return Motion(time_s, recording.measured_position_m, speed)
-    return Motion.from_speed(time_s, speed, float(recording.position_m[0]))
+    backlash_m = float(recording.sidecar.get("backlash_m") or 0.0)
+    position = recording.measured_position_m
+    if position is None:
+        motion = Motion.from_speed(time_s, speed, float(recording.position_m[0]))
+        position = np.asarray(motion.position_m)
+    return Motion(time_s, with_backlash(position, backlash_m) if backlash_m else position, speed)
 
 
 def mean_speed(recording: Recording) -> ConstantSpeed:

@@ -1,19 +1,24 @@
-"""Whether pressure is the same in passes there and back, as a joint inversion takes it to be."""
+"""Whether pressure is the same in passes there and back, as a joint inversion takes it to be, and
+whether a stage whose positions are off on the way back is why it is not."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
-from ..recording.passes import go_both_ways
+from ..forward.scan import Motion
+from ..modules import with_fields
+from ..recording.passes import go_both_ways, passes_of, with_backlash
 from .estimate import COMPONENTS, Estimate
 from .line_model import CHI2, FREEDOM
-from .passes import passes_of
 from .problem import Problem
 from .quality import Quality
 
 FALSE_ALARM = 1e-3  # of a pressure that is the same
+STEP_DEPTHS = 0.02  # between offsets that are tried
+EXPLAINED = 0.1  # of what both ways leave more together: less is left beside backlash
 
 
 def pressure_by_way(
@@ -28,7 +33,7 @@ def pressure_by_way(
     does not turn, and where one way alone does not tell p from q.
     """
     cannot_part = problem.friction is None and len(problem.sensor.elements) < 2
-    turns = go_both_ways(passes_of(problem.motion))
+    turns = go_both_ways(passes_of(np.asarray(problem.motion.position_m)))
     if not turns or problem.way is not None or cannot_part:
         return ()
     if not _leaves_more_than_noise(joint):
@@ -40,9 +45,15 @@ def pressure_by_way(
     more = _squares(joint) - sum(map(_squares, both))
     if scipy.stats.chi2.sf(more, freedom) > FALSE_ALARM:
         return ()
-    line, position = both[0].line, np.asarray(problem.motion.position_m)
-    cells = (np.asarray(line.x) > position.min()) & (np.asarray(line.x) < position.max())
-    p = [np.asarray(each.on(line).value)[0, cells] for each in both]
+    x, p = _pressures(problem, both)
+    backlash = _backlash(method, problem, _offset(x, p))
+    if backlash.left < sum(map(_squares, both)) + EXPLAINED * more:
+        return (
+            "The passes towards -x show the pressure of those towards +x "
+            f"{backlash.value_m:.4g} ± {backlash.stderr_m:.2g} m further on, as of a stage with "
+            f"backlash: give recording.backlash_m={-backlash.value_m:.4g}, which is added to "
+            "positions on the way back.",
+        )
     share = float(np.std(p[0] - p[1]) / max(map(np.std, p)))
     return (
         "The passes towards +x and those towards -x do not show the same pressure: inverted by "
@@ -52,6 +63,54 @@ def pressure_by_way(
         "hum is on the signals (recording.drift, recording.mains_Hz): invert each way by "
         "recording.ways=onwards and recording.ways=back.",
     )
+
+
+class _Backlash(NamedTuple):
+    """By how much further on positions are on the way back [m], its standard error, and the
+    chi-square that the joint inversion then leaves."""
+
+    value_m: float
+    stderr_m: float
+    left: float
+
+
+def _pressures(
+    problem: Problem, both: Sequence[Estimate]
+) -> tuple[Float[np.ndarray, " x"], list[Float[np.ndarray, " x"]]]:
+    """Places along the scan, and the pressure of each way there."""
+    line, position = both[0].line, np.asarray(problem.motion.position_m)
+    x = np.asarray(line.x)
+    cells = (x > position.min()) & (x < position.max())
+    return x[cells], [np.asarray(each.on(line).value)[0, cells] for each in both]
+
+
+def _offset(x: Float[np.ndarray, " x"], p: Sequence[Float[np.ndarray, " x"]]) -> float:
+    """By how much the second pressure is further on than the first, by least squares."""
+    there, back = (each - np.mean(each) for each in p)
+    offset = 0.0
+    for _ in range(5):
+        moved = np.interp(x + offset, x, back)
+        slope = np.gradient(there, x)
+        offset += float(slope @ (there - moved) / (slope @ slope))
+    return offset
+
+
+def _backlash(method: Callable[[Any], Estimate], problem: Problem, near_m: float) -> _Backlash:
+    """The offset of the way back under which the joint inversion leaves least, near this one: of
+    the parabola through three of them."""
+    step = STEP_DEPTHS * float(problem.sensor.depth_m)
+    tried = near_m + step * np.array([-1.0, 0.0, 1.0])
+    left = [_squares(method(_with_offset(problem, each))) for each in tried]
+    curvature = max(left[0] - 2 * left[1] + left[2], np.finfo(float).tiny)
+    change = float(np.clip((left[0] - left[2]) / (2 * curvature), -1.0, 1.0))
+    least = left[1] - (left[0] - left[2]) ** 2 / (8 * curvature)
+    return _Backlash(near_m + step * change, step * float(np.sqrt(2 / curvature)), float(least))
+
+
+def _with_offset(problem: Problem, offset_m: float) -> Problem:
+    position = with_backlash(np.asarray(problem.motion.position_m), -offset_m)
+    motion = Motion(problem.motion.time_s, position, problem.motion.speed_m_per_s)
+    return with_fields(problem, motion=motion)
 
 
 def _leaves_more_than_noise(estimate: Estimate) -> bool:

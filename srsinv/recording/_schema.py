@@ -127,6 +127,7 @@ class RecordingFacts(Facts):
     nominal_pressure_Pa: Number = None
     contact_window_m: Interval = None
     mains_Hz: Mains = None
+    backlash_m: Number = None
     drift: Drift = None
     quiet_s: Quiet = None
     ways: Ways = None

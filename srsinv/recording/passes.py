@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 SHORT = 0.1  # of the travelled range: a shorter way back is no pass
 MOST_POSITIONS = 10_000  # that turns are looked for among
@@ -42,9 +42,27 @@ def passes_of(position_m: Float[np.ndarray, " sample"]) -> tuple[Pass, ...]:
     )
 
 
+def is_within(passes: Sequence[Pass], samples: int) -> Bool[np.ndarray, " sample"]:
+    """Which of so many samples the passes hold."""
+    inside = np.zeros(samples, bool)
+    for each in passes:
+        inside[each.samples] = True
+    return inside
+
+
 def go_both_ways(passes: Sequence[Pass]) -> bool:
     """Whether there are passes towards +x and towards -x."""
     return len({each.is_onwards for each in passes}) > 1
+
+
+def with_backlash(
+    position_m: Float[np.ndarray, " sample"], backlash_m: float
+) -> Float[np.ndarray, " sample"]:
+    """Positions with so much added on the way back."""
+    moved = np.array(position_m, float)
+    for each in passes_of(position_m):
+        moved[each.samples] += 0.0 if each.is_onwards else backlash_m
+    return moved
 
 
 def pass_differences(

@@ -1,22 +1,28 @@
 """A motion that turns: its passes parted, aligned and averaged, and both ways inverted together."""
 
+import re
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from srsinv.forward.amplifier import CurrentAmplifier
+from srsinv.forward.feature import LineFeature
 from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open
-from srsinv.inverse.passes import passes_of
+from srsinv.inverse.features import FeatureFit
+from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.quadratic import solve
 from srsinv.inverse.rule import Evidence
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
 from srsinv.inverse.ways import pressure_by_way
+from srsinv.modules import with_fields
 from srsinv.recording.mains import mains_lines
+from srsinv.recording.passes import passes_of, with_backlash
 from tests.refusals import refused
 
 RATE_HZ, SPEED, DEPTH, LENGTH = 1000.0, 0.02, 1.2e-3, 0.02
@@ -73,7 +79,7 @@ def noisy(clean, seed, level=0.01):
 
 def test_passes_are_parted_where_the_motion_turns():
     moved = motion(5)
-    passes = passes_of(moved)
+    passes = passes_of(np.asarray(moved.position_m))
     assert [each.is_onwards for each in passes] == [True, False, True, False, True]
     x = np.asarray(moved.position_m)
     for each in passes:
@@ -81,7 +87,8 @@ def test_passes_are_parted_where_the_motion_turns():
     # A standstill parts nothing, and a short way back at the end is no pass.
     speed = np.concatenate([np.full(300, SPEED), np.zeros(50), np.full(300, SPEED),
                             np.full(20, -SPEED)])  # fmt: skip
-    (only,) = passes_of(Motion.from_speed(np.arange(speed.size) / RATE_HZ, speed))
+    moved = Motion.from_speed(np.arange(speed.size) / RATE_HZ, speed)
+    (only,) = passes_of(np.asarray(moved.position_m))
     assert only.is_onwards
     assert only.samples.start == 0
     assert only.samples.stop >= 650
@@ -122,7 +129,7 @@ def test_shifts_of_the_stage_are_found_and_taken_out():
     moved, sensed = motion(6), sensor()
     ahead = np.array([20e-6, -30e-6, 15e-6, 45e-6, -35e-6, -15e-6])
     along = np.zeros(moved.time_s.size)
-    for each, own in zip(passes_of(moved), ahead, strict=True):
+    for each, own in zip(passes_of(np.asarray(moved.position_m)), ahead, strict=True):
         along[each.samples] = own
     signal, rms = noisy(signals(moved, sensed, ahead_m=along), 2)
     problem = Problem(sensed, moved, signal, rms, cell_m=CELL)
@@ -135,6 +142,39 @@ def test_shifts_of_the_stage_are_found_and_taken_out():
     assert covered > 0.8
     quiet = Problem(sensed, moved, noisy(signals(moved, sensed), 2)[0], rms, cell_m=CELL)
     assert not quiet.on_line().passes.shifts_m.any()
+
+
+@pytest.mark.full
+def test_a_fit_takes_shifts_of_the_stage_out(monkeypatch):
+    """A line load on six passes whose stage is up to 60 um off, which noise does not make: the
+    fit of the passes as they are said to be fails."""
+    moved, sensed = motion(6), sensor()
+    ahead, every = np.zeros(moved.time_s.size), passes_of(np.asarray(moved.position_m))
+    for each, own in zip(every, (0, 1, 6, -2, -5, 3), strict=True):
+        ahead[each.samples] = own * 1e-5
+    true = Motion(moved.time_s, np.asarray(moved.position_m) - ahead, moved.speed_m_per_s)
+    load = {"position_m": 1e-3, "load_N_per_m": 8.0, "shear_N_per_m": 2.4}
+    reported = {"position_m": 1e-3, "load_N_per_m": 8.0, "friction": 0.3}
+    model = FeatureModel.along(sensed, true).with_features({"line": LineFeature()})
+    signal, rms = noisy(np.asarray(model({"line": load})), 3)
+    method, given = FeatureFit({"line": LineFeature()}), Problem(sensed, moved, signal, rms)
+    fitted = method(given)
+    assert fitted.quality == "good"
+    for name, expected in reported.items():
+        value, stderr = fitted.parameters[name]
+        # The ways' mean places are 3 and 7 um off, which is in the standard errors.
+        assert abs(value - expected) < 4 * stderr
+    monkeypatch.setattr(Problem, "aligned", lambda self: self)
+    assert method(given).quality != "good"
+
+
+def test_a_fit_has_the_samples_of_its_own_way():
+    moved, sensed = motion(2), sensor()
+    given = Problem(sensed, moved, signals(moved, sensed), 1e-6)
+    samples = given.of_way(True).samples().signal
+    onwards, back = (each.samples for each in passes_of(np.asarray(moved.position_m)))
+    assert np.isfinite(samples[:, onwards]).all()
+    assert np.isnan(samples[:, back]).all()
 
 
 def test_what_passes_differ_by_is_said():
@@ -174,6 +214,28 @@ def test_a_pressure_that_changes_with_the_direction_is_said():
     for is_onwards, factor in ((True, 1.0), (False, 1.15)):
         before, after = (np.ptp(fixed(each.of_way(is_onwards)).value[0]) for each in problems)
         assert after / before == pytest.approx(factor, abs=0.02)
+
+
+@pytest.mark.full
+def test_backlash_is_measured_and_taken_out_by_what_is_said():
+    """A stage that is 80 um further on on the way back than it says: what the warning gives makes
+    the answer that of a stage without backlash."""
+    moved, sensed = motion(2), sensor()
+    off = np.zeros(moved.time_s.size)
+    off[passes_of(np.asarray(moved.position_m))[1].samples] = 80e-6
+    signal, rms = noisy(signals(moved, sensed, ahead_m=-off), 7, 0.003)
+    given = Problem(sensed, moved, signal, rms, cell_m=CELL)
+    (said,) = pressure_by_way(fixed, given, fixed(given))
+    value = float(re.search(r"recording.backlash_m=([-+.e\d]+)", said)[1])
+    stderr = float(re.search(r"± ([-+.e\d]+) m", said)[1])
+    assert abs(value - 80e-6) < 4 * stderr
+    assert stderr < 5e-6
+    position = with_backlash(np.asarray(moved.position_m), value)
+    mended = with_fields(given, motion=Motion(moved.time_s, position, moved.speed_m_per_s))
+    assert pressure_by_way(fixed, mended, fixed(mended)) == ()
+    clean = noisy(signals(moved, sensed), 7, 0.003)[0]
+    without = Problem(sensed, moved, clean, rms, cell_m=CELL)
+    assert error(fixed(mended))[0] < 1.1 * error(fixed(without))[0]
 
 
 def test_a_way_that_is_not_there_is_refused():

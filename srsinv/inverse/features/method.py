@@ -117,6 +117,7 @@ class FeatureFit(Method):
         return dataclasses.replace(estimate, log_evidence=evidence, warnings=warnings)
 
     def _fitted(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
+        problem = problem.aligned() if isinstance(problem, Problem) else problem
         samples = problem.samples()
         fitter, noise = self._fitter(problem, samples), samples.noise
         if self.is_of_surface and isinstance(problem, Problem) and samples.is_estimate:

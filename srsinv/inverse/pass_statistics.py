@@ -1,0 +1,156 @@
+"""What passes of one way have in common, and what they differ by: shifts, levels and scatter."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+
+FALSE_ALARM = 1e-3  # of shifts, and of a scatter beyond the noise, where there is none
+SMOOTH_DEPTHS = 1 / 6  # over which signals' slopes are smoothed: waves so short are noise or hum
+SHIFT_DEPTHS = 0.25  # the standard deviation of shifts before they are known
+
+
+class PassOnCells(NamedTuple):
+    """One pass on the common cells: signals (e, cell), their columns (e, m, cell) and their
+    information (e, cell) in samples at the mean speed, zero where there is none; `slow` (e, cell)
+    as in [`Cells`][]."""
+
+    signal: Float[np.ndarray, "e cell"]
+    columns: Float[np.ndarray, "e m cell"]
+    information: Float[np.ndarray, "e cell"]
+    slow: Float[np.ndarray, "e cell"]
+    typical: float
+
+
+class PassesOnCells:
+    """Passes on common cells of `cell_m`, the number of each one's way among `ways`, and the white
+    noise's variance (e, 1) per sample."""
+
+    def __init__(
+        self,
+        every: Sequence[PassOnCells],
+        way: Sequence[int],
+        variance: Float[np.ndarray, "e 1"],
+        cell_m: float,
+    ):
+        self.every, self.way = list(every), list(way)
+        self.variance, self.cell_m = variance, cell_m
+
+    @property
+    def ways(self) -> int:
+        """Number of ways that there are."""
+        return max(self.way) + 1
+
+    @property
+    def contrasts(self) -> int:
+        """Differences between passes of a way."""
+        return len(self.way) - self.ways
+
+    def of(self, way: int) -> list[PassOnCells]:
+        """The passes of a way."""
+        return [each for each, own in zip(self.every, self.way, strict=True) if own == way]
+
+    @cached_property
+    def signals(self) -> list[Float[np.ndarray, "e cell"]]:
+        """The mean signals of each way."""
+        return [_mean([p.signal for p in self.of(w)], self.of(w)) for w in range(self.ways)]
+
+    @cached_property
+    def columns(self) -> list[Float[np.ndarray, "e m cell"]]:
+        """The means of each way's columns."""
+        return [_mean([p.columns for p in self.of(w)], self.of(w)) for w in range(self.ways)]
+
+    @cached_property
+    def differences(self) -> list[Float[np.ndarray, "e cell"]]:
+        """What the signals of each pass differ by from the mean of its way."""
+        return [p.signal - self.signals[w] for p, w in zip(self.every, self.way, strict=True)]
+
+    def cleaned(self) -> "PassesOnCells":
+        """The passes less the expected signal of the columns, of sizes by what passes differ by;
+        the columns become those of what is left open of the sizes."""
+        elements, size, _ = self.every[0].columns.shape
+        if not size:
+            return self
+        precision = np.tile(np.eye(size), (elements, 1, 1))
+        right = np.zeros((elements, size))
+        for way, each, difference in zip(self.way, self.every, self.differences, strict=True):
+            off = each.columns - self.columns[way]
+            weighed = off * (each.information / self.variance)[:, None]
+            precision += np.einsum("ein,ejn->eij", weighed, off)
+            right += np.einsum("ein,en->ei", weighed, difference)
+        covariance = np.linalg.inv(precision)
+        root = np.linalg.cholesky((covariance + covariance.swapaxes(1, 2)) / 2)
+        sizes = np.einsum("eij,ej->ei", covariance, right)
+        cleaned = [
+            each._replace(
+                signal=each.signal - np.einsum("ei,ein->en", sizes, each.columns),
+                columns=np.einsum("eij,ein->ejn", root, each.columns),
+            )
+            for each in self.every
+        ]
+        return PassesOnCells(cleaned, self.way, self.variance, self.cell_m)
+
+    def slope(self, way: int, depth_m: float) -> Float[np.ndarray, "e cell"]:
+        """The derivative of a way's mean signal along x, without what a skin of such a depth does
+        not transmit."""
+        width = SMOOTH_DEPTHS * depth_m / self.cell_m
+        smooth = scipy.ndimage.gaussian_filter1d(self.signals[way], width, axis=1)
+        return np.gradient(smooth, self.cell_m, axis=1)
+
+    def shifts(self, depth_m: float) -> tuple[Float[np.ndarray, " pass"], float]:
+        """By how much each pass is ahead of the mean of its way, and the standard error [m]."""
+        prior, slopes = SHIFT_DEPTHS * depth_m, [self.slope(w, depth_m) for w in range(self.ways)]
+        shifts, precisions = np.zeros(len(self.way)), np.full(len(self.way), prior**-2)
+        for j, (way, each) in enumerate(zip(self.way, self.every, strict=True)):
+            weight = slopes[way] * each.information / self.variance
+            precisions[j] += np.sum(weight * slopes[way])
+            if self.way.count(way) > 1:
+                shifts[j] = -np.sum(weight * self.differences[j]) / precisions[j]
+        return shifts, float(np.mean(precisions) ** -0.5)
+
+    def are_shifted(self, shifts: Float[np.ndarray, " pass"], stderr: float) -> bool:
+        """Whether shifts are more than noise makes of none."""
+        if not self.contrasts:
+            return False
+        most = scipy.stats.chi2.isf(FALSE_ALARM, self.contrasts)
+        return bool(np.sum((shifts / stderr) ** 2) > most)
+
+    def level_spread(self) -> Float[np.ndarray, " e"]:
+        """Rms of the levels that passes of a way differ by, an offset that wanders; zero where
+        noise makes as much."""
+        elements = len(self.variance)
+        squares, noise = np.zeros(elements), np.zeros(elements)
+        for each, difference in zip(self.every, self.differences, strict=True):
+            total = np.sum(each.information, axis=1)
+            level = np.sum(each.information * difference, axis=1) / total
+            noise = noise + self.variance[:, 0] / total / len(self.every)
+            squares = squares + level**2
+        freedom = max(self.contrasts, 1)
+        is_found = squares / noise > scipy.stats.chi2.isf(FALSE_ALARM, freedom)
+        spread = np.sqrt(np.maximum(squares / freedom - noise, 0.0))
+        return np.where(is_found & (self.contrasts > 0), spread, 0.0)
+
+    def scatter(self) -> tuple[float, int]:
+        """Rms of what passes differ by over that of the noise, and its degrees of freedom; NaN of
+        none."""
+        each = zip(self.every, self.differences, strict=True)
+        squares = sum(float(np.sum(off**2 * p.information / self.variance)) for p, off in each)
+        count = sum(int(np.sum(p.information > 0)) for p in self.every)
+        averages = sum(
+            int(np.sum(np.any([p.information > 0 for p in self.of(way)], axis=0)))
+            for way in range(self.ways)
+        )
+        freedom = count - averages - self.contrasts
+        return (float(np.sqrt(squares / freedom)) if freedom > 0 else float("nan")), freedom
+
+
+def _mean(parts: Sequence[np.ndarray], passes: Sequence[PassOnCells]) -> np.ndarray:
+    """The mean (e, ..., cell), weighted by the passes' information."""
+    total, weight = 0.0, 0.0
+    for own, each in zip(parts, passes, strict=True):
+        information = each.information.reshape(len(own), *[1] * (own.ndim - 2), own.shape[-1])
+        total, weight = total + information * own, weight + information
+    return total / np.where(weight > 0, weight, 1.0)
