@@ -1,6 +1,7 @@
 """Whether a recording can be used and how to go on, and its hum, drift and turns."""
 
 import shlex
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,9 @@ _PER_ROOT = "signal's unit per root of s"
 Variables = dict[str, tuple[Any, ...]]
 
 
-def verdict(inspection: Inspection, path: str) -> dict[str, Any]:
-    """Whether the recording can be used, in a sentence, and the command to go on with."""
+def verdict(inspection: Inspection, path: str, typed: Sequence[str] = ()) -> dict[str, Any]:
+    """Whether the recording can be used, in a sentence, and the command to go on with, which
+    repeats the settings that were `typed`."""
     needed, given = ", ".join(essential(inspection)), offered(inspection)
     if inspection.refusal and not inspection.overrides:
         said, remedy = "not usable as it is", inspection.refusal
@@ -27,6 +29,10 @@ def verdict(inspection: Inspection, path: str) -> dict[str, Any]:
     if needed:
         said += ", once the sidecar has what only you know (see below)"
     said = "; ".join([said, *_described(inspection.disturbances)])
+    beside = [*typed, *given]
+    if _is_one_element_one_way(inspection):
+        said += "; one signal one way: an inversion needs its friction MU, which a fit finds"
+        beside.append("friction=MU")
     words = ["srsinv experiment=invert_recording", shlex.quote(f"recording.path={path}")]
     return {
         "verdict": said,
@@ -34,8 +40,14 @@ def verdict(inspection: Inspection, path: str) -> dict[str, Any]:
         "override": shlex.join(given),
         "next_command": ""
         if said.startswith("not")
-        else " ".join([*words, shlex.join(given)]).strip(),
+        else " ".join([*words, shlex.join(beside)]).strip(),
     }
+
+
+def _is_one_element_one_way(inspection: Inspection) -> bool:
+    found = inspection.disturbances
+    goes_one_way = found is not None and not (found.forwards and found.backwards)
+    return len(inspection.signals) == 1 and goes_one_way
 
 
 def offered(inspection: Inspection) -> tuple[str, ...]:

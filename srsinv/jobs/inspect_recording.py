@@ -1,5 +1,6 @@
 """A first look at a recorded file: columns, times, clipping, noise, and a sidecar to fill in."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 from .. import config
 from ..errors import refuse
 from ..recording import merge
-from ..recording.even import sidecar_paths
+from ..recording.even import MISSING, TIMES_OF_ROWS, sidecar_paths
 from ..recording.inspection import Inspection, inspect
 from ..recording.template import blanks, essential, sidecar_template
 from ..report.result import Result, dataset, scalars
@@ -20,6 +21,7 @@ from ._inspection_verdict import disturbance_facts, of_disturbances, verdict
 _LONGEST_STEM = 200  # bytes: a file's name has at most 255, with its ending
 _SHOWN_ROWS = 20  # of those out of order
 _NOT_FACTS = ("path", "cell_m", "sidecar", "calibration")
+_DEFAULTS = {"missing": MISSING[0], "times": TIMES_OF_ROWS[0]}
 _DENSITY = "signal_unit per root of frequency"
 Variables = dict[str, tuple[Any, ...]]
 
@@ -43,12 +45,31 @@ def run(cfg: Mapping[str, Any]) -> Result:
         | _lines(inspection) | _gaps(inspection) | _numbers(inspection) | disturbances
         | {"hint": ("blank", list(blank.values()), "1")},
         coordinates | over_frequency | labels | {"blank": (list(blank), "1")},
-        **_facts(inspection), **disturbance_facts(inspection), **verdict(inspection, str(path)),
-        template=template,
+        **_facts(inspection), **disturbance_facts(inspection),
+        **verdict(inspection, str(path), _typed(cfg)), template=template,
     )  # fmt: skip
     plots = {"signals": own.signals, "spectra": own.spectra, "motion": own.motion}
     shown = sections("inspect_recording", **plots)
     return Result(_title(inspection), data, shown, {template: sidecar_template(inspection)})
+
+
+def _typed(cfg: Mapping[str, Any]) -> list[str]:
+    """The settings of the recording and the sensor that are not the configuration's own, as they
+    are typed."""
+    stated = {f"recording.{key}": value for key, value in cfg["recording"].items()
+              if key != "path" and value != _DEFAULTS.get(key)}  # fmt: skip
+    stated |= {f"sensor.{key}": value for key, value in cfg["sensor"].items()}
+    return [f"{key}={_in_grammar(value)}" for key, value in stated.items() if value is not None]
+
+
+def _in_grammar(value: Any) -> str:
+    """A value in Hydra's grammar."""
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{key}:{_in_grammar(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ",".join(map(_in_grammar, value)) + "]"
+    is_word = isinstance(value, str) and value.isidentifier()
+    return str(value) if is_word else json.dumps(value, ensure_ascii=False)
 
 
 def _title(inspection: Inspection) -> str:
