@@ -99,7 +99,7 @@ def read_sidecar(
     return _read(given, key)
 
 
-def _read(path: Path, key: str = "recording.sidecar") -> dict[str, Any]:
+def _read(path: Path, key: str) -> dict[str, Any]:
     try:
         text = read_bytes(path, what="sidecar", key=key, most=MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:

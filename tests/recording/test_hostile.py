@@ -180,6 +180,9 @@ def test_all_bytes_of_a_sidecar(tmp_path):
     path.unlink()
     with pytest.raises(BadInput, match=r"no such sidecar: check recording\.sidecar"):
         read_bytes(path, what="sidecar", most=99)
+    write_csv(tmp_path / "r.csv", {"time_s": range(9)})
+    with pytest.raises(BadInput, match=r"no such sidecar: check recording\.calibration"):
+        load(tmp_path / "r.csv", calibration=tmp_path / "rig.json")
     os.mkfifo(path)
     with pytest.raises(BadInput, match="a pipe where the sidecar is expected"):
         read_bytes(path, what="sidecar", most=99)
