@@ -2,6 +2,7 @@
 
 import json
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -148,7 +149,7 @@ def test_the_override_that_inspect_offers_is_right(tmp_path, fault, stated, expe
     np.testing.assert_allclose(recording.signal[good], SIGNAL_V[good])
 
 
-UNITS_ALONE = {
+UNITS_ALONE: dict[str, Any] = {
     "both": ({"Time (ms)": ("Zeit [s]", 1e-3), "Stage pos (mm)": ("Weg [cm]", 0.1)},
              {"time_column": "Zeit [s]", "position_column": "Weg [cm]"}),
     "positions": ({"Stage pos (mm)": ("Travel (um)", 1e3)}, {"position_column": "Travel (um)"}),

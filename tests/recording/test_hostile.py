@@ -15,7 +15,7 @@ from srsinv.errors import BadInput
 from srsinv.recording import load, load_profile
 from srsinv.recording._guard import open_file, read_bytes
 from srsinv.recording.inspection import inspect
-from tests.recording.files import FORMATS, write
+from tests.recording.files import FORMATS, write, write_csv
 from tests.recording.fuzz import PACKED, damaged
 from tests.recording.hostile import CASES, SLOW
 from tests.recording.test_bad_files import assert_one_sentence

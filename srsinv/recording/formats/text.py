@@ -24,9 +24,15 @@ _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
 _TEXT = 80  # characters stored of a cell that is no number
 
 _BY_BYTE = "srsinv.latin_1"  # what does not decode is Latin-1, as the signs of units are
-codecs.register_error(
-    _BY_BYTE, lambda error: (error.object[error.start : error.end].decode("latin-1"), error.end)
-)
+
+
+def _latin_1(error: UnicodeError) -> tuple[str, int]:
+    """The bytes that do not decode as Latin-1, and where to go on."""
+    assert isinstance(error, UnicodeDecodeError)
+    return error.object[error.start : error.end].decode("latin-1"), error.end
+
+
+codecs.register_error(_BY_BYTE, _latin_1)
 
 _Rows = list[list[str]] | Float[np.ndarray, "row column"]
 
