@@ -11,10 +11,11 @@ import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from scipy.special import logsumexp
 
 from .line_problem import LineProblem
+from .nuisance import Cleaned
 
 FALSE_ALARM = 1e-3  # of a sensor wired as stated, over all faults
 LEVELS = 10.0 ** np.arange(-2.0, 2.1, 0.5)  # of p, in units of that which makes the data's power
@@ -22,6 +23,7 @@ LENGTHS = (1.0, 4.0)  # depths, over which p is correlated
 # mu, and the part of q that is not mu p: apart, and hardly apart from friction.
 SHEARS = ((0.0, 1.0), (0.0, 0.1), (0.25, 0.1), (-0.25, 0.1), (0.6, 0.1), (-0.6, 0.1))
 DEEP = 12.0  # k z beyond which the skin transmits nothing
+OF_WAVES = 0.01  # of the largest power of mains' waves: wavenumbers with more are left out
 Gain = Complex[np.ndarray, "e c k"]
 
 
@@ -30,7 +32,8 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
     if len(names) < 2:
         return ()
     k = np.asarray(problem.line.k)[1:]
-    used = np.flatnonzero(k * depth_m < DEEP) + 1
+    used = np.flatnonzero((k * depth_m < DEEP) & ~_of_waves(problem)[1:]) + 1
+    problem = Cleaned.of(problem).problem
     together = problem.is_observed.all(axis=0)
     data = np.fft.rfft(np.where(together, np.asarray(problem.data), 0.0)) / np.sqrt(problem.line.n)
     white = data[:, used] / np.sqrt(np.asarray(problem.noise, float)[:, used])
@@ -48,6 +51,15 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
         "with that as with the elements as stated; if the wiring is right, then a gain, an angle "
         "or a depth is not, or hum is on the signals.",
     )
+
+
+def _of_waves(problem: LineProblem) -> Bool[np.ndarray, " k"]:
+    """Which wavenumbers the waves of mains are at: what is sought there goes with them."""
+    if problem.nuisance is None:
+        return np.zeros(problem.line.k.size, bool)
+    waves = np.fft.rfft(np.asarray(problem.nuisance, float))
+    power = np.sum(np.abs(waves) ** 2, axis=(0, 1))
+    return power > OF_WAVES * np.max(power)
 
 
 def _faults(gain: Gain, names: Sequence[str]) -> Iterator[tuple[Gain, str]]:

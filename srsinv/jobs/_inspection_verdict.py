@@ -36,6 +36,9 @@ def verdict(inspection: Inspection, path: str, typed: tuple[str, ...] = ()) -> d
     if needed:
         said += ", once the sidecar has what only you know (see below)"
     said = "; ".join([said, *_described(inspection.disturbances)])
+    if _is_one_element_one_way(inspection):
+        said += "; one signal one way: an inversion needs its friction MU, which a fit finds"
+        typed = *typed, "friction=MU"
     read_as = shlex.join([f"recording.path={_as_typed(path)}", *typed, *given])
     return {
         "verdict": said,
@@ -77,6 +80,12 @@ def _as_typed(value: Any) -> str:
         return str(value)
     escaped = value.replace("'", "\\'")
     return f"'{escaped}'"
+
+
+def _is_one_element_one_way(inspection: Inspection) -> bool:
+    found = inspection.disturbances
+    goes_one_way = found is not None and not (found.forwards and found.backwards)
+    return len(inspection.signals) == 1 and goes_one_way
 
 
 def offered(inspection: Inspection) -> tuple[str, ...]:

@@ -144,6 +144,26 @@ def _alike(
     ]
 
 
+def unnamed_columns(table: ColumnTable, facts: Mapping[str, Any]) -> dict[str, str]:
+    """The settings that name times and positions by their units alone, as `Weg [mm]`, where no
+    name, speed or rate is of use and one column alone has such a unit."""
+    is_known = {
+        "time": facts.get("sample_rate_hz") is not None,
+        "position": facts.get("speed_m_per_s") is not None
+        or column_of(table, facts, "speed") is not None,
+    }
+    signals = [resolve(table, channel) for channel in _listed(facts.get("channels"))]
+    named = {}
+    for quantity in ("time", "position"):
+        if is_known[quantity] or column_of(table, facts, quantity) is not None:
+            continue
+        rest = [c for c in table.columns if c not in signals and quantity_of(c) is None]
+        alike = [c for c in rest if unit_of(table, {}, c, quantity)[0]]
+        if len(alike) == 1 and not _ELSEWHERE.search(alike[0]):
+            named[f"{quantity}_column"] = alike[0]
+    return named
+
+
 def _listed(channels: Any) -> tuple[str, ...]:
     return (channels,) if isinstance(channels, str) else tuple(channels or ())
 

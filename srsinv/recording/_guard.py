@@ -135,14 +135,15 @@ def open_file(
         )
 
 
-def read_bytes(path: Path, *, what: str, most: int) -> bytes:
+def read_bytes(path: Path, *, what: str, most: int, key: str | None = None) -> bytes:
     """All bytes of the file at `path`, which a refusal calls `what` ("sidecar").
 
-    Raises `BadInput` as [`open_file`][] does, its key being `recording.` and `what`.
+    Raises `BadInput` as [`open_file`][] does for the file that `key` names; None: `recording.` and
+    `what`.
     """
     with (
         within_memory(path),
-        open_file(path, what=what, key=f"recording.{what}", most=most) as file,
+        open_file(path, what=what, key=key or f"recording.{what}", most=most) as file,
     ):
         content = file.read()
         refuse(

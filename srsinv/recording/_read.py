@@ -11,9 +11,9 @@ from jaxtyping import Float
 from srsinv.errors import choice, refuse
 
 from ._ahead import store, take_table
-from ._columns import Quantity, column_of, signal_columns, signal_unit, unit_of
+from ._columns import Quantity, column_of, quantity_of, signal_columns, signal_unit, unit_of
 from ._even_times import check_rate
-from ._guard import path_of, within_memory
+from ._guard import path_of, quoted, within_memory
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import Sidecars, check_elements, merge
@@ -175,7 +175,8 @@ def _time_s(
     refuse(
         facts.get("sample_rate_hz") is None,
         f"{table.name}: there is no time column (time_s, time_ms or time_us) among the columns "
-        f"{listing(table.columns)}: add one or give recording.sample_rate_hz=...",
+        f"{listing(table.columns)}: name it by recording.time_column=..., or give "
+        "recording.sample_rate_hz=...",
     )
     with np.errstate(over="ignore"):  # at so low a rate that the times are refused
         return np.arange(samples) / float(facts["sample_rate_hz"])
@@ -232,9 +233,16 @@ def _speed_m_per_s(
     refuse(
         facts.get(SPEED) is None,
         f"{table.name}: no speed: there is no column {SPEED} or {POSITION} among the columns "
-        f"{listing(table.columns)}: add one or give recording.{SPEED}=...",
+        f"{listing(table.columns)}{_bare_position(table)}: name one by recording.position_column "
+        f"and recording.position_unit, or give recording.{SPEED}=...",
     )
     return np.full(columns[TIME].size, float(facts[SPEED]))
+
+
+def _bare_position(table: ColumnTable) -> str:
+    """That a column is called a position and has no unit, or nothing."""
+    bare = next((c for c in table.columns if quantity_of(c) == "position"), None)
+    return "" if bare is None else f", and the unit of column {quoted(bare)} is not stated"
 
 
 def _check_lengths(table: ColumnTable, columns: Mapping[str, np.ndarray]) -> None:

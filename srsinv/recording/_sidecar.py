@@ -90,18 +90,18 @@ def read_sidecar(
             f"{recording.name}: there are {len(beside)} sidecars beside it, "
             f"{', '.join(path.name for path in beside)}: name one by recording.sidecar=FILE.",
         )
-        return _read(beside[0]) if beside else {}
+        return _read(beside[0], key) if beside else {}
     refuse(
         given.suffix.lower() not in SUFFIXES,
         f"{key} is {given.name}: a sidecar ends in {', '.join(SUFFIXES)}, not in {given.suffix!r}: "
         "write it as JSON or YAML.",
     )
-    return _read(given)
+    return _read(given, key)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path, key: str) -> dict[str, Any]:
     try:
-        text = read_bytes(path, what="sidecar", most=MOST_BYTES).decode("utf-8-sig")
+        text = read_bytes(path, what="sidecar", key=key, most=MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise BadInput(f"{path.name}: this sidecar is not UTF-8 text: save it as such.") from error
     return parse(path.name, text, "JSON" if path.suffix.lower() == ".json" else "YAML")

@@ -1,5 +1,6 @@
 """Inspection of a file without the facts that `load` requires: guesses are marked as such."""
 
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from jaxtyping import Float
 from srsinv.errors import LARGEST, BadInput, refuse
 
 from ._ahead import take_table
-from ._columns import Quantity, unit_of
+from ._columns import Quantity, unit_of, unnamed_columns
 from ._described_columns import (
     UNKNOWN,
     Column,
@@ -125,19 +126,35 @@ def inspect(
         inspection = _inspect(path, table, given, known)
         if isinstance(taken, Recording):
             return replace(inspection, disturbances=disturbances(taken))
-        refusal = taken
-        for allowed, unit in ((True, False), (False, True), (True, True)):
-            stated = known | ({"time_unit": inspection.time_unit} if unit else {})
-            how = "allow" if allowed else missing
-            taken = _taken(path, table, given, how, times, stated)
+        named = _unnamed_columns(table, inspection.facts)
+        if named:
+            inspection = _inspect(path, table, given, known | named)
+        refusal, unit = taken, {"time_unit": inspection.time_unit}
+        for allowed, more in ((False, {}), (True, {}), (False, unit), (True, unit)):
+            how, stated = "allow" if allowed else missing, named | more
+            taken = _taken(path, table, given, how, times, known | stated)
             if isinstance(taken, Recording):
                 words = ["recording.missing=allow"] * allowed
-                words += [f"recording.time_unit={inspection.time_unit}"] * unit
+                words += [f"recording.{key}={_typed(value)}" for key, value in stated.items()]
                 return replace(
                     inspection, refusal=refusal, overrides=tuple(words),
                     disturbances=disturbances(taken),
                 )  # fmt: skip
         return replace(inspection, refusal=refusal)
+
+
+def _unnamed_columns(table: ColumnTable, facts: Mapping[str, Any]) -> dict[str, str]:
+    """See `unnamed_columns`; nothing where the table is refused for something else."""
+    try:
+        return unnamed_columns(table, facts)
+    except BadInput:
+        return {}
+
+
+def _typed(value: Any) -> str:
+    """A fact as it is typed: a unit as it is, a column's name in quotation marks."""
+    text = str(value)
+    return text if text.isidentifier() else json.dumps(text, ensure_ascii=False)
 
 
 def _taken(path: Path, table: ColumnTable, *settings: Any) -> Recording | str:

@@ -7,6 +7,7 @@ import pytest
 
 from srsinv.forward.film import Film
 from srsinv.inverse.elements import element_findings
+from srsinv.modules import with_fields
 from tests.inverse.cases import DEPTH_M, make_case, make_operator
 
 NAMES = ("first", "second")
@@ -53,3 +54,19 @@ def test_one_element_has_no_other_to_be_held_against():
     problem = make_case(films="one", friction=0.4).problem
     assert make_operator(problem.line, "one").transfer.shape[0] == 1
     assert element_findings(problem, NAMES[:1], DEPTH_M) == ()
+
+
+def test_hum_that_is_stated_is_no_fault_of_the_wiring():
+    """Waves that the skin transmits, of ten times the signal and of another phase in each."""
+    problem = make_case(films=PAIR).problem
+    data = np.asarray(problem.data)
+    phase = 2 * np.pi * 6.3 * np.arange(problem.line.n) / problem.line.n
+    waves = 10 * data.std() * np.stack([np.cos(phase), np.sin(phase)])
+    hum = np.array([[1.0, 0.2], [-0.3, -0.9]]) @ waves
+    hummed = with_fields(problem, data=jnp.asarray(data + hum))
+    assert element_findings(hummed, NAMES, DEPTH_M)
+    stated = with_fields(hummed, nuisance=jnp.asarray(np.stack([waves, waves])))
+    assert element_findings(stated, NAMES, DEPTH_M) == ()
+    exchanged = with_fields(stated, data=jnp.asarray((data + hum)[::-1]))
+    (sentence,) = element_findings(exchanged, NAMES, DEPTH_M)
+    assert "exchanged" in sentence

@@ -204,6 +204,29 @@ def test_what_is_stated_is_not_offered_again(tmp_path):
     assert "and drift" in result.dataset.attrs["verdict"]
 
 
+def test_the_command_to_go_on_with_repeats_what_was_typed(tmp_path):
+    path = hummed(tmp_path)
+    typed = ['recording.channels=["voltage_1_mV","voltage_0_mV"]', "recording.gain=[2.0,3.0]",
+             "recording.mains_Hz=auto", "sensor.depth_m=0.001"]  # fmt: skip
+    result = outcome("experiment=inspect_recording", f"recording.path='{path}'", *typed)
+    _, *words = shlex.split(result.dataset.attrs["next_command"])
+    assert words[2:] == [typed[0].replace('"', ""), *typed[1:], "recording.drift=auto"]
+    recording = config.recording(composed(*words))
+    assert recording.channels == ("voltage_1_V", "voltage_0_V")
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_one_signal_one_way_needs_a_friction(tmp_path, turns):
+    time_s = np.arange(N) / RATE_HZ
+    position_mm = 20 * np.abs(time_s - 1.5) if turns else 20 * time_s
+    table = scan(time_s=time_s, position_mm=position_mm, voltage_1_mV=None)
+    write_csv(tmp_path / "r.csv", table)
+    result = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.csv'}")
+    facts = result.dataset.attrs
+    assert ("friction=MU" in facts["next_command"]) == (not turns)
+    assert ("friction MU" in facts["verdict"]) == (not turns)
+
+
 def test_passes_are_counted(tmp_path):
     position_mm = 100 * np.abs((np.arange(N) / 1000 + 0.5) % 1 - 0.5)
     write_csv(tmp_path / "r.csv", scan(position_mm=position_mm))

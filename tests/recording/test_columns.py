@@ -1,6 +1,8 @@
 """Columns by whatever a lab calls them: read right, or refused with the setting that says which."""
 
 import json
+import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from srsinv.errors import BadInput
 from srsinv.recording import load, save
 from srsinv.recording.inspection import inspect
+from srsinv.recording.template import sidecar_template
 from tests.recording.files import write_csv
 
 N, RATE_HZ, SPEED_M_PER_S = 400, 2000.0, 0.02
@@ -146,7 +149,50 @@ def test_the_override_that_inspect_offers_is_right(tmp_path, fault, stated, expe
     np.testing.assert_allclose(recording.signal[good], SIGNAL_V[good])
 
 
+UNITS_ALONE: dict[str, Any] = {
+    "both": ({"Time (ms)": ("Zeit [s]", 1e-3), "Stage pos (mm)": ("Weg [cm]", 0.1)},
+             {"time_column": "Zeit [s]", "position_column": "Weg [cm]"}),
+    "positions": ({"Stage pos (mm)": ("Travel (um)", 1e3)}, {"position_column": "Travel (um)"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", UNITS_ALONE)
+def test_columns_that_units_alone_tell_are_offered_and_not_taken(tmp_path, case):
+    renamed, stated = UNITS_ALONE[case]
+    write_csv(tmp_path / "r.csv", lab(**renamed))
+    inspection = inspect(tmp_path / "r.csv")
+    assert inspection.overrides == tuple(f'recording.{k}="{v}"' for k, v in stated.items())
+    assert [len(inspection.of_role(role)) for role in ("time", "position")] == [1, 1]
+    with pytest.raises(BadInput, match=re.escape(next(iter(stated)))):
+        load(tmp_path / "r.csv")
+    assert_right(load(tmp_path / "r.csv", **stated))
+    (tmp_path / "r.yaml").write_text(sidecar_template(inspection))
+    assert_right(load(tmp_path / "r.csv"))
+
+
+@pytest.mark.parametrize("others", [["Gap y (mm)"], ["Width (mm)", "Height (mm)"], ["Force (N)"]])
+def test_no_column_is_offered_that_may_be_something_else(tmp_path, others):
+    table = LAB | dict.fromkeys(others, POSITION_M)
+    del table["Stage pos (mm)"]
+    write_csv(tmp_path / "r.csv", table)
+    assert inspect(tmp_path / "r.csv").overrides == ()
+
+
+def test_a_position_without_a_unit_is_asked_for_its_unit(tmp_path):
+    write_csv(tmp_path / "r.csv", lab(**{"Stage pos (mm)": ("position", 1)}))
+    with pytest.raises(BadInput, match=r"'?position'? is not stated.*recording\.position_unit"):
+        load(tmp_path / "r.csv")
+    assert_right(load(tmp_path / "r.csv", position_unit="mm"))
+
+
 # Text as spreadsheets leave it
+
+
+def test_signs_of_units_in_latin_1(tmp_path):
+    write_csv(tmp_path / "r.csv", lab(**{"Stage pos (mm)": ("Stage pos (µm)", 1e3)}))
+    text = (tmp_path / "r.csv").read_text(encoding="utf-8")
+    (tmp_path / "r.csv").write_text(text, encoding="latin-1")
+    assert_right(load(tmp_path / "r.csv"))
 
 
 def rows(cells, delimiter=";"):

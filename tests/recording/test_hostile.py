@@ -15,7 +15,7 @@ from srsinv.errors import BadInput
 from srsinv.recording import load, load_profile
 from srsinv.recording._guard import open_file, read_bytes
 from srsinv.recording.inspection import inspect
-from tests.recording.files import FORMATS, write
+from tests.recording.files import FORMATS, write, write_csv
 from tests.recording.fuzz import PACKED, damaged
 from tests.recording.hostile import CASES, SLOW
 from tests.recording.test_bad_files import assert_one_sentence
@@ -180,6 +180,9 @@ def test_all_bytes_of_a_sidecar(tmp_path):
     path.unlink()
     with pytest.raises(BadInput, match=r"no such sidecar: check recording\.sidecar"):
         read_bytes(path, what="sidecar", most=99)
+    write_csv(tmp_path / "r.csv", {"time_s": range(9)})
+    with pytest.raises(BadInput, match=r"no such sidecar: check recording\.calibration"):
+        load(tmp_path / "r.csv", calibration=tmp_path / "rig.json")
     os.mkfifo(path)
     with pytest.raises(BadInput, match="a pipe where the sidecar is expected"):
         read_bytes(path, what="sidecar", most=99)
