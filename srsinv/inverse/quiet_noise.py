@@ -14,15 +14,13 @@ from jaxtyping import Bool, Float
 
 from ..errors import refuse
 from ..forward.noise import Noise
-from ..numerics import runs
 from ..recording import Recording
 from ..recording.mains import MainsLine, waves
+from ..recording.passes import still_samples
 from .features.sliding_noise import RANGE, estimate, evidence_of_sliding, first_levels
 from .sample_noise import LONG, SampleNoise
 
 FALSE_ALARM = 1e-3  # of a drift beside white noise
-STILL = 0.02  # of the greatest speed: slower is standing still
-SHORTEST_S = 0.2  # that it has to stand still
 FEWEST = 100  # quiet samples of an element: their level is within 7 %
 WEAK = 0.3  # of the white noise: weaker waves of mains are left to it
 AS_PROBABLE = 2.0  # in the logarithm of likelihood, which one more parameter makes once in twenty
@@ -67,18 +65,9 @@ def _quiet_samples(recording: Recording) -> Bool[np.ndarray, " sample"]:
     given: Any = recording.sidecar.get("quiet_s")
     time_s = recording.time_s - recording.time_s[0]
     if given == "auto":
-        return still_samples(recording)
+        return still_samples(recording.speed_m_per_s, recording.sample_rate_hz)
     pairs = given if isinstance(given[0], list | tuple) else [given]
     return np.any([(start <= time_s) & (time_s <= end) for start, end in pairs], axis=0)
-
-
-def still_samples(recording: Recording) -> Bool[np.ndarray, " sample"]:
-    """Where the sensor stands still for long enough."""
-    speed, rate = np.abs(recording.speed_m_per_s), recording.sample_rate_hz
-    is_still = speed < STILL * speed.max()
-    for start, stop in runs(is_still):
-        is_still[start:stop] = stop - start >= SHORTEST_S * rate
-    return is_still
 
 
 def _above(columns: Float[np.ndarray, "m sample"], least: float) -> Float[np.ndarray, "k sample"]:

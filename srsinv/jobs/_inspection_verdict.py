@@ -84,7 +84,7 @@ def _as_typed(value: Any) -> str:
 
 def _is_one_element_one_way(inspection: Inspection) -> bool:
     found = inspection.disturbances
-    goes_one_way = found is not None and not (found.forwards and found.backwards)
+    goes_one_way = found is not None and not (found.onwards and found.back)
     return len(inspection.signals) == 1 and goes_one_way
 
 
@@ -110,12 +110,10 @@ def _described(found: Disturbances | None) -> list[str]:
                      + (", and drift" if has_drift else ""))  # fmt: skip
     elif has_drift:
         words.append("drift")
-    count = found.forwards + found.backwards
+    count = found.onwards + found.back
     if count > 1:
-        ways = found.forwards, found.backwards
-        each = (
-            f"{ways[0]} each way" if ways[0] == ways[1] else f"{ways[0]} forwards, {ways[1]} back"
-        )
+        ways = found.onwards, found.back
+        each = f"{ways[0]} each way" if ways[0] == ways[1] else f"{ways[0]} onwards, {ways[1]} back"
         words.append(f"{count} passes, {each}")
     return words
 
@@ -146,8 +144,8 @@ def of_disturbances(inspection: Inspection) -> tuple[Variables, Variables]:
         "hum_ratio": ("signal", found.hum_ratio, "1", f"hum_over_rest_{of}"),
         "drift": ("signal", found.drift, _PER_ROOT, f"drift_{unit}_per_sqrt_s_{of}"),
         **_scalar("drift_level", level, _PER_ROOT, f"drift_{key}_per_sqrt_s"),
-        **scalars({"passes": found.forwards + found.backwards, "passes_forwards": found.forwards,
-                   "passes_backwards": found.backwards}),
+        **scalars({"passes": found.onwards + found.back, "passes_onwards": found.onwards,
+                   "passes_back": found.back}),
     }  # fmt: skip
 
 

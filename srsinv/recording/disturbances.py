@@ -10,7 +10,9 @@ from jaxtyping import Float
 from ._recording import Recording
 from .drift import drift_of
 from .mains import FUNDAMENTALS_HZ, MainsLine, mains_lines
-from .passes import passes_of
+from .passes import passes_of, still_samples
+
+LONG_ENOUGH_S = 0.5  # of standing still, for a drift to be measured there
 
 
 class Disturbances(NamedTuple):
@@ -21,7 +23,8 @@ class Disturbances(NamedTuple):
     - `hum_rms`: (e,) of all lines together, `hum_ratio` (e,) the same over the rms of all else.
     - `drift`: (e,) rms of a random walk after a second; 0 where none is found.
     - `unit` of both, after the gain.
-    - `speed_m_per_s`: mean of its size; `forwards`, `backwards`: passes each way; `duration_s`.
+    - `speed_m_per_s`: mean of its size; `onwards`, `back`: passes towards +x and -x; `duration_s`;
+      `still_s`: for how long the sensor stands still.
     """
 
     lines: tuple[MainsLine, ...]
@@ -31,16 +34,18 @@ class Disturbances(NamedTuple):
     drift: Float[np.ndarray, " e"]
     unit: str
     speed_m_per_s: float
-    forwards: int
-    backwards: int
+    onwards: int
+    back: int
     duration_s: float
+    still_s: float
 
     @property
     def overrides(self) -> tuple[str, ...]:
         """Settings with which an inversion takes hum and drift into account."""
         listed = ",".join(map(str, self.nominal_Hz))
         hum = (f"recording.mains_Hz=[{listed}]",) if self.nominal_Hz else ()
-        return (*hum, *(("recording.drift=auto",) if self.drift.any() else ()))
+        shown = "quiet_s" if self.still_s > LONG_ENOUGH_S else "drift"
+        return (*hum, *((f"recording.{shown}=auto",) if self.drift.any() else ()))
 
 
 def disturbances(recording: Recording) -> Disturbances:
@@ -66,9 +71,10 @@ def disturbances(recording: Recording) -> Disturbances:
         drift=size * drift_of(replace(recording, signal=signal)),
         unit=recording.signal_unit,
         speed_m_per_s=float(np.mean(np.abs(recording.speed_m_per_s))),
-        forwards=sum(ways),
-        backwards=len(ways) - sum(ways),
+        onwards=sum(ways),
+        back=len(ways) - sum(ways),
         duration_s=float(recording.time_s[-1] - recording.time_s[0]),
+        still_s=float(still_samples(recording.speed_m_per_s, rate_hz).sum() / rate_hz),
     )
 
 

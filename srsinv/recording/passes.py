@@ -6,8 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from srsinv.numerics import runs
+
 SHORT = 0.1  # of the travelled range: a shorter way back is no pass
 MOST_POSITIONS = 10_000  # that turns are looked for among
+STILL = 0.02  # of the greatest speed: slower is standing still
+SHORTEST_S = 0.2  # that it has to stand still
 JOINT = 50  # samples, whose means join one difference to the next
 
 
@@ -40,6 +44,17 @@ def passes_of(position_m: Float[np.ndarray, " sample"]) -> tuple[Pass, ...]:
         Pass(slice(start, stop), way)
         for start, stop, (_, way) in zip(starts[:-1], starts[1:], turns, strict=False)
     )
+
+
+def still_samples(
+    speed_m_per_s: Float[np.ndarray, " sample"], rate_hz: float
+) -> Bool[np.ndarray, " sample"]:
+    """Where a sensor stands still for long enough to show its noise."""
+    speed = np.abs(speed_m_per_s)
+    is_still = speed < STILL * speed.max()
+    for start, stop in runs(is_still):
+        is_still[start:stop] = stop - start >= SHORTEST_S * rate_hz
+    return is_still
 
 
 def is_within(passes: Sequence[Pass], samples: int) -> Bool[np.ndarray, " sample"]:

@@ -232,4 +232,4 @@ def test_passes_are_counted(tmp_path):
     write_csv(tmp_path / "r.csv", scan(position_mm=position_mm))
     result = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.csv'}")
     assert "6 passes, 3 each way" in result.dataset.attrs["verdict"]
-    assert (result.metrics["passes_forwards"], result.metrics["passes_backwards"]) == (3, 3)
+    assert (result.metrics["passes_onwards"], result.metrics["passes_back"]) == (3, 3)

@@ -46,7 +46,7 @@ def test_overrides_of_what_was_found(tmp_path, case):
     assert (inspection.refusal, found.overrides) == (None, overrides)
     assert found.hum_rms == pytest.approx(given.get("hum", 0.0), rel=0.05)
     assert found.drift == pytest.approx(given.get("drift", 0.0), rel=0.4)
-    assert (found.forwards, found.backwards) == (1, 0)
+    assert (found.onwards, found.back) == (1, 0)
     assert found.speed_m_per_s == pytest.approx(0.02, rel=1e-6)
 
 
