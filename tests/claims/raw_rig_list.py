@@ -40,7 +40,7 @@ GERMAN = columns(
 )  # fmt: skip
 TABS = columns(
     ("Timestamp", "us", 0), ("AI0 [V]", "V", 6), ("AI1 [V]", "V", 6),
-    ("position", "encoder (µm)", "um", 1), separator="\t", suffix=".txt", encoding="latin-1",
+    ("position", "encoder (µm)", "um", 1), separator="\t", suffix=".txt",
 )  # fmt: skip
 SPEEDS = columns(
     ("time_s", "s", 4), ("voltage_0_mV", "mV", 3), ("voltage_1_mV", "mV", 3),

@@ -188,15 +188,18 @@ def test_a_position_without_a_unit_is_asked_for_its_unit(tmp_path):
 # Text as spreadsheets leave it
 
 
-def test_signs_of_units_in_latin_1(tmp_path):
+def rows(cells, delimiter=";"):
+    return "".join(delimiter.join(row) + "\n" for row in cells)
+
+
+def test_signs_of_units_in_latin_1_are_refused_with_what_to_do(tmp_path):
     write_csv(tmp_path / "r.csv", lab(**{"Stage pos (mm)": ("Stage pos (µm)", 1e3)}))
     text = (tmp_path / "r.csv").read_text(encoding="utf-8")
     (tmp_path / "r.csv").write_text(text, encoding="latin-1")
+    with pytest.raises(BadInput, match="no UTF-8 text: save it as UTF-8"):
+        load(tmp_path / "r.csv")
+    (tmp_path / "r.csv").write_text(text, encoding="utf-8")
     assert_right(load(tmp_path / "r.csv"))
-
-
-def rows(cells, delimiter=";"):
-    return "".join(delimiter.join(row) + "\n" for row in cells)
 
 
 @pytest.mark.parametrize("delimiter", [";", "\t"])

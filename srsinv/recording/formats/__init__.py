@@ -59,6 +59,12 @@ class BySuffix(Reader):
             return SUFFIXES[suffix].read(file)
         except (BadInput, MemoryError):
             raise
+        except UnicodeDecodeError as error:
+            raise BadInput(
+                f"{quoted(file.path.name)}: the file cannot be read as {suffix}, being no UTF-8 "
+                "text: save it as UTF-8, its signs of units too, or "
+                f"give it the suffix of what it holds ({', '.join(SUFFIXES)})."
+            ) from error
         # On damaged bytes a library's parser raises arbitrary exceptions.
         except Exception as error:
             is_no_utf8 = isinstance(error, UnicodeDecodeError)

@@ -1,6 +1,5 @@
 """Text: a header row of names, then a row a sample, separated by commas, semicolons or tabs."""
 
-import codecs
 import csv
 import io
 import re
@@ -23,17 +22,6 @@ _BLOCK = 2**20  # characters whose cells are turned into numbers together
 _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
 _TEXT = 80  # characters stored of a cell that is no number
 
-_BY_BYTE = "srsinv.latin_1"  # what does not decode is Latin-1, as the signs of units are
-
-
-def _latin_1(error: UnicodeError) -> tuple[str, int]:
-    """The bytes that do not decode as Latin-1, and where to go on."""
-    assert isinstance(error, UnicodeDecodeError)
-    return error.object[error.start : error.end].decode("latin-1"), error.end
-
-
-codecs.register_error(_BY_BYTE, _latin_1)
-
 _Rows = list[list[str]] | Float[np.ndarray, "row column"]
 
 
@@ -44,11 +32,9 @@ class Text(Reader):
     """
 
     def read(self, file: DataFile) -> ColumnTable:
-        """The columns of a text in UTF-8, or Latin-1 where it is not; blank lines and lines of #
-        before the header are skipped.
-        """
+        """The columns of a UTF-8 text; blank lines and lines of # before the header are skipped."""
         table = ColumnTable(quoted(file.path.name))
-        text = io.TextIOWrapper(file, encoding="utf-8-sig", errors=_BY_BYTE)
+        text = io.TextIOWrapper(file, encoding="utf-8-sig")
         lines = _Lines(table.name, text)
         header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
         delimiter = next((mark for mark in _DELIMITERS if mark in _QUOTED.sub("", header)), ",")
