@@ -39,6 +39,8 @@ def verdict(inspection: Inspection, path: str, typed: tuple[str, ...] = ()) -> d
     if _is_one_element_one_way(inspection):
         said += "; one signal one way: an inversion needs its friction MU, which a fit finds"
         typed = *typed, "friction=MU"
+    if any(_key(each) == "quiet_s" for each in given):
+        typed = *typed, "rule=evidence"  # which goes by the noise, and that is measured then
     read_as = shlex.join([f"recording.path={_as_typed(path)}", *typed, *given])
     return {
         "verdict": said,

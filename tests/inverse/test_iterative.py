@@ -258,14 +258,16 @@ def test_a_rule_chooses_as_on_the_direct_path(rule, missing):
     np.testing.assert_allclose(*chosen, atol=0.15)
 
 
-def test_scores_with_gaps_are_those_of_conditioning():
+@pytest.mark.parametrize("colour", [True, "apart"])
+def test_scores_with_gaps_are_those_of_conditioning(colour):
     """On a periodic line: of the covariance of the samples that are there, by dense matrices."""
-    problem = make_case(observed=gaps(), colour=True).problem
+    problem = make_case(observed=gaps(), colour=colour).problem
     family = ScaledSpectra(jnp.stack([Exponential(1e3, 1e-3).power(problem)] * 2))
     chosen = [family(jnp.array(logs)) for logs in ([0.0, 0.0], [1.0, -1.0], [-1.0, 0.5])]
     scores = [score(problem, prior, Gaps.of(problem.is_observed)) for prior in chosen]
     rows, y = gaps().ravel(), np.asarray(problem.data)[gaps()]
-    noise = blocks(np.tile(problem.noise, (2, 1)), N)[np.ix_(rows, rows)]
+    each = np.broadcast_to(problem.noise, (2, problem.noise.shape[1]))
+    noise = blocks(each, N)[np.ix_(rows, rows)]
     model = matrix(problem)[rows]
     for ours, prior in zip(scores, chosen, strict=True):
         covariance = model @ blocks(np.asarray(prior.power), N) @ model.T + noise
