@@ -201,8 +201,14 @@ def sample_noise(named: Node, recording: Recording, depth_m: float) -> SampleNoi
     given = None if white is None else mapping("white", white).get("rms")
     if given is None:
         return noise_of(recording, depth_m, causes)
+    refuse(
+        bool(recording.sidecar.get("quiet_s")),
+        "noise.white.rms states the noise, and recording.quiet_s where to measure it: give one of "
+        "them.",
+    )
     wanted = "a positive number in the signal's unit, or null to take it from the recording"
-    return SampleNoise(number("noise.white.rms", given, wanted, above=0), causes)
+    each = given if isinstance(given, list) else [given]
+    return SampleNoise([number("noise.white.rms", one, wanted, above=0) for one in each], causes)
 
 
 def surface_features(named: Node) -> dict[str, SurfaceFeature]:

@@ -22,6 +22,7 @@ from ..report.result import Result, dataset, key_of, scalars
 from ..report.section import sections
 from ..report.text import quantity, significant
 from ..timing import timed
+from ._passes import pass_variables
 
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
 Variables = dict[str, tuple[Any, ...]]
@@ -113,7 +114,7 @@ def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xa
             "steady_call_s": ("method", times[:, 1], "s", "steady_call_s_{method}"),
         }
         | _screened(case.screening)
-        | _passes(case.problem)
+        | pass_variables(case.problem, estimates)
         | scalars(_numbers(case, estimates))
     )
     means = case.problem.mean_statement()
@@ -250,19 +251,6 @@ def _highest(case: InversionCase, estimates: Estimates) -> Variables:
         "p_line_wavelength": ("method", [np.nan if each is None else each for each in lines], "m",
                               "p_line_wavelength_m_{method}"),
     }  # fmt: skip
-
-
-def _passes(problem: LineProblem) -> Variables:
-    """What averaging of passes found."""
-    found = problem.passes
-    if found is None:
-        return {}
-    numbers = {"passes_onwards": found.onwards, "passes_back": found.back}
-    return {
-        "pass_shift": ("pass", found.shifts_m, "m"),
-        **scalars(numbers | {"pass_scatter": found.scatter}),
-        **scalars({"pass_shift_stderr_m": found.shift_stderr_m}),
-    }
 
 
 def _screened(screening: ScreeningResult | None) -> Variables:

@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from srsinv.errors import refuse
+from srsinv.errors import is_number, refuse
 
 from ._recording import Recording
 from .mains import HIGHEST
@@ -96,6 +96,7 @@ def prepare(recording: Recording) -> Recording:
         f"{recording.name}: recording.notch_width_Hz is {wanted.notch_width_Hz!r}, and no notch is "
         "asked for: give recording.notch_Hz, or leave it out.",
     )
+    _check_named_once(recording, wanted)
     if wanted.is_empty or recording.raw_signal is not None:
         return recording
     _check_high_pass(recording, wanted)
@@ -105,6 +106,18 @@ def prepare(recording: Recording) -> Recording:
     filters = wanted.filters(recording.sample_rate_hz)
     rows = [_filtered(_detrended(row, wanted.detrend), filters) for row in recording.signal]
     return replace(recording, signal=np.stack(rows), raw_signal=recording.signal)
+
+
+def _check_named_once(recording: Recording, wanted: Preparation) -> None:
+    """Refuse a line that is to be filtered out and inverted beside the traction."""
+    named = recording.sidecar.get("mains_Hz")
+    for line in named if isinstance(named, list) else [named]:
+        refuse(
+            is_number(line) and any(abs(line - each) < 1 for each in wanted.notch_Hz),
+            f"{recording.name}: the line at {line} Hz is in recording.notch_Hz and in "
+            "recording.mains_Hz: leave it out of recording.notch_Hz, as bands hold what "
+            "recording.mains_Hz costs.",
+        )
 
 
 def preparation_warnings(

@@ -550,6 +550,8 @@ def test_a_broad_line_is_left_out_or_the_recording_cut(monkeypatch):
 PREPARED = [
     ("and no notch is asked for", {"notch_width_Hz": 8.0}, {"notch_width_Hz": 8.0, "notch_Hz": 99}),
     ("and no notch is asked for", {"notch_width_Hz": 8.0}, {}),
+    ("the line at {} Hz is in recording.notch_Hz and in", {"notch_Hz": [50.0, 99.0],
+     "mains_Hz": [50.0, 150.0]}, {"notch_Hz": 99.0, "mains_Hz": [50.0, 150.0]}),
     ("samples a second it has to be below", {"high_pass_Hz": 990.0}, {"high_pass_Hz": 979.9}),
     ("and takes the notch from", {"high_pass_Hz": 60.0, "notch_Hz": 50.0, "notch_width_Hz": 8.0},
      {"high_pass_Hz": 45.9, "notch_Hz": 50.0, "notch_width_Hz": 8.0}),
