@@ -192,7 +192,7 @@ def test_hum_and_drift_and_the_command_that_takes_them(tmp_path):
     cfg = composed(*typed)
     problem = config.recorded_problem(cfg, config.recording(cfg))
     assert [round(line.frequency_Hz) for line in problem.mains] == [50, 150]
-    assert problem.noise.drift == pytest.approx(metrics["drift_V_per_sqrt_s"], rel=1e-12)
+    assert problem.noise.drift == pytest.approx((metrics["drift_V_per_sqrt_s"],), rel=1e-12)
 
 
 def test_what_is_stated_is_not_offered_again(tmp_path):
