@@ -15,7 +15,7 @@ from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
 from ..recording import Recording
 from ..recording.channels import channel_findings
-from ..recording.drift import drift_of, shared_levels
+from ..recording.drift import FALSE_ALARM_WHERE_NAMED, drift_of, shared_levels
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
 from ..recording.noise import ABOVE_CUTOFF, white_levels
@@ -96,7 +96,10 @@ def _with_drift(recording: Recording, noise: SampleNoise | float) -> SampleNoise
     given = recording.sidecar.get("drift")
     if not given:
         return noise
-    drift = shared_levels(drift_of(recording)) if given == "auto" else np.ravel(given)
+    if given == "auto":
+        drift = shared_levels(drift_of(recording, FALSE_ALARM_WHERE_NAMED))
+    else:
+        drift = np.ravel(given)
     most, largest = float(np.max(drift)), float(np.nanmax(np.abs(recording.signal)))
     refuse(
         most > MOST_DRIFT * largest,

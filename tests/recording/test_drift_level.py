@@ -128,3 +128,16 @@ def test_elements_share_a_drift_unless_theirs_are_far_apart():
     assert shared_levels(np.array([1.0, 2.0])) == pytest.approx([np.sqrt(2.5)])
     assert shared_levels(np.array([1.0, 5.0, 0.0])) == pytest.approx([1.0, 5.0, np.sqrt(26 / 3)])
     assert shared_levels(np.zeros(2)) == 0.0
+
+
+def test_a_drift_that_is_known_to_be_there_is_missed_less():
+    """In much noise: as often as not by inspection, hardly where it is named."""
+    rng = RNG(14)
+    signal = walks(rng, 0.3, 60) + rng.normal(size=(60, N)) / 3 + ridge()
+    found = [drift_levels(signal, RATE_HZ, chance) for chance in (1e-3, 0.2)]
+    missed = [float(np.mean(levels == 0)) for levels in found]
+    assert missed[1] < 0.5 * missed[0]
+    there = found[1][found[1] > 0] * np.sqrt(SECONDS) / 0.3
+    assert np.median(there) == pytest.approx(1.0, abs=0.3)
+    nothing = drift_levels(rng.normal(size=(60, N)), RATE_HZ, 0.2)
+    assert np.mean(nothing > 0) < 0.3
