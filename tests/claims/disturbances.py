@@ -1,0 +1,265 @@
+"""What hum and drift cost an inversion: `python -m tests.claims.disturbances` (half an hour).
+
+Hum of 0.1, 1 and 10 times the signal's rms at 50 and 150 Hz, each line a narrow-band Gaussian
+process up to 2 Hz wide, is beside white noise of a hundredth of the signal, on one pass and on six
+there and back, at a speed at which the skin transmits 50 Hz and at one at which it does not. Drift
+is a random walk from zero whose rms at the end is 0.01 to 0.3 of the signal's.
+
+Pressures are drawn from the prior that they are inverted under, friction known: the expected error
+of the best estimator is then the exact posterior's floor, by dense algebra on all samples with the
+true covariance. Besides, one realistic pressure is inverted under weights chosen by the evidence.
+Every draw has noise, hum and walk of its own; an error over that without the disturbance is of the
+same draws. Writes results/disturbances.json, case by case, and goes on from what it holds.
+"""
+
+import json
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from srsinv.recording import Recording
+from srsinv.recording.drift import common_level, drift_of
+from srsinv.recording.mains import mains_lines
+from srsinv.recording.preparation import prepare
+from tests.claims.pass_scans import (
+    NOISE_V,
+    SIGNAL,
+    Answer,
+    PassScans,
+    Rng,
+    Truth,
+    ratio_of,
+    there_and_back,
+)
+
+RESULTS = Path(__file__).parent / "results" / "disturbances.json"
+DRAWS, BY_EVIDENCE, BESIDE = 200, 60, 50  # in all; of weights by the evidence; of other treatments
+LENGTH_M, FRICTION = 0.04, 0.3
+MOTIONS = {
+    f"{name}, {1e3 * speed:g} mm/s": (passes, speed)
+    for speed in (20e-3, 100e-3)
+    for name, passes in (("one pass", 1), ("six passes", 6))
+}
+SIZES, REACHES = (0.1, 1.0, 10.0), (0.01, 0.03, 0.1, 0.3)
+LINES_HZ, AMPLITUDES, WIDEST_HZ = (50.0, 150.0), (1.0, 0.4), 2.0
+MAINS_HZ = 0.2  # by so much the mains' frequency is off
+HIGH_PASS_HZ = 1.0
+RMS_V = SIGNAL * NOISE_V
+CLEAN = "without"
+
+
+class Tally:
+    """The draws of each treatment: errors, and those of the same draws without the disturbance."""
+
+    def __init__(self):
+        self._draws: dict[str, list[tuple[float, float, float, float]]] = defaultdict(list)
+
+    def add(self, name: str, answer: Answer, clean: float, exact: float = np.nan) -> None:
+        """A draw's answer beside the squares of the clean and of the exact estimator's errors."""
+        row = float(answer.square[0]), float(answer.covered[0]), clean, exact
+        self._draws[name].append(row)
+
+    def summary(self, scale_Pa: float, floor_Pa: float | None = None) -> dict[str, Any]:
+        """Of each treatment: the relative error, its ratios, with their standard errors, and what
+        90 % bands cover."""
+        summary = {}
+        for name, draws in self._draws.items():
+            square, covered, clean, exact = np.array(draws).T
+            row = {
+                "draws": len(draws),
+                "error": float(np.sqrt(square.mean())) / scale_Pa,
+                "over_clean": ratio_of(square, clean),
+                "coverage": float(covered.mean()),
+            }
+            if floor_Pa is not None:
+                row["over_floor"] = ratio_of(square, floor_Pa**2)
+            if np.isfinite(exact).all():
+                row["over_exact_of_same_draws"] = ratio_of(square, exact)
+            summary[name] = row
+        return summary
+
+
+def hum(rng: Rng, time_s, elements: int):
+    """Hum (e, sample) of rms one over both lines: waves whose amplitude and phase vary."""
+    n, width = time_s.size, rng.uniform(0, WIDEST_HZ)
+    mains = rng.uniform(-MAINS_HZ, MAINS_HZ)
+    total = np.zeros((elements, n))
+    for line, amplitude in zip(LINES_HZ, AMPLITUDES, strict=True):
+        offsets = rng.uniform(-width / 2, width / 2, size=24)
+        size = rng.normal(size=(2, elements, offsets.size))
+        phase = 2 * np.pi * np.outer(line + mains * line / LINES_HZ[0] + offsets, time_s)
+        waves = size[0] @ np.cos(phase) + size[1] @ np.sin(phase)
+        total = total + amplitude * waves / np.sqrt(np.mean(waves**2))
+    return total / np.sqrt(np.mean(total**2))
+
+
+def recording(scans: PassScans, signal, **facts: Any) -> Recording:
+    """The signal as a recording with these facts."""
+    names = tuple("ab"[: len(signal)])
+    time_s, position = np.asarray(scans.motion.time_s), scans.position
+    return Recording(signal, time_s, scans.speed, names, facts, measured_position_m=position)
+
+
+def hum_treatments(scans: PassScans):
+    """Each treatment's problem of a signal with hum."""
+    width = max(2.0, 1.01 / (scans.duration_s - 1 / scans.rate_Hz))
+
+    def notched(signal):
+        facts = {"notch_Hz": list(LINES_HZ), "notch_width_Hz": width}
+        return scans.problem(prepare(recording(scans, signal, **facts)).signal)
+
+    def named(signal):
+        return scans.problem(signal, lines=mains_lines(signal, scans.rate_Hz, LINES_HZ))
+
+    def auto(signal):
+        return scans.problem(signal, lines=mains_lines(signal, scans.rate_Hz))
+
+    return {"mains": named, "mains, auto": auto, "notch": notched, "untreated": scans.problem}
+
+
+def hum_case(scans: PassScans, draws: tuple[int, int, int]) -> dict[str, Any]:
+    """All sizes of hum on one motion."""
+    held, chosen = defaultdict(Tally), defaultdict(Tally)
+    treatments, time_s = hum_treatments(scans), np.asarray(scans.motion.time_s)
+    for index in range(draws[0]):
+        rng = np.random.default_rng([index, 1])
+        truth, noise = scans.drawn(rng), NOISE_V * rng.normal(size=scans.shape)
+        waves = RMS_V * hum(rng, time_s, len(noise))
+        quiet = scans.signal(truth) + noise
+        clean = scans.answer(scans.held(scans.problem(quiet)), truth)
+        for size in SIZES:
+            held[f"{size:g}"].add(CLEAN, clean, float(clean.square[0]))
+            for name, treated in treatments.items():
+                if name == "mains" or index < draws[2]:
+                    answer = scans.answer(scans.held(treated(quiet + size * waves)), truth)
+                    held[f"{size:g}"].add(name, answer, float(clean.square[0]))
+        if index < draws[1]:
+            quiet = scans.signal(scans.touches) + noise
+            _hum_by_evidence(scans, chosen, quiet, waves)
+    return _both(scans, held, chosen)
+
+
+def _hum_by_evidence(scans: PassScans, chosen, quiet, waves) -> None:
+    truth, named = scans.touches, hum_treatments(scans)["mains"]
+    clean = scans.answer(scans.by_evidence(scans.problem(quiet)), truth)
+    for size in SIZES:
+        answer = scans.answer(scans.by_evidence(named(quiet + size * waves)), truth)
+        for name, each in ((CLEAN, clean), ("mains", answer)):
+            chosen[f"{size:g}"].add(name, each, float(clean.square[0]))
+
+
+def _both(scans: PassScans, held, chosen) -> dict[str, Any]:
+    """Of a prior's pressures with weights held, and of the touches by the evidence."""
+    (floor,) = scans.rms_of(scans.floor()[0])
+    return {
+        level: {
+            "weights held": tally.summary(prior_scale(scans), float(floor)),
+            "by evidence": chosen[level].summary(scale(scans, scans.touches)),
+        }
+        for level, tally in held.items()
+    }
+
+
+def scale(scans: PassScans, truth: Truth) -> float:
+    """The rms of a pressure's deviation from its mean over the scan."""
+    return float(np.sqrt(scans.square(0 * truth.traction, truth)[0]))
+
+
+def prior_scale(scans: PassScans) -> float:
+    """The same of the prior's pressures."""
+    each = [scale(scans, scans.drawn(np.random.default_rng([i, 3]))) for i in range(200)]
+    return float(np.sqrt(np.mean(np.square(each))))
+
+
+def drift_treatments(scans: PassScans, drift: float):
+    """Each treatment's problem of a signal that drifts by so much in a second."""
+
+    def found(signal):
+        return scans.problem(signal, common_level(drift_of(recording(scans, signal))))
+
+    def prepared(**facts):
+        return lambda signal: scans.problem(prepare(recording(scans, signal, **facts)).signal)
+
+    return {
+        "stated": lambda signal: scans.problem(signal, drift),
+        "found": found,
+        "high-pass": prepared(high_pass_Hz=HIGH_PASS_HZ),
+        "straight line": prepared(detrend="linear"),
+        "mean": prepared(detrend="constant"),
+        "untreated": scans.problem,
+    }
+
+
+def walk_covariance(scans: PassScans, drift: float):
+    """That of white noise and a random walk from zero at all samples."""
+    time_s = np.arange(1, scans.position.size + 1) / scans.rate_Hz
+    covariance = drift**2 * np.minimum(time_s[:, None], time_s)
+    covariance.flat[:: len(covariance) + 1] += NOISE_V**2
+    return covariance
+
+
+def drift_case(scans: PassScans, reach: float, draws: tuple[int, int, int]) -> dict[str, Any]:
+    """A walk on one motion that reaches this part of the signal's rms."""
+    drift = reach * RMS_V / np.sqrt(scans.duration_s)
+    (without,) = scans.rms_of(scans.floor()[0])
+    posterior, exact_map = scans.floor(walk_covariance(scans, drift))
+    (floor,) = scans.rms_of(posterior)
+    held, chosen, treatments = Tally(), Tally(), drift_treatments(scans, drift)
+    for index in range(draws[0]):
+        rng = np.random.default_rng([index, 2])
+        truth, noise = scans.drawn(rng), NOISE_V * rng.normal(size=scans.shape)
+        walk = np.cumsum(rng.normal(size=scans.shape), axis=1) * drift / np.sqrt(scans.rate_Hz)
+        quiet = scans.signal(truth) + noise
+        clean = scans.answer(scans.held(scans.problem(quiet)), truth)
+        exact = np.einsum("ies,es->i", exact_map, quiet + walk, optimize=True)
+        errors = float(clean.square[0]), float(scans.square(exact[None], truth)[0])
+        held.add(CLEAN, clean, *errors)
+        for name, treated in treatments.items():
+            if name in ("stated", "found") or index < draws[2]:
+                answer = scans.answer(scans.held(treated(quiet + walk)), truth)
+                held.add(name, answer, *errors)
+        if index < draws[1]:
+            _drift_by_evidence(scans, chosen, noise, walk, treatments)
+    return {
+        "floor_over_floor_without": float(floor / without),
+        "weights held": held.summary(prior_scale(scans), float(floor)),
+        "by evidence": chosen.summary(scale(scans, scans.touches)),
+    }
+
+
+def _drift_by_evidence(scans: PassScans, chosen: Tally, noise, walk, treatments) -> None:
+    truth = scans.touches
+    quiet = scans.signal(truth) + noise
+    clean = scans.answer(scans.by_evidence(scans.problem(quiet)), truth)
+    chosen.add(CLEAN, clean, float(clean.square[0]))
+    for name in ("stated", "found"):
+        answer = scans.answer(scans.by_evidence(treatments[name](quiet + walk)), truth)
+        chosen.add(name, answer, float(clean.square[0]))
+
+
+def scans_of(motion: str) -> PassScans:
+    """The recordings of one of the motions."""
+    passes, speed = MOTIONS[motion]
+    return PassScans(there_and_back(passes, LENGTH_M, speed), friction=FRICTION)
+
+
+def main() -> None:
+    """Measure what is missing."""
+    record = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"hum": {}, "drift": {}}
+    draws = DRAWS, BY_EVIDENCE, BESIDE
+    for motion in MOTIONS:
+        scans = scans_of(motion)
+        if motion not in record["hum"]:
+            record["hum"][motion] = hum_case(scans, draws)
+            RESULTS.write_text(json.dumps(record, indent=1) + "\n")
+        slow = record["drift"].setdefault(motion, {}) if "20 mm/s" in motion else None
+        for reach in REACHES if slow is not None else ():
+            if f"{reach:g}" not in slow:
+                slow[f"{reach:g}"] = drift_case(scans, reach, draws)
+                RESULTS.write_text(json.dumps(record, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
