@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 
 from srsinv.recording import Recording
 from srsinv.recording.drift import common_level, drift_of
@@ -35,7 +36,7 @@ from tests.claims.pass_scans import (
 )
 
 RESULTS = Path(__file__).parent / "results" / "disturbances.json"
-DRAWS, BY_EVIDENCE, BESIDE = 200, 60, 50  # in all; of weights by the evidence; of other treatments
+DRAWS, BY_EVIDENCE, BESIDE = 100, 12, 20  # in all; of weights by the evidence; of other treatments
 LENGTH_M, FRICTION = 0.04, 0.3
 MOTIONS = {
     f"{name}, {1e3 * speed:g} mm/s": (passes, speed)
@@ -44,6 +45,7 @@ MOTIONS = {
 }
 SIZES, REACHES = (0.1, 1.0, 10.0), (0.01, 0.03, 0.1, 0.3)
 LINES_HZ, AMPLITUDES, WIDEST_HZ = (50.0, 150.0), (1.0, 0.4), 2.0
+WIDTHS_HZ = (1 / 3, 1.0, 5 / 3)  # in the middle of thirds: of those that draws have
 MAINS_HZ = 0.2  # by so much the mains' frequency is off
 HIGH_PASS_HZ = 1.0
 RMS_V = SIGNAL * NOISE_V
@@ -69,9 +71,9 @@ class Tally:
             square, covered, clean, exact = np.array(draws).T
             row = {
                 "draws": len(draws),
-                "error": float(np.sqrt(square.mean())) / scale_Pa,
+                "error": round(float(np.sqrt(square.mean())) / scale_Pa, 5),
                 "over_clean": ratio_of(square, clean),
-                "coverage": float(covered.mean()),
+                "coverage": round(float(covered.mean()), 4),
             }
             if floor_Pa is not None:
                 row["over_floor"] = ratio_of(square, floor_Pa**2)
@@ -141,6 +143,17 @@ def hum_case(scans: PassScans, draws: tuple[int, int, int]) -> dict[str, Any]:
     return _both(scans, held, chosen)
 
 
+def hum_covariance(scans: PassScans, size: float, width_Hz: float):
+    """That of white noise and of hum at all samples."""
+    time_s = np.arange(scans.position.size) / scans.rate_Hz
+    powers = np.square(AMPLITUDES) / np.sum(np.square(AMPLITUDES)) * (size * RMS_V) ** 2
+    lines = zip(powers, LINES_HZ, strict=True)
+    row = sum(power * np.cos(2 * np.pi * line * time_s) for power, line in lines)
+    covariance = scipy.linalg.toeplitz(row * np.sinc(width_Hz * time_s))
+    covariance.flat[:: len(covariance) + 1] += NOISE_V**2
+    return covariance
+
+
 def _hum_by_evidence(scans: PassScans, chosen, quiet, waves) -> None:
     truth, named = scans.touches, hum_treatments(scans)["mains"]
     clean = scans.answer(scans.by_evidence(scans.problem(quiet)), truth)
@@ -151,15 +164,27 @@ def _hum_by_evidence(scans: PassScans, chosen, quiet, waves) -> None:
 
 
 def _both(scans: PassScans, held, chosen) -> dict[str, Any]:
-    """Of a prior's pressures with weights held, and of the touches by the evidence."""
+    """Of a prior's pressures with weights held, and of the touches by the evidence; and what such
+    hum makes of the floor."""
     (floor,) = scans.rms_of(scans.floor()[0])
+    with_hum = {
+        f"{size:g}": [
+            scans.rms_of(scans.floor(hum_covariance(scans, size, each))[0])[0] for each in WIDTHS_HZ
+        ]
+        for size in SIZES
+    }
     return {
         level: {
+            "floor_over_floor_without": round(_rms(with_hum[level]) / float(floor), 4),
             "weights held": tally.summary(prior_scale(scans), float(floor)),
             "by evidence": chosen[level].summary(scale(scans, scans.touches)),
         }
         for level, tally in held.items()
     }
+
+
+def _rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def scale(scans: PassScans, truth: Truth) -> float:
@@ -170,7 +195,7 @@ def scale(scans: PassScans, truth: Truth) -> float:
 def prior_scale(scans: PassScans) -> float:
     """The same of the prior's pressures."""
     each = [scale(scans, scans.drawn(np.random.default_rng([i, 3]))) for i in range(200)]
-    return float(np.sqrt(np.mean(np.square(each))))
+    return _rms(each)
 
 
 def drift_treatments(scans: PassScans, drift: float):
@@ -223,7 +248,7 @@ def drift_case(scans: PassScans, reach: float, draws: tuple[int, int, int]) -> d
         if index < draws[1]:
             _drift_by_evidence(scans, chosen, noise, walk, treatments)
     return {
-        "floor_over_floor_without": float(floor / without),
+        "floor_over_floor_without": round(float(floor / without), 4),
         "weights held": held.summary(prior_scale(scans), float(floor)),
         "by evidence": chosen.summary(scale(scans, scans.touches)),
     }

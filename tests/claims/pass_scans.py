@@ -24,10 +24,9 @@ from srsinv.grid import Open
 from srsinv.inverse.estimate import Estimate
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.quadratic import solve
 from srsinv.inverse.rule import Evidence
 from srsinv.inverse.sample_noise import SampleNoise
-from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
+from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.modules import with_fields
 
 DEPTH_M, CELL_M, SPACING_M = 1.2e-3, 2e-4, 4e-5  # of samples at the steady speed
@@ -35,7 +34,7 @@ TURN = 50  # samples that a turn takes
 NOISE_V = 1e-6
 SIGNAL = 100.0  # the signal's rms over that of the noise
 SHEAR = 0.3  # of q over p: where friction is known, and in scale where it is not
-COLUMNS = 16  # of nuisance: a multiple of it is compiled for
+COLUMNS = 96  # of nuisance: a multiple of it is compiled for
 BAND = 0.9
 LIMIT = float(norm.ppf((1 + BAND) / 2))
 STAGE_M = 2e-4  # by so much the stage may be ahead of where it is said to be
@@ -72,6 +71,13 @@ class Answer(NamedTuple):
 
     square: np.ndarray
     covered: np.ndarray
+
+
+class Held(NamedTuple):
+    """An estimate under given weights: value and standard error (c, n) [Pa]."""
+
+    value: np.ndarray
+    stderr: np.ndarray
 
 
 class PassScans:
@@ -174,12 +180,6 @@ class PassScans:
         each = [steps.T @ steps / step**2 for step in self.step_Pa]
         return scipy.linalg.block_diag(*(one + np.trace(one) / n**2 for one in each))
 
-    @property
-    def prior(self) -> DerivativePenalty:
-        """The same as the package has it."""
-        weights = (float(self.line.line.cell_m) / (DEPTH_M * self.step_Pa)) ** 2
-        return DerivativePenalty(jnp.asarray(weights), jnp.asarray(DEPTH_M), 1)
-
     def problem(self, signal, drift: float = 0.0, lines=(), way=None) -> Problem:
         """As the package is given it."""
         noise = SampleNoise(NOISE_V, drift=drift)
@@ -187,9 +187,44 @@ class PassScans:
                         friction=self.friction, cell_m=CELL_M, mains=lines)  # fmt: skip
         return given if way is None else given.of_way(way)
 
-    def held(self, problem: Problem | LineProblem) -> Estimate:
-        """The estimate under the prior that tractions are drawn from."""
-        return solve(_padded(problem.on_line()), self.prior, "direct")
+    def held(self, problem: Problem | LineProblem) -> Held:
+        """The package's posterior under the prior that tractions are drawn from, by dense algebra
+        (tests/inverse/test_nuisance.py has that its paths are the same)."""
+        line, cells = problem.on_line(), np.asarray(self.line.observed_cells)
+        data = np.asarray(line.data)[:, cells]
+        information, right = self._own_precision.copy(), 0.0
+        for e, model in enumerate(self.cell_model):
+            root = scipy.linalg.cholesky(_covariance(line, e, cells), lower=True)
+            rows = np.concatenate([model, data[e][:, None]], axis=1)
+            rows = scipy.linalg.solve_triangular(root, rows, lower=True)
+            information += rows[:, :-1].T @ rows[:, :-1]
+            right = right + rows[:, :-1].T @ rows[:, -1]
+        covariance = np.linalg.inv(information)
+        n, weights = line.line.n, np.asarray(line.mean_weights)
+        variance = []
+        for c, weight in enumerate(weights):
+            own = covariance[c * n : (c + 1) * n, c * n : (c + 1) * n]
+            variance.append(np.diag(own) - 2 * own @ weight + weight @ own @ weight)
+        return Held((covariance @ right).reshape(-1, n), np.sqrt(variance))
+
+    @cached_property
+    def cell_model(self):
+        """The signals (e, cell, c n) on the observed cells, of the package's model."""
+        n, unknowns = self.line.line.n, self.line.unknowns
+        basis = jnp.eye(unknowns * n).reshape(-1, unknowns, n)
+        columns = np.moveaxis(np.asarray(jax.vmap(self.line.forward)(basis)), 0, -1)
+        return columns[:, np.asarray(self.line.observed_cells)]
+
+    @cached_property
+    def _own_precision(self):
+        """As the package has it: only means that are known are fixed."""
+        n, known = self.line.line.n, np.asarray(self.line.zero_mean)
+        steps = np.diff(np.eye(n), axis=0)
+        each = [steps.T @ steps / step**2 for step in self.step_Pa]
+        factors = np.where(known, 1.0, 1e-9)
+        return scipy.linalg.block_diag(
+            *(one + f * np.trace(one) / n**2 for one, f in zip(each, factors, strict=True))
+        )
 
     @staticmethod
     def by_evidence(problem: Problem | LineProblem) -> Estimate:
@@ -227,7 +262,7 @@ class PassScans:
         off = np.asarray(value)[: self.line.unknowns] - truth.traction
         return np.mean((off @ self.centre.T) ** 2, axis=1)
 
-    def answer(self, estimate: Estimate, truth: Truth) -> Answer:
+    def answer(self, estimate: Estimate | Held, truth: Truth) -> Answer:
         """The errors of an estimate, and what its bands cover."""
         unknowns, cells = self.line.unknowns, np.asarray(self.line.observed_cells)
         off = np.asarray(estimate.value)[:unknowns] - truth.traction
@@ -236,8 +271,21 @@ class PassScans:
         return Answer(self.square(estimate.value, truth), inside[:, cells].mean(axis=1))
 
 
+def _covariance(line: LineProblem, e: int, cells):
+    """That of an element's noise and columns on the cells with samples."""
+    covariance = scipy.linalg.toeplitz(np.fft.irfft(np.asarray(line.noise), line.line.n))
+    covariance = covariance[np.ix_(cells, cells)]
+    if line.noise_scale is not None:
+        scale = np.asarray(line.noise_scale)[e, cells]
+        covariance = scale[:, None] * covariance * scale
+    if line.nuisance is not None:
+        columns = np.asarray(line.nuisance)[e][:, cells]
+        covariance = covariance + columns.T @ columns
+    return covariance
+
+
 def _padded(problem: LineProblem) -> LineProblem:
-    """The same problem with columns of nothing, so that few programs serve all numbers of them."""
+    """The same problem with columns of nothing, so that one program serves all numbers of them."""
     if problem.nuisance is None:
         return problem
     count = -problem.nuisance.shape[1] % COLUMNS
@@ -249,4 +297,5 @@ def ratio_of(squares, others) -> tuple[float, float]:
     squares, others = np.asarray(squares), np.broadcast_to(others, np.shape(squares))
     ratio = np.mean(squares) / np.mean(others)
     spread = np.std(squares - ratio * others, ddof=1) / np.sqrt(squares.size) / np.mean(others)
-    return float(np.sqrt(ratio)), float(spread / (2 * np.sqrt(ratio)))
+    stderr = spread / (2 * np.sqrt(ratio))
+    return round(float(np.sqrt(ratio)), 4), round(float(stderr), 4)
