@@ -121,8 +121,8 @@ def hum_treatments(scans: PassScans):
     return {"mains": named, "mains, auto": auto, "notch": notched, "untreated": scans.problem}
 
 
-def hum_case(scans: PassScans, draws: tuple[int, int, int]) -> dict[str, Any]:
-    """All sizes of hum on one motion."""
+def hum_draws(scans: PassScans, draws: tuple[int, int, int]):
+    """All sizes of hum on one motion: tallies with weights held, and with chosen ones."""
     held, chosen = defaultdict(Tally), defaultdict(Tally)
     treatments, time_s = hum_treatments(scans), np.asarray(scans.motion.time_s)
     for index in range(draws[0]):
@@ -140,7 +140,7 @@ def hum_case(scans: PassScans, draws: tuple[int, int, int]) -> dict[str, Any]:
         if index < draws[1]:
             quiet = scans.signal(scans.touches) + noise
             _hum_by_evidence(scans, chosen, quiet, waves)
-    return _both(scans, held, chosen)
+    return held, chosen
 
 
 def hum_covariance(scans: PassScans, size: float, width_Hz: float):
@@ -163,9 +163,10 @@ def _hum_by_evidence(scans: PassScans, chosen, quiet, waves) -> None:
             chosen[f"{size:g}"].add(name, each, float(clean.square[0]))
 
 
-def _both(scans: PassScans, held, chosen) -> dict[str, Any]:
+def hum_case(scans: PassScans, draws: tuple[int, int, int]) -> dict[str, Any]:
     """Of a prior's pressures with weights held, and of the touches by the evidence; and what such
     hum makes of the floor."""
+    held, chosen = hum_draws(scans, draws)
     (floor,) = scans.rms_of(scans.floor()[0])
     with_hum = {
         f"{size:g}": [
@@ -264,6 +265,26 @@ def _drift_by_evidence(scans: PassScans, chosen: Tally, noise, walk, treatments)
         chosen.add(name, answer, float(clean.square[0]))
 
 
+def levels(scans: PassScans, reach: float, draws: int) -> dict[str, Any]:
+    """Of the drift that is found in touches and in the prior's pressures, over what it is: its
+    median, and how often it is none."""
+    drift, ratios = reach * RMS_V / np.sqrt(scans.duration_s), defaultdict(list)
+    for index in range(draws):
+        rng = np.random.default_rng([index, 2])
+        rough, noise = scans.signal(scans.drawn(rng)), NOISE_V * rng.normal(size=scans.shape)
+        walk = np.cumsum(rng.normal(size=scans.shape), axis=1) * drift / np.sqrt(scans.rate_Hz)
+        for name, signal in (("touches", scans.signal(scans.touches)), ("prior", rough)):
+            found = common_level(drift_of(recording(scans, signal + noise + walk)))
+            ratios[name].append(found / drift)
+    return {
+        name: {
+            "median": round(float(np.median(each)), 4),
+            "missed": round(float(np.mean(np.array(each) == 0)), 4),
+        }
+        for name, each in ratios.items()
+    }
+
+
 def scans_of(motion: str) -> PassScans:
     """The recordings of one of the motions."""
     passes, speed = MOTIONS[motion]
@@ -273,6 +294,7 @@ def scans_of(motion: str) -> PassScans:
 def main() -> None:
     """Measure what is missing."""
     record = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"hum": {}, "drift": {}}
+    record.setdefault("levels", {})
     draws = DRAWS, BY_EVIDENCE, BESIDE
     for motion in MOTIONS:
         scans = scans_of(motion)
@@ -283,6 +305,9 @@ def main() -> None:
         for reach in REACHES if slow is not None else ():
             if f"{reach:g}" not in slow:
                 slow[f"{reach:g}"] = drift_case(scans, reach, draws)
+            of_motion = record["levels"].setdefault(motion, {})
+            if f"{reach:g}" not in of_motion:
+                of_motion[f"{reach:g}"] = levels(scans, reach, DRAWS)
                 RESULTS.write_text(json.dumps(record, indent=1) + "\n")
 
 

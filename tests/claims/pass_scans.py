@@ -35,6 +35,7 @@ NOISE_V = 1e-6
 SIGNAL = 100.0  # the signal's rms over that of the noise
 SHEAR = 0.3  # of q over p: where friction is known, and in scale where it is not
 COLUMNS = 96  # of nuisance: a multiple of it is compiled for
+FREE = 1e-9  # of the precision of a mean that is fixed: of one that is free
 BAND = 0.9
 LIMIT = float(norm.ppf((1 + BAND) / 2))
 STAGE_M = 2e-4  # by so much the stage may be ahead of where it is said to be
@@ -172,13 +173,17 @@ class PassScans:
             self.shape + (unknowns * n,)
         )
 
-    @property
+    @cached_property
     def precision(self):
-        """That of the prior (c n, c n), each component's mean over the window known."""
-        n = self.line.line.n
+        """That of the prior (c n, c n); of the means over the window those are fixed that the
+        package takes as known or as unobservable."""
+        n, known = self.line.line.n, np.asarray(self.line.zero_mean)
         steps = np.diff(np.eye(n), axis=0)
         each = [steps.T @ steps / step**2 for step in self.step_Pa]
-        return scipy.linalg.block_diag(*(one + np.trace(one) / n**2 for one in each))
+        factors = np.where(known, 1.0, FREE)
+        return scipy.linalg.block_diag(
+            *(one + f * np.trace(one) / n**2 for one, f in zip(each, factors, strict=True))
+        )
 
     def problem(self, signal, drift: float = 0.0, lines=(), way=None) -> Problem:
         """As the package is given it."""
@@ -190,12 +195,12 @@ class PassScans:
     def held(self, problem: Problem | LineProblem) -> Held:
         """The package's posterior under the prior that tractions are drawn from, by dense algebra
         (tests/inverse/test_nuisance.py has that its paths are the same)."""
-        line, cells = problem.on_line(), np.asarray(self.line.observed_cells)
-        data = np.asarray(line.data)[:, cells]
-        information, right = self._own_precision.copy(), 0.0
-        for e, model in enumerate(self.cell_model):
+        line = problem.on_line()
+        data, observed = np.asarray(line.data), np.asarray(line.is_observed)
+        information, right = self.precision.copy(), 0.0
+        for e, (model, cells) in enumerate(zip(self.cell_model, observed, strict=True)):
             root = scipy.linalg.cholesky(_covariance(line, e, cells), lower=True)
-            rows = np.concatenate([model, data[e][:, None]], axis=1)
+            rows = np.concatenate([model[cells], data[e, cells, None]], axis=1)
             rows = scipy.linalg.solve_triangular(root, rows, lower=True)
             information += rows[:, :-1].T @ rows[:, :-1]
             right = right + rows[:, :-1].T @ rows[:, -1]
@@ -209,22 +214,10 @@ class PassScans:
 
     @cached_property
     def cell_model(self):
-        """The signals (e, cell, c n) on the observed cells, of the package's model."""
+        """The signals (e, n, c n) of the package's model on its cells."""
         n, unknowns = self.line.line.n, self.line.unknowns
         basis = jnp.eye(unknowns * n).reshape(-1, unknowns, n)
-        columns = np.moveaxis(np.asarray(jax.vmap(self.line.forward)(basis)), 0, -1)
-        return columns[:, np.asarray(self.line.observed_cells)]
-
-    @cached_property
-    def _own_precision(self):
-        """As the package has it: only means that are known are fixed."""
-        n, known = self.line.line.n, np.asarray(self.line.zero_mean)
-        steps = np.diff(np.eye(n), axis=0)
-        each = [steps.T @ steps / step**2 for step in self.step_Pa]
-        factors = np.where(known, 1.0, 1e-9)
-        return scipy.linalg.block_diag(
-            *(one + f * np.trace(one) / n**2 for one, f in zip(each, factors, strict=True))
-        )
+        return np.moveaxis(np.asarray(jax.vmap(self.line.forward)(basis)), 0, -1)
 
     @staticmethod
     def by_evidence(problem: Problem | LineProblem) -> Estimate:

@@ -1,0 +1,48 @@
+"""The studies of disturbances and of passes on few draws: bounds are three standard errors wide."""
+
+import numpy as np
+import pytest
+
+from tests.claims import disturbances, passes
+from tests.claims.disturbances import CLEAN
+
+pytestmark = pytest.mark.full
+
+
+def is_at_most(ratio, most):
+    value, stderr = ratio
+    return value < most + 3 * stderr
+
+
+@pytest.mark.parametrize("motion", ["one pass, 20 mm/s", "six passes, 100 mm/s"])
+def test_hum_costs_less_than_a_tenth(motion):
+    scans = disturbances.scans_of(motion)
+    sizes = disturbances.hum_draws(scans, (6, 0, 2))[0]
+    for size, tally in sizes.items():
+        rows = tally.summary(1.0)
+        assert is_at_most(rows["mains"]["over_clean"], 1.1)
+        assert rows["mains"]["coverage"] > 0.8
+        if float(size) >= 1:
+            assert rows["untreated"]["over_clean"][0] > 2
+
+
+def test_drift_that_is_stated_costs_what_the_exact_posterior_says():
+    scans = disturbances.scans_of("one pass, 20 mm/s")
+    rows = disturbances.drift_case(scans, 0.1, (20, 0, 2))["weights held"]
+    assert is_at_most(rows["stated"]["over_exact_of_same_draws"], 1.05)
+    assert rows["stated"]["coverage"] > 0.75
+    assert rows[CLEAN]["coverage"] > 0.8
+    assert rows["high-pass"]["coverage"] < 0.5
+
+
+def test_errors_of_averaged_passes_follow_the_floor():
+    one, many = (passes.measured(passes.scans_of(n), (12, 0), n > 2) for n in (2, 8))
+    for each in (one, many):
+        assert each["noise_times_root_of_passes"] == pytest.approx(1.0, abs=0.06)
+        for row in each["weights held"].values():
+            assert is_at_most(row["over_floor"], 1.05)
+            assert row["coverage"] > 0.8
+    gain = np.array(one["floor_Pa"]) / many["floor_Pa"]
+    assert np.all((gain > 1) & (gain < 1.3))  # far less than twice
+    for row in many["shifts"].values():
+        assert is_at_most(row["over_floor"], 1.1)
