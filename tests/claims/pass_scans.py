@@ -112,8 +112,12 @@ class PassScans:
             np.arange(count) / self.rate_Hz, self.places, np.full(count, self.full_speed)
         )
         operator, zero = self.sensor.operator_along(line, along, ways=(True,)), np.zeros(line.n)
-        apply = jax.jit(lambda row, none: jnp.stack([operator(jnp.stack([row, none])),
-                                                     operator(jnp.stack([none, row]))]))  # fmt: skip
+
+        @jax.jit
+        def apply(row, none):
+            both = jnp.stack([row, none]), jnp.stack([none, row])
+            return jnp.stack([operator(each) for each in both])
+
         each = [np.asarray(apply(row, zero)) for row in np.eye(line.n)]
         return np.moveaxis(np.stack(each, axis=-1), 0, 1)
 
@@ -170,7 +174,7 @@ class PassScans:
         gain = self.speed[:, None] / self.full_speed
         rows = [p, towards * q] if unknowns == 2 else [p + towards * self.friction * q]
         return np.concatenate([gain * each for each in rows], axis=-1).reshape(
-            self.shape + (unknowns * n,)
+            (*self.shape, unknowns * n)
         )
 
     @cached_property
