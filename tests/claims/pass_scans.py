@@ -111,15 +111,10 @@ class PassScans:
         along = Motion(
             np.arange(count) / self.rate_Hz, self.places, np.full(count, self.full_speed)
         )
-        operator, zero = self.sensor.operator_along(line, along, ways=(True,)), np.zeros(line.n)
-
-        @jax.jit
-        def apply(row, none):
-            both = jnp.stack([row, none]), jnp.stack([none, row])
-            return jnp.stack([operator(each) for each in both])
-
-        each = [np.asarray(apply(row, zero)) for row in np.eye(line.n)]
-        return np.moveaxis(np.stack(each, axis=-1), 0, 1)
+        operator = self.sensor.operator_along(line, along, ways=(True,))
+        basis = jnp.eye(2 * line.n).reshape(2, line.n, 2, line.n)
+        each = np.asarray(jax.jit(jax.vmap(jax.vmap(operator)))(basis))  # (c, n, e, place)
+        return np.transpose(each, (2, 0, 3, 1))
 
     def _ways(self, charge, traction):
         """The charge (e, way, place) of a traction: q turns with the motion."""
