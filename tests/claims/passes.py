@@ -29,7 +29,7 @@ from tests.claims.pass_scans import (
 )
 
 RESULTS = Path(__file__).parent / "results" / "passes.json"
-DRAWS, BY_EVIDENCE = 100, 10
+DRAWS, BY_EVIDENCE, DRAWS_OF_NOISE = 100, 10, 20
 LENGTH_M, SPEED_M_PER_S = 0.02, 20e-3
 COUNTS = (1, 2, 4, 8, 16, 32)
 SHIFTS_M = (10e-6, 45e-6)
@@ -61,13 +61,17 @@ def stage_ahead(scans: PassScans, rng: Rng, is_centred: bool):
     return along
 
 
-def noise_of_mean(scans: PassScans, noise) -> float:
-    """The rms of the noise on cells, over that of one pass there over the root of their number."""
-    line = scans.problem(noise).on_line()
-    data = np.asarray(line.data)[:, np.asarray(scans.line.observed_cells)]
+def noise_of_mean(scans: PassScans, draws: int) -> float:
+    """The rms of the noise on the cells that every pass crosses at full speed, over that of one
+    pass over the root of the passes of its way."""
+    squares, steady = [], np.abs(np.asarray(scans.line.line.x)) < LENGTH_M / 2 - CELL_M
+    for index in range(draws):
+        noise = NOISE_V * np.random.default_rng([index, 5]).normal(size=scans.shape)
+        data = np.asarray(scans.problem(noise).on_line().data)[:, steady]
+        squares.append(np.mean(data**2))
     count = len(passes_of(scans.motion)) * scans.shape[0] / len(data)
     one = NOISE_V / np.sqrt(CELL_M / SPACING_M)
-    return float(np.mean(data**2)) / one**2 * count
+    return round(float(np.sqrt(np.mean(squares) * count) / one), 4)
 
 
 def summary(answers: list[Answer], floor) -> dict[str, Any]:
@@ -86,11 +90,9 @@ def measured(scans: PassScans, draws: tuple[int, int], is_shifted: bool) -> dict
     """All draws on one motion."""
     floor = scans.rms_of(scans.floor()[0])
     answers: dict[str, list[Answer]] = defaultdict(list)
-    noises = []
     for index in range(draws[0]):
         rng = np.random.default_rng([index, 4])
         truth, noise = scans.drawn(rng), NOISE_V * rng.normal(size=scans.shape)
-        noises.append(noise_of_mean(scans, noise))
         ahead = {"weights held": 0.0}
         if is_shifted:
             ahead["shifts"] = stage_ahead(scans, rng, True)
@@ -104,7 +106,6 @@ def measured(scans: PassScans, draws: tuple[int, int], is_shifted: bool) -> dict
     chosen = answers.pop("by evidence", [])
     return {
         "draws": draws,
-        "noise_times_root_of_passes": round(float(np.sqrt(np.mean(noises))), 4),
         "floor_Pa": [round(float(each), 2) for each in floor],
         **{name: summary(each, floor) for name, each in answers.items()},
         "by evidence": of_touches(scans, chosen) if chosen else {},
@@ -127,6 +128,7 @@ def of_touches(scans: PassScans, answers: list[Answer]) -> dict[str, Any]:
 def main() -> None:
     """Measure what is missing."""
     record = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"passes": {}, "sensors": {}}
+    of_noise = record.setdefault("noise_times_root_of_passes", {})
     step_Pa, draws = scans_of(1).step_Pa, (DRAWS, BY_EVIDENCE)
     for name, (angles_deg, passes) in SENSORS.items():
         if name not in record["sensors"]:
@@ -137,6 +139,7 @@ def main() -> None:
         if f"{passes}" not in record["passes"]:
             scans = scans_of(passes, step_Pa=step_Pa)
             record["passes"][f"{passes}"] = measured(scans, draws, passes > 2)
+            of_noise[f"{passes}"] = noise_of_mean(scans, DRAWS_OF_NOISE)
             RESULTS.write_text(json.dumps(record, indent=1) + "\n")
 
 
