@@ -108,12 +108,9 @@ def mains_lines(
     spectrum = _Spectrum(signal, rate_hz)
     highest = HIGHEST * rate_hz / 2
     if named is not None:
-        lines = ((spectrum.line(each, 1.0), each) for each in named if each < highest)
-        all_of_them = (
-            line if line is not None and line.rms.any() else spectrum.hidden_line(each)
-            for line, each in lines
-        )  # fmt: skip
-        return tuple(line for line in all_of_them if line.rms.any())
+        each = [hz for hz in named if hz < highest]
+        lines = (spectrum.line(hz, FALSE_ALARM) or spectrum.hidden_line(hz) for hz in each)
+        return tuple(line for line in lines if line.rms.any())
     best: list[MainsLine] = []
     for fundamental in FUNDAMENTALS_HZ:
         harmonics = fundamental * np.arange(1, int(highest / fundamental) + 1)
