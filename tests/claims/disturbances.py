@@ -32,11 +32,11 @@ from tests.claims.disturbing import (
 )
 from tests.claims.pass_scans import (
     NOISE_V,
-    Answer,
+    DrawnErrors,
     PassScans,
     Truth,
+    motion_of_passes,
     ratio_of,
-    there_and_back,
 )
 
 RESULTS = Path(__file__).parent / "results" / "disturbances.json"
@@ -58,7 +58,7 @@ class Tally:
     def __init__(self):
         self._draws: dict[str, list[tuple[float, float, float, float]]] = defaultdict(list)
 
-    def add(self, name: str, answer: Answer, clean: float, exact: float = np.nan) -> None:
+    def add(self, name: str, answer: DrawnErrors, clean: float, exact: float = np.nan) -> None:
         """A draw's answer beside the squares of the clean and of the exact estimator's errors."""
         row = float(answer.square[0]), float(answer.covered[0]), clean, exact
         self._draws[name].append(row)
@@ -198,8 +198,8 @@ def levels(scans: PassScans, reach: float, draws: int) -> dict[str, Any]:
         rough, noise = scans.signal(scans.drawn(rng)), NOISE_V * rng.normal(size=scans.shape)
         walk = np.cumsum(rng.normal(size=scans.shape), axis=1) * drift / np.sqrt(scans.rate_Hz)
         for name, signal in (("touches", scans.signal(scans.touches)), ("prior", rough)):
-            found = common_level(drift_of(recording(scans, signal + noise + walk)))
-            ratios[name].append(found / drift)
+            level = common_level(drift_of(recording(scans, signal + noise + walk)))
+            ratios[name].append(level / drift)
     return {
         name: {
             "median": round(float(np.median(each)), 4),
@@ -212,7 +212,7 @@ def levels(scans: PassScans, reach: float, draws: int) -> dict[str, Any]:
 def scans_of(motion: str) -> PassScans:
     """The recordings of one of the motions."""
     passes, speed = MOTIONS[motion]
-    return PassScans(there_and_back(passes, LENGTH_M, speed), friction=FRICTION)
+    return PassScans(motion_of_passes(passes, LENGTH_M, speed), friction=FRICTION)
 
 
 def main() -> None:

@@ -70,7 +70,7 @@ def hum_covariance(scans: PassScans, size: float, width_Hz: float):
 def drift_treatments(scans: PassScans, drift: float):
     """Each treatment's problem of a signal that drifts by so much in a second."""
 
-    def found(signal):
+    def drifting_as_recorded(signal):
         return scans.problem(signal, common_level(drift_of(recording(scans, signal))))
 
     def prepared(**facts):
@@ -78,7 +78,7 @@ def drift_treatments(scans: PassScans, drift: float):
 
     return {
         "stated": lambda signal: scans.problem(signal, drift),
-        "found": found,
+        "found": drifting_as_recorded,
         "high-pass": prepared(high_pass_Hz=HIGH_PASS_HZ),
         "straight line": prepared(detrend="linear"),
         "mean": prepared(detrend="constant"),

@@ -42,7 +42,7 @@ STAGE_M = 2e-4  # by so much the stage may be ahead of where it is said to be
 Rng = np.random.Generator
 
 
-def there_and_back(passes: int, length_m: float, speed_m_per_s: float) -> Motion:
+def motion_of_passes(passes: int, length_m: float, speed_m_per_s: float) -> Motion:
     """The motion of so many passes, its samples at the same places whatever the speed."""
     steady = np.full(round(length_m / SPACING_M), 1.0)
     turn = -np.sin(np.linspace(-np.pi / 2, np.pi / 2, TURN))
@@ -66,7 +66,7 @@ class Truth(NamedTuple):
     charge: np.ndarray
 
 
-class Answer(NamedTuple):
+class DrawnErrors(NamedTuple):
     """Of each component's deviation from its mean over the scan: the error's mean square (c,)
     [Pa^2], and the fraction of cells whose band holds it (c,)."""
 
@@ -254,13 +254,13 @@ class PassScans:
         off = np.asarray(value)[: self.line.unknowns] - truth.traction
         return np.mean((off @ self.centre.T) ** 2, axis=1)
 
-    def answer(self, estimate: Estimate | Held, truth: Truth) -> Answer:
+    def answer(self, estimate: Estimate | Held, truth: Truth) -> DrawnErrors:
         """The errors of an estimate, and what its bands cover."""
         unknowns, cells = self.line.unknowns, np.asarray(self.line.observed_cells)
         off = np.asarray(estimate.value)[:unknowns] - truth.traction
         off = off - np.sum(np.asarray(self.line.mean_weights) * off, axis=1, keepdims=True)
         inside = np.abs(off) < LIMIT * np.asarray(estimate.stderr)[:unknowns]
-        return Answer(self.square(estimate.value, truth), inside[:, cells].mean(axis=1))
+        return DrawnErrors(self.square(estimate.value, truth), inside[:, cells].mean(axis=1))
 
 
 def _covariance(line: LineProblem, e: int, cells):

@@ -21,11 +21,11 @@ from tests.claims.pass_scans import (
     CELL_M,
     NOISE_V,
     SPACING_M,
-    Answer,
+    DrawnErrors,
     PassScans,
     Rng,
+    motion_of_passes,
     ratio_of,
-    there_and_back,
 )
 
 RESULTS = Path(__file__).parent / "results" / "passes.json"
@@ -42,7 +42,7 @@ SENSORS = {
 
 def scans_of(passes: int, angles_deg=(0.0, 45.0), step_Pa=None) -> PassScans:
     """So many passes; `step_Pa`: the prior's, or that of a signal of 100 times the noise."""
-    made = PassScans(there_and_back(passes, LENGTH_M, SPEED_M_PER_S), angles_deg)
+    made = PassScans(motion_of_passes(passes, LENGTH_M, SPEED_M_PER_S), angles_deg)
     made.step_Pa = made.step_Pa if step_Pa is None else step_Pa
     return made
 
@@ -74,7 +74,7 @@ def noise_of_mean(scans: PassScans, draws: int) -> float:
     return round(float(np.sqrt(np.mean(squares) * count) / one), 4)
 
 
-def summary(answers: list[Answer], floor) -> dict[str, Any]:
+def summary(answers: list[DrawnErrors], floor) -> dict[str, Any]:
     """Of p and of q: the error over the floor, with its standard error, and what bands cover."""
     square, covered = (np.array(each) for each in zip(*answers, strict=True))
     return {
@@ -89,7 +89,7 @@ def summary(answers: list[Answer], floor) -> dict[str, Any]:
 def measured(scans: PassScans, draws: tuple[int, int], is_shifted: bool) -> dict[str, Any]:
     """All draws on one motion."""
     floor = scans.rms_of(scans.floor()[0])
-    answers: dict[str, list[Answer]] = defaultdict(list)
+    answers: dict[str, list[DrawnErrors]] = defaultdict(list)
     for index in range(draws[0]):
         rng = np.random.default_rng([index, 4])
         truth, noise = scans.drawn(rng), NOISE_V * rng.normal(size=scans.shape)
@@ -112,7 +112,7 @@ def measured(scans: PassScans, draws: tuple[int, int], is_shifted: bool) -> dict
     }
 
 
-def of_touches(scans: PassScans, answers: list[Answer]) -> dict[str, Any]:
+def of_touches(scans: PassScans, answers: list[DrawnErrors]) -> dict[str, Any]:
     """Of p and of q: the relative error, and what bands cover."""
     square, covered = (np.mean(each, axis=0) for each in zip(*answers, strict=True))
     size = np.sqrt(scans.square(0 * scans.touches.traction, scans.touches))
