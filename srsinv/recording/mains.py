@@ -17,6 +17,7 @@ from srsinv.errors import refuse
 from .noise import filled
 
 FUNDAMENTALS_HZ = (50.0, 60.0)
+WANDER_HZ = 1.0  # from where a line should be to what it is, where the signal hides it
 REACH_HZ = 2.5  # from where a line should be to its strongest wave
 BESIDE_HZ = 24.0  # up to there lies the spectrum around a line: of the median the line is no part
 FALSE_ALARM = 1e-6  # of a line in noise, for each that is looked for
@@ -52,6 +53,13 @@ class _Spectrum:
         self.power = 2 * np.abs(np.fft.rfft(rows * taper)) ** 2 / (n * np.sum(taper**2))
         self.bin_Hz = rate_hz / n
         self.frequency_Hz = np.fft.rfftfreq(n, 1 / rate_hz)
+
+    def hidden_line(self, expected_Hz: float) -> MainsLine:
+        """The line there as strong as all that is within `WANDER_HZ`: it may be as much, and no
+        more."""
+        half = max(WANDER_HZ, self.bin_Hz / 2)
+        inside = np.abs(self.frequency_Hz - expected_Hz) <= half + LOBE * self.bin_Hz
+        return MainsLine(expected_Hz, half, np.sqrt(np.sum(self.power[:, inside], axis=-1)))
 
     def line(self, expected_Hz: float, chance: float) -> MainsLine | None:
         """The line there, None where noise alone makes as much with this probability."""
@@ -95,13 +103,14 @@ def mains_lines(
     signal: Float[np.ndarray, "e sample"], rate_hz: float, named: Sequence[float] | None = None
 ) -> tuple[MainsLine, ...]:
     """The lines of mains in a signal, NaN where it is missing: those near the `named` frequencies,
-    as strong as they are, or, where none are named, those of the harmonics of 50 or of 60 Hz that
-    noise does not make."""
+    as strong as they are, or may be where the signal itself hides them; or, where none are named,
+    those of the harmonics of 50 or of 60 Hz that noise does not make."""
     spectrum = _Spectrum(signal, rate_hz)
     highest = HIGHEST * rate_hz / 2
     if named is not None:
-        lines = (spectrum.line(each, 1.0) for each in named if each < highest)
-        return tuple(line for line in lines if line is not None and line.rms.any())
+        each = [hz for hz in named if hz < highest]
+        lines = (spectrum.line(hz, FALSE_ALARM) or spectrum.hidden_line(hz) for hz in each)
+        return tuple(line for line in lines if line.rms.any())
     best: list[MainsLine] = []
     for fundamental in FUNDAMENTALS_HZ:
         harmonics = fundamental * np.arange(1, int(highest / fundamental) + 1)

@@ -24,7 +24,7 @@ RESULTS = Path(__file__).parent / "results"
 TEMPLATES = Path(__file__).with_suffix("")
 PAGES = [
     ROOT / "README.md",
-    *(ROOT / "docs" / f"{name}.md" for name in ("results", "effects", "python")),
+    *(ROOT / "docs" / f"{name}.md" for name in ("results", "effects", "python", "recordings")),
 ]
 PART = re.compile(r"(<!-- (\w+): [^>]*-->\n).*?(<!-- end of \2 -->)", re.DOTALL)
 Metrics = Mapping[str, Any]

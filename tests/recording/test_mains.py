@@ -62,6 +62,16 @@ def test_named_lines_are_taken_as_strong_as_they_are():
     ]
 
 
+def test_a_named_line_that_the_signal_hides_may_be_as_strong_as_the_signal():
+    """A touch that passes within 10 ms has a broad spectrum, far above a weak hum."""
+    time = (TIME_S - 1.25) / 5e-3
+    signal = noise() + 300 * time * np.exp(-(time**2) / 2) + 3 * np.sin(2 * np.pi * 50 * TIME_S)
+    assert mains_lines(signal, RATE_HZ) == ()
+    (line,) = mains_lines(signal, RATE_HZ, (50.0,))
+    assert line.frequency_Hz == pytest.approx(50.0, abs=2.5)
+    assert line.rms.min() > 2
+
+
 @pytest.mark.parametrize("width_Hz", [0.0, 0.5, 2.0])
 def test_waves_span_a_line_to_below_the_noise(width_Hz):
     rng, size = np.random.default_rng(3), 1000.0
