@@ -149,7 +149,7 @@ def _averaging(
     mean = float(np.mean(np.concatenate([speed[each.samples] for each in passes])))
     averaging = Averaging(
         given.name, motion, passes, given.rows, given.sensor.amplifier, mean,
-        block * mean / rate, np.asarray(noise.white, float), depth, noise.has_drift,
+        block * mean / rate, np.asarray(noise.white, float), depth, np.asarray(noise.drift),
     )  # fmt: skip
     return averaging, block, mean
 

@@ -26,18 +26,19 @@ class PassOnCells(NamedTuple):
 
 
 class PassesOnCells:
-    """Passes on common cells of `cell_m`, the number of each one's way among `ways`, and the white
-    noise's variance (e, 1) per sample."""
+    """Passes on common cells of `cell_m`, the number of each one's way among `ways`, the white
+    noise's variance (e, 1) per sample, and the rms (e, 1) of a walk from cell to cell."""
 
     def __init__(
         self,
         every: Sequence[PassOnCells],
         way: Sequence[int],
         variance: Float[np.ndarray, "e 1"],
+        step: Float[np.ndarray, "e 1"],
         cell_m: float,
     ):
         self.every, self.way = list(every), list(way)
-        self.variance, self.cell_m = variance, cell_m
+        self.variance, self.step, self.cell_m = variance, step, cell_m
 
     @property
     def ways(self) -> int:
@@ -91,7 +92,23 @@ class PassesOnCells:
             )
             for each in self.every
         ]
-        return PassesOnCells(cleaned, self.way, self.variance, self.cell_m)
+        return self._with(cleaned)
+
+    def levelled(self) -> "PassesOnCells":
+        """The passes at the level of the mean of their way, over the cells that all of them have:
+        of a walk each begins at a level of its own, and where fewer are averaged their mean would
+        step."""
+        levelled = []
+        for way, each, difference in zip(self.way, self.every, self.differences, strict=True):
+            common = np.all([p.information > 0 for p in self.of(way)], axis=0)
+            weight = common * each.information
+            level = np.sum(weight * difference, axis=1) / np.maximum(np.sum(weight, axis=1), 1e-300)
+            moved = np.where(each.information > 0, each.signal - level[:, None], 0.0)
+            levelled.append(each._replace(signal=moved))
+        return self._with(levelled)
+
+    def _with(self, every: Sequence[PassOnCells]) -> "PassesOnCells":
+        return PassesOnCells(every, self.way, self.variance, self.step, self.cell_m)
 
     def slope(self, way: int, depth_m: float) -> Float[np.ndarray, "e cell"]:
         """The derivative of a way's mean signal along x, without what a skin of such a depth does
@@ -101,15 +118,21 @@ class PassesOnCells:
         return np.gradient(smooth, self.cell_m, axis=1)
 
     def shifts(self, depth_m: float) -> tuple[Float[np.ndarray, " pass"], float]:
-        """By how much each pass is ahead of the mean of its way, and the standard error [m]."""
+        """By how much each pass is ahead of the mean of its way, and the standard error [m], which
+        holds a walk too, though weights are those of white noise."""
         prior, slopes = SHIFT_DEPTHS * depth_m, [self.slope(w, depth_m) for w in range(self.ways)]
-        shifts, precisions = np.zeros(len(self.way)), np.full(len(self.way), prior**-2)
+        shifts, variances = np.zeros(len(self.way)), np.zeros(len(self.way))
         for j, (way, each) in enumerate(zip(self.way, self.every, strict=True)):
             weight = slopes[way] * each.information / self.variance
-            precisions[j] += np.sum(weight * slopes[way])
+            # A level tells nothing of a shift; of a walk the sums from each cell on remain.
+            of_level = each.information / np.sum(each.information, axis=1, keepdims=True)
+            weight = weight - of_level * np.sum(weight, axis=1, keepdims=True)
+            precision = prior**-2 + np.sum(weight * slopes[way])
+            of_walk = np.sum((self.step * np.cumsum(weight, axis=1)) ** 2)
+            variances[j] = 1 / precision + of_walk / precision**2
             if self.way.count(way) > 1:
-                shifts[j] = -np.sum(weight * self.differences[j]) / precisions[j]
-        return shifts, float(np.mean(precisions) ** -0.5)
+                shifts[j] = -np.sum(weight * self.differences[j]) / precision
+        return shifts, float(np.mean(1 / variances) ** -0.5)
 
     def are_shifted(self, shifts: Float[np.ndarray, " pass"], stderr: float) -> bool:
         """Whether shifts are more than noise makes of none."""

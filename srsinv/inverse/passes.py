@@ -60,7 +60,7 @@ class Averaging:
 
     - `rows` (e, 1 + m, sample): the signals, and columns beside them, NaN where one is missing.
     - `speed_m_per_s`: the speed that signals are given at; `cell_m`: the width of the cells.
-    - `white_rms` (#e,) per sample. `is_walk`: whether a drift, which does not repeat, is on them.
+    - `white_rms` (#e,) per sample. `drift` (#e,): of what drifts on them, after a second.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Averaging:
         cell_m: float,
         white_rms: Float[np.ndarray, "#e"],
         depth_m: float,
-        is_walk: bool,
+        drift: Float[np.ndarray, "#e"],
     ):
         speed = as_real(np.asarray(motion.speed_m_per_s))
         gain = np.asarray(amplifier.at_speed(speed) / amplifier.at_speed(as_real(speed_m_per_s)))
@@ -91,7 +91,9 @@ class Averaging:
         )
         self._edges = first + cell_m * np.arange(int((last - first) / cell_m) + 1)
         self._variance = np.broadcast_to(white_rms**2, len(rows))[:, None]
-        self._depth, self._is_walk = depth_m, is_walk
+        step = drift * np.sqrt(cell_m / speed_m_per_s)
+        self._step = np.broadcast_to(step, len(rows))[:, None]
+        self._depth, self._is_walk = depth_m, bool(drift.any())
 
     @staticmethod
     def _rising(one: Pass, motion: Motion, gain, rows):
@@ -176,7 +178,8 @@ class Averaging:
             every.append(
                 PassOnCells(values[:, 0], values[:, 1:], information[:, 0], slow[:, 0], typical)
             )
-        return PassesOnCells(every, self._way, self._variance, cell).cleaned()
+        passes = PassesOnCells(every, self._way, self._variance, self._step, cell).cleaned()
+        return passes.levelled() if self._is_walk else passes
 
     def _average(
         self, passes: PassesOnCells, shift_stderr_m: float
