@@ -200,8 +200,9 @@ def _unit(
         f"give {key}=... only if it is one of them by another name.",
     )
     refuse(unit is None, f"{its} is not stated: give it by {key}=..., one of {listed}.")
+    # recording.time_unit is that of a bare column, which boards' settings state for all files.
     refuse(
-        stated not in (None, unit),
+        stated not in (None, unit) and quantity != "time",
         f"{its} is {unit}, by {source}, and {key} is {stated}: leave that out, or, if the column's "
         "name is wrong, rename it.",
     )

@@ -75,10 +75,8 @@ def drift_of(recording: Recording, false_alarm: float = FALSE_ALARM) -> Float[np
     position, rate = recording.position_m, recording.sample_rate_hz
     found = passes_of(position)
     differences = pass_differences(recording.signal, position, found)
-    levels = drift_levels(recording.signal, rate, false_alarm)
-    if differences.shape[1] <= FEWEST_SAMPLES:
-        return levels
-    return np.maximum(levels, drift_levels(differences, rate, false_alarm))
+    is_repeated = differences.shape[1] > FEWEST_SAMPLES
+    return drift_levels(differences if is_repeated else recording.signal, rate, false_alarm)
 
 
 def drift_levels(

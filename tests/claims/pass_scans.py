@@ -265,7 +265,8 @@ class PassScans:
 
 def _covariance(line: LineProblem, e: int, cells):
     """That of an element's noise and columns on the cells with samples."""
-    covariance = scipy.linalg.toeplitz(np.fft.irfft(np.asarray(line.noise), line.line.n))
+    power = np.asarray(line.noise)[min(e, len(line.noise) - 1)]
+    covariance = scipy.linalg.toeplitz(np.fft.irfft(power, line.line.n))
     covariance = covariance[np.ix_(cells, cells)]
     if line.noise_scale is not None:
         scale = np.asarray(line.noise_scale)[e, cells]

@@ -77,7 +77,7 @@ NO_NUMBERS = {"elements", "piezo_constants_C_per_N", "path", "sidecar", "channel
               "signal_unit", "mains_Hz", "detrend", "notch_Hz"}  # fmt: skip
 EITHER_SIGN = re.compile(
     r"pressure_Pa|background_pressure_Pa|.*friction|change|.*position_m|.*start_m|offset_m|d[123]"
-    r"|snr_dB|angle_deg|speed_m_per_s|polarity"
+    r"|snr_dB|angle_deg|speed_m_per_s|polarity|backlash_m"
 )
 FROM_ZERO = re.compile(r"order|poisson_ratio|seed|fraction|correlation_m|nominal_pressure_Pa|drift")
 # What cannot be elsewhere, and is taken here: (job, keys, value, why).
@@ -85,7 +85,7 @@ TAKEN = (
     ("simulate", r"sensor\.strips", None, "one strip"),
     ("simulate", r"sensor\.elements\.\w+\.offset_m", None, "no offset"),
     ("invert_recording", r"recording\.gain", 1e300, "any unit; the noise is refused as too small"),
-    (".*_recording", r"recording\.(gain|polarity)", [0.5, 0.5, 0.5], "a number for each channel"),
+    (".*_recording", r"recording\.(gain|polarity|drift)", [0.5, 0.5, 0.5], "one for each channel"),
     (
         "inspect_recording",
         r"recording\.(gain|sample_rate_hz|drift|high_pass_Hz|notch_width_Hz)",
@@ -98,7 +98,7 @@ TAKEN = (
 ALIKE = re.compile(r"scene\.frictions\.back.*|sensor\.elements\.upright.*|method\.wiener\.q.*")
 # A first look at a file uses no physics: what it does not need it hands on to the sidecar.
 UNUSED_BY_INSPECTION = re.compile(
-    r"recording\.(nominal_pressure_Pa|cell_m|.*_m_per_s|scan_start_m)"
+    r"recording\.(nominal_pressure_Pa|cell_m|.*_m_per_s|scan_start_m|backlash_m)"
 )
 
 
@@ -226,7 +226,7 @@ OTHERS = (
     ("invert_recording", "recording.contact_window_m",
      (0.5, "all", [0.0], [0.01, 0.0], [0.0, math.inf], [-1e12, 1e12], {"start": 0})),
     ("invert_recording", "recording.mains_Hz", ("loud", 0.0, -50.0, [], [50.0, "a"], math.nan)),
-    ("invert_recording", "recording.drift", (-1.0, "loud", math.nan, [1e-6])),
+    ("invert_recording", "recording.drift", (-1.0, "loud", math.nan, [-1e-6])),
     ("invert_recording", "recording.detrend", ("quadratic", 1, True, ["linear"])),
     ("invert_recording", "recording.notch_Hz",
      ("auto", 0.0, -50.0, [], [50.0, "a"], math.nan, 500.0, [50.0, 1.0])),

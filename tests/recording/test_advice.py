@@ -168,8 +168,6 @@ UNITS = [
     Row("only if it is one of them by another name",
         Case(renamed(time_ms="Time [millis]")),
         lambda s: Case(renamed(time_ms="Time [millis]"), [asked(s, "time_unit", "ms")])),
-    Row("if the column's name is wrong, rename it", Case(OTHERS_MS, ["recording.time_unit=ms"]),
-        Case(SCAN)),
     Row("if the column's name is wrong, rename it", Case(SCAN, ["recording.position_unit=um"]),
         Case(SCAN)),
     Row("is not stated: give it by", Case(RAIL, ["recording.position_column=rail"]),
