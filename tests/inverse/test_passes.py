@@ -18,6 +18,7 @@ from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.quadratic import solve
 from srsinv.inverse.rule import Evidence
+from srsinv.inverse.sample_noise import SampleNoise
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
 from srsinv.inverse.ways import pressure_by_way
 from srsinv.modules import with_fields
@@ -184,6 +185,24 @@ def test_what_passes_differ_by_is_said():
     line = Problem(sensed, moved, signal, rms, cell_m=CELL).on_line()
     assert line.passes.scatter > 1.5
     assert any(each.startswith("Passes of one way differ") for each in line.warnings)
+
+
+def test_passes_that_end_elsewhere_leave_no_step_where_they_drift():
+    """Of a walk each pass is at a level of its own: where the last of them begins or ends, the
+    mean over fewer of them goes on as it was."""
+    moved, sensed = motion(6), sensor()
+    rng, level, rms = np.random.default_rng(11), np.zeros(moved.time_s.size), 1e-6
+    observed = np.ones(moved.time_s.size, bool)
+    x = np.asarray(moved.position_m)
+    for j, each in enumerate(passes_of(x)):
+        level[each.samples] = 300 * rms * rng.normal()
+        observed[each.samples] = np.abs(x[each.samples]) < LENGTH / 2 - j * 4e-4
+    noise = rms * rng.normal(size=(2, x.size))
+    signal = np.where(observed, level + noise, np.nan)
+    walks = SampleNoise(rms, drift=300 * rms)
+    line = Problem(sensed, moved, signal, walks, cell_m=CELL).on_line()
+    for row, seen in zip(np.asarray(line.data), np.asarray(line.is_observed), strict=True):
+        assert np.max(np.abs(np.diff(row[seen]))) < 10 * rms
 
 
 @pytest.mark.parametrize("size", [1.0, 10.0])
