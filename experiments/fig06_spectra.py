@@ -41,7 +41,7 @@ def run(cfg: config.Config) -> Result:
         sim.sensor.require_elements(1)
         friction = number("friction", config.friction(cfg), "mu of q = mu p, such as 0.4")
         problem = noisy_problem(sim, config.random_key(cfg), friction)
-        k, noise = np.asarray(sim.line.k), np.asarray(problem.noise)
+        k, noise = np.asarray(sim.line.k), np.asarray(problem.noise)[0]
         gain = np.abs(np.asarray(problem.forward.circulant().transfer[0, 0]))
         prior = _assumed_power(methods, problem)
         stages = {"charge": sim.sensor.charge(), "rate": sim.sensor.current(sim.scan)}

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from srsinv.recording import Recording
-from srsinv.recording.drift import common_level, drift_of
+from srsinv.recording.drift import FALSE_ALARM_WHERE_NAMED, common_level, drift_of
 from srsinv.recording.mains import mains_lines
 from srsinv.recording.preparation import prepare
 from tests.claims.pass_scans import NOISE_V, SIGNAL, PassScans, Rng
@@ -71,7 +71,9 @@ def drift_treatments(scans: PassScans, drift: float):
     """Each treatment's problem of a signal that drifts by so much in a second."""
 
     def drifting_as_recorded(signal):
-        return scans.problem(signal, common_level(drift_of(recording(scans, signal))))
+        return scans.problem(
+            signal, common_level(drift_of(recording(scans, signal), FALSE_ALARM_WHERE_NAMED))
+        )
 
     def prepared(**facts):
         return lambda signal: scans.problem(prepare(recording(scans, signal, **facts)).signal)
