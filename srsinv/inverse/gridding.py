@@ -121,10 +121,6 @@ def _averaged(
         films = (*sensor.elements, *(film.backward() for film in sensor.elements))
         sensor = Sensor(films, sensor.skin, sensor.amplifier, sensor.filters)
     noise = noise.of_ways(len(ways))
-    if noise.has_drift:  # a walk goes on from pass to pass: each begins at a level of its own
-        level = noise.level(line, ConstantSpeed(mean), given.motion)[:, None, None]
-        level = level * cells.slow_scale[:, None]
-        columns = np.concatenate([columns, level], axis=1)
     trend = cells.slow_scale, start_m
     return _placed(noise, line, sensor, ConstantSpeed(mean), cells, columns, trend, found)
 
@@ -150,6 +146,7 @@ def _averaging(
     averaging = Averaging(
         given.name, motion, passes, given.rows, given.sensor.amplifier, mean,
         block * mean / rate, np.asarray(noise.white, float), depth, np.asarray(noise.drift),
+        noise.level(motion),
     )  # fmt: skip
     return averaging, block, mean
 

@@ -64,6 +64,10 @@ class PassesOnCells:
         """The means of each way's columns."""
         return [_mean([p.columns for p in self.of(w)], self.of(w)) for w in range(self.ways)]
 
+    def level_of(self, way: int) -> Float[np.ndarray, "e cell"]:
+        """What a level of one, the same in all passes of a way, is in their mean signal."""
+        return _mean([p.slow for p in self.of(way)], self.of(way))
+
     @cached_property
     def differences(self) -> list[Float[np.ndarray, "e cell"]]:
         """What the signals of each pass differ by from the mean of its way."""
@@ -97,13 +101,15 @@ class PassesOnCells:
     def levelled(self) -> "PassesOnCells":
         """The passes at the level of the mean of their way, over the cells that all of them have:
         of a walk each begins at a level of its own, and where fewer are averaged their mean would
-        step."""
+        step. Like all that is slow, a level is in signals at the mean speed `slow` times."""
         levelled = []
         for way, each, difference in zip(self.way, self.every, self.differences, strict=True):
             common = np.all([p.information > 0 for p in self.of(way)], axis=0)
-            weight = common * each.information
-            level = np.sum(weight * difference, axis=1) / np.maximum(np.sum(weight, axis=1), 1e-300)
-            moved = np.where(each.information > 0, each.signal - level[:, None], 0.0)
+            weight = common * each.information * each.slow
+            level = np.sum(weight * difference, axis=1, keepdims=True) / np.maximum(
+                np.sum(weight * each.slow, axis=1, keepdims=True), np.finfo(float).tiny
+            )
+            moved = np.where(each.information > 0, each.signal - level * each.slow, 0.0)
             levelled.append(each._replace(signal=moved))
         return self._with(levelled)
 

@@ -60,7 +60,8 @@ class Averaging:
 
     - `rows` (e, 1 + m, sample): the signals, and columns beside them, NaN where one is missing.
     - `speed_m_per_s`: the speed that signals are given at; `cell_m`: the width of the cells.
-    - `white_rms` (#e,) per sample. `drift` (#e,): of what drifts on them, after a second.
+    - `white_rms` (#e,) per sample. `drift` (#e,): of what drifts on them, after a second;
+      `level` (#e,) the rms of its level.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class Averaging:
         white_rms: Float[np.ndarray, "#e"],
         depth_m: float,
         drift: Float[np.ndarray, "#e"],
+        level: Float[np.ndarray, "#e"],
     ):
         speed = as_real(np.asarray(motion.speed_m_per_s))
         gain = np.asarray(amplifier.at_speed(speed) / amplifier.at_speed(as_real(speed_m_per_s)))
@@ -93,6 +95,7 @@ class Averaging:
         self._variance = np.broadcast_to(white_rms**2, len(rows))[:, None]
         step = drift * np.sqrt(cell_m / speed_m_per_s)
         self._step = np.broadcast_to(step, len(rows))[:, None]
+        self._level = np.broadcast_to(level, len(rows))[:, None]
         self._depth, self._is_walk = depth_m, bool(drift.any())
 
     @staticmethod
@@ -200,7 +203,8 @@ class Averaging:
             moved = passes.slope(way, self._depth) * shift_stderr_m / np.sqrt(len(each))
             moved = moved[:, None] * (len(each) > 1)
             level = np.broadcast_to(spread[:, None, None] / np.sqrt(len(each)), moved.shape)
-            beside.append(np.concatenate([own, moved, level], axis=1))
+            walk = (self._level * passes.level_of(way))[:, None]
+            beside.append(np.concatenate([own, moved, level, walk], axis=1))
         x = (self._edges[1:] + self._edges[:-1]) / 2
         signal, white, slow, beside = map(np.concatenate, (signal, white, slow, beside))
         least = FAINT * np.min(self._variance) * np.min(white**2) / samples

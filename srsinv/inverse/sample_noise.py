@@ -147,11 +147,10 @@ class SampleNoise(eqx.Module):
         rates = np.where(self._is_walk(line, scan), self.drift, 0.0)[:, None]
         return rates * np.sqrt(step_s / line.n) * cells
 
-    def level(self, line: Line, scan: ConstantSpeed, motion: Motion) -> Float[np.ndarray, "#e"]:
-        """The rms of a random walk's level at the end of a motion, from zero at its start."""
-        time_s = np.asarray(motion.time_s)
-        rates = np.where(self._is_walk(line, scan), self.drift, 0.0)
-        return rates * np.sqrt(time_s[-1] - time_s[0])
+    def level(self, motion: Motion) -> Float[np.ndarray, "#e"]:
+        """The rms of what drifts at the end of a motion: a random walk is zero at its start."""
+        duration_s = float(motion.time_s[-1] - motion.time_s[0])
+        return self.drift * np.sqrt(np.minimum(duration_s, np.array(self.drift_time_s) / 2))
 
     def scale(
         self,
