@@ -233,7 +233,7 @@ def main() -> None:
             of_motion = record["levels"].setdefault(motion, {})
             if f"{reach:g}" not in of_motion:
                 of_motion[f"{reach:g}"] = levels(scans, reach, draws[0])
-                RESULTS.write_text(json.dumps(record, indent=1) + "\n")
+            RESULTS.write_text(json.dumps(record, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from srsinv.inverse.passes import passes_of
+from srsinv.recording.passes import passes_of
 from tests.claims.pass_scans import (
     CELL_M,
     NOISE_V,
@@ -49,7 +49,7 @@ def scans_of(passes: int, angles_deg=(0.0, 45.0), step_Pa=None) -> PassScans:
 
 def stage_ahead(scans: PassScans, rng: Rng, is_centred: bool):
     """By how much the stage is ahead at each sample, one number for each pass."""
-    passes = passes_of(scans.motion)
+    passes = passes_of(np.asarray(scans.motion.position_m))
     ahead = rng.choice([-1, 1], size=len(passes)) * rng.uniform(*SHIFTS_M, size=len(passes))
     way = np.array([each.is_onwards for each in passes])
     if is_centred:
@@ -69,7 +69,7 @@ def noise_of_mean(scans: PassScans, draws: int) -> float:
         noise = NOISE_V * np.random.default_rng([index, 5]).normal(size=scans.shape)
         data = np.asarray(scans.problem(noise).on_line().data)[:, steady]
         squares.append(np.mean(data**2))
-    count = len(passes_of(scans.motion)) * scans.shape[0] / len(data)
+    count = len(passes_of(np.asarray(scans.motion.position_m))) * scans.shape[0] / len(data)
     one = NOISE_V / np.sqrt(CELL_M / SPACING_M)
     return round(float(np.sqrt(np.mean(squares) * count) / one), 4)
 

@@ -92,6 +92,7 @@ def test_errors_are_what_a_rig_that_is_off_makes(name, motion):
     np.testing.assert_allclose(error, change, atol=0.1 * np.abs(change).max())
 
 
+@pytest.mark.full
 def test_paths_and_other_lines_agree():
     rig = RigError(("gain_1", "depth_m"), np.array([1.0, DEPTH_M]), np.diag([4e-4, 1e-10]))
     y = signal(sensor()) + NOISE_V * np.random.default_rng(1).normal(size=(2, 240))
@@ -113,6 +114,7 @@ def test_paths_and_other_lines_agree():
     np.testing.assert_allclose(direct.on(wide).stderr[0], expected, rtol=1e-6)
 
 
+@pytest.mark.full
 def test_features_on_a_line_carry_them_too():
     y = signal(sensor()) + NOISE_V * np.random.default_rng(1).normal(size=(2, 240))
     fit = FeatureFit({"strip": StripFeature()})

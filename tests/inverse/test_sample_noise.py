@@ -54,6 +54,7 @@ def test_the_power_of_a_drift_is_that_of_means_of_samples(samples):
     np.testing.assert_allclose(lags[: n // 2], exact[0, : n // 2], rtol=1e-9)
 
 
+@pytest.mark.full
 def test_bands_are_those_of_each_elements_own_noise():
     """Against dense algebra with the exact covariance of each element's samples."""
     rates, times = (40e-6, 10e-6), (0.05, np.inf)
