@@ -24,7 +24,7 @@ from .prior import Solution
 from .transforms import from_spectrum, times, to_spectrum
 
 
-def rig_errors(problem: LineProblem, solution: Solution) -> Float[np.ndarray, "j c n"] | None:
+def rig_errors(problem: LineProblem, solution: Solution) -> Float[Numbers, "j c n"] | None:
     """The changes f_j of a solution; None where the rig is exact."""
     if problem.rig_changes is None or solution.rig_errors is not None:
         return solution.rig_errors

@@ -150,7 +150,8 @@ class SampleNoise(eqx.Module):
     def level(self, motion: Motion) -> Float[np.ndarray, "#e"]:
         """The rms of what drifts at the end of a motion: a random walk is zero at its start."""
         duration_s = float(motion.time_s[-1] - motion.time_s[0])
-        return self.drift * np.sqrt(np.minimum(duration_s, np.array(self.drift_time_s) / 2))
+        times = np.minimum(duration_s, np.array(self.drift_time_s) / 2)
+        return np.array(self.drift) * np.sqrt(times)
 
     def scale(
         self,
