@@ -45,12 +45,13 @@ def _times_covariance(
 
 
 def with_rig_errors(
-    problem: LineProblem, stderr: Float[Numbers, "2 n"], moved: Float[np.ndarray, "j c n"]
+    problem: LineProblem, stderr: Float[Numbers, "2 n"], moved: Float[Numbers, "j c n"]
 ) -> Float[np.ndarray, "2 n"]:
     """Standard errors of p and q with these changes by the rig, less their mean where that of the
     standard errors is taken out."""
     weights = np.asarray(problem.mean_weights)
-    off = moved - np.einsum("jcn,cn->jc", moved, weights)[..., None]
+    each = np.asarray(moved)
+    off = each - np.einsum("jcn,cn->jc", each, weights)[..., None]
     added = np.sum(off**2, axis=0)
     if problem.friction is not None:
         added = np.concatenate([added, float(problem.friction) ** 2 * added])
