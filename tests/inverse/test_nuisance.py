@@ -114,7 +114,7 @@ def test_paths_are_the_dense_posterior(path, offset):
     assert np.asarray(estimate.stderr)[0, cells] == pytest.approx(own[cells], rel=0.02)
 
 
-@pytest.mark.parametrize("reach", [0.01, 0.03, 0.1, 0.3])
+@pytest.mark.parametrize("reach", [0.03, 0.3])
 @pytest.mark.parametrize("offset", [0.0, None])
 def test_drift_costs_no_more_than_the_exact_floor(reach, offset):
     """The expected square of the error of a walk from zero, or from an unknown level, whose rms at

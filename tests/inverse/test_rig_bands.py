@@ -122,7 +122,7 @@ def test_features_on_a_line_carry_them_too():
     assert stderr == pytest.approx(0.02 * value, rel=0.2)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_bands_cover_where_the_rig_dominates():
     """At 60 dB, over draws of the traction, the rig and the noise."""
     of = study(SETTINGS["two elements, 60 dB"], METHODS["wiener"], draws=60)

@@ -9,7 +9,7 @@ from tests.claims.raw_rig_list import RIGS
 from tests.claims.raw_rigs import row
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_an_awkward_rig_is_calibrated_fitted_and_inverted(tmp_path):
     """One strip of reversed polarity, there and back, centimetres and decimal commas."""
     rig = dataclasses.replace(RIGS[1], rate_hz=1000.0)

@@ -57,7 +57,7 @@ REFUSALS = {
     ),
     "NaN cell": (
         of("holed.csv"),
-        r"voltage_1_V, data row 5 is empty: correct it .*recording\.missing=allow",
+        r"voltage_1_V, data row 5 is empty: correct it.*recording\.missing=allow",
     ),
     "speed 0 recorded": (
         of("still.csv"),
