@@ -45,8 +45,8 @@ def problem_of(
     - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit.
     - the fact `ways` takes the passes of one way, `onwards` or `back`, of a motion that turns.
     - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk, and
-      `quiet_s` names stretches from which the noise is taken; what
-      `detrend`, `high_pass_Hz` and `notch_Hz` take out of the signal is warned of.
+      `quiet_s` names stretches from which the noise is taken; what `detrend`, `high_pass_Hz` and
+      `notch_Hz` take out of the signal is warned of.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
       those of the sidecar.
 
@@ -77,16 +77,18 @@ def problem_of(
     )
     way = {"onwards": True, "back": False}.get(recording.sidecar.get("ways") or "both")
     problem = problem if way is None else problem.of_way(way)
+    return problem.with_warnings(_warnings(recording, problem))
+
+
+def _warnings(recording: Recording, problem: Problem) -> tuple[str, ...]:
+    """What the recording itself gives to doubt."""
     # Of the samples as they were recorded: equal ones are no longer equal once filtered.
     raw = recording.signal if recording.raw_signal is None else recording.raw_signal
-    health = channel_findings(recording.channels, raw, recording.signal_unit)
-    return problem.with_warnings(
-        (
-            *_of_calibration(recording),
-            *_of_preparation(recording, sensor),
-            *health,
-            *_wiring(recording, problem),
-        )
+    return (
+        *_of_calibration(recording),
+        *_of_preparation(recording, problem.sensor),
+        *channel_findings(recording.channels, raw, recording.signal_unit),
+        *_wiring(recording, problem),
     )
 
 

@@ -42,18 +42,14 @@ def pressure_by_way(
     if any(each.quality is Quality.FAILED for each in both):
         return ()
     freedom = max(sum(map(_resolved, both)) - _resolved(joint), 1.0)
-    more = _squares(joint) - sum(map(_squares, both))
+    apart = sum(map(_squares, both))
+    more = _squares(joint) - apart
     if scipy.stats.chi2.sf(more, freedom) > FALSE_ALARM:
         return ()
     x, p = _pressures(problem, both)
     backlash = _backlash(method, problem, _offset(x, p))
-    if backlash.left < sum(map(_squares, both)) + EXPLAINED * more:
-        return (
-            "The passes towards -x show the pressure of those towards +x "
-            f"{backlash.value_m:.4g} ± {backlash.stderr_m:.2g} m further on, as of a stage with "
-            f"backlash: give recording.backlash_m={-backlash.value_m:.4g}, which is added to "
-            "positions on the way back.",
-        )
+    if backlash.left < apart + EXPLAINED * more:
+        return (backlash.warning,)
     share = float(np.std(p[0] - p[1]) / max(map(np.std, p)))
     return (
         "The passes towards +x and those towards -x do not show the same pressure: inverted by "
@@ -72,6 +68,16 @@ class _Backlash(NamedTuple):
     value_m: float
     stderr_m: float
     left: float
+
+    @property
+    def warning(self) -> str:
+        """By how much both ways disagree, and what takes it out."""
+        return (
+            "The passes towards -x show the pressure of those towards +x "
+            f"{self.value_m:.4g} ± {self.stderr_m:.2g} m further on, as of a stage with "
+            f"backlash: give recording.backlash_m={-self.value_m:.4g}, which is added to "
+            "positions on the way back."
+        )
 
 
 def _pressures(

@@ -37,6 +37,8 @@ def white_levels(
     is taken as that of all.
     """
     common = _white_level(signal, depth_m, spacing_m)
+    if len(signal) < 2:
+        return np.array([common])
     own = np.array([_white_level(row[None], depth_m, spacing_m) for row in signal])
     is_there = own > 0
     if is_there.sum() < 2:
