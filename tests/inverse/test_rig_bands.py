@@ -80,6 +80,7 @@ def moved(name: str, by: float, motion) -> np.ndarray:
     quick([(name, each) for name in MOVES for each in (SCAN, THERE_AND_BACK)],
           ("angle_2_deg", THERE_AND_BACK)),
 )  # fmt: skip
+@pytest.mark.full
 def test_errors_are_what_a_rig_that_is_off_makes(name, motion):
     value = {"gain_1": 1.0, "depth_m": DEPTH_M, "angle_2_deg": 90.0, "offset_2_m": 0.0}[name]
     rig = RigError((name,), np.array([value]), np.array([[MOVES[name] ** 2]]))

@@ -101,6 +101,7 @@ def standing(rng, white, rates, times, hum=0.0, still=0.5):
 
 
 @pytest.mark.parametrize("hum", [0.0, 30.0])
+@pytest.mark.full
 def test_noise_is_measured_where_the_sensor_stands_still(hum):
     white, rates, times = (1.0, 3.0), (20.0, 0.0), (0.02, np.inf)
     found = []
@@ -114,6 +115,7 @@ def test_noise_is_measured_where_the_sensor_stands_still(hum):
     assert [each.drift[1] for each in found] == [0.0] * 4
 
 
+@pytest.mark.full
 def test_a_walk_is_taken_as_one():
     found = [
         quiet_noise(standing(SEED(seed), (1.0, 1.0), (10.0, 10.0), (np.inf, np.inf)))
