@@ -224,6 +224,19 @@ def sensor_effects(cfg: Config) -> dict[str, Effect]:
     return parts.effects_of_sensor(part(cfg, "effects"))
 
 
+def at_rest(cfg: Config) -> Scenario:
+    """The scenario of a sensor at rest, with the named effects."""
+    from .effects import add_effects
+
+    refuse(
+        "tolerance" in cfg,
+        "effects=auto decides by a scene that is slid over, and the sensor of this job rests: name "
+        "the effects, as effects=[strip_width,layered_skin].",
+    )
+    named = parts.effects_at_rest(part(cfg, "effects"))
+    return add_effects(ideal(cfg).replace(noises=noises(cfg)), named)
+
+
 def reader(cfg: Config) -> Reader:
     """The reader of recorded files."""
     return make(cfg["reader"], "reader", "reader")

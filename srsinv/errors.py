@@ -74,6 +74,25 @@ def whole(name: str, value: Any, wanted: str, *, least: int, most: int = 2**31 -
     return int(value)
 
 
+def numbers(name: str, values: Any, wanted: str, **bounds: float) -> list[float]:
+    """`values`, refused unless they are a list of one or more numbers within the bounds of
+    [`number`][], each once."""
+    listed = isinstance(values, list | tuple) and len(values) > 0
+    refuse(not listed, f"{name} is {shown(values)}: give a list of {wanted}.")
+    each = [float(number(f"{name}[{i}]", v, wanted, **bounds)) for i, v in enumerate(values)]
+    refuse(len(set(each)) < len(each), f"{name} is {shown(values)}: give each number once.")
+    return each
+
+
+def number_range(name: str, ends: Any, wanted: str, **bounds: float) -> tuple[float, float]:
+    """`ends`, which are refused unless they are two numbers within the bounds, and increase."""
+    listed = isinstance(ends, list | tuple) and len(ends) == 2
+    refuse(not listed, f"{name} is {shown(ends)}: give [least, greatest], {wanted}.")
+    low, high = (float(number(f"{name}[{i}]", v, wanted, **bounds)) for i, v in enumerate(ends))
+    refuse(high <= low, f"{name} is {shown(ends)}: give [least, greatest], that increase.")
+    return low, high
+
+
 def choice(name: str, value: Any, options: Collection[str]) -> str:
     """`value`, which is refused unless it is one of `options`."""
     fits = isinstance(value, str) and value in options

@@ -174,6 +174,20 @@ def effects_of_sensor(named: Node) -> dict[str, Effect]:
     return made
 
 
+def effects_at_rest(named: Node) -> dict[str, Effect]:
+    """The named effects, in the order in which they are added, of a sensor that does not slide."""
+    from .effects import Order
+
+    made = effects(named)
+    for name, effect in made.items():
+        refuse(
+            effect.order in (Order.DIRECTION, Order.MOTION, Order.LOAD),
+            f"effects names {name}, which acts on sliding, and the sensor of this job rests: leave "
+            "it out.",
+        )
+    return made
+
+
 def noises(named: Node) -> dict[str, Noise]:
     """The named causes of noise."""
     return {name: make(node, f"noise.{name}", "noise") for name, node in named.items()}

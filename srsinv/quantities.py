@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_PREFIXED = {"Pa", "V", "V m", "A", "C", "s", "m", "m/s"}
+_PREFIXED = {"Pa", "V", "V m", "V s", "A", "C", "s", "m", "m/s"}
 
 
 def significant(value: float, digits: int = 3) -> str:
