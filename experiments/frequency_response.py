@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from srsinv import config, plot
 from srsinv.effects import Order
 from srsinv.errors import choice, number, number_range, refuse, shown, whole
-from srsinv.forward.indentation import Indentation, relative_modulus
+from srsinv.forward.indentation import Indentation, has_indentation, relative_modulus
 from srsinv.forward.knife_edge import KnifeEdge, VibratingEdge, contact_modulus_Pa
 from srsinv.forward.scenario import Scenario
 from srsinv.forward.sensor import Sensor
@@ -106,10 +106,12 @@ def _checked(settings: Any) -> dict[str, Any]:
     for key in ("coupling_hz", "density_kg_per_m3"):
         number(f"{NAME}.{key}", given[key], "a positive number, in SI units", above=0)
     drives = given["drives"]
-    refuse(not isinstance(drives, list), f"{NAME}.drives is {shown(drives)}: give a list of them.")
-    for each in drives:
+    refuse(
+        not (drives is None or isinstance(drives, list)),
+        f"{NAME}.drives is {shown(drives)}: give a list of {', '.join((LOAD, *POWERS))}, or null.",
+    )
+    for each in drives or ():
         choice(f"{NAME}.drives", each, (LOAD, *POWERS))
-    given["drives"] = list(dict.fromkeys([LOAD, *drives]))
     wanted, direction = "an angle from -90 to 90 degrees", given["direction_deg"]
     number(f"{NAME}.direction_deg", direction, wanted, least=-90, most=90)
     given["edge"] = KnifeEdge(given["radius_m"], np.deg2rad(direction))
@@ -130,12 +132,15 @@ def _swept(
 def _drives(sensor: Sensor, charge: float, given: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Complex amplitude of the ideal signal (frequency,) by what the shaker holds constant, all of
     the same size at the first frequency but for the skin's relaxation."""
-    frequency = given["frequency_hz"]
+    frequency, depth = given["frequency_hz"], float(sensor.depth_m)
     signal = {LOAD: charge * readout(sensor, frequency)}
-    moved = [name for name in given["drives"] if name != LOAD]
+    named = given["drives"]
+    if named is None:
+        named = POWERS if has_indentation(given["edge"], sensor.skin, depth) else ()
+    moved = [name for name in dict.fromkeys(named) if name != LOAD]
     if moved:
-        Indentation(given["edge"], sensor.skin, float(sensor.depth_m))  # refuses where it has none
-        stiffer = relative_modulus(sensor.skin, frequency, float(sensor.depth_m))
+        Indentation(given["edge"], sensor.skin, depth)  # refuses where none is defined
+        stiffer = relative_modulus(sensor.skin, frequency, depth)
         for name in moved:
             turn = (frequency[0] / (1j * frequency)) ** POWERS[name]
             signal[name] = signal[LOAD] * stiffer * turn
@@ -147,8 +152,9 @@ def _numbers(sensor: Sensor, given: Mapping[str, Any]) -> dict[str, float | None
     shear_Pa = contact_modulus_Pa(sensor.skin) / 4  # of an incompressible skin
     speed = np.sqrt(shear_Pa / given["density_kg_per_m3"])
     kz = 2 * np.pi * given["frequency_hz"][-1] * float(sensor.depth_m) / speed
-    moved = len(given["drives"]) > 1
-    relation = Indentation(given["edge"], sensor.skin, float(sensor.depth_m)) if moved else None
+    depth, edge = float(sensor.depth_m), given["edge"]
+    is_defined = has_indentation(edge, sensor.skin, depth)
+    relation = Indentation(edge, sensor.skin, depth) if is_defined else None
     load = np.array([given["preload_N_per_m"]])
     deep = None if relation is None else relation.indentation_m(load).item()
     return {"shear_wave_kz_at_last": float(kz), "preload_indentation_m": deep}
@@ -159,13 +165,14 @@ def _curves(
 ) -> dict[str, tuple[Any, ...]]:
     """Amplitude, phase and local slope over frequency, and the mean slope over all of it."""
     values = np.stack(list(signal.values()))
-    level, octave = 20 * np.log10(np.abs(values)), np.log2(frequency)
+    size = np.abs(values)  # 0 where all samples are of one level
+    level, octave = 20 * np.log10(np.where(size > 0, size, np.nan)), np.log2(frequency)
     phase = np.rad2deg(np.unwrap(np.angle(values), axis=-1))
     label, along = f"{start}{{{dim}}}", (dim, "frequency")
     slope = np.gradient(level, octave, axis=-1)
     mean = (level[:, -1] - level[:, 0]) / (octave[-1] - octave[0])
     return {
-        f"{start}amplitude": (along, np.abs(values), unit),
+        f"{start}amplitude": (along, size, unit),
         f"{start}phase": (along, phase, "deg"),
         f"{start}slope": (along, slope, "dB"),
         f"{start}mean_slope": (dim, mean, "dB", f"slope_{label}_dB_per_octave"),
@@ -207,10 +214,11 @@ def _mean_slope(signal: np.ndarray, frequency: np.ndarray) -> float:
 
 def _title(data: xarray.Dataset) -> str:
     mean, phase = (data[name].sel(case=IDEAL).item() for name in ("mean_slope", "first_phase"))
-    title = f"The rate rises by {mean:.2f} dB per octave at {phase:.0f}° ahead of the load"
-    if data.sizes["case"] == 2:  # nothing is named
-        return title
+    ahead = f"{round(phase) + 0:g}° ahead of the load"
+    title = f"The signal rises by {round(mean, 2) + 0.0:.2f} dB per octave, {ahead}"
     named, last = (data[name].sel(case=ALL).item() for name in ("mean_slope", "last_phase"))
+    if data.sizes["case"] == 2 or not np.isfinite(named):  # nothing is named, or nothing is left
+        return title
     return f"{title}; with the electronics named by {named:.2f}, at {last:.0f}° in the end"
 
 
@@ -222,13 +230,16 @@ def draw_cases(ds: xarray.Dataset) -> Figure:
         looks = {IDEAL: {"color": PALE, "linewidth": 4}, ALL: {"color": TRUTH, "linestyle": "--"}}
         return plot.panel(lines, looks=looks, quantity=quantity, along="frequency", **settings)
 
-    shown_at = ds["apparent_frequency"]
+    apparent = plot.panel(
+        {"": ds["apparent_frequency"]}, looks={"": {"color": GREY}}, log="xy",
+        quantity="frequency in samples", along="frequency",
+    )  # fmt: skip
+    is_folded = bool(np.any(ds["apparent_frequency"].values != ds["frequency"].values))
     return plot.panels([
         one("amplitude", "amplitude", log="xy"),
         one("slope", "slope per octave", log="x", limits=(STEEPEST_DB, -STEEPEST_DB / 2)),
         one("phase", "phase from the load", log="x"),
-        plot.panel({"": shown_at}, looks={"": {"color": GREY}}, quantity="frequency in samples",
-                   along="frequency", log="xy"),
+        *([apparent] if is_folded else []),
     ])  # fmt: skip
 
 

@@ -7,12 +7,11 @@ from typing import Any, cast
 import numpy as np
 import xarray
 from matplotlib.figure import Figure
-from numpy.polynomial.chebyshev import Chebyshev
 from scipy.optimize import brentq
 
 from srsinv import config, plot
 from srsinv.errors import choice, number, number_range, numbers, refuse, shown, whole
-from srsinv.forward.indentation import Indentation
+from srsinv.forward.indentation import Indentation, has_indentation
 from srsinv.forward.knife_edge import KnifeEdge
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.vibration import harmonics
@@ -24,7 +23,6 @@ NAME = "linearity"
 CONTROLS = ("load", "displacement")
 SAMPLES = 4096  # of a period: where the edge leaves the skin the charge has a kink
 SINE = np.sin(2 * np.pi * np.arange(SAMPLES) / SAMPLES)
-NODES = 129  # of the polynomial of charge over load, which is smooth in the load
 PAPER_DB = 3.0
 
 Curve = Callable[[np.ndarray], np.ndarray]
@@ -43,14 +41,15 @@ def run(cfg: config.Config) -> Result:
         sensor.require_elements(1)
         edges = [KnifeEdge(r, np.deg2rad(given["direction_deg"])) for r in given["radii_m"]]
         drives = [Drive(sensor, edge, given) for edge in edges]
-        swept = [[drive.swept(control) for drive in drives] for control in given["controls"]]
+        controls = given["controls"] or [c for c in CONTROLS if all(d.allows(c) for d in drives)]
+        swept = [[drive.swept(control) for drive in drives] for control in controls]
         half = [e.half_width_m(sensor.skin, given["preload_N_per_m"]).item() for e in edges]
     level, distortion, at_3_dB = (
         np.array([[one[i] for one in row] for row in swept]) for i in range(3)
     )
     data = dataset(
         _variables(level, distortion, at_3_dB, given["amplitude"], half),
-        {"control": (given["controls"], "1"), "radius": (given["radii_m"], "m"),
+        {"control": (controls, "1"), "radius": (given["radii_m"], "m"),
          "amplitude": (given["amplitude"], "1")},
         skin=sensor.skin.words, effects_on=listed(cfg["effects"]), depth_m=float(sensor.depth_m),
         preload_N_per_m=given["preload_N_per_m"], place_m=given["place_m"],
@@ -64,11 +63,12 @@ def _checked(settings: Any) -> dict[str, Any]:
     given, wanted = dict(settings), "lengths in metres that are at least 0"
     given["radii_m"] = numbers(f"{NAME}.radii_m", given["radii_m"], wanted, least=0)
     controls = given["controls"]
-    listed_ones = isinstance(controls, list) and len(controls) > 0
-    refuse(not listed_ones, f"{NAME}.controls is {shown(controls)}: give a list of them.")
-    given["controls"] = list(
-        dict.fromkeys(choice(f"{NAME}.controls", c, CONTROLS) for c in controls)
+    refuse(
+        not (controls is None or (isinstance(controls, list) and controls)),
+        f"{NAME}.controls is {shown(controls)}: give a list of {', '.join(CONTROLS)}, or null.",
     )
+    for each in controls or ():
+        choice(f"{NAME}.controls", each, CONTROLS)
     wanted = "positive numbers, over the preload, up to 100"
     low, high = number_range(
         f"{NAME}.amplitude_range", given["amplitude_range"], wanted, above=0, most=100
@@ -97,16 +97,22 @@ class Drive:
     edge: KnifeEdge
     given: Mapping[str, Any]
 
+    def allows(self, control: str) -> bool:
+        """Whether the control is defined: a displacement needs a rigid core and a radius."""
+        depth = float(self.sensor.depth_m)
+        return control == "load" or has_indentation(self.edge, self.sensor.skin, depth)
+
     def response(self, control: str) -> Response:
         """From amplitudes over the preload to the first harmonic over what proportionality to small
         amplitudes gives, and the root of the squares of the others over the first."""
         most = 1 + self.given["amplitude"][-1]
         load_of, small = self._by_load() if control == "load" else self._by_displacement(most)
-        per_load = self._per_load(float(np.max(load_of(np.array([most])))))
+        largest = float(np.max(load_of(np.array([most]))))
+        charge = self.edge.charge_of_load(self.sensor, self.given["place_m"], largest)
 
         def response(amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             load = load_of(np.maximum(1 + amplitude[:, None] * SINE[None], 0.0))
-            each = np.abs(harmonics(load * per_load(load)))
+            each = np.abs(harmonics(charge(load)[0, 0]))
             first = each[:, 1]
             return first / (amplitude * abs(small)), np.linalg.norm(each[:, 2:], axis=1) / first
 
@@ -146,15 +152,6 @@ class Drive:
             return level, distortion, float(amplitude[0])
         crossing = brentq(excess, float(amplitude[after - 1]), float(amplitude[after]))
         return level, distortion, cast(float, crossing)
-
-    def _per_load(self, most: float) -> Curve:
-        """Charge over load as a function of the load up to `most`."""
-        place = self.given["place_m"]
-
-        def exact(load: np.ndarray) -> np.ndarray:
-            return self.edge.charge(self.sensor, place, load)[0, 0] / load
-
-        return Chebyshev.interpolate(exact, NODES, [most * 1e-9, most])
 
 
 def _variables(

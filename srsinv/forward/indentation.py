@@ -44,7 +44,12 @@ class Indentation:
             "load, or give the edge a radius.",
         )
         self.edge, self.skin, self.height_m = edge, skin.sliding_at(0.0), depth_m
-        check_core(self.skin, depth_m)
+        refuse(
+            not has_indentation(edge, skin, depth_m),
+            f"A displacement of the edge is prescribed on a skin without a rigid core "
+            f"({skin.words}), where the indentation under a line load is not defined in plane "
+            "strain: prescribe the load, or take layers on a rigid core, as skin=layered.",
+        )
         self.modulus_Pa = contact_modulus_Pa(self.skin)
         log_k = np.arange(np.log(_LONGEST), np.log(_SHORTEST), _LN_STEP)
         self._k = np.exp(log_k) / depth_m
@@ -91,17 +96,12 @@ class Indentation:
         return self.edge.half_width_m(self.skin, load)
 
 
-def check_core(skin: Skin, depth_m: float) -> None:
-    """Raise `BadInput` for a skin on which the indentation under a line load is not defined: one
-    whose compliance grows as 1/k to the longest waves."""
+def has_indentation(edge: KnifeEdge, skin: Skin, depth_m: float) -> bool:
+    """Whether the indentation of the edge is defined: it has a radius, and the skin's compliance
+    does not grow as 1/k to the longest waves, as it does without a rigid core."""
     k = np.array([1.0, 0.1]) * 1e-9 / depth_m
-    short, long = k * np.abs(skin.compliance_once(k))
-    refuse(
-        not long < _STILL_GROWS * short,
-        f"A displacement of the edge is prescribed on a skin without a rigid core ({skin.words}), "
-        "where the indentation under a line load is not defined in plane strain: prescribe the "
-        "load, or take layers on a rigid core, as skin=layered.",
-    )
+    short, long = k * np.abs(skin.sliding_at(0.0).compliance_once(k))
+    return float(edge.radius_m) > 0 and bool(long < _STILL_GROWS * short)
 
 
 def relative_modulus(skin: Skin, frequency_hz: Float[np.ndarray, " f"], depth_m: float):

@@ -11,11 +11,13 @@ As a grows with F, a small change of F is distributed as under a flat punch, 1/(
 dQ/dF is K averaged over that. Shear follows pressure, q = p tan(alpha), where nothing slips.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.polynomial.chebyshev import chebval, chebvander
 
 from ..errors import number, refuse
 from ..grid import Stage, as_real
@@ -24,7 +26,10 @@ from .skin import Skin
 
 WIDEST_DEPTHS = 20.0  # half-width of contact: beyond, the load is no edge's, and nodes grow many
 _LEAST_NODES = 8
+_NARROW_DEPTHS = 0.01  # below, charge is proportional to the load but for rounding
 _SHORT_WAVE = 1e9  # rad/m: to such waves a skin is the half space of its surface
+
+ChargeOfLoad = Callable[[np.ndarray], np.ndarray]
 
 
 class KnifeEdge(eqx.Module):
@@ -74,6 +79,29 @@ class KnifeEdge(eqx.Module):
         angle = np.pi * np.arange(1, (n := _nodes(sensor, half)) + 1) / (n + 1)
         weights = 2 / (n + 1) * np.sin(angle) ** 2
         return load * self._averaged(sensor, place_m, half, np.cos(angle), weights)
+
+    def charge_of_load(self, sensor: Sensor, place_m: Any, most_N_per_m: float) -> ChargeOfLoad:
+        """The charge [C] (e, place, *load) as a function of loads (*load,) from 0 to `most_N_per_m`
+        [N/m], for many of them: a polynomial, to rounding.
+
+        Charge over load is analytic in the load but where a is i times a depth. Raises `BadInput`
+        as `charge` does.
+        """
+        widest = float(self.half_width_m(sensor.skin, most_N_per_m)) / float(sensor.depth_m)
+        end = 1 + 2 / max(widest, _NARROW_DEPTHS) ** 2
+        ellipse = end + np.sqrt(end**2 - 1)
+        count = int(np.log(1 / np.finfo(float).eps) / np.log(ellipse)) + 3
+        at = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+        load = most_N_per_m * (1 + at) / 2
+        ratio = self.charge(sensor, place_m, load) / load
+        values = np.linalg.solve(chebvander(at, count - 1), ratio.reshape(-1, count).T)
+
+        def charge(wanted: np.ndarray) -> np.ndarray:
+            inside = np.clip(wanted, 0, most_N_per_m)
+            per_load = chebval(2 * inside / most_N_per_m - 1, values)
+            return (inside * per_load).reshape(*ratio.shape[:-1], *inside.shape)
+
+        return charge
 
     def charge_per_load(
         self, sensor: Sensor, place_m: Any, preload_N_per_m: Any
@@ -133,7 +161,8 @@ class VibratingEdge(eqx.Module):
         """Charge [C] of every element over one even period from t = 0, for any amplitude."""
         turn = 2 * np.pi * np.arange(samples) / samples
         load = self.preload_N_per_m + self.amplitude_N_per_m * np.sin(turn)
-        return self.edge.charge(sensor, place_m, load)
+        most = self.preload_N_per_m + self.amplitude_N_per_m
+        return self.edge.charge_of_load(sensor, place_m, most)(load)
 
 
 def line_response(sensor: Sensor, x_m: Any) -> Float[np.ndarray, "e c x"]:

@@ -31,13 +31,15 @@ def integrated_scan(
     """
     x = np.asarray(position_m, float)
     cell = float(sensor.depth_m) / CELLS_PER_SHALLOWEST
-    count = int(np.ceil((x[-1] - x[0]) / cell)) + 12
+    low, high = min(x[0], 0.0), max(x[-1], 0.0)  # the load is on the line, too
+    count = int(np.ceil((high - low) / cell)) + 12
     refuse(
         count > MOST_LINE_CELLS,
-        f"The positions go over {x[-1] - x[0]:.3g} m, {count} cells of a hundredth of the film's "
-        f"depth, where {MOST_LINE_CELLS} are the most: give a shorter range, or a deeper film.",
+        f"Positions and load go over {high - low:.3g} m, {count} cells of a hundredth of the "
+        f"film's depth, where {MOST_LINE_CELLS} are the most: give a shorter range, or a deeper "
+        "film.",
     )
-    line = Open(count, cell, x[0] - 6 * cell)
+    line = Open(count, cell, low - 6 * cell)
     traction = jnp.stack([LineLoad(each).cell_values(line) for each in load_N_per_m])
     signal = np.asarray(sensor.operator(line, scan)(traction))
     curve = make_interp_spline(np.asarray(line.x), signal, 5, axis=-1)

@@ -19,6 +19,7 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
 from tests.refusals import refused
+from tests.tiers import quick
 
 D = (23e-12, 3e-12, -33e-12)
 NU = 0.5
@@ -84,6 +85,7 @@ def test_at_45_degrees_the_scan_with_friction_1_has_root_2_of_the_rig():
     )
 
 
+@pytest.mark.full
 def test_the_mirror_image_holds_on_layers():
     sensor = strip(skin=ON_FOAM)
     rig = KnifeEdge(0.0, 0.6).charge_per_load(sensor, PLACE, 1.0)[0]
@@ -92,6 +94,7 @@ def test_the_mirror_image_holds_on_layers():
     np.testing.assert_allclose(rig[::-1] - rig[-1], scan, atol=1e-6 * np.abs(rig).max())
 
 
+@pytest.mark.full
 def test_layers_under_a_line_load_against_the_transfer():
     sensor, x = strip(skin=ON_FOAM), np.array([-1.3e-3, 0.0, 0.4e-3, 2e-3])
     k = np.arange(0.5, 4e4)
@@ -118,7 +121,7 @@ def test_hertz(skin):
     np.testing.assert_allclose(half, [0, 0, expected], rtol=1e-12)
 
 
-@pytest.mark.parametrize("half", [0.05, 0.8, 4.0])
+@pytest.mark.parametrize("half", quick([0.05, 0.8, 4.0], 0.8))
 def test_charge_of_a_wide_contact_is_that_of_the_hertz_pressure(half):
     """Half-widths from narrow to four depths, by quadrature over the ellipse."""
     depth = 0.75e-3
@@ -139,6 +142,22 @@ def test_charge_per_load_is_the_derivative():
     low, high = np.moveaxis(edge.charge(sensor, PLACE, [1 - step, 1 + step])[0], -1, 0)
     ours = edge.charge_per_load(sensor, PLACE, 1.0)[0]
     np.testing.assert_allclose(ours, (high - low) / (2 * step), atol=1e-7 * np.abs(ours).max())
+
+
+@pytest.mark.parametrize("radius", [0.0, 1e-3, 3.0])
+def test_charge_of_many_loads_is_that_of_each(radius):
+    sensor, edge, load = strip(), KnifeEdge(radius, 0.3), np.array([0.0, 0.1, 1.7, 4.0])
+    ours = edge.charge_of_load(sensor, PLACE[:3], 4.0)(load)
+    expected = edge.charge(sensor, PLACE[:3], load)
+    np.testing.assert_allclose(ours, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_scan_beside_the_load():
+    """The load lies beyond the positions of the scan."""
+    sensor, x = strip(), np.linspace(0.5e-3, 2e-3, 9)
+    scan = integrated_scan(sensor, ConstantSpeed(SPEED), (1.0, 0.0), x)[0] / OHM
+    p, _ = kernels(x, 0.75e-3, 0.0, 0.7e-3)
+    np.testing.assert_allclose(scan, p - p[0], atol=1e-6 * np.abs(p).max())
 
 
 def test_a_line_load_is_linear_and_does_not_pull():
