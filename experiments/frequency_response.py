@@ -74,7 +74,7 @@ def run(cfg: config.Config) -> Result:
         {"frequency": (frequency, "Hz"), "case": (list(signal), "1"), "drive": (list(drives), "1"),
          "explanation": (list(NEEDED), "1")},
         effects_on=listed(cfg["effects"]), noise=listed(config.part(cfg, "noise")),
-        skin=sensor.skin.words, sampling_hz=rate or 0.0,
+        skin=sensor.skin.sliding_at(0.0).words, sampling_hz=rate or 0.0,
         **{key: value for key, value in given.items() if np.isscalar(value)},
     )  # fmt: skip
     return Result(_title(data), data, sections(__file__, cases=draw_cases, drives=draw_drives))

@@ -58,7 +58,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("depth", "angle", "width"), CASES)
+@pytest.mark.parametrize(("depth", "angle", "width"), quick(CASES, *CASES[::4]))
 @pytest.mark.parametrize("direction_deg", [0.0, 45.0, -45.0, 80.0])
 def test_the_rig_is_the_mirror_image_of_a_scan(depth, angle, width, direction_deg):
     """Against the closed form as well: v_i = R_f [K_p + mu K_q] over the film's position, and the
@@ -189,6 +189,7 @@ def test_indentation_and_load_are_inverse_and_its_derivative():
     np.testing.assert_allclose(relation.per_load(load), rise / (2 * step * load), rtol=1e-7)
 
 
+@pytest.mark.full
 def test_indentation_against_the_contact_solver():
     """A cylinder pressed into the same layers by `press`: the surface under its crest goes down by
     what the solved pressure displaces, the uniform part by the layers' compliance at k = 0."""

@@ -10,7 +10,7 @@ from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("fig08_knife_edge", "frequency_response", "linearity")
 
-test_nothing_has_moved = golden_test(FORMS, "fig08_knife_edge")
+test_nothing_has_moved = golden_test(FORMS)
 
 HALF_SPACE = ("effects=[strip_width]",)
 CORELESS = "effects=[strip_width] linearity.controls=[displacement]"
@@ -43,6 +43,7 @@ def test_the_curve_is_that_of_sliding_and_of_the_line_load():
     assert abs(before) < 1e-6 < 179 < after
 
 
+@pytest.mark.full
 def test_layers_differ_from_the_half_space():
     metrics = short_run("fig08_knife_edge").metrics
     assert metrics["mirror_error_45_deg"] < 1e-6
@@ -85,6 +86,7 @@ def test_the_edge_that_leaves_the_skin():
     assert at == pytest.approx(1 / left, rel=1e-6)
 
 
+@pytest.mark.full
 def test_the_paper_s_3_dB_hold_for_both_controls():
     metrics = short_run("linearity").metrics
     by_load, by_displacement = (
