@@ -30,6 +30,7 @@ if TYPE_CHECKING:  # most import jax
     from .grid import Line
     from .inverse.method import Method
     from .inverse.nonlinear import Solver
+    from .inverse.operator_model import OperatorModel
     from .inverse.problem import Problem
     from .recording import Reader, Recording
     from .report.section import Section
@@ -264,7 +265,8 @@ def recorded_problem(cfg: Config, recording: Recording) -> Problem:
     if cell_m is not None:
         number("recording.cell_m", cell_m, "a positive width in metres", above=0)
     noise = parts.sample_noise(part(cfg, "noise"), recording, float(sensor.depth_m))
-    return problem_of(recording, sensor, noise=noise, friction=mu, cell_m=cell_m)
+    model = operator(cfg)
+    return problem_of(recording, sensor, noise=noise, friction=mu, cell_m=cell_m, operator=model)
 
 
 def _recorded_sensor(cfg: Config, recording: Recording) -> Sensor:
@@ -290,6 +292,11 @@ def features(cfg: Config) -> dict[str, Feature]:
 def surface_features(cfg: Config) -> dict[str, SurfaceFeature]:
     """The named features of a surface, if any, to be fitted as a sum."""
     return parts.surface_features(part(cfg, "feature"))
+
+
+def operator(cfg: Config) -> OperatorModel | None:
+    """How a recording's operator is known; None where the job has theory alone."""
+    return make(cfg["operator"], "operator", "operator") if "operator" in cfg else None
 
 
 def solver(cfg: Config) -> Solver:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table
     from .grid import Operator as Operator
     from .inverse.method import Method as Method
     from .inverse.nonlinear import Solver as Solver
+    from .inverse.operator_model import OperatorModel as OperatorModel
     from .inverse.prior import Prior as Prior
     from .inverse.rule import Rule as Rule
     from .inverse.wiener import TractionSpectrum as TractionSpectrum

@@ -30,9 +30,10 @@ KINDS: Mapping[str, Sequence[str]] = {
     "film": ("srsinv.forward.film.LineEffect",),
     "filter": ("srsinv.forward.filter.Filter",),
     "friction": ("srsinv.forward.traction.FrictionStep",),
+    "linear_map": ("srsinv.grid.Operator",),  # from Python alone
     "method": ("srsinv.inverse.method.Method",),
     "noise": ("srsinv.forward.noise.Noise",),
-    "operator": ("srsinv.grid.Operator",),
+    "operator": ("srsinv.inverse.operator_model.OperatorModel",),
     "pressure": ("srsinv.forward.traction.Pressure",),
     "prior": ("srsinv.inverse.prior.Prior",),
     "reader": ("srsinv.recording.reader.Reader",),

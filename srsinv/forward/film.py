@@ -19,6 +19,7 @@ from ..errors import BadInput, number, of_kind, refuse, whole
 from ..grid import Scalar, as_real, sinc, spread_over
 
 Kernel = Callable[[Float[Array, " x"]], Float[Array, "c x"]]
+StressAt = Callable[[Float[Array, " x"]], Float[Array, "4 c x"]]
 
 PANEL_DEPTHS = 20  # widest panel of a strip's mean
 MOST_PANELS = 350
@@ -264,6 +265,23 @@ class Film(eqx.Module):
         return area * xp.stack(
             [d1 * c**2 + d3 * s**2, d1 * s**2 + d3 * c**2, 2 * s * c * (d1 - d3), d2]
         )
+
+    def charge_transfer(
+        self, stress: Complex[Array, "4 c k"], k: Float[Array, " k"]
+    ) -> Complex[Array, "c k"]:
+        """Charge [C] per unit traction exp(ikx) that makes this `stress` at the film's depth."""
+        charge = jnp.tensordot(self.charge_per_stress(), stress, 1)
+        return self.turned(self.along_line(charge, k))
+
+    def charge_response(
+        self, stress: StressAt, x: Float[Array, " x"], width_m: Float[Array, ""], order: int
+    ) -> Float[Array, "c x"]:
+        """Charge [C], or its slope [C/m] where `order` is 1, at x under a unit strip of traction
+        `width_m` wide, of which `stress` gives the stress, or its slope, at the film's depth."""
+        del width_m, order  # which the stress is of
+        weights = self.charge_per_stress()
+        kernel = self.along_kernel(lambda x: jnp.tensordot(weights, stress(x), 1))
+        return self.turned(kernel(x))
 
     def along_line(self, transfer: Complex[Array, "c k"], k) -> Complex[Array, "c k"]:
         """The transfer with every effect's factor."""

@@ -33,13 +33,11 @@ class FilmSignal(Stage):
         return self.order == 0
 
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
-        def one(film: Film):
-            weights = film.charge_per_stress()
-            charge = jnp.tensordot(weights, stress_in(self.skin, k, film.depth_m), 1)
-            return film.turned(film.along_line(charge, k))
-
+        charge = [
+            film.charge_transfer(stress_in(self.skin, k, film.depth_m), k) for film in self.elements
+        ]
         derivative = 1j * k[None, None] if self.order else 1.0
-        return self.gain * derivative * jnp.stack([one(film) for film in self.elements])
+        return self.gain * derivative * jnp.stack(charge)
 
     def cell_response(
         self, x: Float[Array, " x"], cell_m: Float[Array, ""]
@@ -47,11 +45,10 @@ class FilmSignal(Stage):
         respond = self.skin.strip_slope if self.order else self.skin.strip_response
 
         def one(film: Film):
-            weights = film.charge_per_stress()
-            kernel = film.along_kernel(
-                lambda x: jnp.tensordot(weights, respond(x, film.depth_m, cell_m), 1)
-            )
-            return film.turned(kernel(x))
+            def stress(x):
+                return respond(x, film.depth_m, cell_m)
+
+            return film.charge_response(stress, x, cell_m, self.order)
 
         return self.gain * jnp.stack([one(film) for film in self.elements])
 

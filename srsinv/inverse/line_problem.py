@@ -23,7 +23,7 @@ from .estimate import TractionEstimate
 from .line_model import CHI2, FREEDOM, LineModel, Shown, chi2
 from .means import have_zero_mean, less_means
 from .passes import AveragedPasses
-from .rig_error import RigError
+from .rig_error import SensorError
 from .sample_noise import Samples, noise_on_line
 
 
@@ -91,7 +91,7 @@ class LineProblem(LineModel):
     scan: ConstantSpeed | None
     passed: PassedCells | None
     passes: AveragedPasses | None
-    rig: RigError | None
+    rig: SensorError | None
     rig_changes: Convolution | None
     warnings: tuple[str, ...] = eqx.field(static=True)
 
@@ -111,7 +111,7 @@ class LineProblem(LineModel):
         sensor: Sensor | None = None,
         scan: ConstantSpeed | None = None,
         passes: AveragedPasses | None = None,
-        rig: RigError | None = None,
+        rig: SensorError | None = None,
         rig_changes: Convolution | None = None,
         warnings: Sequence[str] = (),
     ):
@@ -146,7 +146,7 @@ class LineProblem(LineModel):
         scan: ConstantSpeed,
         data,
         noise,
-        rig: RigError | None = None,
+        rig: SensorError | None = None,
         **known,
     ) -> "LineProblem":
         """The problem of a sensor that slides along the line, one sample at each cell; `known` as

@@ -19,7 +19,7 @@ from .cells import Window, window_around
 from .gridding import SampledSignals, aligned, on_cells
 from .line_problem import LineProblem
 from .nonlinear import WithNuisance
-from .rig_error import RigError
+from .rig_error import SensorError
 from .sample_noise import SampleNoise, Samples
 
 
@@ -55,7 +55,7 @@ class Problem(eqx.Module):
     window_m: tuple[float, float] | None = eqx.field(static=True)
     cell_m: float | None = eqx.field(static=True)
     mains: tuple[MainsLine, ...]
-    rig: RigError | None
+    rig: SensorError | None
     off_place: Float[np.ndarray, "e column sample"]
     way: bool | None = eqx.field(static=True)
     name: str = eqx.field(static=True)
@@ -73,7 +73,7 @@ class Problem(eqx.Module):
         window_m: Any = None,
         cell_m: Any = None,
         mains: Sequence[MainsLine] = (),
-        rig: RigError | None = None,
+        rig: SensorError | None = None,
         name: str = "the signal",
     ):
         of_kind("sensor", sensor, Sensor, "a Sensor")

@@ -22,6 +22,7 @@ from ..recording.noise import ABOVE_CUTOFF, white_levels
 from ..recording.passes import go_both_ways, passes_of, with_backlash
 from ..recording.preparation import preparation_warnings, prepare
 from .elements import element_findings
+from .operator_model import OperatorModel, Theory
 from .problem import Problem
 from .quiet_noise import quiet_noise
 from .rig_error import RigError
@@ -38,6 +39,7 @@ def problem_of(
     noise: SampleNoise | float | None = None,
     friction: Any = None,
     cell_m: Any = None,
+    operator: OperatorModel | None = None,
 ) -> Problem:
     """The problem of a recording at even times.
 
@@ -47,6 +49,8 @@ def problem_of(
     - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk, and
       `quiet_s` names stretches from which the noise is taken; what `detrend`, `high_pass_Hz` and
       `notch_Hz` take out of the signal is warned of.
+    - `operator`: how the sensor's response is known; None: by its theory. A measured kernel stands
+      in place of the films' and of what a calibration found, errors included.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
       those of the sidecar.
 
@@ -59,6 +63,8 @@ def problem_of(
     _check_unit(recording, sensor)
     if noise is None:
         noise = noise_of(recording, float(sensor.depth_m))
+    operator = Theory() if operator is None else operator
+    sensor = operator.sensor(sensor)
     window = recording.sidecar.get("contact_window_m")
     problem = Problem(
         sensor,
@@ -70,14 +76,17 @@ def problem_of(
         window_m=None if not window else (float(window[0]), float(window[1])),
         cell_m=cell_m,
         mains=mains_of(recording),
-        rig=RigError.of_facts(
+        rig=operator.error
+        or RigError.of_facts(
             recording.name, recording.sidecar.get("rig_error"), len(recording.channels)
         ),
         name=recording.name,
     )
     way = {"onwards": True, "back": False}.get(recording.sidecar.get("ways") or "both")
     problem = problem if way is None else problem.of_way(way)
-    return problem.with_warnings(_warnings(recording, problem))
+    # By the passes back alone q is what acts in them.
+    acts = -float(problem.friction) if problem.friction is not None and way is False else friction
+    return problem.with_warnings((*_warnings(recording, problem), *operator.warnings(acts)))
 
 
 def _warnings(recording: Recording, problem: Problem) -> tuple[str, ...]:

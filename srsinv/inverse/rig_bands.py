@@ -21,7 +21,7 @@ from .line_problem import LineProblem
 from .noise_precision import NoisePrecision
 from .nuisance import Nuisance
 from .prior import Solution
-from .transforms import from_spectrum, times, to_spectrum
+from .transforms import from_spectrum, to_spectrum
 
 
 def rig_errors(problem: LineProblem, solution: Solution) -> Float[Numbers, "j c n"] | None:
@@ -32,16 +32,17 @@ def rig_errors(problem: LineProblem, solution: Solution) -> Float[Numbers, "j c 
     weigh = precision if problem.nuisance is None else Nuisance(problem, precision).weigh
     signals = problem.rig_signals(solution.value)
     right = [np.asarray(problem.forward.adjoint(weigh(each)), float) for each in signals]
-    return np.stack([_times_covariance(solution, each) for each in right])
+    return _times_covariance(solution, np.stack(right))
 
 
 def _times_covariance(
-    solution: Solution, right: Float[np.ndarray, "c n"]
-) -> Float[np.ndarray, "c n"]:
+    solution: Solution, right: Float[np.ndarray, "j c n"]
+) -> Float[np.ndarray, "j c n"]:
     covariance = np.asarray(solution.covariance)
     if covariance.ndim == 3:
-        return from_spectrum(times(covariance, to_spectrum(right)), right.shape[-1])
-    return (covariance @ right.ravel()).reshape(right.shape)
+        spectra = np.einsum("cdk,jdk->jck", covariance, to_spectrum(right))
+        return from_spectrum(spectra, right.shape[-1])
+    return (right.reshape(len(right), -1) @ covariance.T).reshape(right.shape)
 
 
 def with_rig_errors(

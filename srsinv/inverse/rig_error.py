@@ -6,6 +6,7 @@ that enter linearly, under priors of their own. Fitted beside the parameters the
 calibration's error into all that a fit gives; inversions carry it as rig_bands.py says.
 """
 
+import abc
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -22,13 +23,37 @@ _OF_ELEMENT = re.compile(r"(gain|angle|offset)_([1-9]\d*)(_deg|_m)?")
 _DEPTH = "depth_m"
 
 
-class RigError(eqx.Module):
+class SensorError(eqx.Module):
+    """How well a sensor is known: signals of what is not, in independent directions."""
+
+    @property
+    @abc.abstractmethod
+    def words(self) -> str:
+        """What is not known exactly."""
+
+    @abc.abstractmethod
+    def columns(
+        self,
+        sensor: Sensor,
+        fitted: Shaped[np.ndarray, "e *sample"],
+        signal_of: Callable[[Sensor], Any],
+    ) -> Shaped[np.ndarray, "k e *sample"]:
+        """What one standard deviation in each direction adds to the `fitted` signals; `signal_of`
+        gives those of another sensor. Transfer functions may stand for signals; of a motion that
+        turns each film is there for the way back, too."""
+
+
+class RigError(SensorError):
     """The covariance (k, k) of parameters of a rig, and their values (k,): `gain_N`, `depth_m`,
     `angle_N_deg`, `offset_N_m`, N from 1."""
 
     names: tuple[str, ...] = eqx.field(static=True)
     values: Float[np.ndarray, " k"]
     covariance: Float[np.ndarray, "k k"]
+
+    @property
+    def words(self) -> str:
+        return ", ".join(self.names)
 
     @classmethod
     def of_facts(
@@ -66,9 +91,6 @@ class RigError(eqx.Module):
         fitted: Shaped[np.ndarray, "e *sample"],
         signal_of: Callable[[Sensor], Any],
     ) -> Shaped[np.ndarray, "k e *sample"]:
-        """The signals of one standard deviation in each direction of the covariance, about the
-        `fitted` one; `signal_of` gives that of another sensor. Transfer functions may stand for
-        signals; of a motion that turns each film is there for the way back, too."""
         slopes = np.stack([
             self._slope(i, sensor, np.asarray(fitted), signal_of) for i in range(len(self.names))
         ])  # fmt: skip

@@ -19,7 +19,7 @@ from ...grid import as_real
 from ...resolution import cell_m
 from ..cells import Window
 from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
-from ..rig_error import RigError
+from ..rig_error import SensorError
 from .contact import cell_for
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
@@ -112,7 +112,7 @@ class FeatureFitter:
         noise: Any = None,
         start: Mapping[str, float] | None = None,
         starts: int = STARTS,
-        rig: RigError | None = None,
+        rig: SensorError | None = None,
     ) -> FeatureEstimate:
         """Fit the features' parameters to `y`, NaN where a sample is missing.
 
@@ -259,7 +259,7 @@ class FeatureFitter:
         return _evidence_of(result, sum(each, 0.0))
 
     def _with_rig_error(
-        self, rig: RigError, features: Features, result: Fit, y: np.ndarray, noise: Any
+        self, rig: SensorError, features: Features, result: Fit, y: np.ndarray, noise: Any
     ) -> tuple[FeatureModel, Fit]:
         """The model and the fit with room for what is not known of the rig."""
         model = self._model.with_features(features)

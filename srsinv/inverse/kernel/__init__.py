@@ -1,0 +1,1 @@
+"""The kernel of a sensor, measured over a known input: see `measure`."""

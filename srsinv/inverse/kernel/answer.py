@@ -1,0 +1,92 @@
+"""From posteriors to the measured kernel and the directions of its error."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .evidence import Posterior, Prior
+from .means import Mean
+from .measured import MeasuredKernel
+from .signals import KernelSignals
+
+KEPT = 1e-3  # of the variance of the kernel's slope, which a rate sees: error directions left out
+
+
+class Moved(NamedTuple):
+    """Kernels (e, 2, m), their factors far away (e, 2), and directions of both (j, ...)."""
+
+    value: Float[np.ndarray, "e 2 m"]
+    far: Float[np.ndarray, "e 2"]
+    directions: Sequence[tuple[np.ndarray, ...]]
+
+    def plus(self, other: "Moved") -> "Moved":
+        """Both together."""
+        directions = [*self.directions, *other.directions]
+        return Moved(self.value + other.value, self.far + other.far, directions)
+
+
+def moved(
+    signals: KernelSignals, found: Posterior, prior: Prior, mean: Mean, elements: Sequence[int]
+) -> Moved:
+    """What the posterior adds to the prior's mean, and the directions of its error."""
+    basis = signals.basis(prior.envelope)
+    value = np.einsum("c,cekm->ekm", found.t, mean.kernel_slope)
+    moves, directions = np.array(mean.kernel_slope), []
+    for e, given in zip(elements, found.elements, strict=True):
+        value[e] += np.einsum("ca,cam->cm", given.coefficients(found.t).reshape(2, -1), basis)
+        moves[:, e] += np.einsum("caj,cam->jcm", _by_component(given.moved), basis)
+        spread = np.zeros((given.root.shape[0], *mean.kernel.shape))
+        spread[:, e] = np.einsum("caj,cam->jcm", _by_component(given.factor), basis)
+        directions.append((spread, np.zeros(spread.shape[:-1])))
+    root = np.linalg.cholesky(found.covariance)
+    shared = (np.einsum("ji,j...->i...", root, each) for each in (moves, mean.far_slope))
+    far = np.einsum("c,cek->ek", found.t, mean.far_slope)
+    return Moved(value, far, [tuple(shared), *directions])
+
+
+def as_kernel(
+    signals: KernelSignals,
+    moved: Moved,
+    parameters: Mapping[str, tuple[float, float]],
+    stats: Mapping[str, float],
+) -> MeasuredKernel:
+    """The kernel, its error in the fewest directions."""
+    known = signals.known
+    kept = [strongest(*each) for each in moved.directions]
+    factors, far_factors = (np.concatenate(each) for each in zip(*kept, strict=True))
+    variance = sum(np.sum(each**2, axis=0) for each, _ in moved.directions)
+    return MeasuredKernel(
+        signals.lags, moved.value, np.sqrt(variance), factors, moved.far, far_factors, parameters,
+        float(known.scan.speed_m_per_s), known.effective_friction, signals.has_both_ways, stats,
+        _warnings(signals),
+    )  # fmt: skip
+
+
+def _warnings(signals: KernelSignals) -> tuple[str, ...]:
+    if signals.has_both_ways:
+        return ()
+    mu = signals.known.effective_friction
+    sign = "-" if mu < 0 else "+"
+    return (
+        f"The known input was passed one way, which shows K_p {sign} {abs(mu):.3g} K_q and "
+        "neither alone: pass it both ways, or invert with that friction only.",
+    )
+
+
+def _by_component(rows: Float[np.ndarray, "a j"]) -> Float[np.ndarray, "2 b j"]:
+    return rows.reshape(2, -1, rows.shape[1])
+
+
+def strongest(
+    kernel: Float[np.ndarray, "j e 2 m"], far: Float[np.ndarray, "j e 2"]
+) -> tuple[Float[np.ndarray, "i e 2 m"], Float[np.ndarray, "i e 2"]]:
+    """The fewest independent directions of the same error, but for `KEPT` of the variance of the
+    kernel's slope, which is what a rate shows."""
+    slope = np.diff(kernel, axis=-1).reshape(len(kernel), -1)
+    values, axes = np.linalg.eigh(slope @ slope.T)
+    order = np.argsort(values)[::-1]
+    left = 1 - np.cumsum(values[order]) / np.sum(values)
+    own = axes[:, order[: int(np.argmax(left < KEPT)) + 1]]
+    return np.einsum("ij,i...->j...", own, kernel), np.einsum("ij,i...->j...", own, far)

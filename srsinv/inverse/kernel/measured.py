@@ -1,0 +1,140 @@
+"""A kernel that was measured, with its uncertainty: what it is, and the sensor that has it."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from ...errors import refuse
+from ...forward.film import Film
+from ...forward.measured import KernelTable, MeasuredFilm, integral_of
+from ...forward.sensor import FilmSignal, Sensor
+from ...grid import as_real
+from ..rig_error import SensorError
+from .lags import Lags
+
+NARROW = 1e-3  # depths: the strip of load that stands for a line
+
+
+@dataclasses.dataclass(frozen=True)
+class MeasuredKernel:
+    """The response of a sensor's elements to a line load, from signals over a known input.
+
+    - `lags`: x, the place of the film from the load; `value` (e, 2, m): charge per unit line load
+      of p and of q [C m/N], the signal over the amplifier's gain ahead of its filters; `stderr`
+      (e, 2, m).
+    - `factors` (j, e, 2, m): independent directions of its error, one standard deviation each.
+    - `far` (e, 2), `far_factors` (j, e, 2): what the kernel is of that of the sensor as stated
+      beyond the lags, and its error in the same directions.
+    - `parameters`: (value, standard error) by name of the physical parameters that were fitted;
+      empty of a kernel that rests on the data alone.
+    - `speed_m_per_s` at which it was measured, `friction` of the known input, and whether it was
+      passed both ways: else only K_p + mu K_q at that mu is measured.
+    - `stats`: further numbers by name; `warnings`: sentences.
+    """
+
+    lags: Lags
+    value: Float[np.ndarray, "e 2 m"]
+    stderr: Float[np.ndarray, "e 2 m"]
+    factors: Float[np.ndarray, "j e 2 m"]
+    far: Float[np.ndarray, "e 2"]
+    far_factors: Float[np.ndarray, "j e 2"]
+    parameters: Mapping[str, tuple[float, float]]
+    speed_m_per_s: float
+    friction: float
+    has_both_ways: bool
+    stats: Mapping[str, float]
+    warnings: tuple[str, ...] = ()
+
+    def sensor(self, stated: Sensor) -> Sensor:
+        """The sensor with this kernel in place of that of its films; beyond the lags it goes over
+        to that of the sensor as stated.
+
+        Raises `BadInput` for another number of elements.
+        """
+        count = len(self.value)
+        refuse(
+            len(stated.elements) != count,
+            f"The measured kernel is of {count} elements, and the sensor has "
+            f"{len(stated.elements)}: give the kernel of this sensor.",
+        )
+        films = stated.elements
+        own = kernels(stated, films, self.lags.x_m)
+        corrections = self.value - self.far[..., None] * own
+        measured = tuple(
+            MeasuredFilm.of(film, far, KernelTable.of(self.lags.x_m, correction))
+            for film, far, correction in zip(films, self.far, corrections, strict=True)
+        )
+        return dataclasses.replace(stated, elements=measured)
+
+    @property
+    def error(self) -> "KernelError | None":
+        """Its uncertainty, as estimates carry it; None of a kernel that is exact."""
+        if not len(self.factors):
+            return None
+        return KernelError(self.lags, self.factors, self.far_factors)
+
+
+class KernelError(SensorError):
+    """The error of a measured kernel, in independent directions: `factors` (j, e, 2, m) [C m/N] at
+    the lags, and `far` (j, e, 2) of the stated kernel beyond."""
+
+    lags: Lags = eqx.field(static=True)
+    factors: Float[np.ndarray, "j e 2 m"]
+    far: Float[np.ndarray, "j e 2"]
+
+    @property
+    def words(self) -> str:
+        return "a measured kernel"
+
+    def columns(
+        self, sensor: Sensor, fitted: Shaped[np.ndarray, "e *sample"], signal_of: Any
+    ) -> Shaped[np.ndarray, "j e *sample"]:
+        bare = kernels(sensor, [_stated(film) for film in sensor.elements], self.lags.x_m)
+        bare = bare[: self.far.shape[1]]
+        values = self.factors - self.far[..., None] * bare
+        tables = values, integral_of(self.lags.x_m, values), self.far
+
+        def moved(values: Any, integral: Any, far: Any) -> Any:
+            return signal_of(_moved(sensor, values, integral, far))
+
+        return np.asarray(jax.vmap(moved)(*map(as_real, tables))) - np.asarray(fitted)
+
+
+def _stated(film: Film) -> Film:
+    assert isinstance(film, MeasuredFilm)
+    return film.stated
+
+
+def _moved(sensor: Sensor, values: Any, integral: Any, far: Any) -> Sensor:
+    """The sensor with its films' kernels changed by tables (e, 2, m) and factors (e, 2)."""
+
+    def one(row: int, film: Film) -> Film:
+        assert isinstance(film, MeasuredFilm)
+        own, e = film.correction, row % len(values)
+        sums = own.values + values[e], own.integral + integral[e], film.far + far[e]
+        return eqx.tree_at(
+            lambda f: (f.correction.values, f.correction.integral, f.far), film, sums
+        )
+
+    films = tuple(one(row, film) for row, film in enumerate(sensor.elements))
+    return eqx.tree_at(lambda s: s.elements, sensor, films)
+
+
+def kernels(
+    sensor: Sensor, films: Sequence[Film], x_m: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "e 2 m"]:
+    """The kernels of films in the sensor's skin at lags x: the charge under a unit line load of p
+    and of q, of which a strip far narrower than the depth stands for the line."""
+    width = NARROW * float(sensor.depth_m)
+    stage = FilmSignal(sensor.skin, tuple(films), as_real(1.0), 0)
+    return np.asarray(_response(stage, as_real(x_m), as_real(width))) / width
+
+
+@eqx.filter_jit
+def _response(stage: FilmSignal, x_m: Any, width_m: Any):
+    return stage.cell_response(x_m, width_m)

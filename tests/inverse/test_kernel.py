@@ -1,0 +1,335 @@
+"""Measured kernels: their prior, evidence and posterior, and what inversions make of them."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+from srsinv.errors import BadInput
+from srsinv.forward.film import Film, StripAverage
+from srsinv.forward.filter import FirstOrder
+from srsinv.forward.scan import ConstantSpeed, Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.grid import Open, Periodic
+from srsinv.inverse.estimate import relative_error
+from srsinv.inverse.kernel.evidence import Envelope, Prior, Products, posterior
+from srsinv.inverse.kernel.file import as_netcdf, load_kernel
+from srsinv.inverse.kernel.lags import Lags
+from srsinv.inverse.kernel.measure import measure_kernel
+from srsinv.inverse.kernel.measured import kernels
+from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.operator_model import Measured
+from srsinv.inverse.problem import Problem
+from srsinv.inverse.wiener import Exponential, Wiener
+
+DEPTH_M, MU = 7.5e-4, 0.5
+LINE = Periodic(512, 0.03 / 512, -0.015)
+SCAN = ConstantSpeed(0.05)
+LOAD = np.where(np.arange(512) == 256, 5.0 / float(LINE.cell_m), 0.0)
+
+
+def films(depth_m=DEPTH_M, tilt_deg=0.0, blur_m=0.0):
+    both = [
+        Film(depth_m, angle + np.deg2rad(tilt_deg)).with_strip_average()
+        for angle in (0.0, np.pi / 2)
+    ]
+    blurred = [film.with_effect(StripAverage(blur_m)) for film in both]
+    return blurred if blur_m else both
+
+
+STATED, TRUE = Sensor(films()), Sensor(films(9e-4, 4.0, 3e-4))
+
+
+def two_ways(sensor):
+    both = (*sensor.elements, *(film.backward() for film in sensor.elements))
+    return dataclasses.replace(sensor, elements=both)
+
+
+def passes(true=TRUE, level=1e-3, seed=0, ways=2, stated=STATED, line=LINE, load=LOAD):
+    """Mean signals over the known load, of a noise level over the signal's rms."""
+    own, given = (two_ways(each) if ways == 2 else each for each in (true, stated))
+    clean = np.asarray(own.operator(line, SCAN)(np.stack([load, MU * load])))
+    rms = level * np.sqrt(np.mean(clean**2))
+    data = clean + rms * np.random.default_rng(seed).normal(size=clean.shape)
+    noise = np.concatenate([[np.inf], np.full(line.k.size - 1, rms**2)])
+    return LineProblem.of_sensor(line, given, SCAN, data, noise, known_mean_Pa=(load.mean(), None))
+
+
+@pytest.fixture(scope="module")
+def measured():
+    return measure_kernel(passes(), STATED, LOAD, MU)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return measure_kernel(passes(), STATED, LOAD, MU, None)
+
+
+def of(sensor, kernel):
+    return kernels(sensor, sensor.elements, kernel.lags.x_m)
+
+
+def slope_error(value, truth):
+    """Of the kernel's slope, which a rate shows."""
+    return np.linalg.norm(np.diff(value - truth)) / np.linalg.norm(np.diff(truth))
+
+
+# --- the estimate ------------------------------------------------------------------------------
+
+
+def test_the_kernel_is_far_nearer_the_true_one_than_theory(measured, fitted):
+    truth = of(TRUE, measured)
+    assert slope_error(of(STATED, measured), truth) > 0.3
+    assert slope_error(measured.value, truth) < 0.005
+    assert slope_error(fitted.value, truth) < 0.003
+
+
+@pytest.mark.full
+def test_less_noise_is_a_better_kernel(measured):
+    rough = measure_kernel(passes(level=1e-2), STATED, LOAD, MU)
+    truth = of(TRUE, measured)
+    better = slope_error(measured.value, truth) / slope_error(rough.value, truth)
+    assert 0.05 < better < 0.5  # noise falls to a tenth, and more short waves are seen
+
+
+def test_parameters_are_those_of_the_true_sensor_where_nothing_else_is_wrong():
+    true = Sensor(films(9e-4, 4.0))
+    found = measure_kernel(passes(true), STATED, LOAD, MU, None).parameters
+    want = {"depth_m": 9e-4, "tilt_deg": 4.0, "gain_1": 1.0, "gain_2": 1.0}
+    for name, truth in want.items():
+        value, error = found[name]
+        assert abs(value - truth) < 4 * error + 1e-3 * abs(truth), name
+    assert found["depth_m"][1] < 1e-5
+
+
+def test_one_way_measures_one_combination():
+    """K_p + mu K_q at the passes' mu, and warns that neither is known alone."""
+    kernel = measure_kernel(passes(ways=1), STATED, LOAD, MU)
+    (warning,) = kernel.warnings
+    assert "one way" in warning
+    assert not kernel.has_both_ways
+    truth = of(TRUE, kernel)
+    both = kernel.value[:, 0] + MU * kernel.value[:, 1]
+    assert slope_error(both, truth[:, 0] + MU * truth[:, 1]) < 0.01
+    assert slope_error(kernel.value, truth) > 0.05
+    assert np.max(kernel.stderr) > 20 * np.max(measure_kernel(passes(), STATED, LOAD, MU).stderr)
+
+
+@pytest.mark.full
+def test_known_filters_are_beside_the_kernel_and_unknown_ones_in_it():
+    """A lag in time is one of the other sign on the way back: no kernel has it for both ways."""
+    lag = (FirstOrder(4e-3),)
+    slow, known = (dataclasses.replace(each, filters=lag) for each in (TRUE, STATED))
+    traction = np.stack([np.exp(-((np.asarray(LINE.x) / 2e-3) ** 2))] * 2) * 1e4
+    traction[1] *= MU
+    want = np.asarray(slow.operator(LINE, SCAN)(traction))
+    without = np.asarray(TRUE.operator(LINE, SCAN)(traction))
+    size = np.linalg.norm(want)
+    both = measure_kernel(passes(slow, stated=known), known, LOAD, MU).sensor(known)
+    one = measure_kernel(passes(slow, ways=1), STATED, LOAD, MU).sensor(STATED)
+    for sensor in (both, one):
+        got = np.asarray(sensor.operator(LINE, SCAN)(traction))
+        assert np.linalg.norm(got - want) < 0.005 * size < 0.1 * np.linalg.norm(without - want)
+
+
+@pytest.mark.full
+def test_layers_are_fitted():
+    from srsinv.forward.layered import Layered
+
+    def skin(thickness_m, modulus_Pa):
+        return Layered([
+            {"thickness_m": thickness_m, "youngs_modulus_Pa": 7e5, "poisson_ratio": 0.5},
+            {"thickness_m": 4e-3, "youngs_modulus_Pa": modulus_Pa, "poisson_ratio": 0.3},
+        ])  # fmt: skip
+
+    stated, true = Sensor(films(), skin(1.5e-3, 5e4)), Sensor(films(), skin(1.8e-3, 7e4))
+    names = ("layer_1_thickness_m", "layer_2_modulus")
+    kernel = measure_kernel(passes(true, stated=stated), stated, LOAD, MU, names)
+    assert abs(kernel.parameters["layer_1_thickness_m"][0] - 1.8e-3) < 2e-5
+    assert abs(kernel.parameters["layer_2_modulus"][0] - 1.4) < 0.03
+
+
+# --- inversions --------------------------------------------------------------------------------
+
+SCENE = np.stack([np.exp(-((np.asarray(LINE.x) / 1e-3) ** 2)), np.zeros(512)]) * 5e3
+
+
+def inverted(sensor, rig=None, level=1e-2):
+    clean = np.asarray(TRUE.operator(LINE, SCAN)(SCENE))
+    rms = level * np.sqrt(np.mean(clean**2))
+    data = clean + rms * np.random.default_rng(9).normal(size=clean.shape)
+    noise = np.concatenate([[np.inf], np.full(LINE.k.size - 1, rms**2)])
+    problem = LineProblem.of_sensor(
+        LINE, sensor, SCAN, data, noise, known_mean_Pa=(SCENE[0].mean(), None), rig=rig
+    )
+    return Wiener(Exponential(1000.0, 2e-3), Exponential(1000.0, 2e-3))(problem)
+
+
+def test_inversions_by_it_are_as_good_as_by_the_true_kernel(measured):
+    error = {
+        name: relative_error(np.asarray(inverted(sensor).value), SCENE)[0]
+        for name, sensor in {
+            "stated": STATED, "true": TRUE, "measured": measured.sensor(STATED)
+        }.items()
+    }  # fmt: skip
+    assert error["measured"] < 1.02 * error["true"] < 0.8 * error["stated"]
+
+
+def test_its_uncertainty_widens_the_bands():
+    rough = measure_kernel(passes(level=0.1), STATED, LOAD, MU)
+    sensor = rough.sensor(STATED)
+    exact, wide = inverted(sensor), inverted(sensor, rough.error)
+    np.testing.assert_allclose(exact.value, wide.value)
+    ratio = np.asarray(wide.stderr)[0] / np.asarray(exact.stderr)[0]
+    assert np.all(ratio > 1.05)
+
+
+def test_error_directions_are_signals_of_the_moved_kernel(measured):
+    sensor = measured.sensor(STATED)
+    at = int(np.argmax(np.linalg.norm(measured.factors.reshape(len(measured.factors), -1), axis=1)))
+    factor, far = measured.factors[at], measured.far_factors[at]
+    one = dataclasses.replace(measured, factors=factor[None], far_factors=far[None])
+    moved = dataclasses.replace(measured, value=measured.value + factor, far=measured.far + far)
+
+    def signal(each):
+        return each.operator(LINE, SCAN)(SCENE)
+
+    want = np.asarray(signal(moved.sensor(STATED)) - signal(sensor))
+    (column,) = one.error.columns(sensor, np.asarray(signal(sensor)), signal)
+    np.testing.assert_allclose(column, want, atol=1e-6 * np.abs(want).max())
+
+
+# --- its parts, against dense algebra ----------------------------------------------------------
+
+
+def toy(seed=0):
+    rng = np.random.default_rng(seed)
+    k = np.array([0.0, 1.0, 1.0, 2.0, 2.0])
+    a, j, y = rng.normal(size=(10, 30)), rng.normal(size=(2, 30)), rng.normal(size=30)
+    products = Products(a @ a.T, a @ y, a @ j.T, j @ j.T, j @ y, float(y @ y))
+    return k, a, j, y, products
+
+
+def test_evidence_and_posterior_are_those_of_dense_algebra():
+    k, a, j, y, products = toy()
+    t0 = np.array([0.3, -0.2])
+    logs, wanted = [], []
+    for scale, length in ((0.7, 0.3), (2.0, 1.0)):
+        prior = Prior(np.array([[scale, 1.5 * scale]]), length, Envelope(1.0, 1.0))
+        r = prior.deviations(0, k)
+        found = posterior([products], prior, k, t0)
+        covariance = np.eye(30) + a.T @ np.diag(r**2) @ a + j.T @ j
+        # t is normal about -t0: what is fitted is y, whose mean is -J t0.
+        logs.append(found.log_evidence)
+        wanted.append(stats.multivariate_normal(-t0 @ j, covariance).logpdf(y))
+        left = y + t0 @ j
+        want_t = -t0 + j @ np.linalg.solve(covariance, left)
+        np.testing.assert_allclose(found.t, want_t, atol=1e-9)
+        np.testing.assert_allclose(
+            found.elements[0].coefficients(found.t), r**2 * (a @ np.linalg.solve(covariance, left)),
+            atol=1e-9,
+        )  # fmt: skip
+        np.testing.assert_allclose(
+            found.covariance, np.eye(2) - j @ np.linalg.solve(covariance, j.T), atol=1e-9
+        )
+    assert abs((logs[1] - logs[0]) - (wanted[1] - wanted[0])) < 1e-8
+
+
+def test_the_prior_has_its_standard_deviation_at_no_lag():
+    lags = Lags(DEPTH_M, 20 * DEPTH_M)
+    k = lags.wavenumbers(np.inf)
+    envelope = Envelope(2 * DEPTH_M, 0.1)
+    r = Prior(np.array([[3.0, 5.0]]), DEPTH_M, envelope).deviations(0, k)
+    basis = lags.envelope(*envelope)[:, None] * lags.waves(k)
+    middle = lags.x_m.size // 2
+    near = basis[:, :, middle - 3 : middle + 4]
+    deviation = np.sqrt(np.einsum("cb,cbm->cm", r.reshape(2, -1) ** 2, near**2))
+    np.testing.assert_allclose(deviation[:, 3], [3.0, 5.0], rtol=0.02)
+
+
+def test_spectra_of_kernels_on_the_lags():
+    lags = Lags(DEPTH_M, 20 * DEPTH_M)
+    k = np.array([0.0, 300.0, 2000.0])
+    got = lags.spectrum(np.exp(-((lags.x_m / DEPTH_M) ** 2)), k)
+    want = np.sqrt(np.pi) * DEPTH_M * np.exp(-((k * DEPTH_M) ** 2) / 4)
+    np.testing.assert_allclose(got, want, atol=1e-12 * want[0])
+
+
+# --- recordings and files ----------------------------------------------------------------------
+
+
+def recording(sensor, seed=0, level=1e-3):
+    """Two passes over a load at 0, there and back, as a motion in time."""
+    time_s = np.arange(1200) / 2000
+    speed = 0.05 * np.where(time_s < 0.3, 1.0, -1.0)
+    motion = Motion.from_speed(time_s, speed, -7.5e-3)
+    line = Open(800, 2.5e-5, -0.01)
+    load = np.where(np.abs(np.asarray(line.x)) < 2e-4, 1e4, 0.0)
+    operator = sensor.operator_along(line, motion, ways=motion.ways)
+    both = np.stack([np.stack([load, sign * MU * load]) for sign in (1, -1)])
+    clean = np.asarray(operator(jnp.asarray(both)))
+    rms = level * np.sqrt(np.mean(clean**2))
+    noisy = clean + rms * np.random.default_rng(seed).normal(size=clean.shape)
+    return Problem(STATED, motion, noisy, rms), line, load
+
+
+@pytest.mark.full
+def test_passes_of_a_recording_that_turns():
+    from srsinv.inverse.estimate import averages
+
+    problem, line, load = recording(TRUE)
+    on = problem.on_line().line
+    pressure = np.asarray(averages(jnp.asarray(load)[None], line, on))[0]
+    kernel = measure_kernel(problem, STATED, pressure, MU)
+    assert kernel.has_both_ways
+    near = np.abs(kernel.lags.x_m) < 6 * DEPTH_M
+    assert slope_error(kernel.value[..., near], of(TRUE, kernel)[..., near]) < 0.03
+
+
+def test_a_file_holds_all_of_it(measured, tmp_path):
+    path = tmp_path / "kernel.nc"
+    path.write_bytes(as_netcdf(measured))
+    again = load_kernel(path)
+    for name in ("value", "stderr", "factors", "far", "far_factors"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(measured, name))
+    model = Measured(path)
+    here, there = (each.sensor(STATED).operator(LINE, SCAN)(SCENE) for each in (model, measured))
+    np.testing.assert_array_equal(here, there)
+    assert model.warnings(None) == ()
+
+
+@pytest.mark.parametrize("name", ["kernel_C_m_per_N", "far_field", "depth_m", "lag_m"])
+def test_a_damaged_file_is_refused(measured, tmp_path, name):
+    import io
+
+    import xarray
+
+    whole = xarray.load_dataset(io.BytesIO(as_netcdf(measured)), engine="h5netcdf")
+    path = tmp_path / "kernel.nc"
+    cut = whole[name][:-1] if whole[name].size > 1 else -whole[name]
+    path.write_bytes(
+        bytes(whole.drop_vars(name).assign({name: cut.rename({cut.dims[0]: "other"})})
+              .to_netcdf(engine="h5netcdf"))
+    )  # fmt: skip
+    with pytest.raises(BadInput, match=r"kernel\.nc: .* give operator\.path"):
+        load_kernel(path)
+    path.write_bytes(bytes(whole.drop_vars(name).to_netcdf(engine="h5netcdf")))
+    with pytest.raises(BadInput, match=f"no column {name}"):
+        load_kernel(path)
+
+
+def test_refusals(measured):
+    problem = passes()
+    with pytest.raises(BadInput, match="512"):
+        measure_kernel(problem, STATED, LOAD[:-1], MU)
+    with pytest.raises(BadInput, match="the same in all cells"):
+        measure_kernel(problem, STATED, np.ones(512), MU)
+    with pytest.raises(BadInput, match="can name gain_1"):
+        measure_kernel(problem, STATED, LOAD, MU, ["stiffness"])
+    with pytest.raises(BadInput, match="of 2 elements"):
+        measured.sensor(Sensor(films()[:1]))
+    short = Periodic(64, float(LINE.cell_m), 0.0)
+    with pytest.raises(BadInput, match="scan further"):
+        measure_kernel(passes(line=short, load=LOAD[224:288]), STATED, LOAD[224:288], MU)
