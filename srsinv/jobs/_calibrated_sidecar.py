@@ -2,22 +2,19 @@
 
 import copy
 import json
-import os
-import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import BadInput, refuse
+from ..errors import refuse
 from ..inverse.calibration import Calibration
 from ..inverse.problem import Problem
 from ..recording import Reader, Recording, facts_of
+from ._written_files import Target
 
 HEADER = "# Written by srsinv experiment=calibrate: a sidecar (JSON is YAML).\n"
-SUFFIXES = (".yaml", ".yml")
 OF_FILE = ("channels", "time_column", "time_unit", "position_column", "position_unit",
            "speed_column", "speed_unit", "signal_unit")  # fmt: skip
 
@@ -116,42 +113,7 @@ def _scale(calibration: Calibration, total: Mapping[str, tuple[float, float]], n
     return total[name][0] / value if value and name.startswith("gain_") else 1.0
 
 
-def check_target(given: Any) -> Path | None:
-    """The file that `calibration.write` names, refused where it cannot be written there or would
-    replace another one than an earlier calibration's."""
-    if given is None:
-        return None
-    path = Path(str(given)).expanduser()
-    refuse(
-        path.suffix.lower() not in SUFFIXES,
-        f"calibration.write is {path.name!r}: a sidecar ends in {' or '.join(SUFFIXES)}: name it "
-        "so.",
-    )
-    refuse(
-        not path.parent.is_dir(),
-        f"calibration.write: there is no folder {str(path.parent)!r}: make it first.",
-    )
-    is_other = os.path.lexists(path) and not (
-        path.is_file() and path.read_bytes().startswith(HEADER.encode())
-    )
-    refuse(
-        is_other,
-        f"{path}: there is a file already that no calibration wrote: choose another name, or move "
-        "it away.",
-    )
-    return path
-
-
-def write_sidecar(path: Path, text: str) -> None:
-    """Write the file as a whole or not at all. Raises `BadInput` where it cannot be written."""
-    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.srsinv")
-    try:
-        scratch.write_text(text, encoding="utf-8")
-        os.replace(scratch, path)
-    except OSError as error:
-        raise BadInput(
-            f"{path}: the file cannot be written ({error.strerror or 'write error'}): give a path "
-            "in a folder that can be written to and has room."
-        ) from error
-    finally:
-        scratch.unlink(missing_ok=True)
+SIDECAR = Target(
+    "calibration.write", "a sidecar", "calibration", (".yaml", ".yml"),
+    lambda path: path.read_bytes().startswith(HEADER.encode()),
+)  # fmt: skip

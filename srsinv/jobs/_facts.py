@@ -107,7 +107,7 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
         "noise_is_of_quiet": int(bool(recording.sidecar.get("quiet_s"))),
         "mains_Hz": ", ".join(f"{line.frequency_Hz:.4g}" for line in problem.mains),
         "drift_is_found": int(recording.sidecar.get("drift") == "auto"),
-        **({} if problem.rig is None else {"rig_error": ", ".join(problem.rig.names)}),
+        **({} if problem.rig is None else {"rig_error": problem.rig.words}),
     }
 
 

@@ -1,7 +1,7 @@
 """Settings of the fit of a recording: which recordings, features and starts it takes."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from ..inverse.problem import Problem
 from ..recording import Recording
 from ..recording.even import check_volts
 from ..resolution import cell_m
+
+RIG_KEYS = ("hold", "free", "select", "start")
 
 
 def check(recording: Recording) -> None:
@@ -90,6 +92,44 @@ def with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> S
         "sidecar.",
     )
     return feature.with_edge(known)
+
+
+class HeldFeature(NamedTuple):
+    """A feature that a rig is measured on, by its name in the configuration."""
+
+    name: str
+    feature: Any
+
+    def with_edge(self, facts: Mapping[str, Any]) -> Any:
+        """The feature, one of a surface with an edge length that is known: see `with_edge`."""
+        if not self.feature.is_of_surface:
+            return self.feature
+        return with_edge(self.name, self.feature, facts)
+
+
+def known_feature(features: Features) -> HeldFeature:
+    """The only one of the features that the configuration names."""
+    refuse(
+        len(features) != 1,
+        f"feature names {len(features)} features: name one that is known, as feature=ridge.",
+    )
+    ((name, feature),) = features.items()
+    return HeldFeature(name, feature)
+
+
+def rig_settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Those of `fit` for a rig over a known feature: what is held, and what is free."""
+    unknown = sorted(set(given) - set(RIG_KEYS))
+    refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: hold, free.")
+    for key in ("select", "start"):
+        refuse(
+            bool(given.get(key)),
+            f"fit.{key} is {shown(given.get(key))}: a known feature takes fit.hold and fit.free "
+            "alone; leave it out.",
+        )
+    held = {} if given.get("hold") is None else mapping("fit.hold", given["hold"])
+    free = given.get("free")
+    return {"hold": dict(held), "free": None if free is None else names_of("fit.free", free)}
 
 
 def names_of(key: str, given: Any) -> tuple[str, ...]:

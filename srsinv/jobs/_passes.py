@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from ..inverse.estimate import Estimate
 from ..inverse.line_model import CHI2
@@ -17,12 +18,23 @@ def pass_variables(problem: LineProblem, estimates: Mapping[str, Estimate]) -> d
     found = problem.passes
     if found is None:
         return {}
-    left = [each.stats[CHI2] or np.nan for each in estimates.values()]
-    repeats = np.maximum(1 - found.scatter**2 / np.array(left, float), 0.0)
+    left = np.array([each.stats[CHI2] or np.nan for each in estimates.values()], float)
     numbers = {"passes_onwards": found.onwards, "passes_back": found.back}
     return {
         "pass_shift": ("pass", found.shifts_m, "m"),
-        "repeating_share": ("method", repeats, "1", "residual_repeating_share_{method}"),
+        **repeating_share(problem, left, "method"),
         **scalars(numbers | {"pass_scatter": found.scatter}),
         **scalars({"pass_shift_stderr_m": found.shift_stderr_m}),
     }
+
+
+def repeating_share(
+    problem: LineProblem, chi2: Float[np.ndarray, " left"], dim: str
+) -> dict[str, tuple[Any, ...]]:
+    """How much of residuals of these chi-squares per degree of freedom repeats from pass to pass,
+    NaN where no way is passed more than once; nothing of a motion that does not turn."""
+    found = problem.passes
+    if found is None:
+        return {}
+    repeats = np.maximum(1 - found.scatter**2 / chi2, 0.0)
+    return {"repeating_share": (dim, repeats, "1", f"residual_repeating_share_{{{dim}}}")}

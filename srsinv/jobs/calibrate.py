@@ -10,7 +10,6 @@ import numpy as np
 import xarray
 
 from .. import config
-from ..errors import mapping, refuse, shown
 from ..inverse.calibration import Calibration, calibrate
 from ..inverse.diagnostics import direction_in_words
 from ..inverse.problem import Problem
@@ -22,33 +21,24 @@ from ..report.result import Result, dataset, scalars
 from ..report.section import sections
 from ..report.text import quantity_with_error, unit_of
 from . import _facts
-from ._calibrated_sidecar import check_target, sidecar_of, wiring_of, write_sidecar
-from ._fit_settings import check_channels, names_of, with_edge
-
-KEYS = ("hold", "free", "select", "start")
+from ._calibrated_sidecar import SIDECAR, sidecar_of, wiring_of
+from ._fit_settings import check_channels, known_feature, rig_settings
+from ._written_files import check_target, write_whole
 
 
 def run(cfg: config.Config) -> Result:
     """The job: load, fit the rig, write its sidecar."""
     with config.precision(cfg):
         settings, target = (
-            _settings(config.part(cfg, "fit")),
-            check_target(config.part(cfg, "calibration").get("write")),
+            rig_settings(config.part(cfg, "fit")),
+            check_target(SIDECAR, config.part(cfg, "calibration").get("write")),
         )
-        surfaces = config.surface_features(cfg)
-        features = surfaces or config.features(cfg)
-        refuse(
-            len(features) != 1,
-            f"feature names {len(features)} features: calibrate on one that is known, as "
-            "feature=ridge.",
-        )
-        ((name, feature),) = features.items()
+        known = known_feature(config.surface_features(cfg) or config.features(cfg))
         wiring = wiring_of(config.part(cfg, "recording"), config.reader(cfg))
         measured = config.recording(cfg)
         recording = wiring.in_volts(measured)
         check_channels(recording)
-        if surfaces:
-            feature = with_edge(name, surfaces[name], recording.sidecar)
+        feature = known.with_edge(recording.sidecar)
         problem = config.recorded_problem(cfg, recording)
         with stage(f"fitting the rig to {recording.name}"):
             calibration = calibrate(problem, feature, settings["hold"], settings["free"])
@@ -59,7 +49,7 @@ def run(cfg: config.Config) -> Result:
         facts = {
             **_facts.of_recording(measured, problem, config.part(cfg, "recording").get("times")),
             **_facts.of_effects(config.part(cfg, "effects")),
-            **_of_fit(calibration, settings, name),
+            **_of_fit(calibration, settings, known.name),
             **({"is_written": 1} if sidecar else {}),
         }
         data = _dataset(measured, problem, calibration, total, facts)
@@ -67,22 +57,8 @@ def run(cfg: config.Config) -> Result:
         result = Result(title, data, sections("calibrate", "fit_recording", "assumed"),
                         {"calibration.yaml": sidecar} if sidecar else {})  # fmt: skip
         if target is not None and sidecar:
-            write_sidecar(target, sidecar)
+            write_whole(target, sidecar.encode())
         return result
-
-
-def _settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
-    unknown = sorted(set(given) - set(KEYS))
-    refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: hold, free.")
-    for key in ("select", "start"):
-        refuse(
-            bool(given.get(key)),
-            f"fit.{key} is {shown(given.get(key))}: a calibration takes fit.hold and fit.free "
-            "alone; leave it out.",
-        )
-    held = {} if given.get("hold") is None else mapping("fit.hold", given["hold"])
-    free = given.get("free")
-    return {"hold": dict(held), "free": None if free is None else names_of("fit.free", free)}
 
 
 def _title(

@@ -44,14 +44,14 @@ def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -
     """
     filled = _filled(result)
     figures = {each.name: _png(each.figure) for each in _drawings(filled)}
-    texts = {
+    texts: dict[str, str | bytes] = {
         **{f".hydra/{name}": text for name, text in record.items()},
         **result.files,
         "metrics.json": metrics_json(result.metrics),
         result.page_name: _page(result, filled, figures, command),
     }
     return {
-        **{name: text.encode() for name, text in texts.items()},
+        **{name: text.encode() if isinstance(text, str) else text for name, text in texts.items()},
         result.data_name: _netcdf(result.dataset),
         **{f"figures/{name}.png": image for name, image in figures.items()},
     }

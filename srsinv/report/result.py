@@ -24,14 +24,14 @@ class Result:
     - `dataset`: every stage and every number, with `units` on each variable; written to
       `result.nc`. Variables with the attribute `metric` are those of `metrics.json`.
     - `sections`: of the page, in order; those without a heading come first, and are printed.
-    - `files`: the text of further files, by name.
+    - `files`: further files by name, as text or bytes.
     - `data_name`, `page_name`: names of the files of the dataset and of the page.
     """
 
     title: str
     dataset: xarray.Dataset
     sections: tuple[Section, ...] = ()
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str | bytes] = field(default_factory=dict)
     data_name: str = "result.nc"
     page_name: str = "report.html"
 

@@ -50,6 +50,7 @@ def test_layers_differ_from_the_half_space():
     assert 0.1 < metrics["fit_residual_without_noise_0_deg"] < metrics["fit_residual_0_deg"] < 0.5
 
 
+@pytest.mark.full
 def test_slopes_and_phases():
     result = short_run("frequency_response")
     metrics, octave = result.metrics, 20 * np.log10(2)
@@ -70,6 +71,7 @@ def test_slopes_and_phases():
     assert result.dataset["apparent_frequency"].values[-1] == pytest.approx(200)
 
 
+@pytest.mark.full
 def test_the_edge_that_leaves_the_skin():
     """A line load given by a sine, F >= 0: with c = preload/amplitude the first harmonic is
     1/2 + (asin c + c sqrt(1 - c^2))/pi of it, and proportional up to the preload."""
