@@ -9,7 +9,7 @@ import xarray
 from jaxtyping import Array, Float
 
 from srsinv import config
-from srsinv.errors import number, refuse, whole
+from srsinv.errors import choice, number, refuse, whole
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.simulation import Simulation
 from srsinv.inverse.estimate import COMPONENTS, Estimate, relative_error
@@ -46,7 +46,7 @@ def run(cfg: config.Config) -> Result:
         stated, true_cfg = config.simulation(cfg).sensor, of_truth(cfg)
         test, known = config.simulation(true_cfg), known_passes(true_cfg, cfg)
         _refuse_sampling(test)
-        friction, keys = float(cfg["calibration"]["base_friction"]), _keys(cfg, draws)
+        friction, keys = float(known_input(cfg)["base_friction"]), _keys(cfg, draws)
         truth, each = np.asarray(test.traction(test.line)), []
         for i, key in enumerate(keys):
             with stage(f"measuring the kernel and inverting by it, draw {i + 1} of {draws}"):
@@ -72,9 +72,15 @@ def of_truth(cfg: config.Config) -> config.Config:
     }
 
 
+def known_input(cfg: config.Config) -> Mapping[str, Any]:
+    """The scene of the known input."""
+    inputs = config.part(cfg, "known_inputs")
+    return inputs[choice("calibration", cfg["calibration"], inputs)]
+
+
 def known_passes(true_cfg: config.Config, cfg: config.Config) -> KnownPasses:
     """The passes of the true sensor over the known input."""
-    own = {**true_cfg, "scene": cfg["calibration"]}
+    own = {**true_cfg, "scene": known_input(cfg)}
     speed = float(cfg["scan"]["speed_m_per_s"])
     back = {**own, "scan": {**cfg["scan"], "speed_m_per_s": -speed}}
     return KnownPasses(config.simulation(own), config.simulation(back))
@@ -187,7 +193,8 @@ def _result(
         method=next(iter(config.methods(cfg))), noise=", ".join(cfg["noise"]),
         effects_on=listed(cfg["effects"]), passes=len(means.difference), draws=len(draws),
         stated_depth_m=float(stated.depth_m),
-        friction=float(cfg["calibration"]["base_friction"]), skin=test.sensor.skin.words,
+        friction=float(known_input(cfg)["base_friction"]), known_input=cfg["calibration"],
+        skin=test.sensor.skin.words,
         **{f"truth_{name}": float(cfg["truth"][name]) for name in ("depth_m", *OF_SENSOR)},
     )  # fmt: skip
     files = {

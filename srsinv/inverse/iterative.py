@@ -27,6 +27,7 @@ from .noise_levels import at_one_level, change_of_variance
 from .noise_precision import NoisePrecision
 from .nuisance import Beside, Nuisance
 from .prior import Prior, Solution
+from .rig_bands import fewer_directions
 from .transforms import adjoint, from_spectrum, times, to_spectrum
 
 DRAWS = 3  # of noise, that the map is tried with
@@ -228,7 +229,8 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolu
         impulse[c, n // 2] = 1.0
         solved.append(marginal.mean(normal.forward(normal.centre(impulse))))
     mean, *averaging = (jnp.asarray(each.value) for each in solved)
-    moved = [marginal.mean(each).value for each in problem.rig_signals(mean)]
+    changes = fewer_directions(problem.rig_signals(mean))
+    moved = [marginal.mean(each).value for each in changes]
     spread = marginal.variance(np.asarray(problem.mean_weights))
     spread = spread + change_of_variance(problem, posterior.near)
     stderr = np.sqrt(np.maximum(spread, 0.0))

@@ -19,11 +19,13 @@ def draw_kernels(ds: xarray.Dataset) -> Figure:
     reach = min(SHOWN_DEPTHS * ds.attrs["stated_depth_m"], ds.attrs["reach_m"])
 
     def one(element: str, component: str) -> plot.Panel:
-        own = ds["response"].sel(sensor=element, shown=component)
-        error = ds["response_stderr"].sel(sensor=element, shown=component)
+        own, error = (
+            ds[name].sel(sensor=element, shown=component).assign_attrs(units="C")
+            for name in ("response", "response_stderr")
+        )
         return plot.panel(
             {name: own.sel(model=name) for name in ("theory", "kernel")}, looks=LOOKS,
-            stderrs={"kernel": error}, within=(-reach, reach), quantity="charge per load",
+            stderrs={"kernel": error}, within=(-reach, reach), quantity="charge under 1 N/m",
             along="place of the film from the load", title=f"Element {element}: {component}",
         )  # fmt: skip
 

@@ -94,6 +94,7 @@ def test_less_noise_is_a_better_kernel(measured):
     assert 0.05 < better < 0.5  # noise falls to a tenth, and more short waves are seen
 
 
+@pytest.mark.full
 def test_parameters_are_those_of_the_true_sensor_where_nothing_else_is_wrong():
     true = Sensor(films(9e-4, 4.0))
     found = measure_kernel(passes(true), STATED, LOAD, MU, None).parameters
@@ -104,6 +105,7 @@ def test_parameters_are_those_of_the_true_sensor_where_nothing_else_is_wrong():
     assert found["depth_m"][1] < 1e-5
 
 
+@pytest.mark.full
 def test_one_way_measures_one_combination():
     """K_p + mu K_q at the passes' mu, and warns that neither is known alone."""
     kernel = measure_kernel(passes(ways=1), STATED, LOAD, MU)
@@ -177,6 +179,7 @@ def test_inversions_by_it_are_as_good_as_by_the_true_kernel(measured):
     assert error["measured"] < 1.02 * error["true"] < 0.8 * error["stated"]
 
 
+@pytest.mark.full
 def test_its_uncertainty_widens_the_bands():
     rough = measure_kernel(passes(level=0.1), STATED, LOAD, MU)
     sensor = rough.sensor(STATED)

@@ -11,6 +11,7 @@ from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Open, as_real
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
+from srsinv.inverse.rig_bands import MOST_DIRECTIONS, fewer_directions
 from srsinv.inverse.rig_error import RigError
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.claims.rig_bands import METHODS, SETTINGS, study
@@ -129,3 +130,15 @@ def test_bands_cover_where_the_rig_dominates():
     of = study(SETTINGS["two elements, 60 dB"], METHODS["wiener"], draws=60)
     assert 0.85 < of["coverage_p_with"] < 0.95
     assert of["coverage_p_without"] < of["coverage_p_with"] - 0.2
+
+
+def test_many_directions_are_combined_into_fewer_with_the_same_spread():
+    """The variance in each place scatters by sqrt(2/m) about that of all directions."""
+    few = np.random.default_rng(0).normal(size=(20, 2, 7))
+    np.testing.assert_array_equal(fewer_directions(few), few)
+    many = np.random.default_rng(1).normal(size=(500, 3, 400))
+    combined = fewer_directions(many)
+    assert len(combined) == MOST_DIRECTIONS
+    ratio = np.sum(combined**2, axis=0) / np.sum(many**2, axis=0)
+    assert abs(ratio.mean() - 1) < 0.02
+    assert 0.7 < ratio.std() / np.sqrt(2 / MOST_DIRECTIONS) < 1.3

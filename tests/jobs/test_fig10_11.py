@@ -59,6 +59,7 @@ def test_excess_error_is_at_most_a_quarter_of_that_of_theory(changed):
 @pytest.mark.parametrize(
     ("override", "sentence"),
     [
+        ("calibration=wedge", "calibration is 'wedge'"),
         ("passes=0", "passes is 0: give a whole number from 1"),
         ("truth.depth_m=-1", "truth.depth_m is -1"),
         ("truth.gain=0", "truth.gain is 0"),

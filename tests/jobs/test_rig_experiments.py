@@ -28,6 +28,7 @@ def test_page_is_whole(name):
     check_page(short_run(name))
 
 
+@pytest.mark.full
 def test_the_curve_is_that_of_sliding_and_of_the_line_load():
     """Without effects in the skin the rig is theory, but for the edge's radius."""
     own = "sensor.depth_m=0.001", "fig08_knife_edge.directions_deg=[-45,0,30]", "noise=[]"

@@ -22,6 +22,7 @@ from srsinv.recording import Reader, Recording, _apart, load, mains, save
 from srsinv.recording._schema import RecordingFacts, _facts_in, check_facts
 from srsinv.recording.channels import channel_findings
 from srsinv.recording.even import check_volts, load_even, load_steady, on_even_times
+from srsinv.recording.flat_columns import load_columns
 from srsinv.recording.formats.text import Text
 from srsinv.recording.inspection import inspect
 from srsinv.recording.mains import MainsLine, waves
@@ -319,6 +320,19 @@ def test_a_profile_s_columns_are_named_as_said(tmp_path):
     profile = load_profile(tmp_path / "p.csv")
     np.testing.assert_allclose(profile["position_m"], POSITION_M)
     np.testing.assert_allclose(profile["profile_m"], TIME_S * 1e-6)
+
+
+@follows("there is no column {}: give {} {}")
+def test_a_file_of_the_package_s_own_columns_is_given(tmp_path):
+    names, path = ["time_s", "depth_m"], tmp_path / "c.csv"
+
+    def read():
+        return load_columns(path, names, "operator.path", "a file of both")
+
+    write_csv(path, {"time_s": TIME_S})
+    refused(read, "no column depth_m: give operator.path a file of both")
+    write_csv(path, {"time_s": TIME_S, "depth_m": POSITION_M})
+    np.testing.assert_allclose(read()["depth_m"], POSITION_M)
 
 
 # A recording's own fields
