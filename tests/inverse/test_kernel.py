@@ -14,11 +14,13 @@ from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
 from srsinv.inverse.estimate import relative_error
-from srsinv.inverse.kernel.evidence import Envelope, Prior, Products, posterior
+from srsinv.inverse.kernel.evidence import Envelope, Prior, Products, likeliest, posterior
 from srsinv.inverse.kernel.file import as_netcdf, load_kernel
 from srsinv.inverse.kernel.lags import Lags
-from srsinv.inverse.kernel.measure import measure_kernel
+from srsinv.inverse.kernel.means import far_field
+from srsinv.inverse.kernel.measure import known_input, measure_kernel
 from srsinv.inverse.kernel.measured import kernels
+from srsinv.inverse.kernel.signals import KernelSignals
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.operator_model import Measured
 from srsinv.inverse.problem import Problem
@@ -238,6 +240,75 @@ def test_evidence_and_posterior_are_those_of_dense_algebra():
             found.covariance, np.eye(2) - j @ np.linalg.solve(covariance, j.T), atol=1e-9
         )
     assert abs((logs[1] - logs[0]) - (wanted[1] - wanted[0])) < 1e-8
+
+
+def test_slopes_and_curvature_of_the_evidence_are_those_of_dense_algebra():
+    """Fisher's information of normal data, tr(C^-1 dC C^-1 dC)/2, where nothing else is fitted."""
+    k, a, _, _, products = toy()
+    none = products._replace(
+        both=np.zeros((10, 0)), physics=np.zeros((0, 0)), physics_data=np.zeros(0)
+    )
+    prior, t0 = Prior(np.array([[0.7, 1.1]]), 0.3, Envelope(1.0, 1.0)), np.zeros(0)
+
+    def evidence(logs, own, t0):
+        scale, length = prior.scale * np.exp(logs[:2]), prior.length_m * np.exp(logs[2])
+        return posterior([own], Prior(scale, length, prior.envelope), k, t0).log_evidence
+
+    r = prior.deviations(0, k)
+    by_logs = np.zeros((10, 3))
+    by_logs[:5, 0] = by_logs[5:, 1] = 1.0
+    by_logs[:, 2] = np.tile(prior.length_slope(k), 2)
+    inverse = np.linalg.inv(np.eye(30) + a.T @ np.diag(r**2) @ a)
+    moves = [inverse @ a.T @ np.diag(2 * r**2 * column) @ a for column in by_logs.T]
+    for own, start in ((none, t0), (products, np.array([0.3, -0.2]))):
+        slope, curvature = posterior([own], prior, k, start).slopes(0)
+        steps = [1e-5 * row for row in np.eye(3)]
+        want = [(evidence(s, own, start) - evidence(-s, own, start)) / 2e-5 for s in steps]
+        np.testing.assert_allclose(slope @ by_logs, want, rtol=1e-7, atol=1e-7)
+        if own is none:
+            fisher = [[np.trace(one @ other) / 2 for other in moves] for one in moves]
+            np.testing.assert_allclose(by_logs.T @ curvature @ by_logs, fisher, rtol=1e-9)
+
+
+def test_no_prior_near_the_likeliest_is_likelier():
+    k, _, _, _, products = toy()
+    first, t0 = Prior(np.array([[0.7, 1.1]]), 0.3, Envelope(1.0, 1.0)), np.zeros(2)
+    found, evidence = likeliest([products], first, k, t0, shared=False)
+    assert evidence > posterior([products], first, k, t0).log_evidence
+    for step in (0.9, 1.1):
+        for scale in (np.array([step, 1.0]), np.array([1.0, step])):
+            near = found._replace(scale=found.scale * scale)
+            assert posterior([products], near, k, t0).log_evidence < evidence + 0.02
+        near = found._replace(length_m=found.length_m * step)
+        assert posterior([products], near, k, t0).log_evidence < evidence + 0.02
+
+
+@pytest.mark.parametrize("ways", [1, 2])
+def test_products_are_those_of_the_signals_of_the_waves(ways):
+    problem = passes(ways=ways)
+    signals = KernelSignals(
+        known_input(problem, STATED, LOAD, MU), STATED, Lags(DEPTH_M, 12 * DEPTH_M)
+    )
+    envelope, mean, known = Envelope(2 * DEPTH_M, 0.1), far_field(signals), signals.known
+    basis = signals.basis(envelope)
+    for e, about in enumerate(signals.about(mean)):
+        rows = known.rows_of(e)
+        shown = [
+            np.concatenate([
+                known.signals(signals.lags, basis[0], row),
+                known.shear(row) * known.signals(signals.lags, basis[1], row),
+            ])
+            for row in rows
+        ]  # fmt: skip
+        weight = float(problem.whitener[0, -1]) ** 2  # white, of unknown mean
+        rest = (signals.data - mean.signal)[rows]
+        rest = weight * (rest - rest.mean(axis=-1, keepdims=True))
+        heavy = [weight * (each - each.mean(axis=-1, keepdims=True)) for each in shown]
+        found = about.under(envelope)
+        want = sum(s @ w.T for s, w in zip(shown, heavy, strict=True))
+        np.testing.assert_allclose(found.waves, want, atol=1e-9 * np.abs(want).max())
+        data = sum(s @ y for s, y in zip(shown, rest, strict=True))
+        np.testing.assert_allclose(found.data, data, atol=1e-9 * np.abs(data).max())
 
 
 def test_the_prior_has_its_standard_deviation_at_no_lag():

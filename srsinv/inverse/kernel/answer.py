@@ -32,17 +32,17 @@ def moved(
 ) -> Moved:
     """What the posterior adds to the prior's mean, and the directions of its error."""
     basis = signals.basis(prior.envelope)
-    value = np.einsum("c,cekm->ekm", found.t, mean.kernel_slope)
+    value = np.tensordot(found.t, mean.kernel_slope, 1)
     moves, directions = np.array(mean.kernel_slope), []
     for e, given in zip(elements, found.elements, strict=True):
-        value[e] += np.einsum("ca,cam->cm", given.coefficients(found.t).reshape(2, -1), basis)
-        moves[:, e] += np.einsum("caj,cam->jcm", _by_component(given.moved), basis)
+        value[e] += _at_lags(given.coefficients(found.t)[:, None], basis)[0]
+        moves[:, e] += _at_lags(given.moved, basis)
         spread = np.zeros((given.root.shape[0], *mean.kernel.shape))
-        spread[:, e] = np.einsum("caj,cam->jcm", _by_component(given.factor), basis)
+        spread[:, e] = _at_lags(given.factor, basis)
         directions.append((spread, np.zeros(spread.shape[:-1])))
     root = np.linalg.cholesky(found.covariance)
-    shared = (np.einsum("ji,j...->i...", root, each) for each in (moves, mean.far_slope))
-    far = np.einsum("c,cek->ek", found.t, mean.far_slope)
+    shared = (np.tensordot(root.T, each, 1) for each in (moves, mean.far_slope))
+    far = np.tensordot(found.t, mean.far_slope, 1)
     return Moved(value, far, [tuple(shared), *directions])
 
 
@@ -75,8 +75,12 @@ def _warnings(signals: KernelSignals) -> tuple[str, ...]:
     )
 
 
-def _by_component(rows: Float[np.ndarray, "a j"]) -> Float[np.ndarray, "2 b j"]:
-    return rows.reshape(2, -1, rows.shape[1])
+def _at_lags(
+    coefficients: Float[np.ndarray, "a j"], basis: Float[np.ndarray, "2 b m"]
+) -> Float[np.ndarray, "j 2 m"]:
+    """Kernels of p and q of the coefficients of their waves."""
+    by_component = coefficients.reshape(2, -1, coefficients.shape[1]).swapaxes(1, 2)
+    return (by_component @ basis).swapaxes(0, 1)
 
 
 def strongest(
@@ -89,4 +93,4 @@ def strongest(
     order = np.argsort(values)[::-1]
     left = 1 - np.cumsum(values[order]) / np.sum(values)
     own = axes[:, order[: int(np.argmax(left < KEPT)) + 1]]
-    return np.einsum("ij,i...->j...", own, kernel), np.einsum("ij,i...->j...", own, far)
+    return np.tensordot(own.T, kernel, 1), np.tensordot(own.T, far, 1)

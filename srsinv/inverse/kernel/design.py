@@ -54,13 +54,9 @@ class KnownInput:
         """The films as they are read at the scan's speed."""
         return self.sensor.output(self.scan).elements
 
-    def recorded_alike(self, rows: Sequence[int]) -> tuple:
-        """What tells the signals of a kernel at these rows from those at others."""
-        films = self._recorded
-        return tuple(
-            (films[row].is_backward, *map(repr, films[row].effects[self.stated[row] :]))
-            for row in rows
-        )
+    def recorded_alike(self, row: int) -> tuple:
+        """What tells the signals of a kernel at this row from those at others."""
+        return tuple(map(repr, self._recorded[row].effects[self.stated[row] :]))
 
     @property
     def effective_friction(self) -> float:

@@ -10,19 +10,18 @@ H and T the precision of t once b is integrated out (Rasmussen and Williams 2006
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-WIDTHS = 0.5, 1.0, 2.0, 4.0  # depths that are tried for the envelope's width,
-FAR_PARTS = 0.03, 1.0  # and what is tried to be left of it far from the load
-LOG_TIMES = np.log(1e4)  # by which a scale may differ from its first guess,
-LOG_LENGTHS = -np.log(10.0), np.log(10.0)  # and the length
 LEAST_WAVE = 1e-9  # of the longest one: shorter waves are left out, as denormal numbers are slow
-STEPS_EACH = 40  # evaluations for each number that is sought
-TOLERANCE = 0.02  # of the logarithms, and 0.05 of the log evidence: no band shows it
+UNSEEN = 1e-3  # r M r of waves that a search leaves out: the evidence has as little of them
+MOST_STEPS = 40
+TOLERANCE = 0.15  # of the log evidence's slope, in standard errors: some 0.01 are left
+FIRST_STEP = 10.0  # standard errors
 
 
 class Products(NamedTuple):
@@ -51,11 +50,6 @@ class Envelope(NamedTuple):
     width_m: float
     far: float
 
-    @classmethod
-    def all_of(cls, depth_m: float) -> list["Envelope"]:
-        """Those that are tried, at a film's depth."""
-        return [cls(each * depth_m, far) for far in FAR_PARTS for each in WIDTHS]
-
 
 class Prior(NamedTuple):
     """The kernels' standard deviation at a lag of zero [C m/N], of p and of q of each element
@@ -72,15 +66,21 @@ class Prior(NamedTuple):
         fall /= np.sqrt((fall[0] ** 2 + np.sum(fall**2)) / 2)  # a cosine and a sine make one
         return np.concatenate([scale * fall for scale in self.scale[element]])
 
+    def length_slope(self, k: Float[np.ndarray, " b"]) -> Float[np.ndarray, " b"]:
+        """d log r / d log l of the waves of p, and of q."""
+        power = np.exp(-2 * k * self.length_m)
+        return self.length_m * (np.sum(k * power) / (power[0] + np.sum(power)) - k)
+
 
 class Given(NamedTuple):
-    """Coefficients of one element given t: L, L^-1 r A^T R^-1 y, and the same of J, of those whose
-    r is not zero."""
+    """Coefficients of one element given t: L, L^-1 r A^T R^-1 y, and the same of J, of those that
+    are `used`."""
 
     root: Float[np.ndarray, "o o"]
     data: Float[np.ndarray, " o"]
     both: Float[np.ndarray, "o c"]
     deviations: Float[np.ndarray, " a"]
+    used: Int[np.ndarray, " o"]
 
     def coefficients(self, t: Float[np.ndarray, " c"]) -> Float[np.ndarray, " a"]:
         """Their mean."""
@@ -98,8 +98,7 @@ class Given(NamedTuple):
 
     def _placed(self, right: Float[np.ndarray, "o i"]) -> Float[np.ndarray, "a i"]:
         whole = np.zeros((self.deviations.size, right.shape[1]))
-        used = self.deviations > 0
-        whole[used] = self.deviations[used, None] * _solved(self.root, right, True)
+        whole[self.used] = self.deviations[self.used, None] * _solved(self.root, right, True)
         return whole
 
 
@@ -118,6 +117,21 @@ class Posterior(NamedTuple):
         covariance = self.covariance[parameters, parameters]
         return self._replace(t=self.t[parameters], covariance=covariance, elements=elements)
 
+    def slopes(self, e: int) -> tuple[Float[np.ndarray, " o"], Float[np.ndarray, "o o"]]:
+        """The log evidence's slope by log r of the coefficients of element e that are used,
+        E[b^2] - 1, and its curvature as expected, 2 (1 - cov b)^2 by entries."""
+        own = self.elements[e]
+        if not own.used.size:
+            return np.zeros(0), np.zeros((0, 0))
+        mean = _solved(own.root, own.data - own.both @ self.t, True)
+        moved = _solved(own.root, own.both @ np.linalg.cholesky(self.covariance), True)
+        lower, _ = scipy.linalg.lapack.dpotri(own.root, lower=1)
+        covariance = lower + lower.T + moved @ moved.T
+        covariance.flat[:: mean.size + 1] -= np.diag(lower)
+        slope = mean**2 + np.diag(covariance) - 1
+        covariance.flat[:: mean.size + 1] -= 1.0
+        return slope, 2 * covariance**2
+
     @property
     def resolved_dof(self) -> float:
         """Effective degrees of freedom: how many of t and b the data determine, one less the
@@ -132,13 +146,18 @@ class Posterior(NamedTuple):
 
 
 def posterior(
-    products: Sequence[Products], prior: Prior, k: Float[np.ndarray, " b"], t0: np.ndarray
+    products: Sequence[Products],
+    prior: Prior,
+    k: Float[np.ndarray, " b"],
+    t0: np.ndarray,
+    unseen: float = 0.0,
 ) -> Posterior:
-    """The posterior under a prior; t is normal about -`t0`."""
+    """The posterior under a prior; t is normal about -`t0`. Waves with r M r up to `unseen` are
+    left out."""
     precision, right, log, given = np.eye(t0.size), -t0, 0.0, []
     for e, own in enumerate(products):
         every = prior.deviations(e, k)
-        used = np.flatnonzero(every)
+        used = np.flatnonzero(every**2 * np.diag(own.waves) > unseen if unseen else every)
         r = every[used]
         matrix = r[:, None] * own.waves[np.ix_(used, used)] * r
         matrix.flat[:: r.size + 1] += 1.0
@@ -149,7 +168,7 @@ def posterior(
         precision = precision + own.physics - both.T @ both
         right = right + own.physics_data - both.T @ data
         log += (data @ data - own.square) / 2 - np.sum(np.log(np.diag(root)))
-        given.append(Given(root, data, both, every))
+        given.append(Given(root, data, both, every, used))
     covariance = np.linalg.inv(precision) if t0.size else precision
     t = covariance @ right
     log += (right @ t - t0 @ t0 + (np.linalg.slogdet(covariance)[1] if t0.size else 0.0)) / 2
@@ -162,41 +181,52 @@ def likeliest(
     k: Float[np.ndarray, " b"],
     t0: np.ndarray,
     shared: bool,
-    steps_each: int | None = None,
 ) -> tuple[Prior, float]:
     """The prior with the greatest evidence under its envelope, and that.
 
-    `shared`: one factor on all scales of `first`; else one on each. `steps_each`: evaluations for
-    each number, None: as many as any start may need.
+    `shared`: one factor on all scales of `first`; else one on each.
     """
     shape = (1, 1) if shared else first.scale.shape
+    count = int(np.prod(shape))
 
-    def prior_at(logs: np.ndarray) -> Prior:
+    def prior_at(logs: Float[np.ndarray, " c"]) -> Prior:
         factors = np.exp(logs[:-1]).reshape(shape)
         return first._replace(
             scale=first.scale * factors, length_m=float(first.length_m * np.exp(logs[-1]))
         )
 
-    def loss(logs: np.ndarray) -> float:
+    @lru_cache(maxsize=2)
+    def at(logs: tuple[float, ...]) -> tuple[float, np.ndarray, np.ndarray]:
+        """The loss, its slope, and its curvature as expected."""
+        prior = prior_at(np.array(logs))
         try:
-            return -posterior(products, prior_at(logs), k, t0).log_evidence
+            found = posterior(products, prior, k, t0, UNSEEN)
         except np.linalg.LinAlgError:  # a scale so large that rounding decides
-            return np.inf
+            return np.inf, np.zeros(count + 1), np.eye(count + 1)
+        slope, curvature = np.zeros(count + 1), np.zeros((count + 1, count + 1))
+        for e, given in enumerate(found.elements):
+            own, among = found.slopes(e)
+            by_logs = np.zeros((2 * k.size, count + 1))
+            for c, rows in enumerate((slice(0, k.size), slice(k.size, None))):
+                by_logs[rows, 0 if shared else 2 * e + c] = 1.0
+                by_logs[rows, -1] = prior.length_slope(k)
+            by_logs = by_logs[given.used]
+            slope += own @ by_logs
+            curvature += by_logs.T @ among @ by_logs
+        return -found.log_evidence, -slope, curvature
 
-    count = int(np.prod(shape)) + 1
+    # In units of standard errors of the logarithms a slope tells how much evidence is left.
+    start = at((0.0,) * (count + 1))[2] + np.eye(count + 1)
+    units = np.linalg.inv(np.linalg.cholesky(start)).T
     found = scipy.optimize.minimize(
-        loss,
-        np.zeros(count),
-        method="Nelder-Mead",
-        bounds=[(-LOG_TIMES, LOG_TIMES)] * (count - 1) + [LOG_LENGTHS],
-        options={"xatol": TOLERANCE, "fatol": 0.05, "maxfev": (steps_each or STEPS_EACH) * count,
-                 "initial_simplex": _simplex(count, 0.3 if steps_each else 1.0)},
-    )  # fmt: skip
-    return prior_at(found.x), -float(found.fun)
-
-
-def _simplex(count: int, size: float) -> Float[np.ndarray, "v c"]:
-    return size * np.concatenate([np.zeros((1, count)), np.diag([1.0] * (count - 1) + [0.4])])
+        lambda x: at(tuple(units @ x))[0],
+        np.zeros(count + 1),
+        jac=lambda x: units.T @ at(tuple(units @ x))[1],
+        hess=lambda x: units.T @ at(tuple(units @ x))[2] @ units,
+        method="trust-exact",
+        options={"gtol": TOLERANCE, "maxiter": MOST_STEPS, "initial_trust_radius": FIRST_STEP},
+    )
+    return prior_at(units @ found.x), -float(found.fun)
 
 
 def _solved(root: np.ndarray, right: np.ndarray, transposed: bool = False) -> np.ndarray:

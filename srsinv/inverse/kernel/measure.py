@@ -1,15 +1,14 @@
 """The measured kernel of a sensor: passes over a known input, averaged, and regularised.
 
 The signals are known input times kernel (design.py), the kernel a Gaussian process of the physics'
-smoothness (lags.py) whose scale, length and envelope the evidence sets (evidence.py). About zero it
+smoothness (lags.py) whose scale, length and envelope the evidence sets (choice.py). About zero it
 is the kernel that the data alone give (Howe and Cutkosky 1993, Section IV-B). About a theory
 whose parameters are fitted with it, it is what the theory leaves (Kennedy and O'Hagan 2001): where
 the theory is right the evidence takes the scale of the rest to nothing, else the data have the
 word.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -20,20 +19,20 @@ from ...grid import Open
 from ..line_problem import LineProblem
 from ..problem import Problem
 from .answer import Moved, as_kernel, moved
+from .choice import Place, choose
 from .design import KnownInput, stated_effects
-from .evidence import Envelope, Prior, Products, likeliest, posterior
+from .evidence import Prior, posterior
 from .lags import LEAST_REACH, REACH, Lags
 from .means import far_field, theory
 from .measured import MeasuredKernel
 from .physics import Physics, default_parameters
-from .signals import KernelSignals
+from .signals import About, KernelSignals
 
 FIRST_REST = (
     0.03  # of the theory's largest value: where the search for the scale of the rest starts
 )
-MOST_ROUNDS = 6
-FARS = 0.1, 1.0  # of the stated kernel, by which the far field may be off: the evidence chooses
-ONWARDS = 12  # evaluations for each number of the prior, where a like one is known
+MOST_ROUNDS = 10
+FREE_ROUNDS = 2  # in which the envelope is sought, as two may take turns
 SETTLED = 0.05  # standard errors by which a round moves the parameters at most
 
 
@@ -107,19 +106,13 @@ def _reach(known: KnownInput) -> float:
 
 def _of_data(signals: KernelSignals) -> MeasuredKernel:
     """The kernel that the data alone give: element by element, as nothing is common to them."""
-    mean, depth = far_field(signals), signals.lags.depth_m
+    mean = far_field(signals)
     none = np.zeros(len(mean.far_slope))
-    products = {each: signals.products(each, mean) for each in Envelope.all_of(depth)}
+    shared = not signals.has_both_ways  # passes of one way do not tell scales apart
     whole, stats = Moved(np.array(mean.kernel), np.array(mean.far), []), {}
     evidence = resolved = 0.0
-    for e in signals.elements:
-        first = next(iter(products))
-        prior = Prior(_first_scale(signals, products[first][e], e), depth, first)
-        own = {envelope: [each[e]] for envelope, each in products.items()}
-        best = max(
-            (_best_envelope(signals, own, prior, none, far) for far in FARS),
-            key=lambda each: each.evidence,
-        )
+    for e, about in zip(signals.elements, signals.about(mean), strict=True):
+        best = choose([about], _first_prior(about), Place(), none, shared)
         found = posterior(best.products, best.prior, signals.k, none)
         rows = slice(2 * e, 2 * e + 2)  # of the parameters: the far fields of this element
         part = mean.scaled(best.units).of(rows)
@@ -132,64 +125,31 @@ def _of_data(signals: KernelSignals) -> MeasuredKernel:
     return as_kernel(signals, whole, {}, stats)
 
 
-def _first_scale(signals: KernelSignals, own: Products, element: int) -> Float[np.ndarray, "1 2"]:
-    """Scales under which the process would make the data's power, in the ratio of the stated
-    kernels: passes of one way do not tell it."""
-    peak = np.abs(signals.stated_kernel[element]).max(axis=-1)
+def _first_prior(about: About) -> Prior:
+    """One under which the process would make the data's power, p and q in the ratio of the stated
+    kernels."""
+    signals = about.signals
+    peak = np.abs(signals.stated_kernel[about.element]).max(axis=-1)
     depth = signals.lags.depth_m
-    unit = Prior(peak[None], depth, Envelope(depth, 1.0)).deviations(0, signals.k)
-    power = float(np.diag(own.waves) @ unit**2)
-    return peak[None] * np.sqrt(own.square / max(power, float(np.finfo(float).tiny)))
-
-
-class _Best(NamedTuple):
-    """The likeliest prior with its evidence, and the products under it, of parameters in these
-    `units` (c,)."""
-
-    evidence: float
-    prior: Prior
-    products: list[Products]
-    units: Float[np.ndarray, " c"]
-
-
-def _best_envelope(
-    signals: KernelSignals,
-    products: Mapping[Envelope, list[Products]],
-    first: Prior,
-    t0: Float[np.ndarray, " c"],
-    far: float,
-    shared: bool | None = None,
-) -> _Best:
-    """The likeliest prior over these envelopes, the far fields off by `far`.
-
-    `shared`: see `likeliest`; None: where passes of one way do not tell scales apart.
-    """
-    shared = not signals.has_both_ways if shared is None else shared
-    units, steps = np.ones(t0.size), None
-    units[t0.size - 2 * len(signals.elements) :] = far
-    tried = []
-    for envelope, each in products.items():
-        own = [one.scaled(units) for one in each]
-        start = first._replace(envelope=envelope)
-        first, evidence = likeliest(own, start, signals.k, t0, shared, steps)
-        tried.append(_Best(evidence, first, own, units))
-        steps = ONWARDS
-    return max(tried, key=lambda each: each.evidence)
+    unit = Prior(peak[None], depth, Place().envelope(depth))
+    own = about.under(unit.envelope)
+    power = float(np.diag(own.waves) @ unit.deviations(0, signals.k) ** 2)
+    factor = np.sqrt(own.square / max(power, float(np.finfo(float).tiny)))
+    return unit._replace(scale=factor * unit.scale)
 
 
 def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
     """The kernel about a theory that is fitted with it, linearised in its parameters anew in every
     round."""
     far, depth, unit = far_field(signals), signals.lags.depth_m, physics.deviations
-    values, envelopes = physics.stated, Envelope.all_of(depth)
+    values, place = physics.stated, Place()
     mean = theory(signals, physics, values).beside(far)
     peak = np.abs(mean.kernel).max(axis=-1)
-    prior = Prior(FIRST_REST * peak, depth, envelopes[0])
-    for _ in range(MOST_ROUNDS):
+    prior = Prior(FIRST_REST * peak, depth, place.envelope(depth))
+    for n in range(MOST_ROUNDS):
         t0 = np.concatenate([(values - physics.stated) / unit, np.zeros(len(far.far_slope))])
-        products = {each: signals.products(each, mean) for each in envelopes}
-        best = _best_envelope(signals, products, prior, t0, FARS[0], True)
-        prior, envelopes = best.prior, [best.prior.envelope]
+        best = choose(signals.about(mean), prior, place, t0, True, n < FREE_ROUNDS)
+        prior, place = best.prior, best.place
         found = posterior(best.products, prior, signals.k, t0)
         errors = np.sqrt(np.diag(found.covariance))[: unit.size]
         if np.all(np.abs(found.t[: unit.size]) <= SETTLED * errors):
@@ -197,11 +157,7 @@ def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
         values = physics.within(values + unit * found.t[: unit.size])
         mean = theory(signals, physics, values).beside(far)
     t0 = np.concatenate([(values - physics.stated) / unit, np.zeros(len(far.far_slope))])
-    products = {each: signals.products(each, mean) for each in Envelope.all_of(depth)}
-    best = max(
-        (_best_envelope(signals, products, prior, t0, each) for each in FARS),
-        key=lambda each: each.evidence,
-    )
+    best = choose(signals.about(mean), prior, place, t0, not signals.has_both_ways)
     prior, mean = best.prior, mean.scaled(best.units)
     found = posterior(best.products, prior, signals.k, t0)
     whole = Moved(mean.kernel, mean.far, []).plus(

@@ -1,6 +1,7 @@
 """Signals over a known input as data, and those of kernels, weighed by the noise."""
 
-from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -14,8 +15,8 @@ from .means import Mean
 from .measured import kernels
 
 NYQUIST = 0.9  # of the cells': the shortest wave
-Recorded = tuple[tuple, bytes]
-Waves = tuple[np.ndarray, np.ndarray, np.ndarray]  # their signals, these weighed, and the products
+AT_ONCE = 64  # lags whose signals are weighed together, as memory goes
+Alike = tuple[tuple, bytes]
 
 
 class KernelSignals:
@@ -30,6 +31,7 @@ class KernelSignals:
         data = np.asarray(known.problem.data + known.problem.mean_signal, float)
         self.data = np.where(self._observed, data, 0.0)
         self.stated_kernel = self.kernels_of(stated)
+        self._products: dict[tuple[int, Envelope], np.ndarray] = {}
 
     @property
     def elements(self) -> range:
@@ -77,50 +79,84 @@ class KernelSignals:
             rows.append(factor * self.known.signals(self.lags, own, row)[0])
         return np.stack(rows)
 
-    def products(self, envelope: Envelope, mean: Mean) -> list[Products]:
-        """What the evidence goes by, of each element, with kernels about a mean."""
-        waves: dict[Recorded, Waves] = {}
-        return [self._products_of(e, envelope, mean, waves) for e in self.elements]
-
-    def _products_of(
-        self, element: int, envelope: Envelope, mean: Mean, waves: dict[Recorded, Waves]
-    ) -> Products:
-        rows = self.known.rows_of(element)
-        # Elements that are recorded alike have the same signals of the waves.
-        key = self.known.recorded_alike(rows), self._noise_of(rows)
-        if key not in waves:
-            signals = self._signals_of_waves(rows, envelope)
-            weighed = self._weights(signals)[:, rows].reshape(len(signals), -1)
-            flat = signals[:, rows].reshape(len(signals), -1)
-            products = flat @ weighed.T
-            waves[key] = flat, weighed, (products + products.T) / 2
-        flat, weighed, products = waves[key]
+    def about(self, mean: Mean) -> list["About"]:
+        """The data about a mean at the lags, of each element."""
         others = np.concatenate([(self.data - mean.signal)[None], mean.signal_slope])
         others = np.where(self._observed, others, 0.0)
-        rest = others[:, rows].reshape(len(others), -1)
-        heavy = self._weights(others)[:, rows].reshape(len(others), -1)
-        both, own = weighed @ rest.T, rest @ heavy.T
-        return Products(
-            products, both[:, 0], both[:, 1:], own[1:, 1:], own[1:, 0], float(own[0, 0])
-        )
+        heavy = self._weights(others)
+        return [self._about(e, others, heavy) for e in self.elements]
 
-    def _noise_of(self, rows: Sequence[int]) -> bytes:
-        """What the weights of these rows are made of."""
+    def _about(self, element: int, others: np.ndarray, heavy: np.ndarray) -> "About":
+        rows = self.known.rows_of(element)
+        at_lags, own = np.zeros((2, self.lags.x_m.size, len(others))), 0.0
+        for row in rows:
+            shown = self._impulses[self._alike(row)].signals @ heavy[:, row].T
+            at_lags += np.stack([shown, self.known.shear(row) * shown])
+            own = own + others[:, row] @ heavy[:, row].T
+        return About(self, element, at_lags, np.asarray(own))
+
+    def products_of_waves(self, element: int, envelope: Envelope) -> Float[np.ndarray, "a a"]:
+        """A R^-1 A^T of the signals A (a, .) of the waves of p and then of q of one element."""
+        key = element, envelope
+        if key not in self._products:
+            rows, (p, q) = self.known.rows_of(element), self.basis(envelope)
+            among = [self._impulses[self._alike(row)].products for row in rows]
+            powers = np.array([self.known.shear(row) for row in rows]) ** np.arange(3)[:, None]
+            pp, pq, qq = np.einsum("ir,rlm->ilm", powers, np.stack(among))
+            across = p @ pq @ q.T
+            self._products[key] = np.block([[p @ pp @ p.T, across], [across.T, q @ qq @ q.T]])
+        return self._products[key]
+
+    @cached_property
+    def _impulses(self) -> dict[Alike, "Impulses"]:
+        """Of the rows that differ in how they are recorded or in their noise."""
+        first = {self._alike(row): row for row in reversed(range(len(self.data)))}
+        return {key: self._impulses_of(row) for key, row in first.items()}
+
+    def _impulses_of(self, row: int) -> "Impulses":
+        signals = self.known.signals(self.lags, np.eye(self.lags.x_m.size), row)
+        signals = np.where(self._observed[row], signals, 0.0)
+        products = []
+        for some in np.array_split(signals, -(-len(signals) // AT_ONCE)):
+            whole = np.zeros((len(some), *self.data.shape))
+            whole[:, row] = some
+            products.append(self._weights(whole)[:, row] @ signals.T)
+        products = np.concatenate(products)
+        return Impulses(signals, (products + products.T) / 2)
+
+    def _alike(self, row: int) -> Alike:
+        """What the signals of a row and their weights are made of."""
         problem = self.known.problem
         noise = np.broadcast_to(np.asarray(problem.noise), (len(self.data), problem.line.k.size))
-        parts = [noise[rows], self._observed[rows]]
+        parts = [noise[row], self._observed[row]]
         for each in (problem.noise_scale, problem.nuisance):
-            parts += [] if each is None else [np.asarray(each)[rows]]
-        return b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
+            parts += [] if each is None else [np.asarray(each)[row]]
+        weights = b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
+        return self.known.recorded_alike(row), weights
 
-    def _signals_of_waves(
-        self, rows: Sequence[int], envelope: Envelope
-    ) -> Float[np.ndarray, "a row n"]:
-        basis = self.basis(envelope)
-        size = basis.shape[1]
-        signals = np.zeros((2 * size, *self.data.shape))
-        for row in rows:
-            shear = self.known.shear(row)
-            signals[:size, row] = self.known.signals(self.lags, basis[0], row)
-            signals[size:, row] = shear * self.known.signals(self.lags, basis[1], row)
-        return np.where(self._observed, signals, 0.0)
+
+class Impulses(NamedTuple):
+    """The signals of one row of kernels that are one at a lag and nothing elsewhere, and their
+    products A R^-1 A^T."""
+
+    signals: Float[np.ndarray, "m n"]
+    products: Float[np.ndarray, "m m"]
+
+
+class About(NamedTuple):
+    """The data about a mean, and the signals of the mean's parameters, of one element: products
+    with signals of kernels at the lags, (2, m, 1 + c), and with each other."""
+
+    signals: KernelSignals
+    element: int
+    at_lags: Float[np.ndarray, "2 m i"]
+    own: Float[np.ndarray, "i i"]
+
+    def under(self, envelope: Envelope) -> Products:
+        """What the evidence goes by, of kernels under an envelope."""
+        own, both = self.own, self.signals.basis(envelope) @ self.at_lags
+        both = both.reshape(-1, len(own))
+        return Products(
+            self.signals.products_of_waves(self.element, envelope),
+            both[:, 0], both[:, 1:], own[1:, 1:], own[1:, 0], float(own[0, 0]),
+        )  # fmt: skip
