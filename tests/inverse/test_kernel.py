@@ -10,10 +10,12 @@ from scipy import stats
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.filter import FirstOrder
+from srsinv.forward.measured import KernelTable, MeasuredFilm
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
 from srsinv.inverse.estimate import relative_error
+from srsinv.inverse.kernel.choice import Place, choose
 from srsinv.inverse.kernel.evidence import Envelope, Prior, Products, likeliest, posterior
 from srsinv.inverse.kernel.file import as_netcdf, load_kernel
 from srsinv.inverse.kernel.lags import Lags
@@ -309,6 +311,35 @@ def test_products_are_those_of_the_signals_of_the_waves(ways):
         np.testing.assert_allclose(found.waves, want, atol=1e-9 * np.abs(want).max())
         data = sum(s @ y for s, y in zip(shown, rest, strict=True))
         np.testing.assert_allclose(found.data, data, atol=1e-9 * np.abs(data).max())
+
+
+def test_no_place_beside_the_chosen_one_is_likelier():
+    signals = KernelSignals(
+        known_input(passes(), STATED, LOAD, MU), STATED, Lags(DEPTH_M, 12 * DEPTH_M)
+    )
+    about, none = signals.about(far_field(signals))[:1], np.zeros(4)
+    first = Prior(np.array([[1e-13, 1e-13]]), DEPTH_M, Place().envelope(DEPTH_M))
+    best = choose(about, first, Place(4.0, 1.0, 1.0), none, shared=False)
+    assert best.place != Place(4.0, 1.0, 1.0)
+    for place in best.place.neighbours:
+        other = choose(about, best.prior, place, none, shared=False, is_free=False)
+        assert other.place == place
+        assert other.evidence < best.evidence + 0.05
+
+
+LINES = {"periodic": LINE, "open": Open(512, 0.03 / 512, -0.015)}
+
+
+@pytest.mark.parametrize("line", LINES.values(), ids=list(LINES))
+def test_signals_of_kernels_are_those_of_films_that_have_them(line):
+    known = known_input(passes(ways=1, line=line), STATED, LOAD, MU)
+    lags = Lags(DEPTH_M, 12 * DEPTH_M)
+    at = lags.x_m / DEPTH_M
+    values = np.stack([np.exp(-(at**2) / 2), 0.7 * at * np.exp(-((at - 0.3) ** 2) / 2)])
+    film = MeasuredFilm.of(films()[0], np.zeros(2), KernelTable.of(lags.x_m, values))
+    want = np.asarray(Sensor([film]).operator(line, SCAN)(np.stack([LOAD, MU * LOAD])))[0]
+    p, q = known.signals(lags, values, 0)
+    np.testing.assert_allclose(p + known.shear(0) * q, want, atol=1e-6 * np.abs(want).max())
 
 
 def test_the_prior_has_its_standard_deviation_at_no_lag():
