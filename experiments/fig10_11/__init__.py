@@ -194,7 +194,7 @@ def _result(
         effects_on=listed(cfg["effects"]), passes=len(means.difference), draws=len(draws),
         stated_depth_m=float(stated.depth_m),
         friction=float(known_input(cfg)["base_friction"]), known_input=cfg["calibration"],
-        skin=test.sensor.skin.words,
+        skin=test.sensor.skin.words, remarks=_remarks(draws),
         **{f"truth_{name}": float(cfg["truth"][name]) for name in ("depth_m", *OF_SENSOR)},
     )  # fmt: skip
     files = {
@@ -239,6 +239,17 @@ def _shares(
     return [means.repeating_share(each) for each in left]
 
 
+def _remarks(draws: list[Draw]) -> str:
+    """What speaks against the measured kernels, in any draw."""
+    said = {
+        f"Of the {name} kernel in some draw: {sentence}"
+        for _, found, _ in draws
+        for name, kernel in found.items()
+        for sentence in kernel.warnings
+    }
+    return " ".join(sorted(said))
+
+
 def _numbers(fitted: MeasuredKernel, passes: int, draws: int) -> dict[str, float]:
     own = {}
     for name, (value, error) in fitted.parameters.items():
@@ -253,4 +264,5 @@ def _title(data: xarray.Dataset) -> str:
         for name in ("theoretical", "measured", "true")
     )
     by_both = f"p is off by {theory} by the theoretical kernel and by {own} by the measured one"
-    return f"{by_both}; the true one leaves {best}"
+    doubtful = " (doubtful)" if data.attrs["remarks"] else ""
+    return f"{by_both}; the true one leaves {best}{doubtful}"

@@ -62,9 +62,11 @@ class Measured(OperatorModel):
     def warnings(self, friction: float | None) -> tuple[str, ...]:
         mu = self.kernel.friction
         is_same = friction is not None and abs(friction - mu) <= SAME_FRICTION
+        residual = self.kernel.of_residual()
         if self.kernel.has_both_ways or is_same:
-            return ()
+            return residual
         return (
+            *residual,
             f"The kernel was measured one way, as K_p + {mu:.3g} K_q, and the scan is inverted "
             "at another friction, where its bands rest on the prior: measure it both ways, or give "
             f"friction={mu:.3g}.",

@@ -24,7 +24,7 @@ def draw_kernels(ds: xarray.Dataset) -> Figure:
             for name in ("response", "response_stderr")
         )
         return plot.panel(
-            {name: own.sel(model=name) for name in ("theory", "kernel")}, looks=LOOKS,
+            {name: own.sel(model=name) for name in ("kernel", "theory")}, looks=LOOKS,
             stderrs={"kernel": error}, within=(-reach, reach), quantity="charge under 1 N/m",
             along="place of the film from the load", title=f"Element {element}: {component}",
         )  # fmt: skip
@@ -38,7 +38,7 @@ def draw_signals(ds: xarray.Dataset) -> Figure:
     def one(row: str) -> plot.Panel:
         fitted = ds["fitted_signal"].sel(row=row)
         lines = {"recorded": ds["signal"].sel(row=row)}
-        lines |= {name: fitted.sel(model=name) for name in ("theory", "kernel")}
+        lines |= {name: fitted.sel(model=name) for name in ("kernel", "theory")}
         return plot.panel(lines, looks=LOOKS, along="position x", title=f"Element {row}")
 
     return plot.panels([one(row) for row in names_of(ds["row"])])

@@ -51,12 +51,13 @@ def two_ways(sensor):
     return dataclasses.replace(sensor, elements=both)
 
 
-def passes(true=TRUE, level=1e-3, seed=0, ways=2, stated=STATED, line=LINE, load=LOAD):
-    """Mean signals over the known load, of a noise level over the signal's rms."""
+def passes(true=TRUE, level=1e-3, seed=0, ways=2, stated=STATED, line=LINE, load=LOAD, noisier=1.0):
+    """Mean signals over the known load, of a noise level over the signal's rms; `noisier` times
+    as much as stated."""
     own, given = (two_ways(each) if ways == 2 else each for each in (true, stated))
     clean = np.asarray(own.operator(line, SCAN)(np.stack([load, MU * load])))
     rms = level * np.sqrt(np.mean(clean**2))
-    data = clean + rms * np.random.default_rng(seed).normal(size=clean.shape)
+    data = clean + noisier * rms * np.random.default_rng(seed).normal(size=clean.shape)
     noise = np.concatenate([[np.inf], np.full(line.k.size - 1, rms**2)])
     return LineProblem.of_sensor(line, given, SCAN, data, noise, known_mean_Pa=(load.mean(), None))
 
@@ -391,6 +392,26 @@ def test_passes_of_a_recording_that_turns():
     assert kernel.has_both_ways
     near = np.abs(kernel.lags.x_m) < 6 * DEPTH_M
     assert slope_error(kernel.value[..., near], of(TRUE, kernel)[..., near]) < 0.03
+
+
+def test_it_says_so_where_it_leaves_more_than_noise(tmp_path):
+    good = measure_kernel(passes(level=1e-2), STATED, LOAD, MU)
+    assert good.warnings == ()
+    assert abs(good.chi2_per_freedom - 1) < 0.2
+    kernel = measure_kernel(passes(level=3e-3, noisier=3.0), STATED, LOAD, MU)
+    assert 6 < kernel.chi2_per_freedom < 12
+    (tmp_path / "kernel.nc").write_bytes(as_netcdf(kernel))
+    for warnings in (kernel.warnings, Measured(tmp_path / "kernel.nc").warnings(None)):
+        assert "times the noise" in warnings[0]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("level", "names"), [(1e-6, ()), (1e-12, ()), (1e-12, None)])
+def test_signals_with_hardly_any_noise_are_no_error(level, names):
+    """What rounding and the far field's model leave is then far above it: the kernel says so."""
+    kernel = measure_kernel(passes(level=level), STATED, LOAD, MU, names)
+    assert slope_error(kernel.value, of(TRUE, kernel)) < 0.005
+    assert "times the noise" in kernel.warnings[0]
 
 
 def test_a_file_holds_all_of_it(measured, tmp_path):

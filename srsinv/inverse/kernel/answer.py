@@ -50,29 +50,20 @@ def as_kernel(
     signals: KernelSignals,
     moved: Moved,
     parameters: Mapping[str, tuple[float, float]],
+    chi2: float,
     stats: Mapping[str, float],
 ) -> MeasuredKernel:
-    """The kernel, its error in the fewest directions."""
+    """The kernel, its error in the fewest directions; `chi2` of what it leaves."""
     known = signals.known
+    freedom = signals.sample_count - stats["resolved_dof"]
     kept = [strongest(*each) for each in moved.directions]
     factors, far_factors = (np.concatenate(each) for each in zip(*kept, strict=True))
     variance = sum(np.sum(each**2, axis=0) for each, _ in moved.directions)
     return MeasuredKernel(
         signals.lags, moved.value, np.sqrt(variance), factors, moved.far, far_factors, parameters,
-        float(known.scan.speed_m_per_s), known.effective_friction, signals.has_both_ways, stats,
-        _warnings(signals),
+        float(known.scan.speed_m_per_s), known.effective_friction, signals.has_both_ways,
+        chi2 / max(freedom, 1.0), freedom, stats,
     )  # fmt: skip
-
-
-def _warnings(signals: KernelSignals) -> tuple[str, ...]:
-    if signals.has_both_ways:
-        return ()
-    mu = signals.known.effective_friction
-    sign = "-" if mu < 0 else "+"
-    return (
-        f"The known input was passed one way, which shows K_p {sign} {abs(mu):.3g} K_q and "
-        "neither alone: pass it both ways, or invert with that friction only.",
-    )
 
 
 def _at_lags(

@@ -18,6 +18,7 @@ import scipy
 from jaxtyping import Float, Int
 
 LEAST_WAVE = 1e-9  # of the longest one: shorter waves are left out, as denormal numbers are slow
+ROUNDED = 16 * np.finfo(float).eps  # of a sum of squares: what rounding leaves of it tells nothing
 UNSEEN = 1e-3  # r M r of waves that a search leaves out: the evidence has as little of them
 MOST_STEPS = 40
 TOLERANCE = 0.15  # of the log evidence's slope, in standard errors: some 0.01 are left
@@ -117,6 +118,15 @@ class Posterior(NamedTuple):
         covariance = self.covariance[parameters, parameters]
         return self._replace(t=self.t[parameters], covariance=covariance, elements=elements)
 
+    def chi2(self, products: Sequence[Products]) -> float:
+        """The square of what the mean leaves of the data, weighed."""
+        t, squares = self.t, 0.0
+        for own, given in zip(products, self.elements, strict=True):
+            b = given.coefficients(t)
+            squares += own.square + b @ own.waves @ b + 2 * b @ own.both @ t + t @ own.physics @ t
+            squares -= 2 * (own.data @ b + own.physics_data @ t)
+        return max(float(squares), 0.0)
+
     def slopes(self, e: int) -> tuple[Float[np.ndarray, " o"], Float[np.ndarray, "o o"]]:
         """The log evidence's slope by log r of the coefficients of element e that are used,
         E[b^2] - 1, and its curvature as expected, 2 (1 - cov b)^2 by entries."""
@@ -160,12 +170,13 @@ def posterior(
         used = np.flatnonzero(every**2 * np.diag(own.waves) > unseen if unseen else every)
         r = every[used]
         matrix = r[:, None] * own.waves[np.ix_(used, used)] * r
-        matrix.flat[:: r.size + 1] += 1.0
+        matrix.flat[:: r.size + 1] += 1.0 + ROUNDED * np.trace(matrix)
         root = scipy.linalg.cholesky(matrix, lower=True, check_finite=False)
         sides = np.column_stack([own.data, own.both])[used]
         solved = _solved(root, r[:, None] * sides)
         data, both = solved[:, 0], solved[:, 1:]
-        precision = precision + own.physics - both.T @ both
+        rounded = ROUNDED * np.diag(np.diag(own.physics))
+        precision = precision + own.physics - both.T @ both + rounded
         right = right + own.physics_data - both.T @ data
         log += (data @ data - own.square) / 2 - np.sum(np.log(np.diag(root)))
         given.append(Given(root, data, both, every, used))

@@ -16,7 +16,7 @@ from .measured import MeasuredKernel
 KEY = "operator.path"
 WANTED = "a kernel.nc that experiment=measure_kernel or fig10_11 wrote"
 EVEN = 1e-6  # of the reach, by which lags may be off
-UNITS = {  # of the columns; of the last four one number each
+UNITS = {  # of the columns; of the last six one number each
     "lag_m": "m",
     "kernel_C_m_per_N": "C m/N",
     "kernel_stderr_C_m_per_N": "C m/N",
@@ -27,6 +27,8 @@ UNITS = {  # of the columns; of the last four one number each
     "speed_m_per_s": "m/s",
     "friction": "1",
     "has_both_ways": "1",
+    "chi2_per_freedom": "1",
+    "degrees_of_freedom": "1",
 }
 
 
@@ -37,7 +39,7 @@ def as_netcdf(kernel: MeasuredKernel) -> bytes:
     columns = (
         kernel.lags.x_m, kernel.value, kernel.stderr, kernel.factors, kernel.far,
         kernel.far_factors, kernel.lags.depth_m, kernel.speed_m_per_s, kernel.friction,
-        kernel.has_both_ways,
+        kernel.has_both_ways, kernel.chi2_per_freedom, kernel.freedom,
     )  # fmt: skip
     variables = {
         name: (f"row_{i}", np.ravel(np.asarray(values, float)), {"units": unit})
@@ -55,13 +57,14 @@ def load_kernel(path: str | os.PathLike[str], key: str = KEY) -> MeasuredKernel:
         f"{name}: the columns of the measured kernel do not fit each other: give {key} {WANTED}.",
     )
     x, value, stderr, factors, far, far_factors, *rest = columns.values()
-    depth, speed, friction, both = (float(each[0]) for each in rest)
+    depth, speed, friction, both, chi2, freedom = (float(each[0]) for each in rest)
     shape = -1, 2, x.size
     whole = value.reshape(shape)
     return MeasuredKernel(
         Lags(depth, float(x[-1])), whole, stderr.reshape(shape),
         factors.reshape(-1, *whole.shape), far.reshape(-1, 2),
-        far_factors.reshape(-1, len(whole), 2), {}, speed, friction, bool(both), {},
+        far_factors.reshape(-1, len(whole), 2), {}, speed, friction, bool(both),
+        chi2, freedom, {},
     )  # fmt: skip
 
 

@@ -110,7 +110,7 @@ def _of_data(signals: KernelSignals) -> MeasuredKernel:
     none = np.zeros(len(mean.far_slope))
     shared = not signals.has_both_ways  # passes of one way do not tell scales apart
     whole, stats = Moved(np.array(mean.kernel), np.array(mean.far), []), {}
-    evidence = resolved = 0.0
+    evidence = resolved = chi2 = 0.0
     for e, about in zip(signals.elements, signals.about(mean), strict=True):
         best = choose([about], _first_prior(about), Place(), none, shared)
         found = posterior(best.products, best.prior, signals.k, none)
@@ -121,8 +121,9 @@ def _of_data(signals: KernelSignals) -> MeasuredKernel:
         stats |= {f"envelope_{e + 1}_m": best.prior.envelope.width_m}
         evidence += found.log_evidence
         resolved += found.resolved_dof
+        chi2 += found.chi2(best.products)
     stats |= {"log_evidence": evidence, "resolved_dof": resolved}
-    return as_kernel(signals, whole, {}, stats)
+    return as_kernel(signals, whole, {}, chi2, stats)
 
 
 def _first_prior(about: About) -> Prior:
@@ -173,4 +174,5 @@ def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
         "log_evidence": found.log_evidence,
         "resolved_dof": found.resolved_dof,
     }
-    return as_kernel(signals, whole, dict(zip(physics.names, pairs, strict=True)), stats)
+    fitted = dict(zip(physics.names, pairs, strict=True))
+    return as_kernel(signals, whole, fitted, found.chi2(best.products), stats)

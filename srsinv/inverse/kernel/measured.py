@@ -14,6 +14,8 @@ from ...forward.film import Film
 from ...forward.measured import KernelTable, MeasuredFilm, integral_of
 from ...forward.sensor import FilmSignal, Sensor
 from ...grid import as_real
+from ..diagnostics import OVER_NOISE
+from ..quality import is_excess
 from ..rig_error import SensorError
 from .lags import Lags
 
@@ -34,7 +36,9 @@ class MeasuredKernel:
       empty of a kernel that rests on the data alone.
     - `speed_m_per_s` at which it was measured, `friction` of the known input, and whether it was
       passed both ways: else only K_p + mu K_q at that mu is measured.
-    - `stats`: further numbers by name; `warnings`: sentences.
+    - `chi2_per_freedom` of what it leaves of the signals over the known input, with so many degrees
+      of `freedom`.
+    - `stats`: further numbers by name.
     """
 
     lags: Lags
@@ -47,8 +51,34 @@ class MeasuredKernel:
     speed_m_per_s: float
     friction: float
     has_both_ways: bool
+    chi2_per_freedom: float
+    freedom: float
     stats: Mapping[str, float]
-    warnings: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against it, as sentences."""
+        return (*self._of_one_way(), *self.of_residual())
+
+    def _of_one_way(self) -> tuple[str, ...]:
+        if self.has_both_ways:
+            return ()
+        sign = "-" if self.friction < 0 else "+"
+        return (
+            f"The known input was passed one way, which shows K_p {sign} {abs(self.friction):.3g} "
+            "K_q and neither alone: pass it both ways, or invert with that friction only.",
+        )
+
+    def of_residual(self) -> tuple[str, ...]:
+        """A warning where it leaves more than noise of the signals over the known input."""
+        if not is_excess(self.chi2_per_freedom, self.freedom, OVER_NOISE):
+            return ()
+        return (
+            f"The kernel leaves {np.sqrt(self.chi2_per_freedom):.2g} times the noise of the "
+            "signals over the known input, so that its bands are too narrow: the input is not as "
+            "stated, passes differ, or the noise is larger than stated, or so small that the far "
+            "field, which is the theory's, shows.",
+        )
 
     def sensor(self, stated: Sensor) -> Sensor:
         """The sensor with this kernel in place of that of its films; beyond the lags it goes over

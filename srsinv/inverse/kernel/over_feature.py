@@ -113,7 +113,6 @@ class FeatureKernel:
             *self.kernel.warnings,
             *self._of_friction(),
             *self._of_rest(),
-            *residual_over_noise(self.residual.chi2_per_freedom, self.residual.freedom),
         )
 
     def _of_friction(self) -> tuple[str, ...]:

@@ -43,6 +43,12 @@ class KernelSignals:
         """Whether each element passed the input both ways."""
         return all(len(self.known.rows_of(e)) > 1 for e in self.elements)
 
+    @property
+    def sample_count(self) -> int:
+        """How many of the samples are not taken by an offset."""
+        problem = self.known.problem
+        return problem.sample_count - problem.has_free_offset * len(self.data)
+
     def kernels_of(self, sensor: Sensor) -> Float[np.ndarray, "e 2 m"]:
         """The kernels of another sensor's films at the lags."""
         return kernels(sensor, sensor.elements, self.lags.x_m)
