@@ -204,7 +204,7 @@ def coverage(mismatch: Mismatch, known: str, passes: int, draws: int) -> dict[st
 
 
 def cases(draws: int) -> list[tuple[str, str, str, int, int]]:
-    """What is measured: study, mismatch, input, passes, draws."""
+    """What is measured: study, mismatch, input, passes, draws (of coverage five times as many)."""
     inputs = [("line", n) for n in (1, 10, 100)] + [("step", n) for n in (10, 100)]
     ours = [("errors", "paper", known, passes, draws) for known, passes in
             [*inputs, ("step", 1), ("ridge", 1), ("ridge", 10), ("ridge", 100)]]  # fmt: skip
@@ -213,24 +213,29 @@ def cases(draws: int) -> list[tuple[str, str, str, int, int]]:
         for name in ("depth and tilt", "blur", "layer")
         for known, passes in inputs
     ]
-    counted = [("coverage", "paper", known, passes, draws) for known, passes in
+    counted = [("coverage", "paper", known, passes, 5 * draws) for known, passes in
                [("line", 10), ("line", 1), ("step", 100)]]  # fmt: skip
     return ours + others + counted
 
 
 def main(draws: int = 200, only: str = "") -> None:
-    """Every case; those that are there already with as many draws are kept."""
-    results: dict[str, Any] = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    """Every case whose name has `only` in it; those that are there already with as many draws are
+    kept."""
     studies: Mapping[str, Any] = {"errors": errors, "coverage": coverage}
-    for study, mismatch, known, passes, count in cases(draws):
-        name = f"{study}, {mismatch}, {known}, {passes}"
-        if only not in name or results.get(name, {}).get("draws", 0) >= count:
+    named = {f"{study}, {mismatch}, {known}, {passes}": (study, mismatch, known, passes, count)
+             for study, mismatch, known, passes, count in cases(draws)}  # fmt: skip
+    for name, (study, mismatch, known, passes, count) in named.items():
+        if only not in name or _results().get(name, {}).get("draws", 0) >= count:
             continue
         own = studies[study](MISMATCHES[mismatch], known, passes, count)
-        results = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-        results[name] = own
-        RESULTS.write_text(json.dumps(results, indent=1) + "\n")
+        results = _results() | {name: own}  # anew, as another may have added to them
+        ordered = {each: results[each] for each in named if each in results}
+        RESULTS.write_text(json.dumps(ordered, indent=1) + "\n")
         print(name, own, flush=True)
+
+
+def _results() -> dict[str, Any]:
+    return json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
 
 
 if __name__ == "__main__":
