@@ -90,8 +90,15 @@ def hum(rng, sizes=(1.0, 0.4)):
     return np.einsum("f,eft->et", sizes, waves)
 
 
-@pytest.mark.parametrize("offset", [0.0, None])
-@pytest.mark.parametrize("path", ["direct", "iterative"])
+@pytest.mark.parametrize(
+    ("path", "offset"),
+    [
+        ("direct", None),
+        pytest.param("iterative", 0.0, marks=pytest.mark.full),
+        pytest.param("direct", 0.0, marks=pytest.mark.claim),
+        pytest.param("iterative", None, marks=pytest.mark.claim),
+    ],
+)
 def test_paths_are_the_dense_posterior(path, offset):
     rng = np.random.default_rng(1)
     signal = NOISE * (rng.normal(size=(2, COUNT)) + 30 * hum(rng))
@@ -114,8 +121,15 @@ def test_paths_are_the_dense_posterior(path, offset):
     assert np.asarray(estimate.stderr)[0, cells] == pytest.approx(own[cells], rel=0.02)
 
 
-@pytest.mark.parametrize("reach", [0.03, 0.3])
-@pytest.mark.parametrize("offset", [0.0, None])
+@pytest.mark.parametrize(
+    ("reach", "offset"),
+    [
+        (0.3, None),
+        pytest.param(0.03, 0.0, marks=pytest.mark.full),
+        pytest.param(0.03, None, marks=pytest.mark.claim),
+        pytest.param(0.3, 0.0, marks=pytest.mark.claim),
+    ],
+)
 def test_drift_costs_no_more_than_the_exact_floor(reach, offset):
     """The expected square of the error of a walk from zero, or from an unknown level, whose rms at
     the end is `reach` of a signal of 100 times the noise."""
@@ -141,7 +155,9 @@ def test_drift_costs_no_more_than_the_exact_floor(reach, offset):
     assert 0.999 < ratio < 1.05
 
 
-@pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(
+    "size", [1.0, *(pytest.param(each, marks=pytest.mark.full) for each in (0.1, 10.0))]
+)
 def test_hum_costs_hardly_any_information(size):
     """The floor with the waves that hum is taken for, beside that without, and the error of what
     the waves do not span."""
@@ -162,6 +178,7 @@ def test_hum_costs_hardly_any_information(size):
     assert ratio < 1.1
 
 
+@pytest.mark.full
 def test_a_rule_chooses_as_without_hum_or_drift():
     rng = np.random.default_rng(5)
     x = SPEED * TIME_S
