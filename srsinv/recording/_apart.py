@@ -24,7 +24,7 @@ import numpy as np
 
 from srsinv.errors import BadInput
 
-from ._guard import DataFile
+from ..files import DataFile
 from ._table import ColumnTable
 from .reader import Reader
 

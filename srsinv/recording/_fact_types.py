@@ -9,7 +9,8 @@ from pydantic_core import PydanticCustomError
 
 from srsinv.errors import is_number
 
-from ._guard import LONGEST_NAME, MOST_COLUMNS, is_broken
+from ..files import is_broken
+from ._table import LONGEST_NAME, MOST_COLUMNS
 from ._units import PER_M, PER_M_PER_S, PER_S
 
 LONGEST_TEXT = 10_000  # characters of a description

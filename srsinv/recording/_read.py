@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from srsinv.errors import choice, refuse
 
+from ..files import path_of, quoted, within_memory
 from ._ahead import store, take_table
 from ._columns import Quantity, column_of, quantity_of, signal_columns, signal_unit, unit_of
 from ._even_times import check_rate
-from ._guard import path_of, quoted, within_memory
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import Sidecars, check_elements, merge

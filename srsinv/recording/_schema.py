@@ -39,7 +39,7 @@ from ._fact_types import (
     Ways,
     is_text,
 )
-from ._guard import LONGEST_NAME
+from ._table import LONGEST_NAME
 
 # Keys that no command line has.
 _SIDECAR_ALONE = ("description", "scan_length_m", "sensor", "skin", "feature", "rig_error")

@@ -17,7 +17,7 @@ import yaml
 
 from srsinv.errors import BadInput, refuse, shown
 
-from ._guard import path_of, read_bytes
+from ..files import path_of, read_bytes
 
 SUFFIXES = (".json", ".yaml", ".yml")
 MOST_BYTES = 2**18  # a thousand elements with all their keys take half of it

@@ -11,7 +11,11 @@ from jaxtyping import Float
 
 from srsinv.errors import BadInput, refuse, shown
 
-from ._guard import LONGEST_NAME, MOST_COLUMNS, MOST_SAMPLES, is_broken, nearest, quoted
+from ..files import is_broken, nearest, quoted
+
+MOST_SAMPLES = 10**8  # of all columns together: 0.8 GB as float64, and a few times that in use
+MOST_COLUMNS = 1_000
+LONGEST_NAME = 200  # characters of a column's name or unit
 
 _LISTED = 20
 _CELL = 40  # characters shown of a cell

@@ -9,8 +9,8 @@ import numpy as np
 
 from srsinv.errors import LARGEST, choice, mapping, number, refuse
 
+from ..files import path_of
 from ._even_times import EvenTimes, even_times
-from ._guard import path_of
 from ._read import MISSING, TIMES_OF_ROWS, load
 from ._recording import MIN_SAMPLES, Recording
 from .formats import BY_SUFFIX

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from srsinv.errors import refuse
 
-from ._guard import path_of, within_memory
+from ..files import path_of, within_memory
 from .formats import BY_SUFFIX
 from .reader import read_table
 

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from srsinv.errors import LARGEST, BadInput, refuse
 
+from ..files import path_of, within_memory
 from ._ahead import take_table
 from ._columns import Quantity, unit_of, unnamed_columns
 from ._described_columns import (
@@ -25,7 +26,6 @@ from ._described_columns import (
     time_unit_or_guess,
     unit_and_reason,
 )
-from ._guard import path_of, within_memory
 from ._health import (
     SHORTEST,
     ClippedSamples,

@@ -4,7 +4,7 @@ import os
 
 from srsinv.errors import refuse
 
-from ._guard import path_of, within_memory
+from ..files import path_of, within_memory
 from ._table import ColumnTable, listing
 from ._units import PER_M
 from .formats import BY_SUFFIX

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from srsinv.errors import BadInput, refuse, shown
 
-from ._guard import DataFile, open_file, quoted
+from ..files import DataFile, open_file, quoted
 from ._table import ColumnTable, listing
 
 _REASON = 200  # characters shown of a reader's own exception

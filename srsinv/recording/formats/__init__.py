@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from srsinv.errors import BadInput, refuse
 
-from .._guard import DataFile, quoted
+from ...files import DataFile, quoted
 from .._table import ColumnTable
 from ..reader import Reader
 from .flac import Flac

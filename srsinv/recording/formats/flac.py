@@ -5,8 +5,8 @@ import numpy as np
 
 from srsinv.errors import BadInput
 
+from ...files import DataFile, quoted
 from .._apart import IsolatedReader
-from .._guard import DataFile, quoted
 from .._table import ColumnTable
 from .wav import UNIT
 

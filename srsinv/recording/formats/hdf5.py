@@ -15,8 +15,8 @@ from h5py import h5pl, h5z  # pyright: ignore[reportAttributeAccessIssue]
 
 from srsinv.errors import BadInput, refuse
 
+from ...files import DataFile, is_broken, quoted
 from .._apart import IsolatedReader
-from .._guard import DataFile, is_broken, quoted
 from .._table import ColumnTable, listing
 
 _Member = TypeVar("_Member", h5py.Dataset, h5py.Group)

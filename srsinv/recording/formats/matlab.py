@@ -2,8 +2,8 @@
 
 import h5py
 
+from ...files import DataFile, quoted
 from .._apart import IsolatedReader
-from .._guard import DataFile, quoted
 from .._table import ColumnTable
 from .hdf5 import attribute, leave_links_out, members, open_hdf5, take
 from .matlab5 import NUMERIC, read_matlab5, vector

@@ -10,7 +10,7 @@ import zlib
 
 import numpy as np
 
-from .._guard import DataFile, quoted
+from ...files import DataFile, quoted
 from .._table import ColumnTable
 
 _HEADER = 128  # bytes, the last two of which give the byte order

@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 from xarray.conventions import decode_cf_variable
 
+from ...files import DataFile, quoted
 from .._apart import IsolatedReader
-from .._guard import DataFile, quoted
 from .._sidecar import parse
 from .._table import ColumnTable
 from .hdf5 import attribute, check_chunks, leave_links_out, members, open_hdf5, why_no_column

@@ -5,8 +5,8 @@ import zipfile
 
 import numpy as np
 
-from .._guard import MOST_COLUMNS, DataFile, quoted
-from .._table import ColumnTable
+from ...files import DataFile, quoted
+from .._table import MOST_COLUMNS, ColumnTable
 from ..reader import Reader
 
 _HEADERS = {

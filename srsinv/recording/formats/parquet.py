@@ -4,8 +4,8 @@ import numpy as np
 
 from srsinv.errors import BadInput
 
+from ...files import DataFile, quoted
 from .._apart import IsolatedReader
-from .._guard import DataFile, quoted
 from .._table import ColumnTable
 
 _TYPE = 40  # characters shown of a column's type

@@ -8,8 +8,8 @@ import numpy as np
 
 from srsinv.errors import BadInput
 
+from ...files import DataFile, quoted
 from .._columns import may_be_signal
-from .._guard import DataFile, quoted
 from .._table import ColumnTable
 from ..reader import Reader
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from srsinv.errors import BadInput, refuse
 
-from .._guard import DataFile, quoted
+from ...files import DataFile, quoted
 from .._table import ColumnTable
 from ..reader import Reader
 from ._numbers import DecimalMark, is_number

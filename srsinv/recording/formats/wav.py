@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from .._guard import DataFile, quoted
+from ...files import DataFile, quoted
 from .._table import ColumnTable
 from ..reader import Reader
 

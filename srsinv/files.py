@@ -1,8 +1,8 @@
-"""Opening of files, data and sidecars alike, under limits.
+"""Opening of files that somebody else may have made, whatever they hold, under limits.
 
 Only regular files are opened, never waited for; the reads of a library's parser are bounded, so
-that no header, however wrong, costs more than the file's own size. The limits on what a file may
-hold are here as well.
+that no header, however wrong, costs more than the file's own size. In a folder of somebody else no
+link is followed.
 """
 
 import difflib
@@ -18,10 +18,12 @@ from typing import Any
 
 from srsinv.errors import BadInput, refuse, shown
 
-MOST_SAMPLES = 10**8  # of all columns together: 0.8 GB as float64, and a few times that in use
-MOST_COLUMNS = 1_000
-LONGEST_NAME = 200  # characters of a column's name or unit
-LARGEST_FILE = 2**32  # bytes: MOST_SAMPLES numbers written to 17 digits, and half as much again
+LARGEST_FILE = 2**32  # bytes: 1e8 numbers written to 17 digits, and half as much again
+_LONGEST = 200  # characters of a path that is shown as it is
+# Opening never waits for a writer, and never makes a terminal the process's own.
+_READ = os.O_RDONLY | sum(
+    getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY")
+)
 _SHOWN = 60  # characters of a name within a sentence
 _COMPARED = 60  # characters of each of two names: the time it takes is their product
 _NEIGHBOURS = 1_000  # files of a folder that are compared for a similar name
@@ -111,14 +113,20 @@ class DataFile(io.BufferedReader):
 
 @contextmanager
 def open_file(
-    path: Path, *, what: str = "file", key: str = "recording.path", most: int = LARGEST_FILE
+    path: Path,
+    *,
+    what: str = "file",
+    key: str = "recording.path",
+    most: int = LARGEST_FILE,
+    below: Path | None = None,
 ) -> Iterator[DataFile]:
     """The file at `path`, which a refusal calls `what` and configuration key `key` names.
 
-    Raises `BadInput` for a path that is absent, no regular file, unreadable, empty or larger than
-    `most` bytes, and at the end for a file that changed while it was read.
+    Of a path `below` a folder no part after that folder may be a link. Raises `BadInput` for a path
+    that is absent, no regular file, unreadable, empty or larger than `most` bytes, and at the end
+    for a file that changed while it was read.
     """
-    with DataFile(_opened(path, what, key), path) as file:
+    with DataFile(_opened(path, what, key, below), path) as file:
         before = os.fstat(file.fileno())
         name = quoted(path.name)
         refuse(before.st_size == 0, f"{name}: the {what} is empty: record or copy it again.")
@@ -135,15 +143,18 @@ def open_file(
         )
 
 
-def read_bytes(path: Path, *, what: str, most: int, key: str | None = None) -> bytes:
+def read_bytes(
+    path: Path, *, what: str, most: int, key: str | None = None, below: Path | None = None
+) -> bytes:
     """All bytes of the file at `path`, which a refusal calls `what` ("sidecar").
 
     Raises `BadInput` as [`open_file`][] does for the file that `key` names; None: `recording.` and
     `what`.
     """
+    key = key or f"recording.{what}"
     with (
         within_memory(path),
-        open_file(path, what=what, key=key or f"recording.{what}", most=most) as file,
+        open_file(path, what=what, key=key, most=most, below=below) as file,
     ):
         content = file.read()
         refuse(
@@ -162,21 +173,23 @@ def within_memory(path: Path) -> Iterator[None]:
     except MemoryError as error:
         size = path.stat().st_size
         raise BadInput(
-            f"{quoted(path.name)}: {size} bytes of file ask for more memory than there is, though "
-            f"up to {MOST_SAMPLES} samples may be read: write it again, or in shorter parts."
+            f"{quoted(path.name)}: {size} bytes of file ask for more memory than there is: write "
+            "it again, or in shorter parts."
         ) from error
 
 
-def _opened(path: Path, what: str, key: str) -> int:
+def _opened(path: Path, what: str, key: str, below: Path | None) -> int:
     """A descriptor of the regular file at `path`.
 
     Checked before it is opened, as opening a pipe or a device has effects; and again by its
     descriptor, as the name may have been given to another file in between.
     """
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
     try:
-        _check_kind(os.stat(path).st_mode, path, what, key)
-        descriptor = os.open(path, flags | getattr(os, "O_BINARY", 0))
+        if below is None:
+            _check_kind(os.stat(path).st_mode, path, what, key)
+            descriptor = os.open(path, _READ)
+        else:
+            descriptor = _opened_below(path, what, key, below)
     except BadInput:
         raise
     except (FileNotFoundError, NotADirectoryError) as error:
@@ -198,9 +211,35 @@ def _opened(path: Path, what: str, key: str) -> int:
     return descriptor
 
 
+def _opened_below(path: Path, what: str, key: str, folder: Path) -> int:
+    """A descriptor of the file at `path` without following a link below `folder`, each of the
+    folders between opened by its own descriptor, so that none can be exchanged meanwhile."""
+    *between, name = path.relative_to(folder).parts
+    if ".." in (*between, name):
+        raise ValueError("leads out of its folder")
+    if os.open not in os.supports_dir_fd:  # Windows, where making a link takes a privilege
+        _check_kind(os.lstat(path).st_mode, path, what, key)
+        return os.open(path, _READ)
+    above = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        for part in between:
+            inner = os.open(part, _READ | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=above)
+            os.close(above)
+            above = inner
+        _check_kind(os.stat(name, dir_fd=above, follow_symlinks=False).st_mode, path, what, key)
+        return os.open(name, _READ | os.O_NOFOLLOW, dir_fd=above)
+    finally:
+        os.close(above)
+
+
 def _check_kind(mode: int, path: Path, what: str, key: str) -> None:
     if not stat.S_ISREG(mode):
-        kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+        kinds = {
+            stat.S_IFDIR: "a folder",
+            stat.S_IFLNK: "a link",
+            stat.S_IFIFO: "a pipe",
+            stat.S_IFSOCK: "a socket",
+        }
         kind = kinds.get(stat.S_IFMT(mode), "a device")
         raise BadInput(
             f"{_shown(path)}: this is {kind} where the {what} is expected: name a regular file by "
@@ -223,7 +262,7 @@ def _no_such_file(path: Path, what: str, key: str) -> str:
 def _shown(path: Path) -> str:
     """A path as it is, its end alone where it is long."""
     text = str(path)
-    text = text if len(text) <= LONGEST_NAME else f"…{text[-_SHOWN:]}"
+    text = text if len(text) <= _LONGEST else f"…{text[-_SHOWN:]}"
     return text if text.isprintable() else ascii(text)
 
 
