@@ -394,14 +394,14 @@ def test_netcdf_says_its_units(tmp_path):
         ("out.npz", {}, ".csv, .nc"),
         ("out", {}, "cannot be written as ''"),
         ("out.nc", {"channels": ("a", "N/m")}, "without '/'"),
-        ("nowhere/out.csv", {}, "in a folder that is there"),
-        ("nowhere/out.nc", {}, "in a folder that is there"),
+        ("nowhere/out.csv", {}, "a folder that is there"),
+        ("nowhere/out.nc", {}, "a folder that is there"),
     ],
 )
 def test_save_is_refused_and_leaves_nothing(tmp_path, name, changes, words):
     with pytest.raises(BadInput) as caught:
         save(recording(**changes), tmp_path / name)
-    assert_one_sentence(caught.value, Path(name).name, words)
+    assert_one_sentence(caught.value, Path(name).stem, words)
     assert os.listdir(tmp_path) == []
 
 
@@ -413,7 +413,7 @@ def test_a_broken_save_leaves_the_old_file(tmp_path, name, monkeypatch):
     def fails(*args, **kwargs):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "replace", fails)
+    monkeypatch.setattr(os, "fsync", fails)
     with pytest.raises(BadInput, match="No space left"):
         save(recording(signal=SIGNAL * 2), tmp_path / name)
     assert (tmp_path / name).read_bytes() == before

@@ -1,41 +1,43 @@
 """Folders of runs and sweeps, which stay unchanged where no job is done."""
 
-import os
+import shlex
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from hydra.core.utils import run_job
 from hydra.types import HydraContext
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
+from ..atomic import opened
 from ..errors import BadInput
 from ..run_folder import (
     FAILURES,
     GATHERED,
     MANIFEST,
-    NEW,
-    Workspace,
+    RunFolder,
     check,
-    listed,
-    listing,
+    described_in,
+    left_by_killed,
     locate,
-    manifest,
+    named,
     strangers,
     writing,
 )
 from .outcome import Outcome
 
-_RECORD = "multirun.yaml"  # of a sweep, as Hydra's sweepers write it
+RECORD = "multirun.yaml"  # of a sweep, as Hydra's sweepers write it
 # What a sweep writes to its folder itself, beside the runs'.
-OF_SWEEPS = {_RECORD, FAILURES, *GATHERED}
+OF_SWEEPS = {RECORD, FAILURES, *GATHERED}
+_MOST_NAMED = 5  # folders that killed runs have left
 
 
 def run(context: HydraContext, task: Callable[[DictConfig], Outcome], config: DictConfig) -> int:
     """One run; its exit code. Raises `BadInput` for a folder that cannot be used."""
     folder = Path(config.hydra.run.dir)
     check(folder)
+    hint_at_remains(folder)
     with no_empty_folders(folder), writing(folder):
         return run_job(
             hydra_context=context,
@@ -50,64 +52,45 @@ def check_sweep(folder: Path) -> None:
     """Raise `BadInput` unless the folder can be written to and is empty or an earlier sweep's, in
     which folders are for the runs to check."""
     place = locate(folder)
-    with writing(folder):
-        ours = _earlier_sweep(place) if place.exists() else {}
-        names = strangers(place, ours or {}) if place.exists() else ()
-        name = next((name for name in names if ours is None or not name.endswith("/")), None)
+    name = None
+    with writing(folder), suppress(FileNotFoundError), opened(place) as descriptor:
+        known = described_in(descriptor)
+        is_sweep = known is not None and RECORD in known["files"] and {*known["files"]} <= OF_SWEEPS
+        names = (each for each in strangers(descriptor) if not (is_sweep and each.endswith("/")))
+        name = next(names, None if is_sweep or known is None else MANIFEST)
     if name is not None:
         raise BadInput(
-            f"cannot sweep into {folder}: it holds {name}, which no sweep of srsinv wrote or which "
-            "was changed since; choose another folder with hydra.sweep.dir=FOLDER, or move that "
-            "file away"
+            f"cannot sweep into {named(folder)}: it holds {named(name)}, which no sweep of "
+            "srsinv wrote or which was changed since; choose another folder with "
+            "hydra.sweep.dir=FOLDER, or move that file away"
         )
 
 
-def _earlier_sweep(place: Path) -> Any:
-    """The files that an earlier sweep wrote to its folder itself, as a manifest lists them; None
-    where there was none."""
-    files = listed(place)
-    if files is not None:
-        return files if _RECORD in files and set(files) <= OF_SWEEPS else None
-    record = place / _RECORD
-    if record.is_symlink() or not record.is_file():
-        return None
-    # Sweeps older than manifests: Hydra's record beside a run.
-    text = record.read_bytes()
-    runs = (path for path in place.iterdir() if path.is_dir() and listed(path) is not None)
-    return listing({_RECORD: text}) if text.startswith(b"hydra:\n") and any(runs) else None
+def hint_at_remains(folder: Path) -> None:
+    """Print on standard error what killed runs have left at a folder, and how to remove it."""
+    left = left_by_killed(folder)
+    if left:
+        names = " ".join(shlex.quote(str(path)) for path in left[:_MOST_NAMED])
+        print(
+            f"srsinv: {len(left)} unfinished by runs that were killed; to remove: rm -r {names}",
+            file=sys.stderr,
+        )
 
 
 @contextmanager
-def recorded(
-    space: Workspace, config: DictConfig, command: str, is_done: Callable[[], bool]
-) -> Iterator[Callable[[Mapping[str, bytes]], None]]:
-    """Hydra's record of a sweep in its folder, with a manifest, and a function that puts what was
-    gathered beside it; all are as they were before unless a job `is_done`."""
-    place = space.folder
-    record = {_RECORD: OmegaConf.to_yaml(config).encode()}
-    typed: Any = OmegaConf.to_container(config, resolve=False)  # a seed may be of each job's own
-
-    def put(files: Mapping[str, bytes]) -> None:
-        # In this order the manifest never disagrees with the files, whenever this ends.
-        for name in OF_SWEEPS:
-            (place / name).unlink(missing_ok=True)
-        (place / MANIFEST).write_bytes(manifest(listing(files), command, typed.get("seed")))
-        (space.path / NEW).mkdir(exist_ok=True)
-        for name, data in files.items():
-            (space.path / NEW / name).write_bytes(data)
-            os.replace(space.path / NEW / name, place / name)
-
-    paths = [place / name for name in (*OF_SWEEPS, MANIFEST)]
-    before = {path: path.read_bytes() for path in paths if path.is_file()}
+def marked(
+    held: RunFolder, put: Callable[[Mapping[str, bytes]], None], has_results: Callable[[], bool]
+) -> Iterator[None]:
+    """`put` the record of a sweep into its folder where that is new: the same command then goes on
+    there, however this one ends. Without results it is taken out at the end."""
+    is_new = described_in(held.descriptor) is None
+    if is_new:
+        put({})
     try:
-        put(record)
-        yield lambda files: put(record | dict(files))
+        yield
     finally:
-        if not is_done():
-            for path in paths:
-                path.unlink(missing_ok=True)
-            for path, data in before.items():
-                path.write_bytes(data)
+        if is_new and not has_results():
+            held.clear()
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
@@ -72,6 +72,12 @@ def apart(work: Callable[[], Value]) -> Value:
     finally:
         threading.stack_size(before)
     return done.result()
+
+
+def uninterrupted(work: Callable[[], None]) -> None:
+    """Run `work`, which takes a moment: a signal that ends the command waits for its end."""
+    with ThreadPoolExecutor(1) as pool:  # signals are handled in the main thread alone
+        pool.submit(work).result()
 
 
 @contextmanager

@@ -27,12 +27,12 @@ from ..aliases import current_override
 from ..config import check_early, sections
 from ..errors import BadInput, refuse
 from ..namespaces import fault_in_plugin, load_job, open_plugins, plugin_files
-from ..run_folder import Workspace, claim
+from ..run_folder import RunFolder, claim
 from .compilation_cache import compilation_cache
 from .folders import run
 from .hydra_settings import check_hydra_settings, check_typed
 from .identity import identity, resolved
-from .interrupts import apart
+from .interrupts import apart, uninterrupted
 from .outcome import DONE, FAULT, REFUSED, Outcome
 from .overrides import check
 from .programs import release_programs
@@ -106,9 +106,9 @@ class LaunchedTask:
             self._take_place()
         folder = Path(HydraConfig.get().runtime.output_dir)
         try:
-            with claim(folder) as workspace:
+            with claim(folder) as held:
                 result, write = apart(lambda: self._run(config))
-                write(workspace)
+                uninterrupted(lambda: write(held))
             _show_result(result, folder)
         except BadInput as refusal:
             return Outcome(say(refusal), str(refusal))
@@ -134,7 +134,7 @@ class LaunchedTask:
         """The command as typed."""
         return shlex.join(["srsinv", *self.flags, *overrides])
 
-    def _run(self, config: DictConfig) -> tuple[Any, Callable[[Workspace], None]]:
+    def _run(self, config: DictConfig) -> tuple[Any, Callable[[RunFolder], None]]:
         """The job's result, and what writes the files of its run."""
         settings = resolved(config)
         known_by = identity(settings, self.config_dir)
@@ -151,7 +151,7 @@ class LaunchedTask:
             command = self.command(HydraConfig.get().overrides.task)
             files = render(result, _record(config), command)
         seed, plugins = settings.get("seed"), plugin_files(settings)
-        return result, lambda space: space.replace(files, command, seed, plugins, known_by)
+        return result, lambda held: held.replace(files, command, seed, plugins, known_by)
 
 
 def _record(config: DictConfig) -> dict[str, str]:

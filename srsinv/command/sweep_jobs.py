@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from .. import __version__
 from ..errors import BadInput, refuse
-from ..run_folder import MANIFEST, described, has
+from ..run_folder import described, has, runs_in
 from .identity import identity, resolved
 
 _NUMBERS = "metrics.json"
@@ -128,9 +128,9 @@ def overrides_of(config: DictConfig) -> list[str]:
 def known_runs(folder: Path) -> dict[str, str]:
     """The places in a sweep's folder of whole runs of this version, by what they are known by."""
     return {
-        name: path.parent.relative_to(folder).as_posix()
-        for path in sorted(folder.rglob(MANIFEST))
-        if (name := _known_by(path.parent)) is not None
+        name: path.relative_to(folder).as_posix()
+        for path in runs_in(folder)
+        if (name := _known_by(path)) is not None
     }
 
 

@@ -3,7 +3,7 @@
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -13,8 +13,9 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
 from ..errors import refuse
-from ..run_folder import FAILURES, GATHERED, hold, recover, writing
-from .folders import check_sweep, no_empty_folders, recorded
+from ..run_folder import FAILURES, GATHERED, hold, writing
+from .folders import RECORD, check_sweep, hint_at_remains, marked, no_empty_folders
+from .interrupts import uninterrupted
 from .launchers import batch_size, outcomes
 from .outcome import DONE, FAULT, REFUSED, Outcome
 from .sweep_jobs import SweepJob, SweepJobs, is_done, known_runs
@@ -39,23 +40,27 @@ def sweep(context: HydraContext, task: Any, config: DictConfig, command: str) ->
         "one by its number",
     )
     check_sweep(folder)
-    with no_empty_folders(folder, inside=True), writing(folder), hold(folder) as space:
-        recover(space.folder)
+    hint_at_remains(folder)
+    with no_empty_folders(folder, inside=True), writing(folder), hold(folder) as held:
         jobs = SweepJobs(context, config, task.config_dir)
         wanted = jobs.wanted()
-        missing = jobs.missing(wanted, space.folder)
+        missing = jobs.missing(wanted, held.place)
         names = {job.configuration for job in wanted}
+        record = {RECORD: OmegaConf.to_yaml(config).encode()}
+        # The seed as typed: it may be of each job's own.
+        seed = cast(dict[str, Any], OmegaConf.to_container(config, resolve=False)).get("seed")
+
+        def put(files: Mapping[str, bytes]) -> None:
+            uninterrupted(lambda: held.put_in({**record, **files}, command, seed))
 
         def has_results() -> bool:
-            return not names.isdisjoint(known_runs(space.folder))
+            return not names.isdisjoint(known_runs(held.place))
 
-        with recorded(space, config, command, has_results) as put:
-            try:
-                failures = _launched(context, task, config, missing, space.folder)
-            finally:
-                recover(space.folder)  # what is left of processes that were killed
-            if has_any := has_results():
-                put(_gathered(space.folder, failures, command))
+        with marked(held, put, has_results):
+            failures = _launched(context, task, config, missing, held.place)
+        if has_any := has_results():
+            check_sweep(folder)  # nothing of the user's came in meanwhile
+            put(_gathered(held.place, failures, command))
     if has_any:
         print(f"{folder.absolute() / GATHERED[1]}\n{folder.absolute()}", flush=True)
     _say(failures, len(wanted))

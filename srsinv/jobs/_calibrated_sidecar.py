@@ -1,9 +1,11 @@
 """The sidecar that a calibration leaves: the recording's own, with what was found in its place."""
 
 import copy
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,8 @@ from ..inverse.problem import Problem
 from ..recording import Reader, Recording, facts_of
 from ._written_files import Target
 
-HEADER = "# Written by srsinv experiment=calibrate: a sidecar (JSON is YAML).\n"
+# The first line of a sidecar: JSON is YAML, and the checksum tells one that was edited by hand.
+HEADER = "# Written by srsinv experiment=calibrate; SHA-256 of the lines below: {}"
 OF_FILE = ("channels", "time_column", "time_unit", "position_column", "position_unit",
            "speed_column", "speed_unit", "signal_unit")  # fmt: skip
 
@@ -86,7 +89,20 @@ def sidecar_of(
     ]
     facts["sensor"] = sensor
     facts["rig_error"] = _uncertainty(calibration, wiring)
-    return HEADER + json.dumps(facts, indent=1, allow_nan=False) + "\n"
+    return _headed(f"{json.dumps(facts, indent=1, allow_nan=False)}\n")
+
+
+def _headed(text: str) -> str:
+    return f"{HEADER.format(hashlib.sha256(text.encode()).hexdigest())}\n{text}"
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file is as `sidecar_of` wrote it."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return text == _headed(text.partition("\n")[2])
 
 
 def _uncertainty(calibration: Calibration, wiring: Wiring) -> dict[str, Any]:
@@ -115,5 +131,5 @@ def _scale(calibration: Calibration, total: Mapping[str, tuple[float, float]], n
 
 SIDECAR = Target(
     "calibration.write", "a sidecar", "calibration", (".yaml", ".yml"),
-    lambda path: path.read_bytes().startswith(HEADER.encode()),
+    _is_own,
 )  # fmt: skip

@@ -1,20 +1,24 @@
 """A file of rows that accuracy_cost has measured: one line of JSON each, written as it is measured,
 so that another call goes on where one has ended, however that ended."""
 
+import errno
 import hashlib
 import json
 import math
 import os
+import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from .. import __version__
 from ..errors import BadInput, refuse
+from ..files import path_of, read_bytes
 from ._cost_trials import CostTrial, Row
 
 MOST_BYTES = 2**26  # of a file: some hundred thousand rows
 _IDENTITY, _ROW = "identity", "row"
+_START = f'{{"{_IDENTITY}": "'.encode()  # of every line
 
 
 class RowFile:
@@ -27,7 +31,7 @@ class RowFile:
     """
 
     def __init__(self, path: str | None, rests_on: Mapping[str, Any]):
-        self._path = None if path is None else Path(path)
+        self._path = None if path is None else path_of(path, "accuracy_cost.rows")
         self._rests_on = rests_on
         self._rows = {} if self._path is None else dict(_read(self._path))
 
@@ -44,8 +48,12 @@ class RowFile:
         content = {_IDENTITY: self._identity(trial), "key": trial.key, _ROW: rest}
         line = json.dumps(content, allow_nan=False, sort_keys=True)
         try:
-            with self._path.open("ab") as file:
-                file.write(f"{line}\n".encode())
+            with open(_appended(self._path), "r+b") as file:
+                size = os.fstat(file.fileno()).st_size
+                file.seek(max(size - 1, 0))
+                # A killed run may have left a row without its end.
+                start = "" if file.read(1) in (b"", b"\n") else "\n"
+                file.write(f"{start}{line}\n".encode())
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
@@ -58,24 +66,38 @@ class RowFile:
 
 
 def _read(path: Path) -> Iterator[tuple[str, Row]]:
-    """Identities and rows; a last line that a killed run has left unfinished is cut off."""
+    """Identities and rows, but not of rows that killed runs have left unfinished."""
     try:
-        path.touch()
-        size = path.stat().st_size
-        refuse(
-            size > MOST_BYTES,
-            f"accuracy_cost.rows: {path} has {size} bytes, more than rows of accuracy_cost ever "
-            "take: name another file.",
-        )
-        content = path.read_bytes()
-        whole = content[: content.rfind(b"\n") + 1]
-        rows = [_parsed(path, n, line) for n, line in enumerate(whole.split(b"\n")[:-1], 1)]
-        if len(whole) < len(content):
-            refuse(not content[len(whole) :].startswith(b"{"), _no_row(path, len(rows) + 1))
-            os.truncate(path, len(whole))
+        os.close(_appended(path))
+        if path.stat().st_size == 0:
+            return
     except OSError as error:
         raise _unusable(path, error) from error
-    yield from rows
+    content = read_bytes(path, what="file of rows", key="accuracy_cost.rows", most=MOST_BYTES)
+    *lines, last = content.split(b"\n")
+    for number, line in enumerate([*lines, *([last] if last else [])], 1):
+        if not _is_cut(line):
+            yield _parsed(path, number, line)
+
+
+def _is_cut(line: bytes) -> bool:
+    """Whether a line is the beginning of a row alone."""
+    try:
+        json.loads(line)
+        return False
+    except (ValueError, RecursionError):
+        return line.startswith(_START) or _START.startswith(line)
+
+
+def _appended(path: Path) -> int:
+    """A descriptor of the file, made where there is none, to read it and add to its end. Raises
+    `OSError` for a link and for what is no plain file."""
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    descriptor = os.open(path, flags, 0o666)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "this is no plain file", str(path))
+    return descriptor
 
 
 def _parsed(path: Path, number: int, line: bytes) -> tuple[str, Row]:

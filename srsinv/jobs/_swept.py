@@ -13,7 +13,7 @@ import xarray
 
 from ..aliases import METRICS, current_name
 from ..report.result import metric_units as units_of_metrics
-from ..run_folder import FAILURES, MANIFEST, described
+from ..run_folder import FAILURES, described, runs_in
 
 _MOST_BYTES = 2**26  # of a file of JSON: beyond it is none of ours
 _MOST_READ = 5  # runs whose arrays are opened, each for metrics that no earlier one has
@@ -32,7 +32,7 @@ class SweptJob:
 
 def swept_jobs(folder: Path, failures: Mapping[str, Any]) -> list[SweptJob]:
     """The runs in `folder` and the jobs that failed, in order of their numbers."""
-    runs = [job for path in folder.rglob(MANIFEST) if (job := _run(folder, path.parent))]
+    runs = [job for path in runs_in(folder) if (job := _run(folder, path))]
     places = {job.place for job in runs}
     failed = [
         SweptJob(

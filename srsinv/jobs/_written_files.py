@@ -1,17 +1,20 @@
 """Files that a job writes where the user names them, beside those of the run's folder."""
 
 import os
-import secrets
+import stat
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..errors import BadInput, refuse
+from ..atomic import write_whole, writing
+from ..errors import refuse
+from ..files import LARGEST_FILE, path_of, read_bytes
 
 
 class Target(NamedTuple):
     """A kind of file, `what`, that `key` of the configuration names: its suffixes, and whether a
-    file that is there already `is_own`, written by an earlier `writer`."""
+    file that is there already `is_own`, as an earlier `writer` wrote it."""
 
     key: str
     what: str
@@ -20,39 +23,45 @@ class Target(NamedTuple):
     is_own: Callable[[Path], bool]
 
 
-def check_target(target: Target, given: Any) -> Path | None:
+@dataclass(frozen=True)
+class WrittenFile:
+    """A place for a file, and what an earlier one of its kind holds there."""
+
+    path: Path
+    earlier: bytes | None
+
+    def write(self, content: bytes) -> None:
+        """Write the file as a whole. Raises `BadInput` where it cannot be written, and where
+        another one has come there since."""
+        write_whole(self.path, content, lambda held: held == self.earlier)
+
+
+def check_target(target: Target, given: Any) -> WrittenFile | None:
     """The file that is named, refused where it cannot be written there or would replace another
     file than an earlier one of its kind."""
     if given is None:
         return None
-    path = Path(str(given)).expanduser()
+    path = path_of(given, target.key)
     refuse(
         path.suffix.lower() not in target.suffixes,
         f"{target.key} is {path.name!r}: {target.what} ends in {' or '.join(target.suffixes)}: "
         "name it so.",
     )
     refuse(
-        not path.parent.is_dir(),
+        not os.path.isdir(path.parent),
         f"{target.key}: there is no folder {str(path.parent)!r}: make it first.",
     )
+    with writing(path):
+        try:
+            is_plain = stat.S_ISREG(path.lstat().st_mode)
+        except FileNotFoundError:
+            return WrittenFile(path, None)
+    earlier = None
+    if is_plain and path.stat().st_size:
+        earlier = read_bytes(path, what=target.what, key=target.key, most=LARGEST_FILE)
     refuse(
-        os.path.lexists(path) and not (path.is_file() and target.is_own(path)),
-        f"{path}: there is a file already that no {target.writer} wrote: choose another name, or "
-        "move it away.",
+        earlier is None or not target.is_own(path),
+        f"{path}: there is a file already that no {target.writer} wrote, or that was changed "
+        "since: choose another name, or move it away.",
     )
-    return path
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write the file as a whole or not at all. Raises `BadInput` where it cannot be written."""
-    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.srsinv")
-    try:
-        scratch.write_bytes(content)
-        os.replace(scratch, path)
-    except OSError as error:
-        raise BadInput(
-            f"{path}: the file cannot be written ({error.strerror or 'write error'}): give a path "
-            "in a folder that can be written to and has room."
-        ) from error
-    finally:
-        scratch.unlink(missing_ok=True)
+    return WrittenFile(path, earlier)

@@ -23,7 +23,7 @@ from ..report.text import quantity_with_error, unit_of
 from . import _facts
 from ._calibrated_sidecar import SIDECAR, sidecar_of, wiring_of
 from ._fit_settings import check_channels, known_feature, rig_settings
-from ._written_files import check_target, write_whole
+from ._written_files import check_target
 
 
 def run(cfg: config.Config) -> Result:
@@ -57,7 +57,7 @@ def run(cfg: config.Config) -> Result:
         result = Result(title, data, sections("calibrate", "fit_recording", "assumed"),
                         {"calibration.yaml": sidecar} if sidecar else {})  # fmt: skip
         if target is not None and sidecar:
-            write_whole(target, sidecar.encode())
+            target.write(sidecar.encode())
         return result
 
 

@@ -25,7 +25,7 @@ from . import _facts
 from ._fit_settings import check, known_feature, names_of, rig_settings
 from ._kernel_plots import draw_kernels, draw_signals
 from ._passes import repeating_share
-from ._written_files import Target, check_target, write_whole
+from ._written_files import Target, check_target
 
 FILE, OFFSETS = "kernel.nc", "element_offsets"
 MODELS = ("theory", "kernel")
@@ -73,7 +73,7 @@ def run(cfg: config.Config) -> Result:
         own = sections("measure_kernel", "assumed", kernels=draw_kernels, signals=draw_signals)
         files = {FILE: content} if content else {}
         if target is not None and content:
-            write_whole(target, content)
+            target.write(content)
         return Result(_title(recording, found, data), data, own, files)
 
 

@@ -1,21 +1,18 @@
 """Writing of a `Recording` to a file that `load` restores bit by bit."""
 
 import csv
-import glob
 import io
 import json
 import math
 import os
-import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from srsinv import lease
+from srsinv.atomic import write_whole, writing
 from srsinv.errors import BadInput, refuse
+from srsinv.files import LARGEST_FILE, read_bytes
 
 from ._recording import POSITION, SPEED, TIME, Recording
 from ._sidecar import SUFFIXES
@@ -46,13 +43,8 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
         "they are read: save the recording as it was loaded.",
     )
     sidecar = _sidecar_text(recording, path)
-    try:
+    with writing(path):
         writer(recording, path, sidecar)
-    except OSError as error:
-        raise BadInput(
-            f"{path}: the file cannot be written ({error.strerror or 'write error'}): give a path "
-            "in a folder that is there, can be written to and has room."
-        ) from error
 
 
 def _sidecar_text(recording: Recording, path: Path) -> str:
@@ -76,15 +68,15 @@ def _save_csv(recording: Recording, path: Path, sidecar: str) -> None:
     writer.writerow([*motion, *recording.channels])
     for row in columns.T.tolist():
         writer.writerow(["" if math.isnan(value) else repr(value) for value in row])
-    with _scratch(path, text.getvalue().encode()) as data, _scratch(beside, facts) as known:
+    content = text.getvalue().encode()
+    if is_new:
+        write_whole(beside, facts)
+    try:
+        write_whole(path, content, lambda earlier: earlier.startswith(content.split(b"\n")[0]))
+    except BadInput:
         if is_new:
-            os.replace(known, beside)
-        try:
-            os.replace(data, path)
-        except OSError:
-            if is_new:
-                beside.unlink()
-            raise
+            beside.unlink()
+        raise
 
 
 def _check_sidecars(path: Path, facts: bytes) -> bool:
@@ -121,14 +113,14 @@ def _save_netcdf(recording: Recording, path: Path, sidecar: str) -> None:
     }
     for channel, signal in zip(recording.channels, recording.signal, strict=True):
         columns[channel] = ("sample", signal, {"units": recording.signal_unit})
-    _check_netcdf(path, f"{sidecar}\n".encode())
+    earlier = _check_netcdf(path, f"{sidecar}\n".encode())
     dataset = xr.Dataset(columns, attrs={"sidecar": sidecar})
-    with _scratch(path, bytes(dataset.to_netcdf(engine="h5netcdf"))) as scratch:
-        os.replace(scratch, path)
+    write_whole(path, bytes(dataset.to_netcdf(engine="h5netcdf")), earlier.__eq__)
 
 
-def _check_netcdf(path: Path, facts: bytes) -> None:
-    """Refuse to replace a file not written by `save`, and to write beside another's sidecar."""
+def _check_netcdf(path: Path, facts: bytes) -> bytes | None:
+    """What the file to replace holds. Raises `BadInput` for a file that `save` has not written, and
+    where there is a sidecar of another recording."""
     beside = [p for suffix in SUFFIXES if os.path.lexists(p := path.with_suffix(suffix))]
     other = next((p for p in beside if not p.is_file() or p.read_bytes() != facts), None)
     refuse(
@@ -137,8 +129,9 @@ def _check_netcdf(path: Path, facts: bytes) -> None:
         "recording's: choose another name, or move it away.",
     )
     if not os.path.lexists(path):
-        return
+        return None
     try:
+        content = read_bytes(path, what="recording", key="path", most=LARGEST_FILE)
         existing = read_table(path, BY_SUFFIX)
         channels = existing.sidecar.get("channels") or ()
         is_saved = {*existing.columns} - {TIME, SPEED, POSITION} == {*channels}
@@ -149,6 +142,7 @@ def _check_netcdf(path: Path, facts: bytes) -> None:
         f"{path}: there is a file already that is no such recording saved before: choose another "
         "name, or move it away.",
     )
+    return content
 
 
 def _motion(recording: Recording) -> dict[str, tuple[np.ndarray, str]]:
@@ -157,26 +151,6 @@ def _motion(recording: Recording) -> dict[str, tuple[np.ndarray, str]]:
     if recording.measured_position_m is not None:
         columns[POSITION] = (recording.measured_position_m, "m")
     return columns
-
-
-@contextmanager
-def _scratch(path: Path, data: bytes) -> Iterator[Path]:
-    """A file of `data` beside `path`, to take its place; removed at the end, with any left by
-    killed processes."""
-    for left_over in path.parent.glob(f".{glob.escape(path.name)}.*.srsinv"):
-        with suppress(OSError):  # another user's
-            if (lock := lease.take(left_over)) is not None:
-                with lock:
-                    left_over.unlink(missing_ok=True)
-    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.srsinv")
-    if (lock := lease.take(scratch)) is None:  # another process's clean-up was quicker
-        raise BlockingIOError(f"{scratch} is locked")
-    with lock:
-        try:
-            scratch.write_bytes(data)
-            yield scratch
-        finally:
-            scratch.unlink(missing_ok=True)
 
 
 _WRITERS = {".csv": _save_csv, ".nc": _save_netcdf}

@@ -1,139 +1,249 @@
-"""Exclusive access to a run's folder: one run at a time, and only over an earlier run."""
+"""Exclusive access to a run's folder, and replacement of an earlier run in it as a whole."""
 
 import errno
+import fcntl
+import itertools
 import os
-import time
-from collections.abc import Iterable, Iterator
+import stat
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
-from srsinv import lease
+from srsinv.atomic import (
+    exchange,
+    is_scratch,
+    open_folder,
+    opened,
+    remove,
+    remove_files,
+    scratch_folder,
+    scratch_name,
+)
 from srsinv.errors import BadInput, refuse
 
-from ._manifest import check_ours, listed
-from ._names import CONTENTS, LOCK, WORKSPACE, is_workspace, workspaces
-from ._place import REMEDY, locate, writing
-from ._workspace import Workspace
+from ._manifest import MANIFEST, check_ours, listing, listings, manifest
+from ._place import REMEDY, locate, named, writing
 
-OUTPUTS = "outputs"  # default folder of runs, as OUTPUTS/NAME/TIME[_sweep/NUMBER]
-_PATIENCE_S = 2.0  # for a lock: clearing up after another run takes milliseconds
-_POLL_S = 0.05
+_FIRST = "first"  # in a folder of what is put in one by one: the manifest until all are
+_LOOKED_AT = 10_000  # entries of a folder among which those that killed runs left are looked for
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """A folder that is locked against other runs.
+
+    - `place`: its path, without links.
+    - `descriptor`: of the folder that stood there when it was locked.
+    """
+
+    place: Path
+    descriptor: int
+
+    def replace(
+        self,
+        files: Mapping[str, bytes],
+        command: str,
+        seed: Any,
+        plugins: Mapping[str, str] | None = None,
+        configuration: str | None = None,
+    ) -> None:
+        """Replace all files of an earlier run by `files` (contents by name, with slashes) and their
+        manifest, which has the SHA-256 of `plugins` and of the resolved `configuration`, too.
+
+        The current folder, one that is mounted and one beside which nothing can be made get the
+        files one by one. Raises `BadInput` where they cannot be written, and where the folder has
+        files that no run wrote.
+        """
+        record = manifest(listing(files), command, seed, plugins, configuration)
+        with writing(self.place):
+            if not self._swap({**files, MANIFEST: record}):
+                check_ours(self.descriptor, self.place)
+                self.put_in(files, command, seed, plugins, configuration)
+
+    def put_in(self, files: Mapping[str, bytes], *described: Any) -> None:
+        """Put files into the folder one by one, in place of those that its manifest lists, and
+        their manifest, which is `described` as by `replace`.
+
+        All are written beside first. A manifest that lists what is coming and what is replaced
+        stands there until the last is in, so that the next run knows both for ours.
+        """
+        before: dict[str, str] = {}
+        for each in reversed(listings(self.descriptor)):
+            before |= each
+        new = listing(files)
+        both = {
+            MANIFEST: manifest(new, *described),
+            _FIRST: manifest(new, *described, replaces=before),
+        }
+        refuse(
+            not _is_at(self.descriptor, self.place),
+            f"{named(self.place)} was replaced by something else meanwhile; {REMEDY}",
+        )
+        gone = before.keys() - files.keys()
+        with (
+            writing(self.place),
+            scratch_folder({**files, **both}, self.descriptor) as scratch,
+            opened(scratch, self.descriptor) as source,
+        ):
+            self._move(source, _FIRST, MANIFEST)
+            for name in files:
+                self._move(source, name, name)
+            remove_files(gone, self.descriptor)
+            self._move(source, MANIFEST, MANIFEST)
+
+    def clear(self) -> None:
+        """Remove the files that the folder's manifest lists, and the manifest."""
+        with writing(self.place):
+            names = {MANIFEST, *itertools.chain(*listings(self.descriptor))}
+            remove_files(names, self.descriptor)
+
+    def _move(self, source: int, old: str, new: str) -> None:
+        """Move a file from the folder `source` into this one."""
+        old_path, new_path = Path(old), Path(new)
+        with (
+            opened(old_path.parent, source) as here,
+            opened(new_path.parent, self.descriptor, make=True) as there,
+        ):
+            os.rename(old_path.name, new_path.name, src_dir_fd=here, dst_dir_fd=there)
+
+    def _swap(self, files: Mapping[str, bytes]) -> bool:
+        """Replace the folder as a whole; False where it cannot be renamed."""
+        here, above = Path(os.path.realpath(".")), self.place.parent
+        can_be_renamed = not (self.place in (here, *here.parents) or self.place.is_mount())
+        if not (can_be_renamed and os.access(above, os.R_OK | os.W_OK | os.X_OK)):
+            return False
+        with (
+            opened(above) as parent,
+            scratch_folder(files, parent) as new,
+            opened(new, parent) as folder,
+        ):
+            os.chmod(folder, stat.S_IMODE(os.fstat(self.descriptor).st_mode))
+            try:
+                old = _put_in_place(new, self.place.name, parent)
+            except OSError:  # a mount that does not look like one, or another user's folder
+                return False
+            if old is not None:
+                self._discard(old, new, parent)
+        return True
+
+    def _discard(self, old: str, new: str, parent: int) -> None:
+        """Remove the earlier run, which is now called `old`, or put it back where it holds a file
+        that no run wrote: none can be added any more."""
+        with opened(old, parent) as folder:
+            try:
+                check_ours(folder, self.place)
+            except BadInput:
+                if old != new:
+                    os.rename(self.place.name, new, src_dir_fd=parent, dst_dir_fd=parent)
+                    os.rename(old, self.place.name, src_dir_fd=parent, dst_dir_fd=parent)
+                else:
+                    exchange(old, self.place.name, parent)
+                raise
+            names = {MANIFEST, *itertools.chain(*listings(folder))}
+        with suppress(OSError):  # something came in, and stays
+            remove(old, names, parent)
+
+
+def _put_in_place(new: str, name: str, parent: int) -> str | None:
+    """Give the folder `new` the name `name`; the name of the one that had it, if that holds
+    anything."""
+    try:
+        os.rename(new, name, src_dir_fd=parent, dst_dir_fd=parent)  # over nothing or an empty one
+        return None
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise
+    if exchange(new, name, parent):
+        return new
+    old = scratch_name()
+    os.rename(name, old, src_dir_fd=parent, dst_dir_fd=parent)
+    try:
+        os.rename(new, name, src_dir_fd=parent, dst_dir_fd=parent)
+    except OSError:
+        os.rename(old, name, src_dir_fd=parent, dst_dir_fd=parent)
+        raise
+    return old
 
 
 def check(folder: Path) -> None:
     """Raise `BadInput` unless `folder` can be made or written to, and is empty or holds an earlier
-    run of srsinv, or the remains of one that was killed."""
+    run of srsinv."""
     place = locate(folder)
-    with writing(folder):
-        if place.exists() and not any(map(is_workspace, workspaces(place))):
-            check_ours(place, listed(place) or {})
+    with writing(folder), suppress(FileNotFoundError), opened(place) as descriptor:
+        check_ours(descriptor, place)
 
 
 @contextmanager
-def hold(folder: Path) -> Iterator[Workspace]:
-    """Lock `folder`, which is created, against other runs until the end.
+def hold(folder: Path) -> Iterator[RunFolder]:
+    """Lock `folder`, which is made, against other runs until the end.
 
-    The remains of killed runs in it, beside it or elsewhere under `outputs` are finished or undone
-    first. Raises `BadInput` where another run is at work in it.
+    Raises `BadInput` where another run is at work in it.
     """
     place = locate(folder)
     with writing(folder):
-        _recover_stale(place)
-        place.mkdir(parents=True, exist_ok=True)
-        space, lock = _take_workspace(place)
+        descriptor = _locked(place)
     try:
-        yield space
+        yield RunFolder(place, descriptor)
     finally:
-        try:
-            with writing(folder):
-                for path in filter(is_workspace, workspaces(place)):
-                    Workspace(place, path).recover()
-                    with suppress(OSError):  # its lock is in it
-                        path.rmdir()
-        finally:
-            _give_back(space.path, lock)
+        os.close(descriptor)
 
 
 @contextmanager
-def claim(folder: Path) -> Iterator[Workspace]:
-    """[`hold`][] a folder that is empty or holds an earlier run, for `Workspace.replace`.
+def claim(folder: Path) -> Iterator[RunFolder]:
+    """[`hold`][] a folder that is empty or holds an earlier run, for `RunFolder.replace`.
 
     Raises `BadInput` for a folder that holds anything else, and leaves that as it is.
     """
-    with hold(folder) as space:
+    with hold(folder) as held:
         with writing(folder):
-            check_ours(space.folder, listed(space.folder) or {})
-        yield space
+            check_ours(held.descriptor, held.place)
+        yield held
 
 
-def _take_workspace(place: Path) -> tuple[Workspace, BinaryIO]:
-    """A workspace that is empty, and its lock."""
-    taken = []
-    beside, inside = workspaces(place)
-    try:
-        if not place.is_mount():
-            try:
-                taken.append((beside, _lock(beside, place)))
-            except OSError:  # nothing can be made beside it, or the name is too long
-                if is_workspace(beside):  # another user's
-                    raise
-        if not taken or inside.exists():
-            taken.append((inside, _lock(inside, place)))
-        for path, _ in taken:
-            Workspace(place, path).recover()
-    except BaseException:
-        for path, lock in taken:
-            _give_back(path, lock)
-        raise
-    for path, lock in taken[1:]:
-        _give_back(path, lock)
-    return Workspace(place, taken[0][0]), taken[0][1]
-
-
-def _lock(space: Path, place: Path) -> BinaryIO:
-    latest = time.monotonic() + _PATIENCE_S
+def _locked(place: Path) -> int:
+    """A descriptor of the folder at `place`, with a lock that the process's end releases."""
     while True:
-        space.mkdir(exist_ok=True)
-        with suppress(FileNotFoundError):  # its owner has just removed it
-            if space.is_symlink() or not {*os.listdir(space)} <= CONTENTS:
-                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(space))
-            if (lock := lease.take(space / LOCK)) is not None:
-                return lock
-            refuse(
-                time.monotonic() > latest,
-                f"another run is writing to {place}; wait until it has ended, or {REMEDY}",
-            )
-            time.sleep(_POLL_S)
+        descriptor = open_folder(place, make=True)
+        try:
+            with suppress(OSError):  # without locks the last one to end stays, as a whole
+                _lock(descriptor, place)
+            if _is_at(descriptor, place):
+                return descriptor
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)  # another run has replaced it since it was opened
 
 
-def _give_back(space: Path, lock: BinaryIO) -> None:
-    with lock, suppress(OSError):
-        (space / LOCK).unlink(missing_ok=True)
-        space.rmdir()
+def _lock(descriptor: int, place: Path) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise BadInput(
+            f"another run is writing to {named(place)}; wait until it has ended, or {REMEDY}"
+        ) from error
 
 
-def _recover_stale(place: Path) -> None:
-    """Recover, where possible, the remains of killed runs beside a folder or under `outputs`."""
-    roots = {above for above in (*place.parents, Path.cwd() / OUTPUTS) if above.name == OUTPUTS}
-    name = f".?*{WORKSPACE}"
-    stale = {
-        path for root in roots for depth in range(3) for path in root.glob("*/" * depth + name)
-    }
-    _recover({*stale, *place.parent.glob(name)})
+def _is_at(descriptor: int, place: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), place.lstat())
+    except FileNotFoundError:
+        return False
 
 
-def recover(folder: Path) -> None:
-    """Finish or undo, where possible, what killed runs were writing to folders inside `folder`."""
-    _recover(folder.rglob(f".?*{WORKSPACE}"))
+def left_by_killed(folder: Path) -> list[Path]:
+    """What killed runs have left of the user's beside a folder and in it."""
+    return sorted(path for each in (folder.parent, folder) for path in _left_in(each))
 
 
-def _recover(spaces: Iterable[Path]) -> None:
-    for path in sorted(spaces):
-        folder = path.with_name(path.name[1 : -len(WORKSPACE)])
-        with suppress(OSError, BadInput):
-            if is_workspace(path) and (lock := lease.take(path / LOCK)) is not None:
-                try:
-                    Workspace(folder, path).recover()
-                finally:
-                    _give_back(path, lock)
+def _left_in(folder: Path) -> Iterator[Path]:
+    with suppress(OSError), opened(os.path.realpath(folder)) as descriptor:
+        with os.scandir(descriptor) as entries:
+            names = [each.name for each in itertools.islice(entries, _LOOKED_AT)]
+        for name in filter(is_scratch, names):
+            with suppress(OSError), opened(name, descriptor) as left:
+                if os.fstat(left).st_uid == os.geteuid():
+                    fcntl.flock(left, fcntl.LOCK_EX | fcntl.LOCK_NB)  # or its run is at work
+                    yield folder / name

@@ -1,32 +1,35 @@
-"""Contents of a run's folder: its manifest `run.json`, and files that no run wrote."""
+"""Contents of a run's folder: its manifest `run.json`, and files that no run wrote.
 
-import base64
+A manifest that is found decides on one thing: whether all files of a folder are as a run wrote
+them, so that a new run may take their place. Files are looked up within the folder, never through a
+link.
+"""
+
 import hashlib
 import json
 import os
-import re
-import stat
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from srsinv import __version__
+from srsinv.atomic import SCRATCH, is_scratch, opened, plain_file
 from srsinv.errors import BadInput
 
-from ._names import WORKSPACE, is_workspace
+from ._place import REMEDY, named
 
 MANIFEST = "run.json"
-# Runs of versions that wrote no manifest: the files that identify them (other programs have a
-# .hydra and metrics, too), and those that they wrote.
-_OLDER_SIGNS = (".hydra/config.yaml", "metrics.json", "result.nc", "report.html")
-_OLDER_JOB = re.compile(rb"^job: (srsinv|experiments)\.", re.MULTILINE)
-_OLDER_FILES = re.compile(
-    r"metrics\.json|result\.nc|report\.html|figures/[^/]+\.png"
-    r"|\.hydra/(config|overrides|hydra)\.yaml"
-)
+# In a sweep's folder: what its runs gave, and why others failed.
+GATHERED = ("sweep.nc", "sweep.html")
+FAILURES = "failures.json"
 _KEYS = {"command", "files", "seed", "version"}
-_OPTIONAL = {"configuration", "plugins"}
+_OPTIONAL = {"configuration", "plugins", "replaces"}
 _MOST_BYTES = 2**24  # of a manifest: a hundred thousand files
+# Of all files of a run together: seconds of reading, however many names one huge file has.
+_MOST_READ = 2**33
+
+_DEEPEST = 16  # folders within folders: ours go to two
 
 Listing = Mapping[str, str]  # name within the folder, with slashes, to SHA-256
 
@@ -42,133 +45,159 @@ def manifest(
     seed: Any,
     plugins: Listing | None = None,
     configuration: str | None = None,
+    replaces: Listing | None = None,
 ) -> bytes:
     """The manifest of a run: the version, the command, the seed and every file's SHA-256, and where
-    they are given those of `plugins` and the hash of its resolved `configuration`.
+    they are given those of `plugins` and the hash of its resolved `configuration`. While files are
+    put in one by one, `replaces` lists those that were there before.
 
     The same files, command, seed, plugins and configuration give the same bytes.
     """
     whole = {"command": command, "files": files, "seed": seed, "version": __version__}
-    more = {"plugins": plugins, "configuration": configuration}
-    return _text(whole | {key: value for key, value in more.items() if value})
+    more = {"plugins": plugins or None, "configuration": configuration, "replaces": replaces}
+    return _text(whole | {key: value for key, value in more.items() if value is not None})
 
 
-def listed(folder: Path) -> Listing | None:
-    """The files that a run wrote to `folder`: as its manifest lists them or, of a run older than
-    manifests, as they are there; None where no run of srsinv has been."""
-    if (files := read(folder)) is not None:
-        return files
-    if not all(_is_file(folder / sign) for sign in _OLDER_SIGNS) or _exists(folder / MANIFEST):
-        return None
-    page = (folder / "report.html").read_bytes()
-    if not _OLDER_JOB.search((folder / _OLDER_SIGNS[0]).read_bytes()) or b"srsinv" not in page:
-        return None
-    names = (
-        name for name, _ in _walk(folder, {"figures", ".hydra"}) if _OLDER_FILES.fullmatch(name)
-    )
-    return {
-        name: _sha256(folder / name)
-        for name in names
-        if _is_file(folder / name) and (not name.endswith(".png") or _shows(page, folder / name))
-    }
-
-
-def _shows(page: bytes, figure: Path) -> bool:
-    """Whether a page holds this figure; another one in its folder is the user's."""
-    return base64.b64encode(figure.read_bytes()) in page
-
-
-def read(folder: Path) -> Listing | None:
-    """The listing of the manifest in `folder`; None where there is none that srsinv wrote."""
-    document = described(folder)
-    return None if document is None else document["files"]
+@contextmanager
+def _opened(folder: Path) -> Iterator[int]:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
 
 
 def described(folder: Path) -> dict[str, Any] | None:
-    """The manifest in `folder`; None where there is none that srsinv wrote."""
-    path = folder / MANIFEST
-    if not _is_file(path) or path.stat().st_size > _MOST_BYTES:
-        return None
-    text = path.read_bytes()
+    """The manifest of the whole run in a folder; None where there is none that srsinv wrote."""
     try:
-        document = json.loads(text)
-        keys = document.keys() - _OPTIONAL if isinstance(document, dict) else set()
-        ours = keys == _KEYS and _text(document) == text
+        with _opened(folder) as descriptor:
+            document = described_in(descriptor)
+    except (OSError, ValueError):
+        return None
+    return None if document is None or "replaces" in document else document
+
+
+def runs_in(folder: Path) -> Iterator[Path]:
+    """Folders in `folder`, at any depth, that have a manifest, in order; not what killed runs have
+    left."""
+    paths = (path.parent for path in sorted(folder.rglob(MANIFEST)))
+    return (path for path in paths if not any(map(is_scratch, path.relative_to(folder).parts)))
+
+
+def described_in(folder: int) -> dict[str, Any] | None:
+    """The manifest in a folder; None where there is none that srsinv wrote. With `replaces` in it,
+    not all its files have been put in."""
+    with plain_file(MANIFEST, folder) as file:
+        text = b"" if file is None else file.read(_MOST_BYTES + 1)
+    try:
+        document = json.loads(text) if len(text) <= _MOST_BYTES else None
+        is_ours = (
+            isinstance(document, dict)
+            and document.keys() - _OPTIONAL == _KEYS
+            and _text(document) == text
+            and _is_sound(document)
+        )
     except (ValueError, RecursionError):
         return None
-    files = document["files"] if ours else None
-    return document if isinstance(files, dict) and all(map(_is_name, files)) else None
+    return document if is_ours else None
 
 
-def strangers(folder: Path, *listings: Listing) -> Iterator[str]:
-    """Names of files in `folder` that were not written by the runs of these listings, changed files
-    included, in order; a folder's name ends with a slash and stands for all in it."""
-    names = {name for listing in listings for name in listing}
+def listings(folder: int) -> tuple[Listing, ...]:
+    """The files that runs wrote to a folder, as its manifest lists them: those of the run, and
+    those before where it was stopped while it put them in one by one."""
+    document = described_in(folder) or {}
+    return tuple(document[key] for key in ("files", "replaces") if key in document)
+
+
+def has(folder: Path, name: str, sha256: str | None) -> bool:
+    """Whether a folder has a regular file of this name and this SHA-256."""
+    with _opened(folder) as descriptor:
+        return sha256 is not None and _sha256(descriptor, name, _MOST_READ)[0] == sha256
+
+
+def strangers(folder: int) -> Iterator[str]:
+    """Names of files in a folder that no run wrote, changed files included, in order; a folder's
+    name ends with a slash and stands for all in it."""
+    known, left = listings(folder), _MOST_READ
+    names = {name for listing in known for name in listing}
     folders = {str(above) for name in names for above in PurePosixPath(name).parents}
-    if _exists(folder / MANIFEST) and read(folder) is None:
+    if not known and _exists(MANIFEST, folder):
         yield MANIFEST  # first, as it is why nothing else is known
     for name, is_folder in _walk(folder, folders):
         if is_folder:
             if name not in folders:
                 yield f"{name}/"
-        elif name != MANIFEST and not any(has(folder, name, each.get(name)) for each in listings):
-            yield name
+        elif name != MANIFEST:
+            sha256, size = _sha256(folder, name, left) if name in names else (None, 0)
+            left -= size
+            if sha256 is None or all(each.get(name) != sha256 for each in known):
+                yield name
 
 
-def has(folder: Path, name: str, sha256: str | None) -> bool:
-    """Whether `folder` has a regular file of this name and this SHA-256."""
-    return sha256 is not None and _is_file(folder / name) and _sha256(folder / name) == sha256
+def check_ours(folder: int, place: Path) -> None:
+    """Raise `BadInput` for the first of the `strangers` in a folder, which stands at `place`."""
+    found = next(strangers(folder), None)
+    if found is not None:
+        raise BadInput(_refusal(found, folder, place))
 
 
-def check_ours(folder: Path, *listings: Listing) -> None:
-    """Raise `BadInput` for the first of the `strangers` in `folder`."""
-    name = next(strangers(folder, *listings), None)
-    if name is None:
-        return
-    known = any(name in listing for listing in listings)
-    what = "which was changed since a run wrote it" if known else "which no run of srsinv wrote"
-    raise BadInput(
-        f"cannot write to {folder}: it holds {name}, {what}; choose another folder with "
-        "hydra.run.dir=FOLDER (hydra.sweep.dir with -m), or move that file away"
+def _refusal(name: str, folder: int, place: Path) -> str:
+    what = "which no run of srsinv wrote"
+    if any(name in listing for listing in listings(folder)):
+        what = "which was changed since a run wrote it"
+    elif name.startswith(SCRATCH):
+        what = "which a run that was killed left there"
+    return (
+        f"cannot write to {named(place)}: it holds {named(name)}, {what}; {REMEDY}, or move that "
+        "away"
     )
 
 
-def _text(content: dict[str, Any]) -> bytes:
+def _text(content: Mapping[str, Any]) -> bytes:
     return f"{json.dumps(content, sort_keys=True, indent=2)}\n".encode()
 
 
-def _walk(folder: Path, entered: set[str], above: str = "") -> Iterator[tuple[str, bool]]:
-    """Name, and whether it is a folder, of all in `folder` but its workspace; links are not
-    followed, and only the folders `entered` are traversed."""
-    with os.scandir(folder / above) as entries:
-        children = sorted(entries, key=lambda entry: entry.name)
-    for entry in children:
-        name, is_folder = f"{above}{entry.name}", entry.is_dir(follow_symlinks=False)
-        if name == WORKSPACE and is_workspace(folder / name):
-            continue
-        yield name, is_folder
-        if is_folder and name in entered:
-            yield from _walk(folder, entered, f"{name}/")
+def _is_sound(document: dict[str, Any]) -> bool:
+    """Whether what a manifest lists are names within its folder."""
+    both = (document["files"], document.get("replaces", {}))
+    return all(isinstance(each, dict) and all(map(_is_name, each)) for each in both)
 
 
 def _is_name(name: str) -> bool:
-    """Whether a name stays within its folder."""
+    """Whether a name stays within its folder, and a file can have it."""
     parts = PurePosixPath(name).parts
-    return name == "/".join(parts) != MANIFEST and ".." not in parts and "\0" not in name
-
-
-def _exists(path: Path) -> bool:
-    return os.path.lexists(path)
-
-
-def _is_file(path: Path) -> bool:
-    """Whether there is a regular file at `path` itself, not at the end of a link."""
+    is_inside = name == "/".join(parts) != MANIFEST and ".." not in parts
     try:
-        return stat.S_ISREG(path.lstat().st_mode)
-    except (FileNotFoundError, NotADirectoryError):
+        return is_inside and len(parts) <= _DEEPEST and b"\0" not in os.fsencode(name)
+    except UnicodeError:
         return False
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _exists(name: str, folder: int) -> bool:
+    try:
+        os.stat(name, dir_fd=folder, follow_symlinks=False)
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def _walk(folder: int, entered: set[str], above: str = "") -> Iterator[tuple[str, bool]]:
+    """Name, and whether it is a folder, of all in a folder; links are not followed, and only the
+    folders `entered` are traversed."""
+    with os.scandir(folder) as entries:
+        children = sorted((each.name, each.is_dir(follow_symlinks=False)) for each in entries)
+    for child, is_folder in children:
+        yield f"{above}{child}", is_folder
+        if is_folder and f"{above}{child}" in entered:
+            with opened(child, folder) as inside:
+                yield from _walk(inside, entered, f"{above}{child}/")
+
+
+def _sha256(folder: int, name: str, most: int) -> tuple[str | None, int]:
+    """The SHA-256 of a regular file and its size; None where there is none, or of more than `most`
+    bytes."""
+    with plain_file(name, folder) as file:
+        size = 0 if file is None else os.fstat(file.fileno()).st_size
+        if file is None or size > most:
+            return None, 0
+        return hashlib.file_digest(file, "sha256").hexdigest(), size

@@ -25,7 +25,8 @@ def writing(folder: Path) -> Iterator[None]:
 
 
 def locate(folder: Path) -> Path:
-    """`folder` without links. Raises `BadInput` where it cannot be made or written to."""
+    """`folder` without links. Raises `BadInput` where it cannot be made or written to, and where a
+    link that somebody may have put there leads to a folder that holds anything."""
     with writing(folder):
         try:
             str(folder).encode()
@@ -47,7 +48,21 @@ def locate(folder: Path) -> Path:
         f"cannot write to {named(folder)}: {named(existing)} is not a folder that can be written "
         f"to; {REMEDY}",
     )
+    refuse(
+        place == existing and _has_link(folder.absolute()) and any(place.iterdir()),
+        f"cannot write to {named(folder)}: a link in it leads to {named(place)}, which is not "
+        "empty; name that folder itself, or another, with hydra.run.dir=FOLDER (hydra.sweep.dir "
+        "with -m)",
+    )
     return place
+
+
+def _has_link(path: Path) -> bool:
+    """Whether a path goes through a link in a folder that the user can write to: not the system's
+    own."""
+    return any(
+        each.is_symlink() and os.access(each.parent, os.W_OK) for each in (path, *path.parents)
+    )
 
 
 def _exists(path: Path) -> bool:
@@ -58,7 +73,7 @@ def _exists(path: Path) -> bool:
     return True
 
 
-def named(path: Path) -> str:
+def named(path: Path | str) -> str:
     """A path for a sentence."""
     text = str(path)
     return text if text.isprintable() and len(text) <= _LONGEST else shown(text)

@@ -1,34 +1,34 @@
 """What is run in a process of its own, and ends before its work is done."""
 
-import base64
 import contextlib
 import json
 import os
 import resource
 import signal
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from srsinv import atomic
 from srsinv.__main__ import main
 from srsinv.recording import Recording, save
 from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import WrittenSection
-from srsinv.run_folder import MANIFEST, claim
+from srsinv.run_folder import claim
 
 PAGE = (
     "metrics.json", "result.nc", "report.html", "figures/signal.png", "notes.yaml",
     ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml",
 )  # fmt: skip
 NOBODY = 65534
-# What changes the disk besides writing, and what of that a full one can refuse.
+# What changes the disk, and what of that a full one can refuse.
 CHANGES = {
-    "exit": ("mkdir", "rename", "replace", "unlink", "rmdir", "chmod"),
-    "raise": ("mkdir", "rename", "replace"),
+    "exit": ("mkdir", "rename", "link", "unlink", "rmdir", "chmod", "fsync"),
+    "raise": ("mkdir", "rename", "link", "fsync"),
 }
 
 CONFIG = """\
@@ -95,24 +95,16 @@ def page(folder: Path, value: float) -> None:
         workspace.replace(files, "srsinv", 0)
 
 
-def older(folder: Path) -> None:
-    """Makes a run one of a version that wrote no manifest."""
-    without_manifest(folder)
-    (folder / "notes.yaml").unlink()
-
-
-def without_manifest(folder: Path) -> None:
-    """Takes a run's manifest away, what it is then known by aside."""
-    (folder / MANIFEST).unlink()
-    (folder / ".hydra/config.yaml").write_text("seed: 0\njob: srsinv.jobs.simulate.run\n")
-    images = [base64.b64encode(path.read_bytes()) for path in (folder / "figures").iterdir()]
-    (folder / "report.html").write_bytes(b" ".join([b"srsinv", *images]))
-
-
 def page_here(folder: Path, value: float) -> None:
     """The same in the current folder."""
     os.chdir(folder)
     page(Path("."), value)
+
+
+def page_by_renames(folder: Path, value: float) -> None:
+    """The same on a file system that cannot exchange names."""
+    setattr(atomic, "_renameat2", lambda *_: False)  # noqa: B010
+    page(folder, value)
 
 
 def page_as_nobody(folder: Path, value: float) -> None:
@@ -130,6 +122,7 @@ def recording(path: Path, value: float) -> None:
 
 WORK = {
     "page": page,
+    "page_by_renames": page_by_renames,
     "page_here": page_here,
     "page_as_nobody": page_as_nobody,
     "recording": recording,
@@ -138,38 +131,46 @@ WORK = {
 
 def breaking(work: str, where: Path, value: float, last: int, how: str) -> None:
     """`work`, which comes as far as its change number `last` on the disk: that one fails as on a
-    full disk (`raise`), or the process is killed before it (`exit`). Writes are cut in half.
+    full disk (`raise`), or the process is killed before it (`exit`).
 
     The exit code is 0 where there are fewer changes, 9 killed, 3 failed, 4 done nevertheless.
     """
+
+    def broken() -> None:
+        if how == "exit":
+            os._exit(9)
+        raise OSError(28, "No space left on device")
+
     silent()
-    done = []
-
-    def broken(original, cut=None):
-        def call(*arguments, **settings):
-            done.append(None)
-            if len(done) - 1 != last:
-                return original(*arguments, **settings)
-            if cut:
-                cut(*arguments)
-            if how == "exit":
-                os._exit(9)
-            raise OSError(28, "No space left on device")
-
-        return call
-
-    def half(path, data):
-        write(path, data[: len(data) // 2])
-
-    write = Path.write_bytes
-    setattr(Path, "write_bytes", broken(write, half))  # noqa: B010
-    for name in CHANGES[how]:
-        setattr(os, name, broken(getattr(os, name)))
+    done = interrupted(broken, last, CHANGES[how])
     try:
         WORK[work](where, value)
     except Exception:
         os._exit(3)
     os._exit(0 if len(done) <= last else 4)
+
+
+def interrupted(
+    intervene: Callable[[], Any], at: int, names: Sequence[str], put: Callable = setattr
+) -> list[None]:
+    """Call `intervene` before change number `at` on the disk, by functions that are `put` in the
+    place of the real ones; a list that grows with each change."""
+    done: list[None] = []
+
+    def before(original):
+        def call(*arguments, **settings):
+            done.append(None)
+            if len(done) - 1 == at:
+                intervene()
+            return original(*arguments, **settings)
+
+        return call
+
+    places = [(os, name) for name in names]
+    # Names are exchanged by a call of the system that Python lacks.
+    for module, name in (*places, (atomic, "_renameat2")):
+        put(module, name, before(getattr(module, name)))
+    return done
 
 
 def outcome(value: float) -> Result:
