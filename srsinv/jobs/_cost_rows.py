@@ -74,8 +74,7 @@ def _read(path: Path) -> Iterator[tuple[str, Row]]:
     except OSError as error:
         raise _unusable(path, error) from error
     content = read_bytes(path, what="file of rows", key="accuracy_cost.rows", most=MOST_BYTES)
-    *lines, last = content.split(b"\n")
-    for number, line in enumerate([*lines, *([last] if last else [])], 1):
+    for number, line in enumerate(content.removesuffix(b"\n").split(b"\n"), 1):
         if not _is_cut(line):
             yield _parsed(path, number, line)
 

@@ -130,6 +130,7 @@ def _check_netcdf(path: Path, facts: bytes) -> bytes | None:
     )
     if not os.path.lexists(path):
         return None
+    content = None
     try:
         content = read_bytes(path, what="recording", key="path", most=LARGEST_FILE)
         existing = read_table(path, BY_SUFFIX)
