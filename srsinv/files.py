@@ -171,11 +171,22 @@ def within_memory(path: Path) -> Iterator[None]:
     try:
         yield
     except MemoryError as error:
-        size = path.stat().st_size
+        size, most = path.stat().st_size, _memory_limit()
+        more = f", or allow more (ulimit -v is {most // 1024})" if most else ""
         raise BadInput(
             f"{quoted(path.name)}: {size} bytes of file ask for more memory than there is: write "
-            "it again, or in shorter parts."
+            f"it again, or in shorter parts{more}."
         ) from error
+
+
+def _memory_limit() -> int | None:
+    """Bytes of memory that this process may have at most, or None."""
+    try:
+        import resource  # which not every system has
+    except ImportError:
+        return None
+    soft = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if soft == resource.RLIM_INFINITY else soft
 
 
 def _opened(path: Path, what: str, key: str, below: Path | None) -> int:

@@ -3,7 +3,9 @@
 HDF5's library does either on damaged bytes (in version 2.0, on one in a few hundred damaged chunked
 files). A server is started with the first such file and ends with its caller. It forks for every
 file, which costs milliseconds and is safe where the caller, with jax, is not: it is small and has
-one thread. Where a system cannot fork, the file is read in the caller's process.
+one thread. It says how the forked process ended, as a damaged file, a scheduler and a lack of
+memory each have a remedy of their own. Where a system cannot fork, the file is read in the caller's
+process.
 """
 
 import abc
@@ -12,10 +14,12 @@ import json
 import os
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
 from collections.abc import Iterable
+from contextlib import suppress
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
 from typing import Any
@@ -24,21 +28,26 @@ import numpy as np
 
 from srsinv.errors import BadInput
 
-from ..files import DataFile
-from ._table import ColumnTable
+from ..files import DataFile, quoted
+from ._table import ColumnTable, most_unpacked
 from .reader import Reader
 
 _SECONDS = 5  # of computing that a small file may take
 _BYTES_PER_SECOND = 3 * 10**6  # and how many more bytes a further second: chunks of one value
 _MOST_SECONDS = 60  # of computing that any file may take
 _PATIENCE = 20  # times longer that it may take on a busy machine
-_MEMORY = 2**32  # bytes: the limits on what a file may hold leave a factor of four
+_MEMORY = 2**29  # bytes that a reader may take
+_COPIES = 4  # of all values, that it may take beside these
 _MESSAGE = 2**16  # bytes that ask for a file, of which its name is at most 255
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from srsinv.recording import _apart, formats; "
     "_apart.serve(int(sys.argv[2]), formats.SUFFIXES.values())"
 )
+_ENDED = struct.Struct("=i")  # how a process ended, as `os.waitpid` has it
+_NO_FORK = -1
+_TOO_LONG = (getattr(signal, "SIGXCPU", None), getattr(signal, "SIGALRM", None))
+_OTHERWISE = "save the recording as .csv or .npz, which are read without a process of their own"
 _ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
 
 
@@ -50,23 +59,19 @@ class IsolatedReader(Reader):
         """The table in a file, read in this process."""
 
     def read(self, file: DataFile) -> ColumnTable:
-        """Raises `BadInput` and `MemoryError` as `read_here` does, and `EOFError` for all else."""
+        """Raises `BadInput` and `MemoryError` as `read_here` does, `BadInput` where the process
+        cannot do its work, whatever the file, and `EOFError` for all else."""
         if not hasattr(socket, "send_fds") or not sys.executable:
             return self.read_here(file)
         with _SERVER.lock:
-            receiving, sending = os.pipe()
-            with open(receiving, "rb") as answer:
-                try:
-                    _SERVER.ask(file, type(self), sending)
-                finally:
-                    os.close(sending)
-                return _table(answer)
+            return _SERVER.table(file, type(self))
 
 
-def _table(answer: BufferedReader) -> ColumnTable:
+def _table(answer: BufferedReader) -> ColumnTable | None:
+    """The table that a process wrote, or None where it ended before."""
     said = answer.readline()
     if not said.endswith(b"\n"):
-        raise EOFError("the process that read it ended")
+        return None
     header = json.loads(said)
     if "refused" in header:
         raise BadInput(header["refused"])
@@ -75,15 +80,35 @@ def _table(answer: BufferedReader) -> ColumnTable:
     columns, units = header.pop("columns"), header.pop("units")
     table = ColumnTable(**header)
     for name, kind, size in columns:
-        values = np.empty(size, kind)
 
-        def filled(values: np.ndarray = values) -> np.ndarray:
+        def filled(kind: str = kind, size: int = size) -> np.ndarray:
+            values = np.empty(size, kind)
             if answer.readinto(values.view(np.uint8).data) != values.nbytes:
                 raise EOFError("the process that read it ended")
             return values
 
-        table.take(name, values.shape, values.dtype, filled, units.get(name))
+        table.take(name, (size,), np.dtype(kind), filled, units.get(name))
     return table
+
+
+def _refuse_end(name: str, status: int | None) -> None:
+    """Refuse what a process that read a file ended by, unless it is the file's own fault."""
+    ended = None if status is None or status < 0 else os.waitstatus_to_exitcode(status)
+    if status is None or status == _NO_FORK:
+        raise BadInput(
+            f"{name}: the process that reads it cannot be started: allow more memory and processes "
+            f"(ulimit -v and -u, or the scheduler's), or {_OTHERWISE}."
+        )
+    if ended == -signal.SIGKILL:
+        raise BadInput(
+            f"{name}: the process that read it was killed: allow more memory (the scheduler's), or "
+            f"{_OTHERWISE}."
+        )
+    if ended is not None and -ended in _TOO_LONG:
+        raise BadInput(
+            f"{name}: reading takes longer than a file of this size may: write it again, in larger "
+            "chunks, and check that it is not damaged."
+        )
 
 
 class _Server:
@@ -95,13 +120,54 @@ class _Server:
         self._socket: socket.socket | None = None
         self._owner = 0
 
-    def ask(self, file: DataFile, reader: type[IsolatedReader], sending: int) -> None:
-        """Ask for the file to be read and its table written to descriptor `sending`."""
+    def table(self, file: DataFile, reader: type[IsolatedReader]) -> ColumnTable:
+        """The table in the file, by a reader in a process of its own."""
+        name = quoted(file.path.name)
+        try:
+            answer = self._asked(file, reader)
+        except OSError:
+            self.stop()
+            _refuse_end(name, None)
+            raise
+        table, ended = None, None
+        try:
+            try:
+                with answer:
+                    table = _table(answer)
+            finally:  # closed, on which the process ends if it has not
+                ended = self._ended()
+        except (BadInput, MemoryError):
+            raise
+        except BaseException:  # as Ctrl-C
+            self.stop()
+            raise
+        if table is None:
+            _refuse_end(name, ended)
+            raise EOFError("the process that read it ended")
+        return table
+
+    def _asked(self, file: DataFile, reader: type[IsolatedReader]) -> BufferedReader:
+        """The answer to come to a request for the file's table."""
         if self._process is None or self._process.poll() is not None or self._owner != os.getpid():
             self._start()
         assert self._socket is not None
         message = json.dumps([file.path.name, reader.__name__]).encode()
-        socket.send_fds(self._socket, [message], [file.fileno(), sending])
+        receiving, sending = os.pipe()
+        try:
+            socket.send_fds(self._socket, [message], [file.fileno(), sending])
+        except OSError:
+            os.close(receiving)
+            raise
+        finally:
+            os.close(sending)
+        return open(receiving, "rb")
+
+    def _ended(self) -> int | None:
+        """How the process that read the last file ended; None where the server has ended, too."""
+        assert self._socket is not None
+        with suppress(OSError, struct.error):
+            return _ENDED.unpack(self._socket.recv(_ENDED.size))[0]
+        return None
 
     def _start(self) -> None:
         self.stop()
@@ -120,11 +186,13 @@ class _Server:
         self._owner = os.getpid()
 
     def stop(self) -> None:
-        """Close the socket, on which the server ends, and wait for it if it is this process's
-        own."""
+        """Close the socket, on which the server ends, and end it with what it is at, if it is this
+        process's own."""
         if self._socket is not None:
             self._socket.close()
         if self._process is not None and self._owner == os.getpid():
+            if self._process.poll() is None:
+                os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
         self._process = self._socket = None
 
@@ -137,22 +205,29 @@ def serve(descriptor: int, readers_known: Iterable[Reader]) -> None:
     """Read, each in a process of its own, the files that are asked for, until no process can
     ask; `readers_known`: those that it may be asked to read by."""
     readers = {type(each).__name__: each for each in readers_known}
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended children are not waited for
     with socket.socket(fileno=descriptor) as asked:
         while True:
             message, descriptors, *_ = socket.recv_fds(asked, _MESSAGE, 2)
             if not message:
                 return
-            if os.fork() == 0:
-                asked.close()
+            source, sending = descriptors
+            name, reader = json.loads(message)
+            try:
+                process = os.fork()
+            except OSError:
+                process = _NO_FORK
+            if process == 0:
+                code = 1
                 try:
-                    source, sending = descriptors
-                    name, reader = json.loads(message)
+                    asked.close()
                     _read(name, readers[reader], source, sending)
+                    code = 0
                 finally:
-                    os._exit(0)
+                    os._exit(code)
             for each in descriptors:
                 os.close(each)
+            ended = _NO_FORK if process == _NO_FORK else os.waitpid(process, 0)[1]
+            asked.sendall(_ENDED.pack(ended))
 
 
 def _read(name: str, reader: Any, source: int, sending: int) -> None:
@@ -163,7 +238,10 @@ def _read(name: str, reader: Any, source: int, sending: int) -> None:
             table = reader.read_here(file)
         except BadInput as refusal:
             _say(answer, {"refused": str(refusal)})
-        except MemoryError:
+        except Exception as error:
+            # HDF5 says in words alone that there is no memory.
+            if not isinstance(error, MemoryError) and "alloc" not in str(error):
+                raise
             _say(answer, {"memory": True})
         else:
             parts = {key: value for key, value in vars(table).items() if key != "columns"}
@@ -178,15 +256,21 @@ def _say(answer: BufferedWriter, what: dict[str, Any]) -> None:
 
 
 def _limit(size: int) -> None:
-    """Let the system end this process where it takes too long or too much memory."""
+    """Let the system end this process where it takes too long or too much memory, and sooner where
+    it has limits of its own, which only a privileged process may raise."""
     import resource  # which not every system has
 
+    def lower(kind: int, soft: int, hard: int) -> None:
+        own = resource.getrlimit(kind)[1]
+        most = hard if own == resource.RLIM_INFINITY else min(own, hard)
+        resource.setrlimit(kind, (min(soft, most), most))
+
     seconds = min(_SECONDS + size // _BYTES_PER_SECOND, _MOST_SECONDS)
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    lower(resource.RLIMIT_CPU, seconds, seconds + 1)
+    lower(resource.RLIMIT_CORE, 0, 0)
     signal.alarm(_PATIENCE * seconds)
     used = Path("/proc/self/statm")
     if used.exists():
         pages = int(used.read_text().split()[0])
-        most = pages * resource.getpagesize() + _MEMORY
-        resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
+        most = pages * resource.getpagesize() + _MEMORY + _COPIES * most_unpacked(size)
+        lower(resource.RLIMIT_AS, most, most)

@@ -11,12 +11,15 @@ from jaxtyping import Float
 
 from srsinv.errors import BadInput, refuse, shown
 
-from ..files import is_broken, nearest, quoted
+from ..files import DataFile, is_broken, nearest, quoted
 
 MOST_SAMPLES = 10**8  # of all columns together: 0.8 GB as float64, and a few times that in use
 MOST_COLUMNS = 1_000
 LONGEST_NAME = 200  # characters of a column's name or unit
 
+# Bytes that a file may unpack to: for each that it stores, and whatever it stores. A recording is
+# packed to a tenth at most, and one whose channels are constant is short.
+_MOST_PER_BYTE, _MOST_OF_SMALL = 100, 2**26
 _LISTED = 20
 _CELL = 40  # characters shown of a cell
 
@@ -29,6 +32,11 @@ def listing(names: Iterable[str]) -> str:
     return (shown or "none") + (f" and {more} more" if more > 0 else "")
 
 
+def most_unpacked(stored: int) -> int:
+    """Bytes that the columns of a file of `stored` bytes may take."""
+    return min(_MOST_OF_SMALL + _MOST_PER_BYTE * stored, 8 * MOST_SAMPLES)
+
+
 @dataclass(frozen=True)
 class ColumnTable:
     """The columns of one file, by name: 1-D arrays of real numbers.
@@ -37,7 +45,8 @@ class ColumnTable:
     `sidecar` the file's embedded one; `signals` the columns that are certainly signals. A column of
     text is NaN where its cell is empty and infinite where it holds no finite number, and `texts`
     has the first such cell (empty where there is none). `rows` are the file's numbers of the data
-    rows, where they are not all there.
+    rows, where they are not all there. `stored` is the file's size in bytes, which bounds what the
+    columns may take; None: unbounded.
     """
 
     name: str
@@ -48,6 +57,12 @@ class ColumnTable:
     signals: list[str] = field(default_factory=list)
     texts: dict[str, str] = field(default_factory=dict)
     rows: list[int] | None = None
+    stored: int | None = None
+
+    @classmethod
+    def of(cls, file: DataFile) -> "ColumnTable":
+        """That of an open file, without columns yet."""
+        return cls(quoted(file.path.name), stored=file.size)
 
     def __contains__(self, column: str) -> bool:
         return column in self.columns or column in self.unusable
@@ -75,7 +90,7 @@ class ColumnTable:
             self.leave_out(name, f"holds values of type {shown(str(dtype))[1:-1]}")
         else:
             self.check_name(name)
-            self.check_size(name, shape[0])
+            self.check_size(name, shape[0], dtype.itemsize)
             values = read()
             if values.shape != tuple(shape):
                 raise EOFError("not as many values as stated")
@@ -107,14 +122,22 @@ class ColumnTable:
             f"{MOST_COLUMNS}: keep those of one scan.",
         )
 
-    def check_size(self, name: str, samples: int) -> None:
-        """Refuse a column of `samples` samples where the table's total is too large."""
+    def check_size(self, name: str, samples: int, itemsize: int = 8) -> None:
+        """Refuse a column of `samples` samples, of `itemsize` bytes each, where the table's total
+        is too large, or too large for what the file stores."""
         total = samples + sum(column.size for column in self.columns.values())
         refuse(
             total > MOST_SAMPLES,
             f"{self.name}: column {quoted(name)} states {samples} samples, which brings the file "
             f"above the limit of {MOST_SAMPLES} in all its columns: write the file again, or in "
             "shorter parts.",
+        )
+        size = samples * itemsize + sum(column.nbytes for column in self.columns.values())
+        refuse(
+            self.stored is not None and size > most_unpacked(self.stored),
+            f"{self.name}: column {quoted(name)} states {samples} samples, which brings the file's "
+            f"{self.stored} bytes to {size} unpacked, more than {_MOST_PER_BYTE} for each: write "
+            "the file again, without compression.",
         )
 
     def _check_text(self, what: str, text: str) -> None:

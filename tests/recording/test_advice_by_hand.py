@@ -4,6 +4,7 @@ import math
 import os
 import re
 import shlex
+import signal
 import sys
 import tomllib
 import warnings
@@ -23,11 +24,13 @@ from srsinv.recording._schema import RecordingFacts, _facts_in, check_facts
 from srsinv.recording.channels import channel_findings
 from srsinv.recording.even import check_volts, load_even, load_steady, on_even_times
 from srsinv.recording.flat_columns import load_columns
+from srsinv.recording.formats import BY_SUFFIX
 from srsinv.recording.formats.text import Text
 from srsinv.recording.inspection import inspect
 from srsinv.recording.mains import MainsLine, waves
 from srsinv.recording.preparation import preparation_warnings
 from srsinv.recording.profile import load_profile
+from srsinv.recording.reader import read_table
 from srsinv.recording.template import sidecar_template
 from tests.jobs.run import ROOT, composed, result_of
 from tests.recording.advice import (
@@ -158,6 +161,44 @@ def test_a_recording_is_read_in_parts(tmp_path):
         write_csv(tmp_path / "r.csv", {name: v[part] for name, v in SCAN.items()})
         row = Row("", Case(), Case(), rows=part)
         assert_right(load(tmp_path / "r.csv", reader=Small()), row)
+
+
+NO_PROCESS = {
+    "cannot be started": (None, ".npz"),
+    "was killed": (signal.SIGKILL, ".npz"),
+    "takes longer than a file of this size may": (signal.SIGXCPU, ".h5"),
+}
+
+
+@follows(*NO_PROCESS)
+@pytest.mark.parametrize("says", NO_PROCESS)
+def test_a_process_that_ends_for_no_fault_of_the_file(tmp_path, monkeypatch, says):
+    """It is said so, and the remedy is of another kind than to write the file again as it is."""
+    path, (ended, suffix) = write("hdf5", tmp_path), NO_PROCESS[says]
+    _apart._SERVER.stop()
+    with monkeypatch.context() as broken:
+        if ended is None:
+            broken.setattr(_apart.sys, "executable", "/nonexistent/python")
+        else:
+            broken.setattr(_apart, "_table", lambda answer: None)
+            broken.setattr(_apart._Server, "_ended", lambda self: int(ended))
+        refused(lambda: load(path), says)
+        if suffix == ".npz":
+            assert load(write("npz", tmp_path)).signal.size
+    _apart._SERVER.stop()
+    assert load(path).signal.size
+
+
+@follows("bytes to {} unpacked")
+def test_what_is_packed_more_than_any_recording_is_written_without_compression(tmp_path):
+    """A file of values that were never written states as many as it likes."""
+    zeros = np.zeros(10**7)
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        file.create_dataset("voltage_0_V", zeros.shape, "f8", chunks=True, compression="gzip")
+    refused(lambda: read_table(tmp_path / "r.h5", BY_SUFFIX), "again, without compression")
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        file["voltage_0_V"] = zeros
+    assert read_table(tmp_path / "r.h5", BY_SUFFIX).columns["voltage_0_V"].size == zeros.size
 
 
 # Formats

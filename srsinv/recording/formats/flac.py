@@ -5,10 +5,12 @@ import numpy as np
 
 from srsinv.errors import BadInput
 
-from ...files import DataFile, quoted
+from ...files import DataFile
 from .._apart import IsolatedReader
 from .._table import ColumnTable
 from .wav import UNIT
+
+_STORED = 2  # bytes of a sample before it is packed, in most files
 
 
 class Flac(IsolatedReader):
@@ -20,7 +22,7 @@ class Flac(IsolatedReader):
         The full scale in volts is not in the file: it is the inverse of `gain`. Raises `BadInput`
         where the package that reads them is not installed.
         """
-        table = ColumnTable(quoted(file.path.name))
+        table = ColumnTable.of(file)
         try:
             import soundfile
         except ImportError as error:
@@ -32,7 +34,7 @@ class Flac(IsolatedReader):
             if source.format != "FLAC" or source.samplerate <= 0:
                 raise ValueError("no FLAC")
             table.check_count(source.channels)
-            table.check_size("channel_0", source.frames * source.channels)
+            table.check_size("channel_0", source.frames * source.channels, _STORED)
             table.sidecar["sample_rate_hz"] = int(source.samplerate)
             values = source.read(dtype="float64", always_2d=True)
             if len(values) != source.frames:

@@ -37,7 +37,7 @@ class Hdf5(IsolatedReader):
 
     def read_here(self, file: DataFile) -> ColumnTable:
         """The datasets of the root or of the one group that has any, with their `units`."""
-        table = ColumnTable(quoted(file.path.name))
+        table = ColumnTable.of(file)
         with open_hdf5(file) as opened:
             group = _group_of_columns(table, opened)
             leave_links_out(table, group)

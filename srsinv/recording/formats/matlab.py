@@ -31,7 +31,7 @@ def _is_hdf5(file: DataFile) -> bool:
 
 
 def _read_7_3(file: DataFile) -> ColumnTable:
-    table = ColumnTable(quoted(file.path.name))
+    table = ColumnTable.of(file)
     with open_hdf5(file) as opened:
         leave_links_out(table, opened)
         for name in members(table, opened, h5py.Group):

@@ -10,7 +10,7 @@ import zlib
 
 import numpy as np
 
-from ...files import DataFile, quoted
+from ...files import DataFile
 from .._table import ColumnTable
 
 _HEADER = 128  # bytes, the last two of which give the byte order
@@ -70,7 +70,7 @@ def vector(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 def read_matlab5(file: DataFile) -> ColumnTable:
     """The vectors of numbers in the file."""
-    table = ColumnTable(quoted(file.path.name))
+    table = ColumnTable.of(file)
     order = _ORDERS[file.read(_HEADER)[_HEADER - 2 :]]
     end, count = _HEADER, 0
     while end < file.size:

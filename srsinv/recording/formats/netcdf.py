@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from xarray.conventions import decode_cf_variable
 
-from ...files import DataFile, quoted
+from ...files import DataFile
 from .._apart import IsolatedReader
 from .._sidecar import parse
 from .._table import ColumnTable
@@ -26,7 +26,7 @@ class NetCdf(IsolatedReader):
 
     def read_here(self, file: DataFile) -> ColumnTable:
         """The variables of the root with their `units`, and the sidecar in attribute `sidecar`."""
-        table = ColumnTable(quoted(file.path.name))
+        table = ColumnTable.of(file)
         with open_hdf5(file) as opened:
             leave_links_out(table, opened)
             for name, dataset in members(table, opened, h5py.Dataset).items():

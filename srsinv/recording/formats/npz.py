@@ -5,7 +5,7 @@ import zipfile
 
 import numpy as np
 
-from ...files import DataFile, quoted
+from ...files import DataFile
 from .._table import MOST_COLUMNS, ColumnTable
 from ..reader import Reader
 
@@ -23,7 +23,7 @@ class Npz(Reader):
 
     def read(self, file: DataFile) -> ColumnTable:
         """The arrays of an archive. Headers are read first: one can state any size, or objects."""
-        table = ColumnTable(quoted(file.path.name))
+        table = ColumnTable.of(file)
         file.limit(most_bytes=_LARGEST_DIRECTORY)
         with zipfile.ZipFile(file) as archive:
             table.check_count(len(archive.infolist()))

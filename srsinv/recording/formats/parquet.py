@@ -4,7 +4,7 @@ import numpy as np
 
 from srsinv.errors import BadInput
 
-from ...files import DataFile, quoted
+from ...files import DataFile
 from .._apart import IsolatedReader
 from .._table import ColumnTable
 
@@ -19,7 +19,7 @@ class Parquet(IsolatedReader):
 
         Raises `BadInput` where the package that reads them is not installed.
         """
-        table = ColumnTable(quoted(file.path.name))
+        table = ColumnTable.of(file)
         try:
             import pyarrow as pa
             from pyarrow import parquet

@@ -8,7 +8,7 @@ import numpy as np
 
 from srsinv.errors import BadInput
 
-from ...files import DataFile, quoted
+from ...files import DataFile
 from .._columns import may_be_signal
 from .._table import ColumnTable
 from ..reader import Reader
@@ -26,7 +26,7 @@ class Tdms(Reader):
 
         Raises `BadInput` where the package that reads them is not installed.
         """
-        table = ColumnTable(quoted(file.path.name))
+        table = ColumnTable.of(file)
         try:
             from nptdms import TdmsFile
             from nptdms.log import log_manager

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from srsinv.errors import BadInput, refuse
 
-from ...files import DataFile, quoted
+from ...files import DataFile
 from .._table import ColumnTable
 from ..reader import Reader
 from ._numbers import DecimalMark, is_number
@@ -33,7 +33,7 @@ class Text(Reader):
 
     def read(self, file: DataFile) -> ColumnTable:
         """The columns of a UTF-8 text; blank lines and lines of # before the header are skipped."""
-        table = ColumnTable(quoted(file.path.name))
+        table = ColumnTable.of(file)
         text = io.TextIOWrapper(file, encoding="utf-8-sig")
         lines = _Lines(table.name, text)
         header = next((line for line in lines if line.strip() and not line.startswith("#")), "")

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from ...files import DataFile, quoted
+from ...files import DataFile
 from .._table import ColumnTable
 from ..reader import Reader
 
@@ -24,7 +24,7 @@ class Wav(Reader):
 
         The full scale in volts is not in the file: it is the inverse of `gain`.
         """
-        table = ColumnTable(quoted(file.path.name))
+        table = ColumnTable.of(file)
         channels, samples = _stated(file)
         table.check_count(channels)
         table.check_size("channel_0", samples * channels)
