@@ -12,7 +12,18 @@ _SHOWN = 80  # characters of a wrong value
 
 class BadInput(ValueError):
     """An input that cannot be used; its text is one sentence naming the value, the bound and the
-    remedy. The command line prints that sentence and exits with code 2."""
+    remedy, as [`printable`][] text. The command line prints that sentence and exits with code 2."""
+
+    def __init__(self, sentence: str = ""):
+        super().__init__(printable(sentence))
+
+
+def printable(text: str) -> str:
+    """Text that somebody else may have written, for a terminal or a page: characters that steer
+    either, or that are halves, as their escapes."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
 def refuse(condition: bool, sentence: str) -> None:

@@ -7,6 +7,7 @@ link is followed.
 
 import difflib
 import io
+import json
 import os
 import re
 import stat
@@ -163,6 +164,43 @@ def read_bytes(
             "to a file of its own.",
         )
         return content
+
+
+def read_json(path: Path, *, what: str, most: int, key: str, below: Path | None = None) -> Any:
+    """What a file holds as JSON, read as by [`read_bytes`][] and [`parse_json`][]."""
+    content = read_bytes(path, what=what, most=most, key=key, below=below)
+    try:
+        return parse_json(content.decode())
+    except (ValueError, RecursionError) as error:
+        reason = "not UTF-8" if isinstance(error, UnicodeDecodeError) else _reason(error)
+        raise BadInput(
+            f"{_shown(path)}: the {what} is no JSON as srsinv writes it ({reason}): run again the "
+            "command that wrote it."
+        ) from error
+
+
+def _reason(error: Exception) -> str:
+    return "nested too deeply" if isinstance(error, RecursionError) else str(error)
+
+
+def parse_json(text: str) -> Any:
+    """What a text holds as JSON. Raises `ValueError` for a key that stands twice and for what is no
+    number, which Python takes, and `RecursionError` for text that is nested too deeply."""
+    return json.loads(text, parse_constant=_no_constant, object_pairs_hook=mapping_of)
+
+
+def _no_constant(constant: str):
+    raise ValueError(f"{constant} is not a JSON number")
+
+
+def mapping_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """The pairs as a mapping. Raises `ValueError` for a key that stands twice."""
+    mapping: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in mapping:
+            raise ValueError(f"the key {shown(key)} stands twice")
+        mapping[key] = value
+    return mapping
 
 
 @contextmanager

@@ -1,22 +1,34 @@
-"""The runs of a sweep as their folders and its record of failures have them."""
+"""The runs of a sweep as their folders and its record of failures have them.
+
+Anybody may have made a folder: what it holds is checked against what srsinv writes, and is only
+ever text and numbers. A run with anything else is listed with the reason, as one that failed.
+"""
 
 import functools
-import json
+import os
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import xarray
-
 from ..aliases import METRICS, current_name
-from ..report.result import metric_units as units_of_metrics
-from ..run_folder import FAILURES, described, runs_in
+from ..errors import BadInput, is_number, printable, refuse
+from ..files import open_file, read_json
+from ..recording.formats import UNITS_BY_PATTERN
+from ..report.result import units_of_metrics
+from ..run_folder import FAILURES, MANIFEST, described, runs_in
 
-_MOST_BYTES = 2**26  # of a file of JSON: beyond it is none of ours
+_METRICS = "metrics.json"
+_KEY = "gather.folder"
+_MOST_BYTES = 2**22  # of a run's metrics: tens of thousands
+_MOST_NAMES = 10_000  # of metrics, and of settings, in all runs
 _MOST_READ = 5  # runs whose arrays are opened, each for metrics that no earlier one has
+_DEEPEST = 20  # folders, mappings and lists within each other
+_LONGEST_NAME, _LONGEST_TEXT, _LONGEST_COMMAND = 200, 1_000, 100_000  # characters
+_LARGEST = 1e100  # a number that plots and sums still take
+_SETTING = re.compile(r"[+~]{0,2}([A-Za-z_][\w./@:$-]*)=(.*)", re.ASCII | re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -28,78 +40,147 @@ class SweptJob:
     overrides: Mapping[str, str]
     metrics: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
+    folder: Path | None = None
 
 
 def swept_jobs(folder: Path, failures: Mapping[str, Any]) -> list[SweptJob]:
-    """The runs in `folder` and the jobs that failed, in order of their numbers."""
-    runs = [job for path in runs_in(folder) if (job := _run(folder, path))]
+    """The runs in `folder` and the jobs that failed, in order of their numbers.
+
+    Raises `BadInput` for a folder that is too large to be a sweep's.
+    """
+    places_of_runs = (place for place in runs_in(folder) if place != folder)
+    runs = [_run(folder, place) for place in places_of_runs if os.path.lexists(place / _METRICS)]
     places = {job.place for job in runs}
     failed = [
         SweptJob(
             # Over an earlier run, which stayed where it was.
             number if number not in places else f"{number} (failed)",
             _overrides(each["overrides"]),
-            reason=each["reason"] or "no reason given",
+            reason=_text(each["reason"]) or "no reason given",
         )
         for number, each in failures.items()
     ]
-    return sorted([*runs, *failed], key=lambda job: _in_order(job.place))
+    jobs = sorted([*runs, *failed], key=lambda job: _in_order(job.place))
+    for what in ("metrics", "overrides"):
+        names = {name for job in jobs for name in getattr(job, what)}
+        refuse(
+            len(names) > _MOST_NAMES,
+            f"{_text(str(folder))}: the runs in it have {len(names)} {what} of different names, "
+            f"above the limit of {_MOST_NAMES}: give the folder of one sweep.",
+        )
+    return jobs
 
 
 def failed_jobs(folder: Path) -> dict[str, Any]:
-    """The sweep's own record of failures: overrides and reason by the job's number."""
-    document = _json(folder / FAILURES)
-    entries = document.items() if isinstance(document, dict) else ()
-    return {
-        number: each
-        for number, each in entries
-        if isinstance(each, dict)
-        and isinstance(each.get("reason"), str)
-        and isinstance(each.get("overrides"), list)
-        and all(isinstance(word, str) for word in each["overrides"])
-    }
+    """The sweep's own record of failures: overrides and reason by the job's number.
+
+    Raises `BadInput` for one that is not as srsinv writes it.
+    """
+    path = folder / FAILURES
+    if not os.path.lexists(path):
+        return {}
+    document = read_json(path, what="record of failures", key=_KEY, most=_MOST_BYTES, below=folder)
+    entries = document if isinstance(document, dict) else {"": document}
+    wrong = next(
+        (number for number, each in entries.items() if not _is_failure(number, each)), None
+    )
+    refuse(
+        wrong is not None,
+        f"{_text(str(path))}: entry {wrong and _text(wrong)!a} is not as srsinv writes it: move "
+        "this file away, and failures are left out.",
+    )
+    return entries
 
 
-def metric_units(folder: Path, jobs: Sequence[SweptJob]) -> dict[str, str]:
+def _is_failure(number: str, entry: Any) -> bool:
+    return (
+        bool(re.fullmatch(r"\d{1,9}", number, re.ASCII))
+        and isinstance(entry, dict)
+        and isinstance(entry.get("reason"), str)
+        and isinstance(entry.get("overrides"), list)
+        and all(isinstance(word, str) for word in entry["overrides"])
+    )
+
+
+def metric_units(jobs: Iterable[SweptJob]) -> dict[str, str]:
     """Units of the runs' metrics as their `result.nc` have them; missing where none can be read."""
     units: dict[str, str] = {}
     read = 0
     for job in jobs:
-        path = folder / job.place / "result.nc"
-        if read == _MOST_READ or job.metrics.keys() <= units.keys() or not path.is_file():
+        unknown = job.metrics.keys() - units.keys()
+        if read == _MOST_READ or not unknown or job.folder is None:
             continue
         read += 1
         try:
-            with xarray.open_dataset(path, engine="h5netcdf") as data:
-                own = units_of_metrics(data)
-        except (OSError, ValueError, KeyError):
+            with open_file(job.folder / "result.nc", key=_KEY, below=job.folder) as file:
+                patterns = UNITS_BY_PATTERN.read(file).sidecar
+        except (BadInput, EOFError, MemoryError):
             continue
-        units |= own
-    return units
+        units |= units_of_metrics(patterns, unknown)
+    return {name: unit for name, unit in units.items() if _is_name(unit)}
 
 
-def _run(folder: Path, place: Path) -> SweptJob | None:
-    """The run in a folder; None where there is none, or the sweep itself."""
-    manifest, metrics = described(place), _json(place / "metrics.json")
-    if manifest is None or not isinstance(metrics, dict) or place == folder:
-        return None
-    words = shlex.split(str(manifest["command"]))
-    name = place.relative_to(folder).as_posix()
-    return SweptJob(name, _overrides(words), _current(dict(_flat(metrics))))
+def _run(folder: Path, place: Path) -> SweptJob:
+    """The run in a folder, or why it is none."""
+    job = SweptJob(_text(place.relative_to(folder).as_posix()), {})
+    manifest = described(place)
+    command = None if manifest is None else manifest["command"]
+    try:
+        if not isinstance(command, str) or len(command) > _LONGEST_COMMAND:
+            raise ValueError(f"{MANIFEST} is not as srsinv writes it")
+        job = SweptJob(job.place, _overrides(shlex.split(command)))
+        metrics = read_json(
+            place / _METRICS, what="file of metrics", key=_KEY, most=_MOST_BYTES, below=folder
+        )
+        if not isinstance(metrics, dict):
+            raise ValueError(f"{_METRICS} holds no metrics by their names")
+        flat = _current(dict(_checked(each) for each in _flat(metrics)))
+    except (ValueError, RecursionError) as error:
+        return SweptJob(job.place, job.overrides, reason=f"left out: {_text(str(error))}")
+    return SweptJob(job.place, job.overrides, flat, folder=place)
+
+
+def _checked(metric: tuple[str, Any]) -> tuple[str, Any]:
+    """A metric's name and value. Raises `ValueError` for what srsinv would not write."""
+    name, value = metric
+    if not _is_name(name):
+        raise ValueError(f"{_METRICS} has the name {_text(name)!a}, which is none of a metric")
+    is_word = value is None or isinstance(value, bool)
+    if not is_word and not isinstance(value, str):
+        is_word = is_number(value) and abs(value) <= _LARGEST
+    elif isinstance(value, str):
+        is_word = value.isprintable() and len(value) <= _LONGEST_TEXT
+    if not is_word:
+        raise ValueError(f"{_METRICS} has no number or short text as {name}")
+    return name, value
+
+
+def _is_name(name: str) -> bool:
+    """Whether this can be the name of a metric, as such and in a file."""
+    short = 0 < len(name) <= _LONGEST_NAME and name == name.strip()
+    return short and name.isprintable() and not set(name) <= {"."}
+
+
+def _text(text: str) -> str:
+    """Text of a folder on one line, for a terminal and a page, cut short."""
+    text = printable(" ".join(text[: 2 * _LONGEST_TEXT].split()))
+    return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}…"
 
 
 def _overrides(words: Sequence[str]) -> dict[str, str]:
     """Values by keys of what was typed; of a key that was typed twice, the last."""
-    pairs = (word.partition("=") for word in words if "=" in word and not word.startswith("-"))
-    return {key.lstrip("+~"): value for key, _, value in pairs}
+    typed = (match for word in words if (match := _SETTING.fullmatch(word)))
+    return {each[1]: _text(each[2]) for each in typed if len(each[1]) <= _LONGEST_NAME}
 
 
-def _flat(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(metrics: Mapping[str, Any], above: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+    if depth > _DEEPEST:
+        raise RecursionError(f"{_METRICS} is nested too deeply")
     for name, value in metrics.items():
         if isinstance(value, list):
             value = {str(i): each for i, each in enumerate(value)}
         if isinstance(value, dict):
-            yield from _flat(value, f"{above}{name}_")
+            yield from _flat(value, f"{above}{name}_", depth + 1)
         else:
             yield f"{above}{name}".replace("/", "."), value
 
@@ -119,12 +200,3 @@ def _in_order(place: str) -> list[tuple[int, int | str]]:
     """Numbers within names by their size."""
     parts = (part for part in re.split(r"(\d+)", place) if part)
     return [(0, int(part)) if part.isdecimal() else (1, part) for part in parts]
-
-
-def _json(path: Path) -> Any:
-    try:
-        if path.stat().st_size <= _MOST_BYTES:
-            return json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
-        pass
-    return None

@@ -1,10 +1,12 @@
 """What came out of the runs of a sweep against what was varied, as one data set and one page.
 
 Only `run.json` and `metrics.json` of each run are read (thousands in seconds), and the `result.nc`
-of one run for the units of the metrics, which the names alone do not always tell.
+of a few runs for the units of the metrics, which the names alone do not always tell. A run whose
+files are not as srsinv writes them is listed with those that failed.
 """
 
 import itertools
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +16,7 @@ import numpy as np
 import xarray
 
 from .. import config
-from ..errors import refuse, shown
+from ..errors import LARGEST, printable, refuse, shown
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
 from ..report.text import quantity, unit_of
@@ -23,6 +25,9 @@ from ._swept import SweptJob, failed_jobs, metric_units, swept_jobs
 
 MOST_SHOWN = 6  # metrics in figures and in the table, unless they are chosen
 _TIMES = re.compile(r"(^|_)(call|time)_s(_|$)")  # differ from run to run, whatever is varied
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
+# Names in the dataset that no metric and no setting can have.
+_TAKEN = {"job", "jobs", "jobs_failed", "setting", "status", "reason", "shown", "metric_shown"}
 _SAME = 1e-9  # relative: rounding, not an outcome
 
 
@@ -30,7 +35,7 @@ def run(cfg: config.Config) -> Result:
     """The job: read the runs in `gather.folder`, gather them."""
     given = config.part(cfg, "gather")
     name = given.get("folder")
-    is_folder = isinstance(name, str) and "\0" not in name and Path(name).is_dir()
+    is_folder = isinstance(name, str) and os.path.isdir(name)
     refuse(not is_folder, f"gather.folder is {shown(name)}: give the folder of a sweep.")
     folder, chosen = Path(str(name)), given.get("metrics")
     refuse(
@@ -52,15 +57,15 @@ def gathered(
     done = [job for job in jobs if not job.reason]
     refuse(
         not done,
-        f"{folder} has no runs of srsinv: give the folder of a sweep, in which each run has its "
-        "own.",
+        f"{printable(str(folder))} has no runs of srsinv{_first_reason(jobs)}: give the folder of "
+        "a sweep, in which each run has its own.",
     )
-    keys, metrics = _varied(jobs), _outcomes(done, metric_units(folder, done))
+    keys, metrics = _varied(jobs), _outcomes(done, metric_units(done))
     # A setting that is a metric, too, stays the setting's.
     data = dataset(
         {
-            **{name: ("job", *_column(name, jobs, each)) for name, each in metrics.items()
-               if name not in keys},
+            **{_free(name): ("job", *_column(name, jobs, each)) for name, each in metrics.items()
+               if _free(name) not in keys},
             "setting": ("job", [_setting(job, keys) for job in jobs], "1"),
             "status": ("job", ["failed" if job.reason else "done" for job in jobs], "1"),
             "reason": ("job", [job.reason for job in jobs], "1"),
@@ -89,19 +94,29 @@ def _varied(jobs: Sequence[SweptJob]) -> dict[str, tuple[Any, str]]:
     keys = dict.fromkeys(itertools.chain.from_iterable(job.overrides for job in jobs))
     columns = {key: [job.overrides.get(key) for job in jobs] for key in keys}
     return {
-        key.replace("/", "."): _typed(values, unit_of(key))
+        _free(key.replace("/", ".")): _typed(values, unit_of(key))
         for key, values in columns.items()
         if len(set(values)) > 1
     }
 
 
+def _free(name: str) -> str:
+    """A name that the dataset has no other use for."""
+    return f"{name}_" if name in _TAKEN else name
+
+
+def _first_reason(jobs: Sequence[SweptJob]) -> str:
+    """Why the first of what could have been one is none."""
+    return f" ({jobs[0].place}: {jobs[0].reason})" if jobs else ""
+
+
 def _typed(values: Sequence[str | None], units: str) -> tuple[Any, str]:
     """Typed overrides as numbers where each is one, NaN where a job has none; else as text."""
-    try:
-        numbers = [np.nan if each in (None, "null") else float(each) for each in values]
-        return np.array(numbers), units
-    except ValueError:
-        return ["" if each is None else each for each in values], "1"
+    if all(each in (None, "null") or _NUMBER.fullmatch(each) for each in values):
+        numbers = np.array([np.nan if each in (None, "null") else float(each) for each in values])
+        if not np.any(np.abs(numbers) > LARGEST):
+            return numbers, units
+    return ["" if each is None else each for each in values], "1"
 
 
 def _outcomes(done: Sequence[SweptJob], units: Mapping[str, str]) -> dict[str, str]:
@@ -175,6 +190,6 @@ def _title(data: xarray.Dataset, keys: Sequence[str], names: Sequence[str]) -> s
 
 def _setting(job: SweptJob, keys: Iterable[str]) -> str:
     """What was varied, as it was typed for one job."""
-    typed = {key.replace("/", "."): value for key, value in job.overrides.items()}
+    typed = {_free(key.replace("/", ".")): value for key, value in job.overrides.items()}
     words = (f"{key}={typed[key]}" for key in keys if key in typed)
     return ", ".join(words) or f"job {job.place}"

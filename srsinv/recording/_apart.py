@@ -42,7 +42,7 @@ _MESSAGE = 2**16  # bytes that ask for a file, of which its name is at most 255
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from srsinv.recording import _apart, formats; "
-    "_apart.serve(int(sys.argv[2]), formats.SUFFIXES.values())"
+    "_apart.serve(int(sys.argv[2]), [*formats.SUFFIXES.values(), formats.UNITS_BY_PATTERN])"
 )
 _ENDED = struct.Struct("=i")  # how a process ended, as `os.waitpid` has it
 _NO_FORK = -1

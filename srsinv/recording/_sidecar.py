@@ -17,7 +17,7 @@ import yaml
 
 from srsinv.errors import BadInput, refuse, shown
 
-from ..files import path_of, read_bytes
+from ..files import mapping_of, parse_json, path_of, read_bytes
 
 SUFFIXES = (".json", ".yaml", ".yml")
 MOST_BYTES = 2**18  # a thousand elements with all their keys take half of it
@@ -118,7 +118,7 @@ def parse(name: str, text: str, kind: Literal["JSON", "YAML"]) -> dict[str, Any]
             len(text) > MOST_BYTES,
             f"longer than {MOST_BYTES} characters",
         )
-        content = _from_json(text) if kind == "JSON" else _from_yaml(text)
+        content = parse_json(text) if kind == "JSON" else _from_yaml(text)
     except (ValueError, RecursionError, yaml.YAMLError) as error:
         raise BadInput(f"{name}: {_reason(error)}: correct the sidecar's {kind}.") from error
     refuse(
@@ -127,23 +127,6 @@ def parse(name: str, text: str, kind: Literal["JSON", "YAML"]) -> dict[str, Any]
         "expected: write it as such.",
     )
     return content
-
-
-def _from_json(text: str) -> Any:
-    def no_constant(constant: str):
-        raise ValueError(f"{constant} is not a JSON number")
-
-    return json.loads(text, parse_constant=no_constant, object_pairs_hook=_mapping)
-
-
-def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The pairs as a mapping. Raises `ValueError` for a key that stands twice."""
-    mapping = {}
-    for key, value in pairs:
-        if key in mapping:
-            raise ValueError(f"the key {shown(key)} stands twice")
-        mapping[key] = value
-    return mapping
 
 
 def _from_yaml(text: str) -> Any:
@@ -162,7 +145,7 @@ def _from_yaml(text: str) -> Any:
         elif isinstance(event, yaml.CollectionEndEvent):
             start, held = starts.pop()
             is_mapping = isinstance(start, yaml.MappingStartEvent)
-            starts[-1][1].append(_mapping(list(_pairs(held))) if is_mapping else held)
+            starts[-1][1].append(mapping_of(_pairs(held)) if is_mapping else held)
     return next(iter(starts[0][1]), None)
 
 

@@ -1,9 +1,9 @@
 """What a job returns: its data, what they show in one line, and the sections of its page."""
 
 import itertools
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from string import Formatter
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ import xarray
 from .section import Section
 from .text import unit_of
 
+# Of a metric's pattern: a brace as such, or a field with the label as a key or, with !s, as it is.
+_PART = re.compile(r"\{\{|\}\}|\{(\w+)(!s)?\}")
 METRIC = "metric"  # attribute of a variable: the pattern of its names in metrics.json
 Scalar = float | int | str | bool | None
 
@@ -98,41 +100,63 @@ def metrics(data: xarray.Dataset) -> dict[str, Scalar]:
     return dict(itertools.chain.from_iterable(_elements(data, each) for each in marked))
 
 
-def metric_units(data: xarray.Dataset) -> dict[str, str]:
-    """The units of a dataset's metrics, by their names."""
-    return {
-        name: str(each.attrs["units"])
-        for each in data.variables.values()
-        if METRIC in each.attrs
-        for name, _ in _elements(data, each)
-    }
+def units_of_metrics(patterns: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
+    """The units of those metrics of these names that belong to a pattern, given the units by the
+    pattern; of several patterns that fit a name, those of the one that fixes most of it."""
+    pieces = [
+        (_PART.sub(_literal, pattern).split("\0"), unit) for pattern, unit in patterns.items()
+    ]
+    pieces.sort(key=lambda each: -sum(map(len, each[0])))
+    fits = ((name, next((u for each, u in pieces if _fits(name, each)), None)) for name in names)
+    return {name: unit for name, unit in fits if unit is not None}
+
+
+def _fits(name: str, pieces: list[str]) -> bool:
+    """Whether a name is these pieces with a label of a character or more between any two."""
+    first, *inner = pieces
+    if not inner:
+        return name == first
+    *inner, last = inner
+    at = len(first)
+    for piece in inner:
+        found = name.find(piece, at + 1)
+        if found < 0:
+            return False
+        at = found + len(piece)
+    return name.startswith(first) and name.endswith(last) and len(name) - len(last) > at
 
 
 def _elements(data: xarray.Dataset, variable: xarray.Variable) -> Iterator[tuple[str, Scalar]]:
     pattern = str(variable.attrs[METRIC])
-    fields = (name for _, name, _, _ in Formatter().parse(pattern) if name)
+    fields = {each[1] for each in _PART.finditer(pattern) if each[1]}
     labels = {name: (data[name].dims, data[name].values) for name in fields}
     values = variable.values
     for at in np.ndindex(values.shape):
         place = dict(zip(variable.dims, at, strict=True))
         words = {
-            name: _Label(own[tuple(place[dim] for dim in dims)].item())
+            name: _text(own[tuple(place[dim] for dim in dims)].item())
             for name, (dims, own) in labels.items()
         }
-        yield pattern.format(**words), _scalar(values[at])
+        yield (
+            _PART.sub(lambda part, words=words: _literal(part, words), pattern),
+            _scalar(values[at]),
+        )
 
 
-class _Label:
-    """A coordinate's label in the name of a metric: `{name}` as a key, `{name!s}` as it is."""
+def _literal(part: re.Match[str], words: Mapping[str, str] | None = None) -> str:
+    """A part of a pattern: a brace, or a field's label, "\0" where there are no `words`.
 
-    def __init__(self, label: Any):
-        self.text = label if isinstance(label, str) else f"{label:g}"
+    This is no format string of Python's, which would do whatever a file asks for.
+    """
+    if not part[1]:
+        return part[0][0]
+    if words is None:
+        return "\0"
+    return words[part[1]] if part[2] else key_of(words[part[1]])
 
-    def __format__(self, spec: str) -> str:
-        return key_of(self.text)
 
-    def __str__(self) -> str:
-        return self.text
+def _text(label: Any) -> str:
+    return label if isinstance(label, str) else f"{label:g}"
 
 
 def key_of(label: str) -> str:

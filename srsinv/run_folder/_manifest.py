@@ -9,13 +9,13 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from srsinv import __version__
 from srsinv.atomic import SCRATCH, is_scratch, opened, plain_file
-from srsinv.errors import BadInput
+from srsinv.errors import BadInput, refuse
 
 from ._place import REMEDY, named
 
@@ -29,6 +29,7 @@ _MOST_BYTES = 2**24  # of a manifest: a hundred thousand files
 # Of all files of a run together: seconds of reading, however many names one huge file has.
 _MOST_READ = 2**33
 
+_MOST_ENTRIES = 10**6  # of all folders in a sweep's
 _DEEPEST = 16  # folders within folders: ours go to two
 
 Listing = Mapping[str, str]  # name within the folder, with slashes, to SHA-256
@@ -77,11 +78,26 @@ def described(folder: Path) -> dict[str, Any] | None:
     return None if document is None or "replaces" in document else document
 
 
-def runs_in(folder: Path) -> Iterator[Path]:
-    """Folders in `folder`, at any depth, that have a manifest, in order; not what killed runs have
-    left."""
-    paths = (path.parent for path in sorted(folder.rglob(MANIFEST)))
-    return (path for path in paths if not any(map(is_scratch, path.relative_to(folder).parts)))
+def runs_in(folder: Path) -> list[Path]:
+    """The folders in `folder`, and itself, that have a manifest, in order; links are not followed,
+    and what killed runs have left is passed over. Raises `BadInput` where there are too many."""
+    found, stack, seen = [], [(folder, 0)], 0
+    while stack:
+        place, depth = stack.pop()
+        with suppress(OSError), os.scandir(place) as entries:  # or not one of the user's own
+            for entry in entries:
+                seen += 1
+                refuse(
+                    seen > _MOST_ENTRIES,
+                    f"{named(folder)} holds more than {_MOST_ENTRIES} files: give the folder of "
+                    "one sweep.",
+                )
+                if entry.name == MANIFEST:
+                    found.append(place)
+                is_deeper = depth < _DEEPEST and entry.is_dir(follow_symlinks=False)
+                if is_deeper and not is_scratch(entry.name):
+                    stack.append((place / entry.name, depth + 1))
+    return sorted(found)
 
 
 def described_in(folder: int) -> dict[str, Any] | None:

@@ -21,6 +21,7 @@ from .matlab import Matlab
 from .netcdf import NetCdf
 from .npz import Npz
 from .parquet import Parquet
+from .result import UnitsByPattern
 from .tdms import Tdms
 from .text import Text
 from .wav import Wav
@@ -40,6 +41,7 @@ SUFFIXES: Mapping[str, Reader] = {
     ".tdms": Tdms(),
     ".parquet": Parquet(),
 }
+UNITS_BY_PATTERN = UnitsByPattern()
 
 
 @dataclass(frozen=True)

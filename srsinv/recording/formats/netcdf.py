@@ -33,7 +33,7 @@ class NetCdf(IsolatedReader):
                 mark = attribute(table, dataset, "NAME")
                 if not (isinstance(mark, bytes) and mark.startswith(_ONLY_A_DIMENSION)):
                     _take(table, name.replace(_NOT_THE_DIMENSION, ""), dataset)
-            sidecar = _word(attribute(table, opened, "sidecar"))
+            sidecar = word(attribute(table, opened, "sidecar"))
             if sidecar is not None:
                 table.sidecar.update(
                     parse(f"{table.name}, attribute sidecar", str(sidecar), "JSON")
@@ -45,11 +45,11 @@ def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
     if reason := why_no_column(dataset):
         table.leave_out(name, reason)
         return
-    unit = _word(attribute(table, dataset, "units"))
+    unit = word(attribute(table, dataset, "units"))
     if len(dataset.shape or ()) != 1 or dataset.dtype.kind not in "iuf":
         table.take(name, dataset.shape or (), dataset.dtype, lambda: np.zeros(0), unit)
         return
-    packing = {key: _word(attribute(table, dataset, key)) for key in _PACKING}
+    packing = {key: word(attribute(table, dataset, key)) for key in _PACKING}
     packing = {key: value for key, value in packing.items() if value is not None}
 
     def unpacked(values: np.ndarray) -> xr.Variable:
@@ -65,7 +65,7 @@ def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
     table.take(name, dataset.shape, dtype, read, unit)
 
 
-def _word(value: object) -> object:
+def word(value: object) -> object:
     """An attribute as netCDF means it: text as such, and one number not as an array of one."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.flat[0]
