@@ -1,8 +1,8 @@
 """Checks of Hydra's own configuration, which can name code to run.
 
 Hydra makes its launcher, sweeper, callbacks and loggers from whatever class a configuration names.
-srsinv takes the launchers and sweepers below, by an exact list, and no callbacks and no loggers, as
-it has no use for them.
+srsinv takes the launchers and sweepers below, by an exact list, no callbacks, and of the settings
+of loggers those that set up none: Hydra makes whatever a `()` or a `class` in any other names.
 """
 
 import importlib.util
@@ -15,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from ..errors import refuse, shown
 
 _PLUGINS = "hydra_plugins"
+NO_LOGGERS = {"version": 1, "root": None, "disable_existing_loggers": False}
 ALLOWED = {
     "launcher": (
         "hydra._internal.core_plugins.basic_launcher.BasicLauncher",
@@ -83,7 +84,10 @@ def check_hydra_settings(config: DictConfig) -> None:
     """Refuse a composed configuration in which Hydra would create objects not in the list."""
     settings: Any = OmegaConf.to_container(config.hydra, resolve=False)
     for part, allowed in ALLOWED.items():
-        target, *inner = [*_targets(settings.get(part))] or [None]
+        # As Hydra resolves it: an interpolation may stand for a part that names a class.
+        node = config.hydra.get(part)
+        node = OmegaConf.to_container(node, resolve=True) if OmegaConf.is_config(node) else node
+        target, *inner = [*_targets(node)] or [None]
         refuse(
             target not in allowed or bool(inner),
             f"hydra.{part} would make {shown(inner[0] if inner else target)}: leave it out, or "
@@ -95,7 +99,7 @@ def check_hydra_settings(config: DictConfig) -> None:
     )
     for part in ("job_logging", "hydra_logging"):
         refuse(
-            bool((settings.get(part) or {}).get("root")),
+            settings.get(part) != NO_LOGGERS,
             f"hydra.{part} sets up loggers, and srsinv logs nothing: leave it as it is.",
         )
     job, sweeper = settings.get("job") or {}, settings.get("sweeper") or {}

@@ -10,10 +10,12 @@ from typing import Any, cast
 from omegaconf import DictConfig, OmegaConf
 
 from ..aliases import with_current_keys
+from ..errors import BadInput
+from ..files import open_file
 from .typed import refusing
 
 _FILES = ("path", "sidecar", "calibration")  # keys whose values name files of data
-LARGEST_FILE = 2**32  # bytes: no reader takes more, and the job refuses the file
+_PIECE = 2**20  # bytes that are read at once
 
 
 def resolved(config: DictConfig) -> dict[str, Any]:
@@ -76,15 +78,17 @@ def _leaves(node: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 def _is_data(path: Path) -> bool:
     try:
-        status = path.stat()
+        return stat.S_ISREG(path.stat().st_mode)
     except OSError:
         return False
-    return stat.S_ISREG(status.st_mode) and status.st_size <= LARGEST_FILE
 
 
 def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:  # the job will say what is wrong with it
+        with open_file(path) as file:
+            while part := file.read(_PIECE):
+                digest.update(part)
+    except (BadInput, OSError):  # the job will say what is wrong with it
         return ""
+    return digest.hexdigest()

@@ -237,11 +237,14 @@ def _shows_only(flags: Namespace) -> bool:
 
 def _show(hydra: Hydra, flags: Namespace) -> int:
     """Handle Hydra's own flags that print the configuration and run nothing."""
+    # Hydra sets up loggers for either, of which only those of its own and of ours are taken.
     if flags.hydra_help:
+        flags.overrides = []
         hydra.hydra_help("config", get_args_parser(), flags)
     elif flags.cfg:
         hydra.show_cfg("config", flags.overrides, flags.cfg, flags.package, flags.resolve)
     else:
+        check_hydra_settings(hydra.compose_config("config", flags.overrides, RunMode.RUN))
         hydra.show_info(flags.info, "config", flags.overrides)
     return DONE
 

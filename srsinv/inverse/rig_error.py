@@ -19,7 +19,10 @@ from ..errors import refuse
 from ..forward.film import Film, Offset
 from ..forward.sensor import Sensor
 
-_OF_ELEMENT = re.compile(r"(gain|angle|offset)_([1-9]\d*)(_deg|_m)?")
+_OF_ELEMENT = re.compile(
+    r"gain_([1-9][0-9]{0,3})|angle_([1-9][0-9]{0,3})_deg|offset_([1-9][0-9]{0,3})_m"
+)
+_ROUNDING = 1e-6  # of a correlation, as numbers written by hand have it
 _DEPTH = "depth_m"
 
 
@@ -76,12 +79,21 @@ class RigError(SensorError):
             f"{name}: the sidecar's rig_error is damaged, as its values and covariance are not "
             f"those of {size} parameters: run experiment=calibrate again.",
         )
-        for each in names:
+        stderr = np.sqrt(np.diag(covariance))
+        for each, value, error in zip(names, values, stderr, strict=True):
             of_element = _OF_ELEMENT.fullmatch(each)
+            number = int(of_element[of_element.lastindex or 1]) if of_element else 0
             refuse(
-                each != _DEPTH and (of_element is None or int(of_element[2]) > elements),
-                f"{name}: the sidecar's rig_error has {each!r}, and the recording {elements} "
+                each != _DEPTH and not 1 <= number <= elements,
+                f"{name}: the sidecar's rig_error has {each!a}, and the recording {elements} "
                 "channels: give the sidecar of this rig.",
+            )
+            # A gain is divided by, and a depth changed by its error.
+            wrong = value == 0 if each.startswith("gain_") else each == _DEPTH and value <= error
+            refuse(
+                bool(wrong),
+                f"{name}: the sidecar's rig_error has {each} = {value:g} +- {error:g}, which no "
+                "calibration determines: run experiment=calibrate again.",
             )
         return cls(names, values, covariance)
 
@@ -95,7 +107,7 @@ class RigError(SensorError):
             self._slope(i, sensor, np.asarray(fitted), signal_of) for i in range(len(self.names))
         ])  # fmt: skip
         stderr = np.sqrt(np.diag(self.covariance))
-        correlation = self.covariance / np.outer(stderr, stderr)
+        correlation = self.covariance / stderr[:, None] / stderr
         strength, axes = np.linalg.eigh(correlation)
         root = stderr[:, None] * axes * np.sqrt(np.maximum(strength, 0.0))
         return np.einsum("ij,i...->j...", root, slopes)
@@ -113,10 +125,17 @@ class RigError(SensorError):
 
 
 def _is_covariance(matrix: Float[np.ndarray, "k k"]) -> bool:
-    size = np.sqrt(np.abs(np.diag(matrix)))
-    if not np.all(np.diag(matrix) > 0) or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=0):
+    """Whether a matrix is finite, symmetric and positive semidefinite, up to rounding."""
+    variances = np.diag(matrix)
+    if not np.all(np.isfinite(matrix)) or not np.all(variances >= np.finfo(float).tiny):
         return False
-    return bool(np.linalg.eigvalsh(matrix / np.outer(size, size)).min() > -1e-6)
+    stderr = np.sqrt(variances)
+    with np.errstate(over="ignore"):
+        correlation = matrix / stderr[:, None] / stderr
+    if np.abs(correlation).max() > 1 + _ROUNDING:
+        return False
+    is_symmetric = np.abs(correlation - correlation.T).max() <= _ROUNDING
+    return bool(is_symmetric and np.linalg.eigvalsh(correlation).min() > -_ROUNDING)
 
 
 def _films(sensor: Sensor) -> int:

@@ -5,6 +5,7 @@ ever text and numbers. A run with anything else is listed with the reason, as on
 """
 
 import functools
+import itertools
 import os
 import re
 import shlex
@@ -23,6 +24,8 @@ from ..run_folder import FAILURES, MANIFEST, described, runs_in
 _METRICS = "metrics.json"
 _KEY = "gather.folder"
 _MOST_BYTES = 2**22  # of a run's metrics: tens of thousands
+_MOST_OF_FAILURES = 2**26
+_MOST_METRICS = 5_000  # of a run
 _MOST_NAMES = 10_000  # of metrics, and of settings, in all runs
 _MOST_READ = 5  # runs whose arrays are opened, each for metrics that no earlier one has
 _DEEPEST = 20  # folders, mappings and lists within each other
@@ -79,16 +82,15 @@ def failed_jobs(folder: Path) -> dict[str, Any]:
     path = folder / FAILURES
     if not os.path.lexists(path):
         return {}
-    document = read_json(path, what="record of failures", key=_KEY, most=_MOST_BYTES, below=folder)
+    what, most = "record of failures", _MOST_OF_FAILURES
+    document = read_json(path, what=what, key=_KEY, most=most, below=folder)
     entries = document if isinstance(document, dict) else {"": document}
-    wrong = next(
-        (number for number, each in entries.items() if not _is_failure(number, each)), None
-    )
-    refuse(
-        wrong is not None,
-        f"{_text(str(path))}: entry {wrong and _text(wrong)!a} is not as srsinv writes it: move "
-        "this file away, and failures are left out.",
-    )
+    for number, each in entries.items():
+        refuse(
+            not _is_failure(number, each),
+            f"{_text(str(path))}: entry {_text(number)!a} is not as srsinv writes it: move this "
+            "file away, and failures are left out.",
+        )
     return entries
 
 
@@ -134,7 +136,10 @@ def _run(folder: Path, place: Path) -> SweptJob:
         )
         if not isinstance(metrics, dict):
             raise ValueError(f"{_METRICS} holds no metrics by their names")
-        flat = _current(dict(_checked(each) for each in _flat(metrics)))
+        found = list(itertools.islice(_flat(metrics), _MOST_METRICS + 1))
+        if len(found) > _MOST_METRICS:
+            raise ValueError(f"{_METRICS} has more than {_MOST_METRICS} metrics")
+        flat = _current(dict(map(_checked, found)))
     except (ValueError, RecursionError) as error:
         return SweptJob(job.place, job.overrides, reason=f"left out: {_text(str(error))}")
     return SweptJob(job.place, job.overrides, flat, folder=place)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray
 from jaxtyping import Float
 
-from ...errors import refuse
+from ...errors import LARGEST, refuse
 from ...recording.flat_columns import load_columns
 from .lags import Lags
 from .measured import MeasuredKernel
@@ -74,11 +74,15 @@ def _fits(columns: Mapping[str, Float[np.ndarray, " row"]]) -> bool:
     if not all(each.size == 1 for each in rest) or x.size < 2 or not value.size:
         return False
     depth, speed, *_ = (float(each[0]) for each in rest)
-    if not (depth > 0 and speed and x[-1] > 0 and value.size == far.size * x.size):
+    if not (0 < depth <= LARGEST and speed and 0 < x[-1] <= LARGEST):
+        return False
+    if not far.size or value.size != far.size * x.size:
         return False
     if far.size % 2 or stderr.size != value.size or factors.size % value.size:
         return False
-    lags = Lags(depth, float(x[-1])).x_m
+    lags = Lags(depth, float(x[-1]))
+    if lags.count != x.size:  # before an array of them is made
+        return False
     directions = factors.size // value.size
-    is_even = lags.size == x.size and bool(np.abs(lags - x).max() <= EVEN * x[-1])
+    is_even = bool(np.abs(lags.x_m - x).max() <= EVEN * x[-1])
     return is_even and far_factors.size == directions * far.size

@@ -36,6 +36,12 @@ class Lags:
     reach_m: float
 
     @property
+    def count(self) -> float:
+        """How many lags there are, of whatever size; infinite where it is beyond all numbers."""
+        with np.errstate(over="ignore"):
+            return float(2 * np.ceil(np.float64(self.reach_m) / self.depth_m * PER_DEPTH) + 1)
+
+    @property
     def x_m(self) -> Float[np.ndarray, " m"]:
         """The lags."""
         half = int(np.ceil(self.reach_m / self.depth_m * PER_DEPTH))
