@@ -11,7 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .command.interrupts import stoppable
+from .command.outcome import DONE, say
 from .command.programs import rare_collections
+from .command.surroundings import check_current_folder, printing, settle_drawing, settle_streams
 from .errors import BadInput
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -32,29 +34,35 @@ def main(argv: Sequence[str] | None = None, config_root: Path | None = None) -> 
     `config_root` is the folder that holds `config.yaml`; its sibling `experiments`, where there is
     one, is made importable.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    root = config_root or find_config_root()
+    settle_streams(are_own=argv is None)
+    try:
+        return _run(list(sys.argv[1:] if argv is None else argv), config_root or find_config_root())
+    except BadInput as refusal:
+        return say(refusal)
+
+
+def _run(arguments: list[str], root: Path) -> int:
     if "--version" in arguments:
         from . import __version__
 
-        print(f"srsinv {__version__}")
-        return 0
+        with printing():
+            print(f"srsinv {__version__}")
+        return DONE
     if {"-h", "--help"} & set(arguments):
         from .command.help import help_text
 
-        print(help_text(root), end="")
-        return 0
+        with printing():
+            print(help_text(root), end="")
+        return DONE
 
-    os.environ.setdefault("MPLBACKEND", "Agg")  # a run must not look for a display
+    settle_drawing()
+    check_current_folder()
     # Before numpy: its library's threads wait for each other longer than small matrices take.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with rare_collections():
-        from .command.launch import launch, say
+        from .command.launch import launch
 
-        try:
-            return launch(arguments, root)
-        except BadInput as refusal:
-            return say(refusal)
+        return launch(arguments, root)
 
 
 if __name__ == "__main__":

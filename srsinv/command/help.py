@@ -32,9 +32,11 @@ results
 
 @dataclass(frozen=True)
 class Experiment:
-    """One file of `configs/experiment`: its name, its subject, and whether its job is installed."""
+    """One file of `configs/experiment`: its name, its job (None: that of the default run), its
+    subject, and whether the job is installed."""
 
     name: str
+    job: str | None
     summary: str
     runnable: bool
 
@@ -51,7 +53,8 @@ def experiments(root: Path) -> list[Experiment]:
         job = _JOB.search(path.read_text(encoding="utf-8"))
         in_clone = job is not None and job.group(1).startswith("experiments.")
         runnable = not in_clone or experiments_folder(root).is_dir()
-        entries.append(Experiment(path.stem, _first_comment(path), runnable))
+        name = None if job is None else job.group(1)
+        entries.append(Experiment(path.stem, name, _first_comment(path), runnable))
     return entries
 
 

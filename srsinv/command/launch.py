@@ -5,7 +5,6 @@ Hydra composes, sweeps and launches; srsinv returns its exit codes.
 
 import os
 import shlex
-import sys
 import traceback
 from argparse import Namespace
 from collections.abc import Callable, Sequence
@@ -33,20 +32,16 @@ from .folders import run
 from .hydra_settings import check_hydra_settings, check_typed
 from .identity import identity, resolved
 from .interrupts import apart, uninterrupted
-from .outcome import DONE, FAULT, REFUSED, Outcome
+from .outcome import DONE, FAULT, Outcome, say
 from .overrides import check
 from .programs import release_programs
+from .reads import only_read
 from .sweep_jobs import overrides_of
+from .surroundings import printing, settle_drawing, settle_streams, start_jax
 from .sweeps import sweep
 from .typed import parse, refusing
 
 _PLACES = ("hydra.run.dir", "hydra.sweep.dir")
-
-
-def say(refusal: BadInput) -> int:
-    """Print a refusal as one line on standard error; the exit code that goes with it."""
-    print("srsinv:", " ".join(str(refusal).split()), file=sys.stderr)
-    return REFUSED
 
 
 def launch(arguments: Sequence[str], root: Path) -> int:
@@ -68,9 +63,10 @@ def launch(arguments: Sequence[str], root: Path) -> int:
         initialize_config_dir(str(root.resolve()), _run_name(overrides), version_base="1.3"),
     ):
         hydra = cast(Hydra, GlobalHydra.instance().hydra)
-        check(hydra, overrides, root, flags.multirun)
+        check(hydra, overrides, root, flags.multirun, flags.config_dir)
         if _shows_only(flags):
-            return _show(hydra, flags)
+            with printing():
+                return _show(hydra, flags)
         mode = RunMode.MULTIRUN if flags.multirun else RunMode.RUN
         config = hydra.compose_config("config", flags.overrides, run_mode=mode)
         check_hydra_settings(config)
@@ -102,6 +98,8 @@ class LaunchedTask:
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run the job of a composed configuration; what became of it, with the reason printed."""
+        settle_streams(are_own=False)  # of a process that a launcher began, too
+        settle_drawing()
         if self.places:
             self._take_place()
         folder = Path(HydraConfig.get().runtime.output_dir)
@@ -128,7 +126,8 @@ class LaunchedTask:
             hydra.job.num, place = self.places[hydra.job.num]
             if place is not None:
                 hydra.runtime.output_dir = str(Path(hydra.sweep.dir, place).absolute())
-        print(f"job {hydra.job.num}: {' '.join(hydra.overrides.task)}", flush=True)
+        with printing("the number of a job"):
+            print(f"job {hydra.job.num}: {' '.join(hydra.overrides.task)}")
 
     def command(self, overrides: Sequence[str]) -> str:
         """The command as typed."""
@@ -140,10 +139,11 @@ class LaunchedTask:
         known_by = identity(settings, self.config_dir)
         open_plugins(self.config_dir)
         check_early(settings)
+        start_jax()
         with compilation_cache(settings.get("compilation_cache", False)):
             job = load_job(settings["job"], self.root)
             extra = sections(settings)
-            result = job(settings).with_sections(extra)
+            result = job(only_read(settings, self.root)).with_sections(extra)
 
             # After the job, whose module decides when jax and matplotlib are imported.
             from ..report.page import render
@@ -176,14 +176,9 @@ def _record(config: DictConfig) -> dict[str, str]:
 def _show_result(result: Any, folder: Path) -> None:
     from ..report.terminal import print_summary
 
-    try:
+    with printing("what was found", f"it is in {folder}"):
         print_summary(result)
-        print(f"{folder / result.page_name}\n{folder}", flush=True)
-    except OSError as error:  # a full disk, or a pipe without a reader
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python tries again when it ends
-        raise BadInput(
-            f"cannot print what was found ({error.strerror}); it is in {folder}"
-        ) from error
+        print(f"{folder / result.page_name}\n{folder}")
 
 
 def _flags(arguments: Sequence[str]) -> Namespace:

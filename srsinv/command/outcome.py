@@ -1,6 +1,9 @@
 """What became of a job."""
 
+import sys
 from dataclasses import dataclass
+
+from ..errors import BadInput
 
 DONE, FAULT, REFUSED = 0, 1, 2
 
@@ -16,3 +19,9 @@ class Outcome:
     def is_done(self) -> bool:
         """Whether the job's results are in its folder."""
         return self.code == DONE
+
+
+def say(refusal: BadInput) -> int:
+    """Print a refusal as one line on standard error; the exit code that goes with it."""
+    print("srsinv:", " ".join(str(refusal).split()), file=sys.stderr)
+    return REFUSED

@@ -14,6 +14,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, cast
 
+import yaml
 from hydra._internal.hydra import Hydra
 from hydra.core.object_type import ObjectType
 from hydra.core.override_parser.types import (
@@ -27,16 +28,24 @@ from omegaconf import OmegaConf
 
 from ..errors import BadInput, refuse
 from .help import experiments
+from .reads import keys_read
 from .typed import refusing, text_of
 
 _ABSENT = object()
 MOST_JOBS = 10_000  # of one sweep
+_NAMED = 3  # experiments that a sentence names
 SEVERAL = ("effects", "feature", "method", "noise")  # groups of which none may be chosen
 
 
-def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: bool) -> None:
-    """Raise `BadInput` for the first override of an absent key, or with a value that does not
-    fit."""
+def check(
+    hydra: Hydra,
+    overrides: Sequence[Override],
+    root: Path,
+    multirun: bool,
+    config_dir: str | None = None,
+) -> None:
+    """Raise `BadInput` for the first override of an absent key, or of one that the job does not
+    read, or with a value that does not fit."""
     for override in overrides:
         refuse(
             override.is_sweep_override() and not multirun,
@@ -57,12 +66,45 @@ def check(hydra: Hydra, overrides: Sequence[Override], root: Path, multirun: boo
             choices.append(_alternatives(override))
         elif text_of(override) not in searchpath:
             values.append(override)
-    if values:
-        for chosen in itertools.product(*choices):
-            base = _compose(hydra, [*searchpath, *chosen])
-            added: list[str] = []
-            for override in values:
-                _check_value(override, base, added)
+    typed = [key for each in overrides for key in _keys(each, config_dir)]
+    jobs = [name for o in values if o.key_or_group == "job" for name in _values(o)]
+    for chosen in itertools.product(*choices) if overrides else ():
+        base = _compose(hydra, [*searchpath, *chosen])
+        added: list[str] = []
+        for override in values:
+            _check_value(override, base, added)
+        for job in jobs or [base.get("job")]:
+            keys = keys_read(job, root)
+            if keys is not None:
+                read = {key: value for key, value in base.items() if key in keys}
+                _check_read(typed, job, dict.fromkeys(keys - read.keys()) | read, root)
+
+
+def _check_read(keys: Iterable[str], job: str, read: dict[str, Any], root: Path) -> None:
+    """Refuse keys that a job does not read; `read`: the part of the configuration that it reads."""
+    for key in keys:
+        top = key.partition(".")[0]
+        if top in read or top == "hydra":
+            continue
+        able = {each.name: keys_read(each.job, root) for each in experiments(root) if each.runnable}
+        names = [name for name, its in able.items() if its and top in its]
+        names = sorted(names, key=lambda name: len(able[name] or ()))[:_NAMED]
+        others = f"; experiment={' or '.join(names)} reads it" if names else ""
+        raise BadInput(f"job {job} does not read '{key}': {_nearest_key(key, read)}{others}")
+
+
+def _keys(override: Override, config_dir: str | None) -> Iterator[str]:
+    """The keys that an override sets: its own, and those of an experiment in the user's folder."""
+    yield (override.package or override.key_or_group).replace("/", ".")
+    if override.key_or_group != "experiment" or config_dir is None:
+        return
+    for name in _chosen(override):
+        path = Path(config_dir, "experiment", f"{name}.yaml")
+        with refusing():
+            file = yaml.safe_load(path.read_text("utf-8")) if path.is_file() else {}
+        for key in file or ():
+            if key != "defaults":
+                yield str(key)
 
 
 def _compose(hydra: Hydra, overrides: list[str]) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from .interrupts import uninterrupted
 from .launchers import batch_size, outcomes
 from .outcome import DONE, FAULT, REFUSED, Outcome
 from .sweep_jobs import SweepJob, SweepJobs, is_done, known_runs
+from .surroundings import printing
 
 _MOST_NAMED = 20  # failures that are printed; all are on the page
 
@@ -62,7 +63,8 @@ def sweep(context: HydraContext, task: Any, config: DictConfig, command: str) ->
             check_sweep(folder)  # nothing of the user's came in meanwhile
             put(_gathered(held.place, failures, command))
     if has_any:
-        print(f"{folder.absolute() / GATHERED[1]}\n{folder.absolute()}", flush=True)
+        with printing("where the results are", f"they are in {folder.absolute()}"):
+            print(f"{folder.absolute() / GATHERED[1]}\n{folder.absolute()}")
     _say(failures, len(wanted))
     codes = [outcome.code for _, outcome in failures]
     return next((code for code in (FAULT, REFUSED) if code in codes), DONE)

@@ -12,6 +12,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from srsinv.__main__ import find_config_root, main
+from srsinv.command.reads import only_read
 from srsinv.namespaces import load_job
 from srsinv.report.page import figures
 from srsinv.report.result import Result
@@ -57,7 +58,8 @@ def outcome(*overrides: str) -> Result:
 
 def result_of(cfg: dict[str, Any]) -> Result:
     """What the job of a configuration returns."""
-    return load_job(cfg["job"], find_config_root())(cfg)
+    root = find_config_root()
+    return load_job(cfg["job"], root)(only_read(cfg, root))
 
 
 def tables(result: Result) -> list[Table]:

@@ -213,23 +213,21 @@ def _mark(axes: Axes, mark: Mark, factor: float) -> None:
 
 
 def _finish(axes: Axes, panel: Panel, column: Sequence[Panel], x_factor: float, y_factor: float):
-    """Scales and limits; those of x are of all panels in the `column` that shares it."""
-    for name, axis in (("x", panel.x), ("y", panel.y)):
-        axes.set(**{f"{name}scale": "log" if axis.is_log else "linear"})
+    """Scales and limits; those of x are of all panels in the `column` that shares it. An axis with
+    no number that a logarithm takes is linear."""
     ends = [limits for each in column if (limits := _along(each)) is not None]
     own = (min(low for low, _ in ends), max(high for _, high in ends)) if ends else (None, None)
-    for axis, put, limits in (
-        (panel.x, axes.set_xlim, tuple(_limited(own, panel.x, x_factor))),
-        (panel.y, axes.set_ylim, tuple(_limited(_up(panel), panel.y, y_factor))),
+    for axis, drawn, limits, put in (
+        (panel.x, axes.xaxis, tuple(_limited(own, panel.x, x_factor)), axes.set_xlim),
+        (panel.y, axes.yaxis, tuple(_limited(_up(panel), panel.y, y_factor)), axes.set_ylim),
     ):
-        # Numbers too small for a logarithm leave an axis with the limits that it has.
-        if not (axis.is_log and (None in limits or limits[0] == limits[1])):
+        if not axis.is_log:
             put(*limits)
-    for axis, drawn, limits in (
-        (panel.x, axes.xaxis, axes.get_xlim()), (panel.y, axes.yaxis, axes.get_ylim())
-    ):  # fmt: skip
-        if axis.is_log:
-            log_ticks(drawn, *limits)
+        elif None not in limits:
+            axes.set(**{f"{drawn.axis_name}scale": "log"})
+            if limits[0] != limits[1]:
+                put(*limits)
+            log_ticks(drawn, *drawn.get_view_interval())
 
 
 def _limited(own: tuple[Any, Any], axis: PanelAxis, factor: float) -> Iterator[float | None]:

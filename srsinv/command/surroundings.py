@@ -1,0 +1,117 @@
+"""What a command is run in: its streams, its current folder, and the variables that jax and
+matplotlib read.
+
+None of them is srsinv's own, and each can be unusable: a terminal of ASCII, a stream that is closed
+or full, a folder that was removed, a variable that was set for another program.
+"""
+
+import io
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from ..errors import BadInput
+
+# Figures are drawn without a display and by styles of our own: another program's choice of a
+# backend, or a user's settings file, could only break them.
+_DRAWING = {"MPLBACKEND": "Agg", "MATPLOTLIBRC": os.devnull}
+_READ_BY_JAX = ("JAX_", "XLA_")
+# Switches that stop other programs of jax's at what is intended here, or forbid it.
+_DEBUGGING = {
+    "jax_check_tracer_leaks": False,
+    "jax_debug_infs": False,  # an infinite noise stands for an offset that is not known
+    "jax_debug_nans": False,  # NaN marks samples that are missing
+    "jax_disable_jit": False,
+    "jax_numpy_dtype_promotion": "standard",
+    "jax_transfer_guard": "allow",
+}
+_REASON = 200  # characters of another program's error
+
+
+class _Unfailing(io.FileIO):
+    """A file to which what cannot be written is lost."""
+
+    def write(self, data) -> int:
+        try:
+            return super().write(data)
+        except OSError:
+            return len(data)
+
+
+def settle_streams(are_own: bool) -> None:
+    """Let standard output and error take any character, whatever their encoding, and give closed
+    ones to the null device; where they `are_own`, of a whole process, errors that cannot be
+    written are lost.
+
+    A file opened later would otherwise get a closed stream's number, and what is printed with it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    if are_own and sys.stderr is not None:
+        with suppress(OSError, ValueError):  # no file of the system's
+            file, encoding = _Unfailing(sys.stderr.fileno(), "w", closefd=False), sys.stderr.encoding
+            sys.stderr = io.TextIOWrapper(file, encoding, line_buffering=True, write_through=True)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
+@contextmanager
+def printing(of: str = "what was asked for", remedy: str = "print it elsewhere") -> Iterator[None]:
+    """Refuse where what is printed inside cannot be written: a full disk, or a pipe without a
+    reader."""
+    try:
+        yield
+        sys.stdout.flush()
+    except OSError as error:
+        with suppress(OSError, ValueError):
+            # Or Python tries again when it ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise BadInput(f"cannot print {of} ({error.strerror}); {remedy}") from error
+
+
+def settle_drawing() -> None:
+    """Let figures be drawn in the same way everywhere; before matplotlib is imported."""
+    os.environ.update(_DRAWING)
+
+
+def check_current_folder() -> None:
+    """Raise `BadInput` where the current folder was removed, or may not be entered."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise BadInput(
+            f"the current folder cannot be used ({error.strerror}); go to another with cd FOLDER"
+        ) from error
+
+
+def start_jax() -> None:
+    """Import jax, start it, and turn its switches for debugging off.
+
+    Raises `BadInput` with the variables of the environment by which it cannot start.
+    """
+    try:
+        import jax
+
+        jax.devices()
+    except Exception as error:  # ValueError, RuntimeError or AssertionError, by the variable
+        given = [name for name in sorted(os.environ) if name.startswith(_READ_BY_JAX)]
+        given = [name for name in given if (name, os.environ[name]) != ("JAX_ENABLE_X64", "true")]
+        if not given:
+            raise
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        named = [name for name in given if name in said or name.lower() in said] or given
+        settings = " and ".join(f"{name}={os.environ[name]}" for name in named)
+        raise BadInput(
+            f"jax cannot start with {settings} ({said[:_REASON]}); type unset {' '.join(named)} "
+            "and run it again"
+        ) from error
+    for name, value in _DEBUGGING.items():
+        jax.config.update(name, value)
