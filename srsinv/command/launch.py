@@ -39,7 +39,7 @@ from .reads import only_read
 from .sweep_jobs import overrides_of
 from .surroundings import printing, settle_drawing, settle_streams, start_jax
 from .sweeps import sweep
-from .typed import parse, refusing
+from .typed import composing, parse, refusing
 
 _PLACES = ("hydra.run.dir", "hydra.sweep.dir")
 
@@ -68,7 +68,8 @@ def launch(arguments: Sequence[str], root: Path) -> int:
             with printing():
                 return _show(hydra, flags)
         mode = RunMode.MULTIRUN if flags.multirun else RunMode.RUN
-        config = hydra.compose_config("config", flags.overrides, run_mode=mode)
+        with composing():
+            config = hydra.compose_config("config", flags.overrides, run_mode=mode)
         check_hydra_settings(config)
         context = HydraContext(config_loader=hydra.config_loader, callbacks=Callbacks(config))
         given = ("--config-dir", flags.config_dir) if flags.config_dir else ()
@@ -237,11 +238,23 @@ def _show(hydra: Hydra, flags: Namespace) -> int:
         flags.overrides = []
         hydra.hydra_help("config", get_args_parser(), flags)
     elif flags.cfg:
+        _check_package(hydra, flags)
         hydra.show_cfg("config", flags.overrides, flags.cfg, flags.package, flags.resolve)
     else:
         check_hydra_settings(hydra.compose_config("config", flags.overrides, RunMode.RUN))
         hydra.show_info(flags.info, "config", flags.overrides)
     return DONE
+
+
+def _check_package(hydra: Hydra, flags: Namespace) -> None:
+    """Refuse a package that the configuration does not have, as Hydra would end the process."""
+    with composing():
+        config = hydra.compose_config("config", flags.overrides, run_mode=RunMode.RUN)
+        found = None if flags.package is None else OmegaConf.select(config, flags.package)
+    refuse(
+        flags.package is not None and found is None,
+        f"--package {flags.package} is no key of the configuration; see srsinv --cfg job",
+    )
 
 
 def _complete(root: Path, words: list[str]) -> int:

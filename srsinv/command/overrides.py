@@ -14,7 +14,6 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, cast
 
-import yaml
 from hydra._internal.hydra import Hydra
 from hydra.core.object_type import ObjectType
 from hydra.core.override_parser.types import (
@@ -29,7 +28,7 @@ from omegaconf import OmegaConf
 from ..errors import BadInput, refuse
 from .help import experiments
 from .reads import keys_read
-from .typed import refusing, text_of
+from .typed import composing, text_of
 
 _ABSENT = object()
 MOST_JOBS = 10_000  # of one sweep
@@ -66,7 +65,8 @@ def check(
             choices.append(_alternatives(override))
         elif text_of(override) not in searchpath:
             values.append(override)
-    typed = [key for each in overrides for key in _keys(each, config_dir)]
+    typed = _typed_keys(overrides)
+    usual = _compose(hydra, searchpath) if config_dir else None
     jobs = [name for o in values if o.key_or_group == "job" for name in _values(o)]
     for chosen in itertools.product(*choices) if overrides else ():
         base = _compose(hydra, [*searchpath, *chosen])
@@ -77,7 +77,9 @@ def check(
             keys = keys_read(job, root)
             if keys is not None:
                 read = {key: value for key, value in base.items() if key in keys}
-                _check_read(typed, job, dict.fromkeys(keys - read.keys()) | read, root)
+                # What differs by an experiment of the user's own is the user's, too.
+                own = [key for key in base if usual and base[key] != usual.get(key)]
+                _check_read([*typed, *own], job, dict.fromkeys(keys - read.keys()) | read, root)
 
 
 def _check_read(keys: Iterable[str], job: str, read: dict[str, Any], root: Path) -> None:
@@ -93,29 +95,20 @@ def _check_read(keys: Iterable[str], job: str, read: dict[str, Any], root: Path)
         raise BadInput(f"job {job} does not read '{key}': {_nearest_key(key, read)}{others}")
 
 
-def _keys(override: Override, config_dir: str | None) -> Iterator[str]:
-    """The keys that an override sets: its own, and those of an experiment in the user's folder."""
-    yield (override.package or override.key_or_group).replace("/", ".")
-    if override.key_or_group != "experiment" or config_dir is None:
-        return
-    for name in _chosen(override):
-        path = Path(config_dir, "experiment", f"{name}.yaml")
-        with refusing():
-            file = yaml.safe_load(path.read_text("utf-8")) if path.is_file() else {}
-        for key in file or ():
-            if key != "defaults":
-                yield str(key)
+def _typed_keys(overrides: Sequence[Override]) -> list[str]:
+    """The keys that overrides set."""
+    return [(each.package or each.key_or_group).replace("/", ".") for each in overrides]
 
 
 def _compose(hydra: Hydra, overrides: list[str]) -> dict[str, Any]:
-    with refusing():
+    with composing():
         config = hydra.compose_config("config", overrides, run_mode=RunMode.RUN)
         return cast(dict[str, Any], OmegaConf.to_container(config, resolve=False))
 
 
 def _options(hydra: Hydra, group: str, searchpath: list[str]) -> list[str]:
     loader = hydra.config_loader
-    with refusing():
+    with composing():
         return loader.get_group_options(group, ObjectType.CONFIG, "config", searchpath)
 
 

@@ -24,6 +24,7 @@ _DEBUGGING = {
     "jax_debug_nans": False,  # NaN marks samples that are missing
     "jax_disable_jit": False,
     "jax_numpy_dtype_promotion": "standard",
+    "jax_numpy_rank_promotion": "allow",
     "jax_transfer_guard": "allow",
 }
 _REASON = 200  # characters of another program's error
@@ -93,7 +94,7 @@ def check_current_folder() -> None:
 
 
 def start_jax() -> None:
-    """Import jax, start it, and turn its switches for debugging off.
+    """Import jax, start it, and turn off its switches for debugging that the environment has on.
 
     Raises `BadInput` with the variables of the environment by which it cannot start.
     """
@@ -106,12 +107,13 @@ def start_jax() -> None:
         given = [name for name in given if (name, os.environ[name]) != ("JAX_ENABLE_X64", "true")]
         if not given:
             raise
-        said = " ".join(f"{type(error).__name__}: {error}".split())
+        said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
         named = [name for name in given if name in said or name.lower() in said] or given
         settings = " and ".join(f"{name}={os.environ[name]}" for name in named)
+        device = ", as it finds no such device" if any("PLATFORM" in n for n in named) else ""
         raise BadInput(
-            f"jax cannot start with {settings} ({said[:_REASON]}); type unset {' '.join(named)} "
-            "and run it again"
+            f"jax cannot start with {settings}{device} ({said[:_REASON]}); type unset "
+            f"{' '.join(named)} and run it again"
         ) from error
-    for name, value in _DEBUGGING.items():
-        jax.config.update(name, value)
+    for name in _DEBUGGING.keys() & {each.lower() for each in os.environ}:
+        jax.config.update(name, _DEBUGGING[name])

@@ -36,6 +36,26 @@ def refusing() -> Iterator[None]:
         raise BadInput(f"cannot compose the configuration: {reason}") from error
 
 
+@contextmanager
+def composing() -> Iterator[None]:
+    """Turn whatever is raised while configuration files are read and put together into `BadInput`:
+    they are a user's, and PyYAML, OmegaConf and Hydra raise many things on what is none."""
+    try:
+        with refusing():
+            yield
+    except BadInput:
+        raise
+    except RecursionError as error:
+        raise BadInput(
+            "cannot compose the configuration: a file of it includes itself, or is nested too "
+            "deeply; leave that out"
+        ) from error
+    except Exception as error:
+        raise BadInput(
+            f"cannot compose the configuration: {type(error).__name__}: {_one_line(str(error))}"
+        ) from error
+
+
 def parse(overrides: Sequence[str], root: Path) -> list[Override]:
     """Hydra's own reading of `overrides`, with configurations in `root`. Raises `BadInput`."""
     for override in overrides:

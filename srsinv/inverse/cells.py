@@ -19,6 +19,7 @@ from .sample_noise import is_steady
 
 LEAST_CELLS = 3  # as a line needs
 LEAST_SAMPLES = 3
+MOST_UNSCANNED = 100  # cells for each that was scanned: the least scan has 85 within its margins
 FEW_CELLS = 1024  # beyond, a line is lengthened to what Fourier transforms are quick for,
 MOST_LONGER = 256  # by so many cells at most: equations for missing samples treat a run densely
 FEW = 0.25  # of the median information: a cell with less has twice the noise of the others
@@ -84,17 +85,25 @@ def sample_spacing_m(motion: Motion) -> float:
     return float(np.mean(np.abs(np.asarray(motion.speed_m_per_s)))) / motion.sample_rate_hz
 
 
-def block_of(motion: Motion, depth_m: float, cell_m: float | None) -> int:
+def block_of(name: str, motion: Motion, depth_m: float, cell_m: float | None) -> int:
     """Number of samples in one cell: about `cell_m` wide, else no wider than the depth asks for.
 
     At a varying speed samples are shared between cells, and with one in each their noise would be.
+    Raises `BadInput` for a scan shorter than three cells.
     """
     spacing, count = sample_spacing_m(motion), motion.time_s.size
+    wide = resolution.cell_m("inversion", depth_m) if cell_m is None else cell_m
+    length = count * spacing
+    refuse(
+        not length * (1 + 1e-9) >= LEAST_CELLS * wide,
+        f"{name}: the scan is {length:.4g} m long, less than {LEAST_CELLS} cells of {wide:.4g} m: "
+        "record a longer one, check the positions' unit, or give a smaller recording.cell_m.",
+    )
     if cell_m is None:
-        block = int(resolution.cell_m("inversion", depth_m) / spacing * (1 + 1e-9))
+        block = int(wide / spacing * (1 + 1e-9))
         block = max(block, 1 if is_steady(motion) else 2)
     else:
-        block = round(cell_m / spacing)
+        block = round(wide / spacing)
     return int(np.clip(block, 1, count // LEAST_SAMPLES))
 
 
@@ -146,6 +155,12 @@ def line_over(
     before = max(0, int(np.floor((x[0] - cell / 2 - window.start_m) / cell)))
     after = max(0, int(np.floor((window.end_m - x[-1] - cell / 2) / cell)))
     n = before + x.size + after
+    refuse(
+        n > MOST_UNSCANNED * x.size,
+        f"The scan is {x[-1] - x[0] + cell:.4g} m long, and the window that it is to be inverted on "
+        f"{n * cell:.4g} m, more than {MOST_UNSCANNED} times as much: record a longer one, or give "
+        "wider cells (recording.cell_m) or a narrower recording.contact_window_m.",
+    )
     if window_m is None and n > FEW_CELLS:
         n = _quick_length(n)
         after = n - before - x.size

@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..errors import BadInput
+from ..errors import BadInput, refuse
 from ..forward.film import SampleAverage
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Open
 from ..recording.passes import Pass, go_both_ways, passes_of
-from .cells import Cells, block_of, cell_signals, line_over, sample_spacing_m
+from .cells import LEAST_SAMPLES, Cells, block_of, cell_signals, line_over, sample_spacing_m
 from .passes import AveragedPasses, Averaging
 from .sample_noise import SampleNoise
 
@@ -78,12 +78,13 @@ def on_cells(
     if not passes:
         towards = "+x" if way else "-x"
         raise BadInput(f"{given.name}: no pass goes towards {towards}: give recording.ways=both.")
+    _check_samples(given, passes)
     first, *others = passes
     if turns and others:
         return _averaged(given, passes, window_m, cell_m)
     given = given.cut(first) if turns else given
     depth = float(given.sensor.depth_m)
-    block = block_of(given.motion, depth, cell_m)
+    block = block_of(given.name, given.motion, depth, cell_m)
     rows = given.rows
     cells = cell_signals(
         given.name, given.motion, rows.reshape(-1, rows.shape[-1]), given.sensor.amplifier, block
@@ -130,7 +131,21 @@ def aligned(
 ) -> tuple[Motion, Float[np.ndarray, "e way sample"]]:
     """The motion with each of its passes where the signals of its way have their mean place: see
     [`Averaging`][]. Raises `BadInput` for passes shorter than three cells."""
+    _check_samples(given, passes)
     return _averaging(given, passes, cell_m)[0].aligned()
+
+
+def _check_samples(given: SampledSignals, passes: Sequence[Pass]) -> None:
+    """Refuse passes of so few samples that they are no passes."""
+    for each in passes:
+        own = each.samples
+        count, at_s = own.stop - own.start, float(given.motion.time_s[own.start])
+        refuse(
+            count < LEAST_SAMPLES,
+            f"{given.name}: the position turns back after {count} of its samples, at {at_s:.6g} s: "
+            "correct it where it jumps (a counter that wraps, a spike), or give "
+            "recording.speed_m_per_s=...",
+        )
 
 
 def _averaging(
@@ -140,7 +155,7 @@ def _averaging(
     motion, noise = given.motion, given.noise
     depth, rate = float(given.sensor.depth_m), motion.sample_rate_hz
     longest = max(passes, key=lambda each: each.samples.stop - each.samples.start)
-    block = max(block_of(given.cut(longest).motion, depth, cell_m), 2)
+    block = max(block_of(given.name, given.cut(longest).motion, depth, cell_m), 2)
     speed = np.abs(np.asarray(motion.speed_m_per_s))
     mean = float(np.mean(np.concatenate([speed[each.samples] for each in passes])))
     averaging = Averaging(

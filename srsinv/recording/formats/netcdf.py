@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from xarray.conventions import decode_cf_variable
 
+from ...errors import is_number, shown
 from ...files import DataFile
 from .._apart import IsolatedReader
 from .._sidecar import parse
@@ -51,6 +52,12 @@ def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
         return
     packing = {key: word(attribute(table, dataset, key)) for key in _PACKING}
     packing = {key: value for key, value in packing.items() if value is not None}
+    for key in ("scale_factor", "add_offset"):
+        value = packing.get(key, 1)
+        if not is_number(value) or (key == "scale_factor" and value == 0):
+            value = value.item() if isinstance(value, np.generic) else value
+            table.leave_out(name, f"is packed with {key} {shown(value)}")
+            return
 
     def unpacked(values: np.ndarray) -> xr.Variable:
         variable = xr.Variable(("sample",), values, packing)
