@@ -36,8 +36,8 @@ from .outcome import DONE, FAULT, Outcome, say
 from .overrides import check
 from .programs import release_programs
 from .reads import only_read
-from .sweep_jobs import overrides_of
 from .surroundings import printing, settle_drawing, settle_streams, start_jax
+from .sweep_jobs import overrides_of
 from .sweeps import sweep
 from .typed import composing, parse, refusing
 

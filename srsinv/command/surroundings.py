@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 from ..errors import BadInput
 
@@ -33,7 +34,8 @@ _REASON = 200  # characters of another program's error
 class _Unfailing(io.FileIO):
     """A file to which what cannot be written is lost."""
 
-    def write(self, data) -> int:
+    def write(self, data: Any) -> int:
+        """Write as to any file; say that all was written where it was not."""
         try:
             return super().write(data)
         except OSError:
@@ -54,7 +56,10 @@ def settle_streams(are_own: bool) -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
     if are_own and sys.stderr is not None:
         with suppress(OSError, ValueError):  # no file of the system's
-            file, encoding = _Unfailing(sys.stderr.fileno(), "w", closefd=False), sys.stderr.encoding
+            file, encoding = (
+                _Unfailing(sys.stderr.fileno(), "w", closefd=False),
+                sys.stderr.encoding,
+            )
             sys.stderr = io.TextIOWrapper(file, encoding, line_buffering=True, write_through=True)
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)

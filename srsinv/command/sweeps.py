@@ -18,8 +18,8 @@ from .folders import RECORD, check_sweep, hint_at_remains, marked, no_empty_fold
 from .interrupts import uninterrupted
 from .launchers import batch_size, outcomes
 from .outcome import DONE, FAULT, REFUSED, Outcome
-from .sweep_jobs import SweepJob, SweepJobs, is_done, known_runs
 from .surroundings import printing
+from .sweep_jobs import SweepJob, SweepJobs, is_done, known_runs
 
 _MOST_NAMED = 20  # failures that are printed; all are on the page
 

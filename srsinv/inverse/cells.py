@@ -157,9 +157,9 @@ def line_over(
     n = before + x.size + after
     refuse(
         n > MOST_UNSCANNED * x.size,
-        f"The scan is {x[-1] - x[0] + cell:.4g} m long, and the window that it is to be inverted on "
+        f"The scan is {x[-1] - x[0] + cell:.4g} m long, and the line that it is to be inverted on "
         f"{n * cell:.4g} m, more than {MOST_UNSCANNED} times as much: record a longer one, or give "
-        "wider cells (recording.cell_m) or a narrower recording.contact_window_m.",
+        "a narrower recording.contact_window_m.",
     )
     if window_m is None and n > FEW_CELLS:
         n = _quick_length(n)

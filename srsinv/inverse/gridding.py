@@ -143,8 +143,7 @@ def _check_samples(given: SampledSignals, passes: Sequence[Pass]) -> None:
         refuse(
             count < LEAST_SAMPLES,
             f"{given.name}: the position turns back after {count} of its samples, at {at_s:.6g} s: "
-            "correct it where it jumps (a counter that wraps, a spike), or give "
-            "recording.speed_m_per_s=...",
+            "correct the positions there (a counter that wraps, a spike).",
         )
 
 

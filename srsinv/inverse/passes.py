@@ -80,7 +80,7 @@ class Averaging:
     ):
         speed = as_real(np.asarray(motion.speed_m_per_s))
         gain = np.asarray(amplifier.at_speed(speed) / amplifier.at_speed(as_real(speed_m_per_s)))
-        self._motion, self._gain, self._every = motion, gain, passes
+        self._name, self._motion, self._gain, self._every = name, motion, gain, passes
         self._given = [self._rising(each, motion, gain, rows) for each in passes]
         self.ways = tuple(way for way in (True, False) if any(p.is_onwards == way for p in passes))
         self._way = [self.ways.index(each.is_onwards) for each in passes]
@@ -166,6 +166,11 @@ class Averaging:
             middles = sample_middles(x - shift)
             start = max(int(np.ceil((middles[0] - self._edges[0]) / cell - 1e-9)), 0)
             stop = min(int(np.floor((middles[-1] - self._edges[0]) / cell + 1e-9)), n)
+            refuse(
+                stop - start < LEAST_CELLS,
+                f"{self._name}: a pass is as the others of its direction only if it is moved by "
+                f"{shift:.4g} m, beyond their places: check the positions (a counter that wraps).",
+            )
             elements, each, _ = rows.shape
             flat = rows.reshape(elements * each, -1)
             values, typical, white, slow = fitted_on(

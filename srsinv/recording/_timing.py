@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from ._guard import MOST_SAMPLES
+
 GAP = 1.5  # of the interval: beyond it a sample is missing
 JITTER = 0.2  # of the interval: beyond it a signal is too coarse to be interpolated to even times
 # Half a last digit, and the error of the line through the stamps, as fractions of the last digit.
@@ -51,7 +53,7 @@ class Timing:
         step = np.ones(samples, int)
         step[0] = 0
         for gap in self.gaps:
-            step[gap.row] += gap.missing
+            step[gap.row] += min(gap.missing, 2**62 // samples)  # an integer holds the sum
         return np.cumsum(step)
 
 
@@ -91,6 +93,8 @@ def _timing(
         disorder=tuple((np.flatnonzero(step_s <= 0) + 2).tolist()),
     )
     if estimate.is_even or estimate.disorder or not np.isfinite(time_s).all():
+        return estimate
+    if sum(gap.missing for gap in gaps) > MOST_SAMPLES:  # no file has so many rows
         return estimate
     return replace(estimate, is_even=line_through(time_s, estimate.rows(time_s.size))[1])
 

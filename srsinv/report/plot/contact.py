@@ -55,7 +55,8 @@ def _around(x: np.ndarray, height: np.ndarray, inside: np.ndarray) -> np.ndarray
 def feature_traction(dataset: xarray.Dataset) -> Figure:
     """p and q of fitted features over the scan, with their 90 % bands."""
     x, position = dataset["x"].values, dataset["position"].values
-    near = dataset.isel(x=(x >= position.min()) & (x <= position.max()))
+    inside = (x >= position.min()) & (x <= position.max())
+    near = dataset.isel(x=inside) if inside.any() else dataset  # a scan may lie within a cell
     parts = []
     for name in names_of(near["component"]):
         value = near["estimate"].sel(component=name).values
