@@ -1,11 +1,16 @@
 """Numbers: sums along millions of samples without loss of digits, lengths of fast Fourier
-transforms, runs in a mask, and a normal's band."""
+transforms, whole steps in a length, runs in a mask, and a normal's band."""
+
+import math
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 BAND_90 = 1.6448536269514722  # half-width of a normal's central 90 %, in standard errors
 FEW = 64  # values that are added in sequence
+# Of a number of steps: far above what sums over a recording leave in it, which differs from one
+# processor to another, and far below what makes a step shorter or longer.
+SAME_COUNT = 1e-9
 
 
 def fast_length(least: int) -> int:
@@ -19,6 +24,11 @@ def fast_length(least: int) -> int:
             three *= 3
         five *= 5
     return min(lengths)
+
+
+def whole_steps(length: float, step: float) -> int:
+    """How many steps lie within a length, a last one that is cut by rounding alone with them."""
+    return math.floor(length / step * (1 + SAME_COUNT))
 
 
 def runs(mask: Bool[np.ndarray, " n"]) -> list[tuple[int, int]]:

@@ -15,6 +15,7 @@ from ..errors import refuse
 from ..forward.amplifier import Amplifier
 from ..forward.scan import Motion
 from ..grid import Open, as_real
+from ..numerics import SAME_COUNT, whole_steps
 from .sample_noise import is_steady
 
 LEAST_CELLS = 3  # as a line needs
@@ -95,15 +96,15 @@ def block_of(name: str, motion: Motion, depth_m: float, cell_m: float | None) ->
     wide = resolution.cell_m("inversion", depth_m) if cell_m is None else cell_m
     length = count * spacing
     refuse(
-        not length * (1 + 1e-9) >= LEAST_CELLS * wide,
+        not length * (1 + SAME_COUNT) >= LEAST_CELLS * wide,
         f"{name}: the scan is {length:.4g} m long, less than {LEAST_CELLS} cells of {wide:.4g} m: "
         "record a longer one, check the positions' unit, or give a smaller recording.cell_m.",
     )
     if cell_m is None:
-        block = int(wide / spacing * (1 + 1e-9))
+        block = whole_steps(wide, spacing)
         block = max(block, 1 if is_steady(motion) else 2)
     else:
-        block = round(wide / spacing)
+        block = round(wide / spacing * (1 + SAME_COUNT))
     return int(np.clip(block, 1, count // LEAST_SAMPLES))
 
 
@@ -152,8 +153,8 @@ def line_over(
     cell = float((x[-1] - x[0]) / (x.size - 1))
     window = window_around(window_m, x, depth_m)
     check_cells(f"The contact window, [{window.start_m}, {window.end_m}] m", window.length_m, cell)
-    before = max(0, int(np.floor((x[0] - cell / 2 - window.start_m) / cell)))
-    after = max(0, int(np.floor((window.end_m - x[-1] - cell / 2) / cell)))
+    before = max(0, whole_steps(float(x[0]) - cell / 2 - window.start_m, cell))
+    after = max(0, whole_steps(window.end_m - float(x[-1]) - cell / 2, cell))
     n = before + x.size + after
     refuse(
         n > MOST_UNSCANNED * x.size,
@@ -244,13 +245,13 @@ def sample_middles(x: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " middl
 def _cell_edges(
     name: str, middles: Float[np.ndarray, " middle"], cell: float
 ) -> Float[np.ndarray, " edge"]:
-    length = middles[-1] - middles[0]
+    length = float(middles[-1] - middles[0])
     refuse(
-        length < LEAST_CELLS * cell,
+        whole_steps(length, cell) < LEAST_CELLS,
         f"{name}: the scan is {length:.4g} m long, less than {LEAST_CELLS} cells of "
         f"{cell:.4g} m: check the positions' unit, or give a smaller recording.cell_m.",
     )
-    return middles[0] + cell * np.arange(int(length / cell) + 1)
+    return middles[0] + cell * np.arange(whole_steps(length, cell) + 1)
 
 
 def _interpolated(

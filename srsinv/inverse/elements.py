@@ -23,6 +23,9 @@ LENGTHS = (1.0, 4.0)  # depths, over which p is correlated
 # mu, and the part of q that is not mu p: apart, and hardly apart from friction.
 SHEARS = ((0.0, 1.0), (0.0, 0.1), (0.25, 0.1), (-0.25, 0.1), (0.6, 0.1), (-0.6, 0.1))
 DEEP = 12.0  # k z beyond which the skin transmits nothing
+# Of a signal's power, at least: less noise is a float64's rounding, which would make the signals'
+# covariance singular, and the evidence that of rounding.
+LEAST_NOISE = 1e-12
 OF_WAVES = 0.01  # of the largest power of mains' waves: wavenumbers with more are left out
 Gain = Complex[np.ndarray, "e c k"]
 
@@ -118,7 +121,9 @@ def _log_evidence(
     eye = np.eye(len(white))
     logs = []
     for prior in priors:
-        covariance = np.einsum("eck,cdk,fdk->kef", gain, prior, gain.conj()) + eye
+        covariance = np.einsum("eck,cdk,fdk->kef", gain, prior, gain.conj())
+        power = np.einsum("kee->k", covariance).real
+        covariance = covariance + np.maximum(1.0, LEAST_NOISE * power)[:, None, None] * eye
         solved = np.linalg.solve(covariance, white.T[..., None])[..., 0]
         squares = np.sum(white.T.conj() * solved).real
         logs.append(-squares - np.sum(np.linalg.slogdet(covariance)[1]))

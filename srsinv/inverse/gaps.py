@@ -11,6 +11,9 @@ from jaxtyping import Bool, Float, Int
 # them, for what lies across it is left to conjugate gradients; a run is cut at the most that a
 # dense inverse is quick for.
 LEAST, USUAL, MOST = 96, 256, 1024
+# Of a matrix's diagonal, for each of its rows: what rounding leaves of a direction that has no
+# information, as an element's offset where all of its samples are missing.
+ROUNDED = 4 * float(np.finfo(float).eps)
 
 Values = Float[np.ndarray, " m"]
 Lags = Float[np.ndarray, "e f n"]
@@ -61,20 +64,23 @@ class Gaps(NamedTuple):
         inverses = []
         for block in self.blocks:
             matrix = self.matrix(lags, block, block)
-            # Where all samples of an element are missing, its offset has no information at all.
-            matrix.flat[:: len(matrix) + 1] *= 1 + 1e-13
             inverses.append(inverse_of(matrix))
         return BlockInverse(self.blocks, *zip(*inverses, strict=True))
 
 
 def inverse_of(matrix: Float[np.ndarray, "b b"]) -> tuple[Float[np.ndarray, "b b"], float]:
-    """The inverse of a symmetric matrix, by Cholesky's factor where it is positive definite, and
-    the logarithm of its determinant."""
+    """The inverse of a symmetric matrix that is positive definite but for rounding, and the
+    logarithm of its determinant. Its diagonal is raised by rounding, so that Cholesky's factor is
+    there on any processor; where more than rounding is wrong, its eigenvalues are."""
+    floor = ROUNDED * max(len(matrix), 128)
+    matrix = matrix.copy()
+    matrix.flat[:: len(matrix) + 1] *= 1 + floor
     factorise, invert = scipy.linalg.get_lapack_funcs(("potrf", "potri"), (matrix,))
     factor, failed = factorise(matrix, lower=1)
     if failed:
-        whole = np.linalg.inv(matrix)
-        return (whole + whole.T) / 2, float(np.linalg.slogdet(whole)[1])
+        values, axes = np.linalg.eigh(matrix)
+        values = np.maximum(values, floor * values[-1])
+        return (axes / values) @ axes.T, -float(np.sum(np.log(values)))
     log_determinant = -2 * float(np.sum(np.log(np.diag(factor))))
     lower = np.tril(invert(factor, lower=1)[0])
     return lower + np.tril(lower, -1).T, log_determinant

@@ -23,6 +23,7 @@ from .noise_precision import NoisePrecision
 Signal = Float[np.ndarray, "e n"]
 Traction = Float[np.ndarray, "c n"]
 Columns = Float[np.ndarray, "e column n"]
+ROUNDED = 16 * float(np.finfo(float).eps)  # of a column's square: what rounding leaves of it
 
 
 class Nuisance:
@@ -127,6 +128,8 @@ class Beside(NamedTuple):
         moved = np.stack([solve(image) for image in images])
         among = scipy.linalg.block_diag(*nuisance.among)
         tight = among - np.einsum("icn,jcn->ij", images, moved)
+        # In exact numbers at least one everywhere; what is lost of a large difference is rounding.
+        tight = tight + ROUNDED * np.diag(np.diag(among))
         return cls(moved, images, np.linalg.inv((tight + tight.T) / 2))
 
     def corrected(self, solved: Traction) -> Traction:

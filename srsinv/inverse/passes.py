@@ -21,6 +21,7 @@ from ..errors import refuse
 from ..forward.amplifier import Amplifier
 from ..forward.scan import Motion
 from ..grid import as_real
+from ..numerics import whole_steps
 from ..recording.passes import Pass
 from .cells import LEAST_CELLS, Cells, fitted_on, sample_middles
 from .pass_statistics import FALSE_ALARM, PassesOnCells, PassOnCells
@@ -87,11 +88,11 @@ class Averaging:
         middles = [sample_middles(x) for x, _, _ in self._given]
         first, last = min(m[0] for m in middles), max(m[-1] for m in middles)
         refuse(
-            not all(m[-1] - m[0] > (LEAST_CELLS + 1) * cell_m for m in middles),
+            not all(whole_steps(m[-1] - m[0], cell_m) > LEAST_CELLS for m in middles),
             f"{name}: a pass is shorter than {LEAST_CELLS} cells of {cell_m:.4g} m: check the "
             "positions' unit, or give a smaller recording.cell_m.",
         )
-        self._edges = first + cell_m * np.arange(int((last - first) / cell_m) + 1)
+        self._edges = first + cell_m * np.arange(whole_steps(last - first, cell_m) + 1)
         self._variance = np.broadcast_to(white_rms**2, len(rows))[:, None]
         step = drift * np.sqrt(cell_m / speed_m_per_s)
         self._step = np.broadcast_to(step, len(rows))[:, None]

@@ -6,19 +6,30 @@ make noise of about r over the sampling interval, and the signal is proportional
 the speed is the slope of the parabola through the longest window of samples around each that lies
 within half a step of it, and the error that rounding leaves in it. In the window's middle that is a
 mean of increments with positive weights, so that it neither overshoots nor turns a motion back.
+
+What is done is decided from the numbers before any equation is solved: whether a solver notices
+that its matrix is singular differs from one processor to another.
 """
 
 import numpy as np
 import scipy
 from jaxtyping import Float
 
-from srsinv.errors import BadInput
+from srsinv.errors import refuse
 
 from ._health import quantisation_step
 from ._recording import SPEED
 from ._timing import resolution
 
 _QUINTIC = 5
+# Units in the last place of the largest position: a range of no more is the rounding of one place.
+_AT_REST = 4
+# Of the whole duration, a float64's resolution: a shorter interval is rounding of the time stamps.
+_LEAST_INTERVAL = float(np.finfo(float).eps)
+# Of the mean interval: a spline's equations lose the fourth power of the least in digits (rounding
+# then makes 1e-7 of the speed), and are singular in float64 from 1e-4 on. A recording of which nine
+# rows in ten are missing still has its usual interval above this.
+_LEAST_OF_SPLINE = 1e-2
 _FINE = 1e-3  # of a usual increment: finer steps do not matter to a spline
 _HALF_WIDTHS = (1, 2, 4, 8, 16, 32, 64)  # samples to either side
 _FEWEST = 16  # samples of which it can be told that they are rounded
@@ -31,20 +42,18 @@ def speed_of_positions(
 ) -> Float[np.ndarray, " sample"]:
     """Speed [m/s] at every sample. Raises `BadInput`, calling the recording `name`, where the times
     are too close together."""
+    if np.ptp(position_m) <= _AT_REST * np.spacing(np.max(np.abs(position_m))):
+        return np.zeros_like(time_s)
     since_s = time_s - time_s[0]  # far from zero a spline's knots would lose digits
-    if np.ptp(position_m) <= 2 * np.spacing(np.max(np.abs(position_m))):
-        return np.zeros_like(time_s)  # at rest: differences are rounding
+    refuse(
+        bool(np.min(np.diff(since_s)) < _LEAST_INTERVAL * since_s[-1]),
+        f"{name}: no speed can be derived from the positions at these times, as some are too "
+        f"close together: add a column {SPEED} or give recording.{SPEED}=...",
+    )
     step_m = _step_m(position_m)
     if step_m is not None:
         return _slopes(since_s, position_m, step_m)
-    try:
-        with np.errstate(all="ignore"):
-            return _by_spline(since_s, position_m)
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise BadInput(
-            f"{name}: no speed can be derived from the positions at these times, as some are too "
-            f"close together: add a column {SPEED} or give recording.{SPEED}=..."
-        ) from error
+    return _by_curve(since_s, position_m)
 
 
 def _step_m(position_m: Float[np.ndarray, " sample"]) -> float | None:
@@ -68,19 +77,21 @@ def _decimal_step_m(position_m: Float[np.ndarray, " sample"]) -> float:
     return float(np.gcd.reduce(counts)) * digit_m
 
 
-def _by_spline(
+def _by_curve(
     since_s: Float[np.ndarray, " sample"], position_m: Float[np.ndarray, " sample"]
 ) -> Float[np.ndarray, " sample"]:
-    steps_m = np.diff(position_m)
-    spline = scipy.interpolate.make_interp_spline(
-        since_s, position_m, min(_QUINTIC, since_s.size - 1)
-    )
-    speed = np.asarray(spline.derivative()(since_s))
-    goes_one_way = bool(np.all(steps_m >= 0) or np.all(steps_m <= 0))
-    if goes_one_way and np.ptp(np.sign(speed)) > 1:
-        # The spline overshoots at a start or a stop; a monotone curve does not.
-        speed = scipy.interpolate.pchip_interpolate(since_s, position_m, since_s, der=1)
-    return speed
+    """By a spline; by a monotone curve, which solves no equations, where intervals are too uneven
+    for that, or where the spline overshoots at a start or a stop."""
+    steps_m, interval_s = np.diff(position_m), np.diff(since_s)
+    if np.min(interval_s) >= _LEAST_OF_SPLINE * np.mean(interval_s):
+        spline = scipy.interpolate.make_interp_spline(
+            since_s, position_m, min(_QUINTIC, since_s.size - 1)
+        )
+        speed = np.asarray(spline.derivative()(since_s))
+        goes_one_way = bool(np.all(steps_m >= 0) or np.all(steps_m <= 0))
+        if not goes_one_way or np.ptp(np.sign(speed)) <= 1:
+            return speed
+    return scipy.interpolate.pchip_interpolate(since_s, position_m, since_s, der=1)
 
 
 def _slopes(

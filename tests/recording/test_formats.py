@@ -240,13 +240,6 @@ def test_positions_are_refused(position, words):
     assert words in str(caught.value)
 
 
-def test_times_too_close_for_a_speed(tmp_path):
-    time_s = np.array([0.0, 1e-16, 2e-16, 1.0, 2.0, 3.0, 4.0])
-    np.savez(tmp_path / "r.npz", time_s=time_s, position_m=time_s, voltage_0_V=time_s)
-    with pytest.raises(BadInput, match=r"no speed can be derived"):
-        load(tmp_path / "r.npz")
-
-
 def test_positions_that_stand_still_or_start(tmp_path):
     """No swing of a spline makes a motion of rest, or turns one that never goes back."""
     time_s = np.arange(400) / 1000

@@ -12,6 +12,7 @@ from ..nonlinear import Fit
 # Standard errors of a strength from zero. Noise alone, searched at every place and width, gives
 # features of up to four.
 DETECTION_SIGMA = 5.0
+ALIKE = 1e-14  # least eigenvalue of a correlation that a float64 resolves: less is rounding
 STRONG_CORRELATION = 0.3  # correlation above which one parameter's bound limits another
 
 
@@ -46,7 +47,8 @@ def _strength(name: str, linear: tuple[str, ...], fit: Fit) -> float:
     if not np.all((stderr > 0) & np.isfinite(stderr)):
         return np.inf if not np.any(stderr) and np.any(value) else 0.0
     unit = value / stderr
-    return float(np.sqrt(unit @ np.linalg.pinv(fit.correlation[np.ix_(at, at)]) @ unit))
+    values, axes = np.linalg.eigh(fit.correlation[np.ix_(at, at)])
+    return float(np.sqrt(np.sum((axes.T @ unit) ** 2 / np.maximum(values, ALIKE))))
 
 
 def _gain(fit: Fit) -> float:

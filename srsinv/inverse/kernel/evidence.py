@@ -19,6 +19,9 @@ from jaxtyping import Float, Int
 
 LEAST_WAVE = 1e-9  # of the longest one: shorter waves are left out, as denormal numbers are slow
 ROUNDED = 16 * np.finfo(float).eps  # of a sum of squares: what rounding leaves of it tells nothing
+# Of a sum of squares r M r, at most, beside the prior's one: of more, rounding leaves nothing of
+# that one among some hundred waves, and the evidence of so large a scale would be rounding.
+MOST_SEEN = 1e-3 / float(np.finfo(float).eps)
 UNSEEN = 1e-3  # r M r of waves that a search leaves out: the evidence has as little of them
 MOST_STEPS = 40
 TOLERANCE = 0.15  # of the log evidence's slope, in standard errors: some 0.01 are left
@@ -210,10 +213,9 @@ def likeliest(
     def at(logs: tuple[float, ...]) -> tuple[float, np.ndarray, np.ndarray]:
         """The loss, its slope, and its curvature as expected."""
         prior = prior_at(np.array(logs))
-        try:
-            found = posterior(products, prior, k, t0, UNSEEN)
-        except np.linalg.LinAlgError:  # a scale so large that rounding decides
+        if not _is_resolved(products, prior, k):
             return np.inf, np.zeros(count + 1), np.eye(count + 1)
+        found = posterior(products, prior, k, t0, UNSEEN)
         slope, curvature = np.zeros(count + 1), np.zeros((count + 1, count + 1))
         for e, given in enumerate(found.elements):
             own, among = found.slopes(e)
@@ -238,6 +240,14 @@ def likeliest(
         options={"gtol": TOLERANCE, "maxiter": MOST_STEPS, "initial_trust_radius": FIRST_STEP},
     )
     return prior_at(units @ found.x), -float(found.fun)
+
+
+def _is_resolved(products: Sequence[Products], prior: Prior, k: Float[np.ndarray, " b"]) -> bool:
+    """Whether the prior is not so wide that rounding decides on its posterior."""
+    seen = [
+        np.sum(prior.deviations(e, k) ** 2 * np.diag(own.waves)) for e, own in enumerate(products)
+    ]
+    return max(seen) <= MOST_SEEN
 
 
 def _solved(root: np.ndarray, right: np.ndarray, transposed: bool = False) -> np.ndarray:

@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from ._batch import Batch, Ends, Rows
 from ._search import Objective, SearchEnd
 from ._solvers import Solver, relative
+from ._uncertainty import ROUNDING_FACTOR
 
 WAVE = 3  # times as many data are searched after each wave, from what it has reached
 MOST_CANDIDATES = 32  # of the ends reached: a bank of more costs as much as a step
@@ -100,7 +101,9 @@ def _solved(factor: Float[np.ndarray, "s a a"], parts: Float[np.ndarray, "b s a"
     if not factor.shape[1]:
         return parts
     size = np.abs(np.einsum("saa->sa", factor))
-    dead = size <= np.finfo(factor.dtype).eps * np.max(size, axis=1, keepdims=True, initial=0.0)
+    # Beside the columns' lengths, whatever their units.
+    length = np.linalg.norm(factor, axis=1)
+    dead = size <= ROUNDING_FACTOR * np.finfo(factor.dtype).eps * length
     safe = factor + np.einsum("sa,ab->sab", np.where(dead, 1.0, 0.0), np.eye(factor.shape[1]))
     values = np.linalg.solve(safe, np.where(dead, 0.0, parts).transpose(1, 2, 0))
     return values.transpose(2, 0, 1)

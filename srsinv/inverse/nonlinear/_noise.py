@@ -8,11 +8,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Array, Float
 
 from ...errors import BadInput, refuse
 from ...grid import as_real, half_spectrum_weights
 from ._parameters import on_host, real
+
+# Of each variance, in roundings a row: how much of it the data before must leave open at least.
+# Below, the covariance is singular but for rounding, whether or not a factorisation notices.
+POSITIVE = 8
 
 
 class Whitener(eqx.Module):
@@ -236,12 +241,15 @@ class Correlated(Whitener):
         square = covariance.ndim == 2 and covariance.shape[0] == covariance.shape[1]
         symmetric = square and np.allclose(covariance, covariance.T, rtol=1e-8, atol=0.0)
         refuse(not symmetric, sentence)
-        try:
-            self.factor = as_real(np.linalg.cholesky(covariance))
-        except np.linalg.LinAlgError as error:
-            raise BadInput(
-                "The noise's covariance is not positive definite: add what is white."
-            ) from error
+        variance = np.diagonal(covariance)
+        (factorise,) = scipy.linalg.get_lapack_funcs(("potrf",), (covariance,))
+        factor, failed = factorise(covariance, lower=1, clean=1)
+        least = POSITIVE * np.finfo(factor.dtype).eps * len(covariance) * variance
+        refuse(
+            bool(failed) or not bool(np.all(np.diagonal(factor) ** 2 > least)),
+            "The noise's covariance is not positive definite: add what is white.",
+        )
+        self.factor = as_real(factor)
 
     def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
         return jax.scipy.linalg.solve_triangular(self.factor, jnp.ravel(residual), lower=True)

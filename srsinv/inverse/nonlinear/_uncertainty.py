@@ -128,7 +128,8 @@ def log_evidence(
     upper: np.ndarray,
     prior_stderr: np.ndarray,
 ) -> float | None:
-    """The log marginal likelihood by Laplace's method, None where a prior is not proper.
+    """The log marginal likelihood by Laplace's method, None where a prior is not proper, or where
+    rounding leaves a direction open.
 
     A parameter has its Gaussian prior (in `terms` already), else a uniform one over its bounds,
     which also bounds the curvature from below (by its own variance) and cuts the Gaussian's mass.
@@ -138,18 +139,17 @@ def log_evidence(
     width = upper - lower
     if not (gaussian | np.isfinite(width)).all():
         return None
-    hessian = jacobian.T @ jacobian
     added = np.where(gaussian, 0.0, 12 / width**2)
-    hessian[np.diag_indices(len(z))] += added
-    scale = np.sqrt(np.diagonal(hessian))
-    sign, log_det = np.linalg.slogdet(hessian / np.outer(scale, scale))
-    if sign <= 0:
+    rows = np.vstack([jacobian, np.diag(np.sqrt(added))])
+    scale = np.linalg.norm(rows, axis=0)
+    _, roots, axes = np.linalg.svd(rows / scale, full_matrices=False)
+    if not roots[-1] > ROUNDING_FACTOR * np.finfo(float).eps * roots[0]:
         return None
-    log_det += 2 * np.sum(np.log(scale))
+    log_det = 2 * (np.sum(np.log(roots)) + np.sum(np.log(scale)))
     log_prior = np.where(gaussian, -np.log(prior_stderr) - 0.5 * np.log(2 * np.pi), -np.log(width))
     value = -0.5 * terms @ terms - log_norm + log_prior.sum()
     value += len(z) / 2 * np.log(2 * np.pi) - 0.5 * log_det
-    stderr = np.sqrt(np.diagonal(np.linalg.inv(hessian)))
+    stderr = np.linalg.norm(axes.T / roots, axis=1) / scale
     slope = jacobian.T @ terms
     return float(value + sum(map(_log_mass, z, slope, stderr, lower, upper, added)))
 
