@@ -1,5 +1,5 @@
 """Numbers: sums along millions of samples without loss of digits, lengths of fast Fourier
-transforms, whole steps in a length, runs in a mask, and a normal's band."""
+transforms, whole steps in a length, runs in a mask, roots of covariances, and a normal's band."""
 
 import math
 
@@ -11,6 +11,7 @@ FEW = 64  # values that are added in sequence
 # Of a number of steps: far above what sums over a recording leave in it, which differs from one
 # processor to another, and far below what makes a step shorter or longer.
 SAME_COUNT = 1e-9
+ROUNDED = 16 * float(np.finfo(float).eps)  # of a sum of squares: what rounding leaves of it
 
 
 def fast_length(least: int) -> int:
@@ -29,6 +30,12 @@ def fast_length(least: int) -> int:
 def whole_steps(length: float, step: float) -> int:
     """How many steps lie within a length, a last one that is cut by rounding alone with them."""
     return math.floor(length / step * (1 + SAME_COUNT))
+
+
+def root_of(covariance: Float[np.ndarray, "*row m m"]) -> Float[np.ndarray, "*row m m"]:
+    """A root R, R R^T the covariance, also of one that rounding has made indefinite."""
+    values, axes = np.linalg.eigh(covariance)
+    return axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
 
 
 def runs(mask: Bool[np.ndarray, " n"]) -> list[tuple[int, int]]:

@@ -15,6 +15,7 @@ import pytest
 from jaxtyping import install_import_hook
 
 import tests.tower  # noqa: F401  looked up by its name
+from srsinv.command.compilation_cache import machine_kind
 
 # Compiling is most of the tests' time, and small sizes gain nothing from the last optimisations.
 QUICK_TO_COMPILE = (
@@ -24,9 +25,11 @@ QUICK_TO_COMPILE = (
     "--xla_backend_optimization_level=0",
 )
 os.environ.setdefault("XLA_FLAGS", " ".join(QUICK_TO_COMPILE))
-# What one worker, or an earlier run, has compiled serves the others.
+# What one worker, or an earlier run on such a machine, has compiled serves the others.
 ROOT = Path(__file__).resolve().parents[1]
-os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
+os.environ.setdefault(
+    "JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax" / machine_kind())
+)
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
 ROOMS = ("grid", "forward", "inverse", "jobs", "recording")

@@ -21,6 +21,8 @@ from ..errors import refuse, shown
 
 MOST_BYTES = 2**28  # some 10,000 programs; a run has about 50, of 25 kB each
 _LEFT = 0.75  # of these bytes, after the least recently used are removed
+# Lines of /proc/cpuinfo that decide what is compiled: instructions, and what it is tuned to.
+_PROCESSOR = ("vendor", "cpu family", "cpu part", "model", "flags", "feat")
 _TROUBLE = re.compile("Error (reading|writing) persistent compilation cache entry")
 
 
@@ -96,11 +98,11 @@ def _folder() -> Path:
     base = _user_cache()
     base.mkdir(mode=0o700, parents=True, exist_ok=True)
     folder = base / "srsinv"
-    for each in (folder, folder / _machine()):
+    for each in (folder, folder / machine_kind()):
         with suppress(FileExistsError):
             each.mkdir(mode=0o700)
         _check_private(each)
-    return folder / _machine()
+    return folder / machine_kind()
 
 
 def _user_cache() -> Path:
@@ -114,12 +116,13 @@ def _user_cache() -> Path:
     return Path(path)
 
 
-def _machine() -> str:
-    """Name of the kind of processor: programs compiled for another may crash on this one."""
-    features = ""
+def machine_kind() -> str:
+    """Name of the kind of processor: programs compiled for another may crash on this one, where
+    machines share a folder. What jax's flags change, it keeps apart itself."""
+    told = {platform.node()}  # where the system does not list what processors can do
     with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
-        features = next((line for line in lines if line.lower().startswith(("flags", "feat"))), "")
-    number = hashlib.sha256(features.encode()).hexdigest()[:8]
+        told = {line for line in lines if line.lower().startswith(_PROCESSOR)}
+    number = hashlib.sha256("".join(sorted(told)).encode()).hexdigest()[:8]
     return f"{platform.machine() or 'machine'}-{number}"
 
 

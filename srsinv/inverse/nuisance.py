@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from ..grid import as_real
 from ..modules import with_fields
+from ..numerics import ROUNDED
 from .gaps import Gaps
 from .line_problem import LineProblem
 from .noise_precision import NoisePrecision
@@ -23,7 +24,6 @@ from .noise_precision import NoisePrecision
 Signal = Float[np.ndarray, "e n"]
 Traction = Float[np.ndarray, "c n"]
 Columns = Float[np.ndarray, "e column n"]
-ROUNDED = 16 * float(np.finfo(float).eps)  # of a column's square: what rounding leaves of it
 
 
 class Nuisance:
@@ -38,7 +38,9 @@ class Nuisance:
         each = [precision(column) for column in self.columns.swapaxes(0, 1)]
         self.weighed = np.stack(each, axis=1)
         self._precision, size = precision, self.columns.shape[1]
-        self.among = np.eye(size) + np.einsum("ein,ejn->eij", self.columns, self.weighed)
+        among = np.einsum("ein,ejn->eij", self.columns, self.weighed)
+        # Positive definite though rounding of large ones were all that tells two columns apart.
+        self.among = np.eye(size) + among * (1 + ROUNDED * np.eye(size))
 
     def sizes(self, residual: Signal) -> Float[np.ndarray, "e column"]:
         """The expected sizes in what a traction leaves of the signal."""

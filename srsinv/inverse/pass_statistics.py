@@ -8,6 +8,8 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from ..numerics import ROUNDED, root_of
+
 FALSE_ALARM = 1e-3  # of shifts, and of a scatter beyond the noise, where there is none
 SMOOTH_DEPTHS = 1 / 6  # over which signals' slopes are smoothed: waves so short are noise or hum
 SHIFT_DEPTHS = 0.25  # the standard deviation of shifts before they are known
@@ -86,8 +88,8 @@ class PassesOnCells:
             weighed = off * (each.information / self.variance)[:, None]
             precision += np.einsum("ein,ejn->eij", weighed, off)
             right += np.einsum("ein,en->ei", weighed, difference)
-        covariance = np.linalg.inv(precision)
-        root = np.linalg.cholesky((covariance + covariance.swapaxes(1, 2)) / 2)
+        covariance = np.linalg.inv(precision * (1 + ROUNDED * np.eye(size)))
+        root = root_of((covariance + covariance.swapaxes(1, 2)) / 2)
         sizes = np.einsum("eij,ej->ei", covariance, right)
         cleaned = [
             each._replace(

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ...numerics import root_of
 from .evidence import Posterior, Prior
 from .means import Mean
 from .measured import MeasuredKernel
@@ -40,7 +41,7 @@ def moved(
         spread = np.zeros((given.root.shape[0], *mean.kernel.shape))
         spread[:, e] = _at_lags(given.factor, basis)
         directions.append((spread, np.zeros(spread.shape[:-1])))
-    root = np.linalg.cholesky(found.covariance)
+    root = root_of(found.covariance)
     shared = (np.tensordot(root.T, each, 1) for each in (moves, mean.far_slope))
     far = np.tensordot(found.t, mean.far_slope, 1)
     return Moved(value, far, [tuple(shared), *directions])

@@ -17,8 +17,9 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Int
 
+from ...numerics import ROUNDED, root_of
+
 LEAST_WAVE = 1e-9  # of the longest one: shorter waves are left out, as denormal numbers are slow
-ROUNDED = 16 * np.finfo(float).eps  # of a sum of squares: what rounding leaves of it tells nothing
 # Of a sum of squares r M r, at most, beside the prior's one: of more, rounding leaves nothing of
 # that one among some hundred waves, and the evidence of so large a scale would be rounding.
 MOST_SEEN = 1e-3 / float(np.finfo(float).eps)
@@ -137,7 +138,7 @@ class Posterior(NamedTuple):
         if not own.used.size:
             return np.zeros(0), np.zeros((0, 0))
         mean = _solved(own.root, own.data - own.both @ self.t, True)
-        moved = _solved(own.root, own.both @ np.linalg.cholesky(self.covariance), True)
+        moved = _solved(own.root, own.both @ root_of(self.covariance), True)
         lower, _ = scipy.linalg.lapack.dpotri(own.root, lower=1)
         covariance = lower + lower.T + moved @ moved.T
         covariance.flat[:: mean.size + 1] -= np.diag(lower)
@@ -247,7 +248,7 @@ def _is_resolved(products: Sequence[Products], prior: Prior, k: Float[np.ndarray
     seen = [
         np.sum(prior.deviations(e, k) ** 2 * np.diag(own.waves)) for e, own in enumerate(products)
     ]
-    return max(seen) <= MOST_SEEN
+    return bool(max(seen) <= MOST_SEEN)
 
 
 def _solved(root: np.ndarray, right: np.ndarray, transposed: bool = False) -> np.ndarray:
