@@ -11,6 +11,7 @@ FEW = 64  # values that are added in sequence
 # Of a number of steps: far above what sums over a recording leave in it, which differs from one
 # processor to another, and far below what makes a step shorter or longer.
 SAME_COUNT = 1e-9
+FLAT = 1e-9  # of a spectrum: what differs by less differs by rounding
 ROUNDED = 16 * float(np.finfo(float).eps)  # of a sum of squares: what rounding leaves of it
 
 
@@ -36,6 +37,11 @@ def root_of(covariance: Float[np.ndarray, "*row m m"]) -> Float[np.ndarray, "*ro
     """A root R, R R^T the covariance, also of one that rounding has made indefinite."""
     values, axes = np.linalg.eigh(covariance)
     return axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+
+
+def is_flat(spectra: Float[np.ndarray, "*row k"]) -> bool:
+    """Whether each spectrum is the same at all k, but for rounding."""
+    return bool(np.all(np.ptp(spectra, axis=-1) <= FLAT * np.max(np.abs(spectra), axis=-1)))
 
 
 def runs(mask: Bool[np.ndarray, " n"]) -> list[tuple[int, int]]:

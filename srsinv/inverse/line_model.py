@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..grid import Convolution, Line
+from ..numerics import is_flat
 from .estimate import COMPONENTS, Numbers
 from .means import are_observable
 
@@ -207,6 +208,5 @@ def chi2(model: LineModel, resolved_dof: float, squares: float) -> dict[str, flo
     freedom = float(model.sample_count - offsets - resolved_dof)
     # With samples missing, a residual whitened with zeros in the gaps is white for white noise
     # alone.
-    is_white = not np.ptp(noise[:, 1:], axis=1).any()
-    known = (model.observed is None or is_white) and freedom >= 1
+    known = (model.observed is None or is_flat(noise[:, 1:])) and freedom >= 1
     return {CHI2: squares / freedom if known else None, FREEDOM: freedom}

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from ..numerics import FLAT, is_flat
 from .gaps import BlockInverse, Gaps, conjugate_gradients
 from .line_problem import LineProblem
 from .near_periodic import MOST_STEPS
@@ -25,8 +26,8 @@ class NoisePrecision:
             self.precision[:, 0] = self.precision[:, int(has_offset)]
         self.is_observed = problem.is_observed
         at_zero, last = self.precision[:, 0], self.precision[:, -1]
-        is_even = not np.ptp(self.precision[:, 1:], axis=1).any()
-        self.is_white = is_even and bool(np.all((at_zero == 0) | (at_zero == last)))
+        is_alike = np.abs(at_zero - last) <= FLAT * last
+        self.is_white = is_flat(self.precision[:, 1:]) and bool(np.all((at_zero == 0) | is_alike))
         lags = from_spectrum(self.precision, self.n)
         apart = np.eye(len(self.is_observed))[..., None] * lags
         self.noise_blocks = BlockInverse(()) if self.is_white else gaps.inverses(apart)

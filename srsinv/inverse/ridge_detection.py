@@ -20,6 +20,7 @@ from ..forward.scene import Scene, SurfaceScene
 from ..forward.sensor import Sensor
 from ..forward.surface import Ridge, Surface
 from ..grid import Line, Periodic
+from ..numerics import is_flat
 from .detection import last_crossing, resolved_wavelength_m
 
 
@@ -188,7 +189,7 @@ class RidgeDetection(NamedTuple):
         rms = jnp.sqrt(jnp.mean(signal**2))
         spectrum = np.asarray(total_spectrum(noises, samples, self.scan, rms))
         refuse(
-            not spectrum.min() > 0 or float(np.ptp(spectrum)) > 1e-9 * spectrum.max(),
+            not spectrum.min() > 0 or not is_flat(spectrum),
             "The noise is not white, which is assumed here: give noise=[johnson] or noise=[white].",
         )
         return float(np.sqrt(spectrum[0]))

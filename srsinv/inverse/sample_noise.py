@@ -15,6 +15,7 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Periodic, as_real
 from ..modules import with_fields
+from ..numerics import is_flat
 from ..recording.even import STEADY
 from .nonlinear import Correlated, Spectrum, WhitePlusOU
 
@@ -244,7 +245,7 @@ def noise_on_line(
     it."""
     power = np.where(np.isfinite(power), power, power[:, 1:2])
     observed = np.isfinite(y)
-    if (np.ptp(power, axis=1) <= 1e-9 * power.max(axis=1)).all():
+    if is_flat(power):
         return np.where(observed, scale * np.sqrt(power[:, 1:2]), np.inf)
     lags = np.broadcast_to(np.fft.irfft(power, n)[:, : y.shape[1]], y.shape)
     each = np.broadcast_to(scale, y.shape).ravel()

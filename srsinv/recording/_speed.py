@@ -26,9 +26,9 @@ _QUINTIC = 5
 _AT_REST = 4
 # Of the whole duration, a float64's resolution: a shorter interval is rounding of the time stamps.
 _LEAST_INTERVAL = float(np.finfo(float).eps)
-# Of the mean interval: a spline's equations lose the fourth power of the least in digits (rounding
-# then makes 1e-7 of the speed), and are singular in float64 from 1e-4 on. A recording of which nine
-# rows in ten are missing still has its usual interval above this.
+# Of the mean interval. A spline's equations are as near to singular as its fourth power, 1e-8, and
+# in float64 they are singular from 1e-4 on. A recording of which nine rows in ten are missing still
+# has its usual interval above this.
 _LEAST_OF_SPLINE = 1e-2
 _FINE = 1e-3  # of a usual increment: finer steps do not matter to a spline
 _HALF_WIDTHS = (1, 2, 4, 8, 16, 32, 64)  # samples to either side

@@ -23,6 +23,7 @@ from ...forward.noise import draw as draw_noise
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
 from ...grid import Line, Periodic, half_spectrum_weights
+from ...numerics import is_flat
 from ...resolution import cell_m
 from ..nonlinear import Spectrum
 from .fit import FeatureFitter
@@ -215,5 +216,4 @@ class KnownLoad(KnownFeature):
 
 def known_noise(power: Float[np.ndarray, " k"]) -> Any:
     """The noise as the fit takes it: one standard deviation where it is white."""
-    white = np.ptp(power) <= 1e-12 * power.max()
-    return float(np.sqrt(power[0])) if white else Spectrum(power)
+    return float(np.sqrt(power[0])) if is_flat(power) else Spectrum(power)
