@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from ._guard import MOST_SAMPLES
+from ._table import MOST_SAMPLES
 
 GAP = 1.5  # of the interval: beyond it a sample is missing
 JITTER = 0.2  # of the interval: beyond it a signal is too coarse to be interpolated to even times
