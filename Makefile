@@ -43,8 +43,9 @@ constraints:
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
 
-# pip takes no editable install together with hashes, so the project comes second and alone.
-$(STAMP): constraints.txt pyproject.toml
+# Everything is pinned with hashes, also what builds the one package without a wheel; no other is
+# built. pip takes no editable install together with hashes, so the project comes last and alone.
+$(STAMP): constraints.txt build-constraints.txt pyproject.toml
 	@test -x $(BIN)/pip || { \
 		for python in $(PYTHON); do \
 			"$$python" -c '$(USABLE)' 2>/dev/null && break; python=; \
@@ -55,6 +56,8 @@ $(STAMP): constraints.txt pyproject.toml
 		echo "making $(VENV) with $$("$$python" --version)"; \
 		"$$python" -m venv $(VENV); }
 	@echo "installing the pinned dependencies into $(VENV) (a minute or two at first)"
-	@$(PIP) --require-hashes -r constraints.txt
+	@$(PIP) --require-hashes --only-binary :all: -r build-constraints.txt
+	@$(PIP) --require-hashes --only-binary :all: --no-binary antlr4-python3-runtime \
+		--no-build-isolation --use-pep517 -r constraints.txt
 	@$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
