@@ -84,6 +84,7 @@ def run(cfg):
 """,
     "constructed": """
 from srsinv.errors import BadInput
+from tests.tiers import quick
 
 def run(cfg):
     raise BadInput("gain is 0; give a gain above 0")
@@ -284,6 +285,52 @@ class TestRefusals:
         (root.parent / "experiments" / "shown.py").write_text("import absent_module\n")
         assert main(["experiment=shown"], root) == 1
         assert "No module named 'absent_module'" in capsys.readouterr().err
+
+
+CODE = "{_target_: builtins.open, file: CALLED, mode: w}"
+CALLED = "{'()': builtins.open, file: CALLED, mode: w}"
+# Options of hydra/GROUP in a folder of one's own, through which Hydra would call what they name.
+CALLING = {
+    **{
+        f"{group}, {root}, {called}": (group, f"{{version: 1, {root}, {called}}}")
+        for group in ("hydra_logging", "job_logging")
+        for root in ("root: {}", "root: {handlers: []}", "root: false", "root: null")
+        for called in (f"formatters: {{x: {CALLED}}}", f"filters: {{x: {CALLED}}}",
+                       f"handlers: {{x: {CALLED}}}",
+                       "handlers: {x: {class: logging.FileHandler, filename: CALLED}}")
+    },
+    "callbacks": ("callbacks", f"{{x: {CODE}}}"),
+    "launcher": ("launcher", CODE),
+    "launcher's part": (
+        "launcher",
+        f"{{_target_: hydra._internal.core_plugins.basic_launcher.BasicLauncher, x: {CODE}}}",
+    ),
+    "launcher's part elsewhere": (
+        "launcher",
+        "{_target_: hydra._internal.core_plugins.basic_launcher.BasicLauncher, x: '${parts}'}",
+    ),
+    "sweeper's part, decoded": (
+        "sweeper",
+        "{_target_: hydra._internal.core_plugins.basic_sweeper.BasicSweeper, "
+        "max_batch_size: null, params: \"${oc.decode:'{_target_: builtins.print}'}\"}",
+    ),
+}  # fmt: skip
+
+
+LOGGERS = next(iter(CALLING))
+
+
+@pytest.mark.parametrize("case", quick(CALLING, LOGGERS, "launcher's part elsewhere"))
+@pytest.mark.parametrize("flag", [[], ["--info", "all"], ["-m"]], ids=["run", "info", "sweep"])
+def test_an_option_of_hydra_calls_nothing(root, capsys, case, flag):
+    group, text = CALLING[case]
+    (root.parent / "mine" / "hydra" / group).mkdir(parents=True)
+    (root.parent / "mine" / "hydra" / group / "own.yaml").write_text(text)
+    parts = "+parts={_target_:builtins.open,file:CALLED,mode:w}"
+    given = ["--config-dir", str(root.parent / "mine"), f"hydra/{group}=own", parts]
+    assert main([*flag, *given], root) == 2
+    one_sentence(capsys)
+    assert os.listdir(".") == []
 
 
 class TestSweep:

@@ -446,6 +446,22 @@ def test_a_damaged_file_is_refused(measured, tmp_path, name):
         load_kernel(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "factor"), [("depth_m", 1e-12), ("depth_m", 1e-300), ("lag_m", 1e9), ("lag_m", 1e300)]
+)
+def test_a_file_of_more_lags_than_it_holds_makes_none(measured, tmp_path, name, factor):
+    """How many there would be is in no array's size before it is checked."""
+    import io
+
+    import xarray
+
+    whole = xarray.load_dataset(io.BytesIO(as_netcdf(measured)), engine="h5netcdf")
+    path = tmp_path / "kernel.nc"
+    path.write_bytes(bytes(whole.assign({name: whole[name] * factor}).to_netcdf(engine="h5netcdf")))
+    with pytest.raises(BadInput, match=r"kernel\.nc: .* give operator\.path"):
+        load_kernel(path)
+
+
 def test_refusals(measured):
     problem = passes()
     with pytest.raises(BadInput, match="512"):

@@ -107,6 +107,28 @@ DAMAGED = {
     "twice": GOOD | {"parameters": ["gain_1", "gain_1"]},
     "of another rig": GOOD | {"parameters": ["gain_3", "depth_m"]},
     "of nothing": GOOD | {"parameters": ["gain_1", "mood"]},
+    **{
+        f"called {each}": GOOD | {"parameters": [each, "depth_m"]}
+        for each in (
+            "gain_1_deg",
+            "gain_1_m",
+            "angle_1",
+            "angle_1_m",
+            "offset_1",
+            "offset_1_deg",
+            "gain_0",
+            "gain_01",
+            "gain_\u0661",
+            "gain_" + "9" * 5000,
+            "depth",
+            "gain",
+        )
+    },
+    "of no gain": GOOD | {"values": [0.0, 1e-3]},
+    "deeper than known": GOOD | {"covariance": [[0.01, 0.0], [0.0, 1e-6]]},
+    "of no finite number": GOOD | {"covariance": [[0.01, np.nan], [np.nan, 1e-9]]},
+    "too small for a root": GOOD | {"covariance": [[5e-324, 0.0], [0.0, 1e-9]]},
+    "of rows": GOOD | {"covariance": [[0.01, 1e-6, 0.0], [1e-6, 1e-9, 0.0]]},
 }
 
 

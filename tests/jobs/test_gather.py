@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,14 @@ import pytest
 import xarray
 
 from srsinv.errors import BadInput
+from srsinv.jobs._swept import failed_jobs
 from srsinv.jobs.gather import gathered
 from srsinv.report.page import figures, page
 from srsinv.report.result import dataset, scalars
 from srsinv.run_folder import GATHERED, claim
+from tests.jobs.hostile_folders import FOLDERS
 from tests.jobs.run import ROOT, command, short_run
+from tests.tiers import quick
 
 SWEEP = Path(__file__).parent / "sweep"  # signal to noise ratio by scene, one job failed
 
@@ -117,3 +121,51 @@ def test_a_folder_without_runs(tmp_path, capsys, folder):
     assert command(tmp_path / "run", "experiment=gather", named) == 2
     assert "give the folder of a sweep" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+# Folders that anybody may have made
+
+MOST_S = 5.0
+DRAWN = ("code in an override", "numbers beyond plots", "failures, escapes", "names of folders")
+
+
+@pytest.mark.parametrize("case", FOLDERS)
+@pytest.mark.parametrize("is_alone", [True, False], ids=["alone", "beside good runs"])
+def test_a_folder_of_anybody_is_gathered_or_refused(tmp_path, case, is_alone):
+    """Soon, and as printable text; good runs beside a bad one are there."""
+    for i in range(0 if is_alone else 2):
+        a_run(tmp_path / f"good{i}", f"a={i}", {"good": float(i)})
+    FOLDERS[case](tmp_path)
+    start = time.monotonic()
+    result, sentence = None, "Give the folder of a sweep."
+    try:
+        result = gathered(tmp_path, failed_jobs(tmp_path))
+    except BadInput as refusal:
+        sentence = str(refusal)
+    assert sentence.isprintable()
+    assert sentence.endswith(".")
+    if result is None:
+        assert is_alone or "failures.json" in sentence
+    else:
+        data = result.dataset
+        assert is_alone or data["good"].sum() == 1
+        texts = [each for v in data.variables.values() if v.dtype.kind in "OU" for each in v.values]
+        units = [v.attrs["units"] for v in data.variables.values()]
+        every = [result.title, *map(str, data.variables), *units, *np.ravel(texts)]
+        assert [text for text in every if not text.isprintable() or len(text) > 3000] == []
+        bytes(data.to_netcdf(engine="h5netcdf"))
+    assert time.monotonic() - start < MOST_S
+
+
+@pytest.mark.parametrize("case", quick(FOLDERS, *DRAWN))
+def test_the_page_of_such_a_folder_is_text(tmp_path, capsys, case):
+    for i in range(2):
+        a_run(tmp_path / "sweep" / f"good{i}", f"a={i}", {"good": float(i)})
+    FOLDERS[case](tmp_path / "sweep")
+    code = command(tmp_path / "run", "experiment=gather", f"gather.folder={tmp_path / 'sweep'}")
+    said = capsys.readouterr()
+    assert code == (2 if "failures.json" in said.err else 0)
+    page = (tmp_path / "run" / GATHERED[1]).read_text() if code == 0 else ""
+    assert all(line.isprintable() for text in (page, *said) for line in text.split("\n"))
+    assert "Traceback" not in said.err
+    assert "ignored" not in said.err

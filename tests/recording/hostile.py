@@ -106,6 +106,20 @@ CASES: dict[str, tuple[str, Callable[[Path], object], list[str]]] = {
     ),
     # HDF5
     "hdf5 of 4e8": ("r.h5", dataset(shape=(4 * 10**8,), dtype="f8", chunks=(MB,)), ["limit"]),
+    "values never written": (
+        "r.h5", dataset(shape=(9 * 10**7,), dtype="f8", chunks=(MB,)), ["unpacked", "compression"]
+    ),
+    "netCDF values never written": (
+        "r.nc", dataset(shape=(9 * 10**7,), dtype="f8", chunks=(MB,)), ["unpacked"]
+    ),
+    "MATLAB values never written": (
+        "r.mat", dataset(shape=(9 * 10**7, 1), dtype="f8", chunks=(MB, 1)), ["unpacked"]
+    ),
+    "one dataset by many names": (
+        "r.h5",
+        h5(lambda f: [f.__setitem__(f"d{i}", f["voltage_0_V"]) for i in range(2000)]),
+        ["limit of 1000"],
+    ),
     "large chunk": (
         "r.h5",
         dataset(shape=(N,), maxshape=(None,), dtype="f8", chunks=(5 * 10**8,), compression="gzip"),

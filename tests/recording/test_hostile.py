@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from srsinv.command.identity import identity
 from srsinv.errors import BadInput
 from srsinv.files import open_file, read_bytes
 from srsinv.recording import load, load_profile
@@ -198,6 +199,30 @@ def test_too_little_memory_is_one_sentence(tmp_path, monkeypatch):
         load(path)
     size = path.stat().st_size
     assert_one_sentence(caught.value, f"r.csv: {size} bytes", "more memory", "shorter parts")
+
+
+@pytest.mark.parametrize("gigabytes", quick((8, 4, 1), 4))
+def test_a_hard_limit_on_memory_is_kept(tmp_path, gigabytes):
+    """As schedulers set it; a process without privileges cannot raise it, and need not."""
+    path = write("hdf5", tmp_path)
+    script = "import sys, resource; from srsinv.recording import load;"
+    script += f"resource.setrlimit(resource.RLIMIT_AS, ({gigabytes} * 10**9,) * 2);"
+    script += "print(load(sys.argv[1]).signal.shape[0])"
+    command = [sys.executable, "-c", script, path]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "2\n"
+
+
+# What a job is known by is found out before any reader looks at its files
+
+
+@pytest.mark.parametrize("target", ["pipe", "/proc/kmsg", "/proc/version", "/dev/zero", "loop"])
+def test_a_file_is_identified_without_being_waited_for(tmp_path, target):
+    path = tmp_path / "r.csv"
+    os.mkfifo(path) if target == "pipe" else path.symlink_to({"loop": path}.get(target, target))
+    start = time.monotonic()
+    assert identity({"recording": {"path": str(path)}}, None)
+    assert time.monotonic() - start < 1.0
 
 
 # Damaged bytes, in a process of its own, a file beside it untouched
