@@ -25,6 +25,7 @@ from srsinv.report.terminal import print_table
 from srsinv.report.text import format_value
 from srsinv.report.words import Table
 from srsinv.run_folder import claim
+from tests.tiers import quick
 
 CONFIG = """\
 # What the default run shows.
@@ -84,7 +85,6 @@ def run(cfg):
 """,
     "constructed": """
 from srsinv.errors import BadInput
-from tests.tiers import quick
 
 def run(cfg):
     raise BadInput("gain is 0; give a gain above 0")
