@@ -21,6 +21,8 @@ from ._manifest import MANIFEST as MANIFEST
 from ._manifest import described as described
 from ._manifest import described_in as described_in
 from ._manifest import has as has
+from ._manifest import listing as listing
+from ._manifest import manifest as manifest
 from ._manifest import runs_in as runs_in
 from ._manifest import strangers as strangers
 from ._place import locate as locate
