@@ -101,7 +101,13 @@ def pass_differences(
     for piece in pieces:
         if joined[-1].shape[1]:
             last, first = joined[-1][:, -JOINT:], piece[:, :JOINT]
-            ends = np.nanmean(last, axis=1) - np.nanmean(first, axis=1)
-            piece = piece + np.nan_to_num(ends)[:, None]
+            piece = piece + np.nan_to_num(_means(last) - _means(first))[:, None]
         joined.append(piece)
     return np.concatenate(joined, axis=1)
+
+
+def _means(rows: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, " e"]:
+    """The mean of each row's samples that are there; NaN where none is."""
+    count = np.isfinite(rows).sum(axis=1)
+    none = np.full(len(rows), np.nan)
+    return np.divide(np.nansum(rows, axis=1), count, out=none, where=count > 0)

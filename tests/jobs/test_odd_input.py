@@ -34,7 +34,8 @@ COMMANDS = {
     "compare": ("experiment=compare", *FIXED),
 }
 EVERY = [(file, command) for command in COMMANDS for file in odd_columns.ODD]
-# Of those of the first tier most are refused before anything is computed.
+# Of those of the first tier most are refused before anything is computed; every seventeenth is in
+# the second, and all are in the third, as they take half an hour.
 FIRST = [
     ("one constant", "inspect"),
     ("3 rows", "invert"),
@@ -68,13 +69,22 @@ def run(arguments, folder, capsys):
     assert time.monotonic() - began_s < MOST_S
 
 
-@pytest.mark.parametrize(("file", "command"), quick(EVERY, *FIRST))
+SECOND = [case for case in EVERY[:: 2 * len(COMMANDS) + 1] if case not in FIRST]
+CASES = [
+    *FIRST,
+    *(pytest.param(*case, marks=pytest.mark.full) for case in SECOND),
+    *(pytest.param(*case, marks=pytest.mark.claim)
+      for case in EVERY if case not in (*FIRST, *SECOND)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("file", "command"), CASES)
 def test_odd_columns(file, command, tmp_path, capsys):
     path = odd_columns.write(file, tmp_path)
     run([*COMMANDS[command], f"recording.path={path}"], tmp_path / "out", capsys)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 @pytest.mark.skipif(not LAB_FILES.is_dir(), reason="the lab files lie beside the clone")
 @pytest.mark.parametrize("command", ["inspect", "invert", "fit a ridge"])
 @pytest.mark.parametrize("file", sorted(each.name for each in LAB_FILES.glob("*.[!ym]*")))
