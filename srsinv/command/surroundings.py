@@ -113,7 +113,9 @@ def start_jax() -> None:
         if not given:
             raise
         said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
-        named = [name for name in given if name in said or name.lower() in said] or given
+        mentioned = [name for name in given if name in said or name.lower() in said]
+        of_devices = [name for name in given if "PLATFORM" in name or "DEVICES" in name]
+        named = mentioned or of_devices or given
         settings = " and ".join(f"{name}={os.environ[name]}" for name in named)
         device = ", as it finds no such device" if any("PLATFORM" in n for n in named) else ""
         raise BadInput(

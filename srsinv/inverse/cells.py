@@ -270,7 +270,8 @@ def _interpolated(
     inside = (beside >= 0) & (beside <= last)  # at the scan's ends the value is taken as it is
     cells, side, beside = cells[inside], side[inside], beside[inside]
     beside = np.where(np.isfinite(values[beside]), beside, np.clip(cells - side, 0, last))
-    known = (beside != cells) & np.isfinite(values[beside])
+    # Cells whose samples are all at one place have one value, and no slope.
+    known = (at[beside] != at[cells]) & np.isfinite(values[beside])
     i, j = cells[known], beside[known]
     moved[i] += (values[j] - values[i]) * (centres[i] - at[i]) / (at[j] - at[i])
     return moved
