@@ -53,7 +53,8 @@ def speed_of_positions(
     step_m = _step_m(position_m)
     if step_m is not None:
         return _slopes(since_s, position_m, step_m)
-    return _by_curve(since_s, position_m)
+    with np.errstate(all="ignore"):  # of positions next to the least number
+        return _by_curve(since_s, position_m)
 
 
 def _step_m(position_m: Float[np.ndarray, " sample"]) -> float | None:

@@ -19,6 +19,8 @@ import pytest
 import yaml
 
 from srsinv import config
+from srsinv.errors import BadInput
+from srsinv.files import read_json
 from srsinv.recording import Reader, Recording, _apart, load, mains, save
 from srsinv.recording._schema import RecordingFacts, _facts_in, check_facts
 from srsinv.recording.channels import channel_findings
@@ -735,3 +737,13 @@ def test_the_next_command_reads_as_the_look_did(tmp_path, case):
     np.testing.assert_allclose(recording.speed_m_per_s, SPEED_M_PER_S, rtol=1e-4)
     assert cfg["sensor"]["depth_m"] == (0.00125 if "film" in case else None)
     assert cfg["reader"]["_target_"].endswith(".Text" if "film" in case else ".BySuffix")
+
+
+@follows("is no JSON as srsinv writes it")
+def test_json_that_is_written_again(tmp_path):
+    path, where = tmp_path / "metrics.json", {"what": "file", "key": "gather.folder", "most": 1000}
+    path.write_text('{"a": 1, "a": 2}')
+    with pytest.raises(BadInput, match="run again"):
+        read_json(path, **where)
+    path.write_text('{"a": 1}')
+    assert read_json(path, **where) == {"a": 1}
