@@ -195,7 +195,8 @@ def sentences() -> Iterator[tuple[str, str]]:
     """Where each sentence in the readers' source stands, and its text, {} where a part is filled
     in: a string of three words or more that ends as a sentence does."""
     folder = Path(srsinv.recording.__file__).parent
-    for path in (folder.with_name("files.py"), *sorted(folder.rglob("*.py"))):
+    shared = (folder.with_name(name) for name in ("atomic.py", "files.py"))
+    for path in (*shared, *sorted(folder.rglob("*.py"))):
         for line, text in _strings(ast.parse(path.read_text(encoding="utf-8"))):
             ends = text.endswith((".", "?", ": {}")) and "\\" not in text
             if ends and len(re.findall(r"[a-z]{2,}", text)) >= 3:

@@ -19,6 +19,7 @@ import pytest
 import yaml
 
 from srsinv import config
+from srsinv.atomic import write_whole
 from srsinv.errors import BadInput
 from srsinv.files import read_json
 from srsinv.recording import Reader, Recording, _apart, load, mains, save
@@ -747,3 +748,14 @@ def test_json_that_is_written_again(tmp_path):
         read_json(path, **where)
     path.write_text('{"a": 1}')
     assert read_json(path, **where) == {"a": 1}
+
+
+@follows("there is another file of this name: choose another name, or move it away")
+def test_another_file_in_the_way(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("mine")
+    with pytest.raises(BadInput, match="another file"):
+        write_whole(path, b"new")
+    path.rename(tmp_path / "mine.csv")
+    write_whole(path, b"new")
+    assert (path.read_bytes(), (tmp_path / "mine.csv").read_text()) == (b"new", "mine")
