@@ -16,10 +16,11 @@ import yaml
 
 from srsinv.__main__ import main
 from tests.jobs import odd_columns
+from tests.shared import SHARED, needs_shared
 from tests.tiers import quick
 
 ROOT = Path(__file__).resolve().parents[2]
-LAB_FILES = ROOT.parent / "shared" / "lab_files"
+LAB_FILES = SHARED / "lab_files"
 MOST_S = 120  # on a machine that does other things, too
 FIXED = ("method=[tikhonov]", "method.tikhonov.weight_p=1e-7", "method.tikhonov.weight_q=1e-7")
 KNOWN = ("feature=ridge", "fit.hold={height_m: 2e-5, width_m: 2e-3}")
@@ -86,7 +87,7 @@ def test_odd_columns(file, command, tmp_path, capsys):
 
 
 @pytest.mark.claim
-@pytest.mark.skipif(not LAB_FILES.is_dir(), reason="the lab files lie beside the clone")
+@needs_shared
 @pytest.mark.parametrize("command", ["inspect", "invert", "fit a ridge"])
 @pytest.mark.parametrize("file", sorted(each.name for each in LAB_FILES.glob("*.[!ym]*")))
 def test_lab_files(file, command, tmp_path, capsys):
