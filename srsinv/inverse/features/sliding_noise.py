@@ -23,6 +23,7 @@ LEAST_STEP = 1e-6  # of the correlation length: samples nearer than that are as 
 LEAST_START = 0.03  # of the white noise: a search from zero would not leave it
 ALIKE = 1e-6  # relative singular value below which directions are dependent
 LEAST_SLIDING = 1e-4  # of the white noise: less sliding noise than that is none
+FLAT = 1e-6  # slope by the log of a level at which a search ends; a sample alone makes about 1
 RANGE = 50.0  # the correlation length lies within this factor of the film's depth
 MOST_WHITE = 1e3  # times the estimate from the residual's differences
 
@@ -117,7 +118,7 @@ class _Likelihood:
     def minus_log(self, levels: Levels) -> float:
         """Minus the log of that of some levels."""
         white, sliding = (np.log(each / self._size) for each in (levels.white, levels.sliding))
-        return self._minus_log(white, sliding, np.log(levels.correlation_m))
+        return self._minus_log(white, sliding, np.log(levels.correlation_m))[0]
 
     def greatest(self, start: Levels, depth_m: float) -> Levels:
         """The levels of greatest likelihood, from these on."""
@@ -125,7 +126,7 @@ class _Likelihood:
         around = [(each - np.log(MOST_WHITE), each + np.log(MOST_WHITE)) for each in white]
         if start.is_stated:
             stated = np.log(start.sliding / self._size), np.log(start.correlation_m)
-            best = _least(lambda logs: self._minus_log(logs, *stated), white, around)
+            best = self._least_white(white, around, stated)
             return replace(start, white=self._size * np.exp(best.x))
         sliding = max(start.sliding / self._size, LEAST_START)
         first = [*white, np.log(sliding), np.log(start.correlation_m)]
@@ -134,32 +135,55 @@ class _Likelihood:
             (np.log(LEAST_SLIDING), np.log(max(self._spread, 10 * LEAST_SLIDING))),
             (np.log(depth_m / RANGE), np.log(depth_m * RANGE)),
         ]
-        best = _least(lambda logs: self._minus_log(logs[:-2], *logs[-2:]), first, bounds)
-        *white, sliding, correlation = np.exp(best.x)
+
+        def of(logs):
+            value, slopes = self._minus_log(logs[:-2], *logs[-2:])
+            return value, [*slopes[0], *slopes[1:].sum(axis=1)]
+
+        *white, sliding, correlation = np.exp(_least(of, first, bounds).x)
         return Levels(self._size * np.array(white), self._size * float(sliding), float(correlation))
 
     def of_white(self) -> float:
         """Minus the log of the greatest likelihood of white noise alone."""
-        rest = np.log(LEAST_SLIDING), 0.0
         first = np.zeros(len(self._rows))
         bounds = [(-np.log(MOST_WHITE), np.log(MOST_WHITE))] * len(first)
-        return float(_least(lambda logs: self._minus_log(logs, *rest), first, bounds).fun)
+        return float(self._least_white(first, bounds, (np.log(LEAST_SLIDING), 0.0)).fun)
 
-    def _minus_log(self, white, sliding, correlation) -> float:
-        """By logarithms, each of the elements' or one for all."""
+    def _least_white(self, first, bounds, rest: tuple[Any, Any]) -> Any:
+        """The search for the white levels, where the `rest` is known."""
+
+        def of(logs):
+            value, slopes = self._minus_log(logs, *rest)
+            return value, slopes[0]
+
+        return _least(of, first, bounds)
+
+    def _minus_log(self, white, sliding, correlation) -> tuple[float, Float[np.ndarray, "3 e"]]:
+        """By logarithms, each of the elements' or one for all; and its slopes by each element's."""
         levels = (
             np.broadcast_to(np.exp(x), len(self._rows)) for x in (white, sliding, correlation)
         )
         each = [row.products(*own) for row, *own in zip(self._rows, *levels, strict=True)]
-        product = np.sum([products for products, _ in each], axis=0)
+        product = np.sum([row.product for row in each], axis=0)
         projections, inner = product[1:, 0], product[1:, 1:]
-        refitted = projections @ np.linalg.solve(inner, projections)
-        log_volume = sum(volume for _, volume in each) + np.linalg.slogdet(inner)[1]
-        return 0.5 * float(product[0, 0] - refitted + log_volume)
+        inverse = np.linalg.inv(inner)
+        left = np.append(1.0, -inverse @ projections)
+        log_volume = sum(row.log_volume for row in each) + np.linalg.slogdet(inner)[1]
+        slopes = [
+            left @ row.slopes @ left + np.sum(row.slopes[:, 1:, 1:] * inverse, axis=(1, 2))
+            for row in each
+        ]
+        volumes = [row.volume_slopes for row in each]
+        return 0.5 * float(left @ product @ left + log_volume), 0.5 * np.add(slopes, volumes).T
 
 
-def _least(of: Callable[[Any], float], first, bounds) -> Any:
-    return scipy.optimize.minimize(of, first, method="L-BFGS-B", bounds=bounds)
+def _least(of: Callable[[Any], tuple[float, Any]], first, bounds) -> Any:
+    """The search by exact slopes ends where those are small, not where values hardly change: there
+    rounding, and so the processor, would decide."""
+    options = {"ftol": 0.0, "gtol": FLAT}
+    return scipy.optimize.minimize(
+        of, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options
+    )
 
 
 def _directions(fitted, residual) -> Float[np.ndarray, "e sample k"]:
@@ -182,24 +206,88 @@ class _Row:
         self.values = np.column_stack([residual[observed], taken[observed]])
         self.steps = np.abs(np.diff(np.asarray(position_m, float)[observed]))
 
-    def products(self, white: float, sliding: float, correlation: float):
-        """The columns' products V^T N^-1 V, and log |N|, in time linear in the number of samples.
+    def products(self, white: float, sliding: float, correlation: float) -> "_Products":
+        """The columns' products V^T N^-1 V, in time linear in the number of samples.
 
-        An Ornstein-Uhlenbeck process has the tridiagonal precision Q/s^2, and
-        w^2 + s^2 Q^-1 = (w^2 Q + s^2) Q^-1.
+        An Ornstein-Uhlenbeck process has the tridiagonal precision Q/s^2. With T = w^2 Q + s^2,
+        N = w^2 + s^2 Q^-1 = T Q^-1, so that N^-1 V = T^-1 Q V. The slopes are by log w, log s and
+        log l.
         """
         step = np.maximum(self.steps / correlation, LEAST_STEP)
+        moving = np.where(step > LEAST_STEP, step, 0.0)  # minus its slope by log l
         decay, renewed = np.exp(-step), -np.expm1(-2 * step)
-        middle = np.ones(len(self.values))
-        middle[:-1] += decay**2 / renewed
-        middle[1:] += decay**2 / renewed
-        beside = -decay / renewed
-        diagonal, ratio, _ = _FACTOR(white**2 * middle + sliding**2, white**2 * beside)
-        pulled = middle[:, None] * self.values
-        pulled[:-1] += beside[:, None] * self.values[1:]
-        pulled[1:] += beside[:, None] * self.values[:-1]
-        solved, _ = _SOLVE(diagonal, ratio, pulled)
-        return self.values.T @ solved, float(np.sum(np.log(diagonal)) + np.sum(np.log(renewed)))
+        known = decay**2 / renewed
+        precision = _Tridiagonal(1 + _at_both(known, len(self.values)), -decay / renewed)
+        by_length = _Tridiagonal(
+            _at_both(2 * moving * known * (1 + known), len(self.values)),
+            moving * precision.beside * (1 + 2 * known),
+        )
+        diagonal, ratio, _ = _FACTOR(
+            white**2 * precision.middle + sliding**2, white**2 * precision.beside
+        )
+        n, columns = self.values.shape
+        both, _ = _SOLVE(diagonal, ratio, np.hstack([precision @ self.values, self.values]))
+        solved, smoothed = both[:, :columns], both[:, columns:]
+        middle, beside = _inverse(diagonal, ratio)
+        white_share = 2 * (n - sliding**2 * np.sum(middle))
+        by_length_share = np.sum(by_length.middle * middle) + 2 * np.sum(by_length.beside * beside)
+        return _Products(
+            product=self.values.T @ solved,
+            log_volume=float(np.sum(np.log(diagonal)) + np.sum(np.log(renewed))),
+            slopes=np.stack([
+                -2 * white**2 * solved.T @ solved,
+                -2 * sliding**2 * smoothed.T @ solved,
+                sliding**2 * smoothed.T @ (by_length @ smoothed),
+            ]),
+            volume_slopes=np.array([
+                white_share,
+                2 * n - white_share,
+                white**2 * by_length_share - 2 * np.sum(moving * known),
+            ]),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Products:
+    """V^T N^-1 V, log |N|, and the slopes of both by the logs of w, s and l."""
+
+    product: Float[np.ndarray, "k k"]
+    log_volume: float
+    slopes: Float[np.ndarray, "3 k k"]
+    volume_slopes: Float[np.ndarray, " 3"]
+
+
+@dataclass(frozen=True)
+class _Tridiagonal:
+    """A symmetric tridiagonal matrix."""
+
+    middle: Float[np.ndarray, " n"]
+    beside: Float[np.ndarray, " between"]
+
+    def __matmul__(self, columns: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        product = self.middle[:, None] * columns
+        product[:-1] += self.beside[:, None] * columns[1:]
+        product[1:] += self.beside[:, None] * columns[:-1]
+        return product
+
+
+def _at_both(between: Float[np.ndarray, " between"], n: int) -> Float[np.ndarray, " n"]:
+    """At each sample the sum of what is between it and its neighbours."""
+    total = np.zeros(n)
+    total[:-1] += between
+    total[1:] += between
+    return total
+
+
+def _inverse(
+    diagonal: Float[np.ndarray, " n"], ratio: Float[np.ndarray, " between"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " between"]]:
+    """The middle of the inverse of L D L^T, and what is beside it: x_i = 1/d_i + r_i^2 x_(i+1) and
+    -r_i x_(i+1)."""
+    rows = np.ones((2, len(diagonal)))
+    rows[0, 1:] = -(ratio**2)
+    middle = scipy.linalg.solve_banded((0, 1), rows, 1 / diagonal)
+    return middle, -ratio * middle[1:]
 
 
 def _from_differences(y: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, " e"]:

@@ -118,15 +118,20 @@ def test_levels_are_not_too_low_for_what_a_fit_takes_out():
     assert middle["plain"] < -4 * error["plain"]
 
 
-def test_levels_are_those_of_what_no_fit_takes_out():
-    """Whatever of the fitted directions is in the residual."""
+def test_levels_are_the_likeliest_of_what_no_fit_takes_out():
+    """Whatever of the fitted directions is in the residual, and wherever the search begins."""
     rng, x = np.random.default_rng(6), np.arange(400) * 2e-5
     waves = np.cos(np.pi * np.outer(np.arange(400) + 0.5, np.arange(3)) / 400)
-    y, start = rng.normal(size=(1, 400)), Levels(np.ones(1), 0.3, LENGTH)
-    without, with_it = (
-        estimate(y + size * waves.sum(axis=1), x, 7.5e-4, waves[None], start) for size in (0, 10)
+    y = np.cumsum(rng.normal(size=(1, 400)), axis=1) * 0.1 + rng.normal(size=(1, 400))
+    near, far = Levels(np.ones(1), 0.3, LENGTH), Levels(np.full(1, 0.5), 2.0, 3 * LENGTH)
+    first, *others = (
+        estimate(y + size * waves.sum(axis=1), x, 7.5e-4, waves[None], start)
+        for size, start in ((0, near), (10, near), (0, far))
     )
-    np.testing.assert_allclose(with_it.white, without.white, rtol=1e-2)
+    for other in others:
+        assert other.white == pytest.approx(first.white, rel=1e-5)
+        assert other.sliding == pytest.approx(first.sliding, rel=1e-5)
+        assert other.correlation_m == pytest.approx(first.correlation_m, rel=1e-5)
 
 
 def test_first_levels_are_those_of_white_noise_on_a_smooth_signal():
