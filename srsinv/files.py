@@ -17,14 +17,13 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from srsinv.atomic import opened
 from srsinv.errors import BadInput, refuse, shown
 
 LARGEST_FILE = 2**32  # bytes: 1e8 numbers written to 17 digits, and half as much again
 _LONGEST = 200  # characters of a path that is shown as it is
 # Opening never waits for a writer, and never makes a terminal the process's own.
-_READ = os.O_RDONLY | sum(
-    getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY")
-)
+_READ = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 _SHOWN = 60  # characters of a name within a sentence
 _COMPARED = 60  # characters of each of two names: the time it takes is their product
 _NEIGHBOURS = 1_000  # files of a folder that are compared for a similar name
@@ -263,22 +262,13 @@ def _opened(path: Path, what: str, key: str, below: Path | None) -> int:
 def _opened_below(path: Path, what: str, key: str, folder: Path) -> int:
     """A descriptor of the file at `path` without following a link below `folder`, each of the
     folders between opened by its own descriptor, so that none can be exchanged meanwhile."""
-    *between, name = path.relative_to(folder).parts
-    if ".." in (*between, name):
+    inside = path.relative_to(folder)
+    if ".." in inside.parts:
         raise ValueError("leads out of its folder")
-    if os.open not in os.supports_dir_fd:  # Windows, where making a link takes a privilege
-        _check_kind(os.lstat(path).st_mode, path, what, key)
-        return os.open(path, _READ)
-    above = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        for part in between:
-            inner = os.open(part, _READ | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=above)
-            os.close(above)
-            above = inner
-        _check_kind(os.stat(name, dir_fd=above, follow_symlinks=False).st_mode, path, what, key)
-        return os.open(name, _READ | os.O_NOFOLLOW, dir_fd=above)
-    finally:
-        os.close(above)
+    with opened(Path(os.path.realpath(folder), inside.parent)) as above:
+        mode = os.stat(inside.name, dir_fd=above, follow_symlinks=False).st_mode
+        _check_kind(mode, path, what, key)
+        return os.open(inside.name, _READ | os.O_NOFOLLOW, dir_fd=above)
 
 
 def _check_kind(mode: int, path: Path, what: str, key: str) -> None:

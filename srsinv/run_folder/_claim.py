@@ -23,7 +23,7 @@ from srsinv.atomic import (
 )
 from srsinv.errors import BadInput, refuse
 
-from ._manifest import MANIFEST, check_ours, listing, listings, manifest
+from ._manifest import MANIFEST, check_ours, listing, listings, manifest, names_of_run
 from ._place import REMEDY, locate, named, writing
 
 _FIRST = "first"  # in a folder of what is put in one by one: the manifest until all are
@@ -96,8 +96,7 @@ class RunFolder:
     def clear(self) -> None:
         """Remove the files that the folder's manifest lists, and the manifest."""
         with writing(self.place):
-            names = {MANIFEST, *itertools.chain(*listings(self.descriptor))}
-            remove_files(names, self.descriptor)
+            remove_files(names_of_run(self.descriptor), self.descriptor)
 
     def _move(self, source: int, old: str, new: str) -> None:
         """Move a file from the folder `source` into this one."""
@@ -141,7 +140,7 @@ class RunFolder:
                 else:
                     exchange(old, self.place.name, parent)
                 raise
-            names = {MANIFEST, *itertools.chain(*listings(folder))}
+            names = names_of_run(folder)
         with suppress(OSError):  # something came in, and stays
             remove(old, names, parent)
 

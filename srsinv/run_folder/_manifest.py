@@ -6,10 +6,11 @@ link.
 """
 
 import hashlib
+import itertools
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -59,23 +60,19 @@ def manifest(
     return _text(whole | {key: value for key, value in more.items() if value is not None})
 
 
-@contextmanager
-def _opened(folder: Path) -> Iterator[int]:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    try:
-        yield descriptor
-    finally:
-        os.close(descriptor)
-
-
 def described(folder: Path) -> dict[str, Any] | None:
     """The manifest of the whole run in a folder; None where there is none that srsinv wrote."""
     try:
-        with _opened(folder) as descriptor:
+        with opened(_unlinked(folder)) as descriptor:
             document = described_in(descriptor)
     except (OSError, ValueError):
         return None
     return None if document is None or "replaces" in document else document
+
+
+def _unlinked(folder: Path) -> Path:
+    """The path of a folder, which may be reached through a link but be none."""
+    return Path(os.path.realpath(folder.parent), folder.name)
 
 
 def runs_in(folder: Path) -> list[Path]:
@@ -125,9 +122,14 @@ def listings(folder: int) -> tuple[Listing, ...]:
     return tuple(document[key] for key in ("files", "replaces") if key in document)
 
 
+def names_of_run(folder: int) -> set[str]:
+    """The names of all that runs wrote to a folder, the manifest's too."""
+    return {MANIFEST, *itertools.chain(*listings(folder))}
+
+
 def has(folder: Path, name: str, sha256: str | None) -> bool:
     """Whether a folder has a regular file of this name and this SHA-256."""
-    with _opened(folder) as descriptor:
+    with opened(_unlinked(folder)) as descriptor:
         return sha256 is not None and _sha256(descriptor, name, _MOST_READ)[0] == sha256
 
 
