@@ -130,27 +130,39 @@ def waves(
     independent and of variance one; what is far below white noise of `noise_rms` is left out.
     Raises `BadInput` for more than `MOST_WAVES`."""
     n, elements = time_s.size, len(lines[0].rms) if lines else 0
+    length_s = float(time_s[-1] - time_s[0])
     rows = []
     for line in lines:
-        envelopes, variances = _envelopes(n, line.half_Hz * float(time_s[-1] - time_s[0]))
-        strong = float(np.max(line.rms)) ** 2 * variances / 2 > CAUGHT * noise_rms**2
+        product = max(line.half_Hz * length_s, 0.5)
+        most, least = np.max(line.rms) ** 2 * n / (4 * product), CAUGHT * noise_rms**2
+        if not most > least:
+            continue  # an envelope of no more than the line's own band is too faint
+        # As many sequences as twice the product have half of themselves in the band, or more
+        # (Landau 1993): known before they are computed.
+        certain = 2 * int(2 * product) if most / 2 > least else 0
+        _check_count(len(rows) + certain, line, length_s)
+        envelopes, variances = _envelopes(n, product)
+        strong = float(np.max(line.rms)) ** 2 * variances / 2 > least
         phase = 2 * np.pi * line.frequency_Hz * (time_s - time_s[0])
         for envelope, part in zip(envelopes[strong], variances[strong], strict=True):
             for wave in (np.cos(phase), np.sin(phase)):
                 rows.append(np.sqrt(part) * line.rms[:, None] * envelope * wave)
-        refuse(
-            len(rows) > MOST_WAVES,
-            f"The line at {line.frequency_Hz:.4g} Hz is {2 * line.half_Hz:.3g} Hz wide over "
-            f"{time_s[-1] - time_s[0]:.4g} s, more than {MOST_WAVES} waves: leave it out "
-            "of mains_Hz, or cut the recording.",
-        )
+        _check_count(len(rows), line, length_s)
     return np.stack(rows, axis=1) if rows else np.zeros((elements, 0, n))
 
 
-def _envelopes(n: int, half_bandwidth: float):
+def _check_count(waves: int, line: MainsLine, length_s: float) -> None:
+    refuse(
+        waves > MOST_WAVES,
+        f"The line at {line.frequency_Hz:.4g} Hz is {2 * line.half_Hz:.3g} Hz wide over "
+        f"{length_s:.4g} s, more than {MOST_WAVES} waves: leave it out of mains_Hz, or cut the "
+        "recording.",
+    )
+
+
+def _envelopes(n: int, product: float):
     """Envelopes (wave, n) of norm one within a band of so many wavenumbers on either side, and the
     variance of each (wave,) in a process of variance one over all n samples."""
-    product = max(half_bandwidth, 0.5)
     # Beyond twice the product the sequences' shares fall by orders of magnitude each.
     further = np.log(1 / FAINT) * np.log(8 * np.pi * product) / np.pi**2
     count = min(int(np.ceil(2 * product + further)), n)
