@@ -48,6 +48,11 @@ def listening(path: Path) -> None:
     os.chdir(here)
 
 
+def later(maker: Callable[[], Callable[[Path], None]]) -> Callable[[Path], None]:
+    """What `maker` makes, large as it is, once it is asked for."""
+    return lambda path: maker()(path)
+
+
 def npz(members: dict[str, bytes], kind: int = zipfile.ZIP_DEFLATED) -> Callable[[Path], None]:
     def make(path: Path) -> None:
         with zipfile.ZipFile(path, "w", kind) as archive:

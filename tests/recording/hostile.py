@@ -32,6 +32,7 @@ from tests.recording.harmful import (
     deep,
     foreign_filter,
     h5,
+    later,
     link_to,
     listening,
     matlab,
@@ -71,28 +72,46 @@ CASES: dict[str, tuple[str, Callable[[Path], object], list[str]]] = {
     "5 GB of HDF5": ("r.h5", sparse(5 * 2**30), ["above the limit of 4294967296"]),
     # Text
     "4 GB of zeros": ("r.csv", sparse(2**32 - 1, GOOD.encode()), [".csv"]),
-    "one line": ("r.csv", text(HEADER, "1," * 30_000_000), ["data row 1 is longer"]),
-    "a header of 50 MB": ("r.csv", text("x" * 50_000_000), ["the header is longer"]),
+    "one line": ("r.csv", later(lambda: text(HEADER, "1," * 30_000_000)), ["data row 1 is longer"]),
+    "a header of 50 MB": ("r.csv", later(lambda: text("x" * 50_000_000)), ["the header is longer"]),
     "100,000 columns": ("r.csv", text(MANY, "\n"), ["the header is longer"]),
     "1,001 columns": ("r.csv", text(MANY[:11_900], "\n"), ["above the limit of 1000"]),
     "a name of 201": ("r.csv", text("x" * 201, ",time_s\n"), ["201 characters", "at most 200"]),
     "a quotation mark": (
-        "r.csv", text(HEADER, '0,"1,1\n', "1,1,1\n" * 900_000), ["row 1 is longer", "quotation"]
+        "r.csv",
+        later(lambda: text(HEADER, '0,"1,1\n', "1,1,1\n" * 900_000)),
+        ["row 1 is longer", "quotation"],
     ),
-    "quoted line breaks": ("r.csv", text(HEADER, '"\n",' * 5_000_000), ["data row 1 is longer"]),
-    "blank lines": ("r.csv", text(HEADER, "\n" * 40_000_000, "1"), ["data row 1 has 1 cells"]),
-    "blank lines first": ("r.csv", text("\n" * 40_000_000, GOOD), ["the header is longer"]),
+    "quoted line breaks": (
+        "r.csv",
+        later(lambda: text(HEADER, '"\n",' * 5_000_000)),
+        ["data row 1 is longer"],
+    ),
+    "blank lines": (
+        "r.csv",
+        later(lambda: text(HEADER, "\n" * 40_000_000, "1")),
+        ["data row 1 has 1 cells"],
+    ),
+    "blank lines first": (
+        "r.csv",
+        later(lambda: text("\n" * 40_000_000, GOOD)),
+        ["the header is longer"],
+    ),
     "control character": ("r.csv", text("a\x07b,", GOOD), ["'a\\x07b'", "cannot be printed"]),
     "half a character": ("r.csv", binary(b"\xed\xa0\x80," + GOOD.encode()), [".csv"]),
     "zero byte": ("r.csv", text(GOOD, "\0"), [".csv"]),
     # NumPy
     "npz of a terabyte": ("r.npz", npz({"time_s.npy": npy_of(2**37)}), ["time_s", "limit"]),
-    "npz of zeros": ("r.npz", npz({"time_s.npy": npy_of(2**27, bytes(2**28))}), ["limit"]),
+    "npz of zeros": (
+        "r.npz",
+        later(lambda: npz({"time_s.npy": npy_of(2**27, bytes(2**28))})),
+        ["limit"],
+    ),
     "npz, more stated": ("r.npz", npz({"time_s.npy": npy_of(10**7, bytes(80))}), [".npz"]),
     "npz, less than nothing": ("r.npz", npz({"time_s.npy": npy_of(-5)}), [".npz"]),
     "npz, header of 300 MB": (
         "r.npz",
-        npz({"voltage_0_V.npy": npy(" " * 300 * MB, version=2)}),
+        later(lambda: npz({"voltage_0_V.npy": npy(" " * 300 * MB, version=2)})),
         ["not a plain array"],
     ),
     "npz of 2,000": ("r.npz", npz({f"{i}.npy": b"" for i in range(2000)}), ["limit of 1000"]),
@@ -178,12 +197,12 @@ CASES: dict[str, tuple[str, Callable[[Path], object], list[str]]] = {
     # MATLAB
     "matlab of 2^31": ("r.mat", matlab(matlab_vector(2**31 - 1, b"")), ["limit"]),
     "matlab packed": (
-        "r.mat", matlab(packed(matlab_vector(10**8, bytes(200 * MB)))), [".mat"]
+        "r.mat", later(lambda: matlab(packed(matlab_vector(10**8, bytes(200 * MB))))), [".mat"]
     ),
     "matlab of nothing": ("r.mat", sparse(2**30, b"MATLAB".ljust(126) + b"IM"), [".mat"]),
     "matlab, 2,000": (
         "r.mat",
-        matlab(*(matlab_vector(1, bytes(8), f"x{i:05d}") for i in range(2000))),
+        later(lambda: matlab(*(matlab_vector(1, bytes(8), f"x{i:05d}") for i in range(2000)))),
         ["limit of 1000"],
     ),
     # WAV
