@@ -1,7 +1,8 @@
-"""Set-up of every test: srsinv comes before jax, so that double precision is on, and under a hook
-that checks every shape and type annotation of the rooms that hold arrays as they run.
+"""Set-up of every test: srsinv comes before jax, so that double precision is on.
 
-The hook stays for the whole session: it works on each module of the package as that is imported.
+But for `make test`, which it would make a fifth slower, srsinv comes under a hook that checks every
+shape and type annotation of the rooms that hold arrays as they run. It stays for the whole session:
+it works on each module of the package as that is imported.
 """
 
 import gc
@@ -33,8 +34,6 @@ os.environ.setdefault(
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
 ROOMS = ("grid", "forward", "inverse", "jobs", "recording")
-install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
-install_import_hook("srsinv.report", "tests.tower.checked")
 
 import srsinv  # noqa: E402, F401
 from srsinv.command.programs import RARE, release_programs  # noqa: E402
@@ -44,6 +43,12 @@ pytest_plugins = ["tests.seconds"]
 MOST_MAPS = 15_000
 # Rooms with the longest files: begun last, they would leave a worker idle.
 LONGEST_FIRST = ("golden", "jobs", "stability", "inverse", "forward", "recording")
+
+
+def pytest_configure(config):
+    if "not full" not in config.option.markexpr:
+        install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
+        install_import_hook("srsinv.report", "tests.tower.checked")
 
 
 def pytest_collection_finish():

@@ -230,6 +230,7 @@ def test_a_feature_of_ones_own_is_found(folder):
     assert fit.parameters["position_m"][0] == pytest.approx(3e-3, abs=1e-6)
 
 
+@pytest.mark.full
 def test_a_feature_of_a_surface_of_ones_own_is_felt_through_contact(folder):
     """Where it is, on coarse cells: the pressure is highest there."""
     open_plugins(str(folder))

@@ -81,6 +81,7 @@ def nudged(leaf: Any) -> Any:
     return jnp.asarray(np.nextafter(array, array.dtype.type(np.inf)), array.dtype)
 
 
+@pytest.mark.full
 def test_any_other_number_is_weighed_anew():
     sim, effects = case()
     assert weighed(sim, effects, TOLERANCE)

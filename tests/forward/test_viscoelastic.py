@@ -363,6 +363,7 @@ def test_derivatives_are_the_differences_where_the_contact_stays(name):
     assert error <= 1e-4 * np.linalg.norm(differences)
 
 
+@pytest.mark.full
 def test_reverse_is_the_transpose_of_forward_also_under_vmap():
     weight = jnp.sin(3e3 * LINE.x)
     points = jnp.ones((3, len(UNITS))) * jnp.array([[1.0], [0.7], [1.4]])

@@ -17,7 +17,7 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize(("fault", "method", "words"), quick(SAID, SAID[0]))
+@pytest.mark.parametrize(("fault", "method", "words"), quick(SAID, SAID[2]))
 def test_a_fault_is_said(fault, method, words):
     row = measured(faults()[fault], METHODS[method])
     assert any(words in each for each in row["warnings"])

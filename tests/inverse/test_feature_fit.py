@@ -214,7 +214,7 @@ def cramer_rao(name, truth, noise):
     return {part: s / scale[part] for part, s in zip(columns, spread, strict=True)}
 
 
-@pytest.mark.parametrize("name", quick([*FEATURES, "nothing"], "line", "nothing"))
+@pytest.mark.parametrize("name", quick([*FEATURES, "nothing"], "nothing"))
 def test_the_right_one_is_most_probable(name):
     rng = np.random.default_rng(5)
     clean = np.zeros((2, SAMPLES)) if name == "nothing" else simulated(name)

@@ -101,6 +101,7 @@ def test_bands_hold_what_mains_cost_and_not_what_a_notch_takes():
     assert not is_chi_square(notched)
 
 
+@pytest.mark.full
 def test_a_notch_above_the_skin_s_cut_off_costs_nothing():
     walks = RecordedWalks(SPEED)
     ratios = [

@@ -30,6 +30,7 @@ from tests.inverse.cases import (
     penalty_rows,
     relative,
 )
+from tests.tiers import quick
 
 CASES = {
     "periodic": {},
@@ -108,7 +109,7 @@ def test_what_is_called_converged_is_the_solution(path, order, log_weight):
     assert log_weight <= -8 or estimate.status == "converged"
 
 
-@pytest.mark.parametrize("log_weight", [-9, -11, -13])
+@pytest.mark.parametrize("log_weight", quick([-9, -11, -13], -11))
 def test_bands_without_a_word_are_those_of_the_direct_path(log_weight):
     """Under ever weaker priors, until rounding has made them up."""
     problem = make_case("open", n=240, noise_fraction=2e-2, observed=gaps(240)).problem
@@ -190,7 +191,7 @@ def with_path(method, path):
     return changed
 
 
-QUICK = {("slope", "runs", True), ("wiener", "runs", False)}
+QUICK = {("slope", "runs", True)}
 MISSING = [
     pytest.param(*each, marks=() if each in QUICK else pytest.mark.full)
     for each in itertools.product(METHODS, ("scattered", "runs"), (False, True))
@@ -230,8 +231,9 @@ def test_bands_are_the_diagonal_of_the_map(weight):
         assert bands[c, cell] == pytest.approx(exact, rel=0.02)
 
 
-@pytest.mark.parametrize("weight", [1e-7, pytest.param(1e-11, marks=pytest.mark.full)])
-@pytest.mark.parametrize("missing", ["scattered", pytest.param("runs", marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("weight", [1e-7, 1e-11])
+@pytest.mark.parametrize("missing", ["scattered", "runs"])
 def test_steps_hardly_grow_with_the_line(missing, weight):
     """Nor under a prior so weak that the ends of the data matter over many depths."""
     method = Tikhonov(1, weight, weight, path="iterative")

@@ -394,6 +394,7 @@ def test_passes_of_a_recording_that_turns():
     assert slope_error(kernel.value[..., near], of(TRUE, kernel)[..., near]) < 0.03
 
 
+@pytest.mark.full
 def test_it_says_so_where_it_leaves_more_than_noise(tmp_path):
     good = measure_kernel(passes(level=1e-2), STATED, LOAD, MU)
     assert good.warnings == ()

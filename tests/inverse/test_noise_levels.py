@@ -1,6 +1,8 @@
 """Noise whose level varies along the line, and the recordings that have it: of cells that hold more
 samples or fewer, and were passed quicker or more slowly."""
 
+import itertools
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -26,6 +28,7 @@ from tests.inverse.cases import (
     penalty_rows,
     relative,
 )
+from tests.tiers import quick
 
 WEIGHTS = 3e-8, 2e-8
 SPEED_M_PER_S = 0.05
@@ -38,7 +41,7 @@ def scale(n=N, kind="smooth"):
     return np.random.default_rng(3).choice([0.7, 1.0, 1.5], (2, n))
 
 
-@pytest.mark.parametrize("path", ["direct", "iterative"])
+@pytest.mark.parametrize("path", quick(["direct", "iterative"], "direct"))
 @pytest.mark.parametrize("kind", ["smooth", pytest.param("rough", marks=pytest.mark.full)])
 @pytest.mark.parametrize(
     "case",
@@ -136,17 +139,14 @@ def bumps(line, end_m):
     return jnp.asarray(rows)
 
 
-QUICK = {("varying", "runs", 0.0)}
 RECORDINGS = [
-    pytest.param(kind, missing, sliding, marks=() if each in QUICK else pytest.mark.full)
-    for kind in ("constant", "varying")
-    for missing in ("scattered", "runs")
-    for sliding in (0.0, 0.03)
-    for each in [(kind, missing, sliding)]
-    if kind == "varying" or (missing == "scattered" and not sliding)
+    each
+    for each in itertools.product(("constant", "varying"), ("scattered", "runs"), (0.0, 0.03))
+    if each[0] == "varying" or each[1:] == ("scattered", 0.0)
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("kind", "missing", "sliding"), RECORDINGS)
 def test_a_recording_by_the_iterative_path_is_the_dense_solution(kind, missing, sliding):
     """In every cell, gaps and ends included."""
@@ -158,6 +158,7 @@ def test_a_recording_by_the_iterative_path_is_the_dense_solution(kind, missing, 
     np.testing.assert_allclose(ours.stderr, direct.stderr, rtol=0.02)
 
 
+@pytest.mark.full
 def test_white_noise_in_a_cell_is_that_of_its_samples():
     """A rate signal is as large as the speed, and a cell has samples in inverse proportion to it:
     the noise's variance at the mean speed is as the mean speed over the speed."""

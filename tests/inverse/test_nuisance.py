@@ -94,7 +94,7 @@ def hum(rng, sizes=(1.0, 0.4)):
 @pytest.mark.parametrize(
     ("path", "offset"),
     [
-        ("direct", None),
+        pytest.param("direct", None, marks=pytest.mark.full),
         pytest.param("iterative", 0.0, marks=pytest.mark.full),
         pytest.param("direct", 0.0, marks=pytest.mark.claim),
         pytest.param("iterative", None, marks=pytest.mark.claim),
@@ -208,6 +208,7 @@ def test_a_rule_chooses_as_without_hum_or_drift():
     assert hummed.chi2_per_freedom == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.full
 def test_a_fit_of_features_takes_hum_out():
     """A line load beside hum of ten times its signal, as well as without."""
     rng, x = np.random.default_rng(6), SPEED * TIME_S

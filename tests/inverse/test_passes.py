@@ -126,6 +126,7 @@ def test_averaged_passes_are_the_posterior_of_all_of_them():
     np.testing.assert_allclose(ours[:, middle], floor[:, middle], rtol=0.02)
 
 
+@pytest.mark.full
 def test_shifts_of_the_stage_are_found_and_taken_out():
     moved, sensed = motion(6), sensor()
     ahead = np.array([20e-6, -30e-6, 15e-6, 45e-6, -35e-6, -15e-6])

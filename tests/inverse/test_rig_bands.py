@@ -47,6 +47,7 @@ def common_gain(stderr: float) -> RigError:
     return RigError(("gain_1", "gain_2"), np.ones(2), stderr**2 * np.ones((2, 2)))
 
 
+@pytest.mark.full
 def test_a_gain_adds_its_error_times_the_traction():
     """s |x| where the signal resolves it; what it adds is the estimate from the fitted signal."""
     y = signal(sensor())

@@ -48,6 +48,7 @@ def error_of(**stderr) -> RigError:
     return RigError(tuple(stderr), values, np.diag(np.square(list(stderr.values()))))
 
 
+@pytest.mark.full
 def test_the_error_of_a_common_gain_is_that_of_the_pressure():
     """Both gains wrong by the same 2 %: the pressure is, and nothing else."""
     exact = fitted()

@@ -104,6 +104,7 @@ def test_band_is_what_draws_scatter_by():
     np.testing.assert_allclose(scatter, stderr, rtol=0.06)
 
 
+@pytest.mark.full
 def test_both_paths_have_the_same_band():
     problem, _, _ = _draws(48, 1)
     touching = jnp.asarray(np.arange(48) < 20)

@@ -1,6 +1,7 @@
 """How sure it is that noise has a correlated part."""
 
 import numpy as np
+import pytest
 
 from srsinv.inverse.features.sliding_noise import estimate, evidence_of_sliding
 
@@ -18,6 +19,7 @@ def evidence(rng, sliding: float) -> float:
     return evidence_of_sliding(residual, X_M, None, estimate(residual, X_M, DEPTH_M))
 
 
+@pytest.mark.full
 def test_chance_makes_little_of_it():
     """Twice a log ratio of likelihoods is a chi-square of at most two numbers: one draw in 400 is
     above 6."""

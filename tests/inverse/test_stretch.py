@@ -67,6 +67,7 @@ def test_the_evidence_is_that_of_a_load_anywhere_in_the_recording(both):
     assert ours[0] - ours[1] == pytest.approx(whole[0] - whole[1], abs=0.3)
 
 
+@pytest.mark.full
 def test_the_stretch_does_not_grow_with_the_recording():
     short, long = (stretch_of(recording(depths), FEATURES) for depths in (120, 1200))
     assert short.is_part

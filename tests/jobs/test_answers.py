@@ -133,6 +133,7 @@ def test_a_nominal_pressure_has_no_place_beside_a_relative_one(counts):
     )  # fmt: skip
 
 
+@pytest.mark.full
 def test_a_failed_fit_is_no_answer_on_any_channel(tmp_path, capsys):
     """A noise stated a thousandth: chi-square per degree of freedom of some 1e6."""
     run = tmp_path / "run"

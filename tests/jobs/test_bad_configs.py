@@ -19,6 +19,7 @@ from srsinv.__main__ import find_config_root
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, result_of
 from tests.refusals import refused
+from tests.tiers import quick
 
 FILE = "recording.path=tiny.csv"
 OVERRIDES = {
@@ -255,7 +256,7 @@ OTHERS = (
 EACH_OTHER = [(job, key, values) for job, keys, values in OTHERS for key in keys.split()]
 
 
-@pytest.mark.parametrize(("job", "key", "values"), EACH_OTHER, ids=name)
+@pytest.mark.parametrize(("job", "key", "values"), quick(EACH_OTHER, *EACH_OTHER[::3]), ids=name)
 def test_a_choice_a_range_or_a_structure_that_cannot_be(job, key, values):
     for value in values:
         sentence = refusal(job, key, value)
@@ -294,7 +295,7 @@ RIGHT = [
 ]
 
 
-@pytest.mark.parametrize(("job", "key", "value"), RIGHT, ids=str)
+@pytest.mark.parametrize(("job", "key", "value"), quick(RIGHT, *RIGHT[::5]), ids=str)
 def test_what_is_right_is_computed(job, key, value):
     with pytest.raises(Reached):
         run(changed(job, key, value))

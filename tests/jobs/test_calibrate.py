@@ -49,6 +49,7 @@ def run(lab):
     return lab
 
 
+@pytest.mark.full
 def test_the_rig_is_found(run):
     metrics = json.loads((run / "run" / "metrics.json").read_text())
     assert metrics["quality"] == "good"

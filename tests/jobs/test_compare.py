@@ -22,6 +22,7 @@ def scene():
     return short_run("compare")
 
 
+@pytest.mark.full
 def test_the_right_feature_is_ahead_and_near_the_truth(scene):
     assert scene.metrics["rank_mean_feature_fit"] == 1.0
     for component in "pq":
@@ -29,12 +30,14 @@ def test_the_right_feature_is_ahead_and_near_the_truth(scene):
         assert right < 0.01 < scene.metrics[f"error_{component}_tikhonov_40_dB"]
 
 
+@pytest.mark.full
 def test_the_residual_gives_a_wrong_feature_away(scene):
     assert scene.metrics["misfit_feature_fit_40_dB"] == pytest.approx(1, abs=0.25)
     assert scene.metrics["misfit_wrong_feature_40_dB"] > 1.5
     assert scene.metrics["error_overall_wrong_feature_40_dB"] > 0.05
 
 
+@pytest.mark.full
 def test_a_feature_is_put_on_the_cells_as_the_truth_is(scene):
     ds = scene.dataset
     truth = ds["traction"].values
@@ -46,6 +49,7 @@ def test_a_feature_is_put_on_the_cells_as_the_truth_is(scene):
     assert np.abs(wrong).max() < 0.05 * np.ptp(truth)
 
 
+@pytest.mark.full
 def test_page(scene):
     check_page(scene)
     assert len(figures(scene)) == 5

@@ -15,6 +15,7 @@ from tests.jobs.run import command, composed, outcome
 from tests.jobs.run import words as said
 from tests.recording.files import write_csv
 from tests.shared import SHARED, needs_shared
+from tests.tiers import quick
 
 RATE_HZ, N = 1000.0, 3000
 LINE_HZ = 62.5
@@ -97,7 +98,7 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("case", ODD)
+@pytest.mark.parametrize("case", quick(ODD, "no rate", "constant signals", "one sample"))
 def test_odd_files_are_looked_at_and_drawn(tmp_path, case):
     write_csv(tmp_path / "r.csv", ODD[case])
     result = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.csv'}")
@@ -142,7 +143,7 @@ VERDICTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", VERDICTS)
+@pytest.mark.parametrize("case", quick(VERDICTS, "missing samples"))
 def test_verdict_first(tmp_path, case):
     changes, verdict, refusal, following = VERDICTS[case]
     write_csv(tmp_path / "r.csv", scan(**changes))

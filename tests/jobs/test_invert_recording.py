@@ -188,6 +188,7 @@ def test_cells_hold_what_the_mean_speed_would_give(name):
     assert holes.mean() < 0.2
 
 
+@pytest.mark.full
 def test_a_strip_found_through_a_halt(tmp_path):
     save(varying(SPEEDS["halting"])[0], tmp_path / "scan.nc")
     settings = ("recording.cell_m=1.5e-4", "method=wiener", "effects=[strip_width]")

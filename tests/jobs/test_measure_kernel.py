@@ -76,7 +76,7 @@ def measured(paths, folder, *overrides):
 
 FORMS = ("measure_kernel",)
 
-test_nothing_has_moved = golden_test(FORMS, *FORMS)
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.mark.full

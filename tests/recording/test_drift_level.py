@@ -67,6 +67,7 @@ def test_hum_of_ten_times_the_signal_does_not_matter(width_Hz):
     assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.full
 def test_white_noise_has_no_drift():
     levels = drift_levels(RNG(6).normal(size=(200, N)), RATE_HZ)
     assert np.count_nonzero(levels) <= 2  # 0.2 expected; more once in a thousand
@@ -130,6 +131,7 @@ def test_elements_share_a_drift_unless_theirs_are_far_apart():
     assert shared_levels(np.zeros(2)) == 0.0
 
 
+@pytest.mark.full
 def test_a_drift_that_is_known_to_be_there_is_missed_less():
     """In much noise: as often as not by inspection, hardly where it is named."""
     rng = RNG(14)

@@ -95,6 +95,7 @@ def test_a_file_that_kills_its_reader(tmp_path, case):
     assert load(tmp_path / name).channels == ("voltage_0_V", "voltage_1_V")
 
 
+@pytest.mark.full
 def test_a_process_that_ends_leaves_no_reader_behind(tmp_path):
     path = write("hdf5", tmp_path)
     script = "import os, sys; from srsinv.recording import load, _apart; load(sys.argv[1]);"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from srsinv.recording.noise import white_levels
+from tests.tiers import quick
 
 N, DEPTH_M, SPACING_M = 2000, 7.5e-4, 1e-5
 AT = np.arange(N)
@@ -31,7 +32,7 @@ def scan(level, rng):
     return level * (60 * signal + rng.normal(size=(2, N)))
 
 
-@pytest.mark.parametrize("name", MISSING)
+@pytest.mark.parametrize("name", quick(MISSING, "none", "1 %", "ten at a time"))
 def test_white_noise_is_found_whatever_is_missing(name):
     (missing, most), level = MISSING[name], 1e-6
     rng = np.random.default_rng(1)

@@ -101,6 +101,7 @@ def test_outliers(loss, noise):
         assert RMS < level < 1.3 * RMS
 
 
+@pytest.mark.full
 def test_robust_is_better_than_squares():
     ys = with_outliers(40)
     squares = columns([srsinv.fit(model, NEAR, y) for y in ys], "value").std(axis=0)

@@ -70,6 +70,7 @@ def test_starts_of_each():
         srsinv.fit_many(wave, START, data(frequencies[:2]), noise=NOISE, each=each)
 
 
+@pytest.mark.full
 def test_clean_data_have_the_warning_once_in_a_thousand():
     """In 2,000 draws about 2; more than 9 are less probable than 1e-4."""
     ys = data(np.full(2000, 12.0))
