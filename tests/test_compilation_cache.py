@@ -75,6 +75,7 @@ def test_leaves_a_cache_of_the_users_own_alone(home, tmp_path):
     assert not home.exists()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("value", "is_cached"), [("true", True), ("false", False)])
 def test_off_by_one_key(home, tmp_path, monkeypatch, value, is_cached):
     (tmp_path / "configs").mkdir()

@@ -31,6 +31,7 @@ from srsinv.inverse.features import FeatureFit, FeatureFitter, FeatureModel
 from srsinv.namespaces import open_plugins
 from srsinv.targets import KINDS, base_of, check, make
 from tests.jobs.run import ROOT
+from tests.tiers import quick
 
 # The examples of docs/extend.md: blocks whose first line is a file's name.
 GUIDE = (ROOT / "docs" / "extend.md").read_text(encoding="utf-8")
@@ -102,6 +103,7 @@ def run(folder, tmp_path_factory):
     return into
 
 
+@pytest.mark.full
 def test_what_is_named_acts(run):
     metrics = json.loads((run / "metrics.json").read_text())
     assert metrics["weight_p_per_Pa2_tikhonov"] == pytest.approx(1e-7)
@@ -161,6 +163,7 @@ def test_a_skin_a_surface_and_an_amplifier_of_ones_own(folder, tmp_path):
     assert list(plugins) == ["counter.py", "furred.py", "start.py", "wedge.py"]
 
 
+@pytest.mark.full
 def test_a_skin_of_ones_own_carries_the_surface(folder):
     surface = [part(folder, "surface/wedge.yaml", "surface")]
     skin = part(folder, "skin/furred.yaml", "skin")
@@ -180,6 +183,7 @@ def test_a_solver_of_ones_own_fits(folder):
     assert fit.quality == "good"
 
 
+@pytest.mark.full
 def test_what_is_written_for_python_runs(folder):
     open_plugins(str(folder))
     (program,) = re.findall(r"```python\n(import srsinv\n.*?)```", GUIDE, re.DOTALL)
@@ -275,7 +279,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("rule", REFUSED)
+@pytest.mark.parametrize("rule", quick(REFUSED, "quits", "deep", "public"))
 def test_what_cannot_stand_there_is_refused(rule, folder, tmp_path, capsys):
     given = ["--config-dir", str(folder), *SMALL, f"rule={rule}", f"hydra.run.dir={tmp_path}/r"]
     assert main(given) == 2

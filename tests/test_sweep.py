@@ -150,6 +150,7 @@ class TestMissing:
         path.write_text(json.dumps(document, sort_keys=True, indent=2) + "\n")
         assert run("value=1,2")[1] == ["value=2"]
 
+    @pytest.mark.full
     def test_half_a_folder_is_no_run(self, run):
         run("value=1,2")
         Path("sweep/0/result.nc").unlink()

@@ -15,6 +15,7 @@ from srsinv.grid import Periodic
 from tests.effects.test_effects import configuration
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["ridge", "tape", "rough"])
 def test_the_reference_contact_is_accurate_to_one_per_cent(name):
     """Of the pressure's deviation behind the rubber over the film, |k| e^(-kz); where a profile
@@ -94,6 +95,7 @@ KINDS = {
 CASES = [("open", "strip"), *(("periodic", kind) for kind in KINDS)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("line", "kind"), CASES)
 def test_the_signal_that_screens_is_the_simulated_one(line, kind):
     """And the stress at the films: in the factors' product as in the compiled program."""

@@ -181,6 +181,7 @@ GENERAL = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("part", GENERAL)
 def test_a_general_effect_is_the_one_of_a_name_with_the_same_part(part):
     general, named = GENERAL[part]
@@ -268,6 +269,7 @@ def test_what_stays_on_is_in_the_signal_that_the_rest_is_screened_by(case):
 SKINS = ("layered", "viscoelastic")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", SKINS)
 def test_a_skin_is_the_effect_that_sets_it(name):
     by_skin, by_effect = (

@@ -110,6 +110,7 @@ ALTERED: dict[str, Callable[[Any, Any], tuple[Any, Any]]] = {
 }  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("alter", ALTERED.values(), ids=ALTERED)
 def test_other_parts_are_weighed_anew(alter):
     sim, effects = case()
@@ -134,6 +135,7 @@ def test_a_caller_cannot_change_what_is_held():
     assert reused.relative_change_bounds["strip_width"] > 0
 
 
+@pytest.mark.full
 def test_a_reused_screening_is_that_found_afresh():
     """Over random numbers, asked in turn and more than once: as with nothing held."""
     rng, (sim, effects) = np.random.default_rng(0), case()

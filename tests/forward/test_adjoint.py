@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.forward.setups import AMPLIFIERS, LINES, SCAN, full_sensor
+from tests.tiers import quick
 
 STAGES = {
     "stress": full_sensor().stress(),
@@ -39,7 +40,7 @@ def three_ways(name):
     return jax.device_get(solve(line, STAGES, jnp.asarray(DRAW[:, : line.n])))
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", quick(LINES, "periodic_even", "open_odd"))
 @pytest.mark.parametrize("stage", STAGES)
 def test_adjoint_identity(line, stage):
     forward, adjoint, transposed = three_ways(line)[stage]
@@ -61,6 +62,7 @@ def test_adjoint_identity_of_differences(line, order):
     assert abs(float(jnp.vdot(y, forward) - jnp.vdot(adjoint, r))) < 1e-12 * line.n
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", LINES)
 def test_symbol_is_the_spectrum_of_the_kernel(name):
     """The signals of unit cells at both ends hold every lag of an open line's kernel; on a periodic

@@ -95,6 +95,7 @@ def test_westergaard_converges_at_first_order(load_fraction):
     assert np.log(coarse / fine) / np.log(8) >= 0.95
 
 
+@pytest.mark.full
 def test_narrow_cells_take_hardly_more_steps():
     """As they begin where those on wider cells end."""
     wide, narrow = (
@@ -279,6 +280,7 @@ def test_derivatives_are_the_differences_where_the_contact_stays(name):
     assert error <= 1e-4 * np.linalg.norm(differences)
 
 
+@pytest.mark.full
 def test_reverse_is_the_transpose_of_forward_also_under_vmap():
     weight = jnp.sin(3e3 * LINE.x)
     points = jnp.ones((3, 4)) * jnp.array([[1.0], [0.7], [1.4]])

@@ -76,6 +76,7 @@ def alone(wake_m):
     raise AssertionError("the contact set has not settled")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("wake_m", quick([0.002, 0.008, 0.032], 0.008))
 def test_a_cylinder_that_stands_alone(wake_m):
     """Wakes of a tenth of the window to half as long again."""

@@ -107,6 +107,7 @@ def test_no_drift_changes_nothing(along):
     np.testing.assert_array_equal(still, along[0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("at", range(3))
 def test_gradients_are_those_of_differences(along, at):
     time, (rate, charge) = MOTION.time_s[::16], (signal[:, ::16] for signal in along)

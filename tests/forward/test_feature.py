@@ -145,6 +145,7 @@ def test_signal_is_the_closed_form(name, motion, p, mu):
 
 @pytest.mark.parametrize(("name", "least"), [("line", 3.5), ("strip", 3.5), ("hertz", 2.4),
                                              ("step", 3.5)])  # fmt: skip
+@pytest.mark.full
 def test_order_in_the_cell(name, least):
     cells = np.array([8, 16, 32])
     exact = closed_form(name, "steady", 2e3, 0.6)

@@ -122,6 +122,7 @@ def test_a_high_cutoff_delays_by_its_time_alone():
     assert largest_error(spread(along(filter, 0.05), x), 1 / (1 + (x - moved) ** 2)) < 1e-7
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("speed", [0.05, -0.03])
 def test_the_open_lines_kernel_has_the_transfer_for_its_spectrum(speed):
     """Kernels sampled eight times a depth, over a window so long that what wraps around, 1/x^3 of a
@@ -212,6 +213,7 @@ def test_a_constant_stays(name):
     np.testing.assert_array_equal(FILTERS[name].in_time(signal, as_real(1e-5)), signal)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("speed", [0.05, -0.05])
 def test_along_a_steady_motion_it_becomes_that_of_constant_speed(speed):
     """At second order in the sampling interval, once the beginning is forgotten."""
@@ -250,6 +252,7 @@ def test_adjoint_of_a_filter(name):
     assert abs(forward - back) < 1e-13 * 60
 
 
+@pytest.mark.full
 def test_adjoint_along_a_motion():
     line = Open(80, 1e-4, -2e-3)
     draw = np.random.default_rng(5).normal

@@ -144,6 +144,7 @@ def test_charge_per_load_is_the_derivative():
     np.testing.assert_allclose(ours, (high - low) / (2 * step), atol=1e-7 * np.abs(ours).max())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("radius", [0.0, 1e-3, 3.0])
 def test_charge_of_many_loads_is_that_of_each(radius):
     sensor, edge, load = strip(), KnifeEdge(radius, 0.3), np.array([0.0, 0.1, 1.7, 4.0])

@@ -82,6 +82,7 @@ def test_rate_signal_grows_with_speed(line):
     assert largest_error(fast, 10 * slow) < 1e-13
 
 
+@pytest.mark.full
 @BOTH
 @pytest.mark.parametrize("amplifier", AMPLIFIERS)
 def test_signal_grows_with_load(line, amplifier):

@@ -275,6 +275,7 @@ def test_strip_on_moduli_far_apart(layers, depth):
         assert largest_error(ours[:3], exact.strip(x, 1e-4, slope)) < 1e-8
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("width", [0.01 * DEPTH, DEPTH, 1e3])
 def test_strip_on_one_material_is_the_half_space(width):
     end = width / 2
@@ -285,6 +286,7 @@ def test_strip_on_one_material_is_the_half_space(width):
         assert largest_error(one, np.asarray(other)) < 1e-10
 
 
+@pytest.mark.full
 def test_enormous_strip_is_uniform_traction():
     """In its middle on a rigid core; outside it nothing. On a half space the shear's far tail is
     that of the base: as if there were no layers."""

@@ -143,6 +143,7 @@ def test_hertz_converges_at_second_order(kind):
 # What a line does with any stage.
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("line", [LINES["open_even"], LINES["open_odd"]], ids=["even", "odd"])
 def test_the_open_line_is_a_sum_over_cells_and_wraps_nothing(line):
     stage = full_sensor(AMPLIFIERS["current"]).output(SCAN)

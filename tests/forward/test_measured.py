@@ -83,6 +83,7 @@ def test_a_strip_is_the_integral_of_the_table():
     np.testing.assert_allclose(got, want, atol=1e-9 * np.abs(want).max())
 
 
+@pytest.mark.full
 def test_adjoint_along_a_motion_that_turns():
     rng = np.random.default_rng(1)
     time_s = np.arange(500) / 1000

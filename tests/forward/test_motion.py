@@ -182,6 +182,7 @@ def steady_and_scanned(line, sensor, moving, r, speed):
     return sensor.operator(line, ConstantSpeed(speed))(r), sensor.operator_along(line, moving)(r)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("speed", [0.05, -0.03])
 @pytest.mark.parametrize("kind", TRACTIONS)
 @pytest.mark.parametrize("amplifier", ["current", "slow"])
@@ -193,6 +194,7 @@ def test_at_constant_speed_and_the_samples_it_is_the_signal_of_the_line(kind, sp
     assert largest_error(ours, steady) < 1e-12
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("make", [on_open, on_periodic])
 def test_between_the_samples_it_converges_to_it_at_eighth_order(make):
     """The signal between the samples is that of an element moved by part of a cell."""
@@ -461,6 +463,7 @@ class OneGain(Amplifier):
         return -2e9
 
 
+@pytest.mark.full
 def test_one_gain_serves_all_speeds():
     motion = Motion.from_speed(np.arange(20) / 100, np.linspace(0.01, 0.05, 20), -5e-3)
     line = Open(64, 2e-4, -6.4e-3)

@@ -43,6 +43,7 @@ def oblique(angle, line, sensor, r):
     return apply(line, turned(sensor, angle).output(scan), r)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", quick(LINES, "open_odd"))
 def test_straight_features_are_the_straight_model(name):
     """Every element and effect, on every line."""
@@ -268,6 +269,7 @@ def round_once(amplifier, samples=1024, **changed):
     return np.asarray(Circling(Sensor(FILMS, amplifier=amplifier), Circle(samples=samples))(ridge))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("amplifier", "friction"), [(CHARGE, -0.4), (CurrentAmplifier(), 0.0)])
 def test_the_straight_model_where_the_finger_moves_along_x(amplifier, friction):
     """At the circle's lowest point; with friction the rate is that of a turning shear as well."""
@@ -281,6 +283,7 @@ def test_the_straight_model_where_the_finger_moves_along_x(amplifier, friction):
     np.testing.assert_allclose(Circling(sensor, circle)(ridge)[:, 0], expected, rtol=1e-9)
 
 
+@pytest.mark.full
 def test_rate_is_the_charge_in_time():
     """Charge returns after a turn, so that its Fourier series is differentiated exactly."""
     charge, rate = round_once(CHARGE), round_once(CurrentAmplifier(1.0))

@@ -168,6 +168,7 @@ def test_number_of_events_is_that_of_poisson():
     assert stats.chi2(counts.size).ppf(0.0005) < spread < stats.chi2(counts.size).ppf(0.9995)
 
 
+@pytest.mark.full
 def test_amplitudes_are_gaussian():
     """At one place, hardly decayed when sampled and hardly ever two in a sample."""
     jumps = jumps_of(snap_back(1.0, "slow", rate_hz=8.0, contact_m=1e-12))
@@ -200,6 +201,7 @@ def test_the_polynomials_are_the_response(depths, error):
     assert np.abs(values - expected).max() < error * np.abs(expected).max()
 
 
+@pytest.mark.full
 def test_rate_signal_is_the_difference_of_the_same_charge():
     rate = drawn(snap_back(), SCAN)
     charge = drawn(snap_back(amplifier="slow"), SCAN) / 3e9

@@ -81,6 +81,7 @@ def test_far_features_do_not_overflow():
     np.testing.assert_allclose(cell_average(PressedStrip(2e3, 1e-3, 1.0, 1e-6)), 0.0, atol=1e-7)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ON_EDGES)
 def test_gradients_are_finite_with_edges_on_cell_edges(name):
     """The contact ends at +-0.55 mm: cell edges of the first line, cell centres of the second."""

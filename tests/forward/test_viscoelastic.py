@@ -93,6 +93,7 @@ def test_no_frequency_overflows_in_value_or_slope():
         assert np.isfinite(slope)
 
 
+@pytest.mark.full
 def test_the_stress_inside_is_the_wrapped_skin_s():
     skin, x = sliding(0.1), jnp.linspace(-1e-3, 1e-3, 5)
     depth, width = jnp.asarray(1e-3), jnp.asarray(2e-4)
@@ -119,6 +120,7 @@ def test_refusals():
 # --- contact ---------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("speed", "stiffer"), [(1e-11, 1), (-1e-11, 1), (1e9, 4), (-1e9, 4)])
 def test_very_slow_and_very_fast_it_is_elastic(speed, stiffer):
     height = RIDGE.height(LINE)
@@ -243,6 +245,7 @@ LAGS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("lag", LAGS.values(), ids=LAGS)
 @pytest.mark.parametrize(("shape", "nominal"), HARD.values(), ids=HARD)
 def test_hard_profiles_and_lags(shape, nominal, lag):
@@ -352,6 +355,7 @@ forward = jax.jit(jax.jacfwd(pressure))
 value = jax.jit(pressure)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", UNITS)
 def test_derivatives_are_the_differences_where_the_contact_stays(name):
     at, step = list(UNITS).index(name), 1e-5
@@ -383,6 +387,7 @@ total = jax.jit(
 )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("lag", ["creeping", "a hundred", "still"])
 @pytest.mark.parametrize(("shape", "nominal"), HARD.values(), ids=HARD)
 def test_derivatives_are_finite(shape, nominal, lag):

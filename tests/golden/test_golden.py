@@ -19,8 +19,7 @@ QUICK = {
     "forms/default", "forms/fit_fabricslide", "forms/inspect_recording",
     "public/operator", "public/recording", "public/fit_readme",
     *(f"products/{name}" for name in (
-        "half_space_periodic", "viscoelastic", "filters_periodic", "uneven_periodic",
-        "differences", "circular", "contact_elastic", "contact_viscoelastic")),
+        "viscoelastic", "filters_periodic", "differences", "contact_viscoelastic")),
 }  # fmt: skip
 MOST_BYTES = 2_000_000
 RANDOM = [case for case in other_cases() if case.startswith("random/")]

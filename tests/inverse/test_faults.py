@@ -17,6 +17,7 @@ SAID = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("fault", "method", "words"), quick(SAID, SAID[2]))
 def test_a_fault_is_said(fault, method, words):
     row = measured(faults()[fault], METHODS[method])
@@ -24,6 +25,7 @@ def test_a_fault_is_said(fault, method, words):
     assert row["quality"] != "good"
 
 
+@pytest.mark.full
 def test_nothing_is_said_of_a_clean_scan():
     row = measured(faults()["none"], METHODS["wiener, friction known"])
     assert (row["warnings"], row["quality"], row["rejected"]) == ([], "good", False)

@@ -166,6 +166,7 @@ def test_a_grating_is_told_the_usual_way():
     assert_recovered(estimate.parameters, TRUTHS["grating"] | usual, 2e-4)
 
 
+@pytest.mark.full
 def test_standard_error_of_friction():
     """By hand: the ratio's gradient and the covariance of both amplitudes."""
     y = simulated("strip")
@@ -214,6 +215,7 @@ def cramer_rao(name, truth, noise):
     return {part: s / scale[part] for part, s in zip(columns, spread, strict=True)}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", quick([*FEATURES, "nothing"], "nothing"))
 def test_the_right_one_is_most_probable(name):
     rng = np.random.default_rng(5)

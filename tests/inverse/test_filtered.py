@@ -143,6 +143,7 @@ def test_a_result_records_what_was_taken():
         assert {key: recorded[key] for key in keys if key in recorded} == expected
 
 
+@pytest.mark.full
 def test_a_filtered_recording_says_so_and_its_samples_are_judged_as_recorded():
     rng = np.random.default_rng(0)
     signal = NOISE * (rng.normal(size=(2, COUNT)) + loud_hum(rng) / NOISE)

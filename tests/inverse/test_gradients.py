@@ -73,6 +73,7 @@ def test_gradient_is_the_finite_difference(method):
     assert np.all(np.abs(differences) > 1e-9)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("amplifier", [RATE, SLOW], ids=["rate", "slow"])
 def test_the_noise_may_be_traced(amplifier):
     """A problem can be built inside a differentiated function, from its noise level too; a slow

@@ -109,6 +109,7 @@ def test_what_is_called_converged_is_the_solution(path, order, log_weight):
     assert log_weight <= -8 or estimate.status == "converged"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("log_weight", quick([-9, -11, -13], -11))
 def test_bands_without_a_word_are_those_of_the_direct_path(log_weight):
     """Under ever weaker priors, until rounding has made them up."""
@@ -128,6 +129,7 @@ def test_variances_below_zero_are_no_answer():
     assert estimate.quality == "failed"
 
 
+@pytest.mark.full
 def test_a_looser_tolerance_takes_fewer_steps():
     problem = make_case("open", observed=gaps()).problem
     steps = [
@@ -214,6 +216,7 @@ def test_value_and_bands_are_those_of_the_dense_solution(name, missing, colour):
         assert abs(each[0] - each[1]) < 0.02 * each[1] + 0.5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("weight", [1e-7, 1e-11])
 def test_bands_are_the_diagonal_of_the_map(weight):
     """Under a weak prior, too, where the inverse over a run of missing samples has a condition of

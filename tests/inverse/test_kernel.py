@@ -331,6 +331,7 @@ def test_no_place_beside_the_chosen_one_is_likelier():
 LINES = {"periodic": LINE, "open": Open(512, 0.03 / 512, -0.015)}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("line", LINES.values(), ids=list(LINES))
 def test_signals_of_kernels_are_those_of_films_that_have_them(line):
     known = known_input(passes(ways=1, line=line), STATED, LOAD, MU)
@@ -427,6 +428,7 @@ def test_a_file_holds_all_of_it(measured, tmp_path):
     assert model.warnings(None) == ()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["kernel_C_m_per_N", "far_field", "depth_m", "lag_m"])
 def test_a_damaged_file_is_refused(measured, tmp_path, name):
     import io
@@ -447,6 +449,7 @@ def test_a_damaged_file_is_refused(measured, tmp_path, name):
         load_kernel(path)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "factor"), [("depth_m", 1e-12), ("depth_m", 1e-300), ("lag_m", 1e9), ("lag_m", 1e300)]
 )

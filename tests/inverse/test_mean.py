@@ -110,6 +110,7 @@ WITH_KNOWN_MEAN = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", WITH_KNOWN_MEAN)
 def test_a_known_mean_explains_its_own_signal(name):
     """Where the mean acts on the signal, knowing it must help and not leave a misfit."""

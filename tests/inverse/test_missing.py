@@ -108,6 +108,7 @@ def test_one_sample_with_an_unknown_offset_is_as_good_as_none():
     assert relative(one.stderr, none.stderr) < 1e-9
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("path", ["direct", "iterative"])
 def test_an_unknown_offset_leaves_no_trace(path):
     """Whatever is added to every sample of one element, with gaps, nothing but the data moves."""

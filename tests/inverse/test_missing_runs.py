@@ -57,6 +57,7 @@ def test_traction_that_changes_more_than_its_prior_allows_is_said(path):
     assert estimate.quality == "doubtful"
 
 
+@pytest.mark.full
 def test_what_is_said_is_true():
     """Of draws five times what the prior allows, the band holds few within runs, and of its own
     draws nearly what it says."""

@@ -41,6 +41,7 @@ def scale(n=N, kind="smooth"):
     return np.random.default_rng(3).choice([0.7, 1.0, 1.5], (2, n))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("path", quick(["direct", "iterative"], "direct"))
 @pytest.mark.parametrize("kind", ["smooth", pytest.param("rough", marks=pytest.mark.full)])
 @pytest.mark.parametrize(
@@ -170,6 +171,7 @@ def test_white_noise_in_a_cell_is_that_of_its_samples():
     np.testing.assert_allclose(variance, variance.mean(), rtol=0.03)
 
 
+@pytest.mark.full
 def test_a_cell_with_half_of_its_samples_has_twice_the_variance():
     sensor, motion, signal, noise = scan(200, "constant")
     signal[0, 101] = np.nan

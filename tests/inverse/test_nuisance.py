@@ -122,6 +122,7 @@ def test_paths_are_the_dense_posterior(path, offset):
     assert np.asarray(estimate.stderr)[0, cells] == pytest.approx(own[cells], rel=0.02)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("reach", "offset"),
     [
@@ -156,6 +157,7 @@ def test_drift_costs_no_more_than_the_exact_floor(reach, offset):
     assert 0.999 < ratio < 1.05
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "size", [1.0, *(pytest.param(each, marks=pytest.mark.full) for each in (0.1, 10.0))]
 )

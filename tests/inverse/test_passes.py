@@ -170,6 +170,7 @@ def test_a_fit_takes_shifts_of_the_stage_out(monkeypatch):
     assert method(given).quality != "good"
 
 
+@pytest.mark.full
 def test_a_fit_has_the_samples_of_its_own_way():
     moved, sensed = motion(2), sensor()
     given = Problem(sensed, moved, signals(moved, sensed), 1e-6)
@@ -179,6 +180,7 @@ def test_a_fit_has_the_samples_of_its_own_way():
     assert np.isnan(samples[:, back]).all()
 
 
+@pytest.mark.full
 def test_what_passes_differ_by_is_said():
     moved, sensed = motion(4), sensor()
     signal, rms = noisy(signals(moved, sensed), 3)
@@ -206,6 +208,7 @@ def test_passes_that_end_elsewhere_leave_no_step_where_they_drift():
         assert np.max(np.abs(np.diff(row[seen]))) < 10 * rms
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("size", [1.0, 10.0])
 def test_hum_on_passes(size):
     """The error beside hum is that without it, within a tenth, under the same prior."""

@@ -88,6 +88,7 @@ def test_its_operator_gives_the_signal_and_has_an_adjoint():
     assert float(jnp.vdot(operator(r), y)) == pytest.approx(float(jnp.vdot(r, operator.adjoint(y))))
 
 
+@pytest.mark.full
 def test_on_a_line_it_keeps_what_is_known():
     known = {"friction": MU, "nominal_pressure_Pa": 5e3, "window_m": (-8e-3, 8e-3), "cell_m": 2e-4}
     problem = strip_problem(**known).on_line()
@@ -195,6 +196,7 @@ def test_what_is_compiled_for_one_sensor_serves_all():
     assert on_line.on_line().sensor is None
 
 
+@pytest.mark.full
 def test_a_sidecars_elements_are_where_it_says():
     """The films' offsets are in the sensor that a sidecar describes, and shift its signals."""
     element = {"angle_deg": 20.0, "strip_width_m": 7e-4, "active_length_m": 8e-3}

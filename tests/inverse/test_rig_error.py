@@ -64,6 +64,7 @@ def test_the_error_of_a_common_gain_is_that_of_the_pressure():
     assert carried.stderr[0, top] > 5 * exact.stderr[0, top]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "stderr"),
     quick([("depth_m", 1e-5), ("angle_2_deg", 1.0), ("offset_2_m", 2e-5)], ("depth_m", 1e-5)),

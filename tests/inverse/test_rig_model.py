@@ -34,6 +34,7 @@ def model() -> RigModel:
     return RigModel(sensor, motion, known.line, pressure, place, motion.ways, False)
 
 
+@pytest.mark.full
 def test_derivatives_are_those_of_differences(model):
     """Forward, by each parameter, and reverse."""
     at = {name: as_real(value) for name, value in AT.items()}

@@ -48,6 +48,7 @@ def test_signals_far_above_the_noise(noise, turned):
     assert bool(found) == turned or noise < 1e-3  # what cells leave out is no noise
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("apart", [0.0, 1e-16, 1e-10, 1e-6, 1.0])
 def test_parameters_that_are_nearly_the_same(apart):
     """Their sum is known on both sides of where they are told apart, and no number is a nan."""

@@ -77,6 +77,7 @@ def around(point, reach, step):
     return point + np.stack(np.meshgrid(*[steps] * len(point)), axis=-1).reshape(-1, len(point))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "path"), [("friction", "spectral"), ("whole", "spectral"), ("gaps", "direct")]
 )
@@ -145,6 +146,7 @@ def check_evidence(scorer, logs, power):
     np.testing.assert_allclose(ours - ours[0], dense - dense[0], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "path"), SCORED)
 def test_evidence_is_the_log_marginal_likelihood(name, path):
     problem = make_case(**PROBLEMS[name][0]).problem

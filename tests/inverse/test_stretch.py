@@ -76,6 +76,7 @@ def test_the_stretch_does_not_grow_with_the_recording():
     assert long.window.start_m + 15 * DEPTH_M < place < long.window.end_m - 15 * DEPTH_M
 
 
+@pytest.mark.full
 def test_a_short_recording_is_whole():
     problem = recording(90)
     stretch = stretch_of(problem, FEATURES)
@@ -84,6 +85,7 @@ def test_a_short_recording_is_whole():
     assert not stretch.warnings
 
 
+@pytest.mark.full
 def test_what_is_left_out_is_said():
     problem = recording(400, (0.2, 0.7), (8.0, 16.0))
     stretch = stretch_of(problem, FEATURES)
@@ -98,6 +100,7 @@ def test_what_is_left_out_is_said():
     assert near.elsewhere_m is None
 
 
+@pytest.mark.full
 def test_a_range_beside_the_scan_is_refused():
     with pytest.raises(BadInput, match="no sample lies in the feature's position_range_m"):
         stretch_of(recording(120), {"line": LineFeature(position_range_m=(5.0, 6.0))})

@@ -137,6 +137,7 @@ CONDITIONED = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", quick(CONDITIONED, "friction", "gaps"))
 def test_posterior_is_dense_conditioning(name):
     problem = make_case(**CONDITIONED[name]).problem

@@ -155,6 +155,7 @@ def test_a_failed_fit_is_no_answer_on_any_channel(tmp_path, capsys):
 STATED = {0.97: ("good", "none"), 0.8: ("doubtful", "The residual is 1."), 0.2: ("failed", "The")}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("noise_ratio", STATED)
 def test_a_fit_is_worth_what_its_residual_says(noise_ratio):
     worth, beginning = STATED[noise_ratio]

@@ -111,6 +111,7 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", REFUSED)
 def test_refused(lab, capsys, case):
     (lab / "nominal.yaml").write_text("gain: 1\n")

@@ -23,7 +23,7 @@ SHORT = (
 )
 PARAMETERS = ("position_m", "load_N_per_m", "friction")
 
-test_nothing_has_moved = golden_test(FORMS, *FORMS)
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.full
 def test_files(folder):
     truth = json.loads((folder / "truth.json").read_text())
     assert list(truth) == ["known_ridge", "unknown_ridge", "passes"]

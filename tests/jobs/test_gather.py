@@ -157,6 +157,7 @@ def test_a_folder_of_anybody_is_gathered_or_refused(tmp_path, case, is_alone):
     assert time.monotonic() - start < MOST_S
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", quick(FOLDERS, *DRAWN))
 def test_the_page_of_such_a_folder_is_text(tmp_path, capsys, case):
     for i in range(2):

@@ -175,6 +175,7 @@ def in_cells(recording, block):
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", SPEEDS)
 def test_cells_hold_what_the_mean_speed_would_give(name):
     """All but those that were passed at a crawl. Cells of whole samples, off their centres, would
@@ -225,6 +226,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_varying_speed_that_is_refused(name, tmp_path):
     speed, overrides, sentence = REFUSED[name]

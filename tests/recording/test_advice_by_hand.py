@@ -173,6 +173,7 @@ NO_PROCESS = {
 }
 
 
+@pytest.mark.full
 @follows(*NO_PROCESS)
 @pytest.mark.parametrize("says", NO_PROCESS)
 def test_a_process_that_ends_for_no_fault_of_the_file(tmp_path, monkeypatch, says):
@@ -334,6 +335,7 @@ READERS = {
 }
 
 
+@pytest.mark.full
 @follows(*READERS, "choose another by reader=...")
 @pytest.mark.parametrize("part", READERS)
 def test_another_reader_is_chosen(tmp_path, part):
@@ -717,6 +719,7 @@ NEXT = {
 }  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", NEXT)
 def test_the_next_command_reads_as_the_look_did(tmp_path, case):
     """Whatever was typed for the look is typed again: without it, signals would be others."""

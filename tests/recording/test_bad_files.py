@@ -471,6 +471,7 @@ def test_damaged_bytes(tmp_path, good, format, data):
     read_or_refused(path, **known(format))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", dict.fromkeys(name for name, _ in FORMATS.values()))
 @given(content=st.binary(max_size=400))
 @settings(FUZZ, max_examples=30)
@@ -532,6 +533,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", quick(COMMANDS, "gain 0"))
 def test_command(tmp_path, monkeypatch, capsys, case):
     format, table, stated, words = COMMANDS[case]
@@ -548,6 +550,7 @@ def test_command(tmp_path, monkeypatch, capsys, case):
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "words"),
     [("absent.csv", "no such file"), ("r.txt", "no column holds a number"), ("r.xlsx", "'.xlsx'")],

@@ -26,6 +26,7 @@ def ridge(u_s=0.06):
     return signal / signal.std()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("over_noise", [30, 100])
 @pytest.mark.parametrize("reach", [0.1, 0.3])
 @pytest.mark.parametrize("has_ridge", [False, True])

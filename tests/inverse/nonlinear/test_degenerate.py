@@ -75,6 +75,7 @@ def test_more_parameters_than_data():
     np.testing.assert_allclose(fit.residual, 0.0, atol=1e-9)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("count", [1, 2])
 def test_no_datum_left_for_the_noise(count):
     """As many parameters as data: the residual is zero and says nothing of the noise."""
@@ -94,6 +95,7 @@ def exact_normal_matrix(basis):
     return [[sum(map(Fraction.__mul__, u, v), Fraction()) for v in columns] for u in columns]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("apart", [1e-3, 1e-5, 1e-6])
 def test_nearly_degenerate(apart):
     """Two columns that differ by little: determined, with the error of exact arithmetic."""

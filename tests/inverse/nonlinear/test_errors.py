@@ -63,6 +63,7 @@ def test_spread(name):
     np.testing.assert_allclose(chi2, 1.0 if noise is not None else RMS**2, rtol=0.02)
 
 
+@pytest.mark.full
 def test_solved_out_is_searched():
     """Variable projection changes how the minimum is found, not what it is."""
     y = draws(NOISES["white"][1], 1)[0]
@@ -109,6 +110,7 @@ def test_robust_is_better_than_squares():
     assert (huber < 0.5 * squares).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: type(loss).__name__)
 def test_root(loss):
     """t^2/2 is the loss, of the sign of r, r itself near zero, and smooth at the threshold."""

@@ -48,6 +48,7 @@ def test_one_bounded_parameter(slope, stderr):
     np.testing.assert_allclose(fit.log_evidence, expected, atol=2e-3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("stderr", "priors", "within"),
     [

@@ -69,6 +69,7 @@ def closed_form(case: LinearCase, y):
     return value / case.scales, level * inverse @ inverse.T / np.outer(case.scales, case.scales)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("linear", [(), ("b",)], ids=["searched", "solved"])
 @pytest.mark.parametrize("name", quick(CASES, *list(CASES)[::3]))
 def test_closed_form(name, linear):

@@ -23,6 +23,7 @@ def data(frequencies, seed=3):
     return clean + NOISE * rng.normal(size=clean.shape)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("linear", [(), ("a", "c")])
 @pytest.mark.parametrize("priors", [None, {"a": (1.0, 2.0), "w": (12.0, 3.0)}])
 def test_a_batch_has_the_fits_of_its_data(linear, priors):

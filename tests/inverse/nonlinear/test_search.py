@@ -141,6 +141,7 @@ def test_minimum_where_the_derivative_jumps_is_no_answer():
     assert not fit.converged
 
 
+@pytest.mark.full
 def test_saddle_beside_a_rank_that_is_lost_is_no_answer():
     """Freudenstein and Roth's minimum in x and y, where the Jacobian loses rank; a stands on a
     maximum of its own, from which no slope leads away: the cost is lower at a^2 = 5/2."""
@@ -156,6 +157,7 @@ def test_saddle_beside_a_rank_that_is_lost_is_no_answer():
     assert not fit.converged
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-12])
 def test_tolerance(tolerance):
     fit = srsinv.fit(model, START, Y, solver=Optimistix(tolerance=tolerance))
