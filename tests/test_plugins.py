@@ -203,6 +203,7 @@ def test_a_load_profile_of_ones_own_is_in_a_scene(folder):
     np.testing.assert_allclose(p, expected, rtol=0, atol=1.01 * from_mean)
 
 
+@pytest.mark.full
 def test_a_section_of_ones_own_is_on_the_page(run):
     page = (run / "report.html").read_text()
     assert page.index("What was assumed</h2>") < page.index("Gain</h2>")
@@ -261,6 +262,7 @@ def test_a_run_lists_the_plugins_that_it_was_made_with(folder, run):
     assert str(folder) in manifest["command"]
 
 
+@pytest.mark.full
 def test_nothing_of_the_folder_takes_the_place_of_a_library(run):
     assert Path(np.__file__).parent.name == "numpy"
     assert not any(name in sys.modules for name in ("blur", "plugins.numpy"))

@@ -266,8 +266,7 @@ HOSTILE = {
     "sweep with a link": linked_sweep,
 }
 FEW_HOSTILE = (
-    "workspace of an older version", "folder above that is a link", "figures that are a link",
-    "pipes",
+    "workspace of an older version", "figures that are a link",
 )  # fmt: skip
 COMMANDS = (
     ["hydra.run.dir=outputs/run"], ["hydra.run.dir=outputs/new"], ["hydra.run.dir=."],

@@ -119,6 +119,7 @@ def test_as_many_windows_as_the_wake_asks_and_the_most_where_none_are_enough(win
     assert windows_for(WakeFriction(0.1 - missing[0], missing)) == windows
 
 
+@pytest.mark.full
 def test_nothing_is_touched_in_the_windows_added():
     """The skin beside a tall ridge sags by 2 P/(pi E*) ln 8 on the way there, 85 um: more than the
     26 um that part it from the plate at the ends of one window."""

@@ -34,6 +34,7 @@ from tests.features import FEATURES
 from tests.forward.setups import fitted_order, largest_error
 from tests.reference import closed_forms as cf
 from tests.refusals import refused
+from tests.tiers import quick
 
 OHM, NU = 2e6, 0.45
 D = (23e-12, 3e-12, -33e-12)
@@ -132,7 +133,7 @@ def signal(name, motion, p=2e3, mu=0.6, cell_m=None):
 # What a feature feels like.
 
 
-@pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.parametrize("name", quick(FEATURES, "line", "strip"))
 @pytest.mark.parametrize(
     ("motion", "p", "mu"), [("steady", 2e3, 0.6), ("varying", -1e3, -0.3), ("reversing", 2e3, -0.6)]
 )
@@ -164,7 +165,7 @@ def test_a_sum_is_the_sum_and_friction_is_its_own():
     np.testing.assert_allclose(together, apart, atol=1e-12 * np.abs(apart).max(), rtol=0)
 
 
-@pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.parametrize("name", quick(FEATURES, "line", "grating"))
 def test_gradient_by_finite_differences(name):
     """Where positions and widths put edges inside cells, and on them, all the same."""
     model = operator_along("steady").with_features({name: FEATURES[name]})

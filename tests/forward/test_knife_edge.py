@@ -58,7 +58,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("depth", "angle", "width"), quick(CASES, *CASES[::4]))
+@pytest.mark.parametrize(("depth", "angle", "width"), quick(CASES, CASES[4]))
 @pytest.mark.parametrize("direction_deg", [0.0, 45.0, -45.0, 80.0])
 def test_the_rig_is_the_mirror_image_of_a_scan(depth, angle, width, direction_deg):
     """Against the closed form as well: v_i = R_f [K_p + mu K_q] over the film's position, and the

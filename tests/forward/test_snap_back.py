@@ -217,6 +217,7 @@ def test_events_are_felt_by_every_element_in_its_measure():
     assert np.abs(signal).max() > 0
 
 
+@pytest.mark.full
 def test_elements_may_come_in_any_order():
     turned = SnapBackNoise.recorded_by(
         sensor(elements=ELEMENTS[::-1]), RATE, SHEAR, PATCH, 5e-3, CONTACT

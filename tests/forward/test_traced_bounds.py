@@ -179,7 +179,8 @@ CASES = [
     ),
 ]  # fmt: skip
 NAMES = [f"{case.signal.__name__}-{case.key}-{i}" for i, case in enumerate(CASES)]
-cases = pytest.mark.parametrize("case", CASES, ids=NAMES)
+FEW = [pytest.param(case, marks=pytest.mark.full if i % 4 else ()) for i, case in enumerate(CASES)]
+cases = pytest.mark.parametrize("case", FEW, ids=NAMES)
 
 
 def end(case: Case, value):

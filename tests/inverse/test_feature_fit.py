@@ -183,6 +183,7 @@ def test_standard_error_of_friction():
 DRAWS = 40
 
 
+@pytest.mark.full
 def test_error_is_the_bound_and_intervals_hold():
     """40 draws at 40 dB: a root mean squared error scatters by 11 %, the share within a standard
     error about 68 % by 7 %; four parameters leave three of these standard deviations."""

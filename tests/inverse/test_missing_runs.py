@@ -46,6 +46,7 @@ RUNS = slice(70, 86), slice(150, 166)
 WEIGHT = 1e-5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("path", ["direct", "iterative"])
 def test_traction_that_changes_more_than_its_prior_allows_is_said(path):
     problem, sigma = with_runs(*RUNS)

@@ -65,6 +65,7 @@ def test_the_estimate_is_that_of_dense_matrices(case, kind, path):
         assert np.nansum(whitened**2) == pytest.approx(dense.residual, rel=1e-6)
 
 
+@pytest.mark.full
 def test_a_factor_that_is_the_same_everywhere_is_louder_noise():
     case = make_case("open", observed=gaps()).problem
     given = {"data": case.data, "observed": case.observed}

@@ -24,6 +24,7 @@ from tests.inverse.cases import (
     penalty_rows,
     relative,
 )
+from tests.tiers import quick
 
 RULES = {"gcv": GeneralisedCrossValidation(), "evidence": Evidence()}
 BATCH = 19  # weights of a rule's first scan
@@ -127,7 +128,7 @@ def log_weights(problem):
     return np.stack([spread, np.roll(spread, 7)], axis=-1)[:, : problem.unknowns]
 
 
-@pytest.mark.parametrize(("name", "path"), SCORED)
+@pytest.mark.parametrize(("name", "path"), quick(SCORED, *SCORED[::3]))
 def test_scores_are_those_of_dense_matrices(name, path):
     """Residual and degrees of freedom, which generalised cross validation is made of."""
     problem = make_case(**PROBLEMS[name][0]).problem

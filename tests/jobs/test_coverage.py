@@ -12,6 +12,7 @@ from srsinv.jobs.coverage import errors
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, composed, outcome, short_run
 from tests.refusals import refused
+from tests.tiers import quick
 
 DRAWS = 16
 FORMS = ("coverage",)
@@ -31,6 +32,7 @@ def coloured():
     return short_run(*FORMS)
 
 
+@pytest.mark.full
 def test_every_parameter_is_efficient_and_covered(coloured):
     """16 draws: a root mean squared error scatters by 18 %."""
     metrics = coloured.metrics
@@ -89,7 +91,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
+@pytest.mark.parametrize("name", quick(REFUSED, *[*REFUSED][::4]))
 def test_refused_in_one_sentence(name):
     override, *words = REFUSED[name]
     given = ("feature=[line_load]",) if not override.startswith("feature=") else ()

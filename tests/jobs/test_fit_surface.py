@@ -9,6 +9,7 @@ import pytest
 from tests.jobs.run import outcome
 from tests.refusals import refused
 from tests.shared import SHARED, needs_shared
+from tests.tiers import quick
 
 RECORDINGS = SHARED / "recordings"
 NAMES = {
@@ -117,8 +118,8 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED.values(), ids=REFUSED)
+@pytest.mark.parametrize("case", quick(REFUSED, min(REFUSED)))
 def test_refusals(case):
-    overrides, *words = case
+    overrides, *words = REFUSED[case]
     overrides = [o.removeprefix("+") for o in overrides]
     refused(lambda: outcome("experiment=fit_recording", *overrides), *words)

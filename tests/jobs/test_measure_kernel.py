@@ -126,6 +126,7 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", quick(REFUSED, "another file", "a name"))
 def test_refused(tmp_path, capsys, case):
     other = tmp_path / "other.nc"

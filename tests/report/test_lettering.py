@@ -16,6 +16,7 @@ from srsinv.report.plot.style import grid_of_axes, legend_beside, styled
 from tests.jobs.run import command
 from tests.recording.files import N, columns, write_csv
 from tests.report import synthetic
+from tests.tiers import quick
 
 NAMES = (
     "a$b", "$", "$$", r"$\frac{", r"$\frac{1}{2}$", "x_^{", "100 %", "\\", r"\$", "<b>bold</b>",
@@ -77,7 +78,10 @@ def test_figures_of_an_inspection_with_names_from_files(draw):
     assert saved(draw(inspected(NAMES, NAMES)))
 
 
-@pytest.mark.parametrize("name", [each for each in NAMES if len(each) < 60])
+SHORT = [each for each in NAMES if len(each) < 60]
+
+
+@pytest.mark.parametrize("name", quick(SHORT, *SHORT[::4]))
 def test_a_name_is_shown_as_it_is_written(name):
     """As the same characters are where no mathematics is read at all."""
 

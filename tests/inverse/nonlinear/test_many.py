@@ -41,6 +41,7 @@ def test_a_batch_has_the_fits_of_its_data(linear, priors):
         assert fit.stats["cost"] == pytest.approx(one.stats["cost"], rel=1e-9)
 
 
+@pytest.mark.full
 def test_false_minima_are_left():
     """Alone most end in a false one; in a batch the minimum of one is a start for the others."""
     frequencies = np.linspace(12.0, 30.0, 37)

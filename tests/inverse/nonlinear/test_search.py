@@ -182,6 +182,7 @@ def in_units(p):
     return p["unit"] * (p["a"] / p["s"][0] * jnp.exp(-p["k"] / p["s"][1] * X) + p["c"] / p["s"][2])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("scales", [(1.0, 1.0, 1.0), (1e9, 1e-9, 1e-6)])
 def test_units_change_nothing(unit, scales):
