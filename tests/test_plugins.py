@@ -252,6 +252,7 @@ def test_a_feature_of_a_surface_of_ones_own_is_felt_through_contact(folder):
     assert np.ptp(np.asarray(model(params))) > 0
 
 
+@pytest.mark.full
 def test_a_run_lists_the_plugins_that_it_was_made_with(folder, run):
     manifest = json.loads((run / "run.json").read_text())
     used = ("bending.py", "blur.py", "fixed.py", "gains.py", "hum.py", "lasso.py")

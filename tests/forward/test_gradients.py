@@ -96,6 +96,7 @@ def gradients(line):
     }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("line", quick(LINES, "periodic"))
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 @pytest.mark.parametrize("name", NAMES)

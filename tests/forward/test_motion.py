@@ -25,6 +25,7 @@ from srsinv.grid import Open, Periodic, as_real
 from tests.forward.setups import AMPLIFIERS, fitted_order, full_sensor, largest_error
 from tests.reference import closed_forms as cf
 from tests.refusals import refused
+from tests.tiers import quick
 
 OHM, NU, MU = 2e6, 0.45, 0.6
 D = (23e-12, 3e-12, -33e-12)
@@ -154,7 +155,7 @@ def voltage(sensor, line, moving, p, mu):
 
 
 @pytest.mark.parametrize("given", GIVEN)
-@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("name", quick(MOTIONS, *[*MOTIONS][::3]))
 @pytest.mark.parametrize("kind", TRACTIONS)
 def test_voltage_is_the_time_derivative_of_charge(kind, name, given):
     line, p, cauchy = TRACTIONS[kind]

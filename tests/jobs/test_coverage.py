@@ -46,6 +46,7 @@ def test_every_parameter_is_efficient_and_covered(coloured):
         assert metrics[f"{label}_coverage_95"] > 0.7
 
 
+@pytest.mark.full
 def test_numbers_are_those_of_the_dataset(coloured):
     data, metrics = coloured.dataset, coloured.metrics
     assert all("units" in data[name].attrs for name in data.variables)
@@ -56,6 +57,7 @@ def test_numbers_are_those_of_the_dataset(coloured):
     assert metrics["line_load_position_m_coverage_90"] == np.mean(np.abs(normal) < 1.6448536)
 
 
+@pytest.mark.full
 def test_page(coloured):
     check_page(coloured)
 

@@ -105,6 +105,7 @@ def test_error_is_that_of_the_arrays(result, metrics):
             assert metrics[f"error_{component}_{method}"] == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.full
 def test_seed_decides_the_metrics(folder):
     written = untimed((folder / "metrics.json").read_text())
     assert untimed(metrics_json(outcome(*SMALL).metrics)) == written

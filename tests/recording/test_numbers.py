@@ -91,6 +91,7 @@ def test_load(case):
         got.resample_uniform()
 
 
+@pytest.mark.full
 def test_inspect_and_its_page(case):
     path, changes, _ = case
     for column in inspect(path).columns:
