@@ -265,9 +265,7 @@ HOSTILE = {
     "huge file": huge,
     "sweep with a link": linked_sweep,
 }
-FEW_HOSTILE = (
-    "workspace of an older version", "figures that are a link",
-)  # fmt: skip
+FEW_HOSTILE = ("workspace of an older version", "figures that are a link")
 COMMANDS = (
     ["hydra.run.dir=outputs/run"], ["hydra.run.dir=outputs/new"], ["hydra.run.dir=."],
     ["-m", "hydra.sweep.dir=outputs/run", "value=3,4"],

@@ -134,7 +134,8 @@ def waves(
     rows = []
     for line in lines:
         product = max(line.half_Hz * length_s, 0.5)
-        most, least = np.max(line.rms) ** 2 * n / (4 * product), CAUGHT * noise_rms**2
+        power, least = float(np.max(line.rms)) ** 2, CAUGHT * noise_rms**2
+        most = power * n / (4 * product)
         if not most > least:
             continue  # an envelope of no more than the line's own band is too faint
         # As many sequences as twice the product have half of themselves in the band, or more
@@ -142,7 +143,7 @@ def waves(
         certain = 2 * int(2 * product) if most / 2 > least else 0
         _check_count(len(rows) + certain, line, length_s)
         envelopes, variances = _envelopes(n, product)
-        strong = float(np.max(line.rms)) ** 2 * variances / 2 > least
+        strong = power * variances / 2 > least
         phase = 2 * np.pi * line.frequency_Hz * (time_s - time_s[0])
         for envelope, part in zip(envelopes[strong], variances[strong], strict=True):
             for wave in (np.cos(phase), np.sin(phase)):

@@ -220,17 +220,19 @@ class _Row:
         precision = _Tridiagonal(1 + _at_both(known, len(self.values)), -decay / renewed)
         by_length = _Tridiagonal(
             _at_both(2 * moving * known * (1 + known), len(self.values)),
-            moving * precision.beside * (1 + 2 * known),
+            moving * precision.off_diagonal * (1 + 2 * known),
         )
         diagonal, ratio, _ = _FACTOR(
-            white**2 * precision.middle + sliding**2, white**2 * precision.beside
+            white**2 * precision.middle + sliding**2, white**2 * precision.off_diagonal
         )
         n, columns = self.values.shape
         both, _ = _SOLVE(diagonal, ratio, np.hstack([precision @ self.values, self.values]))
         solved, smoothed = both[:, :columns], both[:, columns:]
-        middle, beside = _inverse(diagonal, ratio)
+        middle, off_diagonal = _inverse(diagonal, ratio)
         white_share = 2 * (n - sliding**2 * np.sum(middle))
-        by_length_share = np.sum(by_length.middle * middle) + 2 * np.sum(by_length.beside * beside)
+        by_length_share = np.sum(by_length.middle * middle) + 2 * np.sum(
+            by_length.off_diagonal * off_diagonal
+        )
         return _Products(
             product=self.values.T @ solved,
             log_volume=float(np.sum(np.log(diagonal)) + np.sum(np.log(renewed))),
@@ -262,12 +264,12 @@ class _Tridiagonal:
     """A symmetric tridiagonal matrix."""
 
     middle: Float[np.ndarray, " n"]
-    beside: Float[np.ndarray, " between"]
+    off_diagonal: Float[np.ndarray, " between"]
 
     def __matmul__(self, columns: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
         product = self.middle[:, None] * columns
-        product[:-1] += self.beside[:, None] * columns[1:]
-        product[1:] += self.beside[:, None] * columns[:-1]
+        product[:-1] += self.off_diagonal[:, None] * columns[1:]
+        product[1:] += self.off_diagonal[:, None] * columns[:-1]
         return product
 
 
