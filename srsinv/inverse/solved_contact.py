@@ -11,6 +11,7 @@ from ..forward.contact import Contact
 from ..forward.scene import SurfaceScene
 from ..forward.simulation import Simulation, response
 from ..forward.surface import Surface
+from ..numerics import is_flat
 from .cells import Window
 from .estimate import Estimate
 from .features.fit import FeatureFitter
@@ -86,8 +87,7 @@ class SolvedContact(eqx.Module):
         samples, power = problem.samples(), np.asarray(problem.noise)[:, 1:]
         given = self.window, float(self.scene.nominal_pressure_Pa)
         fitter = FeatureFitter.on_window(samples.sensor, samples.motion, features, *given)
-        is_white = np.allclose(power, power[:, :1])
-        return fitter(features, samples.signal, samples.noise if is_white else None)
+        return fitter(features, samples.signal, samples.noise if is_flat(power) else None)
 
 
 def cell_averages(values, refinement: int) -> np.ndarray:

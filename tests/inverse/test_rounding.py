@@ -34,6 +34,20 @@ def test_covariances_that_are_nearly_singular(size, apart, is_refused):
         assert 1 < squares < 60  # a chi squared of 20, beside the mean, which is all but free
 
 
+@pytest.mark.parametrize(("skew", "is_refused"), [(1e-15, False), (1e-9, False), (1e-7, True)])
+@pytest.mark.parametrize("size", [1e-20, 1.0, 1e20])
+def test_covariances_that_are_nearly_symmetric(size, skew, is_refused):
+    """Data of very different variance that correlate no more than rounding."""
+    deviation = np.geomspace(1.0, 1e6, N)
+    upper = np.triu(np.ones((N, N)), 1)
+    covariance = size * np.outer(deviation, deviation) * (np.eye(N) + skew * upper)
+    if is_refused:
+        with pytest.raises(BadInput, match="symmetric"):
+            Correlated(covariance)
+    else:
+        Correlated(covariance)
+
+
 @pytest.mark.parametrize("noise", 10.0 ** -np.arange(0, 25, 4))
 @pytest.mark.parametrize("turned", [False, True])
 def test_signals_far_above_the_noise(noise, turned):

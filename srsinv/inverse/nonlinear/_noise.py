@@ -18,6 +18,8 @@ from ._parameters import on_host, real
 # Of each variance, in roundings a row: how much of it the data before must leave open at least.
 # Below, the covariance is singular but for rounding, whether or not a factorisation notices.
 POSITIVE = 8
+# Largest difference of a covariance from its transpose, in standard deviations.
+ALIKE = 1e-8
 
 
 class Whitener(eqx.Module):
@@ -239,9 +241,12 @@ class Correlated(Whitener):
         sentence = "The noise's covariance must be a symmetric matrix over all data in a row."
         covariance = real(covariance, sentence)
         square = covariance.ndim == 2 and covariance.shape[0] == covariance.shape[1]
-        symmetric = square and np.allclose(covariance, covariance.T, rtol=1e-8, atol=0.0)
-        refuse(not symmetric, sentence)
+        refuse(not square, sentence)
         variance = np.diagonal(covariance)
+        # Rounding in a covariance that is close to zero is of the size of the variances.
+        deviation = np.sqrt(np.abs(variance))
+        limit = ALIKE * np.outer(deviation, deviation)
+        refuse(not np.all(np.abs(covariance - covariance.T) <= limit), sentence)
         (factorise,) = scipy.linalg.get_lapack_funcs(("potrf",), (covariance,))
         factor, failed = factorise(covariance, lower=1, clean=1)
         least = POSITIVE * np.finfo(factor.dtype).eps * len(covariance) * variance
