@@ -118,6 +118,7 @@ def test_many_small_contacts_take_few_steps(seed):
 
 
 @pytest.mark.parametrize("modulus", [7e6, 3e7, 1e8, 7e8])
+@pytest.mark.full
 def test_a_stiff_layer_on_a_soft_one_bends_over_a_ridge(modulus):
     """Where 447 cells of 512 touched, 25 more came and went in a circle."""
     line = window(512, 0.04)

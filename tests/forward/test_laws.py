@@ -18,8 +18,9 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import FrictionStep, PressedStrip
 from srsinv.grid import Open, as_real
 from tests.forward.setups import AMPLIFIERS, LINES, apply, full_sensor, largest_error
+from tests.tiers import quick
 
-BOTH = pytest.mark.parametrize("line", ["periodic_even", "open_even"])
+BOTH = pytest.mark.parametrize("line", quick(["periodic_even", "open_even"], "open_even"))
 FAST, CURRENT = 0.05, AMPLIFIERS["current"]
 
 

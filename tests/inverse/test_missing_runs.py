@@ -10,6 +10,7 @@ from srsinv.inverse import diagnostics
 from srsinv.inverse.missing_runs import missing_runs
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
 from tests.inverse.cases import DEPTH_M, make_case
+from tests.tiers import quick
 
 N = 240
 WORDS = "Samples are missing in runs"
@@ -76,9 +77,11 @@ def test_what_is_said_is_true():
     assert np.mean(held[5]) < 0.5
 
 
-@pytest.mark.parametrize(
-    "runs", [(slice(70, 71), slice(150, 151)), (slice(0, 40), slice(200, 240)), ()]
-)
+AT_THE_ENDS = slice(0, 40), slice(200, 240)
+WITHIN = slice(70, 71), slice(150, 151)
+
+
+@pytest.mark.parametrize("runs", quick([(WITHIN,), (AT_THE_ENDS,), ((),)], (AT_THE_ENDS,)))
 def test_no_run_hides_anything(runs):
     """Of one cell, beyond the scan, and none: what is beside it bridges it, or nothing follows."""
     problem, sigma = with_runs(*runs)

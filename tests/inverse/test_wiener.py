@@ -83,7 +83,7 @@ FLOORS = {
 }
 
 
-@pytest.mark.parametrize("name", FLOORS)
+@pytest.mark.parametrize("name", quick(FLOORS, "white", "friction"))
 def test_error_is_the_predicted_floor(name):
     problem, power, traction, data = draw_problem(400, "periodic", 256, **FLOORS[name])
     n, unknowns = problem.line.n, problem.unknowns

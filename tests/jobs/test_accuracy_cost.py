@@ -57,6 +57,7 @@ def result():
 # --- what scores must say --------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_every_trial_has_units_and_a_time(tiny):
     ds = tiny.dataset
     assert set(ds["part"].values) == {"forward", "gradient", "contact"}
@@ -65,6 +66,7 @@ def test_every_trial_has_units_and_a_time(tiny):
     assert np.all(ds["steady_call_s"] > 0)
 
 
+@pytest.mark.full
 def test_a_refined_signal_is_nearer_than_one_of_cells_and_cells_than_points(tiny):
     errors = [
         tiny.metrics[f"forward_periodic_{family}_64_error"]
@@ -73,6 +75,7 @@ def test_a_refined_signal_is_nearer_than_one_of_cells_and_cells_than_points(tiny
     assert errors[0] < errors[1] / 4 < errors[2] / 4
 
 
+@pytest.mark.full
 def test_the_contact_is_the_closed_form(tiny):
     assert tiny.metrics["contact_periodic_as_called_256_error"] < 2e-3
     apart = tiny.metrics["contact_periodic_from_no_pressure_0.0001_256_algebraic_error"]

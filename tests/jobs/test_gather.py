@@ -130,7 +130,7 @@ DRAWN = ("code in an override", "numbers beyond plots", "failures, escapes", "na
 
 
 @pytest.mark.parametrize("case", FOLDERS)
-@pytest.mark.parametrize("is_alone", [True, False], ids=["alone", "beside good runs"])
+@pytest.mark.parametrize("is_alone", quick([True, False], True), ids=["alone", "beside good runs"])
 def test_a_folder_of_anybody_is_gathered_or_refused(tmp_path, case, is_alone):
     """Soon, and as printable text; good runs beside a bad one are there."""
     for i in range(0 if is_alone else 2):

@@ -118,7 +118,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("name", "override", "words"), quick(REFUSED, *REFUSED[::5]))
+@pytest.mark.parametrize(("name", "override", "words"), quick(REFUSED, *REFUSED[::7]))
 def test_refused(name, override, words):
     with pytest.raises(BadInput, match=words):
         run(name, *override.split())

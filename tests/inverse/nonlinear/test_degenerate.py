@@ -66,6 +66,7 @@ def test_determined_combination():
     np.testing.assert_allclose(relative_move["a"], -relative_move["b"], rtol=1e-5)
 
 
+@pytest.mark.full
 def test_more_parameters_than_data():
     fit = srsinv.fit(
         lambda p: jnp.asarray(X[:3, None] ** np.arange(5)) @ p, np.zeros(5), Y[:3], noise=STDERR
