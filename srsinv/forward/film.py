@@ -23,6 +23,7 @@ StressAt = Callable[[Float[Array, " x"]], Float[Array, "4 c x"]]
 
 PANEL_DEPTHS = 20  # widest panel of a strip's mean
 MOST_PANELS = 350
+MOST_OFFSET_M = 1e3  # far beyond, positions beside an element have no digits left
 
 ORIENTATIONS_RAD = {"1_to_x_3_to_z": 0.0, "1_to_z_3_to_x": np.pi / 2}
 
@@ -199,7 +200,8 @@ class Film(eqx.Module):
     - `is_backward`: whether it stands for the element as it slides towards -x, where friction, and
       with it q, is turned.
 
-    Raises `BadInput` for a depth, width, length or number of strips that is not positive.
+    Raises `BadInput` for a depth, width, length or number of strips that is not positive, or an
+    offset of kilometres.
     """
 
     depth_m: Float[Array, ""]
@@ -228,8 +230,9 @@ class Film(eqx.Module):
         self.width_m = _length("strip_width_m", width_m)
         self.length_m = _length("active_length_m", length_m)
         self.angle_rad = as_real(number("sensor angle_rad", angle_rad, "an angle in radians"))
-        wanted = "a length in metres, of either sign"
-        self.offset_m = as_real(number("sensor offset_m", offset_m, wanted))
+        wanted = f"a length in metres, from {-MOST_OFFSET_M:g} to {MOST_OFFSET_M:g}"
+        within = {"least": -MOST_OFFSET_M, "most": MOST_OFFSET_M}
+        self.offset_m = as_real(number("sensor offset_m", offset_m, wanted, **within))
         wanted = "a whole number, as an element has at least 1 strip"
         self.strips = whole("sensor strips", strips, wanted, least=1)
         self.piezo = Piezo() if piezo is None else piezo

@@ -157,4 +157,5 @@ def _last_wavenumber(k: np.ndarray, gain: np.ndarray, cutoff: np.ndarray) -> flo
     gain = np.nan_to_num(gain)
     visible = k[(gain > gain.max() * _DEEPEST).any(axis=tuple(range(gain.ndim - 1)))]
     ends = [2 * visible.max() if visible.size else k[-1], *(3 * cutoff[np.isfinite(cutoff)])]
-    return float(np.clip(max(ends), k[2], k[-1]))
+    octave = 2 * k[1]  # of three cells, k[1] is the last
+    return float(np.clip(max(ends), octave, max(octave, k[-1])))
