@@ -13,7 +13,13 @@ from pathlib import Path
 from .command.interrupts import stoppable
 from .command.outcome import DONE, say
 from .command.programs import rare_collections
-from .command.surroundings import check_current_folder, printing, settle_drawing, settle_streams
+from .command.surroundings import (
+    check_current_folder,
+    printing,
+    settle_drawing,
+    settle_streams,
+    too_little_memory,
+)
 from .errors import BadInput
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -39,6 +45,10 @@ def main(argv: Sequence[str] | None = None, config_root: Path | None = None) -> 
         return _run(list(sys.argv[1:] if argv is None else argv), config_root or find_config_root())
     except BadInput as refusal:
         return say(refusal)
+    except Exception as error:
+        if refusal := too_little_memory(error):
+            return say(refusal)
+        raise
 
 
 def _run(arguments: list[str], root: Path) -> int:

@@ -98,21 +98,27 @@ def scratch_folder(files: Mapping[str, bytes], within: int) -> Iterator[str]:
     is removed."""
     name = scratch_name()
     os.mkdir(name, 0o700, dir_fd=within)
-    with opened(name, within) as folder:
-        own = os.fstat(folder)
-        with suppress(OSError):  # says that somebody is at work in it, where there are locks
-            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        try:
-            for each, data in files.items():
-                write_new(each, data, folder)
-            for path in {PurePosixPath(each).parent for each in files}:
-                with opened(path, folder) as inside:
-                    _sync(inside)
-            yield name
-        finally:
-            with suppress(OSError):  # it was moved away, and another may have its name now
-                if os.path.samestat(own, os.stat(name, dir_fd=within, follow_symlinks=False)):
-                    remove(name, files, within)
+    try:
+        folder = open_folder(name, within)
+    except OSError:
+        os.rmdir(name, dir_fd=within)
+        raise
+    own = os.fstat(folder)
+    with suppress(OSError):  # says that somebody is at work in it, where there are locks
+        fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    try:
+        for each, data in files.items():
+            write_new(each, data, folder)
+        for path in {PurePosixPath(each).parent for each in files}:
+            with opened(path, folder) as inside:
+                _sync(inside)
+        yield name
+    finally:
+        with suppress(OSError):  # it was moved away, and another may have its name now
+            if os.path.samestat(own, os.stat(name, dir_fd=within, follow_symlinks=False)):
+                remove_files(files, folder)
+                os.rmdir(name, dir_fd=within)
+        os.close(folder)
 
 
 def scratch_name() -> str:
@@ -177,41 +183,54 @@ def writing(path: Path) -> Iterator[None]:
         ) from error
 
 
+def put(old: str, source: int, new: str, folder: int, is_own: Callable[[str, int], bool]) -> None:
+    """Give the file `old` of the folder `source` the name `new` in `folder`, in place of none or of
+    a file that `is_own`, which is asked with a name and the folder it is in. What was there is then
+    `old`, or gone.
+
+    Raises `FileExistsError` where there is another file, also one that has come there meanwhile.
+    """
+    if _put_where_none_is(old, source, new, folder):
+        return
+    _check_own(new, folder, is_own)
+    if not _renameat2(source, old, folder, new, _EXCHANGE):
+        os.rename(old, new, src_dir_fd=source, dst_dir_fd=folder)
+        return
+    try:
+        _check_own(old, source, is_own)  # nothing came between
+    except FileExistsError:
+        _renameat2(source, old, folder, new, _EXCHANGE)
+        raise
+
+
 def _write_whole(name: str, content: bytes, is_own: Callable[[bytes], bool], folder: int) -> None:
+    def holds_own(name: str, folder: int) -> bool:
+        with plain_file(name, folder) as file:
+            return file is not None and is_own(file.read(_MOST_BYTES)) and not file.read(1)
+
     scratch = scratch_name()
     try:
         write_new(scratch, content, folder)
-        if _put(scratch, name, folder):
-            return
-        _check_own(name, is_own, folder)
-        if not exchange(scratch, name, folder):
-            os.rename(scratch, name, src_dir_fd=folder, dst_dir_fd=folder)
-            return
-        try:
-            _check_own(scratch, is_own, folder)  # nothing came between
-        except FileExistsError:
-            exchange(scratch, name, folder)
-            raise
+        put(scratch, folder, name, folder, holds_own)
     finally:
         with suppress(FileNotFoundError):
             os.unlink(scratch, dir_fd=folder)
         _sync(folder)
 
 
-def _put(scratch: str, name: str, folder: int) -> bool:
+def _put_where_none_is(old: str, source: int, new: str, folder: int) -> bool:
     """Whether a file could be given a name that no other has."""
     try:
-        if not _renameat2(folder, scratch, folder, name, _NO_REPLACE):
-            os.link(scratch, name, src_dir_fd=folder, dst_dir_fd=folder, follow_symlinks=False)
+        if not _renameat2(source, old, folder, new, _NO_REPLACE):
+            os.link(old, new, src_dir_fd=source, dst_dir_fd=folder, follow_symlinks=False)
     except FileExistsError:
         return False
     return True
 
 
-def _check_own(name: str, is_own: Callable[[bytes], bool], folder: int) -> None:
-    with plain_file(name, folder) as file:
-        if file is None or not is_own(file.read(_MOST_BYTES)) or file.read(1):
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), name)
+def _check_own(name: str, folder: int, is_own: Callable[[str, int], bool]) -> None:
+    if not is_own(name, folder):
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), name)
 
 
 def _sync(folder: int) -> None:

@@ -27,8 +27,9 @@ _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 _SHOWN = 60  # characters of a name within a sentence
 _COMPARED = 60  # characters of each of two names: the time it takes is their product
 _NEIGHBOURS = 1_000  # files of a folder that are compared for a similar name
-# Control characters, line separators and halves of characters: nothing that can be printed.
-_BROKEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+# Characters that control, separate lines or turn the way of writing, and halves of characters:
+# nothing that can be printed.
+_BROKEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 def is_broken(text: str) -> bool:
@@ -208,7 +209,7 @@ def within_memory(path: Path) -> Iterator[None]:
     try:
         yield
     except MemoryError as error:
-        size, most = path.stat().st_size, _memory_limit()
+        size, most = path.stat().st_size, memory_limit()
         more = f", or allow more (ulimit -v is {most // 1024})" if most else ""
         raise BadInput(
             f"{quoted(path.name)}: {size} bytes of file ask for more memory than there is: write "
@@ -216,7 +217,7 @@ def within_memory(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _memory_limit() -> int | None:
+def memory_limit() -> int | None:
     """Bytes of memory that this process may have at most, or None."""
     try:
         import resource  # which not every system has

@@ -4,6 +4,7 @@ import importlib.util
 import json
 import os
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -13,6 +14,9 @@ import pytest
 import xarray
 
 from srsinv.__main__ import find_config_root, main
+from srsinv.command import sweeps
+from srsinv.command.identity import identity
+from srsinv.command.launchers import _own_folder
 from srsinv.run_folder import FAILURES, GATHERED, MANIFEST
 
 CONFIG = """\
@@ -95,6 +99,42 @@ def needs(launcher: str) -> None:
     has_plugins = importlib.util.find_spec("hydra_plugins") is not None
     if not (has_plugins and importlib.util.find_spec(PARALLEL[launcher])):
         pytest.skip(f"needs {PARALLEL[launcher].partition('.')[2].replace('_', '-')}")
+
+
+@pytest.mark.parametrize("name", [GATHERED[1], "multirun.yaml", MANIFEST])
+def test_what_comes_into_its_folder_meanwhile_stays(run, monkeypatch, name):
+    def come_in(*arguments):
+        Path("sweep/mine").mkdir()
+        Path("sweep", name).write_text("precious")
+        return gather(*arguments)
+
+    gather = sweeps._gathered
+    monkeypatch.setattr(sweeps, "_gathered", come_in)
+    assert run("value=1")[0] == 2
+    assert Path("sweep", name).read_text() == "precious"
+    assert Path("sweep/mine").is_dir()
+
+
+def test_what_launchers_unpickle_is_in_a_new_folder(tmp_path):
+    """A folder of somebody else may hold pickles under the names that submitit gives its own."""
+    (tmp_path / ".submitit").symlink_to("/")
+    made = [_own_folder(str(tmp_path / ".submitit" / "%j")) for _ in range(2)]
+    assert made[0] != made[1]
+    for folder in made:
+        assert folder.name == "%j"
+        assert folder.parents[1] == tmp_path
+        assert not any(folder.parent.iterdir())
+        assert stat.S_IMODE(folder.parent.stat().st_mode) == 0o700
+
+
+def test_data_below_the_users_folder_decide_on_a_job(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    settings = {"recording": {"path": "~/scan.csv"}}
+    names = set()
+    for text in ("a", "b"):
+        (tmp_path / "scan.csv").write_text(text)
+        names.add(identity(settings, None))
+    assert len(names) == 2
 
 
 class TestMissing:

@@ -1,5 +1,6 @@
 """Folders of runs and sweeps, which stay unchanged where no job is done."""
 
+import os
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -11,7 +12,7 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig
 
 from ..atomic import opened
-from ..errors import BadInput
+from ..errors import BadInput, printable
 from ..run_folder import (
     FAILURES,
     GATHERED,
@@ -70,11 +71,16 @@ def hint_at_remains(folder: Path) -> None:
     """Print on standard error what killed runs have left at a folder, and how to remove it."""
     left = left_by_killed(folder)
     if left:
-        names = " ".join(shlex.quote(str(path)) for path in left[:_MOST_NAMED])
+        names = " ".join(_typed(str(path)) for path in left[:_MOST_NAMED])
         print(
             f"srsinv: {len(left)} unfinished by runs that were killed; to remove: rm -r {names}",
             file=sys.stderr,
         )
+
+
+def _typed(path: str) -> str:
+    """A path as it may be typed in a shell, without characters that steer a terminal."""
+    return shlex.quote(path) if path.isprintable() else f"$'{printable(path)}'"
 
 
 @contextmanager
@@ -94,20 +100,19 @@ def marked(
 
 
 @contextmanager
-def no_empty_folders(folder: Path, inside: bool = False) -> Iterator[None]:
-    """Remove the folders made for `folder`, and `inside` it, that are still empty at the end."""
-    folder = folder.absolute()
+def no_empty_folders(folder: Path) -> Iterator[Callable[[Path], None]]:
+    """Remove the folders made for `folder`, and for the paths that what is yielded is called with,
+    that are still empty at the end."""
+    absent: set[Path] = set()
 
-    def folders() -> Iterator[Path]:
-        if inside:
-            yield from sorted((path for path in folder.rglob("*") if path.is_dir()), reverse=True)
-        yield from (path for path in (folder, *folder.parents) if path.is_dir())
+    def watch(path: Path) -> None:
+        whole = path.absolute()
+        absent.update(each for each in (whole, *whole.parents) if not os.path.lexists(each))
 
-    before = set(folders())
+    watch(folder)
     try:
-        yield
+        yield watch
     finally:
-        for path in folders():
-            if path not in before:
-                with suppress(OSError):  # it is not empty
-                    path.rmdir()
+        for path in sorted(absent, reverse=True):
+            with suppress(OSError):  # it is not empty, or was never made
+                path.rmdir()

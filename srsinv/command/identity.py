@@ -11,10 +11,12 @@ from omegaconf import DictConfig, OmegaConf
 
 from ..aliases import with_current_keys
 from ..errors import BadInput
-from ..files import open_file
+from ..files import LARGEST_FILE, open_file, path_of
+from ..run_folder import FAILURES, MANIFEST, runs_in
 from .typed import refusing
 
 _FILES = ("path", "sidecar", "calibration")  # keys whose values name files of data
+_FOLDER = "folder"  # the key of a folder of runs
 _PIECE = 2**20  # bytes that are read at once
 
 
@@ -36,24 +38,32 @@ def identity(settings: Mapping[str, Any], config_dir: str | None) -> str:
     A file that was changed under its name makes another job. The version of srsinv is not in it;
     `run.json` has it beside this hash.
     """
-    paths = [*_data_files(settings), *_plugins(settings, config_dir)]
-    files = {str(path): _sha256(path) for path in paths}
+    plugins = ((path, LARGEST_FILE) for path in _plugins(settings, config_dir))
+    paths = [*_data_files(settings), *plugins]
+    files = {str(path): _sha256(path, most) for path, most in paths}
     whole = {"settings": settings, "files": files}
     return hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()
 
 
-def _data_files(settings: Mapping[str, Any]) -> Iterator[Path]:
+def _data_files(settings: Mapping[str, Any]) -> Iterator[tuple[Path, int]]:
+    """Paths of the files, and how long each may be."""
     for key, value in _leaves(settings):
-        if key not in _FILES or not isinstance(value, str) or "\0" in value:
+        if key not in (*_FILES, _FOLDER) or not isinstance(value, str):
             continue
-        path = Path(value)
+        try:
+            path = path_of(value, key)
+        except BadInput:  # the job will say what is wrong with it
+            continue
+        if key == _FOLDER:
+            yield from ((run / MANIFEST, LARGEST_FILE) for run in runs_in(path))
+            yield path / FAILURES, LARGEST_FILE
         if key == "path" and _is_data(path):
-            from ..recording import SIDECAR_SUFFIXES
+            from ..recording import MOST_OF_SIDECAR, SIDECAR_SUFFIXES
 
-            beside = {path.with_suffix(suffix) for suffix in SIDECAR_SUFFIXES}
-            yield from sorted(filter(_is_data, beside - {path}))
+            beside = {path.with_suffix(suffix) for suffix in SIDECAR_SUFFIXES} - {path}
+            yield from ((each, MOST_OF_SIDECAR) for each in sorted(filter(_is_data, beside)))
         if _is_data(path):
-            yield path
+            yield path, LARGEST_FILE
 
 
 def _plugins(settings: Mapping[str, Any], config_dir: str | None) -> list[Path]:
@@ -83,10 +93,10 @@ def _is_data(path: Path) -> bool:
         return False
 
 
-def _sha256(path: Path) -> str:
+def _sha256(path: Path, most: int) -> str:
     digest = hashlib.sha256()
     try:
-        with open_file(path) as file:
+        with open_file(path, most=most) as file:
             while part := file.read(_PIECE):
                 digest.update(part)
     except (BadInput, OSError):  # the job will say what is wrong with it

@@ -24,7 +24,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
 from ..aliases import current_override
 from ..config import check_early, sections
-from ..errors import BadInput, refuse
+from ..errors import BadInput, printable, refuse
 from ..namespaces import fault_in_plugin, load_job, open_plugins, plugin_files
 from ..run_folder import RunFolder, claim
 from .compilation_cache import compilation_cache
@@ -36,7 +36,13 @@ from .outcome import DONE, FAULT, Outcome, say
 from .overrides import check
 from .programs import release_programs
 from .reads import only_read
-from .surroundings import printing, settle_drawing, settle_streams, start_jax
+from .surroundings import (
+    printing,
+    settle_drawing,
+    settle_streams,
+    start_jax,
+    too_little_memory,
+)
 from .sweep_jobs import overrides_of
 from .sweeps import sweep
 from .typed import composing, parse, refusing
@@ -112,7 +118,7 @@ class LaunchedTask:
         except BadInput as refusal:
             return Outcome(say(refusal), str(refusal))
         except (Exception, SystemExit) as error:
-            if refusal := fault_in_plugin(error):
+            if refusal := fault_in_plugin(error) or too_little_memory(error):
                 return Outcome(say(refusal), str(refusal))
             traceback.print_exception(error)
             return Outcome(FAULT, f"{type(error).__name__}: {error}")
@@ -128,7 +134,7 @@ class LaunchedTask:
             if place is not None:
                 hydra.runtime.output_dir = str(Path(hydra.sweep.dir, place).absolute())
         with printing("the number of a job"):
-            print(f"job {hydra.job.num}: {' '.join(hydra.overrides.task)}")
+            print(f"job {hydra.job.num}: {printable(' '.join(hydra.overrides.task))}")
 
     def command(self, overrides: Sequence[str]) -> str:
         """The command as typed."""
@@ -179,7 +185,7 @@ def _show_result(result: Any, folder: Path) -> None:
 
     with printing("what was found", f"it is in {folder}"):
         print_summary(result)
-        print(f"{folder / result.page_name}\n{folder}")
+        print(f"{printable(str(folder / result.page_name))}\n{printable(str(folder))}")
 
 
 def _flags(arguments: Sequence[str]) -> Namespace:

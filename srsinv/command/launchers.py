@@ -6,10 +6,12 @@ jobs are done or still running.
 
 import os
 import signal
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 from hydra.core.singleton import Singleton
@@ -147,12 +149,22 @@ def _executor(settings: Mapping[str, Any], cluster: str) -> Any:
 
     common = set(OmegaConf.structured(BaseQueueConf))
     named = {key if key in common else f"{cluster}_{key}": value for key, value in settings.items()}
-    at_first = {"folder": named.pop("submitit_folder")}
+    at_first = {"folder": _own_folder(named.pop("submitit_folder"))}
     if (retries := f"{cluster}_max_num_timeout") in named:
         at_first[retries] = named.pop(retries)
     executor = submitit.AutoExecutor(cluster=cluster, **at_first)
     executor.update_parameters(**named)
     return executor
+
+
+def _own_folder(given: str) -> Path:
+    """A new folder beside the one that was given, under a name that nobody can guess, for what jobs
+    say and return: submitit unpickles, and with that executes, what it finds."""
+    parts = Path(given).absolute().parts
+    own = next((n for n, part in enumerate(parts) if "%" in part), len(parts))  # %j: of each job
+    beside = Path(*parts[:own])
+    beside.parent.mkdir(parents=True, exist_ok=True)
+    return Path(tempfile.mkdtemp(prefix=f"{beside.name}-", dir=beside.parent), *parts[own:])
 
 
 def _result(submitted: Any) -> Outcome:

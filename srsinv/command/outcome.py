@@ -3,7 +3,7 @@
 import sys
 from dataclasses import dataclass
 
-from ..errors import BadInput
+from ..errors import BadInput, printable
 
 DONE, FAULT, REFUSED = 0, 1, 2
 
@@ -23,5 +23,5 @@ class Outcome:
 
 def say(refusal: BadInput) -> int:
     """Print a refusal as one line on standard error; the exit code that goes with it."""
-    print("srsinv:", " ".join(str(refusal).split()), file=sys.stderr)
+    print("srsinv:", printable(" ".join(str(refusal).split())), file=sys.stderr)
     return REFUSED

@@ -5,6 +5,7 @@ None of them is srsinv's own, and each can be unusable: a terminal of ASCII, a s
 or full, a folder that was removed, a variable that was set for another program.
 """
 
+import errno
 import io
 import os
 import sys
@@ -28,6 +29,8 @@ _DEBUGGING = {
     "jax_numpy_rank_promotion": "allow",
     "jax_transfer_guard": "allow",
 }
+# What jax and Python's threads say where there is no memory.
+_OUT_OF_MEMORY = ("RESOURCE_EXHAUSTED", "can't start new thread")
 _REASON = 200  # characters of another program's error
 
 
@@ -83,6 +86,23 @@ def printing(of: str = "what was asked for", remedy: str = "print it elsewhere")
         raise BadInput(f"cannot print {of} ({error.strerror}); {remedy}") from error
 
 
+def too_little_memory(error: BaseException) -> BadInput | None:
+    """The refusal for an error of a process that a limit keeps from the memory it needs; None for
+    any other error."""
+    from ..files import memory_limit
+
+    limit = memory_limit()
+    is_load = isinstance(error, ImportError) and not isinstance(error, ModuleNotFoundError)
+    is_full = isinstance(error, OSError) and error.errno == errno.ENOMEM
+    is_said = any(words in str(error) for words in _OUT_OF_MEMORY)
+    if limit is None or not (is_load or is_full or is_said or isinstance(error, MemoryError)):
+        return None
+    return BadInput(
+        f"srsinv may use {limit // 2**20} MiB of memory here, which is too little "
+        f"({type(error).__name__}); allow more, as with ulimit -v unlimited"
+    )
+
+
 def settle_drawing() -> None:
     """Let figures be drawn in the same way everywhere; before matplotlib is imported."""
     os.environ.update(_DRAWING)
@@ -110,7 +130,7 @@ def start_jax() -> None:
     except Exception as error:  # ValueError, RuntimeError or AssertionError, by the variable
         given = [name for name in sorted(os.environ) if name.startswith(_READ_BY_JAX)]
         given = [name for name in given if (name, os.environ[name]) != ("JAX_ENABLE_X64", "true")]
-        if not given:
+        if not given or too_little_memory(error):
             raise
         said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
         mentioned = [name for name in given if name in said or name.lower() in said]

@@ -2,10 +2,10 @@
 
 import itertools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
@@ -15,11 +15,9 @@ from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from .. import __version__
-from ..errors import BadInput, refuse
-from ..run_folder import described, has, runs_in
+from ..errors import BadInput, printable, refuse
+from ..run_folder import METRICS_FILE, MOST_OF_METRICS, described, described_runs, has
 from .identity import identity, resolved
-
-_NUMBERS = "metrics.json"
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class SweepJob:
     configuration: str | None
 
     def __str__(self) -> str:
-        return f"job {self.number}: {' '.join(self.overrides)}"
+        return f"job {self.number}: {printable(' '.join(self.overrides))}"
 
 
 @dataclass(frozen=True)
@@ -129,8 +127,8 @@ def known_runs(folder: Path) -> dict[str, str]:
     """The places in a sweep's folder of whole runs of this version, by what they are known by."""
     return {
         name: path.relative_to(folder).as_posix()
-        for path in runs_in(folder)
-        if (name := _known_by(path)) is not None
+        for path, manifest in described_runs(folder)
+        if (name := _known_by(path, manifest)) is not None
     }
 
 
@@ -140,17 +138,17 @@ def is_done(job: SweepJob, folder: Path) -> bool:
         return False
     if job.place is None:
         return job.configuration in known_runs(folder)
-    return _known_by(folder / job.place) == job.configuration
+    place = folder / job.place
+    return _known_by(place, described(place)) == job.configuration
 
 
-def _known_by(folder: Path) -> str | None:
-    manifest = described(folder)
+def _known_by(folder: Path, manifest: Mapping[str, Any] | None) -> str | None:
     if manifest is None or manifest["version"] != __version__:
         return None
     files = manifest["files"]
     is_whole = all((folder / name).is_file() for name in files)
     # A changed page or array is the user's, who may have annotated it; numbers are gathered.
-    is_ours = is_whole and has(folder, _NUMBERS, files.get(_NUMBERS))
+    is_ours = is_whole and has(folder, METRICS_FILE, files.get(METRICS_FILE), MOST_OF_METRICS)
     return manifest.get("configuration") if is_ours else None
 
 

@@ -12,7 +12,7 @@ from hydra.core.plugins import Plugins
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
-from ..errors import refuse
+from ..errors import printable, refuse
 from ..run_folder import FAILURES, GATHERED, hold, writing
 from .folders import RECORD, check_sweep, hint_at_remains, marked, no_empty_folders
 from .interrupts import uninterrupted
@@ -42,10 +42,13 @@ def sweep(context: HydraContext, task: Any, config: DictConfig, command: str) ->
     )
     check_sweep(folder)
     hint_at_remains(folder)
-    with no_empty_folders(folder, inside=True), writing(folder), hold(folder) as held:
+    with no_empty_folders(folder) as watch, writing(folder), hold(folder) as held:
         jobs = SweepJobs(context, config, task.config_dir)
         wanted = jobs.wanted()
         missing = jobs.missing(wanted, held.place)
+        for job in missing:
+            if job.place is not None:
+                watch(folder / job.place)
         names = {job.configuration for job in wanted}
         record = {RECORD: OmegaConf.to_yaml(config).encode()}
         # The seed as typed: it may be of each job's own.
@@ -64,7 +67,8 @@ def sweep(context: HydraContext, task: Any, config: DictConfig, command: str) ->
             put(_gathered(held.place, failures, command))
     if has_any:
         with printing("where the results are", f"they are in {folder.absolute()}"):
-            print(f"{folder.absolute() / GATHERED[1]}\n{folder.absolute()}")
+            whole = printable(str(folder.absolute()))
+            print(f"{whole}/{GATHERED[1]}\n{whole}")
     _say(failures, len(wanted))
     codes = [outcome.code for _, outcome in failures]
     return next((code for code in (FAULT, REFUSED) if code in codes), DONE)
@@ -118,7 +122,7 @@ def _say(failures: Failures, jobs: int) -> None:
         file=sys.stderr,
     )
     for job, outcome in failures[:_MOST_NAMED]:
-        print(f"  {job}: {' '.join(outcome.reason.split())}", file=sys.stderr)
+        print(f"  {job}: {printable(' '.join(outcome.reason.split()))}", file=sys.stderr)
     if len(failures) > _MOST_NAMED:
         more = len(failures) - _MOST_NAMED
         print(f"  and {more} more, named in {FAILURES}", file=sys.stderr)

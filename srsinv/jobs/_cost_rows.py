@@ -8,14 +8,17 @@ import math
 import os
 import stat
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from .. import __version__
-from ..errors import BadInput, refuse
+from ..atomic import write_whole
+from ..errors import BadInput, printable, refuse
 from ..files import path_of, read_bytes
 from ._cost_trials import CostTrial, Row
 
+_KEY = "accuracy_cost.rows"
 MOST_BYTES = 2**26  # of a file: some hundred thousand rows
 _IDENTITY, _ROW = "identity", "row"
 _START = f'{{"{_IDENTITY}": "'.encode()  # of every line
@@ -31,7 +34,7 @@ class RowFile:
     """
 
     def __init__(self, path: str | None, rests_on: Mapping[str, Any]):
-        self._path = None if path is None else path_of(path, "accuracy_cost.rows")
+        self._path = None if path is None else path_of(path, _KEY)
         self._rests_on = rests_on
         self._rows = {} if self._path is None else dict(_read(self._path))
 
@@ -46,18 +49,16 @@ class RowFile:
             return
         rest = {name: _known(each) for name, each in row.items() if name not in trial.place}
         content = {_IDENTITY: self._identity(trial), "key": trial.key, _ROW: rest}
-        line = json.dumps(content, allow_nan=False, sort_keys=True)
-        try:
-            with open(_appended(self._path), "r+b") as file:
-                size = os.fstat(file.fileno()).st_size
-                file.seek(max(size - 1, 0))
-                # A killed run may have left a row without its end.
-                start = "" if file.read(1) in (b"", b"\n") else "\n"
-                file.write(f"{start}{line}\n".encode())
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise _unusable(self._path, error) from error
+        line = f"{json.dumps(content, allow_nan=False, sort_keys=True)}\n".encode()
+        if not os.path.lexists(self._path):
+            write_whole(self._path, line)
+            return
+        with _appended(self._path) as file:
+            file.seek(-1, os.SEEK_END)
+            # A killed run may have left a row without its end.
+            file.write(line if file.read(1) == b"\n" else b"\n" + line)
+            file.flush()
+            os.fsync(file.fileno())
 
     def _identity(self, trial: CostTrial) -> str:
         whole = [__version__, self._rests_on, dict(trial.rests_on), trial.place]
@@ -66,14 +67,16 @@ class RowFile:
 
 
 def _read(path: Path) -> Iterator[tuple[str, Row]]:
-    """Identities and rows, but not of rows that killed runs have left unfinished."""
-    try:
-        os.close(_appended(path))
-        if path.stat().st_size == 0:
-            return
-    except OSError as error:
-        raise _unusable(path, error) from error
-    content = read_bytes(path, what="file of rows", key="accuracy_cost.rows", most=MOST_BYTES)
+    """Identities and rows, but not of rows that killed runs have left unfinished; none where there
+    is no file yet."""
+    if not os.path.lexists(path):
+        refuse(
+            not os.access(path.parent, os.W_OK | os.X_OK),
+            f"{_KEY}: {path}: there is no folder of its own to write it to: make that first.",
+        )
+        return
+    with _appended(path):
+        content = read_bytes(path, what="file of rows", key=_KEY, most=MOST_BYTES)
     for number, line in enumerate(content.removesuffix(b"\n").split(b"\n"), 1):
         if not _is_cut(line):
             yield _parsed(path, number, line)
@@ -85,18 +88,30 @@ def _is_cut(line: bytes) -> bool:
         json.loads(line)
         return False
     except (ValueError, RecursionError):
-        return line.startswith(_START) or _START.startswith(line)
+        return line.startswith(_START) or (bool(line) and _START.startswith(line))
 
 
-def _appended(path: Path) -> int:
-    """A descriptor of the file, made where there is none, to read it and add to its end. Raises
-    `OSError` for a link and for what is no plain file."""
-    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-    descriptor = os.open(path, flags, 0o666)
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        os.close(descriptor)
-        raise OSError(errno.EINVAL, "this is no plain file", str(path))
-    return descriptor
+@contextmanager
+def _appended(path: Path) -> Iterator[BinaryIO]:
+    """The file of rows, to read it and add to its end.
+
+    Raises `BadInput` for a link, for what is no plain file, for one that has other names, under
+    which it may be somebody else's, and for one that does not begin with a row.
+    """
+    flags = os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        with open(os.open(path, flags), "r+b") as file:
+            found = os.fstat(file.fileno())
+            if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+                raise OSError(errno.EINVAL, "this is no plain file of one name")
+            # It comes with its first row, so that this one is whole.
+            _parsed(path, 1, file.readline(MOST_BYTES))
+            yield file
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise BadInput(
+            f"{_KEY}: {path}: {reason}: name a file that can be read and written."
+        ) from error
 
 
 def _parsed(path: Path, number: int, line: bytes) -> tuple[str, Row]:
@@ -111,7 +126,7 @@ def _parsed(path: Path, number: int, line: bytes) -> tuple[str, Row]:
         raise BadInput(_no_row(path, number)) from error
     is_row = isinstance(identity, str) and isinstance(failure, str) and "trial_s" in numbers
     refuse(not is_row, _no_row(path, number))
-    return identity, {**numbers, "failure": failure}
+    return identity, {**numbers, "failure": printable(failure)}
 
 
 def _known(value: Any) -> Any:
@@ -121,13 +136,6 @@ def _known(value: Any) -> Any:
 
 def _no_row(path: Path, number: int) -> str:
     return (
-        f"accuracy_cost.rows: line {number} of {path} is no row of accuracy_cost: name another "
+        f"{_KEY}: line {number} of {path} is no row of accuracy_cost: name another "
         "file, or delete that line."
-    )
-
-
-def _unusable(path: Path, error: OSError) -> BadInput:
-    reason = error.strerror or type(error).__name__
-    return BadInput(
-        f"accuracy_cost.rows: {path}: {reason}: name a file that can be read and written."
     )

@@ -19,11 +19,10 @@ from ..errors import BadInput, is_number, printable, refuse
 from ..files import open_file, read_json
 from ..recording.formats import UNITS_BY_PATTERN
 from ..report.result import units_of_metrics
-from ..run_folder import FAILURES, MANIFEST, described, runs_in
+from ..run_folder import FAILURES, MANIFEST, METRICS_FILE, MOST_OF_METRICS, described_runs
 
-_METRICS = "metrics.json"
 _KEY = "gather.folder"
-_MOST_BYTES = 2**22  # of a run's metrics: tens of thousands
+_MOST_OF_ALL = 2**26  # bytes of the metrics of all runs
 _MOST_OF_FAILURES = 2**26
 _MOST_METRICS = 5_000  # of a run
 _MOST_NAMES = 10_000  # of metrics, and of settings, in all runs
@@ -51,8 +50,18 @@ def swept_jobs(folder: Path, failures: Mapping[str, Any]) -> list[SweptJob]:
 
     Raises `BadInput` for a folder that is too large to be a sweep's.
     """
-    places_of_runs = (place for place in runs_in(folder) if place != folder)
-    runs = [_run(folder, place) for place in places_of_runs if os.path.lexists(place / _METRICS)]
+    runs, size = [], 0
+    for place, manifest in described_runs(folder):
+        metrics = place / METRICS_FILE
+        if place == folder or not os.path.lexists(metrics):
+            continue
+        size += min(metrics.lstat().st_size, MOST_OF_METRICS)  # a longer one is not read
+        refuse(
+            size > _MOST_OF_ALL,
+            f"{_text(str(folder))}: the {METRICS_FILE} in it are longer than {_MOST_OF_ALL} bytes "
+            "together: give the folder of one sweep.",
+        )
+        runs.append(_run(folder, place, manifest))
     places = {job.place for job in runs}
     failed = [
         SweptJob(
@@ -122,23 +131,26 @@ def metric_units(jobs: Iterable[SweptJob]) -> dict[str, str]:
     return {name: unit for name, unit in units.items() if _is_name(unit)}
 
 
-def _run(folder: Path, place: Path) -> SweptJob:
-    """The run in a folder, or why it is none."""
+def _run(folder: Path, place: Path, manifest: Mapping[str, Any] | None) -> SweptJob:
+    """The run in the folder `place`, which has this manifest, or why it is none."""
     job = SweptJob(_text(place.relative_to(folder).as_posix()), {})
-    manifest = described(place)
     command = None if manifest is None else manifest["command"]
     try:
         if not isinstance(command, str) or len(command) > _LONGEST_COMMAND:
             raise ValueError(f"{MANIFEST} is not as srsinv writes it")
         job = SweptJob(job.place, _overrides(shlex.split(command)))
         metrics = read_json(
-            place / _METRICS, what="file of metrics", key=_KEY, most=_MOST_BYTES, below=folder
+            place / METRICS_FILE,
+            what="file of metrics",
+            key=_KEY,
+            most=MOST_OF_METRICS,
+            below=folder,
         )
         if not isinstance(metrics, dict):
-            raise ValueError(f"{_METRICS} holds no metrics by their names")
+            raise ValueError(f"{METRICS_FILE} holds no metrics by their names")
         found = list(itertools.islice(_flat(metrics), _MOST_METRICS + 1))
         if len(found) > _MOST_METRICS:
-            raise ValueError(f"{_METRICS} has more than {_MOST_METRICS} metrics")
+            raise ValueError(f"{METRICS_FILE} has more than {_MOST_METRICS} metrics")
         flat = _current(dict(map(_checked, found)))
     except (ValueError, RecursionError) as error:
         return SweptJob(job.place, job.overrides, reason=f"left out: {_text(str(error))}")
@@ -149,14 +161,14 @@ def _checked(metric: tuple[str, Any]) -> tuple[str, Any]:
     """A metric's name and value. Raises `ValueError` for what srsinv would not write."""
     name, value = metric
     if not _is_name(name):
-        raise ValueError(f"{_METRICS} has the name {_text(name)!a}, which is none of a metric")
+        raise ValueError(f"{METRICS_FILE} has the name {_text(name)!a}, which is none of a metric")
     is_word = value is None or isinstance(value, bool)
     if not is_word and not isinstance(value, str):
         is_word = is_number(value) and abs(value) <= _LARGEST
     elif isinstance(value, str):
         is_word = value.isprintable() and len(value) <= _LONGEST_TEXT
     if not is_word:
-        raise ValueError(f"{_METRICS} has no number or short text as {name}")
+        raise ValueError(f"{METRICS_FILE} has no number or short text as {name}")
     return name, value
 
 
@@ -180,7 +192,7 @@ def _overrides(words: Sequence[str]) -> dict[str, str]:
 
 def _flat(metrics: Mapping[str, Any], above: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
     if depth > _DEEPEST:
-        raise RecursionError(f"{_METRICS} is nested too deeply")
+        raise RecursionError(f"{METRICS_FILE} is nested too deeply")
     for name, value in metrics.items():
         if isinstance(value, list):
             value = {str(i): each for i, each in enumerate(value)}

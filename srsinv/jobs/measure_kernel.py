@@ -11,7 +11,7 @@ from jaxtyping import Float
 from .. import config
 from ..errors import BadInput, refuse, shown
 from ..inverse.estimate import COMPONENTS
-from ..inverse.kernel.file import as_netcdf, load_kernel
+from ..inverse.kernel.file import as_netcdf, is_as_written
 from ..inverse.kernel.measured import MeasuredKernel, kernels
 from ..inverse.kernel.over_feature import FeatureKernel, measure_over_feature
 from ..inverse.quality import Quality
@@ -34,10 +34,9 @@ KEYS = ("parameters", "write")
 
 def _is_kernel(path: Path) -> bool:
     try:
-        load_kernel(path)
+        return is_as_written(path)
     except BadInput:
         return False
-    return True
 
 
 KERNEL = Target("kernel.write", "a kernel's file", "measurement of a kernel", (".nc",), _is_kernel)

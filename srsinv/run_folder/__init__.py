@@ -18,8 +18,11 @@ from ._claim import left_by_killed as left_by_killed
 from ._manifest import FAILURES as FAILURES
 from ._manifest import GATHERED as GATHERED
 from ._manifest import MANIFEST as MANIFEST
+from ._manifest import METRICS_FILE as METRICS_FILE
+from ._manifest import MOST_OF_METRICS as MOST_OF_METRICS
 from ._manifest import described as described
 from ._manifest import described_in as described_in
+from ._manifest import described_runs as described_runs
 from ._manifest import has as has
 from ._manifest import listing as listing
 from ._manifest import manifest as manifest

@@ -5,7 +5,7 @@ import fcntl
 import itertools
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ from srsinv.atomic import (
     is_scratch,
     open_folder,
     opened,
+    put,
     remove,
     remove_files,
     scratch_folder,
@@ -23,7 +24,17 @@ from srsinv.atomic import (
 )
 from srsinv.errors import BadInput, refuse
 
-from ._manifest import MANIFEST, check_ours, listing, listings, manifest, names_of_run
+from ._manifest import (
+    MANIFEST,
+    check_known,
+    check_ours,
+    holds,
+    listing,
+    listings,
+    manifest,
+    names_of_run,
+    own_manifest,
+)
 from ._place import REMEDY, locate, named, writing
 
 _FIRST = "first"  # in a folder of what is put in one by one: the manifest until all are
@@ -67,45 +78,52 @@ class RunFolder:
         their manifest, which is `described` as by `replace`.
 
         All are written beside first. A manifest that lists what is coming and what is replaced
-        stands there until the last is in, so that the next run knows both for ours.
+        stands there until the last is in, so that the next run knows both for ours. Raises
+        `BadInput` where a file of one of these names is none that a run wrote.
         """
+        known = listings(self.descriptor)
         before: dict[str, str] = {}
-        for each in reversed(listings(self.descriptor)):
+        for each in reversed(known):
             before |= each
         new = listing(files)
         both = {
             MANIFEST: manifest(new, *described),
             _FIRST: manifest(new, *described, replaces=before),
         }
+        ours = {name: {each[name] for each in known if name in each} for name in (*files, *before)}
+        ours[MANIFEST] = {*listing(both).values(), *own_manifest(self.descriptor)}
+        for name in (*files, MANIFEST):
+            check_known(name, ours[name], self.descriptor, self.place)
         refuse(
             not _is_at(self.descriptor, self.place),
             f"{named(self.place)} was replaced by something else meanwhile; {REMEDY}",
         )
-        gone = before.keys() - files.keys()
         with (
             writing(self.place),
             scratch_folder({**files, **both}, self.descriptor) as scratch,
             opened(scratch, self.descriptor) as source,
         ):
-            self._move(source, _FIRST, MANIFEST)
+            self._move(source, _FIRST, MANIFEST, ours[MANIFEST])
             for name in files:
-                self._move(source, name, name)
-            remove_files(gone, self.descriptor)
-            self._move(source, MANIFEST, MANIFEST)
+                self._move(source, name, name, ours[name])
+            gone = before.keys() - files.keys()
+            remove_files([n for n in gone if holds(self.descriptor, n, ours[n])], self.descriptor)
+            self._move(source, MANIFEST, MANIFEST, ours[MANIFEST])
 
     def clear(self) -> None:
         """Remove the files that the folder's manifest lists, and the manifest."""
         with writing(self.place):
             remove_files(names_of_run(self.descriptor), self.descriptor)
 
-    def _move(self, source: int, old: str, new: str) -> None:
-        """Move a file from the folder `source` into this one."""
+    def _move(self, source: int, old: str, new: str, replaced: Collection[str]) -> None:
+        """Move a file from the folder `source` into this one, in place of none or of one of the
+        SHA-256 `replaced`."""
         old_path, new_path = Path(old), Path(new)
         with (
             opened(old_path.parent, source) as here,
             opened(new_path.parent, self.descriptor, make=True) as there,
         ):
-            os.rename(old_path.name, new_path.name, src_dir_fd=here, dst_dir_fd=there)
+            put(old_path.name, here, new_path.name, there, lambda n, f: holds(f, n, replaced))
 
     def _swap(self, files: Mapping[str, bytes]) -> bool:
         """Replace the folder as a whole; False where it cannot be renamed."""

@@ -9,7 +9,7 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -21,14 +21,17 @@ from srsinv.errors import BadInput, refuse
 from ._place import REMEDY, named
 
 MANIFEST = "run.json"
+METRICS_FILE = "metrics.json"
+MOST_OF_METRICS = 2**22  # bytes of a run's: tens of thousands
 # In a sweep's folder: what its runs gave, and why others failed.
 GATHERED = ("sweep.nc", "sweep.html")
 FAILURES = "failures.json"
 _KEYS = {"command", "files", "seed", "version"}
 _OPTIONAL = {"configuration", "plugins", "replaces"}
-_MOST_BYTES = 2**24  # of a manifest: a hundred thousand files
+_MOST_BYTES = 2**20  # of a manifest: ten thousand files
+_MOST_OF_MANIFESTS = 2**24  # of all in a sweep's folder: ten thousand runs
 # Of all files of a run together: seconds of reading, however many names one huge file has.
-_MOST_READ = 2**33
+_MOST_READ = 2**32
 
 _MOST_ENTRIES = 10**6  # of all folders in a sweep's
 _DEEPEST = 16  # folders within folders: ours go to two
@@ -62,12 +65,35 @@ def manifest(
 
 def described(folder: Path) -> dict[str, Any] | None:
     """The manifest of the whole run in a folder; None where there is none that srsinv wrote."""
+    return _whole(_manifest_text(folder))
+
+
+def described_runs(folder: Path) -> Iterator[tuple[Path, dict[str, Any] | None]]:
+    """The folders of [`runs_in`][], each with what [`described`][] says of it. Raises `BadInput`
+    where all manifests together are longer than those of any sweep."""
+    left = _MOST_OF_MANIFESTS
+    for place in runs_in(folder):
+        text = _manifest_text(place)
+        left -= len(text)
+        refuse(
+            left < 0,
+            f"{named(folder)}: the {MANIFEST} in it are longer than {_MOST_OF_MANIFESTS} bytes "
+            "together: give the folder of one sweep.",
+        )
+        yield place, _whole(text)
+
+
+def _whole(text: bytes) -> dict[str, Any] | None:
+    document = _parsed(text)
+    return None if document is None or "replaces" in document else document
+
+
+def _manifest_text(folder: Path) -> bytes:
     try:
         with opened(_unlinked(folder)) as descriptor:
-            document = described_in(descriptor)
+            return _text_in(descriptor)
     except (OSError, ValueError):
-        return None
-    return None if document is None or "replaces" in document else document
+        return b""
 
 
 def _unlinked(folder: Path) -> Path:
@@ -100,8 +126,16 @@ def runs_in(folder: Path) -> list[Path]:
 def described_in(folder: int) -> dict[str, Any] | None:
     """The manifest in a folder; None where there is none that srsinv wrote. With `replaces` in it,
     not all its files have been put in."""
+    return _parsed(_text_in(folder))
+
+
+def _text_in(folder: int) -> bytes:
+    """The manifest in a folder, a byte more than may be of one that is longer."""
     with plain_file(MANIFEST, folder) as file:
-        text = b"" if file is None else file.read(_MOST_BYTES + 1)
+        return b"" if file is None else file.read(_MOST_BYTES + 1)
+
+
+def _parsed(text: bytes) -> dict[str, Any] | None:
     try:
         document = json.loads(text) if len(text) <= _MOST_BYTES else None
         is_ours = (
@@ -127,10 +161,22 @@ def names_of_run(folder: int) -> set[str]:
     return {MANIFEST, *itertools.chain(*listings(folder))}
 
 
-def has(folder: Path, name: str, sha256: str | None) -> bool:
-    """Whether a folder has a regular file of this name and this SHA-256."""
+def has(folder: Path, name: str, sha256: str | None, most: int) -> bool:
+    """Whether a folder has a regular file of this name, with this SHA-256 and of at most `most`
+    bytes."""
     with opened(_unlinked(folder)) as descriptor:
-        return sha256 is not None and _sha256(descriptor, name, _MOST_READ)[0] == sha256
+        return sha256 is not None and _sha256(descriptor, name, most)[0] == sha256
+
+
+def holds(folder: int, name: str, contents: Collection[str]) -> bool:
+    """Whether a folder has a regular file of this name and one of these SHA-256."""
+    return _sha256(folder, name, _MOST_READ)[0] in contents
+
+
+def own_manifest(folder: int) -> set[str]:
+    """The SHA-256 of the manifest in a folder, where srsinv wrote it."""
+    digest = _sha256(folder, MANIFEST, _MOST_BYTES)[0]
+    return set() if digest is None or described_in(folder) is None else {digest}
 
 
 def strangers(folder: int) -> Iterator[str]:
@@ -159,6 +205,13 @@ def check_ours(folder: int, place: Path) -> None:
         raise BadInput(_refusal(found, folder, place))
 
 
+def check_known(name: str, contents: Collection[str], folder: int, place: Path) -> None:
+    """Raise `BadInput` unless a folder, which stands at `place`, has no file of this name or one of
+    these SHA-256."""
+    if _exists(name, folder) and not holds(folder, name, contents):
+        raise BadInput(_refusal(name, folder, place))
+
+
 def _refusal(name: str, folder: int, place: Path) -> str:
     what = "which no run of srsinv wrote"
     if any(name in listing for listing in listings(folder)):
@@ -178,17 +231,21 @@ def _text(content: Mapping[str, Any]) -> bytes:
 def _is_sound(document: dict[str, Any]) -> bool:
     """Whether what a manifest lists are names within its folder."""
     both = (document["files"], document.get("replaces", {}))
-    return all(isinstance(each, dict) and all(map(_is_name, each)) for each in both)
+    if not all(isinstance(each, dict) for each in both):
+        return False
+    names = [name for each in both for name in each]
+    try:
+        os.fsencode("".join(names))
+    except UnicodeError:
+        return False
+    return all(map(_is_name, names))
 
 
 def _is_name(name: str) -> bool:
     """Whether a name stays within its folder, and a file can have it."""
-    parts = PurePosixPath(name).parts
-    is_inside = name == "/".join(parts) != MANIFEST and ".." not in parts
-    try:
-        return is_inside and len(parts) <= _DEEPEST and b"\0" not in os.fsencode(name)
-    except UnicodeError:
-        return False
+    parts = name.split("/")
+    is_inside = name != MANIFEST and not {"", ".", ".."} & {*parts}
+    return is_inside and len(parts) <= _DEEPEST and "\0" not in name
 
 
 def _exists(name: str, folder: int) -> bool:

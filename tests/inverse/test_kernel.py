@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import h5py
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from srsinv.grid import Open, Periodic
 from srsinv.inverse.estimate import relative_error
 from srsinv.inverse.kernel.choice import Place, choose
 from srsinv.inverse.kernel.evidence import Envelope, Prior, Products, likeliest, posterior
-from srsinv.inverse.kernel.file import as_netcdf, load_kernel
+from srsinv.inverse.kernel.file import as_netcdf, is_as_written, load_kernel
 from srsinv.inverse.kernel.lags import Lags
 from srsinv.inverse.kernel.means import far_field
 from srsinv.inverse.kernel.measure import known_input, measure_kernel
@@ -426,6 +427,17 @@ def test_a_file_holds_all_of_it(measured, tmp_path):
     here, there = (each.sensor(STATED).operator(LINE, SCAN)(SCENE) for each in (model, measured))
     np.testing.assert_array_equal(here, there)
     assert model.warnings(None) == ()
+    assert is_as_written(path)
+    for at in range(3):
+        path.write_bytes(as_netcdf(measured))
+        with h5py.File(path, "a") as file:
+            if at == 0:
+                file.attrs["note"] = "mine"
+            elif at == 1:
+                file["table"] = np.ones(3)
+            else:
+                file["friction"][0] += 1e-9
+        assert not is_as_written(path)
 
 
 @pytest.mark.full

@@ -93,6 +93,10 @@ def test_a_further_run_measures_what_is_missing_of_a_file_that_was_cut_short(tmp
         "time,value",
         '{"a": 1}',
         '{"identity": 1}',
+        '{"identity": "mine',
+        "{",
+        "\n\n\n",
+        "",
     ],
 )
 def test_a_file_of_something_else_is_refused_and_stays(tmp_path, content):
@@ -104,12 +108,25 @@ def test_a_file_of_something_else_is_refused_and_stays(tmp_path, content):
 
 
 def test_a_file_that_cannot_be_written_is_refused(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    run_trials(some_trials()[:1], 1, RowFile(str(path), {}))
+    os.link(path, tmp_path / "copy")
     (tmp_path / "link").symlink_to("mine")
     os.mkfifo(tmp_path / "pipe")
-    for name in ("", "absent/rows.jsonl", "link", "pipe"):
+    for name in ("", "absent/rows.jsonl", "link", "pipe", "copy"):
         with pytest.raises(BadInput):
             RowFile(str(tmp_path / name), {})
-    assert sorted(os.listdir(tmp_path)) == ["link", "pipe"]
+    assert sorted(os.listdir(tmp_path)) == ["copy", "link", "pipe", "rows.jsonl"]
+
+
+def test_a_file_that_comes_meanwhile_stays(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    rows = RowFile(str(path), {})
+    assert not path.exists()
+    path.write_text("mine")
+    with pytest.raises(BadInput):
+        run_trials(some_trials()[:1], 1, rows)
+    assert path.read_text() == "mine"
 
 
 def test_rows_are_numbers_and_words_of_json(tmp_path):

@@ -1,6 +1,7 @@
 """What a sweep gave against what was varied, from the folders of its runs."""
 
 import json
+import os
 import shutil
 import time
 from pathlib import Path
@@ -14,7 +15,7 @@ from srsinv.jobs._swept import failed_jobs
 from srsinv.jobs.gather import gathered
 from srsinv.report.page import figures, page
 from srsinv.report.result import dataset, scalars
-from srsinv.run_folder import GATHERED, claim
+from srsinv.run_folder import GATHERED, MANIFEST, claim
 from tests.jobs.hostile_folders import FOLDERS
 from tests.jobs.run import ROOT, command, short_run
 from tests.tiers import quick
@@ -155,6 +156,25 @@ def test_a_folder_of_anybody_is_gathered_or_refused(tmp_path, case, is_alone):
         assert [text for text in every if not text.isprintable() or len(text) > 3000] == []
         bytes(data.to_netcdf(engine="h5netcdf"))
     assert time.monotonic() - start < MOST_S
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", [MANIFEST, "metrics.json"])
+def test_a_large_file_under_many_names_is_refused_soon(tmp_path, name):
+    a_run(tmp_path / "0", "a=0", {"m": 1.0})
+    files = {f"{i:x}": 0 for i in range(65_000)}
+    whole = {"command": "srsinv", "files": files, "seed": 0, "version": "1"}
+    document = whole if name == MANIFEST else {"m": [1] * 500_000}
+    large = tmp_path / "0" / name
+    large.write_text(f"{json.dumps(document, sort_keys=True, indent=2)}\n")
+    for i in range(1, 300):
+        a_run(tmp_path / str(i), f"a={i}", {"m": 1.0})
+        (tmp_path / str(i) / name).unlink()
+        os.link(large, tmp_path / str(i) / name)
+    start = time.monotonic()
+    with pytest.raises(BadInput, match=f"{name} in it are longer"):
+        gathered(tmp_path, {})
+    assert time.monotonic() - start < 4 * MOST_S
 
 
 @pytest.mark.full

@@ -124,7 +124,8 @@ def test_surroundings(name, tmp_path):
         ["bash", "-c", line], env=environment, cwd=tmp_path / "here", capture_output=True,
         timeout=MOST_S, check=False,
     )  # fmt: skip
-    said = done.stderr.decode("latin-1")
+    said, shown = done.stderr.decode("latin-1"), done.stdout.decode("latin-1")
+    assert not {"\x1b", "\a"} & {*said, *shown}
     assert done.returncode == case.get("code", 0), said
     assert "Traceback" not in said
     assert re.search(case.get("says", ""), said), said

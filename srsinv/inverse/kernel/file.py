@@ -1,5 +1,6 @@
 """Measured kernels in files: netCDF-4 of flat columns."""
 
+import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -41,11 +42,26 @@ def as_netcdf(kernel: MeasuredKernel) -> bytes:
         kernel.far_factors, kernel.lags.depth_m, kernel.speed_m_per_s, kernel.friction,
         kernel.has_both_ways, kernel.chi2_per_freedom, kernel.freedom,
     )  # fmt: skip
+    flat = (np.ravel(np.asarray(values, float)) for values in columns)
+    return _netcdf(dict(zip(UNITS, flat, strict=True)))
+
+
+def is_as_written(path: str | os.PathLike[str], key: str = KEY) -> bool:
+    """Whether a file is what `as_netcdf` wrote, with nothing changed or added since. Raises
+    `BadInput` for a file that holds no kernel."""
+    columns = load_columns(path, list(UNITS), key, WANTED)
+    return Path(path).read_bytes() == _netcdf(columns)
+
+
+def _netcdf(columns: Mapping[str, Float[np.ndarray, " row"]]) -> bytes:
+    """A file of the columns, with a digest of them that tells one in which a number was changed."""
     variables = {
-        name: (f"row_{i}", np.ravel(np.asarray(values, float)), {"units": unit})
-        for i, ((name, unit), values) in enumerate(zip(UNITS.items(), columns, strict=True))
+        name: (f"row_{i}", values, {"units": UNITS[name]})
+        for i, (name, values) in enumerate(columns.items())
     }
-    return bytes(xarray.Dataset(variables).to_netcdf(engine="h5netcdf"))
+    digest = hashlib.sha256(b"".join(values.tobytes() for values in columns.values()))
+    dataset = xarray.Dataset(variables, attrs={"sha256": digest.hexdigest()})
+    return bytes(dataset.to_netcdf(engine="h5netcdf"))
 
 
 def load_kernel(path: str | os.PathLike[str], key: str = KEY) -> MeasuredKernel:
