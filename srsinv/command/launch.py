@@ -57,7 +57,8 @@ def launch(arguments: Sequence[str], root: Path) -> int:
     """
     flags = _flags(arguments)
     if flags.shell_completion:
-        return _complete(root, flags.overrides)
+        with printing():
+            return _complete(root, flags.overrides)
     flags.overrides = [current_override(word) for word in flags.overrides]
     typed = parse(flags.overrides, root)
     check_typed(typed)

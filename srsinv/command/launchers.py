@@ -77,7 +77,14 @@ def _threads(processes: int) -> Iterator[None]:
 
 def _launched(launcher: Any, jobs: Batch) -> list[Outcome]:
     returned = launcher.launch([job.overrides for job in jobs], initial_job_idx=0)
-    return [each.return_value for each in returned]
+    return [_returned(each) for each in returned]
+
+
+def _returned(job: Any) -> Outcome:
+    """What a job returned, or raise what it raised, without Hydra's own words for that."""
+    if isinstance(job._return_value, Exception):
+        raise job._return_value
+    return job._return_value
 
 
 def _processes(launcher: Any) -> int:

@@ -7,6 +7,7 @@ or full, a folder that was removed, a variable that was set for another program.
 
 import errno
 import io
+import logging
 import os
 import sys
 from collections.abc import Iterator
@@ -74,8 +75,10 @@ def settle_streams(are_own: bool) -> None:
 
 @contextmanager
 def printing(of: str = "what was asked for", remedy: str = "print it elsewhere") -> Iterator[None]:
-    """Refuse where what is printed inside cannot be written: a full disk, or a pipe without a
-    reader."""
+    """Refuse where what is printed inside cannot be written, also by loggers: a full disk, or a
+    pipe without a reader."""
+    handle = logging.Handler.handleError
+    logging.Handler.handleError = _raise_again
     try:
         yield
         sys.stdout.flush()
@@ -84,6 +87,12 @@ def printing(of: str = "what was asked for", remedy: str = "print it elsewhere")
             # Or Python tries again when it ends.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise BadInput(f"cannot print {of} ({error.strerror}); {remedy}") from error
+    finally:
+        logging.Handler.handleError = handle
+
+
+def _raise_again(self: logging.Handler, record: logging.LogRecord) -> None:
+    raise  # a handler calls this where it has caught an error
 
 
 def too_little_memory(error: BaseException) -> BadInput | None:
@@ -106,6 +115,7 @@ def too_little_memory(error: BaseException) -> BadInput | None:
 def settle_drawing() -> None:
     """Let figures be drawn in the same way everywhere; before matplotlib is imported."""
     os.environ.update(_DRAWING)
+    os.environ.pop("SOURCE_DATE_EPOCH", None)  # no figure has a date; what is no number ends numpy
 
 
 def check_current_folder() -> None:
