@@ -9,7 +9,7 @@ import xarray
 
 from srsinv import config
 from srsinv.effects import forget_screenings
-from srsinv.errors import refuse
+from srsinv.errors import mapping, refuse
 from srsinv.forward.trace import cost, difference, pair
 from srsinv.parts import merged
 from srsinv.progress import stage, steps
@@ -37,7 +37,7 @@ def run(cfg: config.Config) -> Result:
         key, line = config.random_key(cfg), config.line(cfg)
         for scene, changes in steps("scenes", scenes.items()):
             with stage(f"scene: {scene}"):
-                own = merged(cfg, changes)
+                own = merged(cfg, mapping(f"effects_auto.scenes.{scene}", changes))
                 named = {k: v for k, v in own.items() if k != "tolerance"}
                 sim, full = cost(partial(config.simulation, named), key)
                 done = {}  # measured once for tolerances that need the same effects

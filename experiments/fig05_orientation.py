@@ -8,6 +8,7 @@ import xarray
 from matplotlib.figure import Figure
 
 from srsinv import config, plot
+from srsinv.errors import number
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import UniformStrip
@@ -36,6 +37,7 @@ def run(cfg: config.Config) -> Result:
     """
     settings = cfg["fig05_orientation"]
     load, width, mu = (settings[k] for k in ("load_N_per_m", "load_width_m", "friction"))
+    number("fig05_orientation.load_width_m", width, "a positive length in metres", above=0)
     with config.precision(cfg):
         line, sensor, scan = config.line(cfg), config.sensor(cfg), config.scan(cfg)
         sensor.require_elements(2)

@@ -37,6 +37,7 @@ def run(cfg: config.Config) -> Result:
     cases = config.part(settings, "cases")
     refuse(not cases, "hard_cases.cases is empty: give a case by name, none: {label: nothing}.")
     precisions = [choice("hard_cases.precisions", p, PRECISIONS) for p in settings["precisions"]]
+    refuse(not precisions, "hard_cases.precisions is []: give one at least.")
     answers: dict[str, list[list[Answer]]] = {}  # (precision, method) by the case's label
     for name, changes in steps("hard cases", cases.items()):
         hard = dict(mapping(f"hard_cases.cases.{name}", changes))

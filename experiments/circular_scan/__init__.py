@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from srsinv import config
-from srsinv.errors import number, refuse
+from srsinv.errors import number, numbers, refuse, whole
 from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.oblique import gain_of_angle
 from srsinv.forward.scan import ConstantSpeed
@@ -22,6 +22,8 @@ from srsinv.report.text import listed
 
 from .figures import errors, on_the_circle
 
+LEAST = 1e-12  # of a ridge's width [m] and load [N/m]
+ABOVE, FROM_2 = f"a number above {LEAST:g}", "a whole number from 2"
 BOUND_DEG = np.arange(0.0, 181.0, 5.0)  # angles at which the Cramer-Rao bound is drawn
 Variables = dict[str, tuple[Any, ...]]
 
@@ -33,8 +35,8 @@ def run(cfg: config.Config) -> Result:
     configuration's parts.
     """
     settings = cfg["circular_scan"]
-    truth, snr = _settings(settings)
-    tried = np.linspace(0.0, 90.0, settings["gain_angles"])
+    truth, snr, count = _settings(settings)
+    tried = np.linspace(0.0, 90.0, count)
     rng = np.random.default_rng(config.seed(cfg))
     with config.precision(cfg):
         sensor, circle = config.sensor(cfg), Circle(**settings["circle"])
@@ -66,16 +68,18 @@ def run(cfg: config.Config) -> Result:
     return Result(title, data, sections(__file__, signals=on_the_circle, errors=errors))
 
 
-def _settings(given: Mapping[str, Any]) -> tuple[np.ndarray, float]:
-    """The true angles [deg] and the ratio of signal to noise [dB]."""
-    truth = np.asarray(given["angles_deg"], float)
-    refuse(not truth.size, "circular_scan.angles_deg is []: give at least one angle in degrees.")
+def _settings(given: Mapping[str, Any]) -> tuple[np.ndarray, float, int]:
+    """The true angles [deg], the ratio of signal to noise [dB] and the number of straight scans."""
+    angles = numbers("circular_scan.angles_deg", given["angles_deg"], "angles in degrees")
+    for name in ("width_m", "load_N_per_m"):
+        number(f"circular_scan.ridge.{name}", given["ridge"][name], ABOVE, above=LEAST)
     refuse(
-        not set(given["shown_deg"]) <= set(given["angles_deg"]),
+        not set(given["shown_deg"] or ()) <= set(given["angles_deg"]),
         f"circular_scan.shown_deg is {given['shown_deg']}: give some of "
         f"circular_scan.angles_deg, {given['angles_deg']}.",
     )
-    return truth, number("circular_scan.snr_dB", given["snr_dB"], "a ratio in dB")
+    count = whole("circular_scan.gain_angles", given["gain_angles"], FROM_2, least=2)
+    return np.array(angles), number("circular_scan.snr_dB", given["snr_dB"], "a ratio in dB"), count
 
 
 def _directions(

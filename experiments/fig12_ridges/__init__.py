@@ -10,7 +10,7 @@ import xarray
 
 from srsinv import config
 from srsinv.effects import add_effects
-from srsinv.errors import number, refuse, whole
+from srsinv.errors import number, number_range, numbers, whole
 from srsinv.forward.pitched import PitchedScan, PitchRecord, PitchSweep
 from srsinv.inverse import wave_detection as waves
 from srsinv.inverse.detection import needed_wave
@@ -77,13 +77,13 @@ def _tried(given: Settings) -> tuple[int, np.ndarray, np.ndarray]:
     wanted = "a whole number from {}".format
     ridges = whole("fig12_ridges.ridges", given["ridges"], wanted(5), least=5)
     name, in_order = "fig12_ridges.height_range_m", "[least, greatest], positive and increasing"
-    low, high = given["height_range_m"]
-    number(name, low, in_order, above=0)
-    number(name, high, in_order, above=low)
+    low, high = number_range(name, given["height_range_m"], in_order, above=0)
+    wanted_range = "positive lengths in metres"
+    number_range("fig12_ridges.pitch_range_m", given["pitch_range_m"], wanted_range, above=0)
+    whole("fig12_ridges.most_ridges", given["most_ridges"], wanted(1), least=1)
     count = whole("fig12_ridges.heights", given["heights"], wanted(3), least=3)
     name, positive = "fig12_ridges.pressures_Pa", "a list of positive pressures in Pa"
-    refuse(not given["pressures_Pa"], f"{name} is empty: give {positive}.")
-    pressures = [number(name, each, positive, above=0) for each in given["pressures_Pa"]]
+    pressures = numbers(name, given["pressures_Pa"], positive, above=0)
     return ridges, np.geomspace(low, high, count), np.array(pressures, float)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import xarray
 
 from srsinv import config
-from srsinv.errors import refuse
+from srsinv.errors import mapping, number_range, refuse, whole
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.estimate import COMPONENTS, relative_error
 from srsinv.inverse.simulated import problem_of
@@ -37,7 +37,7 @@ def run(cfg: config.Config) -> Result:
     line_kind, wavelengths = cfg["grid"]["line"], _wavelengths(settings)
     refuse(line_kind != "periodic", f"grid.line is {line_kind!r}: give periodic, as for sinusoids.")
     ((name, method),) = methods.items()
-    changes = {ASSUMED: {}, **settings["truths"]}
+    changes = {ASSUMED: {}, **mapping("model_error.truths", settings["truths"])}
     true = {case: merged(cfg, each) for case, each in changes.items()}
     sensors, estimates, responses = [], [], []
     with config.precision(cfg):
@@ -68,12 +68,10 @@ def run(cfg: config.Config) -> Result:
 
 
 def _wavelengths(given: Mapping[str, Any]) -> np.ndarray:
-    first, last = given["wavelengths_m"]
-    refuse(
-        not 0 < first < last,
-        f"model_error.wavelengths_m is {[first, last]}: give the shortest and the longest in m.",
-    )
-    return np.geomspace(last, first, given["points"])
+    wanted = "wavelengths in metres"
+    first, last = number_range("model_error.wavelengths_m", given["wavelengths_m"], wanted, above=0)
+    points = whole("model_error.points", given["points"], "a whole number from 2", least=2)
+    return np.geomspace(last, first, points)
 
 
 def _recovered(truth: np.ndarray, estimates: np.ndarray, responses: np.ndarray) -> Variables:

@@ -52,6 +52,7 @@ def check(
             "or write a list as key=[a,b]",
         )
     jobs = math.prod(map(_count, overrides))
+    refuse(jobs == 0, "the sweep has no jobs: give values for one at least.")
     refuse(
         jobs > MOST_JOBS,
         f"the sweep has {jobs:g} jobs: give values that make at most {MOST_JOBS}.",
@@ -206,19 +207,29 @@ def _check_fit(key: str, old: Any, new: Any, base: dict[str, Any]) -> None:
             if name not in old:
                 raise BadInput(f"there is no key '{inner}'; {_nearest_key(inner, base)}")
             _check_fit(inner, old[name], value, base)
-    if new is None or (isinstance(new, str) and "${" in new):
+    if isinstance(new, str) and "${" in new:
+        return
+    are_numbers = isinstance(old, list) and bool(old) and all(map(_is_number, old))
+    if new is None and not are_numbers and (not isinstance(old, dict) or _is_collection(old)):
         return
     if isinstance(old, bool):
         fits, wanted = isinstance(new, bool), "true or false"
     elif isinstance(old, Real):
-        is_number = isinstance(new, Real) and not isinstance(new, bool)
-        fits, wanted = is_number or isinstance(new, list), "a number"
+        fits, wanted = _is_number(new) or isinstance(new, list), "a number"
+    elif are_numbers:
+        fits = isinstance(new, list) and all(map(_is_number, new))
+        wanted = "a list of numbers"
     elif isinstance(old, dict):
         fits, wanted = isinstance(new, dict), f"its own keys ({_listed(old)})"
     else:
         return
     example = f"; it is {old} unless given" if not isinstance(old, dict) else ""
-    refuse(not fits, f"'{key}' takes {wanted}, not {new!r}{example}")
+    was = "null" if new is None else repr(new)
+    refuse(not fits, f"'{key}' takes {wanted}, not {was}{example}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _look_up(node: Any, key: str) -> Any:

@@ -19,7 +19,7 @@ from ..errors import BadInput
 # Figures are drawn without a display and by styles of our own: another program's choice of a
 # backend, or a user's settings file, could only break them.
 _DRAWING = {"MPLBACKEND": "Agg", "MATPLOTLIBRC": os.devnull}
-_READ_BY_JAX = ("JAX_", "XLA_")
+_READ_BY_JAX = ("JAX_", "XLA_", "JAXTYPING_", "EQX_")  # and by what srsinv uses it with
 # Switches that stop other programs of jax's at what is intended here, or forbid it.
 _DEBUGGING = {
     "jax_check_tracer_leaks": False,
@@ -134,9 +134,10 @@ def start_jax() -> None:
     Raises `BadInput` with the variables of the environment by which it cannot start.
     """
     try:
+        import equinox  # noqa: F401  reads variables of its own
         import jax
 
-        jax.devices()
+        jax.jit(jax.numpy.negative)(0.0)
     except Exception as error:  # ValueError, RuntimeError or AssertionError, by the variable
         given = [name for name in sorted(os.environ) if name.startswith(_READ_BY_JAX)]
         given = [name for name in given if (name, os.environ[name]) != ("JAX_ENABLE_X64", "true")]

@@ -60,6 +60,11 @@ def parse(overrides: Sequence[str], root: Path) -> list[Override]:
     """Hydra's own reading of `overrides`, with configurations in `root`. Raises `BadInput`."""
     for override in overrides:
         _check_parsable(override)
+        key, _, value = override.partition("=")
+        refuse(
+            value.strip().startswith("glob("),
+            f"{shown(override)} leaves the options to srsinv: name them, as {key}=A,B with -m",
+        )
         _check_word(override, root)
     with refusing():
         parsed = OverridesParser.create().parse_overrides(list(overrides))

@@ -19,6 +19,7 @@ from .film import Film, StripAverage
 from .oblique import TurnedSkin, turned_effects
 from .sensor import Sensor
 
+MOST_SAMPLES = 100_000
 NODES = 10  # of Gauss's rule: enough for widths up to 2 depths, to 1e-7
 LEAST_DEPTHS = 1e-6  # least projected length of a strip, for one of zero: right to its square
 
@@ -28,7 +29,7 @@ class Circle(eqx.Module):
     `start_rad` over `sweep_rad`, one turn by default.
 
     Raises `BadInput` for a radius, a speed or a sweep that is not positive, and for fewer than 8
-    samples.
+    samples or more than a hundred thousand.
     """
 
     radius_m: Float[Array, ""]
@@ -52,7 +53,8 @@ class Circle(eqx.Module):
         self.start_rad = as_real(number("circle.start_rad", start_rad, "an angle in radians"))
         wanted = "a positive angle in radians"
         self.sweep_rad = as_real(number("circle.sweep_rad", sweep_rad, wanted, above=0))
-        self.samples = whole("circle.samples", samples, "a whole number from 8", least=8)
+        wanted = f"a whole number from 8 to {MOST_SAMPLES}"
+        self.samples = whole("circle.samples", samples, wanted, least=8, most=MOST_SAMPLES)
 
     @property
     def angle_rad(self) -> Float[Array, " sample"]:

@@ -22,6 +22,7 @@ from ..resolution import cell_m
 from .features.search import apart
 from .nonlinear import Fit, fit
 
+MOST_TRIED = 1e6  # angles times distances
 COARSE_NODES = 2  # of the widths' quadrature
 FIT_NODES = 6  # right to 1e-7 for widths up to a depth, to 3e-5 for two
 LINEAR = ("load_N_per_m", "shear_N_per_m")
@@ -163,6 +164,12 @@ class _RidgeBank:
 
 def _tried(radius_m: float, step_m: float) -> Float[np.ndarray, "start 2"]:
     """Angles [rad] over half a turn and distances [m] over the circle, `step_m` apart on it."""
+    count = np.pi * radius_m / step_m * 2 * radius_m / step_m
+    refuse(
+        count > MOST_TRIED,
+        f"a circle of radius {radius_m:g} m has {count:.0e} places to look for a ridge: take a "
+        "smaller one, or a deeper film.",
+    )
     angles = np.arange(0, np.pi, step_m / radius_m)
     distances = np.linspace(-radius_m, radius_m, 2 * int(np.ceil(radius_m / step_m)) + 1)
     return np.stack(np.meshgrid(angles, distances, indexing="ij"), axis=-1).reshape(-1, 2)

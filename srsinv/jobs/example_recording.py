@@ -10,7 +10,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from .. import config, plot
-from ..errors import mapping, number, refuse
+from ..errors import mapping, number, number_range, refuse, shown, whole
 from ..forward.scan import Motion
 from ..forward.surface_feature import RidgeFeature
 from ..grid import as_real
@@ -27,6 +27,8 @@ COLUMNS = ("Time (ms)", "Ch A [V]", "Ch B [V]", "Stage pos (mm)")
 FORMATS = ("%.4f", "%.6f", "%.6f", "%.4f")  # digits as a logger writes them
 RIDGE = ("height_m", "width_m", "position_m")
 DISTURBANCES = {"passes": 1, "hum": 0.0, "drift": 0.0, "lost_rows": 0}
+GAINS = "give one number for each element"
+MOST_OF_A_PASS = 1_000_000  # samples
 TURN_S = 0.1  # for turning back
 LINES_HZ = {50.08: 1.0, 150.24: 0.4}  # of hum, and their relative sizes
 NUMBERS = {
@@ -69,21 +71,40 @@ def _table(
     for key, value in beside.items():
         refuse(key not in DISTURBANCES, f"example.ridges.{name} has no key {key}.")
         number(f"example.ridges.{name}.{key}", value, "a number that is at least 0", least=0)
+    wanted = "a whole number from {}".format
+    passes = whole(f"example.ridges.{name}.passes", beside["passes"], wanted(1), least=1)
+    lost = whole(f"example.ridges.{name}.lost_rows", beside["lost_rows"], wanted(0), least=0)
     rig = dict(settings["rig"])
-    start_m, end_m = rig["contact_window_m"]
+    refuse(not isinstance(rig["gain"], list), f"example.rig.gain is {shown(rig['gain'])}: {GAINS}.")
+    gain = np.array([float(number("example.rig.gain", each)) for each in rig["gain"]])[:, None]
+    in_m = "positions in metres"
+    start_m, end_m = number_range("example.rig.contact_window_m", rig["contact_window_m"], in_m)
     lead_m = (end_m - start_m) / 8
-    rate_hz, speed = float(settings["sample_rate_hz"]), float(settings["speed_m_per_s"])
-    steady = np.full(int((end_m - start_m - 2 * lead_m) / speed * rate_hz), speed)
-    speeds = _there_and_back(steady, int(TURN_S * rate_hz), int(beside["passes"]))
+    rate_hz, speed = (
+        float(number(f"example.{each}", settings[each], "a positive number", above=0))
+        for each in ("sample_rate_hz", "speed_m_per_s")
+    )
+    count = (end_m - start_m - 2 * lead_m) / speed * rate_hz
+    refuse(
+        not 1 <= count <= MOST_OF_A_PASS,
+        f"example.speed_m_per_s and sample_rate_hz make {count:.3g} samples a pass: give such that "
+        f"make 1 to {MOST_OF_A_PASS}.",
+    )
+    steady = np.full(int(count), speed)
+    speeds = _there_and_back(steady, int(TURN_S * rate_hz), passes)
     time_s = np.arange(speeds.size) / rate_hz
     motion = Motion.from_speed(time_s, speeds, start_m + lead_m)
-    gain = np.array(rig["gain"], float)[:, None]
     clean = _signal(name, rig, ridge, settings["friction"], motion)
     noise = rng.normal(scale=float(settings["noise_rms_V"]), size=clean.shape)
     noise = noise + np.std(clean) * _disturbances(time_s, clean.shape, beside, rng)
     table = np.vstack([1e3 * time_s, gain * (clean + noise), 1e3 * np.asarray(motion.position_m)])
-    lost = rng.choice(np.arange(100, speeds.size - 100), int(beside["lost_rows"]), replace=False)
-    table[:, lost] = np.nan
+    within = np.arange(100, max(speeds.size - 100, 100))
+    refuse(
+        lost > within.size,
+        f"example.ridges.{name}.lost_rows is {lost}: of {speeds.size} rows at most {within.size} "
+        "can be lost.",
+    )
+    table[:, rng.choice(within, lost, replace=False)] = np.nan
     return table
 
 

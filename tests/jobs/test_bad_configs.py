@@ -318,7 +318,7 @@ COMMANDS = {
     "unknown key": ("+scan.speed=1", r"no key 'scan\.speed'; 'scan' has .*speed_m_per_s"),
     "unknown choice": ("amplifier=loud", r"no amplifier 'loud'; there are .*current"),
     "no choice": ("scan=null", r"'scan=null' chooses nothing; .*sliding"),
-    "section": ("grid=null", r"grid\.line is null: give one of periodic, open"),
+    "section": ("grid=null", "'grid' takes its own keys .*, not null"),
 }
 
 
@@ -332,3 +332,54 @@ def test_the_command_refuses_with_code_2_and_leaves_nothing(folder, capsys, case
     assert re.fullmatch(r"srsinv: .*\n", captured.err)
     assert re.search(sentence, captured.err)
     assert sorted(folder.rglob("*")) == before
+
+
+OF_EXPERIMENTS = """\
+circular_scan circular_scan=null
+circular_scan circular_scan.ridge=null
+circular_scan circular_scan.angles_deg=[a]
+circular_scan circular_scan.angles_deg=[nan]
+circular_scan circular_scan.angles_deg=[[1,2]]
+circular_scan circular_scan.shown_deg=null
+circular_scan circular_scan.gain_angles=-1
+circular_scan circular_scan.circle.samples=1000000000
+circular_scan circular_scan.circle.radius_m=1e12
+circular_scan circular_scan.ridge.load_N_per_m=0
+circular_scan circular_scan.ridge.width_m=1e-300
+compare compare=null
+compare compare.scene_sensor=null
+coverage coverage=null
+effects_auto effects_auto.scenes.strip=null
+example_recording example.rig=null
+example_recording example.rig.gain=null
+example_recording example.sample_rate_hz=1e-9
+example_recording example.speed_m_per_s=0
+fig05_orientation fig05_orientation.load_width_m=0
+fig10_11 truth=null
+fig12_ridges fig12_ridges.most_ridges=0
+fig12_ridges fig12_ridges.pitch_range_m=[0,1]
+fig12_ridges fig12_ridges.pitch_range_m=null
+hard_cases hard_cases.precisions=[]
+model_error model_error.points=0
+model_error model_error.truths=null
+model_error model_error.wavelengths_m=[a,b]
+plan plan=null
+two_element two_element.angles_deg=null
+""".splitlines()
+
+
+@pytest.mark.parametrize("case", quick(OF_EXPERIMENTS, *OF_EXPERIMENTS[::9]))
+def test_what_an_experiment_cannot_use_is_one_sentence(folder, capsys, case):
+    before = sorted(folder.rglob("*"))
+    assert command("run", f"experiment={case.split()[0]}", *case.split()[1:]) == 2
+    captured = capsys.readouterr()
+    said = [line for line in captured.err.splitlines() if not line.endswith(" ...")]  # stages
+    assert (captured.out, len(said)) == ("", 1)
+    assert said[0].startswith("srsinv: ")
+    assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize("typed", ["seed=range(0,0)", "seed=glob(*)", "effects=glob(*)"])
+def test_a_sweep_of_no_jobs_or_of_any_is_refused(folder, capsys, typed):
+    assert command("run", "-m", typed) == 2
+    assert "give values" in (said := capsys.readouterr().err) or "name them" in said
