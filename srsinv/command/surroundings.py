@@ -133,14 +133,17 @@ def start_jax() -> None:
 
     Raises `BadInput` with the variables of the environment by which it cannot start.
     """
+    given = [name for name in sorted(os.environ) if name.startswith(_READ_BY_JAX)]
+    given = [name for name in given if (name, os.environ[name]) != ("JAX_ENABLE_X64", "true")]
     try:
-        import equinox  # noqa: F401  reads variables of its own
         import jax
 
-        jax.jit(jax.numpy.negative)(0.0)
+        jax.devices()
+        if given:  # some are read later, and that takes a second
+            import equinox  # noqa: F401
+
+            jax.jit(jax.numpy.negative)(0.0)
     except Exception as error:  # ValueError, RuntimeError or AssertionError, by the variable
-        given = [name for name in sorted(os.environ) if name.startswith(_READ_BY_JAX)]
-        given = [name for name in given if (name, os.environ[name]) != ("JAX_ENABLE_X64", "true")]
         if not given or too_little_memory(error):
             raise
         said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
