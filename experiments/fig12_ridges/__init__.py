@@ -10,7 +10,7 @@ import xarray
 
 from srsinv import config
 from srsinv.effects import add_effects
-from srsinv.errors import number, number_range, numbers, whole
+from srsinv.errors import number, number_range, refuse, whole
 from srsinv.forward.pitched import PitchedScan, PitchRecord, PitchSweep
 from srsinv.inverse import wave_detection as waves
 from srsinv.inverse.detection import needed_wave
@@ -83,7 +83,8 @@ def _tried(given: Settings) -> tuple[int, np.ndarray, np.ndarray]:
     whole("fig12_ridges.most_ridges", given["most_ridges"], wanted(1), least=1)
     count = whole("fig12_ridges.heights", given["heights"], wanted(3), least=3)
     name, positive = "fig12_ridges.pressures_Pa", "a list of positive pressures in Pa"
-    pressures = numbers(name, given["pressures_Pa"], positive, above=0)
+    refuse(not given["pressures_Pa"], f"{name} is empty: give {positive}.")
+    pressures = [number(name, each, positive, above=0) for each in given["pressures_Pa"]]
     return ridges, np.geomspace(low, high, count), np.array(pressures, float)
 
 

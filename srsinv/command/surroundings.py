@@ -139,6 +139,8 @@ def start_jax() -> None:
         import jax
 
         jax.devices()
+        for name in _DEBUGGING.keys() & {each.lower() for each in os.environ}:
+            jax.config.update(name, _DEBUGGING[name])
         if given:  # some are read later, and that takes a second
             import equinox  # noqa: F401
 
@@ -156,5 +158,3 @@ def start_jax() -> None:
             f"jax cannot start with {settings}{device} ({said[:_REASON]}); type unset "
             f"{' '.join(named)} and run it again"
         ) from error
-    for name in _DEBUGGING.keys() & {each.lower() for each in os.environ}:
-        jax.config.update(name, _DEBUGGING[name])
