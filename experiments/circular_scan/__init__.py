@@ -74,7 +74,7 @@ def _settings(given: Mapping[str, Any]) -> tuple[np.ndarray, float, int]:
     for name in ("width_m", "load_N_per_m"):
         number(f"circular_scan.ridge.{name}", given["ridge"][name], ABOVE, above=LEAST)
     refuse(
-        not set(given["shown_deg"] or ()) <= set(given["angles_deg"]),
+        not set(given["shown_deg"]) <= set(given["angles_deg"]),
         f"circular_scan.shown_deg is {given['shown_deg']}: give some of "
         f"circular_scan.angles_deg, {given['angles_deg']}.",
     )

@@ -165,18 +165,19 @@ def has(folder: Path, name: str, sha256: str | None, most: int) -> bool:
     """Whether a folder has a regular file of this name, with this SHA-256 and of at most `most`
     bytes."""
     with opened(_unlinked(folder)) as descriptor:
-        return sha256 is not None and _sha256(descriptor, name, most)[0] == sha256
+        return sha256 is not None and holds(descriptor, name, {sha256}, most)
 
 
-def holds(folder: int, name: str, contents: Collection[str]) -> bool:
-    """Whether a folder has a regular file of this name and one of these SHA-256."""
-    return _sha256(folder, name, _MOST_READ)[0] in contents
+def holds(folder: int, name: str, contents: Collection[str], most: int = _MOST_READ) -> bool:
+    """Whether a folder has a regular file of this name, with one of these SHA-256 and of at most
+    `most` bytes."""
+    return _sha256(folder, name, most)[0] in contents
 
 
 def own_manifest(folder: int) -> set[str]:
     """The SHA-256 of the manifest in a folder, where srsinv wrote it."""
-    digest = _sha256(folder, MANIFEST, _MOST_BYTES)[0]
-    return set() if digest is None or described_in(folder) is None else {digest}
+    document = described_in(folder)
+    return set() if document is None else {*listing({MANIFEST: _text(document)}).values()}
 
 
 def strangers(folder: int) -> Iterator[str]:
