@@ -15,6 +15,7 @@ from .command.outcome import DONE, say
 from .command.programs import rare_collections
 from .command.surroundings import (
     check_current_folder,
+    check_memory,
     printing,
     settle_drawing,
     settle_streams,
@@ -67,6 +68,7 @@ def _run(arguments: list[str], root: Path) -> int:
 
     settle_drawing()
     check_current_folder()
+    check_memory()
     # Before numpy: its library's threads wait for each other longer than small matrices take.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with rare_collections():

@@ -209,22 +209,24 @@ def within_memory(path: Path) -> Iterator[None]:
     try:
         yield
     except MemoryError as error:
-        size, most = path.stat().st_size, memory_limit()
-        more = f", or allow more (ulimit -v is {most // 1024})" if most else ""
+        size = path.stat().st_size
+        limits = " and ".join(f"{name} is {most // 1024}" for name, most in memory_limits().items())
+        more = f", or allow more ({limits})" if limits else ""
         raise BadInput(
             f"{quoted(path.name)}: {size} bytes of file ask for more memory than there is: write "
             f"it again, or in shorter parts{more}."
         ) from error
 
 
-def memory_limit() -> int | None:
-    """Bytes of memory that this process may have at most, or None."""
+def memory_limits() -> dict[str, int]:
+    """The limits on this process's memory, in bytes, by the command of the shell that sets them."""
     try:
         import resource  # which not every system has
     except ImportError:
-        return None
-    soft = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return None if soft == resource.RLIM_INFINITY else soft
+        return {}
+    kinds = {"ulimit -v": resource.RLIMIT_AS, "ulimit -d": resource.RLIMIT_DATA}
+    soft = {name: resource.getrlimit(kind)[0] for name, kind in kinds.items()}
+    return {name: most for name, most in soft.items() if most != resource.RLIM_INFINITY}
 
 
 def _opened(path: Path, what: str, key: str, below: Path | None) -> int:

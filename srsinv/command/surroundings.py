@@ -30,6 +30,8 @@ _DEBUGGING = {
     "jax_numpy_rank_promotion": "allow",
     "jax_transfer_guard": "allow",
 }
+# MiB that jax takes to start. With less, its libraries end the process before it can say why.
+_LEAST = {"ulimit -v": 2560, "ulimit -d": 1024}
 # What jax and Python's threads say where there is no memory.
 _OUT_OF_MEMORY = ("RESOURCE_EXHAUSTED", "can't start new thread")
 _REASON = 200  # characters of another program's error
@@ -95,20 +97,34 @@ def _raise_again(self: logging.Handler, record: logging.LogRecord) -> None:
     raise  # a handler calls this where it has caught an error
 
 
+def check_memory() -> None:
+    """Raise `BadInput` where a limit on this process's memory is too low to start."""
+    from ..files import memory_limits
+
+    for name, limit in memory_limits().items():
+        if limit < _LEAST[name] * 2**20:
+            raise BadInput(
+                f"srsinv may use {limit // 2**20} MiB of memory here ({name}), and needs "
+                f"{_LEAST[name]} MiB to start; allow more, as with {name} unlimited"
+            )
+
+
 def too_little_memory(error: BaseException) -> BadInput | None:
     """The refusal for an error of a process that a limit keeps from the memory it needs; None for
     any other error."""
-    from ..files import memory_limit
+    from ..files import memory_limits
 
-    limit = memory_limit()
+    limits = memory_limits()
     is_load = isinstance(error, ImportError) and not isinstance(error, ModuleNotFoundError)
     is_full = isinstance(error, OSError) and error.errno == errno.ENOMEM
     is_said = any(words in str(error) for words in _OUT_OF_MEMORY)
-    if limit is None or not (is_load or is_full or is_said or isinstance(error, MemoryError)):
+    if not limits or not (is_load or is_full or is_said or isinstance(error, MemoryError)):
         return None
+    allowed = " and ".join(f"{limit // 2**20} MiB ({name})" for name, limit in limits.items())
+    remedies = " and ".join(f"{name} unlimited" for name in limits)
     return BadInput(
-        f"srsinv may use {limit // 2**20} MiB of memory here, which is too little "
-        f"({type(error).__name__}); allow more, as with ulimit -v unlimited"
+        f"srsinv may use {allowed} of memory here, which is too little "
+        f"({type(error).__name__}); allow more, as with {remedies}"
     )
 
 
