@@ -334,6 +334,35 @@ def test_an_option_of_hydra_calls_nothing(root, capsys, case, flag):
     assert os.listdir(".") == []
 
 
+# Files of options that nobody can read, or not in a lifetime.
+BOMB = "\n".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9))
+OPTIONS = {
+    "a bomb of aliases": f"a0: &a0 1\n{BOMB}\n",
+    "an alias of itself": "a: &a [*a]\n",
+    "an alias of nothing": "a: *b\n",
+    "300 kB": "#" * 300_000,
+    "nested": "a: " + "[" * 2000 + "]" * 2000,
+    "no text": b"\xff\xfea",
+    "zeros": bytes(100),
+    "one key twice": "depth_m: 1\ndepth_m: 2\n",
+    "an object of Python": "depth_m: !!python/object/apply:os.getcwd []\n",
+    "a tab": "a:\n\tb: 1\n",
+    "itself as a default": "defaults: [own]\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", quick(OPTIONS, "a bomb of aliases", "no text"))
+def test_a_file_of_options_that_cannot_be_read(root, capsys, case):
+    content = OPTIONS[case]
+    (root.parent / "mine" / "sensor").mkdir(parents=True)
+    (root.parent / "mine" / "sensor" / "own.yaml").write_bytes(
+        content if isinstance(content, bytes) else content.encode()
+    )
+    assert main(["--config-dir", str(root.parent / "mine"), "sensor=own"], root) == 2
+    one_sentence(capsys)
+    assert os.listdir(".") == []
+
+
 class TestSweep:
     def test_every_job_has_its_folder(self, root, capsys):
         assert main(["-m", "sensor=one,two", "seed=5"], root) == 0

@@ -32,6 +32,7 @@ from .folders import run
 from .hydra_settings import check_hydra_settings, check_typed
 from .identity import identity, resolved
 from .interrupts import apart, uninterrupted
+from .option_files import guard_files
 from .outcome import DONE, FAULT, Outcome, say
 from .overrides import check
 from .programs import release_programs
@@ -70,6 +71,7 @@ def launch(arguments: Sequence[str], root: Path) -> int:
         initialize_config_dir(str(root.resolve()), _run_name(overrides), version_base="1.3"),
     ):
         hydra = cast(Hydra, GlobalHydra.instance().hydra)
+        guard_files()
         check(hydra, overrides, root, flags.multirun, flags.config_dir)
         if _shows_only(flags):
             with printing():
