@@ -53,6 +53,7 @@ def test_an_old_key_may_be_typed(typed):
     assert current_override(typed) == TYPED[typed]
 
 
+@pytest.mark.full
 def test_the_command_reads_old_keys(capsys):
     assert main(["noise=[snr]", "noise.snr.snr_db=17", "--cfg", "job"]) == 0
     assert yaml.safe_load(capsys.readouterr().out)["noise"] == {

@@ -322,7 +322,9 @@ LOGGERS = next(iter(CALLING))
 
 
 @pytest.mark.parametrize("case", quick(CALLING, LOGGERS, "launcher's part elsewhere"))
-@pytest.mark.parametrize("flag", [[], ["--info", "all"], ["-m"]], ids=["run", "info", "sweep"])
+@pytest.mark.parametrize(
+    "flag", quick([[], ["--info", "all"], ["-m"]], []), ids=["run", "info", "sweep"]
+)
 def test_an_option_of_hydra_calls_nothing(root, capsys, case, flag):
     group, text = CALLING[case]
     (root.parent / "mine" / "hydra" / group).mkdir(parents=True)

@@ -66,6 +66,7 @@ def test_recordings_are_read_without_jax():
     assert "jax" not in loaded_after("import srsinv; srsinv.load")
 
 
+@pytest.mark.full
 def test_double_precision_is_the_default_of_what_it_loads():
     assert "jax" in loaded_after("import srsinv; assert srsinv.Film().depth_m.dtype == 'float64'")
 

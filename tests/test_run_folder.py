@@ -320,8 +320,10 @@ class TestFoldersOfOthers:
 
 
 class TestEarlierRuns:
-    @pytest.mark.parametrize("exchanges", [True, False])
-    @pytest.mark.parametrize("place", ["by name", "current", "around the current"])
+    @pytest.mark.parametrize("exchanges", quick([True, False], True))
+    @pytest.mark.parametrize(
+        "place", quick(["by name", "current", "around the current"], "by name")
+    )
     def test_are_replaced_as_a_whole(self, root, tmp_path, monkeypatch, place, exchanges):
         """Also where the file system cannot exchange two names."""
         if not exchanges:
@@ -428,7 +430,9 @@ POSSIBLE = ["", ".", "new/deep/run", "a b", "é", "a/../b", "n" * 255]
 
 class TestPlaces:
     @pytest.mark.parametrize("flags", quick([[], ["-m"]], []))
-    @pytest.mark.parametrize(("typed", "make"), PLACES.values(), ids=PLACES)
+    @pytest.mark.parametrize(
+        ("typed", "make"), quick(PLACES.values(), *[*PLACES.values()][::3]), ids=PLACES
+    )
     def test_that_no_run_can_have(self, root, tmp_path, capsys, typed, make, flags):
         if make:
             make()

@@ -18,6 +18,7 @@ from srsinv.command import sweeps
 from srsinv.command.identity import identity
 from srsinv.command.launchers import _own_folder
 from srsinv.run_folder import FAILURES, GATHERED, MANIFEST
+from tests.tiers import quick
 
 CONFIG = """\
 defaults:
@@ -101,7 +102,7 @@ def needs(launcher: str) -> None:
         pytest.skip(f"needs {PARALLEL[launcher].partition('.')[2].replace('_', '-')}")
 
 
-@pytest.mark.parametrize("name", [GATHERED[1], "multirun.yaml", MANIFEST])
+@pytest.mark.parametrize("name", quick([GATHERED[1], "multirun.yaml", MANIFEST], GATHERED[1]))
 def test_what_comes_into_its_folder_meanwhile_stays(run, monkeypatch, name):
     def come_in(*arguments):
         Path("sweep/mine").mkdir()
@@ -254,6 +255,7 @@ class TestLaunchers:
         assert not list(Path("sweep").glob(".*.srsinv"))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("launcher", "package"), [("parallel", "joblib"), ("slurm", "submitit_local")]
 )

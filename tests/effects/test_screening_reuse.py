@@ -62,6 +62,7 @@ def weighed(*asked) -> bool:
     return len(Counted.weighed) > before
 
 
+@pytest.mark.full
 def test_the_same_scene_is_weighed_once():
     """Made anew from the same configuration, and with other noise, which keeps to its scene."""
     sim, effects = case()

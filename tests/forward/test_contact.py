@@ -308,6 +308,7 @@ def total(line, height, nominal, modulus):
 GRADIENT = eqx.filter_jit(jax.grad(total, argnums=(1, 2, 3)))
 
 
+@pytest.mark.full
 def test_no_pressure_is_refused_and_traced_it_is_nan():
     line = window(64)
     height = Ridge(25e-6, 2e-3).height(line)

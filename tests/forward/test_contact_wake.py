@@ -128,6 +128,7 @@ def test_nothing_is_touched_in_the_windows_added():
     assert np.mean(np.asarray(pressure)) == pytest.approx(NOMINAL_PA, rel=1e-9)
 
 
+@pytest.mark.full
 def test_a_short_wake_changes_nothing():
     at_once = scene(2e-4)
     contact = at_once.contact(LINE)

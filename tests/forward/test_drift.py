@@ -53,6 +53,7 @@ def along():
     ]
 
 
+@pytest.mark.full
 def test_rate_is_the_derivative_of_the_drifting_charge(along):
     rate, charge_signal = along
     time = np.asarray(MOTION.time_s)

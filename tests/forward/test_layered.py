@@ -202,6 +202,7 @@ def test_limits_at_zero_and_the_symmetry_about_it(name):
     np.testing.assert_allclose([stress[1, 0, 1], stress[2, 1, 1]], -1, rtol=1e-12)
 
 
+@pytest.mark.full
 def test_hard_stacks_stay_finite():
     """Layers of all sizes, ratios of 1e8 both ways, k h to 1e4: the traction that arrives at the
     film is never more than a stiff skin can gather, and the surface yields to what presses it."""

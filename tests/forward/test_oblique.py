@@ -292,6 +292,7 @@ def test_rate_is_the_charge_in_time():
     assert largest_error(rate, expected) < 1e-9
 
 
+@pytest.mark.full
 def test_a_ridge_turned_half_about_is_the_same():
     turned_about = round_once(CHARGE, angle_rad=2.1 + np.pi, distance_m=-3e-3)
     assert largest_error(turned_about, round_once(CHARGE)) < 1e-10
@@ -413,6 +414,7 @@ class Twin(Echo):
         return self.half_m * jnp.array([-1.0, 1.0]), jnp.array([0.5, 0.5])
 
 
+@pytest.mark.full
 def test_an_effect_of_ones_own_on_a_circle():
     ridge = ObliqueRidge(1.1, 2e-3, friction=0.3)
 

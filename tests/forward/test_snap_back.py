@@ -19,6 +19,7 @@ from srsinv.forward.snap_back import SnapBackNoise
 from srsinv.grid import Periodic
 from tests.reference import closed_forms as cf
 from tests.refusals import refused
+from tests.tiers import quick
 
 OHM, NU, D = 2e6, 0.45, (23e-12, 3e-12, -33e-12)
 SCAN, BACKWARDS = ConstantSpeed(0.05), ConstantSpeed(-0.05)
@@ -81,6 +82,7 @@ def mean_square(contact_m=CONTACT):
 
 
 # A decay of 0.03 to 8 samples.
+@pytest.mark.full
 @pytest.mark.parametrize("decay", [6e-5, 1.3e-3, 16e-3])
 @pytest.mark.parametrize("amplifier", AMPLIFIERS)
 def test_spectrum_is_the_transform_of_the_covariance(amplifier, decay):
@@ -139,7 +141,7 @@ def test_draws_have_the_spectrum_in_the_mean(decay):
     assert stats.chi2(32).ppf(0.0005) < np.sum(off**2) < stats.chi2(32).ppf(0.9995)
 
 
-@pytest.mark.parametrize("scan", [SCAN, BACKWARDS], ids=["forwards", "backwards"])
+@pytest.mark.parametrize("scan", quick([SCAN, BACKWARDS], SCAN), ids=["forwards", "backwards"])
 def test_charge_relaxes_between_events(scan):
     """In time, Q falls by exp(-dt/decay) from sample to sample unless an event comes between,
     which happens to a share 1 - exp(-rate dt) of them."""
@@ -160,6 +162,7 @@ def jumps_of(noise):
     return np.where(np.abs(jumps) > 1e-12 * np.abs(charge).max(), jumps, 0.0)
 
 
+@pytest.mark.full
 def test_number_of_events_is_that_of_poisson():
     """The samples with an event are as dispersed as if each were alone in the world."""
     counts = (jumps_of(snap_back(5e-3, "slow", rate_hz=20.0)) != 0).sum(1)
@@ -226,6 +229,7 @@ def test_elements_may_come_in_any_order():
     np.testing.assert_allclose(other, ours[:, ::-1], rtol=1e-12, atol=1e-14 * np.abs(ours).max())
 
 
+@pytest.mark.full
 def test_the_key_decides_every_byte():
     first, again = drawn(snap_back(), SCAN), drawn(snap_back(), SCAN)
     assert first.tobytes() == again.tobytes()

@@ -206,6 +206,7 @@ def by_extragradient(matrix, height, nominal):
 ROUGH = pytest.param(Rough(5e-6, 3e-3, 2e-4, 0.8, 1), id="rough", marks=pytest.mark.full)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("shape", [pytest.param(RIDGE, id="ridge"), ROUGH])
 def test_a_dense_solution_by_another_method(shape):
     skin = sliding(-0.2, (2.0, 2.0), (2e-3, 2e-4))
@@ -270,6 +271,7 @@ def test_the_pressure_gives_the_profile_back():
     assert np.ptp(left[touching]) < 1e-9 * 25e-6
 
 
+@pytest.mark.full
 def test_the_profile_s_band_from_the_pressure_s():
     """Its standard error by the matrix of the displacement, for errors that are the same anywhere
     and for the same errors between all cells."""

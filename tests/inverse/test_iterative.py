@@ -122,6 +122,7 @@ def test_bands_without_a_word_are_those_of_the_direct_path(log_weight):
     assert (off < 0.05) == (log_weight == -9)
 
 
+@pytest.mark.full
 def test_variances_below_zero_are_no_answer():
     problem = make_case("open", n=240, noise_fraction=2e-2).problem
     estimate = Tikhonov(1, 1e-16, 1e-16, path="iterative", tolerance=1e-2)(problem)

@@ -295,7 +295,7 @@ RIGHT = [
 ]
 
 
-@pytest.mark.parametrize(("job", "key", "value"), quick(RIGHT, *RIGHT[::5]), ids=str)
+@pytest.mark.parametrize(("job", "key", "value"), quick(RIGHT, *RIGHT[::10]), ids=str)
 def test_what_is_right_is_computed(job, key, value):
     with pytest.raises(Reached):
         run(changed(job, key, value))
@@ -322,7 +322,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("case", quick(COMMANDS, *[*COMMANDS][::4]))
+@pytest.mark.parametrize("case", quick(COMMANDS, *[*COMMANDS][::8]))
 def test_the_command_refuses_with_code_2_and_leaves_nothing(folder, capsys, case):
     override, sentence = COMMANDS[case]
     before = sorted(folder.rglob("*"))

@@ -100,6 +100,7 @@ def test_refused_in_one_sentence(name):
     refused(lambda: outcome(*SHORT, *given, override), *words)
 
 
+@pytest.mark.full
 def test_known_friction_is_no_parameter():
     cfg = composed(*SHORT)
     parts = config.sensor(cfg), config.scan(cfg), config.noises(cfg)

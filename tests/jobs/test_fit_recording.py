@@ -89,7 +89,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(
-    ("given", "word"), quick(REFUSED.values(), *[*REFUSED.values()][::3]), ids=REFUSED
+    ("given", "word"), quick(REFUSED.values(), next(iter(REFUSED.values()))), ids=REFUSED
 )
 def test_bad_requests_are_refused_before_any_fit(given, word, tmp_path, capsys):
     assert command(tmp_path / "run", "experiment=fit_recording", *given) == 2

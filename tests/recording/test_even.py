@@ -156,6 +156,7 @@ def test_times_left_out_need_a_rate(tmp_path):
     refused(lambda: load_even(settings, {}), "recording.times=ignore", "recording.sample_rate_hz")
 
 
+@pytest.mark.full
 def test_no_jax_is_needed():
     """So that a bad recording is refused within a second."""
     heavy = "[m for m in sys.modules if m.split('.')[0] in ('jax', 'equinox')]"

@@ -205,7 +205,8 @@ def test_too_little_memory_is_one_sentence(tmp_path, monkeypatch):
     assert_one_sentence(caught.value, f"r.csv: {size} bytes", "more memory", "shorter parts")
 
 
-@pytest.mark.parametrize("gigabytes", quick((8, 4, 1), 4))
+@pytest.mark.full
+@pytest.mark.parametrize("gigabytes", [8, 4, 1])
 def test_a_hard_limit_on_memory_is_kept(tmp_path, gigabytes):
     """As schedulers set it; a process without privileges cannot raise it, and need not."""
     path = write("hdf5", tmp_path)

@@ -16,6 +16,7 @@ from srsinv.numerics import runs
 from srsinv.report import result
 from srsinv.report.plot.style import colours, scale
 from tests.report import synthetic
+from tests.tiers import quick
 
 BAND_90 = ndtri(0.95)
 PAGE = (
@@ -94,7 +95,7 @@ def check_labels(figure):
         assert len(named) < 2 or named <= shown
 
 
-@pytest.mark.parametrize("draw", PAGE, ids=lambda draw: draw.__name__)
+@pytest.mark.parametrize("draw", quick(PAGE, *PAGE[::3]), ids=lambda draw: draw.__name__)
 @pytest.mark.parametrize(
     "make",
     [
@@ -111,7 +112,7 @@ def test_page_figures_are_readable(draw, make):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("draw", PAGE, ids=lambda draw: draw.__name__)
+@pytest.mark.parametrize("draw", quick(PAGE, *PAGE[::3]), ids=lambda draw: draw.__name__)
 def test_same_bytes_whatever_the_users_settings(draw, recording, full):
     dataset = full if draw in (plot.traction, plot.stress) else recording
     figure = draw(dataset)
@@ -513,7 +514,7 @@ def test_the_axis_of_a_spread_holds_its_values_in_their_unit():
     assert axes.get_xlim() == pytest.approx((-7.0, 10.0))
 
 
-@pytest.mark.parametrize("draw", [plot.estimates, plot.signals, plot.spectra])
+@pytest.mark.parametrize("draw", quick([plot.estimates, plot.signals, plot.spectra], plot.signals))
 def test_what_a_run_leaves_can_be_drawn_again(full, draw, tmp_path):
     path = tmp_path / "result.nc"
     full.to_netcdf(path, engine="h5netcdf")

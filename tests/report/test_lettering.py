@@ -81,7 +81,7 @@ def test_figures_of_an_inspection_with_names_from_files(draw):
 SHORT = [each for each in NAMES if len(each) < 60]
 
 
-@pytest.mark.parametrize("name", quick(SHORT, *SHORT[::4]))
+@pytest.mark.parametrize("name", quick(SHORT, *SHORT[::8]))
 def test_a_name_is_shown_as_it_is_written(name):
     """As the same characters are where no mathematics is read at all."""
 

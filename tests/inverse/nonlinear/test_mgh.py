@@ -64,6 +64,7 @@ def solved(name):
     return solutions, rows_of(BY_NAME[name], solutions)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", quick(HARD, "brown_dennis"))
 def test_hard_minima(name):
     for factor, fit, row in zip(FACTORS, *solved(name), strict=True):
