@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hydra._internal.core_plugins import file_config_source
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.plugins.config_source import ConfigResult
 
@@ -18,10 +18,11 @@ MOST_VALUES = 20_000  # of one file, each as often as an alias repeats it
 
 def guard_files() -> None:
     """Let Hydra, once it is set up, refuse files that take too long."""
-    SourcesRegistry.instance().types[_Guarded.scheme()] = _Guarded
+    SourcesRegistry.instance().types[FileConfigSource.scheme()] = FileConfigSource
 
 
-class _Guarded(FileConfigSource):
+class FileConfigSource(file_config_source.FileConfigSource):
+    # By the same name: a launched process registers Hydra's once more, and takes no other name.
     def load_config(self, config_path: str) -> ConfigResult:
         path = Path(os.path.realpath(Path(self.path, self._normalize_file_name(config_path))))
         if path.exists() and path.stat().st_size:
