@@ -22,7 +22,11 @@ def guard_files() -> None:
 
 
 class FileConfigSource(file_config_source.FileConfigSource):
-    # By the same name: a launched process registers Hydra's once more, and takes no other name.
+    """Hydra's, with a limit on what a file may hold.
+
+    By the same name: a launched process registers Hydra's once more, and takes no other name.
+    """
+
     def load_config(self, config_path: str) -> ConfigResult:
         path = Path(os.path.realpath(Path(self.path, self._normalize_file_name(config_path))))
         if path.exists() and path.stat().st_size:

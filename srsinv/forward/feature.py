@@ -25,6 +25,8 @@ if TYPE_CHECKING:  # a type checker would give a module's heirs an `__init__` of
 else:
     from equinox import Module as _Module
 
+MOST_STARTS = 50_000  # of one search: their signals take some 4 GB, and a minute
+
 Range = tuple[float, float]
 Shape = Mapping[str, Scalar]
 
@@ -166,8 +168,20 @@ class Feature(ShapeFamily):
         return (self.amplitude,) if self.friction is not None else (self.amplitude, self.shear)
 
     def starts(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
-        """Shapes to start from, one for each combination of tried values: (start,) by name."""
-        rows = np.array(list(itertools.product(*self.tried(stretch).values())))
+        """Shapes to start from, one for each combination of tried values: (start,) by name.
+
+        Raises `BadInput` for more than `MOST_STARTS`.
+        """
+        tried = self.tried(stretch)
+        count = math.prod(map(len, tried.values()))
+        refuse(
+            count > MOST_STARTS,
+            f"The scan is {stretch.length_m:.6g} m long, {stretch.length_m / stretch.depth_m:.0f} "
+            f"times the film's depth, and a search over it would try {count} shapes of "
+            f"{type(self).__name__}, above the limit of {MOST_STARTS}: check the positions for "
+            f"outliers, or give narrower ranges ({', '.join(map(range_name, self.axes))}).",
+        )
+        rows = np.array(list(itertools.product(*tried.values())))
         return dict(zip(self.axes, rows.T, strict=True))
 
     @abc.abstractmethod

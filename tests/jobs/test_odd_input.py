@@ -69,7 +69,7 @@ def run(arguments, folder, capsys):
 
 
 SLOW = ("speed over ten decades", "invert")  # half a minute
-# By failing once, or in more than half an hour.
+# By failing once, or by taking more than 25 minutes.
 FOUND = [
     ("1e9 + 1e-6 V", "invert"),
     ("speed alternating", "fit"),

@@ -1,6 +1,5 @@
 """Features of traction: they load the skin by themselves."""
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -10,16 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...errors import of_kind, refuse
-from ...forward.feature import ScanExtent, range_name
+from ...errors import of_kind
+from ...forward.feature import ScanExtent
 from ...forward.scan import Motion
 from ...forward.traction import Pressure
 from ...grid import Line, as_real
 from ..nonlinear import Fit
 from .identifiability import limited_by_bounds, undetected_features
 from .loading import Features, Loading, Range, Strengths, Traction, Tried, turned
-
-MOST_TRIED = 50_000  # shapes in a search: their signals take some 4 GB, and a minute
 
 
 class DirectLoading(Loading):
@@ -63,15 +60,6 @@ class DirectLoading(Loading):
     def tried(
         self, model: Any, feature: Any, stretch: ScanExtent, given: Mapping[str, float]
     ) -> Iterator[Tried]:
-        number = math.prod(map(len, feature.tried(stretch).values()))
-        ranges = ", ".join(map(range_name, feature.axes))
-        refuse(
-            number > MOST_TRIED,
-            f"The scan is {stretch.length_m:.6g} m long, {stretch.length_m / stretch.depth_m:.0f} "
-            f"times the film's depth, and a search over it would try {number} shapes of "
-            f"{type(feature).__name__}, above the limit of {MOST_TRIED}: check the positions for "
-            f"outliers, or give narrower ranges ({ranges}).",
-        )
         shapes = feature.starts(stretch)
         alone = model.with_features({"one": feature})
         signals = np.asarray(responses(alone, {k: as_real(v) for k, v in shapes.items()}))
