@@ -1,5 +1,6 @@
 """Numbers: sums along millions of samples without loss of digits, lengths of fast Fourier
-transforms, whole steps in a length, runs in a mask, roots of covariances, and a normal's band."""
+transforms, means of what is known, whole steps in a length, runs in a mask, roots of covariances,
+and a normal's band."""
 
 import math
 
@@ -26,6 +27,13 @@ def fast_length(least: int) -> int:
             three *= 3
         five *= 5
     return min(lengths)
+
+
+def mean_known(values: Float[np.ndarray, "..."], axis: int | None = None) -> np.ndarray:
+    """The mean of what is not NaN, NaN where all is."""
+    known = ~np.isnan(values)
+    total, count = np.sum(np.where(known, values, 0.0), axis), np.sum(known, axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def whole_steps(length: float, step: float) -> int:

@@ -107,6 +107,17 @@ class ShapeFamily(_Module):
             )
         return values
 
+    def refuse_many(self, tried: Mapping[str, np.ndarray], stretch: ScanExtent, most: int) -> None:
+        """Refuse a search of more than `most` combinations of tried values."""
+        count = math.prod(map(len, tried.values()))
+        refuse(
+            count > most,
+            f"The scan is {stretch.length_m:.6g} m long, {stretch.length_m / stretch.depth_m:.0f} "
+            f"times the film's depth, and a search over it would try {count} shapes of "
+            f"{type(self).__name__}, above the limit of {most}: check the positions for "
+            f"outliers, or give narrower ranges ({', '.join(map(range_name, self.axes))}).",
+        )
+
     def _take(self, given: Mapping[str, Any], also: str) -> None:
         """Take search ranges, refused where one is invalid, and the family's own fields, by their
         keys. `also`: the field that the kind has."""
@@ -173,14 +184,7 @@ class Feature(ShapeFamily):
         Raises `BadInput` for more than `MOST_STARTS`.
         """
         tried = self.tried(stretch)
-        count = math.prod(map(len, tried.values()))
-        refuse(
-            count > MOST_STARTS,
-            f"The scan is {stretch.length_m:.6g} m long, {stretch.length_m / stretch.depth_m:.0f} "
-            f"times the film's depth, and a search over it would try {count} shapes of "
-            f"{type(self).__name__}, above the limit of {MOST_STARTS}: check the positions for "
-            f"outliers, or give narrower ranges ({', '.join(map(range_name, self.axes))}).",
-        )
+        self.refuse_many(tried, stretch, MOST_STARTS)
         rows = np.array(list(itertools.product(*tried.values())))
         return dict(zip(self.axes, rows.T, strict=True))
 

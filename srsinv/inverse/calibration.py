@@ -98,7 +98,8 @@ def calibrate(
     - `held`: what is known, by name: of the feature all but its place; of the rig whatever is.
     - `free`: names of what is fitted; None: all that is not held.
 
-    Raises `BadInput` for parameters that are not held, unknown names, and names that are both.
+    Raises `BadInput` for parameters that are not held, unknown names, names that are both, and a
+    place that is far from the scan.
     """
     pressure = problem.nominal_pressure_Pa
     if feature.is_of_surface and pressure is None:
@@ -117,6 +118,11 @@ def calibrate(
     model = RigModel.on(problem, anywhere)
     stated = _stated(model)
     first = stated | _held_in_rig(stated, feature, held)
+    refuse(
+        not least - reach <= first["position_m"] <= most + reach,
+        f"fit.hold.position_m is {first['position_m']:.6g}: the scan goes from {least:.6g} m to "
+        f"{most:.6g} m.",
+    )
     names = _free_names(first, feature, held, free)
     noise = residual_noise(problem, samples)
     clean = noise.without_waves(samples.signal)

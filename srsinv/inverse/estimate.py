@@ -12,7 +12,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..errors import of_kind
 from ..grid import Line
-from ..numerics import BAND_90
+from ..numerics import BAND_90, mean_known
 from ..status import Status
 from .quality import Quality, quality, reasons
 
@@ -85,8 +85,9 @@ class Estimate(eqx.Module):
 
     @property
     def misfit(self) -> float:
-        """Mean square of the residual in units of the noise, 1 where only noise is left."""
-        return float(np.nanmean(np.asarray(self.whitened) ** 2))
+        """Mean square of the residual in units of the noise, 1 where only noise is left, NaN where
+        there is no answer."""
+        return float(mean_known(np.asarray(self.whitened) ** 2))
 
 
 class TractionEstimate(Estimate):

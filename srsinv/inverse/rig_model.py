@@ -15,7 +15,6 @@ from ..forward.film import Film, Offset
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Open, as_real
-from .cells import check_cells
 from .features.contact import cell_for
 from .features.model import FeatureModel
 from .problem import Problem
@@ -59,7 +58,6 @@ class KnownTraction:
         own = {name: float(held[name]) for name in (*names, *load)} | {"position_m": place}
         if feature.is_of_surface:
             cell = cell_for({"known": feature}, depth)
-            check_cells(problem.name, window.length_m, cell)
             model = FeatureModel.on_window(
                 problem.sensor, problem.motion, window, cell, nominal_pressure_Pa
             )

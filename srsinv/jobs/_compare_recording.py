@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from ..inverse.estimate import COMPONENTS, Estimate, deviation
 from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
+from ..numerics import mean_known
 from ..report.answers import answer_variables
 from ..report.result import Result, dataset, scalars
 from ..report.section import sections
@@ -89,8 +90,8 @@ def holdout_chi2(estimate: Estimate, problem: LineProblem) -> float:
     rest = np.asarray(problem.data + problem.mean_signal) - np.asarray(estimate.fitted)
     rest = np.where(problem.is_observed, rest, np.nan)
     if problem.has_free_offset:
-        rest = rest - np.nanmean(rest, axis=-1, keepdims=True)
-    return float(np.nanmean(rest**2)) / problem.noise_rms**2
+        rest = rest - mean_known(rest, axis=-1)[..., None]
+    return float(mean_known(rest**2)) / problem.noise_rms**2
 
 
 def _title(name: str, data: xarray.Dataset) -> str:

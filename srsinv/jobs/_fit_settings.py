@@ -7,8 +7,6 @@ import numpy as np
 
 from ..errors import mapping, number, refuse, shown
 from ..forward.surface_feature import SurfaceFeature
-from ..inverse.cells import check_cells
-from ..inverse.features.contact import cell_for
 from ..inverse.features.loading import Features
 from ..inverse.features.method import FeatureFit
 from ..inverse.features.surface_settings import checked_pressure
@@ -16,7 +14,6 @@ from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
 from ..recording import Recording
 from ..recording.even import check_volts
-from ..resolution import cell_m
 
 RIG_KEYS = ("hold", "free", "select", "start")
 
@@ -46,9 +43,7 @@ def settings_of(given: Mapping[str, Any]) -> Mapping[str, Any]:
     return known | dict(given)
 
 
-def traction_fit(
-    problem: Problem, features: Features, solver: Solver, settings: Mapping[str, Any]
-) -> FeatureFit:
+def traction_fit(features: Features, solver: Solver, settings: Mapping[str, Any]) -> FeatureFit:
     """The fit of features of traction; refuses settings that it does not take."""
     for key in ("free", "start"):
         refuse(
@@ -56,8 +51,6 @@ def traction_fit(
             f"fit.{key} is {shown(settings[key])}: it is for features of a surface (ridge, tape, "
             "step_up, step_down); leave it out.",
         )
-    scanned = float(np.ptp(problem.motion.position_m))
-    check_cells(problem.name, scanned, cell_m("load", float(problem.sensor.depth_m)))
     return FeatureFit(features, solver)
 
 
@@ -73,8 +66,6 @@ def surface_fit(
     take."""
     checked_pressure(problem.nominal_pressure_Pa)
     features = {name: with_edge(name, each, facts) for name, each in features.items()}
-    cell = cell_for(features, float(problem.sensor.depth_m))
-    check_cells(problem.name, problem.window.length_m, cell)
     free = names_of("fit.free", settings["free"])
     return FeatureFit(features, solver, free, _start(settings["start"], features))
 

@@ -79,7 +79,7 @@ def run(cfg: config.Config) -> Result:
         if surfaces:
             method = surface_fit(problem, recording.sidecar, surfaces, solver, settings)
         else:
-            method = traction_fit(problem, config.features(cfg), solver, settings)
+            method = traction_fit(config.features(cfg), solver, settings)
         fitted = _fit(method, recording, problem, settings["select"])
         facts = {
             **_facts.of_recording(recording, problem, config.part(cfg, "recording").get("times")),

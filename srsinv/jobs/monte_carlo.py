@@ -118,7 +118,7 @@ def estimate_variables(
 def estimate_coordinates(problem: LineProblem, answers: Answers[Estimate]) -> Variables:
     """Coordinates of [`estimate_variables`][], and of the parameters of the feature fit, if any."""
     assert problem.sensor is not None
-    names = list(answers.of[FEATURE_FIT][0].parameters) if FEATURE_FIT in answers.of else []
+    names = parameter_names(answers) if FEATURE_FIT in answers.of else []
     return {
         "x": (np.asarray(problem.line.x), "m"),
         "component": (list(COMPONENTS), "1"),
@@ -130,7 +130,14 @@ def estimate_coordinates(problem: LineProblem, answers: Answers[Estimate]) -> Va
     }
 
 
+def parameter_names(answers: Answers[Estimate]) -> list[str]:
+    """The names of the feature fit's parameters: a fit without a load has no friction."""
+    return list(dict.fromkeys(name for fit in answers.of[FEATURE_FIT] for name in fit.parameters))
+
+
 def parameter_draws(answers: Answers[Estimate]) -> Float[np.ndarray, "*draw parameter 2"]:
-    """Value and standard error of the feature fit's parameters, in SI units."""
-    fits = [list(fit.parameters.values()) for fit in answers.of[FEATURE_FIT]]
+    """Value and standard error of the feature fit's parameters, in SI units, NaN where a fit has
+    none of the name."""
+    names, none = parameter_names(answers), (np.nan, np.nan)
+    fits = [[fit.parameters.get(name, none) for name in names] for fit in answers.of[FEATURE_FIT]]
     return np.array(fits).reshape(*answers.shape, -1, 2)

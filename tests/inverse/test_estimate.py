@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srsinv.inverse.estimate import coverage_90, relative_error, z_rms
-from srsinv.numerics import BAND_90
+from srsinv.numerics import BAND_90, mean_known
 
 N = 4000
 CELLS = np.arange(N) >= N // 2
@@ -49,3 +49,9 @@ def test_an_error_without_a_band_is_infinitely_wrong_and_none_is_not():
     none = np.zeros((2, N))
     assert np.isinf(z_rms(VALUE[0], none, TRUTH, CELLS)).all()
     np.testing.assert_array_equal(z_rms(TRUTH, none, TRUTH, CELLS), 0.0)
+
+
+def test_a_mean_of_what_is_known():
+    values = np.array([[1.0, np.nan, 4.0], [np.nan] * 3])
+    np.testing.assert_array_equal(mean_known(values, axis=1), [2.5, np.nan])
+    assert mean_known(values) == 2.5

@@ -26,6 +26,7 @@ from .loading import Features, Loading, Range, Strengths, Traction, Tried
 CELLS_PER_EDGE = 5  # the contact beside an edge is then right to some 1e-4 of the signal
 MOVES = {"position_m", "width_m"}  # parameters that move edges
 PLACE = "position_m"
+MOST_SHIFTED = 1_000_000  # shapes at all places: their search takes some minutes
 AT_ONCE = 64  # shapes whose signals are held at the same time
 LEAST_EDGE = 2.0  # cells: the sharpest edge in the search
 # Prior standard deviation of a friction: far beyond any, so as not to pull.
@@ -133,11 +134,13 @@ class ContactLoading(Loading):
         self, model: Any, feature: Any, stretch: ScanExtent, given: Mapping[str, float]
     ) -> Iterator[Tried]:
         """Contact is solved once per shape, and its signal shifted to every place: a surface that
-        repeats gives the same traction wherever its feature lies."""
+        repeats gives the same traction wherever its feature lies. Raises `BadInput` for more than
+        `MOST_SHIFTED`."""
         whole = feature.axes.keys() <= given.keys()
         columns = feature.tried(stretch)
         if not whole:
             columns |= {name: np.array([given[name]]) for name in columns.keys() & given.keys()}
+        feature.refuse_many(columns, stretch, MOST_SHIFTED)
         places = columns.pop(PLACE)
         if len(model.operator.ways) > 1:
             # One way, some friction makes up for a wrong place; there and back it turns with the

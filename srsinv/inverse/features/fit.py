@@ -51,11 +51,12 @@ class FeatureFitter:
     @classmethod
     def along(cls, sensor: Sensor, motion: Motion, solver: Solver | None = None) -> "FeatureFitter":
         """Of features of traction."""
+        model = FeatureModel.along(sensor, motion)
         coarse_m = cell_m("load_search", float(sensor.depth_m))
         blocks = Blocks(motion, coarse_m)
         coarse = FeatureModel.along(sensor, blocks.motion, coarse_m)
         search = FeatureSearch(coarse, blocks, scan_extent(sensor, motion))
-        return cls(FeatureModel.along(sensor, motion), search, sensor, motion, solver)
+        return cls(model, search, sensor, motion, solver)
 
     @classmethod
     def on_window(

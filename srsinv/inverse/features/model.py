@@ -18,7 +18,7 @@ from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...grid import Line, Open, Periodic, as_real
 from ...numerics import fast_length
-from ..cells import Window
+from ..cells import Window, check_cells
 from .contact import ContactLoading
 from .direct import DirectLoading
 from .loading import Features, Loading, turned
@@ -80,6 +80,7 @@ class FeatureModel(eqx.Module):
             f"the scan from {x.min():.6g} m to {x.max():.6g} m: give recording.contact_window_m "
             "as [start, end] around it.",
         )
+        check_cells("The contact window", window.length_m, cell_m)
         blocks = int(np.ceil(window.length_m / cell_m / BLOCK))
         n = BLOCK * fast_length(max(blocks, 1))
         cell = window.length_m / n
@@ -170,6 +171,7 @@ def line_under(sensor: Sensor, motion: Motion, cell_m: float | None) -> Open:
     depth = float(sensor.depth_m)
     x = np.asarray(motion.position_m)
     cell = resolution.cell_m("load", depth) if cell_m is None else cell_m
+    check_cells("The scan", float(np.ptp(x)), cell)
     margin = resolution.margin_m("fade", depth)
     start = float(x.min()) - margin
     n = int(np.ceil((float(x.max()) + margin - start) / cell)) + 1

@@ -71,7 +71,7 @@ class Levels:
 
 def first_levels(y: Float[np.ndarray, "e sample"], depth_m: float) -> Levels:
     """Initial levels: the white noise from the samples' differences, and little sliding noise."""
-    white = np.maximum(_from_differences(y), 1e-9 * np.nanmax(np.abs(y)))
+    white = np.maximum([_from_differences(row) for row in y], 1e-9 * np.nanmax(np.abs(y)))
     white = np.where(white > 0, white, 1.0)  # zeros do not determine a level
     return Levels(white, float(0.3 * white.mean()), 0.3 * depth_m)
 
@@ -292,8 +292,17 @@ def _inverse(
     return middle, -ratio * middle[1:]
 
 
-def _from_differences(y: Float[np.ndarray, "e sample"]) -> Float[np.ndarray, " e"]:
+def _from_differences(row: Float[np.ndarray, " sample"]) -> float:
     """White noise from third differences, which are small for a smooth signal; by their median, as
-    they are large at edges."""
-    third = np.diff(y, 3, axis=-1)
-    return np.nanmedian(np.abs(third), axis=-1) * 1.4826 / np.sqrt(20.0)
+    they are large at edges. Where no four samples follow one another, from differences across what
+    is missing, of a lower order where there are too few samples."""
+    third = np.diff(row, 3)
+    third, order = third[np.isfinite(third)], 3
+    if not third.size:
+        observed = row[np.isfinite(row)]
+        order = max(min(3, observed.size - 1), 0)
+        third = np.diff(observed, order)
+    if not third.size:
+        return 0.0
+    # White noise of unit level has differences of the variance sum_j binomial(order, j)^2.
+    return float(np.median(np.abs(third)) * 1.4826 / np.sqrt(scipy.special.comb(2 * order, order)))

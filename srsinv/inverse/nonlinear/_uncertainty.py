@@ -128,8 +128,8 @@ def log_evidence(
     upper: np.ndarray,
     prior_stderr: np.ndarray,
 ) -> float | None:
-    """The log marginal likelihood by Laplace's method, None where a prior is not proper, or where
-    rounding leaves a direction open.
+    """The log marginal likelihood by Laplace's method, None where a prior is not proper, as over
+    bounds that are infinite or closed, or where rounding leaves a direction open.
 
     A parameter has its Gaussian prior (in `terms` already), else a uniform one over its bounds,
     which also bounds the curvature from below (by its own variance) and cuts the Gaussian's mass.
@@ -137,9 +137,10 @@ def log_evidence(
     """
     gaussian = np.isfinite(prior_stderr)
     width = upper - lower
-    if not (gaussian | np.isfinite(width)).all():
+    with np.errstate(divide="ignore", over="ignore"):
+        added = np.where(gaussian, 0.0, 12 / width**2)
+    if not (np.isfinite(added) & (gaussian | np.isfinite(width))).all():
         return None
-    added = np.where(gaussian, 0.0, 12 / width**2)
     rows = np.vstack([jacobian, np.diag(np.sqrt(added))])
     scale = np.linalg.norm(rows, axis=0)
     _, roots, axes = np.linalg.svd(rows / scale, full_matrices=False)

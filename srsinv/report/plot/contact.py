@@ -20,10 +20,7 @@ def contact(dataset: xarray.Dataset, traction: str = "estimate") -> Figure:
     `dataset`: `height`, `gap` [m] along x; `traction` names p, or p and q, along x [Pa].
     """
     x = dataset["x"].values
-    inside = np.ones(x.size, bool)
-    if "position" in dataset:
-        position = dataset["position"].values
-        inside = (x >= position.min()) & (x <= position.max())
+    inside = _scanned(dataset) if "position" in dataset else np.ones(x.size, bool)
     near = dataset.isel(x=_around(x, dataset["height"].values, inside))
     height, gap = near["height"].values, near["gap"].values
     heights = [
@@ -42,6 +39,13 @@ def contact(dataset: xarray.Dataset, traction: str = "estimate") -> Figure:
     )
 
 
+def _scanned(dataset: xarray.Dataset) -> np.ndarray:
+    """Mask of the cells of the scan, all where it lies within a cell."""
+    x, position = dataset["x"].values, dataset["position"].values
+    inside = (x >= position.min()) & (x <= position.max())
+    return inside if inside.any() else np.ones(x.size, bool)
+
+
 def _around(x: np.ndarray, height: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Mask of cells to draw: those raised from the plate within the scan, and a margin."""
     level = np.abs(height - np.median(height))
@@ -54,10 +58,7 @@ def _around(x: np.ndarray, height: np.ndarray, inside: np.ndarray) -> np.ndarray
 
 def feature_traction(dataset: xarray.Dataset) -> Figure:
     """p and q of fitted features over the scan, with their 90 % bands."""
-    x, position = dataset["x"].values, dataset["position"].values
-    inside = (x >= position.min()) & (x <= position.max())
-    near = dataset.isel(x=inside) if inside.any() else dataset  # a scan may lie within a cell
-    parts = []
+    near, parts = dataset.isel(x=_scanned(dataset)), []
     for name in names_of(near["component"]):
         value = near["estimate"].sel(component=name).values
         half = BAND_90 * near["estimate_stderr"].sel(component=name).values

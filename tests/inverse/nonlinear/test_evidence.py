@@ -97,6 +97,14 @@ def by_lemma(basis, widths, mean, stderr, y):
     return -0.5 * (square + log_det + 20 * np.log(2 * np.pi))
 
 
-@pytest.mark.parametrize("options", [{}, {"noise": None, "bounds": {"a": (0, 1)}}, {"noise": 0.1}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"noise": None, "bounds": {"a": (0, 1)}},
+        {"noise": 0.1},
+        {"noise": 0.1, "bounds": {"a": (0, 1e-200)}},  # whose width has no square
+    ],
+)
 def test_none_without_noise_or_priors(options):
-    assert srsinv.fit(line, {"a": 0.5}, 0.5 * X + 0.1 * NOISE, **options).log_evidence is None
+    assert srsinv.fit(line, {"a": 0.0}, 0.5 * X + 0.1 * NOISE, **options).log_evidence is None

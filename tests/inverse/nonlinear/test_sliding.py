@@ -134,11 +134,24 @@ def test_levels_are_the_likeliest_of_what_no_fit_takes_out():
         assert other.correlation_m == pytest.approx(first.correlation_m, rel=1e-5)
 
 
-def test_first_levels_are_those_of_white_noise_on_a_smooth_signal():
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_first_levels_are_those_of_white_noise_on_a_smooth_signal(every):
+    """With all samples, or where no four follow one another."""
     x = np.linspace(0, 20, 20_000)
     level = np.array([[0.3], [2.0]])
     y = 50 * np.sin(x) + level * np.random.default_rng(7).normal(size=(2, 20_000))
+    y = np.where(np.arange(20_000) % every == 0, y, np.nan)
     np.testing.assert_allclose(first_levels(y, 7.5e-4).white, level[:, 0], rtol=0.05)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_first_levels_of_few_samples(count):
+    """On average of the noise's size, from so few."""
+    y = 1 + 1e-3 * np.random.default_rng(count).normal(size=(4000, count))
+    white = first_levels(y, 7.5e-4).white
+    assert np.all(white > 0)
+    if count > 1:
+        assert 0.5e-3 < np.sqrt(np.mean(white**2)) < 2e-3
 
 
 def test_white_noise_alone_leaves_no_sliding():
