@@ -39,12 +39,13 @@ def run(cfg: config.Config) -> Result:
         none, ideal_cost = cost(partial(config.simulation, config.select_effects(cfg, ())), key)
         spectra = reference(none.scenario, none.line)
         rows = {}
-        for name, effect in steps("effects", config.effects(cfg).items()):
-            with stage(f"effect: {name}"):
-                alone = partial(config.simulation, config.select_effects(cfg, (name,)))
-                sim, taken = cost(alone, key)
-                bound = effect.relative_change_bound(spectra)
-                rows[name] = EffectRow(*pair(sim, none, key), bound, taken)
+        with steps("effects", config.effects(cfg).items()) as each:
+            for name, effect in each:
+                with stage(f"effect: {name}"):
+                    alone = partial(config.simulation, config.select_effects(cfg, (name,)))
+                    sim, taken = cost(alone, key)
+                    bound = effect.relative_change_bound(spectra)
+                    rows[name] = EffectRow(*pair(sim, none, key), bound, taken)
     settings = {
         f"{name}.{key}": str(value)
         for name, node in nodes.items()

@@ -33,9 +33,9 @@ def run(cfg: config.Config) -> Result:
     tolerances, scenes = settings["tolerances"], settings["scenes"]
     refuse(not tolerances or not scenes, "effects_auto needs a scene and a tolerance: name some.")
     screened: dict[str, list[Screened]] = {name: [] for name in scenes}
-    with config.precision(cfg):
+    with config.precision(cfg), steps("scenes", scenes.items()) as each:
         key, line = config.random_key(cfg), config.line(cfg)
-        for scene, changes in steps("scenes", scenes.items()):
+        for scene, changes in each:
             with stage(f"scene: {scene}"):
                 own = merged(cfg, mapping(f"effects_auto.scenes.{scene}", changes))
                 named = {k: v for k, v in own.items() if k != "tolerance"}

@@ -39,24 +39,29 @@ def run(cfg: config.Config) -> Result:
     precisions = [choice("hard_cases.precisions", p, PRECISIONS) for p in settings["precisions"]]
     refuse(not precisions, "hard_cases.precisions is []: give one at least.")
     answers: dict[str, list[list[Answer]]] = {}  # (precision, method) by the case's label
-    for name, changes in steps("hard cases", cases.items()):
-        hard = dict(mapping(f"hard_cases.cases.{name}", changes))
-        label = str(hard.pop("label", name))
-        refuse(label in answers, f"Two cases of hard_cases.cases are {label!r}: name them apart.")
-        own, answers[label] = merged(cfg, hard), []
-        with stage(f"hard case: {label}"):
-            for precision in precisions:
-                with jax.enable_x64(precision == "float64"):
-                    tried = config.methods(own).values()
-                    try:
-                        sim = config.simulation(own)
-                        problem = noisy_problem(sim, config.random_key(own), config.friction(own))
-                    except BadInput as refused:
-                        row = [REFUSED | {"reasons": str(refused)} for _ in tried]
-                    else:
-                        truth = np.asarray(sim.traction(sim.line))
-                        row = [_answer(method, problem, truth) for method in tried]
-                answers[label].append(row)
+    with steps("hard cases", cases.items()) as each:
+        for name, changes in each:
+            hard = dict(mapping(f"hard_cases.cases.{name}", changes))
+            label = str(hard.pop("label", name))
+            refuse(
+                label in answers, f"Two cases of hard_cases.cases are {label!r}: name them apart."
+            )
+            own, answers[label] = merged(cfg, hard), []
+            with stage(f"hard case: {label}"):
+                for precision in precisions:
+                    with jax.enable_x64(precision == "float64"):
+                        tried = config.methods(own).values()
+                        try:
+                            sim = config.simulation(own)
+                            problem = noisy_problem(
+                                sim, config.random_key(own), config.friction(own)
+                            )
+                        except BadInput as refused:
+                            row = [REFUSED | {"reasons": str(refused)} for _ in tried]
+                        else:
+                            truth = np.asarray(sim.traction(sim.line))
+                            row = [_answer(method, problem, truth) for method in tried]
+                    answers[label].append(row)
     data = _dataset(answers, precisions, methods)
     failures = int(data["is_silent_failure"].sum())
     given = int((data["quality"] != "refused").sum())

@@ -24,12 +24,19 @@ def stage(name: str, *, delay_s: float = 2.0, refresh_s: float = 1.0) -> Iterato
         yield
 
 
+@contextmanager
 def steps(
     name: str, items: Collection[Item], *, delay_s: float = 2.0, refresh_s: float = 1.0
-) -> Iterator[Item]:
+) -> Iterator[Iterator[Item]]:
     """The items one after the other, as a [`stage`][] with a bar and the time left, which takes the
     items to come to last as long as those done."""
     done = 0
+
+    def each() -> Iterator[Item]:
+        nonlocal done
+        for item in items:
+            yield item
+            done += 1
 
     def status(taken_s: float) -> str:
         filled = _BAR * done // len(items)
@@ -37,9 +44,7 @@ def steps(
         return f"[{'#' * filled}{'.' * (_BAR - filled)}] {done} of {len(items)}{left}"
 
     with _spoken(name, status, delay_s, refresh_s):
-        for item in items:
-            yield item
-            done += 1
+        yield each()
 
 
 @contextmanager

@@ -615,9 +615,10 @@ def test_progress_of_a_stage(monkeypatch, stream, delay_s, expected):
 
 def test_progress_of_steps_has_a_bar_and_the_time_left(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
-    for item in steps("cases", "ab", delay_s=0.0, refresh_s=0.01):
-        with stage(f"case {item}", delay_s=0.0, refresh_s=0.01):
-            time.sleep(0.1)
+    with steps("cases", "ab", delay_s=0.0, refresh_s=0.01) as each:
+        for item in each:
+            with stage(f"case {item}", delay_s=0.0, refresh_s=0.01):
+                time.sleep(0.1)
     said = sys.stderr.getvalue()
     assert "cases ... [....................] 0 of 2; case a ... 0 s" in said
     assert "cases ... [##########..........] 1 of 2, about 0 s left; case b ... 0 s" in said
@@ -626,6 +627,19 @@ def test_progress_of_steps_has_a_bar_and_the_time_left(monkeypatch):
 
 def test_progress_of_steps_without_a_terminal_is_one_line(monkeypatch):
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    for _ in steps("cases", "ab", delay_s=0.0):
-        time.sleep(0.05)
+    with steps("cases", "ab", delay_s=0.0) as each:
+        for _ in each:
+            time.sleep(0.05)
     assert sys.stderr.getvalue() == "cases ...\n"
+
+
+def test_progress_ends_with_a_refusal(monkeypatch):
+    """Nothing is said after it."""
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    often = {"delay_s": 0.0, "refresh_s": 0.01}
+    with pytest.raises(ZeroDivisionError), steps("cases", [0], **often) as each:  # noqa: PT012
+        for item in each:
+            1 / item
+    said = sys.stderr.getvalue()
+    time.sleep(0.05)
+    assert sys.stderr.getvalue() == said

@@ -38,19 +38,20 @@ def run(
     """
     started, forecast, rows = time.monotonic(), Forecast(), {}
     queue = Queue(trials)
-    for _ in steps("accuracy against cost", range(len(trials))):
-        trial = queue.next()
-        row = known.row(trial)
-        if row is None:
-            left = math.inf if budget_s is None else budget_s - (time.monotonic() - started)
-            if left <= 0 or forecast(trial) > left:
-                continue
-            with stage(f"{trial.part}, {trial.line}, {trial.family}, {sized(trial.size)}"):
-                row = measured(trial, repeats, is_fresh)
-            known.add(trial, row)
-        queue.spend(trial, row["trial_s"])
-        forecast.learn(trial, row)
-        rows[trial.key] = row
+    with steps("accuracy against cost", range(len(trials))) as each:
+        for _ in each:
+            trial = queue.next()
+            row = known.row(trial)
+            if row is None:
+                left = math.inf if budget_s is None else budget_s - (time.monotonic() - started)
+                if left <= 0 or forecast(trial) > left:
+                    continue
+                with stage(f"{trial.part}, {trial.line}, {trial.family}, {sized(trial.size)}"):
+                    row = measured(trial, repeats, is_fresh)
+                known.add(trial, row)
+            queue.spend(trial, row["trial_s"])
+            forecast.learn(trial, row)
+            rows[trial.key] = row
     return MeasuredTrials(
         [rows[trial.key] for trial in trials if trial.key in rows],
         [trial for trial in trials if trial.key not in rows],

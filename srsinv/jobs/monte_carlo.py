@@ -58,8 +58,8 @@ def simulate_and_fit(
     """Every method on every problem; `shape` of the array of problems, None for a row of them."""
     answers, times = {}, []
     for name, method in methods.items():
-        each = steps(f"{name}, {len(problems)} times", problems)
-        answers[name], own = zip(*(_timed(method, problem) for problem in each), strict=True)
+        with steps(f"{name}, {len(problems)} times", problems) as each:
+            answers[name], own = zip(*(_timed(method, problem) for problem in each), strict=True)
         times.append(own)
     return Answers(answers, np.array(times), (len(problems),) if shape is None else shape)
 
