@@ -76,7 +76,12 @@ def run(arguments, folder, capsys, most_s=MOST_S):
     assert time.monotonic() - began_s < most_s
 
 
-SLOW = ("speed over ten decades", "invert")  # half a minute
+SLOW = [  # half a minute and more
+    ("speed over ten decades", "invert"),
+    ("positions alternating", "fit a ridge"),
+    ("speed random", "calibrate"),
+    ("two levels", "calibrate"),
+]
 # Hundreds of steps over a metre of cells, for a rig that such signals do not determine.
 LONG_S = {
     ("positions with a spike", "calibrate"): 1200,
@@ -95,7 +100,7 @@ FOUND = [
 ]
 SECOND = [
     *FOUND,
-    *(case for case in EVERY[:: 5 * len(COMMANDS) + 1] if case not in (*FIRST, *FOUND, SLOW)),
+    *(case for case in EVERY[:: 5 * len(COMMANDS) + 1] if case not in (*FIRST, *FOUND, *SLOW)),
 ]
 CASES = [
     *FIRST,
