@@ -5,6 +5,7 @@ The correlated part, from sliding, has the covariance s^2 exp(-|dx|/l) along the
 Thompson 1971), with white noise of its own in each element and the same sliding noise in all.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -296,13 +297,13 @@ def _from_differences(row: Float[np.ndarray, " sample"]) -> float:
     """White noise from third differences, which are small for a smooth signal; by their median, as
     they are large at edges. Where no four samples follow one another, from differences across what
     is missing, of a lower order where there are too few samples."""
-    third = np.diff(row, 3)
-    third, order = third[np.isfinite(third)], 3
-    if not third.size:
+    differences, order = np.diff(row, 3), 3
+    differences = differences[np.isfinite(differences)]
+    if not differences.size:
         observed = row[np.isfinite(row)]
         order = max(min(3, observed.size - 1), 0)
-        third = np.diff(observed, order)
-    if not third.size:
+        differences = np.diff(observed, order)
+    if not differences.size:
         return 0.0
-    # White noise of unit level has differences of the variance sum_j binomial(order, j)^2.
-    return float(np.median(np.abs(third)) * 1.4826 / np.sqrt(scipy.special.comb(2 * order, order)))
+    variance = math.comb(2 * order, order)  # of noise of unit level: sum_j binomial(order, j)^2
+    return float(np.median(np.abs(differences)) * 1.4826 / np.sqrt(variance))
