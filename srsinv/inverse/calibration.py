@@ -119,7 +119,7 @@ def calibrate(
     stated = _stated(model)
     first = stated | _held_in_rig(stated, feature, held)
     refuse(
-        not least - reach <= first["position_m"] <= most + reach,
+        "position_m" in held and not least - reach <= first["position_m"] <= most + reach,
         f"fit.hold.position_m is {first['position_m']:.6g}: the scan goes from {least:.6g} m to "
         f"{most:.6g} m.",
     )
