@@ -101,6 +101,16 @@ def test_what_is_left_out_is_said():
 
 
 @pytest.mark.full
+def test_a_scan_of_a_wrong_unit_is_refused():
+    """Before a stretch of a few samples is cut out of it."""
+    time_s = np.arange(400) / 2000
+    motion = Motion.from_speed(time_s, np.full(400, 2e3), 0.0)
+    problem = Problem(Sensor((Film(DEPTH_M),)), motion, np.sin(time_s)[None], 0.1)
+    with pytest.raises(BadInput, match=r"check recording\.speed_m_per_s.*and their units"):
+        stretch_of(problem, FEATURES)
+
+
+@pytest.mark.full
 def test_a_range_beside_the_scan_is_refused():
     with pytest.raises(BadInput, match="no sample lies in the feature's position_range_m"):
         stretch_of(recording(120), {"line": LineFeature(position_range_m=(5.0, 6.0))})

@@ -18,7 +18,7 @@ from ...forward.scan import Motion
 from ...grid import as_real
 from ...modules import with_fields
 from ...resolution import cell_m, margin_m
-from ..cells import Window
+from ..cells import Window, check_cells
 from ..problem import Problem
 from .loading import Features
 from .model import scan_extent
@@ -76,7 +76,7 @@ def stretch_of(problem: Problem, features: Features) -> FittedStretch:
     """The stretch that features of traction are fitted to: all of a recording of up to `LONG`
     depths, of features that are no local load, of a signal that is not a rate, of coloured noise,
     which is known as a fraction of the whole signal's rms, and of lines of mains. Raises `BadInput`
-    where no sample is in the features' range."""
+    where no sample is in the features' range, and for a scan so long that a unit is wrong."""
     depth = float(problem.sensor.depth_m)
     whole = scan_extent(problem.sensor, problem.motion)
     is_local = not any(each.is_of_surface or each.is_periodic for each in features.values())
@@ -84,6 +84,7 @@ def stretch_of(problem: Problem, features: Features) -> FittedStretch:
     is_white = not problem.noise.causes and not problem.noise.has_drift and not problem.mains
     if not is_local or not is_rate or not is_white or whole.length_m <= LONG * depth:
         return FittedStretch(problem, whole)
+    check_cells(problem.name, whole.length_m, cell_m("load", depth))
     x, power, is_above = _blocks(problem)
     inside = _searched(x, features, whole)
     refuse(
