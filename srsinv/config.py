@@ -245,13 +245,17 @@ def reader(cfg: Config) -> Reader:
 
 def recording(cfg: Config, default: str | None = None) -> Recording:
     """The recording at even times; that at the path `default` where none is named."""
+    from .progress import say
     from .recording.even import load_even
 
     settings = part(cfg, "recording")
     if default is not None:
         settings = {**settings, "path": settings.get("path") or default}
     known = {"sensor": {"elements": part(cfg, "sensor").get("elements")}}
-    return load_even(settings, known, reader(cfg))
+    recording = load_even(settings, known, reader(cfg))
+    for note in recording.notes:
+        say(f"{recording.name}: {note}")
+    return recording
 
 
 def recorded_problem(cfg: Config, recording: Recording) -> Problem:

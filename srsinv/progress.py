@@ -13,6 +13,11 @@ _BAR = 20  # characters
 _running: list[Callable[[], str]] = []  # how far the nested stages are: the innermost prints all
 
 
+def say(sentence: str) -> None:
+    """Print a sentence on standard error."""
+    print(f"srsinv: {sentence}", file=sys.stderr, flush=True)
+
+
 @contextmanager
 def stage(name: str, *, delay_s: float = 2.0, refresh_s: float = 1.0) -> Iterator[None]:
     """Print `name` on standard error if the body runs for more than `delay_s` [s].

@@ -94,6 +94,7 @@ def _warnings(recording: Recording, problem: Problem) -> tuple[str, ...]:
     # Of the samples as they were recorded: equal ones are no longer equal once filtered.
     raw = recording.signal if recording.raw_signal is None else recording.raw_signal
     return (
+        *recording.doubts,
         *_of_calibration(recording),
         *_of_preparation(recording, problem.sensor),
         *channel_findings(recording.channels, raw, recording.signal_unit),

@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ..errors import mapping, number, refuse, shown
 from ..forward.surface_feature import SurfaceFeature
 from ..inverse.features.loading import Features
@@ -21,16 +19,6 @@ RIG_KEYS = ("hold", "free", "select", "start")
 def check(recording: Recording) -> None:
     """Refuse a recording that no feature can be fitted to."""
     check_volts(recording)
-    check_channels(recording)
-
-
-def check_channels(recording: Recording) -> None:
-    """Refuse a recording whose channels are all constant."""
-    refuse(
-        bool(np.all(np.nanmax(recording.signal, axis=-1) == np.nanmin(recording.signal, axis=-1))),
-        f"{recording.name}: every channel has one value throughout (at the recorder's rail, or not "
-        "connected), so that there is nothing to fit: record it again within the range.",
-    )
 
 
 def settings_of(given: Mapping[str, Any]) -> Mapping[str, Any]:

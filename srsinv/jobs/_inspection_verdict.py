@@ -32,7 +32,9 @@ def verdict(inspection: Inspection, path: str, typed: tuple[str, ...] = ()) -> d
         if any(_key(each) == "time_unit" for each in inspection.overrides):
             said += " (a guess from the stamps: check that unit)"
     else:
-        said, remedy = "usable as it is", ""
+        said, remedy = "usable as it is" if not inspection.doubts else "usable", ""
+    if inspection.doubts:
+        said += f", once you have checked {_count(len(inspection.doubts))} (see below)"
     if needed:
         said += ", once the sidecar has what only you know (see below)"
     said = "; ".join([said, *_described(inspection.disturbances)])
@@ -45,11 +47,17 @@ def verdict(inspection: Inspection, path: str, typed: tuple[str, ...] = ()) -> d
     return {
         "verdict": said,
         "refusal": remedy,
+        "doubts": " ".join(inspection.doubts),
+        "notes": " ".join(inspection.notes),
         "override": shlex.join(given),
         "next_command": ""
         if said.startswith("not")
         else f"srsinv experiment=invert_recording {read_as}",
     }
+
+
+def _count(doubts: int) -> str:
+    return "what is improbable" if doubts == 1 else f"{doubts} findings that are improbable"
 
 
 def settings_of(cfg: Mapping[str, Any]) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from ..report.section import sections
 from ..report.text import quantity_with_error, unit_of
 from . import _facts
 from ._calibrated_sidecar import SIDECAR, sidecar_of, wiring_of
-from ._fit_settings import check_channels, known_feature, rig_settings
+from ._fit_settings import known_feature, rig_settings
 from ._written_files import check_target
 
 
@@ -37,7 +37,6 @@ def run(cfg: config.Config) -> Result:
         wiring = wiring_of(config.part(cfg, "recording"), config.reader(cfg))
         measured = config.recording(cfg)
         recording = wiring.in_volts(measured)
-        check_channels(recording)
         feature = known.with_edge(recording.sidecar)
         problem = config.recorded_problem(cfg, recording)
         with stage(f"fitting the rig to {recording.name}"):

@@ -29,6 +29,7 @@ import numpy as np
 from srsinv.errors import BadInput
 
 from ..files import DataFile, quoted
+from ._stated import Clock
 from ._table import ColumnTable, most_unpacked
 from .reader import Reader
 
@@ -78,7 +79,8 @@ def _table(answer: BufferedReader) -> ColumnTable | None:
     if "memory" in header:
         raise MemoryError
     columns, units = header.pop("columns"), header.pop("units")
-    table = ColumnTable(**header)
+    clocks = {name: Clock(*times) for name, times in header.pop("clocks").items()}
+    table = ColumnTable(**header, clocks=clocks)
     for name, kind, size in columns:
 
         def filled(kind: str = kind, size: int = size) -> np.ndarray:
@@ -87,7 +89,7 @@ def _table(answer: BufferedReader) -> ColumnTable | None:
                 raise EOFError("the process that read it ended")
             return values
 
-        table.take(name, (size,), np.dtype(kind), filled, units.get(name))
+        table.take(name, (size,), np.dtype(kind), filled, {"units": units.get(name)})
     return table
 
 

@@ -12,14 +12,33 @@ from typing import Any, Literal
 from srsinv.errors import refuse, shown
 
 from ._table import ColumnTable, listing
-from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, bracketed, known_unit, split_unit
+from ._units import (
+    PER_M,
+    PER_M_PER_S,
+    PER_S,
+    PER_V,
+    bracketed,
+    is_any_unit,
+    known_unit,
+    split_unit,
+)
 
 Quantity = Literal["time", "speed", "position"]
+_MOTION_KEYS = ("time_column", "speed_column", "position_column")
 _VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)}|[µμ]V|Volts)")
 _SIGNAL = re.compile(
-    r"(volt(age)?|ch(an(nel)?)?|ai|adc|sig(nal)?|sensor|film|taxel)[ _-]?(\d+|[a-z])?",
+    r"(.+[/_ ])?ai ?\d+"
+    r"|(volts?|voltage|value|ampl(itude)?|ch(an(nel)?)?|ai|adc|sig(nal)?|sensor|film|taxel)"
+    r"[ _-]?(\d+|[a-z])?",
     re.IGNORECASE,
 )
+# Units, in small letters, of quantities that are neither a film's signal nor its motion.
+_FOREIGN_WORDS = """
+    degc °c ℃ c celsius degf °f f fahrenheit k kelvin n mn un kn newton newtons pa hpa kpa
+    mpa bar mbar psi deg ° degree degrees rad mrad % rh %rh hz khz mhz w mw g mg kg db lux
+    m/s^2 m/s2 n/m nm/s^2 ohm kohm
+"""
+_FOREIGN = frozenset(_FOREIGN_WORDS.split())
 # Of another axis, or not what the sensor did.
 _ELSEWHERE = re.compile(r"(^|[\W_])(y|z|set|target|cmd|command(ed)?)($|[\W_])", re.IGNORECASE)
 
@@ -35,7 +54,9 @@ class _Names:
 
 _NAMES: Mapping[Quantity, _Names] = {
     "time": _Names(
-        PER_S, ("time", "timestamp", "t"), re.compile(r"(^|[ _-])time([ _-]?stamps?)?($|[ _-])")
+        PER_S,
+        ("time", "timestamp", "t", "x_value", "x-axis", "second", "seconds"),
+        re.compile(r"(^|[ _-])time([ _-]?stamps?)?($|[ _-])"),
     ),
     "speed": _Names(PER_M_PER_S, ("speed",), re.compile(r"speed|veloc")),
     "position": _Names(
@@ -46,18 +67,34 @@ _NAMES: Mapping[Quantity, _Names] = {
 }
 
 
-def quantity_of(column: str) -> Quantity | None:
-    """The quantity that a column's name is of, or None."""
+def quantity_of(table: ColumnTable, column: str) -> Quantity | None:
+    """The quantity that a column is of by its name, or None; a unit of anything else overrules
+    the name."""
+    if column in table.stamps:
+        return "time"
     for quantity, names in _NAMES.items():
         words = split_unit(column, names.units)[0].casefold()
-        if words in names.exact or names.pattern.search(words):
+        if (words in names.exact or names.pattern.search(words)) and _may_be(
+            table, column, quantity
+        ):
             return quantity
     return None
 
 
-def may_be_signal(column: str) -> bool:
-    """Whether a column's name allows a signal: it names no time, speed or position."""
-    return quantity_of(column) is None
+def written_unit(table: ColumnTable, column: str) -> str | None:
+    """The unit that a column's file or its name states in brackets, as it is written."""
+    return table.units.get(column) or bracketed(column)[1]
+
+
+def _may_be(table: ColumnTable, column: str, quantity: Quantity) -> bool:
+    """Whether a column's unit allows a quantity: it is one of the quantity's, none, or one that is
+    not known."""
+    unit = written_unit(table, column)
+    if unit is None:
+        return split_unit(column, PER_V)[1] is None
+    if known_unit(unit, _NAMES[quantity].units):
+        return True
+    return not is_any_unit(unit) and unit.strip().casefold() not in _FOREIGN
 
 
 def is_named_signal(column: str) -> bool:
@@ -90,6 +127,8 @@ def unit_of(
     units = _NAMES[quantity].units
     named = split_unit(column, units)[1]
     stated = facts.get(f"{quantity}_unit")
+    if column in table.stamps and quantity == "time":
+        return "s", "dates or clock times in the file"
     if named is not None:
         return named, "the column's name"
     if stated is not None:
@@ -116,13 +155,15 @@ def column_of(table: ColumnTable, facts: Mapping[str, Any], quantity: Quantity) 
     names = _NAMES[quantity]
     own = [f"{names.exact[0]}_{unit}" for unit in names.units]
     signals = [resolve(table, c) for c in _listed(facts.get("channels"))]
-    rest = [c for c in table if c not in own and c not in signals]
+    rest = [c for c in table if c not in own and c not in signals and _may_be(table, c, quantity)]
     taken = [c for c in own if c in table][:1] or _alike(table, facts, quantity, rest)
     refuse(
         len(taken) > 1,
         f"{table.name}: the {quantity} may be any of the columns {listing(taken)}: name one by "
         f"recording.{quantity}_column=...",
     )
+    if not taken and quantity == "time" and len(table.stamps) == 1:
+        return table.stamps[0]
     return taken[0] if taken else None
 
 
@@ -157,7 +198,7 @@ def unnamed_columns(table: ColumnTable, facts: Mapping[str, Any]) -> dict[str, s
     for quantity in ("time", "position"):
         if is_known[quantity] or column_of(table, facts, quantity) is not None:
             continue
-        rest = [c for c in table.columns if c not in signals and quantity_of(c) is None]
+        rest = [c for c in table.columns if c not in signals and quantity_of(table, c) is None]
         alike = [c for c in rest if unit_of(table, {}, c, quantity)[0]]
         if len(alike) == 1 and not _ELSEWHERE.search(alike[0]):
             named[f"{quantity}_column"] = alike[0]
@@ -170,8 +211,8 @@ def _listed(channels: Any) -> tuple[str, ...]:
 
 def signal_columns(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, ...]:
     """The columns that are the signals, in order: those that are stated; else `voltage_0_V`, ...;
-    else what the format has for signals; else all in a unit of voltage; else all that are called
-    what signals are. Raises `BadInput` where there is none."""
+    else all in a unit of voltage, whatever their names, and all that are called what signals are;
+    else what the format has for signals. Raises `BadInput` where there is none."""
     stated = facts.get("channels")
     if stated is not None:
         return tuple(resolve(table, channel) for channel in _listed(stated))
@@ -179,11 +220,9 @@ def signal_columns(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, .
     voltages = [(int(m[1]), c) for c in table if (m := _VOLTAGE.fullmatch(c))]
     if voltages:
         return tuple(column for _, column in sorted(voltages))
-    if table.signals:
-        return tuple(table.signals)
-    left = [c for c in table if may_be_signal(c)]
-    in_volts = [c for c in left if _unit_by_file(table, c) in PER_V]
-    chosen = in_volts or [c for c in left if is_named_signal(c)]
+    motion = [resolve(table, facts[key]) for key in _MOTION_KEYS if facts.get(key) is not None]
+    left = [c for c in table if c not in motion and quantity_of(table, c) is None]
+    chosen = [c for c in left if _is_signal(table, c)] or table.signals
     refuse(
         not chosen,
         f"{table.name}: there is no column voltage_0_V, voltage_1_V, ..., none in V, mV or uV, and "
@@ -191,6 +230,16 @@ def signal_columns(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, .
         "recording.channels=[...].",
     )
     return tuple(chosen)
+
+
+def _is_signal(table: ColumnTable, column: str) -> bool:
+    """Whether a column is in a unit of voltage, or called what signals are and in none of a motion
+    or of another quantity."""
+    unit = _unit_by_file(table, column)
+    if unit in PER_V:
+        return True
+    is_other = unit is not None and (is_any_unit(unit) or unit.strip().casefold() in _FOREIGN)
+    return is_named_signal(column) and not is_other
 
 
 def _unit_by_file(table: ColumnTable, column: str) -> str | None:

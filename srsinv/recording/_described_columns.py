@@ -50,7 +50,7 @@ def shown_signals(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, ..
         if facts.get("channels") is not None:
             raise
         numeric = [name for name in table.columns if np.isfinite(table.finite(name)).any()]
-        return tuple(name for name in numeric if quantity_of(name) is None)
+        return tuple(name for name in numeric if quantity_of(table, name) is None)
     if facts.get("channels") is not None:
         for channel in channels:
             table.check_usable(channel)
@@ -125,7 +125,7 @@ def unit_and_reason(
         if np.all(present == np.round(present)):
             return "counts", "whole numbers only: a converter's raw counts"
         return UNKNOWN, _NO_UNIT
-    looks_like = quantity_of(name)
+    looks_like = quantity_of(table, name)
     if looks_like:
         return _left_out(table, name, looks_like)
     unit = table.units.get(name) or bracketed(name)[1] or UNKNOWN

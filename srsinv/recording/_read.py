@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from srsinv.errors import choice, refuse
+from srsinv.errors import choice, refuse, shown
 
 from ..files import path_of, quoted, within_memory
 from ._ahead import store, take_table
+from ._clocks import on_one_clock
 from ._columns import Quantity, column_of, quantity_of, signal_columns, signal_unit, unit_of
+from ._counters import unwrapped
 from ._even_times import check_rate
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
+from ._reports import between_reports
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import Sidecars, check_elements, merge
 from ._speed import speed_of_positions
@@ -28,6 +31,10 @@ _LAYOUT = (
     "time_column", "time_unit", "speed_column", "speed_unit", "position_column", "position_unit",
     "channels", "signal_unit", "polarity", "gain",
 )  # fmt: skip
+# What stands for a sample that is out of range: netCDF's filling, SCPI's infinity and no number,
+# and the largest float32.
+_OUT_OF_RANGE = (9.969209968386869e36, 9.9e37, 9.91e37, 1e38, 3.4028234663852886e38)
+_SAME_CODE = 1e-3  # relative: codes are printed with three digits or more
 MISSING = ("refuse", "allow")  # treatment of an empty cell, the default first
 TIMES_OF_ROWS = ("use", "ignore")  # treatment of a column of times
 
@@ -99,13 +106,15 @@ def recording_of_table(
     channels = signal_columns(table, facts)
     check_elements(path.name, facts, channels)
     column = column_of(table, facts, "time") if times == "use" else None
+    table, facts = _on_one_clock(path, table, facts, sidecar, known, channels)
     if column is not None:
         table = table.without_blank_rows()
-    columns = {c: table.numbers(c, allow_missing=missing == "allow") for c in channels}
+    notes, doubted = list(table.notes), []
+    columns = {c: _present(table, c, missing) for c in channels}
     samples = columns[channels[0]].size
-    columns[TIME] = _time_s(table, facts, column, samples)
+    columns[TIME] = _time_s(table, facts, column, samples, notes)
     if known.get(SPEED) is None:
-        columns |= _motion(table, facts)
+        columns |= _motion(table, facts, notes, doubted)
     _check_lengths(table, columns)
     check_samples(path.name, samples)
     check_times(path.name, columns[TIME], table.row_of)
@@ -123,7 +132,41 @@ def recording_of_table(
         signal_unit=unit,
         name=path.name,
         measured_position_m=columns.get(POSITION),
+        notes=tuple(notes),
+        doubts=tuple(doubted),
     )
+
+
+def _on_one_clock(
+    path: Path,
+    table: ColumnTable,
+    facts: dict[str, Any],
+    sidecar: Sidecars,
+    known: Mapping[str, Any],
+    channels: tuple[str, ...],
+) -> tuple[ColumnTable, dict[str, Any]]:
+    """The table with its columns on the signals' clock, and the facts, with its rate."""
+    quantities: tuple[Quantity, ...] = ("time", "speed", "position")
+    motion = [c for q in quantities if (c := column_of(table, facts, q)) is not None]
+    moved = on_one_clock(table, channels, motion)
+    return moved, facts if moved is table else read_facts(path, moved, sidecar, known)
+
+
+def _present(table: ColumnTable, column: str, missing: str) -> Float[np.ndarray, " row"]:
+    """A signal's numbers; NaN for a missing sample, where that is allowed."""
+    values = table.numbers(column, allow_missing=missing == "allow")
+    sizes = np.abs(values)
+    over = np.any([np.isclose(sizes, code, _SAME_CODE, 0.0) for code in _OUT_OF_RANGE], axis=0)
+    if not over.any():
+        return values
+    row = int(over.argmax())
+    refuse(
+        missing != "allow",
+        f"{table.name}: column {quoted(column)}, data row {table.row_of(row)} holds "
+        f"{values[row]:g}, which instruments write for a sample beyond their range: set "
+        "recording.missing=allow, so that it is a missing sample.",
+    )
+    return np.where(over, np.nan, values)
 
 
 def check_settings(settings: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> None:
@@ -163,10 +206,15 @@ def _with_listed_elements(known: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _time_s(
-    table: ColumnTable, facts: Mapping[str, Any], column: str | None, samples: int
+    table: ColumnTable,
+    facts: Mapping[str, Any],
+    column: str | None,
+    samples: int,
+    notes: list[str],
 ) -> Float[np.ndarray, " sample"]:
     if column is not None:
-        return table.numbers(column) / PER_S[_unit(table, facts, column, "time", PER_S)]
+        unit = _unit(table, facts, column, "time", PER_S)
+        return _unwrapped(table, column, notes, only_forward=True) / PER_S[unit]
     refuse(
         facts.get("sample_rate_hz") is None and column_of(table, facts, "time") is not None,
         f"{table.name}: recording.times=ignore leaves the times out: give "
@@ -209,7 +257,27 @@ def _unit(
     return str(unit)
 
 
-def _motion(table: ColumnTable, facts: Mapping[str, Any]) -> dict[str, Float[np.ndarray, " _"]]:
+def _unwrapped(
+    table: ColumnTable, column: str, notes: list[str], only_forward: bool = False
+) -> Float[np.ndarray, " row"]:
+    """A column of times or positions without the wraps of a counter; `only_forward`: what begins
+    anew elsewhere than at its least value is no wrap."""
+    values = table.numbers(column)
+    if only_forward and not np.any(np.diff(values) < 0):
+        return values
+    found = unwrapped(values)
+    if found.bits:
+        rows = ", ".join(str(table.row_of(row)) for row in found.rows[:3])
+        notes.append(
+            f"{quoted(column)} begins anew at data row {rows}, as a counter of {found.bits} bits "
+            "does: it is continued there."
+        )
+    return found.values
+
+
+def _motion(
+    table: ColumnTable, facts: Mapping[str, Any], notes: list[str], doubted: list[str]
+) -> dict[str, Float[np.ndarray, " _"]]:
     """The measured speed [m/s] and position [m], as far as the file has them."""
     motion = {}
     quantities: tuple[tuple[str, Quantity, Mapping[str, int]], ...] = (
@@ -220,7 +288,21 @@ def _motion(table: ColumnTable, facts: Mapping[str, Any]) -> dict[str, Float[np.
         column = column_of(table, facts, quantity)
         if column is not None:
             unit = _unit(table, facts, column, quantity, per_si)
-            motion[key] = table.numbers(column) / per_si[unit]
+            raw = table.numbers(column) if key == SPEED else _unwrapped(table, column, notes)
+            motion[key] = raw / per_si[unit]
+    if POSITION in motion and (held := between_reports(motion[POSITION])) is not None:
+        motion[POSITION] = held.position_m
+        said = (
+            f"The position is reported at every {held.interval}th sample and held in between: it "
+            "is interpolated from report to report"
+        )
+        if held.may_be_counts:
+            doubted.append(
+                f"{said}. All steps are equal: if they are an encoder's counts and no reports, the "
+                "positions are off by half a step; record the encoder with finer counts."
+            )
+        else:
+            notes.append(f"{said}.")
     return motion
 
 
@@ -242,7 +324,7 @@ def _speed_m_per_s(
 
 def _bare_position(table: ColumnTable) -> str:
     """That a column is called a position and has no unit, or nothing."""
-    bare = next((c for c in table.columns if quantity_of(c) == "position"), None)
+    bare = next((c for c in table.columns if quantity_of(table, c) == "position"), None)
     return "" if bare is None else f", and the unit of column {quoted(bare)} is not stated"
 
 
@@ -268,6 +350,7 @@ def _signal(
     gain = _per_channel(table.name, facts, "gain", len(channels))
     polarity = _per_channel(table.name, facts, "polarity", len(channels))
     converted = np.isfinite(gain)
+    _check_scaling(table, channels, bool(converted.all()))
     gain, polarity = np.where(converted, gain, 1.0), np.nan_to_num(polarity, nan=1.0)
     signal = np.stack(values)
     with np.errstate(over="ignore"):  # in place: a long recording fits into memory a few times
@@ -277,6 +360,20 @@ def _signal(
     is_volt = [unit in PER_V or bool(by) for unit, by in zip(stated, converted, strict=True)]
     units = {"V" if volt else unit for unit, volt in zip(stated, is_volt, strict=True)}
     return names, signal, units.pop() if len(units) == 1 else "counts"
+
+
+def _check_scaling(table: ColumnTable, channels: tuple[str, ...], has_gain: bool) -> None:
+    """Refuse a gain, a scale or an offset that the file states, and that is not applied, unless the
+    experimenter states the gain."""
+    stated = [f"a gain of {table.gains[c]:g} for {quoted(c)}" for c in channels if c in table.gains]
+    if table.scaling.gain or table.scaling.is_scaled or table.scaling.refused:
+        stated += [f"{key} {shown(value)}" for key, value in table.scaling_words.items()]
+    refuse(
+        bool(stated) and not has_gain,
+        f"{table.name}: the file states {listing(stated)}, and not whether its numbers contain it: "
+        "give recording.gain=..., how many of the signal's numbers a volt of the film's amplifier "
+        "is, one for each channel where they differ.",
+    )
 
 
 def _per_channel(

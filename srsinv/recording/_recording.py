@@ -30,6 +30,8 @@ class Recording:
     - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
     - `missing_rows`, `gaps`: number of rows missing by the times, and of gaps; they are missing
       samples.
+    - `notes`: what was done while the file was read, in sentences; `doubts`: what is uncertain
+      about it, so that no answer from it is sure.
     - `raw_signal`: (element, sample), the signal before its preparation (preparation.py); None for
       one that is as recorded.
 
@@ -49,6 +51,8 @@ class Recording:
     missing_rows: int = 0
     gaps: int = 0
     raw_signal: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self):
         for key in ("signal", TIME, SPEED, "measured_position_m", "raw_signal"):
@@ -219,7 +223,9 @@ def check_times(name: str, time_s: np.ndarray, row_of: Callable[[int], int] = _n
         raise BadInput(
             f"{name}: time must increase strictly, but data row {row_of(row)} ({time_s[row]} s) "
             f"does not come after data row {row_of(row - 1)} ({time_s[row - 1]} s): drop or "
-            "reorder the rows, or write the times with more digits where rounding made them equal."
+            "reorder the rows, or write the times with more digits where rounding made them equal; "
+            "where no row is lost and only the times are wrong, give recording.times=ignore and "
+            "recording.sample_rate_hz=..."
         )
     close = np.flatnonzero(np.diff(time_s) < 1 / LARGEST)
     if close.size:

@@ -1,7 +1,7 @@
 """A file's named columns, whatever its format."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
@@ -12,6 +12,7 @@ from jaxtyping import Float
 from srsinv.errors import BadInput, refuse, shown
 
 from ..files import DataFile, is_broken, nearest, quoted
+from ._stated import Clock, Stated, is_of_time, is_stated_word, stated
 
 MOST_SAMPLES = 10**8  # of all columns together: 0.8 GB as float64, and a few times that in use
 MOST_COLUMNS = 1_000
@@ -43,10 +44,13 @@ class ColumnTable:
 
     `unusable` gives the reason why any other array is no column; `units` the file's own units;
     `sidecar` the file's embedded one; `signals` the columns that are certainly signals. A column of
-    text is NaN where its cell is empty and infinite where it holds no finite number, and `texts`
-    has the first such cell (empty where there is none). `rows` are the file's numbers of the data
-    rows, where they are not all there. `stored` is the file's size in bytes, which bounds what the
-    columns may take; None: unbounded.
+    text is NaN where its cell is empty or a mark of a missing sample, and infinite where it holds
+    no finite number; `marks` has the first such mark, and `texts` the first other cell (empty where
+    there is none). `rows` are the file's numbers of the data rows, where they are not all there.
+    `gains` has the gains and `clocks` the times of samples that the file states of columns,
+    `stamps` the columns of seconds that were dates or clock times, `scalars` what the file states
+    once for all columns, and `notes` what a reader found, in sentences. `stored` is the file's size
+    in bytes, which bounds what the columns may take; None: unbounded.
     """
 
     name: str
@@ -56,6 +60,12 @@ class ColumnTable:
     sidecar: dict[str, Any] = field(default_factory=dict)
     signals: list[str] = field(default_factory=list)
     texts: dict[str, str] = field(default_factory=dict)
+    marks: dict[str, str] = field(default_factory=dict)
+    gains: dict[str, float] = field(default_factory=dict)
+    clocks: dict[str, Clock] = field(default_factory=dict)
+    stamps: list[str] = field(default_factory=list)
+    scalars: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
     rows: list[int] | None = None
     stored: int | None = None
 
@@ -77,14 +87,22 @@ class ColumnTable:
         shape: tuple[int, ...],
         dtype: np.dtype,
         read: Callable[[], np.ndarray],
-        unit: Any = None,
+        attributes: Mapping[str, Any] | None = None,
     ) -> None:
         """Take in the array that `read` gives; it is read only if it is a column.
 
-        Raises `BadInput` for a name, a unit or a size beyond the limits, and `EOFError` where
-        `read` gives another number of values than `shape` states.
+        What its `attributes` state (unit, scale, offset, start, interval) is applied; a single
+        number whose name states one of them is kept for the whole file. Raises `BadInput` for a
+        name, a unit or a size beyond the limits, and `EOFError` where `read` gives another number
+        of values than `shape` states.
         """
-        if len(shape) != 1:
+        facts = stated(attributes or {})
+        if math.prod(shape) == 1 and dtype.kind in "iuf" and is_stated_word(name):
+            self.check_name(name)
+            self.scalars[name] = np.asarray(read()).ravel()[0].item()
+        elif facts.refused:
+            self.leave_out(name, facts.refused)
+        elif len(shape) != 1:
             self.leave_out(name, f"has shape {shown(tuple(shape))}")
         elif dtype.kind not in "iuf":
             self.leave_out(name, f"holds values of type {shown(str(dtype))[1:-1]}")
@@ -94,10 +112,42 @@ class ColumnTable:
             values = read()
             if values.shape != tuple(shape):
                 raise EOFError("not as many values as stated")
-            self.columns[name] = values
-            if isinstance(unit, str) and unit:
-                self._check_text(f"the unit of column {quoted(name)}", unit)
-                self.units[name] = unit
+            self.columns[name] = facts.applied(values)
+            if facts.unit:
+                self._check_text(f"the unit of column {quoted(name)}", facts.unit)
+                self.units[name] = facts.unit
+            if facts.gain not in (None, 1.0):
+                self.gains[name] = facts.gain
+            if facts.clock:
+                self.clocks[name] = facts.clock
+
+    def state_rate(self) -> None:
+        """Take the rate that the file states once for all columns, or the same for each, for a fact
+        of its own.
+
+        Raises `BadInput` where it is stated in several ways that differ.
+        """
+        intervals = {clock.interval_s for clock in self.clocks.values()} - {0.0}
+        if len(intervals) == 1:
+            self.sidecar.setdefault("sample_rate_hz", 1 / intervals.pop())
+        facts = stated({k: v for k, v in self.scalars.items() if is_of_time(k)})
+        refuse(
+            facts.refused is not None,
+            f"{self.name}: the file {facts.refused}: write it again without that, and give "
+            "recording.sample_rate_hz=... where it has no times.",
+        )
+        if facts.interval_s:
+            self.sidecar.setdefault("sample_rate_hz", 1 / facts.interval_s)
+
+    @property
+    def scaling(self) -> Stated:
+        """Scale, offset and gain that the file states once, and not of which columns."""
+        return stated(self.scaling_words)
+
+    @property
+    def scaling_words(self) -> dict[str, Any]:
+        """The file's own words for [`scaling`][]."""
+        return {key: value for key, value in self.scalars.items() if not is_of_time(key)}
 
     def leave_out(self, name: str, reason: str) -> None:
         """Record an array that is no column, and why. Raises `BadInput` as [`check_name`][]
@@ -219,7 +269,10 @@ class ColumnTable:
         value = self.columns[column][row]
         is_text = column in self.texts
         cell = str(value) if not is_text else self.texts[column] if np.isinf(value) else ""
+        mark = self.marks.get(column) if np.isnan(value) else None
         fault = f"holds {cell[:_CELL]!r}, not a finite number" if cell else "is empty"
+        if mark:
+            fault = f"holds no number, as it is empty or a mark such as {mark[:_CELL]!r}"
         raise BadInput(
             f"{self.name}: column {quoted(column)}, data row {self.row_of(row)} {fault}: correct "
             "it, or leave the row out if the file has times, or, if this is a missing sample of a "

@@ -7,8 +7,10 @@ Divided by, not multiplied with 1e-3: that rounds correctly. A column's name end
 import re
 from collections.abc import Mapping
 
-PER_S: Mapping[str, int] = {"s": 1, "ms": 1_000, "us": 1_000_000}
-PER_M: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1_000, "um": 1_000_000}
+PER_S: Mapping[str, int] = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
+PER_M: Mapping[str, int] = {
+    "m": 1, "cm": 100, "mm": 1_000, "um": 1_000_000, "nm": 1_000_000_000,
+}  # fmt: skip
 PER_M_PER_S: Mapping[str, int] = {f"{unit}_per_s": per_m for unit, per_m in PER_M.items()}
 PER_V: Mapping[str, int] = {"V": 1, "mV": 1_000, "uV": 1_000_000}
 # Other spellings, in small letters.
@@ -16,6 +18,7 @@ _SPELT: Mapping[str, str] = {
     **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
     **dict.fromkeys(("msec", "millisecond", "milliseconds"), "ms"),
     **dict.fromkeys(("usec", "microsecond", "microseconds"), "us"),
+    **dict.fromkeys(("nsec", "nanosecond", "nanoseconds"), "ns"),
     **dict.fromkeys(("metre", "metres", "meter", "meters"), "m"),
     **dict.fromkeys(("micron", "microns"), "um"),
     **dict.fromkeys(("volt", "volts"), "V"),
@@ -31,10 +34,17 @@ def known_unit(text: str | None, units: Mapping[str, int]) -> str | None:
     """
     if text is None:
         return None
+    # As netCDF writes an axis of time: microseconds since 2025-02-11.
+    text = text.partition(" since ")[0]
     name = text.strip().translate(_MICRO).replace("/", "_per_").replace(" ", "")
     folded = {unit.casefold(): unit for unit in units}
     spelt = _SPELT.get(name.casefold())
     return name if name in units else folded.get(name.casefold(), spelt if spelt in units else None)
+
+
+def is_any_unit(text: str) -> bool:
+    """Whether a text is a unit of time, length, speed or voltage."""
+    return any(known_unit(text, units) for units in (PER_S, PER_M, PER_M_PER_S, PER_V))
 
 
 def bracketed(column: str) -> tuple[str, str | None]:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ._recording import Recording
 from .drift import drift_of
 from .mains import FUNDAMENTALS_HZ, MainsLine, mains_lines
-from .passes import passes_of, still_samples
+from .passes import STILL, passes_of, still_samples
 
 LONG_ENOUGH_S = 0.5  # of standing still, for a drift to be measured there
 
@@ -23,8 +23,8 @@ class Disturbances(NamedTuple):
     - `hum_rms`: (e,) of all lines together, `hum_ratio` (e,) the same over the rms of all else.
     - `drift`: (e,) rms of a random walk after a second; 0 where none is found.
     - `unit` of both, after the gain.
-    - `speed_m_per_s`: mean of its size; `onwards`, `back`: passes towards +x and -x; `duration_s`;
-      `still_s`: for how long the sensor stands still.
+    - `speed_m_per_s`: mean of its size while the sensor slides; `onwards`, `back`: passes towards
+      +x and -x; `duration_s`; `still_s`: for how long the sensor stands still.
     """
 
     lines: tuple[MainsLine, ...]
@@ -62,6 +62,8 @@ def disturbances(recording: Recording) -> Disturbances:
     square = np.sum(np.where(valid, signal - mean[:, None], 0.0) ** 2, axis=1) / counts
     # A line's rms is an estimate: where there is hardly anything else it may exceed the whole.
     rest = np.sqrt(np.maximum(square - hum_rms**2, 1e-6 * square))
+    speed_m_per_s = np.abs(recording.speed_m_per_s)
+    slides = speed_m_per_s >= STILL * speed_m_per_s.max()
     ways = [each.is_onwards for each in passes_of(recording.position_m)]
     return Disturbances(
         lines=lines,
@@ -70,7 +72,7 @@ def disturbances(recording: Recording) -> Disturbances:
         hum_ratio=np.divide(hum_rms, rest, out=np.zeros_like(rest), where=rest > 0),
         drift=size * drift_of(replace(recording, signal=signal)),
         unit=recording.signal_unit,
-        speed_m_per_s=float(np.mean(np.abs(recording.speed_m_per_s))),
+        speed_m_per_s=float(np.mean(speed_m_per_s[slides])),
         onwards=sum(ways),
         back=len(ways) - sum(ways),
         duration_s=float(recording.time_s[-1] - recording.time_s[0]),

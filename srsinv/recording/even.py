@@ -10,6 +10,7 @@ import numpy as np
 from srsinv.errors import LARGEST, choice, mapping, number, refuse
 
 from ..files import path_of
+from ._doubts import doubts
 from ._even_times import EvenTimes, even_times
 from ._read import MISSING, TIMES_OF_ROWS, load
 from ._recording import MIN_SAMPLES, Recording
@@ -19,6 +20,7 @@ from .reader import Reader
 
 STEADY = 1e-3  # largest relative deviation of a constant speed from its mean
 VOLTS = ("V", "V m")  # units of amplifiers: a voltage, or its integral along x
+FEWEST_SAMPLES = 16  # fewer than that have no spectrum in which a noise level shows
 OF_A_JOB = ("cell_m",)  # keys of `recording` that are not facts of the file
 MOTION = {
     "sample_rate_hz": "a positive number in Hz",
@@ -59,13 +61,29 @@ def load_even(settings: Any, known: Mapping[str, Any], reader: Reader = BY_SUFFI
     times = choice("recording.times", times, TIMES_OF_ROWS)
     stated = _given(facts | dict(known))
     recording = load(path, reader=reader, missing=missing, times=times, **stated)
+    return usable(recording)
+
+
+def usable(recording: Recording) -> Recording:
+    """The recording at even times, as every job takes it, with its doubts; the one place that
+    decides whether it can be used.
+
+    Raises `BadInput` for too few samples, channels that are all constant or beyond the range of
+    quantities, a speed that is 0 throughout, and times that cannot be put on even ones.
+    """
+    refuse(
+        recording.time_s.size < FEWEST_SAMPLES,
+        f"{recording.name}: {recording.time_s.size} samples are too few to tell a touch from "
+        f"noise: give a recording of at least {FEWEST_SAMPLES}.",
+    )
     _check_signal(recording)
     refuse(
         not np.any(recording.speed_m_per_s),
         f"{recording.name}: the speed is 0, so no surface passes the sensor: give "
         "recording.speed_m_per_s=... in m/s.",
     )
-    return on_even_times(recording)
+    even = on_even_times(recording)
+    return replace(even, doubts=doubts(even))
 
 
 def sidecar_paths(settings: Mapping[str, Any]) -> dict[str, Path | None]:
@@ -92,6 +110,11 @@ def _check_signal(recording: Recording) -> None:
             f"{recording.name}: channel {channel} reaches {largest:.3g} once divided by its gain, "
             f"beyond {LARGEST:g}: check recording.gain and recording.signal_unit.",
         )
+    refuse(
+        all(np.nanmax(row) == np.nanmin(row) for row in recording.signal),
+        f"{recording.name}: every channel has one value throughout (at the recorder's rail, or not "
+        "connected), so that there is nothing to find: record it again within the range.",
+    )
 
 
 def check_volts(recording: Recording) -> None:

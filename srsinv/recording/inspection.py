@@ -26,6 +26,7 @@ from ._described_columns import (
     time_unit_or_guess,
     unit_and_reason,
 )
+from ._doubts import samples_per_depth
 from ._health import (
     SHORTEST,
     ClippedSamples,
@@ -42,7 +43,7 @@ from ._table import ColumnTable, listing
 from ._timing import Timing, timing
 from ._units import PER_M, PER_M_PER_S, PER_S, PER_V
 from .disturbances import Disturbances, disturbances
-from .even import on_even_times
+from .even import usable
 from .formats import BY_SUFFIX
 from .reader import Reader
 
@@ -73,6 +74,8 @@ class Inspection:
     - `facts`: those of the sidecar and the caller.
     - `refusal`: the sentence by which `load` refuses the file; None: it takes it as it is;
       `overrides`: the settings with which it would take it all the same.
+    - `notes`: what is done while the file is read; `doubts`: what is improbable in it, so that no
+      answer from it is sure; both in sentences.
     - `disturbances`: hum, drift and turns of the recording as it is taken so; None where it is not.
     """
 
@@ -89,11 +92,15 @@ class Inspection:
     facts: dict[str, Any]
     refusal: str | None = None
     overrides: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     disturbances: Disturbances | None = None
 
     @property
     def mean_speed_m_per_s(self) -> float | None:
-        """The scan's mean speed [m/s], measured or stated."""
+        """The scan's mean speed [m/s] while it slides, measured or stated."""
+        if self.disturbances is not None:
+            return self.disturbances.speed_m_per_s
         if self.speed_m_per_s is not None and np.isfinite(self.speed_m_per_s).any():
             return float(np.nanmean(self.speed_m_per_s))
         return self.facts.get(SPEED)
@@ -125,7 +132,7 @@ def inspect(
         taken = _taken(path, table, given, missing, times, known)
         inspection = _inspect(path, table, given, known)
         if isinstance(taken, Recording):
-            return replace(inspection, disturbances=disturbances(taken))
+            return _with(inspection, taken)
         named = _unnamed_columns(table, inspection.facts)
         if named:
             inspection = _inspect(path, table, given, known | named)
@@ -136,11 +143,20 @@ def inspect(
             if isinstance(taken, Recording):
                 words = ["recording.missing=allow"] * allowed
                 words += [f"recording.{key}={_typed(value)}" for key, value in stated.items()]
-                return replace(
-                    inspection, refusal=refusal, overrides=tuple(words),
-                    disturbances=disturbances(taken),
-                )  # fmt: skip
+                found = replace(inspection, refusal=refusal, overrides=tuple(words))
+                return _with(found, taken)
         return replace(inspection, refusal=refusal)
+
+
+def _with(inspection: Inspection, taken: Recording) -> Inspection:
+    """The inspection with what the recording shows once it is read."""
+    coarse = samples_per_depth(taken)
+    return replace(
+        inspection,
+        notes=taken.notes,
+        doubts=taken.doubts + ((coarse,) if coarse else ()),
+        disturbances=disturbances(taken),
+    )
 
 
 def _unnamed_columns(table: ColumnTable, facts: Mapping[str, Any]) -> dict[str, str]:
@@ -160,7 +176,7 @@ def _typed(value: Any) -> str:
 def _taken(path: Path, table: ColumnTable, *settings: Any) -> Recording | str:
     """The recording at even times as `load` takes it, or the sentence by which it refuses it."""
     try:
-        return on_even_times(recording_of_table(path, table, *settings))
+        return usable(recording_of_table(path, table, *settings))
     except BadInput as refusal:
         return str(refusal)
 

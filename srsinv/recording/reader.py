@@ -90,7 +90,9 @@ def _checked(reader: Reader, name: str, given: Any) -> ColumnTable:
         f"1-D arrays is expected: {_REMEDY}",
     )
     whole = given if isinstance(given, ColumnTable) else ColumnTable(name, dict(given))
-    table = replace(whole, name=name, columns={}, unusable=dict(whole.unusable))
+    table = replace(
+        whole, name=name, columns={}, unusable=dict(whole.unusable), scalars=dict(whole.scalars)
+    )
     for column, values in whole.columns.items():
         refuse(
             not isinstance(column, str),
@@ -103,6 +105,7 @@ def _checked(reader: Reader, name: str, given: Any) -> ColumnTable:
         table.take(column, array.shape, array.dtype, lambda array=array: array)
     if not isinstance(given, ColumnTable):
         _check_equal(reader, table)
+    table.state_rate()
     return table
 
 

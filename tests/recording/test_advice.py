@@ -11,6 +11,7 @@ import pytest
 
 from srsinv.recording.formats.text import Text
 from tests.recording import test_advice_by_hand as by_hand
+from tests.recording import test_instruments  # noqa: F401  (whose tests follow sentences, too)
 from tests.recording.advice import (
     POSITION_M,
     SCAN,
@@ -276,10 +277,7 @@ FILES = [
         Case(name="r.dat", reader=Text())),
     Row("the file cannot be read as", Case(name="r.csv", write=write_h5),
         lambda s: Case(name=suffix_of_hdf5(s), write=write_h5)),
-    Row("the file cannot be read as",
-        Case(text="# µm\n".encode("latin-1") + text_of(SCAN).encode()),
-        Case(text="# µm\n".encode() + text_of(SCAN).encode())),
-    Row("there is no header row", Case(text="".join(LINES[1:])),
+    Row("there is no table", Case(text="\n# of today\n"),
         Case(text="time_ms,position_mm,voltage_0_mV,voltage_1_V\n" + "".join(LINES[1:]))),
     Row("give every column its own name", Case(text="time_ms,voltage_0_mV," + "".join(LINES)[8:]),
         Case(SCAN)),

@@ -48,7 +48,10 @@ NUMBERS = {
     "signal of 1e308": ({"voltage_0_V": ALTERNATING * LARGEST}, []),
     "constant signal of 1e308": ({"voltage_0_V": np.full(N, LARGEST)}, []),
     "signal of 1e200": ({"voltage_0_V": NOISE * 1e200}, []),
-    "one sample of netCDF's filling": ({"voltage_0_V": np.where(ROW == 3, 9.97e36, NOISE)}, []),
+    "one sample of netCDF's filling": (
+        {"voltage_0_V": np.where(ROW == 3, 9.97e36, NOISE)},
+        ["voltage_0_V, data row 4 holds 9.97e+36", "recording.missing=allow"],
+    ),
     "signal of 5e-324": ({"voltage_0_V": np.round(4 * NOISE) * 5e-324}, []),
     "signal of 1e-300": ({"voltage_0_V": NOISE * 1e-300}, []),
     "largest unsigned integers": ({"voltage_0_V": np.full(N, 2**64 - 1, np.uint64)}, []),

@@ -14,7 +14,7 @@ from srsinv.recording.even import load_even
 from srsinv.recording.formats.hdf5 import Hdf5
 from srsinv.recording.formats.text import Text
 from srsinv.recording.inspection import inspect
-from tests.recording.files import COLUMNS, SIGNAL, write, write_csv
+from tests.recording.files import COLUMNS, RATE_HZ, SIGNAL, N, columns, write, write_csv
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,11 @@ def test_a_reader_of_ones_own_gives_the_recording(scan):
     recording = load(scan, reader=Lines())
     np.testing.assert_array_equal(recording.signal, SIGNAL)
     assert (recording.name, recording.channels) == ("scan.lab", ("voltage_0_V", "voltage_1_V"))
+    twice = {name: np.resize(values, 2 * N) for name, values in columns().items()}
+    twice["time_s"] = np.arange(2 * N) / RATE_HZ
     settings = {"path": scan, "speed_m_per_s": 0.05}
-    np.testing.assert_allclose(load_even(settings, {}, Lines()).signal, SIGNAL)
+    read = load_even(settings, {}, Returning(twice)).signal
+    np.testing.assert_allclose(read, np.tile(SIGNAL, 2))
     assert len(inspect(scan, reader=Lines()).signals) == 2
 
 

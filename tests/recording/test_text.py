@@ -24,6 +24,7 @@ _WRONG = (
     "nan NaN inf -inf 1e999 abc --5 +-5 1-2 1.2.3 1e 1e+ e5 . - + 1e5e6 1e2.5 1.e.5 0x10 %1 1d5 "
     "1e5- -e5 .e5 5- -. 1.-2 nan(1) 1e-+5 e -.e1"
 )
+MARKS = ("nan", "NaN", "-", ".")
 EDGES, WRONG = _EDGES.split(), _WRONG.split()
 
 
@@ -35,9 +36,12 @@ def number(chance: random.Random) -> str:
 
 
 def as_python_reads(cell: str) -> float:
-    """NaN for an empty cell, infinite for one that is no finite number."""
-    if not cell.strip():
+    """NaN for an empty cell or a mark of none, infinite for one that is no finite number. Python
+    also takes digits of other scripts, and marks between digits."""
+    if not cell.strip() or cell in MARKS:
         return math.nan
+    if not cell.isascii() or "_" in cell:
+        return math.inf
     try:
         value = float(cell)
     except ValueError:
@@ -67,7 +71,7 @@ def test_random_cells_are_what_python_reads(tmp_path, odd):
         check(tmp_path / "r.csv", [row[:1] for row in rows if row[0]], ",", end, NAMES[:1])
 
 
-@pytest.mark.parametrize("cell", quick(WRONG[::8], WRONG[8]))
+@pytest.mark.parametrize("cell", quick(WRONG[2::8], WRONG[2]))
 def test_a_wrong_cell_far_inside_a_long_file_is_named(tmp_path, cell):
     path, samples, row = tmp_path / "r.csv", 150_000, 100_000
     lines = [f"{index / 1000},0.05,{index % 7 - 3}e-1" for index in range(samples)]

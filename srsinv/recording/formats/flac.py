@@ -41,6 +41,6 @@ class Flac(IsolatedReader):
                 raise EOFError("cut short")
         for index, channel in enumerate(np.ascontiguousarray(values.T)):
             name = f"channel_{index}"
-            table.take(name, channel.shape, channel.dtype, channel.copy, UNIT)
+            table.take(name, channel.shape, channel.dtype, channel.copy, {"units": UNIT})
             table.signals.append(name)
         return table

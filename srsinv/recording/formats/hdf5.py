@@ -17,6 +17,7 @@ from srsinv.errors import BadInput, refuse
 
 from ...files import DataFile, is_broken, quoted
 from .._apart import IsolatedReader
+from .._stated import is_stated_word, is_word, plain_value
 from .._table import ColumnTable, listing
 
 _Member = TypeVar("_Member", h5py.Dataset, h5py.Group)
@@ -41,6 +42,8 @@ class Hdf5(IsolatedReader):
         with open_hdf5(file) as opened:
             group = _group_of_columns(table, opened)
             leave_links_out(table, group)
+            for holder in (opened, group):
+                state_scalars(table, holder)
             for name, dataset in members(table, group, h5py.Dataset).items():
                 take(table, name, dataset, dataset.shape)
         return table
@@ -72,7 +75,7 @@ def take(
         check_chunks(table, name, dataset)
         return dataset[...].ravel()
 
-    table.take(name, shape or (), dataset.dtype, read, attribute(table, dataset, "units"))
+    table.take(name, shape or (), dataset.dtype, read, attributes(table, dataset))
 
 
 def why_no_column(dataset: h5py.Dataset) -> str | None:
@@ -137,7 +140,7 @@ def _unpacked(skipped: int, packed: bytes, packing: list[int], most: int) -> int
     return count
 
 
-def attribute(table: ColumnTable, holder: h5py.Dataset | h5py.File, name: str) -> Any:
+def attribute(table: ColumnTable, holder: h5py.Dataset | h5py.Group, name: str) -> Any:
     """A small attribute of a dataset or a file, or None. Raises `BadInput` for a large one."""
     if name not in holder.attrs:
         return None
@@ -148,6 +151,24 @@ def attribute(table: ColumnTable, holder: h5py.Dataset | h5py.File, name: str) -
         f"{_LARGEST_ATTRIBUTE}: write it shorter.",
     )
     return holder.attrs[name]
+
+
+def attributes(table: ColumnTable, holder: h5py.Dataset | h5py.Group) -> dict[str, Any]:
+    """The attributes that state anything of a column: its unit, scale, offset, gain and times."""
+    table.check_count(len(holder.attrs))
+    return {key: attribute(table, holder, key) for key in holder.attrs if is_word(key)}
+
+
+def state_scalars(table: ColumnTable, holder: h5py.Group) -> None:
+    """Add what a group states of all columns."""
+    found = attributes(table, holder)
+    table.scalars.update(
+        {
+            key: plain_value(value)
+            for key, value in found.items()
+            if is_stated_word(key, may_be_ambiguous=False)
+        }
+    )
 
 
 def members(table: ColumnTable, group: h5py.Group, kind: type[_Member]) -> dict[str, _Member]:

@@ -1,5 +1,8 @@
 """MATLAB: a column a row or column vector of numbers, in version 5 or 7.3 (which is HDF5)."""
 
+import re
+from typing import Any
+
 import h5py
 
 from ...files import DataFile, quoted
@@ -16,8 +19,26 @@ class Matlab(IsolatedReader):
     """MATLAB 5 and 7.3."""
 
     def read_here(self, file: DataFile) -> ColumnTable:
-        """The vectors of a file; all else (structs, cells, objects, matrices) is no column."""
-        return _read_7_3(file) if _is_hdf5(file) else read_matlab5(file)
+        """The vectors of a file, and those of its structs; all else (cells, objects, matrices) is
+        no column."""
+        table = _read_7_3(file) if _is_hdf5(file) else read_matlab5(file)
+        _name_fields(table)
+        # PicoScope's files have a channel's letter for its name.
+        if "Tinterval" in table.scalars:
+            table.signals.extend(name for name in table.columns if re.fullmatch("[A-H]", name))
+        return table
+
+
+def _name_fields(table: ColumnTable) -> None:
+    """Call the fields of a struct by their own names, where one struct alone has columns."""
+    structs = {name.partition(".")[0] for name in table.columns if "." in name}
+    if len(structs) != 1 or any("." not in name for name in table.columns):
+        return
+    for part in (table.columns, table.unusable, table.units, table.scalars, table.gains):
+        held: dict[str, Any] = part  # pyright: ignore[reportAssignmentType]
+        own = {name.partition(".")[2] or name: value for name, value in held.items()}
+        held.clear()
+        held.update(own)
 
 
 def _is_hdf5(file: DataFile) -> bool:
@@ -34,19 +55,26 @@ def _read_7_3(file: DataFile) -> ColumnTable:
     table = ColumnTable.of(file)
     with open_hdf5(file) as opened:
         leave_links_out(table, opened)
-        for name in members(table, opened, h5py.Group):
-            if name not in ("#refs#", "#subsystem#"):
-                table.leave_out(name, "is a MATLAB struct")
         for name, dataset in members(table, opened, h5py.Dataset).items():
-            kind = attribute(table, dataset, "MATLAB_class")
-            kind = "double" if kind is None else _text(kind)
-            if kind not in NUMERIC or "MATLAB_object_decode" in dataset.attrs:
-                table.leave_out(name, f"is a MATLAB {quoted(kind)}")
-            elif attribute(table, dataset, "MATLAB_empty"):
-                table.leave_out(name, "is empty")
-            else:
-                take(table, name, dataset, vector(dataset.shape or ()))
+            _take(table, name, dataset)
+        for name, group in members(table, opened, h5py.Group).items():
+            if name in ("#refs#", "#subsystem#"):
+                continue
+            leave_links_out(table, group)
+            for field, dataset in members(table, group, h5py.Dataset).items():
+                _take(table, f"{name}.{field}", dataset)
     return table
+
+
+def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
+    kind = attribute(table, dataset, "MATLAB_class")
+    kind = "double" if kind is None else _text(kind)
+    if kind not in NUMERIC or "MATLAB_object_decode" in dataset.attrs:
+        table.leave_out(name, f"is a MATLAB {quoted(kind)}")
+    elif attribute(table, dataset, "MATLAB_empty"):
+        table.leave_out(name, "is empty")
+    else:
+        take(table, name, dataset, vector(dataset.shape or ()))
 
 
 def _text(value: object) -> str:

@@ -11,7 +11,7 @@ import zlib
 import numpy as np
 
 from ...files import DataFile
-from .._table import ColumnTable
+from .._table import MOST_COLUMNS, ColumnTable
 
 _HEADER = 128  # bytes, the last two of which give the byte order
 _ORDERS = {b"IM": "<", b"MI": ">"}
@@ -59,7 +59,24 @@ class _Inflated:
         return data
 
 
-_Stream = _Part | _Inflated
+class _Within:
+    """The next bytes of a stream, `size` of them and no more."""
+
+    def __init__(self, stream: "_Stream", size: int):
+        self._stream, self._left = stream, size
+
+    def read(self, size: int, /) -> bytes | bytearray:
+        part = self._stream.read(min(size, self._left))
+        self._left -= len(part)
+        return part
+
+    def pass_over(self) -> None:
+        """Read what is left."""
+        while self._left and self.read(_PIECE):
+            pass
+
+
+_Stream = _Part | _Inflated | _Within
 _Bytes = bytes | bytearray
 
 
@@ -69,7 +86,7 @@ def vector(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def read_matlab5(file: DataFile) -> ColumnTable:
-    """The vectors of numbers in the file."""
+    """The vectors of numbers in the file, those of a struct's fields included."""
     table = ColumnTable.of(file)
     order = _ORDERS[file.read(_HEADER)[_HEADER - 2 :]]
     end, count = _HEADER, 0
@@ -91,16 +108,36 @@ def read_matlab5(file: DataFile) -> ColumnTable:
     return table
 
 
-def _take(table: ColumnTable, stream: _Stream, order: str) -> None:
+def _take_struct(table: ColumnTable, name: str, stream: _Stream, order: str) -> None:
+    """Take in the fields of a struct, as `struct.field`."""
+    longest = int(np.frombuffer(_element(stream, order)[1], f"{order}i4")[0])
+    names = bytes(_element(stream, order, MOST_COLUMNS * _LONGEST)[1])
+    if not 0 < longest <= _LONGEST:
+        raise ValueError("names longer than they can be")
+    fields = [names[at : at + longest].rstrip(b"\0") for at in range(0, len(names), longest)]
+    table.check_count(len(fields))
+    for field in fields:
+        kind, size = struct.unpack(f"{order}II", _exactly(stream, 8))
+        if kind != _MATRIX:
+            raise ValueError("not a variable")
+        part = _Within(stream, size)
+        _take(table, part, order, f"{name}.{field.decode('ascii')}")
+        part.pass_over()
+
+
+def _take(table: ColumnTable, stream: _Stream, order: str, inside: str = "") -> None:
+    """Take in a variable, or a field of a struct under the name `inside`."""
     flags = int(np.frombuffer(_element(stream, order)[1], f"{order}u4")[0])
     name_of_class = _CLASSES[flags & 0xFF]
     # An opaque object has no dimensions before its name.
     opaque = name_of_class == _CLASSES[17]
     shape = () if opaque else np.frombuffer(_element(stream, order)[1], f"{order}i4").tolist()
-    name = _element(stream, order)[1].decode("ascii")
+    name = _element(stream, order)[1].decode("ascii") or inside
     if not name:  # what belongs to functions and objects
         return
-    if name_of_class not in NUMERIC:
+    if name_of_class == "struct" and not inside and math.prod(shape) == 1:
+        _take_struct(table, name, stream, order)
+    elif name_of_class not in NUMERIC:
         table.leave_out(name, f"is a MATLAB {name_of_class}")
     elif flags & (_COMPLEX | _LOGICAL):
         table.leave_out(name, f"holds {'complex' if flags & _COMPLEX else 'logical'} values")

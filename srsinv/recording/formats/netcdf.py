@@ -14,7 +14,16 @@ from ...files import DataFile
 from .._apart import IsolatedReader
 from .._sidecar import parse
 from .._table import ColumnTable
-from .hdf5 import attribute, check_chunks, leave_links_out, members, open_hdf5, why_no_column
+from .hdf5 import (
+    attribute,
+    attributes,
+    check_chunks,
+    leave_links_out,
+    members,
+    open_hdf5,
+    state_scalars,
+    why_no_column,
+)
 
 _PACKING = ("_FillValue", "missing_value", "scale_factor", "add_offset", "_Unsigned", "dtype")
 # How the format marks a dimension that is no variable, and a variable named as another's dimension.
@@ -34,6 +43,7 @@ class NetCdf(IsolatedReader):
                 mark = attribute(table, dataset, "NAME")
                 if not (isinstance(mark, bytes) and mark.startswith(_ONLY_A_DIMENSION)):
                     _take(table, name.replace(_NOT_THE_DIMENSION, ""), dataset)
+            state_scalars(table, opened)
             sidecar = word(attribute(table, opened, "sidecar"))
             if sidecar is not None:
                 table.sidecar.update(
@@ -46,9 +56,10 @@ def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
     if reason := why_no_column(dataset):
         table.leave_out(name, reason)
         return
-    unit = word(attribute(table, dataset, "units"))
+    # The format's own words of packing are applied below.
+    facts = {k: v for k, v in attributes(table, dataset).items() if k not in _PACKING}
     if len(dataset.shape or ()) != 1 or dataset.dtype.kind not in "iuf":
-        table.take(name, dataset.shape or (), dataset.dtype, lambda: np.zeros(0), unit)
+        table.take(name, dataset.shape or (), dataset.dtype, lambda: np.zeros(0), facts)
         return
     packing = {key: word(attribute(table, dataset, key)) for key in _PACKING}
     packing = {key: value for key, value in packing.items() if value is not None}
@@ -69,7 +80,7 @@ def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
         return unpacked(dataset[...]).to_numpy()
 
     dtype = np.dtype(unpacked(np.zeros(0, dataset.dtype)).dtype)
-    table.take(name, dataset.shape, dtype, read, unit)
+    table.take(name, dataset.shape, dtype, read, facts)
 
 
 def word(value: object) -> object:

@@ -1,6 +1,7 @@
 """NumPy archives: a column an array."""
 
 import io
+import math
 import zipfile
 
 import numpy as np
@@ -41,7 +42,8 @@ def _take(table: ColumnTable, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -
     shape, dtype = header
 
     def read() -> np.ndarray:
-        if shape[0] < 0 or shape[0] * dtype.itemsize > info.file_size:
+        size = math.prod(shape)
+        if size < 0 or size * dtype.itemsize > info.file_size:
             raise EOFError("fewer values than the header states")
         with archive.open(info) as member:
             return np.asarray(np.lib.format.read_array(member, allow_pickle=False))

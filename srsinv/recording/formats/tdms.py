@@ -9,7 +9,8 @@ import numpy as np
 from srsinv.errors import BadInput
 
 from ...files import DataFile
-from .._columns import may_be_signal
+from .._columns import quantity_of
+from .._stated import is_word
 from .._table import ColumnTable
 from ..reader import Reader
 
@@ -51,7 +52,6 @@ class Tdms(Reader):
                     table.leave_out(name, f"has more than {_MOST_SCALES} scales")
                 else:
                     _take(table, name, channel, file.size)
-            table.sidecar.update(_rate(channels))
         return table
 
 
@@ -66,19 +66,13 @@ def _most_scales(*holders: Any) -> int:
 
 def _take(table: ColumnTable, name: str, channel: Any, most: int) -> None:
     dtype = np.dtype(channel.dtype)
-    unit = channel.properties.get("unit_string")
+    facts = {key: value for key, value in channel.properties.items() if is_word(key)}
 
     def read() -> np.ndarray:
         if len(channel) > most:  # not even a byte for each
             raise EOFError("fewer values than stated")
         return np.asarray(channel[:])
 
-    table.take(name, (len(channel),), dtype, read, unit)
-    if name in table.columns and may_be_signal(name):
+    table.take(name, (len(channel),), dtype, read, facts)
+    if name in table.columns and quantity_of(table, name) is None:
         table.signals.append(name)
-
-
-def _rate(channels: list[Any]) -> dict[str, float]:
-    """The one sample rate of the channels' waveforms; empty where they state none, or several."""
-    steps_s = {channel.properties.get("wf_increment") for channel in channels} - {None, 0.0}
-    return {"sample_rate_hz": 1 / float(steps_s.pop())} if len(steps_s) == 1 else {}

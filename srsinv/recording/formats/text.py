@@ -1,46 +1,62 @@
-"""Text: a header row of names, then a row a sample, separated by commas, semicolons or tabs."""
+"""Text: a line of names, then a row a sample, as instruments and people write it."""
 
+import codecs
 import csv
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from srsinv.errors import BadInput, refuse
 
-from ...files import DataFile
-from .._table import ColumnTable
+from ...files import DataFile, quoted
+from .._stated import is_stated_word, plain, stated
+from .._table import ColumnTable, listing
 from ..reader import Reader
-from ._numbers import DecimalMark, is_number
+from ._heading import SPACE, Heading, heading_of, units_of
+from ._numbers import DecimalMark, has_thousands, is_mark
+from ._stamps import is_stamp, past_midnight, stamps_s
 
-_DELIMITERS = "\t;,"  # the first that the header has: a name may hold a comma, hardly the others
-_QUOTED = re.compile('"[^"]*"')
 LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
 _BLOCK = 2**20  # characters whose cells are turned into numbers together
 _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
 _TEXT = 80  # characters stored of a cell that is no number
+_SPACES = re.compile(r"[ \t]+")
+_AT_ENDS = re.compile(r"(?m)^ | $")
 
 _Rows = list[list[str]] | Float[np.ndarray, "row column"]
 
 
-class Text(Reader):
-    """Text with a header row, cells separated by commas, semicolons or tabs.
+def _as_latin_1(error: UnicodeError) -> tuple[str, int]:
+    """Bytes that are no UTF-8, as Latin-1 has them: signs of micro and of degrees."""
+    if not isinstance(error, UnicodeDecodeError):
+        raise error
+    return error.object[error.start : error.end].decode("latin-1"), error.end
 
-    Between semicolons or tabs the decimal mark may be a comma, throughout the file.
+
+codecs.register_error("srsinv.latin_1", _as_latin_1)
+
+
+class Text(Reader):
+    """Text whose rows have cells separated by commas, semicolons, tabs or spaces.
+
+    The line that names the columns stands above the rows, after whatever an instrument writes
+    before; where there is none, columns are named `column_1`, `column_2`, ... Between semicolons,
+    tabs or spaces the decimal mark may be a comma, throughout the file. UTF-8, UTF-16 and Latin-1
+    are read.
     """
 
     def read(self, file: DataFile) -> ColumnTable:
-        """The columns of a UTF-8 text; blank lines and lines of # before the header are skipped."""
+        """The columns of a text, with the rate, units and start that its preamble states."""
         table = ColumnTable.of(file)
-        text = io.TextIOWrapper(file, encoding="utf-8-sig")
+        text = io.TextIOWrapper(file, encoding=_encoding(file), errors="srsinv.latin_1")
         lines = _Lines(table.name, text)
-        header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-        delimiter = next((mark for mark in _DELIMITERS if mark in _QUOTED.sub("", header)), ",")
-        names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
+        heading = heading_of(lines.block_at_hand())
+        names, delimiter = heading.names, heading.delimiter
         _check_names(table, names)
-        lines.begin_after(1)
+        lines.skip(heading.lines)
         decimal = DecimalMark(delimiter != ",")
         columns = {index: _Column(decimal) for index, name in enumerate(names) if name}
         for rows in _blocks(table, lines, delimiter, names, decimal):
@@ -48,10 +64,138 @@ class Text(Reader):
             for index, column in columns.items():
                 column.extend(cells[index])
         for index, column in columns.items():
-            table.columns[names[index]] = column.numbers()
-            table.texts[names[index]] = column.text
+            _take(table, names[index], column)
         text.detach()  # the file stays open
+        _refuse_thousands(table, file, heading)
+        _state(table, heading)
         return table
+
+
+def _encoding(file: DataFile) -> str:
+    """The encoding of a text, by the mark at its beginning or by its zero bytes."""
+    start = file.read(1024)
+    file.seek(0)
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    even, odd = start[::2].count(0), start[1::2].count(0)
+    if 4 * max(even, odd) > len(start) and not min(even, odd):
+        return "utf-16-le" if odd else "utf-16-be"
+    return "utf-8-sig"
+
+
+def _take(table: ColumnTable, name: str, column: "_Column") -> None:
+    values = column.numbers()
+    if column.is_stamps:
+        table.stamps.append(name)
+        if not column.is_dated:
+            values = past_midnight(values)
+    table.columns[name] = values
+    table.texts[name] = column.text
+    if column.mark:
+        table.marks[name] = column.mark
+
+
+def _refuse_thousands(table: ColumnTable, file: DataFile, heading: Heading) -> None:
+    """Refuse a column whose cells part thousands: -1.117 beside 385, which is -1117."""
+    odd = [name for name, values in table.columns.items() if has_thousands(values)]
+    if not odd:
+        return
+    file.seek(0)
+    text = io.TextIOWrapper(file, encoding=_encoding(file), errors="srsinv.latin_1")
+    at = {heading.names.index(name): name for name in odd}
+    whole = re.compile(r"\s*[-+]?\d{1,3}([.,]\d{3})?\s*", re.ASCII)
+    cells: dict[int, str] = {}
+    for number, row in enumerate(csv.reader(text, delimiter=heading.delimiter)):
+        if number < heading.lines:
+            continue
+        for index in [index for index in at if index < len(row)]:
+            if row[index].strip() and not whole.fullmatch(row[index]):
+                del at[index]
+            elif "." in row[index] or "," in row[index]:
+                cells.setdefault(index, row[index].strip())
+    text.detach()
+    for index, name in at.items():
+        raise BadInput(
+            f"{table.name}: column {quoted(name)} holds {cells.get(index, '')!r} among whole "
+            "numbers, which may be thousands or a decimal: write the numbers without a mark for "
+            "thousands, or all of them with their decimals."
+        )
+
+
+def _state(table: ColumnTable, heading: Heading) -> None:
+    """Add what the preamble and the row of units state."""
+    table.units.update({name: unit for name, unit in units_of(heading).items() if name in table})
+    if heading.line > 1:
+        named = listing(name for name in heading.names if name)
+        table.notes.append(f"Line {heading.line} names the columns: {named}.")
+    if not heading.line:
+        table.notes.append("No line names the columns: they are numbered from column_1 on.")
+    _state_units(table, heading)
+    _state_of_labview(table, heading)
+    for key, values in heading.entries:
+        is_above_numbers = key in heading.names
+        if not is_stated_word(key, may_be_ambiguous=is_above_numbers):
+            continue
+        if is_above_numbers and key in table.columns and np.isfinite(table.columns[key]).any():
+            continue  # a column of its own
+        value = _stated_value(values)
+        if value is not None and stated({key: value}).refused is None:
+            table.scalars.setdefault(key, value)
+            if is_above_numbers:
+                table.columns.pop(key, None)
+    _number_by_clock(table)
+
+
+def _stated_value(values: Sequence[str]) -> str | None:
+    """The one value that an entry of a preamble states, with a unit in the next cell; None: none,
+    or several."""
+    filled = [value for value in values if value]
+    if len(filled) == 2 and not any(each.isdigit() for each in filled[1]):
+        filled = [" ".join(filled)]
+    different = dict.fromkeys(value.replace(",", ".") for value in filled)
+    return next(iter(different)) if len(different) == 1 else None
+
+
+def _state_units(table: ColumnTable, heading: Heading) -> None:
+    """Add the units that a preamble states: of the first column, and of those after it."""
+    first, *others = heading.names
+    for key, values in heading.entries:
+        named = {"horizontalunits": [first], "xunits": [first], "verticalunits": others,
+                 "yunits": others, "yunitlabel": others}.get(plain(key), [])  # fmt: skip
+        for name, unit in zip(named, values, strict=False):
+            if unit and name in table.columns:
+                table.units.setdefault(name, unit)
+
+
+def _state_of_labview(table: ColumnTable, heading: Heading) -> None:
+    """The seconds of X_Value, and the starts and intervals of a LabVIEW file's channels."""
+    entries = dict(heading.entries)
+    if "X_Value" not in heading.names or "X_Dimension" not in entries:
+        return
+    if entries["X_Dimension"][:1] == ["Time"] and "X_Value" in table.columns:
+        table.units["X_Value"] = "s"
+        table.stamps.append("X_Value")
+        if not np.isfinite(table.columns["X_Value"]).any():
+            del table.columns["X_Value"]  # where X_Columns is No
+            table.stamps.remove("X_Value")
+    channels = heading.names[heading.names.index("X_Value") + 1 :]
+    rows = zip(channels, entries.get("X0", ()), entries.get("Delta_X", ()), strict=False)
+    clocks = {name: stated({"X0": x0, "Delta_X": step}) for name, x0, step in rows if step}
+    if len({(each.start_s, each.interval_s) for each in clocks.values()}) > 1:
+        for name, each in clocks.items():
+            if name in table.columns and each.clock:
+                table.clocks[name] = each.clock
+
+
+def _number_by_clock(table: ColumnTable) -> None:
+    """Turn a column of the samples' numbers into seconds, by the start and the interval."""
+    clock = stated(table.scalars)
+    numbered = [name for name, unit in table.units.items() if unit.casefold() == "sequence"]
+    if clock.interval_s and len(numbered) == 1 and not clock.refused:
+        (name,) = numbered
+        table.columns[name] = (clock.start_s or 0.0) + clock.interval_s * table.columns[name]
+        table.units[name] = "s"
+        table.stamps.append(name)
 
 
 class _Lines(Iterator[str]):
@@ -69,6 +213,13 @@ class _Lines(Iterator[str]):
     def begin_after(self, rows: int) -> None:
         """Begin the next row, after `rows` of them."""
         self._rows, self._characters = self._rows + rows, 0
+
+    def skip(self, lines: int) -> None:
+        """Take so many lines as read, and begin the first row."""
+        for _ in range(lines):
+            next(self)
+            self.begin_after(0)
+        self.begin_after(1)
 
     def has_more_at_hand(self) -> bool:
         """Whether a line is buffered."""
@@ -119,30 +270,42 @@ class _Lines(Iterator[str]):
 
 
 class _Column:
-    """A column's cells as numbers: NaN for one that is empty, infinite for no finite number."""
+    """A column's cells as numbers: NaN for one that is empty or a mark of a missing sample,
+    infinite for no finite number. Dates and clock times are seconds."""
 
     def __init__(self, decimal: DecimalMark):
         self._parts: list[np.ndarray] = []
+        self._stamps: list[str] = []
         self._decimal = decimal
         self.text = ""  # of the first cell that holds no finite number
+        self.mark = ""  # the first one of a missing sample
+        self.is_stamps = self.is_dated = False
 
-    def extend(self, cells: tuple[str, ...] | Float[np.ndarray, " row"]) -> None:
+    def extend(self, cells: Sequence[str] | Float[np.ndarray, " row"]) -> None:
         """Add the next cells, or their numbers, finite but where a cell is empty."""
         if isinstance(cells, np.ndarray):
             self._parts.append(cells.copy())  # not a view, which would hold all columns
             return
-        try:
-            values = np.fromiter(map(float, cells), np.float64, len(cells))
-        except ValueError:
-            values = np.full(1, np.nan)
-        if self._decimal.may_differ or not np.isfinite(values).all():
-            values = np.fromiter(map(self._decimal.number, cells), np.float64, len(cells))
-            if not self.text and np.isinf(values).any():
-                self.text = cells[int(np.isinf(values).argmax())].strip()[:_TEXT]
+        if not self.is_stamps and not sum(map(len, self._parts)):
+            self.is_stamps = is_stamp(next((cell for cell in cells if cell.strip()), ""))
+        if self.is_stamps:
+            self._stamps.extend(cells)
+            return
+        values = np.fromiter(map(self._decimal.number, cells), np.float64, len(cells))
+        if not self.text and np.isinf(values).any():
+            self.text = cells[int(np.isinf(values).argmax())].strip()[:_TEXT]
+        if not self.mark and np.isnan(values).any():
+            self.mark = next((cell.strip() for cell in cells if is_mark(cell)), "")
         self._parts.append(values)
 
     def numbers(self) -> Float[np.ndarray, " row"]:
         """All cells, removed from the column."""
+        if self.is_stamps:
+            values, self.is_dated = stamps_s(self._stamps)
+            odd = np.isinf(values)
+            self.text = self._stamps[int(odd.argmax())].strip()[:_TEXT] if odd.any() else ""
+            self._stamps.clear()
+            return values
         values = np.concatenate([np.zeros(0), *self._parts])
         self._parts.clear()
         return values
@@ -155,7 +318,7 @@ def _blocks(
 
     A blank line is a row of empty cells, and nothing at the end of any file.
     """
-    reader = csv.reader(lines, delimiter=delimiter)
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == SPACE)
     done = blank = 0
     while len(rows := _next_rows(lines, reader, delimiter, len(names), decimal)):
         at_end = 0
@@ -183,6 +346,8 @@ def _next_rows(
 ) -> _Rows:
     """The rows of the next lines, a blank line's being one empty cell; none at the end."""
     block = lines.block_at_hand()
+    if delimiter == SPACE and '"' not in block:
+        block = _AT_ENDS.sub("", _SPACES.sub(" ", block))
     rows = decimal.numeric_rows(block, delimiter, columns)
     if rows is None:
         rows = _simple_rows(block, delimiter)
@@ -239,9 +404,9 @@ def _check_names(table: ColumnTable, names: list[str]) -> None:
     table.check_count(len(names))
     named = [column for column in names if column]
     refuse(
-        all(map(is_number, named)),
-        f"{table.name}: there is no header row: begin the file with the names of its columns, such "
-        "as time_s,speed_m_per_s,voltage_0_V.",
+        not named,
+        f"{table.name}: there is no table: begin the file with the names of its columns, such as "
+        "time_s,speed_m_per_s,voltage_0_V, and write a row for each sample below.",
     )
     for index, column in enumerate(named):
         table.check_name(column)

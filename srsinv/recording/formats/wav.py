@@ -39,7 +39,7 @@ class Wav(Reader):
         scaled = _full_scale(raw if raw.ndim == 2 else raw[:, None])
         for index, values in enumerate(scaled.T):
             name = f"channel_{index}"
-            table.take(name, values.shape, values.dtype, values.copy, UNIT)
+            table.take(name, values.shape, values.dtype, values.copy, {"units": UNIT})
             table.signals.append(name)
         return table
 

@@ -1,0 +1,92 @@
+"""What is improbable in a recording: each finding is a sentence, and no answer from it is sure.
+
+Numbers that a rig can hardly have are nearly always a unit, a scale or a code that was misread.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from ._recording import Recording
+
+FASTEST_M_PER_S = 1.0  # fingers explore at 0.01 to 0.3 m/s
+FASTEST_HZ = 1e6  # the skin transmits up to some kHz at such speeds
+DEEPEST_M = 0.02  # rubber of a finger over its film is 0.5 to 3 mm thick
+THINNEST_M = 1e-6
+_FEWEST_PER_DEPTH = 10  # samples while the finger slides by the film's depth
+_ALONE = 10.0  # times the range of all other samples that a code lies beyond them
+_FEWEST_CODES = 2
+_LEAST_OTHERS = 16
+
+
+def doubts(recording: Recording) -> tuple[str, ...]:
+    """What is improbable in a recording, as sentences that end in what to check."""
+    return (*recording.doubts, *_of_motion(recording), *_of_signals(recording))
+
+
+def samples_per_depth(recording: Recording) -> str | None:
+    """A sentence where the samples are too far apart along x for the film's depth, or None."""
+    depth_m = (recording.sidecar.get("sensor") or {}).get("depth_m")
+    speed_m_per_s = float(np.max(np.abs(recording.speed_m_per_s)))
+    if depth_m is None or speed_m_per_s == 0:
+        return None
+    samples = float(depth_m) * recording.sample_rate_hz / speed_m_per_s
+    if samples >= _FEWEST_PER_DEPTH:
+        return None
+    return (
+        f"The finger slides by the film's depth of {1e3 * depth_m:.3g} mm in {samples:.2g} "
+        f"samples, where at least {_FEWEST_PER_DEPTH} show what the skin transmits: check speed "
+        "and rate, or record more slowly."
+    )
+
+
+def _of_motion(recording: Recording) -> Iterator[str]:
+    speed_m_per_s = float(np.median(np.abs(recording.speed_m_per_s)))
+    if speed_m_per_s > FASTEST_M_PER_S:
+        yield (
+            f"The finger slides at {speed_m_per_s:.3g} m/s, where {FASTEST_M_PER_S:g} m/s is fast: "
+            "check the units of times and positions, or of the speed."
+        )
+    if recording.sample_rate_hz > FASTEST_HZ:
+        yield (
+            f"The sample rate is {recording.sample_rate_hz:.3g} Hz, above {FASTEST_HZ:g} Hz: check "
+            "the unit of the times, or the rate that is stated."
+        )
+    sensor = recording.sidecar.get("sensor") or {}
+    depths_m = [sensor.get("depth_m"), *(e.get("depth_m") for e in sensor.get("elements") or ())]
+    for depth_m in dict.fromkeys(each for each in depths_m if each is not None):
+        if not THINNEST_M <= depth_m <= DEEPEST_M:
+            yield (
+                f"The film's depth is stated as {depth_m:g} m, where {DEEPEST_M:g} m is deep and "
+                f"{THINNEST_M:g} m is shallow: check sensor.depth_m, which is in metres."
+            )
+
+
+def _of_signals(recording: Recording) -> Iterator[str]:
+    raw = recording.signal if recording.raw_signal is None else recording.raw_signal
+    for channel, values in zip(recording.channels, raw, strict=True):
+        code, count = _code(values)
+        if count:
+            yield (
+                f"{channel} holds {code:.6g} {recording.signal_unit} in {count} samples, far "
+                "beyond all others: if that is a code for samples out of range, leave their cells "
+                "empty (NaN in an array) and set recording.missing=allow."
+            )
+
+
+def _code(values: Float[np.ndarray, " sample"]) -> tuple[float, int]:
+    """The value (NaN: missing) that lies alone beyond all others, several times, and how often."""
+    present = values[np.isfinite(values)]
+    if present.size < _LEAST_OTHERS:
+        return 0.0, 0
+    low, high = float(present.min()), float(present.max())
+    for code in (high, low):
+        others = present[present != code]
+        if others.size < _LEAST_OTHERS:
+            continue
+        spread = float(np.ptp(others))
+        distance = float(np.min(np.abs(others - code)))
+        if present.size - others.size >= _FEWEST_CODES and distance > _ALONE * spread > 0:
+            return code, present.size - others.size
+    return 0.0, 0

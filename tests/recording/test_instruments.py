@@ -1,0 +1,472 @@
+"""Files as instruments and programs write them: one scan in the words of each, read as it was.
+
+The scan is the one of `advice`; a writer gives its text, or writes its file. What a file states of
+its numbers (start, interval, unit, scale) is used; where it cannot be, it is refused.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+import xarray as xr
+from nptdms import ChannelObject, TdmsWriter
+
+from srsinv.errors import BadInput
+from srsinv.recording import Recording
+from srsinv.recording.even import load_even
+from srsinv.recording.inspection import inspect
+from tests.recording.advice import (
+    POSITION_M,
+    RATE_HZ,
+    SIGNAL_V,
+    SPEED_M_PER_S,
+    TIME_S,
+    N,
+    follows,
+)
+
+STEP_S = 1 / RATE_HZ
+A, B = SIGNAL_V
+MM = 1e3 * POSITION_M
+MOVING = {"speed_m_per_s": SPEED_M_PER_S, "scan_start_m": float(POSITION_M[0])}
+
+
+def table(*columns, delimiter=",", end="", form="{!r}"):
+    """Rows of numbers, with what a writer leaves at the end of each."""
+    rows = zip(*(np.asarray(c, object) for c in columns), strict=True)
+    cells = ([each if isinstance(each, str) else form.format(float(each)) for each in row]
+             for row in rows)  # fmt: skip
+    return "".join(delimiter.join(row) + end + "\n" for row in cells)
+
+
+def labview(x0=("0.0", "0.0", "0.0")):
+    """A LabVIEW measurement file."""
+    head = (
+        "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\n"
+        "X_Columns\tOne\nTime_Pref\tRelative\nDate\t2025/02/11\nTime\t10:11:12.5\n"
+        "***End_of_Header***\t\n\t\nChannels\t3\t\t\t\nSamples\t400\t400\t400\t\n"
+        "Y_Unit_Label\tVolts\tVolts\tmm\t\nX_Dimension\tTime\tTime\tTime\t\n"
+        f"X0\t{x0[0]}\t{x0[1]}\t{x0[2]}\t\nDelta_X\t0.0005\t0.0005\t0.0005\t\n"
+        "***End_of_Header***\t\t\t\t\nX_Value\tDev1/ai0\tDev1/ai1\tPosition\tComment\n"
+    )
+    return head + table(TIME_S, A, B, MM, delimiter="\t", end="\t")
+
+
+def tektronix():
+    """The older way of Tektronix: the preamble stands beside the first rows' cells."""
+    return (
+        "Model,TDS2024\nFirmware Version,22.0\n\nRecord Length,400,Points\n"
+        f"Sample Interval,{STEP_S!r},s\nVertical Units,V,V\nHorizontal Units,s\n\nTIME,CH1,CH2\n"
+        + table(TIME_S, A, B)
+    )
+
+
+def stamps(form):
+    """Time stamps, in words, from half a second before midnight on."""
+    start = pd.Timestamp("2025-02-11T23:59:59.900")
+    return [f"{start + pd.Timedelta(seconds=t):{form}}" for t in TIME_S]
+
+
+def rigol():
+    units = f"Sequence,Volt,Volt,-7.5e-01,{STEP_S!r}\n"
+    return "X,CH1,CH2,Start,Increment,\n" + units + table(np.arange(N), A, B, end=",,")
+
+
+def keysight():
+    return "x-axis,1,2\nsecond,Volt,Volt\n" + table(TIME_S - 0.1, A, B)
+
+
+def picoscope():
+    return "Time,Channel A,Channel B\n(ms),(V),(mV)\n\n" + table(1e3 * TIME_S, A, 1e3 * B)
+
+
+def lecroy():
+    return "LECROYWS64,12345\nSegments,1\nTime,Ampl,Ampl 2\n" + table(TIME_S, A, B)
+
+
+def siglent():
+    return "Source,CH1,CH2\nSecond,Volt,Volt 2\n" + table(TIME_S, A, B)
+
+
+def excel():
+    commas = table(1e3 * TIME_S, MM, A, B, delimiter=";").replace(".", ",")
+    return "sep=;\nTime (ms);Pos (mm);Ch 0 [V];Ch 1 [V]\n" + commas
+
+
+def savetxt(header="time_s position_m voltage_0_V voltage_1_V", comment="# ", delimiter=" "):
+    rows = table(TIME_S, POSITION_M, A, B, delimiter=delimiter, form="{:.18e}")
+    return f"{comment}{header}\n{rows}" if header else rows
+
+
+# name: (text, what is said of it when it is read)
+TEXTS: dict[str, tuple[str | bytes, dict]] = {
+    "LabVIEW": (labview(), {}),
+    "LabVIEW, a stage that starts late": (labview(("0.0", "0.0", "0.0")), {}),
+    "Tektronix": (tektronix(), MOVING),
+    "Rigol": (rigol(), MOVING),
+    "Keysight": (keysight(), MOVING),
+    "PicoScope": (picoscope(), MOVING),
+    "LeCroy": (lecroy(), MOVING | {"time_unit": "s", "signal_unit": "V"}),
+    "Siglent": (siglent(), MOVING | {"time_unit": "s", "signal_unit": "V"}),
+    "Excel, decimal commas": (excel(), {}),
+    "savetxt": (savetxt(), {}),
+    "savetxt, aligned": (
+        "  ".join(["time_s", "position_m", "voltage_0_V", "voltage_1_V"])
+        + "\n"
+        + table(TIME_S, POSITION_M, A, B, delimiter="   ", form="{:25.17e}"),
+        {},
+    ),
+    "savetxt with commas": (savetxt("time_s,position_m,voltage_0_V,voltage_1_V", "# ", ","), {}),
+    "no header": (
+        savetxt(""),
+        {"time_column": "column_1", "time_unit": "s", "position_column": "column_2",
+         "position_unit": "m", "channels": ["column_3", "column_4"], "signal_unit": "V"},
+    ),
+    "delimiters at the ends of rows": (
+        "time_s,position_m,voltage_0_V,voltage_1_V\n" + table(TIME_S, POSITION_M, A, B, end=","),
+        {},
+    ),
+    "a delimiter at the end of the header": (
+        "time_s,position_m,voltage_0_V,voltage_1_V,\n" + table(TIME_S, POSITION_M, A, B),
+        {},
+    ),
+    "rate in the preamble": (
+        ";Tool: scope\n;Sample rate,2 kHz\nCH1(V),CH2(V),Position(mm)\n" + table(A, B, MM),
+        {},
+    ),
+    "interval in the preamble": (
+        "Date: today\nSampling interval (ms): 0.5\nCH1(V);CH2(V);Pos (mm)\n"
+        + table(A, B, MM, delimiter=";"),
+        {},
+    ),
+    "UTF-16": (("Time (ms),X [µm],Ch 0 [V],Ch 1 [V]\n" + table(1e3 * TIME_S, 1e3 * MM, A, B))
+               .encode("utf-16"), {}),
+    "Latin-1": (("Time (µs),Ch 0 [V],Ch 1 [V]\n" + table(1e6 * TIME_S, A, B)).encode("latin-1"),
+                MOVING),
+    "ISO stamps": ("time,Ch 0 [V],Ch 1 [V]\n" + table(stamps("%Y-%m-%dT%H:%M:%S.%f"), A, B),
+                   MOVING),
+    "dates and times": ("Date/Time;Ch 0 [V];Ch 1 [V]\n"
+                        + table(stamps("%d.%m.%Y %H:%M:%S,%f"), A, B, delimiter=";")
+                        .replace(".1", ".1"), MOVING | {"time_column": "Date/Time"}),
+    "clock past midnight": ("Time (hh:mm:ss),Ch 0 [V],Ch 1 [V]\n"
+                            + table(stamps("%H:%M:%S.%f"), A, B), MOVING),
+    "nanoseconds": ("Time (ns),Ch 0 [V],Ch 1 [V]\n" + table(1e9 * TIME_S, A, B), MOVING),
+    "microseconds that wrap": (
+        "Time (us),Ch 0 [V],Ch 1 [V]\n"
+        + table((2**32 - 50_000 + np.round(1e6 * TIME_S)) % 2**32, A, B), MOVING),
+    "milliseconds of 16 bits": (
+        "Time (ms),Ch 0 [V],Ch 1 [V]\n"
+        + table((65_500 + 2e3 * TIME_S) % 2**16 / 2, A, B), MOVING),
+    "an encoder that wraps": (
+        "Time (ms),encoder (um),Ch 0 [V],Ch 1 [V]\n"
+        + table(1e3 * TIME_S, (63_000 + 1e3 * MM + 2**15) % 2**16 - 2**15, A, B),
+        {}),
+    "any name in volts": (
+        "Time (ms),X [V],Encoder side film [V],Stage pos (mm)\n" + table(1e3 * TIME_S, A, B, MM),
+        {}),
+    "temperature called T": (
+        "T (degC),t (s),Ch 0 [V],Ch 1 [V],y pos (mm),Stage pos (mm)\n"
+        + table(21 + TIME_S, TIME_S, A, B, 0 * MM, MM), {}),
+}  # fmt: skip
+
+
+def assert_is_scan(recording: Recording) -> None:
+    """The scan's signals, intervals and motion; its origins may be others."""
+    np.testing.assert_allclose(recording.signal, SIGNAL_V, rtol=1e-12)
+    np.testing.assert_allclose(recording.time_s - recording.time_s[0], TIME_S, atol=2e-7)
+    np.testing.assert_allclose(
+        recording.position_m - recording.position_m[0], POSITION_M - POSITION_M[0], atol=1e-8
+    )
+    assert recording.signal_unit == "V"
+
+
+@follows("No line names the columns", "as a counter of {} bits does")
+@pytest.mark.parametrize("case", TEXTS)
+def test_text_of_instruments(tmp_path, case):
+    text, known = TEXTS[case]
+    path = tmp_path / "r.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    recording = load_even({"path": str(path), **known}, {})
+    assert_is_scan(recording)
+    inspection = inspect(path, **known)
+    assert inspection.refusal is None
+    assert inspection.doubts == ()
+
+
+@follows("Line {} names the columns")
+def test_the_line_of_the_header_is_said(tmp_path):
+    (tmp_path / "r.txt").write_text(labview())
+    assert any("Line 18 names" in note for note in inspect(tmp_path / "r.txt").notes)
+
+
+# Files of numbers: each writes the scan, and states its times, units or scales by itself.
+
+
+def late_stage(path: Path) -> None:
+    """A stage that starts 50 samples after the films, at a tenth of their rate."""
+    films = {"wf_increment": STEP_S, "wf_start_offset": 0.0, "unit_string": "V"}
+    stage = {"wf_increment": 10 * STEP_S, "wf_start_offset": 50 * STEP_S, "unit_string": "mm"}
+    with TdmsWriter(path) as file:
+        file.write_segment([
+            ChannelObject("scan", "Ch 0", A, films), ChannelObject("scan", "Ch 1", B, films),
+            ChannelObject("scan", "Stage pos", MM[50::10], stage),
+        ])  # fmt: skip
+
+
+def scaled(words: tuple[str, str]) -> Callable[[Path], None]:
+    """Whole numbers, whose scale and offset are attributes."""
+
+    def write(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            for name, values in (("Ch 0", A), ("Ch 1", B)):
+                file[name] = np.round(values / 1e-6).astype(np.int32) + 7
+                file[name].attrs.update({words[0]: 1e-6, words[1]: -7e-6, "units": "V"})
+            file["position"] = MM
+            file["position"].attrs["units"] = "mm"
+            file.attrs["sampling_rate"] = RATE_HZ
+
+    return write
+
+
+def moments(path: Path) -> None:
+    index = pd.Timestamp("2025-02-11T10:00") + pd.to_timedelta(TIME_S, "s")
+    frame = pd.DataFrame({"Ch 0 [V]": A, "Ch 1 [V]": B, "pos_mm": MM}, index)
+    frame.to_parquet(path)
+
+
+def since(path: Path) -> None:
+    time = ("n", np.round(1e6 * TIME_S).astype(np.int64), {"units": "us since 2025-02-11 10:00"})
+    ch = [("n", values, {"units": "V"}) for values in (A, B)]
+    file = xr.Dataset({"time": time, "Ch 0": ch[0], "Ch 1": ch[1], "x": ("n", MM, {"units": "mm"})})
+    file.to_netcdf(path, engine="h5netcdf")
+
+
+def struct(path: Path) -> None:
+    fields = {"time_s": TIME_S, "position_m": POSITION_M, "voltage_0_V": A, "voltage_1_V": B}
+    scipy.io.savemat(path, {"recording": fields})
+
+
+def scope(path: Path) -> None:
+    one = {"Tinterval": STEP_S, "Tstart": -0.1, "Length": N}
+    scipy.io.savemat(path, {"A": A[:, None], "B": B[:, None], **one})
+
+
+def rate_beside(path: Path) -> None:
+    np.savez(path, voltage_0_V=A, voltage_1_V=B, position_m=POSITION_M, fs=RATE_HZ)
+
+
+FILES: dict[str, tuple[Callable[[Path], None], str, dict]] = {
+    "scale_factor": (scaled(("scale_factor", "add_offset")), "r.h5", {}),
+    "conversion": (scaled(("conversion", "offset")), "r.h5", {}),
+    "dates of pandas": (moments, "r.parquet", {}),
+    "netCDF, us since": (since, "r.nc", {}),
+    "MATLAB struct": (struct, "r.mat", {}),
+    "PicoScope's MATLAB": (scope, "r.mat", MOVING | {"signal_unit": "V"}),
+    "rate in an array of its own": (rate_beside, "r.npz", {}),
+}
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_files_that_state_their_times_and_scales(tmp_path, case):
+    write, name, known = FILES[case]
+    write(tmp_path / name)
+    recording = load_even({"path": str(tmp_path / name), **known}, {})
+    whole = np.round(SIGNAL_V, 6) if "r.h5" in name else SIGNAL_V
+    np.testing.assert_allclose(recording.signal, whole, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(recording.time_s - recording.time_s[0], TIME_S, atol=1e-9)
+    np.testing.assert_allclose(recording.position_m, POSITION_M, atol=1e-9)
+
+
+@follows("begins {} s after the first signal", "has an interval of {} s, by the file")
+def test_columns_are_aligned_by_their_starts_and_intervals(tmp_path):
+    late_stage(tmp_path / "r.tdms")
+    recording = load_even({"path": str(tmp_path / "r.tdms")}, {})
+    kept = slice(50, 50 + recording.time_s.size)
+    assert recording.time_s.size == N - 50 - 9  # to the stage's last report
+    np.testing.assert_array_equal(recording.signal, SIGNAL_V[:, kept])
+    np.testing.assert_allclose(recording.position_m, POSITION_M[kept], atol=1e-9)
+    assert any("aligned by their starts" in note for note in recording.notes)
+
+
+# Positions that a stage reports now and then, in motions of several kinds.
+
+
+def reported(motion_mm, every, phase):
+    """Positions as they are held between reports, to a tenth of a micrometre."""
+    at = (np.arange(T_S.size) - phase) // every * every + phase
+    return np.round(motion_mm(at / RATE_HZ), 4)
+
+
+T_S = np.arange(3000) / RATE_HZ
+HELD = {
+    "even": (lambda t: 20 * t, 40, 0),
+    "even, from another sample": (lambda t: 20 * t, 40, 13),
+    "accelerated": (lambda t: 5 * t + 8 * t**2, 20, 3),
+    "there and back": (lambda t: 10 - 10 * np.cos(2 * np.pi * t / 1.5), 25, 0),
+    "with rests": (lambda t: 4 - 4 * np.cos(np.pi * np.clip((t - 0.4) / 0.7, 0, 1)), 20, 5),
+}
+
+
+@follows("{}. All steps are equal")
+@pytest.mark.parametrize("case", HELD)
+def test_positions_between_reports(tmp_path, case):
+    motion_mm, every, phase = HELD[case]
+    truth_mm = motion_mm(T_S)
+    noise = np.random.default_rng(3).normal(size=T_S.size)
+    rows = table(1e3 * T_S, noise, reported(motion_mm, every, phase))
+    (tmp_path / "r.csv").write_text("Time (ms),Ch 0 [V],Stage pos (mm)\n" + rows)
+    recording = load_even({"path": str(tmp_path / "r.csv")}, {})
+    inner = slice(every, -2 * every)
+    off_mm = 1e3 * recording.position_m - truth_mm
+    assert np.max(np.abs(off_mm[inner])) < 0.011  # 10 um, and the report's rounding
+    assert recording.notes or recording.doubts
+
+
+@pytest.mark.parametrize("count_um", [2, 10])
+def test_an_encoders_counts_are_no_reports(tmp_path, count_um):
+    position_mm = count_um * 1e-3 * np.round(2 * T_S / (count_um * 1e-3))  # 1 um a sample
+    rows = table(1e3 * T_S, np.random.default_rng(3).normal(size=T_S.size), position_mm)
+    (tmp_path / "r.csv").write_text("Time (ms),Ch 0 [V],Stage pos (mm)\n" + rows)
+    recording = load_even({"path": str(tmp_path / "r.csv")}, {})
+    np.testing.assert_allclose(1e3 * recording.position_m, position_mm, atol=1e-9)
+    assert recording.notes == recording.doubts == ()
+
+
+# What is stated and cannot be used, and what may mean something else, is refused or asked.
+
+
+def with_gain(path):
+    scaled(("scale_factor", "add_offset"))(path)
+    with h5py.File(path, "r+") as file:
+        file["Ch 0"].attrs["gain"] = 95.0
+
+
+def with_scale_in_words(path):
+    scaled(("scale_factor", "add_offset"))(path)
+    with h5py.File(path, "r+") as file:
+        file["Ch 0"].attrs["scale_factor"] = "a millionth"
+
+
+def between(path):
+    """Two films of which one is sampled half an interval after the other."""
+    with TdmsWriter(path) as file:
+        file.write_segment([
+            ChannelObject("scan", f"Ch {i}", values,
+                          {"wf_increment": STEP_S, "wf_start_offset": i * STEP_S / 2,
+                           "unit_string": "V"})
+            for i, values in enumerate(SIGNAL_V)
+        ])  # fmt: skip
+
+
+def thousands(path):
+    counts = np.round(500 * A).astype(int)
+    path.write_text("AI0 (counts)\n" + "\n".join(f"{c:,}".replace(",", ".") for c in counts))
+
+
+def apart(path):
+    """A stage that starts when the film's recording is over."""
+    late = {"wf_increment": STEP_S, "wf_start_offset": 2 * N * STEP_S, "unit_string": "mm"}
+    film = {"wf_increment": STEP_S, "wf_start_offset": 0.0, "unit_string": "V"}
+    with TdmsWriter(path) as file:
+        stage = ChannelObject("scan", "Stage pos", MM, late)
+        file.write_segment([ChannelObject("scan", "Ch 0", A, film), stage])
+
+
+def twice_stated(path):
+    np.savez(path, voltage_0_V=A, position_m=POSITION_M, fs=RATE_HZ, dt=1e-3)
+
+
+REFUSED = {
+    "a gain beside the numbers": (with_gain, "r.h5", {}),
+    "a scale in words": (with_scale_in_words, "r.h5", {}),
+    "samples between samples": (between, "r.tdms", MOVING),
+    "no time in common": (apart, "r.tdms", {}),
+    "a mark for thousands": (thousands, "r.csv", MOVING | {"sample_rate_hz": RATE_HZ}),
+    "two rates": (twice_stated, "r.npz", {}),
+}
+
+
+@follows("have no time in common", "are not sampled at the same times",
+         "and not whether its numbers contain it", "write it again without that",
+         "among whole numbers, which may be thousands")  # fmt: skip
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_stated_is_never_dropped(tmp_path, case):
+    write, name, known = REFUSED[case]
+    write(tmp_path / name)
+    with pytest.raises(BadInput):
+        load_even({"path": str(tmp_path / name), **known}, {})
+
+
+def test_a_stated_gain_is_taken_where_the_experimenter_states_it(tmp_path):
+    with_gain(tmp_path / "r.h5")
+    recording = load_even({"path": str(tmp_path / "r.h5"), "gain": [95.0, 1.0]}, {})
+    np.testing.assert_allclose(recording.signal[0], np.round(A, 6) / 95, rtol=1e-9, atol=1e-9)
+
+
+def test_decimals_of_three_digits_are_no_thousands(tmp_path):
+    values = np.round(500 * A, 3)
+    (tmp_path / "r.csv").write_text("Ch 0 [V]\n" + "\n".join(f"{v:.3f}" for v in values))
+    known = MOVING | {"sample_rate_hz": RATE_HZ}
+    recording = load_even({"path": str(tmp_path / "r.csv"), **known}, {})
+    np.testing.assert_array_equal(recording.signal[0], values)
+
+
+# What is improbable is read, and doubted on every channel.
+IMPROBABLE = {
+    "seconds called milliseconds": {"time_ms": TIME_S},
+    "a code for out of range": {"voltage_1_V": np.where(np.arange(N) % 150 == 7, -9999.0, B)},
+    "metres called millimetres": {"position_m": MM, "position_mm": None},
+}
+
+
+@follows("where {} m/s is fast", "above {} Hz: check", "far beyond all others")
+@pytest.mark.parametrize("case", IMPROBABLE)
+def test_what_is_improbable_is_doubted(tmp_path, case):
+    columns = {"time_ms": 1e3 * TIME_S, "position_mm": MM, "voltage_0_V": A, "voltage_1_V": B}
+    columns = {k: v for k, v in (columns | IMPROBABLE[case]).items() if v is not None}
+    rows = ",".join(columns) + "\n" + table(*columns.values())
+    (tmp_path / "r.csv").write_text(rows)
+    recording = load_even({"path": str(tmp_path / "r.csv")}, {})
+    assert recording.doubts
+    assert inspect(tmp_path / "r.csv").doubts[: len(recording.doubts)] == recording.doubts
+
+
+@follows("is stated as {} m, where", "slides by the film's depth")
+def test_facts_that_are_improbable_are_doubted(tmp_path):
+    rows = "time_s,position_m,voltage_0_V,voltage_1_V\n" + table(TIME_S, POSITION_M, A, B)
+    (tmp_path / "r.csv").write_text(rows)
+    for depth_m, doubted, said in ((0.75e-3, 0, 0), (0.75, 1, 1), (5e-5, 0, 1)):
+        known = {"sensor": {"depth_m": depth_m}}
+        assert len(load_even({"path": str(tmp_path / "r.csv")}, known).doubts) == doubted
+        assert len(inspect(tmp_path / "r.csv", **known).doubts) == said
+
+
+@follows("samples are too few to tell", "every channel has one value throughout")
+@pytest.mark.parametrize(("rows", "value"), [(3, None), (N, 0.5)])
+def test_nothing_to_find_is_refused_by_all(tmp_path, rows, value):
+    signals = SIGNAL_V if value is None else np.full((2, N), value)
+    columns = [each[:rows] for each in (TIME_S, POSITION_M, *signals)]
+    text = "time_s,position_m,voltage_0_V,voltage_1_V\n" + table(*columns)
+    (tmp_path / "r.csv").write_text(text)
+    with pytest.raises(BadInput) as refusal:
+        load_even({"path": str(tmp_path / "r.csv")}, {})
+    assert inspect(tmp_path / "r.csv").refusal == str(refusal.value)
+
+
+@follows("which instruments write for a sample beyond their range")
+@pytest.mark.parametrize("word", ["NaN", "OVERLOAD", "-nan(ind)", "#N/A", "9.9E+37", ""])
+def test_marks_of_missing_samples(tmp_path, word):
+    cells = np.array([repr(float(v)) for v in B], object)
+    cells[[5, 200]] = word
+    rows = "time_s,position_m,voltage_0_V,voltage_1_V\n" + table(TIME_S, POSITION_M, A, cells)
+    (tmp_path / "r.csv").write_text(rows)
+    with pytest.raises(BadInput, match=r"recording\.missing=allow"):
+        load_even({"path": str(tmp_path / "r.csv")}, {})
+    signal = load_even({"path": str(tmp_path / "r.csv"), "missing": "allow"}, {}).signal
+    assert np.flatnonzero(np.isnan(signal[1])).tolist() == [5, 200]
+    np.testing.assert_array_equal(signal[0], A)
+    assert inspect(tmp_path / "r.csv").overrides == ("recording.missing=allow",)
