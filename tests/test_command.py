@@ -5,6 +5,7 @@ import io
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import time
@@ -13,10 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from jinja2 import UndefinedError
 from matplotlib.figure import Figure
 
 from srsinv.__main__ import find_config_root, main
+from srsinv.command.typed import _unreadable
 from srsinv.progress import stage, steps
 from srsinv.report.page import metrics_json, render
 from srsinv.report.result import Result, dataset, scalars
@@ -250,6 +253,17 @@ def one_sentence(capsys):
     assert captured.out == ""
     assert re.fullmatch(r"srsinv: .*\n", captured.err)
     return captured.err
+
+
+ODD_NAMES = ["run (1).csv", "a=b.csv", "~x.csv", "[a].csv", "ß.csv", "o'x(.csv", "$x (1).csv"]
+
+
+@pytest.mark.parametrize("path", ODD_NAMES)
+def test_a_path_that_needs_quotation_marks_is_typed_as_the_refusal_says(path):
+    refusal = _unreadable(f"recording.path={path}")
+    (typed,) = shlex.split(refusal[refusal.index(": ") + 2 :])
+    parsed = OverridesParser.create().parse_override(typed)
+    assert (parsed.key_or_group, str(parsed.value())) == ("recording.path", path)
 
 
 class TestRefusals:

@@ -3,6 +3,7 @@
 import itertools
 import os
 import re
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -112,10 +113,23 @@ def text_of(override: Override) -> str:
 
 
 def _unreadable(text: str) -> str:
+    key, _, value = text.partition("=")
+    if re.fullmatch(r"\+{0,2}[\w./@]+", key) and value.isprintable() and value.strip("'\""):
+        return (
+            f"cannot read '{text}' as key=value; a text with brackets, =, ~ or letters beyond "
+            f"ASCII is typed in two kinds of quotation marks: {_as_shell_text(key, value)}"
+        )
     return (
         f"cannot read '{text}' as key=value; "
         "write one, quoting what holds spaces or brackets: 'key=\"some text\"'"
     )
+
+
+def _as_shell_text(key: str, value: str) -> str:
+    """An override whose value is a text, as a shell takes it."""
+    bare = value.strip("'\"").replace("\\", "\\\\").replace("'", "\\'")
+    typed = f"{key}='{bare}'"
+    return shlex.quote(typed) if set(typed) & set('"$`!\\') else f'"{typed}"'
 
 
 def _one_line(text: str) -> str:

@@ -15,6 +15,9 @@ FASTEST_HZ = 1e6  # the skin transmits up to some kHz at such speeds
 DEEPEST_M = 0.02  # rubber of a finger over its film is 0.5 to 3 mm thick
 THINNEST_M = 1e-6
 _FEWEST_PER_DEPTH = 10  # samples while the finger slides by the film's depth
+_MODULUS_PA = 7e5  # of rubber, where none is stated
+_CHARGE_PER_FORCE = 2e-11  # C/N, of PVDF across its thickness and along its draw
+_FAR_ABOVE = 30.0  # times the modulus: the estimate is good to a factor of some three
 _ALONE = 10.0  # times the range of all other samples that a code lies beyond them
 _FEWEST_CODES = 2
 _LEAST_OTHERS = 16
@@ -22,7 +25,8 @@ _LEAST_OTHERS = 16
 
 def doubts(recording: Recording) -> tuple[str, ...]:
     """What is improbable in a recording, as sentences that end in what to check."""
-    return (*recording.doubts, *_of_motion(recording), *_of_signals(recording))
+    found = (*_of_motion(recording), *_of_signals(recording), *_of_pressure(recording))
+    return (*recording.doubts, *found)
 
 
 def samples_per_depth(recording: Recording) -> str | None:
@@ -72,6 +76,33 @@ def _of_signals(recording: Recording) -> Iterator[str]:
                 f"{channel} holds {code:.6g} {recording.signal_unit} in {count} samples, far "
                 "beyond all others: if that is a code for samples out of range, leave their cells "
                 "empty (NaN in an array) and set recording.missing=allow."
+            )
+
+
+def _of_pressure(recording: Recording) -> Iterator[str]:
+    """A signal of more pressure than the skin can bear, by order of magnitude: a film of area A at
+    depth z gives a current of about d A p v / z."""
+    sensor, skin = (recording.sidecar.get(key) or {} for key in ("sensor", "skin"))
+    depth_m, ohm = sensor.get("depth_m"), sensor.get("feedback_resistance_ohm")
+    speed_m_per_s = float(np.max(np.abs(recording.speed_m_per_s)))
+    modulus_Pa = float(skin.get("youngs_modulus_Pa") or _MODULUS_PA)
+    elements = sensor.get("elements") or ()
+    if recording.signal_unit != "V" or not depth_m or not ohm or not speed_m_per_s:
+        return
+    for channel, values, element in zip(
+        recording.channels, recording.signal, elements, strict=False
+    ):
+        width_m, length_m = element.get("strip_width_m"), element.get("active_length_m")
+        if not width_m or not length_m:
+            continue
+        coulomb_per_pascal = _CHARGE_PER_FORCE * width_m * length_m
+        ampere = float(np.nanmax(np.abs(values - np.nanmean(values)))) / ohm
+        pressure_Pa = ampere * depth_m / (coulomb_per_pascal * speed_m_per_s)
+        if pressure_Pa > _FAR_ABOVE * modulus_Pa:
+            yield (
+                f"{channel} reaches {np.nanmax(np.abs(values)):.3g} V after its gain, about "
+                f"{pressure_Pa:.1g} Pa on the skin, whose modulus is {modulus_Pa:.3g} Pa: check "
+                "recording.gain, the signal's unit, the depth and the feedback resistance."
             )
 
 

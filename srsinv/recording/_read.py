@@ -13,7 +13,16 @@ from srsinv.errors import choice, refuse, shown
 from ..files import path_of, quoted, within_memory
 from ._ahead import store, take_table
 from ._clocks import on_one_clock
-from ._columns import Quantity, column_of, quantity_of, signal_columns, signal_unit, unit_of
+from ._columns import (
+    Quantity,
+    column_of,
+    quantity_of,
+    resolve,
+    signal_columns,
+    signal_unit,
+    unit_of,
+    unnamed_columns,
+)
 from ._counters import unwrapped
 from ._even_times import check_rate
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
@@ -223,7 +232,8 @@ def _time_s(
     refuse(
         facts.get("sample_rate_hz") is None,
         f"{table.name}: there is no time column (time_s, time_ms or time_us) among the columns "
-        f"{listing(table.columns)}: name it by recording.time_column=..., or give "
+        f"{listing(table.columns)}: name it by "
+        f"recording.time_column={_typed_column(table, facts, 'time')}, or give "
         "recording.sample_rate_hz=...",
     )
     with np.errstate(over="ignore"):  # at so low a rate that the times are refused
@@ -316,10 +326,22 @@ def _speed_m_per_s(
     refuse(
         facts.get(SPEED) is None,
         f"{table.name}: no speed: there is no column {SPEED} or {POSITION} among the columns "
-        f"{listing(table.columns)}{_bare_position(table)}: name one by recording.position_column "
-        f"and recording.position_unit, or give recording.{SPEED}=...",
+        f"{listing(table.columns)}{_bare_position(table)}: name one by "
+        f"recording.position_column={_typed_column(table, facts, 'position')}, with "
+        f"recording.position_unit where it states none, or give recording.{SPEED}=...",
     )
     return np.full(columns[TIME].size, float(facts[SPEED]))
+
+
+def _typed_column(table: ColumnTable, facts: Mapping[str, Any], quantity: Quantity) -> str:
+    """The one column that its unit shows to be a quantity's, as it is typed; dots where none is, or
+    several are."""
+    column = unnamed_columns(table, facts).get(f"{quantity}_column")
+    if column is None:
+        return "..."
+    words = bracketed(column)[0]
+    bare = words if resolve(table, words) == column else column
+    return bare if bare.isascii() and bare.isidentifier() else f"'{bare}'"
 
 
 def _bare_position(table: ColumnTable) -> str:

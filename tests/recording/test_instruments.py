@@ -17,7 +17,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 from srsinv.errors import BadInput
 from srsinv.recording import Recording
-from srsinv.recording.even import load_even
+from srsinv.recording.even import load_even, usable
 from srsinv.recording.inspection import inspect
 from tests.recording.advice import (
     POSITION_M,
@@ -443,6 +443,19 @@ def test_facts_that_are_improbable_are_doubted(tmp_path):
         known = {"sensor": {"depth_m": depth_m}}
         assert len(load_even({"path": str(tmp_path / "r.csv")}, known).doubts) == doubted
         assert len(inspect(tmp_path / "r.csv", **known).doubts) == said
+
+
+@follows("about {} Pa on the skin")
+@pytest.mark.parametrize(("factor", "is_doubted"), [(1.0, False), (10.0, False), (1e4, True)])
+def test_pressure_far_above_the_modulus_is_doubted(factor, is_doubted):
+    """10 kPa at the film's depth, by the same order of magnitude."""
+    element = {"strip_width_m": 7e-4, "active_length_m": 8e-3}
+    sensor = {"depth_m": 1e-3, "feedback_resistance_ohm": 1e6, "elements": [element]}
+    signal_V = factor * 1e4 * 2.3e-11 * 7e-4 * 8e-3 * SPEED_M_PER_S / 1e-3 * 1e6
+    signal = signal_V * np.sin(2 * np.pi * TIME_S / 0.05)[None]
+    speed = np.full(N, SPEED_M_PER_S)
+    recording = Recording(signal, TIME_S, speed, ("voltage_0_V",), {"sensor": sensor})
+    assert bool(usable(recording).doubts) == is_doubted
 
 
 @follows("samples are too few to tell", "every channel has one value throughout")
