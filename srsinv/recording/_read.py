@@ -58,26 +58,28 @@ def load(
     times: str = TIMES_OF_ROWS[0],
     **known: Any,
 ) -> Recording:
-    """The recording in `path`: CSV (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5), netCDF (.nc), MATLAB
-    5 or 7.3 (.mat) or WAV; TDMS, Parquet or FLAC with `pip install srsinv[tdms]`, `[parquet]` or
-    `[flac]`; or what `reader` reads.
+    """The recording in `path`: text (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5), netCDF (.nc),
+    MATLAB 5 or 7.3 (.mat) or WAV; TDMS, Parquet or FLAC with `pip install srsinv[tdms]`,
+    `[parquet]` or `[flac]`; or what `reader` reads.
 
-    Columns (1-D, of equal length; in MATLAB row or column vectors) end in their unit, as
-    `Name (unit)`, `Name [unit]` or `name_unit`, in any case; or the file states it, or `time_unit`,
-    `speed_unit` and `position_unit` do:
-    - time (s, ms, us): `time_s`, `Time (ms)`, `timestamp`, `t`, or `time_column`; or none, with
-      `sample_rate_hz`, which WAV, FLAC and TDMS may hold themselves. Beside times, `sample_rate_hz`
-      has to agree with them, and changes nothing.
-    - speed (m/s, cm/s, mm/s, um/s): `speed_m_per_s`, `Stage velocity [mm/s]`, or `speed_column`; or
-      none, with a position or the number `speed_m_per_s`.
-    - position (m, cm, mm, um) along x: `position_m`, `Stage pos (mm)`, or `position_column`; or
+    Columns (1-D, of equal length; in MATLAB row or column vectors, or fields of one struct) end in
+    their unit, as `Name (unit)`, `Name [unit]` or `name_unit`, in any case; or the file states it,
+    or `time_unit`, `speed_unit` and `position_unit` do. A unit decides what a column may be:
+    - time (s, ms, us, ns, dates or clock times): `time_s`, `Time (ms)`, `timestamp`, `t`, or
+      `time_column`; or none, with `sample_rate_hz`, which the file may state itself. Beside times,
+      `sample_rate_hz` has to agree with them, and changes nothing.
+    - speed (m/s, cm/s, mm/s, um/s, nm/s): `speed_m_per_s`, `Stage velocity [mm/s]`, or
+      `speed_column`; or none, with a position or the number `speed_m_per_s`.
+    - position (m, cm, mm, um, nm) along x: `position_m`, `Stage pos (mm)`, or `position_column`; or
       none. Without a speed column the speed is derived from the positions: see `_speed`.
     - signals: those that `channels` lists; or `voltage_0_V`, `voltage_1_mV`, ... in the order of
-      their numbers; or all that is left in WAV, FLAC and TDMS; or all others in V, mV or uV, as
-      `Ch A [V]`; or those called channels, as `AI0`.
+      their numbers; or all in V, mV or uV, as `Ch A [V]`, and all called channels, as `AI0`; or all
+      that is left in WAV, FLAC and TDMS.
     `time_column`, `position_column`, `speed_column` and `channels` take a column's whole name, or
     the name without its unit. A row with no number at all is as if it was not there where there are
-    times, and a missing sample of all signals where there are none.
+    times, and a missing sample of all signals where there are none. Counters that wrap are
+    continued, positions that are held between reports are interpolated, and columns that start at
+    different times are aligned, each with a sentence in `Recording.notes`.
 
     `sidecar` names a JSON or YAML mapping of further facts; without it NAME.json, NAME.yaml or
     NAME.yml beside the file is read if it is there. `calibration` names the one that a calibration
