@@ -15,6 +15,8 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
+import yaml
+
 from .aliases import CLASSES, current_name
 from .errors import BadInput, shown
 
@@ -40,6 +42,16 @@ def open_plugins(config_dir: str | None) -> None:
     is importable under another name, so that none can take the place of a library.
     """
     _open_namespace("plugins", Path(config_dir or os.devnull).resolve() / "plugins")
+
+
+def plugin_option(group: str, settings: Mapping[str, Any]) -> tuple[Path, str | None]:
+    """The user's folder whose plugin `settings` names, and the option of a `group` there that has
+    these settings, or None where it has no such option."""
+    folder = Path(sys.modules["plugins"].__path__[0]).parent
+    for path in sorted(Path(folder, group).glob("*.yaml")):
+        if yaml.safe_load(path.read_bytes()) == settings:
+            return folder, path.stem
+    return folder, None
 
 
 def plugin_files(settings: Any) -> dict[str, str]:

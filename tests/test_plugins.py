@@ -4,6 +4,7 @@ import hashlib
 import json
 import pickle
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
@@ -355,6 +357,16 @@ def test_a_reader_of_ones_own_serves_a_job(folder, scan):
     manifest = json.loads((scan.parent / "run" / "run.json").read_text())
     text = (folder / "plugins" / "mylab.py").read_bytes()
     assert manifest["plugins"] == {"mylab.py": hashlib.sha256(text).hexdigest()}
+
+
+@pytest.mark.full
+def test_the_next_command_of_an_inspection_names_the_reader_and_its_folder(folder, scan):
+    assert read_by("lab", folder, scan, "experiment=inspect_recording", *STATED) == 0
+    with xarray.open_dataset(scan.parent / "run" / "result.nc") as found:
+        following = shlex.split(found.attrs["next_command"])
+    assert "reader=lab" in following
+    assert following[following.index("--config-dir") + 1] == str(folder)
+    assert not any("_target_" in word for word in following)
 
 
 @pytest.mark.full

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..namespaces import plugin_option
 from ..recording.disturbances import Disturbances
 from ..recording.drift import common_level
 from ..recording.inspection import Inspection
@@ -62,14 +63,26 @@ def _count(doubts: int) -> str:
 
 def settings_of(cfg: Mapping[str, Any]) -> tuple[str, ...]:
     """What a configuration says of its recording, as it is typed, but for the path."""
-    reader = dict(cfg["reader"])
-    target = reader.pop("_target_")
     return (
         *_given("recording", {**cfg["recording"], "path": None}),
         *_given("sensor", cfg["sensor"]),
-        *([f"reader._target_={target}"] * (target != _READER)),
-        *_given("+reader", reader),
+        *_reader(dict(cfg["reader"])),
     )
+
+
+def _reader(settings: dict[str, Any]) -> Iterator[str]:
+    """The reader as it is typed: a plugin by its option in the user's folder, if it has one."""
+    target = settings["_target_"]
+    if target.startswith("plugins."):
+        folder, option = plugin_option("reader", settings)
+        yield from ("--config-dir", str(folder))
+        if option is not None:
+            yield f"reader={option}"
+            return
+    if target != _READER:
+        yield f"reader._target_={target}"
+    del settings["_target_"]
+    yield from _given("+reader", settings)
 
 
 def _given(group: str, settings: Mapping[str, Any]) -> Iterator[str]:

@@ -14,6 +14,7 @@ FASTEST_M_PER_S = 1.0  # fingers explore at 0.01 to 0.3 m/s
 FASTEST_HZ = 1e6  # the skin transmits up to some kHz at such speeds
 DEEPEST_M = 0.02  # rubber of a finger over its film is 0.5 to 3 mm thick
 THINNEST_M = 1e-6
+_LEAST_IN_WINDOW = 0.5  # of the samples: a scan has an approach beyond its window at most
 _FEWEST_PER_DEPTH = 10  # samples while the finger slides by the film's depth
 _MODULUS_PA = 7e5  # of rubber, where none is stated
 _CHARGE_PER_FORCE = 2e-11  # C/N, of PVDF across its thickness and along its draw
@@ -57,6 +58,16 @@ def _of_motion(recording: Recording) -> Iterator[str]:
             f"The sample rate is {recording.sample_rate_hz:.3g} Hz, above {FASTEST_HZ:g} Hz: check "
             "the unit of the times, or the rate that is stated."
         )
+    window_m = recording.sidecar.get("contact_window_m")
+    if window_m is not None:
+        x = recording.position_m
+        share = float(np.mean((window_m[0] <= x) & (x <= window_m[1])))
+        if share < _LEAST_IN_WINDOW:
+            yield (
+                f"The contact window from {window_m[0]:g} m to {window_m[1]:g} m holds {share:.0%} "
+                f"of the scan, which goes from {x.min():g} m to {x.max():g} m: check "
+                "recording.contact_window_m and the positions' origin."
+            )
     sensor = recording.sidecar.get("sensor") or {}
     depths_m = [sensor.get("depth_m"), *(e.get("depth_m") for e in sensor.get("elements") or ())]
     for depth_m in dict.fromkeys(each for each in depths_m if each is not None):

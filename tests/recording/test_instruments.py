@@ -435,7 +435,9 @@ def test_what_is_improbable_is_doubted(tmp_path, case):
     assert inspect(tmp_path / "r.csv").doubts[: len(recording.doubts)] == recording.doubts
 
 
-@follows("is stated as {} m, where", "slides by the film's depth")
+@follows(
+    "of the scan, which goes from {} m", "is stated as {} m, where", "slides by the film's depth"
+)
 def test_facts_that_are_improbable_are_doubted(tmp_path):
     rows = "time_s,position_m,voltage_0_V,voltage_1_V\n" + table(TIME_S, POSITION_M, A, B)
     (tmp_path / "r.csv").write_text(rows)
@@ -443,6 +445,9 @@ def test_facts_that_are_improbable_are_doubted(tmp_path):
         known = {"sensor": {"depth_m": depth_m}}
         assert len(load_even({"path": str(tmp_path / "r.csv")}, known).doubts) == doubted
         assert len(inspect(tmp_path / "r.csv", **known).doubts) == said
+    for window_m, doubted in (([0.0, 0.1], 0), ([0.0, 0.011], 1)):
+        known = {"path": str(tmp_path / "r.csv"), "contact_window_m": window_m}
+        assert len(load_even(known, {}).doubts) == doubted
 
 
 @follows("about {} Pa on the skin")
