@@ -26,6 +26,8 @@ DEEP = 12.0  # k z beyond which the skin transmits nothing
 # Of a signal's power, at least: less noise is a float64's rounding, which would make the signals'
 # covariance singular, and the evidence that of rounding.
 LEAST_NOISE = 1e-12
+DEAD = 4.0  # of the noise's power: twice its level, as that may be stated too low
+MOST_DIGITS = 12  # of a ratio of probabilities that is said
 OF_WAVES = 0.01  # of the largest power of mains' waves: wavenumbers with more are left out
 Gain = Complex[np.ndarray, "e c k"]
 
@@ -44,13 +46,13 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
     gain = gain.astype(complex)
     priors = list(_priors(gain, white, k[used - 1] * depth_m))
     stated = _log_evidence(gain, white, priors)
-    faults = list(_faults(gain, names))
+    faults = list(_faults(gain, names, np.mean(np.abs(white) ** 2, axis=1)))
     ratios = [_log_evidence(each, white, priors) - stated for each, _ in faults]
     best = int(np.argmax(ratios))
     if not ratios[best] > np.log(len(faults) / FALSE_ALARM):
         return ()
     return (
-        f"{faults[best][1]} The signals are 10^{ratios[best] / np.log(10):.0f} times as probable "
+        f"{faults[best][1]} The signals are {_times(ratios[best])} times as probable "
         "with that as with the elements as stated; if the wiring is right, then a gain, an angle "
         "or a depth is not, or hum is on the signals.",
     )
@@ -65,8 +67,17 @@ def _of_waves(problem: LineProblem) -> Bool[np.ndarray, " k"]:
     return power > OF_WAVES * np.max(power)
 
 
-def _faults(gain: Gain, names: Sequence[str]) -> Iterator[tuple[Gain, str]]:
-    """The model of each fault, and what is said of it. All elements turned are none turned."""
+def _times(log_ratio: float) -> str:
+    """A ratio of probabilities in words: of more digits than these none means anything."""
+    power = log_ratio / np.log(10)
+    return f"more than 10^{MOST_DIGITS}" if power > MOST_DIGITS else f"10^{power:.0f}"
+
+
+def _faults(
+    gain: Gain, names: Sequence[str], power: Float[np.ndarray, " e"]
+) -> Iterator[tuple[Gain, str]]:
+    """The model of each fault, and what is said of it. All elements turned are none turned; one
+    whose signal's `power` (that of noise is 1) is above `DEAD` is not dead, whatever fits."""
     turned, elements = -gain, len(names)
     for e in range(elements):
         at = np.arange(elements)[:, None, None] == e
@@ -76,11 +87,12 @@ def _faults(gain: Gain, names: Sequence[str]) -> Iterator[tuple[Gain, str]]:
                 f"{names[e]} seems to be of the other sign beside the others: turn its polarity, "
                 "or theirs.",
             )
-        yield (
-            np.where(at, 0.0, gain),
-            f"{names[e]} seems to be dead, with noise alone: leave it out of recording.channels, "
-            "and its element out of the sensor, or record it again.",
-        )
+        if power[e] < DEAD:
+            yield (
+                np.where(at, 0.0, gain),
+                f"{names[e]} seems to be dead, with noise alone: leave it out of "
+                "recording.channels, and its element out of the sensor, or record it again.",
+            )
     for a, b in itertools.combinations(range(elements), 2):
         order = np.arange(elements)
         order[[a, b]] = b, a

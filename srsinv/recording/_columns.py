@@ -128,7 +128,7 @@ def unit_of(
     named = split_unit(column, units)[1]
     stated = facts.get(f"{quantity}_unit")
     if column in table.stamps and quantity == "time":
-        return "s", "dates or clock times in the file"
+        return "s", "seconds, by the file"
     if named is not None:
         return named, "the column's name"
     if stated is not None:

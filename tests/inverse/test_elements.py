@@ -70,3 +70,16 @@ def test_hum_that_is_stated_is_no_fault_of_the_wiring():
     exchanged = with_fields(stated, data=jnp.asarray((data + hum)[::-1]))
     (sentence,) = element_findings(exchanged, NAMES, DEPTH_M)
     assert "exchanged" in sentence
+
+
+@pytest.mark.parametrize("factor", [30.0, 300.0])
+def test_a_signal_that_no_wiring_explains_is_not_called_dead(factor):
+    """A strong signal that the model has nothing for, as of shear that turns over at a reversal."""
+    step = np.random.default_rng(4).normal(size=512)
+
+    def foreign(data, noise):
+        strong = factor * noise.std() * np.resize(step, data.shape[1])
+        return np.stack([data[0], strong])
+
+    sentences = findings(foreign, colour=False)
+    assert not any("dead" in each for each in sentences)
