@@ -133,6 +133,8 @@ def _described(found: Disturbances | None) -> list[str]:
                      + (", and drift" if has_drift else ""))  # fmt: skip
     elif has_drift:
         words.append("drift")
+    if found.turn_margin_m is not None:
+        words.append(f"turns act on the signals for {1e3 * found.turn_margin_m:.2g} mm")
     count = found.onwards + found.back
     if count > 1:
         ways = found.onwards, found.back

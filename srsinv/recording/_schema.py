@@ -128,6 +128,7 @@ class RecordingFacts(Facts):
     contact_window_m: Interval = None
     mains_Hz: Mains = None
     backlash_m: Number = None
+    turn_margin_m: Positive = None
     drift: Drift = None
     quiet_s: Quiet = None
     ways: Ways = None

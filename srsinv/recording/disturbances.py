@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ._recording import Recording
 from .drift import drift_of
 from .mains import FUNDAMENTALS_HZ, MainsLine, mains_lines
-from .passes import STILL, passes_of, still_samples
+from .passes import STILL, margin_of_turns, passes_of, still_samples
 
 LONG_ENOUGH_S = 0.5  # of standing still, for a drift to be measured there
 
@@ -22,6 +22,7 @@ class Disturbances(NamedTuple):
       Hz that they are.
     - `hum_rms`: (e,) of all lines together, `hum_ratio` (e,) the same over the rms of all else.
     - `drift`: (e,) rms of a random walk after a second; 0 where none is found.
+    - `turn_margin_m`: how far behind turns signals are made by them; None where none is found.
     - `unit` of both, after the gain.
     - `speed_m_per_s`: mean of its size while the sensor slides; `onwards`, `back`: passes towards
       +x and -x; `duration_s`; `still_s`: for how long the sensor stands still.
@@ -32,6 +33,7 @@ class Disturbances(NamedTuple):
     hum_rms: Float[np.ndarray, " e"]
     hum_ratio: Float[np.ndarray, " e"]
     drift: Float[np.ndarray, " e"]
+    turn_margin_m: float | None
     unit: str
     speed_m_per_s: float
     onwards: int
@@ -41,11 +43,14 @@ class Disturbances(NamedTuple):
 
     @property
     def overrides(self) -> tuple[str, ...]:
-        """Settings with which an inversion takes hum and drift into account."""
+        """Settings with which an inversion takes hum, drift and turns into account."""
         listed = ",".join(map(str, self.nominal_Hz))
         hum = (f"recording.mains_Hz=[{listed}]",) if self.nominal_Hz else ()
         shown = "quiet_s" if self.still_s > LONG_ENOUGH_S else "drift"
-        return (*hum, *((f"recording.{shown}=auto",) if self.drift.any() else ()))
+        drift = (f"recording.{shown}=auto",) if self.drift.any() else ()
+        turns = self.turn_margin_m
+        margin = () if turns is None else (f"recording.turn_margin_m={turns:.2g}",)
+        return (*hum, *drift, *margin)
 
 
 def disturbances(recording: Recording) -> Disturbances:
@@ -71,6 +76,7 @@ def disturbances(recording: Recording) -> Disturbances:
         hum_rms=size * hum_rms,
         hum_ratio=np.divide(hum_rms, rest, out=np.zeros_like(rest), where=rest > 0),
         drift=size * drift_of(replace(recording, signal=signal)),
+        turn_margin_m=margin_of_turns(signal, recording.position_m),
         unit=recording.signal_unit,
         speed_m_per_s=float(np.mean(speed_m_per_s[slides])),
         onwards=sum(ways),

@@ -15,6 +15,7 @@ from ._even_times import EvenTimes, even_times
 from ._read import MISSING, TIMES_OF_ROWS, load
 from ._recording import MIN_SAMPLES, Recording
 from .formats import BY_SUFFIX
+from .passes import near_turns, still_samples
 from .preparation import prepare
 from .reader import Reader
 
@@ -82,8 +83,30 @@ def usable(recording: Recording) -> Recording:
         f"{recording.name}: the speed is 0, so no surface passes the sensor: give "
         "recording.speed_m_per_s=... in m/s.",
     )
-    even = on_even_times(recording)
+    even = _without_turns(on_even_times(recording))
     return replace(even, doubts=doubts(even))
+
+
+def _without_turns(recording: Recording) -> Recording:
+    """The recording with missing samples next to where its motion turns, as its facts ask; where
+    it stands still it shows its noise, and stays.
+
+    Raises `BadInput` where it does not turn, and where nothing would be left.
+    """
+    margin_m = recording.sidecar.get("turn_margin_m")
+    if margin_m is None:
+        return recording
+    near = near_turns(recording.position_m, float(margin_m))
+    its = f"{recording.name}: recording.turn_margin_m is {margin_m:g}"
+    refuse(not near.any(), f"{its}, and the motion does not turn: leave it out.")
+    near &= ~still_samples(recording.speed_m_per_s, recording.sample_rate_hz)
+    signal = np.where(near, np.nan, recording.signal)
+    fewest = int(np.isfinite(signal).sum(axis=1).min())
+    refuse(
+        fewest < FEWEST_SAMPLES,
+        f"{its}, which leaves {fewest} samples: give a smaller one.",
+    )
+    return replace(recording, signal=signal)
 
 
 def sidecar_paths(settings: Mapping[str, Any]) -> dict[str, Path | None]:

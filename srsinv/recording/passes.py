@@ -1,5 +1,6 @@
 """Passes of a motion that turns, and what differs between those of one way (without jax)."""
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -12,6 +13,10 @@ SHORT = 0.1  # of the travelled range: a shorter way back is no pass
 MOST_POSITIONS = 10_000  # that turns are looked for among
 STILL = 0.02  # of the greatest speed: slower is standing still
 SHORTEST_S = 0.2  # that it has to stand still
+_LONGEST_MARGIN = 0.25  # of the shortest pass, that a turn may act on
+_BINS = 40
+_EXCESS = 4.0  # times the mean square before a turn; in noise alone that of so many samples is 2
+_FEWEST_IN_BIN = 16  # samples
 JOINT = 50  # samples, whose means join one difference to the next
 
 
@@ -68,6 +73,51 @@ def is_within(passes: Sequence[Pass], samples: int) -> Bool[np.ndarray, " sample
 def go_both_ways(passes: Sequence[Pass]) -> bool:
     """Whether there are passes towards +x and towards -x."""
     return len({each.is_onwards for each in passes}) > 1
+
+
+def near_turns(
+    position_m: Float[np.ndarray, " sample"], margin_m: float
+) -> Bool[np.ndarray, " sample"]:
+    """Which samples lie within `margin_m` of where their pass begins or ends by a turn."""
+    near, passes = np.zeros(position_m.size, bool), passes_of(position_m)
+    for before, after in itertools.pairwise(passes):
+        turn_m = position_m[after.samples.start]
+        for each in (before.samples, after.samples):
+            near[each] |= np.abs(position_m[each] - turn_m) <= margin_m
+    return near
+
+
+def margin_of_turns(
+    signal: Float[np.ndarray, "e sample"], position_m: Float[np.ndarray, " sample"]
+) -> float | None:
+    """How far behind its turns a motion makes signals that are not there before them, [m]; None
+    where it makes none.
+
+    Shear turns over while the skin slips by some tenths of a millimetre after a turn. Then the mean
+    square of the signals after turns exceeds that at the same distance before them, from the turn
+    on. Texture makes as much on both sides.
+    """
+    passes = passes_of(position_m)
+    shortest_m = min((np.ptp(position_m[each.samples]) for each in passes), default=0.0)
+    if len(passes) < 3 or not shortest_m > 0:
+        return None
+    width_m = _LONGEST_MARGIN * shortest_m / _BINS
+    squares = np.zeros((2, _BINS))
+    counts = np.zeros((2, _BINS))
+    power = np.where(np.isfinite(signal), signal - np.nanmean(signal, axis=1)[:, None], 0.0) ** 2
+    for before, after in itertools.pairwise(passes):
+        turn_m = position_m[after.samples.start]
+        for side, each in enumerate((before.samples, after.samples)):
+            at = (np.abs(position_m[each] - turn_m) / width_m).astype(int)
+            inside = at < _BINS
+            squares[side] += np.bincount(
+                at[inside], power[:, each].sum(axis=0)[inside], minlength=_BINS
+            )
+            counts[side] += np.bincount(at[inside], minlength=_BINS)
+    means = squares / np.maximum(counts, 1)
+    exceeds = (means[1] > _EXCESS * means[0]) & (counts.min(axis=0) >= _FEWEST_IN_BIN)
+    bins = int(np.argmin(exceeds)) if not exceeds.all() else _BINS
+    return None if bins == 0 else (bins + 1) * width_m
 
 
 def with_backlash(

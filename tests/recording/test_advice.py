@@ -11,7 +11,7 @@ import pytest
 
 from srsinv.recording.formats.text import Text
 from tests.recording import test_advice_by_hand as by_hand
-from tests.recording import test_instruments  # noqa: F401  (whose tests follow sentences, too)
+from tests.recording import test_disturbances, test_instruments  # noqa: F401  (follow, too)
 from tests.recording.advice import (
     POSITION_M,
     SCAN,

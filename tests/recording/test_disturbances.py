@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
+from srsinv.errors import BadInput
 from srsinv.recording import load
 from srsinv.recording._sidecar import parse
 from srsinv.recording.disturbances import disturbances
-from srsinv.recording.even import on_even_times
+from srsinv.recording.even import load_even, on_even_times
 from srsinv.recording.inspection import inspect
 from srsinv.recording.passes import pass_differences, passes_of
 from srsinv.recording.template import sidecar_template
+from tests.recording.advice import follows
 from tests.recording.files import write_csv
 
 RATE_HZ, N = 1000.0, 3000
@@ -111,3 +113,64 @@ def test_what_repeats_is_in_no_difference_of_passes():
     left = pass_differences(touch + noise, x, passes)
     assert left.shape[1] > 900
     np.testing.assert_allclose(left.std(), 1.0, rtol=0.1)
+
+
+def turning(amplitude, slip_mm):
+    """Six passes of 12 mm over a bump and a texture, with shear that turns over after each turn."""
+    rng = np.random.default_rng(5)
+    one_mm = 12 * (1 - np.cos(np.pi * np.arange(1200) / 1200)) / 2
+    position_mm = np.concatenate([one_mm if i % 2 == 0 else 12 - one_mm for i in range(6)])
+    since_mm = np.concatenate([np.abs(part - part[0]) for part in np.split(position_mm, 6)])
+    first = np.arange(position_mm.size) < 1200
+    way = np.repeat([1.0, -1.0] * 3, 1200)
+    speed = np.gradient(position_mm) * RATE_HZ
+    touch = np.gradient(np.exp(-((position_mm - 7) ** 2)) + 0.02 * np.sin(3 * position_mm))
+    shear = np.where(first, 0.0, amplitude * way * np.abs(speed) / 20 * np.exp(-since_mm / slip_mm))
+    time_s = np.arange(position_mm.size) / RATE_HZ
+    signal = touch / np.abs(touch).max() + shear
+    noise = 0.01 * rng.normal(size=position_mm.size)
+    return {"time_s": time_s, "position_mm": position_mm, "voltage_0_V": signal + noise}
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "slip_mm", "least_mm", "most_mm"),
+    [(0.0, 0.1, None, None), (2.0, 0.1, 0.1, 1.2), (0.5, 0.3, 0.3, 3.0)],
+)
+def test_shear_that_turns_over_is_found_and_left_out(
+    tmp_path, amplitude, slip_mm, least_mm, most_mm
+):
+    write_csv(tmp_path / "r.csv", turning(amplitude, slip_mm))
+    found = inspect(tmp_path / "r.csv").disturbances
+    if least_mm is None:
+        assert found.turn_margin_m is None
+        return
+    assert least_mm < 1e3 * found.turn_margin_m < most_mm
+    offered = next(each for each in found.overrides if "turn_margin_m" in each)
+    margin_m = float(offered.partition("=")[2])
+    known = {"path": str(tmp_path / "r.csv"), "turn_margin_m": margin_m}
+    recording = load_even(known, {})
+    left_out = np.isnan(recording.signal[0])
+    distance_m = np.min([recording.position_m, 0.012 - recording.position_m], axis=0)
+    inner = (np.arange(left_out.size) > 600) & (np.arange(left_out.size) < left_out.size - 600)
+    still = np.abs(recording.speed_m_per_s) < 0.02 * np.abs(recording.speed_m_per_s).max()
+    assert not left_out[distance_m > margin_m + 1e-6].any()
+    assert left_out[inner & (distance_m < margin_m - 1e-6) & ~still].all()
+
+
+@follows("and the motion does not turn", "which leaves {} samples")
+def test_a_margin_that_cannot_be_is_refused(tmp_path):
+    write_csv(tmp_path / "r.csv", table())
+    with pytest.raises(BadInput, match="does not turn"):
+        load_even({"path": str(tmp_path / "r.csv"), "turn_margin_m": 1e-3}, {})
+    write_csv(tmp_path / "r.csv", turning(0.0, 0.1))
+    with pytest.raises(BadInput, match="give a smaller one"):
+        load_even({"path": str(tmp_path / "r.csv"), "turn_margin_m": 0.02}, {})
+    known = {"path": str(tmp_path / "r.csv"), "turn_margin_m": 1e-3}
+    assert np.isfinite(load_even(known, {}).signal).mean() > 0.5
+
+
+def test_speed_is_that_of_sliding(tmp_path):
+    """Without the time for which the sensor stands still."""
+    position_mm = 25 * np.clip(TIME_S, 1.0, 2.0)
+    write_csv(tmp_path / "r.csv", table(position_mm=position_mm))
+    assert inspect(tmp_path / "r.csv").mean_speed_m_per_s == pytest.approx(0.025, rel=0.02)
