@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from srsinv import config, plot
 from srsinv.errors import BadInput, choice, mapping, refuse
+from srsinv.inverse.diagnostics import MOST_Z
 from srsinv.inverse.estimate import COMPONENTS, relative_error, z_rms
 from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.method import Method
@@ -22,8 +23,13 @@ from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 
 PRECISIONS = ("float64", "float32")
-MARKS = {Quality.GOOD: "", Quality.DOUBTFUL: "?", Quality.FAILED: "!", "refused": "–"}
-LARGEST_Z = 3.0  # standard errors: an rms error beyond, without a warning, is a failure
+MARKS = {
+    Quality.GOOD: "",
+    Quality.DOUBTFUL: "?",
+    Quality.NO_BANDS: "±",
+    Quality.FAILED: "!",
+    "refused": "–",
+}
 REFUSED = {"error": [np.nan] * 2, "z_rms": [np.nan] * 2, "condition": np.nan, "quality": "refused"}
 Answer = dict[str, Any]  # of one method to one case, by the variable's name
 
@@ -93,7 +99,7 @@ def _dataset(
     of = {name: np.array([[[cell[name] for cell in row] for row in case] for case in cells])
           for name in (*REFUSED, "reasons")}  # fmt: skip
     along = ("precision", "case", "method", "component")
-    silent = (of["quality"] == Quality.GOOD) & np.any(of["z_rms"] > LARGEST_Z, axis=-1)
+    silent = (of["quality"] == Quality.GOOD) & np.any(of["z_rms"] > MOST_Z, axis=-1)
     count = [(of["quality"] == code).sum(axis=(1, 2)) for code in MARKS]
     failures = silent.sum(axis=(1, 2))
     return dataset(
@@ -111,7 +117,7 @@ def _dataset(
             "component": (list(COMPONENTS), "1"),
             "code": ([str(code) for code in MARKS], "1"),
         },
-        largest_z=LARGEST_Z,
+        largest_z=MOST_Z,
     )
 
 

@@ -46,6 +46,8 @@ def check_early(cfg: Config) -> None:
         seed(cfg)
     if "precision" in cfg:
         precision_name(cfg)
+    if "tolerance" in cfg:
+        tolerance(cfg)
     settings = cfg.get("recording")
     if isinstance(settings, Mapping) and settings.get("path") is not None:
         refuse(
@@ -88,6 +90,12 @@ def with_facts(cfg: Config, sensor: Mapping[str, Any], skin: Mapping[str, Any]) 
 def seed(cfg: Config) -> int:
     """Seed of all random numbers."""
     return whole("seed", cfg["seed"], "a whole number from 0 to 2147483647", least=0)
+
+
+def tolerance(cfg: Config) -> float:
+    """The relative change of the signal that `effects=auto` may leave out."""
+    wanted = "a number above 0 and below 1, as a part of the signal's rms"
+    return number("tolerance", cfg["tolerance"], wanted, above=0, below=1)
 
 
 def random_key(cfg: Config) -> jax.Array:
@@ -133,16 +141,14 @@ def simulation(cfg: Config) -> Simulation:
 def screened(cfg: Config) -> tuple[Simulation, ScreeningResult | None]:
     """The simulation, and what was found of each effect with `effects=auto`.
 
-    Raises `BadInput` for a tolerance that is not positive.
+    Raises `BadInput` for a tolerance that is not between 0 and 1.
     """
     from .effects import screen_effects
 
     if "tolerance" not in cfg:
         return _simulation(cfg, scenario(cfg)), None
-    wanted = "a positive number, as a part of the signal's rms"
-    tolerance = number("tolerance", cfg["tolerance"], wanted, above=0)
     without = _simulation(cfg, ideal(cfg).replace(noises=noises(cfg)))
-    return screen_effects(without, effects(cfg), tolerance)
+    return screen_effects(without, effects(cfg), tolerance(cfg))
 
 
 def _simulation(cfg: Config, scenario: Scenario) -> Simulation:

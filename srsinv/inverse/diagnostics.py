@@ -31,6 +31,9 @@ FEW_MISSING = 0.05  # of the samples
 # Bands of the iterative path were 1 to 5 % off in some cells at 0.05, up to 10 % at 0.07, and 40 %
 # at 0.1.
 MOST_DEFECT = 0.06
+# Rms error in standard errors that a band survives: beyond it the band is less than a third of what
+# it should be.
+MOST_Z = 3.0
 MUCH_SLIDING = 0.1  # of the signal's rms: sliding makes less
 
 
@@ -114,6 +117,44 @@ def residual_over_noise(
     return (
         f"The residual is {np.sqrt(chi2_per_dof):.2g} times the noise, so that bands are too "
         "narrow: the model leaves out what acts on the signal, or the noise is larger than stated.",
+    )
+
+
+def unchecked_residual(
+    chi2_per_dof: float | None, degrees_of_freedom: float | int
+) -> Sequence[str]:
+    """Warning on a chi-square that is undefined although the noise is known."""
+    if chi2_per_dof is not None:
+        return ()
+    cause = (
+        "the fit takes up every degree of freedom of the signal"
+        if degrees_of_freedom < 1
+        else "samples are missing and the noise is coloured"
+    )
+    return (f"Chi-square is undefined, so that no residual checks the bands: {cause}.",)
+
+
+def beyond_band(name: str, z: float, resolved_dof: float) -> Sequence[str]:
+    """Warning on a component whose rms error is `z` standard errors, by the known truth; NaN where
+    there is no band. Under the model the square of z scatters as a chi-square of the
+    `resolved_dof`, over these."""
+    freedom = max(resolved_dof, 1.0)
+    if not z > max(MOST_Z, np.sqrt(chdtri(freedom, FALSE_ALARM) / freedom)):
+        return ()
+    return (
+        f"The error of {name} is {z:.2g} times its standard error (rms, by the known truth): the "
+        "band is too narrow.",
+    )
+
+
+def error_over_truth(error: float) -> Sequence[str]:
+    """Warning on a relative `error` of p and q together, by the known truth, that is larger than
+    these; NaN of a truth that is uniform."""
+    if not error > 1:
+        return ()
+    return (
+        f"The error of p and q is {error:.3g} times their own size (by the known truth): a uniform "
+        "traction would be nearer.",
     )
 
 

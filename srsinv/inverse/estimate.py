@@ -8,12 +8,13 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float
 
 from ..errors import of_kind
 from ..grid import Line
 from ..numerics import BAND_90, mean_known
 from ..status import Status
+from .diagnostics import beyond_band, error_over_truth
 from .quality import Quality, quality, reasons
 
 COMPONENTS = ("p", "q")
@@ -67,16 +68,34 @@ class Estimate(eqx.Module):
         """The same estimate with further warnings."""
         return dataclasses.replace(self, warnings=(*self.warnings, *warnings))
 
+    def against(self, truth: Float[Numbers, "2 n"], cells: Bool[np.ndarray, " n"]) -> "Estimate":
+        """The same estimate, with warnings where it is off the true p and q [Pa] on its line.
+
+        `cells`: a mask of those that are compared, all as deviations from the mean over them.
+        """
+        (value, stderr), truth = self.deviation(cells), np.asarray(truth)
+        resolved = [self.stats.get(f"resolved_dof_{name}", 0.0) for name in COMPONENTS]
+        each = zip(COMPONENTS, z_rms(value, stderr, truth, cells), resolved, strict=True)
+        beyond = [s for name, z, dof in each for s in beyond_band(name, float(z), dof)]
+        error = overall_error(value, truth, cells)
+        return self.with_warnings((*beyond, *error_over_truth(float(error))))
+
     @property
     def quality(self) -> Quality:
-        """Good, doubtful (any warning) or failed."""
+        """Good, doubtful (any warning), without bands, or failed."""
         chi2, freedom = self.stats.get("chi2_per_freedom"), self.stats.get("degrees_of_freedom")
-        return quality(self.status, chi2, self.warnings, np.inf if freedom is None else freedom)
+        freedom = np.inf if freedom is None else freedom
+        return quality(self.status, chi2, self.warnings, freedom, self.has_bands)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the quality is not good, as sentences."""
-        return reasons(self.status, self.warnings)
+        return reasons(self.status, self.warnings, self.has_bands)
+
+    @property
+    def has_bands(self) -> bool:
+        """Whether p and q have standard errors."""
+        return not np.isnan(np.asarray(self.stderr)).all(axis=-1).any()
 
     @property
     def chi2_per_freedom(self) -> float | None:
@@ -178,6 +197,14 @@ def relative_error(value: Values, truth: Truth, cells: np.ndarray | None = None)
     true = deviation(truth, cells)
     size = np.linalg.norm(true, axis=-1)
     wrong = np.linalg.norm(deviation(value, cells) - true, axis=-1)
+    return np.asarray(wrong / np.where(size > 0, size, np.nan))
+
+
+def overall_error(value: Values, truth: Truth, cells: np.ndarray) -> Float[np.ndarray, "*answer"]:
+    """[`relative_error`][] of p and q (..., 2, n) together, by the norm of both."""
+    true = deviation(truth, cells)
+    size = np.linalg.norm(true, axis=(-2, -1))
+    wrong = np.linalg.norm(deviation(value, cells) - true, axis=(-2, -1))
     return np.asarray(wrong / np.where(size > 0, size, np.nan))
 
 

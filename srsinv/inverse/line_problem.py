@@ -18,7 +18,7 @@ from ..modules import with_fields
 from ..status import Status
 from ._line_checks import check, check_estimate, check_noise_scale, check_nuisance, unboxed
 from .cells import Window
-from .diagnostics import residual_over_noise
+from .diagnostics import residual_over_noise, unchecked_residual
 from .estimate import TractionEstimate
 from .line_model import CHI2, FREEDOM, LineModel, Shown, chi2
 from .means import have_zero_mean, less_means
@@ -243,7 +243,8 @@ class LineProblem(LineModel):
         unknown = jnp.full(np.shape(traction), jnp.nan)
         shown = _shown(self, jnp.asarray(traction), unknown if stderr is None else stderr)
         squares = chi2(self, float(resolved_dof), float(shown.squares))
-        over_noise = residual_over_noise(squares[CHI2], squares[FREEDOM] or 0.0)
+        of_residual = squares[CHI2], squares[FREEDOM] or 0.0
+        over_noise = (*unchecked_residual(*of_residual), *residual_over_noise(*of_residual))
         finite = bool(jnp.all(jnp.isfinite(shown.value)))
         return TractionEstimate(
             line=self.line,

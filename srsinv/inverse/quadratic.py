@@ -259,6 +259,7 @@ def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tup
         *(s for name, *_, least in each for s in diagnostics.unresolved_waves(name, least)),
         *_within_runs(checks.runs, resolved_dof / n),
         *_pulling(problem, shown, resolved_dof[0]),
+        *diagnostics.unchecked_residual(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.residual_over_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
         *diagnostics.missing(_missing(problem)),

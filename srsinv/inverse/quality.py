@@ -1,4 +1,5 @@
-"""Quality of a result: good, doubtful or failed, by one rule for inversions and fits."""
+"""Quality of a result: good, doubtful, without bands or failed, by one rule for inversions and
+fits."""
 
 import enum
 import math
@@ -15,6 +16,7 @@ FAILED_RMS = 1.6449 / 0.6745
 # Standard deviations of the root of a chi-square (1 / sqrt(2 dof) each) that count as chance: with
 # fewer than six degrees of freedom they reach beyond `FAILED_RMS`.
 SIGNIFICANT = 5.0
+WITHOUT_BANDS = "The method gives no standard errors: the size of its error is not known."
 
 
 class Quality(enum.StrEnum):
@@ -22,12 +24,14 @@ class Quality(enum.StrEnum):
 
     - `GOOD`: no warnings on it or its bands.
     - `DOUBTFUL`: an answer with warnings; its bands may be too narrow.
+    - `NO_BANDS`: an answer without standard errors, and without warnings.
     - `FAILED`: no answer: the search did not converge, or the residual is so far beyond the noise
       that no band is valid.
     """
 
     GOOD = "good"
     DOUBTFUL = "doubtful"
+    NO_BANDS = "no bands"
     FAILED = "failed"
 
 
@@ -36,6 +40,7 @@ def quality(
     chi2_per_dof: float | int | None,
     warnings: Collection[str],
     degrees_of_freedom: float | int = math.inf,
+    has_bands: bool = True,
 ) -> Quality:
     """The quality of a result.
 
@@ -44,12 +49,15 @@ def quality(
       noise was not known.
     - `warnings`: sentences on the validity of the result.
     - `degrees_of_freedom`: of the residual; with few of them a large chi-square can be chance.
+    - `has_bands`: whether the result has standard errors.
     """
     if not status.is_answer:
         return Quality.FAILED
     if chi2_per_dof is not None and is_excess(chi2_per_dof, degrees_of_freedom, FAILED_RMS):
         return Quality.FAILED
-    return Quality.DOUBTFUL if warnings else Quality.GOOD
+    if warnings:
+        return Quality.DOUBTFUL
+    return Quality.GOOD if has_bands else Quality.NO_BANDS
 
 
 def is_excess(chi2_per_dof: float | int, degrees_of_freedom: float | int, most_rms: float) -> bool:
@@ -61,10 +69,10 @@ def is_excess(chi2_per_dof: float | int, degrees_of_freedom: float | int, most_r
     return not chi2_per_dof <= max(most_rms, chance) ** 2
 
 
-def reasons(status: Status, warnings: Collection[str]) -> tuple[str, ...]:
+def reasons(status: Status, warnings: Collection[str], has_bands: bool = True) -> tuple[str, ...]:
     """Reasons why a result is not good, as sentences; none for a good one.
 
     A chi-square that makes it fail is among the warnings, too.
     """
     stopped = () if status.is_answer else (f"There is no answer: {status}. {status.advice}",)
-    return (*stopped, *warnings)
+    return (*stopped, *warnings, *(() if has_bands else (WITHOUT_BANDS,)))

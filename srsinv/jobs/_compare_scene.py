@@ -13,12 +13,19 @@ from .. import plot
 from ..errors import is_number, refuse
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.simulation import Simulation
-from ..inverse.estimate import COMPONENTS, Estimate, coverage_90, deviation, relative_error
+from ..inverse.estimate import (
+    COMPONENTS,
+    Estimate,
+    coverage_90,
+    deviation,
+    overall_error,
+    relative_error,
+)
 from ..inverse.features.method import FeatureFit
 from ..inverse.line_problem import LineProblem
 from ..inverse.quality import Quality
 from ..inverse.simulated import noisy_problem
-from ..report.result import Result, dataset, scalars
+from ..report.result import Result, dataset, key_of, scalars
 from ..report.section import sections
 from ._statistics import differences, ranks
 from .monte_carlo import (
@@ -103,7 +110,10 @@ def on_scene(
         "scene=strip does.",
     )
     problems = scene.problems()
-    answers = simulate_and_fit(problems, methods, scene.shape)
+    truth, cells = np.asarray(scene.sim.traction(scene.sim.line)), problems[0].observed_cells
+    answers = simulate_and_fit(problems, methods, scene.shape).mapped(
+        lambda estimate: estimate.against(truth, cells)
+    )
     own = _of_methods(scene, problems, answers)
     variables = own | _means(own) | _pairs(own["error_overall"][1], list(methods))
     variables["reasons_first"] = (("method", "snr"), _first_reasons(answers), "1")
@@ -170,9 +180,7 @@ def _scores(
 ) -> Variables:
     """Relative error of p and of q, of both together by the norm of both, and the fraction of
     cells in the 90 % band: all of the deviation from the mean."""
-    true = deviation(truth, cells)
-    wrong = deviation(value, cells) - true
-    overall = np.linalg.norm(wrong, axis=(-2, -1)) / np.linalg.norm(true)
+    overall = overall_error(value, truth, cells)
     of = (*BY, "component")
     return {
         "error": (of, relative_error(value, truth, cells), "1"),
@@ -188,7 +196,7 @@ def _means(own: Variables) -> Variables:
         own[name][1] for name in ("error", "coverage", "misfit", "rank", "quality", "converged")
     )
     at, of = ("method", "snr"), "{component}_{method}_{snr}_dB"
-    counts = {str(each): np.sum(quality == each, axis=2) for each in Quality}
+    counts = {key_of(each): np.sum(quality == each, axis=2) for each in Quality}
     return {
         "error_mean": ((*at, "component"), error.mean(axis=2), "1", f"error_{of}"),
         "error_spread": ((*at, "component"), _spread(error, 2), "1",

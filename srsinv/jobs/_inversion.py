@@ -69,10 +69,18 @@ def run(case: InversionCase) -> Result:
     first = next(iter(estimates))
     further = case.check(case.methods[first], estimates[first]) if case.check else ()
     estimates = {
-        name: each.with_warnings((*case.warnings, *further)) for name, each in estimates.items()
+        name: _against_truth(case, each).with_warnings((*case.warnings, *further))
+        for name, each in estimates.items()
     }
     data = _dataset(case, estimates, np.array(times))
     return Result(_title(case, data), data, sections("inversion", "assumed"))
+
+
+def _against_truth(case: InversionCase, estimate: Estimate) -> Estimate:
+    """The estimate with warnings by the truth of a simulation."""
+    if "traction" not in case.stages:
+        return estimate
+    return estimate.against(np.asarray(case.stages["traction"][1]), case.problem.observed_cells)
 
 
 def _title(case: InversionCase, data: xarray.Dataset) -> str:

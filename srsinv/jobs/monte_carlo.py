@@ -1,8 +1,8 @@
 """The Monte Carlo runner: every method's answer to every problem that was drawn, with its time."""
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import jax
@@ -25,7 +25,7 @@ Problem = TypeVar("Problem")
 Answer = TypeVar("Answer")
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Answers(Generic[Answer]):
     """Answers to the same problems: of each method one for each problem, and the times [s] of the
     calls. The problems are those of an array of `shape`, its last dimension the fastest."""
@@ -38,6 +38,11 @@ class Answers(Generic[Answer]):
         """(method, *shape, ...): what `get` takes from each answer."""
         rows = np.asarray([[get(answer) for answer in answers] for answers in self.of.values()])
         return rows.reshape(len(self.of), *self.shape, *rows.shape[2:])
+
+    def mapped(self, change: Callable[[Answer], Answer]) -> "Answers[Answer]":
+        """The same with every answer changed."""
+        of = {name: tuple(map(change, answers)) for name, answers in self.of.items()}
+        return dataclasses.replace(self, of=of)
 
     @property
     def first_call_s(self) -> Float[np.ndarray, " method"]:

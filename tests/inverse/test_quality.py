@@ -1,5 +1,8 @@
 """What an answer is worth: the rule, and what its threshold stands for."""
 
+import dataclasses
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
@@ -7,6 +10,7 @@ import scipy.stats
 import srsinv
 from srsinv.inverse.quality import quality, reasons
 from srsinv.status import Status
+from tests.inverse.cases import gaps, make_case
 
 N = 400
 RNG = np.random.default_rng(3)
@@ -107,3 +111,55 @@ def test_a_direction_that_the_data_do_not_determine_is_a_warning():
     )
     assert fit.quality == "doubtful"
     assert any("do not determine" in said for said in fit.warnings)
+
+
+def test_a_method_without_standard_errors_has_no_bands():
+    on = make_case().problem
+    alone = on.estimate(jnp.asarray(make_case().truth))
+    assert alone.quality == "no bands"
+    assert len(alone.reasons) == 1
+    assert on.estimate(jnp.asarray(make_case().truth), jnp.full((2, 48), 9.0)).quality == "good"
+    assert on.estimate(jnp.zeros((2, 48))).quality == "failed"
+    assert alone.with_warnings(("a.",)).quality == "doubtful"
+
+
+def test_a_chi_square_that_is_undefined_is_a_warning():
+    """Samples are missing under coloured noise, or no degree of freedom is left."""
+    case = make_case(colour=True, observed=jnp.asarray(gaps()))
+    gappy = case.problem.estimate(jnp.asarray(case.truth), jnp.ones((2, 48)))
+    assert gappy.chi2_per_freedom is None
+    assert gappy.quality == "doubtful"
+    exact = srsinv.fit(lambda p: p["a"] + p["b"] * X[:2], {"a": 0.0, "b": 1.0}, X[:2], noise=0.1)
+    assert exact.known_chi2 is None
+    assert exact.quality == "doubtful"
+
+
+@pytest.mark.parametrize(
+    ("errors", "standard_errors", "worth"),
+    [
+        (1.0, 1.0, "good"),
+        (4.0, 1.0, "doubtful"),  # beyond its band
+        (300.0, 400.0, "doubtful"),  # within its band, and larger than p and q themselves
+        (0.5, np.nan, "no bands"),
+        (300.0, np.nan, "doubtful"),
+    ],
+)
+def test_a_known_truth_grades_an_answer(errors, standard_errors, worth):
+    """Errors are in units of a hundredth of the traction's rms; what it leaves of the signal is the
+    noise, so that without the truth the answer is good."""
+    case = make_case()
+    unit = 0.01 * float(np.std(case.truth))
+    answer = case.problem.estimate(jnp.asarray(case.truth), jnp.ones((2, 48)))
+    assert answer.quality == "good"
+    off = errors * unit * np.random.default_rng(0).normal(size=case.truth.shape)
+    stderr = np.full(case.truth.shape, standard_errors * unit)
+    answer = dataclasses.replace(answer, value=case.truth + off, stderr=stderr)
+    graded = answer.against(case.truth, np.ones(48, bool))
+    assert graded.quality == worth
+    assert bool(graded.warnings) == (worth == "doubtful")
+
+
+def test_a_truth_that_is_uniform_grades_by_the_band_alone():
+    case = make_case()
+    answer = case.problem.estimate(jnp.asarray(case.truth), jnp.full((2, 48), 1e9))
+    assert answer.against(np.zeros((2, 48)), np.ones(48, bool)).quality == "good"

@@ -49,6 +49,7 @@ def of(name, *overrides):
 
 
 REFUSALS = {
+    "all effects left out": (("effects=auto", "tolerance=2"), r"tolerance is 2: .* below 1"),
     "no file named": (INVERT, r"'recording\.path' has no value; give one"),
     "missing file": (of("absent.csv"), r"absent\.csv: there is no such file"),
     "missing column": (

@@ -171,6 +171,11 @@ class FeatureEstimate(Estimate):
         """Its standard error [Pa], infinite where the fit failed."""
         return self._traction(None)[1]
 
+    @property
+    def has_bands(self) -> bool:
+        """Yes: every fit has standard errors, infinite where it failed."""
+        return True
+
     def on(self, line: Line) -> "FeatureEstimate":
         of_kind("line", line, Line, "a line, such as Open(256, 1.5e-4)")
         return dataclasses.replace(self, line=line)

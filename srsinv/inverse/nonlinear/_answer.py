@@ -11,7 +11,7 @@ import numpy as np
 
 from ...grid import as_real
 from ...status import Status
-from ..diagnostics import of_fit
+from ..diagnostics import of_fit, unchecked_residual
 from ..quality import Quality, quality, reasons
 from ._parameters import Layout, Tree
 from ._search import Objective
@@ -87,7 +87,10 @@ class Fit:
         """Warnings on the standard errors, as sentences."""
         freedom = self.stats["degrees_of_freedom"]
         own = of_fit(self.known_chi2, freedom, self.at_bound, self.undetermined)
-        return (*own, *self.notes)
+        unchecked = (
+            () if self.noise_rms is not None else unchecked_residual(self.known_chi2, freedom)
+        )
+        return (*own, *unchecked, *self.notes)
 
     @property
     def quality(self) -> Quality:
