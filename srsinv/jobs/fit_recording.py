@@ -238,7 +238,7 @@ def _numbers(fitted: FittedRecording) -> dict[str, Any]:
     best, unit = fitted.best, fitted.recording.signal_unit
     numbers: dict[str, Any] = {
         "feature": best.name,
-        "samples": int(fitted.problem.observed.sum()),
+        "samples": int(np.isfinite(best.data).sum()),
         f"noise_rms_{unit}": _noise_rms(fitted),
         "first_call_s": float(sum(fitted.times_s)),
         "chi2_per_freedom": best.chi2_per_freedom,

@@ -198,6 +198,23 @@ def test_there_and_back_a_ridge_between_the_places_tried_is_found():
         assert abs(best["width_m"] - width_m) < depth_m
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_samples_that_are_missing_do_not_move_the_search(way):
+    """A recording that turns, of which one way alone is taken."""
+    speeds = np.repeat([0.03, -0.03], TIME.size)
+    both = Motion.from_speed(np.arange(speeds.size) / 1200, speeds, -0.003)
+    blocks, depth_m = Blocks(both, cell_m("contact_search_samples", 0.75e-3)), 0.75e-3
+    coarse = FeatureModel.on_window(
+        SENSOR, blocks.motion, WINDOW, cell_m("contact_search", depth_m), NOMINAL
+    )
+    search = FeatureSearch(coarse, blocks, scan_extent(SENSOR, both))
+    y = np.asarray(fine(TapeFeature(EDGE), both)(tree(TAPE, 0.35)))
+    y = np.where(speeds == 0.03 * way, y, np.nan)
+    best, *_ = search.starts(y, np.ones(2), ({}, {}), TapeFeature(EDGE), {})
+    assert abs(best["position_m"] - TAPE["position_m"]) < depth_m / 4
+    assert abs(best["width_m"] - TAPE["width_m"]) < depth_m / 2
+
+
 @pytest.mark.claim
 def test_sliding_back_the_leading_edge_is_the_other_one():
     model = fine(TapeFeature(EDGE), BACK)

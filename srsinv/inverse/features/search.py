@@ -117,10 +117,11 @@ class FeatureSearch:
         For each shape tried, the part of the residual of the features found so far (their shape and
         amplitudes fixed) that its best linear parameters explain.
         """
+        known = self._blocks.means(np.isfinite(y).astype(float))
         rest = self._blocks.means(np.nan_to_num(y))
         if before[0]:
-            rest = rest - np.asarray(self._model.with_features(before[0])(before[1]))
-        columns, explained = self._explained(rest[None], white, feature, given)
+            rest = rest - known * np.asarray(self._model.with_features(before[0])(before[1]))
+        columns, explained = self._explained(rest[None], white, known, feature, given)
         chosen = apart(list(columns.values()), explained[0])
         return [{name: float(column[at]) for name, column in columns.items()} for at in chosen]
 
@@ -128,17 +129,20 @@ class FeatureSearch:
         self, ys: Float[np.ndarray, "b e sample"], feature: AnyFeature
     ) -> dict[str, Float[np.ndarray, " b"]]:
         """The best shape of the only feature to start from, for each of many signals."""
-        rest, white = self._blocks.means(np.nan_to_num(ys)), np.ones(ys.shape[1])
-        columns, explained = self._explained(rest, white, feature, {})
+        observed = np.isfinite(ys).all(axis=0)
+        known = self._blocks.means(observed.astype(float))
+        rest, white = self._blocks.means(np.where(observed, ys, 0.0)), np.ones(ys.shape[1])
+        columns, explained = self._explained(rest, white, known, feature, {})
         return {name: column[explained.argmax(axis=1)] for name, column in columns.items()}
 
     def _explained(
-        self, rest: Float[np.ndarray, "b e sample"], white, feature: AnyFeature, given
+        self, rest: Float[np.ndarray, "b e block"], white, known, feature: AnyFeature, given
     ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "b start"]]:
-        """The shapes tried, and how much of each residual they explain."""
-        left = self._weighed(rest, white).reshape(len(rest), -1)
+        """The shapes tried, and how much of each residual they explain; `known`: the fraction of
+        each block's samples that are there, the rest being zero."""
+        left = self._weighed(rest, white, known).reshape(len(rest), -1)
         shapes, explained = [], []
-        for bank in self._tried(feature, white, given):
+        for bank in self._tried(feature, white, known, given):
             shapes.append(bank.shapes)
             explained.append(bank.explained(left))
         columns = {name: np.concatenate([each[name] for each in shapes]) for name in feature.axes}
@@ -163,16 +167,20 @@ class FeatureSearch:
         return np.maximum(peak / np.where(top > 0, top, 1.0), LEAST_RELATIVE_SIGNAL)
 
     def _tried(
-        self, feature: AnyFeature, white: np.ndarray, given: Mapping[str, float]
+        self,
+        feature: AnyFeature,
+        white: Float[np.ndarray, " e"],
+        known: Float[np.ndarray, "e block"],
+        given: Mapping[str, float],
     ) -> Iterable[FilterBank]:
         loading = self._model.loading
-        key = feature, white.tobytes()
+        key = feature, white.tobytes(), known.tobytes()
         if key in self._banks:
             return self._banks[key]
         tried = loading.tried(self._model, feature, self._stretch, given)
 
         def weigh(signals):
-            return self._weighed(signals, white)
+            return self._weighed(known * signals, white, known)
 
         if not loading.ARE_FEW:
             return (FilterBank.of(part, weigh) for part in tried)
@@ -184,11 +192,14 @@ class FeatureSearch:
     def _note(self, feature: AnyFeature, peaks: list[np.ndarray]) -> None:
         self._strongest[feature] = np.max(peaks, axis=0).tolist()
 
-    def _weighed(self, signals: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Signals in units of the noise, less each element's mean where its offset is free."""
+    def _weighed(self, signals: np.ndarray, white: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Signals in units of the noise, less each element's offset where it is free: what is
+        `known` of one."""
         weighed = signals / white[:, None]
         if self._model.free_offset:
-            weighed -= weighed.mean(axis=-1, keepdims=True)
+            along = np.sum(known * weighed, axis=-1, keepdims=True)
+            squares = np.sum(known**2, axis=-1, keepdims=True)
+            weighed -= known * (along / np.where(squares > 0, squares, 1.0))
         return weighed
 
 
