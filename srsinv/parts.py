@@ -66,7 +66,8 @@ def line(grid: Node, refinement: Any) -> Line:
 
 
 def sensor(sensor: Node, skin: Any, amplifier: Node) -> Sensor:
-    """Film elements in their skin, read by the amplifier, whose resistor has to be known."""
+    """Film elements in their skin, read by the amplifier, whose resistor has to be known; without
+    any effect, that of their offsets included."""
     from .forward.describe import elements
     from .forward.sensor import Sensor
 
@@ -75,7 +76,8 @@ def sensor(sensor: Node, skin: Any, amplifier: Node) -> Sensor:
         amplifier.get("feedback_resistance_ohm", 0) is None,
         "No feedback resistance is known: give amplifier.feedback_resistance_ohm in ohm.",
     )
-    return Sensor(films, skin=around, amplifier=make(amplifier, "amplifier", "amplifier"))
+    at_origin = [film.at_origin() for film in films]
+    return Sensor(at_origin, skin=around, amplifier=make(amplifier, "amplifier", "amplifier"))
 
 
 def skin_with(skin: Node, known: Node) -> Node:

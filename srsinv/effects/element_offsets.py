@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Complex
 
-from ..forward import film
+from ..forward.film import Film
 from ..forward.scenario import Scenario
 from ._effect import MultiplicativeEffect, Order
 from ._reference import ReferenceSpectra
@@ -18,12 +18,7 @@ class ElementOffsets(MultiplicativeEffect):
     of_sensor: ClassVar[bool] = True
 
     def apply(self, scenario: Scenario) -> Scenario:
-        # An element at the origin keeps its program.
-        return scenario.with_films(
-            lambda each: (
-                each.with_effect(film.Offset(each.offset_m)) if float(each.offset_m) else each
-            )
-        )
+        return scenario.with_films(Film.in_place)
 
     def factor(self, reference: ReferenceSpectra) -> Complex[np.ndarray, "e k"]:
         offsets = np.array([float(each.offset_m) for each in reference.scenario.sensor.elements])

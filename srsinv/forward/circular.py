@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from ..errors import BadInput, number, refuse, whole
 from ..grid import Scalar, as_real
 from .film import Film, StripAverage
-from .oblique import TurnedSkin, turned_effects
+from .oblique import TurnedSkin, turned_film
 from .sensor import Sensor
 
 MOST_SAMPLES = 100_000
@@ -176,7 +176,8 @@ class Circling(eqx.Module):
 def _spots(film: Film, angle_rad, width_m, nodes: int) -> tuple[Array, Array]:
     """Shifts along xi, and the weight of each: quadrature over the widths of film and ridge."""
     shifts, fractions = jnp.zeros(1), jnp.ones(1)
-    for effect in (*turned_effects(film, angle_rad), StripAverage(width_m)):
+    along = turned_film(film, angle_rad)
+    for effect in (*along.effects, *along.place, StripAverage(width_m)):
         spread, weights = effect.quadrature(nodes)
         shifts = jnp.ravel(shifts[:, None] + spread[None])
         fractions = jnp.ravel(fractions[:, None] * weights[None])

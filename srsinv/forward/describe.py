@@ -22,7 +22,7 @@ _ELEMENT_KEYS = {
 
 
 def elements(description: Mapping[str, Any]) -> tuple[Film, ...]:
-    """The film elements of `description`, without any effect.
+    """The film elements of `description`, each at its offset, without any effect.
 
     `depth_m`, `piezo_constants_C_per_N` {d1, d2, d3}, `strips` and `elements`, a list or a mapping
     by name, each with `orientation` ("1_to_x_3_to_z", "1_to_z_3_to_x") or `angle_deg`,

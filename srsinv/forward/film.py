@@ -193,10 +193,12 @@ class Film(eqx.Module):
 
     - `depth_m` [m]: below the skin's surface; `angle_rad` [rad]: axis 1 turned from +x toward +z.
     - `width_m` [m] times `length_m` [m]: electrode area of one strip; `strips`: how many are
-      laminated (their charges add). `offset_m` [m]: where it sits beside the sensor's origin.
+      laminated (their charges add). `offset_m` [m]: where it sits beside the sensor's origin: it
+      is read at x(t) + offset_m.
     - `piezo`: piezoelectric constants, those of PVDF by default.
-    - `effects`: effects along the line; empty for an ideal thin strip at the origin, whatever its
-      width and offset are. [`with_strip_average`][] adds that of the width.
+    - `effects`: effects along the line; empty for an ideal thin strip, whose width is a part of the
+      area alone. [`with_strip_average`][] adds the mean over the width.
+    - `is_at_origin`: whether the model leaves `offset_m` out.
     - `is_backward`: whether it stands for the element as it slides towards -x, where friction, and
       with it q, is turned.
 
@@ -213,6 +215,7 @@ class Film(eqx.Module):
     strips: int = eqx.field(static=True)
     offset_m: Float[Array, ""]
     is_backward: bool = eqx.field(static=True)
+    is_at_origin: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -225,6 +228,7 @@ class Film(eqx.Module):
         strips: Any = 1,
         offset_m=0.0,
         is_backward: bool = False,
+        is_at_origin: bool = False,
     ):
         self.depth_m = _length("depth_m", depth_m)
         self.width_m = _length("strip_width_m", width_m)
@@ -237,11 +241,20 @@ class Film(eqx.Module):
         self.strips = whole("sensor strips", strips, wanted, least=1)
         self.piezo = Piezo() if piezo is None else piezo
         self.effects, self.is_backward = tuple(effects), is_backward
+        self.is_at_origin = is_at_origin
 
     def with_effect(self, effect: LineEffect) -> "Film":
         """The same film with one more effect along the line."""
         of_kind("effect", effect, LineEffect, "an effect along the line, as StripAverage(1e-3)")
         return dataclasses.replace(self, effects=(*self.effects, effect))
+
+    def in_place(self) -> "Film":
+        """The same film where it sits."""
+        return dataclasses.replace(self, is_at_origin=False)
+
+    def at_origin(self) -> "Film":
+        """The same film, its offset left out."""
+        return dataclasses.replace(self, is_at_origin=True)
 
     def with_strip_average(self) -> "Film":
         """The same film, its charge the mean over its width. Its width and depth are not traced."""
@@ -286,14 +299,19 @@ class Film(eqx.Module):
         kernel = self.along_kernel(lambda x: jnp.tensordot(weights, stress(x), 1))
         return self.turned(kernel(x))
 
+    @property
+    def place(self) -> tuple[LineEffect, ...]:
+        """The effect of its offset, none where that is left out."""
+        return () if self.is_at_origin else (Offset(self.offset_m),)
+
     def along_line(self, transfer: Complex[Array, "c k"], k) -> Complex[Array, "c k"]:
         """The transfer with every effect's factor."""
-        for effect in self.effects:
+        for effect in (*self.effects, *self.place):
             transfer = transfer * effect.transfer(k)[None]
         return transfer
 
     def along_kernel(self, kernel: Kernel) -> Kernel:
         """The kernel spread by every effect."""
-        for effect in self.effects:
+        for effect in (*self.effects, *self.place):
             kernel = effect.spread(kernel)
         return kernel

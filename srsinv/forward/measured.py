@@ -105,7 +105,7 @@ class MeasuredFilm(Film):
     ) -> Complex[Array, "c k"]:
         charge = self.far[:, None] * jnp.tensordot(self.charge_per_stress(), stress, 1)
         own, later = self.effects[: self.stated_effects], self.effects[self.stated_effects :]
-        for effect in own:
+        for effect in (*own, *self.place):
             charge = charge * effect.transfer(k)[None]
         charge = charge + self.correction.transfer(k)
         for effect in later:

@@ -153,16 +153,19 @@ def turned(sensor: Sensor, angle_rad) -> Sensor:
 @eqx.filter_jit
 def _turned(sensor: Sensor, angle_rad: Float[Array, ""]) -> Sensor:
     def one(film: Film) -> Film:
-        film = eqx.tree_at(lambda f: f.effects, film, turned_effects(film, angle_rad))
-        return film.with_effect(StripLength(film.length_m * jnp.sin(angle_rad)))
+        return turned_film(film, angle_rad).with_effect(
+            StripLength(film.length_m * jnp.sin(angle_rad))
+        )
 
     parts = TurnedSkin(sensor.skin, angle_rad), tuple(one(film) for film in sensor.elements)
     return eqx.tree_at(lambda s: (s.skin, s.elements), sensor, parts)
 
 
-def turned_effects(film: Film, angle_rad: Float[Array, ""]) -> tuple[LineEffect, ...]:
-    """The film's effects along xi: each length along x times cos(phi)."""
-    return tuple(effect.scaled(cosine(angle_rad)) for effect in film.effects)
+def turned_film(film: Film, angle_rad: Float[Array, ""]) -> Film:
+    """The film along xi: its offset, and each length along x of its effects, times cos(phi)."""
+    c = cosine(angle_rad)
+    parts = tuple(effect.scaled(c) for effect in film.effects), c * film.offset_m
+    return eqx.tree_at(lambda f: (f.effects, f.offset_m), film, parts)
 
 
 def turned_scan(scan: Scan, angle_rad) -> Scan:

@@ -93,8 +93,7 @@ def calibrate(
 ) -> Calibration:
     """The rig's gains, depth, angles and offsets, from signals over a known feature.
 
-    - `problem`: with the sensor as it is stated, from which the search begins; its films without
-      offsets of their own in their effects.
+    - `problem`: with the sensor as it is stated, from which the search begins.
     - `held`: what is known, by name: of the feature all but its place; of the rig whatever is.
     - `free`: names of what is fitted; None: all that is not held.
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import BadInput, of_kind, refuse
 from ..forward.amplifier import CurrentAmplifier
 from ..forward.describe import elements
-from ..forward.film import Film, Offset
+from ..forward.film import Film
 from ..forward.noise import Noise
 from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
@@ -184,7 +184,7 @@ def sensor_described(recording: Recording) -> Sensor:
     strips, in a half space, read by a current amplifier. Raises `BadInput` for facts that are
     missing."""
     description = recording.sidecar.get("sensor") or {}
-    films = [_in_place(film.with_strip_average()) for film in elements(description)]
+    films = [film.with_strip_average() for film in elements(description)]
     resistance = description.get("feedback_resistance_ohm")
     if resistance is None:
         raise BadInput(
@@ -192,11 +192,6 @@ def sensor_described(recording: Recording) -> Sensor:
             "sensor.feedback_resistance_ohm in the sidecar, or a sensor."
         )
     return Sensor(films, HalfSpace(**(SKIN | skin_facts(recording))), CurrentAmplifier(resistance))
-
-
-def _in_place(film: Film) -> Film:
-    """The film where it sits; one at the origin keeps its program."""
-    return film.with_effect(Offset(film.offset_m)) if float(film.offset_m) else film
 
 
 def skin_facts(recording: Recording) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..errors import refuse
-from ..forward.film import Film, Offset
+from ..forward.film import Film
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Open, as_real
@@ -158,8 +158,9 @@ class RigModel(eqx.Module):
             film = eqx.tree_at(lambda f: f.depth_m, film, film.depth_m + deeper)
             if angle is not None:
                 film = eqx.tree_at(lambda f: f.angle_rad, film, as_real(angle))
-            own = film.offset_m if offset is None else offset
-            return film.with_effect(Offset(own))
+            if offset is not None:
+                film = eqx.tree_at(lambda f: f.offset_m, film, as_real(offset))
+            return film.in_place()
 
         films = [moved(n + 1, film) for n, film in enumerate(self.sensor.elements)]
         return eqx.tree_at(lambda s: s.elements, self.sensor, tuple(films))

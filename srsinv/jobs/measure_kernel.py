@@ -27,7 +27,7 @@ from ._kernel_plots import draw_kernels, draw_signals
 from ._passes import repeating_share
 from ._written_files import Target, check_target
 
-FILE, OFFSETS = "kernel.nc", "element_offsets"
+FILE = "kernel.nc"
 MODELS = ("theory", "kernel")
 KEYS = ("parameters", "write")
 
@@ -52,11 +52,9 @@ def run(cfg: config.Config) -> Result:
         check(recording)
         feature = known.with_edge(recording.sidecar)
         problem = config.recorded_problem(cfg, recording)
-        effects = {n: each for n, each in config.part(cfg, "effects").items() if n != OFFSETS}
-        fitted = config.recorded_problem({**cfg, "effects": effects}, recording)
         with stage(f"measuring the kernel from {recording.name}"):
             found = measure_over_feature(
-                problem, fitted, feature, settings["hold"], settings["free"], names
+                problem, feature, settings["hold"], settings["free"], names
             )
         # A kernel that failed is none to go on with.
         is_good = found.quality is not Quality.FAILED

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from srsinv.forward.amplifier import CurrentAmplifier
-from srsinv.forward.film import Film, Offset
+from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -105,8 +105,7 @@ class Rig:
         """Of its strips, each averaging over its width."""
         films = [
             Film(self.depth_m, strips=2),
-            Film(self.depth_m, np.deg2rad(self.angle_deg), strips=2, offset_m=self.offset_m)
-            .with_effect(Offset(self.offset_m)),
+            Film(self.depth_m, np.deg2rad(self.angle_deg), strips=2, offset_m=self.offset_m),
         ]  # fmt: skip
         films = [film.with_strip_average() for film in films[: len(self.gains)]]
         return Sensor(films, HalfSpace(0.5, 7e5), CurrentAmplifier(1e6))

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from srsinv.forward.amplifier import CurrentAmplifier
-from srsinv.forward.film import Film, Offset
+from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -112,12 +112,10 @@ class Rig:
         half = self.setup.window_depths / 2 * depth_m
         return -half, half
 
-    def sensor(self, strips: Strips, is_placed: bool) -> Sensor:
-        """Of these strips; `is_placed`: the second one's offset acts by itself."""
+    def sensor(self, strips: Strips) -> Sensor:
+        """Of these strips."""
         depth, angle, offset = strips
         films = [Film(depth, strips=2), Film(depth, np.deg2rad(angle), strips=2, offset_m=offset)]
-        if is_placed:
-            films[1] = films[1].with_effect(Offset(offset))
         films = films[: len(self.gains)]
         if self.setup.average:
             films = [film.with_strip_average() for film in films]
@@ -126,7 +124,7 @@ class Rig:
     def recorded(self, ridge: Ridge, depth_m: float, rng: Rng) -> Float[np.ndarray, "e sample"]:
         """The signals over a ridge, by contact on finer cells than a fit has."""
         window, pressure = Window(*self.window_m(depth_m)), self.nominal_pressure_Pa
-        sensor, motion = self.sensor(self.strips, True), self.motion(depth_m)
+        sensor, motion = self.sensor(self.strips), self.motion(depth_m)
         cell = cell_for({"one": RIDGE}, depth_m) / FINER
         model = FeatureModel.on_window(sensor, motion, window, cell, pressure)
         common = model.loading.common() | {"base_friction": self.friction}

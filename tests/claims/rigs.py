@@ -53,7 +53,7 @@ def calibrated(rig: Rig, rng: Rng) -> Calibration:
     """The calibration on the known ridge."""
     depth = rig.stated.depth_m
     signal = rig.recorded(rig.known, depth, rng)
-    problem = rig.problem(signal, depth, rig.sensor(rig.stated, False))
+    problem = rig.problem(signal, depth, rig.sensor(rig.stated))
     return calibrate(problem, RIDGE, {n: rig.known[n] for n in (HEIGHT, "width_m")})
 
 

@@ -49,6 +49,23 @@ def test_turned_film_under_a_strip_of_p_and_q(angle_deg):
     assert largest_error(charge[0], expected) < 1e-10
 
 
+@pytest.mark.parametrize("line", [Open(96, 1e-4, -4.8e-3), Periodic(96, 1e-4, -4.8e-3)])
+def test_an_element_is_read_where_it_sits(line):
+    """What is stated of a film acts: its signal is that of a film at the origin, so much later."""
+    cells = 7
+    film = Film(DEPTH, 0.4, offset_m=cells * 1e-4).with_strip_average()
+    traction = np.zeros((2, 96))
+    traction[:, 40:50] = 1.0
+    placed, at_origin = (
+        np.asarray(apply(line, Sensor([each]).charge(), jnp.asarray(traction)))[0]
+        for each in (film, film.at_origin())
+    )
+    assert largest_error(placed[20:60], at_origin[20 + cells : 60 + cells]) < 1e-10
+    stated = Film(DEPTH, 0.4, effects=[Offset(cells * 1e-4)]).with_strip_average()
+    of_effect = np.asarray(apply(line, Sensor([stated]).charge(), jnp.asarray(traction)))[0]
+    assert largest_error(placed, of_effect) < 1e-12
+
+
 def test_named_orientations_are_the_papers_two():
     """{1 to x, 3 to z} weighs sigma_x with d1 and sigma_z with d3; {1 to z, 3 to x} exchanges."""
     area, piezo = 0.7e-3 * 8e-3, Piezo(1.0, 0.0, 5.0)

@@ -12,7 +12,7 @@ import pytest
 from srsinv.errors import BadInput
 from srsinv.forward.amplifier import CurrentAmplifier
 from srsinv.forward.feature import LineFeature, StepFeature
-from srsinv.forward.film import Film, Offset
+from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -33,12 +33,10 @@ TRUE = {"gain_1": 95.0, "gain_2": -110.0, "depth_m": 1.2e-3, "angle_2_deg": 45.0
 NOISE_V = 2e-6
 
 
-def sensor(depth_m, angle_deg, offset_m, is_placed, elements=2) -> Sensor:
-    """Two strips; `is_placed`: the second one's offset acts by itself."""
+def sensor(depth_m, angle_deg, offset_m, elements=2) -> Sensor:
+    """Two strips."""
     films = [Film(depth_m, strips=2), Film(depth_m, np.deg2rad(angle_deg), strips=2,
                                            offset_m=offset_m)]  # fmt: skip
-    if is_placed:
-        films[1] = films[1].with_effect(Offset(offset_m))
     averaged = [film.with_strip_average() for film in films[:elements]]
     return Sensor(averaged, HalfSpace(0.5, 7e5), CurrentAmplifier(1e6))
 
@@ -54,7 +52,7 @@ def motion(turning=False) -> Motion:
 @lru_cache
 def clean(feature, turning=False) -> np.ndarray:
     """The signals (e, sample) of the true rig, without noise."""
-    true = sensor(TRUE["depth_m"], TRUE["angle_2_deg"], TRUE["offset_2_m"], True)
+    true = sensor(TRUE["depth_m"], TRUE["angle_2_deg"], TRUE["offset_2_m"])
     own = {"position_m": TRUE["position_m"]}
     if feature.is_of_surface:
         model = FeatureModel.on_window(true, motion(turning), Window(*WINDOW_M), 3e-6, PRESSURE_PA)
@@ -75,7 +73,7 @@ def clean(feature, turning=False) -> np.ndarray:
 
 def problem(signal, stated=(1.1e-3, 40.0, 1.2e-3), turning=False, elements=2) -> Problem:
     return Problem(
-        sensor(*stated, False, elements), motion(turning), signal[:elements],
+        sensor(*stated, elements), motion(turning), signal[:elements],
         NOISE_V, nominal_pressure_Pa=PRESSURE_PA, window_m=WINDOW_M,
     )  # fmt: skip
 
@@ -187,6 +185,6 @@ def test_what_has_no_place_or_no_pressure_is_refused():
     signal = np.random.default_rng(0).normal(size=(2, 1000))
     with pytest.raises(BadInput, match="StepFeature has no place"):
         calibrate(problem(signal), StepFeature(), {"pressure_Pa": 1e3})
-    unknown = Problem(sensor(1.2e-3, 45.0, 0.0, False), motion(), signal, NOISE_V)
+    unknown = Problem(sensor(1.2e-3, 45.0, 0.0), motion(), signal, NOISE_V)
     with pytest.raises(BadInput, match=r"recording\.nominal_pressure_Pa"):
         calibrate(unknown, RidgeFeature(EDGE_M), HELD)

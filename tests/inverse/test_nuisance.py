@@ -253,7 +253,7 @@ def test_a_ridge_is_fitted_and_a_rig_calibrated_beside_hum_and_drift():
     assert calibration.quality == "good"
     for name, (value, stderr) in calibration.parameters.items():
         assert abs(value - (rig.TRUE | gain)[name]) < 3.5 * stderr
-    exact = rig.sensor(rig.TRUE["depth_m"], rig.TRUE["angle_2_deg"], rig.TRUE["offset_2_m"], True)
+    exact = rig.sensor(rig.TRUE["depth_m"], rig.TRUE["angle_2_deg"], rig.TRUE["offset_2_m"])
     fitted = FeatureFit({"ridge": feature})(with_fields(given, sensor=exact))
     assert fitted.quality == "good"
     for name, expected in held.items():

@@ -159,7 +159,6 @@ class FeatureKernel:
 
 def measure_over_feature(
     problem: Problem,
-    without_offsets: Problem,
     feature: Any,
     held: Mapping[str, float],
     free: Any = None,
@@ -167,8 +166,7 @@ def measure_over_feature(
 ) -> FeatureKernel:
     """The kernel of a recording's sensor from its passes over a known feature.
 
-    - `problem`: with the sensor as it is stated; `without_offsets`: the same with films that have
-      no offsets among their effects, as [`calibrate`][] takes them.
+    - `problem`: with the sensor as it is stated.
     - `feature`, `held`, `free`: as [`calibrate`][] has them; `held` may name `base_friction` and
       `position_m`, too.
     - `parameters`: as [`measure_kernel`][] has them; None: a shift of all films, too, where the
@@ -183,7 +181,7 @@ def measure_over_feature(
     shift = () if PLACE in held else ("shift_m",)
     names = (*default_parameters(stated), *shift) if parameters is None else parameters
     Physics(stated, names)
-    calibration = calibrate(without_offsets, feature, held, free)
+    calibration = calibrate(problem, feature, held, free)
     place, friction = (_pair(calibration, name) for name in (PLACE, FRICTION))
     refuse(
         not place[1] < float(stated.depth_m),
