@@ -1,6 +1,9 @@
-"""The sidecar that a calibration leaves: the recording's own, with what was found in its place."""
+"""The sidecar that a calibration leaves: the rig, and how its logger writes files.
 
-import copy
+What else was stated of the known recording (its times, motion, stretches, load and noise) is of
+that recording alone, and stays in its own sidecar.
+"""
+
 import hashlib
 import json
 from collections.abc import Mapping
@@ -63,15 +66,18 @@ def sidecar_of(
     recording: Recording, problem: Problem, calibration: Calibration, wiring: Wiring
 ) -> str:
     """The sidecar's text."""
-    facts = copy.deepcopy(dict(recording.sidecar))
-    facts |= {key: wiring.facts[key] for key in OF_FILE if wiring.facts.get(key) is not None}
+    facts: dict[str, Any] = {
+        key: wiring.facts[key] for key in OF_FILE if wiring.facts.get(key) is not None
+    }
+    if recording.sidecar.get("skin"):
+        facts["skin"] = dict(recording.sidecar["skin"])
     value = {name: float(np.asarray(each)) for name, each in calibration.fit.value.items()
              if name != "offset"}  # fmt: skip
     films = calibration.model.sensor_of(value).elements
     gains = [value[f"gain_{n}"] * wiring.factor(n) for n in range(1, len(films) + 1)]
     facts["gain"] = [abs(gain) for gain in gains]
     facts["polarity"] = [-1 if gain < 0 else 1 for gain in gains]
-    sensor = dict(facts.get("sensor") or {})
+    sensor = dict(recording.sidecar.get("sensor") or {})
     sensor["depth_m"] = value["depth_m"]
     resistance = getattr(problem.sensor.amplifier, "feedback_resistance_ohm", None)
     if resistance is not None:

@@ -76,7 +76,8 @@ def test_the_sidecar_is_finished_and_gives_the_other_ridge(run):
     first = load(path, sidecar=run / "nominal.json").signal
     factors = np.array([[known["values"][2]], [-known["values"][3]]])
     np.testing.assert_allclose(load(path, sidecar=run / "rig.yaml").signal, first / factors)
-    form = "experiment=fit_recording", f"recording.path={path}", "feature=ridge"
+    nominal = f"recording.sidecar={run}/nominal.json"
+    form = "experiment=fit_recording", f"recording.path={path}", nominal, "feature=ridge"
     fitted = outcome(*form, f"calibration={run}/rig.yaml")
     for name, value in {"height_m": 2.5e-5, "width_m": 1.5e-3}.items():
         assert abs(fitted.metrics[name] - value) < 3.5 * fitted.metrics[f"{name}_stderr"]
@@ -86,6 +87,18 @@ def test_the_sidecar_is_finished_and_gives_the_other_ridge(run):
     exact = outcome(*form, f"calibration={run}/exact.yaml").metrics
     assert fitted.metrics["height_m_stderr"] > 1.2 * exact["height_m_stderr"]
     assert fitted.dataset.attrs["rig_error"].startswith("angle_2_deg, depth_m, gain_1")
+
+
+@pytest.mark.full
+def test_the_sidecar_holds_the_rig_alone():
+    """Nothing of the known recording's day: noise, hum, stretches, motion, load."""
+    of_the_day = (
+        "recording.quiet_s=[0,0.1]", "recording.mains_Hz=[50]", "recording.detrend=constant",
+        "recording.ways=onwards", "recording.nominal_pressure_Pa=0",
+    )  # fmt: skip
+    written = facts_in(outcome(*short_form("calibrate"), *of_the_day).files["calibration.yaml"])
+    file = {"channels", "signal_unit"}
+    assert written.keys() - file == {"gain", "polarity", "sensor", "skin", "rig_error"}
 
 
 @pytest.mark.claim
