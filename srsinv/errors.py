@@ -1,5 +1,6 @@
 """Refusals of invalid input, each of one sentence."""
 
+import difflib
 import math
 from collections.abc import Collection, Mapping
 from numbers import Real
@@ -109,6 +110,21 @@ def choice(name: str, value: Any, options: Collection[str]) -> str:
     fits = isinstance(value, str) and value in options
     refuse(not fits, f"{name} is {shown(value)}: give one of {', '.join(options)}.")
     return value
+
+
+def check_name(key: str, name: Any, options: Collection[str]) -> None:
+    """Refuse a name that `key` gives unless it is one of `options`, of which the sentence has the
+    [`nearest`][] one."""
+    refuse(
+        name not in options,
+        f"{key} names {shown(name)}: {nearest(name, options)}it can name {', '.join(options)}.",
+    )
+
+
+def nearest(name: Any, options: Collection[str]) -> str:
+    """The words for the option that is nearest to a wrong name; none where no one is near."""
+    close = difflib.get_close_matches(str(name), options, 1)
+    return f"the nearest is {close[0]}; " if close else ""
 
 
 def of_kind(name: str, value: Any, kind: type[Kind], wanted: str) -> Kind:

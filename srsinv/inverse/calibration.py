@@ -19,7 +19,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import BadInput, number, refuse, shown
+from ..errors import BadInput, check_name, number, refuse
 from ..grid import as_real
 from ..resolution import cell_m
 from ..status import Status
@@ -168,10 +168,7 @@ def _held_in_rig(
     """What is held of the rig, by the model's names."""
     rig, shape = _own_names(stated, feature)
     for name, value in held.items():
-        refuse(
-            name not in rig and name not in shape,
-            f"fit.hold names {shown(name)}: it can name {', '.join([*shape, *rig])}.",
-        )
+        check_name("fit.hold", name, [*shape, *rig])
         number(f"fit.hold.{name}", value, "a number, in the unit at the name's end")
     return {
         rig[name]: float(np.deg2rad(value) if name.endswith("_deg") else value)
@@ -187,7 +184,7 @@ def _free_names(
     rig, _ = _own_names(stated, feature)
     named = list(rig) if free is None else list(free)
     for name in named if free is not None else ():
-        refuse(name not in rig, f"fit.free names {shown(name)}: it can name {', '.join(rig)}.")
+        check_name("fit.free", name, rig)
         refuse(
             name in held,
             f"{name} is named both in fit.free and in fit.hold: leave it out of one of them.",

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ..errors import mapping, number, refuse, shown
+from ..errors import check_name, mapping, number, refuse, shown
 from ..forward.surface_feature import SurfaceFeature
 from ..inverse.features.loading import Features
 from ..inverse.features.method import FeatureFit
@@ -125,9 +125,6 @@ def _start(given: Any, features: Features) -> dict[str, float]:
     several = len(features) > 1
     own = [f"{n}_{a}" if several else a for n, f in features.items() for a in f.axes]
     for name, value in start.items():
-        refuse(
-            name not in own,
-            f"fit.start names {name!r}, which is not searched for: name any of {', '.join(own)}.",
-        )
+        check_name("fit.start", name, own)
         number(f"fit.start.{name}", value, "a number, in SI units, or leave it out")
     return start

@@ -167,6 +167,8 @@ def test_missing_samples_and_an_offset():
 REFUSED = {
     "not held": ({"width_m": 2e-3}, None, "height_m of the feature is not held"),
     "unknown": (HELD | {"hight_m": 1.0}, None, "'hight_m'"),
+    "without its unit": (HELD | {"height": 2e-5}, None, "nearest is height_m"),
+    "free without its unit": (HELD, ["angle_2"], "nearest is angle_2_deg"),
     "in both": (HELD | {"depth_m": 1e-3}, ["depth_m"], "both in fit.free and in fit.hold"),
     "unknown free": (HELD, ["angle_1_deg"], "fit.free names 'angle_1_deg'"),
     "no number": (HELD | {"gain_1": "high"}, None, "fit.hold.gain_1"),

@@ -253,6 +253,7 @@ def test_refusals(ridges):
     make = partial(FeatureFitter.on_window, SENSOR, ONWARDS, {"it": RidgeFeature(EDGE)})
     refused(lambda: make(away, NOMINAL), "contact window", "recording.contact_window_m")
     refused(lambda: make(WINDOW, NOMINAL, ["speed"]), "fit.free", "'speed'", "gain")
+    refused(lambda: make(WINDOW, NOMINAL, ["depth"]), "fit.free", "nearest is depth_m")
     refused(lambda: RidgeFeature(edge_length_m=0.0), "edge_length_m", "positive")
     refused(lambda: RidgeFeature(width_range_m=[-1.0, 1.0]), "width_range_m")
     refused(lambda: StepUpFeature(width_range_m=[1e-3, 2e-3]), "StepUpFeature", "width_range_m")

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ...errors import number, refuse
+from ...errors import check_name, number, refuse
 from .contact import KNOWN
 from .loading import Features
 
@@ -20,16 +20,7 @@ def checked_pressure(given: Any) -> float:
 
 def checked_names(features: Features, also: tuple[str, ...]) -> tuple[str, ...]:
     """Those of `KNOWN` among the names, refused where one is of no parameter."""
+    own = [part for each in features.values() for part in (*each.axes, *each.linear)]
     for name in also:
-        refuse(
-            name not in KNOWN and not _is_parameter(features, name),
-            f"fit.free names {name!r}: beside the features' own parameters it can name "
-            f"{', '.join(KNOWN)}.",
-        )
+        check_name("fit.free", name, dict.fromkeys((*KNOWN, "base_friction", *own)))
     return tuple(name for name in also if name in KNOWN)
-
-
-def _is_parameter(features: Features, name: str) -> bool:
-    return name == "base_friction" or any(
-        name in (*feature.axes, *feature.linear) for feature in features.values()
-    )

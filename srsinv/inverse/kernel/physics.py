@@ -12,7 +12,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...errors import refuse, shown
+from ...errors import nearest, refuse, shown
 from ...forward.film import Film, Offset
 from ...forward.layered import Layered
 from ...forward.sensor import Sensor
@@ -50,6 +50,7 @@ class Physics:
 
     def __init__(self, sensor: Sensor, names: Sequence[str]):
         self.sensor, self.names = sensor, tuple(names)
+        own = [*default_parameters(sensor), "shift_m"]
         for name in self.names:
             found = _NAME.fullmatch(name)
             number = next((int(n) for n in found.groups() if n), 1) if found else 0
@@ -58,8 +59,8 @@ class Physics:
             most = len(layers) if is_layer else len(sensor.elements)
             refuse(
                 not 1 <= number <= most,
-                f"kernel.parameters names {shown(name)}: of this sensor it can name "
-                f"{', '.join(default_parameters(sensor))}, shift_m, angle_N_deg and offset_N_m.",
+                f"kernel.parameters names {shown(name)}: {nearest(name, own)}of this sensor it can "
+                f"name {', '.join(own)}, angle_N_deg and offset_N_m.",
             )
 
     @property

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...errors import BadInput, refuse
+from ...errors import BadInput, check_name, refuse
 
 Tree = Any
 
@@ -58,10 +58,7 @@ class Layout:
             return [self.names.index(name)]
         places = [i for i, owner in enumerate(self._owners) if owner == name]
         if not places:
-            raise BadInput(
-                f"{what} names {name!r}, which is no parameter: the parameters are "
-                f"{', '.join(self.leaves)}."
-            )
+            check_name(what, name, self.leaves)
         return places
 
     def named(self, names: str | Iterable[str], what: str) -> set[int]:

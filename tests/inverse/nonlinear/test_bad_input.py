@@ -109,6 +109,7 @@ REFUSED = {
     "model_numpy": (lambda: fit(lambda p: np.exp(np.asarray(p["amp"])) * X), "jax.numpy"),
     "model_float": (lambda: fit(lambda p: float(p["amp"]) * X), "float()", "jax.numpy"),
     "model_if": (lambda: fit(lambda p: X if p["amp"] > 0 else -X), "if", "jax.numpy"),
+    "misspelt": (lambda: fit(bounds={"rates": (0, 1)}), "'rates'", "nearest is rate;"),
     "initial_empty": (lambda: fit(initial={}), "no parameter", "empty"),
     "initial_nan": (lambda: fit(initial=INITIAL | {"amp": np.nan}), "amp", "nan", "finite"),
     "initial_text": (lambda: fit(initial=INITIAL | {"amp": "big"}), "amp", "'big'"),
