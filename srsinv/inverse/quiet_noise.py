@@ -38,7 +38,8 @@ def quiet_noise(
     recording: Recording, lines: Sequence[MainsLine] = (), causes: Mapping[str, Noise] | None = None
 ) -> SampleNoise:
     """The noise of a recording at even times in the stretches that its fact `quiet_s` names, or, of
-    `auto`, in which it stands still. Raises `BadInput` where these hold too few samples."""
+    `auto`, in which it stands still. Raises `BadInput` for a stretch that is not within
+    the recording, and where they hold too few samples."""
     is_quiet = _quiet_samples(recording)
     time_s, y = recording.time_s[is_quiet], recording.signal[:, is_quiet]
     counts = np.isfinite(y).sum(axis=1)
@@ -67,6 +68,14 @@ def _quiet_samples(recording: Recording) -> Bool[np.ndarray, " sample"]:
     if given == "auto":
         return still_samples(recording.speed_m_per_s, recording.sample_rate_hz)
     pairs = given if isinstance(given[0], list | tuple) else [given]
+    last, spacing = float(time_s[-1]), 1 / recording.sample_rate_hz
+    for start, end in pairs:
+        refuse(
+            not (-spacing < start and end < last + spacing),
+            f"{recording.name}: recording.quiet_s has a stretch from {start:g} s to {end:g} s, and "
+            f"the recording goes from 0 s to {last:.6g} s: give stretches within it, in seconds "
+            "from the first sample on.",
+        )
     return np.any([(start <= time_s) & (time_s <= end) for start, end in pairs], axis=0)
 
 
