@@ -53,7 +53,7 @@ def row(rig: Rig, folder: Path) -> Row:
     run(folder / "calibrated", "experiment=calibrate", known, "feature=ridge", HELD,
         f"calibration.write={rig_file}", *also)  # fmt: skip
     run(folder / "fitted", "experiment=fit_recording", unknown, "feature=ridge",
-        f"calibration={rig_file}", *also)  # fmt: skip
+        f"recording.calibration={rig_file}", *also)  # fmt: skip
     inverted = run(folder / "inverted", "experiment=invert_recording", unknown,
                    f"recording.calibration={rig_file}", *also, *rig.to_invert)  # fmt: skip
     truth = {name: RIDGES["unknown"][name] for name in ("height_m", "width_m")}

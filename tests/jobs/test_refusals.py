@@ -49,6 +49,10 @@ def of(name, *overrides):
 
 
 REFUSALS = {
+    "a calibration without recording": (
+        ("experiment=fit_recording", "calibration=rig.yaml"),
+        r"no key 'calibration'; the nearest is 'recording\.calibration'",
+    ),
     "all effects left out": (("effects=auto", "tolerance=2"), r"tolerance is 2: .* below 1"),
     "no file named": (INVERT, r"'recording\.path' has no value; give one"),
     "missing file": (of("absent.csv"), r"absent\.csv: there is no such file"),
