@@ -17,7 +17,7 @@ from srsinv.report.result import Result, dataset, scalars
 from srsinv.report.section import sections
 from srsinv.report.text import significant
 
-BY = ("scene", "tolerance")
+BY = ("scene", "allowed_change")
 # Of one scene at one tolerance: the effects `on`, the `bound` on the error by the others, the
 # `bounds` of each effect and the `error`; the costs with all effects on, `full`, with those
 # screened, `auto`, and with the same ones `named`.
@@ -85,7 +85,7 @@ def _dataset(screened: Mapping[str, list[Screened]], tolerances: Sequence[float]
     of_effect = [[each[name] for name in effects] for each in bounds]
     over_tolerance = error / np.array(tolerances)
     over_bound = np.divide(error, bound, out=np.zeros_like(error), where=bound != 0)
-    key = "{scene}_{tolerance}"
+    key = "{scene}_{allowed_change}"
     variables = {
         "error": (BY, error, "1", f"error_{key}"),
         "bound": (BY, bound, "1", f"bound_{key}"),
@@ -108,5 +108,5 @@ def _dataset(screened: Mapping[str, list[Screened]], tolerances: Sequence[float]
         "time_s_saved_first_total": saved.sum(),
         "time_s_deciding_first_total": deciding[..., 0].sum(),
     })  # fmt: skip
-    coordinates = {"scene": list(screened), "tolerance": list(tolerances), "effect": effects}
+    coordinates = {"scene": list(screened), "allowed_change": list(tolerances), "effect": effects}
     return dataset(variables, {name: (labels, "1") for name, labels in coordinates.items()})

@@ -50,7 +50,7 @@ def run(cfg: config.Config) -> Result:
     total = gain**2 * prior + noise
     resolution = gain**2 * prior / total
     cutoff = np.array([_last_half(k, each) for each in resolution])
-    unit, along = sim.sensor.amplifier.unit, ("method", "wavenumber")
+    unit, along = sim.sensor.amplifier.unit, ("estimator", "wavenumber")
     inverse = np.divide(1.0, gain, out=np.full_like(gain, np.nan), where=gain > 0)
     data = dataset(
         {
@@ -60,11 +60,11 @@ def run(cfg: config.Config) -> Result:
             "noise_power": ("wavenumber", noise, f"({unit})^2"),
             "filter": (along, gain * prior / total, f"Pa/{unit}"),
             "resolution": (along, resolution, "1"),
-            "cutoff": ("method", cutoff, "rad/m", "cutoff_{method}_rad_per_m"),
-            "wavelength": ("method", 2 * np.pi / cutoff, "m", "cutoff_wavelength_{method}_m"),
+            "cutoff": ("estimator", cutoff, "rad/m", "cutoff_{estimator}_rad_per_m"),
+            "wavelength": ("estimator", 2 * np.pi / cutoff, "m", "cutoff_wavelength_{estimator}_m"),
             "slope": ("stage", slopes, "dB", "slope_{stage}_dB_per_octave"),
         },
-        {"wavenumber": (k, "rad/m"), "method": (list(methods), "1"), "stage": (list(stages), "1")},
+        {"wavenumber": (k, "rad/m"), "estimator": (list(methods), "1"), "stage": (list(stages), "1")},
         friction=friction, noise=" and ".join(cfg["noise"]), effects_on=listed(cfg["effects"]),
     )  # fmt: skip
     shortest = 1e3 * float(data["wavelength"].min())
@@ -100,7 +100,7 @@ def filters(ds: xarray.Dataset) -> Figure:
     across, at = wavenumbers(k, gain, cutoff), float(cutoff[0])
     marks = [plot.Mark(at, f"cut-off, {wavelength_mm(at):.3g} mm")] if np.isfinite(at) else []
     waves = ds.isel(wavenumber=slice(1, None))
-    lines = {name: waves["filter"].sel({"method": name}) for name in names_of(ds["method"])}
+    lines = {name: waves["filter"].sel({"estimator": name}) for name in names_of(ds["estimator"])}
     # An unregularised inverse grows without bound: the lowest filter sets the limits.
     lowest = min(float(line.max()) for line in lines.values())
     panel = partial(plot.panel, along=across.quantity, within=across.limits, log="xy", marks=marks)

@@ -98,7 +98,7 @@ def _dataset(
     cells = np.array(list(answers.values()), object).swapaxes(0, 1)  # (precision, case, method)
     of = {name: np.array([[[cell[name] for cell in row] for row in case] for case in cells])
           for name in (*REFUSED, "reasons")}  # fmt: skip
-    along = ("precision", "case", "method", "component")
+    along = ("precision", "case", "estimator", "component")
     silent = (of["quality"] == Quality.GOOD) & np.any(of["z_rms"] > MOST_Z, axis=-1)
     count = [(of["quality"] == code).sum(axis=(1, 2)) for code in MARKS]
     failures = silent.sum(axis=(1, 2))
@@ -113,7 +113,7 @@ def _dataset(
         {
             "precision": (precisions, "1"),
             "case": (list(answers), "1"),
-            "method": (methods, "1"),
+            "estimator": (methods, "1"),
             "component": (list(COMPONENTS), "1"),
             "code": ([str(code) for code in MARKS], "1"),
         },

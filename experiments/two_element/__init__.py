@@ -49,11 +49,11 @@ def run(cfg: config.Config) -> Result:
         {
             **_errors(swept, one, truth),
             "traction": (("component", "x"), truth, "Pa"),
-            "estimate": (("angle_shown", "method", "component", "x"),
+            "estimate": (("angle_shown", "estimator", "component", "x"),
                          np.stack([swept[angles.index(each)][0][:, 0] for each in shown]), "Pa"),
-            "estimate_one_element": (("method", "component", "x"), one[:, 0], "Pa"),
+            "estimate_one_element": (("estimator", "component", "x"), one[:, 0], "Pa"),
         },
-        {"method": (list(methods), "1"), "component": (list(COMPONENTS), "1"),
+        {"estimator": (list(methods), "1"), "component": (list(COMPONENTS), "1"),
          "angle": (angles, "deg"), "angle_shown": (shown, "deg"),
          "x": (np.asarray(sim.line.x), "m")},
         assumed_friction=mu, line=sim.line.kind, refinement=sim.refinement,
@@ -67,7 +67,7 @@ def _title(data: xarray.Dataset) -> str:
     """The best method's errors, of the first angle shown."""
     angle = float(data["angle_shown"][0])
     two, one = (
-        " and ".join(f"{significant(100 * each, 2)} %" for each in errors.min("method").values)
+        " and ".join(f"{significant(100 * each, 2)} %" for each in errors.min("estimator").values)
         for errors in (data["error_mean"].sel(angle=angle), data["error_one_element"])
     )
     return f"Two elements {angle:g}° apart recover p and q to {two}, one alone to {one}"
@@ -93,15 +93,15 @@ def _errors(
 ) -> dict[str, tuple[Any, ...]]:
     """Relative errors of the deviations from the mean over x, and their predictions from the
     standard errors; of one element the mean over the draws."""
-    by, size = ("method", "component", "angle"), np.sqrt(np.mean(deviation(truth) ** 2, axis=-1))
+    by, size = ("estimator", "component", "angle"), np.sqrt(np.mean(deviation(truth) ** 2, axis=-1))
     # (angle, method, seed, component) to (method, component, angle, seed)
     error = relative_error(np.stack([value for value, _ in swept]), truth)
     error = np.moveaxis(error, (1, 3, 0), (0, 1, 2))
     predicted = [np.sqrt(np.mean(stderr**2, axis=(1, 3))) / size for _, stderr in swept]
     return {
         "error": ((*by, "seed"), error, "1"),
-        "error_mean": (by, error.mean(-1), "1", "error_{component}_{method}_at_{angle}_deg"),
+        "error_mean": (by, error.mean(-1), "1", "error_{component}_{estimator}_at_{angle}_deg"),
         "error_predicted": (by, np.stack(predicted, axis=-1), "1"),
         "error_one_element": (by[:2], relative_error(one, truth).mean(axis=1), "1",
-                              "error_{component}_{method}_one_element"),
+                              "error_{component}_{estimator}_one_element"),
     }  # fmt: skip

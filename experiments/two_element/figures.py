@@ -12,13 +12,13 @@ from srsinv.report.plot.style import TRUTH, names_of
 def against_angle(ds: xarray.Dataset) -> Figure:
     """Error of each component over the angle: the draws and their prediction."""
     looks, parts = {}, []
-    for m, (method, look) in enumerate(method_looks(names_of(ds["method"])).items()):
+    for m, (method, look) in enumerate(method_looks(names_of(ds["estimator"])).items()):
         looks[method] = {"color": look["color"], "linestyle": "", "marker": "os^D"[m % 4]}
         looks[f"predicted, {method}"] = {"color": look["color"], "linestyle": "--"}
     for component in COMPONENTS:
         lines, bars = {}, {}
-        for method in names_of(ds["method"]):
-            own = ds.sel({"component": component, "method": method})
+        for method in names_of(ds["estimator"]):
+            own = ds.sel({"component": component, "estimator": method})
             lines[method] = own["error"].mean("seed", keep_attrs=True)
             lines[f"predicted, {method}"] = own["error_predicted"]
             bars[method] = own["error"].min("seed"), own["error"].max("seed")
@@ -32,7 +32,7 @@ def against_angle(ds: xarray.Dataset) -> Figure:
 
 def recovered(ds: xarray.Dataset) -> Figure:
     """p and q less their means by each method, a column for each angle shown."""
-    looks = {"truth": {"color": TRUTH}, **method_looks(names_of(ds["method"]))}
+    looks = {"truth": {"color": TRUTH}, **method_looks(names_of(ds["estimator"]))}
     truth, estimate = (
         ds[name].copy(data=deviation(ds[name].values)) for name in ("traction", "estimate")
     )
@@ -40,7 +40,7 @@ def recovered(ds: xarray.Dataset) -> Figure:
     def one(component: str, angle: float) -> plot.Panel:
         own = estimate.sel(component=component, angle_shown=angle)
         lines = {"truth": truth.sel(component=component)}
-        lines |= {name: own.sel({"method": name}) for name in names_of(ds["method"])}
+        lines |= {name: own.sel({"estimator": name}) for name in names_of(ds["estimator"])}
         return plot.panel(
             lines, looks=looks, along="position x", quantity=f"{component} less its mean",
             title=f"{component}, elements {angle:g}° apart",

@@ -33,7 +33,7 @@ from .monte_carlo import (
 
 ROUNDING = 1e-9  # of the range: values that differ by less are the same but for rounding
 PARTS = ("all", "even cells", "odd cells")
-BY = ("method", "part")
+BY = ("estimator", "part")
 
 
 def on_recording(
@@ -95,7 +95,7 @@ def holdout_chi2(estimate: Estimate, problem: LineProblem) -> float:
 
 
 def _title(name: str, data: xarray.Dataset) -> str:
-    left, names = data["holdout_chi2_mean"].values, data["method"].values
+    left, names = data["holdout_chi2_mean"].values, data["estimator"].values
     first, second = (
         f"{significant(float(left[m]))} times" for m in np.argsort(left, kind="stable")[:2]
     )
@@ -116,8 +116,13 @@ def _samples(
         "signal": (samples, signal, units[0]),
         "observed": (samples, problem.is_observed.astype(np.int8), "1"),
         "whitened_residual": ((*BY, *samples), residual, "1"),
-        "misfit_all": ("method", own["misfit"][1][:, 0], "1", "misfit_{method}"),
-        "all_converged": ("method", own["converged"][1].all(axis=1), "1", "converged_{method}"),
+        "misfit_all": ("estimator", own["misfit"][1][:, 0], "1", "misfit_{estimator}"),
+        "all_converged": (
+            "estimator",
+            own["converged"][1].all(axis=1),
+            "1",
+            "converged_{estimator}",
+        ),
     }
 
 
@@ -127,12 +132,12 @@ def _held_out(problems: Sequence[LineProblem], answers: Answers[Estimate]) -> Va
     left = np.array(
         [[holdout_chi2(of[1], odd), holdout_chi2(of[2], even)] for of in answers.of.values()]
     )
-    by, rank = ("method", "half"), ranks(left)
+    by, rank = ("estimator", "half"), ranks(left)
     return {
         "holdout_chi2": (by, left, "1"),
-        "holdout_chi2_mean": ("method", left.mean(axis=1), "1", "holdout_chi2_{method}"),
+        "holdout_chi2_mean": ("estimator", left.mean(axis=1), "1", "holdout_chi2_{estimator}"),
         "rank": (by, rank, "1"),
-        "rank_mean": ("method", rank.mean(axis=1), "1", "rank_mean_{method}"),
+        "rank_mean": ("estimator", rank.mean(axis=1), "1", "rank_mean_{estimator}"),
         **differences(left, list(answers.of)),
     }
 
@@ -148,15 +153,15 @@ def _profiles(problems: Sequence[LineProblem], answers: Answers[Estimate], units
     p = deviation(value[:, 0, 0], cells)
     apart = np.linalg.norm(p[:, None] - p[None], axis=-1)
     stated = np.sqrt(np.mean(stderr[:, 0][..., cells] ** 2, axis=-1))
-    by, unit = ("method", "component"), "Pa" if units == "Pa" else "relative"
+    by, unit = ("estimator", "component"), "Pa" if units == "Pa" else "relative"
     return {
         "estimate_stderr": ((*BY, "component", "x"), stderr, units),
         "repeatability": (by, np.sqrt(np.mean(moved**2, axis=-1)) / 2, units,
-                          f"{{component}}_repeatability_{unit}_{{method}}"),
-        "stderr_rms": (by, stated, units, f"{{component}}_stderr_rms_{unit}_{{method}}"),
+                          f"{{component}}_repeatability_{unit}_{{estimator}}"),
+        "stderr_rms": (by, stated, units, f"{{component}}_stderr_rms_{unit}_{{estimator}}"),
         "peak_position": (by, x[cells][_peak(value[:, 0][..., cells])], "m",
-                          "{component}_peak_position_m_{method}"),
-        "difference_of_p": (("method", "other"),
+                          "{component}_peak_position_m_{estimator}"),
+        "difference_of_p": (("estimator", "other"),
                             apart / (np.linalg.norm(p, axis=-1) + 1e-300)[None], "1"),
     }  # fmt: skip
 
@@ -181,4 +186,4 @@ def _answers(answers: Answers[Estimate]) -> Variables:
     own = answer_variables({name: of[0] for name, of in answers.of.items()})
     own["quality_all"] = own.pop("quality")
     halves = [" ".join(each.status.advice for each in of[1:]) for of in answers.of.values()]
-    return own | {"status_halves": ("method", halves, "1")}
+    return own | {"status_halves": ("estimator", halves, "1")}

@@ -40,7 +40,7 @@ from .monte_carlo import (
 )
 
 DRAWN = ("snr", "seed")
-BY = ("method", *DRAWN)
+BY = ("estimator", *DRAWN)
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def on_scene(
     )
     own = _of_methods(scene, problems, answers)
     variables = own | _means(own) | _pairs(own["error_overall"][1], list(methods))
-    variables["reasons_first"] = (("method", "snr"), _first_reasons(answers), "1")
+    variables["reasons_first"] = (("estimator", "snr"), _first_reasons(answers), "1")
     variables |= scalars({"seeds": len(scene.seeds), "cells": scene.sim.line.n})
     if FEATURE_FIT in methods:
         variables |= _of_parameters(answers)
@@ -136,7 +136,7 @@ def on_scene(
 def _title(data: xarray.Dataset) -> str:
     error = data["error_overall"].mean("seed").values
     first, second = np.argsort(data["rank_mean"].values, kind="stable")[:2]
-    names, top = data["method"].values, int(np.argmax(data["snr"].values))
+    names, top = data["estimator"].values, int(np.argmax(data["snr"].values))
     best = int(np.sum(error.argmin(axis=0) == first))
     draws = "in the one draw" if data.sizes["seed"] == 1 else "in the mean"
     level, ends = data["snr"].values[top], 100 * error[[first, second], top]
@@ -195,20 +195,20 @@ def _means(own: Variables) -> Variables:
     error, inside, misfit, rank, quality, converged = (
         own[name][1] for name in ("error", "coverage", "misfit", "rank", "quality", "converged")
     )
-    at, of = ("method", "snr"), "{component}_{method}_{snr}_dB"
+    at, of = ("estimator", "snr"), "{component}_{estimator}_{snr}_dB"
     counts = {key_of(each): np.sum(quality == each, axis=2) for each in Quality}
     return {
         "error_mean": ((*at, "component"), error.mean(axis=2), "1", f"error_{of}"),
         "error_spread": ((*at, "component"), _spread(error, 2), "1",
-                         "error_{component}_spread_{method}_{snr}_dB"),
+                         "error_{component}_spread_{estimator}_{snr}_dB"),
         "coverage_mean": ((*at, "component"), inside.mean(axis=2), "1", f"coverage_{of}"),
-        "misfit_mean": (at, misfit.mean(axis=2), "1", "misfit_{method}_{snr}_dB"),
-        "rank_mean": ("method", rank.mean(axis=(1, 2)), "1", "rank_mean_{method}"),
-        "rank_mean_at": (at, rank.mean(axis=2), "1", "rank_mean_{method}_{snr}_dB"),
+        "misfit_mean": (at, misfit.mean(axis=2), "1", "misfit_{estimator}_{snr}_dB"),
+        "rank_mean": ("estimator", rank.mean(axis=(1, 2)), "1", "rank_mean_{estimator}"),
+        "rank_mean_at": (at, rank.mean(axis=2), "1", "rank_mean_{estimator}_{snr}_dB"),
         "good": (at, counts.pop("good"), "1"),
-        **{name: (at, count, "1", name + "_{method}_{snr}_dB") for name, count in counts.items()},
+        **{name: (at, count, "1", name + "_{estimator}_{snr}_dB") for name, count in counts.items()},
         "not_converged": (at, np.sum(1 - converged, axis=2), "1",
-                          "not_converged_{method}_{snr}_dB"),
+                          "not_converged_{estimator}_{snr}_dB"),
     }  # fmt: skip
 
 
@@ -276,10 +276,10 @@ def absent_feature(ds: xarray.Dataset) -> Figure:
     own = ds.isel(snr=int(np.argmax(ds["snr"].values)), seed=0)
     both = {
         key: xarray.concat(
-            [own[key].sel({"method": FEATURE_FIT}, drop=True), own[f"absent_{key}"].rename(key)],
-            "method",
+            [own[key].sel({"estimator": FEATURE_FIT}, drop=True), own[f"absent_{key}"].rename(key)],
+            "estimator",
         )
         for key in ("estimate", "estimate_stderr")
     }
     names = [FEATURE_FIT, f"{ds.attrs['wrong_feature']} (absent)"]
-    return plot.estimates(own.drop_dims("method").assign(both).assign_coords(method=names))
+    return plot.estimates(own.drop_dims("estimator").assign(both).assign_coords(estimator=names))

@@ -84,7 +84,7 @@ def _against_truth(case: InversionCase, estimate: Estimate) -> Estimate:
 
 
 def _title(case: InversionCase, data: xarray.Dataset) -> str:
-    names = [str(name) for name in data["method"].values]
+    names = [str(name) for name in data["estimator"].values]
     usable = np.flatnonzero(data["quality"].values != Quality.FAILED)
     if not usable.size:
         return f"{case.name or 'Simulated scene'}: no method has an answer"
@@ -118,8 +118,8 @@ def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xa
         | _highest(case, estimates)
         | answer_variables(estimates)
         | {
-            "first_call_s": ("method", times[:, 0], "s", "first_call_s_{method}"),
-            "steady_call_s": ("method", times[:, 1], "s", "steady_call_s_{method}"),
+            "first_call_s": ("estimator", times[:, 0], "s", "first_call_s_{estimator}"),
+            "steady_call_s": ("estimator", times[:, 1], "s", "steady_call_s_{estimator}"),
         }
         | _screened(case.screening)
         | pass_variables(case.problem, estimates)
@@ -146,7 +146,7 @@ def _labels(case: InversionCase, estimates: Estimates) -> Variables:
         "wavenumber": (np.asarray(wavenumbers(n, cell)), "rad/m"),
         "lag": (cell * (np.arange(n) - n // 2), "m"),
         **dict.fromkeys(("component", "component_out", "component_in"), (list(COMPONENTS), "1")),
-        "method": (list(estimates), "1"),
+        "estimator": (list(estimates), "1"),
         "element": (case.sensor.element_names, "1"),
     }
     if "stress" in case.stages:
@@ -176,8 +176,8 @@ def _signals(case: InversionCase) -> Variables:
 
 
 def _estimated(case: InversionCase, estimates: Estimates) -> Variables:
-    along = ("method", "component", "x")
-    samples = ("method", "element", "x")
+    along = ("estimator", "component", "x")
+    samples = ("estimator", "element", "x")
     return {
         "estimate": (along, _stacked(estimates, lambda e: e.value), case.traction_unit),
         "estimate_stderr": (along, _stacked(estimates, _stderr), case.traction_unit),
@@ -198,11 +198,11 @@ def _resolution(case: InversionCase, estimates: Estimates) -> Variables:
     resolution = np.abs(np.fft.rfft(own)) * cell
     lag, k = cell * (np.arange(n) - n // 2), np.asarray(wavenumbers(n, cell))
     widths = [[full_width_at_half_maximum(lag, each) for each in rows] for rows in own]
-    by_component = ("method", "component")
+    by_component = ("estimator", "component")
     return {
         "resolution": ((*by_component, "wavenumber"), resolution, "1"),
         "cutoff": (by_component, cutoff(k, resolution), "rad/m"),
-        "averaging_kernel": (("method", "component_out", "component_in", "lag"), pairs, "1/m"),
+        "averaging_kernel": (("estimator", "component_out", "component_in", "lag"), pairs, "1/m"),
         "kernel_width": (by_component, widths, "m"),
     }
 
@@ -235,10 +235,10 @@ def _scores(case: InversionCase, estimates: Estimates) -> Variables:
             inside = coverage_90(value, stderr, truth, observed)
             # A method of one's own may give no band.
             coverage[m] = np.where(np.isnan(stderr[:, observed]).all(axis=-1), np.nan, inside)
-    by = ("method", "component")
+    by = ("estimator", "component")
     return {
-        "error": (by, error, "1", "error_{component}_{method}"),
-        "coverage": (by, coverage, "1", "coverage_{component}_{method}"),
+        "error": (by, error, "1", "error_{component}_{estimator}"),
+        "coverage": (by, coverage, "1", "coverage_{component}_{estimator}"),
         "resolved_dof": (by, [[e.stats.get(f"resolved_dof_{c}", np.nan) for c in COMPONENTS]
                               for e in estimates.values()], "1"),
     }  # fmt: skip
@@ -252,12 +252,12 @@ def _highest(case: InversionCase, estimates: Estimates) -> Variables:
     top = np.argmax(value, axis=-1)
     peak = np.take_along_axis(value, top[..., None], -1)[..., 0]
     lines = [strongest_line_m(x, each[0]) for each in value]
-    by, unit = ("method", "component"), "Pa" if case.traction_unit == "Pa" else "relative"
+    by, unit = ("estimator", "component"), "Pa" if case.traction_unit == "Pa" else "relative"
     return {
-        "peak": (by, peak, case.traction_unit, f"{{component}}_peak_{unit}_{{method}}"),
-        "peak_position": (by, x[top], "m", "{component}_peak_position_m_{method}"),
-        "p_line_wavelength": ("method", [np.nan if each is None else each for each in lines], "m",
-                              "p_line_wavelength_m_{method}"),
+        "peak": (by, peak, case.traction_unit, f"{{component}}_peak_{unit}_{{estimator}}"),
+        "peak_position": (by, x[top], "m", "{component}_peak_position_m_{estimator}"),
+        "p_line_wavelength": ("estimator", [np.nan if each is None else each for each in lines], "m",
+                              "p_line_wavelength_m_{estimator}"),
     }  # fmt: skip
 
 

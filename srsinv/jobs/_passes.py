@@ -22,7 +22,7 @@ def pass_variables(problem: LineProblem, estimates: Mapping[str, Estimate]) -> d
     numbers = {"passes_onwards": found.onwards, "passes_back": found.back}
     return {
         "pass_shift": ("pass", found.shifts_m, "m"),
-        **repeating_share(problem, left, "method"),
+        **repeating_share(problem, left, "estimator"),
         **scalars(numbers | {"pass_scatter": found.scatter}),
         **scalars({"pass_shift_stderr_m": found.shift_stderr_m}),
     }

@@ -107,7 +107,7 @@ def estimate_variables(
 ) -> Variables:
     """What every estimate of p and q gives, over methods and the problems' `dims`; `units` of
     signal and traction."""
-    by, (signal, traction) = ("method", *dims), units
+    by, (signal, traction) = ("estimator", *dims), units
     return {
         "estimate": ((*by, "component", "x"), answers.each(lambda e: e.value), traction),
         "fitted_signal": ((*by, "element", "x"), answers.each(lambda e: e.fitted), signal),
@@ -115,8 +115,8 @@ def estimate_variables(
         "converged": (by, answers.each(lambda e: e.status == "converged").astype(np.int8), "1"),
         "quality": (by, answers.each(lambda e: str(e.quality)), "1"),
         "log_evidence": (by, answers.each(lambda e: getattr(e, "log_evidence", np.nan)), "1"),
-        "first_call_s": ("method", answers.first_call_s, "s", "first_call_s_{method}"),
-        "steady_call_s": ("method", answers.steady_call_s, "s", "steady_call_s_{method}"),
+        "first_call_s": ("estimator", answers.first_call_s, "s", "first_call_s_{estimator}"),
+        "steady_call_s": ("estimator", answers.steady_call_s, "s", "steady_call_s_{estimator}"),
     }
 
 
@@ -127,7 +127,7 @@ def estimate_coordinates(problem: LineProblem, answers: Answers[Estimate]) -> Va
     return {
         "x": (np.asarray(problem.line.x), "m"),
         "component": (list(COMPONENTS), "1"),
-        "method": (list(answers.of), "1"),
+        "estimator": (list(answers.of), "1"),
         "element": (problem.sensor.element_names, "1"),
         "parameter": (names, "1"),
         "unit": ("parameter", [unit_of(name) for name in names], "1"),

@@ -18,7 +18,7 @@ class Answer(Protocol):
     def reasons(self) -> tuple[str, ...]: ...
 
 
-def answer_variables(answers: Mapping[str, Answer], dim: str = "method") -> dict[str, tuple]:
+def answer_variables(answers: Mapping[str, Answer], dim: str = "estimator") -> dict[str, tuple]:
     """Quality, status, warnings and reasons of each answer along `dim`, for `result.dataset`."""
     every = [_words(each) for each in answers.values()]
     metrics = {name: f"{name}_{{{dim}}}" for name in ("quality", "status", "warnings")}

@@ -32,7 +32,7 @@ low frequencies is signal that the model leaves out, or noise that is correlated
         residual = data["whitened_residual"]
         across = PanelAxis("frequency, of the sampling rate", "1")
         rows = np.nan_to_num(residual.values.reshape(-1, *residual.shape[-2:]))
-        names = names_of(data["method"]) if "method" in residual.dims else ["residual"]
+        names = names_of(data["estimator"]) if "estimator" in residual.dims else ["residual"]
         parts = []
         for e, element in enumerate(names_of(data["element"])):
             binned = [_binned(np.abs(np.fft.rfft(each[e])) ** 2 / each.shape[-1]) for each in rows]

@@ -60,7 +60,7 @@ def dataset(
     """A dataset whose variables all have units.
 
     - `variables`: (dims, values, units) by name, and as a fourth the pattern of the variable's
-      metrics where it has any: `"error_{component}_{method}"` makes one of each element, with the
+      metrics where it has any: `"error_{component}_{estimator}"` makes one of each element, with the
       labels of its coordinates in lower case, `{component!s}` with them as they are.
     - `coordinates`: (values, units) by dimension, or (dims, values, units) of further labels.
     """

@@ -110,7 +110,7 @@ def _of_inversions(folder: Path, rig: Rig, model: Any) -> Row:
     true = pressure(model, rig, line)
     here = np.abs(x - rig.origin_m) < INSIDE * rig.half_m
     said = {}
-    for at, method in enumerate(map(str, data["method"].values)):
+    for at, method in enumerate(map(str, data["estimator"].values)):
         off = data["estimate"].values[at, 0] - true
         off, stderr = off[here] - off[here].mean(), data["estimate_stderr"].values[at, 0][here]
         said[method] = {

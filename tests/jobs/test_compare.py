@@ -42,7 +42,7 @@ def test_a_feature_is_put_on_the_cells_as_the_truth_is(scene):
     ds = scene.dataset
     truth = ds["traction"].values
     estimate = (
-        ds["estimate"].sel(snr=40.0).values[list(ds["method"].values).index("Feature fit"), 0]
+        ds["estimate"].sel(snr=40.0).values[list(ds["estimator"].values).index("Feature fit"), 0]
     )
     # The signal is blind to the mean alone: the deviations agree cell by cell.
     wrong = (estimate - truth) - (estimate - truth).mean(axis=-1, keepdims=True)

@@ -31,7 +31,7 @@ def test_nothing_that_is_called_good_is_wrong(result):
 
 
 def test_the_words_fit_the_case(result):
-    reasons = result.dataset["reasons"].sel({"precision": "float64", "method": "Wiener"})
+    reasons = result.dataset["reasons"].sel({"precision": "float64", "estimator": "Wiener"})
     assert "The residual is" in str(reasons.sel(case="Wiener's prior a millionth").values)
     assert "The signal resolves" in str(reasons.sel(case="noise 80 dB above the signal").values)
     assert "one mix" in str(reasons.sel(case="elements 1e-12 rad apart").values)

@@ -129,7 +129,7 @@ def test_formats_agree(formats):
 def test_what_was_simulated_is_found(formats):
     simulated, datasets = formats
     x = simulated["x"].values
-    estimate = datasets["csv"]["estimate"].sel({"method": "Wiener", "component": "p"})
+    estimate = datasets["csv"]["estimate"].sel({"estimator": "Wiener", "component": "p"})
     interpolated = np.interp(x, estimate["x"], estimate)
     truth = simulated["traction"].sel(component="p").values
     inner = np.abs(x) < 0.015

@@ -76,6 +76,12 @@ def test_every_stage_with_its_unit(result):
     assert all(np.all(np.isfinite(result[name])) for name in units)
 
 
+def test_one_estimate_is_chosen_by_its_name(result):
+    """No dimension is named as an argument of `sel` (method, tolerance, drop)."""
+    one = result["estimate"].sel(estimator="Wiener", component="p")
+    np.testing.assert_array_equal(one, result["estimate"].values[0, 0])
+
+
 def test_current_through_the_feedback_resistor(result):
     np.testing.assert_allclose(
         FEEDBACK_OHM * result["current"], result["signal_noise_free"], rtol=1e-12
@@ -101,7 +107,7 @@ def test_error_is_that_of_the_arrays(result, metrics):
     error = np.sqrt(((estimate - truth) ** 2).sum("x") / (truth**2).sum("x"))
     for method in METHODS:
         for component in ("p", "q"):
-            expected = float(error.sel({"method": method.capitalize(), "component": component}))
+            expected = float(error.sel({"estimator": method.capitalize(), "component": component}))
             assert metrics[f"error_{component}_{method}"] == pytest.approx(expected, rel=1e-9)
 
 
@@ -116,8 +122,8 @@ def test_seed_decides_the_metrics(folder):
 def test_single_precision(result):
     dataset = outcome(*SMALL, "precision=float32", "method=wiener").dataset
     assert dataset["estimate"].dtype == np.float32
-    expected = result["estimate"].sel({"method": "Wiener"})
-    difference = np.linalg.norm(dataset["estimate"].sel({"method": "Wiener"}) - expected)
+    expected = result["estimate"].sel({"estimator": "Wiener"})
+    difference = np.linalg.norm(dataset["estimate"].sel({"estimator": "Wiener"}) - expected)
     assert 0 < difference < 1e-2 * np.linalg.norm(expected)
 
 

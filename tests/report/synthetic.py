@@ -67,26 +67,26 @@ def dataset(
         "element_angle": "rad",
     }  # fmt: skip
     along = ("element", "x")
-    recovered = ("method", "component", "x")
+    recovered = ("estimator", "component", "x")
     variables = {
         "signal": (along, np.where(observed, signal, np.nan)),
         "observed": (along, observed.astype(np.int8)),
         "estimate": (recovered, estimate),
         "estimate_stderr": (recovered, np.stack(stderr)[..., None] * inflation),
-        "fitted_signal": (("method", *along), fitted),
+        "fitted_signal": (("estimator", *along), fitted),
         "whitened_residual": (
-            ("method", *along), np.where(observed, (signal - fitted) / sigma, np.nan),
+            ("estimator", *along), np.where(observed, (signal - fitted) / sigma, np.nan),
         ),
         "sensor_gain": (("element", "component", "wavenumber"), np.abs(gain)),
         "signal_power": (("element", "wavenumber"), np.abs(np.fft.rfft(signal)) ** 2 / samples),
         "noise_power": ("wavenumber", np.full(k.size, sigma**2)),
-        "resolution": (("method", "component", "wavenumber"), np.stack(resolution)),
-        "cutoff": (("method", "component"), [[_cutoff(k, r) for r in rs] for rs in resolution]),
+        "resolution": (("estimator", "component", "wavenumber"), np.stack(resolution)),
+        "cutoff": (("estimator", "component"), [[_cutoff(k, r) for r in rs] for rs in resolution]),
         "averaging_kernel": (
-            ("method", "component_out", "component_in", "lag"),
+            ("estimator", "component_out", "component_in", "lag"),
             np.fft.fftshift(np.fft.irfft(np.stack(kernel), samples), -1) * samples / length_m,
         ),
-        "kernel_width": (("method", "component"), np.full((len(methods), 2), 1e-3)),
+        "kernel_width": (("estimator", "component"), np.full((len(methods), 2), 1e-3)),
         "element_depth": ("element", _DEPTHS[:elements]),
         "element_width": ("element", np.full(elements, 0.7e-3)),
         "element_length": ("element", np.full(elements, 8e-3)),
@@ -108,7 +108,7 @@ def dataset(
             "x": x, "wavenumber": k, "lag": lag, "component": ["p", "q"],
             "component_out": ["p", "q"], "component_in": ["p", "q"],
             "element": list(_NAMES[:elements]), "stress_name": list(_STRESSES),
-            "method": list(methods),
+            "estimator": list(methods),
         },
         attrs={
             "title": "synthetic", "speed_m_per_s": speed_m_per_s, "signal_unit": signal_unit,

@@ -202,7 +202,7 @@ def test_signals_show_data_and_fits(page, full):
 
 
 def test_a_fit_has_its_residual_below_each_signal(full):
-    one = full.isel(method=0, drop=True)
+    one = full.isel(estimator=0, drop=True)
     signal, left, *_ = panels_of(plot.fit(one))
     np.testing.assert_allclose(line(signal, "fitted")[1], one["fitted_signal"].values[0] * 1e6)
     drawn = left.get_lines()[0].get_ydata()
@@ -261,7 +261,7 @@ def test_estimates_are_the_datasets_with_bands(page, full):
 def test_what_has_no_mean_is_drawn_about_its_own(page, full, name):
     _, shear = page["estimates"].axes
     q = full["traction"].values[1] if name == "truth" else full["estimate"].sel(
-        {"method": name, "component": "q"}
+        {"estimator": name, "component": "q"}
     ).values  # fmt: skip
     observed = full["observed"].values.any(axis=0)
     np.testing.assert_allclose(line(shear, name)[1], (q - q[observed].mean()) / 1e3, atol=1e-9)
@@ -276,7 +276,7 @@ def test_a_wide_band_without_samples_does_not_flatten_the_rest(page, full):
 
 
 def test_more_than_two_methods_have_panels_of_their_own(full):
-    three = xarray.concat([full, full.isel(method=[0]).assign_coords(method=["third"])], "method",
+    three = xarray.concat([full, full.isel(estimator=[0]).assign_coords(estimator=["third"])], "estimator",
                           data_vars="minimal")  # fmt: skip
     panels = panels_of(plot.estimates(three))
     assert [axes.get_title("left").split(";")[0] for axes in panels] == [
@@ -480,10 +480,10 @@ def test_a_matrix_has_a_number_in_every_cell():
 
 def test_a_spread_goes_from_the_least_to_the_greatest():
     data = result.dataset(
-        {"error": (("method", "draw"), [[0.1, 0.2, 0.6], [0.3, 0.3, 0.3]], "1")},
-        {"method": (["Wiener", "Tikhonov"], "1")},
+        {"error": (("estimator", "draw"), [[0.1, 0.2, 0.6], [0.3, 0.3, 0.3]], "1")},
+        {"estimator": (["Wiener", "Tikhonov"], "1")},
     )
-    (axes,) = panels_of(plot.spread(data, {"error of p": "error"}, "method", draws="draw"))
+    (axes,) = panels_of(plot.spread(data, {"error of p": "error"}, "estimator", draws="draw"))
     (marks,) = axes.containers
     np.testing.assert_allclose(marks.lines[0].get_xdata(), [0.3, 0.3])
     ends = np.array(marks.lines[2][0].get_segments())[:, :, 0]
@@ -494,11 +494,11 @@ def test_a_spread_goes_from_the_least_to_the_greatest():
 def test_a_logarithmic_axis_of_a_spread_spans_its_values():
     """Of 0.01 to 20 % in draws: not of what a linear axis leaves below zero."""
     data = result.dataset(
-        {"error": (("method", "draw"), [[1e-4, 2e-4], [0.1, 0.2]], "1")},
-        {"method": (["a", "b"], "1")},
+        {"error": (("estimator", "draw"), [[1e-4, 2e-4], [0.1, 0.2]], "1")},
+        {"estimator": (["a", "b"], "1")},
     )
     (axes,) = panels_of(
-        plot.spread(data, {"error": "error"}, "method", draws="draw", log=["error"])
+        plot.spread(data, {"error": "error"}, "estimator", draws="draw", log=["error"])
     )
     low, high = axes.get_xlim()
     assert 1e-5 < low < 1e-4
@@ -507,9 +507,9 @@ def test_a_logarithmic_axis_of_a_spread_spans_its_values():
 
 def test_the_axis_of_a_spread_holds_its_values_in_their_unit():
     data = result.dataset(
-        {"error": ("method", [-3.5e-6, 5e-6], "m")}, {"method": (["a", "b"], "1")}
+        {"error": ("estimator", [-3.5e-6, 5e-6], "m")}, {"estimator": (["a", "b"], "1")}
     )
-    (axes,) = panels_of(plot.spread(data, {"error": "error"}, "method", log=["error"]))
+    (axes,) = panels_of(plot.spread(data, {"error": "error"}, "estimator", log=["error"]))
     assert axes.get_xlabel() == "[µm]"
     assert axes.get_xlim() == pytest.approx((-7.0, 10.0))
 

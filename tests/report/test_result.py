@@ -16,16 +16,16 @@ from srsinv.report.words import Paragraph, Table, blocks
 
 DATA = dataset(
     {
-        "error": (("method", "component"), [[0.1, np.nan], [0.3, 0.4]], "1",
-                  "error_{component}_{method}"),
+        "error": (("estimator", "component"), [[0.1, np.nan], [0.3, 0.4]], "1",
+                  "error_{component}_{estimator}"),
         "value": ("parameter", [2e-5, 5e3], "SI", "{parameter!s}"),
         "wave": ("x", np.sin(np.arange(8.0)), "Pa"),
-        "quality": ("method", ["good", "failed"], "1", "quality_{method}"),
-        "reasons": ("method", ["", "It did not converge."], "1"),
+        "quality": ("estimator", ["good", "failed"], "1", "quality_{estimator}"),
+        "reasons": ("estimator", ["", "It did not converge."], "1"),
         **scalars({"height_m": 2e-5, "cells": 8, "is_even": True, "word": "none", "unknown": None}),
     },
     {
-        "method": (["Wiener paper", "Tikhonov"], "1"),
+        "estimator": (["Wiener paper", "Tikhonov"], "1"),
         "component": (["p", "q"], "1"),
         "parameter": (["height_m", "pressure_Pa"], "1"),
         "x": (np.arange(8) * 1e-3, "m"),
@@ -71,7 +71,7 @@ def test_a_number_has_the_unit_at_its_names_end(name, unit):
     [
         ({}, True),
         ({"wave": ("x",)}, True),
-        ({"wave": ("x", "method")}, False),
+        ({"wave": ("x", "estimator")}, False),
         ({"absent": ()}, False),
         ({"wave": ("x",), "absent": ()}, False),
     ],
@@ -85,7 +85,7 @@ def test_a_section_is_shown_where_the_data_have_what_it_needs(needs, is_met):
 PAGE = """
 Printed: {{ m.height_m|quantity("m") }}.
 
-{{ table({"method": ds.method, "error of p": ds.error.sel(component="p")|percent}) }}
+{{ table({"method": ds.estimator, "error of p": ds.error.sel(component="p")|percent}) }}
 
 # Wave
 needs: wave(x)

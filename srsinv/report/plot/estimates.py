@@ -34,12 +34,12 @@ def estimates(dataset: xarray.Dataset, marks: Sequence[Mark] = (), title: str = 
     observed stretch, truth and estimates alike. More than two methods have a panel each.
     `traction_resolved` is the truth at the estimate's resolution.
     """
-    if "method" not in dataset["estimate"].dims:
+    if "estimator" not in dataset["estimate"].dims:
         own = ("estimate", "estimate_stderr")
         dataset = dataset.assign(
-            {name: dataset[name].expand_dims(method=["recovered"]) for name in own}
+            {name: dataset[name].expand_dims(estimator=["recovered"]) for name in own}
         )
-    methods = method_looks(names_of(dataset["method"]))
+    methods = method_looks(names_of(dataset["estimator"]))
     each = [[name] for name in methods] if len(methods) > _TOGETHER else [list(methods)]
     parts = [
         _component(dataset, component, group, marks)
@@ -51,7 +51,7 @@ def estimates(dataset: xarray.Dataset, marks: Sequence[Mark] = (), title: str = 
 def _component(
     dataset: xarray.Dataset, name: str, methods: Sequence[str], marks: Sequence[Mark]
 ) -> Panel:
-    observed, looks = observed_anywhere(dataset), method_looks(names_of(dataset["method"]))
+    observed, looks = observed_anywhere(dataset), method_looks(names_of(dataset["estimator"]))
     own = dataset.sel(component=name)
     is_deviation = name in str(dataset.attrs.get("mean_unobserved", "")).split(",")
 
@@ -123,7 +123,7 @@ def averaging_kernel(dataset: xarray.Dataset) -> Figure:
     for each that contributes; only those that were solved for."""
     kernels, components = dataset["averaging_kernel"].values, names_of(dataset["component"])
     solved = [c for c in range(kernels.shape[1]) if shown(kernels[:, c, c])]
-    methods = names_of(dataset["method"])
+    methods = names_of(dataset["estimator"])
     few_depths = 5 * float(dataset["element_depth"].max())
     reach = min(
         max(few_depths, 3 * peak(dataset["kernel_width"].values)), peak(dataset["lag"].values)

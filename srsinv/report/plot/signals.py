@@ -49,9 +49,9 @@ def residual(dataset: xarray.Dataset) -> Figure:
 
 
 def _methods(dataset: xarray.Dataset) -> dict[str, dict[str, str]]:
-    if "method" not in dataset["fitted_signal"].dims:
+    if "estimator" not in dataset["fitted_signal"].dims:
         return _FIT
-    return method_looks(names_of(dataset["method"]))
+    return method_looks(names_of(dataset["estimator"]))
 
 
 def _along(dataset: xarray.Dataset) -> tuple[PanelAxis, np.ndarray]:

@@ -127,7 +127,7 @@ def power(
 
 def _resolution(dataset: xarray.Dataset, across: PanelAxis) -> Panel:
     k, cutoff = dataset["wavenumber"].values, dataset["cutoff"].values
-    looks = method_looks(names_of(dataset["method"]))
+    looks = method_looks(names_of(dataset["estimator"]))
     lines, marks = [], [Mark(0.5, axis="y", look={"color": GREY, "linewidth": 0.6})]
     for m, (method, look) in enumerate(looks.items()):
         for c, component in enumerate(names_of(dataset["component"])):
