@@ -64,7 +64,8 @@ def run(cfg: config.Config) -> Result:
             "wavelength": ("estimator", 2 * np.pi / cutoff, "m", "cutoff_wavelength_{estimator}_m"),
             "slope": ("stage", slopes, "dB", "slope_{stage}_dB_per_octave"),
         },
-        {"wavenumber": (k, "rad/m"), "estimator": (list(methods), "1"), "stage": (list(stages), "1")},
+        {"wavenumber": (k, "rad/m"), "estimator": (list(methods), "1"),
+         "stage": (list(stages), "1")},
         friction=friction, noise=" and ".join(cfg["noise"]), effects_on=listed(cfg["effects"]),
     )  # fmt: skip
     shortest = 1e3 * float(data["wavelength"].min())

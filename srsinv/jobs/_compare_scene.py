@@ -206,7 +206,8 @@ def _means(own: Variables) -> Variables:
         "rank_mean": ("estimator", rank.mean(axis=(1, 2)), "1", "rank_mean_{estimator}"),
         "rank_mean_at": (at, rank.mean(axis=2), "1", "rank_mean_{estimator}_{snr}_dB"),
         "good": (at, counts.pop("good"), "1"),
-        **{name: (at, count, "1", name + "_{estimator}_{snr}_dB") for name, count in counts.items()},
+        **{name: (at, count, "1", name + "_{estimator}_{snr}_dB")
+           for name, count in counts.items()},
         "not_converged": (at, np.sum(1 - converged, axis=2), "1",
                           "not_converged_{estimator}_{snr}_dB"),
     }  # fmt: skip

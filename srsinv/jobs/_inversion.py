@@ -256,7 +256,8 @@ def _highest(case: InversionCase, estimates: Estimates) -> Variables:
     return {
         "peak": (by, peak, case.traction_unit, f"{{component}}_peak_{unit}_{{estimator}}"),
         "peak_position": (by, x[top], "m", "{component}_peak_position_m_{estimator}"),
-        "p_line_wavelength": ("estimator", [np.nan if each is None else each for each in lines], "m",
+        "p_line_wavelength": ("estimator",
+                              [np.nan if each is None else each for each in lines], "m",
                               "p_line_wavelength_m_{estimator}"),
     }  # fmt: skip
 

@@ -60,8 +60,8 @@ def dataset(
     """A dataset whose variables all have units.
 
     - `variables`: (dims, values, units) by name, and as a fourth the pattern of the variable's
-      metrics where it has any: `"error_{component}_{estimator}"` makes one of each element, with the
-      labels of its coordinates in lower case, `{component!s}` with them as they are.
+      metrics where it has any: `"error_{component}_{estimator}"` makes one of each element, with
+      the labels of its coordinates in lower case, `{component!s}` with them as they are.
     - `coordinates`: (values, units) by dimension, or (dims, values, units) of further labels.
     """
     return xarray.Dataset(

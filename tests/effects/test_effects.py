@@ -88,7 +88,9 @@ def test_what_is_not_named_leaves_no_trace(line):
     width = StripAverage.at_depth(0.7e-3, 0.75e-3)
     by_hand = [
         eqx.tree_at(
-            lambda s: s.scenario, none, Scenario(none.scene, Sensor(films), ConstantSpeed(0.05))
+            lambda s: s.scenario,
+            none,
+            Scenario(none.scene, Sensor(films).with_films(Film.at_origin), ConstantSpeed(0.05)),
         )
         for films in (
             [Film(angle_rad=angle) for angle in (0.0, np.pi / 2)],

@@ -178,7 +178,7 @@ def test_a_solution_becomes_an_estimate():
     problem = case.problem
     truth = jnp.asarray(case.truth - np.asarray(problem.zero_mean)[:, None] * case.truth.mean())
     estimate = problem.estimate(truth, resolved_dof=3.0, steps=7)
-    assert estimate.quality == "good"
+    assert estimate.quality == "no bands"
     assert estimate.stats["degrees_of_freedom"] == problem.sample_count - 2 - 3
     assert estimate.chi2_per_freedom == pytest.approx(1.0, abs=0.4)
     assert estimate.stats["steps"] == 7

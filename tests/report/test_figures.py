@@ -276,8 +276,8 @@ def test_a_wide_band_without_samples_does_not_flatten_the_rest(page, full):
 
 
 def test_more_than_two_methods_have_panels_of_their_own(full):
-    three = xarray.concat([full, full.isel(estimator=[0]).assign_coords(estimator=["third"])], "estimator",
-                          data_vars="minimal")  # fmt: skip
+    third = full.isel(estimator=[0]).assign_coords(estimator=["third"])
+    three = xarray.concat([full, third], "estimator", data_vars="minimal")
     panels = panels_of(plot.estimates(three))
     assert [axes.get_title("left").split(";")[0] for axes in panels] == [
         "Wiener", "Tikhonov", "third"
