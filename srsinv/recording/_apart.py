@@ -79,8 +79,9 @@ def _table(answer: BufferedReader) -> ColumnTable | None:
     if "memory" in header:
         raise MemoryError
     columns, units = header.pop("columns"), header.pop("units")
+    left_out = {name: units[name] for name in header["unusable"] if name in units}
     clocks = {name: Clock(*times) for name, times in header.pop("clocks").items()}
-    table = ColumnTable(**header, clocks=clocks)
+    table = ColumnTable(**header, clocks=clocks, units=left_out)
     for name, kind, size in columns:
 
         def filled(kind: str = kind, size: int = size) -> np.ndarray:

@@ -28,8 +28,20 @@ def on_one_clock(table: ColumnTable, channels: Sequence[str], motion: Sequence[s
     """
     stated = {name: table.clocks[name] for name in (*channels, *motion) if name in table.clocks}
     base = stated.get(channels[0])
+    late = [name for name, each in stated.items() if each.start_s]
+    refuse(
+        base is None and bool(late),
+        f"{table.name}: the file states when {listing(late)} begins, and not when "
+        f"{quoted(channels[0])} does: state both, or neither.",
+    )
     if base is None or all(_are_one(base, each) for each in stated.values()):
-        return table
+        rate = {"sample_rate_hz": 1 / base.interval_s} if base and base.interval_s else {}
+        return replace(table, sidecar=rate | table.sidecar) if rate else table
+    refuse(
+        not base.interval_s,
+        f"{table.name}: the file states that {listing(stated)} begin at different times, and not "
+        "their interval: state it, or align them.",
+    )
     clocks = {name: _since(base, each) for name, each in stated.items()}
     first = {name: _shift(table, channels, name, clocks) for name in channels}
     begin, end = max(first.values()), min(first[c] + table.columns[c].size for c in channels)
@@ -67,7 +79,7 @@ def _since(base: Clock, other: Clock) -> tuple[float, float]:
     base's."""
     late_s = (other.moment_s - base.moment_s) + (other.start_s - base.start_s)
     interval_s = base.interval_s or 1.0
-    return late_s / interval_s, (other.interval_s or base.interval_s) / interval_s
+    return late_s / interval_s, (other.interval_s or interval_s) / interval_s
 
 
 def _shift(

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from srsinv.errors import refuse, shown
 
 from ._table import ColumnTable, listing
@@ -19,28 +21,26 @@ from ._units import (
     PER_V,
     bracketed,
     is_any_unit,
+    is_foreign_unit,
     known_unit,
     split_unit,
 )
 
 Quantity = Literal["time", "speed", "position"]
 _MOTION_KEYS = ("time_column", "speed_column", "position_column")
-_VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)}|[µμ]V|Volts)")
+_VOLTAGE = re.compile(rf"voltage_(0|[1-9]\d*)_({'|'.join(PER_V)}|[µμ]V|Volts)", re.IGNORECASE)
 _SIGNAL = re.compile(
     r"(.+[/_ ])?ai ?\d+"
     r"|(volts?|voltage|value|ampl(itude)?|ch(an(nel)?)?|ai|adc|sig(nal)?|sensor|film|taxel)"
     r"[ _-]?(\d+|[a-z])?",
     re.IGNORECASE,
 )
-# Units, in small letters, of quantities that are neither a film's signal nor its motion.
-_FOREIGN_WORDS = """
-    degc °c ℃ c celsius degf °f f fahrenheit k kelvin n mn un kn newton newtons pa hpa kpa
-    mpa bar mbar psi deg ° degree degrees rad mrad % rh %rh hz khz mhz w mw g mg kg db lux
-    m/s^2 m/s2 n/m nm/s^2 ohm kohm
-"""
-_FOREIGN = frozenset(_FOREIGN_WORDS.split())
 # Of another axis, or not what the sensor did.
-_ELSEWHERE = re.compile(r"(^|[\W_])(y|z|set|target|cmd|command(ed)?)($|[\W_])", re.IGNORECASE)
+_ELSEWHERE = re.compile(
+    r"(^|[\W_])(y|z|set|target|cmd|command(ed)?|demand(ed)?|desired|nominal|ref(erence)?"
+    r"|err(or)?)($|[\W_])|set[ _-]?point|(?-i:[a-z][YZ]($|[\W_]))",
+    re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,13 @@ _NAMES: Mapping[Quantity, _Names] = {
     "time": _Names(
         PER_S,
         ("time", "timestamp", "t", "x_value", "x-axis", "second", "seconds"),
-        re.compile(r"(^|[ _-])time([ _-]?stamps?)?($|[ _-])"),
+        re.compile(r"(^|[ _/-])time([ _-]?stamps?)?($|[ _-])"),
     ),
     "speed": _Names(PER_M_PER_S, ("speed",), re.compile(r"speed|veloc")),
     "position": _Names(
         PER_M,
         ("position", "x"),
-        re.compile(r"(^|[ _-])pos(ition)?s?($|[ _-])|displace|encoder|(^|[ _-])x$"),
+        re.compile(r"(^|[ _/-])pos(ition)?s?($|[ _-])|displace|encoder|(^|[ _/-])x$"),
     ),
 }
 
@@ -94,7 +94,7 @@ def _may_be(table: ColumnTable, column: str, quantity: Quantity) -> bool:
         return split_unit(column, PER_V)[1] is None
     if known_unit(unit, _NAMES[quantity].units):
         return True
-    return not is_any_unit(unit) and unit.strip().casefold() not in _FOREIGN
+    return not is_any_unit(unit) and not is_foreign_unit(unit)
 
 
 def is_named_signal(column: str) -> bool:
@@ -176,13 +176,26 @@ def _alike(
     words = {c: split_unit(c, names.units)[0].casefold() for c in rest}
     has_unit = [c for c in rest if quantity == "time" or unit_of(table, facts, c, quantity)[0]]
     exact = [c for c in has_unit if words[c] in names.exact]
+    if exact and quantity == "time":
+        # Those that increase first: a clock of whole seconds stands still between its ticks.
+        order = {c: (not _increases(table, c), names.exact.index(words[c])) for c in exact}
+        return sorted(exact, key=order.__getitem__)[:1]
     if exact:
-        # Times by their first name, as before units could be anywhere.
-        order = names.exact.index
-        return sorted(exact, key=lambda c: order(words[c]))[: 1 if quantity == "time" else None]
+        return exact
     return [
-        c for c in has_unit if names.pattern.search(words[c]) and not _ELSEWHERE.search(words[c])
+        c
+        for c in has_unit
+        if names.pattern.search(words[c]) and not _ELSEWHERE.search(split_unit(c, names.units)[0])
     ]
+
+
+def _increases(table: ColumnTable, column: str) -> bool:
+    """Whether a column's numbers increase strictly."""
+    if column in table.unusable:
+        return False
+    values = table.finite(column)
+    values = values[np.isfinite(values)]
+    return values.size > 1 and bool(np.all(np.diff(values) > 0))
 
 
 def unnamed_columns(table: ColumnTable, facts: Mapping[str, Any]) -> dict[str, str]:
@@ -210,19 +223,18 @@ def _listed(channels: Any) -> tuple[str, ...]:
 
 
 def signal_columns(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, ...]:
-    """The columns that are the signals, in order: those that are stated; else `voltage_0_V`, ...;
-    else all in a unit of voltage, whatever their names, and all that are called what signals are;
-    else what the format has for signals. Raises `BadInput` where there is none."""
+    """The columns that are the signals, in order: those that are stated; else `voltage_0_V`, ...,
+    all in a unit of voltage, whatever their names, and all that are called what signals are; else
+    what the format has for signals. Raises `BadInput` where there is none."""
     stated = facts.get("channels")
     if stated is not None:
         return tuple(resolve(table, channel) for channel in _listed(stated))
     # An unusable one too: it is refused, as leaving it out would be silent.
-    voltages = [(int(m[1]), c) for c in table if (m := _VOLTAGE.fullmatch(c))]
-    if voltages:
-        return tuple(column for _, column in sorted(voltages))
+    voltages = sorted((int(m[1]), c) for c in table if (m := _VOLTAGE.fullmatch(c)))
+    first = [column for _, column in voltages]
     motion = [resolve(table, facts[key]) for key in _MOTION_KEYS if facts.get(key) is not None]
-    left = [c for c in table if c not in motion and quantity_of(table, c) is None]
-    chosen = [c for c in left if _is_signal(table, c)] or table.signals
+    left = [c for c in table if c not in (*motion, *first) and quantity_of(table, c) is None]
+    chosen = [*first, *(c for c in left if _is_signal(table, c))] or table.signals
     refuse(
         not chosen,
         f"{table.name}: there is no column voltage_0_V, voltage_1_V, ..., none in V, mV or uV, and "
@@ -238,7 +250,7 @@ def _is_signal(table: ColumnTable, column: str) -> bool:
     unit = _unit_by_file(table, column)
     if unit in PER_V:
         return True
-    is_other = unit is not None and (is_any_unit(unit) or unit.strip().casefold() in _FOREIGN)
+    is_other = unit is not None and (is_any_unit(unit) or is_foreign_unit(unit))
     return is_named_signal(column) and not is_other
 
 

@@ -11,6 +11,7 @@ from ._health import quantisation_step
 from ._timing import resolution
 
 _BITS = (8, 10, 12, 14, 16, 20, 24, 32)
+_FEW_BITS = 14  # of a counter that goes by one count a sample: it may be a block that starts anew
 _CLOSE = 5.0  # times the usual increment that one over a wrap may have
 _FEWEST = 8  # samples that show what is usual
 
@@ -42,7 +43,8 @@ def unwrapped(values: Float[np.ndarray, " sample"]) -> Unwrapped:
     most = _CLOSE * float(np.max(usual))
     span = float(np.max(sizes))
     for count in _counts(values):
-        for bits in _BITS:
+        few = _FEW_BITS if np.isclose(count, np.median(sizes), rtol=1e-6) else 0
+        for bits in (each for each in _BITS if each > few):
             modulus = count * 2.0**bits
             turns = np.round(-steps / modulus)
             turns[sizes <= most] = 0

@@ -15,10 +15,11 @@ from ._columns import (
     signal_columns,
     signal_unit,
     unit_of,
+    written_unit,
 )
 from ._table import ColumnTable
 from ._timing import timing
-from ._units import bracketed
+from ._units import PER_S, bracketed
 
 Role = Literal["time", "speed", "position", "signal", "other"]
 UNKNOWN = "not stated"
@@ -145,6 +146,8 @@ def time_unit_or_guess(table: ColumnTable, facts: Mapping[str, Any], name: str) 
     unit, source = unit_of(table, facts, name, "time")
     if unit is not None:
         return unit, source
+    if written_unit(table, name) is not None:
+        return UNKNOWN, f"its unit {written_unit(table, name)} is none of {', '.join(PER_S)}"
     stamps = timing(table.finite(name, LARGEST))
     if stamps is None:
         return UNKNOWN, "the stamps do not increase"

@@ -12,6 +12,13 @@ from ._recording import Recording
 
 FASTEST_M_PER_S = 1.0  # fingers explore at 0.01 to 0.3 m/s
 FASTEST_HZ = 1e6  # the skin transmits up to some kHz at such speeds
+SLOWEST_HZ = 10.0  # the skin transmits up to some ten hertz even at 5 mm/s
+LONGEST_M = 10.0
+_JUMP = 100.0  # times the usual speed
+_JUMP_OF_HELD = 10.0  # times the moves before and after
+_MOST = 0.9  # of the moves, that are equal where an encoder goes by one count at a time
+_COARSEST_COUNT_M = 1e-4
+_DISAGREES = 0.1  # of the scan: calibrations of speed are better
 DEEPEST_M = 0.02  # rubber of a finger over its film is 0.5 to 3 mm thick
 THINNEST_M = 1e-6
 _LEAST_IN_WINDOW = 0.5  # of the samples: a scan has an approach beyond its window at most
@@ -68,6 +75,12 @@ def _of_motion(recording: Recording) -> Iterator[str]:
                 f"of the scan, which goes from {x.min():g} m to {x.max():g} m: check "
                 "recording.contact_window_m and the positions' origin."
             )
+    if recording.sample_rate_hz < SLOWEST_HZ:
+        yield (
+            f"The sample rate is {recording.sample_rate_hz:.3g} Hz, below {SLOWEST_HZ:g} Hz: check "
+            "the unit of the times, or the rate that is stated."
+        )
+    yield from _of_positions(recording)
     sensor = recording.sidecar.get("sensor") or {}
     depths_m = [sensor.get("depth_m"), *(e.get("depth_m") for e in sensor.get("elements") or ())]
     for depth_m in dict.fromkeys(each for each in depths_m if each is not None):
@@ -76,6 +89,60 @@ def _of_motion(recording: Recording) -> Iterator[str]:
                 f"The film's depth is stated as {depth_m:g} m, where {DEEPEST_M:g} m is deep and "
                 f"{THINNEST_M:g} m is shallow: check sensor.depth_m, which is in metres."
             )
+
+
+def _of_positions(recording: Recording) -> Iterator[str]:
+    x = recording.position_m
+    if np.ptp(x) > LONGEST_M:
+        yield (
+            f"The scan is {np.ptp(x):.3g} m long, above {LONGEST_M:g} m: check the units of "
+            "positions, speed and times."
+        )
+    if recording.measured_position_m is None:
+        return
+    moves = np.abs(np.diff(x))
+    speeds = moves / np.diff(recording.time_s)
+    usual = float(np.median(speeds[moves > 0])) if np.any(moves > 0) else 0.0
+    at = int(np.argmax(speeds))
+    if speeds[at] > max(FASTEST_M_PER_S, _JUMP * usual):
+        yield (
+            f"The position jumps by {moves[at]:.3g} m from sample {at + 1} to the next: check "
+            "whether a counter begins anew there, or several scans follow one another, and cut "
+            "the recording."
+        )
+    beside = (np.append(moves[1:], 0.0) + np.append(0.0, moves[:-1])) / 2
+    alone = moves > _JUMP_OF_HELD * beside
+    # An encoder's counts go by one at a time.
+    count_m = float(np.median(moves[alone])) if alone.any() else 0.0
+    one = np.mean(np.isclose(moves[alone], count_m, rtol=0.1)) if alone.any() else 1.0
+    are_counts = one >= _MOST and count_m < _COARSEST_COUNT_M
+    if moves[alone].sum() > 0.5 * moves.sum() and not are_counts:
+        yield (
+            "The position stands nearly still and jumps in turn, as if it was reported more slowly "
+            "than it is recorded: record the reports alone, or give recording.speed_m_per_s=..."
+        )
+
+
+def disagreement(
+    time_s: Float[np.ndarray, " sample"] | None,
+    speed_m_per_s: Float[np.ndarray, " sample"] | None,
+    position_m: Float[np.ndarray, " sample"] | None,
+) -> list[str]:
+    """A sentence where a measured speed is not that of the measured positions, else none."""
+    if time_s is None or speed_m_per_s is None or position_m is None:
+        return []
+    if not time_s.size == speed_m_per_s.size == position_m.size:
+        return []  # which is refused
+    mean = (speed_m_per_s[1:] + speed_m_per_s[:-1]) / 2
+    travelled_m = np.concatenate(([0.0], np.cumsum(mean * np.diff(time_s))))
+    off_m = float(np.ptp(travelled_m - position_m))
+    range_m = float(max(np.ptp(position_m), np.ptp(travelled_m)))
+    if not off_m > _DISAGREES * range_m:
+        return []
+    return [
+        f"The speed and the positions disagree by {off_m:.3g} m over a scan of {range_m:.3g} m: "
+        "check their units and signs, or leave one of the columns out."
+    ]
 
 
 def _of_signals(recording: Recording) -> Iterator[str]:

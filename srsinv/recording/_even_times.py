@@ -100,8 +100,9 @@ def check_rate(
         not agrees and _without_loss(time_s, stated_hz) is None,
         f"{name}: sample_rate_hz is {stated_hz:.6g}, but the time stamps come at "
         f"{stamps.rate_hz:.6g} Hz: leave sample_rate_hz out, as the stamps are used, or check "
-        "their unit, by the column's name or recording.time_unit; only where the stamps themselves "
-        "are wrong and no row is lost, give recording.times=ignore.",
+        "their unit, by the column's name or recording.time_unit; where the file states the rate, "
+        f"and the stamps are right, give recording.sample_rate_hz={stamps.rate_hz:.6g}; only where "
+        "the stamps themselves are wrong and no row is lost, give recording.times=ignore.",
     )
 
 

@@ -24,6 +24,7 @@ from ._columns import (
     unnamed_columns,
 )
 from ._counters import unwrapped
+from ._doubts import disagreement
 from ._even_times import check_rate
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._reports import between_reports
@@ -31,7 +32,16 @@ from ._schema import RecordingFacts, check_facts
 from ._sidecar import Sidecars, check_elements, merge
 from ._speed import speed_of_positions
 from ._table import ColumnTable, listing
-from ._units import PER_M, PER_M_PER_S, PER_S, PER_V, bracketed, in_volts
+from ._units import (
+    PER_M,
+    PER_M_PER_S,
+    PER_S,
+    PER_V,
+    bracketed,
+    in_volts,
+    known_unit,
+    split_unit,
+)
 from .formats import BY_SUFFIX
 from .reader import Reader
 
@@ -126,6 +136,7 @@ def recording_of_table(
     columns[TIME] = _time_s(table, facts, column, samples, notes)
     if known.get(SPEED) is None:
         columns |= _motion(table, facts, notes, doubted)
+    doubted += disagreement(columns.get(TIME), columns.get(SPEED), columns.get(POSITION))
     _check_lengths(table, columns)
     check_samples(path.name, samples)
     check_times(path.name, columns[TIME], table.row_of)
@@ -259,6 +270,11 @@ def _unit(
         f"{its} is {written}, which is none of {listed}: convert the column to one of them, or "
         f"give {key}=... only if it is one of them by another name.",
     )
+    own, by_file = split_unit(column, units)[1], known_unit(table.units.get(column), units)
+    refuse(
+        None not in (own, by_file) and own != by_file,
+        f"{its} is {own} by its name and {by_file} by the file: correct one of them.",
+    )
     refuse(unit is None, f"{its} is not stated: give it by {key}=..., one of {listed}.")
     # recording.time_unit is that of a bare column, which boards' settings state for all files.
     refuse(
@@ -369,6 +385,14 @@ def _signal(
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "element sample"], str]:
     """The channels' names, their signals corrected for polarity and gain, and their unit."""
     stated = [signal_unit(table, facts, channel) or "counts" for channel in channels]
+    for channel in channels:
+        own = split_unit(channel, PER_V)[1]
+        by_file = known_unit(table.units.get(channel), PER_V)
+        refuse(
+            None not in (own, by_file) and own != by_file and facts.get("signal_unit") is None,
+            f"{table.name}: the unit of column {channel!r} is {own} by its name and {by_file} by "
+            "the file: correct one of them, or give recording.signal_unit=...",
+        )
     names = tuple(map(in_volts, channels, stated))
     per_unit = np.array([PER_V.get(unit, 1) for unit in stated])
     gain = _per_channel(table.name, facts, "gain", len(channels))
@@ -390,8 +414,7 @@ def _check_scaling(table: ColumnTable, channels: tuple[str, ...], has_gain: bool
     """Refuse a gain, a scale or an offset that the file states, and that is not applied, unless the
     experimenter states the gain."""
     stated = [f"a gain of {table.gains[c]:g} for {quoted(c)}" for c in channels if c in table.gains]
-    if table.scaling.gain or table.scaling.is_scaled or table.scaling.refused:
-        stated += [f"{key} {shown(value)}" for key, value in table.scaling_words.items()]
+    stated += [f"{key} {shown(value)}" for key, value in table.scaling.items()]
     refuse(
         bool(stated) and not has_gain,
         f"{table.name}: the file states {listing(stated)}, and not whether its numbers contain it: "

@@ -12,12 +12,14 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from ._health import quantisation_step
+from ._timing import resolution
 
-_FEWEST_REPEATS = 5  # samples, in the median, of a position that is held
-_FEWEST_REPORTS = 5
-_EVEN = 0.2  # of the usual interval, by which those between reports may differ
-_MOST_COUNT_M = 5e-5  # of an encoder that resolves what such a sensor feels
+_FEWEST_REPEATS = 2  # samples, in the median, of a position that is held
+_FEWEST_REPORTS = 8
+_RESTS = 2.5  # times the usual interval without a change: less is a late report
+_MOST = 0.9  # of the steps, that are equal where an encoder goes by one count at a time
+_FINEST_REPORT_M = 5e-5  # of equal steps: less is an encoder's count
+_COARSEST_COUNT_M = 1e-4  # of an encoder that is used for such a sensor at all
 
 
 class Reports(NamedTuple):
@@ -36,15 +38,14 @@ def between_reports(position_m: Float[np.ndarray, " sample"]) -> Reports | None:
     if change.size < _FEWEST_REPORTS:
         return None
     interval = int(np.median(lengths))
-    is_even = np.abs(lengths - interval * np.maximum(np.round(lengths / interval), 1)) <= max(
-        1.0, _EVEN * interval
-    )
-    if interval < _FEWEST_REPEATS or np.mean(is_even) < 0.9:
+    if interval < _FEWEST_REPEATS:
         return None
-    step_m = quantisation_step(position_m) or 0.0
     moves_m = np.abs(position_m[change] - position_m[change - 1])
-    one_step = bool(np.mean(moves_m <= 1.5 * step_m) > 0.9)
-    if one_step and step_m < _MOST_COUNT_M:
+    step_m = float(np.median(moves_m))
+    # Counts that are printed in few digits differ by one of the last.
+    rounding_m = max(1.5 * resolution(position_m), 1e-9 * step_m)
+    one_step = bool(np.mean(np.abs(moves_m - step_m) <= rounding_m) > _MOST)
+    if one_step and step_m < _FINEST_REPORT_M:
         return None
     at = _report_samples(change, interval, position_m.size)
     reported = position_m[np.clip(at, 0, None)]
@@ -52,17 +53,21 @@ def between_reports(position_m: Float[np.ndarray, " sample"]) -> Reports | None:
         reported = np.append(reported, 2 * reported[-1] - reported[-2])
         at = np.append(at, 2 * at[-1] - at[-2])
     curve = scipy.interpolate.PchipInterpolator(at, reported)
-    return Reports(curve(np.arange(position_m.size)), interval, one_step)
+    may_be_counts = one_step and step_m < _COARSEST_COUNT_M
+    return Reports(curve(np.arange(position_m.size)), interval, may_be_counts)
 
 
 def _report_samples(change: np.ndarray, interval: int, samples: int) -> np.ndarray:
     """The samples, from 0, at which reports came: where the position changes, before the first
     change, and, while it rests, once in every interval."""
-    before = change[0] - interval * -(-change[0] // interval)  # a first report may be cut short
+    # A first report may be cut short, and rests before the first change are of whole intervals.
+    before = change[0] - interval * -(-change[0] // interval)
     starts = np.concatenate(([before], change))
     ends = np.concatenate((change, [samples]))
     runs = [
-        np.arange(start, max(end - interval // 2, start + 1), interval)
+        np.arange(start, end - interval // 2, interval)
+        if end - start > _RESTS * interval
+        else np.array([start])
         for start, end in zip(starts, ends, strict=True)
     ]
     return np.concatenate(runs)

@@ -50,6 +50,7 @@ _UNITS = ("units", "unit", "unitstring", "yunit", "yunits", "physicalunit")
 _PER_HZ = {"": 1.0, "hz": 1.0, "s/s": 1.0, "sa/s": 1.0, "sps": 1.0, "1/s": 1.0, "samples/s": 1.0}
 _PREFIX = {"k": 1e3, "m": 1e6, "g": 1e9}
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.ASCII)
+_GAIN_OF = re.compile(r"(gain|scale[ _]?factor|amplification)[ _:]", re.IGNORECASE)
 _SAME = 1e-6  # relative: what a rate and an interval, each rounded, may differ by
 
 
@@ -126,6 +127,25 @@ def is_stated_word(key: str, may_be_ambiguous: bool = True) -> bool:
     word that has other meanings, too."""
     word = _split(key)[0]
     return _field(word) not in (None, "unit") and (may_be_ambiguous or word not in _AMBIGUOUS)
+
+
+def is_scaling_word(key: str) -> bool:
+    """Whether a key states a scale or a gain, also of one channel, as `Gain Ch 0`, or within a
+    struct, as `info.gain`."""
+    last = key.rpartition(".")[2]
+    return _field(_split(last)[0]) in ("scale", "gain") or is_gain_of(last)
+
+
+def is_gain_of(key: str) -> bool:
+    """Whether a key states a gain or a scale of one channel, as `Gain Ch 0`."""
+    return bool(_GAIN_OF.match(key))
+
+
+def is_neutral(key: str, value: Any) -> bool:
+    """Whether a scale, gain or offset changes nothing: 1, or 0 of an offset."""
+    nothing = 0.0 if _field(_split(key)[0]) == "offset" else 1.0
+    values = value if isinstance(value, list) else [value]
+    return all(_number("scale", "offset", each, "") == nothing for each in values)
 
 
 def is_of_time(key: str) -> bool:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from srsinv.errors import BadInput, refuse, shown
 
 from ..files import DataFile, is_broken, nearest, quoted
-from ._stated import Clock, Stated, is_of_time, is_stated_word, stated
+from ._stated import Clock, is_neutral, is_of_time, is_scaling_word, is_stated_word, stated
 
 MOST_SAMPLES = 10**8  # of all columns together: 0.8 GB as float64, and a few times that in use
 MOST_COLUMNS = 1_000
@@ -22,6 +22,7 @@ LONGEST_NAME = 200  # characters of a column's name or unit
 # packed to a tenth at most, and one whose channels are constant is short.
 _MOST_PER_BYTE, _MOST_OF_SMALL = 100, 2**26
 _LISTED = 20
+_MOST_GAINS = 64  # values of an array that states gains or scales
 _CELL = 40  # characters shown of a cell
 
 
@@ -97,15 +98,19 @@ class ColumnTable:
         of values than `shape` states.
         """
         facts = stated(attributes or {})
-        if math.prod(shape) == 1 and dtype.kind in "iuf" and is_stated_word(name):
+        word = name.rpartition(".")[2]
+        is_scaling = is_scaling_word(name) and math.prod(shape) <= _MOST_GAINS
+        is_single = math.prod(shape) == 1 and is_stated_word(word)
+        if dtype.kind in "iuf" and (is_single or is_scaling):
             self.check_name(name)
-            self.scalars[name] = np.asarray(read()).ravel()[0].item()
+            values = np.asarray(read()).ravel().tolist()
+            self.scalars[word] = values[0] if len(values) == 1 else values
         elif facts.refused:
-            self.leave_out(name, facts.refused)
+            self.leave_out(name, facts.refused, facts.unit)
         elif len(shape) != 1:
-            self.leave_out(name, f"has shape {shown(tuple(shape))}")
+            self.leave_out(name, f"has shape {shown(tuple(shape))}", facts.unit)
         elif dtype.kind not in "iuf":
-            self.leave_out(name, f"holds values of type {shown(str(dtype))[1:-1]}")
+            self.leave_out(name, f"holds values of type {shown(str(dtype))[1:-1]}", facts.unit)
         else:
             self.check_name(name)
             self.check_size(name, shape[0], dtype.itemsize)
@@ -122,14 +127,10 @@ class ColumnTable:
                 self.clocks[name] = facts.clock
 
     def state_rate(self) -> None:
-        """Take the rate that the file states once for all columns, or the same for each, for a fact
-        of its own.
+        """Take the rate that the file states once for all columns for a fact of its own.
 
         Raises `BadInput` where it is stated in several ways that differ.
         """
-        intervals = {clock.interval_s for clock in self.clocks.values()} - {0.0}
-        if len(intervals) == 1:
-            self.sidecar.setdefault("sample_rate_hz", 1 / intervals.pop())
         facts = stated({k: v for k, v in self.scalars.items() if is_of_time(k)})
         refuse(
             facts.refused is not None,
@@ -140,20 +141,22 @@ class ColumnTable:
             self.sidecar.setdefault("sample_rate_hz", 1 / facts.interval_s)
 
     @property
-    def scaling(self) -> Stated:
-        """Scale, offset and gain that the file states once, and not of which columns."""
-        return stated(self.scaling_words)
+    def scaling(self) -> dict[str, Any]:
+        """Scales, offsets and gains that the file states, and not of which column's numbers."""
+        words = {key: value for key, value in self.scalars.items() if not is_of_time(key)}
+        for name, values in self.columns.items():  # of one value, as a column called Gain
+            if is_scaling_word(name) and values.size and np.ptp(self.finite(name)) == 0:
+                words[name] = float(values[0])
+        return {key: value for key, value in words.items() if not is_neutral(key, value)}
 
-    @property
-    def scaling_words(self) -> dict[str, Any]:
-        """The file's own words for [`scaling`][]."""
-        return {key: value for key, value in self.scalars.items() if not is_of_time(key)}
-
-    def leave_out(self, name: str, reason: str) -> None:
-        """Record an array that is no column, and why. Raises `BadInput` as [`check_name`][]
-        does."""
+    def leave_out(self, name: str, reason: str, unit: Any = None) -> None:
+        """Record an array that is no column, why, and its unit: one in volts is asked for. Raises
+        `BadInput` as [`check_name`][] does."""
         self.check_name(name)
         self.unusable[name] = reason
+        if isinstance(unit, str) and unit:
+            self._check_text(f"the unit of column {quoted(name)}", unit)
+            self.units[name] = unit
 
     def check_name(self, name: str) -> None:
         """Refuse the next name where it cannot be used, stands there twice or is one too many."""

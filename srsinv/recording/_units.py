@@ -23,8 +23,16 @@ _SPELT: Mapping[str, str] = {
     **dict.fromkeys(("micron", "microns"), "um"),
     **dict.fromkeys(("volt", "volts"), "V"),
 }
+# Units, in small letters, of quantities that are neither a film's signal nor its motion.
+_FOREIGN_WORDS = """
+    degc °c ℃ c celsius degf °f f fahrenheit k kelvin n mn un kn newton newtons pa hpa kpa
+    mpa bar mbar psi deg ° degree degrees rad mrad % rh %rh hz khz mhz w mw g mg kg db lux
+    m/s^2 m/s2 n/m nm/s^2 ohm kohm
+"""
+_FOREIGN = frozenset(_FOREIGN_WORDS.split())
 _MICRO = str.maketrans("\u00b5\u03bc", "uu")
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\(([^()]*)\)|\[([^][]*)\])\s*")
+_AFTER_STROKE = re.compile(r"(.*\S)\s+/\s+(\S+)")  # as DIN 1313 writes a unit: U / V
 
 
 def known_unit(text: str | None, units: Mapping[str, int]) -> str | None:
@@ -47,11 +55,18 @@ def is_any_unit(text: str) -> bool:
     return any(known_unit(text, units) for units in (PER_S, PER_M, PER_M_PER_S, PER_V))
 
 
+def is_foreign_unit(text: str) -> bool:
+    """Whether a text is a unit of what is neither a film's signal nor its motion."""
+    return text.strip().casefold() in _FOREIGN
+
+
 def bracketed(column: str) -> tuple[str, str | None]:
     """A column's name before a unit in brackets, and that unit as it is written."""
     parts = _BRACKETS.fullmatch(column)
     if not parts:
-        return column, None
+        stroke = _AFTER_STROKE.fullmatch(column)
+        is_unit = stroke and (is_any_unit(stroke[2]) or is_foreign_unit(stroke[2]))
+        return (stroke[1], stroke[2]) if stroke and is_unit else (column, None)
     return parts[1], (parts[2] or parts[3] or "").strip() or None
 
 

@@ -136,7 +136,9 @@ def inspect(
         named = _unnamed_columns(table, inspection.facts)
         if named:
             inspection = _inspect(path, table, given, known | named)
-        refusal, unit = taken, {"time_unit": inspection.time_unit}
+        refusal, unit = taken, {}
+        if inspection.time_unit is not None:
+            unit = {"time_unit": inspection.time_unit}
         for allowed, more in ((False, {}), (True, {}), (False, unit), (True, unit)):
             how, stated = "allow" if allowed else missing, named | more
             taken = _taken(path, table, given, how, times, known | stated)

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 import scipy.io
 import xarray as xr
-from nptdms import ChannelObject, TdmsWriter
+from nptdms import ChannelObject, RootObject, TdmsWriter
 
 from srsinv.errors import BadInput
 from srsinv.recording import Recording
@@ -43,8 +43,8 @@ def table(*columns, delimiter=",", end="", form="{!r}"):
     return "".join(delimiter.join(row) + end + "\n" for row in cells)
 
 
-def labview(x0=("0.0", "0.0", "0.0")):
-    """A LabVIEW measurement file."""
+def labview(x0=("0.0", "0.0", "0.0"), end=""):
+    """A LabVIEW measurement file, whose rows have no cell for a comment, or an empty one."""
     head = (
         "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\n"
         "X_Columns\tOne\nTime_Pref\tRelative\nDate\t2025/02/11\nTime\t10:11:12.5\n"
@@ -53,7 +53,7 @@ def labview(x0=("0.0", "0.0", "0.0")):
         f"X0\t{x0[0]}\t{x0[1]}\t{x0[2]}\t\nDelta_X\t0.0005\t0.0005\t0.0005\t\n"
         "***End_of_Header***\t\t\t\t\nX_Value\tDev1/ai0\tDev1/ai1\tPosition\tComment\n"
     )
-    return head + table(TIME_S, A, B, MM, delimiter="\t", end="\t")
+    return head + table(TIME_S, A, B, MM, delimiter="\t", end=end)
 
 
 def tektronix():
@@ -71,9 +71,9 @@ def stamps(form):
     return [f"{start + pd.Timedelta(seconds=t):{form}}" for t in TIME_S]
 
 
-def rigol():
+def rigol(end=","):
     units = f"Sequence,Volt,Volt,-7.5e-01,{STEP_S!r}\n"
-    return "X,CH1,CH2,Start,Increment,\n" + units + table(np.arange(N), A, B, end=",,")
+    return "X,CH1,CH2,Start,Increment,\n" + units + table(np.arange(N), A, B, end=end)
 
 
 def keysight():
@@ -105,14 +105,30 @@ def savetxt(header="time_s position_m voltage_0_V voltage_1_V", comment="# ", de
 # name: (text, what is said of it when it is read)
 TEXTS: dict[str, tuple[str | bytes, dict]] = {
     "LabVIEW": (labview(), {}),
-    "LabVIEW, a stage that starts late": (labview(("0.0", "0.0", "0.0")), {}),
+    "LabVIEW, empty comments": (labview(end="\t"), {}),
     "Tektronix": (tektronix(), MOVING),
     "Rigol": (rigol(), MOVING),
+    "Rigol, two delimiters": (rigol(",,"), MOVING),
     "Keysight": (keysight(), MOVING),
     "PicoScope": (picoscope(), MOVING),
     "LeCroy": (lecroy(), MOVING | {"time_unit": "s", "signal_unit": "V"}),
     "Siglent": (siglent(), MOVING | {"time_unit": "s", "signal_unit": "V"}),
     "Excel, decimal commas": (excel(), {}),
+    "units of other quantities in the row of units": (
+        "Time,Ch0,Ch1,Pos,Temp,Load\ns,V,V,mm,degC,N\n"
+        + table(TIME_S, A, B, MM, 20 + TIME_S, 3 + TIME_S), {}),
+    "units behind a stroke": ("Time / s,Ch 0 / V,Ch 1 / mV\n" + table(TIME_S, A, 1e3 * B), MOVING),
+    "an index without a name": (
+        ",Pos (mm),Ch 0 [V],Ch 1 [V]\n" + table(stamps("%Y-%m-%d %H:%M:%S.%f"), MM, A, B), {}),
+    "a clock of whole seconds beside times": (
+        "Time,t (s),Ch 0 [V],Ch 1 [V]\n" + table(stamps("%H:%M:%S"), TIME_S, A, B), MOVING),
+    "decimal commas between spaces": (
+        "time_s position_m voltage_0_V voltage_1_V\n"
+        + table(TIME_S, POSITION_M, A, B, delimiter=" ").replace(".", ","), {}),
+    "one name in volts does not hide another": (
+        "time_s,position_m,voltage_0_V,Ch 1 [V]\n" + table(TIME_S, POSITION_M, A, B), {}),
+    "thousands in a stated rate": (
+        '# Sample rate: 2,000 Hz\nCh 0 [V]\tCh 1 [V]\n' + table(A, B, delimiter="\t"), MOVING),
     "savetxt": (savetxt(), {}),
     "savetxt, aligned": (
         "  ".join(["time_s", "position_m", "voltage_0_V", "voltage_1_V"])
@@ -307,6 +323,8 @@ HELD = {
     "even, from another sample": (lambda t: 20 * t, 40, 13),
     "accelerated": (lambda t: 5 * t + 8 * t**2, 20, 3),
     "there and back": (lambda t: 10 - 10 * np.cos(2 * np.pi * t / 1.5), 25, 0),
+    "often": (lambda t: 20 * t + 3 * t**2, 4, 0),
+    "every second": (lambda t: 20 * t + 3 * t**2, 2, 0),
     "with rests": (lambda t: 4 - 4 * np.cos(np.pi * np.clip((t - 0.4) / 0.7, 0, 1)), 20, 5),
 }
 
@@ -324,6 +342,30 @@ def test_positions_between_reports(tmp_path, case):
     off_mm = 1e3 * recording.position_m - truth_mm
     assert np.max(np.abs(off_mm[inner])) < 0.011  # 10 um, and the report's rounding
     assert recording.notes or recording.doubts
+    moving = recording.speed_m_per_s[inner] > 1e-3
+    assert np.all(moving) or case in ("there and back", "with rests")
+
+
+def test_reports_that_come_unevenly(tmp_path):
+    """The stage is busy at times: 20 samples between reports, and half as many more or fewer."""
+    rng = np.random.default_rng(8)
+    at = np.cumsum(rng.integers(10, 31, size=400))
+    last = at[np.searchsorted(at, np.arange(T_S.size), side="right") - 1]
+    position_mm = np.round(20 * last / RATE_HZ + 3 * (last / RATE_HZ) ** 2, 4)
+    position_mm[: at[0]] = 0.0
+    rows = table(1e3 * T_S, rng.normal(size=T_S.size), position_mm)
+    (tmp_path / "r.csv").write_text("Time (ms),Ch 0 [V],Stage pos (mm)\n" + rows)
+    recording = load_even({"path": str(tmp_path / "r.csv")}, {})
+    off_mm = 1e3 * recording.position_m - (20 * T_S + 3 * T_S**2)
+    assert np.max(np.abs(off_mm[60:-60])) < 0.011
+
+
+@pytest.mark.parametrize(("count_mm", "digits"), [(4.8828e-3, 3), (12.207e-3, 4)])
+def test_counts_in_few_digits_are_no_reports(tmp_path, count_mm, digits):
+    position_mm = np.round(count_mm * np.round(2 * T_S / count_mm), digits)
+    rows = table(1e3 * T_S, np.random.default_rng(3).normal(size=T_S.size), position_mm)
+    (tmp_path / "r.csv").write_text("Time (ms),Ch 0 [V],Stage pos (mm)\n" + rows)
+    assert load_even({"path": str(tmp_path / "r.csv")}, {}).notes == ()
 
 
 @pytest.mark.parametrize("count_um", [2, 10])
@@ -380,7 +422,76 @@ def twice_stated(path):
     np.savez(path, voltage_0_V=A, position_m=POSITION_M, fs=RATE_HZ, dt=1e-3)
 
 
+def gains(write):
+    """A file of the scan with what else is written into it."""
+
+    def made(path: Path) -> None:
+        columns = {"time_s": TIME_S, "position_m": POSITION_M, "voltage_0_V": A, "voltage_1_V": B}
+        write(path, columns)
+
+    return made
+
+
+def tdms_gain(path, columns):
+    with TdmsWriter(path) as file:
+        root = RootObject({"Gain": 95.0})
+        file.write_segment([root, *(ChannelObject("scan", *each) for each in columns.items())])
+
+
+def h5_late_stage(path):
+    with h5py.File(path, "w") as file:
+        for name, values in (("time_s", TIME_S), ("voltage_0_V", A), ("position_m", POSITION_M)):
+            file[name] = values
+        file["position_m"].attrs["start_time"] = -0.1
+
+
+def h5_of_two_units(path):
+    with h5py.File(path, "w") as file:
+        for name, values in (("time_s", TIME_S), ("voltage_0_V", A), ("position_mm", MM)):
+            file[name] = values
+        file["position_mm"].attrs["units"] = "m"
+
+
+def with_group(path):
+    """Columns at the root, and a further signal in a group beside them."""
+    with h5py.File(path, "w") as file:
+        for name, values in (("time_s", TIME_S), ("voltage_0_V", A), ("position_m", POSITION_M)):
+            file[name] = values
+        file["board2/Ch 1"] = B
+        file["board2/Ch 1"].attrs["units"] = "V"
+
+
+def text_of(head):
+    return gains(lambda path, c: path.write_text(head + ",".join(c) + "\n" + table(*c.values())))
+
+
 REFUSED = {
+    "gains in a preamble": (text_of("Gain,,95,110\n"), "r.csv", {}),
+    "a gain of one channel in a preamble": (text_of("Gain Ch 0: 95\n"), "r.csv", {}),
+    "scales in a preamble": (text_of("Scale factor,,0.001,0.002\n"), "r.csv", {}),
+    "gains in a column": (
+        gains(
+            lambda path, c: path.write_text(
+                ",".join(c) + ",Gain\n" + table(*c.values(), np.full(N, 95))
+            )
+        ),
+        "r.csv",
+        {},
+    ),
+    "gains in an array": (
+        gains(lambda path, c: np.savez(path, **c, gain=np.array([95.0, 110.0]))),
+        "r.npz",
+        {},
+    ),
+    "a gain of the whole TDMS file": (gains(tdms_gain), "r.tdms", {}),
+    "a gain in a struct": (
+        gains(lambda path, c: scipy.io.savemat(path, c | {"info": {"gain": 95.0}})),
+        "r.mat",
+        {},
+    ),
+    "a start of the stage alone": (h5_late_stage, "r.h5", {}),
+    "a unit in the name and another in the file": (h5_of_two_units, "r.h5", {}),
+    "a film of another group": (with_group, "r.h5", {}),
     "a gain beside the numbers": (with_gain, "r.h5", {}),
     "a scale in words": (with_scale_in_words, "r.h5", {}),
     "samples between samples": (between, "r.tdms", MOVING),
@@ -392,7 +503,9 @@ REFUSED = {
 
 @follows("have no time in common", "are not sampled at the same times",
          "and not whether its numbers contain it", "write it again without that",
-         "among whole numbers, which may be thousands")  # fmt: skip
+         "among whole numbers, which may be thousands", "does: state both, or neither",
+         "state it, or align them", "by the file: correct one of them.",
+         "by the file: correct one of them, or give recording.signal_unit")  # fmt: skip
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_stated_is_never_dropped(tmp_path, case):
     write, name, known = REFUSED[case]
@@ -420,10 +533,22 @@ IMPROBABLE = {
     "seconds called milliseconds": {"time_ms": TIME_S},
     "a code for out of range": {"voltage_1_V": np.where(np.arange(N) % 150 == 7, -9999.0, B)},
     "metres called millimetres": {"position_m": MM, "position_mm": None},
+    "seconds called hours": {"time_ms": 3.6e9 * TIME_S},
+    "an unsigned speed there and back": {
+        "position_mm": np.where(np.arange(N) < N // 2, MM, MM[::-1]),
+        "speed_mm_per_s": np.full(N, 20.0),
+    },
+    "a position that jumps": {"position_mm": MM + 131.0 * (np.arange(N) > 250)},
+    "blocks of 128 rows": {"position_mm": MM[np.arange(N) % 128]},
+    "held, with noise": {
+        "position_mm": MM[np.arange(N) // 20 * 20] + 1e-4 * np.sin(7 * np.arange(N))
+    },
 }
 
 
-@follows("where {} m/s is fast", "above {} Hz: check", "far beyond all others")
+@follows("where {} m/s is fast", "above {} Hz: check", "far beyond all others",
+         "below {} Hz: check", "m long, above {} m", "The position jumps by",
+         "The position stands nearly still", "The speed and the positions disagree")  # fmt: skip
 @pytest.mark.parametrize("case", IMPROBABLE)
 def test_what_is_improbable_is_doubted(tmp_path, case):
     columns = {"time_ms": 1e3 * TIME_S, "position_mm": MM, "voltage_0_V": A, "voltage_1_V": B}

@@ -11,8 +11,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from .._stated import plain
-from .._units import is_any_unit
+from .._stated import is_stated_word, plain
+from .._units import is_any_unit, is_foreign_unit
 from ._numbers import is_mark, is_number
 from ._stamps import is_stamp
 
@@ -36,7 +36,8 @@ class Heading:
     - `names`: of the columns, as many as the rows have cells where that is certain; `units` below
       them, or none; `line` the number of the line that names them, 0 where no line does.
     - `lines`: how many lines stand above the first row.
-    - `entries`: what the preamble states, as key and values.
+    - `entries`: what the preamble states, as key and values; `above_numbers` what stands so in the
+      header and the row of units, as a scope's start and increment.
     """
 
     names: list[str]
@@ -45,6 +46,7 @@ class Heading:
     lines: int
     units: list[str] = field(default_factory=list)
     entries: tuple[tuple[str, list[str]], ...] = ()
+    above_numbers: tuple[tuple[str, list[str]], ...] = ()
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
@@ -77,18 +79,35 @@ def heading_of(block: str) -> Heading:
         return Heading(cells[first], delimiter, first + 1, first + 1)
     head, units = _header(lines, cells, numeric, width, begin, first)
     if head is None:
-        names = [f"column_{index + 1}" for index in range(width)]
-        return Heading(names, delimiter, 0, first, [], _entries(lines[:first], delimiter))
+        return _without_names(lines, cells, numeric, width, first, delimiter)
     names, below = cells[head], cells[units] if units is not None else []
     entries = _entries(lines[:head], delimiter)
-    if below:
-        entries += tuple(
-            (name, [cell]) for name, cell in zip(names, below, strict=False) if is_number(cell)
-        )
+    pairs = zip(names, below, strict=False)
+    stated = tuple((name, [cell]) for name, cell in pairs if is_number(cell))
     after = head if units is None else units
     if _fits(names, numeric, width):
         names = _fitted(names, width)
-    return Heading(names, delimiter, head + 1, after + 1, below, entries)
+    return Heading(names, delimiter, head + 1, after + 1, below, entries, stated)
+
+
+def _without_names(
+    lines: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    numeric: Sequence[int],
+    width: int,
+    first: int,
+    delimiter: str,
+) -> Heading:
+    """The heading of a table whose columns no line names, from its first line on: rows with cells
+    that are no numbers belong to it. Numbers from 0 on are names, as pandas writes them."""
+    while first and len(cells[first - 1]) == width:
+        if not any(_holds_value(cells[first - 1][index]) for index in numeric):
+            break
+        first -= 1
+    if list(cells[first]) == [str(index) for index in range(width)] and width > 1:
+        first += 1
+    names = [f"column_{index + 1}" for index in range(width)]
+    return Heading(names, delimiter, 0, first, [], _entries(lines[:first], delimiter))
 
 
 def _uncommented(line: str) -> str:
@@ -105,11 +124,13 @@ def _delimiter(lines: Sequence[str]) -> str:
     """The delimiter of most lines in the second half, where the rows are."""
     filled = [_QUOTED.sub("", line) for line in lines if _names_columns(line)]
     tail = filled[len(filled) // 2 :]
-    for mark in _DELIMITERS:
-        if 2 * sum(mark in line for line in tail) > len(tail):
-            return mark
     split = [line.split() for line in tail]
     spaced = sum(len(each) > 1 and all(map(_holds_value, each)) for each in split)
+    for mark in _DELIMITERS:
+        # Between spaces a comma may be the decimal mark.
+        is_decimal = mark == "," and 2 * spaced > len(tail)
+        if 2 * sum(mark in line for line in tail) > len(tail) and not is_decimal:
+            return mark
     return SPACE if 2 * spaced > len(tail) else ","
 
 
@@ -189,28 +210,32 @@ def _header(
 
 
 def _fits(row: Sequence[str], numeric: Sequence[int], width: int) -> bool:
-    """Whether a line has as many cells as the rows, an empty one at either's end aside."""
+    """Whether a line has as many cells as the rows, aside from those at either's end that need none
+    in the other."""
     if len(row) == width - 1:
         return width - 1 not in numeric
-    return len(row) == width or (len(row) == width + 1 and not row[-1])
+    return len(row) >= width and all(map(_needs_no_cell, row[width:]))
+
+
+def _needs_no_cell(name: str) -> bool:
+    """Whether rows may lack a cell for a name at a header's end: none, LabVIEW's comment, or a
+    scope's start and increment, which stand above the rows."""
+    return not name or name.casefold() == "comment" or "=" in name or is_stated_word(name)
 
 
 def _is_of_units(row: Sequence[str]) -> bool:
     """Whether a line holds units, numbers and nothing else, and a unit at least."""
     bare = [cell.strip("()[] ") for cell in row]
-    is_unit = [is_any_unit(cell) for cell in bare]
-    return any(is_unit) and all(
-        unit or cell.casefold() in _NO_UNIT or is_number(cell)
-        for unit, cell in zip(is_unit, bare, strict=True)
+    return any(map(is_any_unit, bare)) and all(
+        is_any_unit(cell) or is_foreign_unit(cell) or cell.casefold() in _NO_UNIT or is_number(cell)
+        for cell in bare
     )
 
 
 def _fitted(names: Sequence[str], width: int) -> list[str]:
     """The names, with one for a delimiter that the rows alone end in, or without one for a
     delimiter that the header alone ends in."""
-    if len(names) == width - 1:
-        return [*names, ""]
-    return list(names[:width]) if len(names) == width + 1 and not names[-1] else list(names)
+    return [*names, ""] if len(names) == width - 1 else list(names[:width])
 
 
 def _entries(lines: Sequence[str], delimiter: str) -> tuple[tuple[str, list[str]], ...]:

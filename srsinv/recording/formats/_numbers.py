@@ -11,7 +11,7 @@ from ._numeric_rows import numeric_rows
 _MARKS_WORDS = """
     nan -nan +nan nan(ind) -nan(ind) nan(snan) -nan(snan) 1.#qnan -1.#qnan 1.#ind -1.#ind
     #n/a #na n/a na null none nil missing overload over overrange over-range overflow ovld
-    ovl ol -overload +overload - -- --- ---- ----- . ?
+    ovl ol +over -over n.a. #div/0! #num! #value! ***** -overload +overload - -- --- ---- ----- . ?
 """
 _MARKS = frozenset(_MARKS_WORDS.split())
 _THOUSAND = 1000
@@ -27,6 +27,11 @@ class DecimalMark:
 
     def __init__(self, may_be_comma: bool):
         self._may_be_comma, self._mark = may_be_comma, ""
+
+    @property
+    def mark(self) -> str:
+        """The mark that the numbers have; empty as long as none has one."""
+        return self._mark
 
     @property
     def may_differ(self) -> bool:

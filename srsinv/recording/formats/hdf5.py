@@ -5,6 +5,7 @@ by, and what its chunks unpack to, which HDF5 finds out only by unpacking.
 """
 
 import math
+import re
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from srsinv.errors import BadInput, refuse
 
 from ...files import DataFile, is_broken, quoted
 from .._apart import IsolatedReader
-from .._stated import is_stated_word, is_word, plain_value
+from .._stated import is_stated_word, is_word, plain_value, stated
 from .._table import ColumnTable, listing
 
 _Member = TypeVar("_Member", h5py.Dataset, h5py.Group)
@@ -45,7 +46,9 @@ class Hdf5(IsolatedReader):
             for holder in (opened, group):
                 state_scalars(table, holder)
             for name, dataset in members(table, group, h5py.Dataset).items():
-                take(table, name, dataset, dataset.shape)
+                take(table, name, dataset, vector(dataset.shape or ()))
+            if group is opened:
+                _leave_groups_out(table, opened)
         return table
 
 
@@ -67,15 +70,16 @@ def take(
     table: ColumnTable, name: str, dataset: h5py.Dataset, shape: tuple[int, ...] | None
 ) -> None:
     """Take in a dataset as `shape`, unless there is a reason that it is no column."""
+    facts = attributes(table, dataset)
     if reason := why_no_column(dataset):
-        table.leave_out(name, reason)
+        table.leave_out(name, reason, stated(facts).unit)
         return
 
     def read() -> Any:
         check_chunks(table, name, dataset)
         return dataset[...].ravel()
 
-    table.take(name, shape or (), dataset.dtype, read, attributes(table, dataset))
+    table.take(name, shape or (), dataset.dtype, read, facts)
 
 
 def why_no_column(dataset: h5py.Dataset) -> str | None:
@@ -177,7 +181,27 @@ def members(table: ColumnTable, group: h5py.Group, kind: type[_Member]) -> dict[
     for name in filter(is_broken, _names(group)):
         table.check_name(name)  # which refuses it
     own = {name: group[name] for name in _names(group) if not _is_link(group, name)}
-    return {name: member for name, member in own.items() if isinstance(member, kind)}
+    found = {name: member for name, member in own.items() if isinstance(member, kind)}
+    return dict(sorted(found.items(), key=lambda each: _in_order(each[0])))
+
+
+def vector(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape of a column that is stored as (n, 1) or (1, n), as MATLAB does, or as it is."""
+    return (max(shape),) if len(shape) == 2 and min(shape) == 1 else tuple(shape)
+
+
+def _in_order(name: str) -> tuple[Any, ...]:
+    """What names are sorted by, so that ch2 comes before ch10: HDF5 sorts them as text."""
+    parts = re.split(r"(\d+)", name)
+    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)
+
+
+def _leave_groups_out(table: ColumnTable, file: h5py.File) -> None:
+    """Record the datasets of groups beside columns at the root, which are not read."""
+    for name, group in members(table, file, h5py.Group).items():
+        for inner, dataset in members(table, group, h5py.Dataset).items():
+            unit = stated(attributes(table, dataset)).unit
+            table.leave_out(f"{name}/{inner}", "lies in a group beside columns at the root", unit)
 
 
 def leave_links_out(table: ColumnTable, group: h5py.Group) -> None:

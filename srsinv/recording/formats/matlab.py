@@ -8,8 +8,8 @@ import h5py
 from ...files import DataFile, quoted
 from .._apart import IsolatedReader
 from .._table import ColumnTable
-from .hdf5 import attribute, leave_links_out, members, open_hdf5, take
-from .matlab5 import NUMERIC, read_matlab5, vector
+from .hdf5 import attribute, leave_links_out, members, open_hdf5, take, vector
+from .matlab5 import NUMERIC, read_matlab5
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _FIRST_BLOCK = 512  # bytes; HDF5 begins at 0, at this or at a double of it

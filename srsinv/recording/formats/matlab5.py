@@ -12,6 +12,7 @@ import numpy as np
 
 from ...files import DataFile
 from .._table import MOST_COLUMNS, ColumnTable
+from .hdf5 import vector
 
 _HEADER = 128  # bytes, the last two of which give the byte order
 _ORDERS = {b"IM": "<", b"MI": ">"}
@@ -78,11 +79,6 @@ class _Within:
 
 _Stream = _Part | _Inflated | _Within
 _Bytes = bytes | bytearray
-
-
-def vector(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """MATLAB knows no 1-D arrays: (n, 1) and (1, n) are n samples."""
-    return (max(shape),) if len(shape) == 2 and min(shape) == 1 else tuple(shape)
 
 
 def read_matlab5(file: DataFile) -> ColumnTable:

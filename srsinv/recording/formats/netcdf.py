@@ -54,7 +54,7 @@ class NetCdf(IsolatedReader):
 
 def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
     if reason := why_no_column(dataset):
-        table.leave_out(name, reason)
+        table.leave_out(name, reason, word(attribute(table, dataset, "units")))
         return
     # The format's own words of packing are applied below.
     facts = {k: v for k, v in attributes(table, dataset).items() if k not in _PACKING}

@@ -8,7 +8,7 @@ from srsinv.errors import BadInput
 
 from ...files import DataFile
 from .._apart import IsolatedReader
-from .._stated import is_word
+from .._stated import is_stated_word, is_word
 from .._table import ColumnTable
 
 _TYPE = 40  # characters shown of a column's type
@@ -36,6 +36,8 @@ class Parquet(IsolatedReader):
         source = parquet.ParquetFile(file)
         schema, rows = source.schema_arrow, source.metadata.num_rows
         table.check_count(len(schema))
+        whole = _attributes(schema)
+        table.scalars.update({k: v for k, v in whole.items() if is_stated_word(k, False)})
         for index, field in enumerate(schema):
             is_number = pa.types.is_integer(field.type) or pa.types.is_floating(field.type)
             is_time = pa.types.is_timestamp(field.type) or pa.types.is_duration(field.type)
@@ -55,9 +57,9 @@ class Parquet(IsolatedReader):
         return table
 
 
-def _attributes(field: Any) -> dict[str, Any]:
-    """What a column's metadata state, as text."""
-    pairs = (field.metadata or {}).items()
+def _attributes(holder: Any) -> dict[str, Any]:
+    """What the metadata of a column, or of all, state, as text."""
+    pairs = (holder.metadata or {}).items()
     text = {k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in pairs}
     return {key: value for key, value in text.items() if is_word(key)}
 

@@ -12,6 +12,7 @@ from ...files import DataFile
 from .._columns import quantity_of
 from .._stated import is_word
 from .._table import ColumnTable
+from .._units import PER_V, is_any_unit, is_foreign_unit, known_unit
 from ..reader import Reader
 
 _MOST_READS = 2_000_000  # of all segments' descriptions: some seconds
@@ -51,7 +52,9 @@ class Tdms(Reader):
                 if _most_scales(channel, group, tdms) > _MOST_SCALES:
                     table.leave_out(name, f"has more than {_MOST_SCALES} scales")
                 else:
-                    _take(table, name, channel, file.size)
+                    facts = {**tdms.properties, **group.properties, **channel.properties}
+                    facts = {key: value for key, value in facts.items() if is_word(key)}
+                    _take(table, name, channel, file.size, facts)
         return table
 
 
@@ -64,9 +67,8 @@ def _most_scales(*holders: Any) -> int:
     return max(numbers)
 
 
-def _take(table: ColumnTable, name: str, channel: Any, most: int) -> None:
+def _take(table: ColumnTable, name: str, channel: Any, most: int, facts: dict[str, Any]) -> None:
     dtype = np.dtype(channel.dtype)
-    facts = {key: value for key, value in channel.properties.items() if is_word(key)}
 
     def read() -> np.ndarray:
         if len(channel) > most:  # not even a byte for each
@@ -74,5 +76,7 @@ def _take(table: ColumnTable, name: str, channel: Any, most: int) -> None:
         return np.asarray(channel[:])
 
     table.take(name, (len(channel),), dtype, read, facts)
-    if name in table.columns and quantity_of(table, name) is None:
+    unit = table.units.get(name, "")
+    is_other = is_foreign_unit(unit) or (is_any_unit(unit) and not known_unit(unit, PER_V))
+    if name in table.columns and quantity_of(table, name) is None and not is_other:
         table.signals.append(name)

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from srsinv.errors import BadInput, refuse
 
 from ...files import DataFile, quoted
-from .._stated import is_stated_word, plain, stated
+from .._stated import is_gain_of, is_of_time, is_stated_word, plain, stated
 from .._table import ColumnTable, listing
 from ..reader import Reader
 from ._heading import SPACE, Heading, heading_of, units_of
@@ -24,6 +24,7 @@ _BLOCK = 2**20  # characters whose cells are turned into numbers together
 _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
 _TEXT = 80  # characters stored of a cell that is no number
 _SPACES = re.compile(r"[ \t]+")
+_EITHER = re.compile(r"(^|[^\d.,])[1-9]\d{0,2}[.,]\d{3}($|[^\d.,])")  # 2,000: two or thousands
 _AT_ENDS = re.compile(r"(?m)^ | $")
 
 _Rows = list[list[str]] | Float[np.ndarray, "row column"]
@@ -58,16 +59,16 @@ class Text(Reader):
         _check_names(table, names)
         lines.skip(heading.lines)
         decimal = DecimalMark(delimiter != ",")
-        columns = {index: _Column(decimal) for index, name in enumerate(names) if name}
+        columns = {index: _Column(decimal) for index in range(len(names))}
         for rows in _blocks(table, lines, delimiter, names, decimal):
             cells = rows.T if isinstance(rows, np.ndarray) else list(zip(*rows, strict=True))
             for index, column in columns.items():
                 column.extend(cells[index])
         for index, column in columns.items():
-            _take(table, names[index], column)
+            _take(table, names[index] or f"column_{index + 1}", column, bool(names[index]))
         text.detach()  # the file stays open
         _refuse_thousands(table, file, heading)
-        _state(table, heading)
+        _state(table, heading, decimal.mark)
         return table
 
 
@@ -83,8 +84,11 @@ def _encoding(file: DataFile) -> str:
     return "utf-8-sig"
 
 
-def _take(table: ColumnTable, name: str, column: "_Column") -> None:
+def _take(table: ColumnTable, name: str, column: "_Column", is_named: bool) -> None:
+    """Take in a column; one that nobody names only where it holds anything."""
     values = column.numbers()
+    if not is_named and (name in table or not np.isfinite(values).any()):
+        return
     if column.is_stamps:
         table.stamps.append(name)
         if not column.is_dated:
@@ -102,7 +106,7 @@ def _refuse_thousands(table: ColumnTable, file: DataFile, heading: Heading) -> N
         return
     file.seek(0)
     text = io.TextIOWrapper(file, encoding=_encoding(file), errors="srsinv.latin_1")
-    at = {heading.names.index(name): name for name in odd}
+    at = {heading.names.index(name): name for name in odd if name in heading.names}
     whole = re.compile(r"\s*[-+]?\d{1,3}([.,]\d{3})?\s*", re.ASCII)
     cells: dict[int, str] = {}
     for number, row in enumerate(csv.reader(text, delimiter=heading.delimiter)):
@@ -122,8 +126,9 @@ def _refuse_thousands(table: ColumnTable, file: DataFile, heading: Heading) -> N
         )
 
 
-def _state(table: ColumnTable, heading: Heading) -> None:
-    """Add what the preamble and the row of units state."""
+def _state(table: ColumnTable, heading: Heading, decimal: str) -> None:
+    """Add what the preamble and the row of units state; `decimal`: the mark of the rows' numbers,
+    where any has one."""
     table.units.update({name: unit for name, unit in units_of(heading).items() if name in table})
     if heading.line > 1:
         named = listing(name for name in heading.names if name)
@@ -132,35 +137,46 @@ def _state(table: ColumnTable, heading: Heading) -> None:
         table.notes.append("No line names the columns: they are numbered from column_1 on.")
     _state_units(table, heading)
     _state_of_labview(table, heading)
-    for key, values in heading.entries:
-        is_above_numbers = key in heading.names
-        if not is_stated_word(key, may_be_ambiguous=is_above_numbers):
-            continue
-        if is_above_numbers and key in table.columns and np.isfinite(table.columns[key]).any():
-            continue  # a column of its own
-        value = _stated_value(values)
-        if value is not None and stated({key: value}).refused is None:
+    above = {key for key, _ in heading.above_numbers}
+    for key, values in (*heading.entries, *heading.above_numbers):
+        is_certain = is_stated_word(key, may_be_ambiguous=key in above) or is_gain_of(key)
+        if not is_certain or (
+            key in above and key in table.columns and np.isfinite(table.columns[key]).any()
+        ):
+            continue  # or a column of its own
+        value = _stated_value(values, decimal, heading.delimiter)
+        # Of starts and intervals several may be stated, or in words, and the times are there; a
+        # scale that is not applied is never left out.
+        if value is not None and (stated({key: value}).refused is None or not is_of_time(key)):
             table.scalars.setdefault(key, value)
-            if is_above_numbers:
+            if key in above:
                 table.columns.pop(key, None)
     _number_by_clock(table)
 
 
-def _stated_value(values: Sequence[str]) -> str | None:
-    """The one value that an entry of a preamble states, with a unit in the next cell; None: none,
-    or several."""
+def _stated_value(values: Sequence[str], decimal: str, delimiter: str) -> str | None:
+    """The value that an entry of a preamble states, with a unit in the next cell; None: none. The
+    mark that is not the rows' decimal mark parts thousands; where rows have none, a number that may
+    be either stays a text, which is refused."""
     filled = [value for value in values if value]
     if len(filled) == 2 and not any(each.isdigit() for each in filled[1]):
         filled = [" ".join(filled)]
-    different = dict.fromkeys(value.replace(",", ".") for value in filled)
-    return next(iter(different)) if len(different) == 1 else None
+    decimal = "." if delimiter == "," else decimal
+    thousands = {".": ",", ",": "."}.get(decimal)
+    different = dict.fromkeys(filled)
+    if len(different) != 1:
+        return "; ".join(different) or None
+    (value,) = different
+    if thousands is None:
+        return value if _EITHER.search(value) else value.replace(",", ".")
+    return value.replace(thousands, "").replace(decimal, ".")
 
 
 def _state_units(table: ColumnTable, heading: Heading) -> None:
     """Add the units that a preamble states: of the first column, and of those after it."""
     first, *others = heading.names
     for key, values in heading.entries:
-        named = {"horizontalunits": [first], "xunits": [first], "verticalunits": others,
+        named: list[str] = {"horizontalunits": [first], "xunits": [first], "verticalunits": others,
                  "yunits": others, "yunitlabel": others}.get(plain(key), [])  # fmt: skip
         for name, unit in zip(named, values, strict=False):
             if unit and name in table.columns:
