@@ -24,6 +24,7 @@ from ..grid import as_real
 from ..resolution import cell_m
 from ..status import Status
 from .features.identifiability import limited_by_bounds
+from .features.misfit import misfit_warnings
 from .features.residual_noise import ResidualNoise, residual_noise
 from .features.sliding_noise import Levels
 from .nonlinear import Fit, fit
@@ -233,6 +234,8 @@ def _fitted(
     result = fitted(first, noise.whitener(levels, y))
     result, levels = noise.settled(fitted, result, levels, y)
     against = noise.warnings(levels, y, result)
+    place, depth = noise.motion.position_m, noise.depth_m
+    against = (*against, *misfit_warnings(result, y, place, depth))
     unsure = limited_by_bounds(result)
     at = [i for i, name in enumerate(result.names) if not name.startswith("offset[")]
     names = [result.names[i] for i in at]

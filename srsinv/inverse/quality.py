@@ -5,6 +5,9 @@ import enum
 import math
 from collections.abc import Collection
 
+import numpy as np
+from jaxtyping import Float
+
 from ..status import Status
 
 # The root of chi-square per degree of freedom beyond which an answer has failed. Bands are those of
@@ -17,6 +20,8 @@ FAILED_RMS = 1.6449 / 0.6745
 # fewer than six degrees of freedom they reach beyond `FAILED_RMS`.
 SIGNIFICANT = 5.0
 WITHOUT_BANDS = "The method gives no standard errors: the size of its error is not known."
+BANDS, LEAST_IN_BAND = 16, 8  # of a residual's spectrum, and the least wavenumbers in one
+MEDIAN_VARIANCE = 2.08  # relative, of m exponential variates' median, times m: 1 / log(2)^2
 
 
 class Quality(enum.StrEnum):
@@ -60,13 +65,38 @@ def quality(
     return Quality.GOOD if has_bands else Quality.NO_BANDS
 
 
-def is_excess(chi2_per_dof: float | int, degrees_of_freedom: float | int, most_rms: float) -> bool:
+def is_excess(
+    chi2_per_dof: float | int,
+    degrees_of_freedom: float | int,
+    most_rms: float = 0.0,
+    level_stderr: float = 0.0,
+) -> bool:
     """Whether the root of a chi-square per degree of freedom exceeds `most_rms` beyond chance; NaN
-    does."""
+    does.
+
+    `level_stderr`: relative standard error of the noise's level, which scales every residual.
+    """
     if not degrees_of_freedom >= 1:
         return False
-    chance = 1 + SIGNIFICANT / math.sqrt(2 * degrees_of_freedom)
+    chance = 1 + SIGNIFICANT * math.hypot(1 / math.sqrt(2 * degrees_of_freedom), level_stderr)
     return not chi2_per_dof <= max(most_rms, chance) ** 2
+
+
+def independent_share(whitened: Float[np.ndarray, " n"]) -> float:
+    """How much of the values' number counts as independent in the scatter of their mean square,
+    where noise is correlated from one to the next (a low-pass, say): with the power spectrum P it
+    is mean(P)^2 / mean(P^2). P is taken from medians over bands, which neither a line nor a slow
+    misfit moves."""
+    power = np.abs(np.fft.rfft(whitened)[1:]) ** 2
+    if power.size < BANDS * LEAST_IN_BAND:
+        return 1.0
+    bands = np.array([np.median(each) for each in np.array_split(power, BANDS)])
+    square = float(np.mean(bands**2))
+    if not square > 0:
+        return 1.0
+    # Medians scatter, and their squares' mean is larger by that, too.
+    scatter = 1 + MEDIAN_VARIANCE * BANDS / power.size
+    return min(1.0, float(np.mean(bands)) ** 2 / square * scatter)
 
 
 def reasons(status: Status, warnings: Collection[str], has_bands: bool = True) -> tuple[str, ...]:

@@ -18,11 +18,13 @@ from ..recording import Recording
 from ..recording.mains import MainsLine, waves
 from ..recording.passes import still_samples
 from .features.sliding_noise import RANGE, estimate, evidence_of_sliding, first_levels
+from .nonlinear import LEVEL_STDERR
 from .sample_noise import LONG, SampleNoise
 
 FALSE_ALARM = 1e-3  # of a drift beside white noise
 FEWEST = 100  # quiet samples of an element: their level is within 7 %
 WEAK = 0.3  # of the white noise: weaker waves of mains are left to it
+BESIDE_DRIFT = 3.0  # further variances of a white level, where a drift is estimated with it
 AS_PROBABLE = 2.0  # in the logarithm of likelihood, which one more parameter makes once in twenty
 
 
@@ -59,7 +61,9 @@ def quiet_noise(
         "no noise: give noise.white.rms=... in the signal's unit.",
     )
     white, drift, times = (list(part) for part in zip(*each, strict=True))
-    return SampleNoise(white, causes, drift=drift, drift_time_s=times)
+    own = np.isfinite(y).sum(axis=1) / (1 + BESIDE_DRIFT * (np.array(drift) > 0))
+    level_stderr = float(np.hypot(LEVEL_STDERR, np.max(1 / np.sqrt(2 * own))))
+    return SampleNoise(white, causes, False, drift, times, level_stderr)
 
 
 def _quiet_samples(recording: Recording) -> Bool[np.ndarray, " sample"]:

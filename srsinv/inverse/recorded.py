@@ -18,10 +18,11 @@ from ..recording.channels import channel_findings
 from ..recording.drift import FALSE_ALARM_WHERE_NAMED, drift_of, shared_levels
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
-from ..recording.noise import ABOVE_CUTOFF, white_levels
+from ..recording.noise import ABOVE_CUTOFF, level_stderr, white_levels
 from ..recording.passes import go_both_ways, passes_of, with_backlash
 from ..recording.preparation import preparation_warnings, prepare
 from .elements import element_findings
+from .nonlinear import LEVEL_STDERR
 from .operator_model import OperatorModel, Theory
 from .problem import Problem
 from .quiet_noise import quiet_noise
@@ -118,7 +119,13 @@ def _with_drift(recording: Recording, noise: SampleNoise | float) -> SampleNoise
         f"{recording.name}: recording.drift is {most:.4g} in a second, and no sample is above "
         f"{largest:.4g}: give it in the signal's unit, after the gain.",
     )
-    return SampleNoise(noise.white, noise.causes, noise.is_estimate, drift.tolist())
+    return SampleNoise(
+        noise.white,
+        noise.causes,
+        noise.is_estimate,
+        drift.tolist(),
+        level_stderr=noise.level_stderr,
+    )
 
 
 def mains_of(recording: Recording) -> tuple[MainsLine, ...]:
@@ -241,10 +248,12 @@ def noise_of(
         return quiet_noise(recording, mains_of(recording), causes)
     # Where the motion is fastest: a frequency above the cut-off there is above it everywhere.
     fastest = float(np.max(np.abs(recording.speed_m_per_s)))
-    levels = white_levels(recording.signal, depth_m, fastest / recording.sample_rate_hz)
+    given = recording.signal, depth_m, fastest / recording.sample_rate_hz
+    levels = white_levels(*given)
     refuse(
         not bool((levels > 0).all()),
         f"{recording.name}: no noise can be told from the signal (it is constant, or rounded): "
         "give noise.white.rms=... in the signal's unit.",
     )
-    return SampleNoise(levels, causes, is_estimate=True)
+    stderr = float(np.hypot(LEVEL_STDERR, level_stderr(*given)))
+    return SampleNoise(levels, causes, is_estimate=True, level_stderr=stderr)

@@ -17,7 +17,7 @@ from ..grid import Line, Periodic, as_real
 from ..modules import with_fields
 from ..numerics import is_flat
 from ..recording.even import STEADY
-from .nonlinear import Correlated, Spectrum, WhitePlusOU
+from .nonlinear import LEVEL_STDERR, Correlated, Independent, Spectrum, WhitePlusOU
 
 EVEN = 0.01  # relative differences of the noise's standard deviation that no band shows
 LONG = 100.0  # durations of the recording, over which a walk is taken as correlated
@@ -49,6 +49,7 @@ class SampleNoise(eqx.Module):
     - `is_estimate`: whether the level was taken from the recording's shortest waves. Where no cause
       is named a fit may then estimate it, and what is correlated along the motion, from its
       residual.
+    - `level_stderr`: relative standard error of the white levels.
 
     Raises `BadInput` for levels that are not above zero, and other numbers below it.
     """
@@ -58,6 +59,7 @@ class SampleNoise(eqx.Module):
     drift_time_s: tuple[float, ...] = eqx.field(static=True)
     causes: Mapping[str, Noise]
     is_estimate: bool = eqx.field(static=True)
+    level_stderr: float = eqx.field(static=True)
 
     def __init__(
         self,
@@ -66,7 +68,9 @@ class SampleNoise(eqx.Module):
         is_estimate: bool = False,
         drift: Any = 0.0,
         drift_time_s: Any = np.inf,
+        level_stderr: float = LEVEL_STDERR,
     ):
+        self.level_stderr = float(level_stderr)
         wanted = "a positive number in the signal's unit"
         self.white = as_real(
             [number("the noise's rms", each, wanted, above=0) for each in _each(rms)]
@@ -175,9 +179,10 @@ class SampleNoise(eqx.Module):
         white = np.where(missing, np.inf, levels)
         if not self.causes and self.has_drift:
             time_s = np.asarray(motion.time_s)
-            return WhitePlusOU(time_s, white, *self.drift_as_correlated(time_s))
+            drift = self.drift_as_correlated(time_s)
+            return WhitePlusOU(time_s, white, *drift, relative_stderr=self.level_stderr)
         if not self.causes:
-            return white
+            return Independent(white, self.level_stderr)
         refuse(
             bool(missing.any()) or not is_steady(motion) or levels.size > 1 or self.has_drift,
             f"{name}: coloured noise ({', '.join(['white', *self.causes])}) is known along x, for "

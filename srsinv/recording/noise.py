@@ -53,6 +53,15 @@ def white_levels(
     return np.where(is_there, own, common or np.min(own[is_there]))
 
 
+def level_stderr(
+    signal: Float[np.ndarray, "element sample"], depth_m: float, spacing_m: float
+) -> float:
+    """The largest relative standard error of the [`white_levels`][] of a signal."""
+    bins = _upper(np.zeros((1, signal.shape[-1])), depth_m, spacing_m).size
+    counts = bins * np.isfinite(signal).mean(axis=1)
+    return float(np.sqrt(MEDIAN_VARIANCE / max(float(counts.min(initial=np.inf)), 1.0)))
+
+
 def _white_level(
     signal: Float[np.ndarray, "element sample"], depth_m: float, spacing_m: float
 ) -> float:

@@ -71,7 +71,14 @@ THRESHOLDS = {
         4.9,
     ),
     "misfit where the feature is": (diagnostics.local_misfit, 1.0, 1.5),
-    "chi-square of a fit": (lambda chi2: diagnostics.of_fit(chi2, 1e4, (), ()), 1.1, 1.3),
+    "chi-square of a fit": (lambda chi2: diagnostics.of_fit(chi2, 1e4, (), ()), 1.05, 1.1),
+    "chi-square of few data": (lambda chi2: diagnostics.of_fit(chi2, 20, (), ()), 3.0, 3.4),
+    "chi-square of many": (lambda chi2: diagnostics.of_fit(chi2, 4e4, (), (), 0.01), 1.08, 1.14),
+    "chi-square of a rough level": (
+        lambda chi2: diagnostics.of_fit(chi2, 4e4, (), (), 0.07),
+        1.7,
+        2.0,
+    ),
 }
 
 

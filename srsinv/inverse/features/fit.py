@@ -23,6 +23,7 @@ from ..rig_error import SensorError
 from .contact import cell_for
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
+from .misfit import misfit_warnings
 from .model import FeatureModel, scan_extent
 from .residual_noise import ResidualNoise
 from .search import STARTS, Blocks, FeatureSearch, given_start, prior_reach
@@ -149,6 +150,7 @@ class FeatureFitter:
         read = model.loading.report(features, result)
         evidence = self._evidence(features, result)
         against = rough.warnings(levels, y, result) if rough and levels else ()
+        against = (*against, *self._misfit(y, result))
         return FeatureEstimate.of(features, result, model, y, read, evidence, levels, against)
 
     def many(
@@ -174,9 +176,14 @@ class FeatureFitter:
 
         def estimate_of(fit: Fit, y: np.ndarray, ratio: float) -> FeatureEstimate:
             read, evidence = loading.report(features, fit), _evidence_of(fit, float(ratio))
-            return FeatureEstimate.of(features, fit, model, y, read, evidence)
+            against = self._misfit(y, fit)
+            return FeatureEstimate.of(features, fit, model, y, read, evidence, None, against)
 
         return list(map(estimate_of, fits, ys, ratios))
+
+    def _misfit(self, y: Float[np.ndarray, "e sample"], result: Fit) -> tuple[str, ...]:
+        """Warnings on what a fit leaves where the features are."""
+        return misfit_warnings(result, y, self._motion.position_m, self._depth_m)
 
     def _fit_in_turn(
         self,

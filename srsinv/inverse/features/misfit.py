@@ -1,117 +1,126 @@
 """Whether what a fit leaves is noise that is the same everywhere, or lies where the feature is.
 
-Noise that is estimated from the residual takes up what the model misses. Stationary noise has no
-place of its own; a misfit lies where the fitted signal is. With K the inverse of the noise's
-covariance and C_a that of the correlated noise under weights a (the fitted signal's local power),
-the score of a local excess is (K r)^T C_a (K r). For stationary noise its mean is tr(K C_a) and its
-variance 2 tr(K C_a K C_a); it is taken as a multiple of a chi-square with these (Satterthwaite).
-The fit takes noise out of the residual where the feature is, so that the test is conservative.
+A noise level that is taken from the residual takes up what the model misses, and one that was
+measured elsewhere is compared with the mean over all samples. Noise has no place of its own; a
+misfit lies where the fitted signal is. Let w be the whitened residual, white of variance one but
+for the directions Q that the fit took out of it, and b = B w its sums over blocks of samples, of
+covariance P = 1 - B Q Q^T B^T. With C_a the covariance of a correlated misfit under weights a (the
+fitted signal's local amplitude), the score of a local excess is b^T C_a b, of mean tr(C_a P) and
+variance 2 tr(C_a P C_a P). It is taken as a multiple of a chi-square with these (Satterthwaite),
+the uncertainty of the noise's level added to its variance.
 """
 
-from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.special import chdtrc
 
-from ..diagnostics import local_misfit, sliding_noise
-from .sliding_noise import Levels, evidence_of_sliding
+from ..diagnostics import FALSE_ALARM, local_misfit
+from ..nonlinear import Fit
+from ..quality import Quality
 
-FALSE_ALARM = 1e-3
-MOST_BLOCKS = 256  # of samples, each with its mean: a misfit is as long as the film is deep
+MOST_BLOCKS = 512  # of samples, each with its mean: a misfit is as long as the film is deep
 PRESENT = 0.1  # of the fitted signal's greatest amplitude: from there on it is at a place
+ALIKE = 1e-6  # relative singular value below which directions are dependent
 
 
 def local_excess(
-    residual: Float[np.ndarray, "e sample"],
+    whitened: Float[np.ndarray, "e sample"],
     fitted: Float[np.ndarray, "e sample"],
     position_m: Float[np.ndarray, " sample"],
     depth_m: float,
-    levels: Levels,
+    taken: Float[np.ndarray, "e sample m"] | None = None,
+    level_stderr: float = 0.0,
 ) -> float:
-    """The residual's power where the fitted signal is, or within a depth of it, over that of
-    stationary noise of these levels; 1 where chance makes as much."""
-    size = -(-residual.shape[1] // MOST_BLOCKS)
-    x = _means(np.asarray(position_m)[None], size)[0][0]
-    lag = np.abs(x[:, None] - x)
-    power = np.nanmean(_means(fitted**2, size)[0], axis=0)
+    """The whitened residual's power where the fitted signal is, or within a depth of it, over that
+    of noise; 1 where chance makes as much.
+
+    - `whitened`: NaN where a sample is missing. `fitted`: the fitted signal.
+    - `taken`: the derivatives of `whitened` by the parameters that were fitted.
+    - `level_stderr`: relative standard error of the noise's level.
+    """
+    size = -(-whitened.shape[1] // MOST_BLOCKS)
+    x = _means(np.asarray(position_m, float)[None], size)[0]
+    path = np.append(0.0, np.cumsum(np.abs(np.diff(x))))  # passes of one place are apart
+    lag = np.abs(path[:, None] - path)
+    power = np.nanmean(_means(fitted**2, size), axis=0)
     amplitude = np.sqrt(power / max(power.max(), np.finfo(float).tiny))
     near = np.max(np.where(lag <= depth_m, amplitude, 0.0), axis=-1)
-    correlation = np.exp(-lag / max(levels.longest_m, depth_m / 2))
+    correlation = np.exp(-2 * lag / depth_m)
+    observed = np.isfinite(whitened)
+    counts = np.maximum(_sums(observed.astype(float), size), 1)
+    blocks = _sums(np.where(observed, whitened, 0.0), size) / np.sqrt(counts)
+    basis = _basis(taken, observed)
+    basis = np.stack([_sums(rows, size) / np.sqrt(counts) for rows in basis], axis=-1)
     # A wrong shape is missed where the signal is large; flanks lie beside it, and may be small.
     weights = amplitude, near, (near >= PRESENT).astype(float)
-    whitened = list(_whitened(residual, lag, levels, size))
-    excesses = (_excess(whitened, weight[:, None] * correlation * weight) for weight in weights)
+    excesses = (
+        _excess(blocks, basis, weight[:, None] * correlation * weight, level_stderr)
+        for weight in weights
+    )
     return max((each for each, p in excesses if p < FALSE_ALARM / len(weights)), default=1.0)
 
 
-class _Whitened(NamedTuple):
-    """Of one element's means over blocks: those `present`, the inverse K of their noise's
-    covariance, and K r."""
-
-    present: Bool[np.ndarray, " block"]
-    precise: Float[np.ndarray, "n n"]
-    pulled: Float[np.ndarray, " n"]
-
-
-def _whitened(
-    residual: Float[np.ndarray, "e sample"],
-    lag: Float[np.ndarray, "block block"],
-    levels: Levels,
-    size: int,
-) -> Iterator[_Whitened]:
-    of_each = levels.white, levels.sliding, levels.correlation_m
-    each = (np.broadcast_to(level, len(residual)) for level in of_each)
-    for values, white, sliding, correlation_m in zip(residual, *each, strict=True):
-        means, number = _means(values[None], size)
-        present = number[0] > 0
-        noise = sliding**2 * np.exp(-lag / correlation_m)
-        noise = noise + np.diag(white**2 / np.maximum(number[0], 1))
-        precise = np.linalg.inv(noise[np.ix_(present, present)])
-        yield _Whitened(present, precise, precise @ means[0][present])
+def _basis(
+    taken: Float[np.ndarray, "e sample m"] | None, observed: np.ndarray
+) -> Float[np.ndarray, "k e sample"]:
+    """An orthonormal basis of what the fit took out of the residual."""
+    if taken is None or not taken.shape[-1]:
+        return np.zeros((1, *observed.shape))
+    columns = np.where(observed[..., None], taken, 0.0).reshape(observed.size, -1)
+    length = np.linalg.norm(columns, axis=0)
+    columns = columns[:, length > 0] / length[length > 0]
+    basis, strength, _ = np.linalg.svd(columns, full_matrices=False)
+    return basis[:, strength > ALIKE * strength.max(initial=0.0)].T.reshape(-1, *observed.shape)
 
 
 def _excess(
-    whitened: Sequence[_Whitened], local: Float[np.ndarray, "block block"]
+    blocks: Float[np.ndarray, "e block"],
+    basis: Float[np.ndarray, "e block k"],
+    local: Float[np.ndarray, "block block"],
+    level_stderr: float,
 ) -> tuple[float, float]:
-    """The power along `local` over that of stationary noise, and the probability of as much."""
-    total, mean, variance = 0.0, 0.0, 0.0
-    for present, precise, pulled in whitened:
-        own = local[np.ix_(present, present)]
-        spread = precise @ own
-        total += float(pulled @ own @ pulled)
-        mean += float(np.trace(spread))
-        variance += 2 * float(np.sum(spread * spread.T))
-    if not variance > 0:
+    """The power along `local` over that of noise, and the probability of as much: with P = 1 - Q
+    Q^T, tr(C P C P) = tr(C C) - 2 tr(Q^T C C Q) + tr(Q^T C Q Q^T C Q)."""
+    turned = local @ basis
+    inner = np.einsum("ebk,ebl->kl", basis, turned)
+    mean = len(blocks) * float(np.trace(local)) - float(np.trace(inner))
+    squares = len(blocks) * float(np.sum(local**2)) - 2 * float(np.sum(turned**2))
+    variance = 2 * (squares + float(np.sum(inner**2)))
+    if not (mean > 0 and variance > 0):
         return 1.0, 1.0
-    freedom = 2 * mean**2 / variance
-    return total / mean, float(chdtrc(freedom, freedom * total / mean))
+    ratio = float(np.einsum("eb,bc,ec->", blocks, local, blocks, optimize=True)) / mean
+    freedom = 2 / (variance / mean**2 + 4 * level_stderr**2)
+    return ratio, float(chdtrc(freedom, freedom * ratio))
 
 
-def _means(
-    values: Float[np.ndarray, "row sample"], size: int
-) -> tuple[Float[np.ndarray, "row block"], Float[np.ndarray, "row block"]]:
-    """Means over blocks of samples, and how many there are in each; NaN is missing."""
-    blocks = -(-values.shape[1] // size)
-    padded = np.pad(values, ((0, 0), (0, blocks * size - values.shape[1])), constant_values=np.nan)
-    cut = padded.reshape(len(values), blocks, size)
-    number = np.isfinite(cut).sum(axis=-1)
-    return np.nansum(cut, axis=-1) / np.maximum(number, 1), number.astype(float)
+def _sums(values: Float[np.ndarray, "row sample"], size: int) -> Float[np.ndarray, "row block"]:
+    """Sums over blocks of samples."""
+    return np.add.reduceat(values, np.arange(0, values.shape[-1], size), axis=-1)
 
 
-def against_levels(
-    y: Float[np.ndarray, "e sample"],
-    residual: Float[np.ndarray, "e sample"],
-    position_m: Any,
-    depth_m: float,
-    levels: Levels,
-    taken: Float[np.ndarray, "e sample m"],
+def _means(values: Float[np.ndarray, "row sample"], size: int) -> Float[np.ndarray, "row block"]:
+    """Means over blocks of samples; NaN, which is missing, is left out."""
+    known = np.isfinite(values)
+    counts = np.maximum(_sums(known.astype(float), size), 1)
+    return _sums(np.where(known, values, 0.0), size) / counts
+
+
+def misfit_warnings(
+    fit: Fit, y: Float[np.ndarray, "e sample"], position_m: Any, depth_m: float
 ) -> tuple[str, ...]:
-    """Warnings on noise that was estimated from the residual of a fit to `y`, the fit's derivatives
-    being `taken`; a correlated part that is known, or that chance makes as well, says nothing."""
-    x, size = np.asarray(position_m), float(np.sqrt(np.nanmean(y**2)))
-    warnings = () if levels.is_stated else sliding_noise(levels.sliding_rms / size)
-    if warnings and evidence_of_sliding(residual, x, taken, levels) < -np.log(FALSE_ALARM):
-        warnings = ()
-    return (*warnings, *local_misfit(local_excess(residual, y - residual, x, depth_m, levels)))
+    """Warnings on what a fit to the signals `y` at these positions leaves where its signal is, none
+    where chance makes as much, the noise was not known, or the fit has failed.
+
+    - `depth_m`: of the film, which gives the scale of a misfit.
+    """
+    if fit.noise_rms is not None or fit.quality is Quality.FAILED:
+        return ()
+    observed = np.isfinite(fit.residual)
+    whitened = np.where(observed, np.reshape(fit.whitened, y.shape), np.nan)
+    taken = np.reshape(fit.jacobian[: y.size], (*y.shape, -1))
+    excess = local_excess(
+        whitened, y - fit.residual, position_m, depth_m, taken, fit.noise_level_stderr
+    )
+    return tuple(local_misfit(excess))

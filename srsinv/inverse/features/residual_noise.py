@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ...forward.scan import Motion
+from ..diagnostics import FALSE_ALARM, sliding_noise
 from ..nonlinear import Fit, WhitePlusOU, WithNuisance
 from ..problem import Problem
 from ..sample_noise import SampleNoise, Samples
-from .misfit import against_levels
-from .sliding_noise import Levels, estimate, first_levels
+from .sliding_noise import Levels, estimate, evidence_of_sliding, first_levels
 
 ROUNDS = 4  # of fitting, and estimating the noise from the residual
 
@@ -89,11 +89,19 @@ class ResidualNoise:
     def warnings(
         self, levels: Levels, y: Float[np.ndarray, "e sample"], result: Fit
     ) -> tuple[str, ...]:
-        """Warnings on noise that was estimated from a fit's residual."""
+        """Warnings on noise that was estimated from a fit's residual; a correlated part that is
+        known, or that chance makes as well, says nothing."""
+        if levels.is_stated:
+            return ()
         white = self.whitener(levels, y)
-        taken, left = white.coloured(result.jacobian), _without_waves(white, result.residual)
+        left = _without_waves(white, result.residual)
         clean = y - (result.residual - left)
-        return against_levels(clean, left, self._path_m, self.depth_m, levels, taken)
+        warnings = tuple(sliding_noise(levels.sliding_rms / float(np.sqrt(np.nanmean(clean**2)))))
+        if not warnings:
+            return ()
+        taken = white.coloured(result.jacobian)
+        odds = evidence_of_sliding(left, self._path_m, taken, levels)
+        return warnings if odds >= -np.log(FALSE_ALARM) else ()
 
     @property
     def _path_m(self) -> Float[np.ndarray, " sample"]:

@@ -9,7 +9,9 @@ from ._loss import Huber as Huber
 from ._loss import Loss as Loss
 from ._loss import SoftL1 as SoftL1
 from ._loss import Squares as Squares
+from ._noise import LEVEL_STDERR as LEVEL_STDERR
 from ._noise import Correlated as Correlated
+from ._noise import Independent as Independent
 from ._noise import Spectrum as Spectrum
 from ._noise import WhitePlusOU as WhitePlusOU
 from ._noise import whitener as whitener

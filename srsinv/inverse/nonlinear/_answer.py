@@ -12,7 +12,7 @@ import numpy as np
 from ...grid import as_real
 from ...status import Status
 from ..diagnostics import of_fit, unchecked_residual
-from ..quality import Quality, quality, reasons
+from ..quality import Quality, independent_share, quality, reasons
 from ._parameters import Layout, Tree
 from ._search import Objective
 from ._uncertainty import Spread
@@ -83,10 +83,17 @@ class Fit:
         return self.stats["chi2_per_freedom"] if self.noise_rms is None else None
 
     @property
+    def noise_level_stderr(self) -> float:
+        """Relative standard error of the level of the noise that was given."""
+        return float(self._objective.whiten.level_stderr)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings on the standard errors, as sentences."""
         freedom = self.stats["degrees_of_freedom"]
-        own = of_fit(self.known_chi2, freedom, self.at_bound, self.undetermined)
+        independent = freedom * independent_share(self.whitened)
+        level_stderr = self.noise_level_stderr
+        own = of_fit(self.known_chi2, independent, self.at_bound, self.undetermined, level_stderr)
         unchecked = (
             () if self.noise_rms is not None else unchecked_residual(self.known_chi2, freedom)
         )

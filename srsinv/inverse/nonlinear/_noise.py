@@ -20,10 +20,18 @@ from ._parameters import on_host, real
 POSITIVE = 8
 # Largest difference of a covariance from its transpose, in standard deviations.
 ALIKE = 1e-8
+# Relative standard error of a level that is stated, and the least of any that is estimated: two
+# digits are rounded by as much, and no noise is the same from one minute to the next to less.
+LEVEL_STDERR = 0.01
 
 
 class Whitener(eqx.Module):
     """Gaussian noise of the data y, of any shape."""
+
+    @property
+    def level_stderr(self) -> Any:
+        """Relative standard error of its level."""
+        return LEVEL_STDERR
 
     @abc.abstractmethod
     def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
@@ -43,9 +51,17 @@ class Whitener(eqx.Module):
 
 
 class Independent(Whitener):
-    """White noise: a standard deviation for all data, or one for each; infinite leaves one out."""
+    """White noise: a standard deviation for all data, or one for each; infinite leaves one out.
+
+    `relative_stderr`: of these, where they are estimates.
+    """
 
     stderr: Float[Array, "..."] | Float[np.ndarray, "..."]
+    relative_stderr: Any = eqx.field(converter=on_host, default=LEVEL_STDERR)
+
+    @property
+    def level_stderr(self) -> Any:
+        return self.relative_stderr
 
     def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
         observed = jnp.isfinite(self.stderr)
@@ -116,11 +132,13 @@ class WhitePlusOU(Whitener):
     keep: Float[Array, "place e block"]
     decay_within: Float[Array, "place e block"]
     decay_across: Float[Array, "block e"]
+    relative_stderr: Any
 
-    def __init__(self, position_m, white, sliding, correlation_m):
+    def __init__(self, position_m, white, sliding, correlation_m, relative_stderr=LEVEL_STDERR):
         """`position_m` (sample,); `white` (e, sample), infinite where a sample is left out;
         `sliding` and `correlation_m`, (#e,) or numbers: the correlated part's standard deviation
-        and length."""
+        and length; `relative_stderr`: of the white noise's level, where it is an estimate."""
+        self.relative_stderr = on_host(relative_stderr)
         white = real(white, "The white noise must be one standard deviation for each of the data.")
         for name, value in (("sliding", sliding), ("correlation_m", correlation_m)):
             above = bool(np.all(np.asarray(value) > 0))
@@ -146,6 +164,10 @@ class WhitePlusOU(Whitener):
         through = np.cumprod(blocked, axis=0)
         self.keep, self.decay_across = as_real(blocked), as_real(through[-1].T)
         self.decay_within = as_real(np.concatenate([np.ones_like(through[:1]), through[:-1]]))
+
+    @property
+    def level_stderr(self) -> Any:
+        return self.relative_stderr
 
     @eqx.filter_jit
     def __call__(self, residual: Float[Array, "e sample"]) -> Float[Array, " n"]:

@@ -48,6 +48,10 @@ class WithNuisance(Whitener):
             waves.append(turn.T @ column)
         return cls(alone, *(as_real(np.stack(each)) for each in (axes, strengths, waves)))
 
+    @property
+    def level_stderr(self):
+        return self.alone.level_stderr
+
     @eqx.filter_jit
     def __call__(self, residual: Float[Array, "e sample"]) -> Float[Array, " n"]:
         return self._scaled(self.alone(residual), 1 / jnp.sqrt(1 + self.strength**2))
