@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..errors import number
+from ..errors import number, refuse, shown
 from ..grid import Line, as_real
 
 
@@ -51,6 +51,19 @@ def rise(x: Float[Array, " n"], edge_length_m: Float[Array, ""]) -> Float[Array,
 
 
 Conversion = Callable[[Any], Any]
+
+
+FOLLOWS = "motion", "edge"  # what an edge's friction goes by where the motion turns
+
+
+def follows(value: Any) -> str:
+    """One of `FOLLOWS`."""
+    refuse(
+        value not in FOLLOWS,
+        f"friction_follows is {shown(value)}: give motion (the leading edge of each direction) or "
+        "edge (the same edge both ways).",
+    )
+    return value
 
 
 def real(name: str) -> Conversion:

@@ -17,7 +17,17 @@ from jaxtyping import Array, Float, UInt32
 
 from ..errors import all_of_kind, number, refuse, whole
 from ..grid import Line, Scalar, as_real, wavenumbers
-from .shape import EdgeFriction, Shape, friction, not_negative, positive, real, rise
+from .shape import (
+    FOLLOWS,
+    EdgeFriction,
+    Shape,
+    follows,
+    friction,
+    not_negative,
+    positive,
+    real,
+    rise,
+)
 
 
 def _raised(x, height, width, position, edge_length) -> Float[Array, " n"]:
@@ -47,7 +57,12 @@ class Ridge(_Raised):
 class Tape(_Raised):
     """A raised strip whose leading and trailing edges have a friction of their own.
 
-    `friction_zone_length_m` is the length l of both; a friction of None is that of the plate.
+    - `friction_zone_length_m`: the length l of both; a friction of None is that of the plate.
+    - `friction_follows`: "motion" where the leading edge is the one met first in each direction, so
+      that the edges exchange their frictions where the motion turns; "edge" where each edge keeps
+      its friction, and the leading one is that met first towards +x.
+
+    Raises `BadInput` for another word.
     """
 
     edge_length_m: Float[Array, ""] = eqx.field(
@@ -62,10 +77,12 @@ class Tape(_Raised):
     friction_zone_length_m: Float[Array, ""] = eqx.field(
         converter=positive("friction_zone_length_m"), default=0.6e-3
     )
+    friction_follows: str = eqx.field(converter=follows, static=True, default=FOLLOWS[0])
 
     def edges(self, forward: bool) -> tuple[EdgeFriction, ...]:
         left, right = self.position_m - self.width_m / 2, self.position_m + self.width_m / 2
-        places = (left, right) if forward else (right, left)
+        swaps = self.friction_follows == "motion" and not forward
+        places = (right, left) if swaps else (left, right)
         frictions = (self.leading_edge_friction, self.trailing_edge_friction)
         return tuple(
             EdgeFriction(place, friction, self.friction_zone_length_m)

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import BadInput, number
 from ..grid import Scalar
 from .feature import POSITION, Axis, Range, ScanExtent, ShapeFamily
-from .shape import Shape
+from .shape import FOLLOWS, Shape, follows
 from .surface import Ridge, StepDown, StepUp, Tape
 
 LEAST_HEIGHT_M, GREATEST_HEIGHT_M = 1e-7, 1e-3
@@ -96,6 +96,11 @@ class SurfaceFeature(ShapeFamily):
             )
         return self.edge_length_m
 
+    @property
+    def other_setting(self) -> str:
+        """What else may be assumed of it where the motion turns, as a setting; nothing of most."""
+        return ""
+
     @abc.abstractmethod
     def shape(self, own: Mapping[str, Scalar]) -> Shape:
         """The shape of these parameters: those of `axes`, of `frictions`, and `edge_length_m`."""
@@ -115,7 +120,10 @@ class RidgeFeature(SurfaceFeature):
 
 
 class TapeFeature(SurfaceFeature):
-    """A raised strip whose two edges have a friction of their own."""
+    """A raised strip whose two edges have a friction of their own.
+
+    `friction_follows`: "motion" or "edge", as of a [`Tape`][]. Raises `BadInput` for another word.
+    """
 
     axes: ClassVar[Mapping[str, Axis]] = {
         "height_m": HEIGHT,
@@ -124,9 +132,19 @@ class TapeFeature(SurfaceFeature):
         "friction_zone_length_m": ZONE,
     }
     frictions: ClassVar[tuple[str, ...]] = ("leading_edge_friction", "trailing_edge_friction")
+    friction_follows: str = eqx.field(static=True)
+
+    def __init__(self, edge_length_m: Any = None, friction_follows: Any = FOLLOWS[0], **given: Any):
+        self.friction_follows = follows(friction_follows)
+        super().__init__(edge_length_m, **given)
+
+    @property
+    def other_setting(self) -> str:
+        (other,) = set(FOLLOWS) - {self.friction_follows}
+        return f"friction_follows={other}"
 
     def shape(self, own: Mapping[str, Scalar]) -> Shape:
-        return Tape(**own)
+        return Tape(**own, friction_follows=self.friction_follows)
 
 
 class StepUpFeature(SurfaceFeature):

@@ -303,16 +303,16 @@ def undetected(name: str) -> str:
     )
 
 
-def local_misfit(excess: float) -> Sequence[str]:
+def local_misfit(excess: float, remedy: str = "") -> Sequence[str]:
     """Warning on a residual whose power where the fitted signal is, is `excess` times that of the
-    noise; 1 where chance makes as much."""
+    noise; 1 where chance makes as much. `remedy`: a sentence on what to try first."""
     if not excess > 1:
         return ()
     return (
         f"Residuals where the feature is, averaged over half a depth, are {np.sqrt(excess):.2g} "
         "times what noise makes: the model does not fit there, and standard errors are too small. "
         "The feature is of another kind, or a fact of the sensor, the speed or the recording is "
-        "not as stated.",
+        "not as stated." + remedy,
     )
 
 

@@ -107,6 +107,13 @@ def test_the_leading_edge_is_the_one_met_first():
     np.testing.assert_allclose(np.asarray(onwards)[near], mu[near], atol=1e-9)
 
 
+def test_an_edge_keeps_its_friction_where_that_follows_the_edge():
+    tape = Tape(5e-5, 6e-3, 1e-3, 2e-5, 1.1, -0.2, 5e-4, friction_follows="edge")
+    onwards, back = (Surface([tape], 0.35).friction(LINE, way) for way in (True, False))
+    np.testing.assert_array_equal(onwards, back)
+    assert back[np.argmin(np.abs(X + 2e-3))] == pytest.approx(1.1, abs=1e-3)
+
+
 @pytest.mark.full
 def test_a_texture_is_what_its_spectrum_says():
     """Its rms over seeds, its periodicity, and the same waves on a finer line."""
@@ -152,6 +159,7 @@ REFUSED = {
     "width": (lambda: Ridge(1e-5, 0.0), "width_m", "positive"),
     "edge": (lambda: Ridge(1e-5, 1e-3, 0.0, -1e-6), "edge_length_m", "0 or more"),
     "zone": (lambda: Tape(1e-5, 1e-3, friction_zone_length_m=0.0), "friction_zone_length_m"),
+    "follows": (lambda: Tape(1e-5, 1e-3, friction_follows="side"), "friction_follows"),
     "friction": (lambda: Tape(1e-5, 1e-3, leading_edge_friction="much"), "leading_edge_friction"),
     "pitch": (lambda: Ridges(1e-5, 1e-3, -1.0), "pitch_m", "positive"),
     "radius": (lambda: Cylinder(0.0), "radius_m", "positive"),

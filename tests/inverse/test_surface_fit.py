@@ -227,6 +227,31 @@ def test_sliding_back_the_leading_edge_is_the_other_one():
     assert estimate.parameters["leading_edge_friction"][1] < 0.05
 
 
+FOLLOWS = ("motion", "edge")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("follows", FOLLOWS)
+def test_a_tape_says_where_its_grip_is_assumed_at_the_wrong_edge(follows):
+    """Both ways, in noise of 0.26 of the signal, which is known."""
+    speed = np.repeat([0.0, 0.03, -0.03, 0.0], [2400, 1200, 1200, 2400])
+    both = Motion.from_speed(np.arange(speed.size) / 6000, speed, -0.003)
+    near = {"height_range_m": [3e-5, 7e-5], "width_range_m": [2.5e-3, 3.5e-3]}
+    near |= {"position_range_m": [-5e-4, 5e-4]}
+    true, wrong = (
+        TapeFeature(EDGE, friction_follows=each, **near)
+        for each in (follows, *({*FOLLOWS} - {follows}))
+    )
+    clean = np.asarray(fine(true, both)(tree(TAPE | {"trailing_edge_friction": 0.6}, 0.35)))
+    rms = 0.26 * np.sqrt(np.mean(clean**2))
+    y = clean + rms * np.random.default_rng(3).normal(size=clean.shape)
+    right, other = (fitter(each, both)({"it": each}, y, rms) for each in (true, wrong))
+    assert right.quality == "good"
+    assert abs(right.parameters["leading_edge_friction"][0] - 1.1) < 0.1
+    assert other.quality != "good"
+    assert any(f"feature.it.friction_follows={follows}" in each for each in other.reasons)
+
+
 @pytest.mark.claim
 def test_gain_pressure_and_height_cannot_be_told_apart(simulated):
     """Twice the pressure and the height at half the gain is the same signal."""

@@ -150,7 +150,7 @@ class FeatureFitter:
         read = model.loading.report(features, result)
         evidence = self._evidence(features, result)
         against = rough.warnings(levels, y, result) if rough and levels else ()
-        against = (*against, *self._misfit(y, result))
+        against = (*against, *self._misfit(features, y, result))
         return FeatureEstimate.of(features, result, model, y, read, evidence, levels, against)
 
     def many(
@@ -176,14 +176,23 @@ class FeatureFitter:
 
         def estimate_of(fit: Fit, y: np.ndarray, ratio: float) -> FeatureEstimate:
             read, evidence = loading.report(features, fit), _evidence_of(fit, float(ratio))
-            against = self._misfit(y, fit)
+            against = self._misfit(features, y, fit)
             return FeatureEstimate.of(features, fit, model, y, read, evidence, None, against)
 
         return list(map(estimate_of, fits, ys, ratios))
 
-    def _misfit(self, y: Float[np.ndarray, "e sample"], result: Fit) -> tuple[str, ...]:
+    def _misfit(
+        self, features: Features, y: Float[np.ndarray, "e sample"], result: Fit
+    ) -> tuple[str, ...]:
         """Warnings on what a fit leaves where the features are."""
-        return misfit_warnings(result, y, self._motion.position_m, self._depth_m)
+        turns = len(self._motion.ways) > 1
+        others = [
+            f"feature.{name}.{each.other_setting}"
+            for name, each in features.items()
+            if turns and each.is_of_surface and each.other_setting
+        ]
+        remedy = f" Passed both ways, it may be that {' or '.join(others)}." if others else ""
+        return misfit_warnings(result, y, self._motion.position_m, self._depth_m, remedy)
 
     def _fit_in_turn(
         self,

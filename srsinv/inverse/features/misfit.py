@@ -41,7 +41,7 @@ def local_excess(
     - `level_stderr`: relative standard error of the noise's level.
     """
     size = -(-whitened.shape[1] // MOST_BLOCKS)
-    x = _means(np.asarray(position_m, float)[None], size)[0]
+    x = _means(position_m[None], size)[0]
     path = np.append(0.0, np.cumsum(np.abs(np.diff(x))))  # passes of one place are apart
     lag = np.abs(path[:, None] - path)
     power = np.nanmean(_means(fitted**2, size), axis=0)
@@ -108,19 +108,23 @@ def _means(values: Float[np.ndarray, "row sample"], size: int) -> Float[np.ndarr
 
 
 def misfit_warnings(
-    fit: Fit, y: Float[np.ndarray, "e sample"], position_m: Any, depth_m: float
+    fit: Fit,
+    y: Float[np.ndarray, "e sample"],
+    position_m: Any,
+    depth_m: float,
+    remedy: str = "",
 ) -> tuple[str, ...]:
     """Warnings on what a fit to the signals `y` at these positions leaves where its signal is, none
-    where chance makes as much, the noise was not known, or the fit has failed.
+    where chance makes as much, the noise was not known, or its chi-square says that no band holds.
 
-    - `depth_m`: of the film, which gives the scale of a misfit.
+    - `depth_m`: of the film, which gives the scale of a misfit. `remedy`: see `local_misfit`.
     """
-    if fit.noise_rms is not None or fit.quality is Quality.FAILED:
+    is_beyond = fit.status.is_answer and fit.quality is Quality.FAILED
+    if fit.noise_rms is not None or is_beyond:
         return ()
     observed = np.isfinite(fit.residual)
     whitened = np.where(observed, np.reshape(fit.whitened, y.shape), np.nan)
     taken = np.reshape(fit.jacobian[: y.size], (*y.shape, -1))
-    excess = local_excess(
-        whitened, y - fit.residual, position_m, depth_m, taken, fit.noise_level_stderr
-    )
-    return tuple(local_misfit(excess))
+    x, level_stderr = np.asarray(position_m, float), fit.noise_level_stderr
+    excess = local_excess(whitened, y - fit.residual, x, depth_m, taken, level_stderr)
+    return tuple(local_misfit(excess, remedy))
