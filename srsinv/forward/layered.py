@@ -81,6 +81,10 @@ class Layered(Skin):
         self.layers = tuple(listed)
 
     @property
+    def surface_modulus_Pa(self) -> float | None:
+        return float(self.layers[0].youngs_modulus_Pa)
+
+    @property
     def words(self) -> str:
         def one(layer: Layer) -> str:
             thick = layer.thickness_m

@@ -43,6 +43,11 @@ class Skin(eqx.Module):
         """Whether its modulus depends on the sliding speed."""
         return False
 
+    @property
+    def surface_modulus_Pa(self) -> float | None:
+        """Young's modulus [Pa] at the surface, the largest that it has; None where it has none."""
+        return None
+
     def sliding_at(self, speed_m_per_s: Scalar) -> "Skin":
         """The skin as the finger slides at this speed."""
         del speed_m_per_s
@@ -120,6 +125,10 @@ class HalfSpace(Skin):
     @property
     def half_space(self) -> "HalfSpace | None":
         return self
+
+    @property
+    def surface_modulus_Pa(self) -> float | None:
+        return float(self.youngs_modulus_Pa)
 
     # In numpy: what runs once takes longer to compile. A skin derived from this one may have a
     # response of its own.

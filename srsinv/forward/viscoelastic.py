@@ -74,6 +74,11 @@ class Viscoelastic(Skin):
     def sliding_at(self, speed_m_per_s: Scalar) -> "Viscoelastic":
         return dataclasses.replace(self, speed_m_per_s=as_real(speed_m_per_s))
 
+    @property
+    def surface_modulus_Pa(self) -> float | None:
+        at_rest = self.skin.surface_modulus_Pa
+        return None if at_rest is None else at_rest * (1 + float(jnp.sum(self.fractions)))
+
     def relative_modulus(self, frequency_rad_per_s: Float[Array, " w"]) -> Complex[Array, " w"]:
         """m(iw) (w,) for w of either sign or 0: storage and loss over the modulus at rest."""
         turns = frequency_rad_per_s[None] * self.times_s[:, None]

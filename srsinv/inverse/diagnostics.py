@@ -92,6 +92,30 @@ def negative_pressure(p: np.ndarray, stderr: np.ndarray, resolved_dof: float) ->
     return (f"{words} Else the prior allows too little, so that the band is too narrow.",)
 
 
+def beyond_modulus(
+    p: np.ndarray, stderr: np.ndarray, modulus_Pa: float | None, resolved_dof: float = 1.0
+) -> Sequence[str]:
+    """Warning on pressures (cell,) [Pa] that exceed the skin's Young's modulus by more than chance
+    makes among as many independent ones as are resolved; None: it is not known, or p is relative.
+
+    Under such a pressure no skin is linear: strains are of order one.
+    """
+    chance = -ndtri(FALSE_ALARM / max(resolved_dof, 1.0))
+    peak = float(np.max(np.abs(p), initial=0.0, where=np.isfinite(p)))
+    surely = np.abs(p) - chance * stderr
+    if (
+        modulus_Pa is None
+        or not np.max(surely, initial=0.0, where=np.isfinite(surely)) > modulus_Pa
+    ):
+        return ()
+    return (
+        f"p reaches {1e-3 * peak:.3g} kPa, {peak / modulus_Pa:.2g} times the skin's Young's "
+        "modulus, and no skin stays elastic under so much: a scale is wrong. Check recording.gain, "
+        "the unit of the signal (recording.signal_unit), the film's constants and "
+        "skin.youngs_modulus_Pa.",
+    )
+
+
 def negative_load(name: str, value: float, stderr: float) -> Sequence[str]:
     """Warning on a feature whose pressure, with that of its surroundings, is below zero."""
     if not -value > -ndtri(FALSE_ALARM) * stderr:

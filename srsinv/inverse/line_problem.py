@@ -18,7 +18,7 @@ from ..modules import with_fields
 from ..status import Status
 from ._line_checks import check, check_estimate, check_noise_scale, check_nuisance, unboxed
 from .cells import Window
-from .diagnostics import residual_over_noise, unchecked_residual
+from .diagnostics import beyond_modulus, residual_over_noise, unchecked_residual
 from .estimate import TractionEstimate
 from .line_model import CHI2, FREEDOM, LineModel, Shown, chi2
 from .means import have_zero_mean, less_means
@@ -68,6 +68,7 @@ class LineProblem(LineModel):
       cells from the first to the last with a sample. None where only the operator is known.
     - `passes`: what averaging found, where the signals are means over passes.
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
+    - `modulus_Pa`: the skin's Young's modulus, as a [`Problem`][] has it.
     - `rig_changes`: the model's change by one standard deviation of the rig, the elements of one
       independent direction after those of another (see rig_bands.py). None: no rig.
 
@@ -93,6 +94,7 @@ class LineProblem(LineModel):
     passes: AveragedPasses | None
     rig: SensorError | None
     rig_changes: Convolution | None
+    modulus_Pa: float | None = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(
@@ -113,8 +115,10 @@ class LineProblem(LineModel):
         passes: AveragedPasses | None = None,
         rig: SensorError | None = None,
         rig_changes: Convolution | None = None,
+        modulus_Pa: float | None = None,
         warnings: Sequence[str] = (),
     ):
+        self.modulus_Pa = modulus_Pa
         self.warnings, self.passes, self.rig = tuple(warnings), passes, rig
         data, noise = as_real(data), jnp.atleast_2d(as_real(noise))
         check(line, forward, data, noise, observed, friction, known_mean_Pa)
@@ -245,6 +249,9 @@ class LineProblem(LineModel):
         squares = chi2(self, float(resolved_dof), float(shown.squares))
         of_residual = squares[CHI2], squares[FREEDOM] or 0.0
         over_noise = (*unchecked_residual(*of_residual), *residual_over_noise(*of_residual))
+        p, p_stderr = (np.asarray(each)[0] for each in (shown.value, shown.stderr))
+        p_stderr = np.where(np.isfinite(p_stderr), p_stderr, 0.0)
+        beyond = beyond_modulus(p, p_stderr, self.modulus_Pa, resolved_dof)
         finite = bool(jnp.all(jnp.isfinite(shown.value)))
         return TractionEstimate(
             line=self.line,
@@ -254,7 +261,7 @@ class LineProblem(LineModel):
             whitened=shown.whitened,
             friction=self.friction,
             status=Status(status) if finite else Status.NOT_FINITE,
-            warnings=(*self.warnings, *warnings, *over_noise),
+            warnings=(*self.warnings, *warnings, *over_noise, *beyond),
             stats=stats | squares,
         )
 

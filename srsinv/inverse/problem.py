@@ -38,6 +38,8 @@ class Problem(eqx.Module):
     - `mains`: lines of mains on the signals, as [`mains_lines`][] measures them.
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
       Estimates carry it into their standard errors.
+    - `modulus_Pa` [Pa]: the skin's Young's modulus, above which no pressure is plausible; None
+      where p is relative, or any may be.
     - `name`: for messages. `warnings`: sentences on the signal, which every estimate takes over.
 
     It is made of numbers that are known, outside `jax.jit`. A method chooses its line, and takes
@@ -57,6 +59,7 @@ class Problem(eqx.Module):
     mains: tuple[MainsLine, ...]
     rig: SensorError | None
     off_place: Float[np.ndarray, "e column sample"]
+    modulus_Pa: float | None = eqx.field(static=True)
     way: bool | None = eqx.field(static=True)
     name: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
@@ -74,6 +77,7 @@ class Problem(eqx.Module):
         cell_m: Any = None,
         mains: Sequence[MainsLine] = (),
         rig: SensorError | None = None,
+        modulus_Pa: float | None = None,
         name: str = "the signal",
     ):
         of_kind("sensor", sensor, Sensor, "a Sensor")
@@ -87,7 +91,7 @@ class Problem(eqx.Module):
         )
         offset = sensor.amplifier.offset
         self.sensor, self.motion, self.name = sensor, motion, name
-        self.warnings, self.way = (), None
+        self.warnings, self.way, self.modulus_Pa = (), None, modulus_Pa
         self.off_place = np.zeros((len(signal), 0, signal.shape[1]))
         self.observed = np.isfinite(signal)
         known = 0.0 if offset is None else float(offset)
@@ -218,6 +222,7 @@ class Problem(eqx.Module):
             else self.friction,
             passes=on.passes,
             rig=self.rig,
+            modulus_Pa=self.modulus_Pa,
             warnings=(*self.warnings, *(on.passes.warnings if on.passes else ())),
         )
 

@@ -259,6 +259,7 @@ def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tup
         *(s for name, *_, least in each for s in diagnostics.unresolved_waves(name, least)),
         *_within_runs(checks.runs, resolved_dof / n),
         *_pulling(problem, shown, resolved_dof[0]),
+        *_beyond(problem, shown, resolved_dof[0]),
         *diagnostics.unchecked_residual(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.residual_over_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
@@ -284,6 +285,12 @@ def _pulling(problem: LineProblem, shown: Shown, resolved_dof: float) -> Sequenc
         return ()
     p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (shown.value, shown.stderr))
     return diagnostics.negative_pressure(p, stderr, resolved_dof)
+
+
+def _beyond(problem: LineProblem, shown: Shown, resolved_dof: float) -> Sequence[str]:
+    """Warning on pressures beyond what the skin bears."""
+    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (shown.value, shown.stderr))
+    return diagnostics.beyond_modulus(p, stderr, problem.modulus_Pa, resolved_dof)
 
 
 def _missing(problem: LineProblem) -> float:

@@ -81,6 +81,8 @@ def problem_of(
         or RigError.of_facts(
             recording.name, recording.sidecar.get("rig_error"), len(recording.channels)
         ),
+        # Signals in another unit than volts give a pressure in no unit.
+        modulus_Pa=sensor.skin.surface_modulus_Pa if recording.signal_unit in VOLTS else None,
         name=recording.name,
     )
     way = {"onwards": True, "back": False}.get(recording.sidecar.get("ways") or "both")

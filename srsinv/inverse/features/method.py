@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import mapping, of_kind, refuse, shown
 from ...forward.feature import Feature
-from ..diagnostics import negative_load
+from ..diagnostics import beyond_modulus, negative_load
 from ..line_problem import LineProblem
 from ..method import Method
 from ..nonlinear import Solver
@@ -174,7 +174,23 @@ def _placed(estimate: FeatureEstimate, problem: Problem | LineProblem) -> Featur
     """The estimate on the problem's own line and over its background, with its warnings."""
     placed = estimate.of_problem(problem.background_Pa, problem.own_line, problem.passed)
     pulling = _pulling(placed, problem.surrounding_pressure_Pa)
-    return dataclasses.replace(placed, warnings=(*problem.warnings, *placed.warnings, *pulling))
+    beyond = _beyond(placed, problem.modulus_Pa)
+    warnings = *problem.warnings, *placed.warnings, *pulling, *beyond
+    return dataclasses.replace(placed, warnings=warnings)
+
+
+def _beyond(estimate: FeatureEstimate, modulus_Pa: float | None) -> Sequence[str]:
+    """Warning on features whose pressure is beyond what the skin bears; a surface's is what its
+    contact makes of it, sharp edges and all."""
+    ends = [each.amplitude for each in estimate.features.values() if not each.is_of_surface]
+    named = [
+        pair
+        for name, pair in estimate.parameters.items()
+        if any(name.endswith(end) for end in ends) and name.endswith(Feature.amplitude)
+    ]
+    value, stderr = np.array(named, float).reshape(-1, 2).T
+    stderr = np.where(np.isfinite(stderr), stderr, 0.0)
+    return beyond_modulus(value, stderr, modulus_Pa, len(named))
 
 
 def _pulling(estimate: FeatureEstimate, surrounding_Pa: float) -> Sequence[str]:
