@@ -22,6 +22,7 @@ from ..recording.noise import ABOVE_CUTOFF, level_stderr, white_levels
 from ..recording.passes import go_both_ways, passes_of, with_backlash
 from ..recording.preparation import preparation_warnings, prepare
 from .elements import element_findings
+from .hum import Hum
 from .nonlinear import LEVEL_STDERR
 from .operator_model import OperatorModel, Theory
 from .problem import Problem
@@ -100,6 +101,9 @@ def _warnings(recording: Recording, problem: Problem) -> tuple[str, ...]:
         *recording.doubts,
         *_of_calibration(recording),
         *_of_preparation(recording, problem.sensor),
+        *Hum.of(
+            recording, float(problem.sensor.depth_m), problem.mains, problem.noise.rms
+        ).warnings,
         *channel_findings(recording.channels, raw, recording.signal_unit),
         *_wiring(recording, problem),
     )

@@ -72,7 +72,7 @@ def disturbances(recording: Recording) -> Disturbances:
     ways = [each.is_onwards for each in passes_of(recording.position_m)]
     return Disturbances(
         lines=lines,
-        nominal_Hz=_nominal(lines),
+        nominal_Hz=nominal(lines),
         hum_rms=size * hum_rms,
         hum_ratio=np.divide(hum_rms, rest, out=np.zeros_like(rest), where=rest > 0),
         drift=size * drift_of(replace(recording, signal=signal)),
@@ -86,7 +86,7 @@ def disturbances(recording: Recording) -> Disturbances:
     )
 
 
-def _nominal(lines: Sequence[MainsLine]) -> tuple[int, ...]:
+def nominal(lines: Sequence[MainsLine]) -> tuple[int, ...]:
     """The multiples of one fundamental that the lines are."""
     measured = np.array([line.frequency_Hz for line in lines])
     multiples = [each * np.maximum(np.round(measured / each), 1) for each in FUNDAMENTALS_HZ]

@@ -22,6 +22,7 @@ REACH_HZ = 2.5  # from where a line should be to its strongest wave
 BESIDE_HZ = 24.0  # up to there lies the spectrum around a line: of the median the line is no part
 FALSE_ALARM = 1e-6  # of a line in noise, for each that is looked for
 ABOVE = 3.0  # times the power around it: there a line ends
+STANDS_OUT = 3.0  # times the greatest power beside it
 LOBE = 4.0  # bins on either side that the taper spreads a wave over
 CAUGHT = 1e-3  # of the noise: what is weaker is left to it
 FAINT = 1e-14  # of a line's power: a part that needs no wave
@@ -85,6 +86,14 @@ class _Spectrum:
         excess_power = np.sum(self.power[:, inside] - floor, axis=-1)
         return MainsLine(centre, half, np.sqrt(np.maximum(excess_power, 0.0)))
 
+    def stands_out(self, line: MainsLine) -> bool:
+        """Whether a line is above all that is beside it, as no lobe of a smooth spectrum is."""
+        off = np.abs(self.frequency_Hz - line.frequency_Hz)
+        inside = off <= line.half_Hz + LOBE * self.bin_Hz
+        beside = (off <= BESIDE_HZ) & ~inside & (self.frequency_Hz > 0)
+        most, others = (np.max(self.power[:, at], axis=-1, initial=0.0) for at in (inside, beside))
+        return bool(np.any(most > STANDS_OUT * others))
+
 
 def _around(is_above: np.ndarray, top: int) -> tuple[int, int]:
     """The first and the last that are above, single others between them aside."""
@@ -117,6 +126,12 @@ def mains_lines(
         lines = [spectrum.line(float(each), FALSE_ALARM) for each in harmonics]
         best = max(best, [line for line in lines if line is not None], key=_power)
     return tuple(best)
+
+
+def standing_lines(signal: Float[np.ndarray, "e sample"], rate_hz: float) -> tuple[MainsLine, ...]:
+    """Those of the harmonics of 50 or of 60 Hz that stand out of all that is beside them."""
+    spectrum = _Spectrum(signal, rate_hz)
+    return tuple(filter(spectrum.stands_out, mains_lines(signal, rate_hz)))
 
 
 def _power(lines: Sequence[MainsLine]) -> float:

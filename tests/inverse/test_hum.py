@@ -1,0 +1,76 @@
+"""Hum that nobody named, and textures that pass as often as mains turn."""
+
+import numpy as np
+import pytest
+
+from srsinv.forward.amplifier import CurrentAmplifier
+from srsinv.forward.film import Film
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.skin import HalfSpace
+from srsinv.inverse.recorded import problem_of
+from srsinv.recording import Recording
+
+RATE_HZ, COUNT = 2000.0, 4000
+TIME_S = np.arange(COUNT) / RATE_HZ
+UNNAMED, AMBIGUOUS = "Hum stands out", "may be a texture"
+
+
+def problem(hum=0.0, speed=0.02, frequency_Hz=50.0, varying=0.0, seed=0, noise=0.01, **facts):
+    """A bump and a step that are passed at this speed, noise, and a wave of `hum` of the signal's
+    rms beside them."""
+    moved = speed * (1 + varying * np.sin(2 * np.pi * 1.3 * TIME_S))
+    x = np.cumsum(moved) / RATE_HZ
+    middle, depth = x[-1] / 2, 0.75e-3
+    bump = -2 * (x - middle) / depth * np.exp(-(((x - middle) / depth) ** 2))
+    step = np.exp(-(((x - 0.7 * x[-1]) / depth) ** 2))
+    clean = np.stack([bump + step, step - bump])
+    clean = 1e-3 * clean / np.std(clean)
+    phase = 2 * np.pi * frequency_Hz * TIME_S
+    rng = np.random.default_rng(seed)
+    noisy = clean + noise * 1e-3 * rng.normal(size=clean.shape)
+    signal = noisy + 1e-3 * hum * np.sqrt(2) * np.sin(phase + 0.3)
+    films = [Film(depth, angle).with_strip_average() for angle in (0.0, np.pi / 4)]
+    sensor = Sensor(films, HalfSpace(0.5, 7e5), CurrentAmplifier(1e6))
+    return problem_of(Recording(signal, TIME_S, moved, ("a", "b"), facts, name="scan"), sensor)
+
+
+def says(problem, words):
+    return any(words in each for each in problem.warnings)
+
+
+@pytest.mark.parametrize("frequency_Hz", [50.0, 60.07])
+def test_unnamed_hum_is_named_with_its_setting(frequency_Hz):
+    (warning,) = (
+        each for each in problem(0.05, frequency_Hz=frequency_Hz).warnings if UNNAMED in each
+    )
+    assert f"recording.mains_Hz=[{frequency_Hz:.0f}]" in warning
+
+
+def test_named_hum_says_nothing():
+    assert not says(problem(0.05, mains_Hz=[50.0]), UNNAMED)
+    assert not says(problem(0.05, mains_Hz=[50.0]), AMBIGUOUS)
+
+
+# Speed [m/s] and how much it varies, of scans without hum.
+SOUND = [(speed, varying) for speed in (0.005, 0.02, 0.05, 0.15) for varying in (0.0, 0.2)]
+
+
+@pytest.mark.parametrize("noise", [1e-4, 0.01, 0.3])
+def test_scans_without_hum_have_none(noise):
+    for seed, (speed, varying) in enumerate(SOUND):
+        assert not says(problem(0.0, speed, varying=varying, seed=seed, noise=noise), "mains")
+
+
+def test_a_texture_that_passes_at_the_frequency_of_mains_is_no_unnamed_hum():
+    assert not says(problem(1.0, speed=0.1), UNNAMED)
+
+
+@pytest.mark.parametrize("named", ["auto", [50.0]])
+def test_a_line_that_may_be_a_texture_is_said(named):
+    assert says(problem(1.0, speed=0.1, mains_Hz=named), AMBIGUOUS)
+    assert not says(problem(1.0, speed=0.02, mains_Hz=named), AMBIGUOUS)
+
+
+def test_a_varying_speed_tells_hum_from_texture():
+    """A texture's line is as wide as the speed varies."""
+    assert not says(problem(1.0, speed=0.1, varying=0.2, mains_Hz=[50.0]), AMBIGUOUS)
