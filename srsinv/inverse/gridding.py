@@ -127,12 +127,13 @@ def _averaged(
 
 
 def aligned(
-    given: SampledSignals, passes: Sequence[Pass], cell_m: float | None
-) -> tuple[Motion, Float[np.ndarray, "e way sample"]]:
-    """The motion with each of its passes where the signals of its way have their mean place: see
-    [`Averaging`][]. Raises `BadInput` for passes shorter than three cells."""
+    given: SampledSignals, passes: Sequence[Pass], cell_m: float | None, rounded_m: float
+) -> tuple[Motion, Float[np.ndarray, "e way sample"], Float[np.ndarray, "e sample"]]:
+    """The motion with each of its passes where the signals of its way have their mean place, and
+    what it may be off: see [`Averaging`][]. Raises `BadInput` for passes shorter than three
+    cells."""
     _check_samples(given, passes)
-    return _averaging(given, passes, cell_m)[0].aligned()
+    return _averaging(given, passes, cell_m)[0].aligned(rounded_m)
 
 
 def _check_samples(given: SampledSignals, passes: Sequence[Pass]) -> None:

@@ -27,6 +27,7 @@ from .cells import LEAST_CELLS, Cells, fitted_on, sample_middles
 from .pass_statistics import FALSE_ALARM, PassesOnCells, PassOnCells
 
 MUCH_SCATTER = 1.1  # times the noise: less may be what cells make of it
+MOST_BEATS = 64  # waves of a shift that varies along a pass
 FAINT = 1e-3  # of the white noise's variance: a column that changes nothing
 
 
@@ -124,25 +125,50 @@ class Averaging:
         )  # fmt: skip
         return cells, columns, found
 
-    def aligned(self) -> tuple[Motion, Float[np.ndarray, "e way sample"]]:
-        """The motion with each pass less its shift, and for each way what it may still be off makes
-        of the signals, as columns; none where noise explains all differences."""
-        passes, shifts, _ = self._settled()
+    def aligned(
+        self, rounded_m: float = 0.0
+    ) -> tuple[Motion, Float[np.ndarray, "e way sample"], Float[np.ndarray, "e sample"]]:
+        """The motion with each pass less its shift; for each way what it may still be off makes of
+        the signals, as columns, none where noise explains all differences and nothing is rounded;
+        and what positions that are rounded make of each sample, rms.
+
+        `rounded_m`: rms rounding of the positions, of which the mean over a way may be as much.
+        """
+        are_many = len(self._every) > len(self.ways)
+        shifts = np.zeros(len(self._every))
+        passes, shifts, _ = self._settled() if are_many else (self._passes(shifts), shifts, 0.0)
         position = np.asarray(self._motion.position_m).copy()
-        columns = np.zeros((len(self._variance), len(self.ways), position.size))
-        if not shifts.any():
-            return self._motion, columns[:, :0]
-        spread, centres = _spread(shifts, passes), (self._edges[1:] + self._edges[:-1]) / 2
-        slopes = [passes.slope(way, self._depth) for way in range(len(self.ways))]
+        slopes = np.zeros((len(self._variance), len(self.ways), position.size))
+        if not shifts.any() and not rounded_m:
+            return self._motion, slopes[:, :0], slopes[:, 0]
+        spread = _spread(shifts, passes) if are_many else 0.0
+        centres = (self._edges[1:] + self._edges[:-1]) / 2
+        of_way = [passes.slope(way, self._depth) for way in range(len(self.ways))]
         for each, way, shift in zip(self._every, self._way, shifts, strict=True):
             own = each.samples
             position[own] -= shift
-            size = self._gain[own] * spread / np.sqrt(self._way.count(way))
-            columns[:, way, own] = [
-                size * np.interp(position[own], centres, row) for row in slopes[way]
+            slopes[:, way, own] = [
+                self._gain[own] * np.interp(position[own], centres, row) for row in of_way[way]
             ]
-        motion = self._motion
-        return Motion(motion.time_s, position, motion.speed_m_per_s), columns
+        counts = np.array([self._way.count(way) for way in range(len(self.ways))])
+        columns = slopes * np.hypot(spread / np.sqrt(counts), rounded_m)[:, None]
+        if rounded_m:
+            columns = np.concatenate([columns, rounded_m * self._drifting(slopes, position)], 1)
+        motion = Motion(self._motion.time_s, position, self._motion.speed_m_per_s)
+        return motion, columns, rounded_m * np.abs(slopes.sum(axis=1))
+
+    def _drifting(
+        self, slopes: Float[np.ndarray, "e way sample"], position_m: Float[np.ndarray, " sample"]
+    ) -> Float[np.ndarray, "e column sample"]:
+        """What a shift of variance one that varies along x makes of the signals, over a depth and
+        longer: where a sample is nearly a whole number of steps from the next one, rounding beats
+        slowly with the sampling."""
+        first, length = float(self._edges[0]), float(np.ptp(self._edges))
+        count = min(max(int(np.ceil(length / self._depth)), 1), MOST_BEATS)
+        along = np.pi * np.clip((position_m - first) / length, 0.0, 1.0)
+        waves = np.sqrt(2 / count) * np.cos(np.arange(1, count + 1)[:, None] * along)
+        elements, ways, n = slopes.shape
+        return (slopes[:, :, None] * waves).reshape(elements, ways * count, n)
 
     def _settled(self) -> tuple[PassesOnCells, Float[np.ndarray, " pass"], float]:
         """The passes where their signals agree, by how much they are moved, and its standard error;

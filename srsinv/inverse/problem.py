@@ -38,6 +38,9 @@ class Problem(eqx.Module):
     - `mains`: lines of mains on the signals, as [`mains_lines`][] measures them.
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
       Estimates carry it into their standard errors.
+    - `position_step_m` [m]: to which the motion's positions are rounded; 0: they are exact. Fits
+      along the motion have it in their standard errors, as a shift of each direction that is
+      uniform over a step, and as noise where the signal changes along x.
     - `modulus_Pa` [Pa]: the skin's Young's modulus, above which no pressure is plausible; None
       where p is relative, or any may be.
     - `name`: for messages. `warnings`: sentences on the signal, which every estimate takes over.
@@ -59,6 +62,8 @@ class Problem(eqx.Module):
     mains: tuple[MainsLine, ...]
     rig: SensorError | None
     off_place: Float[np.ndarray, "e column sample"]
+    position_step_m: float = eqx.field(static=True)
+    rounding: Float[np.ndarray, "e sample"] | None
     modulus_Pa: float | None = eqx.field(static=True)
     way: bool | None = eqx.field(static=True)
     name: str = eqx.field(static=True)
@@ -77,6 +82,7 @@ class Problem(eqx.Module):
         cell_m: Any = None,
         mains: Sequence[MainsLine] = (),
         rig: SensorError | None = None,
+        position_step_m: float = 0.0,
         modulus_Pa: float | None = None,
         name: str = "the signal",
     ):
@@ -92,6 +98,7 @@ class Problem(eqx.Module):
         offset = sensor.amplifier.offset
         self.sensor, self.motion, self.name = sensor, motion, name
         self.warnings, self.way, self.modulus_Pa = (), None, modulus_Pa
+        self.position_step_m, self.rounding = float(position_step_m), None
         self.off_place = np.zeros((len(signal), 0, signal.shape[1]))
         self.observed = np.isfinite(signal)
         known = 0.0 if offset is None else float(offset)
@@ -163,7 +170,7 @@ class Problem(eqx.Module):
         y = np.where(self.observed, np.asarray(self.data), np.nan)
         if self.way is not None:
             y = np.where(is_within(self._own_passes, y.shape[1]), y, np.nan)
-        noise = self.noise.of_fit(self.name, self.motion, y)
+        noise = self.noise.of_fit(self.name, self.motion, y, self.rounding)
         is_estimate = self.noise.is_estimate and not self.noise.causes
         columns = self.nuisance_columns
         if not columns.shape[1]:
@@ -174,15 +181,17 @@ class Problem(eqx.Module):
     def aligned(self) -> "Problem":
         """The same problem for a fit along the motion, each pass where the signals of its way have
         their mean place, and what that may be off among the nuisance columns (see passes.py);
-        itself where no way is passed more than once, and where a pass is too short for cells."""
+        itself where no way is passed more than once and no position is rounded, and where a pass is
+        too short for cells."""
         own = self._own_passes
-        if len(own) == len({each.is_onwards for each in own}):
+        if not self.position_step_m and len(own) == len({each.is_onwards for each in own}):
             return self
+        rounded_m = self.position_step_m / np.sqrt(12)  # rms of what is uniform over a step
         try:
-            motion, columns = aligned(self._sampled, own, self.cell_m)
+            motion, columns, rounding = aligned(self._sampled, own, self.cell_m, rounded_m)
         except BadInput:
             return self
-        return with_fields(self, motion=motion, off_place=columns)
+        return with_fields(self, motion=motion, off_place=columns, rounding=rounding)
 
     @property
     def _own_passes(self) -> list[Pass]:

@@ -14,6 +14,7 @@ from ..forward.scan import ConstantSpeed, Motion
 from ..forward.sensor import Sensor
 from ..forward.skin import HalfSpace
 from ..recording import Recording
+from ..recording._speed import position_step
 from ..recording.channels import channel_findings
 from ..recording.drift import FALSE_ALARM_WHERE_NAMED, drift_of, shared_levels
 from ..recording.even import VOLTS, check_volts, on_even_times
@@ -30,6 +31,7 @@ from .quiet_noise import quiet_noise
 from .rig_error import RigError
 from .sample_noise import SampleNoise
 
+LEAST_STEP = 1e-4  # of the depth: positions that are rounded to less move nothing
 MOST_DRIFT = 1e4  # in a second, of the largest sample: more is another unit
 SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # where nothing else gives them
 
@@ -82,6 +84,7 @@ def problem_of(
         or RigError.of_facts(
             recording.name, recording.sidecar.get("rig_error"), len(recording.channels)
         ),
+        position_step_m=_step_of(recording, float(sensor.depth_m)),
         # Signals in another unit than volts give a pressure in no unit.
         modulus_Pa=sensor.skin.surface_modulus_Pa if recording.signal_unit in VOLTS else None,
         name=recording.name,
@@ -142,6 +145,13 @@ def mains_of(recording: Recording) -> tuple[MainsLine, ...]:
     listed = given if isinstance(given, list) else [given]
     named = None if given == "auto" else [float(each) for each in listed]
     return mains_lines(recording.signal, recording.sample_rate_hz, named)
+
+
+def _step_of(recording: Recording, depth_m: float) -> float:
+    """The step [m] to which the measured positions are rounded, 0 where that changes nothing."""
+    position = recording.measured_position_m
+    step_m = 0.0 if position is None else position_step(position) or 0.0
+    return step_m if step_m > LEAST_STEP * depth_m else 0.0
 
 
 def _of_calibration(recording: Recording) -> tuple[str, ...]:

@@ -172,10 +172,18 @@ class SampleNoise(eqx.Module):
         scale = np.sqrt(from_white * white**2 + np.maximum(1 - from_white, 0.0) * slow**2)
         return None if np.all(np.abs(scale - 1) < EVEN) else scale
 
-    def of_fit(self, name: str, motion: Motion, y: Float[np.ndarray, "e sample"]) -> Any:
-        """The noise of samples along a motion, as [`nonlinear.fit`][] takes it. Raises `BadInput`
-        for coloured noise where the speed varies or samples are missing."""
+    def of_fit(
+        self,
+        name: str,
+        motion: Motion,
+        y: Float[np.ndarray, "e sample"],
+        beside: Float[np.ndarray, "e sample"] | None = None,
+    ) -> Any:
+        """The noise of samples along a motion, as [`nonlinear.fit`][] takes it; `beside`: rms of
+        what else is on each sample of white noise. Raises `BadInput` for coloured noise where the
+        speed varies or samples are missing."""
         missing, levels = ~np.isfinite(y), np.asarray(self.white, float)[:, None]
+        levels = levels if beside is None or self.causes else np.hypot(levels, beside)
         white = np.where(missing, np.inf, levels)
         if not self.causes and self.has_drift:
             time_s = np.asarray(motion.time_s)

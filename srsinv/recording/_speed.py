@@ -50,15 +50,15 @@ def speed_of_positions(
         f"{name}: no speed can be derived from the positions at these times, as some are too "
         f"close together: add a column {SPEED} or give recording.{SPEED}=...",
     )
-    step_m = _step_m(position_m)
+    step_m = position_step(position_m)
     if step_m is not None:
         return _slopes(since_s, position_m, step_m)
     with np.errstate(all="ignore"):  # of positions next to the least number
         return _by_curve(since_s, position_m)
 
 
-def _step_m(position_m: Float[np.ndarray, " sample"]) -> float | None:
-    """The step to which positions are rounded, where it matters, or None."""
+def position_step(position_m: Float[np.ndarray, " sample"]) -> float | None:
+    """The step [m] to which positions are rounded, where it matters, or None."""
     moves_m = np.abs(np.diff(position_m))
     step_m = max(quantisation_step(position_m) or 0.0, _decimal_step_m(position_m))
     matters = step_m > _FINE * np.median(moves_m[moves_m > 0])
