@@ -251,7 +251,7 @@ class LineProblem(LineModel):
         over_noise = (*unchecked_residual(*of_residual), *residual_over_noise(*of_residual))
         p, p_stderr = (np.asarray(each)[0] for each in (shown.value, shown.stderr))
         p_stderr = np.where(np.isfinite(p_stderr), p_stderr, 0.0)
-        beyond = beyond_modulus(p, p_stderr, self.modulus_Pa, resolved_dof)
+        beyond = beyond_modulus(p, p_stderr, self.modulus_Pa, float(resolved_dof))
         finite = bool(jnp.all(jnp.isfinite(shown.value)))
         return TractionEstimate(
             line=self.line,

@@ -180,17 +180,12 @@ def _placed(estimate: FeatureEstimate, problem: Problem | LineProblem) -> Featur
 
 
 def _beyond(estimate: FeatureEstimate, modulus_Pa: float | None) -> Sequence[str]:
-    """Warning on features whose pressure is beyond what the skin bears; a surface's is what its
-    contact makes of it, sharp edges and all."""
-    ends = [each.amplitude for each in estimate.features.values() if not each.is_of_surface]
-    named = [
-        pair
-        for name, pair in estimate.parameters.items()
-        if any(name.endswith(end) for end in ends) and name.endswith(Feature.amplitude)
-    ]
+    """Warning on loads, or a fitted nominal pressure, that are beyond what the skin bears. At the
+    edges of a surface contact presses harder than that."""
+    named = [pair for name, pair in estimate.parameters.items() if name.endswith(Feature.amplitude)]
     value, stderr = np.array(named, float).reshape(-1, 2).T
     stderr = np.where(np.isfinite(stderr), stderr, 0.0)
-    return beyond_modulus(value, stderr, modulus_Pa, len(named))
+    return beyond_modulus(value, stderr, modulus_Pa, float(len(named)))
 
 
 def _pulling(estimate: FeatureEstimate, surrounding_Pa: float) -> Sequence[str]:
