@@ -307,12 +307,26 @@ class _Column:
         if self.is_stamps:
             self._stamps.extend(cells)
             return
-        values = np.fromiter(map(self._decimal.number, cells), np.float64, len(cells))
+        values = self._plain(cells)
+        if values is None:
+            values = np.fromiter(map(self._decimal.number, cells), np.float64, len(cells))
         if not self.text and np.isinf(values).any():
             self.text = cells[int(np.isinf(values).argmax())].strip()[:_TEXT]
         if not self.mark and np.isnan(values).any():
             self.mark = next((cell.strip() for cell in cells if is_mark(cell)), "")
         self._parts.append(values)
+
+    def _plain(self, cells: Sequence[str]) -> Float[np.ndarray, " row"] | None:
+        """The numbers of cells that are all finite with a point as decimal mark, quickly, or
+        None."""
+        text = "".join(cells)
+        if self._decimal.may_differ or not text.isascii() or "_" in text:
+            return None
+        try:
+            values = np.fromiter(map(float, cells), np.float64, len(cells))
+        except ValueError:
+            return None
+        return values if np.isfinite(values).all() else None
 
     def numbers(self) -> Float[np.ndarray, " row"]:
         """All cells, removed from the column."""
