@@ -177,8 +177,11 @@ def _on_one_clock(
 def _present(table: ColumnTable, column: str, missing: str) -> Float[np.ndarray, " row"]:
     """A signal's numbers; NaN for a missing sample, where that is allowed."""
     values = table.numbers(column, allow_missing=missing == "allow")
-    sizes = np.abs(values)
-    over = np.any([np.isclose(sizes, code, _SAME_CODE, 0.0) for code in _OUT_OF_RANGE], axis=0)
+    over = np.abs(values) > min(_OUT_OF_RANGE) * (1 - _SAME_CODE)
+    if not over.any():
+        return values
+    large = np.abs(values[over])
+    over[over] = np.any([np.isclose(large, code, _SAME_CODE, 0) for code in _OUT_OF_RANGE], axis=0)
     if not over.any():
         return values
     row = int(over.argmax())
