@@ -37,7 +37,7 @@ def signal_and_stress(
     stress = np.stack([np.einsum("sck,ck->sk", transfer[depth], traction) for depth in depths])
     readout = np.asarray(output.gain) * (1j * k if output.order else 1.0)
     signal = np.stack([
-        readout * (_weights(film) @ own) * _along_line(film.effects, k)
+        readout * (_weights(film) @ own) * _along_line(film.all_effects, k)
         for film, own in zip(output.elements, stress, strict=True)
     ])  # fmt: skip
     at = slice(None, None, sim.refinement)

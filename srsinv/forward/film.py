@@ -300,18 +300,18 @@ class Film(eqx.Module):
         return self.turned(kernel(x))
 
     @property
-    def place(self) -> tuple[LineEffect, ...]:
-        """The effect of its offset, none where that is left out."""
-        return () if self.is_at_origin else (Offset(self.offset_m),)
+    def all_effects(self) -> tuple[LineEffect, ...]:
+        """Its effects along the line, and that of its offset, unless that is left out."""
+        return self.effects if self.is_at_origin else (*self.effects, Offset(self.offset_m))
 
     def along_line(self, transfer: Complex[Array, "c k"], k) -> Complex[Array, "c k"]:
         """The transfer with every effect's factor."""
-        for effect in (*self.effects, *self.place):
+        for effect in self.all_effects:
             transfer = transfer * effect.transfer(k)[None]
         return transfer
 
     def along_kernel(self, kernel: Kernel) -> Kernel:
         """The kernel spread by every effect."""
-        for effect in (*self.effects, *self.place):
+        for effect in self.all_effects:
             kernel = effect.spread(kernel)
         return kernel
