@@ -124,15 +124,13 @@ def _of_positions(recording: Recording) -> Iterator[str]:
 
 
 def disagreement(
-    time_s: Float[np.ndarray, " sample"] | None,
+    time_s: Float[np.ndarray, " sample"],
     speed_m_per_s: Float[np.ndarray, " sample"] | None,
     position_m: Float[np.ndarray, " sample"] | None,
 ) -> list[str]:
     """A sentence where a measured speed is not that of the measured positions, else none."""
-    if time_s is None or speed_m_per_s is None or position_m is None:
+    if speed_m_per_s is None or position_m is None:
         return []
-    if not time_s.size == speed_m_per_s.size == position_m.size:
-        return []  # which is refused
     mean = (speed_m_per_s[1:] + speed_m_per_s[:-1]) / 2
     travelled_m = np.concatenate(([0.0], np.cumsum(mean * np.diff(time_s))))
     off_m = float(np.ptp(travelled_m - position_m))

@@ -136,8 +136,8 @@ def recording_of_table(
     columns[TIME] = _time_s(table, facts, column, samples, notes)
     if known.get(SPEED) is None:
         columns |= _motion(table, facts, notes, doubted)
-    doubted += disagreement(columns.get(TIME), columns.get(SPEED), columns.get(POSITION))
     _check_lengths(table, columns)
+    doubted += disagreement(columns[TIME], columns.get(SPEED), columns.get(POSITION))
     check_samples(path.name, samples)
     check_times(path.name, columns[TIME], table.row_of)
     for quantity in {SPEED, POSITION} & columns.keys():

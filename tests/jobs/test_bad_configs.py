@@ -89,7 +89,7 @@ TAKEN = (
     (".*_recording", r"recording\.(gain|polarity|drift)", [0.5, 0.5, 0.5], "one for each channel"),
     (
         "inspect_recording",
-        r"recording\.(gain|sample_rate_hz|drift|high_pass_Hz|notch_width_Hz)",
+        r"recording\.(gain|sample_rate_hz|drift|high_pass_Hz|notch_width_Hz|turn_margin_m)",
         1e300,
         "nothing is computed",
     ),

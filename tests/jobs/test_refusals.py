@@ -108,7 +108,7 @@ REFUSALS = {
         ("effects=auto", "scan.speed_m_per_s=0"),
         r"a static touch gives no rate signal",
     ),
-    "no tolerance": (("effects=auto", "tolerance=0"), r"tolerance is 0: give a positive number"),
+    "no tolerance": (("effects=auto", "tolerance=0"), r"tolerance is 0: give a number above 0"),
     "auto of a recording": (
         of("good.csv", "effects=auto"),
         r"effects=auto decides by a simulated scene.*name the effects",

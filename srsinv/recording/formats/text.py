@@ -56,8 +56,8 @@ class Text(Reader):
         lines = _Lines(table.name, text)
         heading = heading_of(lines.block_at_hand())
         names, delimiter = heading.names, heading.delimiter
-        _check_names(table, names)
         lines.skip(heading.lines)
+        _check_names(table, names)
         decimal = DecimalMark(delimiter != ",")
         columns = {index: _Column(decimal) for index in range(len(names))}
         for rows in _blocks(table, lines, delimiter, names, decimal):
