@@ -177,7 +177,7 @@ def _spots(film: Film, angle_rad, width_m, nodes: int) -> tuple[Array, Array]:
     """Shifts along xi, and the weight of each: quadrature over the widths of film and ridge."""
     shifts, fractions = jnp.zeros(1), jnp.ones(1)
     along = turned_film(film, angle_rad)
-    for effect in (*along.effects, *along.place, StripAverage(width_m)):
+    for effect in (*along.all_effects, StripAverage(width_m)):
         spread, weights = effect.quadrature(nodes)
         shifts = jnp.ravel(shifts[:, None] + spread[None])
         fractions = jnp.ravel(fractions[:, None] * weights[None])

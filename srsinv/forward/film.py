@@ -300,9 +300,14 @@ class Film(eqx.Module):
         return self.turned(kernel(x))
 
     @property
+    def place(self) -> tuple[LineEffect, ...]:
+        """The effect of its offset, none where that is left out."""
+        return () if self.is_at_origin else (Offset(self.offset_m),)
+
+    @property
     def all_effects(self) -> tuple[LineEffect, ...]:
-        """Its effects along the line, and that of its offset, unless that is left out."""
-        return self.effects if self.is_at_origin else (*self.effects, Offset(self.offset_m))
+        """Its effects along the line, and that of its offset."""
+        return (*self.effects, *self.place)
 
     def along_line(self, transfer: Complex[Array, "c k"], k) -> Complex[Array, "c k"]:
         """The transfer with every effect's factor."""
