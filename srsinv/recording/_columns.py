@@ -250,13 +250,27 @@ def _is_signal(table: ColumnTable, column: str) -> bool:
     unit = _unit_by_file(table, column)
     if unit in PER_V:
         return True
-    is_other = unit is not None and (is_any_unit(unit) or is_foreign_unit(unit))
-    return is_named_signal(column) and not is_other
+    return is_named_signal(column) and not is_of_other(unit)
+
+
+def is_of_other(unit: str | None) -> bool:
+    """Whether a unit is one of a motion, or of what is neither a motion nor a film's signal."""
+    if unit is None or known_unit(unit, PER_V):
+        return False
+    return is_any_unit(unit) or is_foreign_unit(unit)
+
+
+def units_that_differ(
+    table: ColumnTable, column: str, units: Mapping[str, int]
+) -> tuple[str, str] | None:
+    """A column's unit by its name and by its file, where these are two of `units`."""
+    own, by_file = split_unit(column, units)[1], known_unit(table.units.get(column), units)
+    return None if own is None or by_file is None or own == by_file else (own, by_file)
 
 
 def _unit_by_file(table: ColumnTable, column: str) -> str | None:
     """A signal's unit as its name or the file has it: of voltage, or as it is written."""
-    written = table.units.get(column) or bracketed(column)[1]
+    written = written_unit(table, column)
     return known_unit(written, PER_V) or written or split_unit(column, PER_V)[1]
 
 

@@ -19,7 +19,7 @@ from ._columns import (
 )
 from ._table import ColumnTable
 from ._timing import timing
-from ._units import PER_S, bracketed
+from ._units import PER_S
 
 Role = Literal["time", "speed", "position", "signal", "other"]
 UNKNOWN = "not stated"
@@ -129,13 +129,13 @@ def unit_and_reason(
     looks_like = quantity_of(table, name)
     if looks_like:
         return _left_out(table, name, looks_like)
-    unit = table.units.get(name) or bracketed(name)[1] or UNKNOWN
+    unit = written_unit(table, name) or UNKNOWN
     return unit, "in no unit of voltage, and not called a channel: not taken for a signal"
 
 
 def _left_out(table: ColumnTable, name: str, quantity: Quantity) -> tuple[str, str]:
     """The unit of a column that `load` leaves out, and why."""
-    unit = table.units.get(name) or bracketed(name)[1] or UNKNOWN
+    unit = written_unit(table, name) or UNKNOWN
     if unit == UNKNOWN:
         return unit, f"its name is of a {quantity}, and its unit is not stated: left out"
     return unit, f"its name is of a {quantity}, and another was taken, or several may be: left out"

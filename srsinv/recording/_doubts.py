@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ._recording import Recording
+from ._reports import COARSEST_COUNT_M, MOST
 
 FASTEST_M_PER_S = 1.0  # fingers explore at 0.01 to 0.3 m/s
 FASTEST_HZ = 1e6  # the skin transmits up to some kHz at such speeds
@@ -16,8 +17,6 @@ SLOWEST_HZ = 10.0  # the skin transmits up to some ten hertz even at 5 mm/s
 LONGEST_M = 10.0
 _JUMP = 100.0  # times the usual speed
 _JUMP_OF_HELD = 10.0  # times the moves before and after
-_MOST = 0.9  # of the moves, that are equal where an encoder goes by one count at a time
-_COARSEST_COUNT_M = 1e-4
 _DISAGREES = 0.1  # of the scan: calibrations of speed are better
 DEEPEST_M = 0.02  # rubber of a finger over its film is 0.5 to 3 mm thick
 THINNEST_M = 1e-6
@@ -110,12 +109,12 @@ def _of_positions(recording: Recording) -> Iterator[str]:
             "whether a counter begins anew there, or several scans follow one another, and cut "
             "the recording."
         )
-    beside = (np.append(moves[1:], 0.0) + np.append(0.0, moves[:-1])) / 2
-    alone = moves > _JUMP_OF_HELD * beside
+    neighbours = (np.append(moves[1:], 0.0) + np.append(0.0, moves[:-1])) / 2
+    alone = moves > _JUMP_OF_HELD * neighbours
     # An encoder's counts go by one at a time.
     count_m = float(np.median(moves[alone])) if alone.any() else 0.0
     one = np.mean(np.isclose(moves[alone], count_m, rtol=0.1)) if alone.any() else 1.0
-    are_counts = one >= _MOST and count_m < _COARSEST_COUNT_M
+    are_counts = one >= MOST and count_m < COARSEST_COUNT_M
     if moves[alone].sum() > 0.5 * moves.sum() and not are_counts:
         yield (
             "The position stands nearly still and jumps in turn, as if it was reported more slowly "

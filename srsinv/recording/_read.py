@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from srsinv.errors import choice, refuse, shown
+from srsinv.errors import BadInput, choice, refuse, shown
 
 from ..files import path_of, quoted, within_memory
 from ._ahead import store, take_table
@@ -21,7 +21,9 @@ from ._columns import (
     signal_columns,
     signal_unit,
     unit_of,
+    units_that_differ,
     unnamed_columns,
+    written_unit,
 )
 from ._counters import unwrapped
 from ._doubts import disagreement
@@ -39,8 +41,6 @@ from ._units import (
     PER_V,
     bracketed,
     in_volts,
-    known_unit,
-    split_unit,
 )
 from .formats import BY_SUFFIX
 from .reader import Reader
@@ -127,7 +127,7 @@ def recording_of_table(
     channels = signal_columns(table, facts)
     check_elements(path.name, facts, channels)
     column = column_of(table, facts, "time") if times == "use" else None
-    table, facts = _on_one_clock(path, table, facts, sidecar, known, channels)
+    table, facts = _on_one_clock(table, facts, channels)
     if column is not None:
         table = table.without_blank_rows()
     notes, doubted = list(table.notes), []
@@ -160,18 +160,15 @@ def recording_of_table(
 
 
 def _on_one_clock(
-    path: Path,
-    table: ColumnTable,
-    facts: dict[str, Any],
-    sidecar: Sidecars,
-    known: Mapping[str, Any],
-    channels: tuple[str, ...],
+    table: ColumnTable, facts: dict[str, Any], channels: tuple[str, ...]
 ) -> tuple[ColumnTable, dict[str, Any]]:
-    """The table with its columns on the signals' clock, and the facts, with its rate."""
+    """The table with its columns on the signals' clock, and the facts, with its rate where they
+    state none."""
     quantities: tuple[Quantity, ...] = ("time", "speed", "position")
     motion = [c for q in quantities if (c := column_of(table, facts, q)) is not None]
-    moved = on_one_clock(table, channels, motion)
-    return moved, facts if moved is table else read_facts(path, moved, sidecar, known)
+    aligned = on_one_clock(table, channels, motion)
+    rate_hz = aligned.sidecar.get("sample_rate_hz")
+    return aligned, facts if rate_hz is None else {"sample_rate_hz": rate_hz} | facts
 
 
 def _present(table: ColumnTable, column: str, missing: str) -> Float[np.ndarray, " row"]:
@@ -267,17 +264,16 @@ def _unit(
     unit, source = unit_of(table, facts, column, quantity)
     stated, key = facts.get(f"{quantity}_unit"), f"recording.{quantity}_unit"
     its, listed = f"{table.name}: the unit of column {column!r}", ", ".join(units)
-    written = table.units.get(column) or bracketed(column)[1]
+    written = written_unit(table, column)
     refuse(
         unit is None and written is not None,
         f"{its} is {written}, which is none of {listed}: convert the column to one of them, or "
         f"give {key}=... only if it is one of them by another name.",
     )
-    own, by_file = split_unit(column, units)[1], known_unit(table.units.get(column), units)
-    refuse(
-        None not in (own, by_file) and own != by_file,
-        f"{its} is {own} by its name and {by_file} by the file: correct one of them.",
-    )
+    if two := units_that_differ(table, column, units):
+        raise BadInput(
+            f"{its} is {two[0]} by its name and {two[1]} by the file: correct one of them."
+        )
     refuse(unit is None, f"{its} is not stated: give it by {key}=..., one of {listed}.")
     # recording.time_unit is that of a bare column, which boards' settings state for all files.
     refuse(
@@ -389,13 +385,12 @@ def _signal(
     """The channels' names, their signals corrected for polarity and gain, and their unit."""
     stated = [signal_unit(table, facts, channel) or "counts" for channel in channels]
     for channel in channels:
-        own = split_unit(channel, PER_V)[1]
-        by_file = known_unit(table.units.get(channel), PER_V)
-        refuse(
-            None not in (own, by_file) and own != by_file and facts.get("signal_unit") is None,
-            f"{table.name}: the unit of column {channel!r} is {own} by its name and {by_file} by "
-            "the file: correct one of them, or give recording.signal_unit=...",
-        )
+        two = units_that_differ(table, channel, PER_V)
+        if two and facts.get("signal_unit") is None:
+            raise BadInput(
+                f"{table.name}: the unit of column {channel!r} is {two[0]} by its name and "
+                f"{two[1]} by the file: correct one of them, or give recording.signal_unit=..."
+            )
     names = tuple(map(in_volts, channels, stated))
     per_unit = np.array([PER_V.get(unit, 1) for unit in stated])
     gain = _per_channel(table.name, facts, "gain", len(channels))

@@ -17,9 +17,9 @@ from ._timing import resolution
 _FEWEST_REPEATS = 2  # samples, in the median, of a position that is held
 _FEWEST_REPORTS = 8
 _RESTS = 2.5  # times the usual interval without a change: less is a late report
-_MOST = 0.9  # of the steps, that are equal where an encoder goes by one count at a time
+MOST = 0.9  # of the steps, that are equal where an encoder goes by one count at a time
 _FINEST_REPORT_M = 5e-5  # of equal steps: less is an encoder's count
-_COARSEST_COUNT_M = 1e-4  # of an encoder that is used for such a sensor at all
+COARSEST_COUNT_M = 1e-4  # of an encoder that is used for such a sensor at all
 
 
 class Reports(NamedTuple):
@@ -44,7 +44,7 @@ def between_reports(position_m: Float[np.ndarray, " sample"]) -> Reports | None:
     step_m = float(np.median(moves_m))
     # Counts that are printed in few digits differ by one of the last.
     rounding_m = max(1.5 * resolution(position_m), 1e-9 * step_m)
-    one_step = bool(np.mean(np.abs(moves_m - step_m) <= rounding_m) > _MOST)
+    one_step = bool(np.mean(np.abs(moves_m - step_m) <= rounding_m) > MOST)
     if one_step and step_m < _FINEST_REPORT_M:
         return None
     at = _report_samples(change, interval, position_m.size)
@@ -53,7 +53,7 @@ def between_reports(position_m: Float[np.ndarray, " sample"]) -> Reports | None:
         reported = np.append(reported, 2 * reported[-1] - reported[-2])
         at = np.append(at, 2 * at[-1] - at[-2])
     curve = scipy.interpolate.PchipInterpolator(at, reported)
-    may_be_counts = one_step and step_m < _COARSEST_COUNT_M
+    may_be_counts = one_step and step_m < COARSEST_COUNT_M
     return Reports(curve(np.arange(position_m.size)), interval, may_be_counts)
 
 

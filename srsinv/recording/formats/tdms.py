@@ -9,10 +9,9 @@ import numpy as np
 from srsinv.errors import BadInput
 
 from ...files import DataFile
-from .._columns import quantity_of
+from .._columns import is_of_other, quantity_of
 from .._stated import is_word
 from .._table import ColumnTable
-from .._units import PER_V, is_any_unit, is_foreign_unit, known_unit
 from ..reader import Reader
 
 _MOST_READS = 2_000_000  # of all segments' descriptions: some seconds
@@ -76,7 +75,6 @@ def _take(table: ColumnTable, name: str, channel: Any, most: int, facts: dict[st
         return np.asarray(channel[:])
 
     table.take(name, (len(channel),), dtype, read, facts)
-    unit = table.units.get(name, "")
-    is_other = is_foreign_unit(unit) or (is_any_unit(unit) and not known_unit(unit, PER_V))
-    if name in table.columns and quantity_of(table, name) is None and not is_other:
+    is_free = name in table.columns and quantity_of(table, name) is None
+    if is_free and not is_of_other(table.units.get(name)):
         table.signals.append(name)
