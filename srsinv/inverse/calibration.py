@@ -11,8 +11,8 @@ elements but the first, which the others are measured from, are searched. Contac
 nothing of the rig changes it.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -23,6 +23,7 @@ from ..errors import BadInput, check_name, number, refuse
 from ..grid import as_real
 from ..resolution import cell_m
 from ..status import Status
+from .features.halving import are_noticed, cells_may_show
 from .features.identifiability import limited_by_bounds
 from .features.misfit import misfit_warnings
 from .features.residual_noise import ResidualNoise, residual_noise
@@ -37,6 +38,7 @@ DEPTH_RANGE = 3.0  # factor about the stated depth
 MOST_ANGLE_RAD = np.pi / 4  # about the stated angle: half a turn more is another polarity
 MOST_FRICTION = 3.0
 SLACK = 4.0  # depths that the feature may move in the fit
+MOST_SOLVED = 4  # contacts, with the feature elsewhere or on finer cells
 
 
 @dataclass(frozen=True)
@@ -45,16 +47,38 @@ class Calibration:
 
     - `parameters`: value and standard error by name, of those that were free, angles in degrees;
       the error is infinite where the data do not determine it. `covariance`: in their order.
-    - `fit`, `model`; `data`, `fitted` (e, sample); `levels`: the noise.
+    - `fit`, `model`; `known`: the traction of the feature; `data`, `fitted` (e, sample); `levels`:
+      the noise.
     """
 
-    parameters: Mapping[str, tuple[float, float]]
-    covariance: Float[np.ndarray, "m m"]
     fit: Fit
+    known: KnownTraction
     model: RigModel
     data: Float[np.ndarray, "e sample"]
     levels: Levels
     noise_warnings: tuple[str, ...]
+
+    @property
+    def parameters(self) -> dict[str, tuple[float, float]]:
+        """Value and standard error by name."""
+        fit, unsure = self.fit, limited_by_bounds(self.fit)
+        errors = {n: np.inf if n in unsure else float(fit.stderr[n]) for n in self._own}
+        return {
+            reported_name(n): (unit * float(fit.value[n]), unit * errors[n])
+            for n, unit in self._own.items()
+        }
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "m m"]:
+        """That of the parameters."""
+        at, unit = [self.fit.names.index(n) for n in self._own], [*self._own.values()]
+        return np.outer(unit, unit) * self.fit.covariance[np.ix_(at, at)]
+
+    @property
+    def _own(self) -> dict[str, float]:
+        """The fit's names of the rig's parameters, and the units that they are reported in."""
+        own = [name for name in self.fit.names if not name.startswith("offset[")]
+        return {name: 180 / np.pi if name.endswith("_rad") else 1.0 for name in own}
 
     @property
     def status(self) -> Status:
@@ -127,10 +151,13 @@ def calibrate(
     noise = residual_noise(problem, samples)
     clean = noise.without_waves(samples.signal)
     first |= feature_start(model, clean, first, names)
-    near = known.moved_to(first["position_m"]).over(
-        least - SLACK * depth, most + SLACK * depth, cell
-    )
-    return _fitted(RigModel.on(problem, near), samples.signal, noise, first, names)
+
+    def at(place_m: float, finer: int) -> tuple[KnownTraction, RigModel]:
+        known = KnownTraction.of(problem, feature, held, float(pressure or 0.0), place_m, finer)
+        near = known.over(least - SLACK * depth, most + SLACK * depth, cell)
+        return known, RigModel.on(problem, near)
+
+    return _converged(at, samples.signal, noise, first, names)
 
 
 # --- parameters --------------------------------------------------------------------------------
@@ -214,7 +241,30 @@ def _bounds(model: RigModel, first: Mapping[str, Any]) -> dict[str, tuple[float,
 # --- the fit -----------------------------------------------------------------------------------
 
 
+def _converged(
+    at: Callable[[float, int], tuple[KnownTraction, RigModel]],
+    y: Float[np.ndarray, "e sample"],
+    noise: ResidualNoise,
+    first: dict[str, Any],
+    free: list[str],
+) -> Calibration:
+    """The fit with contact solved where the feature was found, on cells so fine that half as wide
+    ones move no parameter noticeably; what is left after `MOST_SOLVED` is in the errors."""
+    finer, moves = 1, np.zeros(0)
+    made = _fitted(*at(first["position_m"], finer), y, noise, first, free)
+    for _ in range(MOST_SOLVED):
+        value = dict(made.fit.value)
+        finer *= 2 if cells_may_show(made.fit) else 1
+        known, better = at(float(value["position_m"]), finer)
+        moves = made.fit.moves(np.asarray(better(jax.tree.map(as_real, value))) - made.fitted)
+        if not are_noticed(moves, made.fit):
+            return made
+        made = _fitted(known, better, y, noise, value, free)
+    return replace(made, fit=made.fit.with_error(moves))
+
+
 def _fitted(
+    known: KnownTraction,
     model: RigModel,
     y: Float[np.ndarray, "e sample"],
     noise: ResidualNoise,
@@ -236,13 +286,4 @@ def _fitted(
     against = noise.warnings(levels, y, result)
     place, depth = noise.motion.position_m, noise.depth_m
     against = (*against, *misfit_warnings(result, y, place, depth))
-    unsure = limited_by_bounds(result)
-    at = [i for i, name in enumerate(result.names) if not name.startswith("offset[")]
-    names = [result.names[i] for i in at]
-    unit = np.array([180 / np.pi if name.endswith("_rad") else 1.0 for name in names])
-    errors = [np.inf if name in unsure else float(result.stderr[name]) for name in names]
-    values = [float(result.value[name]) for name in names]
-    pairs = zip(unit * values, unit * errors, strict=True)
-    parameters = dict(zip(map(reported_name, names), pairs, strict=True))
-    covariance = np.outer(unit, unit) * result.covariance[np.ix_(at, at)]
-    return Calibration(parameters, covariance, result, model, y, levels, against)
+    return Calibration(result, known, model, y, levels, against)

@@ -10,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from .. import resolution
 from ..errors import refuse
 from ..forward.film import Film
+from ..forward.operator import POINTS, PositionInterpolation
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Open, as_real
@@ -34,9 +36,18 @@ class KnownTraction:
 
     @classmethod
     def of(
-        cls, problem: Problem, feature: Any, held: Mapping[str, float], nominal_pressure_Pa: float
+        cls,
+        problem: Problem,
+        feature: Any,
+        held: Mapping[str, float],
+        nominal_pressure_Pa: float,
+        place_m: float | None = None,
+        finer: int = 1,
     ) -> "KnownTraction":
-        """That of a feature of these parameters, its place left out, in the window's middle.
+        """That of a feature of these parameters, on cells so many times finer than usual.
+
+        `place_m`: where it lies; None: in the window's middle, from which it may be moved. The
+        surface repeats with the window, so that what is moved is not quite what lies there.
 
         Raises `BadInput` where one of them is not held.
         """
@@ -55,35 +66,42 @@ class KnownTraction:
             f"{type(feature).__name__} has no place of its own within the scan: calibrate on a "
             "ridge, a step of a surface, a line load or a strip load.",
         )
+        if place_m is not None:
+            place = float(np.clip(place_m, window.start_m, window.end_m))
         own = {name: float(held[name]) for name in (*names, *load)} | {"position_m": place}
         if feature.is_of_surface:
-            cell = cell_for({"known": feature}, depth)
+            cell = cell_for({"known": feature}, depth) / finer
             model = FeatureModel.on_window(
                 problem.sensor, problem.motion, window, cell, nominal_pressure_Pa
             )
             own |= dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_m}
         else:
-            model = FeatureModel.along(problem.sensor, problem.motion)
+            cell = resolution.cell_m("load", depth) / finer
+            model = FeatureModel.along(problem.sensor, problem.motion, cell)
             own |= {name: 0.0 for name in feature.linear if name not in load}
         model = model.with_features({"known": feature})
         params = model.loading.common() | {"known": own}
         pressure = np.asarray(model.traction(jax.tree.map(as_real, params)))[0]
-        return cls(_open(model.line), pressure, place)
+        known = cls(_open(model.line), pressure, place)
+        return known if place_m is None else known.moved_to(place_m)
 
     def over(self, start_m: float, end_m: float, cell_m: float) -> "KnownTraction":
-        """The same as means over cells of at most `cell_m`, on a line that goes on, with nothing on
-        it, to hold a stretch."""
+        """The same on cells of this width, on a line that goes on, with nothing on it, to hold a
+        stretch.
+
+        Each step of the pressure from cell to cell is shared among the edges of the wider ones by
+        the weights that interpolate between them. A film's signal is smooth in the place of a
+        step, so that it stays the same to the eighth power of cell over depth, times 43.
+        """
         own, first = float(self.line.cell_m), float(self.line.x[0])
-        each = max(int(cell_m / own), 1)
-        cell = own * each
-        before = max(int(np.ceil((first - start_m) / cell)) + 1, 0)
-        after = max(int(np.ceil((end_m - float(self.line.x[-1])) / cell)) + 1, 0)
-        whole = np.pad(self.pressure_Pa, (0, -self.line.n % each))
-        means = whole.reshape(-1, each).mean(axis=1)
-        after += -(before + means.size + after) % BLOCK
-        pressure = np.pad(means, (before, after))
-        line = Open(pressure.size, cell, first + (cell - own) / 2 - before * cell)
-        return KnownTraction(line, pressure, self.place_m)
+        steps = np.diff(self.pressure_Pa, prepend=0.0, append=0.0)
+        at = first + own * (np.arange(steps.size) - 0.5)
+        start = min(start_m, at[0]) - POINTS * cell_m
+        n = int(np.ceil((max(end_m, at[-1]) - start) / cell_m)) + POINTS
+        n += -n % BLOCK
+        shared = PositionInterpolation(Open(n + 1, cell_m, start), at).adjoint(as_real(steps)[None])
+        line = Open(n, cell_m, start + cell_m / 2)
+        return KnownTraction(line, np.cumsum(np.asarray(shared)[0])[:-1], self.place_m)
 
     def moved_to(self, place_m: float) -> "KnownTraction":
         """The same with its feature elsewhere."""

@@ -22,6 +22,7 @@ from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
 from ..rig_error import SensorError
 from .contact import cell_for
 from .estimate import FeatureEstimate, explains
+from .halving import are_noticed, cells_may_show
 from .loading import AnyFeature, Features
 from .misfit import misfit_warnings
 from .model import FeatureModel, scan_extent
@@ -147,6 +148,8 @@ class FeatureFitter:
             using = rough.whitener(levels, y)
         if rig is not None:
             model, result = self._with_rig_error(rig, features, result, y, using)
+        if any(feature.is_of_surface for feature in features.values()):
+            result = self._with_cells_error(model, result)
         read = model.loading.report(features, result)
         evidence = self._evidence(features, result)
         against = rough.warnings(levels, y, result) if rough and levels else ()
@@ -274,6 +277,14 @@ class FeatureFitter:
         weigh, values = self._model.loading.log_prior_ratio, result.value
         each = (float(weigh(f, values[n], self._search)[0]) for n, f in features.items())
         return _evidence_of(result, sum(each, 0.0))
+
+    def _with_cells_error(self, model: FeatureModel, result: Fit) -> Fit:
+        """The fit, its errors with what half as wide cells would change where that is noticed."""
+        if result.noise_rms is not None or not cells_may_show(result):
+            return result
+        finer = model.halved(self._sensor, self._motion)
+        moves = result.moves(np.asarray(finer(result.value)) - np.asarray(model(result.value)))
+        return result.with_error(moves) if are_noticed(moves, result) else result
 
     def _with_rig_error(
         self, rig: SensorError, features: Features, result: Fit, y: np.ndarray, noise: Any

@@ -119,6 +119,13 @@ class FeatureModel(eqx.Module):
         operator = operator_along(sensor, self.line, motion, reach, self.operator.ways)
         return dataclasses.replace(self, operator=operator)
 
+    def halved(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
+        """The same features of a surface on cells half as wide."""
+        line, ways = self.line, self.operator.ways
+        finer = type(line)(2 * line.n, line.cell_m / 2, line.start_m - line.cell_m / 4)
+        operator = operator_along(sensor, finer, motion, None, ways)
+        return dataclasses.replace(self, operator=operator)
+
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] on the line beyond their background, while sliding towards +x."""
         return self.loading.tractions(self.line, self.features, params, (True,))[0]

@@ -34,7 +34,6 @@ from ..line_problem import LineProblem
 from ..nuisance import Cleaned
 from ..problem import Problem
 from ..quality import Quality, quality, reasons
-from ..rig_model import KnownTraction
 from .design import Weights
 from .measure import measure_kernel
 from .measured import MeasuredKernel
@@ -213,9 +212,7 @@ def _sign(problem: Problem) -> float:
 
 def _pressure(calibration: Calibration, place_m: float, on: LineProblem) -> np.ndarray:
     """The known pressure on the cells of a problem's line."""
-    model = calibration.model
-    known = KnownTraction(model.line, np.asarray(model.pressure_Pa), float(model.place_m))
-    known = known.moved_to(place_m)
+    known = calibration.known.moved_to(place_m)
     return np.asarray(averages(jnp.asarray(known.pressure_Pa)[None], known.line, on.line))[0]
 
 

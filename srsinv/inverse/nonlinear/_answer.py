@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from typing import Any
 
 import equinox as eqx
@@ -43,10 +44,7 @@ class Fit:
     """
 
     value: Tree
-    stderr: Tree
     names: tuple[str, ...]
-    covariance: np.ndarray
-    correlation: np.ndarray
     residual: np.ndarray
     whitened: np.ndarray
     jacobian: np.ndarray
@@ -60,6 +58,23 @@ class Fit:
     _z: np.ndarray
     _spread: Spread
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def stderr(self) -> Tree:
+        """Standard errors, a tree like the parameters."""
+        layout, row = self._objective.layout, np.zeros(np.size(self._objective.row))
+        row[np.asarray(layout.free)] = self._spread.stderr()
+        return layout.host_tree(row)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(m, m) of the free parameters."""
+        return self._spread.covariance()
+
+    @cached_property
+    def correlation(self) -> np.ndarray:
+        """(m, m) of the free parameters."""
+        return self._spread.correlation()
 
     @property
     def converged(self) -> bool:
@@ -127,6 +142,17 @@ class Fit:
         level_counts = objective.is_robust or objective.prior_mean is not None
         unit = float(objective.scale) if self.noise_rms is not None and level_counts else 1.0
         return np.asarray(objective.whiten(as_real(signal)), float) / unit
+
+    def moves(self, change: np.ndarray) -> np.ndarray:
+        """The moves (m,) of the free parameters, to first order, as the model's signal changes by
+        `change`, like the data; 0 along what the data do not determine."""
+        by = np.asarray(self._objective.whiten(as_real(change)), float)
+        factor = self._spread.factor
+        return factor @ (factor.T @ (self.jacobian[: by.size].T @ by))
+
+    def with_error(self, moves: np.ndarray) -> "Fit":
+        """The same fit where the free parameters may also be off by `moves` (m,)."""
+        return dataclasses.replace(self, _spread=self._spread.with_error(moves))
 
     def ratio(self, above: str, below: str) -> tuple[float, float]:
         """The ratio of two free parameters, by their names, and its standard error to first

@@ -71,19 +71,15 @@ class Summary:
         layout, z = objective.layout, np.asarray(ends.z, float)
         level_known = self.level_known
         at = self._minimum(objective, ends)
-        covariance, stderr = at.known.covariance(), np.zeros(self.row.size)
         row = self.row.copy()
-        row[self.free], stderr[self.free] = z, at.known.stderr()
+        row[self.free] = z
         # Back from the unit in place of an unknown noise level.
         is_unit = level_known or objective.is_robust or objective.prior_mean is not None
         unit = 1.0 if is_unit else float(objective.scale)
         has_evidence = level_known and at.is_finite and not objective.is_robust
         return Fit(
             value=layout.host_tree(row),
-            stderr=layout.host_tree(stderr),
             names=self.names,
-            covariance=covariance,
-            correlation=_correlation(covariance),
             residual=self._residual(ends),
             whitened=_times(unit, ends.white),
             jacobian=_times(unit, ends.jacobian),
@@ -232,14 +228,6 @@ def _inflation(objective: Objective, ends: SearchEnd, level_known: bool, freedom
         return 1.0
     white = np.asarray(ends.white, float)
     return float(np.sqrt(white @ white / freedom)) if freedom > 0 else np.inf
-
-
-def _correlation(covariance: np.ndarray) -> np.ndarray:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        stderr = np.sqrt(np.diagonal(covariance))
-        correlation = covariance / np.outer(stderr, stderr)
-    correlation[np.diag_indices(len(stderr))] = 1.0
-    return correlation
 
 
 def _status(objective: Objective, ends: SearchEnd, solver: Solver, at: _Minimum) -> Status:

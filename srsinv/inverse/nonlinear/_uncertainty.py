@@ -45,6 +45,19 @@ class Spread:
         covariance[np.diag_indices(len(undetermined))] = self.stderr() ** 2
         return covariance
 
+    def correlation(self) -> np.ndarray:
+        """(m, m), nan for pairs that the data do not determine."""
+        covariance = self.covariance()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            stderr = np.sqrt(np.diagonal(covariance))
+            correlation = covariance / np.outer(stderr, stderr)
+        correlation[np.diag_indices(len(stderr))] = 1.0
+        return correlation
+
+    def with_error(self, moves: np.ndarray) -> "Spread":
+        """The spread where the parameters may also be off by `moves` (m,)."""
+        return replace(self, factor=np.column_stack([self.factor, moves]))
+
     def along(self, gradient: np.ndarray) -> np.ndarray:
         """Standard errors (k,) of quantities with these gradients (k, m)."""
         finite = np.sqrt(np.sum((gradient @ self.factor) ** 2, axis=1))
