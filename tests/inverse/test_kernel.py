@@ -92,6 +92,13 @@ def test_the_kernel_is_far_nearer_the_true_one_than_theory(measured, fitted):
     assert slope_error(fitted.value, truth) < 0.003
 
 
+def test_a_blur_that_no_theory_has_is_in_the_errors_of_its_parameters(fitted):
+    """It is read as depth: 10 standard errors of the noise alone."""
+    for name, truth in {"depth_m": 9e-4, "tilt_deg": 4.0, "gain_1": 1.0, "gain_2": 1.0}.items():
+        value, error = fitted.parameters[name]
+        assert abs(value - truth) < 3 * error, name
+
+
 @pytest.mark.full
 def test_less_noise_is_a_better_kernel(measured):
     rough = measure_kernel(passes(level=1e-2), STATED, LOAD, MU)

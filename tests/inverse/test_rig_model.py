@@ -60,12 +60,12 @@ def test_wider_cells_hold_their_stretch_and_make_the_signal_of_line_loads(end_m)
     assert float(wide.line.cell_m) == 1e-4
     assert x[0] <= -8e-3
     assert x[-1] >= end_m
-    at, sensor = np.linspace(-4e-3, 4e-3, 101), Sensor([Film(DEPTH_M, 0.6)], HalfSpace())
+    at, sensor = np.linspace(-4e-3, 4e-3, 101), Sensor([Film(DEPTH_M, 0.6)], amplifier=CurrentAmplifier(1e6))
     motion = Motion.from_speed(np.arange(101) / 1000, np.full(101, 0.08), -4e-3)
     one = {"gain_1": 1.0, "depth_m": DEPTH_M, "position_m": 0.0, "base_friction": 0.4}
     pressure, place = as_real(wide.pressure_Pa), as_real(wide.place_m)
     rig = RigModel(sensor, motion, wide.line, pressure, place, motion.ways, False)
-    charge = np.asarray(rig(one))[0] / float(sensor.amplifier.feedback_resistance_ohm) / 0.08
+    charge = np.asarray(rig(one))[0] / 1e6 / 0.08
     halves = 4e-6 / np.sqrt(12) * np.array([[-1.0], [1.0]])  # a cell's two Gaussian nodes
     places = (np.asarray(known.line.x) + halves).ravel()
     loads = np.tile(known.pressure_Pa * 4e-6 / 2, 2)

@@ -165,6 +165,7 @@ def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
         moved(signals, found, prior, mean, signals.elements)
     )
     errors = np.sqrt(np.diag(found.covariance))[: unit.size]
+    errors = np.hypot(errors, _moves_by_rest(signals, prior, mean.kernel_slope[: unit.size]))
     at = values + unit * found.t[: unit.size]
     pairs = zip(at.tolist(), (unit * errors).tolist(), strict=True)
     stats = {
@@ -176,3 +177,18 @@ def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
     }
     fitted = dict(zip(physics.names, pairs, strict=True))
     return as_kernel(signals, whole, fitted, found.chi2(best.products), stats)
+
+
+def _moves_by_rest(
+    signals: KernelSignals, prior: Prior, slopes: Float[np.ndarray, "c e 2 m"]
+) -> Float[np.ndarray, " c"]:
+    """By how much parameters t, of these slopes of the kernels, are off where all of a rest under
+    this prior looks like a change of theirs.
+
+    The process takes waves and kernels as independent. What a theory misses, as an average over a
+    wider strip, is common to all kernels and may look like another depth.
+    """
+    squares = np.sum(signals.basis(prior.envelope) ** 2, axis=-1).ravel()
+    power = sum(prior.deviations(e, signals.k) ** 2 @ squares for e in range(len(prior.scale)))
+    rows = slopes.reshape(len(slopes), -1)
+    return np.sqrt(power * np.diag(np.linalg.pinv(rows @ rows.T)))
