@@ -60,7 +60,8 @@ def test_wider_cells_hold_their_stretch_and_make_the_signal_of_line_loads(end_m)
     assert float(wide.line.cell_m) == 1e-4
     assert x[0] <= -8e-3
     assert x[-1] >= end_m
-    at, sensor = np.linspace(-4e-3, 4e-3, 101), Sensor([Film(DEPTH_M, 0.6)], amplifier=CurrentAmplifier(1e6))
+    at = np.linspace(-4e-3, 4e-3, 101)
+    sensor = Sensor([Film(DEPTH_M, 0.6)], amplifier=CurrentAmplifier(1e6))
     motion = Motion.from_speed(np.arange(101) / 1000, np.full(101, 0.08), -4e-3)
     one = {"gain_1": 1.0, "depth_m": DEPTH_M, "position_m": 0.0, "base_friction": 0.4}
     pressure, place = as_real(wide.pressure_Pa), as_real(wide.place_m)
