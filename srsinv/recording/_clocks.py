@@ -1,21 +1,87 @@
 """Columns that by their file begin at different times, or have rates of their own, on one clock."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import scipy
 from jaxtyping import Float
 
-from srsinv.errors import refuse
+from srsinv.errors import BadInput, refuse
 
 from ..files import quoted
 from ._stated import Clock
 from ._table import ColumnTable, listing
+from ._timing import resolution
+from ._units import PER_S, known_unit, split_unit
 
 _SAME_RATE = 1e-7  # relative: over a million samples a tenth of one
 _SAME_START = 1e-2  # of an interval
 _WHOLE = 0.25  # of an interval: starts nearer to a whole number of them only differ by rounding
+
+
+def take_own_times(table: ColumnTable, blocks: Mapping[str, Sequence[str]]) -> None:
+    """Take several columns of times, each of the columns after it (`blocks`), for the first of them
+    where they are equal, else as the clocks of those columns.
+
+    Raises `BadInput` where they differ, and are not even or in no unit that is stated.
+    """
+    first, *others = blocks or [""]
+    if first not in table.columns:
+        return
+    named = "s" if first in table.stamps else split_unit(first, PER_S)[1]
+    unit = known_unit(table.units.get(first), PER_S) or named
+    own = {name: table.columns.get(name, np.full(1, np.nan)) for name in blocks}
+    for name in others:
+        table.columns.pop(name, None)
+        table.units.pop(name, None)
+        table.stamps[:] = [each for each in table.stamps if each != name]
+    if all(_are_equal(own[first], own[name]) for name in others):
+        table.notes.append(f"The {len(own)} columns {quoted(first)} are equal: the first is used.")
+        return
+    times = {name: _own_rows(table, own[name], blocks[name]) for name in own}
+    if unit is None or not all(map(_are_even, times.values())):
+        raise BadInput(
+            f"{table.name}: the {len(own)} columns {quoted(first)} differ, and are uneven or in no "
+            "unit that the file states: write one column of times for all columns."
+        )
+    steps = {name: (values[-1] - values[0]) / (values.size - 1) for name, values in times.items()}
+    del table.columns[first]  # the clocks have its times
+    table.stamps[:] = [each for each in table.stamps if each != first]
+    rounding = max(map(resolution, times.values()))
+    for name, values in times.items():
+        is_same = abs(steps[name] - steps[first]) * values.size < 2 * rounding
+        step = steps[first] if is_same else steps[name]
+        clock = Clock(0.0, float(values[0]) / PER_S[unit], float(step) / PER_S[unit])
+        table.clocks.update((each, clock) for each in blocks[name] if each in table.columns)
+
+
+def _are_equal(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether times are equal but for rounding to a hundredth of their interval."""
+    valid = np.isfinite(one)
+    if valid.sum() < 2 or np.isinf(one).any() or not np.array_equal(valid, np.isfinite(other)):
+        return False
+    step = float(np.median(np.abs(np.diff(one[valid]))))
+    return bool(np.max(np.abs(one[valid] - other[valid])) <= _SAME_START * step)
+
+
+def _own_rows(table: ColumnTable, times: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """The times, without empty cells at their end where all columns of these names have such, and
+    these columns without them."""
+    named = [name for name in names if name in table.columns]
+    last = 1 + int(np.max(np.flatnonzero(np.isfinite(times)), initial=-1))
+    if all(np.isnan(table.columns[name][last:]).all() for name in named):
+        for name in named:
+            table.columns[name] = table.columns[name][:last]
+        return times[:last]
+    return times
+
+
+def _are_even(times: Float[np.ndarray, " sample"]) -> bool:
+    if times.size < 2 or not np.isfinite(times).all() or not times[0] < times[-1]:
+        return False
+    even, step = np.linspace(times[0], times[-1], times.size, retstep=True)
+    return bool(np.max(np.abs(times - even)) < _WHOLE * step)
 
 
 def on_one_clock(table: ColumnTable, channels: Sequence[str], motion: Sequence[str]) -> ColumnTable:
@@ -62,7 +128,9 @@ def on_one_clock(table: ColumnTable, channels: Sequence[str], motion: Sequence[s
     for name in motion:
         if name in clocks:
             columns[name] = _at(table.numbers(name), clocks[name], np.arange(begin, end))
-        elif columns[name].size == samples:  # of no clock of its own: on the first signal's
+        elif (
+            name in columns and columns[name].size == samples
+        ):  # of no clock of its own: on the first signal's
             columns[name] = columns[name][begin:end]
     sidecar = {"sample_rate_hz": 1 / base.interval_s} | table.sidecar
     notes = [*table.notes, *_notes(clocks, base.interval_s)]

@@ -72,13 +72,21 @@ def quantity_of(table: ColumnTable, column: str) -> Quantity | None:
     the name."""
     if column in table.stamps:
         return "time"
-    for quantity, names in _NAMES.items():
-        words = split_unit(column, names.units)[0].casefold()
-        if (words in names.exact or names.pattern.search(words)) and _may_be(
-            table, column, quantity
-        ):
+    for quantity in _NAMES:
+        if _is_called(column, quantity) and _may_be(table, column, quantity):
             return quantity
     return None
+
+
+def is_time(column: str) -> bool:
+    """Whether a column is called what times are."""
+    return _is_called(column, "time")
+
+
+def _is_called(column: str, quantity: Quantity) -> bool:
+    names = _NAMES[quantity]
+    words = split_unit(column, names.units)[0].casefold()
+    return words in names.exact or bool(names.pattern.search(words))
 
 
 def written_unit(table: ColumnTable, column: str) -> str | None:

@@ -1,7 +1,8 @@
 """Reading of a `Recording` from a file and its sidecar."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from ._counters import unwrapped
 from ._doubts import disagreement
 from ._even_times import check_rate
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
-from ._reports import between_reports
+from ._reports import between_reports, interpolated, is_reported
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import Sidecars, check_elements, merge
 from ._speed import speed_of_positions
@@ -130,12 +131,14 @@ def recording_of_table(
     table, facts = _on_one_clock(table, facts, channels)
     if column is not None:
         table = table.without_blank_rows()
+    if known.get(SPEED) is None:
+        table = _within_reports(table, column_of(table, facts, "position"))
     notes, doubted = list(table.notes), []
     columns = {c: _present(table, c, missing) for c in channels}
     samples = columns[channels[0]].size
     columns[TIME] = _time_s(table, facts, column, samples, notes)
     if known.get(SPEED) is None:
-        columns |= _motion(table, facts, notes, doubted)
+        columns |= _motion(table, facts, columns[TIME], notes, doubted)
     _check_lengths(table, columns)
     doubted += disagreement(columns[TIME], columns.get(SPEED), columns.get(POSITION))
     check_samples(path.name, samples)
@@ -236,7 +239,10 @@ def _time_s(
 ) -> Float[np.ndarray, " sample"]:
     if column is not None:
         unit = _unit(table, facts, column, "time", PER_S)
-        return _unwrapped(table, column, notes, only_forward=True) / PER_S[unit]
+        values = table.numbers(column)
+        if np.any(np.diff(values) < 0):  # else what begins anew is no counter
+            values = _unwrapped(table, column, values, range(values.size), notes)
+        return values / PER_S[unit]
     refuse(
         facts.get("sample_rate_hz") is None and column_of(table, facts, "time") is not None,
         f"{table.name}: recording.times=ignore leaves the times out: give "
@@ -284,17 +290,60 @@ def _unit(
     return str(unit)
 
 
-def _unwrapped(
-    table: ColumnTable, column: str, notes: list[str], only_forward: bool = False
+def _within_reports(table: ColumnTable, column: str | None) -> ColumnTable:
+    """The table from the first row that reports a position to the last, where these are enough; as
+    it is where columns differ in length."""
+    if column is None or column not in table.columns or not is_reported(table.finite(column)):
+        return table
+    at = np.flatnonzero(np.isfinite(table.finite(column)))
+    first, last = int(at[0]), int(at[-1])
+    size = table.columns[column].size
+    if last - first == size - 1 or any(v.size != size for v in table.columns.values()):
+        return table
+    rows = [table.row_of(row) for row in range(first, last + 1)]
+    note = (
+        f"Data rows before {rows[0]} and after {rows[-1]} are left out, as {quoted(column)} is "
+        "empty there."
+    )
+    columns = {name: values[first : last + 1] for name, values in table.columns.items()}
+    return replace(table, columns=columns, rows=rows, notes=[*table.notes, note])
+
+
+def _positions(
+    table: ColumnTable, column: str, time_s: Float[np.ndarray, " sample"], notes: list[str]
 ) -> Float[np.ndarray, " row"]:
-    """A column of times or positions without the wraps of a counter; `only_forward`: what begins
-    anew elsewhere than at its least value is no wrap."""
-    values = table.numbers(column)
-    if only_forward and not np.any(np.diff(values) < 0):
-        return values
+    """A column of positions without the wraps of a counter, interpolated between its reports where
+    other rows are empty."""
+    values = table.finite(column)
+    at = np.flatnonzero(np.isfinite(values))
+    can_be_filled = (
+        is_reported(values)
+        and at[-1] - at[0] == values.size - 1 == time_s.size - 1
+        and bool(np.all(np.diff(time_s) > 0))
+    )
+    values = table.numbers(column, allow_missing=can_be_filled)
+    if not can_be_filled:
+        return _unwrapped(table, column, values, range(values.size), notes)
+    notes.append(
+        f"{quoted(column)} is reported in {at.size} of {values.size} data rows, at most "
+        f"{np.max(np.diff(at))} apart: it is interpolated from report to report."
+    )
+    return interpolated(
+        time_s[at], _unwrapped(table, column, values[at], at.tolist(), notes), time_s
+    )
+
+
+def _unwrapped(
+    table: ColumnTable,
+    column: str,
+    values: Float[np.ndarray, " row"],
+    at: Sequence[int],
+    notes: list[str],
+) -> Float[np.ndarray, " row"]:
+    """The times or positions of a column's rows `at`, from 0, without the wraps of a counter."""
     found = unwrapped(values)
     if found.bits:
-        rows = ", ".join(str(table.row_of(row)) for row in found.rows[:3])
+        rows = ", ".join(str(table.row_of(at[row])) for row in found.rows[:3])
         notes.append(
             f"{quoted(column)} begins anew at data row {rows}, as a counter of {found.bits} bits "
             "does: it is continued there."
@@ -303,7 +352,11 @@ def _unwrapped(
 
 
 def _motion(
-    table: ColumnTable, facts: Mapping[str, Any], notes: list[str], doubted: list[str]
+    table: ColumnTable,
+    facts: Mapping[str, Any],
+    time_s: Float[np.ndarray, " sample"],
+    notes: list[str],
+    doubted: list[str],
 ) -> dict[str, Float[np.ndarray, " _"]]:
     """The measured speed [m/s] and position [m], as far as the file has them."""
     motion = {}
@@ -315,7 +368,8 @@ def _motion(
         column = column_of(table, facts, quantity)
         if column is not None:
             unit = _unit(table, facts, column, quantity, per_si)
-            raw = table.numbers(column) if key == SPEED else _unwrapped(table, column, notes)
+            is_speed = key == SPEED
+            raw = table.numbers(column) if is_speed else _positions(table, column, time_s, notes)
             motion[key] = raw / per_si[unit]
     if POSITION in motion and (held := between_reports(motion[POSITION])) is not None:
         motion[POSITION] = held.position_m

@@ -1,6 +1,7 @@
 """Positions that are reported more slowly than they are recorded, and held in between.
 
-A stage reports 50 times a second, a logger writes its last report 2,000 times. Each run of equal
+A stage reports 50 times a second, a logger writes its last report 2,000 times, or leaves the cells
+of other rows empty. Each run of equal
 values is one report or several equal ones; the position between reports is that of a monotone curve
 through them. An encoder of coarse counts also repeats its values, but goes by one count at a time;
 there the positions stay as they are (see `_speed`).
@@ -55,6 +56,20 @@ def between_reports(position_m: Float[np.ndarray, " sample"]) -> Reports | None:
     curve = scipy.interpolate.PchipInterpolator(at, reported)
     may_be_counts = one_step and step_m < COARSEST_COUNT_M
     return Reports(curve(np.arange(position_m.size)), interval, may_be_counts)
+
+
+def is_reported(positions: Float[np.ndarray, " sample"]) -> bool:
+    """Whether positions are missing (NaN), and reported in enough samples to be interpolated."""
+    return _FEWEST_REPORTS <= int(np.isfinite(positions).sum()) < positions.size
+
+
+def interpolated(
+    at: Float[np.ndarray, " report"],
+    reported: Float[np.ndarray, " report"],
+    time_s: Float[np.ndarray, " sample"],
+) -> Float[np.ndarray, " sample"]:
+    """Positions at the times [s], by a monotone curve through those reported at the times `at`."""
+    return scipy.interpolate.PchipInterpolator(at, reported)(time_s)
 
 
 def _report_samples(change: np.ndarray, interval: int, samples: int) -> np.ndarray:

@@ -24,7 +24,7 @@ _RATE = (
 _INTERVAL = (
     "interval", "sampleinterval", "samplinginterval", "sampleperiod", "samplingperiod",
     "timeinterval", "timeincrement", "timestep", "timedelta", "increment", "xincrement", "xincr",
-    "xinc", "deltax", "deltat", "dt", "dx", "tinterval", "tsample", "ts", "wfincrement",
+    "xinc", "deltax", "deltat", "dt", "dx", "tinterval", "tinc", "tsample", "ts", "wfincrement",
     "horizontalinterval",
 )  # fmt: skip
 _START = (
@@ -142,8 +142,9 @@ def is_gain_of(key: str) -> bool:
 
 
 def is_neutral(key: str, value: Any) -> bool:
-    """Whether a scale, gain or offset changes nothing: 1, or 0 of an offset."""
+    """Whether a scale, gain or offset changes nothing: 1, or 0 of an offset; of several, all."""
     nothing = 0.0 if _field(_split(key)[0]) == "offset" else 1.0
+    value = value.split(";") if isinstance(value, str) else value
     values = value if isinstance(value, list) else [value]
     return all(_number("scale", "offset", each, "") == nothing for each in values)
 

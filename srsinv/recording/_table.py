@@ -1,6 +1,7 @@
 """A file's named columns, whatever its format."""
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -24,6 +25,8 @@ _MOST_PER_BYTE, _MOST_OF_SMALL = 100, 2**26
 _LISTED = 20
 _MOST_GAINS = 64  # values of an array that states gains or scales
 _CELL = 40  # characters shown of a cell
+# A number with a mark for thousands, or one that may be that or a decimal mark.
+_MARKED = re.compile(r"[-+]?(?:\d{1,3}([,.'\u2019\s])\d{3}(?:\1\d{3})*(?:[.,]\d*)?|\d+([,_])\d+)")
 
 
 def listing(names: Iterable[str]) -> str:
@@ -32,6 +35,13 @@ def listing(names: Iterable[str]) -> str:
     more = len(names) - _LISTED
     shown = ", ".join(map(quoted, names[:_LISTED]))
     return (shown or "none") + (f" and {more} more" if more > 0 else "")
+
+
+def marked_number(cell: str) -> str | None:
+    """The mark between a number's digits that may part thousands, or decimals; None: the cell is no
+    such number."""
+    parts = _MARKED.fullmatch(cell.strip())
+    return None if parts is None else parts[1] or parts[2]
 
 
 def most_unpacked(stored: int) -> int:
@@ -221,11 +231,13 @@ class ColumnTable:
 
     def check_usable(self, column: str) -> None:
         """Refuse a column that is absent or unusable."""
+        its = f"{self.name}: column {quoted(column)} {self.unusable.get(column)}"
         refuse(
-            column in self.unusable,
-            f"{self.name}: column {quoted(column)} {self.unusable.get(column)}: store it as a 1-D "
-            "array of real numbers.",
+            column in self.unusable and column in self.stamps,
+            f"{its}: write seconds, or stamps such as 2025-02-11T10:11:12.5, or, only where no row "
+            "is lost, give recording.times=ignore and recording.sample_rate_hz=...",
         )
+        refuse(column in self.unusable, f"{its}: store it as a 1-D array of real numbers.")
         if column not in self.columns:
             raise BadInput(self._no_column(column))
 
@@ -276,8 +288,15 @@ class ColumnTable:
         fault = f"holds {cell[:_CELL]!r}, not a finite number" if cell else "is empty"
         if mark:
             fault = f"holds no number, as it is empty or a mark such as {mark[:_CELL]!r}"
+        its = f"{self.name}: column {quoted(column)}, data row {self.row_of(row)} {fault}"
+        marked = marked_number(cell)
+        refuse(
+            marked is not None,
+            f"{its}, for {marked!r} may part thousands or decimals: write the numbers with a point "
+            "for decimals and no other mark.",
+        )
         raise BadInput(
-            f"{self.name}: column {quoted(column)}, data row {self.row_of(row)} {fault}: correct "
+            f"{its}: correct "
             "it, or leave the row out if the file has times, or, if this is a missing sample of a "
             "signal, leave the cell empty (NaN in an array) and set recording.missing=allow."
         )

@@ -32,6 +32,9 @@ _FOREIGN_WORDS = """
 _FOREIGN = frozenset(_FOREIGN_WORDS.split())
 _MICRO = str.maketrans("\u00b5\u03bc", "uu")
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\(([^()]*)\)|\[([^][]*)\])\s*")
+_GLUED = re.compile(
+    r"((?:ch(?:an(?:nel)?)?|ai)[ _-]?\d+)([mu\u00b5\u03bc]?V)", re.IGNORECASE
+)  # CH1V, as scopes write it
 _AFTER_STROKE = re.compile(r"(.*\S)\s+/\s+(\S+)")  # as DIN 1313 writes a unit: U / V
 
 
@@ -61,8 +64,11 @@ def is_foreign_unit(text: str) -> bool:
 
 
 def bracketed(column: str) -> tuple[str, str | None]:
-    """A column's name before a unit in brackets, and that unit as it is written."""
+    """A column's name before a unit in brackets, and that unit as it is written; a channel's number
+    may stand right before its unit."""
     parts = _BRACKETS.fullmatch(column)
+    if glued := _GLUED.fullmatch(column):
+        return glued[1], glued[2]
     if not parts:
         stroke = _AFTER_STROKE.fullmatch(column)
         is_unit = stroke and (is_any_unit(stroke[2]) or is_foreign_unit(stroke[2]))

@@ -7,6 +7,7 @@ follows it.
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from srsinv.recording.formats.text import Text
@@ -178,6 +179,22 @@ UNITS = [
         lambda s: Case(BARE_TIME, [asked(s, "time_unit", "ms")])),
 ]  # fmt: skip
 
+DATES = pd.Timestamp("2025-02-11") + pd.to_timedelta(TIME_S, "s")
+JOINED = renamed(time_ms="time") | {"time": DATES.strftime("%Y%m%d_%H%M%S_%f").to_list()}
+BARE_THOUSANDS = with_cell("voltage_0_mV", 7, '"1,234.5"')
+TIMES_APART = "time_ms,voltage_0_mV,time_ms,position_mm,voltage_1_V\n" + "".join(
+    f"{a},{b},{a + 0.4 * (i % 2) + 5},{c},{d}\n"
+    for i, (a, c, b, d) in enumerate(zip(*SCAN.values(), strict=True))
+)
+IN_WORDS = [
+    Row("or, only where no row is lost, give", Case(JOINED),
+        lambda s: Case(JOINED, [offered(s, "times"), asked(s, "sample_rate_hz", "2000")])),
+    Row("or, only where no row is lost, give", Case(JOINED),
+        Case(scan(time_ms=None) | {"time": DATES.strftime("%Y-%m-%dT%H:%M:%S.%f").to_list()})),
+    Row("write the numbers with a point for decimals", Case(BARE_THOUSANDS), Case(SCAN)),
+    Row("write one column of times for all columns", Case(text=TIMES_APART), Case(SCAN)),
+]  # fmt: skip
+
 MOTION = [
     Row("no speed: there is no column", Case(NO_MOTION),
         lambda s: Case(NO_MOTION, [asked(s, "speed_m_per_s", "0.02")])),
@@ -292,7 +309,7 @@ FILES = [
         Case(scan(**{"a" * 200: TIME_S}))),
     Row("which cannot be printed", Case(scan(**{"a\x07": TIME_S})), Case(scan(a=TIME_S))),
 ]  # fmt: skip
-ROWS = [*BLANKS, *COLUMNS, *TIMES, *UNITS, *MOTION, *VALUES, *SIDECARS, *FILES]
+ROWS = [*BLANKS, *COLUMNS, *TIMES, *UNITS, *IN_WORDS, *MOTION, *VALUES, *SIDECARS, *FILES]
 
 
 @pytest.mark.parametrize(

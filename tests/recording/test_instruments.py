@@ -65,10 +65,52 @@ def tektronix():
     )
 
 
-def stamps(form):
+def labview_multi(second=TIME_S):
+    """One in which each channel has a column of times of its own (X_Columns: Multi)."""
+    head = (
+        "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\n"
+        "Multi_Headings\tYes\nX_Columns\tMulti\nTime_Pref\tRelative\n***End_of_Header***\t\n\t\n"
+        "Channels\t3\t\t\t\t\t\nSamples\t400\t\t400\t\t400\t\n"
+        "Y_Unit_Label\tVolts\t\tVolts\t\tmm\t\nX_Dimension\tTime\t\tTime\t\tTime\t\n"
+        f"X0\t0.0\t\t{float(second[0])}\t\t0.0\t\nDelta_X\t0.0005\t\t0.0005\t\t0.0005\t\n"
+        "***End_of_Header***\t\t\t\t\t\t\n"
+        "X_Value\tDev1/ai0\tX_Value\tDev1/ai1\tX_Value\tPosition\tComment\n"
+    )
+    return head + table(TIME_S, A, second, B, TIME_S, MM, delimiter="\t", end="\t")
+
+
+def tektronix_blocks(second=TIME_S, units="Vertical Units,V,,Vertical Units,V\n"):
+    """A block of times and numbers for each channel, an empty column between them."""
+    head = (
+        "Model,MSO58,,Model,MSO58\nLabel,,,Label,\nWaveform Type,ANALOG,,Waveform Type,ANALOG\n"
+        "Horizontal Units,s,,Horizontal Units,s\nSample Interval,0.0005,,Sample Interval,0.0005\n"
+        f"Record Length,400,,Record Length,400\n{units}TIME,CH1,,TIME,CH2\n"
+    )
+    return head + table(TIME_S, A, [""] * N, second, B)
+
+
+def stamps(form, start="2025-02-11T23:59:59.900", step=1.0):
     """Time stamps, in words, from half a second before midnight on."""
-    start = pd.Timestamp("2025-02-11T23:59:59.900")
-    return [f"{start + pd.Timedelta(seconds=t):{form}}" for t in TIME_S]
+    return [f"{pd.Timestamp(start) + pd.Timedelta(seconds=t):{form}}" for t in step * TIME_S]
+
+
+def dated(form, known=MOVING, **changes):
+    """A scan with time stamps in words."""
+    return "Time,Ch 0 [V],Ch 1 [V]\n" + table(stamps(form, **changes), A, B), known
+
+
+def scan_text(delimiter=",", after_header="", inside="", end=""):
+    """The scan with lines below its header, after 100 rows and at its end."""
+    rows = table(TIME_S, POSITION_M, A, B, delimiter=delimiter).splitlines(keepends=True)
+    head = delimiter.join(["time_s", "position_m", "voltage_0_V", "voltage_1_V"]) + "\n"
+    return "".join([head, after_header, *rows[:100], inside, *rows[100:], end])
+
+
+def r_table(delimiter=" "):
+    """As R's write.table leaves it: rows have names, for which the header has no cell."""
+    head = delimiter.join(['"time_s"', '"position_m"', '"voltage_0_V"', '"voltage_1_V"'])
+    labels = [f'"{row}"' for row in range(1, N + 1)]
+    return f"{head}\n" + table(labels, TIME_S, POSITION_M, A, B, delimiter=delimiter)
 
 
 def rigol(end=","):
@@ -184,6 +226,44 @@ TEXTS: dict[str, tuple[str | bytes, dict]] = {
     "any name in volts": (
         "Time (ms),X [V],Encoder side film [V],Stage pos (mm)\n" + table(1e3 * TIME_S, A, B, MM),
         {}),
+    "LabVIEW, times for each channel": (labview_multi(), {}),
+    "Tektronix, a block for each channel": (tektronix_blocks(), MOVING),
+    "Tektronix, times for each channel": (
+        "TIME,CH1,TIME,CH2\n" + table(TIME_S, A, TIME_S, B),
+        MOVING | {"time_unit": "s", "signal_unit": "V"}),
+    "Rigol, the unit at the name": ("Time(s),CH1V,CH2V\n" + table(TIME_S, A, B), MOVING),
+    "Rigol, the increment in the header": (
+        "CH1V,CH2mV,t0 =-7.5e-01s, tInc = 5e-04,\n" + table(A, 1e3 * B, end=","), MOVING),
+    "Rigol, brackets": ("Time(s),CH1(V),CH2(V)\n" + table(TIME_S, A, B), MOVING),
+    "descriptions below the units": (
+        "Time,Ch0,Ch1,Pos\ns,V,V,mm\nsince the start,front film,back film,\n"
+        + table(TIME_S, A, B, MM), {}),
+    "units above the names": (
+        "s,V,V,mm\nTime,Ch0,Ch1,Pos\n" + table(TIME_S, A, B, MM), {}),
+    "MATLAB's dates": dated("%d-%b-%Y %H:%M:%S.%f"),
+    "dates with a month's name": dated('"%b %d, %Y %H:%M:%S.%f"'),
+    "dates of the United States": dated("%m/%d/%Y %I:%M:%S.%f %p"),
+    "dates with strokes": dated("%Y/%m/%d %H:%M:%S.%f"),
+    "milliseconds behind a colon": (
+        "Time,Ch 0 [V],Ch 1 [V]\n"
+        + table([each[:-3] for each in stamps("%H:%M:%S:%f", step=2.0)], A, B),
+        {**MOVING, "times": "ignore", "sample_rate_hz": RATE_HZ}),
+    "dates in a column of their own": (
+        "Date,Time,Ch 0 [V],Ch 1 [V]\n"
+        + table(stamps("%d/%m/%Y"), stamps("%H:%M:%S.%f"), A, B), MOVING),
+    "Ctrl-Z at the end": (scan_text(end="\x1a"), {}),
+    "zeros at the end": (scan_text(end="\0" * 3000), {}),
+    "comments of several kinds": (
+        scan_text(after_header="# 1,2,3,4\n#\n! V\n", inside="%% a,b\n", end="// end"), {}),
+    "a comment below the header": (scan_text(after_header="# by me, in the lab\n"), {}),
+    "a comment between rows": (scan_text(inside="// it slipped\n"), {}),
+    "a comment with a semicolon": (scan_text("\t", after_header="; by me\n"), {}),
+    "a comment at the end": (scan_text(" ", end="% all of it\n"), {}),
+    "units as a comment": ("Time,Ch0,Ch1,Pos\n# s,V,V,mm\n" + table(TIME_S, A, B, MM), {}),
+    "a rate as a comment": (
+        "Pos (mm),CH1(V),CH2(V)\n# Sample rate: 2 kHz\n" + table(MM, A, B), {}),
+    "R": (r_table(), {}),
+    "R, with commas": (r_table(","), {}),
     "temperature called T": (
         "T (degC),t (s),Ch 0 [V],Ch 1 [V],y pos (mm),Stage pos (mm)\n"
         + table(21 + TIME_S, TIME_S, A, B, 0 * MM, MM), {}),
@@ -200,7 +280,8 @@ def assert_is_scan(recording: Recording) -> None:
     assert recording.signal_unit == "V"
 
 
-@follows("No line names the columns", "as a counter of {} bits does")
+@follows("No line names the columns", "as a counter of {} bits does",
+         "The table is read without", "The {} columns {} are equal")  # fmt: skip
 @pytest.mark.parametrize("case", TEXTS)
 def test_text_of_instruments(tmp_path, case):
     text, known = TEXTS[case]
@@ -308,6 +389,32 @@ def test_columns_are_aligned_by_their_starts_and_intervals(tmp_path):
     assert any("aligned by their starts" in note for note in recording.notes)
 
 
+@pytest.mark.parametrize("text", [labview_multi, tektronix_blocks])
+def test_channels_with_times_of_their_own_are_aligned(tmp_path, text):
+    (tmp_path / "r.csv").write_text(text(TIME_S + 40 * STEP_S))
+    known = {} if text is labview_multi else MOVING
+    recording = load_even({"path": str(tmp_path / "r.csv"), **known}, {})
+    np.testing.assert_array_equal(recording.signal, [A[40:], B[:-40]])
+    assert recording.sample_rate_hz == pytest.approx(RATE_HZ)
+    assert any("aligned by their starts" in note for note in recording.notes)
+
+
+SKIPPED = {
+    "below the header": (scan_text(after_header="# here\n", end="# there\n"), "lines 2, 403"),
+    "between rows": (scan_text(inside="# here\n"), "line 102"),
+    "a row": (scan_text(inside="#0.04975,0.01,0.1,0.2\n"), "line 102"),
+    "descriptions": (TEXTS["descriptions below the units"][0], "line 3"),
+}
+
+
+@pytest.mark.parametrize("case", SKIPPED)
+def test_lines_that_are_no_rows_are_named(tmp_path, case):
+    text, where = SKIPPED[case]
+    (tmp_path / "r.csv").write_text(text)
+    notes = load_even({"path": str(tmp_path / "r.csv")}, {}).notes
+    assert any(f"without {where}," in note for note in notes)
+
+
 # Positions that a stage reports now and then, in motions of several kinds.
 
 
@@ -344,6 +451,34 @@ def test_positions_between_reports(tmp_path, case):
     assert recording.notes or recording.doubts
     moving = recording.speed_m_per_s[inner] > 1e-3
     assert np.all(moving) or case in ("there and back", "with rests")
+
+
+@follows("is reported in {} of {} data rows", "are left out, as {} is empty there")
+@pytest.mark.parametrize("blank", ["", "NaN"])
+@pytest.mark.parametrize("case", HELD)
+def test_positions_that_are_written_now_and_then(tmp_path, case, blank):
+    motion_mm, every, phase = HELD[case]
+    at = np.arange(phase, T_S.size, every)
+    cells = np.full(T_S.size, blank, object)
+    cells[at] = [repr(float(v)) for v in np.round(motion_mm(T_S[at]), 4)]
+    noise = np.random.default_rng(3).normal(size=T_S.size)
+    rows = table(1e3 * T_S, noise, cells)
+    (tmp_path / "r.csv").write_text("Time (ms),Ch 0 [V],Stage pos (mm)\n" + rows)
+    recording = load_even({"path": str(tmp_path / "r.csv")}, {})
+    kept = slice(at[0], at[-1] + 1)
+    np.testing.assert_array_equal(recording.signal[0], noise[kept])
+    assert np.max(np.abs(1e3 * recording.position_m - motion_mm(T_S)[kept])) < 0.011
+    assert any(f"reported in {at.size} of" in note for note in recording.notes)
+    assert any("left out" in note for note in recording.notes) == (recording.time_s.size < T_S.size)
+
+
+def test_few_positions_are_not_interpolated(tmp_path):
+    cells = np.full(N, "", object)
+    cells[[0, -1]] = ["10.0", "13.99"]
+    rows = table(1e3 * TIME_S, A, cells)
+    (tmp_path / "r.csv").write_text("Time (ms),Ch 0 [V],Stage pos (mm)\n" + rows)
+    with pytest.raises(BadInput, match="data row 2 is empty"):
+        load_even({"path": str(tmp_path / "r.csv")}, {})
 
 
 def test_reports_that_come_unevenly(tmp_path):
@@ -465,7 +600,76 @@ def text_of(head):
     return gains(lambda path, c: path.write_text(head + ",".join(c) + "\n" + table(*c.values())))
 
 
+def text(content):
+    """A file of this text."""
+    return lambda path: path.write_bytes(content.encode())
+
+
+def marked(form, delimiter=","):
+    """Numbers of a million, with marks for thousands."""
+    cells = ([form(f"{1e6 * v:,.3f}") for v in each] for each in (2 + A, 2 + B))
+    head = delimiter.join(["time_s", "voltage_0_uV", "voltage_1_uV"])
+    return text(f"{head}\n" + table(np.arange(N), *cells, delimiter=delimiter))
+
+
+def digits(odd):
+    """The scan with a number that Python alone reads."""
+    return text(
+        f"time_s,position_m,voltage_0_V\n0,0.01,{odd}\n" + table(TIME_S, POSITION_M, A)[12:]
+    )
+
+
+def days_apart(form, days):
+    """Stamps of which the second half is as many days later."""
+    late = stamps(form, start=f"2025-02-{3 + days:02}T10:11:12")
+    cells = [*stamps(form, start="2025-02-03T10:11:12")[: N // 2], *late[N // 2 :]]
+    return text("Time,Ch 0 [V],Ch 1 [V]\n" + table(cells, A, B))
+
+
 REFUSED = {
+    "a gain in a comment": (text(scan_text(inside="# Gain: 95\n")), "r.csv", {}),
+    "thousands with commas": (marked(lambda cell: f'"{cell}"'), "r.csv", MOVING),
+    "thousands with spaces": (
+        marked(lambda cell: cell.replace(",", " ").replace(".", ","), ";"),
+        "r.csv",
+        MOVING,
+    ),
+    "thousands with apostrophes": (marked(lambda cell: cell.replace(",", "'")), "r.csv", MOVING),
+    "thousands with points": (
+        marked(lambda cell: cell.replace(",", "_").replace(".", ",").replace("_", "."), ";"),
+        "r.csv",
+        MOVING,
+    ),
+    "a low line between digits": (digits("1_0"), "r.csv", {}),
+    "digits of another script": (digits("\u0661.\u0665"), "r.csv", {}),
+    "zeros in place of a row's end": (text(scan_text()[:-5] + "\0" * 99), "r.csv", {}),
+    "Ctrl-Z between rows": (text(scan_text(inside="\x1a\n")), "r.csv", {}),
+    "a day between two rows": (days_apart("%Y-%m-%d %H:%M:%S.%f", 1), "r.csv", MOVING),
+    "a day, or a month": (days_apart("%d/%m/%Y %H:%M:%S.%f", 1), "r.csv", MOVING),
+    "two days, or two months": (days_apart("%d/%m/%Y %H:%M:%S.%f", 2), "r.csv", MOVING),
+    "a day by a column of dates": (
+        text(
+            "Date,Time,Ch 0 [V]\n"
+            + table(
+                [*["03/02/2025"] * (N // 2), *["04/02/2025"] * (N // 2)],
+                stamps("%H:%M:%S.%f", start="2025-02-03T10:11:12"),
+                A,
+            )
+        ),
+        "r.csv",
+        MOVING,
+    ),
+    "channels of rates of their own": (text(tektronix_blocks(2 * TIME_S)), "r.csv", MOVING),
+    "uneven times of one channel": (
+        text(tektronix_blocks(TIME_S + 1e-3 * np.sin(np.arange(N)))),
+        "r.csv",
+        MOVING,
+    ),
+    "a scale of one channel's block": (
+        text(tektronix_blocks(units="Scale factor,1,,Scale factor,0.5\n")),
+        "r.csv",
+        MOVING | {"signal_unit": "V"},
+    ),
     "gains in a preamble": (text_of("Gain,,95,110\n"), "r.csv", {}),
     "a gain of one channel in a preamble": (text_of("Gain Ch 0: 95\n"), "r.csv", {}),
     "scales in a preamble": (text_of("Scale factor,,0.001,0.002\n"), "r.csv", {}),

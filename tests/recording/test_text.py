@@ -21,7 +21,7 @@ _EDGES = (
 )
 SPACED = ["", " ", " 1", "1 ", "  -2.5 ", "1_0", "\u0661"]
 _WRONG = (
-    "nan NaN inf -inf 1e999 abc --5 +-5 1-2 1.2.3 1e 1e+ e5 . - + 1e5e6 1e2.5 1.e.5 0x10 %1 1d5 "
+    "nan NaN inf -inf 1e999 abc --5 +-5 1-2 1.2.3 1e 1e+ e5 . - + 1e5e6 1e2.5 1.e.5 0x10 1% 1d5 "
     "1e5- -e5 .e5 5- -. 1.-2 nan(1) 1e-+5 e -.e1"
 )
 MARKS = ("nan", "NaN", "-", ".")

@@ -8,7 +8,7 @@ units may stand between. What the preamble says of the rate and the scale is rea
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .._stated import is_stated_word, plain
@@ -21,9 +21,12 @@ _DELIMITERS = "\t;,"  # in the order of trust: a name may hold a comma, hardly t
 _QUOTED = re.compile('"[^"]*"')
 _MOST_LINES = 2_000  # that a preamble and the first rows are looked for in
 _COMMENT = re.compile(r"\s*(#+|%+|//+|!)\s*")
+_COMMENT_OR_SEMICOLON = re.compile(rf"{_COMMENT.pattern}|\s*;+\s*")  # where that parts no cells
 _SEPARATOR = re.compile(r"\s*\"?sep=(.)\"?\s*", re.IGNORECASE)
-_WITH_UNIT = re.compile(r"\S+(?: ?(?:\([^()]*\)|\[[^][]*\]))?")
+_WITH_UNIT = re.compile(r"\"[^\"]*\"|\S+(?: ?(?:\([^()]*\)|\[[^][]*\]))?")
+_LABEL = re.compile(r'\s*"([^"]*)"')  # of a row, as R writes it
 _ROWS = 3  # in succession that begin a table
+_DESCRIPTIONS = 2  # rows of them, at most, between a row of units and the numbers
 _ENTRY = re.compile(r"([^:=]*[^:=\s])\s*[:=]\s*(.*)")
 # Units rows: words that stand there besides units.
 _NO_UNIT = ("", "sequence", "sample", "samples", "points", "counts", "count", "-", "1", "n/a")
@@ -38,6 +41,8 @@ class Heading:
     - `lines`: how many lines stand above the first row.
     - `entries`: what the preamble states, as key and values; `above_numbers` what stands so in the
       header and the row of units, as a scope's start and increment.
+    - `skipped`: lines below the header that describe the columns, by their number.
+    - `has_comments`: whether a line that begins with a comment's mark is no row.
     """
 
     names: list[str]
@@ -47,12 +52,14 @@ class Heading:
     units: list[str] = field(default_factory=list)
     entries: tuple[tuple[str, list[str]], ...] = ()
     above_numbers: tuple[tuple[str, list[str]], ...] = ()
+    skipped: Mapping[int, str] = field(default_factory=dict)
+    has_comments: bool = True
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
     """The cells of a line, without spaces around them."""
     if delimiter == SPACE:
-        return _WITH_UNIT.findall(line)
+        return [cell.strip('"') for cell in _WITH_UNIT.findall(line)]
     try:
         rows = csv.reader([line.rstrip("\r\n")], delimiter=delimiter)
         return [cell.strip() for cell in next(rows, [])]
@@ -69,25 +76,33 @@ def heading_of(block: str) -> Heading:
     separator = _SEPARATOR.fullmatch(lines[begin]) if lines else None
     begin = begin + 1 if separator else 0
     delimiter = separator[1] if separator else _delimiter(lines)
-    cells = [cells_of(_uncommented(line), delimiter) for line in lines]
+    cells = [cells_of(_uncommented(line, delimiter), delimiter) for line in lines]
+    marked = {index for index, line in enumerate(lines) if is_comment(line, delimiter)}
     numeric, width = _numeric_columns(cells, begin)
-    first = _first_row(cells, numeric, width, begin)
+    first = _first_row(cells, numeric, width, begin, marked)
     if first is None:  # no row of numbers: the first line names what there is
         first = next((i for i in range(begin, len(lines)) if _names_columns(lines[i])), None)
         if first is None:
             return Heading([], delimiter, 0, len(lines))
         return Heading(cells[first], delimiter, first + 1, first + 1)
-    head, units = _header(lines, cells, numeric, width, begin, first)
+    if _is_labelled(lines[first]) and width - 1 in numeric:  # R's header has no name for labels
+        cells[:first] = [["", *row] if len(row) == width - 1 else row for row in cells[:first]]
+    head, units, after = _header(cells, numeric, width, range(begin, first), marked)
     if head is None:
         return _without_names(lines, cells, numeric, width, first, delimiter)
     names, below = cells[head], cells[units] if units is not None else []
-    entries = _entries(lines[:head], delimiter)
+    equations = [name for name in names if "=" in name and is_stated_word(name.partition("=")[0])]
+    entries = (*entries_of(lines[:head], delimiter), *entries_of(equations, delimiter))
     pairs = zip(names, below, strict=False)
     stated = tuple((name, [cell]) for name, cell in pairs if is_number(cell))
-    after = head if units is None else units
     if _fits(names, numeric, width):
-        names = _fitted(names, width)
-    return Heading(names, delimiter, head + 1, after + 1, below, entries, stated)
+        names = _fitted(["" if name in equations else name for name in names], width)
+    between = (index for index in range(head + 1, after + 1) if index != units)
+    return Heading(
+        names, delimiter, head + 1, after + 1, below, entries, stated,
+        skipped={index + 1: lines[index] for index in between if any(cells[index])},
+        has_comments=first not in marked,
+    )  # fmt: skip
 
 
 def _without_names(
@@ -107,13 +122,31 @@ def _without_names(
     if list(cells[first]) == [str(index) for index in range(width)] and width > 1:
         first += 1
     names = [f"column_{index + 1}" for index in range(width)]
-    return Heading(names, delimiter, 0, first, [], _entries(lines[:first], delimiter))
+    return Heading(names, delimiter, 0, first, [], entries_of(lines[:first], delimiter))
 
 
-def _uncommented(line: str) -> str:
+def is_comment(line: str, delimiter: str) -> bool:
+    """Whether a line begins with a comment's mark, and not with that of a missing sample."""
+    if _mark(line, delimiter) is None:
+        return False
+    cells = cells_of(line, delimiter)
+    return not (cells and is_mark(cells[0]))
+
+
+def _mark(line: str, delimiter: str) -> re.Match[str] | None:
+    return (_COMMENT if delimiter == ";" else _COMMENT_OR_SEMICOLON).match(line)
+
+
+def _uncommented(line: str, delimiter: str) -> str:
     """A line without the mark that makes it a comment."""
-    mark = _COMMENT.match(line)
+    mark = _mark(line, delimiter)
     return line[mark.end() :] if mark else line
+
+
+def _is_labelled(row: str) -> bool:
+    """Whether a row begins with a name in quotation marks, and ends in none."""
+    label = _LABEL.match(row)
+    return label is not None and not is_stamp(label[1]) and not row.rstrip().endswith('"')
 
 
 def _names_columns(line: str) -> bool:
@@ -152,14 +185,20 @@ def _numeric_columns(cells: Sequence[Sequence[str]], begin: int) -> tuple[list[i
 
 
 def _first_row(
-    cells: Sequence[Sequence[str]], numeric: Sequence[int], width: int, begin: int
+    cells: Sequence[Sequence[str]],
+    numeric: Sequence[int],
+    width: int,
+    begin: int,
+    marked: Container[int],
 ) -> int | None:
-    """The first of several rows in succession that hold numbers where the table does."""
+    """The first of several rows in succession that hold numbers where the table does, comments
+    aside unless all are such."""
     filled = [index for index in range(begin, len(cells)) if any(cells[index])]
-    flags = [_is_row(cells[index], numeric, width) for index in filled]
-    for at, index in enumerate(filled):
-        if flags[at] and all(flags[at : at + _ROWS]):
-            return index
+    for lines in ([index for index in filled if index not in marked], filled):
+        flags = [_is_row(cells[index], numeric, width) for index in lines]
+        for at, index in enumerate(lines):
+            if flags[at] and all(flags[at : at + _ROWS]):
+                return index
     return None
 
 
@@ -173,40 +212,65 @@ def _is_row(row: Sequence[str], numeric: Sequence[int], width: int) -> bool:
 
 
 def _header(
-    lines: Sequence[str],
     cells: Sequence[Sequence[str]],
     numeric: Sequence[int],
     width: int,
-    begin: int,
-    first: int,
-) -> tuple[int | None, int | None]:
-    """The line that names the columns of the rows from `first` on, and the one of their units."""
-    above = [index for index in range(first - 1, begin - 1, -1) if any(cells[index])]
-    if len(above) > 1 and _is_of_units(cells[above[0]]) and _fits(cells[above[1]], numeric, width):
-        named = [cell for cell in cells[above[1]] if cell]
-        if not all(map(_holds_value, named)):
-            return above[1], above[0]
+    preamble: range,
+    marked: Container[int],
+) -> tuple[int | None, int | None, int]:
+    """The line of the preamble that names the columns of the rows below it, the one of their units,
+    and the last one above the rows."""
+
+    def has_value(index: int) -> bool:
+        row = cells[index]
+        return any(_holds_value(row[column]) for column in numeric if column < len(row))
+
+    above = [
+        index for index in reversed(preamble)
+        if any(cells[index]) and not all(is_mark(cell) for cell in cells[index] if cell)
+    ]  # fmt: skip
+    for at, units in enumerate(above[: _DESCRIPTIONS + 1]):
+        names = _nearest(above[at + 1 :], cells, numeric, width, marked)
+        if names is None and at == 1:  # the units stand above the names
+            names = _nearest(above[:1], cells, numeric, width, marked)
+        if names is not None and _is_of_units(cells[units]):
+            named = [cell for cell in cells[names] if cell]
+            if not all(map(_holds_value, named)):
+                return names, units, above[0]
+        if has_value(units):
+            break
     # A row above a line shows that the line is a row with other things in it, not the header; in
     # a single column every line has the table's width, and the first one is the header.
-    rows = [index for index in above if _is_row(cells[index], numeric, width)]
-    above = [index for index in above if index < min(rows, default=first)]
-    above = above[-1:] if width == 1 and above and not lines[above[-1]].startswith("#") else above
-    marked = [index for index in above if lines[index].startswith("#")]
-    for index in [*(each for each in above if each not in marked), *marked]:
-        row = cells[index]
-        if _fits(row, numeric, width) and not any(
-            _holds_value(row[column]) for column in numeric if column < len(row)
-        ):
-            return index, None
+    rows = [i for i in above if i not in marked and _is_row(cells[i], numeric, width)]
+    above = [index for index in above if index < min(rows, default=preamble.stop)]
+    above = above[-1:] if width == 1 and above and above[-1] not in marked else above
+    plain_lines = [index for index in above if index not in marked]
+    for index in [*plain_lines, *(index for index in above if index in marked)]:
+        if _fits(cells[index], numeric, width) and not has_value(index):
+            return index, None, index
     # Names may look like numbers: most of a line's do not.
-    if above and _fits(cells[above[0]], numeric, width) and not lines[above[0]].startswith("#"):
+    if above and _fits(cells[above[0]], numeric, width) and above[0] not in marked:
         named = [cell for cell in cells[above[0]] if cell]
         if not _holds_value(named[0]) and 2 * sum(map(_holds_value, named)) <= len(named):
-            return above[0], None
+            return above[0], None, above[0]
     # One that names too few, or too many, is refused with the first row, but for a sentence.
-    near = next((index for index in above if index not in marked), None)
-    is_list = near is not None and (len(cells[near]) > 1 or width == 1)
-    return (near if is_list and not any(map(_holds_value, cells[near or 0])) else None), None
+    near = next(iter(plain_lines), None)
+    if near is None or any(map(_holds_value, cells[near])) or len(cells[near]) == 1 < width:
+        return None, None, 0
+    return near, None, near
+
+
+def _nearest(
+    above: Sequence[int],
+    cells: Sequence[Sequence[str]],
+    numeric: Sequence[int],
+    width: int,
+    marked: Container[int],
+) -> int | None:
+    """The nearest line that may name the columns, comments of another width aside."""
+    near = (i for i in above if i not in marked or _fits(cells[i], numeric, width))
+    index = next(near, None)
+    return index if index is not None and _fits(cells[index], numeric, width) else None
 
 
 def _fits(row: Sequence[str], numeric: Sequence[int], width: int) -> bool:
@@ -238,20 +302,22 @@ def _fitted(names: Sequence[str], width: int) -> list[str]:
     return [*names, ""] if len(names) == width - 1 else list(names[:width])
 
 
-def _entries(lines: Sequence[str], delimiter: str) -> tuple[tuple[str, list[str]], ...]:
+def entries_of(lines: Iterable[str], delimiter: str) -> tuple[tuple[str, list[str]], ...]:
     """Keys and values of a preamble's lines, split by the delimiter, a colon or an equals sign."""
     return tuple(_split_entries(lines, delimiter))
 
 
-def _split_entries(lines: Sequence[str], delimiter: str) -> Iterator[tuple[str, list[str]]]:
+def _split_entries(lines: Iterable[str], delimiter: str) -> Iterator[tuple[str, list[str]]]:
     for line in lines:
-        text = _uncommented(line).strip().lstrip(f"{delimiter};").strip()
+        text = _uncommented(line, delimiter).strip().lstrip(f"{delimiter};").strip()
         cells = cells_of(text, delimiter) if delimiter != SPACE else [text]
         entry = _ENTRY.fullmatch(cells[0]) if len([c for c in cells if c]) == 1 else None
         if entry:
             cells = [entry[1], entry[2]]
         if len(cells) > 1 and plain(cells[0].rstrip(":")):
-            yield cells[0].rstrip(":").strip(), cells[1:]
+            # A scope that writes a block for each channel has the key in each.
+            values = ["" if cell == cells[0] else cell for cell in cells[1:]]
+            yield cells[0].rstrip(":").strip(), values
 
 
 def units_of(heading: Heading) -> Mapping[str, str]:

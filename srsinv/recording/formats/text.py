@@ -4,7 +4,8 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,12 +13,14 @@ from jaxtyping import Float
 from srsinv.errors import BadInput, refuse
 
 from ...files import DataFile, quoted
+from .._clocks import take_own_times
+from .._columns import is_time
 from .._stated import is_gain_of, is_of_time, is_stated_word, plain, stated
-from .._table import ColumnTable, listing
+from .._table import ColumnTable, listing, marked_number
 from ..reader import Reader
-from ._heading import SPACE, Heading, heading_of, units_of
+from ._heading import SPACE, Heading, entries_of, heading_of, is_comment, units_of
 from ._numbers import DecimalMark, has_thousands, is_mark
-from ._stamps import is_stamp, past_midnight, stamps_s
+from ._stamps import has_date, is_date, is_stamp, stamps_s
 
 LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
 _BLOCK = 2**20  # characters whose cells are turned into numbers together
@@ -26,6 +29,10 @@ _TEXT = 80  # characters stored of a cell that is no number
 _SPACES = re.compile(r"[ \t]+")
 _EITHER = re.compile(r"(^|[^\d.,])[1-9]\d{0,2}[.,]\d{3}($|[^\d.,])")  # 2,000: two or thousands
 _AT_ENDS = re.compile(r"(?m)^ | $")
+_MARKED = re.compile(r"(?m)^[ \t]*[#%/!;]")  # a line that may be a comment
+_MOST_COMMENTS = 1_000  # that differ: any further one is taken as a row
+_OTHER_STAMP = re.compile(r"\w.*(\d\D+\d|\d{4})")  # in a column of times without a number
+_PADDING = "\0\x1a\n"  # at a text's end, by DOS and by loggers that write whole blocks
 
 _Rows = list[list[str]] | Float[np.ndarray, "row column"]
 
@@ -55,8 +62,12 @@ class Text(Reader):
         text = io.TextIOWrapper(file, encoding=_encoding(file), errors="srsinv.latin_1")
         lines = _Lines(table.name, text)
         heading = heading_of(lines.block_at_hand())
-        names, delimiter = heading.names, heading.delimiter
+        delimiter = heading.delimiter
         lines.skip(heading.lines)
+        if heading.has_comments:
+            lines.leave_out_comments(delimiter)
+        names, blocks = _named_apart(heading.names)
+        heading = replace(heading, names=names)
         _check_names(table, names)
         decimal = DecimalMark(delimiter != ",")
         columns = {index: _Column(decimal) for index in range(len(names))}
@@ -64,11 +75,13 @@ class Text(Reader):
             cells = rows.T if isinstance(rows, np.ndarray) else list(zip(*rows, strict=True))
             for index, column in columns.items():
                 column.extend(cells[index])
+        _join_dates(list(columns.values()))
         for index, column in columns.items():
             _take(table, names[index] or f"column_{index + 1}", column, bool(names[index]))
         text.detach()  # the file stays open
         _refuse_thousands(table, file, heading)
-        _state(table, heading, decimal.mark)
+        _state(table, heading, decimal.mark, {**heading.skipped, **lines.comments})
+        take_own_times(table, blocks)
         return table
 
 
@@ -84,15 +97,38 @@ def _encoding(file: DataFile) -> str:
     return "utf-8-sig"
 
 
+def _named_apart(names: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """The names, columns of times that share one numbered, and the columns after each of those."""
+    apart, blocks = list(names), {}
+    for index, name in enumerate(names):
+        if name and names.count(name) > 1 and is_time(name):
+            before = names[:index].count(name)
+            apart[index] = f"{name} no. {before + 1}" if before else name
+            blocks[apart[index]] = []
+        elif name and blocks:
+            blocks[next(reversed(blocks))].append(name)
+    return apart, blocks
+
+
+def _join_dates(columns: Sequence["_Column"]) -> None:
+    """Date the clock times of one column by the dates of another, where each is the only one."""
+    clocks = [column for column in columns if column.is_clock]
+    dates = [column for column in columns if column.is_dates]
+    if len(clocks) == len(dates) == 1:
+        clocks[0].date(dates[0])
+
+
 def _take(table: ColumnTable, name: str, column: "_Column", is_named: bool) -> None:
     """Take in a column; one that nobody names only where it holds anything."""
     values = column.numbers()
     if not is_named and (name in table or not np.isfinite(values).any()):
         return
-    if column.is_stamps:
+    has_numbers = bool(np.isfinite(values).any())
+    is_other = is_time(name) and _OTHER_STAMP.match(column.text) and not marked_number(column.text)
+    if column.is_stamps or (is_other and not has_numbers):
         table.stamps.append(name)
-        if not column.is_dated:
-            values = past_midnight(values)
+    if name in table.stamps and column.text and not has_numbers:
+        return table.leave_out(name, f"holds dates or times in no certain form, as {column.text!r}")
     table.columns[name] = values
     table.texts[name] = column.text
     if column.mark:
@@ -126,19 +162,24 @@ def _refuse_thousands(table: ColumnTable, file: DataFile, heading: Heading) -> N
         )
 
 
-def _state(table: ColumnTable, heading: Heading, decimal: str) -> None:
-    """Add what the preamble and the row of units state; `decimal`: the mark of the rows' numbers,
-    where any has one."""
+def _state(table: ColumnTable, heading: Heading, decimal: str, skipped: Mapping[int, str]) -> None:
+    """Add what the preamble, the row of units and comments state; `decimal`: the mark of the rows'
+    numbers, where any has one; `skipped`: lines that are no rows, by their number."""
     table.units.update({name: unit for name, unit in units_of(heading).items() if name in table})
     if heading.line > 1:
         named = listing(name for name in heading.names if name)
         table.notes.append(f"Line {heading.line} names the columns: {named}.")
     if not heading.line:
         table.notes.append("No line names the columns: they are numbered from column_1 on.")
+    if skipped:
+        where = f"line{'s' * (len(skipped) > 1)} {listing(map(str, skipped))}"
+        first = quoted(next(iter(skipped.values())).strip()[:_TEXT])
+        table.notes.append(f"The table is read without {where}, beginning with {first!r}.")
     _state_units(table, heading)
     _state_of_labview(table, heading)
+    commented = entries_of(skipped.values(), heading.delimiter)
     above = {key for key, _ in heading.above_numbers}
-    for key, values in (*heading.entries, *heading.above_numbers):
+    for key, values in (*heading.entries, *heading.above_numbers, *commented):
         is_certain = is_stated_word(key, may_be_ambiguous=key in above) or is_gain_of(key)
         if not is_certain or (
             key in above and key in table.columns and np.isfinite(table.columns[key]).any()
@@ -225,6 +266,9 @@ class _Lines(Iterator[str]):
         self._name, self._text = name, text
         self._begun, self._block, self._at = "", "", 0
         self._rows, self._characters = 0, 0
+        self._number = 1  # of the first line of the block
+        self._delimiter: str | None = None  # where comments are left out
+        self.comments: dict[int, str] = {}  # the first of each, by its line's number
 
     def begin_after(self, rows: int) -> None:
         """Begin the next row, after `rows` of them."""
@@ -236,6 +280,28 @@ class _Lines(Iterator[str]):
             next(self)
             self.begin_after(0)
         self.begin_after(1)
+
+    def leave_out_comments(self, delimiter: str) -> None:
+        """Read on without lines that begin with a comment's mark."""
+        self._delimiter = delimiter
+        self._number -= self._block.count("\n", self._at)
+        self._block, self._at = self._without_comments(self._block[self._at :]), 0
+
+    def _without_comments(self, block: str) -> str:
+        """The lines of the next block that are rows."""
+        number, self._number = self._number, self._number + block.count("\n")
+        if self._delimiter is None or not _MARKED.search(block):
+            return block
+        rows, known = [], set(self.comments.values())
+        for at, line in enumerate(block.split("\n"), number):
+            if not is_comment(line, self._delimiter):
+                rows.append(line)
+            elif line not in known and len(known) < _MOST_COMMENTS:
+                known.add(line)
+                self.comments[at] = line
+            elif line not in known:
+                rows.append(line)
+        return "\n".join(rows)
 
     def has_more_at_hand(self) -> bool:
         """Whether a line is buffered."""
@@ -275,14 +341,26 @@ class _Lines(Iterator[str]):
         read, self._block, self._at = " ", "", 0
         while read and not self._block:
             read = self._text.read(_BLOCK)
-            if "\0" in read:
-                raise ValueError("binary")
+            if "\0" in read or "\x1a" in read:
+                read = self._without_padding(read)
             lines, end, self._begun = (self._begun + read).rpartition("\n")
-            self._block = lines + end
+            self._block = self._without_comments(lines + end)
             # The last line needs no end; nor is the end of one read that is too long already.
             if self._begun and (not read or len(self._begun) > LONGEST_ROW):
-                self._block += self._begun
+                self._block += self._begun if read else self._without_comments(self._begun)
                 self._begun = ""
+
+    def _without_padding(self, read: str) -> str:
+        """The text's last characters, without the Ctrl-Z or the zeros that fill its last block.
+
+        Raises `ValueError` where these are not at its end, or stand in place of a row's end.
+        """
+        held = read.rstrip(_PADDING)
+        rest = iter(lambda: self._text.read(_BLOCK), "")
+        is_cut = read[len(held) :].startswith("\0") and bool(held or self._begun)
+        if is_cut or not {"\0", "\x1a"}.isdisjoint(held) or any(r.strip(_PADDING) for r in rest):
+            raise ValueError("binary")
+        return held
 
 
 class _Column:
@@ -295,7 +373,7 @@ class _Column:
         self._decimal = decimal
         self.text = ""  # of the first cell that holds no finite number
         self.mark = ""  # the first one of a missing sample
-        self.is_stamps = self.is_dated = False
+        self.is_stamps = self.is_clock = self.is_dates = False
 
     def extend(self, cells: Sequence[str] | Float[np.ndarray, " row"]) -> None:
         """Add the next cells, or their numbers, finite but where a cell is empty."""
@@ -303,8 +381,10 @@ class _Column:
             self._parts.append(cells.copy())  # not a view, which would hold all columns
             return
         if not self.is_stamps and not sum(map(len, self._parts)):
-            self.is_stamps = is_stamp(next((cell for cell in cells if cell.strip()), ""))
-        if self.is_stamps:
+            first = next((cell for cell in cells if cell.strip()), "")
+            self.is_stamps, self.is_dates = is_stamp(first), is_date(first)
+            self.is_clock = self.is_stamps and not has_date(first)
+        if self.is_stamps or self.is_dates:
             self._stamps.extend(cells)
             return
         values = self._plain(cells)
@@ -328,10 +408,17 @@ class _Column:
             return None
         return values if np.isfinite(values).all() else None
 
+    def date(self, dates: "_Column") -> None:
+        """Put the dates of another column before the clock times of this one."""
+        pairs = zip(dates._stamps, self._stamps, strict=True)
+        self._stamps = [f"{date.strip()} {clock}" for date, clock in pairs]
+
     def numbers(self) -> Float[np.ndarray, " row"]:
         """All cells, removed from the column."""
-        if self.is_stamps:
-            values, self.is_dated = stamps_s(self._stamps)
+        if self.is_stamps or self.is_dates:
+            values = stamps_s(self._stamps)
+            if values is None:
+                values = np.full(len(self._stamps), np.inf)
             odd = np.isinf(values)
             self.text = self._stamps[int(odd.argmax())].strip()[:_TEXT] if odd.any() else ""
             self._stamps.clear()
