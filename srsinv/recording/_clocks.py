@@ -1,5 +1,6 @@
 """Columns that by their file begin at different times, or have rates of their own, on one clock."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from srsinv.errors import BadInput, refuse
 
 from ..files import quoted
+from ._columns import quantity_of
 from ._stated import Clock
 from ._table import ColumnTable, listing
 from ._timing import resolution
@@ -18,6 +20,34 @@ from ._units import PER_S, known_unit, split_unit
 _SAME_RATE = 1e-7  # relative: over a million samples a tenth of one
 _SAME_START = 1e-2  # of an interval
 _WHOLE = 0.25  # of an interval: starts nearer to a whole number of them only differ by rounding
+
+
+def own_times(
+    names: Sequence[str], units: Mapping[str, str]
+) -> tuple[list[str], dict[str, list[str]]]:
+    """The names, columns of times that share one numbered, and the columns after each of those.
+
+    Case and a number do not part names: Time (s), Time 2 (s); pandas writes Time (s).1. Columns of
+    times that stand side by side are not of different columns.
+    """
+    table = ColumnTable("", units=dict(units))
+    shared: dict[tuple[str, str | None], list[int]] = {}
+    for index, name in enumerate(names):
+        if name and quantity_of(table, name) == "time":
+            words, unit = split_unit(re.sub(r"\.\d+$", "", name), PER_S)
+            key = re.sub(r"[ _-]\d+$", "", words.casefold()), unit
+            shared.setdefault(key, []).append(index)
+    numbered = list(names)
+    alike = [each for each in shared.values() if len(each) > 1 and min(np.diff(each)) > 1]
+    if len(alike) != 1:
+        return numbered, {}
+    for index in alike[0]:
+        before = list(names[:index]).count(names[index])
+        numbered[index] += f" no. {before + 1}" if before else ""
+    parts = zip(alike[0], [*alike[0][1:], len(numbered)], strict=True)
+    return numbered, {
+        numbered[at]: [name for name in numbered[at + 1 : end] if name] for at, end in parts
+    }
 
 
 def take_own_times(table: ColumnTable, blocks: Mapping[str, Sequence[str]]) -> None:

@@ -33,7 +33,7 @@ _FOREIGN = frozenset(_FOREIGN_WORDS.split())
 _MICRO = str.maketrans("\u00b5\u03bc", "uu")
 _BRACKETS = re.compile(r"(.*\S)\s*(?:\(([^()]*)\)|\[([^][]*)\])\s*")
 _GLUED = re.compile(
-    r"((?:ch(?:an(?:nel)?)?|ai)[ _-]?\d+)([mu\u00b5\u03bc]?V)", re.IGNORECASE
+    r"((?:ch(?:an(?:nel)?)?|ai)[ _-]?\d+) ?([mu\u00b5\u03bc]?V)", re.IGNORECASE
 )  # CH1V, as scopes write it
 _AFTER_STROKE = re.compile(r"(.*\S)\s+/\s+(\S+)")  # as DIN 1313 writes a unit: U / V
 

@@ -242,6 +242,10 @@ TEXTS: dict[str, tuple[str | bytes, dict]] = {
         "s,V,V,mm\nTime,Ch0,Ch1,Pos\n" + table(TIME_S, A, B, MM), {}),
     "MATLAB's dates": dated("%d-%b-%Y %H:%M:%S.%f"),
     "dates with a month's name": dated('"%b %d, %Y %H:%M:%S.%f"'),
+    "dates with a day's name": dated('"%a, %d %b %Y %H:%M:%S.%f"'),
+    "dates with two digits of the year": dated("%d-%b-%y %H:%M:%S.%f"),
+    "numbered times of each channel": (
+        "Time 1 (s),Ch 0 [V],Time 2 (s),Ch 1 [V]\n" + table(TIME_S, A, TIME_S, B), MOVING),
     "dates of the United States": dated("%m/%d/%Y %I:%M:%S.%f %p"),
     "dates with strokes": dated("%Y/%m/%d %H:%M:%S.%f"),
     "milliseconds behind a colon": (
@@ -389,7 +393,17 @@ def test_columns_are_aligned_by_their_starts_and_intervals(tmp_path):
     assert any("aligned by their starts" in note for note in recording.notes)
 
 
-@pytest.mark.parametrize("text", [labview_multi, tektronix_blocks])
+def in_pairs(second, names="Time (s),Ch 0 [V],time (s),Ch 1 [V]"):
+    """A column of times for each channel, in a table without a preamble."""
+    return f"{names}\n" + table(TIME_S, A, second, B)
+
+
+def of_pandas(second):
+    """The same, as pandas names columns of one name."""
+    return in_pairs(second, "Time (s),Ch 0 [V],Time (s).1,Ch 1 [V]")
+
+
+@pytest.mark.parametrize("text", [labview_multi, tektronix_blocks, in_pairs, of_pandas])
 def test_channels_with_times_of_their_own_are_aligned(tmp_path, text):
     (tmp_path / "r.csv").write_text(text(TIME_S + 40 * STEP_S))
     known = {} if text is labview_multi else MOVING

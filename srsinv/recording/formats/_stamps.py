@@ -12,18 +12,19 @@ from jaxtyping import Float
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _MONTH = rf"(?P<name>{'|'.join(_MONTHS)})[a-z]*"
 _ISO = r"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})"
-_NAMED = (rf"(?P<d>\d{{1,2}})[- /.]+{_MONTH}[- /.,]+(?P<y>\d{{4}})",
+_NAMED = (rf"(?P<d>\d{{1,2}})[- /.]+{_MONTH}[- /.,]+(?P<y>\d{{2}}|\d{{4}})",
           rf"{_MONTH}[- /.]+(?P<d>\d{{1,2}})[- /.,]+(?P<y>\d{{4}})")  # fmt: skip
 _SHORT = r"(?P<a>\d{1,2})[-/.](?P<b>\d{1,2})[-/.](?P<c>\d{2}|\d{4})"  # in an order of the country
 _DATES = tuple(re.compile(date, re.ASCII | re.IGNORECASE) for date in (_ISO, *_NAMED, _SHORT))
 _ORDERS = ("abc", "bac", "cba")  # of day, month and year in a short date
+_WEEKDAY = r"(?:[a-z]{3,9},? )?"
 _ANY_DATE = "|".join(re.sub(r"\?P<\w+>", "?:", date.pattern) for date in _DATES)
 _CLOCK = (
     r"(?P<hour>\d{1,2}):(?P<minute>\d{2})"
     r"(?::(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,12})|:(?P<millisecond>\d{3}))?)?"
 )
 _STAMP = re.compile(
-    rf"\s*(?:(?P<date>{_ANY_DATE})[T ,]\s*)?{_CLOCK}\s*(?P<half>[AP]M)?\s*"
+    rf"\s*(?:{_WEEKDAY}(?P<date>{_ANY_DATE})[T ,]\s*)?{_CLOCK}\s*(?P<half>[AP]M)?\s*"
     r"(?P<zone>Z|[+-]\d{2}:?\d{2})?\s*",
     re.ASCII | re.IGNORECASE,
 )

@@ -13,26 +13,22 @@ from jaxtyping import Float
 from srsinv.errors import BadInput, refuse
 
 from ...files import DataFile, quoted
-from .._clocks import take_own_times
+from .._clocks import own_times, take_own_times
 from .._columns import is_time
 from .._stated import is_gain_of, is_of_time, is_stated_word, plain, stated
 from .._table import ColumnTable, listing, marked_number
 from ..reader import Reader
-from ._heading import SPACE, Heading, entries_of, heading_of, is_comment, units_of
+from ._heading import SPACE, Heading, entries_of, heading_of, units_of
+from ._lines import BLOCK, LONGEST_ROW, Lines
 from ._numbers import DecimalMark, has_thousands, is_mark
 from ._stamps import has_date, is_date, is_stamp, stamps_s
 
-LONGEST_ROW = 2**18  # characters: a thousand names of two hundred, with their commas
-_BLOCK = 2**20  # characters whose cells are turned into numbers together
 _MOST_BLANK = 10_000  # blank lines at the end of a file of several columns
 _TEXT = 80  # characters stored of a cell that is no number
 _SPACES = re.compile(r"[ \t]+")
 _EITHER = re.compile(r"(^|[^\d.,])[1-9]\d{0,2}[.,]\d{3}($|[^\d.,])")  # 2,000: two or thousands
 _AT_ENDS = re.compile(r"(?m)^ | $")
-_MARKED = re.compile(r"(?m)^[ \t]*[#%/!;]")  # a line that may be a comment
-_MOST_COMMENTS = 1_000  # that differ: any further one is taken as a row
 _OTHER_STAMP = re.compile(r"\w.*(\d\D+\d|\d{4})")  # in a column of times without a number
-_PADDING = "\0\x1a\n"  # at a text's end, by DOS and by loggers that write whole blocks
 
 _Rows = list[list[str]] | Float[np.ndarray, "row column"]
 
@@ -60,13 +56,13 @@ class Text(Reader):
         """The columns of a text, with the rate, units and start that its preamble states."""
         table = ColumnTable.of(file)
         text = io.TextIOWrapper(file, encoding=_encoding(file), errors="srsinv.latin_1")
-        lines = _Lines(table.name, text)
+        lines = Lines(table.name, text)
         heading = heading_of(lines.block_at_hand())
         delimiter = heading.delimiter
         lines.skip(heading.lines)
         if heading.has_comments:
             lines.leave_out_comments(delimiter)
-        names, blocks = _named_apart(heading.names)
+        names, blocks = own_times(heading.names, units_of(heading))
         heading = replace(heading, names=names)
         _check_names(table, names)
         decimal = DecimalMark(delimiter != ",")
@@ -95,19 +91,6 @@ def _encoding(file: DataFile) -> str:
     if 4 * max(even, odd) > len(start) and not min(even, odd):
         return "utf-16-le" if odd else "utf-16-be"
     return "utf-8-sig"
-
-
-def _named_apart(names: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """The names, columns of times that share one numbered, and the columns after each of those."""
-    apart, blocks = list(names), {}
-    for index, name in enumerate(names):
-        if name and names.count(name) > 1 and is_time(name):
-            before = names[:index].count(name)
-            apart[index] = f"{name} no. {before + 1}" if before else name
-            blocks[apart[index]] = []
-        elif name and blocks:
-            blocks[next(reversed(blocks))].append(name)
-    return apart, blocks
 
 
 def _join_dates(columns: Sequence["_Column"]) -> None:
@@ -255,114 +238,6 @@ def _number_by_clock(table: ColumnTable) -> None:
         table.stamps.append(name)
 
 
-class _Lines(Iterator[str]):
-    """Lines of a text, read in blocks.
-
-    Raises `BadInput` where the lines since the last row's end are longer than `LONGEST_ROW`: a row
-    may take several, where one of its cells does.
-    """
-
-    def __init__(self, name: str, text: io.TextIOWrapper):
-        self._name, self._text = name, text
-        self._begun, self._block, self._at = "", "", 0
-        self._rows, self._characters = 0, 0
-        self._number = 1  # of the first line of the block
-        self._delimiter: str | None = None  # where comments are left out
-        self.comments: dict[int, str] = {}  # the first of each, by its line's number
-
-    def begin_after(self, rows: int) -> None:
-        """Begin the next row, after `rows` of them."""
-        self._rows, self._characters = self._rows + rows, 0
-
-    def skip(self, lines: int) -> None:
-        """Take so many lines as read, and begin the first row."""
-        for _ in range(lines):
-            next(self)
-            self.begin_after(0)
-        self.begin_after(1)
-
-    def leave_out_comments(self, delimiter: str) -> None:
-        """Read on without lines that begin with a comment's mark."""
-        self._delimiter = delimiter
-        self._number -= self._block.count("\n", self._at)
-        self._block, self._at = self._without_comments(self._block[self._at :]), 0
-
-    def _without_comments(self, block: str) -> str:
-        """The lines of the next block that are rows."""
-        number, self._number = self._number, self._number + block.count("\n")
-        if self._delimiter is None or not _MARKED.search(block):
-            return block
-        rows, known = [], set(self.comments.values())
-        for at, line in enumerate(block.split("\n"), number):
-            if not is_comment(line, self._delimiter):
-                rows.append(line)
-            elif line not in known and len(known) < _MOST_COMMENTS:
-                known.add(line)
-                self.comments[at] = line
-            elif line not in known:
-                rows.append(line)
-        return "\n".join(rows)
-
-    def has_more_at_hand(self) -> bool:
-        """Whether a line is buffered."""
-        return self._at < len(self._block)
-
-    def block_at_hand(self) -> str:
-        """All buffered lines, read if there are none; empty at the end of the text."""
-        if not self.has_more_at_hand():
-            self._fill()
-        return self._block[self._at :]
-
-    def pass_over(self) -> None:
-        """Take all buffered lines as read."""
-        self._at = len(self._block)
-
-    def __next__(self) -> str:
-        if not self.has_more_at_hand():
-            self._fill()
-        if not self.has_more_at_hand():
-            raise StopIteration
-        begin, self._at = self._at, self._block.find("\n", self._at) + 1 or len(self._block)
-        self._characters += self._at - begin
-        if self._characters > LONGEST_ROW:
-            raise self.too_long()
-        return self._block[begin : self._at]
-
-    def too_long(self) -> BadInput:
-        """The refusal of the row that was begun last."""
-        where = f"data row {self._rows}" if self._rows else "the header"
-        return BadInput(
-            f"{self._name}: {where} is longer than {LONGEST_ROW} characters, or a cell of it half "
-            "as long: write a row for each sample, and close every quotation mark."
-        )
-
-    def _fill(self) -> None:
-        """Buffer lines, unless the text is at its end."""
-        read, self._block, self._at = " ", "", 0
-        while read and not self._block:
-            read = self._text.read(_BLOCK)
-            if "\0" in read or "\x1a" in read:
-                read = self._without_padding(read)
-            lines, end, self._begun = (self._begun + read).rpartition("\n")
-            self._block = self._without_comments(lines + end)
-            # The last line needs no end; nor is the end of one read that is too long already.
-            if self._begun and (not read or len(self._begun) > LONGEST_ROW):
-                self._block += self._begun if read else self._without_comments(self._begun)
-                self._begun = ""
-
-    def _without_padding(self, read: str) -> str:
-        """The text's last characters, without the Ctrl-Z or the zeros that fill its last block.
-
-        Raises `ValueError` where these are not at its end, or stand in place of a row's end.
-        """
-        held = read.rstrip(_PADDING)
-        rest = iter(lambda: self._text.read(_BLOCK), "")
-        is_cut = read[len(held) :].startswith("\0") and bool(held or self._begun)
-        if is_cut or not {"\0", "\x1a"}.isdisjoint(held) or any(r.strip(_PADDING) for r in rest):
-            raise ValueError("binary")
-        return held
-
-
 class _Column:
     """A column's cells as numbers: NaN for one that is empty or a mark of a missing sample,
     infinite for no finite number. Dates and clock times are seconds."""
@@ -429,7 +304,7 @@ class _Column:
 
 
 def _blocks(
-    table: ColumnTable, lines: _Lines, delimiter: str, names: list[str], decimal: DecimalMark
+    table: ColumnTable, lines: Lines, delimiter: str, names: list[str], decimal: DecimalMark
 ) -> Iterator[_Rows]:
     """Rows of as many cells as there are names, a block of them at a time.
 
@@ -444,7 +319,7 @@ def _blocks(
             at_end += 1
         blank, at_end = (blank, at_end) if len(rows) else (blank + at_end, 0)
         if len(rows) or (blank > _MOST_BLANK and len(names) > 1):
-            held = ([[""]] * min(_BLOCK, blank - start) for start in range(0, blank, _BLOCK))
+            held = ([[""]] * min(BLOCK, blank - start) for start in range(0, blank, BLOCK))
             for part in (*held, rows) if len(rows) else held:
                 whole = _with_blank_rows(part, len(names))
                 done = _checked(table, whole, names, done)
@@ -455,7 +330,7 @@ def _blocks(
 
 
 def _next_rows(
-    lines: _Lines,
+    lines: Lines,
     reader: Iterator[list[str]],
     delimiter: str,
     columns: int,
