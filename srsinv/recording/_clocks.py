@@ -31,14 +31,15 @@ def own_times(
     times that stand side by side are not of different columns.
     """
     table = ColumnTable("", units=dict(units))
-    shared: dict[tuple[str, str | None], list[int]] = {}
+    shared: dict[str, list[int]] = {}
     for index, name in enumerate(names):
         if name and quantity_of(table, name) == "time":
-            words, unit = split_unit(re.sub(r"\.\d+$", "", name), PER_S)
-            key = re.sub(r"[ _-]\d+$", "", words.casefold()), unit
-            shared.setdefault(key, []).append(index)
+            words = split_unit(re.sub(r"\.\d+$", "", name), PER_S)[0].casefold()
+            shared.setdefault(re.sub(r"[ _-]\d+$", "", words), []).append(index)
     numbered = list(names)
-    alike = [each for each in shared.values() if len(each) > 1 and min(np.diff(each)) > 1]
+    alike = [
+        each for each in shared.values() if len(each) > 1 and min(np.diff([*each, len(names)])) > 1
+    ]
     if len(alike) != 1:
         return numbered, {}
     for index in alike[0]:
@@ -59,9 +60,12 @@ def take_own_times(table: ColumnTable, blocks: Mapping[str, Sequence[str]]) -> N
     first, *others = blocks or [""]
     if first not in table.columns:
         return
-    named = "s" if first in table.stamps else split_unit(first, PER_S)[1]
-    unit = known_unit(table.units.get(first), PER_S) or named
+    unit = _time_unit(table, first)
     own = {name: table.columns.get(name, np.full(1, np.nan)) for name in blocks}
+    for name in others:
+        its = _time_unit(table, name) or unit
+        if its != unit:
+            own[name] = own[name] * (PER_S[unit] / PER_S[its] if unit and its else np.nan)
     for name in others:
         table.columns.pop(name, None)
         table.units.pop(name, None)
@@ -84,6 +88,14 @@ def take_own_times(table: ColumnTable, blocks: Mapping[str, Sequence[str]]) -> N
         step = steps[first] if is_same else steps[name]
         clock = Clock(0.0, float(values[0]) / PER_S[unit], float(step) / PER_S[unit])
         table.clocks.update((each, clock) for each in blocks[name] if each in table.columns)
+
+
+def _time_unit(table: ColumnTable, name: str) -> str | None:
+    """The unit of a column of times, as the file or its name states it."""
+    if name in table.stamps:
+        return "s"
+    named = split_unit(name.partition(" no. ")[0], PER_S)[1]
+    return known_unit(table.units.get(name), PER_S) or named
 
 
 def _are_equal(one: np.ndarray, other: np.ndarray) -> bool:

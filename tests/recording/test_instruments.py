@@ -398,12 +398,19 @@ def in_pairs(second, names="Time (s),Ch 0 [V],time (s),Ch 1 [V]"):
     return f"{names}\n" + table(TIME_S, A, second, B)
 
 
+def in_milliseconds(second):
+    """The second channel's times are in milliseconds."""
+    return in_pairs(1e3 * second, "Time (s),Ch 0 [V],Time (ms),Ch 1 [V]")
+
+
 def of_pandas(second):
     """The same, as pandas names columns of one name."""
     return in_pairs(second, "Time (s),Ch 0 [V],Time (s).1,Ch 1 [V]")
 
 
-@pytest.mark.parametrize("text", [labview_multi, tektronix_blocks, in_pairs, of_pandas])
+@pytest.mark.parametrize(
+    "text", [labview_multi, tektronix_blocks, in_pairs, in_milliseconds, of_pandas]
+)
 def test_channels_with_times_of_their_own_are_aligned(tmp_path, text):
     (tmp_path / "r.csv").write_text(text(TIME_S + 40 * STEP_S))
     known = {} if text is labview_multi else MOVING

@@ -50,7 +50,8 @@ class Lines(Iterator[str]):
     def _without_comments(self, block: str) -> str:
         """The lines of the next block that are rows."""
         number, self._number = self._number, self._number + block.count("\n")
-        if self._delimiter is None or not _MARKED.search(block):
+        may_have = self._delimiter is not None and any(mark in block for mark in "#%/!;")
+        if self._delimiter is None or not may_have or not _MARKED.search(block):
             return block
         rows, known = [], set(self.comments.values())
         for at, line in enumerate(block.split("\n"), number):

@@ -255,7 +255,7 @@ class _Column:
         if isinstance(cells, np.ndarray):
             self._parts.append(cells.copy())  # not a view, which would hold all columns
             return
-        if not self.is_stamps and not sum(map(len, self._parts)):
+        if not self._stamps and not sum(map(len, self._parts)):
             first = next((cell for cell in cells if cell.strip()), "")
             self.is_stamps, self.is_dates = is_stamp(first), is_date(first)
             self.is_clock = self.is_stamps and not has_date(first)
