@@ -170,10 +170,8 @@ def on_one_clock(table: ColumnTable, channels: Sequence[str], motion: Sequence[s
     for name in motion:
         if name in clocks:
             columns[name] = _at(table.numbers(name), clocks[name], np.arange(begin, end))
-        elif (
-            name in columns and columns[name].size == samples
-        ):  # of no clock of its own: on the first signal's
-            columns[name] = columns[name][begin:end]
+        elif name in columns and columns[name].size == samples:
+            columns[name] = columns[name][begin:end]  # of no clock of its own: the first signal's
     sidecar = {"sample_rate_hz": 1 / base.interval_s} | table.sidecar
     notes = [*table.notes, *_notes(clocks, base.interval_s)]
     return replace(table, columns=columns, clocks={}, notes=notes, sidecar=sidecar)
