@@ -12,7 +12,10 @@ import pytest
 from scipy.stats import binom, chi2, norm
 
 from srsinv.inverse.calibration import calibrate
+from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.quality import Quality
+from srsinv.inverse.sample_noise import SampleNoise
+from srsinv.modules import with_fields
 from tests.claims.rig_scans import RIDGE, Rig, Setup, random_rig
 from tests.claims.rigs import BAND, LIMIT, pulls
 from tests.reference.line_rig import Strip, rate, ridge_loads
@@ -69,3 +72,17 @@ def test_intervals_of_random_rigs_cover(rigs, snr_db):
         assert np.sum(np.abs(own) <= LIMIT) >= binom.ppf(FALSE_ALARM, rigs, BAND), name
         assert least < np.sum(own**2) < most, name
         assert abs(np.sum(own)) < norm.isf(FALSE_ALARM / 2) * np.sqrt(rigs), name
+
+
+@pytest.mark.full
+def test_errors_of_a_ridge_hold_what_its_cells_are_off():
+    """Half as wide cells move it by three quarters of that; at 80 dB it is three standard errors of
+    the noise."""
+    rig, clean = recorded(2)
+    clean = clean / np.array(rig.gains)[:, None]
+    problem = rig.problem(clean, rig.stated.depth_m, rig.sensor(rig.strips))
+    noise = float(np.sqrt(np.mean(clean**2))) / 1e4
+    fitted = FeatureFit({"one": RIDGE})(with_fields(problem, noise=SampleNoise(noise)))
+    truth = rig.known | {"base_friction": rig.friction}
+    for name, (value, error) in fitted.parameters.items():
+        assert abs(value - truth[name]) < 1.5 * error < 1e-3 * abs(truth[name]), name
