@@ -1,4 +1,5 @@
-"""What passes of one way have in common, and what they differ by: shifts, levels and scatter."""
+"""What passes of one way have in common, and what they differ by: shifts, gains, levels and
+scatter."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -13,6 +14,12 @@ from ..numerics import ROUNDED, root_of
 FALSE_ALARM = 1e-3  # of shifts, and of a scatter beyond the noise, where there is none
 SMOOTH_DEPTHS = 1 / 6  # over which signals' slopes are smoothed: waves so short are noise or hum
 SHIFT_DEPTHS = 0.25  # the standard deviation of shifts before they are known
+BAND = 0.95  # the quantile at the upper end of a 90 % band
+NOT_KNOWN = (
+    "How much the gain varies from pass to pass is not known, and no band holds it: no direction "
+    "was passed twice over a clear signal."
+)
+FAINT_SIGNAL = 10.0  # standard errors of a gain: a weaker signal says nothing of how it varies
 
 
 class PassOnCells(NamedTuple):
@@ -25,6 +32,51 @@ class PassOnCells(NamedTuple):
     information: Float[np.ndarray, "e cell"]
     slow: Float[np.ndarray, "e cell"]
     typical: float
+
+
+class PassGains(NamedTuple):
+    """How gains vary from pass to pass, as where the contact's pressure varies; all relative.
+
+    - `off` (pass, e): each pass's gain less that of the mean over its direction of motion, and its
+      `variance` (pass, e) by noise alone; zero and infinite where it is not known.
+    - `covariance` (e, e): of the gains of one pass, the noise's part taken off; zeros where noise
+      explains all of it. It has `freedom` degrees of freedom, the differences between passes.
+    - `of_means` (direction, e, j): the error that is left in the mean over each direction of
+      motion, one standard deviation each of independent contributions j. They are wider by
+      Student's quantile of `freedom` over the normal one, so that 90 % bands hold.
+    """
+
+    off: Float[np.ndarray, "pass e"]
+    variance: Float[np.ndarray, "pass e"]
+    covariance: Float[np.ndarray, "e e"]
+    freedom: int
+    of_means: Float[np.ndarray, "direction e j"]
+
+    @property
+    def spread(self) -> Float[np.ndarray, " e"]:
+        """Rms by which the gain of each element varies from pass to pass, relative; NaN where it is
+        not known."""
+        is_known = np.isfinite(self.variance).any(axis=0)
+        return np.where(is_known, np.sqrt(np.diag(self.covariance)), np.nan)
+
+    @property
+    def note(self) -> str:
+        """What is known of how gains vary, as a sentence for answers whose bands hold it."""
+        spread = self.spread[np.isfinite(self.spread)]
+        if not spread.size:
+            return NOT_KNOWN
+        if not self.is_found:
+            return "The gain is the same in all passes, as far as the noise shows."
+        percent = f"{100 * spread.max():.2g} %"
+        return f"The gain varies by {percent} from pass to pass: the bands hold it."
+
+    @property
+    def is_found(self) -> bool:
+        """Whether gains differ by more than noise does."""
+        seen = np.isfinite(self.variance)
+        squares = np.sum(self.off[seen] ** 2 / self.variance[seen])
+        count = self.freedom * int(np.sum(seen.any(axis=0)))
+        return bool(squares > scipy.stats.chi2.isf(FALSE_ALARM, max(count, 1)))
 
 
 class PassesOnCells:
@@ -163,6 +215,64 @@ class PassesOnCells:
         is_found = squares / noise > scipy.stats.chi2.isf(FALSE_ALARM, freedom)
         spread = np.sqrt(np.maximum(squares / freedom - noise, 0.0))
         return np.where(is_found & (self.contrasts > 0), spread, 0.0)
+
+    def _gain_templates(self, way: int) -> list[Float[np.ndarray, "e cell"]]:
+        """The mean signal of a way over each of its passes, less its level there."""
+        templates = []
+        for each in self.of(way):
+            total = np.maximum(np.sum(each.information, axis=1, keepdims=True), ROUNDED)
+            level = np.sum(each.information * self.signals[way], axis=1, keepdims=True) / total
+            templates.append(np.where(each.information > 0, self.signals[way] - level, 0.0))
+        return templates
+
+    @cached_property
+    def gains(self) -> PassGains:
+        """How gains vary from pass to pass: each pass's difference projected on the mean signal of
+        its way, less the noise's part (the moments of a one-way analysis of variance; Searle,
+        Casella and McCulloch 1992, section 3.6)."""
+        shape = len(self.way), len(self.variance)
+        off, variance = np.zeros(shape), np.full(shape, np.inf)
+        for way in range(self.ways):
+            numbers = [j for j, own in enumerate(self.way) if own == way]
+            if len(numbers) < 2:
+                continue
+            total = np.sum([self.every[j].information for j in numbers], axis=0)
+            for j, template in zip(numbers, self._gain_templates(way), strict=True):
+                own, difference = self.every[j].information, self.differences[j]
+                share = own / np.where(total > 0, total, 1.0)
+                weight = own * template / self.variance
+                size = np.sum(weight * template, axis=1)
+                walk = np.sum((self.step * np.cumsum(weight, axis=1)) ** 2, axis=1)
+                noise = np.sum(weight * template * (1 - share), axis=1) + walk
+                clear = size - np.sum(share, axis=1)  # the mean has noise, too
+                seen = clear > FAINT_SIGNAL * np.sqrt(size + walk)
+                size = np.where(seen, clear, 1.0)
+                product = np.sum(weight * difference, axis=1)
+                off[j] = np.where(seen, product / size, 0.0)
+                variance[j] = np.where(seen, noise / size**2, np.inf)
+        freedom = self.contrasts
+        noise = np.sum(np.where(np.isfinite(variance), variance, 0.0), axis=0)
+        covariance = (off.T @ off - np.diag(noise)) / max(freedom, 1)
+        root = root_of(covariance)
+        wide = scipy.stats.t.ppf(BAND, max(freedom, 1)) / scipy.stats.norm.ppf(BAND)
+        counts = np.array([self._effective_count(way) for way in range(self.ways)])
+        of_means = wide * root / np.sqrt(counts)[:, None, None]
+        return PassGains(off, variance, root @ root.T, freedom, of_means)
+
+    def _effective_count(self, way: int) -> float:
+        """How many passes of the same weight would have the mean that those of a way have."""
+        weights = np.array([np.sum(each.information) for each in self.of(way)])
+        return float(np.sum(weights) ** 2 / np.sum(weights**2))
+
+    def less_gains(self) -> "PassesOnCells":
+        """The passes less what their own gains add to the mean signal of their way."""
+        templates = [iter(self._gain_templates(way)) for way in range(self.ways)]
+        return self._with(
+            [
+                each._replace(signal=each.signal - off[:, None] * next(templates[way]))
+                for way, each, off in zip(self.way, self.every, self.gains.off, strict=True)
+            ]
+        )
 
     def scatter(self) -> tuple[float, int]:
         """Rms of what passes differ by over that of the noise, and its degrees of freedom; NaN of

@@ -24,7 +24,7 @@ from ..grid import as_real
 from ..numerics import whole_steps
 from ..recording.passes import Pass
 from .cells import LEAST_CELLS, Cells, fitted_on, sample_middles
-from .pass_statistics import FALSE_ALARM, PassesOnCells, PassOnCells
+from .pass_statistics import FALSE_ALARM, PassesOnCells, PassGains, PassOnCells
 
 MUCH_SCATTER = 1.1  # times the noise: less may be what cells make of it
 MOST_BEATS = 64  # waves of a shift that varies along a pass
@@ -35,7 +35,7 @@ class AveragedPasses(NamedTuple):
     """What averaging of passes found: how many there are of each way, `onwards` and `back`; their
     `shifts_m`, zero where noise explains all differences, with their standard error; and the
     `scatter` between passes of a way, rms over that of the noise (NaN where it is not known), of so
-    many degrees of `freedom`."""
+    many degrees of `freedom`; their `gains`, and the scatter that is left beside these."""
 
     onwards: int
     back: int
@@ -43,15 +43,26 @@ class AveragedPasses(NamedTuple):
     shift_stderr_m: float
     scatter: float
     freedom: int
+    gains: PassGains
+    scatter_beside_gains: float
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """That passes differ by more than noise does."""
+        return self._of_scatter(self.scatter)
+
+    @property
+    def warnings_beside_gains(self) -> tuple[str, ...]:
+        """That passes differ by more than noise and gains of their own do, of an answer whose bands
+        hold the gains."""
+        return self._of_scatter(self.scatter_beside_gains)
+
+    def _of_scatter(self, scatter: float) -> tuple[str, ...]:
         chance = scipy.stats.chi2.isf(FALSE_ALARM, max(self.freedom, 1)) / max(self.freedom, 1)
-        if not self.scatter > max(np.sqrt(chance), MUCH_SCATTER):
+        if not scatter > max(np.sqrt(chance), MUCH_SCATTER):
             return ()
         return (
-            f"Passes of one way differ by {self.scatter:.3g} times the noise: what differs is in "
+            f"Passes of one way differ by {scatter:.3g} times the noise: what differs is in "
             "no band. The stage, the load or the surface does not repeat, or hum or drift is on "
             "the signals (recording.mains_Hz, recording.drift).",
         )
@@ -118,10 +129,13 @@ class Averaging:
         cells, columns = self._average(passes, np.hypot(_spread(shifts, passes), stderr))
         # What drifts does not repeat either: passes then differ by more than the white noise.
         scatter, freedom = passes.scatter()
+        beside, _ = passes.less_gains().scatter()
+        if self._is_walk:
+            scatter = beside = float("nan")
         found = AveragedPasses(
             int(np.sum([self.ways[i] for i in self._way])),
             int(np.sum([not self.ways[i] for i in self._way])),
-            shifts, stderr, float("nan") if self._is_walk else scatter, freedom,
+            shifts, stderr, scatter, freedom, passes.gains, beside,
         )  # fmt: skip
         return cells, columns, found
 

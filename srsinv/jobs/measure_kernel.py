@@ -64,6 +64,7 @@ def run(cfg: config.Config) -> Result:
             **_facts.of_cells(recording, problem, found.line_problem),
             **_facts.of_effects(config.part(cfg, "effects")),
             **_of_kernel(found, settings["hold"], known.name),
+            "of_gains": found.note,
             "is_written": int(is_good),
         }
         data = _dataset(recording, found, facts)
@@ -145,6 +146,7 @@ def _dataset(
         "response": (("model", "sensor", "shown", "lag"), response, "C m/N"),
         "response_stderr": (("sensor", "shown", "lag"), error, "C m/N"),
         "relative_error": (("sensor", "shown"), relative, "1", "kernel_error_{part}_{number}"),
+        "gain_spread": ("sensor", found.gain_spread, "1", "gain_spread_{number}"),
         "known_pressure": ("x", found.pressure_Pa, "Pa"),
         "signal": (along, np.where(observed, signal, np.nan), unit),
         "fitted_signal": (("model", *along), fitted, unit),

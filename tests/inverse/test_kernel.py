@@ -15,7 +15,7 @@ from srsinv.forward.measured import KernelTable, MeasuredFilm
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
-from srsinv.inverse.estimate import relative_error
+from srsinv.inverse.estimate import averages, relative_error
 from srsinv.inverse.kernel.choice import Place, choose
 from srsinv.inverse.kernel.evidence import Envelope, Prior, Products, likeliest, posterior
 from srsinv.inverse.kernel.file import as_netcdf, is_as_written, load_kernel
@@ -28,6 +28,7 @@ from srsinv.inverse.line_problem import LineProblem
 from srsinv.inverse.operator_model import Measured
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.wiener import Exponential, Wiener
+from srsinv.recording.passes import passes_of
 
 DEPTH_M, MU = 7.5e-4, 0.5
 LINE = Periodic(512, 0.03 / 512, -0.015)
@@ -372,6 +373,96 @@ def test_spectra_of_kernels_on_the_lags():
     np.testing.assert_allclose(got, want, atol=1e-12 * want[0])
 
 
+# --- gains that vary from pass to pass ---------------------------------------------------------
+
+WIDE_DEPTH_M, PER_PASS, ON_LINE = 1.4e-3, 800, Open(1000, 3e-5, -0.015)
+RIDGE = np.where(np.abs(np.asarray(ON_LINE.x)) < 4e-4, 1e4, 0.0)
+
+
+@pytest.fixture(scope="module")
+def repeated():
+    """A sensor of one film, four passes each way over a load, and their signals without noise."""
+    sensor = Sensor([Film(WIDE_DEPTH_M).with_strip_average()])
+    at = np.arange(8 * PER_PASS)
+    speed = np.where((at // PER_PASS) % 2 == 0, 0.05, -0.05)
+    motion = Motion.from_speed(at / 2000, speed, -1e-2)
+    operator = sensor.operator_along(ON_LINE, motion, ways=motion.ways)
+    both = np.stack([np.stack([RIDGE, sign * MU * RIDGE]) for sign in (1, -1)])
+    return sensor, motion, np.asarray(operator(jnp.asarray(both)))
+
+
+def at_gains(repeated, gains, seed=0, level=0.05):
+    """The problem of a recording whose passes have these gains."""
+    sensor, motion, clean = repeated
+    signal = clean.copy()
+    for each, gain in zip(passes_of(np.asarray(motion.position_m)), gains, strict=True):
+        signal[:, each.samples] *= gain
+    rms = level * np.abs(clean).max()
+    signal += rms * np.random.default_rng(seed).normal(size=clean.shape)
+    return Problem(sensor, motion, signal, rms, cell_m=2e-4).on_line()
+
+
+def gain_errors(sensor, on):
+    """How far the measured kernels of p and of q are off along the true ones, in standard
+    errors, and these, relative."""
+    pressure = np.asarray(averages(jnp.asarray(RIDGE)[None], ON_LINE, on.line))[0]
+    kernel = measure_kernel(on, sensor, pressure, MU)
+    truth = of(sensor, kernel)[0]
+    along = truth / np.sum(truth**2, axis=-1, keepdims=True)
+    stderr = np.sqrt(np.sum(np.einsum("jcm,cm->jc", kernel.factors[:, 0], along) ** 2, axis=0))
+    return np.sum((kernel.value[0] - truth) * along, axis=-1) / stderr, stderr
+
+
+def test_bands_hold_gains_that_vary_from_pass_to_pass(repeated):
+    on = at_gains(repeated, (1.2, 1.1, 1.05, 0.95, 1.1, 1.05, 0.95, 1.2))
+    found = on.passes.gains
+    assert found.is_found
+    assert found.spread == pytest.approx([0.098], rel=0.1)
+    assert "9.8 %" in found.note
+    assert on.passes.warnings
+    assert not on.passes.warnings_beside_gains
+    off, stderr = gain_errors(repeated[0], on)
+    assert np.all(np.abs(off) < 2.5)  # each direction's mean is 7.5 % off
+    # As large beside a gain of 1.075 in the mean; over eight passes, of six degrees of freedom.
+    assert stderr[0] == pytest.approx(1.075 * 0.098 / np.sqrt(8) * 1.18, rel=0.1)
+
+
+def test_gains_that_do_not_vary_change_no_band(repeated):
+    on = at_gains(repeated, np.ones(8), seed=1)
+    found = on.passes.gains
+    assert not found.is_found
+    assert "the same in all passes" in found.note
+    assert found.spread[0] < 0.01
+    assert gain_errors(repeated[0], on)[1][0] < 0.01
+
+
+def test_gains_of_single_passes_are_not_known(repeated):
+    sensor, motion, clean = repeated
+    first = slice(0, 2 * PER_PASS)
+    columns = motion.time_s, motion.position_m, motion.speed_m_per_s
+    cut = Motion(*(np.asarray(each)[first] for each in columns))
+    rms = 0.05 * np.abs(clean).max()
+    noisy = clean[:, first] + rms * np.random.default_rng(0).normal(size=(1, 2 * PER_PASS))
+    found = Problem(sensor, cut, noisy, rms, cell_m=2e-4).on_line().passes.gains
+    assert np.isnan(found.spread).all()
+    assert "not known" in found.note
+    assert not found.of_means.any()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("spread", [0.0, 0.03, 0.1])
+def test_bands_cover_the_gain_over_draws(repeated, spread):
+    """90 % bands of the gain of the kernel of p, of 20 draws of noise and gains: of a binomial
+    distribution all but 1 in 100 lies at 15 and above."""
+    off = []
+    for seed in range(20):
+        gains = 1 + spread * np.random.default_rng([seed, 1]).normal(size=8)
+        on = at_gains(repeated, gains, seed)
+        off.append(gain_errors(repeated[0], on)[0][0])
+    assert np.sum(np.abs(off) < 1.645) >= 15
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.4
+
+
 # --- recordings and files ----------------------------------------------------------------------
 
 
@@ -392,8 +483,6 @@ def recording(sensor, seed=0, level=1e-3):
 
 @pytest.mark.full
 def test_passes_of_a_recording_that_turns():
-    from srsinv.inverse.estimate import averages
-
     problem, line, load = recording(TRUE)
     on = problem.on_line().line
     pressure = np.asarray(averages(jnp.asarray(load)[None], line, on))[0]

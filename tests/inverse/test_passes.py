@@ -15,6 +15,7 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open
 from srsinv.inverse.features import FeatureFit
 from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.pass_statistics import PassesOnCells, PassOnCells
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.quadratic import solve
 from srsinv.inverse.rule import Evidence
@@ -188,6 +189,34 @@ def test_what_passes_differ_by_is_said():
     line = Problem(sensed, moved, signal, rms, cell_m=CELL).on_line()
     assert line.passes.scatter > 1.5
     assert any(each.startswith("Passes of one way differ") for each in line.warnings)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.03, 0.1])
+def test_means_of_passes_have_gains_within_their_bands(spread):
+    """Gains that both elements have in common, of two directions with three passes each and noise
+    that makes 1 % of a gain: 90 % bands of the mean's gain, over 400 draws (three standard
+    deviations of a binomial, 4 %; wider at no spread, where a variance cannot be below zero)."""
+    rng, x = np.random.default_rng(7), np.linspace(-4, 4, 60)
+    clean = np.stack([x * np.exp(-(x**2)), np.exp(-(x**2)) * (1 - 2 * x**2)])
+    rms = 0.01 * np.sqrt(np.sum(clean**2, axis=1, keepdims=True))
+    information, none = np.ones(clean.shape), np.zeros((2, 0, 60))
+    inside, squares = [], []
+    for _ in range(400):
+        gains = 1 + spread * rng.normal(size=(6, 1, 1))
+        every = [
+            PassOnCells(g * clean + rms * rng.normal(size=clean.shape), none, information,
+                        information, 1.0)
+            for g in gains
+        ]  # fmt: skip
+        passes = PassesOnCells(every, [0, 1] * 3, rms**2, np.zeros((2, 1)), 1.0)
+        off = np.stack([np.mean(gains[way::2]) - 1 for way in (0, 1)])
+        noise = 0.01 / np.sqrt(3) * rng.normal(size=(2, 2))
+        variance = np.sum(passes.gains.of_means**2, axis=-1) + 0.01**2 / 3
+        inside.append(np.abs(off[:, None] + noise) < 1.645 * np.sqrt(variance))
+        squares.append(passes.gains.covariance)
+        assert passes.less_gains().scatter()[0] < 1.3
+    assert 0.86 < np.mean(inside) < (0.97 if spread < 0.02 else 0.94)
+    np.testing.assert_allclose(np.mean(squares, axis=0), spread**2, atol=0.2 * spread**2 + 1e-4)
 
 
 def test_passes_that_end_elsewhere_leave_no_step_where_they_drift():

@@ -92,6 +92,8 @@ def test_one_way_shows_the_sum_alone():
     said = words(result)
     assert "Places are relative to that of the known feature" in said
     assert "operator=measured operator.path=kernel.nc" in said
+    assert "How much the gain varies from pass to pass is not known" in said
+    assert metrics["gain_spread_1"] is None
 
 
 @pytest.mark.full

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...numerics import root_of
-from .evidence import Posterior, Prior
+from .evidence import Posterior, Prior, posterior
 from .means import Mean
 from .measured import MeasuredKernel
 from .signals import KernelSignals
@@ -47,6 +47,27 @@ def moved(
     return Moved(value, far, [tuple(shared), *directions])
 
 
+def moved_by_gains(
+    signals: KernelSignals, prior: Prior, mean: Mean, elements: Sequence[int]
+) -> tuple[Float[np.ndarray, "j e 2 m"], Float[np.ndarray, "j e 2"]]:
+    """What gains that vary from pass to pass leave open of these elements' kernels and of their
+    factors far away: H (g_j y), with H the map from the signals y to the kernels under this prior,
+    and g_j the gains of the means over passes, in independent directions (see `PassGains`)."""
+    none = np.zeros_like(mean.kernel), np.zeros_like(mean.far)
+    values, fars = [np.zeros((0, *each.shape)) for each in none]
+    for gains in signals.gain_errors:
+        own = Mean(*none, signals.data * (1 - gains[:, None]), *mean[3:])
+        about = signals.about(own)
+        products = [about[e].under(prior.envelope) for e in elements]
+        found = posterior(products, prior, signals.k, np.zeros(len(mean.far_slope)))
+        change = moved(signals, found, prior, own, elements)
+        values, fars = (
+            np.concatenate([every, each[None]])
+            for every, each in ((values, change.value), (fars, change.far))
+        )
+    return values, fars
+
+
 def as_kernel(
     signals: KernelSignals,
     moved: Moved,
@@ -57,7 +78,7 @@ def as_kernel(
     """The kernel, its error in the fewest directions; `chi2` of what it leaves."""
     known = signals.known
     freedom = signals.sample_count - stats["resolved_dof"]
-    kept = [strongest(*each) for each in moved.directions]
+    kept = [strongest(*each) for each in moved.directions if len(each[0])]
     factors, far_factors = (np.concatenate(each) for each in zip(*kept, strict=True))
     variance = sum(np.sum(each**2, axis=0) for each, _ in moved.directions)
     return MeasuredKernel(

@@ -18,7 +18,7 @@ from ...forward.sensor import Sensor
 from ...grid import Open
 from ..line_problem import LineProblem
 from ..problem import Problem
-from .answer import Moved, as_kernel, moved
+from .answer import Moved, as_kernel, moved, moved_by_gains
 from .choice import Place, choose
 from .design import KnownInput, stated_effects
 from .evidence import Prior, posterior
@@ -110,6 +110,7 @@ def _of_data(signals: KernelSignals) -> MeasuredKernel:
     none = np.zeros(len(mean.far_slope))
     shared = not signals.has_both_ways  # passes of one way do not tell scales apart
     whole, stats = Moved(np.array(mean.kernel), np.array(mean.far), []), {}
+    by_gains = []
     evidence = resolved = chi2 = 0.0
     for e, about in zip(signals.elements, signals.about(mean), strict=True):
         best = choose([about], _first_prior(about), Place(), none, shared)
@@ -117,12 +118,16 @@ def _of_data(signals: KernelSignals) -> MeasuredKernel:
         rows = slice(2 * e, 2 * e + 2)  # of the parameters: the far fields of this element
         part = mean.scaled(best.units).of(rows)
         whole = whole.plus(moved(signals, found.of(rows), best.prior, part, [e]))
+        by_gains.append(moved_by_gains(signals, best.prior, mean.scaled(best.units), [e]))
         stats |= {f"length_{e + 1}_m": best.prior.length_m}
         stats |= {f"envelope_{e + 1}_m": best.prior.envelope.width_m}
         evidence += found.log_evidence
         resolved += found.resolved_dof
         chi2 += found.chi2(best.products)
     stats |= {"log_evidence": evidence, "resolved_dof": resolved}
+    # A pass's gain is of all elements: what each adds to a direction is one direction.
+    together = tuple(np.sum(part, axis=0) for part in zip(*by_gains, strict=True))
+    whole = whole._replace(directions=[*whole.directions, together])
     return as_kernel(signals, whole, {}, chi2, stats)
 
 
@@ -161,7 +166,8 @@ def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
     best = choose(signals.about(mean), prior, place, t0, not signals.has_both_ways)
     prior, mean = best.prior, mean.scaled(best.units)
     found = posterior(best.products, prior, signals.k, t0)
-    whole = Moved(mean.kernel, mean.far, []).plus(
+    by_gains = moved_by_gains(signals, prior, mean, signals.elements)
+    whole = Moved(mean.kernel, mean.far, [by_gains]).plus(
         moved(signals, found, prior, mean, signals.elements)
     )
     errors = np.sqrt(np.diag(found.covariance))[: unit.size]

@@ -32,6 +32,7 @@ from ..estimate import averages
 from ..line_model import FREEDOM, Shown
 from ..line_problem import LineProblem
 from ..nuisance import Cleaned
+from ..pass_statistics import NOT_KNOWN
 from ..problem import Problem
 from ..quality import Quality, quality, reasons
 from .design import Weights
@@ -100,6 +101,19 @@ class FeatureKernel:
         return KernelResidual(shown._replace(fitted=signal), squares / max(freedom, 1.0), freedom)
 
     @property
+    def note(self) -> str:
+        """How much the gain varies from pass to pass, as a sentence."""
+        passes = self.line_problem.passes
+        return passes.gains.note if passes else NOT_KNOWN
+
+    @property
+    def gain_spread(self) -> Float[np.ndarray, " e"]:
+        """Rms by which the gain of each element varies from pass to pass, relative; NaN where it is
+        not known."""
+        passes, count = self.line_problem.passes, len(self.stated.elements)
+        return passes.gains.spread if passes else np.full(count, np.nan)
+
+    @property
     def status(self) -> Status:
         """How the fit of place and friction ended."""
         return self.calibration.status
@@ -107,8 +121,10 @@ class FeatureKernel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against the kernel's bands, as sentences."""
+        passes = self.line_problem.passes
         return (
-            *self.line_problem.warnings,
+            *self.problem.warnings,
+            *(passes.warnings_beside_gains if passes else ()),
             *self.kernel.warnings,
             *self._of_friction(),
             *self._of_rest(),

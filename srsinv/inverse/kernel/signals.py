@@ -49,6 +49,20 @@ class KernelSignals:
         problem = self.known.problem
         return problem.sample_count - problem.has_free_offset * len(self.data)
 
+    @property
+    def gain_errors(self) -> Float[np.ndarray, "j row"]:
+        """What passes whose gains vary leave open of the gain of each row's mean, relative, in
+        independent directions; none where passes agree, or each direction was passed once."""
+        passes = self.known.problem.passes
+        if passes is None or not passes.gains.covariance.any():
+            return np.zeros((0, len(self.data)))
+        of_means = passes.gains.of_means
+        whole = np.zeros((len(of_means), of_means.shape[2], *of_means.shape[:2]))
+        for way, own in enumerate(of_means):
+            whole[way, :, way] = own.T
+        every = whole.reshape(-1, len(self.data))
+        return every[np.any(every, axis=1)]
+
     def kernels_of(self, sensor: Sensor) -> Float[np.ndarray, "e 2 m"]:
         """The kernels of another sensor's films at the lags."""
         return kernels(sensor, sensor.elements, self.lags.x_m)
