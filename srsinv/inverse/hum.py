@@ -12,7 +12,7 @@ import numpy as np
 
 from ..recording import Recording
 from ..recording.disturbances import nominal
-from ..recording.mains import MainsLine, standing_lines
+from ..recording.mains import WANDER_HZ, MainsLine, standing_lines
 
 PASSED_ON = 1e-3  # of a wave's amplitude: what passes less on shows no texture
 WEAK = 0.3  # of the white noise: weaker lines change no answer
@@ -47,13 +47,17 @@ class Hum(NamedTuple):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings on lines that nobody named and that are no texture, and on named ones that may
-        be one."""
+        """Warnings on lines that nobody named and that are no texture, and on those that may be
+        one: named ones, and those that lie where mains have theirs."""
         texture = [line for line in self.lines if self._may_be_texture(line)]
         if self.is_named:
             return _ambiguous(texture, self._fastest) if texture else ()
         hum = [line for line in self.lines if line not in texture]
-        return self._unnamed(hum) if hum else ()
+        either = [line for line in texture if _is_where_mains_are(line)]
+        return (
+            *(self._unnamed(hum) if hum else ()),
+            *(_hum_or_texture(either, self._fastest) if either else ()),
+        )
 
     @property
     def _speeds(self) -> np.ndarray:
@@ -88,12 +92,32 @@ class Hum(NamedTuple):
         )
 
 
-def _ambiguous(lines: Sequence[MainsLine], speed: float) -> tuple[str, ...]:
-    listed = " and ".join(
+def _is_where_mains_are(line: MainsLine) -> bool:
+    """Whether a line's frequency is one that mains wander to."""
+    (named,) = nominal([line])
+    return abs(line.frequency_Hz - named) <= WANDER_HZ
+
+
+def _listed(lines: Sequence[MainsLine], speed: float) -> str:
+    return " and ".join(
         f"{line.frequency_Hz:.4g} Hz ({1e3 * speed / line.frequency_Hz:.3g} mm)" for line in lines
     )
+
+
+def _hum_or_texture(lines: Sequence[MainsLine], speed: float) -> tuple[str, ...]:
+    setting = ",".join(map(str, nominal(lines)))
     return (
-        f"The line at {listed} may be a texture of that wavelength, which the skin passes on: as "
-        "hum it is left out of the traction, and where it is both no band holds. Leave it out of "
-        "recording.mains_Hz, or pass at another speed, at which a texture's frequency moves.",
+        f"The line at {_listed(lines, speed)} may be hum or a texture of that wavelength: the "
+        "answer takes it for a texture. If it is hum, give "
+        f"recording.mains_Hz=[{setting}]; else pass at another speed, at which a texture's "
+        "frequency moves.",
+    )
+
+
+def _ambiguous(lines: Sequence[MainsLine], speed: float) -> tuple[str, ...]:
+    return (
+        f"The line at {_listed(lines, speed)} may be a texture of that wavelength, which the skin "
+        "passes on: as hum it is left out of the traction, and where it is both no band holds. "
+        "Leave it out of recording.mains_Hz, or pass at another speed, at which a texture's "
+        "frequency moves.",
     )

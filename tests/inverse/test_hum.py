@@ -12,7 +12,7 @@ from srsinv.recording import Recording
 
 RATE_HZ, COUNT = 2000.0, 4000
 TIME_S = np.arange(COUNT) / RATE_HZ
-UNNAMED, AMBIGUOUS = "Hum stands out", "may be a texture"
+UNNAMED, AMBIGUOUS, EITHER = "Hum stands out", "may be a texture", "may be hum or a texture"
 
 
 def problem(hum=0.0, speed=0.02, frequency_Hz=50.0, varying=0.0, seed=0, noise=0.01, **facts):
@@ -63,6 +63,14 @@ def test_scans_without_hum_have_none(noise):
 
 def test_a_texture_that_passes_at_the_frequency_of_mains_is_no_unnamed_hum():
     assert not says(problem(1.0, speed=0.1), UNNAMED)
+
+
+@pytest.mark.parametrize(("frequency_Hz", "is_either"), [(50.2, True), (48.0, False)])
+def test_a_line_where_mains_are_may_be_hum_though_the_skin_passes_it_on(frequency_Hz, is_either):
+    """As inversions would take it for traction; where mains are not it is a texture."""
+    unnamed = problem(1.0, speed=0.1, frequency_Hz=frequency_Hz)
+    assert says(unnamed, EITHER) == is_either
+    assert says(unnamed, "recording.mains_Hz=[50]") == is_either
 
 
 @pytest.mark.parametrize("named", ["auto", [50.0]])
