@@ -1,0 +1,218 @@
+"""What calibrations, fits and inversions make of what laboratories have: answers that are good and
+wrong.
+
+    python -m tests.claims.lab_cases [CASE ...]
+
+runs those that results/lab_cases.json does not hold, or those that are named anew, on files of a
+known truth (lab_cases.yaml, lab_scans.py), as the jobs read them. Of every answer:
+
+- `z`: of a fit or a calibration each parameter's error over its standard error, null where that is
+  infinite or none; of an inversion the rms over the cells that were passed, of p and of q;
+- `covers`: which of the 90 % bands hold the truth there;
+- `quality`, and the `warnings` that were given.
+
+An answer is beyond where a parameter is by more than four standard errors, where z is above 2 or
+where bands cover less than 75 %.
+"""
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from srsinv.errors import BadInput
+from srsinv.forward.surface_feature import RidgeFeature, TapeFeature
+from srsinv.inverse.calibration import Calibration, calibrate
+from srsinv.inverse.features.estimate import FeatureEstimate
+from srsinv.inverse.features.method import FeatureFit
+from srsinv.inverse.problem import Problem
+from srsinv.inverse.recorded import problem_of
+from srsinv.inverse.tikhonov import Tikhonov
+from srsinv.inverse.wiener import Wiener
+from srsinv.numerics import BAND_90
+from srsinv.recording.even import load_even
+from tests.claims.lab_scans import KNOWN, LATER, ZONE_M, Lab, Load, load, recorded, write
+
+CASES = Path(__file__).with_name("lab_cases.yaml")
+RESULTS = Path(__file__).parent / "results" / "lab_cases.json"
+MOST_STDERRS, MOST_RMS, LEAST_COVERED = 4.0, 2.0, 0.75
+OF_SCAN = "position_m", "base_friction"
+Row = dict[str, Any]
+Rows = dict[str, Row]
+
+
+def _load(lab: Lab, ridge: Mapping[str, float]) -> Load:
+    return load(lab, ridge["height_m"], ridge["width_m"], ridge["position_m"])
+
+
+def _problem(lab: Lab, made: Load, facts: Mapping[str, Any], seed: int) -> Problem:
+    """The problem of the file that the logger writes."""
+    rng = np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder), recorded(lab, made, rng), lab.facts | facts)
+        return problem_of(load_even({"path": str(path)}, {}))
+
+
+# --- what is made of a recording ----------------------------------------------------------------
+
+
+def _calibrated(
+    lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int
+) -> Calibration:
+    stated, held = lab.facts | facts, {n: KNOWN[n] for n in ("height_m", "width_m")}
+    depth = how.get("stated_depth_m")
+    if depth is not None:
+        stated["sensor"] = stated["sensor"] | {"depth_m": depth}
+    held |= {name: stated["sensor"][name] for name in how.get("hold", ())}
+    problem = _problem(lab, _load(lab, KNOWN), stated, seed)
+    return calibrate(problem, RidgeFeature(stated["feature"]["edge_length_m"]), held)
+
+
+def _calibrate(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Rows:
+    made = _calibrated(lab, facts, how, seed)
+    return {"calibration": _row(made, lab.rig | {"position_m": KNOWN["position_m"]})}
+
+
+def _calibrate_and_fit(
+    lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int
+) -> Rows:
+    """A calibration, and a later ridge that is fitted with it."""
+    made = _calibrated(lab, facts, how, seed)
+    rows = {"calibration": _row(made, lab.rig | {"position_m": KNOWN["position_m"]})}
+    names = [n for n, (_, error) in made.parameters.items()
+             if n not in OF_SCAN and np.isfinite(error)]  # fmt: skip
+    at = [list(made.parameters).index(name) for name in names]
+    found = {n: value for n, (value, _) in made.parameters.items()}
+    first, second = lab.facts["sensor"]["elements"]
+    second |= {"angle_deg": found["angle_2_deg"], "offset_m": found["offset_2_m"]}
+    sensor = {"depth_m": found["depth_m"], "elements": [first, second]}
+    error = {"parameters": names, "values": [found[n] for n in names],
+             "covariance": made.covariance[np.ix_(at, at)].tolist(),
+             "warnings": " ".join(made.warnings) or None}  # fmt: skip
+    calibrated = {"sensor": lab.facts["sensor"] | sensor, "rig_error": error,
+                  "gain": [found["gain_1"], found["gain_2"]]}  # fmt: skip
+    return rows | _fit_ridge(lab, dict(facts) | calibrated, how, seed + 1)
+
+
+def _fit_ridge(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Rows:
+    stated = lab.facts | facts
+    problem = _problem(lab, _load(lab, LATER), stated, seed)
+    ridge = RidgeFeature(stated["feature"]["edge_length_m"])
+    fitted = FeatureFit({"it": ridge})(problem)
+    return {"fit": _row(fitted, LATER | {"base_friction": lab.friction})}
+
+
+def _fit_tape(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Rows:
+    problem = _problem(lab, _load(lab, LATER), facts, seed)
+    edge = lab.facts["feature"]["edge_length_m"]
+    tape = TapeFeature(edge, friction_follows=how.get("follows", "motion"))
+    fitted = FeatureFit({"it": tape})(problem)
+    assert lab.edges is not None
+    names = "leading_edge_friction", "trailing_edge_friction"
+    own = dict(zip(names, lab.edges, strict=True)) | {"friction_zone_length_m": ZONE_M}
+    return {"fit": _row(fitted, LATER | own | {"base_friction": lab.friction})}
+
+
+def _invert(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Rows:
+    load = _load(lab, LATER)
+    problem = _problem(lab, load, facts, seed)
+    rows = {}
+    for name, method in (("gcv", Tikhonov(1)), ("wiener", Wiener(scale="evidence"))):
+        estimate = method(problem)
+        x, cell = np.asarray(estimate.line.x), float(estimate.line.cell_m)
+        p, q = load.excess, load.frictions[0] * load.pressure
+        truth = np.stack([load.cell_means(each, x, cell) for each in (p, q)])
+        passed = problem.on_line().observed_cells
+        value, stderr = estimate.deviation(passed)
+        wrong = (value - truth)[:, passed]
+        wrong -= wrong.mean(axis=-1, keepdims=True)
+        with np.errstate(divide="ignore"):  # where there is no answer
+            z = wrong / stderr[:, passed]
+        rows[name] = {
+            "z": dict(zip("pq", np.sqrt(np.mean(z**2, axis=-1)).tolist(), strict=True)),
+            "covers": float(np.mean(np.abs(z) < BAND_90)),
+            "quality": str(estimate.quality),
+            "warnings": list(estimate.reasons),
+        }
+    return rows
+
+
+def _row(made: Calibration | FeatureEstimate, truth: Mapping[str, float]) -> Row:
+    found = {n: pair for n, pair in made.parameters.items() if n in truth}
+    z = {n: (value - truth[n]) / error if np.isfinite(error) else None
+         for n, (value, error) in found.items()}  # fmt: skip
+    return {"z": z, "quality": str(made.quality), "warnings": list(made.reasons)}
+
+
+DOES: Mapping[str, Callable[[Lab, Mapping[str, Any], Mapping[str, Any], int], Rows]] = {
+    "calibrate": _calibrate, "calibrate_and_fit": _calibrate_and_fit, "fit_ridge": _fit_ridge,
+    "fit_tape": _fit_tape, "invert": _invert,
+}  # fmt: skip
+
+
+# --- the study ----------------------------------------------------------------------------------
+
+
+def cases() -> dict[str, dict[str, Any]]:
+    """The cases by their names."""
+    return yaml.safe_load(CASES.read_text(encoding="utf-8"))
+
+
+def rows_of(case: Mapping[str, Any], seed: int = 0) -> Rows:
+    """The answers in a case, by what gave them."""
+    own = dict(case.get("lab", {}))
+    if "edges" in own:
+        own["edges"] = tuple(own["edges"])
+    given = case.get("facts", {}), case.get("how", {}), seed
+    try:
+        return DOES[case["does"]](Lab(**own), *given)
+    except BadInput as refusal:
+        return {"refusal": {"z": {}, "quality": "refused", "warnings": [str(refusal)]}}
+
+
+def is_beyond(row: Mapping[str, Any]) -> bool:
+    """Whether an answer is off by more than it says."""
+    worst = max((abs(z) for z in row["z"].values() if z is not None), default=0.0)
+    is_inversion = "covers" in row
+    return worst > (MOST_RMS if is_inversion else MOST_STDERRS) or (
+        is_inversion and row["covers"] < LEAST_COVERED
+    )
+
+
+def summary(rows: Mapping[str, Rows]) -> dict[str, Any]:
+    """How many answers are beyond, and which of these are good by their own word."""
+    answers = {f"{case}: {by}": row for case, own in rows.items() for by, row in own.items()}
+    beyond = {name: row for name, row in answers.items() if is_beyond(row)}
+    good = [name for name, row in beyond.items() if row["quality"] == "good"]
+    return {"answers": len(answers), "beyond": len(beyond), "good_and_beyond": good}
+
+
+def _rounded(given: Any) -> Any:
+    if isinstance(given, dict):
+        return {key: _rounded(each) for key, each in given.items()}
+    if not isinstance(given, float):
+        return given
+    return float(f"{given:.3g}") if np.isfinite(given) else None
+
+
+def main(names: list[str]) -> None:
+    """Those named, or all that are new; written after each."""
+    held = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else {}
+    for name, case in cases().items():
+        if name not in names and (names or name in held):
+            continue
+        held[name] = _rounded(rows_of(case))
+        rows = {each: held[each] for each in cases() if each in held}
+        RESULTS.write_text(json.dumps({**summary(rows), "rows": rows}, indent=1) + "\n")
+        for by, row in held[name].items():
+            said = [warning[:100] for warning in row["warnings"]]
+            print(name, by, row["quality"], row["z"], row.get("covers", ""), said, flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
