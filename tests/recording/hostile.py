@@ -99,7 +99,7 @@ CASES: dict[str, tuple[str, Callable[[Path], object], list[str]]] = {
     ),
     "control character": ("r.csv", text("a\x07b,", GOOD), ["'a\\x07b'", "cannot be printed"]),
     "half a character": ("r.csv", binary(b"\xed\xa0\x80," + GOOD.encode()), [".csv"]),
-    "zero byte": ("r.csv", text(GOOD, "\0"), [".csv"]),
+    "zero byte": ("r.csv", text(GOOD, "\0\n", GOOD), [".csv"]),
     # NumPy
     "npz of a terabyte": ("r.npz", npz({"time_s.npy": npy_of(2**37)}), ["time_s", "limit"]),
     "npz of zeros": (

@@ -114,11 +114,12 @@ class Lines(Iterator[str]):
     def _without_padding(self, read: str) -> str:
         """The text's last characters, without the Ctrl-Z or the zeros that fill its last block.
 
-        Raises `ValueError` where these are not at its end, or stand in place of a row's end.
+        Raises `ValueError` where these are not at its end, stand in place of a row's end, or go on
+        for more than a block, which no logger fills.
         """
-        held = read.rstrip(_PADDING)
-        rest = iter(lambda: self._text.read(BLOCK), "")
+        held, rest = read.rstrip(_PADDING), self._text.read(BLOCK)
         is_cut = read[len(held) :].startswith("\0") and bool(held or self._begun)
-        if is_cut or not {"\0", "\x1a"}.isdisjoint(held) or any(r.strip(_PADDING) for r in rest):
+        goes_on = bool(rest.strip(_PADDING) or self._text.read(1))
+        if is_cut or goes_on or not {"\0", "\x1a"}.isdisjoint(held):
             raise ValueError("binary")
         return held
