@@ -7,8 +7,8 @@ friction mu. The signal of element e is then
 
 K_p and K_q the film's responses at its depth and angle (docs/physics.md, sections 2 to 4). The
 gains enter linearly and are solved out; x0, mu, the depth, and the angles and offsets of all
-elements but the first, which the others are measured from, are searched. Contact is solved once, as
-nothing of the rig changes it.
+elements but the first, which the others are measured from, are searched. Nothing of the rig changes
+the contact but for the feature's place: it is solved ahead of a fit, and again where that finds it.
 """
 
 from collections.abc import Callable, Mapping

@@ -84,11 +84,10 @@ class Hum(NamedTuple):
         signal = self.recording.signal
         share = float(np.max(np.sqrt(squares) / np.nanstd(signal, axis=1)))
         listed = ", ".join(f"{line.frequency_Hz:.4g} Hz" for line in lines)
-        setting = ",".join(map(str, nominal(lines)))
         return (
             f"Hum stands out at {listed}, {share:.2g} of the signal's rms, and the skin passes on "
             "no texture of that wavelength: without a name it is taken for traction or noise. Give "
-            f"recording.mains_Hz=[{setting}].",
+            f"{_setting(lines)}.",
         )
 
 
@@ -98,6 +97,10 @@ def _is_where_mains_are(line: MainsLine) -> bool:
     return abs(line.frequency_Hz - named) <= WANDER_HZ
 
 
+def _setting(lines: Sequence[MainsLine]) -> str:
+    return f"recording.mains_Hz=[{','.join(map(str, nominal(lines)))}]"
+
+
 def _listed(lines: Sequence[MainsLine], speed: float) -> str:
     return " and ".join(
         f"{line.frequency_Hz:.4g} Hz ({1e3 * speed / line.frequency_Hz:.3g} mm)" for line in lines
@@ -105,11 +108,10 @@ def _listed(lines: Sequence[MainsLine], speed: float) -> str:
 
 
 def _hum_or_texture(lines: Sequence[MainsLine], speed: float) -> tuple[str, ...]:
-    setting = ",".join(map(str, nominal(lines)))
     return (
         f"The line at {_listed(lines, speed)} may be hum or a texture of that wavelength: the "
         "answer takes it for a texture. If it is hum, give "
-        f"recording.mains_Hz=[{setting}]; else pass at another speed, at which a texture's "
+        f"{_setting(lines)}; else pass at another speed, at which a texture's "
         "frequency moves.",
     )
 

@@ -9,12 +9,11 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from ..numerics import ROUNDED, root_of
+from ..numerics import BAND_90, ROUNDED, root_of
 
 FALSE_ALARM = 1e-3  # of shifts, and of a scatter beyond the noise, where there is none
 SMOOTH_DEPTHS = 1 / 6  # over which signals' slopes are smoothed: waves so short are noise or hum
 SHIFT_DEPTHS = 0.25  # the standard deviation of shifts before they are known
-BAND = 0.95  # the quantile at the upper end of a 90 % band
 NOT_KNOWN = (
     "How much the gain varies from pass to pass is not known, and no band holds it: no direction "
     "was passed twice over a clear signal."
@@ -254,7 +253,7 @@ class PassesOnCells:
         noise = np.sum(np.where(np.isfinite(variance), variance, 0.0), axis=0)
         covariance = (off.T @ off - np.diag(noise)) / max(freedom, 1)
         root = root_of(covariance)
-        wide = scipy.stats.t.ppf(BAND, max(freedom, 1)) / scipy.stats.norm.ppf(BAND)
+        wide = scipy.stats.t.ppf(scipy.stats.norm.cdf(BAND_90), max(freedom, 1)) / BAND_90
         counts = np.array([self._effective_count(way) for way in range(self.ways)])
         of_means = wide * root / np.sqrt(counts)[:, None, None]
         return PassGains(off, variance, root @ root.T, freedom, of_means)

@@ -1,17 +1,16 @@
 """Positions that are reported more slowly than they are recorded, and held in between.
 
 A stage reports 50 times a second, a logger writes its last report 2,000 times, or leaves the cells
-of other rows empty. Each run of equal
-values is one report or several equal ones; the position between reports is that of a monotone curve
-through them. An encoder of coarse counts also repeats its values, but goes by one count at a time;
-there the positions stay as they are (see `_speed`).
+of other rows empty. Each run of equal values is one report or several equal ones; the position
+between reports is that of a monotone curve through them. An encoder of coarse counts also repeats
+its values, but goes by one count at a time; there the positions stay as they are (see `_speed`).
 """
 
 from typing import NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from ._timing import resolution
 
@@ -53,9 +52,9 @@ def between_reports(position_m: Float[np.ndarray, " sample"]) -> Reports | None:
     if at[-1] < position_m.size - 1:  # the next report is not there: as fast as before
         reported = np.append(reported, 2 * reported[-1] - reported[-2])
         at = np.append(at, 2 * at[-1] - at[-2])
-    curve = scipy.interpolate.PchipInterpolator(at, reported)
     may_be_counts = one_step and step_m < COARSEST_COUNT_M
-    return Reports(curve(np.arange(position_m.size)), interval, may_be_counts)
+    every = interpolated(at, reported, np.arange(position_m.size))
+    return Reports(every, interval, may_be_counts)
 
 
 def is_reported(positions: Float[np.ndarray, " sample"]) -> bool:
@@ -64,12 +63,12 @@ def is_reported(positions: Float[np.ndarray, " sample"]) -> bool:
 
 
 def interpolated(
-    at: Float[np.ndarray, " report"],
+    at: Shaped[np.ndarray, " report"],
     reported: Float[np.ndarray, " report"],
-    time_s: Float[np.ndarray, " sample"],
+    times: Shaped[np.ndarray, " sample"],
 ) -> Float[np.ndarray, " sample"]:
-    """Positions at the times [s], by a monotone curve through those reported at the times `at`."""
-    return scipy.interpolate.PchipInterpolator(at, reported)(time_s)
+    """Positions at the times, by a monotone curve through those reported at the times `at`."""
+    return scipy.interpolate.PchipInterpolator(at, reported)(times)
 
 
 def _report_samples(change: np.ndarray, interval: int, samples: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tests.reference.line_rig import D1, D3, Strip, _cells, _charges, _pressure
+from tests.reference.line_rig import D1, D3, Strip, charges, ridge_pressure
 
 RESISTANCE_OHM, WIDTH_M, LENGTH_M, ZONE_M = 1e6, 7e-4, 8e-3, 6e-4
 EDGE_M, NOMINAL_PA, MODULUS_PA = 5e-5, 2e4, 7e5 / (1 - 0.5**2)
@@ -142,10 +142,9 @@ def load(lab: Lab, height_m: float, width_m: float, place_m: float) -> Load:
         shape = np.exp(-(((x - place_m) / lab.bump_m) ** 2)) if lab.bump_m else _grating(x, lab)
         pressure = NOMINAL_PA + lab.amplitude_Pa * shape
     else:
-        edges = _cells(lab.window_m, corners, EDGE_M)
+        shape = height_m, width_m, place_m, EDGE_M
+        edges, pressure = ridge_pressure(*shape, lab.window_m, MODULUS_PA, NOMINAL_PA)
         x = (edges[1:] + edges[:-1]) / 2
-        rise = np.tanh((x - corners[0]) / EDGE_M) - np.tanh((x - corners[1]) / EDGE_M)
-        pressure = _pressure(edges, height_m / 2 * rise, MODULUS_PA, NOMINAL_PA)
     plate = lab.friction * (np.maximum(pressure, 0.0) / NOMINAL_PA) ** lab.with_pressure
     if lab.edges is None:
         return Load(edges, pressure, (plate, plate))
@@ -220,7 +219,7 @@ def _charge_splines(
     for node, weight in zip(ACROSS, ACROSS_WEIGHTS / 2, strict=True):
         for some in np.array_split(np.arange(grid.size), 16):
             away = at[some, None] + node * WIDTH_M / 2 - places
-            from_p, from_q = _charges(strip, away, 0.5)
+            from_p, from_q = charges(strip, away, 0.5)
             total[0, some] += weight * from_p @ by_p
             total[1:, some] += weight * np.stack([from_q @ each for each in by_q])
     return [CubicSpline(grid, row) for row in total]

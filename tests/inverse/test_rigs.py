@@ -76,8 +76,7 @@ def test_intervals_of_random_rigs_cover(rigs, snr_db):
 
 @pytest.mark.full
 def test_errors_of_a_ridge_hold_what_its_cells_are_off():
-    """Half as wide cells move it by three quarters of that; at 80 dB it is three standard errors of
-    the noise."""
+    """Half as wide cells move it by most of that: at 80 dB beyond the errors of the noise."""
     rig, clean = recorded(2)
     clean = clean / np.array(rig.gains)[:, None]
     problem = rig.problem(clean, rig.stated.depth_m, rig.sensor(rig.strips))

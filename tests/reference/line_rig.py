@@ -29,13 +29,20 @@ class Strip(NamedTuple):
     area_m2: float
 
 
-def ridge_loads(height, width, place, edge, window, modulus, nominal):
-    """Places (n,) and line loads [N/m] beyond those of `nominal`, of a ridge in a `window`."""
-    edges = _cells(window, [place - width / 2, place + width / 2], edge)
+def ridge_pressure(height, width, place, edge, window, modulus, nominal):
+    """Edges (n + 1,) of cells and the pressure (n,) on them, of a ridge in a `window` that is
+    pressed on with `nominal` in the mean."""
+    left, right = place - width / 2, place + width / 2
+    edges = _cells(window, [left, right], edge)
     x = (edges[1:] + edges[:-1]) / 2
-    rise = np.tanh((x - place + width / 2) / edge) - np.tanh((x - place - width / 2) / edge)
-    pressure = _pressure(edges, height / 2 * rise, modulus, nominal)
-    half = np.diff(edges) / 2
+    rise = np.tanh((x - left) / edge) - np.tanh((x - right) / edge)
+    return edges, _pressure(edges, height / 2 * rise, modulus, nominal)
+
+
+def ridge_loads(height, width, place, edge, window, modulus, nominal):
+    """Places (m,) and line loads [N/m] beyond those of `nominal`, of the same."""
+    edges, pressure = ridge_pressure(height, width, place, edge, window, modulus, nominal)
+    x, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
     loads = (pressure - nominal)[:, None] * half[:, None] * WEIGHTS
     return (x[:, None] + half[:, None] * NODES).ravel(), loads.ravel()
 
@@ -53,13 +60,14 @@ def rate(strip: Strip, x, direction, places, loads, friction, nu=0.5):
 def _responses(strip: Strip, x, nu):
     """d/dx of the charge per area under a line load of pressure and one of shear."""
     if strip.width_m:
-        ends = (_charges(strip, x + sign * strip.width_m / 2, nu) for sign in (1, -1))
+        ends = (charges(strip, x + sign * strip.width_m / 2, nu) for sign in (1, -1))
         ahead, behind = ends
         return [(a - b) / strip.width_m for a, b in zip(ahead, behind, strict=True)]
-    return _charges(strip, x, nu, slope=True)
+    return charges(strip, x, nu, slope=True)
 
 
-def _charges(strip: Strip, x, nu, slope=False):
+def charges(strip: Strip, x, nu, slope=False):
+    """The charge per area under a line load of pressure and one of shear, or its slope along x."""
     t, c, s = x / strip.depth_m, np.cos(strip.angle_rad), np.sin(strip.angle_rad)
     factor = -2 / (np.pi * strip.depth_m)
 
@@ -69,12 +77,12 @@ def _charges(strip: Strip, x, nu, slope=False):
             return factor / strip.depth_m * own
         return factor * t**m / (1 + t**2) ** 2
 
-    charges = []
+    each = []
     for sz, sx, txz in ((power(0), power(2), power(1)), (power(1), power(3), power(2))):
         along = sx * c**2 + sz * s**2 + 2 * txz * s * c
         across = sx * s**2 + sz * c**2 - 2 * txz * s * c
-        charges.append(D1 * along + D2 * nu * (sx + sz) + D3 * across)
-    return charges
+        each.append(D1 * along + D2 * nu * (sx + sz) + D3 * across)
+    return each
 
 
 # --- contact -----------------------------------------------------------------------------------
