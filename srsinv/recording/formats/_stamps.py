@@ -1,4 +1,4 @@
-"""Time stamps in words: ISO 8601, other dates, and clock times, as seconds since the first."""
+"""Time stamps in words: ISO 8601, other dates and clock times, as seconds from a midnight on."""
 
 import datetime
 import math
