@@ -17,7 +17,6 @@ from typing import Any
 
 import yaml
 
-from .aliases import CLASSES, current_name
 from .errors import BadInput, shown
 
 _JOB = re.compile(r"(srsinv\.jobs|experiments|plugins)\..+\.run")
@@ -133,7 +132,6 @@ def definition(target: Any) -> Any:
     """
     if not isinstance(target, str) or not target.isascii():
         return None
-    target = current_name(target, CLASSES)
     parts = target.split(".")
     if not all(part.isidentifier() for part in parts) or parts[0] not in _namespaces():
         return None

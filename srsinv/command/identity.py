@@ -9,7 +9,6 @@ from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 
-from ..aliases import with_current_keys
 from ..errors import BadInput
 from ..files import LARGEST_FILE, open_file, path_of
 from ..run_folder import FAILURES, MANIFEST, runs_in
@@ -27,7 +26,7 @@ def resolved(config: DictConfig) -> dict[str, Any]:
     """
     with refusing():
         settings = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-    return cast(dict[str, Any], with_current_keys(settings))
+    return cast(dict[str, Any], settings)
 
 
 def identity(settings: Mapping[str, Any], config_dir: str | None) -> str:

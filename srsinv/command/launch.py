@@ -22,7 +22,6 @@ from hydra.core.override_parser.types import Override
 from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
-from ..aliases import current_override
 from ..config import check_early, sections
 from ..errors import BadInput, printable, refuse
 from ..namespaces import fault_in_plugin, load_job, open_plugins, plugin_files
@@ -60,7 +59,6 @@ def launch(arguments: Sequence[str], root: Path) -> int:
     if flags.shell_completion:
         with printing():
             return _complete(root, flags.overrides)
-    flags.overrides = [current_override(word) for word in flags.overrides]
     typed = parse(flags.overrides, root)
     check_typed(typed)
     searched = _config_folder(flags)

@@ -4,7 +4,6 @@ Anybody may have made a folder: what it holds is checked against what srsinv wri
 ever text and numbers. A run with anything else is listed with the reason, as one that failed.
 """
 
-import functools
 import itertools
 import os
 import re
@@ -14,7 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..aliases import METRICS, current_name
 from ..errors import BadInput, is_number, printable, refuse
 from ..files import open_file, read_json
 from ..recording.formats import UNITS_BY_PATTERN
@@ -151,7 +149,7 @@ def _run(folder: Path, place: Path, manifest: Mapping[str, Any] | None) -> Swept
         found = list(itertools.islice(_flat(metrics), _MOST_METRICS + 1))
         if len(found) > _MOST_METRICS:
             raise ValueError(f"{METRICS_FILE} has more than {_MOST_METRICS} metrics")
-        flat = _current(dict(map(_checked, found)))
+        flat = dict(map(_checked, found))
     except (ValueError, RecursionError) as error:
         return SweptJob(job.place, job.overrides, reason=f"left out: {_text(str(error))}")
     return SweptJob(job.place, job.overrides, flat, folder=place)
@@ -200,17 +198,6 @@ def _flat(metrics: Mapping[str, Any], above: str = "", depth: int = 0) -> Iterat
             yield from _flat(value, f"{above}{name}_", depth + 1)
         else:
             yield f"{above}{name}".replace("/", "."), value
-
-
-def _current(metrics: dict[str, Any]) -> dict[str, Any]:
-    """Metrics without those that are there under their new names, too."""
-    newer = {name: _newer(name) for name in metrics}
-    return {n: v for n, v in metrics.items() if newer[n] == n or newer[n] not in metrics}
-
-
-@functools.cache  # thousands of runs have the same names
-def _newer(name: str) -> str:
-    return current_name(name, METRICS)
 
 
 def _in_order(place: str) -> list[tuple[int, int | str]]:

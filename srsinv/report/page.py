@@ -21,7 +21,6 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from .. import __version__
-from ..aliases import with_old_names
 from .result import Result, Scalar
 from .section import Section
 from .terminal import no_answer
@@ -65,11 +64,11 @@ def page(result: Result, command: str = "") -> str:
 
 
 def metrics_json(metrics: Mapping[str, Scalar]) -> str:
-    """`metrics` as JSON with sorted keys, old names beside new ones; None becomes null, and so do
+    """`metrics` as JSON with sorted keys; None becomes null, and so do
     numbers that are not finite."""
     values = {
         key: None if isinstance(each, float) and not math.isfinite(each) else each
-        for key, each in with_old_names(metrics).items()
+        for key, each in metrics.items()
     }
     return json.dumps(values, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 

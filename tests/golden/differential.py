@@ -2,8 +2,7 @@
 
 Both run the same overrides, each in a process of its own with this interpreter, and their metrics
 and variables are held against each other within the golden data's tolerances. Prints what differs,
-and exits with 1 where anything does. Keys that were renamed are mapped by srsinv.aliases, and by
-`--renamed OLD=NEW`.
+and exits with 1 where anything does. `--renamed OLD=NEW` maps a key that has another name now.
 """
 
 import argparse
@@ -23,7 +22,6 @@ from rich.console import Console
 from rich.table import Table
 
 import tests.conftest  # noqa: F401  the tests' own setting of XLA
-from srsinv.aliases import METRICS, current_name
 from tests.golden import scenes
 from tests.golden.compare import MISSING, Movement, differences
 from tests.golden.entries import Entries, entry
@@ -93,16 +91,9 @@ def _read(folder: Path, name: str) -> Entries:
 
 
 def renamed(entries: Entries, given: Mapping[str, str]) -> Entries:
-    """By today's names: those of the command line, then of the aliases of metrics."""
-    new_entries = {}
-    for key, each in entries.items():
-        kind, _, name = key.partition(".")
-        if name in given:
-            name = given[name]
-        elif kind == "metrics":
-            name = current_name(name, METRICS)
-        new_entries[f"{kind}.{name}"] = each
-    return new_entries
+    """By the names that `given` has of them."""
+    parts = ((*key.partition("."), each) for key, each in entries.items())
+    return {f"{kind}.{given.get(name, name)}": each for kind, _, name, each in parts}
 
 
 def compared(old: Entries, new: Entries, name: str, added: bool) -> list[Movement]:
@@ -153,7 +144,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     moves = [
         each
         for key in sets
-        for each in compared(renamed(old[key], mapped), renamed(new[key], {}), key, given.added)
+        for each in compared(renamed(old[key], mapped), new[key], key, given.added)
     ]
     show(moves, sets)
     refused = sum("metrics.refused" in each for each in new.values())

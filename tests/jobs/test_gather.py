@@ -49,7 +49,6 @@ class TestDataset:
         np.testing.assert_array_equal(np.isnan(data["error_p_wiener"].values), is_failed)
         assert data["quality_wiener"].values[is_failed] == [""]
         assert np.isnan(data["friction"].values[0])  # null in metrics.json
-        assert "doubts_wiener" not in data  # an old name of one that is there
 
     def test_a_full_grid_unstacks(self):
         data = short_run("gather").dataset
