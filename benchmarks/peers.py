@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from srsinv.grid import Convolution
 from srsinv.inverse.features.model import FeatureModel
-from srsinv.inverse.line_problem import LineProblem
-from srsinv.inverse.prior import Prior
+from srsinv.inverse.line.prior import Prior
+from srsinv.inverse.line.problem import LineProblem
 
 TAMAAS_STEPS = 3000
 

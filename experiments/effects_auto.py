@@ -13,7 +13,8 @@ from srsinv.errors import mapping, refuse
 from srsinv.forward.trace import cost, difference, pair
 from srsinv.parts import merged
 from srsinv.progress import stage, steps
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import significant
 

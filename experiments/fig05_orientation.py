@@ -5,6 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import xarray
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from srsinv import config, plot
@@ -12,10 +13,10 @@ from srsinv.errors import number
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import UniformStrip
-from srsinv.inverse.separation import condition, stress_gains
-from srsinv.inverse.widths import full_width_at_half_maximum
+from srsinv.inverse.estimate import full_width_at_half_maximum
+from srsinv.report.data import dataset, scalars
 from srsinv.report.plot.style import TRUTH, colours
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity
 from srsinv.targets import make
@@ -101,3 +102,20 @@ def draw_responses(ds: xarray.Dataset) -> Figure:
         ]
         for angle in ds["element"].values
     ])  # fmt: skip
+
+
+def stress_gains(sensor: Sensor, poisson_ratio: float) -> Float[np.ndarray, "2"]:
+    """Charge per area and stress [C/N] of the combinations of sigma_x and sigma_z that the elements
+    measure best and least, in plane strain with sigma_y = nu (sigma_x + sigma_z)."""
+    films = sensor.elements
+    area = films[0].width_m * films[0].length_m
+    per_stress = np.stack([film.charge_per_stress() for film in films]) / float(area)
+    in_plane = per_stress[:, :2] + poisson_ratio * per_stress[:, 3:]
+    return np.linalg.svd(in_plane, compute_uv=False)
+
+
+def condition(sensor: Sensor, k: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Condition number of the elements' charge per p and q at wavenumbers above 0 [rad/m]. What all
+    entries have in common, as the decay over the depth, is not in it."""
+    pair = np.moveaxis(np.asarray(sensor.charge().transfer(jnp.asarray(k))), -1, 0)
+    return np.linalg.cond(pair)

@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from srsinv import config, plot
 from srsinv.errors import number, refuse
 from srsinv.grid import Stage
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.method import Method
 from srsinv.inverse.simulated import noisy_problem
+from srsinv.report.data import dataset
 from srsinv.report.plot.spectra import (
     gain_limits,
     over_wavenumber,
@@ -23,7 +24,7 @@ from srsinv.report.plot.spectra import (
     wavenumbers,
 )
 from srsinv.report.plot.style import names_of
-from srsinv.report.result import Result, dataset
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 

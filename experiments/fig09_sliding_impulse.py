@@ -11,7 +11,8 @@ from srsinv import config, plot
 from srsinv.errors import refuse
 from srsinv.forward.trace import trace
 from srsinv.inverse.detection import finest_wavelength_m
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 
 IDEAL, TILTED, SNAPPING = "ideal", "tilted", "tilted, snap-back"

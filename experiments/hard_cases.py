@@ -10,16 +10,16 @@ from matplotlib.figure import Figure
 
 from srsinv import config, plot
 from srsinv.errors import BadInput, choice, mapping, refuse
-from srsinv.inverse.diagnostics import MOST_Z
+from srsinv.inverse.diagnostics import MOST_Z, Quality
 from srsinv.inverse.estimate import COMPONENTS, relative_error, z_rms
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.method import Method
-from srsinv.inverse.quality import Quality
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.parts import merged
 from srsinv.progress import stage, steps
+from srsinv.report.data import dataset, scalars
 from srsinv.report.plot.matrix import compact
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 
 PRECISIONS = ("float64", "float32")

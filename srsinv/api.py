@@ -18,7 +18,7 @@ from .grid import Line
 from .inverse.estimate import Estimate
 from .inverse.features.estimate import FeatureEstimate
 from .inverse.features.method import FeatureFit
-from .inverse.line_problem import LineProblem
+from .inverse.line.problem import LineProblem
 from .inverse.method import Method
 from .inverse.problem import Problem
 from .inverse.recorded import problem_of, ready

@@ -28,9 +28,9 @@ if TYPE_CHECKING:  # most import jax
     from .forward.simulation import Simulation
     from .forward.surface_feature import SurfaceFeature
     from .grid import Line
+    from .inverse.kernel.operator_model import OperatorModel
     from .inverse.method import Method
     from .inverse.nonlinear import Solver
-    from .inverse.operator_model import OperatorModel
     from .inverse.problem import Problem
     from .recording import Reader, Recording
     from .report.section import Section

@@ -26,11 +26,11 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table
     from .forward.traction import FrictionStep as FrictionStep
     from .forward.traction import Pressure as Pressure
     from .grid import Operator as Operator
+    from .inverse.kernel.operator_model import OperatorModel as OperatorModel
+    from .inverse.line.prior import Prior as Prior
+    from .inverse.line.rule import Rule as Rule
     from .inverse.method import Method as Method
     from .inverse.nonlinear import Solver as Solver
-    from .inverse.operator_model import OperatorModel as OperatorModel
-    from .inverse.prior import Prior as Prior
-    from .inverse.rule import Rule as Rule
     from .inverse.wiener import TractionSpectrum as TractionSpectrum
     from .recording.reader import Reader as Reader
     from .report.section import Section as Section

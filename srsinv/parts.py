@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # most import jax
     from .forward.sensor import Sensor
     from .forward.surface_feature import SurfaceFeature
     from .grid import Line
-    from .inverse.sample_noise import SampleNoise
+    from .inverse.noise.model import SampleNoise
     from .recording import Recording
 
 Node = Mapping[str, Any]
@@ -210,8 +210,8 @@ def coloured_noises(named: Node) -> dict[str, Noise]:
 def sample_noise(named: Node, recording: Recording, depth_m: float) -> SampleNoise:
     """The noise per sample: its white level as given, or that at wavenumbers that the skin does not
     transmit, and the coloured causes."""
+    from .inverse.noise.model import SampleNoise
     from .inverse.recorded import noise_of
-    from .inverse.sample_noise import SampleNoise
 
     causes, white = coloured_noises(named), named.get("white")
     given = None if white is None else mapping("white", white).get("rms")

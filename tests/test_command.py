@@ -21,8 +21,9 @@ from matplotlib.figure import Figure
 from srsinv.__main__ import find_config_root, main
 from srsinv.command.typed import _unreadable
 from srsinv.progress import stage, steps
-from srsinv.report.page import metrics_json, render
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, metrics_json, scalars
+from srsinv.report.files import render
+from srsinv.report.result import Result
 from srsinv.report.section import WrittenSection
 from srsinv.report.terminal import print_table
 from srsinv.report.text import format_value
@@ -69,7 +70,8 @@ EXPERIMENTS = {
 JOBS = {
     "measured": """
 from srsinv.errors import BadInput, refuse
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import WrittenSection
 
 def run(cfg):

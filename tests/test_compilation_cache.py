@@ -28,7 +28,8 @@ hydra:
 """
 JOB = """
 import jax
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 
 def run(cfg):
     return Result("Doubled", dataset(scalars({"y": float(jax.jit(lambda x: 2 * x)(2.0))}), {}))

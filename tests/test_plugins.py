@@ -28,8 +28,8 @@ from srsinv.forward.scene import SurfaceScene
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Periodic
-from srsinv.inverse.cells import Window
 from srsinv.inverse.features import FeatureFit, FeatureFitter, FeatureModel
+from srsinv.inverse.gridding.cells import Window
 from srsinv.namespaces import open_plugins
 from srsinv.targets import KINDS, base_of, check, make
 from tests.jobs.run import ROOT

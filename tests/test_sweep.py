@@ -38,7 +38,8 @@ hydra:
 JOB = """\
 import os, signal, time
 from srsinv.errors import refuse
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 
 def run(cfg):
     value = cfg["value"]

@@ -14,8 +14,8 @@ import srsinv
 from srsinv import kinds
 from srsinv.effects import add_effects
 from srsinv.forward.feature import POSITION, Axis, StripFeature
+from srsinv.inverse.line.rule import Choice
 from srsinv.inverse.nonlinear import Minimum
-from srsinv.inverse.rule import Choice
 
 EXAMPLE = Path(srsinv.__file__).parent / "examples" / "strip_two_element.csv"
 LINE, SCAN = srsinv.Periodic(128, cell_m=1.5e-4, start_m=-9.6e-3), srsinv.ConstantSpeed()

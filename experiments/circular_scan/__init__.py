@@ -6,17 +6,18 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.circular_scan.circular import Circle, Circling, ObliqueRidge
+from experiments.circular_scan.direction import Direction, DirectionFinder, angle_bounds_deg
 from srsinv import config
 from srsinv.errors import number, numbers, refuse, whole
-from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.oblique import gain_of_angle
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Periodic
-from srsinv.inverse.direction import Direction, DirectionFinder, angle_bounds_deg
 from srsinv.progress import stage
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 

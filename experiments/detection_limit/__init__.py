@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import xarray
 
+from experiments.detection_limit.ridges import RidgeDetection, RidgeLimits
 from srsinv import config
 from srsinv.errors import number, refuse, whole
 from srsinv.inverse.detection import needed_known, power_law_exponent
-from srsinv.inverse.ridge_detection import RidgeDetection, RidgeLimits
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity
 

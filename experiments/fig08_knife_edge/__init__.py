@@ -10,7 +10,8 @@ from srsinv import config
 from srsinv.effects import Order
 from srsinv.errors import number, number_range, numbers, refuse, whole
 from srsinv.forward.knife_edge import KnifeEdge, VibratingEdge
-from srsinv.report.result import Result, dataset
+from srsinv.report.data import dataset
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity
 

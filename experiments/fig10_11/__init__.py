@@ -13,15 +13,15 @@ from srsinv.errors import choice, number, refuse, whole
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.simulation import Simulation
 from srsinv.inverse.estimate import COMPONENTS, Estimate, relative_error
-from srsinv.inverse.kernel.file import as_netcdf
 from srsinv.inverse.kernel.measure import measure_kernel
-from srsinv.inverse.kernel.measured import MeasuredKernel, kernels
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.kernel.measured import MeasuredKernel, as_netcdf, kernels
+from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.method import Method
-from srsinv.inverse.rig_error import SensorError
+from srsinv.inverse.rig.error import SensorError
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.progress import stage
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed, significant
 

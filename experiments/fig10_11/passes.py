@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from srsinv.forward.noise import with_noise
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.simulation import Simulation
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line.problem import LineProblem
 
 
 @dataclass(frozen=True)

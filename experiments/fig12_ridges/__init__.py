@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import xarray
 
+from experiments.fig12_ridges import waves
+from experiments.fig12_ridges.pitched import PitchedScan, PitchRecord, PitchSweep
 from srsinv import config
 from srsinv.effects import add_effects
 from srsinv.errors import number, number_range, refuse, whole
-from srsinv.forward.pitched import PitchedScan, PitchRecord, PitchSweep
-from srsinv.inverse import wave_detection as waves
 from srsinv.inverse.detection import needed_wave
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity, quantity_with_error
 

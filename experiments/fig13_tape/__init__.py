@@ -9,11 +9,12 @@ from srsinv import config
 from srsinv.errors import BadInput, number, refuse
 from srsinv.forward.surface import Surface, Tape
 from srsinv.inverse.estimate import COMPONENTS, Estimate
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
 from srsinv.progress import stage
 from srsinv.report.answers import answer_variables
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import format_with_error, listed
 

@@ -9,7 +9,8 @@ from srsinv import config
 from srsinv.errors import choice, number, number_range, refuse, shown, whole
 from srsinv.forward.knife_edge import KnifeEdge, VibratingEdge
 from srsinv.forward.vibration import apparent_frequency_hz
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 

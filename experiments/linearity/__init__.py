@@ -8,7 +8,8 @@ import xarray
 from srsinv import config
 from srsinv.errors import choice, number, number_range, numbers, refuse, shown, whole
 from srsinv.forward.knife_edge import KnifeEdge
-from srsinv.report.result import Result, dataset
+from srsinv.report.data import dataset
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 

@@ -7,15 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
+from experiments.model_error.wave_response import wave_response, whole_waves
 from srsinv import config
 from srsinv.errors import mapping, number_range, refuse, whole
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.estimate import COMPONENTS, relative_error
 from srsinv.inverse.simulated import problem_of
-from srsinv.inverse.wave_response import wave_response, whole_waves
 from srsinv.parts import merged
 from srsinv.progress import stage
-from srsinv.report.result import Result, dataset
+from srsinv.report.data import dataset
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed, significant
 

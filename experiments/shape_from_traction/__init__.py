@@ -5,14 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from experiments.shape_from_traction.shape import RecoveredShape
 from srsinv import config
 from srsinv.errors import mapping, refuse
 from srsinv.inverse.estimate import Estimate, coverage_90
-from srsinv.inverse.shape import RecoveredShape
 from srsinv.inverse.solved_contact import SolvedContact
 from srsinv.progress import stage
 from srsinv.report.answers import answer_variables
-from srsinv.report.result import Result, dataset
+from srsinv.report.data import dataset
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import spoken, unit_of
 

@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 import xarray
 
+from experiments.textures.scans import TextureScans, TextureSensor
+from experiments.textures.texture import HeightSpectra
 from srsinv import config
 from srsinv.errors import mapping, number, refuse, whole
-from srsinv.inverse.texture import HeightSpectra
-from srsinv.inverse.texture_scans import TextureScans, TextureSensor
 from srsinv.progress import stage
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 from srsinv.targets import make

@@ -15,7 +15,8 @@ from srsinv.forward.simulation import Simulation
 from srsinv.inverse.estimate import COMPONENTS, deviation, relative_error
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.progress import stage
-from srsinv.report.result import Result, dataset
+from srsinv.report.data import dataset
+from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed, significant
 

@@ -154,7 +154,7 @@ class LaunchedTask:
             result = job(only_read(settings, self.root)).with_sections(extra)
 
             # After the job, whose module decides when jax and matplotlib are imported.
-            from ..report.page import render
+            from ..report.files import render
 
             command = self.command(HydraConfig.get().overrides.task)
             files = render(result, _record(config), command)

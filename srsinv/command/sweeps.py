@@ -102,7 +102,7 @@ def _launched(
 def _gathered(folder: Path, failures: Failures, command: str) -> dict[str, bytes]:
     """The data set and the page of all runs in a sweep's folder, and the record of failures."""
     from ..jobs.gather import gathered
-    from ..report.page import render
+    from ..report.files import render
 
     reasons = {
         str(job.number): {"overrides": list(job.overrides), "reason": outcome.reason}

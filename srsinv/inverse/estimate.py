@@ -1,4 +1,6 @@
-"""What an inversion gives: p and q with their standard errors on a line, and how good they are."""
+"""What an inversion gives: p and q with their standard errors on a line, how good they are, and
+widths that say how fine they are.
+"""
 
 import abc
 import dataclasses
@@ -14,8 +16,7 @@ from ..errors import of_kind
 from ..grid import Line
 from ..numerics import BAND_90, mean_known
 from ..status import Status
-from .diagnostics import beyond_band, error_over_truth
-from .quality import Quality, quality, reasons
+from .diagnostics import Quality, beyond_band, error_over_truth, quality, reasons
 
 COMPONENTS = ("p", "q")
 Numbers = Array | np.ndarray
@@ -116,7 +117,7 @@ class TractionEstimate(Estimate):
       mean is observable.
     - `friction`: mu where q = mu p was not solved for.
     - `rig_errors` (j, c, n): errors by one standard deviation of the rig, in independent directions
-      (see rig_bands.py). They are in `stderr`, and beside `covariance`: the two have the covariance
+      (line/rig_bands.py). They are in `stderr` beside `covariance`: the two have the covariance
       C + sum_j f_j f_j^T. None of a rig that is exact.
     """
 
@@ -249,3 +250,37 @@ def overlap(line: Line, onto: Line) -> np.ndarray:
 
 def _edges(line: Line) -> np.ndarray:
     return float(line.start_m) + float(line.cell_m) * (np.arange(line.n + 1) - 0.5)
+
+
+def full_width_at_half_maximum(
+    lag_m: Float[np.ndarray, " n"], kernel: Float[np.ndarray, " n"]
+) -> float:
+    """Width [m] of the peak of `kernel` (n,) over `lag_m` (n,), between its two crossings of half
+    the maximum, straight lines between samples; NaN where it does not fall that far."""
+    if not np.isfinite(kernel).all() or kernel.max() <= 0:
+        return float("nan")
+    top, half = int(np.argmax(kernel)), kernel.max() / 2
+    left = np.flatnonzero(kernel[:top] < half)
+    right = np.flatnonzero(kernel[top:] < half)
+    if not left.size or not right.size:
+        return float("nan")
+
+    def crossing(i: Any, j: Any) -> float:
+        fraction = (half - kernel[i]) / (kernel[j] - kernel[i])
+        return float(lag_m[i] + fraction * (lag_m[j] - lag_m[i]))
+
+    return crossing(top + right[0] - 1, top + right[0]) - crossing(left[-1], left[-1] + 1)
+
+
+def cutoff(
+    k: Float[np.ndarray, " k"], resolution: Float[np.ndarray, "*c k"]
+) -> Float[np.ndarray, "*c"]:
+    """The cut-off wavenumber [rad/m]: where the resolution (..., k) last falls through one half;
+    NaN if nowhere."""
+    high = resolution[..., :-1] >= 0.5
+    falls = high & (resolution[..., 1:] < 0.5)
+    last = falls.shape[-1] - 1 - np.argmax(falls[..., ::-1], axis=-1)
+    upper = np.take_along_axis(resolution, last[..., None], -1)[..., 0]
+    lower = np.take_along_axis(resolution, last[..., None] + 1, -1)[..., 0]
+    fraction = (upper - 0.5) / np.where(upper > lower, upper - lower, 1.0)
+    return np.where(falls.any(axis=-1), k[last] + fraction * (k[1] - k[0]), np.nan)

@@ -8,8 +8,8 @@ from jaxtyping import Array, Float
 
 from ..errors import BadInput
 from .estimate import Estimate
-from .line_problem import LineProblem
-from .prior import Prior
+from .line.prior import Prior
+from .line.problem import LineProblem
 from .problem import Problem
 
 

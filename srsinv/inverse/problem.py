@@ -15,12 +15,12 @@ from ..grid import Line, Operator, as_real
 from ..modules import with_fields
 from ..recording.mains import MainsLine, waves
 from ..recording.passes import Pass, is_within, passes_of
-from .cells import Window, window_around
-from .gridding import SampledSignals, aligned, on_cells
-from .line_problem import LineProblem
+from .gridding.cells import Window, window_around
+from .gridding.on_cells import SampledSignals, aligned, on_cells
+from .line.problem import LineProblem
+from .noise.model import SampleNoise, Samples
 from .nonlinear import WithNuisance
-from .rig_error import SensorError
-from .sample_noise import SampleNoise, Samples
+from .rig.error import SensorError
 
 
 class Problem(eqx.Module):

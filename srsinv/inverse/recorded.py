@@ -22,14 +22,14 @@ from ..recording.mains import MainsLine, mains_lines
 from ..recording.noise import ABOVE_CUTOFF, level_stderr, white_levels
 from ..recording.passes import go_both_ways, passes_of, with_backlash
 from ..recording.preparation import preparation_warnings, prepare
-from .elements import element_findings
-from .hum import Hum
+from .kernel.operator_model import OperatorModel, Theory
+from .noise.hum import Hum
+from .noise.model import SampleNoise
+from .noise.quiet import quiet_noise
 from .nonlinear import LEVEL_STDERR
-from .operator_model import OperatorModel, Theory
 from .problem import Problem
-from .quiet_noise import quiet_noise
-from .rig_error import RigError
-from .sample_noise import SampleNoise
+from .rig.error import RigError
+from .rig.wiring import element_findings
 
 LEAST_STEP = 1e-4  # of the depth: positions that are rounded to less move nothing
 MOST_DRIFT = 1e4  # in a second, of the largest sample: more is another unit

@@ -14,8 +14,8 @@ from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..forward.simulation import Simulation
 from ..grid import Periodic
-from .cells import fitted_on
-from .line_problem import LineProblem
+from .gridding.cells import fitted_on
+from .line.problem import LineProblem
 
 LEAST_SAMPLES = 0.99  # a cell: with fewer, the cells would have to be guessed
 

@@ -12,11 +12,11 @@ from ..forward.scene import SurfaceScene
 from ..forward.simulation import Simulation, response
 from ..forward.surface import Surface
 from ..numerics import is_flat
-from .cells import Window
 from .estimate import Estimate
 from .features.fit import FeatureFitter
 from .features.loading import Features
-from .line_problem import LineProblem
+from .gridding.cells import Window
+from .line.problem import LineProblem
 from .simulated import problem_of
 
 

@@ -14,14 +14,13 @@ from ..grid import Line, as_real
 from ..status import Status
 from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers
-from .line_problem import LineProblem
+from .line.prior import Prior
+from .line.problem import LineProblem
+from .line.rule import Choice, GeneralisedCrossValidation, Rule, to_score
+from .line.solve import PATHS, Family, Scorer, choose_path, solve
+from .line.spectral import square, white_model
 from .method import Method
-from .pilot import to_score
-from .prior import Prior
 from .problem import Problem
-from .quadratic import PATHS, Family, Scorer, choose_path, solve
-from .rule import Choice, GeneralisedCrossValidation, Rule
-from .spectral import square, white_model
 
 
 class DerivativePenalty(Prior):

@@ -15,13 +15,12 @@ from ..grid import Line, as_real, half_spectrum_weights
 from ..status import Status
 from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers
-from .line_problem import LineProblem
+from .line.prior import Prior
+from .line.problem import LineProblem
+from .line.rule import Evidence, to_score
+from .line.solve import PATHS, Family, Scorer, solve
 from .method import Method
-from .pilot import to_score
-from .prior import Prior
 from .problem import Problem
-from .quadratic import PATHS, Family, Scorer, solve
-from .rule import Evidence
 
 
 class TractionSpectrum(eqx.Module):

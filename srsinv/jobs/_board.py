@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import is_number, refuse
-from ..inverse.pitch import LEAST_PERIODS
+from ..inverse.board.pitch import LEAST_PERIODS
 from ..recording import Recording
 from ..recording.noise import filled
 

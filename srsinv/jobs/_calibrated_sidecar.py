@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import refuse
-from ..inverse.calibration import Calibration
 from ..inverse.problem import Problem
+from ..inverse.rig.calibration import Calibration
 from ..recording import Reader, Recording, facts_of
 from ._written_files import Target
 

@@ -12,12 +12,13 @@ import numpy as np
 import xarray
 from jaxtyping import Float, Int
 
+from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS, Estimate, deviation
-from ..inverse.line_problem import LineProblem
-from ..inverse.quality import Quality
+from ..inverse.line.problem import LineProblem
 from ..numerics import mean_known
 from ..report.answers import answer_variables
-from ..report.result import Result, dataset, scalars
+from ..report.data import dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import significant
 from ._statistics import differences, ranks

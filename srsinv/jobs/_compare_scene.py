@@ -13,6 +13,7 @@ from .. import plot
 from ..errors import is_number, refuse
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.simulation import Simulation
+from ..inverse.diagnostics import Quality
 from ..inverse.estimate import (
     COMPONENTS,
     Estimate,
@@ -22,10 +23,10 @@ from ..inverse.estimate import (
     relative_error,
 )
 from ..inverse.features.method import FeatureFit
-from ..inverse.line_problem import LineProblem
-from ..inverse.quality import Quality
+from ..inverse.line.problem import LineProblem
 from ..inverse.simulated import noisy_problem
-from ..report.result import Result, dataset, key_of, scalars
+from ..report.data import dataset, key_of, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ._statistics import differences, ranks
 from .monte_carlo import (

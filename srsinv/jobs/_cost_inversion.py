@@ -12,13 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..grid import LINES
-from ..inverse import iterative
 from ..inverse.estimate import COMPONENTS, Estimate, deviation, relative_error
-from ..inverse.line_problem import LineProblem
+from ..inverse.line import iterative
+from ..inverse.line.prior import Prior
+from ..inverse.line.problem import LineProblem
+from ..inverse.line.rule import Evidence, GeneralisedCrossValidation
+from ..inverse.line.solve import DIRECT_LIMIT, solve
 from ..inverse.method import Method
-from ..inverse.prior import Prior
-from ..inverse.quadratic import DIRECT_LIMIT, solve
-from ..inverse.rule import Evidence, GeneralisedCrossValidation
 from ..inverse.simulated import noisy_problem
 from ._cost_forward import Simulated
 from ._cost_settings import TIGHT, CostSettings

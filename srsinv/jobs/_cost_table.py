@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray
 
-from ..report.result import dataset
+from ..report.data import dataset
 from ..report.text import quantity, sized
 from ._cost_runner import MeasuredTrials, places
 from ._cost_settings import CONVERGED_WITHIN

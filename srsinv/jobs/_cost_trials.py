@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import BadInput
 from ..memory import weighed
-from ..report.result import key_of
+from ..report.data import key_of
 from ..report.text import sized
 from ..status import Status
 from ..timing import timed

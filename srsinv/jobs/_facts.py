@@ -8,11 +8,11 @@ import numpy as np
 from ..effects import NAMES
 from ..forward.sensor import Sensor
 from ..forward.simulation import Simulation
-from ..inverse.cells import FEW, sample_spacing_m
 from ..inverse.features.synthetic import SyntheticScan
-from ..inverse.line_problem import LineProblem
+from ..inverse.gridding.cells import FEW, sample_spacing_m
+from ..inverse.line.problem import LineProblem
+from ..inverse.noise.model import SampleNoise
 from ..inverse.problem import Problem
-from ..inverse.sample_noise import SampleNoise
 from ..quantities import quantity
 from ..recording import Recording
 from ..recording.drift import common_level

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 from ..errors import check_name, mapping, number, refuse, shown
 from ..forward.surface_feature import SurfaceFeature
+from ..inverse.features.contact import checked_pressure
 from ..inverse.features.loading import Features
 from ..inverse.features.method import FeatureFit
-from ..inverse.features.surface_settings import checked_pressure
 from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
 from ..recording import Recording

@@ -12,7 +12,7 @@ from ..recording.disturbances import Disturbances
 from ..recording.drift import common_level
 from ..recording.inspection import Inspection
 from ..recording.template import essential
-from ..report.result import scalars
+from ..report.data import scalars
 
 _PER_ROOT = "signal's unit per root of s"
 _READER = "srsinv.recording.formats.BySuffix"

@@ -11,14 +11,21 @@ from ..effects import ScreeningResult
 from ..errors import of_kind
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
-from ..inverse.estimate import COMPONENTS, Estimate, coverage_90, relative_error
-from ..inverse.line_problem import LineProblem
-from ..inverse.periodogram import strongest_line_m
-from ..inverse.quality import Quality
-from ..inverse.widths import cutoff, full_width_at_half_maximum
+from ..inverse.board.periodogram import strongest_line_m
+from ..inverse.diagnostics import Quality
+from ..inverse.estimate import (
+    COMPONENTS,
+    Estimate,
+    coverage_90,
+    cutoff,
+    full_width_at_half_maximum,
+    relative_error,
+)
+from ..inverse.line.problem import LineProblem
 from ..progress import stage
 from ..report.answers import answer_variables
-from ..report.result import Result, dataset, key_of, scalars
+from ..report.data import dataset, key_of, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity, significant
 from ..timing import timed

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ..inverse.estimate import Estimate
-from ..inverse.line_model import CHI2
-from ..inverse.line_problem import LineProblem
-from ..report.result import scalars
+from ..inverse.line.model import CHI2
+from ..inverse.line.problem import LineProblem
+from ..report.data import scalars
 
 
 def pass_variables(problem: LineProblem, estimates: Mapping[str, Estimate]) -> dict[str, Any]:

@@ -6,8 +6,8 @@ import jax
 import numpy as np
 
 from ..errors import refuse
-from ..inverse.cells import sample_spacing_m
-from ..inverse.line_problem import LineProblem
+from ..inverse.gridding.cells import sample_spacing_m
+from ..inverse.line.problem import LineProblem
 from ..inverse.problem import Problem
 from ..resolution import cell_m
 from ._plan_trials import (

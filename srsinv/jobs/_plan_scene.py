@@ -13,8 +13,8 @@ from ..forward.noise import SignalToNoise
 from ..forward.simulation import Simulation
 from ..forward.trace import pair, trace
 from ..grid import Line, as_real
-from ..inverse.gathered import gathered
-from ..inverse.line_problem import LineProblem
+from ..inverse.gridding.gathered import gathered
+from ..inverse.line.problem import LineProblem
 from ..inverse.simulated import noisy_problem
 from ..timing import timed
 from ._plan_trials import (

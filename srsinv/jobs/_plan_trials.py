@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from ..grid import Periodic
 from ..inverse.estimate import COMPONENTS, Estimate, deviation
-from ..inverse.line_problem import LineProblem
+from ..inverse.line.problem import LineProblem
+from ..inverse.line.solve import AUTO_LIMIT
 from ..inverse.method import Method
-from ..inverse.quadratic import AUTO_LIMIT
 from ..timing import Timed, timed
 
 REPEATS, MOST_S = 5, 1.0  # calls after the first, whose median counts, as time allows

@@ -3,7 +3,7 @@
 from typing import Any
 
 from ..errors import choice, refuse
-from ..inverse.line_problem import LineProblem
+from ..inverse.line.problem import LineProblem
 from ..inverse.problem import Problem
 from ..recording import Recording
 from ..recording.even import check_volts

@@ -16,7 +16,7 @@ from typing import Any
 from ..errors import BadInput, is_number, printable, refuse
 from ..files import open_file, read_json
 from ..recording.formats import UNITS_BY_PATTERN
-from ..report.result import units_of_metrics
+from ..report.data import units_of_metrics
 from ..run_folder import FAILURES, MANIFEST, METRICS_FILE, MOST_OF_METRICS, described_runs
 
 _KEY = "gather.folder"

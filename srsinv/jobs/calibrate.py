@@ -10,14 +10,14 @@ import numpy as np
 import xarray
 
 from .. import config
-from ..inverse.calibration import Calibration, calibrate
-from ..inverse.diagnostics import direction_in_words
+from ..inverse.diagnostics import Quality, direction_in_words
 from ..inverse.problem import Problem
-from ..inverse.quality import Quality
+from ..inverse.rig.calibration import Calibration, calibrate
 from ..progress import stage
 from ..recording import Recording
 from ..report.answers import answer_of
-from ..report.result import Result, dataset, scalars
+from ..report.data import dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity_with_error, unit_of
 from . import _facts

@@ -16,18 +16,20 @@ from jaxtyping import Float
 from .. import config
 from ..errors import is_number, number, refuse, shown, whole
 from ..forward.feature import Feature
-from ..inverse.cells import Window
 from ..inverse.features.fit import FeatureFitter
 from ..inverse.features.model import scan_extent
 from ..inverse.features.synthetic import (
     FittedDraw,
     KnownFeature,
     KnownLoad,
+    KnownShape,
     SampledScan,
+    SceneShape,
     SyntheticScan,
 )
-from ..inverse.features.synthetic_surface import KnownShape, SceneShape
-from ..report.result import Result, dataset, scalars
+from ..inverse.gridding.cells import Window
+from ..report.data import dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import unit_of, without_unit
 from . import _facts

@@ -14,12 +14,13 @@ from ..errors import mapping, number, number_range, refuse, shown, whole
 from ..forward.scan import Motion
 from ..forward.surface_feature import RidgeFeature
 from ..grid import as_real
-from ..inverse.cells import Window
 from ..inverse.features.contact import cell_for
 from ..inverse.features.model import FeatureModel
+from ..inverse.gridding.cells import Window
 from ..inverse.recorded import sensor_described
 from ..recording import Recording
-from ..report.result import Result, dataset
+from ..report.data import dataset
+from ..report.result import Result
 from ..report.section import sections
 
 FINER = 2.5  # times as many cells as a fit has, and in no simple ratio to them

@@ -12,14 +12,15 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from .. import config, plot
-from ..inverse.pitch import Pitch, channel_pitches, drift, fit_pitch
-from ..inverse.quality import Quality, quality, reasons
-from ..inverse.spectral_lines import SpectralPeak, SpectralPeaks, find_lines
+from ..inverse.board.pitch import Pitch, channel_pitches, drift, fit_pitch
+from ..inverse.board.spectral_lines import SpectralPeak, SpectralPeaks, find_lines
+from ..inverse.diagnostics import Quality, quality, reasons
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import load_steady
 from ..report.answers import answer_of
-from ..report.result import Result, dataset, scalars
+from ..report.data import dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity_with_error
 from ..status import Status

@@ -14,18 +14,18 @@ import xarray
 
 from .. import config
 from ..errors import refuse
-from ..inverse.diagnostics import direction_in_words
+from ..inverse.diagnostics import Quality, direction_in_words
 from ..inverse.estimate import COMPONENTS
 from ..inverse.features.estimate import FeatureEstimate, probabilities
 from ..inverse.features.method import FeatureFit
 from ..inverse.features.window import FittedStretch, stretch_of
 from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
-from ..inverse.quality import Quality
 from ..progress import stage
 from ..recording import Recording
 from ..report.answers import answer_of
-from ..report.result import Result, dataset, scalars
+from ..report.data import dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity_with_error, unit_of
 from . import _facts

@@ -17,7 +17,8 @@ import xarray
 
 from .. import config
 from ..errors import LARGEST, printable, refuse, shown
-from ..report.result import Result, dataset, scalars
+from ..report.data import dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity, unit_of
 from ..run_folder import GATHERED

@@ -12,7 +12,8 @@ from ..recording import merge
 from ..recording.even import sidecar_paths
 from ..recording.inspection import Inspection, inspect
 from ..recording.template import blanks, essential, sidecar_template
-from ..report.result import Result, dataset, scalars
+from ..report.data import dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from . import _inspection_plots as own
 from ._inspection_verdict import disturbance_facts, of_disturbances, settings_of, verdict

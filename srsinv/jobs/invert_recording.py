@@ -1,7 +1,7 @@
 """Invert a recorded signal: p and q by every method named, with bands and resolution."""
 
 from .. import config
-from ..inverse.ways import pressure_by_way
+from ..inverse.gridding.directions import pressure_by_way
 from ..report.result import Result
 from . import _facts
 from ._inversion import InversionCase

@@ -10,15 +10,15 @@ from jaxtyping import Float
 
 from .. import config
 from ..errors import BadInput, refuse, shown
+from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS
-from ..inverse.kernel.file import as_netcdf, is_as_written
-from ..inverse.kernel.measured import MeasuredKernel, kernels
+from ..inverse.kernel.measured import MeasuredKernel, as_netcdf, is_as_written, kernels
 from ..inverse.kernel.over_feature import FeatureKernel, measure_over_feature
-from ..inverse.quality import Quality
 from ..progress import stage
 from ..recording import Recording
 from ..report.answers import answer_of
-from ..report.result import Result, dataset, scalars
+from ..report.data import dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity, quantity_with_error, significant, unit_of
 from . import _facts

@@ -13,7 +13,7 @@ from ..errors import refuse
 from ..forward.feature import Feature
 from ..inverse.estimate import COMPONENTS, Estimate
 from ..inverse.features.method import FeatureFit
-from ..inverse.line_problem import LineProblem
+from ..inverse.line.problem import LineProblem
 from ..inverse.method import Method
 from ..inverse.nonlinear import Solver
 from ..progress import steps

@@ -19,9 +19,10 @@ from .. import config
 from ..errors import choice, number, refuse
 from ..parts import varied
 from ..progress import stage
+from ..report.data import dataset, scalars
 from ..report.plot.panels import Curve, Mark, Panel, PanelAxis, panels
 from ..report.plot.style import GREY
-from ..report.result import Result, dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity as in_words
 from ..report.text import significant

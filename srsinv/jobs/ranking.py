@@ -17,7 +17,8 @@ from ..errors import BadInput, is_number, refuse, shown, whole
 from ..forward.feature import Feature
 from ..inverse.features.fit import FeatureFitter
 from ..inverse.features.synthetic import SampledScan, SyntheticScan, known_noise
-from ..report.result import Result, dataset, scalars
+from ..report.data import dataset, scalars
+from ..report.result import Result
 from ..report.section import sections
 from ..report.text import unit_of, without_unit
 from . import _facts

@@ -1,14 +1,10 @@
-"""The files of a run: numbers, arrays, figures and one self-contained page.
-
-The same result gives the same bytes: no date, no random name, no version of a drawing library.
-"""
+"""One self-contained page of a result: sections filled in from its dataset, and their figures."""
 
 import base64
 import io
-import json
-import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +17,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from .. import __version__
-from .result import Result, Scalar
+from .data import metrics
 from .section import Section
-from .terminal import no_answer
 from .text import format_value, is_numeric
-from .words import Block, Drawing, Paragraph, Table, answers, blocks, summary
+from .words import Block, Drawing, Paragraph, Table, answers, blocks, no_answer, summary
 
 _DPI = 140
 _COMPRESSION = 3  # zlib's: 6 takes a third longer for files that are 7 % smaller
@@ -33,70 +28,53 @@ _CODE = re.compile(r"`([^`]+)`")
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=%|dB\b|[fpnµmkMG]?(?:m|s|A|C|Hz|N|Pa|V|rad)\b)")
 
 
-def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -> dict[str, bytes]:
-    """The files of a run's folder by their names in it: `metrics.json`, the dataset (`result.nc`),
-    the page (`report.html`), `figures/*.png`, `.hydra/` and the result's own.
+class Page:
+    """A page of sections that are filled in from a dataset, those whose needs it meets."""
 
-    Nothing is written: all is made in memory, where no full disk can cut it short. `record` maps
-    the names in `.hydra` to their text, `command` is the command on the page. Raises `ValueError`
-    for a variable without `units`.
-    """
-    filled = _filled(result)
-    figures = {each.name: _png(each.figure) for each in _drawings(filled)}
-    texts: dict[str, str | bytes] = {
-        **{f".hydra/{name}": text for name, text in record.items()},
-        **result.files,
-        "metrics.json": metrics_json(result.metrics),
-        result.page_name: _page(result, filled, figures, command),
-    }
-    return {
-        **{name: text.encode() if isinstance(text, str) else text for name, text in texts.items()},
-        result.data_name: _netcdf(result.dataset),
-        **{f"figures/{name}.png": image for name, image in figures.items()},
-    }
+    def __init__(self, title: str, data: xarray.Dataset, sections: Sequence[Section]):
+        self._title, self._data, self._sections = title, data, sections
+        shown = (each for each in sections if each.heading and each.is_met(data))
+        filled = [(each, blocks(each, data)) for each in shown]
+        self._filled = [(section, own) for section, own in filled if own]
 
+    @property
+    def figures(self) -> dict[str, tuple[Figure, str]]:
+        """The figures with their captions, by name."""
+        every = (block for _, own in self._filled for block in own)
+        return {
+            each.name: (each.figure, each.caption) for each in every if isinstance(each, Drawing)
+        }
 
-def page(result: Result, command: str = "") -> str:
-    """The page of a result as HTML, its figures within it."""
-    filled = _filled(result)
-    images = {each.name: _png(each.figure) for each in _drawings(filled)}
-    return _page(result, filled, images, command)
+    @cached_property
+    def images(self) -> dict[str, bytes]:
+        """The figures as PNG, by name."""
+        return {name: _png(figure) for name, (figure, _) in self.figures.items()}
 
-
-def metrics_json(metrics: Mapping[str, Scalar]) -> str:
-    """`metrics` as JSON with sorted keys; None becomes null, and so do
-    numbers that are not finite."""
-    values = {
-        key: None if isinstance(each, float) and not math.isfinite(each) else each
-        for key, each in metrics.items()
-    }
-    return json.dumps(values, sort_keys=True, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def figures(result: Result) -> dict[str, tuple[Figure, str]]:
-    """The figures of a result with their captions, by name."""
-    return {each.name: (each.figure, each.caption) for each in _drawings(_filled(result))}
-
-
-Filled = list[tuple[Section, tuple[Block, ...]]]
-
-
-def _filled(result: Result) -> Filled:
-    """The sections that are shown, with what is in them."""
-    shown = (each for each in result.sections if each.heading and each.is_met(result.dataset))
-    filled = [(each, blocks(each, result.dataset)) for each in shown]
-    return [(section, own) for section, own in filled if own]
-
-
-def _drawings(filled: Filled) -> Iterator[Drawing]:
-    return (block for _, own in filled for block in own if isinstance(block, Drawing))
-
-
-def _netcdf(data: xarray.Dataset) -> bytes:
-    unitless = [str(name) for name, each in data.variables.items() if "units" not in each.attrs]
-    if unitless:
-        raise ValueError(f"variables without units in the result: {', '.join(unitless)}")
-    return bytes(data.to_netcdf(engine="h5netcdf"))
+    def html(self, command: str = "") -> str:
+        """The page as HTML, its figures within it, and the `command` that made it."""
+        environment = jinja2.Environment(
+            loader=jinja2.FileSystemLoader(Path(__file__).parent),
+            autoescape=True,
+            trim_blocks=True,
+            lstrip_blocks=True,
+            undefined=jinja2.StrictUndefined,
+        )
+        numbers = Table(("name", "value"), tuple(sorted(metrics(self._data).items())))
+        return environment.get_template("page.html.j2").render(
+            title=_unbroken(self._title),
+            command=command,
+            version=__version__,
+            answers=[
+                (name, quality, no_answer(quality) + reasons)
+                for name, (quality, reasons) in answers(self._data).items()
+            ],
+            summary=list(_in_html(summary(self._sections, self._data), self.images)),
+            sections=[
+                (section.heading, section.is_folded, list(_in_html(own, self.images)))
+                for section, own in self._filled
+            ],
+            metrics=_table(numbers),
+        )
 
 
 def _png(figure: Figure) -> bytes:
@@ -109,32 +87,6 @@ def _png(figure: Figure) -> bytes:
     Image.fromarray(pixels).save(image, "png", dpi=(_DPI, _DPI), compress_level=_COMPRESSION)
     figure.set_dpi(before)
     return image.getvalue()
-
-
-def _page(result: Result, filled: Filled, images: Mapping[str, bytes], command: str) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    numbers = Table(("name", "value"), tuple(sorted(result.metrics.items())))
-    return environment.get_template("page.html.j2").render(
-        title=_unbroken(result.title),
-        command=command,
-        version=__version__,
-        answers=[
-            (name, quality, no_answer(quality) + reasons)
-            for name, (quality, reasons) in answers(result.dataset).items()
-        ],
-        summary=list(_in_html(summary(result), images)),
-        sections=[
-            (section.heading, section.is_folded, list(_in_html(own, images)))
-            for section, own in filled
-        ],
-        metrics=_table(numbers),
-    )
 
 
 def _in_html(own: tuple[Block, ...], images: Mapping[str, bytes]) -> Iterator[dict[str, Any]]:

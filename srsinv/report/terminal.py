@@ -10,14 +10,14 @@ from rich.text import Text
 
 from .result import Result
 from .text import format_value, is_numeric
-from .words import Paragraph, Table, answers, summary
+from .words import Paragraph, Table, answers, no_answer, summary
 
 
 def print_summary(result: Result) -> None:
     """Print what a result states: its title, the summary, and of each answer that is not good the
     reasons."""
     print(result.title)
-    for block in summary(result):
+    for block in summary(result.sections, result.dataset):
         if isinstance(block, Table):
             print_table(block)
         elif isinstance(block, Paragraph):
@@ -25,11 +25,6 @@ def print_summary(result: Result) -> None:
     for name, (quality, reasons) in answers(result.dataset).items():
         if reasons:
             print(f"{name or 'The answer'}, {quality}: {no_answer(quality)}{reasons}")
-
-
-def no_answer(quality: str) -> str:
-    """What is said of an answer that failed, before the reasons."""
-    return "these numbers are no answer. " if quality == "failed" else ""
 
 
 def print_table(table: Table) -> None:

@@ -1,7 +1,7 @@
 """Templates of sections to blocks: paragraphs, tables, and figures drawn from the dataset."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from ..errors import BadInput
 from ..numerics import BAND_90
 from . import plot, text
-from .result import Result, metrics
+from .data import metrics
 from .section import Section
 
 _HELD = re.compile(r"\s*\x00(\d+)\x00\s*")
@@ -88,10 +88,10 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
     return tuple(_split(filled, held))
 
 
-def summary(result: Result) -> tuple[Block, ...]:
+def summary(sections: Sequence[Section], data: xarray.Dataset) -> tuple[Block, ...]:
     """What stands above a page's contents and is printed: the sections without a heading."""
-    first = [each for each in result.sections if not each.heading and each.is_met(result.dataset)]
-    return tuple(block for each in first for block in blocks(each, result.dataset, draws=False))
+    first = [each for each in sections if not each.heading and each.is_met(data)]
+    return tuple(block for each in first for block in blocks(each, data, draws=False))
 
 
 def answers(data: xarray.Dataset) -> dict[str, tuple[str, str]]:
@@ -109,6 +109,11 @@ def answers(data: xarray.Dataset) -> dict[str, tuple[str, str]]:
         name: (str(q), str(r))
         for name, q, r in zip(names, quality.values, reasons.values, strict=True)
     }
+
+
+def no_answer(quality: str) -> str:
+    """What is said of an answer that failed, before the reasons."""
+    return "these numbers are no answer. " if quality == "failed" else ""
 
 
 class _Place(str):

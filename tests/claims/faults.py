@@ -24,14 +24,14 @@ from scipy.stats import chi2
 
 from srsinv.errors import BadInput
 from srsinv.grid import as_real
-from srsinv.inverse.cells import sample_spacing_m
 from srsinv.inverse.estimate import Estimate, deviation
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
+from srsinv.inverse.gridding.cells import sample_spacing_m
+from srsinv.inverse.line.rule import Evidence
 from srsinv.inverse.method import Method
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.recorded import problem_of, ready
-from srsinv.inverse.rule import Evidence
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Wiener
 from tests.claims.faulty_scans import SCENES, Scan, ScannedScene, faults, faulty, suits

@@ -19,8 +19,8 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Bump
 from srsinv.forward.surface_feature import HEIGHT, POSITION, WIDTH, RidgeFeature, SurfaceFeature
 from srsinv.grid import Line
-from srsinv.inverse.cells import Window
 from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.gridding.cells import Window
 from srsinv.inverse.nonlinear import WhitePlusOU
 from srsinv.recording import Recording
 

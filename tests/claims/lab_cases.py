@@ -27,11 +27,11 @@ import yaml
 
 from srsinv.errors import BadInput
 from srsinv.forward.surface_feature import RidgeFeature, TapeFeature
-from srsinv.inverse.calibration import Calibration, calibrate
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.recorded import problem_of
+from srsinv.inverse.rig.calibration import Calibration, calibrate
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Wiener
 from srsinv.numerics import BAND_90

@@ -33,10 +33,10 @@ from srsinv.forward.traction import PressedStrip
 from srsinv.grid import Periodic
 from srsinv.inverse.estimate import coverage_90, relative_error
 from srsinv.inverse.kernel.measure import measure_kernel
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.line.rule import Evidence
 from srsinv.inverse.method import Method
-from srsinv.inverse.rig_error import SensorError
-from srsinv.inverse.rule import Evidence
+from srsinv.inverse.rig.error import SensorError
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 

@@ -22,10 +22,10 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open
 from srsinv.inverse.estimate import Estimate
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.line.rule import Evidence
+from srsinv.inverse.noise.model import SampleNoise
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.rule import Evidence
-from srsinv.inverse.sample_noise import SampleNoise
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.modules import with_fields
 

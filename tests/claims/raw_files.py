@@ -19,9 +19,9 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.grid import Line, as_real
-from srsinv.inverse.cells import Window
 from srsinv.inverse.features.contact import cell_for
 from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.gridding.cells import Window
 
 FINER = 2.3  # times as many cells as a fit has, and in no simple ratio to them
 TURN_S = 0.1  # for turning back

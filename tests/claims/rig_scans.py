@@ -18,12 +18,12 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.grid import as_real
-from srsinv.inverse.cells import Window
 from srsinv.inverse.features.contact import cell_for
 from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.gridding.cells import Window
+from srsinv.inverse.noise.model import SampleNoise
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.rig_error import RigError
-from srsinv.inverse.sample_noise import SampleNoise
+from srsinv.inverse.rig.error import RigError
 
 TURNING = 0.1  # of a scan, over which the motion slows down and comes back to its speed
 FINER = 2.3  # times as many cells as a fit has, and in no simple ratio to them

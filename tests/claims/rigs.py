@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from srsinv.inverse.calibration import Calibration, calibrate
+from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
-from srsinv.inverse.quality import Quality
-from srsinv.inverse.rig_error import RigError
+from srsinv.inverse.rig.calibration import Calibration, calibrate
+from srsinv.inverse.rig.error import RigError
 from tests.claims.rig_scans import RIDGE, Rig, Rng, random_rig
 
 RESULTS = Path(__file__).parent / "results" / "rigs.json"

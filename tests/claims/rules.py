@@ -35,10 +35,10 @@ from srsinv import config
 from srsinv.__main__ import find_config_root
 from srsinv.forward.scene import TractionScene
 from srsinv.forward.traction import Pressure
-from srsinv.inverse import direct, spectral
-from srsinv.inverse.line_problem import LineProblem
-from srsinv.inverse.quadratic import Scorer, choose_path
-from srsinv.inverse.rule import Choice, Evidence, GeneralisedCrossValidation, Rule
+from srsinv.inverse.line import direct, spectral
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.line.rule import Choice, Evidence, GeneralisedCrossValidation, Rule
+from srsinv.inverse.line.solve import Scorer, choose_path
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
 

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.circular_scan.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier
-from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.film import Film, LineEffect, Offset, SampleAverage, StripAverage
 from srsinv.forward.filter import FirstOrder
 from srsinv.forward.layered import Layer, Layered

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.shape_from_traction.shape import shape_band, shape_under
 from srsinv.forward import contact_viscoelastic
 from srsinv.forward.contact import press
 from srsinv.forward.skin import HalfSpace
@@ -13,7 +14,6 @@ from srsinv.forward.surface import Ridge, Rough, SineWave, Tape
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
 from srsinv.inverse.estimate import TractionEstimate
-from srsinv.inverse.shape import shape_band, shape_under
 from srsinv.status import Status
 from tests.refusals import refused
 

@@ -1,6 +1,6 @@
 """What the short forms of short_forms.yaml give: their metrics and their variables, times aside."""
 
-from srsinv.report.result import METRIC
+from srsinv.report.data import METRIC
 from tests.golden.entries import Entries, entry
 from tests.jobs.run import short_forms, short_run
 

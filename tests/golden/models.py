@@ -10,8 +10,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.circular_scan.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
-from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.contact import press
 from srsinv.forward.feature import (
     GratingFeature,
@@ -30,8 +30,8 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, TapeFeature
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Open, Periodic
-from srsinv.inverse.cells import Window
 from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.gridding.cells import Window
 
 Numbers = Mapping[str, Any]
 Model = Callable[[Numbers], Any]

@@ -18,7 +18,7 @@ from srsinv.forward.film import Film, Offset
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line.problem import LineProblem
 
 N, LENGTH_M, DEPTH_M = 48, 12e-3, 0.75e-3
 LINES = {"periodic": Periodic, "open": Open}

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from srsinv.inverse.line_problem import LineProblem
-from srsinv.inverse.rule import GeneralisedCrossValidation
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.line.rule import GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Flat, Normalised, Wiener
 from tests.inverse.cases import N, gaps, make_case, make_line, make_operator

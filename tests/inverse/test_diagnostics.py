@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from srsinv.forward.film import Film
-from srsinv.inverse import answer, diagnostics
-from srsinv.inverse.rule import Evidence
-from srsinv.inverse.spectral import orthogonalised
+from srsinv.inverse import diagnostics
+from srsinv.inverse.line import answer
+from srsinv.inverse.line.rule import Evidence
+from srsinv.inverse.line.spectral import orthogonalised
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import DEPTH_M, gaps, make_case

@@ -4,11 +4,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.circular_scan.circular import Circle, Circling, ObliqueRidge
+from experiments.circular_scan.direction import DirectionFinder, angle_bounds_deg
 from srsinv.forward.amplifier import ChargeReadout
-from srsinv.forward.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.direction import DirectionFinder, angle_bounds_deg
 from tests.refusals import refused
 
 CIRCLE = Circle(radius_m=6e-3, samples=192)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from srsinv.forward.film import Film
-from srsinv.inverse.elements import element_findings
+from srsinv.inverse.rig.wiring import element_findings
 from srsinv.modules import with_fields
 from tests.inverse.cases import DEPTH_M, make_case, make_operator
 

@@ -7,8 +7,8 @@ from srsinv.errors import BadInput
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
-from srsinv.inverse.gathered import gathered, noise_of_means
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.gridding.gathered import gathered, noise_of_means
+from srsinv.inverse.line.problem import LineProblem
 from tests.inverse.cases import FILMS
 
 CELL_M, SCAN = 1e-4, ConstantSpeed(0.05)

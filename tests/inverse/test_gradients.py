@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from srsinv.forward.film import Film
-from srsinv.inverse import spectral
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line import spectral
+from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.tikhonov import DerivativePenalty
 from srsinv.inverse.wiener import Exponential, SpectralPrior
 from tests.inverse.cases import DEPTH_M, RATE, SLOW, N, make_case, make_line, make_operator

@@ -6,8 +6,8 @@ import pytest
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film
 from srsinv.grid import Convolution
-from srsinv.inverse.line_problem import LineProblem
-from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import DEPTH_M, SLOW, deviation, make_case, relative

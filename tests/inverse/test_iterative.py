@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from srsinv.grid import Open
-from srsinv.inverse.bands import variance
-from srsinv.inverse.gaps import Gaps
-from srsinv.inverse.iterative import PosteriorMap
-from srsinv.inverse.line_problem import LineProblem
-from srsinv.inverse.near_periodic import score
-from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
+from srsinv.inverse.line.gaps import Gaps
+from srsinv.inverse.line.iterative import PosteriorMap, variance
+from srsinv.inverse.line.near_periodic import score
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
 from srsinv.inverse.wiener import Exponential, ScaledSpectra, SpectralPrior, Wiener
 from srsinv.status import Status

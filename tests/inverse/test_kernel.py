@@ -16,16 +16,13 @@ from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
 from srsinv.inverse.estimate import averages, relative_error
-from srsinv.inverse.kernel.choice import Place, choose
 from srsinv.inverse.kernel.evidence import Envelope, Prior, Products, likeliest, posterior
-from srsinv.inverse.kernel.file import as_netcdf, is_as_written, load_kernel
 from srsinv.inverse.kernel.lags import Lags
-from srsinv.inverse.kernel.means import far_field
-from srsinv.inverse.kernel.measure import known_input, measure_kernel
-from srsinv.inverse.kernel.measured import kernels
-from srsinv.inverse.kernel.signals import KernelSignals
-from srsinv.inverse.line_problem import LineProblem
-from srsinv.inverse.operator_model import Measured
+from srsinv.inverse.kernel.measure import Place, choose, known_input, measure_kernel
+from srsinv.inverse.kernel.measured import as_netcdf, is_as_written, kernels, load_kernel
+from srsinv.inverse.kernel.operator_model import Measured
+from srsinv.inverse.kernel.signals import KernelSignals, far_field
+from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.wiener import Exponential, Wiener
 from srsinv.recording.passes import passes_of

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
+from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import SLOW, make_case, relative

@@ -12,7 +12,7 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.inverse.features import FeatureFit
 from srsinv.inverse.features.misfit import FALSE_ALARM, local_excess
 from srsinv.inverse.features.model import FeatureModel
-from srsinv.inverse.features.sliding_noise import Levels, estimate
+from srsinv.inverse.noise.sliding import Levels, estimate
 from srsinv.inverse.problem import Problem
 
 N, DEPTH_M = 600, 0.75e-3

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.inverse.cells import Cells, line_over
-from srsinv.inverse.gaps import Gaps
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.gridding.cells import Cells, line_over
+from srsinv.inverse.line.gaps import Gaps
+from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import SLOW, N, gaps, make_case, relative

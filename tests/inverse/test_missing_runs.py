@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from srsinv.inverse import diagnostics
-from srsinv.inverse.missing_runs import missing_runs
+from srsinv.inverse.line.answer import missing_runs
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
 from tests.inverse.cases import DEPTH_M, make_case
 from tests.tiers import quick

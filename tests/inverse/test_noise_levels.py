@@ -13,10 +13,10 @@ from srsinv.forward.noise import Sliding
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open
-from srsinv.inverse.gathered import gathered
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.gridding.gathered import gathered
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.noise.model import SampleNoise
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.sample_noise import SampleNoise
 from srsinv.inverse.tikhonov import Tikhonov
 from tests.inverse.cases import (
     DEPTH_M,

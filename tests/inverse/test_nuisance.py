@@ -13,13 +13,13 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open
-from srsinv.inverse.calibration import calibrate
 from srsinv.inverse.features import FeatureFit
 from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.line.rule import Evidence
+from srsinv.inverse.line.solve import solve
+from srsinv.inverse.noise.model import SampleNoise
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.quadratic import solve
-from srsinv.inverse.rule import Evidence
-from srsinv.inverse.sample_noise import SampleNoise
+from srsinv.inverse.rig.calibration import calibrate
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
 from srsinv.modules import with_fields
 from srsinv.recording.mains import mains_lines

@@ -15,13 +15,13 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open
 from srsinv.inverse.features import FeatureFit
 from srsinv.inverse.features.model import FeatureModel
-from srsinv.inverse.pass_statistics import PassesOnCells, PassOnCells
+from srsinv.inverse.gridding.directions import pressure_by_way
+from srsinv.inverse.gridding.pass_statistics import PassesOnCells, PassOnCells
+from srsinv.inverse.line.rule import Evidence
+from srsinv.inverse.line.solve import solve
+from srsinv.inverse.noise.model import SampleNoise
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.quadratic import solve
-from srsinv.inverse.rule import Evidence
-from srsinv.inverse.sample_noise import SampleNoise
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
-from srsinv.inverse.ways import pressure_by_way
 from srsinv.modules import with_fields
 from srsinv.recording.mains import mains_lines
 from srsinv.recording.passes import passes_of, with_backlash

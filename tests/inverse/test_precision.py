@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from srsinv.inverse.rule import GeneralisedCrossValidation
+from srsinv.inverse.line.rule import GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import gaps, make_case, relative

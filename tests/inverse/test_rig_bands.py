@@ -10,9 +10,9 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Open, as_real
 from srsinv.inverse.features.method import FeatureFit
+from srsinv.inverse.line.rig_bands import MOST_DIRECTIONS, fewer_directions
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.rig_bands import MOST_DIRECTIONS, fewer_directions
-from srsinv.inverse.rig_error import RigError
+from srsinv.inverse.rig.error import RigError
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.claims.rig_bands import METHODS, SETTINGS, study
 from tests.tiers import quick

@@ -14,7 +14,7 @@ from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Open, as_real
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.rig_error import RigError
+from srsinv.inverse.rig.error import RigError
 from tests.tiers import quick
 
 NOISE_V, DEPTH_M = 3e-8, 7.5e-4

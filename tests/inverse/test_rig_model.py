@@ -12,7 +12,7 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open, as_real
-from srsinv.inverse.rig_model import KnownTraction, RigModel
+from srsinv.inverse.rig.model import KnownTraction, RigModel
 from tests.reference.line_rig import Strip, rate
 
 DEPTH_M = 1e-3

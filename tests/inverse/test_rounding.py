@@ -9,8 +9,8 @@ import pytest
 import srsinv
 from srsinv.errors import BadInput
 from srsinv.forward.film import Film
-from srsinv.inverse.elements import element_findings
 from srsinv.inverse.nonlinear import Correlated
+from srsinv.inverse.rig.wiring import element_findings
 from srsinv.numerics import whole_steps
 from tests.inverse.cases import DEPTH_M, make_case
 

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.inverse.quadratic import Scorer
-from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
+from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
+from srsinv.inverse.line.solve import Scorer
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
 from srsinv.inverse.wiener import Exponential, ScaledSpectra
 from tests.inverse.cases import (

@@ -8,11 +8,11 @@ import scipy
 
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.grid import Open
+from srsinv.inverse.line.solve import solve
+from srsinv.inverse.noise.model import SampleNoise
+from srsinv.inverse.noise.quiet import quiet_noise
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.quadratic import solve
-from srsinv.inverse.quiet_noise import quiet_noise
 from srsinv.inverse.recorded import noise_of
-from srsinv.inverse.sample_noise import SampleNoise
 from srsinv.modules import with_fields
 from srsinv.recording import Recording
 from srsinv.recording.mains import mains_lines

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from experiments.fig05_orientation import condition, stress_gains
 from srsinv.forward.sensor import Sensor
-from srsinv.inverse.separation import condition, stress_gains
 
 
 def test_a_flat_film_and_one_on_edge_measure_sum_and_difference():

@@ -6,15 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.shape_from_traction.shape import shape_band, shape_under
 from srsinv.forward.contact import press
 from srsinv.forward.noise import draw, exponential_spectrum
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Cylinder, Ridge, Surface
 from srsinv.forward.traction import Hertz
 from srsinv.grid import Periodic
-from srsinv.inverse.line_problem import LineProblem
-from srsinv.inverse.shape import shape_band, shape_under
-from srsinv.inverse.spectral import solve
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.line.spectral import solve
 from srsinv.inverse.wiener import Exponential, SpectralPrior, Wiener
 from tests.inverse.cases import make_line, make_operator
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srsinv.inverse.features.sliding_noise import estimate, evidence_of_sliding
+from srsinv.inverse.noise.sliding import estimate, evidence_of_sliding
 
 N, DEPTH_M, STEP_M = 1200, 7.5e-4, 1e-5
 X_M = STEP_M * np.arange(N)

@@ -13,10 +13,10 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, StepUpFeature, TapeFeature
-from srsinv.inverse.cells import Window
 from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.features.model import FeatureModel, scan_extent
 from srsinv.inverse.features.search import Blocks, FeatureSearch
+from srsinv.inverse.gridding.cells import Window
 from srsinv.resolution import cell_m
 from tests.refusals import refused
 from tests.tiers import quick

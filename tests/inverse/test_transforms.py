@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srsinv.inverse import transforms
+from srsinv.inverse.line import transforms
 
 
 @pytest.mark.parametrize("shape", [(3000,), (2, 3001), (2, 3, 3000)])

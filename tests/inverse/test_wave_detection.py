@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from srsinv.inverse.detection import finest_wavelength_m, needed_wave
-from srsinv.inverse.wave_detection import (
+from experiments.fig12_ridges.waves import (
     averaged_pitch,
     detectable_amplitude,
     inverse_of_rising,
@@ -14,6 +13,7 @@ from srsinv.inverse.wave_detection import (
     samples_to_detect,
     wave_spectrum,
 )
+from srsinv.inverse.detection import finest_wavelength_m, needed_wave
 
 PITCH_M, PER_PERIOD, PERIODS, AMPLITUDE, NOISE = 0.7e-3, 100, 40, 0.5, 1.0
 RANGE_M = (0.68e-3, 0.72e-3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srsinv.inverse.widths import cutoff, full_width_at_half_maximum
+from srsinv.inverse.estimate import cutoff, full_width_at_half_maximum
 
 
 @pytest.mark.parametrize(

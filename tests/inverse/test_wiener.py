@@ -9,8 +9,8 @@ import pytest
 from srsinv.forward.noise import Sliding, White, total_spectrum
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.grid import half_spectrum_weights
-from srsinv.inverse import direct, spectral
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line import direct, spectral
+from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Flat, Normalised, SpectralPrior, Wiener
 from tests.inverse.cases import (

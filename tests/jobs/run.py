@@ -14,7 +14,6 @@ from omegaconf import OmegaConf
 from srsinv.__main__ import find_config_root, main
 from srsinv.command.reads import only_read
 from srsinv.namespaces import load_job
-from srsinv.report.page import figures
 from srsinv.report.result import Result
 from srsinv.report.words import Paragraph, Table, blocks, summary
 
@@ -82,7 +81,7 @@ def words(result: Result) -> str:
 def _blocks(result: Result) -> list[Any]:
     shown = [each for each in result.sections if each.heading and each.is_met(result.dataset)]
     own = (blocks(each, result.dataset, draws=False) for each in shown)
-    return [*summary(result), *(block for each in own for block in each)]
+    return [*summary(result.sections, result.dataset), *(block for each in own for block in each)]
 
 
 def check_page(result: Result, images: Collection[str] = ()) -> None:
@@ -90,7 +89,7 @@ def check_page(result: Result, images: Collection[str] = ()) -> None:
     `images`: an image), the assumptions last."""
     assert all("units" in variable.attrs for variable in result.dataset.variables.values())
     assert result.sections[-1].heading == "What was assumed"
-    for name, (figure, caption) in figures(result).items():
+    for name, (figure, caption) in result.page.figures.items():
         assert caption.endswith("."), name
         drawn = [axes.images if name in images else axes.lines for axes in figure.axes]
         assert any(drawn), name

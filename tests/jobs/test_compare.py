@@ -8,7 +8,6 @@ import pytest
 from srsinv.errors import BadInput
 from srsinv.jobs._statistics import differences, ranks
 from srsinv.jobs.monte_carlo import simulate_and_fit
-from srsinv.report.page import figures
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
@@ -52,7 +51,7 @@ def test_a_feature_is_put_on_the_cells_as_the_truth_is(scene):
 @pytest.mark.full
 def test_page(scene):
     check_page(scene)
-    assert len(figures(scene)) == 5
+    assert len(scene.page.figures) == 5
 
 
 @pytest.mark.parametrize(
@@ -93,7 +92,7 @@ def test_halves_repeat_as_well_as_the_band_states(recorded):
 @pytest.mark.full
 def test_a_recording_s_page_draws(recorded):
     check_page(recorded)
-    assert len(figures(recorded)) == 4
+    assert len(recorded.page.figures) == 4
 
 
 def pairs(score: np.ndarray) -> dict[tuple[str, str], dict[str, Any]]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
-from srsinv.inverse.kernel.file import load_kernel
+from srsinv.inverse.kernel.measured import load_kernel
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 

@@ -8,10 +8,9 @@ import pytest
 from scipy import signal, stats
 
 from srsinv.errors import BadInput
-from srsinv.inverse.pitch import drift, fit_pitch, scan_pitch, shifts
-from srsinv.inverse.spectral_lines import find_lines
+from srsinv.inverse.board.pitch import drift, fit_pitch, scan_pitch, shifts
+from srsinv.inverse.board.spectral_lines import find_lines
 from srsinv.recording import Recording, load, save
-from srsinv.report.page import figures
 from tests.jobs.run import command, outcome
 from tests.shared import SHARED, needs_shared
 from tests.tiers import quick
@@ -151,7 +150,7 @@ def test_job_finds_the_pitch_whichever_way_the_finger_goes(known):
 def test_page_shows_what_was_fitted(known):
     result = known[0]
     assert all("units" in values.attrs for values in result.dataset.variables.values())
-    drawn = {name: figure for name, (figure, _) in figures(result).items()}
+    drawn = {name: figure for name, (figure, _) in result.page.figures.items()}
     assert set(drawn) == {"channel_fits", "pattern_shifts", "channel_pitches", "line_spectrum"}
     for figure in drawn.values():
         for axes in figure.axes:

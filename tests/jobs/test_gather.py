@@ -13,8 +13,7 @@ import xarray
 from srsinv.errors import BadInput
 from srsinv.jobs._swept import failed_jobs
 from srsinv.jobs.gather import gathered
-from srsinv.report.page import figures, page
-from srsinv.report.result import dataset, scalars
+from srsinv.report.data import dataset, scalars
 from srsinv.run_folder import GATHERED, MANIFEST, claim
 from tests.jobs.hostile_folders import FOLDERS
 from tests.jobs.run import ROOT, command, short_run
@@ -75,15 +74,15 @@ class TestDataset:
         assert data["group.part"].values.tolist() == ["a", "b"]
         np.testing.assert_array_equal(data["x_y_1"], [np.nan, 4])
         assert data["z"].values.tolist() == ["1", "no"]
-        page(gathered(tmp_path, {}))
+        gathered(tmp_path, {}).page.html()
 
 
 def test_the_page_states_the_range_and_names_what_failed():
     result = short_run("gather")
     assert "error_p_wiener goes from 0.0100 (noise.snr.snr_dB=40, scene=ridge)" in result.title
     assert "5 of 6 jobs" in result.title
-    assert list(figures(result)) == ["over_noise.snr.snr_dB"]
-    text = page(result)
+    assert list(result.page.figures) == ["over_noise.snr.snr_dB"]
+    text = result.page.html()
     assert "scene.pitch_m is 0" in text
     assert "first_call_s" not in text
 
@@ -91,7 +90,7 @@ def test_the_page_states_the_range_and_names_what_failed():
 def test_categories_alone_are_rows(tmp_path):
     for i, name in enumerate(("wiener", "tikhonov")):
         a_run(tmp_path / str(i), f"method={name}", {"error_p": 0.1 * (i + 1)})
-    assert list(figures(gathered(tmp_path, {}))) == ["by_settings"]
+    assert list(gathered(tmp_path, {}).page.figures) == ["by_settings"]
 
 
 def test_the_command_leaves_the_page_and_the_data(tmp_path, capsys):

@@ -9,7 +9,6 @@ import yaml
 
 from srsinv import config
 from srsinv.recording import load
-from srsinv.report.page import figures
 from srsinv.report.words import summary
 from tests.jobs.run import command, composed, outcome
 from tests.jobs.run import words as said
@@ -102,7 +101,7 @@ ODD = {
 def test_odd_files_are_looked_at_and_drawn(tmp_path, case):
     write_csv(tmp_path / "r.csv", ODD[case])
     result = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.csv'}")
-    for figure, _ in figures(result).values():
+    for figure, _ in result.page.figures.values():
         figure.canvas.draw()
     assert yaml.safe_load(result.files["r.yaml"])["gain"] is None
     signals = result.dataset["signal"].values
@@ -113,7 +112,9 @@ def test_odd_files_are_looked_at_and_drawn(tmp_path, case):
 def test_columns_of_different_length(tmp_path):
     np.savez(tmp_path / "r.npz", **scan(note=None, voltage_1_mV=np.arange(20.0)))
     result = outcome("experiment=inspect_recording", f"recording.path={tmp_path / 'r.npz'}")
-    assert any("differ in length" in str(block) for block in summary(result))
+    assert any(
+        "differ in length" in str(block) for block in summary(result.sections, result.dataset)
+    )
 
 
 @needs_shared
@@ -154,7 +155,7 @@ def test_verdict_first(tmp_path, case):
     assert refusal in facts["refusal"]
     assert following in facts["next_command"]
     assert bool(facts["next_command"]) == bool(following)
-    first = str(summary(result))
+    first = str(summary(result.sections, result.dataset))
     assert first.index(verdict[:20]) < first.index("sample rate")
 
 

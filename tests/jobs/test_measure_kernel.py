@@ -13,8 +13,7 @@ import pytest
 from srsinv.forward.film import StripAverage
 from srsinv.grid import Open
 from srsinv.inverse.estimate import coverage_90, relative_error
-from srsinv.inverse.kernel.file import as_netcdf, load_kernel
-from srsinv.inverse.kernel.measured import kernels
+from srsinv.inverse.kernel.measured import as_netcdf, kernels, load_kernel
 from tests.claims.raw_files import Rig, model_of, pressure, write
 from tests.golden.check import golden_test
 from tests.jobs.run import ROOT, check_page, command, outcome, short_form, short_run, words

@@ -5,7 +5,6 @@ import pytest
 
 from srsinv.jobs._statistics import wilson
 from srsinv.jobs.ranking import chosen, margins
-from srsinv.report.page import figures
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 from tests.refusals import refused
@@ -43,7 +42,7 @@ def test_what_was_drawn_is_in_the_dataset(ranked):
 
 def test_page(ranked):
     check_page(ranked, images=["confusion"])
-    for drawn, _ in figures(ranked).values():
+    for drawn, _ in ranked.page.figures.values():
         labels = [label.get_text() for label in drawn.axes[0].get_yticklabels()]
         assert labels == [name.replace("_", " ") for name in CANDIDATES]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray
 
-from srsinv.report.page import metrics_json
+from srsinv.report.data import metrics_json
 from tests.golden.forms import is_time
 from tests.jobs.run import command, outcome
 

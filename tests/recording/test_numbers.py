@@ -11,7 +11,7 @@ from srsinv.errors import BadInput
 from srsinv.jobs.inspect_recording import run
 from srsinv.recording import Recording, load
 from srsinv.recording.inspection import inspect
-from srsinv.report.page import figures, metrics_json
+from srsinv.report.data import metrics_json
 from tests.recording.files import write_csv
 from tests.recording.test_bad_files import assert_one_sentence
 
@@ -110,7 +110,7 @@ def test_inspect_and_its_page(case):
     by_suffix = {"_target_": "srsinv.recording.formats.BySuffix"}
     result = run({"recording": {"path": str(path)}, "reader": by_suffix, "sensor": {}})
     assert "Infinity" not in metrics_json(result.metrics)
-    for figure, _ in figures(result).values():
+    for figure, _ in result.page.figures.values():
         figure.canvas.draw()
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from srsinv import plot
+from srsinv.report.data import dataset
 from srsinv.report.plot.cost import pareto
-from srsinv.report.result import dataset
 
 SIZES = (1024, 256, 4096)
 SCALES = {"open": 2.0, "periodic": 1.0, "exact": 0.0}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from srsinv import plot
+from srsinv.report.data import dataset
 from srsinv.report.plot.matrix import compact
-from srsinv.report.result import dataset
 
 
 @pytest.mark.parametrize(

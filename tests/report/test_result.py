@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import xarray
 
-from srsinv.report.page import figures, render
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.files import render
+from srsinv.report.result import Result
 from srsinv.report.section import WrittenSection, sections
 from srsinv.report.terminal import print_summary
 from srsinv.report.text import format_with_error, quantity_with_error
@@ -117,7 +118,7 @@ def test_a_page_is_read_from_the_file_beside_the_job(result):
     first, second, _ = blocks(wave, DATA)
     assert first == Paragraph("A first paragraph in two lines.")
     assert second == Paragraph("an item with `code`", is_item=True)
-    (_, caption) = figures(result)["wave"]
+    (_, caption) = result.page.figures["wave"]
     assert caption == "The wave goes up and down."
 
 

@@ -16,7 +16,8 @@ from matplotlib.figure import Figure
 from srsinv import atomic
 from srsinv.__main__ import main
 from srsinv.recording import Recording, save
-from srsinv.report.result import Result, dataset, scalars
+from srsinv.report.data import dataset, scalars
+from srsinv.report.result import Result
 from srsinv.report.section import WrittenSection
 from srsinv.run_folder import claim
 

@@ -24,8 +24,8 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import Hertz
 from srsinv.grid import Convolution, Open, Periodic, as_real
-from srsinv.inverse.line_problem import LineProblem
-from srsinv.inverse.rule import Evidence, GeneralisedCrossValidation
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import _operator

@@ -13,8 +13,8 @@ from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Convolution, Periodic
-from srsinv.inverse import direct, iterative, spectral
-from srsinv.inverse.line_problem import LineProblem
+from srsinv.inverse.line import direct, iterative, spectral
+from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.tikhonov import DerivativePenalty
 from srsinv.inverse.wiener import Exponential, SpectralPrior
 from tests.reference import exact, posterior

@@ -13,9 +13,9 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature
-from srsinv.inverse.cells import Window
 from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.features.model import FeatureModel
+from srsinv.inverse.gridding.cells import Window
 
 DEPTH_M, EDGE_M, PRESSURE_PA, MU = 0.75e-3, 1e-4, 2e4, 0.4
 WINDOW = Window(-6e-3, 6e-3)

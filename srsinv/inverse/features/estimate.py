@@ -14,16 +14,15 @@ from scipy.special import softmax
 from ...errors import of_kind
 from ...grid import Line, as_real
 from ...status import Status
-from ..diagnostics import of_fit, undetected
+from ..diagnostics import Quality, of_fit, undetected
 from ..estimate import Estimate, Numbers
-from ..line_model import CHI2, FREEDOM
-from ..line_problem import PassedCells
+from ..line.model import CHI2, FREEDOM
+from ..line.problem import PassedCells
+from ..noise.sliding import Levels
 from ..nonlinear import Fit, whitener
-from ..quality import Quality
 from .identifiability import undetected_features
 from .loading import Features
 from .model import FeatureModel
-from .sliding_noise import Levels
 
 
 class FeatureEstimate(Estimate):

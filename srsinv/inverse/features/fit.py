@@ -17,19 +17,17 @@ from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...grid import as_real
 from ...resolution import cell_m
-from ..cells import Window
+from ..gridding.cells import Window
+from ..noise.residual import ResidualNoise
+from ..noise.sliding import Levels
 from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
-from ..rig_error import SensorError
-from .contact import cell_for
+from ..rig.error import SensorError
+from .contact import are_noticed, cell_for, cells_may_show, checked_names
 from .estimate import FeatureEstimate, explains
-from .halving import are_noticed, cells_may_show
 from .loading import AnyFeature, Features
 from .misfit import misfit_warnings
 from .model import FeatureModel, scan_extent
-from .residual_noise import ResidualNoise
 from .search import STARTS, Blocks, FeatureSearch, given_start, prior_reach
-from .sliding_noise import Levels
-from .surface_settings import checked_names
 
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
 

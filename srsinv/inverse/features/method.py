@@ -11,16 +11,16 @@ import numpy as np
 from ...errors import mapping, of_kind, refuse, shown
 from ...forward.feature import Feature
 from ..diagnostics import beyond_modulus, negative_load
-from ..line_problem import LineProblem
+from ..line.problem import LineProblem
 from ..method import Method
+from ..noise.model import Samples
+from ..noise.residual import residual_noise
 from ..nonlinear import Solver
 from ..problem import Problem
-from ..sample_noise import Samples
+from .contact import checked_pressure
 from .estimate import FeatureEstimate
 from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
-from .residual_noise import residual_noise
-from .surface_settings import checked_pressure
 from .window import stretch_of
 
 

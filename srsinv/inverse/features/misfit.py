@@ -16,9 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc
 
-from ..diagnostics import FALSE_ALARM, local_misfit
+from ..diagnostics import FALSE_ALARM, Quality, local_misfit
 from ..nonlinear import Fit
-from ..quality import Quality
 
 MOST_BLOCKS = 512  # of samples, each with its mean: a misfit is as long as the film is deep
 PRESENT = 0.1  # of the fitted signal's greatest amplitude: from there on it is at a place

@@ -18,7 +18,7 @@ from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...grid import Line, Open, Periodic, as_real
 from ...numerics import fast_length
-from ..cells import Window, check_cells
+from ..gridding.cells import Window, check_cells
 from .contact import ContactLoading
 from .direct import DirectLoading
 from .loading import Features, Loading, turned

@@ -18,7 +18,7 @@ from ...forward.scan import Motion
 from ...grid import as_real
 from ...modules import with_fields
 from ...resolution import cell_m, margin_m
-from ..cells import Window, check_cells
+from ..gridding.cells import Window, check_cells
 from ..problem import Problem
 from .loading import Features
 from .model import scan_extent

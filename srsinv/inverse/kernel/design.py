@@ -20,11 +20,11 @@ from ...forward.scan import ConstantSpeed
 from ...forward.sensor import Sensor
 from ...grid import Open, as_real
 from ...numerics import fast_length
-from ..gaps import Gaps
-from ..line_problem import LineProblem
-from ..noise_precision import NoisePrecision
-from ..nuisance import Nuisance
-from ..transforms import from_spectrum, to_spectrum
+from ..line.gaps import Gaps
+from ..line.problem import LineProblem
+from ..line.transforms import from_spectrum, to_spectrum
+from ..noise.nuisance import Nuisance
+from ..noise.whitener import NoisePrecision
 from .lags import Lags
 
 Rows = Float[np.ndarray, "row n"]

@@ -8,7 +8,7 @@ q). The Gaussian process
 
 has these properties, with phi_j cosines and sines, E an envelope 1/(1 + (x/w)^2) or its root. The
 scale s, the length l, the width w, and how much of the envelope is left where the kernel is taken
-for the stated one times a factor, are of what the data say (see choice.py).
+for the stated one times a factor, are of what the data say (see measure.py).
 """
 
 from dataclasses import dataclass

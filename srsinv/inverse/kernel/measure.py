@@ -1,14 +1,15 @@
 """The measured kernel of a sensor: passes over a known input, averaged, and regularised.
 
 The signals are known input times kernel (design.py), the kernel a Gaussian process of the physics'
-smoothness (lags.py) whose scale, length and envelope the evidence sets (choice.py). About zero it
-is the kernel that the data alone give (Howe and Cutkosky 1993, Section IV-B). About a theory
-whose parameters are fitted with it, it is what the theory leaves (Kennedy and O'Hagan 2001): where
-the theory is right the evidence takes the scale of the rest to nothing, else the data have the
-word.
+smoothness (lags.py). Its scale and length are set by the evidence's slopes, its envelope and the
+far field's error step by step among a few. About zero it is the kernel that the data alone give
+(Howe and Cutkosky 1993, Section IV-B). About a theory whose parameters are fitted with it, it is
+what the theory leaves (Kennedy and O'Hagan 2001): where the theory is right the evidence takes the
+scale of the rest to nothing, else the data have the word.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -16,17 +17,187 @@ from jaxtyping import Float
 from ...errors import BadInput, refuse
 from ...forward.sensor import Sensor
 from ...grid import Open
-from ..line_problem import LineProblem
+from ...numerics import root_of
+from ..line.problem import LineProblem
 from ..problem import Problem
-from .answer import Moved, as_kernel, moved, moved_by_gains
-from .choice import Place, choose
 from .design import KnownInput, stated_effects
-from .evidence import Prior, posterior
+from .evidence import Envelope, Posterior, Prior, Products, likeliest, posterior
 from .lags import LEAST_REACH, REACH, Lags
-from .means import far_field, theory
 from .measured import MeasuredKernel
 from .physics import Physics, default_parameters
-from .signals import About, KernelSignals
+from .signals import About, KernelSignals, Mean, far_field, theory
+
+WIDTHS = 0.5, 1.0, 2.0, 4.0  # depths: the envelope's width,
+FAR_PARTS = 0.03, 1.0  # what is left of it far from the load,
+FARS = 0.1, 1.0  # and of the stated kernel, by which the far field may be off
+CHOICES = {"width": WIDTHS, "far_part": FAR_PARTS, "far": FARS}
+
+
+class Place(NamedTuple):
+    """One of each of the choices."""
+
+    width: float = WIDTHS[0]
+    far_part: float = FAR_PARTS[0]
+    far: float = FARS[0]
+
+    def envelope(self, depth_m: float) -> Envelope:
+        """The envelope at a film's depth."""
+        return Envelope(self.width * depth_m, self.far_part)
+
+    @property
+    def neighbours(self) -> list["Place"]:
+        """Those one step away."""
+        found = []
+        for name, choices in CHOICES.items():
+            at = choices.index(getattr(self, name))
+            for other in (*choices[at + 1 : at + 2], *choices[max(at - 1, 0) : at]):
+                found.append(self._replace(**{name: other}))
+        return found
+
+
+class Chosen(NamedTuple):
+    """The likeliest prior with its place and evidence, and the products under it, of parameters
+    in these `units` (c,)."""
+
+    place: Place
+    prior: Prior
+    evidence: float
+    products: list[Products]
+    units: Float[np.ndarray, " c"]
+
+
+def choose(
+    about: Sequence[About],
+    first: Prior,
+    place: Place,
+    t0: Float[np.ndarray, " c"],
+    shared: bool,
+    is_free: bool = True,
+) -> Chosen:
+    """The likeliest prior of these elements, from a first one: from place to place as long as a
+    neighbour is likelier, or at the first alone where that `is_free` not.
+
+    t is normal about -`t0`, the far fields of all elements its last; `shared`: see `likeliest`.
+    """
+    signals = about[0].signals
+    far_fields = t0.size - 2 * len(signals.elements)
+
+    def at(place: Place, start: Prior) -> Chosen:
+        units = np.where(np.arange(t0.size) < far_fields, 1.0, place.far)
+        envelope = place.envelope(signals.lags.depth_m)
+        own = [each.under(envelope).scaled(units) for each in about]
+        start = start._replace(envelope=envelope)
+        prior, evidence = likeliest(own, start, signals.k, t0, shared)
+        return Chosen(place, prior, evidence, own, units)
+
+    best, tried = at(place, first), {place}
+    left = place.neighbours if is_free else []
+    while left:
+        tried.add(left[0])
+        found = at(left[0], best.prior)
+        if found.evidence > best.evidence:
+            best, left = found, [each for each in found.place.neighbours if each not in tried]
+        else:
+            left = left[1:]
+    return best
+
+
+KEPT = 1e-3  # of the variance of the kernel's slope, which a rate sees: error directions left out
+
+
+class Moved(NamedTuple):
+    """Kernels (e, 2, m), their factors far away (e, 2), and directions of both (j, ...)."""
+
+    value: Float[np.ndarray, "e 2 m"]
+    far: Float[np.ndarray, "e 2"]
+    directions: Sequence[tuple[np.ndarray, ...]]
+
+    def plus(self, other: "Moved") -> "Moved":
+        """Both together."""
+        directions = [*self.directions, *other.directions]
+        return Moved(self.value + other.value, self.far + other.far, directions)
+
+
+def moved(
+    signals: KernelSignals, found: Posterior, prior: Prior, mean: Mean, elements: Sequence[int]
+) -> Moved:
+    """What the posterior adds to the prior's mean, and the directions of its error."""
+    basis = signals.basis(prior.envelope)
+    value = np.tensordot(found.t, mean.kernel_slope, 1)
+    moves, directions = np.array(mean.kernel_slope), []
+    for e, given in zip(elements, found.elements, strict=True):
+        value[e] += _at_lags(given.coefficients(found.t)[:, None], basis)[0]
+        moves[:, e] += _at_lags(given.moved, basis)
+        spread = np.zeros((given.root.shape[0], *mean.kernel.shape))
+        spread[:, e] = _at_lags(given.factor, basis)
+        directions.append((spread, np.zeros(spread.shape[:-1])))
+    root = root_of(found.covariance)
+    shared = (np.tensordot(root.T, each, 1) for each in (moves, mean.far_slope))
+    far = np.tensordot(found.t, mean.far_slope, 1)
+    return Moved(value, far, [tuple(shared), *directions])
+
+
+def moved_by_gains(
+    signals: KernelSignals, prior: Prior, mean: Mean, elements: Sequence[int]
+) -> tuple[Float[np.ndarray, "j e 2 m"], Float[np.ndarray, "j e 2"]]:
+    """What gains that vary from pass to pass leave open of these elements' kernels and of their
+    factors far away: H (g_j y), with H the map from the signals y to the kernels under this prior,
+    and g_j the gains of the means over passes, in independent directions (see `PassGains`)."""
+    none = np.zeros_like(mean.kernel), np.zeros_like(mean.far)
+    values, fars = [np.zeros((0, *each.shape)) for each in none]
+    for gains in signals.gain_errors:
+        own = Mean(*none, signals.data * (1 - gains[:, None]), *mean[3:])
+        about = signals.about(own)
+        products = [about[e].under(prior.envelope) for e in elements]
+        found = posterior(products, prior, signals.k, np.zeros(len(mean.far_slope)))
+        change = moved(signals, found, prior, own, elements)
+        values, fars = (
+            np.concatenate([every, each[None]])
+            for every, each in ((values, change.value), (fars, change.far))
+        )
+    return values, fars
+
+
+def as_kernel(
+    signals: KernelSignals,
+    moved: Moved,
+    parameters: Mapping[str, tuple[float, float]],
+    chi2: float,
+    stats: Mapping[str, float],
+) -> MeasuredKernel:
+    """The kernel, its error in the fewest directions; `chi2` of what it leaves."""
+    known = signals.known
+    freedom = signals.sample_count - stats["resolved_dof"]
+    kept = [strongest(*each) for each in moved.directions if len(each[0])]
+    factors, far_factors = (np.concatenate(each) for each in zip(*kept, strict=True))
+    variance = sum(np.sum(each**2, axis=0) for each, _ in moved.directions)
+    return MeasuredKernel(
+        signals.lags, moved.value, np.sqrt(variance), factors, moved.far, far_factors, parameters,
+        float(known.scan.speed_m_per_s), known.effective_friction, signals.has_both_ways,
+        chi2 / max(freedom, 1.0), freedom, stats,
+    )  # fmt: skip
+
+
+def _at_lags(
+    coefficients: Float[np.ndarray, "a j"], basis: Float[np.ndarray, "2 b m"]
+) -> Float[np.ndarray, "j 2 m"]:
+    """Kernels of p and q of the coefficients of their waves."""
+    by_component = coefficients.reshape(2, -1, coefficients.shape[1]).swapaxes(1, 2)
+    return (by_component @ basis).swapaxes(0, 1)
+
+
+def strongest(
+    kernel: Float[np.ndarray, "j e 2 m"], far: Float[np.ndarray, "j e 2"]
+) -> tuple[Float[np.ndarray, "i e 2 m"], Float[np.ndarray, "i e 2"]]:
+    """The fewest independent directions of the same error, but for `KEPT` of the variance of the
+    kernel's slope, which is what a rate shows."""
+    slope = np.diff(kernel, axis=-1).reshape(len(kernel), -1)
+    values, axes = np.linalg.eigh(slope @ slope.T)
+    order = np.argsort(values)[::-1]
+    left = 1 - np.cumsum(values[order]) / np.sum(values)
+    own = axes[:, order[: int(np.argmax(left < KEPT)) + 1]]
+    return np.tensordot(own.T, kernel, 1), np.tensordot(own.T, far, 1)
+
 
 FIRST_REST = (
     0.03  # of the theory's largest value: where the search for the scale of the rest starts

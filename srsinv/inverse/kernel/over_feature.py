@@ -26,15 +26,14 @@ from ...grid import as_real
 from ...modules import with_fields
 from ...recording.passes import passes_of
 from ...status import Status
-from ..calibration import Calibration, calibrate
-from ..diagnostics import residual_over_noise
+from ..diagnostics import Quality, quality, reasons, residual_over_noise
 from ..estimate import averages
-from ..line_model import FREEDOM, Shown
-from ..line_problem import LineProblem
-from ..nuisance import Cleaned
-from ..pass_statistics import NOT_KNOWN
+from ..gridding.pass_statistics import NOT_KNOWN
+from ..line.model import FREEDOM, Shown
+from ..line.problem import LineProblem
+from ..noise.nuisance import Cleaned
 from ..problem import Problem
-from ..quality import Quality, quality, reasons
+from ..rig.calibration import Calibration, calibrate
 from .design import Weights
 from .measure import measure_kernel
 from .measured import MeasuredKernel

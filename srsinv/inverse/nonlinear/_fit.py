@@ -14,8 +14,7 @@ from jaxtyping import Array
 from ...errors import refuse
 from ...grid import as_real
 from ..diagnostics import false_minimum
-from ._answer import Fit
-from ._described import Summary
+from ._answer import Fit, Summary
 from ._loss import Loss
 from ._many import ends_of_many
 from ._parameters import Tree, on_host, parameters

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...grid import as_real
-from ._described import rows_of
+from ._answer import rows_of
 from ._search import Objective, SearchEnd, search
 from ._solvers import Solver
 from ._uncertainty import ROUNDING_FACTOR, spread

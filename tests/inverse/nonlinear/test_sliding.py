@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.inverse.features.sliding_noise import Levels, estimate, first_levels
+from srsinv.inverse.noise.sliding import Levels, estimate, first_levels
 from srsinv.inverse.nonlinear import WhitePlusOU, fit
 from tests.refusals import refused
 

@@ -1,0 +1,1 @@
+"""Samples along a motion to the cells of a line: cells, passes, directions of motion."""

@@ -1,0 +1,1 @@
+"""A problem on the cells of a line: its solvers, rules and priors."""

@@ -1,0 +1,161 @@
+"""The direct path: Cholesky factors of the whole problem, for any line and any missing samples."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ...grid import half_spectrum_weights
+from .prior import Prior, Score, Solution
+from .problem import LineProblem
+
+
+class Whitened(NamedTuple):
+    """Model and data over the valid samples, in units of the noise.
+
+    Rows of missing samples are zero. An unknown offset has been projected out.
+    """
+
+    model: Float[Array, "s m"]
+    data: Float[Array, " s"]
+
+
+@jax.jit
+def whiten(problem: LineProblem) -> Whitened:
+    """Whiten every element by the Cholesky factor of its noise covariance."""
+    n, unknowns = problem.line.n, problem.unknowns
+    basis = jnp.eye(unknowns * n).reshape(-1, unknowns, n)
+    columns = jnp.moveaxis(jax.vmap(problem.forward)(basis), 0, -1)  # (element, sample, unknown)
+    observed = jnp.ones(problem.data.shape, bool) if problem.observed is None else problem.observed
+    free_offset = ~jnp.all(jnp.isfinite(problem.noise[:, 0]))
+    at_zero = jnp.where(free_offset, problem.noise[:, 1], problem.noise[:, 0])
+    lag = np.arange(n)[:, None] - np.arange(n)
+    lags = jnp.fft.irfft(problem.noise.at[:, 0].set(at_zero), n)
+
+    def one(model, data, observed, scale, columns, lags):
+        toeplitz = lags[lag]
+        both = observed[:, None] & observed[None, :]
+        covariance = scale[:, None] * toeplitz * scale + columns.T @ columns
+        root = jnp.linalg.cholesky(jnp.where(both, covariance, jnp.eye(n)))
+        rows = jnp.concatenate([model, data[:, None], jnp.ones((n, 1))], axis=-1)
+        rows = jnp.where(observed[:, None], rows, 0.0)
+        rows = jax.scipy.linalg.solve_triangular(root, rows, lower=True)
+        one = rows[:, -1]
+        coefficients = (one @ rows) / jnp.maximum(one @ one, jnp.finfo(one.dtype).tiny)
+        rows = rows - jnp.where(free_offset, one[:, None] * coefficients[None, :], 0.0)
+        return rows[:, :-2], rows[:, -2]
+
+    # Not batched: batched LAPACK on a CPU can deadlock (see `nonlinear`).
+    scale = jnp.ones(problem.data.shape) if problem.noise_scale is None else problem.noise_scale
+    nothing = jnp.zeros((len(problem.data), 0, n))
+    nuisance = nothing if problem.nuisance is None else problem.nuisance
+    of_each = jnp.broadcast_to(lags, (len(problem.data), n))
+    each = columns, problem.data, observed, scale, nuisance, of_each
+    model, data = jax.lax.map(lambda rows: one(*rows), each)
+    return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
+
+
+class Posterior(NamedTuple):
+    """Cholesky factor of the posterior precision.
+
+    Where only the deviation from the mean is solved for, the mean has the precision `scale`, which
+    keeps the factor regular, and is taken out of the covariance again.
+    """
+
+    root: Float[Array, "m m"]
+    zero_mean: Bool[Array, " c"]
+    scale: Float[Array, ""]
+    norm: Float[Array, ""]  # the precision's 1-norm
+
+    def covariance(self) -> Float[Array, "m m"]:
+        """The posterior covariance, zero along a fixed mean."""
+        covariance = jax.scipy.linalg.cho_solve((self.root, True), jnp.eye(self.root.shape[0]))
+        return covariance - _means(self.root, self.zero_mean) / self.scale
+
+
+def _means(like: Float[Array, "m m"], zero_mean: Bool[Array, " c"]) -> Float[Array, "m m"]:
+    """The projection on the means of the components that are zero_mean."""
+    n = like.shape[0] // zero_mean.size
+    return jnp.kron(jnp.diag(zero_mean.astype(like.dtype)), jnp.full((n, n), 1 / n, like.dtype))
+
+
+def _centre(matrix: Float[Array, "m m"], zero_mean: Bool[Array, " c"]) -> Float[Array, "m m"]:
+    """Remove rows' means from the components that are zero_mean."""
+    blocks = matrix.reshape(zero_mean.size, -1, matrix.shape[-1])
+    means = jnp.where(zero_mean[:, None, None], blocks.mean(axis=1, keepdims=True), 0.0)
+    return (blocks - means).reshape(matrix.shape)
+
+
+@jax.jit
+def solve(problem: LineProblem, prior: Prior, white: Whitened) -> Solution:
+    """Posterior of the traction, its covariance (c n, c n) whole.
+
+    The condition number is that of the precision, in the 1-norm.
+    """
+    n, unknowns = problem.line.n, problem.unknowns
+    posterior = _posterior(problem, prior, white)
+    covariance = posterior.covariance()
+    value = covariance @ (white.model.T @ white.data)
+    variance = jnp.maximum(_variance(problem, covariance), 0.0)
+    middle = jnp.arange(unknowns) * n + n // 2
+    information = white.model.T @ white.model
+    averaging = covariance @ information[:, middle]
+    return Solution(
+        value.reshape(unknowns, n),
+        jnp.sqrt(variance).reshape(unknowns, n),
+        covariance,
+        averaging.reshape(unknowns, n, unknowns).swapaxes(1, 2),
+        jnp.sum((covariance * information).reshape(unknowns, -1), axis=-1),
+        posterior.norm * jnp.max(jnp.sum(jnp.abs(covariance), axis=0)),
+    )
+
+
+def _variance(problem: LineProblem, covariance: Float[Array, "m m"]) -> Float[Array, " m"]:
+    """Variance of the deviation from the mean over the sampled cells where the mean is weakly
+    observed: the mean's error would mask the others."""
+    variance = jnp.diagonal(covariance)
+    if problem.forward.is_circular:
+        return variance
+    n, unknowns = problem.line.n, problem.unknowns
+    of_each = jnp.eye(unknowns)[:, :, None] * problem.mean_weights[None]
+    weights = of_each.reshape(unknowns, unknowns * n)
+    shared = covariance @ weights.T
+    of_mean = jnp.diagonal(weights @ shared)
+    along = jnp.repeat(jnp.eye(unknowns), n, axis=0)
+    return variance - 2 * jnp.sum(shared * along, axis=1) + along @ of_mean
+
+
+def score(problem: LineProblem, prior: Prior, white: Whitened) -> Score:
+    """The prior's score over the valid samples, exact but for the prior's determinant.
+
+    That one is the periodic line's: its weights enter alike, up to the two cells at the ends.
+    """
+    posterior = _posterior(problem, prior, white)
+    right = white.model.T @ white.data
+    half = jax.scipy.linalg.solve_triangular(
+        posterior.root, jnp.concatenate([white.model.T, right[:, None]], axis=1), lower=True
+    )
+    model, right = half[:, :-1], half[:, -1]
+    residual = white.data - model.T @ right
+    root = prior.root(problem.line)
+    root = root.at[:, 0].set(jnp.where(problem.zero_mean, 0.0, root[:, 0]))
+    weights = problem.line.n * half_spectrum_weights(problem.line.n)
+    log_prior = jnp.sum(weights * jnp.where(root > 0, jnp.log(jnp.where(root > 0, root, 1.0)), 0.0))
+    log_posterior = jnp.sum(jnp.log(jnp.diagonal(posterior.root)))
+    log_posterior -= jnp.sum(problem.zero_mean) * jnp.log(posterior.scale) / 2
+    square = white.data @ white.data - right @ right
+    return Score(residual @ residual, jnp.sum(model**2), log_prior - log_posterior - square / 2)
+
+
+def _posterior(problem: LineProblem, prior: Prior, white: Whitened) -> Posterior:
+    n, unknowns = problem.line.n, problem.unknowns
+    size = unknowns * n
+    basis = jnp.eye(size)
+    penalty = jax.vmap(lambda r: prior.apply(problem.line, r))(basis.reshape(size, unknowns, n))
+    precision = white.model.T @ white.model + penalty.reshape(size, size)
+    zero_mean = _centre(_centre(precision, problem.zero_mean).T, problem.zero_mean)
+    scale = jnp.mean(jnp.diagonal(precision))
+    root = jnp.linalg.cholesky(zero_mean + scale * _means(precision, problem.zero_mean))
+    return Posterior(root, problem.zero_mean, scale, jnp.max(jnp.sum(jnp.abs(zero_mean), axis=0)))

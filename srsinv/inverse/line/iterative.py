@@ -1,0 +1,468 @@
+"""The iterative path: conjugate gradients on the normal equations, matrix-free, on a line of any
+length, with any samples missing.
+
+Its preconditioner is the nearest periodic problem with the same samples missing, M. That is wrong
+at the line's ends only, in a few smooth shapes: hats, for which the equations H are solved exactly
+before and after M (balancing, Mandel 1993), and those that Lanczos' steps find besides. Under a
+weak prior rounding takes the directions' orthogonality, and each shape left would cost many steps.
+
+With Z the hats and E = Z^T H Z, the posterior covariance is
+(1 - Z E^-1 Z^T H) M (1 - H Z E^-1 Z^T) + Z E^-1 Z^T but for what conjugate gradients still correct.
+M is stationary but for what each missing sample adds to it, so that the variance in every cell
+needs no matrix.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy
+from jaxtyping import Array, Bool, Float, Int
+
+from ...grid import as_real
+from ...modules import with_fields
+from ..noise.levels import at_one_level, change_of_variance
+from ..noise.nuisance import Beside, Nuisance
+from ..noise.whitener import NoisePrecision
+from .gaps import Gaps, Shapes, Solved, conjugate_gradients, inverse_of, missing_shapes
+from .near_periodic import MOST_STEPS, NearPeriodic
+from .prior import Prior, Solution
+from .problem import LineProblem
+from .rig_bands import fewer_directions
+from .transforms import adjoint, from_spectrum, times, to_spectrum
+
+# The hats are this part of the resolved wave's half length wide at the ends of the data, `FLAT` of
+# them inwards; further ones grow, into the data and into the margins beyond.
+WIDTH, FLAT, GROWTH = 2.0, 14, 2.0
+NEGLIGIBLE = 1e-14  # of the largest eigenvalue, the hats scaled to the same energy
+
+Traction = Float[np.ndarray, "c n"]
+
+
+def _ladder(length: float, step: float, flat: int) -> list[float]:
+    """Distances from zero to `length`: `flat` of these steps, and further ones ever wider."""
+    rungs = [0.0]
+    while rungs[-1] + 1.5 * step < length:
+        rungs.append(rungs[-1] + step)
+        step *= GROWTH if len(rungs) > flat else 1.0
+    return rungs
+
+
+def knots_of(n: int, first: int, last: int, narrowest: float) -> Float[np.ndarray, " knot"]:
+    """The hats' tips, in cells, dense at the first and the last cell with data."""
+    inwards = _ladder((last - first) / 2, narrowest, FLAT)
+    before = _ladder(float(first), narrowest, 0)
+    after = _ladder(float(n - 1 - last), narrowest, 0)
+    left = [0.0, *(first - d for d in before), *(first + d for d in inwards)]
+    right = [n - 1.0, *(last + d for d in after), *(last - d for d in inwards)]
+    return np.unique(np.round(left + right))
+
+
+def hats_of(near: NearPeriodic, has_data: Bool[np.ndarray, " n"]) -> Any:
+    """The hats for this model, a sparse matrix (n, hat): each cell lies between two tips."""
+    first, *_, last = np.flatnonzero(has_data).tolist()
+    knots = knots_of(near.n, first, last, WIDTH * near.half_wave_cells)
+    cells = np.arange(near.n)
+    right = np.clip(np.searchsorted(knots, cells, "right"), 1, knots.size - 1)
+    part = (cells - knots[right - 1]) / (knots[right] - knots[right - 1])
+    at = np.concatenate([right - 1, right])
+    weights = np.concatenate([1 - part, part])
+    return scipy.sparse.csr_array((weights, (np.tile(cells, 2), at)), shape=(near.n, knots.size))
+
+
+class Coarse(NamedTuple):
+    """The equations restricted to `hats` (n, hat) of each component: `inverse` (c hat, c hat) is
+    theirs, and `images` (c hat, c, n) are the equations times each hat."""
+
+    hats: Any
+    inverse: Float[np.ndarray, "m m"]
+    images: Float[np.ndarray, "m c n"]
+
+    @classmethod
+    def of(cls, equations: Callable[[Traction], Traction], hats: Any, unknowns: int) -> "Coarse":
+        """These equations on the hats."""
+        n, size = hats.shape
+        images = np.empty((unknowns * size, unknowns, n))
+        for c in range(unknowns):
+            for hat in range(size):
+                r = np.zeros((unknowns, n))
+                r[c] = hats[:, [hat]].toarray()[:, 0]
+                images[c * size + hat] = equations(r)
+        matrix = np.array([(hats.T @ image.T).T.ravel() for image in images])
+        return cls(hats, _inverse((matrix + matrix.T) / 2), images)
+
+    def spread(self, values: Float[np.ndarray, " m"]) -> Traction:
+        """The traction that is so much of each hat."""
+        return (self.hats @ values.reshape(-1, self.hats.shape[1]).T).T
+
+    def gathered(self, r: Traction) -> Float[np.ndarray, " m"]:
+        """The product with each hat."""
+        return (self.hats.T @ r.T).T.ravel()
+
+    def diagonal(
+        self, matrix: Float[np.ndarray, "m m"], zero_mean: Bool[np.ndarray, " c"]
+    ) -> Traction:
+        """The diagonal of Z matrix Z^T for each component, Z the hats, less their means where it is
+        zero_mean."""
+        size, means = self.hats.shape[1], np.asarray(self.hats.mean(axis=0))
+        rows = []
+        for c, is_centred in enumerate(zero_mean):
+            part = matrix[c * size : (c + 1) * size, c * size : (c + 1) * size]
+            among = self.hats @ part
+            less = is_centred * means
+            rows.append((among * self.hats).sum(axis=1) - 2 * among @ less + less @ part @ less)
+        return np.stack(rows)
+
+    def times(self, r: Traction) -> Traction:
+        """The solution among hats for the right side r."""
+        return self.spread(self.inverse @ self.gathered(r))
+
+
+def _inverse(matrix: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
+    """The inverse but for the directions, such as a fixed mean, that have no energy."""
+    diagonal = np.diag(matrix)
+    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
+    has_energy = values > NEGLIGIBLE * max(values[-1], 0.0)
+    vectors = scale[:, None] * vectors[:, has_energy]
+    return (vectors / values[has_energy]) @ vectors.T
+
+
+DRAWS = 3  # of noise, that the map is tried with
+LEFT_TO_ROUNDING = 1 / float(np.finfo(float).eps)  # a condition number
+
+Signal = Float[np.ndarray, "e n"]
+
+
+class NormalEquations:
+    """(G^T R^-1 G + P) r = G^T R^-1 m over the samples that are there, R their noise's covariance;
+    on traction whose known means are taken out."""
+
+    def __init__(self, problem: LineProblem, prior: Prior, gaps: Gaps):
+        self.gaps = gaps
+        self.transfer = np.asarray(problem.forward.transfer, complex)
+        self.length, self.n = problem.forward.length, problem.line.n
+        self.shape = problem.unknowns, self.n
+        self.zero_mean = np.asarray(problem.zero_mean)
+        self.penalty = _penalty(problem, prior)
+        self.weighed = NoisePrecision(problem, gaps)
+
+    def __call__(self, r: Traction) -> Traction:
+        r = self.centre(r)
+        return self.right_side(self.forward(r)) + self.centre(self.penalty(r))
+
+    def forward(self, r: Traction) -> Signal:
+        """G r."""
+        return self._convolved(self.transfer, r)
+
+    def right_side(self, y: Signal) -> Traction:
+        """G^T R^-1 y."""
+        return self.adjoint(self.weighed(y))
+
+    def adjoint(self, y: Signal) -> Traction:
+        """G^T y."""
+        return self.centre(self._convolved(adjoint(self.transfer), y))
+
+    def centre(self, r: Traction) -> Traction:
+        """Project out the means that are not solved for."""
+        return r - np.where(self.zero_mean[:, None], r.mean(axis=-1, keepdims=True), 0.0)
+
+    def _convolved(self, matrices: np.ndarray, values: np.ndarray) -> np.ndarray:
+        spectrum = times(matrices, to_spectrum(values, self.length))
+        return from_spectrum(spectrum, self.length)[:, : self.n]
+
+
+def _penalty(problem: LineProblem, prior: Prior) -> Callable[[Traction], Traction]:
+    """P, in double precision where it is a sum of squared differences."""
+    squares = prior.differences(problem.line)
+    if squares is None:
+        apply = jax.jit(lambda r: prior.apply(problem.line, r))
+        return lambda r: np.asarray(apply(r), float)
+    order, weights = squares[0], np.asarray(squares[1], float)[:, None]
+    wraps = problem.forward.is_circular
+
+    def differences(r: np.ndarray) -> np.ndarray:
+        return np.roll(r, -1, axis=-1) - r if wraps else r[:, 1:] - r[:, :-1]
+
+    def transpose(d: np.ndarray) -> np.ndarray:
+        if wraps:
+            return np.roll(d, 1, axis=-1) - d
+        zero = np.zeros((len(d), 1))
+        return np.concatenate([zero, d], axis=-1) - np.concatenate([d, zero], axis=-1)
+
+    def penalty(r: Traction) -> Traction:
+        for _ in range(order):
+            r = differences(r)
+        for _ in range(order):
+            r = transpose(r)
+        return weights * r
+
+    return penalty
+
+
+class PosteriorMap:
+    """The posterior covariance under the normal equations, as a map and its diagonal.
+
+    Where the noise has a scale, the map is that of noise at one level, and `equations` have their
+    own.
+    """
+
+    def __init__(self, problem: LineProblem, prior: Prior):
+        gaps = Gaps.of(problem.is_observed)
+        is_open, own = not problem.forward.is_circular, problem
+        problem = at_one_level(own)
+        self.normal = NormalEquations(problem, prior, gaps)
+        self.equations = self.normal if own is problem else NormalEquations(own, prior, gaps)
+        # The hats have the means, and the nearest problem none: its own are next to undetermined.
+        fixed = {"zero_mean": np.ones(problem.unknowns, bool)} if is_open else {}
+        self.near = NearPeriodic(with_fields(problem, **fixed), prior, gaps)
+        self.filler = self.near.filler()
+        hats = hats_of(self.near, problem.observed_cells) if is_open else None
+        self.coarse = None if hats is None else Coarse.of(self.normal, hats, problem.unknowns)
+        self.shapes: Shapes | None = None
+
+    def find_shapes(self) -> None:
+        """Find the shapes in which the map differs from the covariance, and correct it by them."""
+        normal, like = self.normal, np.zeros(self.normal.shape)
+        self.shapes = missing_shapes(normal, self.nearly_times, normal.centre, like)
+
+    def near_times(self, r: Traction) -> Traction:
+        """The covariance of the nearest periodic problem times r."""
+        return self.normal.centre(self.near.covariance_times(self.normal.centre(r), self.filler))
+
+    def nearly_times(self, r: Traction) -> Traction:
+        """The covariance times r, but for what conjugate gradients still correct: exact for hats,
+        and for the shapes found."""
+        if self.coarse is None:
+            z = self.near_times(r)
+        else:
+            r = self.normal.centre(r)
+            among = self.coarse.times(r)
+            z = self.near_times(r - self.normal(among))
+            z = self.normal.centre(z - self.coarse.times(self.normal(z)) + among)
+        return z if self.shapes is None else z + self.shapes.times(r)
+
+    def defect(self) -> float:
+        """How far the map M is from the covariance: |H M w - w| over |w| as M weighs their squares,
+        the worst of a few draws w of noise."""
+        rng, worst = np.random.default_rng(1), 0.0
+        for _ in range(DRAWS):
+            w = self.normal.centre(rng.normal(size=self.normal.shape))
+            nearly = self.nearly_times(w)
+            left = self.normal(nearly) - w
+            part = np.vdot(left, self.nearly_times(left)) / np.vdot(w, nearly)
+            worst = max(worst, float(np.sqrt(abs(part))))
+        return worst
+
+    def times(self, right: Traction, tolerance: float) -> Solved:
+        """The covariance times `right`, to a relative tolerance."""
+        if self.coarse is None or self.equations is not self.normal:
+            of = self.equations, self.nearly_times, right, tolerance, MOST_STEPS
+            return conjugate_gradients(*of)
+        start = self.coarse.times(right)
+        energy = float(np.vdot(right, start))
+        left = right - self.normal(start)
+        solved = conjugate_gradients(
+            self.normal, self.nearly_times, left, tolerance, MOST_STEPS, energy
+        )
+        return solved._replace(value=self.normal.centre(start + solved.value))
+
+
+class Marginal:
+    """The posterior of a problem from the map without its nuisance."""
+
+    def __init__(self, problem: LineProblem, posterior: PosteriorMap, tolerance: float):
+        self._posterior, self._tolerance = posterior, tolerance
+        equations, self._beside = posterior.equations, None
+        self._weigh = equations.weighed
+        if problem.nuisance is not None:
+            nuisance = Nuisance(problem, equations.weighed)
+            self._weigh = nuisance.weigh
+            self._beside = Beside.of(
+                nuisance, equations.adjoint, lambda r: posterior.times(r, tolerance).value
+            )
+
+    def mean(self, y: Signal) -> Solved:
+        """The posterior mean of the traction of a signal."""
+        right = self._posterior.equations.adjoint(self._weigh(y))
+        solved = self._posterior.times(right, self._tolerance)
+        if self._beside is None:
+            return solved
+        return solved._replace(value=self._beside.corrected(solved.value))
+
+    def variance(self, mean_weights: Float[np.ndarray, "c n"]) -> Traction:
+        """The variance of the traction, less its mean with these weights, in every cell."""
+        without = variance(self._posterior, mean_weights)
+        return without if self._beside is None else without + self._beside.variance(mean_weights)
+
+
+def value(problem: LineProblem, prior: Prior, tolerance: float) -> Solved:
+    """Posterior mean to a relative `tolerance`, without its standard error."""
+    posterior = PosteriorMap(with_fields(problem, nuisance=None), prior)
+    return Marginal(problem, posterior, tolerance).mean(np.asarray(problem.data, float))
+
+
+class IterativeSolution(NamedTuple):
+    """A solution, the steps taken, whether they converged, and the defect of the map that its bands
+    are of (see `PosteriorMap`)."""
+
+    solution: Solution
+    steps: int
+    converged: bool
+    defect: float
+
+
+def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolution:
+    """Posterior mean to a relative `tolerance`, and its standard error."""
+    posterior = PosteriorMap(with_fields(problem, nuisance=None), prior)
+    normal, n = posterior.equations, problem.line.n
+    near = NearPeriodic(at_one_level(problem), prior, normal.gaps)
+    data = np.asarray(problem.data, float)
+    posterior.find_shapes()
+    marginal = Marginal(problem, posterior, tolerance)
+    solved = [marginal.mean(data)]
+    for c in range(problem.unknowns):
+        impulse = np.zeros((problem.unknowns, n))
+        impulse[c, n // 2] = 1.0
+        solved.append(marginal.mean(normal.forward(normal.centre(impulse))))
+    mean, *averaging = (jnp.asarray(each.value) for each in solved)
+    changes = fewer_directions(problem.rig_signals(mean))
+    moved = [marginal.mean(each).value for each in changes]
+    spread = marginal.variance(np.asarray(problem.mean_weights))
+    spread = spread + change_of_variance(problem, posterior.near)
+    stderr = np.sqrt(np.maximum(spread, 0.0))
+    solution = Solution(
+        as_real(mean),
+        as_real(stderr),
+        jnp.asarray(near.covariance),
+        as_real(jnp.stack(averaging, axis=1)),
+        as_real(near.resolved_dof(near.blocks())),
+        # A sum of variances that ends at or below zero is rounding.
+        _condition(problem, prior) if spread.min() > 0 else jnp.asarray(LEFT_TO_ROUNDING),
+        np.stack(moved) if moved else None,
+    )
+    converged = all(each.converged for each in solved)
+    return IterativeSolution(solution, solved[0].steps, converged, posterior.defect())
+
+
+@jax.jit
+def _condition(problem: LineProblem, prior: Prior) -> Float[Array, ""]:
+    """Estimate of the condition number: the best observed mode over one held by the prior alone.
+
+    Where samples are missing, or an open line ends, some traction is held by the prior alone, with
+    its mean precision over wavenumbers.
+    """
+    information = jnp.max(problem.information)
+    held = jnp.mean(prior.root(problem.line) ** 2, axis=-1)
+    return (information + jnp.max(held)) / jnp.maximum(jnp.min(held), jnp.finfo(held.dtype).tiny)
+
+
+# What missing samples add is computed cell by cell up to so many widths of the response from each,
+# every width up to FAR times that, and beyond at distances that grow by e in so many steps.
+NEAR, FAR, RUNGS = 5, 8, 10
+TOGETHER = 16  # hats
+AROUND = 192  # missing samples before and after a block that are inverted with it
+
+Variance = Float[np.ndarray, "c n"]
+
+
+def variance(posterior: "PosteriorMap", mean_weights: Float[np.ndarray, "c n"]) -> Variance:
+    """The variance of the traction, less its mean with these weights, in every cell."""
+    near = posterior.near
+    stationary = near.lags(near.covariance)[..., 0]
+    total = np.diagonal(stationary)[:, None] + _of_gaps(near)
+    if posterior.coarse is not None:
+        total = total + _at_ends(posterior, posterior.coarse)
+    if posterior.shapes is not None:
+        total = total + posterior.shapes.diagonal()
+    for c, weights in enumerate(mean_weights):
+        if weights.any():
+            r = np.zeros_like(mean_weights)
+            r[c] = weights
+            shared = posterior.nearly_times(r)[c]
+            total[c] += weights @ shared - 2 * shared
+    return total
+
+
+def _at_ends(posterior: "PosteriorMap", coarse: Coarse) -> Variance:
+    """What the hats change."""
+    normal, inverse, images = posterior.normal, coarse.inverse, coarse.images
+    energy, total = [], 0.0
+    for first in range(0, len(images), TOGETHER):
+        moved = np.stack([posterior.near_times(each) for each in images[first : first + TOGETHER]])
+        energy.append(moved.reshape(len(moved), -1) @ images.reshape(len(images), -1).T)
+        for row, each in zip(inverse[first:], moved, strict=False):
+            total = total - 2 * normal.centre(coarse.spread(row)) * each
+    among = inverse + inverse @ np.concatenate(energy) @ inverse
+    return total + coarse.diagonal((among + among.T) / 2, normal.zero_mean)
+
+
+def _of_gaps(near: NearPeriodic) -> Variance:
+    """What the missing samples add: the diagonal of B T B^T, T the inverse of Q over them and B the
+    response of the traction to them.
+
+    The rows of T are taken from each block and what is around it, and what they add is computed at
+    a few places alone: T may be so large that sums of its rows would say nothing.
+    """
+    gaps, n = near.gaps, near.n
+    response, unexpected = near.lags(adjoint(near.expected)), near.lags(near.smooth)
+    elements, unknowns = len(near.model), len(response)
+    sums, total = np.zeros((elements, elements, n)), np.zeros((unknowns, n))
+    grid = np.arange(0, n, max(1, int(near.width_cells)))
+    on_grid = np.zeros((unknowns, grid.size))
+    for block in gaps.blocks:
+        around, own = _around(block, gaps.cell.size)
+        inverse = inverse_of(gaps.matrix(unexpected, around, around))[0][own]
+        of_each = gaps.element[around, None] == np.arange(elements)
+        sums[gaps.element[block], :, gaps.cell[block]] = inverse @ of_each
+        line, places = _places(gaps.cell[around], grid, n, near.width_cells)
+        lag = (places[:, None] - gaps.cell[around]) % n
+        added = []
+        for c in range(unknowns):
+            shown = response[c, gaps.element[around], lag]
+            added.append(np.sum(shown[:, own] * (shown @ inverse.T), axis=1))
+        along = _around_line(places, np.stack(added), n)
+        far = along(grid)
+        on_grid += far
+        total[:, line % n] += along(line) - _around_line(grid, far, n)(line)
+    total += _around_line(grid, on_grid, n)(np.arange(n))
+    of_mean, back = near.of_mean(sums), adjoint(near.expected)
+    moved = [from_spectrum(times(back, to_spectrum(each)), n) for each in sums.swapaxes(0, 1)]
+    return total - np.einsum("fcn,fg,gcn->cn", moved, of_mean, moved)
+
+
+def _around_line(places: Int[np.ndarray, " place"], values: Float[np.ndarray, "c place"], n: int):
+    """Values on a circle of n cells as a function of the cell: parabolas, which nearly cancel with
+    those of the mean, would be seen between places that are joined by straight lines."""
+    ends = np.append(places, places[0] + n), np.concatenate([values, values[:, :1]], axis=1)
+    return scipy.interpolate.CubicSpline(*ends, axis=1, bc_type="periodic")
+
+
+def _around(block: slice, many: int) -> tuple[Int[np.ndarray, " around"], slice]:
+    """Which of so many missing samples around the line are inverted with a block's, and where the
+    block's own are among these."""
+    size = block.stop - block.start
+    if many <= size + 2 * AROUND:
+        return np.arange(many), block
+    return np.arange(block.start - AROUND, block.stop + AROUND) % many, slice(AROUND, AROUND + size)
+
+
+def _places(
+    cells: Int[np.ndarray, " b"], grid: Int[np.ndarray, " g"], n: int, width: float
+) -> tuple[Int[np.ndarray, " near"], Int[np.ndarray, " place"]]:
+    """Where on a line of n cells the variance that samples missing at these cells make is computed:
+    the cells near them, and these with those of the `grid`, ever fewer far away."""
+    reach, start = int(NEAR * width), int(cells[0])
+    offsets = (cells - start) % n
+    within = start - reach + np.arange(int(offsets[-1]) + 2 * reach + 1)
+    near = np.zeros(within.size + 1, int)
+    np.add.at(near, offsets, 1)
+    np.add.at(near, offsets + 2 * reach + 1, -1)
+    dense = within[np.cumsum(near)[:-1] > 0] % n
+    after = (grid - start) % n - int(offsets[-1])
+    away = np.minimum(after, n - int(offsets[-1]) - after) / (FAR * reach)
+    rung = np.floor(RUNGS * np.log(np.maximum(away, 1.0)))
+    is_place = (away <= 1) | (rung != np.roll(rung, 1))
+    return within[:n], np.unique(np.concatenate([dense, grid[is_place]]))

@@ -1,0 +1,249 @@
+"""What follows from a linear model of signals on the cells of a line, whatever solves it; among it
+whether the signal shows the means of p and q over the window, and what they would be.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ...grid import Convolution, Line
+from ...numerics import is_flat
+from ..estimate import COMPONENTS, Numbers
+
+FAINT = 1e-3  # a gain at k = 0 below this fraction of the largest leaves a mean unobservable
+
+
+@eqx.filter_jit
+def are_observable(
+    forward: Convolution, noise: Float[Array, "#e k"], known: tuple[bool, ...]
+) -> Bool[Array, " c"]:
+    """For each unknown, whether its gain at k = 0 is neither zero nor proportional to another's."""
+    gain = forward.transfer[..., 0]
+    largest = jnp.max(jnp.abs(forward.transfer))
+    size = jnp.linalg.norm(jnp.abs(gain), axis=0)
+    observable = forward.has_dc_gain & (size > FAINT * largest) & jnp.all(jnp.isfinite(noise[:, 0]))
+    unit = jnp.where(observable, gain / jnp.where(observable, size, 1.0), 0.0)
+    overlap = jnp.abs(unit.conj().T @ unit) - jnp.eye(len(known))
+    alike = jnp.any((overlap > 1 - FAINT**2) & ~np.array(known)[:, None], axis=0)
+    return observable & ~alike
+
+
+@eqx.filter_jit
+def have_zero_mean(
+    forward: Convolution, noise: Float[Array, "#e k"], known: tuple[bool, ...]
+) -> Bool[Array, " c"]:
+    """For each unknown, whether only its deviation from the mean is solved for."""
+    # On an open line the window's ends respond weakly to every mean.
+    return jnp.asarray(known) | (~are_observable(forward, noise, known) & forward.is_circular)
+
+
+@eqx.filter_jit
+def less_means(forward: Convolution, data, observed, means):
+    """The signal of the known means, and the data without it, zero where they are missing."""
+    each = jnp.stack([jnp.zeros(()) if mean is None else mean for mean in means])
+    level = forward(jnp.tile(each[:, None], (1, data.shape[-1])))
+    data = data - level
+    return level, data if observed is None else jnp.where(observed, data, 0.0)
+
+
+CHI2, FREEDOM = "chi2_per_freedom", "degrees_of_freedom"
+
+
+class Shown(NamedTuple):
+    """Parts of an estimate: p and q [Pa] and their standard error (2, n), the fitted signal and the
+    whitened residual (e, n), and the sum of the latter's squares."""
+
+    value: Float[Numbers, "2 n"]
+    stderr: Float[Numbers, "2 n"]
+    fitted: Float[Numbers, "e n"]
+    whitened: Float[Numbers, "e n"]
+    squares: Float[Numbers, ""]
+
+
+class LineModel(eqx.Module):
+    """Signals and their linear model, data = forward(r) + noise: [`LineProblem`][] has what each
+    field is."""
+
+    line: eqx.AbstractVar[Line]
+    forward: eqx.AbstractVar[Convolution]
+    data: eqx.AbstractVar[Float[Array, "e n"]]
+    noise: eqx.AbstractVar[Float[Array, "#e k"]]
+    observed: eqx.AbstractVar[Bool[Array, "e n"] | None]
+    noise_scale: eqx.AbstractVar[Float[Array, "e n"] | None]
+    known_mean_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
+    background_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
+    friction: eqx.AbstractVar[Float[Array, ""] | None]
+    nuisance: eqx.AbstractVar[Float[Array, "e column n"] | None]
+    zero_mean: eqx.AbstractVar[Bool[Array, " c"]]
+    mean_signal: eqx.AbstractVar[Float[Array, "e n"]]
+
+    @property
+    def is_observed(self) -> Bool[np.ndarray, "e n"]:
+        """The mask of valid samples."""
+        if self.observed is None:
+            return np.ones(self.data.shape, bool)
+        return np.asarray(self.observed)
+
+    @property
+    def observed_cells(self) -> Bool[np.ndarray, " n"]:
+        """Cells at which at least one element was sampled."""
+        return np.any(self.is_observed, axis=0)
+
+    @property
+    def noise_rms(self) -> float:
+        """Standard deviation of a sample's noise, an unknown offset aside."""
+        return float(np.sqrt(np.mean(np.asarray(self.noise)[:, 1:])))
+
+    @property
+    def surrounding_pressure_Pa(self) -> float:
+        """The pressure around the features, as far as it is known."""
+        known = self.known_mean_Pa[0], self.background_Pa[0]
+        return sum(float(each) for each in known if each is not None)
+
+    @property
+    def has_free_offset(self) -> bool:
+        """Whether each element's signal has a constant that is not known."""
+        return not bool(np.isfinite(np.asarray(self.noise[:, 0])).all())
+
+    @property
+    def unknowns(self) -> int:
+        """Number of components that are solved for."""
+        return self.forward.transfer.shape[1]
+
+    @property
+    def separable(self) -> bool:
+        """Whether each wavenumber can be treated alone: a periodic line with every sample valid,
+        all of them under the same noise, and nothing else on them."""
+        further = self.observed, self.noise_scale, self.nuisance
+        return self.forward.is_circular and all(each is None for each in further)
+
+    @property
+    def information(self) -> Float[Array, "c k"]:
+        """Fisher information on each component at line.k, sum over elements of |G|^2/N [1/Pa^2], of
+        the nearest periodic problem."""
+        gain = jnp.abs(self.forward.circulant().transfer * self.whitener[:, None]) ** 2
+        return jnp.sum(gain, axis=0)
+
+    @property
+    def whitener(self) -> Float[Array, "#e k"]:
+        """N^(-1/2) at line.k, one row for all elements or one for each."""
+        return 1 / jnp.sqrt(self.noise)
+
+    @property
+    def sample_count(self) -> int:
+        """Number of valid samples, over all elements."""
+        return int(self.data.size if self.observed is None else np.sum(np.asarray(self.observed)))
+
+    @eqx.filter_jit
+    def free_offset(self, y: Float[Array, "e n"]) -> Float[Array, "e 1"]:
+        """The mean of y over the valid samples, where the signal's offset is not known and absorbs
+        it; else zero."""
+        weights = jnp.ones(y.shape) if self.noise_scale is None else 1 / self.noise_scale**2
+        if self.observed is not None:
+            y, weights = (jnp.where(self.observed, each, 0.0) for each in (y, weights))
+        total = jnp.maximum(jnp.sum(weights, axis=-1, keepdims=True), jnp.finfo(y.dtype).tiny)
+        mean = jnp.sum(weights * y, axis=-1, keepdims=True) / total
+        return jnp.where(jnp.isfinite(self.noise[:, :1]), 0.0, mean)
+
+    @property
+    def mean_is_observable(self) -> Bool[Array, " c"]:
+        """For each unknown, whether its mean is observable.
+
+        Its gain at k = 0 must not vanish, nor be proportional to another unknown's.
+        """
+        return are_observable(self.forward, self.noise, self._known)
+
+    @property
+    def mean_weights(self) -> Float[Numbers, "c n"]:
+        """The weights of each unknown's mean over the sampled cells where that mean is weakly
+        observed, on an open line: its error would mask all others. Else zero."""
+        if self.forward.is_circular:
+            return np.broadcast_to(0.0, (self.unknowns, self.line.n))
+        return self._mean_weights()
+
+    @eqx.filter_jit
+    def _mean_weights(self) -> Float[Array, "c n"]:
+        hidden = ~self.zero_mean & ~self.mean_is_observable
+        ones = jnp.ones(self.data.shape, bool) if self.observed is None else self.observed
+        cells = jnp.any(ones, axis=0)
+        return hidden[:, None] * (cells / jnp.sum(cells))[None, :]
+
+    def show(self, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"]) -> Shown:
+        """What an estimate shows of a solution: see `Shown`."""
+        fitted = self.forward(jnp.asarray(traction))
+        whitened = self.whitened(self.data - fitted)
+        return Shown(
+            *with_means(self, traction, stderr),
+            fitted + self.mean_signal + self.free_offset(self.data - fitted),
+            whitened,
+            jnp.nansum(whitened**2),
+        )
+
+    def whitened(self, residual: Float[Array, "e n"]) -> Float[Array, "e n"]:
+        """The residual in units of the noise, NaN where a sample is missing."""
+        residual = residual - self.free_offset(residual)
+        white = self.whitener
+        if self.noise_scale is not None:  # an offset is then no wave of the line's length
+            residual = residual / self.noise_scale
+            at_zero = jnp.where(white[:, 0] > 0, white[:, 0], white[:, 1])
+            white = white.at[:, 0].set(at_zero)
+        observed = self.observed
+        if observed is not None:
+            residual = jnp.where(observed, residual, 0.0)
+        whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * white, self.line.n)
+        return whitened if observed is None else jnp.where(observed, whitened, jnp.nan)
+
+    @property
+    def _known(self) -> tuple[bool, ...]:
+        return tuple(mean is not None for mean in self.known_mean_Pa[: self.unknowns])
+
+    def mean_statement(self) -> dict[str, str]:
+        """Origin of the estimate's mean for p and q, in words."""
+        return {name: self._mean_of(c) for c, name in enumerate(COMPONENTS)}
+
+    def _mean_of(self, c: int) -> str:
+        if c >= self.unknowns:
+            return f"follows from p by q = mu p with mu = {self.friction:.4g}"
+        known, background = self.known_mean_Pa[c], self.background_Pa[c]
+        if background is None:
+            return "unobserved: the estimate is the deviation from a background that is not known"
+        if known is not None:
+            return f"known from outside: {float(known) + float(background):.6g} Pa"
+        if np.asarray(self.mean_is_observable)[c]:
+            return "from the signal"
+        if self.forward.is_circular:
+            return "unobserved: the signal is blind to it; the estimate is the deviation from it"
+        return "weakly observed: only what the window's ends show of it"
+
+
+def with_means(
+    model: LineModel, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"]
+) -> tuple[Float[Numbers, "2 n"], Float[Numbers, "2 n"]]:
+    """p and q with the means that are known, and their standard error."""
+    xp = traction.__array_namespace__()
+    pairs = zip(model.known_mean_Pa, model.background_Pa, strict=True)
+    means = [
+        sum((xp.asarray(m) for m in pair if m is not None), xp.zeros((), traction.dtype))
+        for pair in pairs
+    ]
+    if model.friction is not None:
+        friction = xp.asarray(model.friction)
+        traction = xp.concatenate([traction, friction * traction])
+        stderr = xp.concatenate([stderr, xp.abs(friction) * stderr])
+        means[1] = friction * means[0]
+    return traction + xp.stack(means)[:, None], stderr
+
+
+def chi2(model: LineModel, resolved_dof: float, squares: float) -> dict[str, float | None]:
+    """Chi-square of the residual per degree of freedom, from the whitened residual's sum of
+    squares; None where it is undefined."""
+    noise = np.asarray(model.noise)
+    offsets = model.data.shape[0] if model.has_free_offset else 0
+    freedom = float(model.sample_count - offsets - resolved_dof)
+    # With samples missing, a residual whitened with zeros in the gaps is white for white noise
+    # alone.
+    known = (model.observed is None or is_flat(noise[:, 1:])) and freedom >= 1
+    return {CHI2: squares / freedom if known else None, FREEDOM: freedom}

@@ -1,0 +1,59 @@
+"""The prior precision of the traction, and scores of a prior given the data.
+
+Wiener's filter and Tikhonov's method minimise |N^(-1/2) (m - G r)|^2 + |P^(1/2) r|^2 and differ in
+P alone: the inverse traction spectrum, or a weighted derivative penalty. The minimiser is the
+posterior mean of the Gaussian model, and (G^H N^-1 G + P)^-1 its covariance.
+"""
+
+import abc
+from typing import NamedTuple
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ...grid import Line
+from ..estimate import Numbers
+
+
+class Prior(eqx.Module):
+    """A prior precision P of the traction, one spectrum for each component."""
+
+    @abc.abstractmethod
+    def root(self, line: Line) -> Float[Array, "c k"]:
+        """P^(1/2) at line.k, the line taken as periodic."""
+
+    @abc.abstractmethod
+    def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+        """P r on the line as it is."""
+
+    def differences(self, line: Line) -> tuple[int, Float[Numbers, " c"]] | None:
+        """Where P is a weighted sum of squared differences of neighbouring cells: their order, and
+        the weight of each component's [1/Pa^2]. None where it is no such sum."""
+        del line
+        return None
+
+
+class Score(NamedTuple):
+    """Terms of a rule's criterion for a prior: scalars, or one number for each prior of a batch."""
+
+    residual: Float[Array, "..."]  # whitened residual sum of squares
+    freedom: Float[Array, "..."]  # effective number of fitted parameters
+    log_evidence: Float[Array, "..."]  # of the nearest periodic model, up to a constant
+
+
+class Solution(NamedTuple):
+    """The traction's deviation from its known mean, as a path finds it.
+
+    - `resolved_dof`: effective degrees of freedom of each component, the trace of its resolution.
+    - `condition`: the condition number of the path's system.
+    - `rig_errors` (j, c, n): what the rig's errors make of the value (line/rig_bands.py), where the
+      path finds them itself; not in `stderr` and `covariance`.
+    """
+
+    value: Float[Numbers, "c n"]
+    stderr: Float[Numbers, "c n"]
+    covariance: Numbers
+    averaging: Float[Numbers, "c c n"]
+    resolved_dof: Float[Numbers, " c"]
+    condition: Float[Numbers, ""]
+    rig_errors: Float[Numbers, "j c n"] | None = None

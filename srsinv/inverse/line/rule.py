@@ -1,0 +1,113 @@
+"""Choosing the regularisation: generalised cross validation, evidence.
+
+A rule depends on a method only through its scores, a batch of log10 weights (b, c) at a time. So it
+serves every method and every path alike. Where signals have nuisance columns, a first estimate of
+the traction shows these well enough for a rule.
+"""
+
+import abc
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...grid import as_real
+from ...status import Status
+from ..noise.nuisance import scored
+from . import iterative
+from .prior import Score
+from .problem import LineProblem
+from .solve import Family, Scorer, choose_path
+
+
+class Choice(eqx.Module):
+    """The chosen log10 weights (c,) and how the choice ended."""
+
+    log_weights: Float[Array, " c"]
+    status: Status = eqx.field(static=True, converter=Status)
+
+
+class Rule(eqx.Module):
+    """A rule for the choice of regularisation weights."""
+
+    name: ClassVar[str]
+
+    @abc.abstractmethod
+    def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
+        """The weights, within the box from its lower to its upper log10 weights.
+
+        A component whose two ends are equal has a fixed weight.
+        """
+
+
+class _Minimise(Rule):
+    """A rule that minimises a criterion of the score."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def criterion(score: Score, samples: int) -> Float[Array, "..."]:
+        """The criterion to minimise."""
+
+    def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
+        # A scan along the box's diagonal, then grids about the best point, each half as wide: no
+        # derivative, bounded, and the same answer every time.
+        low, high = np.asarray(box)
+
+        def best(points):
+            values = np.asarray(scorer.values(self.criterion, points))
+            return points[np.argmin(np.where(np.isfinite(values), values, np.inf))]
+
+        fractions = np.linspace(1, 0, 19)[:, None]  # from strong to weak: ties go to the smoother
+        centre = best(low + fractions * (high - low))
+        for half in (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625):
+            ends = zip(centre, low, high, strict=True)
+            axes = [np.clip([c + half, c, c - half], a, b) for c, a, b in ends]
+            grid = np.meshgrid(*axes, indexing="ij")
+            centre = best(np.stack(grid, axis=-1).reshape(-1, len(low)))
+        ended = (high > low) & ((centre <= low) | (centre >= high))
+        status = Status.RANGE_END if np.any(ended) else Status.CONVERGED
+        return Choice(jnp.asarray(centre), status)
+
+
+class GeneralisedCrossValidation(_Minimise):
+    """Minimise (residual/N) / (1 - freedom/N)^2: Golub, Heath and Wahba (1979).
+
+    It needs no noise level, but takes the noise's colour as given.
+    """
+
+    name: ClassVar[str] = "generalised cross validation"
+
+    @staticmethod
+    def criterion(score: Score, samples: int) -> Float[Array, "..."]:
+        return score.residual / samples / (1 - score.freedom / samples) ** 2
+
+
+class Evidence(_Minimise):
+    """Maximise the likelihood of the data with the traction integrated out."""
+
+    name: ClassVar[str] = "evidence"
+
+    @staticmethod
+    def criterion(score: Score, samples: int) -> Float[Array, "..."]:
+        del samples
+        return -score.log_evidence
+
+
+TOLERANCE = 1e-4
+
+
+def to_score(
+    problem: LineProblem, family: Family, box: Float[np.ndarray, "2 c"], path: str
+) -> LineProblem:
+    """The problem whose scores a rule goes by, its weights in the `box`.
+
+    The direct path scores columns as they are. The iterative one has scores without any: their
+    sizes are taken beside a traction of the weights of greatest evidence, which what is left of
+    the columns moves little.
+    """
+    if problem.nuisance is None or choose_path(problem, path) != "iterative":
+        return problem
+    first = Evidence().choose(Scorer(family, problem, path), as_real(box)).log_weights
+    return scored(problem, iterative.value(problem, family(first), TOLERANCE).value)

@@ -1,0 +1,302 @@
+"""The quadratic problem under Wiener's filter and Tikhonov's method, and its three paths.
+
+- *spectral*: exact and quickest; a periodic line with every sample valid.
+- *direct*: exact; any line, any missing samples, any noise; up to a few thousand unknowns.
+- *iterative*: conjugate gradients; any line, any missing samples, any noise, any length. Its
+  standard error is within 3 % of the direct one's, and a rule weighs by the nearest periodic
+  problem with the same samples missing.
+"""
+
+import abc
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from functools import partial
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...errors import refuse
+from ...status import Status
+from .. import diagnostics
+from ..estimate import COMPONENTS, Numbers, TractionEstimate
+from ..noise.levels import at_one_level
+from ..noise.nuisance import scored
+from . import direct, iterative, near_periodic, spectral
+from .answer import CheckedSolution, Runs, answer_of, spectral_answer
+from .gaps import Gaps
+from .model import Shown, chi2
+from .prior import Prior, Score, Solution
+from .problem import LineProblem
+from .rig_bands import rig_errors, with_rig_errors
+
+DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not chosen
+# Condition numbers up to which a solution is accepted: beyond these, errors of 1 % and more occur,
+# some 70 times the condition's round-off. The iterative path is in double precision, and beyond its
+# own the weakest traction is less than its tolerance of the whole.
+TRUSTED = {"float64": 6e11, "float32": 1.7e4}
+TRUSTED_ITERATIVE = 1e11
+PATHS = ("auto", "spectral", "direct", "iterative")
+TOGETHER = 3  # weights that are scored at once
+BATCH = 21  # weights of one call at least, more than in a rule's first scan: one program serves all
+Criterion = Callable[[Score, int], Any]
+
+
+def solve(
+    problem: LineProblem,
+    prior: Prior,
+    path: str = "auto",
+    tolerance: float = 1e-10,
+    *,
+    stats: Mapping[str, Any] = MappingProxyType({}),
+    warnings: Sequence[str] = (),
+) -> TractionEstimate:
+    """Posterior mean and standard error of the traction.
+
+    `path` is one of `PATHS`; `tolerance` is the relative tolerance of the iterative one; `stats`
+    and `warnings` are what the estimate has besides. Raises `BadInput` for a path that is unknown
+    or does not serve this problem.
+    """
+    path = choose_path(problem, path)
+    stats = {**stats, "path": path}
+    status, eps = Status.CONVERGED, float(jnp.finfo(problem.data.dtype).eps)
+    if path == "spectral":
+        return _estimate(problem, spectral_answer(problem, prior), status, stats, warnings)
+    if path == "direct":
+        solution = direct.solve(problem, prior, direct.whiten(problem))
+        status = _trusted(solution, TRUSTED[problem.data.dtype.name])
+    else:
+        tolerance = max(tolerance, 100 * eps)  # round-off allows no less
+        solution, steps, converged, defect = iterative.solve(problem, prior, tolerance)
+        stats |= {"iterations": steps, "tolerance": tolerance}
+        warnings = (*warnings, *diagnostics.rough_bands(defect))
+        if not converged:
+            status = Status.STEP_LIMIT
+        elif not problem.separable:
+            status = _trusted(solution, TRUSTED_ITERATIVE)
+    return _estimate(problem, answer_of(problem, prior, solution), status, stats, warnings)
+
+
+def _trusted(solution: Solution, most: float) -> Status:
+    is_trusted = float(solution.condition) < most
+    return Status.CONVERGED if is_trusted else Status.ILL_CONDITIONED
+
+
+def choose_path(problem: LineProblem, path: str) -> str:
+    """The path that `path` names for this problem."""
+    refuse(path not in PATHS, f"path is {path!r}: give one of {', '.join(PATHS)}.")
+    whole = problem.separable
+    size = problem.unknowns * problem.line.n
+    if path == "auto":
+        path = "spectral" if whole else "direct" if size <= AUTO_LIMIT else "iterative"
+    refuse(
+        path == "spectral" and not whole,
+        "path=spectral needs a periodic line with no sample missing: use path=auto.",
+    )
+    refuse(
+        path == "direct" and size > DIRECT_LIMIT,
+        f"path=direct would factor {size} unknowns, more than {DIRECT_LIMIT}: use wider cells or "
+        f"path=iterative.",
+    )
+    return path
+
+
+class Family(eqx.Module):
+    """A family of priors, by their log10 weights, for a rule to choose from: P is that of weights 0
+    times 10^(`sign` log10 weight), for each component."""
+
+    sign: ClassVar[int]
+
+    @abc.abstractmethod
+    def __call__(self, log_weights: Float[Numbers, " c"]) -> Prior:
+        """The prior with these weights."""
+
+
+class Scorer(eqx.Module):
+    """Scores of a family's priors, by the path that will solve the problem."""
+
+    family: Family
+    problem: LineProblem
+    reduced: "direct.Whitened | tuple[spectral.Reduced, Numbers] | Gaps"
+
+    def __init__(self, family: Family, problem: LineProblem, path: str):
+        path = choose_path(problem, path)
+        self.family, self.problem = family, problem.on_line()
+        if path == "iterative":
+            self.problem = at_one_level(scored(self.problem))
+        if path == "direct":
+            self.reduced = direct.whiten(self.problem)
+        elif path == "iterative" and problem.observed is not None:
+            self.reduced = Gaps.of(problem.is_observed)
+        else:
+            # In double precision: weights lie in flat minima, where rounding would choose.
+            with jax.enable_x64(True):
+                self.reduced = _on_device(_reduced(family, self.problem))
+
+    def __call__(self, log_weights: Float[Numbers, "b c"]) -> Score:
+        """One score for each row of log10 weights."""
+        return self.values(_as_it_is, log_weights)
+
+    def values(self, criterion: Criterion, log_weights: Float[Numbers, "b c"]) -> Any:
+        """The criterion, which takes a score and the number of samples, for each row of log10
+        weights. It is compiled with the scores, of which it may need some terms alone."""
+        samples = self.problem.sample_count
+        if isinstance(gaps := self.reduced, Gaps):
+            terms = [near_periodic.score(self.problem, self.family(w), gaps) for w in log_weights]
+            columns = (jnp.asarray(np.array(each)) for each in zip(*terms, strict=True))
+            return criterion(Score(*columns), samples)
+        count, is_direct = len(log_weights), isinstance(self.reduced, direct.Whitened)
+        padded = np.zeros((max(count + -count % TOGETHER, BATCH), log_weights.shape[1]))
+        padded[:count] = log_weights
+        of = criterion, self.family, self.problem if is_direct else None, self.reduced
+        with nullcontext() if is_direct else jax.enable_x64(True):
+            values = _values(*of, padded, count, samples)
+        # Sliced by numpy, which takes a hundredth of what jax's dispatch takes.
+        return jax.tree.map(lambda each: np.asarray(each)[:count], values)
+
+
+def _as_it_is(score: Score, samples: int) -> Score:
+    del samples
+    return score
+
+
+def _reduced(family: Family, problem: LineProblem):
+    """The problem, and the prior's root with weights of 1, reduced to what all weights share."""
+    root = spectral.prior_root(problem.line, family(np.zeros(problem.unknowns)))
+    return spectral.reduced(problem), root
+
+
+@jax.jit
+def _on_device(tree):
+    """Arrays of numpy as jax's, all at once."""
+    return tree
+
+
+@partial(jax.jit, static_argnames=("criterion", "samples"))
+def _values(
+    criterion: Criterion,
+    family: Family,
+    problem: LineProblem | None,
+    reduced,
+    log_weights,
+    count,
+    samples: int,
+):
+    def value(logs):
+        if problem is not None:
+            return criterion(direct.score(problem, family(logs), reduced), samples)
+        of, root = reduced
+        factor = 10.0 ** (family.sign * logs / 2)
+        return criterion(spectral.score(of, factor[:, None] * root), samples)
+
+    # LAPACK, which scores of the direct path use, one after the other: side by side it may wait for
+    # itself on a CPU. Elsewhere memory is read once for all that are scored together.
+    together, every = (1, partial(jax.lax.map, value)) if problem else (TOGETHER, jax.vmap(value))
+
+    def add(i, values):
+        rows = jax.lax.dynamic_slice_in_dim(log_weights, i * together, together)
+        put = partial(jax.lax.dynamic_update_slice_in_dim, start_index=i * together, axis=0)
+        return jax.tree.map(put, values, every(rows))
+
+    like = jax.eval_shape(value, log_weights[0])
+    empty = jax.tree.map(lambda each: jnp.zeros((len(log_weights), *each.shape), each.dtype), like)
+    return jax.lax.fori_loop(0, (count + together - 1) // together, add, empty)
+
+
+def _estimate(
+    problem: LineProblem,
+    answer: CheckedSolution,
+    status: Status,
+    stats: dict,
+    warnings: Sequence[str],
+) -> TractionEstimate:
+    solution, moved = answer.solution, rig_errors(problem, answer.solution)
+    if moved is not None:
+        stderr = with_rig_errors(problem, answer.shown.stderr, moved)
+        answer = answer._replace(shown=answer.shown._replace(stderr=stderr))
+    shown = answer.shown
+    stats["condition"] = float(solution.condition)
+    if not (np.isfinite(shown.value).all() and np.isfinite(shown.stderr).all()):
+        status = Status.NOT_FINITE
+    names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.resolved_dof, float)
+    stats |= {f"resolved_dof_{name}": float(t) for name, t in zip(names, resolved_dof, strict=True)}
+    taken = float(resolved_dof.sum()) + answer.nuisance_dof
+    stats |= chi2(problem, taken, float(shown.squares))
+    return TractionEstimate(
+        line=problem.line,
+        value=shown.value,
+        stderr=shown.stderr,
+        fitted=shown.fitted,
+        whitened=shown.whitened,
+        covariance=solution.covariance,
+        mean_weights=problem.mean_weights,
+        averaging=solution.averaging,
+        friction=problem.friction,
+        rig_errors=moved,
+        status=status,
+        warnings=(*_warnings(problem, answer, stats), *warnings),
+        stats=stats,
+    )
+
+
+def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tuple[str, ...]:
+    solution, shown, checks = answer.solution, answer.shown, answer.checks
+    resolved_dof, noise = np.asarray(solution.resolved_dof, float), np.asarray(problem.noise)
+    columns = COMPONENTS[: problem.unknowns], resolved_dof, *checks[:3]
+    each = list(zip(*columns, strict=True))
+    largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.mean_signal))))
+    is_any = resolved_dof.sum() >= diagnostics.LEAST_RESOLVED_DOF
+    n = problem.line.n
+    return (
+        *problem.warnings,
+        *(diagnostics.shared_out(checks.difference_dof) if is_any else ()),
+        *(s for name, t, _, part, _ in each for s in diagnostics.prior_alone(name, t, n, part)),
+        *(s for name, t, pull, _, _ in each for s in diagnostics.pulled_by_prior(name, pull, t)),
+        *(s for name, *_, least in each for s in diagnostics.unresolved_waves(name, least)),
+        *_within_runs(checks.runs, resolved_dof / n),
+        *_pulling(problem, shown, resolved_dof[0]),
+        *_beyond(problem, shown, resolved_dof[0]),
+        *diagnostics.unchecked_residual(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
+        *diagnostics.residual_over_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
+        *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
+        *diagnostics.missing(_missing(problem)),
+    )
+
+
+def _within_runs(runs: Runs | None, resolved: Float[np.ndarray, " c"]) -> Sequence[str]:
+    """Warning on components of which so much is `resolved` of a cell, in runs without a sample."""
+    if runs is None:
+        return ()
+    each = zip(COMPONENTS, runs.cells * resolved, runs.observed, runs.of_prior, strict=False)
+    return tuple(
+        s
+        for name, *of in each
+        for s in diagnostics.changing_in_runs(name, *of, run_m=runs.length_m, lengths=runs.lengths)
+    )
+
+
+def _pulling(problem: LineProblem, shown: Shown, resolved_dof: float) -> Sequence[str]:
+    """Warning on pressures below zero, where their level is known."""
+    if problem.known_mean_Pa[0] is None or problem.background_Pa[0] is None:
+        return ()
+    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (shown.value, shown.stderr))
+    return diagnostics.negative_pressure(p, stderr, resolved_dof)
+
+
+def _beyond(problem: LineProblem, shown: Shown, resolved_dof: float) -> Sequence[str]:
+    """Warning on pressures beyond what the skin bears."""
+    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (shown.value, shown.stderr))
+    return diagnostics.beyond_modulus(p, stderr, problem.modulus_Pa, resolved_dof)
+
+
+def _missing(problem: LineProblem) -> float:
+    """The fraction of samples missing between the first and the last cell that has any."""
+    if problem.observed is None:
+        return 0.0
+    observed = np.asarray(problem.observed)
+    cells = np.flatnonzero(observed.any(axis=0))
+    return float(1 - observed[:, cells[0] : cells[-1] + 1].mean())

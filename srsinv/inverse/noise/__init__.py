@@ -1,0 +1,1 @@
+"""The noise of recorded signals, and signals of no interest beside it."""

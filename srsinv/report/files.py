@@ -1,0 +1,40 @@
+"""The files of a run: numbers, arrays, figures and one self-contained page.
+
+The same result gives the same bytes: no date, no random name, no version of a drawing library.
+"""
+
+from collections.abc import Mapping
+
+import xarray
+
+from .data import metrics_json
+from .result import Result
+
+
+def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -> dict[str, bytes]:
+    """The files of a run's folder by their names in it: `metrics.json`, the dataset (`result.nc`),
+    the page (`report.html`), `figures/*.png`, `.hydra/` and the result's own.
+
+    Nothing is written: all is made in memory, where no full disk can cut it short. `record` maps
+    the names in `.hydra` to their text, `command` is the command on the page. Raises `ValueError`
+    for a variable without `units`.
+    """
+    page = result.page
+    texts: dict[str, str | bytes] = {
+        **{f".hydra/{name}": text for name, text in record.items()},
+        **result.files,
+        "metrics.json": metrics_json(result.metrics),
+        result.page_name: page.html(command),
+    }
+    return {
+        **{name: text.encode() if isinstance(text, str) else text for name, text in texts.items()},
+        result.data_name: _netcdf(result.dataset),
+        **{f"figures/{name}.png": image for name, image in page.images.items()},
+    }
+
+
+def _netcdf(data: xarray.Dataset) -> bytes:
+    unitless = [str(name) for name, each in data.variables.items() if "units" not in each.attrs]
+    if unitless:
+        raise ValueError(f"variables without units in the result: {', '.join(unitless)}")
+    return bytes(data.to_netcdf(engine="h5netcdf"))
