@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from . import parts
-from .errors import mapping, number, refuse, shown, whole
+from .errors import echo, mapping, number, refuse, whole
 from .targets import make
 
 if TYPE_CHECKING:  # most import jax
@@ -108,7 +108,7 @@ def random_key(cfg: Config) -> jax.Array:
 def precision_name(cfg: Config) -> str:
     """The word for the working precision."""
     name = cfg["precision"]
-    refuse(name not in PRECISIONS, f"precision is {shown(name)}: give float64 or float32.")
+    refuse(name not in PRECISIONS, f"precision is {echo(name)}: give float64 or float32.")
     return name
 
 

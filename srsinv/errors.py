@@ -58,7 +58,7 @@ def number(
     fits = is_number(scalar) and above < scalar < below and least <= scalar <= most
     if not fits or abs(scalar) > LARGEST:  # thousands are checked, and few sentences needed
         up_to = f", up to {LARGEST:g}" if fits else ""
-        raise BadInput(f"{name} is {shown(scalar)}: give {wanted}{up_to}.")
+        raise BadInput(f"{name} is {echo(scalar)}: give {wanted}{up_to}.")
     return value
 
 
@@ -82,7 +82,7 @@ def _nan_outside(value: Any, above: float, least: float, most: float, below: flo
 def whole(name: str, value: Any, wanted: str, *, least: int, most: int = 2**31 - 1) -> int:
     """`value`, which is refused unless it is one whole number from `least` to `most`."""
     fits = is_number(value) and float(value).is_integer() and least <= value <= most
-    refuse(not fits, f"{name} is {shown(value)}: give {wanted}.")
+    refuse(not fits, f"{name} is {echo(value)}: give {wanted}.")
     return int(value)
 
 
@@ -90,25 +90,25 @@ def numbers(name: str, values: Any, wanted: str, **bounds: float) -> list[float]
     """`values`, refused unless they are a list of one or more numbers within the bounds of
     [`number`][], each once."""
     listed = isinstance(values, list | tuple) and len(values) > 0
-    refuse(not listed, f"{name} is {shown(values)}: give a list of {wanted}.")
+    refuse(not listed, f"{name} is {echo(values)}: give a list of {wanted}.")
     each = [float(number(f"{name}[{i}]", v, wanted, **bounds)) for i, v in enumerate(values)]
-    refuse(len(set(each)) < len(each), f"{name} is {shown(values)}: give each number once.")
+    refuse(len(set(each)) < len(each), f"{name} is {echo(values)}: give each number once.")
     return each
 
 
 def number_range(name: str, ends: Any, wanted: str, **bounds: float) -> tuple[float, float]:
     """`ends`, which are refused unless they are two numbers within the bounds, and increase."""
     listed = isinstance(ends, list | tuple) and len(ends) == 2
-    refuse(not listed, f"{name} is {shown(ends)}: give [least, greatest], {wanted}.")
+    refuse(not listed, f"{name} is {echo(ends)}: give [least, greatest], {wanted}.")
     low, high = (float(number(f"{name}[{i}]", v, wanted, **bounds)) for i, v in enumerate(ends))
-    refuse(high <= low, f"{name} is {shown(ends)}: give [least, greatest], that increase.")
+    refuse(high <= low, f"{name} is {echo(ends)}: give [least, greatest], that increase.")
     return low, high
 
 
 def choice(name: str, value: Any, options: Collection[str]) -> str:
     """`value`, which is refused unless it is one of `options`."""
     fits = isinstance(value, str) and value in options
-    refuse(not fits, f"{name} is {shown(value)}: give one of {', '.join(options)}.")
+    refuse(not fits, f"{name} is {echo(value)}: give one of {', '.join(options)}.")
     return value
 
 
@@ -117,7 +117,7 @@ def check_name(key: str, name: Any, options: Collection[str]) -> None:
     [`nearest`][] one."""
     refuse(
         name not in options,
-        f"{key} names {shown(name)}: {nearest(name, options)}it can name {', '.join(options)}.",
+        f"{key} names {echo(name)}: {nearest(name, options)}it can name {', '.join(options)}.",
     )
 
 
@@ -130,14 +130,14 @@ def nearest(name: Any, options: Collection[str]) -> str:
 def of_kind(name: str, value: Any, kind: type[Kind], wanted: str) -> Kind:
     """`value`, which is refused unless it derives from the base `kind`."""
     if not isinstance(value, kind):
-        raise BadInput(f"{name} is {shown(value)}: give {wanted}.")
+        raise BadInput(f"{name} is {echo(value)}: give {wanted}.")
     return value
 
 
 def all_of_kind(name: str, values: Any, kind: type[Kind], wanted: str) -> tuple[Kind, ...]:
     """`values`, a list or tuple, refused unless each derives from the base `kind`."""
     if not isinstance(values, list | tuple):
-        raise BadInput(f"{name} is {shown(values)}: give a list of {wanted}.")
+        raise BadInput(f"{name} is {echo(values)}: give a list of {wanted}.")
     return tuple(
         of_kind(f"{name}[{at}]", each, kind, f"one of {wanted}") for at, each in enumerate(values)
     )
@@ -146,7 +146,7 @@ def all_of_kind(name: str, values: Any, kind: type[Kind], wanted: str) -> tuple[
 def mapping(name: str, value: Any, wanted: str = "a mapping of its keys") -> Mapping[str, Any]:
     """`value`, which is refused unless it is a mapping."""
     if not isinstance(value, Mapping):
-        raise BadInput(f"{name} is {shown(value)}: give {wanted}.")
+        raise BadInput(f"{name} is {echo(value)}: give {wanted}.")
     return value
 
 
@@ -158,7 +158,7 @@ def is_number(value: Any) -> TypeGuard[float]:
         return False
 
 
-def shown(value: Any) -> str:
+def echo(value: Any) -> str:
     """An invalid value as in the configuration, cut short."""
     word = value is None or isinstance(value, bool)
     try:

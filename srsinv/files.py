@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from srsinv.atomic import opened
-from srsinv.errors import BadInput, refuse, shown
+from srsinv.errors import BadInput, echo, refuse
 
 LARGEST_FILE = 2**32  # bytes: 1e8 numbers written to 17 digits, and half as much again
 _LONGEST = 200  # characters of a path that is shown as it is
@@ -57,7 +57,7 @@ def path_of(value: Any, key: str) -> Path:
     """
     refuse(
         not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes),
-        f"{key} is {shown(value)}: give the name of a file.",
+        f"{key} is {echo(value)}: give the name of a file.",
     )
     text = os.fspath(value)
     refuse(
@@ -174,8 +174,8 @@ def read_json(path: Path, *, what: str, most: int, key: str, below: Path | None 
     except (ValueError, RecursionError) as error:
         reason = "not UTF-8" if isinstance(error, UnicodeDecodeError) else _reason(error)
         raise BadInput(
-            f"{_shown(path)}: the {what} is no JSON as srsinv writes it ({reason}): run again the "
-            "command that wrote it."
+            f"{_path_text(path)}: the {what} is no JSON as srsinv writes it ({reason}): run "
+            "again the command that wrote it."
         ) from error
 
 
@@ -198,7 +198,7 @@ def mapping_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     mapping: dict[str, Any] = {}
     for key, value in pairs:
         if key in mapping:
-            raise ValueError(f"the key {shown(key)} stands twice")
+            raise ValueError(f"the key {echo(key)} stands twice")
         mapping[key] = value
     return mapping
 
@@ -247,12 +247,12 @@ def _opened(path: Path, what: str, key: str, below: Path | None) -> int:
         raise BadInput(_no_such_file(path, what, key)) from error
     except PermissionError as error:
         raise BadInput(
-            f"{_shown(path)}: the {what} may not be read: change its permissions."
+            f"{_path_text(path)}: the {what} may not be read: change its permissions."
         ) from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "no path of this system"
         raise BadInput(
-            f"{_shown(path)}: the {what} cannot be opened ({reason.lower()}): check {key}=..."
+            f"{_path_text(path)}: the {what} cannot be opened ({reason.lower()}): check {key}=..."
         ) from error
     try:
         _check_kind(os.fstat(descriptor).st_mode, path, what, key)
@@ -284,8 +284,8 @@ def _check_kind(mode: int, path: Path, what: str, key: str) -> None:
         }
         kind = kinds.get(stat.S_IFMT(mode), "a device")
         raise BadInput(
-            f"{_shown(path)}: this is {kind} where the {what} is expected: name a regular file by "
-            f"{key}=..."
+            f"{_path_text(path)}: this is {kind} where the {what} is expected: name a regular "
+            f"file by {key}=..."
         )
 
 
@@ -298,10 +298,10 @@ def _no_such_file(path: Path, what: str, key: str) -> str:
     alike = [name for name in names if Path(name).suffix.lower() == path.suffix.lower()]
     near = nearest(path.name, alike)
     hint = f"did you mean {quoted(near)}?" if near else f"check {key}=..."
-    return f"{_shown(path)}: there is no such {what}: {hint}"
+    return f"{_path_text(path)}: there is no such {what}: {hint}"
 
 
-def _shown(path: Path) -> str:
+def _path_text(path: Path) -> str:
     """A path as it is, its end alone where it is long."""
     text = str(path)
     text = text if len(text) <= _LONGEST else f"…{text[-_SHOWN:]}"

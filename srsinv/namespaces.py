@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from .errors import BadInput, shown
+from .errors import BadInput, echo
 
 _JOB = re.compile(r"(srsinv\.jobs|experiments|plugins)\..+\.run")
 
@@ -179,7 +179,7 @@ def load_job(name: Any, root: Path) -> FunctionType:
     job = definition(name) if is_job else None
     if not isinstance(job, FunctionType):
         raise BadInput(
-            f"job is {shown(name)}, which is no function run of a module in srsinv.jobs or in the "
+            f"job is {echo(name)}, which is no function run of a module in srsinv.jobs or in the "
             "experiments: leave it as the experiment has it."
         )
     return job

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
-from .errors import BadInput, mapping, refuse, shown
+from .errors import BadInput, echo, mapping, refuse
 from .namespaces import definition
 
 # The base of each kind of part, by configuration group or by the name of the slot; resolved when a
@@ -95,7 +95,7 @@ def class_of(node: Any, name: str, kind: str) -> type:
     made = definition(target)
     refuse(
         not inspect.isclass(made),
-        f"{name}.{TARGET} is {shown(target)}, which is no class of srsinv, of the experiments or "
+        f"{name}.{TARGET} is {echo(target)}, which is no class of srsinv, of the experiments or "
         f"of {_PLUGINS}: name one as {_public(target) or 'package.module.Class'}, where it is "
         "defined.",
     )
@@ -103,14 +103,14 @@ def class_of(node: Any, name: str, kind: str) -> type:
     bases = tuple(map(base_of, KINDS[kind]))
     refuse(
         not issubclass(made, bases),
-        f"{name}.{TARGET} is {shown(target)}, which cannot stand there: name a class that derives "
+        f"{name}.{TARGET} is {echo(target)}, which cannot stand there: name a class that derives "
         f"from {' or '.join(f'srsinv.kinds.{base.__name__}' for base in bases)}.",
     )
     kinds = ("__abstractmethods__", "__abstractvars__", "__abstractclassvars__")
     undefined = ", ".join(sorted(name for kind in kinds for name in getattr(made, kind, ())))
     refuse(
         bool(undefined),
-        f"{name}.{TARGET} is {shown(target)}, which leaves {undefined} undefined: name a class "
+        f"{name}.{TARGET} is {echo(target)}, which leaves {undefined} undefined: name a class "
         "that derives from it and defines that.",
     )
     return made
@@ -135,7 +135,7 @@ def _check_keys(made: type, node: Mapping[str, Any], name: str) -> None:
     unknown = [key for key in keys if key not in known and (not takes_any or _is_private(key))]
     refuse(
         bool(unknown),
-        f"{name} has no key {unknown and shown(unknown[0])}: {made.__name__} takes {listed}.",
+        f"{name} has no key {unknown and echo(unknown[0])}: {made.__name__} takes {listed}.",
     )
     needed = {key for key, each in known.items() if each.default is each.empty}
     missing = sorted(needed - set(keys))
@@ -162,7 +162,7 @@ def _check_inside(value: Any, name: str, kind: str | None, depth: int = 1) -> No
         for key, each in value.items():
             refuse(
                 _is_private(key),
-                f"{name} has the key {shown(key)}, and no part is made there: leave it out.",
+                f"{name} has the key {echo(key)}, and no part is made there: leave it out.",
             )
             _check_inside(each, f"{name}.{key}", kind, depth + 1)
 

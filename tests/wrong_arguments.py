@@ -177,7 +177,7 @@ def samples():
 
 def problem():
     """On cells of the samples' own."""
-    return samples().on_line()
+    return samples().to_grid()
 
 
 def long_problem():

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from srsinv.errors import number, refuse
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import as_real
-from srsinv.inverse.features.search import apart
+from srsinv.inverse.features.search import separated
 from srsinv.inverse.nonlinear import Fit, fit
 from srsinv.resolution import cell_m
 
@@ -159,7 +159,7 @@ class _RidgeBank:
         explained = np.sum(
             projections * np.linalg.solve(self._gram, projections[..., None])[..., 0], axis=-1
         )
-        chosen = self._tried[apart(list(self._tried.T), explained)]
+        chosen = self._tried[separated(list(self._tried.T), explained)]
         return np.stack([np.rad2deg(chosen[:, 0]), chosen[:, 1]], axis=1)
 
 

@@ -28,9 +28,9 @@ class KnownPasses:
     def means(self, passes: int, key: Array) -> "MeanPasses":
         """Means over so many passes each way, with noise and bursts of their own."""
         rows, power, scatter = [], [], []
-        for way, sim in enumerate((self.onwards, self.back)):
-            clean, sign = sim.signal(), 1 - 2 * way
-            keys = jax.random.split(jax.random.fold_in(key, way), passes)
+        for direction, sim in enumerate((self.onwards, self.back)):
+            clean, sign = sim.signal(), 1 - 2 * direction
+            keys = jax.random.split(jax.random.fold_in(key, direction), passes)
             each = [with_noise(sim.scenario.noises, sim.line, sim.scan, clean, one) for one in keys]
             signals, spectrum = np.stack([np.asarray(one[0]) for one in each]), each[0][1]
             rows.append(sign * signals.mean(axis=0))

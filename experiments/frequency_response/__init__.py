@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 from srsinv import config
-from srsinv.errors import choice, number, number_range, refuse, shown, whole
+from srsinv.errors import choice, echo, number, number_range, refuse, whole
 from srsinv.forward.knife_edge import KnifeEdge, VibratingEdge
 from srsinv.forward.vibration import apparent_frequency_hz
 from srsinv.report.data import dataset, scalars
@@ -84,7 +84,7 @@ def _checked(settings: Any) -> dict[str, Any]:
     drives = given["drives"]
     refuse(
         not (drives is None or isinstance(drives, list)),
-        f"{NAME}.drives is {shown(drives)}: give a list of {', '.join((LOAD, *POWERS))}, or null.",
+        f"{NAME}.drives is {echo(drives)}: give a list of {', '.join((LOAD, *POWERS))}, or null.",
     )
     for each in drives or ():
         choice(f"{NAME}.drives", each, (LOAD, *POWERS))

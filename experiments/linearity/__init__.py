@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 from srsinv import config
-from srsinv.errors import choice, number, number_range, numbers, refuse, shown, whole
+from srsinv.errors import choice, echo, number, number_range, numbers, refuse, whole
 from srsinv.forward.knife_edge import KnifeEdge
 from srsinv.report.data import dataset
 from srsinv.report.result import Result
@@ -56,7 +56,7 @@ def _checked(settings: Any) -> dict[str, Any]:
     controls = given["controls"]
     refuse(
         not (controls is None or (isinstance(controls, list) and controls)),
-        f"{NAME}.controls is {shown(controls)}: give a list of {', '.join(CONTROLS)}, or null.",
+        f"{NAME}.controls is {echo(controls)}: give a list of {', '.join(CONTROLS)}, or null.",
     )
     for each in controls or ():
         choice(f"{NAME}.controls", each, CONTROLS)

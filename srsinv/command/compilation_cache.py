@@ -17,7 +17,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-from ..errors import refuse, shown
+from ..errors import echo, refuse
 
 MOST_BYTES = 2**28  # some 10,000 programs; a run has about 50, of 25 kB each
 _LEFT = 0.75  # of these bytes, after the least recently used are removed
@@ -35,7 +35,8 @@ def compilation_cache(wanted: bool, most_bytes: int = MOST_BYTES) -> Iterator[No
     nothing is cached. Raises `BadInput` where `wanted` is no bool.
     """
     refuse(
-        not isinstance(wanted, bool), f"compilation_cache is {shown(wanted)}: give true or false."
+        not isinstance(wanted, bool),
+        f"compilation_cache is {echo(wanted)}: give true or false.",
     )
     folder = _usable_folder() if wanted else None
     with nullcontext() if folder is None else _caching(folder, most_bytes):

@@ -12,7 +12,7 @@ from typing import Any
 from hydra.core.override_parser.types import Override
 from omegaconf import DictConfig, OmegaConf
 
-from ..errors import refuse, shown
+from ..errors import echo, refuse
 
 _PLUGINS = "hydra_plugins"
 NO_LOGGERS = {"version": 1, "root": None, "disable_existing_loggers": False}
@@ -90,7 +90,7 @@ def check_hydra_settings(config: DictConfig) -> None:
         target, *inner = [*_targets(node)] or [None]
         refuse(
             target not in allowed or bool(inner),
-            f"hydra.{part} would make {shown(inner[0] if inner else target)}: leave it out, or "
+            f"hydra.{part} would make {echo(inner[0] if inner else target)}: leave it out, or "
             f"choose one of {', '.join(name.rpartition('.')[2] for name in allowed)}.",
         )
     refuse(
@@ -110,12 +110,12 @@ def check_hydra_settings(config: DictConfig) -> None:
     batch = sweeper.get("max_batch_size")
     refuse(
         batch is not None and not (isinstance(batch, int) and batch >= 1),
-        f"hydra.sweeper.max_batch_size is {shown(batch)}: give a whole number from 1, or null.",
+        f"hydra.sweeper.max_batch_size is {echo(batch)}: give a whole number from 1, or null.",
     )
     paths = settings.get("searchpath") or []
     refuse(
         not isinstance(paths, list) or not all(str(path).startswith("file://") for path in paths),
-        f"hydra.searchpath is {shown(paths)}: add a folder of your own options with --config-dir "
+        f"hydra.searchpath is {echo(paths)}: add a folder of your own options with --config-dir "
         "FOLDER.",
     )
     refuse(

@@ -52,7 +52,7 @@ def stoppable(main: Callable[..., int]) -> Callable[..., int]:
     return wrapped
 
 
-def apart(work: Callable[[], Value]) -> Value:
+def in_own_thread(work: Callable[[], Value]) -> Value:
     """Run `work` in a thread of its own, and return or raise as it does: a signal is then handled
     at once, though compiled code, which handles none, may be running for minutes."""
     if threading.current_thread() is not threading.main_thread():

@@ -30,7 +30,7 @@ from .compilation_cache import compilation_cache
 from .folders import run
 from .hydra_settings import check_hydra_settings, check_typed
 from .identity import identity, resolved
-from .interrupts import apart, uninterrupted
+from .interrupts import in_own_thread, uninterrupted
 from .option_files import guard_files
 from .outcome import DONE, FAULT, Outcome, say
 from .overrides import check
@@ -113,7 +113,7 @@ class LaunchedTask:
         folder = Path(HydraConfig.get().runtime.output_dir)
         try:
             with claim(folder) as held:
-                result, write = apart(lambda: self._run(config))
+                result, write = in_own_thread(lambda: self._run(config))
                 uninterrupted(lambda: write(held))
             _show_result(result, folder)
         except BadInput as refusal:

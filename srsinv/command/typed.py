@@ -15,7 +15,7 @@ from hydra.errors import HydraException, OverrideParseException
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from yaml import YAMLError
 
-from ..errors import BadInput, refuse, shown
+from ..errors import BadInput, echo, refuse
 from .help import experiments
 
 DEEPEST = 20  # brackets within each other: Hydra's parser calls itself for each
@@ -64,7 +64,7 @@ def parse(overrides: Sequence[str], root: Path) -> list[Override]:
         key, _, value = override.partition("=")
         refuse(
             value.strip().startswith("glob("),
-            f"{shown(override)} leaves the options to srsinv: name them, as {key}=A,B with -m",
+            f"{echo(override)} leaves the options to srsinv: name them, as {key}=A,B with -m",
         )
         _check_word(override, root)
     with refusing():
@@ -80,7 +80,7 @@ def _check_parsable(override: str) -> None:
     deepest = max(levels, default=0)
     refuse(
         deepest > DEEPEST or len(override) > MOST_CHARACTERS,
-        f"{shown(override)} has {len(override)} characters in {deepest} levels of brackets: give "
+        f"{echo(override)} has {len(override)} characters in {deepest} levels of brackets: give "
         f"at most {MOST_CHARACTERS} in {DEEPEST}, or a file of your own with --config-dir FOLDER.",
     )
     try:
@@ -89,7 +89,7 @@ def _check_parsable(override: str) -> None:
         is_text = False
     refuse(
         not is_text and override != "",
-        f"{shown(override)} holds characters that are no text (UTF-8): rename what it names.",
+        f"{echo(override)} holds characters that are no text (UTF-8): rename what it names.",
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import refuse, shown
+from ..errors import echo, refuse
 from ..forward.scenario import Scenario
 from ..grid import Line
 from ._effect import Effect, Order
@@ -155,7 +155,7 @@ def _bound(name: str, effect: Effect, beside: ReferenceSpectra) -> float:
     is_one: Any = isinstance(bound, Real) or getattr(bound, "shape", None) == ()
     refuse(
         not (is_one and float(bound) >= 0),
-        f"effects.{name} bounds its change by {shown(bound)}: give a number that is at least 0, "
+        f"effects.{name} bounds its change by {echo(bound)}: give a number that is at least 0, "
         "infinite where none is known.",
     )
     return float(bound)

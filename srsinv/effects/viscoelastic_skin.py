@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import number, refuse, shown
+from ..errors import echo, number, refuse
 from ..forward.scenario import Scenario
 from ..forward.viscoelastic import Viscoelastic
 from ..grid import as_real
@@ -30,7 +30,7 @@ class ViscoelasticSkin(Effect):
         for name, values in (("fractions", fractions), ("times_s", times_s)):
             key = f"effects.viscoelastic_skin.{name}"
             listed = isinstance(values, list | tuple) and len(values) > 0
-            refuse(not listed, f"{key} is {shown(values)}: give a list of numbers, one a term.")
+            refuse(not listed, f"{key} is {echo(values)}: give a list of numbers, one a term.")
             for value in values:
                 number(key, value, "positive numbers, one a term", above=0)
         refuse(

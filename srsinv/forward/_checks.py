@@ -5,7 +5,7 @@ import numbers
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..errors import all_of_kind, of_kind, refuse, shown, whole
+from ..errors import all_of_kind, echo, of_kind, refuse, whole
 from .amplifier import Amplifier
 from .filter import Filter
 from .skin import STRESSES, Skin
@@ -29,7 +29,7 @@ def check_poles(filter: Filter) -> None:
     fits = np.all(np.real(poles) < 0) and np.all(np.abs(np.abs(poles) - 1) < SAME)
     refuse(
         not (poles.size and fits) or bool(np.any(apart < SAME) or np.any(unpaired)),
-        f"{name} is {shown(filter.poles)}: give one or more, each once, of modulus 1 and a "
+        f"{name} is {echo(filter.poles)}: give one or more, each once, of modulus 1 and a "
         "negative real part, complex ones with their conjugates.",
     )
 
@@ -41,7 +41,7 @@ def stress_in(
     stress, wanted = skin.transfer(k, depth_m), (len(STRESSES), 2, *k.shape)
     refuse(
         getattr(stress, "shape", None) != wanted,
-        f"{type(skin).__name__}.transfer gives {shown(stress)}: give the stresses "
+        f"{type(skin).__name__}.transfer gives {echo(stress)}: give the stresses "
         f"{', '.join(STRESSES)} under p and q at every k, of the shape {wanted}.",
     )
     return stress

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..errors import is_number, number, refuse, shown
+from ..errors import echo, is_number, number, refuse
 from ..grid import Scalar, as_real
 
 
@@ -35,7 +35,7 @@ class Amplifier(eqx.Module):
         gain, shape = self.gain(speed_m_per_s), jnp.shape(speed_m_per_s)
         refuse(
             not (is_number(gain) or getattr(gain, "shape", None) in ((), shape)),
-            f"{type(self).__name__}.gain gives {shown(gain)} for speeds of the shape {shape}: give "
+            f"{type(self).__name__}.gain gives {echo(gain)} for speeds of the shape {shape}: give "
             "a number for each speed, or one for all.",
         )
         return jnp.broadcast_to(gain, shape)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadInput, choice, mapping, number, refuse, shown
+from ..errors import BadInput, choice, echo, mapping, number, refuse
 from .film import ORIENTATIONS_RAD, Film, Piezo
 
 _LENGTH = "a positive length in metres"
@@ -39,7 +39,7 @@ def elements(description: Mapping[str, Any]) -> tuple[Film, ...]:
         )
     refuse(
         not isinstance(listed, Mapping | list | tuple),
-        f"sensor.elements is {shown(listed)}: give a mapping or a list of elements, each with "
+        f"sensor.elements is {echo(listed)}: give a mapping or a list of elements, each with "
         "orientation, strip_width_m and active_length_m.",
     )
     named = listed.items() if isinstance(listed, Mapping) else enumerate(listed)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import equinox as eqx
 import numpy as np
 
-from ..errors import BadInput, is_number, number, of_kind, refuse, shown
+from ..errors import BadInput, echo, is_number, number, of_kind, refuse
 from ..grid import Scalar
 from ..modules import with_fields
 from .traction import Bars, Hertz, LineLoad, Pressure, Step, UniformStrip
@@ -51,7 +51,7 @@ class Axis:
     near every minimum."""
 
     default: Callable[[ScanExtent], Range]
-    tried: Callable[[Range, ScanExtent], np.ndarray]
+    starts: Callable[[Range, ScanExtent], np.ndarray]
     limits: Range = (-math.inf, math.inf)
 
 
@@ -94,15 +94,15 @@ class ShapeFamily(_Module):
         default = {name: axis.default(stretch) for name, axis in self.axes.items()}
         return default | dict(self.search_ranges)
 
-    def tried(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
+    def axis_starts(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
         """Values of each parameter of the shape to start from. Raises `BadInput` for a family of
         one's own that has none."""
         ranges = self.ranges(stretch)
-        values = {name: axis.tried(ranges[name], stretch) for name, axis in self.axes.items()}
+        values = {name: axis.starts(ranges[name], stretch) for name, axis in self.axes.items()}
         for name, each in values.items():
             refuse(
                 np.ndim(each) != 1 or not np.all(np.isfinite(each)) or not np.size(each),
-                f"{type(self).__name__}.axes[{name!r}] tries {shown(each)}: give one or more "
+                f"{type(self).__name__}.axes[{name!r}] tries {echo(each)}: give one or more "
                 "numbers to start from.",
             )
         return values
@@ -183,7 +183,7 @@ class Feature(ShapeFamily):
 
         Raises `BadInput` for more than `MOST_STARTS`.
         """
-        tried = self.tried(stretch)
+        tried = self.axis_starts(stretch)
         self.refuse_many(tried, stretch, MOST_STARTS)
         rows = np.array(list(itertools.product(*tried.values())))
         return dict(zip(self.axes, rows.T, strict=True))
@@ -265,7 +265,7 @@ def _range(name: str, given: Any, limits: Range) -> Range:
     if not pair or not given[0] < given[1] or not (limits[0] < given[0] and given[1] < limits[1]):
         room = "" if limits[0] == -math.inf else f" between {limits[0]:g} and {limits[1]:g}"
         raise BadInput(
-            f"feature.{name} is {shown(given)}: give [least, greatest]{room} in SI units, or null "
+            f"feature.{name} is {echo(given)}: give [least, greatest]{room} in SI units, or null "
             "to look everywhere."
         )
     return float(given[0]), float(given[1])

@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Complex, Float
 
-from ..errors import BadInput, mapping, number, refuse, shown
+from ..errors import BadInput, echo, mapping, number, refuse
 from ..grid import as_real
 from ..quantities import quantity
 from .antiplane import Antiplane, AntiplaneHalfSpace
@@ -249,7 +249,7 @@ def layers_of(layers: Any, key: str) -> list[Layer]:
     `BadInput` for anything else, which it calls `key`.layers."""
     if not isinstance(layers, Mapping | list | tuple) or not layers:
         raise BadInput(
-            f"{key}.layers is {shown(layers)}: give a list of layers, or a mapping of them by "
+            f"{key}.layers is {echo(layers)}: give a list of layers, or a mapping of them by "
             "name, from the surface down."
         )
     named = layers.items() if isinstance(layers, Mapping) else enumerate(layers)

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
-from ..errors import number, refuse, shown
+from ..errors import echo, number, refuse
 from ..grid import Line, as_real
 from .scan import ConstantSpeed
 
@@ -187,7 +187,7 @@ def _power(noise: Noise, line: Line, scan: ConstantSpeed, signal_rms) -> Float[A
     power, wanted = noise.spectrum(line, scan, signal_rms), line.k.shape
     refuse(
         getattr(power, "shape", None) != wanted or jnp.iscomplexobj(power),
-        f"{type(noise).__name__}.spectrum gives {shown(power)}: give the power at every wavenumber "
+        f"{type(noise).__name__}.spectrum gives {echo(power)}: give the power at every wavenumber "
         f"of line.k, an array of real numbers of the shape {wanted}.",
     )
     return power

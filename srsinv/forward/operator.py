@@ -69,7 +69,8 @@ class MotionOperator(Operator):
       the first sample the signal was what it is there.
     - `end` (e, c, sample): the signal, ahead of the filters, of unit traction on everything beyond
       the line's last cell; None where nothing goes on there.
-    - `ways`: whether the sensor slides towards +x, and towards -x: True and False, in this order.
+    - `directions` of motion: True where the sensor slides towards +x, False towards -x, in this
+      order.
 
     Coulomb friction turns with the motion, q = sign(u) mu p. In this idealisation the shear jumps
     at the instant of reversal and sends an impulse of current; no sample stands at that instant,
@@ -84,7 +85,7 @@ class MotionOperator(Operator):
     filters: tuple[Filter, ...] = ()
     interval_s: Float[Array, ""] | None = None
     end: Float[Array, "e c sample"] | None = None
-    ways: tuple[bool, ...] = eqx.field(static=True, default=(True, False))
+    directions: tuple[bool, ...] = eqx.field(static=True, default=(True, False))
 
     def __call__(
         self,
@@ -102,8 +103,8 @@ class MotionOperator(Operator):
     def _before_filters(self, traction, end) -> Float[Array, "e sample"]:
         if traction.ndim == 3:
             ahead, back = (
-                self._before_filters(own, None if end is None else end[way])
-                for way, own in enumerate(traction)
+                self._before_filters(own, None if end is None else end[direction])
+                for direction, own in enumerate(traction)
             )
             return jnp.where(self.direction[None] < 0, back, ahead)
         signal = self.gain[None] * self.interpolation(self.field(traction))
@@ -117,8 +118,8 @@ class MotionOperator(Operator):
         if not each_way:
             return self._adjoint(y)
         turned = self.direction[None] < 0
-        ways = jnp.where(turned, 0.0, y), jnp.where(turned, y, 0.0)
-        return jnp.stack([self._adjoint(own) for own in ways])
+        directions = jnp.where(turned, 0.0, y), jnp.where(turned, y, 0.0)
+        return jnp.stack([self._adjoint(own) for own in directions])
 
     def _adjoint(self, y: Float[Array, "e sample"]) -> Float[Array, "c n"]:
         return self.field.adjoint(self.interpolation.adjoint(self.gain[None] * y))

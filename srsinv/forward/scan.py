@@ -128,11 +128,11 @@ class Motion(eqx.Module):
         return (self.time_s.size - 1) / float(last - first)
 
     @property
-    def ways(self) -> tuple[bool, ...]:
+    def directions(self) -> tuple[bool, ...]:
         """Whether the sensor slides towards +x, and towards -x: True and False, in this order. Of a
         motion that is not traced."""
         onwards = np.asarray(self.direction) >= 0
-        return tuple(way for way in (True, False) if np.any(onwards == way))
+        return tuple(direction for direction in (True, False) if np.any(onwards == direction))
 
 
 @jax.jit

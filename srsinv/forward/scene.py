@@ -215,7 +215,7 @@ class SurfaceScene(Scene):
         return _height(self.surface, line)
 
     def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:
-        forward, backward = (self.surface.friction(line, way) for way in (True, False))
+        forward, backward = (self.surface.friction(line, direction) for direction in (True, False))
         return jnp.where(direction < 0, backward, forward)
 
     def background(self, direction: Scalar = 1.0) -> Float[Array, "2"]:

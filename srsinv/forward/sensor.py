@@ -169,15 +169,15 @@ class Sensor(eqx.Module):
         line: Line,
         motion: Motion,
         reach_m: float | None = None,
-        ways: tuple[bool, ...] = (True, False),
+        directions: tuple[bool, ...] = (True, False),
     ) -> MotionOperator:
         """From traction on a line to the recorded signal less its offset, at every sample of a
         measured motion.
 
-        `reach_m`: how far traction may go on beyond the line's last cell; None: nowhere. `ways`: as
-        the motion has them, where that is known. Raises `BadInput` for an amplifier that needs a
-        constant speed, for a motion beyond the ends of an open line, and with filters for samples
-        that are not evenly spaced.
+        `reach_m`: how far traction may go on beyond the line's last cell; None: nowhere.
+        `directions`: as the motion has them, where that is known. Raises `BadInput` for an
+        amplifier that needs a constant speed, for a motion beyond the ends of an open line, and
+        with filters for samples that are not evenly spaced.
         """
         gain, field = self.amplifier.at_speed(motion.speed_m_per_s), self._field()
         interval = even_interval(motion.time_s) if self.filters else None
@@ -188,7 +188,7 @@ class Sensor(eqx.Module):
         return MotionOperator(
             line, line.operator(field),
             PositionInterpolation(line, motion.position_m), gain, motion.direction, self.filters,
-            interval, end, ways,
+            interval, end, directions,
         )  # fmt: skip
 
     def _field(self) -> FilmSignal:

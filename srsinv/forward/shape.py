@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..errors import number, refuse, shown
+from ..errors import echo, number, refuse
 from ..grid import Line, as_real
 
 
@@ -60,7 +60,7 @@ def follows(value: Any) -> str:
     """One of `FOLLOWS`."""
     refuse(
         value not in FOLLOWS,
-        f"friction_follows is {shown(value)}: give motion (the leading edge of each direction) or "
+        f"friction_follows is {echo(value)}: give motion (the leading edge of each direction) or "
         "edge (the same edge both ways).",
     )
     return value

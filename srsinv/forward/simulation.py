@@ -84,8 +84,8 @@ class Simulation(eqx.Module):
             speed, profiles = float(self.scan.speed_m_per_s), self.scenario.recorder.speed_profiles
             return self.signal_along(denser(motion, times, speed, profiles))[:, ::times]
         own = float(self.scan.direction)
-        traction, ways = self.traction(self.fine), motion.ways
-        if len(ways) > 1:
+        traction, directions = self.traction(self.fine), motion.directions
+        if len(directions) > 1:
             refuse_both_ways(self.sensor.skin)
             back = deviation(self.scene, self.fine, -self.scan.direction, self._periodic)
             # The scan's own direction is that of a motion towards +x, or towards -x.

@@ -8,7 +8,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ..errors import BadInput, is_number, number, of_kind, refuse, shown
+from ..errors import BadInput, echo, is_number, number, of_kind, refuse
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..grid import Line, Operator, as_real
@@ -46,7 +46,7 @@ class Problem(eqx.Module):
     - `name`: for messages. `warnings`: sentences on the signal, which every estimate takes over.
 
     It is made of numbers that are known, outside `jax.jit`. A method chooses its line, and takes
-    the signals as they are (`samples`) or put on cells (`on_line`). Raises `BadInput` where shapes
+    the signals as they are (`samples`) or put on cells (`to_grid`). Raises `BadInput` where shapes
     disagree, for a window that is none, and numbers out of their range.
     """
 
@@ -65,7 +65,7 @@ class Problem(eqx.Module):
     position_step_m: float = eqx.field(static=True)
     rounding: Float[np.ndarray, "e sample"] | None
     modulus_Pa: float | None = eqx.field(static=True)
-    way: bool | None = eqx.field(static=True)
+    direction: bool | None = eqx.field(static=True)
     name: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
 
@@ -97,7 +97,7 @@ class Problem(eqx.Module):
         )
         offset = sensor.amplifier.offset
         self.sensor, self.motion, self.name = sensor, motion, name
-        self.warnings, self.way, self.modulus_Pa = (), None, modulus_Pa
+        self.warnings, self.direction, self.modulus_Pa = (), None, modulus_Pa
         self.position_step_m, self.rounding = float(position_step_m), None
         self.off_place = np.zeros((len(signal), 0, signal.shape[1]))
         self.observed = np.isfinite(signal)
@@ -126,7 +126,7 @@ class Problem(eqx.Module):
         """The line that the samples are the cells of: there is none."""
 
     @property
-    def passed(self) -> None:
+    def scanned(self) -> None:
         """Which of its cells they are: none."""
 
     @property
@@ -163,12 +163,12 @@ class Problem(eqx.Module):
 
     def operator(self, line: Line) -> Operator:
         """From traction on a line to the signals at every sample."""
-        return self.sensor.operator_along(line, self.motion, ways=self.motion.ways)
+        return self.sensor.operator_along(line, self.motion, directions=self.motion.directions)
 
     def samples(self) -> Samples:
         """The signals along the motion, those of its own way alone where it has one."""
         y = np.where(self.observed, np.asarray(self.data), np.nan)
-        if self.way is not None:
+        if self.direction is not None:
             y = np.where(is_within(self._own_passes, y.shape[1]), y, np.nan)
         noise = self.noise.of_fit(self.name, self.motion, y, self.rounding)
         is_estimate = self.noise.is_estimate and not self.noise.causes
@@ -196,7 +196,9 @@ class Problem(eqx.Module):
     @property
     def _own_passes(self) -> list[Pass]:
         every = passes_of(np.asarray(self.motion.position_m))
-        return [each for each in every if self.way is None or each.is_onwards == self.way]
+        return [
+            each for each in every if self.direction is None or each.is_onwards == self.direction
+        ]
 
     @property
     def _sampled(self) -> SampledSignals:
@@ -205,7 +207,7 @@ class Problem(eqx.Module):
         known = self.sensor, self.motion, y, self.nuisance_columns, self.noise
         return SampledSignals(self.name, *known)
 
-    def on_line(self, cell_m: float | None = None) -> LineProblem:
+    def to_grid(self, cell_m: float | None = None) -> LineProblem:
         """The signals put on the cells of an open line over the window.
 
         Cells are the problem's own `cell_m` wide, or else as given here, or else a sixteenth of the
@@ -213,7 +215,7 @@ class Problem(eqx.Module):
         element is there once for each way; q is that of sliding towards +x. Raises `BadInput` for
         a scan shorter than three cells.
         """
-        on = on_cells(self._sampled, self.window_m, self.cell_m or cell_m, self.way)
+        on = on_cells(self._sampled, self.window_m, self.cell_m or cell_m, self.direction)
         return LineProblem.of_sensor(
             on.line,
             on.sensor,
@@ -227,7 +229,7 @@ class Problem(eqx.Module):
             background_Pa=(self.nominal_pressure_Pa, None),
             # By the passes back alone q is what acts in them.
             friction=-self.friction
-            if self.friction is not None and self.way is False
+            if self.friction is not None and self.direction is False
             else self.friction,
             passes=on.passes,
             rig=self.rig,
@@ -235,9 +237,9 @@ class Problem(eqx.Module):
             warnings=(*self.warnings, *(on.passes.warnings if on.passes else ())),
         )
 
-    def of_way(self, is_onwards: bool) -> "Problem":
+    def of_direction(self, is_onwards: bool) -> "Problem":
         """The same problem, on a line by the passes towards +x alone, or towards -x."""
-        return with_fields(self, way=is_onwards)
+        return with_fields(self, direction=is_onwards)
 
 
 def _numbers(name: str, signal: Any) -> Float[np.ndarray, "..."]:
@@ -261,6 +263,6 @@ def _pair(window_m: Any) -> tuple[float, float]:
     is_window = is_pair and all(map(is_number, window_m)) and window_m[0] < window_m[1]
     refuse(
         not is_window,
-        f"window_m is {shown(window_m)}: give (start, end) in metres, around the scan.",
+        f"window_m is {echo(window_m)}: give (start, end) in metres, around the scan.",
     )
     return float(window_m[0]), float(window_m[1])

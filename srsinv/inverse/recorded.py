@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import false_alarm
 from ..errors import BadInput, of_kind, refuse
 from ..forward.amplifier import CurrentAmplifier
 from ..forward.describe import elements
@@ -16,7 +17,7 @@ from ..forward.skin import HalfSpace
 from ..recording import Recording
 from ..recording._speed import position_step
 from ..recording.channels import channel_findings
-from ..recording.drift import FALSE_ALARM_WHERE_NAMED, drift_of, shared_levels
+from ..recording.drift import drift_of, shared_levels
 from ..recording.even import VOLTS, check_volts, on_even_times
 from ..recording.mains import MainsLine, mains_lines
 from ..recording.noise import ABOVE_CUTOFF, level_stderr, white_levels
@@ -89,10 +90,14 @@ def problem_of(
         modulus_Pa=sensor.skin.surface_modulus_Pa if recording.signal_unit in VOLTS else None,
         name=recording.name,
     )
-    way = {"onwards": True, "back": False}.get(recording.sidecar.get("ways") or "both")
-    problem = problem if way is None else problem.of_way(way)
+    direction = {"onwards": True, "back": False}.get(recording.sidecar.get("ways") or "both")
+    problem = problem if direction is None else problem.of_direction(direction)
     # By the passes back alone q is what acts in them.
-    acts = -float(problem.friction) if problem.friction is not None and way is False else friction
+    acts = (
+        -float(problem.friction)
+        if problem.friction is not None and direction is False
+        else friction
+    )
     return problem.with_warnings((*_warnings(recording, problem), *operator.warnings(acts)))
 
 
@@ -119,7 +124,7 @@ def _with_drift(recording: Recording, noise: SampleNoise | float) -> SampleNoise
     if not given:
         return noise
     if given == "auto":
-        drift = shared_levels(drift_of(recording, FALSE_ALARM_WHERE_NAMED))
+        drift = shared_levels(drift_of(recording, false_alarm.DRIFT_WHERE_NAMED))
     else:
         drift = np.ravel(given)
     most, largest = float(np.max(drift)), float(np.nanmax(np.abs(recording.signal)))
@@ -186,10 +191,10 @@ def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
     if len(recording.channels) < 2:
         return ()
     passes = passes_of(np.asarray(problem.motion.position_m))
-    if problem.way is None and go_both_ways(passes):
-        problem = problem.of_way(passes[0].is_onwards)
+    if problem.direction is None and go_both_ways(passes):
+        problem = problem.of_direction(passes[0].is_onwards)
     try:
-        line = problem.on_line()
+        line = problem.to_grid()
     except BadInput:  # it is too short
         return ()
     return element_findings(line, recording.channels, float(problem.sensor.depth_m))

@@ -113,7 +113,7 @@ class Tikhonov(Method):
 
     def __call__(self, problem: Problem | LineProblem) -> Estimate:
         """Estimate of p and q, with the weights that were given or chosen in its stats."""
-        problem = problem.on_line()
+        problem = problem.to_grid()
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
         rule, status, weights = "given", Status.GIVEN, _known(given)
         if weights is None:
@@ -128,7 +128,7 @@ class Tikhonov(Method):
         return solve(problem, prior, *how, stats=stats, warnings=warnings)
 
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
-        problem = problem.on_line()  # without its sensor, which may hold words
+        problem = problem.to_grid()  # without its sensor, which may hold words
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
         weights = _known(given)
         weights = 10.0 ** self._choose(problem, given).log_weights if weights is None else weights

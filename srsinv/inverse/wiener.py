@@ -137,7 +137,7 @@ class Wiener(Method):
 
     def __call__(self, problem: Problem | LineProblem) -> Estimate:
         """Posterior mean and standard error of p and q."""
-        problem = problem.on_line()
+        problem = problem.to_grid()
         power = self.spectra(problem)
         stats: dict = {"method": "wiener", "scale": self.scale}
         status = Status.GIVEN

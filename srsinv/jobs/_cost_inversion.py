@@ -120,7 +120,7 @@ class Problems:
         sim = simulated(line, cells)
         problem = noisy_problem(sim, key, friction)
         truth = np.asarray(sim.traction(sim.line), float)[: problem.unknowns]
-        return problem.on_line(), truth
+        return problem.to_grid(), truth
 
     def fixed_prior(self, part: str, method: Method, problem: LineProblem) -> Prior:
         """The prior of a method, its weights chosen on the smallest problem, once."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from ..errors import is_number, mapping, number, refuse, shown, whole
+from ..errors import echo, is_number, mapping, number, refuse, whole
 
 TIGHT = 1e-12  # tolerance of the open line's reference solution
 EXACT = 1e-13  # tolerance of a fit's reference minimum
@@ -72,18 +72,18 @@ class CostSettings:
         is_part = isinstance(parts, list) and parts and all(part in PARTS for part in parts)
         refuse(
             not is_part,
-            f"accuracy_cost.parts is {shown(parts)}: give some of {', '.join(PARTS)}.",
+            f"accuracy_cost.parts is {echo(parts)}: give some of {', '.join(PARTS)}.",
         )
         if budget is not None:
             wanted = "seconds from 0, or null for all that there is to measure"
             number("accuracy_cost.budget_s", budget, wanted, least=0)
         refuse(
             not isinstance(given["is_fresh"], bool),
-            f"accuracy_cost.is_fresh is {shown(given['is_fresh'])}: give true or false.",
+            f"accuracy_cost.is_fresh is {echo(given['is_fresh'])}: give true or false.",
         )
         refuse(
             not (rows is None or (isinstance(rows, str) and rows and "\0" not in rows)),
-            f"accuracy_cost.rows is {shown(rows)}: give a path, as rows.jsonl, or null.",
+            f"accuracy_cost.rows is {echo(rows)}: give a path, as rows.jsonl, or null.",
         )
         for name in ("forward_cells", "inverse_cells"):
             cells = given[name]
@@ -108,7 +108,7 @@ def _check_counts(name: str, counts: Any, least: int) -> None:
     is_list = isinstance(counts, list) and bool(counts)
     refuse(
         not is_list or any(not isinstance(n, int) or n < least for n in counts),
-        f"accuracy_cost.{name} is {shown(counts)}: give whole numbers from {least}.",
+        f"accuracy_cost.{name} is {echo(counts)}: give whole numbers from {least}.",
     )
 
 
@@ -116,5 +116,5 @@ def _check_tolerances(name: str, tolerances: Any, above: float) -> None:
     refuse(
         not isinstance(tolerances, list)
         or any(not (is_number(each) and above < each < 1) for each in tolerances),
-        f"accuracy_cost.{name} is {shown(tolerances)}: give numbers between {above:g} and 1.",
+        f"accuracy_cost.{name} is {echo(tolerances)}: give numbers between {above:g} and 1.",
     )

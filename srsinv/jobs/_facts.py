@@ -130,9 +130,9 @@ def _each(levels: Iterable[Any], unit: str) -> str:
     return ", ".join(each) if len(each) > 1 else ""
 
 
-def of_cells(recording: Recording, problem: Problem, on_line: LineProblem) -> Facts:
+def of_cells(recording: Recording, problem: Problem, gridded: LineProblem) -> Facts:
     """The line of cells that a recording is inverted on."""
-    line, nominal = on_line.line, problem.nominal_pressure_Pa
+    line, nominal = gridded.line, problem.nominal_pressure_Pa
     spacing = sample_spacing_m(problem.motion)
     facts = {
         "sample_spacing_m": spacing,

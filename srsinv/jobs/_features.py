@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import BadInput, number, shown
+from ..errors import BadInput, echo, number
 from ..forward.feature import Feature
 
 
@@ -19,6 +19,6 @@ def of_feature(key: str, given: Any, name: str, feature: Feature) -> Mapping[str
     wanted = (*feature.axes, feature.amplitude, "friction")
     held = given.get(name) if isinstance(given, Mapping) else None
     if not isinstance(held, Mapping) or set(held) != set(wanted):
-        have = ", ".join(map(str, held)) if isinstance(held, Mapping) else shown(held)
+        have = ", ".join(map(str, held)) if isinstance(held, Mapping) else echo(held)
         raise BadInput(f"{key}.{name} has {have}: give {', '.join(wanted)}.")
     return held

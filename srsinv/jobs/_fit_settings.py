@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ..errors import check_name, mapping, number, refuse, shown
+from ..errors import check_name, echo, mapping, number, refuse
 from ..forward.surface_feature import SurfaceFeature
 from ..inverse.features.contact import checked_pressure
 from ..inverse.features.loading import Features
@@ -27,7 +27,7 @@ def settings_of(given: Mapping[str, Any]) -> Mapping[str, Any]:
     unknown = sorted(set(given) - set(known))
     refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: {', '.join(known)}.")
     select = given.get("select", False)
-    refuse(not isinstance(select, bool), f"fit.select is {shown(select)}: give true or false.")
+    refuse(not isinstance(select, bool), f"fit.select is {echo(select)}: give true or false.")
     return known | dict(given)
 
 
@@ -36,7 +36,7 @@ def traction_fit(features: Features, solver: Solver, settings: Mapping[str, Any]
     for key in ("free", "start"):
         refuse(
             bool(settings[key]),
-            f"fit.{key} is {shown(settings[key])}: it is for features of a surface (ridge, tape, "
+            f"fit.{key} is {echo(settings[key])}: it is for features of a surface (ridge, tape, "
             "step_up, step_down); leave it out.",
         )
     return FeatureFit(features, solver)
@@ -103,7 +103,7 @@ def rig_settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
     for key in ("select", "start"):
         refuse(
             bool(given.get(key)),
-            f"fit.{key} is {shown(given.get(key))}: a known feature takes fit.hold and fit.free "
+            f"fit.{key} is {echo(given.get(key))}: a known feature takes fit.hold and fit.free "
             "alone; leave it out.",
         )
     held = {} if given.get("hold") is None else mapping("fit.hold", given["hold"])
@@ -115,7 +115,7 @@ def names_of(key: str, given: Any) -> tuple[str, ...]:
     """Parameters' names, one or a list of them, as `key` of the configuration gives them."""
     listed = [] if given is None else [given] if isinstance(given, str) else given
     right = isinstance(listed, list | tuple) and all(isinstance(each, str) for each in listed)
-    refuse(not right, f"{key} is {shown(given)}: give a list of parameters' names.")
+    refuse(not right, f"{key} is {echo(given)}: give a list of parameters' names.")
     return tuple(listed)
 
 

@@ -17,9 +17,9 @@ from ._plan_trials import (
     Recipe,
     Trial,
     Trials,
-    apart,
     inverted,
     paths_of,
+    spaced,
     trial_of,
 )
 
@@ -50,7 +50,7 @@ class RecordingTrials(Trials):
         self._spacing_m = sample_spacing_m(problem.motion)
         widest = int(WIDEST * depth / self._spacing_m)
         finest = max(1, int(cell_m("converged_inversion", depth) / self._spacing_m))
-        self.counts = apart(range(finest, max(widest, finest) + 1))
+        self.counts = spaced(range(finest, max(widest, finest) + 1))
         size = int(np.ptp(x) / (finest * self._spacing_m)) + 1
         self.points, self.rows, self.unit = np.linspace(x.min(), x.max(), size), (quantity,), "Pa"
         self.coarsest = Recipe(self.counts[0], None, "open", "float64", None, method, "auto")
@@ -69,7 +69,7 @@ class RecordingTrials(Trials):
         return self._problems[precision]
 
     def _on_line(self, recipe: Recipe) -> LineProblem:
-        return self._problem(recipe.precision).on_line(recipe.count * self._spacing_m)
+        return self._problem(recipe.precision).to_grid(recipe.count * self._spacing_m)
 
     def run(self, recipe: Recipe) -> Trial:
         self._problem(recipe.precision)  # read once, before the time counts

@@ -28,9 +28,9 @@ from ._plan_trials import (
     Recipe,
     Trial,
     Trials,
-    apart,
     inverted,
     paths_of,
+    spaced,
     trial_of,
 )
 
@@ -71,7 +71,7 @@ class SceneTrials(Trials):
             path, most = "auto", line.n // LEAST_CELLS
             widest = min(most, int(WIDEST * float(sensor.depth_m) / float(line.cell_m)))
             counts = (m for m in range(1, max(1, widest) + 1) if line.n % m == 0)
-            self.counts = apart(counts)
+            self.counts = spaced(counts)
         self.coarsest = start.with_(count=self.counts[0], path=path)
         self.points, self.rows, self.unit = np.asarray(line.x), (quantity,), "Pa"
         if quantity == SIGNAL:

@@ -21,7 +21,7 @@ REPEATS, MOST_S = 5, 1.0  # calls after the first, whose median counts, as time 
 DIRECT = 2 * AUTO_LIMIT  # unknowns up to which the direct path may be the quickest
 SIGNAL, PERIODIC = "signal", "periodic"
 QUANTITIES = (*COMPONENTS, SIGNAL)
-APART = 1.9  # times finer is the next of a curve's cells, at least
+LEAST_RATIO = 1.9  # times finer is the next of a curve's cells, at least
 WIDEST = 0.5  # depths, of a cell
 # Arrays of real numbers at once: over a simulation's cells for each element and component, over an
 # inversion's cells for each pair of these, and of the squared unknowns on the direct path.
@@ -135,11 +135,11 @@ class Trials(abc.ABC):
         """What may be quicker than `recipe`, by the setting that it changes, for an `error`."""
 
 
-def apart(counts: Iterable[int]) -> tuple[int, ...]:
+def spaced(counts: Iterable[int]) -> tuple[int, ...]:
     """Those of increasing counts that are apart, from the largest to the first."""
     some: list[int] = []
     for count in counts:
-        if not some or count >= APART * some[-1]:
+        if not some or count >= LEAST_RATIO * some[-1]:
             some.append(count)
     return tuple(reversed(some))
 

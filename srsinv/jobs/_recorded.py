@@ -14,11 +14,11 @@ def on_cells(problem: Problem, purpose: str | None = None) -> LineProblem:
     """A recording's problem on an open line over its contact window.
 
     Cells are as wide as the configuration has them; where it leaves that open, as the `purpose`
-    asks for (see resolution.py), or as [`Problem.on_line`][] has it. Raises `BadInput` for a
+    asks for (see resolution.py), or as [`Problem.to_grid`][] has it. Raises `BadInput` for a
     recording that cannot be inverted.
     """
     depth = float(problem.sensor.depth_m)
-    return problem.on_line(cell_m(purpose, depth) if purpose else None)
+    return problem.to_grid(cell_m(purpose, depth) if purpose else None)
 
 
 def traction_unit_named(given: Any) -> str:

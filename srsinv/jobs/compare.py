@@ -36,15 +36,15 @@ def run(cfg: config.Config) -> Result:
             recording = config.recording(cfg)
             check_invertible(recording, unit)
             problem = config.recorded_problem(cfg, recording)
-            on_line = on_cells(problem, "comparison")
+            gridded = on_cells(problem, "comparison")
             times = config.part(cfg, "recording").get("times")
             facts |= {
                 **_facts.of_recording(recording, problem, times),
-                **_facts.of_cells(recording, problem, on_line),
+                **_facts.of_cells(recording, problem, gridded),
                 **_facts.of_effects(config.part(cfg, "effects")),
             }
             units = recording.signal_unit, unit
-            return on_recording(recording.name, on_line, methods, units, facts)
+            return on_recording(recording.name, gridded, methods, units, facts)
         given = cfg["compare"]
         levels, seeds = levels_and_seeds(given, config.seed(cfg))
         cfg = config.with_facts(cfg, given["scene_sensor"], SCENE_SKIN)

@@ -14,7 +14,7 @@ import xarray
 from jaxtyping import Float
 
 from .. import config
-from ..errors import is_number, number, refuse, shown, whole
+from ..errors import echo, is_number, number, refuse, whole
 from ..forward.feature import Feature
 from ..inverse.features.fit import FeatureFitter
 from ..inverse.features.model import scan_extent
@@ -101,7 +101,7 @@ def _window(given: Any) -> Window:
     pair = isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
     refuse(
         not pair or not given[0] < given[1],
-        f"coverage.window_m is {shown(given)}: give [start, end] in metres.",
+        f"coverage.window_m is {echo(given)}: give [start, end] in metres.",
     )
     return Window(float(given[0]), float(given[1]))
 

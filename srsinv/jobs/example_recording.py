@@ -10,7 +10,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from .. import config, plot
-from ..errors import mapping, number, number_range, refuse, shown, whole
+from ..errors import echo, mapping, number, number_range, refuse, whole
 from ..forward.scan import Motion
 from ..forward.surface_feature import RidgeFeature
 from ..grid import as_real
@@ -56,9 +56,9 @@ def run(cfg: config.Config) -> Result:
         common = {"base_friction": settings["friction"]}
         truth = {n: {part: each[part] for part in RIDGE} | common for n, each in ridges.items()}
         files["truth.json"] = json.dumps(truth, indent=1) + "\n"
-        shown = sections("example_recording", signals=signals)
+        pages = sections("example_recording", signals=signals)
         title = f"Recordings of {' and '.join(tables)}, as a rig of two films writes them"
-        return Result(title, _dataset(tables), shown, files)
+        return Result(title, _dataset(tables), pages, files)
 
 
 def _table(
@@ -76,7 +76,7 @@ def _table(
     passes = whole(f"example.ridges.{name}.passes", beside["passes"], wanted(1), least=1)
     lost = whole(f"example.ridges.{name}.lost_rows", beside["lost_rows"], wanted(0), least=0)
     rig = dict(settings["rig"])
-    refuse(not isinstance(rig["gain"], list), f"example.rig.gain is {shown(rig['gain'])}: {GAINS}.")
+    refuse(not isinstance(rig["gain"], list), f"example.rig.gain is {echo(rig['gain'])}: {GAINS}.")
     gain = np.array([float(number("example.rig.gain", each)) for each in rig["gain"]])[:, None]
     in_m = "positions in metres"
     start_m, end_m = number_range("example.rig.contact_window_m", rig["contact_window_m"], in_m)

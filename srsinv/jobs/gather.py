@@ -16,7 +16,7 @@ import numpy as np
 import xarray
 
 from .. import config
-from ..errors import LARGEST, printable, refuse, shown
+from ..errors import LARGEST, echo, printable, refuse
 from ..report.data import dataset, scalars
 from ..report.result import Result
 from ..report.section import sections
@@ -37,11 +37,11 @@ def run(cfg: config.Config) -> Result:
     given = config.part(cfg, "gather")
     name = given.get("folder")
     is_folder = isinstance(name, str) and os.path.isdir(name)
-    refuse(not is_folder, f"gather.folder is {shown(name)}: give the folder of a sweep.")
+    refuse(not is_folder, f"gather.folder is {echo(name)}: give the folder of a sweep.")
     folder, chosen = Path(str(name)), given.get("metrics")
     refuse(
         not (chosen is None or isinstance(chosen, list)),
-        f"gather.metrics is {shown(chosen)}: give a list of names of metrics, or null.",
+        f"gather.metrics is {echo(chosen)}: give a list of names of metrics, or null.",
     )
     return gathered(folder, failed_jobs(folder), chosen)
 
@@ -75,7 +75,7 @@ def gathered(
         {"job": ([job.place for job in jobs], "1")}
         | {name: ("job", *values) for name, values in keys.items()},
     )  # fmt: skip
-    names = _shown(data, list(keys), chosen)
+    names = _drawn_metrics(data, list(keys), chosen)
     data = data.assign(shown=xarray.Variable("metric_shown", names, {"units": "1"}))
     data.attrs["is_grid"] = int(_is_grid(jobs, keys))
     return Result(
@@ -145,7 +145,9 @@ def _is_grid(jobs: Sequence[SweptJob], keys: Mapping[str, tuple[Any, str]]) -> b
 # --- words -----------------------------------------------------------------------------------
 
 
-def _shown(data: xarray.Dataset, keys: Sequence[str], chosen: Sequence[str] | None) -> list[str]:
+def _drawn_metrics(
+    data: xarray.Dataset, keys: Sequence[str], chosen: Sequence[str] | None
+) -> list[str]:
     """The metrics to show: errors first, then what has a unit; none that is the same in all jobs,
     that is a time or a standard error."""
     numeric = [
@@ -157,7 +159,7 @@ def _shown(data: xarray.Dataset, keys: Sequence[str], chosen: Sequence[str] | No
         for name in chosen:
             refuse(
                 name not in numeric,
-                f"gather.metrics names {shown(name)}, which is no number of these runs: give some "
+                f"gather.metrics names {echo(name)}, which is no number of these runs: give some "
                 f"of {', '.join(numeric[:20])}.",
             )
         return list(chosen)

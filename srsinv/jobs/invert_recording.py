@@ -1,7 +1,7 @@
 """Invert a recorded signal: p and q by every method named, with bands and resolution."""
 
 from .. import config
-from ..inverse.gridding.directions import pressure_by_way
+from ..inverse.gridding.directions import pressure_by_direction
 from ..report.result import Result
 from . import _facts
 from ._inversion import InversionCase
@@ -16,23 +16,23 @@ def run(cfg: config.Config) -> Result:
         recording = config.recording(cfg)
         check_invertible(recording, unit)
         problem = config.recorded_problem(cfg, recording)
-        on_line = on_cells(problem)
+        gridded = on_cells(problem)
         facts = {
             **_facts.of_recording(recording, problem, config.part(cfg, "recording").get("times")),
-            **_facts.of_cells(recording, problem, on_line),
+            **_facts.of_cells(recording, problem, gridded),
             **_facts.of_effects(config.part(cfg, "effects")),
             **_facts.of_friction(cfg["friction"]),
         }
-        assert on_line.sensor is not None
+        assert gridded.sensor is not None
         return invert(
             InversionCase(
-                problem=on_line,
-                sensor=on_line.sensor,
+                problem=gridded,
+                sensor=gridded.sensor,
                 methods=methods,
                 facts=facts,
                 name=recording.name,
                 signal_unit=recording.signal_unit,
                 traction_unit=unit,
-                check=lambda method, joint: pressure_by_way(method, problem, joint),
+                check=lambda method, joint: pressure_by_direction(method, problem, joint),
             )
         )

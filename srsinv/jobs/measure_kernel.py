@@ -9,7 +9,7 @@ import xarray
 from jaxtyping import Float
 
 from .. import config
-from ..errors import BadInput, refuse, shown
+from ..errors import BadInput, echo, refuse
 from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS
 from ..inverse.kernel.measured import MeasuredKernel, as_netcdf, is_as_written, kernels
@@ -81,7 +81,7 @@ def _parameters(given: Mapping[str, Any]) -> tuple[str, ...] | None:
     named = given.get("parameters")
     refuse(
         isinstance(named, bool | int | float | dict),
-        f"kernel.parameters is {shown(named)}: give null, or a list of names, empty for none.",
+        f"kernel.parameters is {echo(named)}: give null, or a list of names, empty for none.",
     )
     return None if named is None else names_of("kernel.parameters", named)
 
@@ -114,7 +114,7 @@ def _known(pair: tuple[float, float], unit: str) -> str:
     return quantity_with_error(value, error, unit) if error else f"{quantity(value, unit)}, held"
 
 
-def _shown(
+def _measured_kernels(
     kernel: MeasuredKernel, theory: Float[np.ndarray, "e 2 m"]
 ) -> tuple[list[str], Float[np.ndarray, "2 e c m"], Float[np.ndarray, "e c m"]]:
     """What is measured: the kernels of p and of q, or, one way, their sum at the friction; the
@@ -134,13 +134,13 @@ def _dataset(
 ) -> xarray.Dataset:
     kernel, unit, problem = found.kernel, recording.signal_unit, found.line_problem
     theory = kernels(found.stated, found.stated.elements, kernel.lags.x_m)
-    labels, response, error = _shown(kernel, theory)
+    labels, response, error = _measured_kernels(kernel, theory)
     relative = np.sqrt(np.mean(error**2, axis=-1)) / np.abs(response[1]).max(axis=-1)
     residuals = found.residual_of_theory, found.residual
     observed, along = problem.is_observed, ("row", "x")
     signal = np.asarray(problem.data + problem.mean_signal)
     chi2 = np.array([each.chi2_per_freedom for each in residuals])
-    fitted = np.stack([each.shown.fitted for each in residuals])
+    fitted = np.stack([each.parts.fitted for each in residuals])
     pairs = np.array(list(kernel.parameters.values()), float).reshape(-1, 2)
     variables: dict[str, tuple[Any, ...]] = {
         "response": (("model", "sensor", "shown", "lag"), response, "C m/N"),
@@ -150,7 +150,7 @@ def _dataset(
         "known_pressure": ("x", found.pressure_Pa, "Pa"),
         "signal": (along, np.where(observed, signal, np.nan), unit),
         "fitted_signal": (("model", *along), fitted, unit),
-        "whitened_residual": (along, np.asarray(found.residual.shown.whitened), "1"),
+        "whitened_residual": (along, np.asarray(found.residual.parts.whitened), "1"),
         "chi2": ("model", chi2, "1", "chi2_per_freedom_{model}"),
         "parameter_value": ("reported", pairs[:, 0], "SI", "{reported!s}"),
         "parameter_stderr": ("reported", pairs[:, 1], "SI", "{reported!s}_stderr"),

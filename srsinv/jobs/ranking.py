@@ -13,7 +13,7 @@ import xarray
 from jaxtyping import Float, Int
 
 from .. import config
-from ..errors import BadInput, is_number, refuse, shown, whole
+from ..errors import BadInput, echo, is_number, refuse, whole
 from ..forward.feature import Feature
 from ..inverse.features.fit import FeatureFitter
 from ..inverse.features.synthetic import SampledScan, SyntheticScan, known_noise
@@ -97,7 +97,7 @@ def _ranges(given: Any, name: str, feature: Feature) -> Ranges:
         is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and all(map(is_number, pair))
         if not is_pair or pair[0] > pair[1]:
             raise BadInput(
-                f"ranking.truth_ranges.{name}.{part} is {shown(pair)}: give [least, greatest] in "
+                f"ranking.truth_ranges.{name}.{part} is {echo(pair)}: give [least, greatest] in "
                 "SI units."
             )
         ranges[part] = float(pair[0]), float(pair[1])

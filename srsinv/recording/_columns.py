@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from srsinv.errors import refuse, shown
+from srsinv.errors import echo, refuse
 
 from ._table import ColumnTable, listing
 from ._units import (
@@ -121,7 +121,7 @@ def resolve(table: ColumnTable, given: str) -> str:
     near = [c for c in table if folded in (c.casefold(), bracketed(c)[0].casefold())]
     refuse(
         len(near) > 1,
-        f"{table.name}: {shown(given)} may be any of the columns {listing(near)}: give the whole "
+        f"{table.name}: {echo(given)} may be any of the columns {listing(near)}: give the whole "
         "name.",
     )
     return near[0] if near else given
@@ -155,8 +155,8 @@ def column_of(table: ColumnTable, facts: Mapping[str, Any], quantity: Quantity) 
         column = resolve(table, stated)
         refuse(
             column not in table,
-            f"{table.name}: recording.{quantity}_column is {shown(stated)}, and there is no column "
-            f"{shown(stated)} among {listing(table)}: name one of them.",
+            f"{table.name}: recording.{quantity}_column is {echo(stated)}, and there is no column "
+            f"{echo(stated)} among {listing(table)}: name one of them.",
         )
         table.check_usable(column)
         return column

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from srsinv.errors import BadInput, choice, refuse, shown
+from srsinv.errors import BadInput, choice, echo, refuse
 
 from ..files import path_of, quoted, within_memory
 from ._ahead import store, take_table
@@ -466,7 +466,7 @@ def _check_scaling(table: ColumnTable, channels: tuple[str, ...], has_gain: bool
     """Refuse a gain, a scale or an offset that the file states, and that is not applied, unless the
     experimenter states the gain."""
     stated = [f"a gain of {table.gains[c]:g} for {quoted(c)}" for c in channels if c in table.gains]
-    stated += [f"{key} {shown(value)}" for key, value in table.scaling.items()]
+    stated += [f"{key} {echo(value)}" for key, value in table.scaling.items()]
     refuse(
         bool(stated) and not has_gain,
         f"{table.name}: the file states {listing(stated)}, and not whether its numbers contain it: "

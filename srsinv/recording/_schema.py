@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from srsinv.errors import BadInput, refuse, shown
+from srsinv.errors import BadInput, echo, refuse
 
 from ._fact_types import (
     Channels,
@@ -161,7 +161,7 @@ def _check_keys(name: str, value: Any) -> None:
         for key, each in value.items():
             refuse(
                 not is_text(key),
-                f"{name}: {shown(key)} cannot be a key: keys are text of at most {LONGEST_NAME} "
+                f"{name}: {echo(key)} cannot be a key: keys are text of at most {LONGEST_NAME} "
                 "printable characters.",
             )
             _check_keys(name, each)
@@ -175,7 +175,7 @@ def _sentence(error: Any) -> str:
         close = difflib.get_close_matches(str(path[-1]), known, 1)
         nearest = f"the nearest is {close[0]}" if close else f"there are {', '.join(known)}"
         return (
-            f"there is no key {shown(key)}: {nearest}; free text goes into description: correct it "
+            f"there is no key {echo(key)}: {nearest}; free text goes into description: correct it "
             "in the sidecar or on the command line."
         )
     expected = error.get("ctx", {}).get("expected") or (
@@ -184,7 +184,7 @@ def _sentence(error: Any) -> str:
     typed = _typed([str(part) for part in path])
     command_line = f" or on the command line ({typed}=...)" if typed else ""
     return (
-        f"{key} is {shown(error['input'])} where {expected} is expected: correct it in the sidecar"
+        f"{key} is {echo(error['input'])} where {expected} is expected: correct it in the sidecar"
         f"{command_line}."
     )
 

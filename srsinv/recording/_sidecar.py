@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 import yaml
 
-from srsinv.errors import BadInput, refuse, shown
+from srsinv.errors import BadInput, echo, refuse
 
 from ..files import mapping_of, parse_json, path_of, read_bytes
 
@@ -123,7 +123,7 @@ def parse(name: str, text: str, kind: Literal["JSON", "YAML"]) -> dict[str, Any]
         raise BadInput(f"{name}: {_reason(error)}: correct the sidecar's {kind}.") from error
     refuse(
         not isinstance(content, dict),
-        f"{name}: the sidecar holds {shown(content)} where a mapping of names to values is "
+        f"{name}: the sidecar holds {echo(content)} where a mapping of names to values is "
         "expected: write it as such.",
     )
     return content
@@ -155,7 +155,7 @@ def _check_event(event: Any, depth: int, documents: int, values: int) -> None:
         # An alias can grow into any amount of data, or refer to itself.
         raise ValueError("aliases (*name) are not taken, only values written out")
     if getattr(event, "tag", None) not in (None, "!"):
-        raise ValueError(f"tags ({shown(event.tag)}) are not taken, only values written out")
+        raise ValueError(f"tags ({echo(event.tag)}) are not taken, only values written out")
     if depth > DEEPEST or values > MOST_VALUES or documents > 1:
         raise ValueError(
             f"more than one document, {DEEPEST} levels or {MOST_VALUES} values, which no sidecar "

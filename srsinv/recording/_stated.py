@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from srsinv.errors import shown
+from srsinv.errors import echo
 
 from ._units import PER_S, known_unit
 
@@ -117,7 +117,7 @@ def stated(attributes: Mapping[str, Any]) -> Stated:
         name = name if moment_s is None else "moment_s"
         number = _number(word, name, value, unit) if moment_s is None else moment_s
         if number is None or not math.isclose(found.get(name, number), number, rel_tol=_SAME):
-            return Stated(refused=f"states {key} {shown(value)}, which cannot be applied")
+            return Stated(refused=f"states {key} {echo(value)}, which cannot be applied")
         found[name] = number
     return Stated(**found)
 

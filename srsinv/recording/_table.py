@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from srsinv.errors import BadInput, refuse, shown
+from srsinv.errors import BadInput, echo, refuse
 
 from ..files import DataFile, is_broken, nearest, quoted
 from ._stated import Clock, is_neutral, is_of_time, is_scaling_word, is_stated_word, stated
@@ -33,8 +33,8 @@ def listing(names: Iterable[str]) -> str:
     """The first names, and how many more there are."""
     names = list(names)
     more = len(names) - _LISTED
-    shown = ", ".join(map(quoted, names[:_LISTED]))
-    return (shown or "none") + (f" and {more} more" if more > 0 else "")
+    named = ", ".join(map(quoted, names[:_LISTED]))
+    return (named or "none") + (f" and {more} more" if more > 0 else "")
 
 
 def marked_number(cell: str) -> str | None:
@@ -118,9 +118,9 @@ class ColumnTable:
         elif facts.refused:
             self.leave_out(name, facts.refused, facts.unit)
         elif len(shape) != 1:
-            self.leave_out(name, f"has shape {shown(tuple(shape))}", facts.unit)
+            self.leave_out(name, f"has shape {echo(tuple(shape))}", facts.unit)
         elif dtype.kind not in "iuf":
-            self.leave_out(name, f"holds values of type {shown(str(dtype))[1:-1]}", facts.unit)
+            self.leave_out(name, f"holds values of type {echo(str(dtype))[1:-1]}", facts.unit)
         else:
             self.check_name(name)
             self.check_size(name, shape[0], dtype.itemsize)
@@ -174,7 +174,7 @@ class ColumnTable:
         self.check_count(len(self.columns) + len(self.unusable) + 1)
         refuse(
             name in self,
-            f"{self.name}: column {shown(name)} appears twice: give every column its own name.",
+            f"{self.name}: column {echo(name)} appears twice: give every column its own name.",
         )
 
     def check_count(self, columns: int) -> None:
@@ -276,7 +276,7 @@ class ColumnTable:
         near = nearest(column, self.columns, cutoff=0.0)
         hint = f"the nearest is {quoted(near)}, and " if near else ""
         return (
-            f"{self.name}: there is no column {shown(column)}: {hint}the columns are "
+            f"{self.name}: there is no column {echo(column)}: {hint}the columns are "
             f"{listing(self.columns)}: name one of them."
         )
 

@@ -12,14 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from .. import numerics
+from .. import false_alarm, numerics
 from ._health import FLAT, quantisation_step
 
 _AS_MISSING = (
     "leave their cells empty (NaN in an array) and set recording.missing=allow, so that they are "
     "missing samples"
 )
-FALSE_ALARM = 1e-3  # of a sound channel, for each finding
 ROUNDED = 0.5  # of neighbouring pairs that are equal where a step is twice the noise
 
 
@@ -55,7 +54,7 @@ def _findings(name: str, values: Float[np.ndarray, " sample"], unit: str) -> Seq
     significant = [
         run
         for run in runs
-        if run[1] - run[0] >= FLAT and log_alarm[run[1] - run[0]] < np.log(FALSE_ALARM)
+        if run[1] - run[0] >= FLAT and log_alarm[run[1] - run[0]] < np.log(false_alarm.CHANNEL)
     ]
     return _described(name, values, significant)
 

@@ -21,13 +21,12 @@ from jaxtyping import Bool, Float
 
 from srsinv.numerics import runs
 
+from .. import false_alarm
 from ._recording import Recording
 from .noise import LONG_GAP, filled
 from .passes import pass_differences, passes_of
 
-FALSE_ALARM = 1e-3  # of a drift in white noise, for each element
 # Where a drift is known to be there a missed one costs more than a small one that is not.
-FALSE_ALARM_WHERE_NAMED = 0.2
 SHORTEST_S = 0.1  # of a taper: its main lobe ends at 40 Hz, below mains
 FEWEST_SAMPLES = 16  # of a taper, where the rate is low
 BEYOND = 10.0  # over the shortest taper: frequencies above are of white noise
@@ -68,29 +67,29 @@ def common_level(levels: Float[np.ndarray, " e"]) -> float:
     return float(np.sqrt(np.mean(levels**2)))
 
 
-def drift_of(recording: Recording, false_alarm: float = FALSE_ALARM) -> Float[np.ndarray, " e"]:
+def drift_of(recording: Recording, chance: float = false_alarm.DRIFT) -> Float[np.ndarray, " e"]:
     """The drift of each element of a recording at even times: where it passes one way more than
-    once, from what passes differ by, which no touch is in. `false_alarm` as in
+    once, from what passes differ by, which no touch is in. `chance` as in
     [`drift_levels`][]."""
     position, rate = recording.position_m, recording.sample_rate_hz
     found = passes_of(position)
     differences = pass_differences(recording.signal, position, found)
     is_repeated = differences.shape[1] > FEWEST_SAMPLES
-    return drift_levels(differences if is_repeated else recording.signal, rate, false_alarm)
+    return drift_levels(differences if is_repeated else recording.signal, rate, chance)
 
 
 def drift_levels(
-    signal: Float[np.ndarray, "e sample"], rate_hz: float, false_alarm: float = FALSE_ALARM
+    signal: Float[np.ndarray, "e sample"], rate_hz: float, chance: float = false_alarm.DRIFT
 ) -> Float[np.ndarray, " e"]:
     """Rms of each element's random walk after a second, in the signal's unit; NaN is missing.
 
-    0 where white noise alone makes as much with the probability `false_alarm`, where the scales
+    0 where white noise alone makes as much with the probability `chance`, where the scales
     that are free of the signal do not agree, and where there are too few samples to tell.
     """
-    return np.array([_level(row, rate_hz, false_alarm) for row in np.asarray(signal, float)])
+    return np.array([_level(row, rate_hz, chance) for row in np.asarray(signal, float)])
 
 
-def _level(row: Float[np.ndarray, " sample"], rate_hz: float, false_alarm: float) -> float:
+def _level(row: Float[np.ndarray, " sample"], rate_hz: float, chance: float) -> float:
     is_lost = ~np.isfinite(row)
     if (~is_lost).sum() <= FEWEST_SAMPLES or np.ptp(row[~is_lost]) == 0:
         return 0.0
@@ -103,7 +102,7 @@ def _level(row: Float[np.ndarray, " sample"], rate_hz: float, false_alarm: float
     if not scales or not white > 0:
         return 0.0
     d2, odds = _walk(scales, white)
-    is_found = odds > scipy.special.ndtri(false_alarm) ** 2
+    is_found = odds > scipy.special.ndtri(chance) ** 2
     duration_s = row.size / rate_hz
     has_moved = LEAST_SPREAD * d2 * duration_s < np.var(values)
     return size * float(np.sqrt(d2)) if is_found and has_moved else 0.0

@@ -14,18 +14,18 @@ from jaxtyping import Float
 
 from srsinv.errors import refuse
 
+from .. import false_alarm
 from .noise import filled
 
 FUNDAMENTALS_HZ = (50.0, 60.0)
 WANDER_HZ = 1.0  # from where a line should be to what it is, where the signal hides it
 REACH_HZ = 2.5  # from where a line should be to its strongest wave
 BESIDE_HZ = 24.0  # up to there lies the spectrum around a line: of the median the line is no part
-FALSE_ALARM = 1e-6  # of a line in noise, for each that is looked for
 ABOVE = 3.0  # times the power around it: there a line ends
 STANDS_OUT = 3.0  # times the greatest power beside it
 LOBE = 4.0  # bins on either side that the taper spreads a wave over
 CAUGHT = 1e-3  # of the noise: what is weaker is left to it
-FAINT = 1e-14  # of a line's power: a part that needs no wave
+NEGLIGIBLE_POWER = 1e-14  # of a line's power: a part that needs no wave
 HIGHEST = 0.98  # of half the sampling rate
 GRID = 4096  # samples of a sequence; between them it is interpolated
 MOST_WAVES = 2000  # of each element
@@ -118,12 +118,14 @@ def mains_lines(
     highest = HIGHEST * rate_hz / 2
     if named is not None:
         each = [hz for hz in named if hz < highest]
-        lines = (spectrum.line(hz, FALSE_ALARM) or spectrum.hidden_line(hz) for hz in each)
+        lines = (
+            spectrum.line(hz, false_alarm.MAINS_LINE) or spectrum.hidden_line(hz) for hz in each
+        )
         return tuple(line for line in lines if line.rms.any())
     best: list[MainsLine] = []
     for fundamental in FUNDAMENTALS_HZ:
         harmonics = fundamental * np.arange(1, int(highest / fundamental) + 1)
-        lines = [spectrum.line(float(each), FALSE_ALARM) for each in harmonics]
+        lines = [spectrum.line(float(each), false_alarm.MAINS_LINE) for each in harmonics]
         best = max(best, [line for line in lines if line is not None], key=_power)
     return tuple(best)
 
@@ -180,7 +182,7 @@ def _envelopes(n: int, product: float):
     """Envelopes (wave, n) of norm one within a band of so many wavenumbers on either side, and the
     variance of each (wave,) in a process of variance one over all n samples."""
     # Beyond twice the product the sequences' shares fall by orders of magnitude each.
-    further = np.log(1 / FAINT) * np.log(8 * np.pi * product) / np.pi**2
+    further = np.log(1 / NEGLIGIBLE_POWER) * np.log(8 * np.pi * product) / np.pi**2
     count = min(int(np.ceil(2 * product + further)), n)
     size = min(n, max(GRID, 16 * count))
     sequences, ratios = scipy.signal.windows.dpss(size, product, count, return_ratios=True)

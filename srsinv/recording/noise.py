@@ -13,13 +13,14 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from .. import false_alarm
+
 ABOVE_CUTOFF = 12.0  # k z beyond which e^(-k z) < 1e-5: noise only
 LONG_GAP = 8  # samples: shorter gaps are filled, so that single ones do not split the signal
 SHORT_STRETCH = 32  # samples: of a shorter one hardly a wavenumber is above the signal's
 CUBIC = 3
 DRAWN = 2**20  # samples of white noise drawn in all, so that its own scatter is below 1 %
 MOST_DRAWS = 24
-FALSE_ALARM = 1e-4  # of levels that differ from element to element, where they do not
 ALIKE = 0.1  # relative differences of levels, which no inversion shows
 # Variance of the logarithm of a level from the median of m bins, times m (simulated): that of
 # independent bins is 1 / (2 ln 2)^2, and a Hann taper joins neighbours.
@@ -48,7 +49,7 @@ def white_levels(
     logs = np.log(own[is_there])
     off = logs - np.average(logs, weights=bins)
     chance = scipy.stats.chi2.sf(np.sum(off**2 * bins) / MEDIAN_VARIANCE, is_there.sum() - 1)
-    if chance > FALSE_ALARM or np.ptp(logs) < ALIKE:
+    if chance > false_alarm.NOISE_LEVELS or np.ptp(logs) < ALIKE:
         return np.array([common])
     return np.where(is_there, own, common or np.min(own[is_there]))
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from srsinv.errors import BadInput, refuse, shown
+from srsinv.errors import BadInput, echo, refuse
 
 from ..files import DataFile, open_file, quoted
 from ._table import ColumnTable, listing
@@ -86,7 +86,7 @@ def _checked(reader: Reader, name: str, given: Any) -> ColumnTable:
     """What a reader gave, each column taken in anew."""
     refuse(
         not isinstance(given, Mapping | ColumnTable),
-        f"{name}: reader {_label(reader)} gives {shown(given)} where a mapping of column names to "
+        f"{name}: reader {_label(reader)} gives {echo(given)} where a mapping of column names to "
         f"1-D arrays is expected: {_REMEDY}",
     )
     whole = given if isinstance(given, ColumnTable) else ColumnTable(name, dict(given))
@@ -96,7 +96,7 @@ def _checked(reader: Reader, name: str, given: Any) -> ColumnTable:
     for column, values in whole.columns.items():
         refuse(
             not isinstance(column, str),
-            f"{name}: reader {_label(reader)} names a column {shown(column)}, which is no text: "
+            f"{name}: reader {_label(reader)} names a column {echo(column)}, which is no text: "
             f"{_REMEDY}",
         )
         if isinstance(values, np.ma.MaskedArray):  # what is masked is missing

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from srsinv.errors import BadInput, refuse, shown
+from srsinv.errors import BadInput, echo, refuse
 
 REMEDY = "choose another with hydra.run.dir=FOLDER (hydra.sweep.dir with -m)"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -76,4 +76,4 @@ def _exists(path: Path) -> bool:
 def named(path: Path | str) -> str:
     """A path for a sentence."""
     text = str(path)
-    return text if text.isprintable() and len(text) <= _LONGEST else shown(text)
+    return text if text.isprintable() and len(text) <= _LONGEST else echo(text)

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from srsinv.recording.drift import FALSE_ALARM_WHERE_NAMED, common_level, drift_of
+from srsinv.false_alarm import DRIFT_WHERE_NAMED
+from srsinv.recording.drift import common_level, drift_of
 from tests.claims.disturbing import (
     RMS_V,
     WIDTHS_HZ,
@@ -199,7 +200,7 @@ def levels(scans: PassScans, reach: float, draws: int) -> dict[str, Any]:
         walk = np.cumsum(rng.normal(size=scans.shape), axis=1) * drift / np.sqrt(scans.rate_Hz)
         for name, signal in (("touches", scans.signal(scans.touches)), ("prior", rough)):
             level = common_level(
-                drift_of(recording(scans, signal + noise + walk), FALSE_ALARM_WHERE_NAMED)
+                drift_of(recording(scans, signal + noise + walk), DRIFT_WHERE_NAMED)
             )
             ratios[name].append(level / drift)
     return {

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 import scipy
 
+from srsinv.false_alarm import DRIFT_WHERE_NAMED
 from srsinv.recording import Recording
-from srsinv.recording.drift import FALSE_ALARM_WHERE_NAMED, common_level, drift_of
+from srsinv.recording.drift import common_level, drift_of
 from srsinv.recording.mains import mains_lines
 from srsinv.recording.preparation import prepare
 from tests.claims.pass_scans import NOISE_V, SIGNAL, PassScans, Rng
@@ -72,7 +73,7 @@ def drift_treatments(scans: PassScans, drift: float):
 
     def drifting_as_recorded(signal):
         return scans.problem(
-            signal, common_level(drift_of(recording(scans, signal), FALSE_ALARM_WHERE_NAMED))
+            signal, common_level(drift_of(recording(scans, signal), DRIFT_WHERE_NAMED))
         )
 
     def prepared(**facts):

@@ -98,13 +98,13 @@ def measured(fault: Mapping[str, Any], tried: MethodOnScene, seed: int = SEED) -
 
 def ratios(made: Scan, stated: Problem, estimate: Estimate) -> np.ndarray:
     """Errors of p and q (2, cell) over their standard errors, where the scan passed."""
-    observed = stated.on_line().observed_cells
+    observed = stated.to_grid().observed_cells
     return errors(made, stated, estimate)[0] / np.asarray(estimate.stderr)[:, observed]
 
 
 def errors(made: Scan, stated: Problem, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     """Errors of p and q (2, cell), and their true values, less the means, where the scan passed."""
-    observed, p = stated.on_line().observed_cells, made.pressure(estimate.line)
+    observed, p = stated.to_grid().observed_cells, made.pressure(estimate.line)
     truth = np.stack([p, made.scene.friction * p])
     wrong = np.asarray(estimate.value) - truth
     return deviation(wrong, observed), deviation(truth, observed)

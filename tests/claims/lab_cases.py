@@ -127,7 +127,7 @@ def _invert(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: in
         x, cell = np.asarray(estimate.line.x), float(estimate.line.cell_m)
         p, q = load.excess, load.frictions[0] * load.pressure
         truth = np.stack([load.cell_means(each, x, cell) for each in (p, q)])
-        passed = problem.on_line().observed_cells
+        passed = problem.to_grid().observed_cells
         value, stderr = estimate.deviation(passed)
         wrong = (value - truth)[:, passed]
         wrong -= wrong.mean(axis=-1, keepdims=True)

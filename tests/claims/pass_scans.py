@@ -98,10 +98,12 @@ class PassScans:
         self.shape = len(angles_deg), self.position.size
         first, last = np.min(self.position) - STAGE_M, np.max(self.position) + STAGE_M
         self.places = np.arange(first, last + SPACING_M, SPACING_M)
-        self.line = self.problem(np.zeros(self.shape)).on_line()
+        self.line = self.problem(np.zeros(self.shape)).to_grid()
         charge = self._charge_on(self.line.line)
         unit = [self._walk(np.random.default_rng([0, i]), np.ones(2)) for i in range(100)]
-        rms = np.sqrt(np.mean([self.signal(Truth(t, self._ways(charge, t))) ** 2 for t in unit]))
+        rms = np.sqrt(
+            np.mean([self.signal(Truth(t, self._directions(charge, t))) ** 2 for t in unit])
+        )
         self.step_Pa = SIGNAL * NOISE_V / rms * np.array([1.0, SHEAR])[: self.line.unknowns]
         self.charge = charge
 
@@ -111,12 +113,12 @@ class PassScans:
         along = Motion(
             np.arange(count) / self.rate_Hz, self.places, np.full(count, self.full_speed)
         )
-        operator = self.sensor.operator_along(line, along, ways=(True,))
+        operator = self.sensor.operator_along(line, along, directions=(True,))
         basis = jnp.eye(2 * line.n).reshape(2, line.n, 2, line.n)
         each = np.asarray(jax.jit(jax.vmap(jax.vmap(operator)))(basis))  # (c, n, e, place)
         return np.transpose(each, (2, 0, 3, 1))
 
-    def _ways(self, charge, traction):
+    def _directions(self, charge, traction):
         """The charge (e, way, place) of a traction: q turns with the motion."""
         p, q = traction if len(traction) == 2 else (traction[0], self.friction * traction[0])
         of_p, of_q = charge[:, 0] @ p, charge[:, 1] @ q
@@ -129,7 +131,7 @@ class PassScans:
     def drawn(self, rng: Rng) -> Truth:
         """A traction of the prior."""
         traction = self._walk(rng, self.step_Pa)
-        return Truth(traction, self._ways(self.charge, traction))
+        return Truth(traction, self._directions(self.charge, traction))
 
     @cached_property
     def touches(self) -> Truth:
@@ -144,9 +146,11 @@ class PassScans:
         along = Motion(
             np.arange(count) / self.rate_Hz, self.places, np.full(count, self.full_speed)
         )
-        operator = self.sensor.operator_along(many, along, ways=(True,))
-        ways = [np.asarray(operator(jnp.asarray(s * traction.T).T)) for s in ([1, 1], [1, -1])]
-        truth = Truth(traction, np.stack(ways, axis=1))
+        operator = self.sensor.operator_along(many, along, directions=(True,))
+        directions = [
+            np.asarray(operator(jnp.asarray(s * traction.T).T)) for s in ([1, 1], [1, -1])
+        ]
+        truth = Truth(traction, np.stack(directions, axis=1))
         size = SIGNAL * NOISE_V / np.sqrt(np.mean(self.signal(truth) ** 2))
         cells = size * traction[: self.line.unknowns].reshape(-1, line.n, fine).mean(axis=-1)
         return Truth(cells - cells.mean(axis=1, keepdims=True), size * truth.charge)
@@ -155,8 +159,8 @@ class PassScans:
         """The signal (e, sample) without noise; the stage `ahead_m` of where it is said to be."""
         spline = scipy.interpolate.make_interp_spline(self.places, truth.charge, axis=2)
         at = spline(self.position - ahead_m)
-        way = np.where(self.speed > 0, at[:, 0], at[:, 1])
-        return way * np.abs(self.speed) / self.full_speed * np.sign(self.speed)
+        direction = np.where(self.speed > 0, at[:, 0], at[:, 1])
+        return direction * np.abs(self.speed) / self.full_speed * np.sign(self.speed)
 
     @cached_property
     def model(self):
@@ -184,17 +188,17 @@ class PassScans:
             *(one + f * np.trace(one) / n**2 for one, f in zip(each, factors, strict=True))
         )
 
-    def problem(self, signal, drift: float = 0.0, lines=(), way=None) -> Problem:
+    def problem(self, signal, drift: float = 0.0, lines=(), direction=None) -> Problem:
         """As the package is given it."""
         noise = SampleNoise(NOISE_V, drift=drift)
         given = Problem(self.sensor, self.motion, signal, noise,
                         friction=self.friction, cell_m=CELL_M, mains=lines)  # fmt: skip
-        return given if way is None else given.of_way(way)
+        return given if direction is None else given.of_direction(direction)
 
     def held(self, problem: Problem | LineProblem) -> Held:
         """The package's posterior under the prior that tractions are drawn from, by dense algebra
         (tests/inverse/test_nuisance.py has that its paths are the same)."""
-        line = problem.on_line()
+        line = problem.to_grid()
         data, observed = np.asarray(line.data), np.asarray(line.is_observed)
         information, right = self.precision.copy(), 0.0
         for e, (model, cells) in enumerate(zip(self.cell_model, observed, strict=True)):
@@ -222,7 +226,7 @@ class PassScans:
     def by_evidence(problem: Problem | LineProblem) -> Estimate:
         """The estimate under the weights that the evidence chooses."""
         method = Tikhonov(rule=Evidence(), length_m=DEPTH_M, path="direct")
-        return method(_padded(problem.on_line()))
+        return method(_padded(problem.to_grid()))
 
     def floor(self, covariance=None):
         """The exact posterior's covariance of all samples in noise of this covariance (sample,

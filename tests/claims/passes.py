@@ -51,10 +51,10 @@ def stage_ahead(scans: PassScans, rng: Rng, is_centred: bool):
     """By how much the stage is ahead at each sample, one number for each pass."""
     passes = passes_of(np.asarray(scans.motion.position_m))
     ahead = rng.choice([-1, 1], size=len(passes)) * rng.uniform(*SHIFTS_M, size=len(passes))
-    way = np.array([each.is_onwards for each in passes])
+    direction = np.array([each.is_onwards for each in passes])
     if is_centred:
         for each in (True, False):
-            ahead[way == each] -= ahead[way == each].mean()
+            ahead[direction == each] -= ahead[direction == each].mean()
     along = np.zeros(scans.position.size)
     for one, shift in zip(passes, ahead, strict=True):
         along[one.samples] = shift
@@ -67,7 +67,7 @@ def noise_of_mean(scans: PassScans, draws: int) -> float:
     squares, steady = [], np.abs(np.asarray(scans.line.line.x)) < LENGTH_M / 2 - CELL_M
     for index in range(draws):
         noise = NOISE_V * np.random.default_rng([index, 5]).normal(size=scans.shape)
-        data = np.asarray(scans.problem(noise).on_line().data)[:, steady]
+        data = np.asarray(scans.problem(noise).to_grid().data)[:, steady]
         squares.append(np.mean(data**2))
     count = len(passes_of(np.asarray(scans.motion.position_m))) * scans.shape[0] / len(data)
     one = NOISE_V / np.sqrt(CELL_M / SPACING_M)

@@ -147,7 +147,7 @@ def study(
         problems, traction = setting.problems(rng)
         for name, problem in problems.items():
             estimate = method(problem)
-            cells = problem.on_line().observed_cells
+            cells = problem.to_grid().observed_cells
             truth = np.asarray(averages(as_real(traction), LINE, estimate.line))
             own[name].append(_covered(estimate, truth, cells))
             if name == "with":

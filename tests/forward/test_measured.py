@@ -90,7 +90,7 @@ def test_adjoint_along_a_motion_that_turns():
     speed = 0.04 * np.sign(0.25 - time_s - 5e-4)
     motion = Motion.from_speed(time_s, speed, -5e-3)
     sensor = Sensor([FILM])
-    operator = sensor.operator_along(LINES["open"], motion, ways=motion.ways)
+    operator = sensor.operator_along(LINES["open"], motion, directions=motion.directions)
     r, y = rng.normal(size=(2, 2, 600)), rng.normal(size=(1, 500))
     left = float(np.vdot(y, operator(jnp.asarray(r))))
     right = float(np.vdot(operator.adjoint(jnp.asarray(y), each_way=True), r))

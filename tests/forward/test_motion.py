@@ -371,7 +371,7 @@ def test_direction(name):
     speed, expected, reverses = DIRECTIONS[name]
     moving = Motion.from_speed(np.arange(len(speed)), speed)
     np.testing.assert_array_equal(moving.direction, expected)
-    assert (len(moving.ways) > 1) is reverses
+    assert (len(moving.directions) > 1) is reverses
 
 
 # Motions from one column.

@@ -91,7 +91,7 @@ def test_reversal_returns_its_way(speed, rate):
     np.testing.assert_allclose(way(motion, start)[after], expected, rtol=0, atol=1e-15)
     back = (time > 0.1213 + 0.0111) & (time < 0.1213 + 0.0111 + 0.07)
     np.testing.assert_allclose(np.asarray(motion.speed_m_per_s)[back], -speed, rtol=1e-14)
-    assert motion.ways == (True, False)
+    assert motion.directions == (True, False)
 
 
 def test_paces_multiply():

@@ -32,7 +32,7 @@ class RecordedWalks:
     signals about 100 times the noise."""
 
     def __init__(self, speed):
-        clean = problem(np.zeros((2, COUNT)), speed=speed).on_line(COARSE_M)
+        clean = problem(np.zeros((2, COUNT)), speed=speed).to_grid(COARSE_M)
         self.speed, self.line = speed, clean.line
         columns = jax.vmap(lambda row: clean.forward(row[None]))(jnp.eye(self.line.n))
         self.model = np.moveaxis(np.asarray(columns), 0, -1)[:, clean.observed_cells]
@@ -55,11 +55,11 @@ class RecordedWalks:
             speed = np.full(COUNT, self.speed)
             given = on_even_times(Recording(signal, TIME_S, speed, ("a", "b"), facts))
             drift, lines = facts.get("drift", 0.0), mains_of(given)
-            on_line = problem(given.signal, drift, lines=lines, speed=self.speed).on_line(COARSE_M)
+            gridded = problem(given.signal, drift, lines=lines, speed=self.speed).to_grid(COARSE_M)
             maps, covariance = estimator(
-                self.model, [covariance_of(on_line, e) for e in range(2)], precision
+                self.model, [covariance_of(gridded, e) for e in range(2)], precision
             )
-            data = np.asarray(on_line.data)[:, on_line.observed_cells]
+            data = np.asarray(gridded.data)[:, gridded.observed_cells]
             error = rows @ (sum(m @ d for m, d in zip(maps, data, strict=True)) - p)
             ratios.append(error / np.sqrt(np.diag(rows @ covariance @ rows.T)))
         return np.array(ratios)

@@ -67,4 +67,4 @@ def test_refusals():
     with pytest.raises(BadInput, match="divisor"):
         gathered(given_problem, 5)
     with pytest.raises(BadInput, match="operator and no sensor"):
-        gathered(given_problem.on_line(), 2)
+        gathered(given_problem.to_grid(), 2)

@@ -50,10 +50,12 @@ def two_ways(sensor):
     return dataclasses.replace(sensor, elements=both)
 
 
-def passes(true=TRUE, level=1e-3, seed=0, ways=2, stated=STATED, line=LINE, load=LOAD, noisier=1.0):
+def passes(
+    true=TRUE, level=1e-3, seed=0, directions=2, stated=STATED, line=LINE, load=LOAD, noisier=1.0
+):
     """Mean signals over the known load, of a noise level over the signal's rms; `noisier` times
     as much as stated."""
-    own, given = (two_ways(each) if ways == 2 else each for each in (true, stated))
+    own, given = (two_ways(each) if directions == 2 else each for each in (true, stated))
     clean = np.asarray(own.operator(line, SCAN)(np.stack([load, MU * load])))
     rms = level * np.sqrt(np.mean(clean**2))
     data = clean + noisier * rms * np.random.default_rng(seed).normal(size=clean.shape)
@@ -119,7 +121,7 @@ def test_parameters_are_those_of_the_true_sensor_where_nothing_else_is_wrong():
 @pytest.mark.full
 def test_one_way_measures_one_combination():
     """K_p + mu K_q at the passes' mu, and warns that neither is known alone."""
-    kernel = measure_kernel(passes(ways=1), STATED, LOAD, MU)
+    kernel = measure_kernel(passes(directions=1), STATED, LOAD, MU)
     (warning,) = kernel.warnings
     assert "one way" in warning
     assert not kernel.has_both_ways
@@ -141,7 +143,7 @@ def test_known_filters_are_beside_the_kernel_and_unknown_ones_in_it():
     without = np.asarray(TRUE.operator(LINE, SCAN)(traction))
     size = np.linalg.norm(want)
     both = measure_kernel(passes(slow, stated=known), known, LOAD, MU).sensor(known)
-    one = measure_kernel(passes(slow, ways=1), STATED, LOAD, MU).sensor(STATED)
+    one = measure_kernel(passes(slow, directions=1), STATED, LOAD, MU).sensor(STATED)
     for sensor in (both, one):
         got = np.asarray(sensor.operator(LINE, SCAN)(traction))
         assert np.linalg.norm(got - want) < 0.005 * size < 0.1 * np.linalg.norm(without - want)
@@ -292,15 +294,15 @@ def test_no_prior_near_the_likeliest_is_likelier():
         assert posterior([products], near, k, t0).log_evidence < evidence + 0.02
 
 
-@pytest.mark.parametrize("ways", [1, 2])
-def test_products_are_those_of_the_signals_of_the_waves(ways):
-    problem = passes(ways=ways)
+@pytest.mark.parametrize("directions", [1, 2])
+def test_products_are_those_of_the_signals_of_the_waves(directions):
+    problem = passes(directions=directions)
     signals = KernelSignals(
         known_input(problem, STATED, LOAD, MU), STATED, Lags(DEPTH_M, 12 * DEPTH_M)
     )
     envelope, mean, known = Envelope(2 * DEPTH_M, 0.1), far_field(signals), signals.known
     basis = signals.basis(envelope)
-    for e, about in enumerate(signals.about(mean)):
+    for e, about in enumerate(signals.less_mean(mean)):
         rows = known.rows_of(e)
         shown = [
             np.concatenate([
@@ -324,7 +326,7 @@ def test_no_place_beside_the_chosen_one_is_likelier():
     signals = KernelSignals(
         known_input(passes(), STATED, LOAD, MU), STATED, Lags(DEPTH_M, 12 * DEPTH_M)
     )
-    about, none = signals.about(far_field(signals))[:1], np.zeros(4)
+    about, none = signals.less_mean(far_field(signals))[:1], np.zeros(4)
     first = Prior(np.array([[1e-13, 1e-13]]), DEPTH_M, Place().envelope(DEPTH_M))
     best = choose(about, first, Place(4.0, 1.0, 1.0), none, shared=False)
     assert best.place != Place(4.0, 1.0, 1.0)
@@ -340,7 +342,7 @@ LINES = {"periodic": LINE, "open": Open(512, 0.03 / 512, -0.015)}
 @pytest.mark.full
 @pytest.mark.parametrize("line", LINES.values(), ids=list(LINES))
 def test_signals_of_kernels_are_those_of_films_that_have_them(line):
-    known = known_input(passes(ways=1, line=line), STATED, LOAD, MU)
+    known = known_input(passes(directions=1, line=line), STATED, LOAD, MU)
     lags = Lags(DEPTH_M, 12 * DEPTH_M)
     at = lags.x_m / DEPTH_M
     values = np.stack([np.exp(-(at**2) / 2), 0.7 * at * np.exp(-((at - 0.3) ** 2) / 2)])
@@ -383,7 +385,7 @@ def repeated():
     at = np.arange(8 * PER_PASS)
     speed = np.where((at // PER_PASS) % 2 == 0, 0.05, -0.05)
     motion = Motion.from_speed(at / 2000, speed, -1e-2)
-    operator = sensor.operator_along(ON_LINE, motion, ways=motion.ways)
+    operator = sensor.operator_along(ON_LINE, motion, directions=motion.directions)
     both = np.stack([np.stack([RIDGE, sign * MU * RIDGE]) for sign in (1, -1)])
     return sensor, motion, np.asarray(operator(jnp.asarray(both)))
 
@@ -396,7 +398,7 @@ def at_gains(repeated, gains, seed=0, level=0.05):
         signal[:, each.samples] *= gain
     rms = level * np.abs(clean).max()
     signal += rms * np.random.default_rng(seed).normal(size=clean.shape)
-    return Problem(sensor, motion, signal, rms, cell_m=2e-4).on_line()
+    return Problem(sensor, motion, signal, rms, cell_m=2e-4).to_grid()
 
 
 def gain_errors(sensor, on):
@@ -440,7 +442,7 @@ def test_gains_of_single_passes_are_not_known(repeated):
     cut = Motion(*(np.asarray(each)[first] for each in columns))
     rms = 0.05 * np.abs(clean).max()
     noisy = clean[:, first] + rms * np.random.default_rng(0).normal(size=(1, 2 * PER_PASS))
-    found = Problem(sensor, cut, noisy, rms, cell_m=2e-4).on_line().passes.gains
+    found = Problem(sensor, cut, noisy, rms, cell_m=2e-4).to_grid().passes.gains
     assert np.isnan(found.spread).all()
     assert "not known" in found.note
     assert not found.of_means.any()
@@ -470,7 +472,7 @@ def recording(sensor, seed=0, level=1e-3):
     motion = Motion.from_speed(time_s, speed, -7.5e-3)
     line = Open(800, 2.5e-5, -0.01)
     load = np.where(np.abs(np.asarray(line.x)) < 2e-4, 1e4, 0.0)
-    operator = sensor.operator_along(line, motion, ways=motion.ways)
+    operator = sensor.operator_along(line, motion, directions=motion.directions)
     both = np.stack([np.stack([load, sign * MU * load]) for sign in (1, -1)])
     clean = np.asarray(operator(jnp.asarray(both)))
     rms = level * np.sqrt(np.mean(clean**2))
@@ -481,7 +483,7 @@ def recording(sensor, seed=0, level=1e-3):
 @pytest.mark.full
 def test_passes_of_a_recording_that_turns():
     problem, line, load = recording(TRUE)
-    on = problem.on_line().line
+    on = problem.to_grid().line
     pressure = np.asarray(averages(jnp.asarray(load)[None], line, on))[0]
     kernel = measure_kernel(problem, STATED, pressure, MU)
     assert kernel.has_both_ways

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from srsinv import false_alarm
 from srsinv.forward.amplifier import CurrentAmplifier
 from srsinv.forward.feature import HertzFeature, StripFeature
 from srsinv.forward.film import Film
@@ -10,7 +11,7 @@ from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.inverse.features import FeatureFit
-from srsinv.inverse.features.misfit import FALSE_ALARM, local_excess
+from srsinv.inverse.features.misfit import local_excess
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.noise.sliding import Levels, estimate
 from srsinv.inverse.problem import Problem
@@ -64,7 +65,7 @@ def test_the_same_misfit_elsewhere_is_noise():
 
 def test_stationary_noise_is_hardly_ever_found():
     """Of as many draws as the stated probability makes one of in twenty."""
-    rng, draws = np.random.default_rng(3), round(0.05 / FALSE_ALARM)
+    rng, draws = np.random.default_rng(3), round(0.05 / false_alarm.CHECK)
     excesses = [
         local_excess(whitened(noise(rng), LEVELS), FITTED, X, DEPTH_M) for _ in range(draws)
     ]

@@ -127,10 +127,10 @@ def test_a_long_line_ends_close_to_its_margin():
     count, cell, depth = 1_111_111, 45e-6, 0.75e-3
     ones = np.ones((2, count))
     cells = Cells(cell * np.arange(count), ones, 1.0, ones, ones)
-    line, on_line = line_over(cells, None, depth)
+    line, gridded = line_over(cells, None, depth)
     shortest = line_over(cells._replace(x_m=cells.x_m[:500], signal=ones[:, :500]), None, depth)
     margins = shortest[0].n - 500
-    missing = np.isnan(on_line.signal[0])
+    missing = np.isnan(gridded.signal[0])
     assert 0 < margins <= missing.sum() <= margins + 256
     factors, rest = [], line.n
     for prime in (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31):

@@ -113,7 +113,9 @@ def scan(cells, kind, missing="", noise=0.02, sliding=0.0, seed=0):
     x, sensor = np.asarray(motion.position_m), Sensor((Film(DEPTH_M), Film(DEPTH_M, np.pi / 2)))
     cell = DEPTH_M / 48
     line = Open(int((np.ptp(x) + 24 * DEPTH_M) / cell), cell, x.min() - 12 * DEPTH_M)
-    clean = np.asarray(sensor.operator_along(line, motion, ways=motion.ways)(bumps(line, x.max())))
+    clean = np.asarray(
+        sensor.operator_along(line, motion, directions=motion.directions)(bumps(line, x.max()))
+    )
     rms, level = float(np.sqrt(np.mean(clean**2))), noise * float(clean.std())
     signal = clean + level * rng.normal(size=clean.shape)
     causes = {"sliding": Sliding(sliding, 1e-3)} if sliding else {}
@@ -152,7 +154,7 @@ RECORDINGS = [
 @pytest.mark.parametrize(("kind", "missing", "sliding"), RECORDINGS)
 def test_a_recording_by_the_iterative_path_is_the_dense_solution(kind, missing, sliding):
     """In every cell, gaps and ends included."""
-    problem = Problem(*scan(160, kind, missing, sliding=sliding)).on_line()
+    problem = Problem(*scan(160, kind, missing, sliding=sliding)).to_grid()
     assert problem.noise_scale is not None
     direct, ours = (Tikhonov(1, *WEIGHTS, path=path)(problem) for path in ("direct", "iterative"))
     assert ours.status == "converged"
@@ -165,7 +167,7 @@ def test_white_noise_in_a_cell_is_that_of_its_samples():
     """A rate signal is as large as the speed, and a cell has samples in inverse proportion to it:
     the noise's variance at the mean speed is as the mean speed over the speed."""
     sensor, motion, signal, noise = scan(300, "varying")
-    problem = Problem(sensor, motion, signal, noise).on_line()
+    problem = Problem(sensor, motion, signal, noise).to_grid()
     x, speed = np.asarray(motion.position_m), np.asarray(motion.speed_m_per_s)
     at = np.interp(np.asarray(problem.line.x), x, speed)[problem.observed_cells][2:-2]
     variance = np.asarray(problem.noise_scale)[0, problem.observed_cells][2:-2] ** 2 * at
@@ -176,7 +178,7 @@ def test_white_noise_in_a_cell_is_that_of_its_samples():
 def test_a_cell_with_half_of_its_samples_has_twice_the_variance():
     sensor, motion, signal, noise = scan(200, "constant")
     signal[0, 101] = np.nan
-    problem = Problem(sensor, motion, signal, noise).on_line()
+    problem = Problem(sensor, motion, signal, noise).to_grid()
     squares = np.asarray(problem.noise_scale) ** 2
     assert squares[0].max() == pytest.approx(2.0, rel=1e-6)
     assert squares[1].max() == pytest.approx(1.0, rel=1e-6)

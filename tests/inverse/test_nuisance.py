@@ -104,7 +104,7 @@ def test_paths_are_the_dense_posterior(path, offset):
     rng = np.random.default_rng(1)
     signal = NOISE * (rng.normal(size=(2, COUNT)) + 30 * hum(rng))
     signal = signal + NOISE * np.cumsum(rng.normal(size=(2, COUNT)), axis=1)
-    line_problem = problem(signal, NOISE * 20, offset, mains_lines(signal, RATE_HZ)).on_line()
+    line_problem = problem(signal, NOISE * 20, offset, mains_lines(signal, RATE_HZ)).to_grid()
     prior, precision = penalty(line_problem.line)
     estimate = solve(line_problem, prior, path)
     maps, covariance = estimator(
@@ -136,7 +136,7 @@ def test_drift_costs_no_more_than_the_exact_floor(reach, offset):
     """The expected square of the error of a walk from zero, or from an unknown level, whose rms at
     the end is `reach` of a signal of 100 times the noise."""
     drift = reach * 100 * NOISE / np.sqrt(TIME_S[-1])
-    line_problem = problem(np.zeros((2, COUNT)), drift, offset).on_line()
+    line_problem = problem(np.zeros((2, COUNT)), drift, offset).to_grid()
     model, (_, precision) = model_of(line_problem), penalty(line_problem.line)
     stated = [covariance_of(line_problem, e) for e in range(2)]
     block = COUNT // model.shape[1]
@@ -167,7 +167,7 @@ def test_hum_costs_hardly_any_information(size):
     rng, rms = np.random.default_rng(2), 100 * NOISE
     wave = size * rms * hum(rng)
     lines = mains_lines(NOISE * rng.normal(size=(2, COUNT)) + wave, RATE_HZ)
-    with_hum, clean = (problem(wave, lines=each).on_line() for each in (lines, ()))
+    with_hum, clean = (problem(wave, lines=each).to_grid() for each in (lines, ()))
     model, (_, precision) = model_of(clean), penalty(clean.line)
     maps, floor = estimator(model, [covariance_of(with_hum, e) for e in range(2)], precision)
     _, without = estimator(model, [covariance_of(clean, e) for e in range(2)], precision)

@@ -15,7 +15,7 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open
 from srsinv.inverse.features import FeatureFit
 from srsinv.inverse.features.model import FeatureModel
-from srsinv.inverse.gridding.directions import pressure_by_way
+from srsinv.inverse.gridding.directions import pressure_by_direction
 from srsinv.inverse.gridding.pass_statistics import PassesOnCells, PassOnCells
 from srsinv.inverse.line.rule import Evidence
 from srsinv.inverse.line.solve import solve
@@ -54,12 +54,12 @@ def signals(moved, sensed, back=1.0, ahead_m=0.0):
     said to be."""
     true = Motion(moved.time_s, np.asarray(moved.position_m) - ahead_m, moved.speed_m_per_s)
     traction = jnp.stack([jnp.array([P, Q]), back * jnp.array([P, -Q])])
-    return np.asarray(sensed.operator_along(LINE, true, ways=moved.ways)(traction))
+    return np.asarray(sensed.operator_along(LINE, true, directions=moved.directions)(traction))
 
 
 def fixed(problem):
     """The posterior under a prior that resolves what the signal has."""
-    line = problem.on_line()
+    line = problem.to_grid()
     return solve(line, DerivativePenalty(jnp.array([3e-8, 1e-7]), jnp.array(DEPTH), 1), "direct")
 
 
@@ -107,8 +107,8 @@ def test_one_element_both_ways_tells_p_from_q():
     assert q < 0.4
     assert min(covered, q_covered) > 0.8
     # One way alone it does not.
-    one = Problem(sensed, moved, signal, rms, cell_m=CELL).of_way(True)
-    refused(one.on_line, "friction")
+    one = Problem(sensed, moved, signal, rms, cell_m=CELL).of_direction(True)
+    refused(one.to_grid, "friction")
 
 
 @pytest.mark.full
@@ -121,7 +121,7 @@ def test_averaged_passes_are_the_posterior_of_all_of_them():
     fewer = np.zeros((2, one.time_s.size))
     of_one = Problem(sensed, one, fewer, rms / np.sqrt(3), cell_m=CELL)
     ours, floor = (np.asarray(fixed(each).stderr) for each in (of_many, of_one))
-    x, other = (np.asarray(each.on_line().line.x) for each in (of_many, of_one))
+    x, other = (np.asarray(each.to_grid().line.x) for each in (of_many, of_one))
     middle = np.abs(x) < LENGTH / 4
     floor = np.stack([np.interp(x, other, row) for row in floor])
     np.testing.assert_allclose(ours[:, middle], floor[:, middle], rtol=0.02)
@@ -136,7 +136,7 @@ def test_shifts_of_the_stage_are_found_and_taken_out():
         along[each.samples] = own
     signal, rms = noisy(signals(moved, sensed, ahead_m=along), 2)
     problem = Problem(sensed, moved, signal, rms, cell_m=CELL)
-    found = problem.on_line().passes
+    found = problem.to_grid().passes
     assert (found.onwards, found.back) == (3, 3)
     np.testing.assert_allclose(found.shifts_m, ahead, atol=5 * found.shift_stderr_m)
     assert found.scatter == pytest.approx(1.0, abs=0.1)
@@ -144,7 +144,7 @@ def test_shifts_of_the_stage_are_found_and_taken_out():
     assert size < 0.1
     assert covered > 0.8
     quiet = Problem(sensed, moved, noisy(signals(moved, sensed), 2)[0], rms, cell_m=CELL)
-    assert not quiet.on_line().passes.shifts_m.any()
+    assert not quiet.to_grid().passes.shifts_m.any()
 
 
 @pytest.mark.full
@@ -175,7 +175,7 @@ def test_a_fit_takes_shifts_of_the_stage_out(monkeypatch):
 def test_a_fit_has_the_samples_of_its_own_way():
     moved, sensed = motion(2), sensor()
     given = Problem(sensed, moved, signals(moved, sensed), 1e-6)
-    samples = given.of_way(True).samples().signal
+    samples = given.of_direction(True).samples().signal
     onwards, back = (each.samples for each in passes_of(np.asarray(moved.position_m)))
     assert np.isfinite(samples[:, onwards]).all()
     assert np.isnan(samples[:, back]).all()
@@ -186,7 +186,7 @@ def test_what_passes_differ_by_is_said():
     moved, sensed = motion(4), sensor()
     signal, rms = noisy(signals(moved, sensed), 3)
     signal = signal + 0.3 * np.std(signal) * np.sin(3 * np.asarray(moved.time_s))
-    line = Problem(sensed, moved, signal, rms, cell_m=CELL).on_line()
+    line = Problem(sensed, moved, signal, rms, cell_m=CELL).to_grid()
     assert line.passes.scatter > 1.5
     assert any(each.startswith("Passes of one way differ") for each in line.warnings)
 
@@ -209,7 +209,7 @@ def test_means_of_passes_have_gains_within_their_bands(spread):
             for g in gains
         ]  # fmt: skip
         passes = PassesOnCells(every, [0, 1] * 3, rms**2, np.zeros((2, 1)), 1.0)
-        off = np.stack([np.mean(gains[way::2]) - 1 for way in (0, 1)])
+        off = np.stack([np.mean(gains[direction::2]) - 1 for direction in (0, 1)])
         noise = 0.01 / np.sqrt(3) * rng.normal(size=(2, 2))
         variance = np.sum(passes.gains.of_means**2, axis=-1) + 0.01**2 / 3
         inside.append(np.abs(off[:, None] + noise) < 1.645 * np.sqrt(variance))
@@ -232,7 +232,7 @@ def test_passes_that_end_elsewhere_leave_no_step_where_they_drift():
     noise = rms * rng.normal(size=(2, x.size))
     signal = np.where(observed, level + noise, np.nan)
     walks = SampleNoise(rms, drift=300 * rms)
-    line = Problem(sensed, moved, signal, walks, cell_m=CELL).on_line()
+    line = Problem(sensed, moved, signal, walks, cell_m=CELL).to_grid()
     for row, seen in zip(np.asarray(line.data), np.asarray(line.is_observed), strict=True):
         assert np.max(np.abs(np.diff(row[seen]))) < 10 * rms
 
@@ -259,12 +259,12 @@ def test_a_pressure_that_changes_with_the_direction_is_said():
     same, rms = noisy(signals(moved, sensed), 5)
     other = noisy(signals(moved, sensed, back=1.15), 5)[0]
     problems = [Problem(sensed, moved, each, rms, cell_m=CELL) for each in (same, other)]
-    assert pressure_by_way(fixed, problems[0], fixed(problems[0])) == ()
-    (said,) = pressure_by_way(fixed, problems[1], fixed(problems[1]))
+    assert pressure_by_direction(fixed, problems[0], fixed(problems[0])) == ()
+    (said,) = pressure_by_direction(fixed, problems[1], fixed(problems[1]))
     assert "recording.ways=onwards" in said
     # The estimate of each way goes with the pressure of that way alone, whatever its prior pulls.
     for is_onwards, factor in ((True, 1.0), (False, 1.15)):
-        before, after = (np.ptp(fixed(each.of_way(is_onwards)).value[0]) for each in problems)
+        before, after = (np.ptp(fixed(each.of_direction(is_onwards)).value[0]) for each in problems)
         assert after / before == pytest.approx(factor, abs=0.02)
 
 
@@ -277,14 +277,14 @@ def test_backlash_is_measured_and_taken_out_by_what_is_said():
     off[passes_of(np.asarray(moved.position_m))[1].samples] = 80e-6
     signal, rms = noisy(signals(moved, sensed, ahead_m=-off), 7, 0.003)
     given = Problem(sensed, moved, signal, rms, cell_m=CELL)
-    (said,) = pressure_by_way(fixed, given, fixed(given))
+    (said,) = pressure_by_direction(fixed, given, fixed(given))
     value = float(re.search(r"recording.backlash_m=([-+.e\d]+)", said)[1])
     stderr = float(re.search(r"± ([-+.e\d]+) m", said)[1])
     assert abs(value - 80e-6) < 4 * stderr
     assert stderr < 5e-6
     position = with_backlash(np.asarray(moved.position_m), value)
     mended = with_fields(given, motion=Motion(moved.time_s, position, moved.speed_m_per_s))
-    assert pressure_by_way(fixed, mended, fixed(mended)) == ()
+    assert pressure_by_direction(fixed, mended, fixed(mended)) == ()
     clean = noisy(signals(moved, sensed), 7, 0.003)[0]
     without = Problem(sensed, moved, clean, rms, cell_m=CELL)
     assert error(fixed(mended))[0] < 1.1 * error(fixed(without))[0]
@@ -293,4 +293,4 @@ def test_backlash_is_measured_and_taken_out_by_what_is_said():
 def test_a_way_that_is_not_there_is_refused():
     moved, sensed = motion(1), sensor()
     problem = Problem(sensed, moved, np.zeros((2, moved.time_s.size)), 1.0, cell_m=CELL)
-    refused(problem.of_way(False).on_line, "recording.ways=both")
+    refused(problem.of_direction(False).to_grid, "recording.ways=both")

@@ -91,7 +91,7 @@ def test_its_operator_gives_the_signal_and_has_an_adjoint():
 @pytest.mark.full
 def test_on_a_line_it_keeps_what_is_known():
     known = {"friction": MU, "nominal_pressure_Pa": 5e3, "window_m": (-8e-3, 8e-3), "cell_m": 2e-4}
-    problem = strip_problem(**known).on_line()
+    problem = strip_problem(**known).to_grid()
     assert float(problem.line.cell_m) == pytest.approx(2e-4, rel=1e-6)
     assert -8e-3 <= problem.window.start_m < -6e-3 + 2e-4
     assert problem.unknowns == 1
@@ -190,10 +190,10 @@ def test_a_solution_becomes_an_estimate():
 
 def test_what_is_compiled_for_one_sensor_serves_all():
     """On a line only the operator is left of the sensor."""
-    on_line = strip_problem().on_line()
-    leaves = jax.tree.leaves(on_line.on_line())
-    assert len(leaves) < len(jax.tree.leaves(on_line))
-    assert on_line.on_line().sensor is None
+    gridded = strip_problem().to_grid()
+    leaves = jax.tree.leaves(gridded.to_grid())
+    assert len(leaves) < len(jax.tree.leaves(gridded))
+    assert gridded.to_grid().sensor is None
 
 
 @pytest.mark.full

@@ -32,8 +32,8 @@ def sensor(depth_m=DEPTH_M, angle_deg=90.0, offset_m=0.0, count=2) -> Sensor:
 
 
 def signal(made: Sensor, motion=SCAN, p=STRIP) -> np.ndarray:
-    ways = [np.stack([p, sign * FRICTION * p]) for sign in (1, -1)]
-    traction = np.stack(ways) if len(motion.ways) > 1 else ways[0]
+    directions = [np.stack([p, sign * FRICTION * p]) for sign in (1, -1)]
+    traction = np.stack(directions) if len(motion.directions) > 1 else directions[0]
     return np.asarray(made.operator_along(LINE, motion)(as_real(traction)))
 
 
@@ -54,7 +54,7 @@ def test_a_gain_adds_its_error_times_the_traction():
     exact, carried = WIENER(problem(y)), WIENER(problem(y, common_gain(0.03)))
     np.testing.assert_array_equal(carried.value, exact.value)
     added = np.sqrt(np.asarray(carried.stderr) ** 2 - np.asarray(exact.stderr) ** 2)
-    again = problem(y, common_gain(0.03)).on_line()
+    again = problem(y, common_gain(0.03)).to_grid()
     again = WIENER(type(again).of_sensor(
         again.line, again.sensor, again.scan, exact.fitted, again.noise, observed=again.observed,
         noise_scale=again.noise_scale, known_mean_Pa=again.known_mean_Pa,
@@ -121,7 +121,7 @@ def test_paths_and_other_lines_agree():
 def test_features_on_a_line_carry_them_too():
     y = signal(sensor()) + NOISE_V * np.random.default_rng(1).normal(size=(2, 240))
     fit = FeatureFit({"strip": StripFeature()})
-    value, stderr = fit(problem(y, common_gain(0.02)).on_line()).parameters["pressure_Pa"]
+    value, stderr = fit(problem(y, common_gain(0.02)).to_grid()).parameters["pressure_Pa"]
     assert stderr == pytest.approx(0.02 * value, rel=0.2)
 
 

@@ -32,7 +32,7 @@ def model() -> RigModel:
     motion = Motion.from_speed(np.arange(60) / 1000, np.full(60, 0.1), -3e-3)
     known = traction().over(-7e-3, 7e-3, 4e-5)
     pressure, place = as_real(known.pressure_Pa), as_real(known.place_m)
-    return RigModel(sensor, motion, known.line, pressure, place, motion.ways, False)
+    return RigModel(sensor, motion, known.line, pressure, place, motion.directions, False)
 
 
 @pytest.mark.full
@@ -65,7 +65,7 @@ def test_wider_cells_hold_their_stretch_and_make_the_signal_of_line_loads(end_m)
     motion = Motion.from_speed(np.arange(101) / 1000, np.full(101, 0.08), -4e-3)
     one = {"gain_1": 1.0, "depth_m": DEPTH_M, "position_m": 0.0, "base_friction": 0.4}
     pressure, place = as_real(wide.pressure_Pa), as_real(wide.place_m)
-    rig = RigModel(sensor, motion, wide.line, pressure, place, motion.ways, False)
+    rig = RigModel(sensor, motion, wide.line, pressure, place, motion.directions, False)
     charge = np.asarray(rig(one))[0] / 1e6 / 0.08
     halves = 4e-6 / np.sqrt(12) * np.array([[-1.0], [1.0]])  # a cell's two Gaussian nodes
     places = (np.asarray(known.line.x) + halves).ravel()

@@ -61,8 +61,8 @@ def test_bands_are_those_of_each_elements_own_noise():
     white = np.array([1.0, 3.0]) * scene.NOISE
     noise = SampleNoise(white, drift=rates, drift_time_s=times)
     given = with_fields(scene.problem(np.zeros((2, scene.COUNT))), noise=noise)
-    on_line = given.on_line()
-    model, (prior, precision) = scene.model_of(on_line), scene.penalty(on_line.line)
+    gridded = given.to_grid()
+    model, (prior, precision) = scene.model_of(gridded), scene.penalty(gridded.line)
     block = scene.COUNT // model.shape[1]
     means = np.kron(np.eye(model.shape[1]), np.full(block, 1 / block))
     time_s = scene.TIME_S[: means.shape[1]]
@@ -71,9 +71,9 @@ def test_bands_are_those_of_each_elements_own_noise():
     exact = [means @ (own + w**2 * np.eye(time_s.size)) @ means.T
              for own, w in zip(slow, white, strict=True)]  # fmt: skip
     _, covariance = scene.estimator(model, exact, precision)
-    estimate = solve(on_line, prior, "direct")
-    cells = on_line.observed_cells
-    centre = np.eye(len(covariance)) - np.asarray(on_line.mean_weights)[0]
+    estimate = solve(gridded, prior, "direct")
+    cells = gridded.observed_cells
+    centre = np.eye(len(covariance)) - np.asarray(gridded.mean_weights)[0]
     floor = np.sqrt(np.diag(centre @ covariance @ centre.T))[cells]
     ours = np.asarray(estimate.stderr)[0, cells]
     assert 0.99 < np.sqrt(np.mean(ours**2) / np.mean(floor**2)) < 1.05

@@ -35,7 +35,7 @@ def test_a_load_beyond_the_skins_modulus_is_doubtful(factor):
     problem = problem_of(recorded(factor))
     fitted = FeatureFit({"strip": StripFeature()})(problem)
     prior = Exponential(1e3 * abs(factor), 1e-3)
-    inverted = Wiener(prior, prior)(problem.on_line())
+    inverted = Wiener(prior, prior)(problem.to_grid())
     for estimate in (fitted, inverted):
         assert any(WORDS in each for each in estimate.warnings) != FACTORS[factor]
         assert FACTORS[factor] or estimate.quality != "good"
@@ -43,7 +43,7 @@ def test_a_load_beyond_the_skins_modulus_is_doubtful(factor):
 
 
 def test_an_estimate_of_ones_own_has_the_check():
-    line = problem_of(recorded(1e3)).on_line()
+    line = problem_of(recorded(1e3)).to_grid()
     p = jnp.zeros((line.unknowns, line.line.n)).at[0, line.line.n // 2].set(1e6)
     assert any(WORDS in each for each in line.estimate(p).warnings)
     assert not any(WORDS in each for each in line.estimate(0.1 * p).warnings)

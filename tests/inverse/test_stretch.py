@@ -32,7 +32,7 @@ def recording(depths, places=(0.6,), loads=(8.0,), noise=0.02):
         load * np.asarray(LineLoad(1.0, place * x[-1]).cell_values(line))
         for load, place in zip(loads, places, strict=True)
     )
-    operator = sensor.operator_along(line, motion, ways=motion.ways)
+    operator = sensor.operator_along(line, motion, directions=motion.directions)
     clean = np.asarray(operator(jnp.stack([p, 0.4 * p])))
     level = noise * np.abs(clean).max()
     drawn = level * np.random.default_rng(0).normal(size=clean.shape)

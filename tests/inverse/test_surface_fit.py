@@ -198,8 +198,8 @@ def test_there_and_back_a_ridge_between_the_places_tried_is_found():
         assert abs(best["width_m"] - width_m) < depth_m
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_samples_that_are_missing_do_not_move_the_search(way):
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_samples_that_are_missing_do_not_move_the_search(direction):
     """A recording that turns, of which one way alone is taken."""
     speeds = np.repeat([0.03, -0.03], TIME.size)
     both = Motion.from_speed(np.arange(speeds.size) / 1200, speeds, -0.003)
@@ -209,7 +209,7 @@ def test_samples_that_are_missing_do_not_move_the_search(way):
     )
     search = FeatureSearch(coarse, blocks, scan_extent(SENSOR, both))
     y = np.asarray(fine(TapeFeature(EDGE), both)(tree(TAPE, 0.35)))
-    y = np.where(speeds == 0.03 * way, y, np.nan)
+    y = np.where(speeds == 0.03 * direction, y, np.nan)
     best, *_ = search.starts(y, np.ones(2), ({}, {}), TapeFeature(EDGE), {})
     assert abs(best["position_m"] - TAPE["position_m"]) < depth_m / 4
     assert abs(best["width_m"] - TAPE["width_m"]) < depth_m / 2

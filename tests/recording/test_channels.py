@@ -4,7 +4,8 @@ in."""
 import numpy as np
 import pytest
 
-from srsinv.recording.channels import FALSE_ALARM, channel_findings
+from srsinv import false_alarm
+from srsinv.recording.channels import channel_findings
 
 N, NOISE = 1000, 0.01
 PULSE = np.exp(-(((np.arange(N) - 500) / 60) ** 2))
@@ -44,7 +45,7 @@ def test_a_fault_is_found(name):
 @pytest.mark.parametrize("step", [0.0, 0.1 * NOISE, NOISE, 1.5 * NOISE])
 def test_a_sound_channel_is_hardly_ever_warned_of(step):
     """Of as many as the stated probability makes one of in ten."""
-    draws = round(0.1 / FALSE_ALARM)
+    draws = round(0.1 / false_alarm.CHANNEL)
     assert not any(findings(sound(seed, step)) for seed in range(draws))
 
 

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from srsinv import plot
 from srsinv.numerics import runs
-from srsinv.report import result
+from srsinv.report.data import dataset
 from srsinv.report.plot.style import colours, scale
 from tests.report import synthetic
 from tests.tiers import quick
@@ -439,7 +439,7 @@ def test_panels_share_units_x_and_colours():
 
 def test_curves_have_bands_of_their_standard_errors():
     x, value, stderr = np.linspace(0.0, 0.01, 5), np.arange(5.0), np.full(5, 0.1)
-    data = result.dataset(
+    data = dataset(
         {"gain": (("rig", "x"), [value, 2 * value], "V/Pa"),
          "gain_stderr": (("rig", "x"), [stderr, stderr], "V/Pa")},
         {"x": (x, "m"), "rig": (["one", "two"], "1")},
@@ -455,7 +455,7 @@ def test_curves_have_bands_of_their_standard_errors():
 
 def test_lines_of_a_panel_have_coordinates_of_their_own():
     dense, few = np.linspace(0.0, 0.01, 11), np.linspace(0.0, 0.01, 3)
-    data = result.dataset(
+    data = dataset(
         {"wave": ("x", 1e-3 * dense, "V"), "mean": ("place", few, "V")},
         {"x": (dense, "m"), "place": (few, "m")},
     )
@@ -470,7 +470,7 @@ def test_lines_of_a_panel_have_coordinates_of_their_own():
 
 
 def test_a_matrix_has_a_number_in_every_cell():
-    data = result.dataset(
+    data = dataset(
         {"chosen": (("truth", "candidate"), [[3.0, np.nan], [1.0, 2.0]], "1")},
         {"truth": (["a", "b"], "1"), "candidate": (["a", "b"], "1")},
     )
@@ -479,7 +479,7 @@ def test_a_matrix_has_a_number_in_every_cell():
 
 
 def test_a_spread_goes_from_the_least_to_the_greatest():
-    data = result.dataset(
+    data = dataset(
         {"error": (("estimator", "draw"), [[0.1, 0.2, 0.6], [0.3, 0.3, 0.3]], "1")},
         {"estimator": (["Wiener", "Tikhonov"], "1")},
     )
@@ -493,7 +493,7 @@ def test_a_spread_goes_from_the_least_to_the_greatest():
 
 def test_a_logarithmic_axis_of_a_spread_spans_its_values():
     """Of 0.01 to 20 % in draws: not of what a linear axis leaves below zero."""
-    data = result.dataset(
+    data = dataset(
         {"error": (("estimator", "draw"), [[1e-4, 2e-4], [0.1, 0.2]], "1")},
         {"estimator": (["a", "b"], "1")},
     )
@@ -506,9 +506,7 @@ def test_a_logarithmic_axis_of_a_spread_spans_its_values():
 
 
 def test_the_axis_of_a_spread_holds_its_values_in_their_unit():
-    data = result.dataset(
-        {"error": ("estimator", [-3.5e-6, 5e-6], "m")}, {"estimator": (["a", "b"], "1")}
-    )
+    data = dataset({"error": ("estimator", [-3.5e-6, 5e-6], "m")}, {"estimator": (["a", "b"], "1")})
     (axes,) = panels_of(plot.spread(data, {"error": "error"}, "estimator", log=["error"]))
     assert axes.get_xlabel() == "[µm]"
     assert axes.get_xlim() == pytest.approx((-7.0, 10.0))

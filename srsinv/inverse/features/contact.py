@@ -27,7 +27,7 @@ from ...resolution import cell_m
 from ..estimate import averages
 from ..nonlinear import Fit, Optimistix, Solver
 from .identifiability import limited_by_bounds, undetected_features
-from .loading import Features, Loading, Range, Strengths, Traction, Tried
+from .loading import Features, Loading, Range, Strengths, Traction, TrialShapes
 
 CELLS_PER_EDGE = 5  # the contact beside an edge is then right to some 1e-4 of the signal
 MOVES = {"position_m", "width_m"}  # parameters that move edges
@@ -78,13 +78,18 @@ class ContactLoading(Loading):
         return press(line, self.sensor.skin, height, params["nominal_pressure_Pa"])
 
     def tractions(
-        self, line: Line, features: Features, params: Any, ways: tuple[bool, ...]
+        self, line: Line, features: Features, params: Any, directions: tuple[bool, ...]
     ) -> list[Traction]:
         surface = self.surface(features, params)
-        return self._sliding(line, surface, self.contact(line, surface, params), params, ways)
+        return self._sliding(line, surface, self.contact(line, surface, params), params, directions)
 
     def _sliding(
-        self, line: Line, surface: Surface, contact: Contact, params: Any, ways: tuple[bool, ...]
+        self,
+        line: Line,
+        surface: Surface,
+        contact: Contact,
+        params: Any,
+        directions: tuple[bool, ...],
     ) -> list[Traction]:
         nominal, pressure = params["nominal_pressure_Pa"], contact.pressure_Pa
 
@@ -93,7 +98,7 @@ class ContactLoading(Loading):
             shear = shear - surface.base_friction * nominal
             return jnp.stack([pressure - nominal, shear if forward else -shear])
 
-        return [sliding(forward) for forward in ways]
+        return [sliding(forward) for forward in directions]
 
     def cell_traction(self, line: Line, features: Features, params: Any, onto: Line) -> Traction:
         return averages(self.tractions(line, features, params, (True,))[0], line, onto)
@@ -108,7 +113,7 @@ class ContactLoading(Loading):
         if "depth_m" not in params:
             return operator
         sensor = self._sensor_at(params["depth_m"])
-        return sensor.operator_along(operator.line, self.motion, ways=operator.ways)
+        return sensor.operator_along(operator.line, self.motion, directions=operator.directions)
 
     def gain(self, params: Any) -> Any:
         return params["gain"]
@@ -136,19 +141,19 @@ class ContactLoading(Loading):
 
     # --- the search ---
 
-    def tried(
+    def trial_shapes(
         self, model: Any, feature: Any, stretch: ScanExtent, given: Mapping[str, float]
-    ) -> Iterator[Tried]:
+    ) -> Iterator[TrialShapes]:
         """Contact is solved once per shape, and its signal shifted to every place: a surface that
         repeats gives the same traction wherever its feature lies. Raises `BadInput` for more than
         `MOST_SHIFTED`."""
         whole = feature.axes.keys() <= given.keys()
-        columns = feature.tried(stretch)
+        columns = feature.axis_starts(stretch)
         if not whole:
             columns |= {name: np.array([given[name]]) for name in columns.keys() & given.keys()}
         feature.refuse_many(columns, stretch, MOST_SHIFTED)
         places = columns.pop(PLACE)
-        if len(model.operator.ways) > 1:
+        if len(model.operator.directions) > 1:
             # One way, some friction makes up for a wrong place; there and back it turns with the
             # motion, and wide ridges with an edge beyond the scan would do better than one beside.
             places = _halved(places)
@@ -170,7 +175,7 @@ class ContactLoading(Loading):
                 signals = shifted(fields, place)[:count]
                 at = {name: column[:count] for name, column in named.items()}
                 at[PLACE] = np.full(count, place)
-                yield Tried(at, signals[:, 0], signals[:, 1:])
+                yield TrialShapes(at, signals[:, 0], signals[:, 1:])
 
     def _unit_fields(
         self, model: Any, feature: Any, shapes
@@ -294,7 +299,7 @@ class _Shifting:
         onwards = np.asarray(motion.direction) >= 0
         x = np.asarray(line.x)
         self._gain, self._n = np.asarray(operator.gain), line.n
-        self._way = np.array([operator.ways.index(bool(each)) for each in onwards])
+        self._direction = np.array([operator.directions.index(bool(each)) for each in onwards])
         self._from_middle = np.asarray(motion.position_m) + float(x[line.n // 2])
         self._start_m, self._cell_m = float(x[0]), float(line.cell_m)
 
@@ -303,7 +308,7 @@ class _Shifting:
         at = (self._from_middle - place - self._start_m) / self._cell_m
         first = np.floor(at).astype(int)
         low, high = (
-            fields.take(self._way * self._n + cell % self._n, axis=-1)
+            fields.take(self._direction * self._n + cell % self._n, axis=-1)
             for cell in (first, first + 1)
         )
         return self._gain * (low + (at - first) * (high - low))

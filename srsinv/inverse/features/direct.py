@@ -16,7 +16,7 @@ from ...forward.traction import Pressure
 from ...grid import Line, as_real
 from ..nonlinear import Fit
 from .identifiability import limited_by_bounds, undetected_features
-from .loading import Features, Loading, Range, Strengths, Traction, Tried, turned
+from .loading import Features, Loading, Range, Strengths, Traction, TrialShapes, turned
 
 
 class DirectLoading(Loading):
@@ -31,14 +31,14 @@ class DirectLoading(Loading):
         return cls(_fade(line, motion))
 
     def tractions(
-        self, line: Line, features: Features, params: Any, ways: tuple[bool, ...]
+        self, line: Line, features: Features, params: Any, directions: tuple[bool, ...]
     ) -> list[Traction]:
         total = jnp.zeros((2, line.n))
         for name, feature in features.items():
             shape = _profile(feature, params[name]).cell_values(line)
             shape = shape * self.fade if feature.is_periodic else shape
             total = total + jnp.stack(amplitudes(feature, params[name]))[:, None] * shape[None]
-        return [total if way else turned(total) for way in ways]
+        return [total if direction else turned(total) for direction in directions]
 
     def cell_traction(self, line: Line, features: Features, params: Any, onto: Line) -> Traction:
         total = jnp.zeros((2, onto.n))
@@ -57,13 +57,13 @@ class DirectLoading(Loading):
         ]
         return sum(ends[1:], ends[0]) if ends else None
 
-    def tried(
+    def trial_shapes(
         self, model: Any, feature: Any, stretch: ScanExtent, given: Mapping[str, float]
-    ) -> Iterator[Tried]:
+    ) -> Iterator[TrialShapes]:
         shapes = feature.starts(stretch)
         alone = model.with_features({"one": feature})
         signals = np.asarray(responses(alone, {k: as_real(v) for k, v in shapes.items()}))
-        yield Tried(shapes, np.zeros(signals.shape[2:]), signals)
+        yield TrialShapes(shapes, np.zeros(signals.shape[2:]), signals)
 
     def begun(self, feature: Any) -> dict[str, float]:
         return dict.fromkeys(feature.linear, 0.0)

@@ -17,7 +17,7 @@ from ...status import Status
 from ..diagnostics import Quality, of_fit, undetected
 from ..estimate import Estimate, Numbers
 from ..line.model import CHI2, FREEDOM
-from ..line.problem import PassedCells
+from ..line.problem import ScannedCells
 from ..noise.sliding import Levels
 from ..nonlinear import Fit, whitener
 from .identifiability import undetected_features
@@ -54,7 +54,7 @@ class FeatureEstimate(Estimate):
     line: Line
     background_Pa: tuple[float, float] = (0.0, 0.0)
     levels: Levels | None = None
-    cells: PassedCells | None = None
+    cells: ScannedCells | None = None
     covariance: Float[Numbers, "m m"] | None = None
     averaging: Float[Numbers, "c c n"] | None = None
 
@@ -180,7 +180,7 @@ class FeatureEstimate(Estimate):
         return dataclasses.replace(self, line=line)
 
     def of_problem(
-        self, background_Pa: Sequence[Any], line: Line | None, cells: PassedCells | None
+        self, background_Pa: Sequence[Any], line: Line | None, cells: ScannedCells | None
     ) -> "FeatureEstimate":
         """The same estimate over a uniform pressure and shear, None where they are not known, and,
         where the samples were cells of a line, on that one."""
@@ -242,7 +242,7 @@ class _CellTraction(eqx.Module):
 
     def __call__(self, params: Any) -> Float[Array, " row"]:
         traction = self.model.cell_traction(params, self.line)
-        if not self.model.operator.ways[0]:
+        if not self.model.operator.directions[0]:
             traction = traction * jnp.array([[1.0], [-1.0]])
         if self.weights is not None:
             traction = traction - traction @ self.weights[:, None]

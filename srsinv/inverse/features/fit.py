@@ -186,7 +186,7 @@ class FeatureFitter:
         self, features: Features, y: Float[np.ndarray, "e sample"], result: Fit
     ) -> tuple[str, ...]:
         """Warnings on what a fit leaves where the features are."""
-        turns = len(self._motion.ways) > 1
+        turns = len(self._motion.directions) > 1
         others = [
             f"feature.{name}.{each.other_setting}"
             for name, each in features.items()

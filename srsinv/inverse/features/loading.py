@@ -22,7 +22,7 @@ Traction = Float[Array, "2 n"]
 Range = tuple[float, float]
 
 
-class Tried(NamedTuple):
+class TrialShapes(NamedTuple):
     """Shapes that a search tries: their parameters (start,) by name, and the signals of unit linear
     parameters (start, part, e, sample) beyond the `fixed` one (start, e, sample)."""
 
@@ -60,7 +60,7 @@ class Loading(eqx.Module):
 
     @abc.abstractmethod
     def tractions(
-        self, line: Line, features: Features, params: Any, ways: tuple[bool, ...]
+        self, line: Line, features: Features, params: Any, directions: tuple[bool, ...]
     ) -> list[Traction]:
         """p and q [Pa] on the line, beyond their background, for each way of sliding."""
 
@@ -96,9 +96,9 @@ class Loading(eqx.Module):
     # --- the search ---
 
     @abc.abstractmethod
-    def tried(
+    def trial_shapes(
         self, model: Any, feature: AnyFeature, stretch: ScanExtent, given: Mapping[str, float]
-    ) -> Iterator[Tried]:
+    ) -> Iterator[TrialShapes]:
         """The shapes of a feature to try on a coarse model, a part at a time; `given`: the user's
         start values of some of its parameters, or of all, which are then one more shape."""
 

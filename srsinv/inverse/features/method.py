@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ...errors import mapping, of_kind, refuse, shown
+from ...errors import echo, mapping, of_kind, refuse
 from ...forward.feature import Feature
 from ..diagnostics import beyond_modulus, negative_load
 from ..line.problem import LineProblem
@@ -24,7 +24,7 @@ from .loading import FEATURES, AnyFeature, Features
 from .window import stretch_of
 
 
-class Latest:
+class LatestCache:
     """The latest of what was made for a sensor, a motion and so on: many problems share them."""
 
     def __init__(self):
@@ -70,7 +70,7 @@ class FeatureFit(Method):
     solver: Solver | None
     also: tuple[str, ...] = eqx.field(static=True)
     start: Mapping[str, float] = eqx.field(static=True)
-    _latest: Latest = eqx.field(static=True, repr=False)
+    _latest: LatestCache = eqx.field(static=True, repr=False)
 
     def __init__(
         self,
@@ -83,18 +83,18 @@ class FeatureFit(Method):
         for name, feature in mapping("features", features, wanted).items():
             refuse(
                 not isinstance(feature, FEATURES),
-                f"The feature {name!r} is {shown(feature)}: give one, as StripFeature().",
+                f"The feature {name!r} is {echo(feature)}: give one, as StripFeature().",
             )
         kinds = {feature.is_of_surface for feature in features.values()}
         refuse(
             len(kinds) != 1,
-            f"The features are {shown(dict(features))}: give one or more by name, all of them of "
+            f"The features are {echo(dict(features))}: give one or more by name, all of them of "
             "traction or all of a surface.",
         )
         wanted = "a solver, such as Optimistix()"
         self.features = dict(features)
         self.solver = None if solver is None else of_kind("solver", solver, Solver, wanted)
-        self.also, self.start, self._latest = tuple(also), dict(start or {}), Latest()
+        self.also, self.start, self._latest = tuple(also), dict(start or {}), LatestCache()
 
     @property
     def is_of_surface(self) -> bool:
@@ -172,7 +172,7 @@ class FeatureFit(Method):
 
 def _placed(estimate: FeatureEstimate, problem: Problem | LineProblem) -> FeatureEstimate:
     """The estimate on the problem's own line and over its background, with its warnings."""
-    placed = estimate.of_problem(problem.background_Pa, problem.own_line, problem.passed)
+    placed = estimate.of_problem(problem.background_Pa, problem.own_line, problem.scanned)
     pulling = _pulling(placed, problem.surrounding_pressure_Pa)
     beyond = _beyond(placed, problem.modulus_Pa)
     warnings = *problem.warnings, *placed.warnings, *pulling, *beyond

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc
 
-from ..diagnostics import FALSE_ALARM, Quality, local_misfit
+from ... import false_alarm
+from ..diagnostics import Quality, local_misfit
 from ..nonlinear import Fit
 
 MOST_BLOCKS = 512  # of samples, each with its mean: a misfit is as long as the film is deep
@@ -58,7 +59,7 @@ def local_excess(
         _excess(blocks, basis, weight[:, None] * correlation * weight, level_stderr)
         for weight in weights
     )
-    return max((each for each, p in excesses if p < FALSE_ALARM / len(weights)), default=1.0)
+    return max((each for each, p in excesses if p < false_alarm.CHECK / len(weights)), default=1.0)
 
 
 def _basis(

@@ -51,7 +51,7 @@ class FeatureModel(eqx.Module):
         both ends. `cell_m` [m]: None is fine enough for a signal right to 1e-5 of its peak.
         """
         line = line_under(sensor, motion, cell_m)
-        operator = operator_along(sensor, line, motion, FAR_M, motion.ways)
+        operator = operator_along(sensor, line, motion, FAR_M, motion.directions)
         loading = DirectLoading.over(line, motion)
         return cls(operator, loading, {}, sensor.amplifier.offset is None)
 
@@ -84,10 +84,10 @@ class FeatureModel(eqx.Module):
         blocks = int(np.ceil(window.length_m / cell_m / BLOCK))
         n = BLOCK * fast_length(max(blocks, 1))
         cell = window.length_m / n
-        line, ways = kind(n, cell, window.start_m + cell / 2), motion.ways
-        if len(ways) > 1:
+        line, directions = kind(n, cell, window.start_m + cell / 2), motion.directions
+        if len(directions) > 1:
             refuse_both_ways(sensor.skin)
-        operator = operator_along(sensor, line, motion, None, ways)
+        operator = operator_along(sensor, line, motion, None, directions)
         loading = ContactLoading(sensor, motion, nominal_pressure_Pa, also)
         return cls(operator, loading, {}, sensor.amplifier.offset is None)
 
@@ -116,14 +116,14 @@ class FeatureModel(eqx.Module):
     def with_sensor(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
         """The same features and line under another sensor of the same films' number."""
         reach = None if self.operator.end is None else FAR_M
-        operator = operator_along(sensor, self.line, motion, reach, self.operator.ways)
+        operator = operator_along(sensor, self.line, motion, reach, self.operator.directions)
         return dataclasses.replace(self, operator=operator)
 
     def halved(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
         """The same features of a surface on cells half as wide."""
-        line, ways = self.line, self.operator.ways
+        line, directions = self.line, self.operator.directions
         finer = type(line)(2 * line.n, line.cell_m / 2, line.start_m - line.cell_m / 4)
-        operator = operator_along(sensor, finer, motion, None, ways)
+        operator = operator_along(sensor, finer, motion, None, directions)
         return dataclasses.replace(self, operator=operator)
 
     def traction(self, params: Any) -> Float[Array, "2 n"]:
@@ -140,7 +140,7 @@ class FeatureModel(eqx.Module):
 
     def tractions(self, params: Any) -> list[Float[Array, "2 n"]]:
         """p and q [Pa] on the line for each way of the motion."""
-        return self.loading.tractions(self.line, self.features, params, self.operator.ways)
+        return self.loading.tractions(self.line, self.features, params, self.operator.directions)
 
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
         return self._signal(jax.tree.map(as_real, params))  # Python's numbers would be compiled in
@@ -158,19 +158,19 @@ class FeatureModel(eqx.Module):
         return signal + params["offset"][:, None] if self.free_offset else signal
 
     def _each_way(self, end: Float[Array, " 2"]) -> list[Float[Array, " 2"]]:
-        return [end if way else turned(end) for way in self.operator.ways]
+        return [end if direction else turned(end) for direction in self.operator.directions]
 
 
-def _stacked(ways: list[Float[Array, "2 *n"]]) -> Float[Array, "..."]:
-    return jnp.stack(ways) if len(ways) > 1 else ways[0]
+def _stacked(directions: list[Float[Array, "2 *n"]]) -> Float[Array, "..."]:
+    return jnp.stack(directions) if len(directions) > 1 else directions[0]
 
 
 @eqx.filter_jit
 def operator_along(
-    sensor: Sensor, line: Line, motion: Motion, reach_m: float | None, ways: tuple[bool, ...]
+    sensor: Sensor, line: Line, motion: Motion, reach_m: float | None, directions: tuple[bool, ...]
 ) -> MotionOperator:
     """[`Sensor.operator_along`][] as one program."""
-    return sensor.operator_along(line, motion, reach_m, ways)
+    return sensor.operator_along(line, motion, reach_m, directions)
 
 
 def line_under(sensor: Sensor, motion: Motion, cell_m: float | None) -> Open:

@@ -12,7 +12,7 @@ from ...forward.feature import ScanExtent
 from ...forward.scan import Motion
 from ...grid import as_real
 from .direct import responses
-from .loading import AnyFeature, Features, Tried
+from .loading import AnyFeature, Features, TrialShapes
 from .model import FeatureModel
 
 # Prior standard deviation of an amplitude: the one whose signal is this multiple of the largest
@@ -40,7 +40,7 @@ class Blocks:
         return values[..., :used].reshape(*values.shape[:-1], -1, self.size).mean(axis=-1)
 
 
-def apart(tried: Sequence[np.ndarray], explained: np.ndarray) -> list[int]:
+def separated(tried: Sequence[np.ndarray], explained: np.ndarray) -> list[int]:
     """Indices of the best starts that are not neighbours on their grid, by `tried`'s columns
     (start,)."""
     places = np.stack([np.unique(v, return_inverse=True)[1] for v in tried], axis=1)
@@ -68,7 +68,9 @@ class FilterBank:
 
     @classmethod
     def of(
-        cls, tried: Tried, weigh: Callable[[Float[np.ndarray, "..."]], Float[np.ndarray, "..."]]
+        cls,
+        tried: TrialShapes,
+        weigh: Callable[[Float[np.ndarray, "..."]], Float[np.ndarray, "..."]],
     ) -> "FilterBank":
         """Those of the shapes tried; `weigh` gives signals in units of the noise."""
         signals = weigh(tried.signals)
@@ -122,7 +124,7 @@ class FeatureSearch:
         if before[0]:
             rest = rest - known * np.asarray(self._model.with_features(before[0])(before[1]))
         columns, explained = self._explained(rest[None], white, known, feature, given)
-        chosen = apart(list(columns.values()), explained[0])
+        chosen = separated(list(columns.values()), explained[0])
         return [{name: float(column[at]) for name, column in columns.items()} for at in chosen]
 
     def best(
@@ -151,7 +153,7 @@ class FeatureSearch:
     def strongest(self, feature: AnyFeature) -> list[float]:
         """The strongest signal of each of its unit linear parameters over all shapes tried."""
         if feature not in self._strongest:
-            tried = self._model.loading.tried(self._model, feature, self._stretch, {})
+            tried = self._model.loading.trial_shapes(self._model, feature, self._stretch, {})
             self._note(feature, peaks=[_peaks(part) for part in tried])
         return self._strongest[feature]
 
@@ -177,7 +179,7 @@ class FeatureSearch:
         key = feature, white.tobytes(), known.tobytes()
         if key in self._banks:
             return self._banks[key]
-        tried = loading.tried(self._model, feature, self._stretch, given)
+        tried = loading.trial_shapes(self._model, feature, self._stretch, given)
 
         def weigh(signals):
             return self._weighed(known * signals, white, known)
@@ -203,7 +205,7 @@ class FeatureSearch:
         return weighed
 
 
-def _peaks(tried: Tried) -> Float[np.ndarray, " a"]:
+def _peaks(tried: TrialShapes) -> Float[np.ndarray, " a"]:
     return np.abs(tried.signals).max(axis=(0, 2, 3))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import chdtri
 
+from ... import false_alarm
 from ...errors import refuse
 from ...forward.feature import ScanExtent
 from ...forward.scan import Motion
@@ -24,7 +25,6 @@ from .loading import Features
 from .model import scan_extent
 
 LONG = 96  # depths: shorter recordings are fitted whole, and no stretch is longer but for margins
-FALSE_ALARM = 1e-3  # of noise alone, over all blocks: a block above the noise
 
 
 class FittedStretch(NamedTuple):
@@ -116,7 +116,7 @@ def _blocks(
     count = np.maximum(sums(observed.astype(float)), 1)
     level = np.asarray(problem.noise.white, float)[:, None]
     power = np.sum((total / level) ** 2 / count, axis=0)
-    above = float(chdtri(len(total), FALSE_ALARM / power.size))
+    above = float(chdtri(len(total), false_alarm.BLOCK / power.size))
     return sums(x) / size, power, power > above
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from ... import false_alarm
 from ...forward.scan import Motion
 from ...modules import with_fields
 from ...recording.passes import go_both_ways, passes_of, with_backlash
@@ -16,12 +17,11 @@ from ..estimate import COMPONENTS, Estimate
 from ..line.model import CHI2, FREEDOM
 from ..problem import Problem
 
-FALSE_ALARM = 1e-3  # of a pressure that is the same
 STEP_DEPTHS = 0.02  # between offsets that are tried
 EXPLAINED = 0.1  # of what both ways leave more together: less is left beside backlash
 
 
-def pressure_by_way(
+def pressure_by_direction(
     method: Callable[[Any], Estimate], problem: Problem, joint: Estimate
 ) -> tuple[str, ...]:
     """Warning on a pressure that changes with the direction of sliding.
@@ -34,17 +34,17 @@ def pressure_by_way(
     """
     cannot_part = problem.friction is None and len(problem.sensor.elements) < 2
     turns = go_both_ways(passes_of(np.asarray(problem.motion.position_m)))
-    if not turns or problem.way is not None or cannot_part:
+    if not turns or problem.direction is not None or cannot_part:
         return ()
     if not _leaves_more_than_noise(joint):
         return ()
-    both = [method(problem.of_way(way)) for way in (True, False)]
+    both = [method(problem.of_direction(direction)) for direction in (True, False)]
     if any(each.quality is Quality.FAILED for each in both):
         return ()
     freedom = max(sum(map(_resolved, both)) - _resolved(joint), 1.0)
     apart = sum(map(_squares, both))
     more = _squares(joint) - apart
-    if scipy.stats.chi2.sf(more, freedom) > FALSE_ALARM:
+    if scipy.stats.chi2.sf(more, freedom) > false_alarm.DIRECTIONS:
         return ()
     x, p = _pressures(problem, both)
     backlash = _backlash(method, problem, _offset(x, p))
@@ -120,9 +120,11 @@ def _with_offset(problem: Problem, offset_m: float) -> Problem:
 
 
 def _leaves_more_than_noise(estimate: Estimate) -> bool:
-    """Whether chance leaves as much of the signals once in 1 / `FALSE_ALARM`."""
+    """Whether chance leaves as much of the signals once in 1 / `false_alarm.DIRECTIONS`."""
     ratio, freedom = estimate.stats[CHI2], estimate.stats[FREEDOM]
-    return ratio is not None and bool(scipy.stats.chi2.sf(ratio * freedom, freedom) < FALSE_ALARM)
+    return ratio is not None and bool(
+        scipy.stats.chi2.sf(ratio * freedom, freedom) < false_alarm.DIRECTIONS
+    )
 
 
 def _resolved(estimate: Estimate) -> float:

@@ -63,20 +63,21 @@ def on_cells(
     given: SampledSignals,
     window_m: tuple[float, float] | None,
     cell_m: float | None,
-    way: bool | None = None,
+    direction: bool | None = None,
 ) -> OnCells:
     """Signals along a motion on cells of about `cell_m`, or as wide as the depth asks for.
 
-    Passes of a motion that turns are averaged, those of each way by themselves; `way` takes those
-    towards +x (True) or -x (False) alone. Raises `BadInput` for scans shorter than three cells.
+    Passes of a motion that turns are averaged, each direction of motion by itself; `direction`
+    takes those towards +x (True) or -x (False) alone. Raises `BadInput` for scans shorter than
+    three cells.
     """
     every = passes_of(np.asarray(given.motion.position_m))
     if not every:
         raise BadInput(f"{given.name}: the sensor stands still, and a rate shows nothing then.")
     turns = go_both_ways(every)
-    passes = tuple(each for each in every if way is None or each.is_onwards == way)
+    passes = tuple(each for each in every if direction is None or each.is_onwards == direction)
     if not passes:
-        towards = "+x" if way else "-x"
+        towards = "+x" if direction else "-x"
         raise BadInput(f"{given.name}: no pass goes towards {towards}: give recording.ways=both.")
     _check_samples(given, passes)
     first, *others = passes
@@ -108,7 +109,7 @@ def _averaged(
     noise, depth = given.noise, float(given.sensor.depth_m)
     averaging, block, mean = _averaging(given, passes, cell_m)
     cells, beside, found = averaging()
-    start_m, ways = float(cells.x_m[0]), averaging.ways
+    start_m, directions = float(cells.x_m[0]), averaging.directions
     # Columns are rows of their own beside the signals, so that the line's ends are theirs too.
     stacked = np.concatenate([cells.signal[:, None], beside], axis=1)
     each = stacked.shape[1]
@@ -118,10 +119,10 @@ def _averaged(
     cells, columns = wide.parted(len(stacked))
     spacing = mean / given.motion.sample_rate_hz
     sensor = _averaging_samples(given.sensor, block, spacing)
-    if len(ways) > 1:
+    if len(directions) > 1:
         films = (*sensor.elements, *(film.backward() for film in sensor.elements))
         sensor = Sensor(films, sensor.skin, sensor.amplifier, sensor.filters)
-    noise = noise.of_ways(len(ways))
+    noise = noise.of_directions(len(directions))
     trend = cells.slow_scale, start_m
     return _placed(noise, line, sensor, ConstantSpeed(mean), cells, columns, trend, found)
 

@@ -9,9 +9,9 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from ... import false_alarm
 from ...numerics import BAND_90, ROUNDED, root_of
 
-FALSE_ALARM = 1e-3  # of shifts, and of a scatter beyond the noise, where there is none
 SMOOTH_DEPTHS = 1 / 6  # over which signals' slopes are smoothed: waves so short are noise or hum
 SHIFT_DEPTHS = 0.25  # the standard deviation of shifts before they are known
 NOT_KNOWN = (
@@ -75,56 +75,58 @@ class PassGains(NamedTuple):
         seen = np.isfinite(self.variance)
         squares = np.sum(self.off[seen] ** 2 / self.variance[seen])
         count = self.freedom * int(np.sum(seen.any(axis=0)))
-        return bool(squares > scipy.stats.chi2.isf(FALSE_ALARM, max(count, 1)))
+        return bool(squares > scipy.stats.chi2.isf(false_alarm.PASSES, max(count, 1)))
 
 
 class PassesOnCells:
-    """Passes on common cells of `cell_m`, the number of each one's way among `ways`, the white
+    """Passes on common cells of `cell_m`, the number of each one's direction, the white
     noise's variance (e, 1) per sample, and the rms (e, 1) of a walk from cell to cell."""
 
     def __init__(
         self,
         every: Sequence[PassOnCells],
-        way: Sequence[int],
+        direction: Sequence[int],
         variance: Float[np.ndarray, "e 1"],
         step: Float[np.ndarray, "e 1"],
         cell_m: float,
     ):
-        self.every, self.way = list(every), list(way)
+        self.every, self.direction = list(every), list(direction)
         self.variance, self.step, self.cell_m = variance, step, cell_m
 
     @property
-    def ways(self) -> int:
+    def directions(self) -> int:
         """Number of ways that there are."""
-        return max(self.way) + 1
+        return max(self.direction) + 1
 
     @property
     def contrasts(self) -> int:
         """Differences between passes of a way."""
-        return len(self.way) - self.ways
+        return len(self.direction) - self.directions
 
-    def of(self, way: int) -> list[PassOnCells]:
+    def of(self, direction: int) -> list[PassOnCells]:
         """The passes of a way."""
-        return [each for each, own in zip(self.every, self.way, strict=True) if own == way]
+        return [
+            each for each, own in zip(self.every, self.direction, strict=True) if own == direction
+        ]
 
     @cached_property
     def signals(self) -> list[Float[np.ndarray, "e cell"]]:
         """The mean signals of each way."""
-        return [_mean([p.signal for p in self.of(w)], self.of(w)) for w in range(self.ways)]
+        return [_mean([p.signal for p in self.of(w)], self.of(w)) for w in range(self.directions)]
 
     @cached_property
     def columns(self) -> list[Float[np.ndarray, "e m cell"]]:
         """The means of each way's columns."""
-        return [_mean([p.columns for p in self.of(w)], self.of(w)) for w in range(self.ways)]
+        return [_mean([p.columns for p in self.of(w)], self.of(w)) for w in range(self.directions)]
 
-    def level_of(self, way: int) -> Float[np.ndarray, "e cell"]:
+    def level_of(self, direction: int) -> Float[np.ndarray, "e cell"]:
         """What a level of one, the same in all passes of a way, is in their mean signal."""
-        return _mean([p.slow for p in self.of(way)], self.of(way))
+        return _mean([p.slow for p in self.of(direction)], self.of(direction))
 
     @cached_property
     def differences(self) -> list[Float[np.ndarray, "e cell"]]:
         """What the signals of each pass differ by from the mean of its way."""
-        return [p.signal - self.signals[w] for p, w in zip(self.every, self.way, strict=True)]
+        return [p.signal - self.signals[w] for p, w in zip(self.every, self.direction, strict=True)]
 
     def cleaned(self) -> "PassesOnCells":
         """The passes less the expected signal of the columns, of sizes by what passes differ by;
@@ -134,8 +136,10 @@ class PassesOnCells:
             return self
         precision = np.tile(np.eye(size), (elements, 1, 1))
         right = np.zeros((elements, size))
-        for way, each, difference in zip(self.way, self.every, self.differences, strict=True):
-            off = each.columns - self.columns[way]
+        for direction, each, difference in zip(
+            self.direction, self.every, self.differences, strict=True
+        ):
+            off = each.columns - self.columns[direction]
             weighed = off * (each.information / self.variance)[:, None]
             precision += np.einsum("ein,ejn->eij", weighed, off)
             right += np.einsum("ein,en->ei", weighed, difference)
@@ -156,8 +160,10 @@ class PassesOnCells:
         of a walk each begins at a level of its own, and where fewer are averaged their mean would
         step. Like all that is slow, a level is in signals at the mean speed `slow` times."""
         levelled = []
-        for way, each, difference in zip(self.way, self.every, self.differences, strict=True):
-            common = np.all([p.information > 0 for p in self.of(way)], axis=0)
+        for direction, each, difference in zip(
+            self.direction, self.every, self.differences, strict=True
+        ):
+            common = np.all([p.information > 0 for p in self.of(direction)], axis=0)
             weight = common * each.information * each.slow
             level = np.sum(weight * difference, axis=1, keepdims=True) / np.maximum(
                 np.sum(weight * each.slow, axis=1, keepdims=True), np.finfo(float).tiny
@@ -167,29 +173,32 @@ class PassesOnCells:
         return self._with(levelled)
 
     def _with(self, every: Sequence[PassOnCells]) -> "PassesOnCells":
-        return PassesOnCells(every, self.way, self.variance, self.step, self.cell_m)
+        return PassesOnCells(every, self.direction, self.variance, self.step, self.cell_m)
 
-    def slope(self, way: int, depth_m: float) -> Float[np.ndarray, "e cell"]:
+    def slope(self, direction: int, depth_m: float) -> Float[np.ndarray, "e cell"]:
         """The derivative of a way's mean signal along x, without what a skin of such a depth does
         not transmit."""
         width = SMOOTH_DEPTHS * depth_m / self.cell_m
-        smooth = scipy.ndimage.gaussian_filter1d(self.signals[way], width, axis=1)
+        smooth = scipy.ndimage.gaussian_filter1d(self.signals[direction], width, axis=1)
         return np.gradient(smooth, self.cell_m, axis=1)
 
     def shifts(self, depth_m: float) -> tuple[Float[np.ndarray, " pass"], float]:
         """By how much each pass is ahead of the mean of its way, and the standard error [m], which
         holds a walk too, though weights are those of white noise."""
-        prior, slopes = SHIFT_DEPTHS * depth_m, [self.slope(w, depth_m) for w in range(self.ways)]
-        shifts, variances = np.zeros(len(self.way)), np.zeros(len(self.way))
-        for j, (way, each) in enumerate(zip(self.way, self.every, strict=True)):
-            weight = slopes[way] * each.information / self.variance
+        prior, slopes = (
+            SHIFT_DEPTHS * depth_m,
+            [self.slope(w, depth_m) for w in range(self.directions)],
+        )
+        shifts, variances = np.zeros(len(self.direction)), np.zeros(len(self.direction))
+        for j, (direction, each) in enumerate(zip(self.direction, self.every, strict=True)):
+            weight = slopes[direction] * each.information / self.variance
             # A level tells nothing of a shift; of a walk the sums from each cell on remain.
             of_level = each.information / np.sum(each.information, axis=1, keepdims=True)
             weight = weight - of_level * np.sum(weight, axis=1, keepdims=True)
-            precision = prior**-2 + np.sum(weight * slopes[way])
+            precision = prior**-2 + np.sum(weight * slopes[direction])
             of_walk = np.sum((self.step * np.cumsum(weight, axis=1)) ** 2)
             variances[j] = 1 / precision + of_walk / precision**2
-            if self.way.count(way) > 1:
+            if self.direction.count(direction) > 1:
                 shifts[j] = -np.sum(weight * self.differences[j]) / precision
         return shifts, float(np.mean(1 / variances) ** -0.5)
 
@@ -197,7 +206,7 @@ class PassesOnCells:
         """Whether shifts are more than noise makes of none."""
         if not self.contrasts:
             return False
-        most = scipy.stats.chi2.isf(FALSE_ALARM, self.contrasts)
+        most = scipy.stats.chi2.isf(false_alarm.PASSES, self.contrasts)
         return bool(np.sum((shifts / stderr) ** 2) > most)
 
     def level_spread(self) -> Float[np.ndarray, " e"]:
@@ -211,17 +220,19 @@ class PassesOnCells:
             noise = noise + self.variance[:, 0] / total / len(self.every)
             squares = squares + level**2
         freedom = max(self.contrasts, 1)
-        is_found = squares / noise > scipy.stats.chi2.isf(FALSE_ALARM, freedom)
+        is_found = squares / noise > scipy.stats.chi2.isf(false_alarm.PASSES, freedom)
         spread = np.sqrt(np.maximum(squares / freedom - noise, 0.0))
         return np.where(is_found & (self.contrasts > 0), spread, 0.0)
 
-    def _gain_templates(self, way: int) -> list[Float[np.ndarray, "e cell"]]:
+    def _gain_templates(self, direction: int) -> list[Float[np.ndarray, "e cell"]]:
         """The mean signal of a way over each of its passes, less its level there."""
         templates = []
-        for each in self.of(way):
+        for each in self.of(direction):
             total = np.maximum(np.sum(each.information, axis=1, keepdims=True), ROUNDED)
-            level = np.sum(each.information * self.signals[way], axis=1, keepdims=True) / total
-            templates.append(np.where(each.information > 0, self.signals[way] - level, 0.0))
+            level = (
+                np.sum(each.information * self.signals[direction], axis=1, keepdims=True) / total
+            )
+            templates.append(np.where(each.information > 0, self.signals[direction] - level, 0.0))
         return templates
 
     @cached_property
@@ -229,14 +240,14 @@ class PassesOnCells:
         """How gains vary from pass to pass: each pass's difference projected on the mean signal of
         its way, less the noise's part (the moments of a one-way analysis of variance; Searle,
         Casella and McCulloch 1992, section 3.6)."""
-        shape = len(self.way), len(self.variance)
+        shape = len(self.direction), len(self.variance)
         off, variance = np.zeros(shape), np.full(shape, np.inf)
-        for way in range(self.ways):
-            numbers = [j for j, own in enumerate(self.way) if own == way]
+        for direction in range(self.directions):
+            numbers = [j for j, own in enumerate(self.direction) if own == direction]
             if len(numbers) < 2:
                 continue
             total = np.sum([self.every[j].information for j in numbers], axis=0)
-            for j, template in zip(numbers, self._gain_templates(way), strict=True):
+            for j, template in zip(numbers, self._gain_templates(direction), strict=True):
                 own, difference = self.every[j].information, self.differences[j]
                 share = own / np.where(total > 0, total, 1.0)
                 weight = own * template / self.variance
@@ -254,22 +265,26 @@ class PassesOnCells:
         covariance = (off.T @ off - np.diag(noise)) / max(freedom, 1)
         root = root_of(covariance)
         wide = scipy.stats.t.ppf(scipy.stats.norm.cdf(BAND_90), max(freedom, 1)) / BAND_90
-        counts = np.array([self._effective_count(way) for way in range(self.ways)])
+        counts = np.array(
+            [self._effective_count(direction) for direction in range(self.directions)]
+        )
         of_means = wide * root / np.sqrt(counts)[:, None, None]
         return PassGains(off, variance, root @ root.T, freedom, of_means)
 
-    def _effective_count(self, way: int) -> float:
+    def _effective_count(self, direction: int) -> float:
         """How many passes of the same weight would have the mean that those of a way have."""
-        weights = np.array([np.sum(each.information) for each in self.of(way)])
+        weights = np.array([np.sum(each.information) for each in self.of(direction)])
         return float(np.sum(weights) ** 2 / np.sum(weights**2))
 
     def less_gains(self) -> "PassesOnCells":
         """The passes less what their own gains add to the mean signal of their way."""
-        templates = [iter(self._gain_templates(way)) for way in range(self.ways)]
+        templates = [iter(self._gain_templates(direction)) for direction in range(self.directions)]
         return self._with(
             [
-                each._replace(signal=each.signal - off[:, None] * next(templates[way]))
-                for way, each, off in zip(self.way, self.every, self.gains.off, strict=True)
+                each._replace(signal=each.signal - off[:, None] * next(templates[direction]))
+                for direction, each, off in zip(
+                    self.direction, self.every, self.gains.off, strict=True
+                )
             ]
         )
 
@@ -280,8 +295,8 @@ class PassesOnCells:
         squares = sum(float(np.sum(off**2 * p.information / self.variance)) for p, off in each)
         count = sum(int(np.sum(p.information > 0)) for p in self.every)
         averages = sum(
-            int(np.sum(np.any([p.information > 0 for p in self.of(way)], axis=0)))
-            for way in range(self.ways)
+            int(np.sum(np.any([p.information > 0 for p in self.of(direction)], axis=0)))
+            for direction in range(self.directions)
         )
         freedom = count - averages - self.contrasts
         return (float(np.sqrt(squares / freedom)) if freedom > 0 else float("nan")), freedom

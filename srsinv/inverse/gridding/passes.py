@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from ... import false_alarm
 from ...errors import refuse
 from ...forward.amplifier import Amplifier
 from ...forward.scan import Motion
@@ -24,11 +25,11 @@ from ...grid import as_real
 from ...numerics import whole_steps
 from ...recording.passes import Pass
 from .cells import LEAST_CELLS, Cells, fitted_on, sample_middles
-from .pass_statistics import FALSE_ALARM, PassesOnCells, PassGains, PassOnCells
+from .pass_statistics import PassesOnCells, PassGains, PassOnCells
 
 MUCH_SCATTER = 1.1  # times the noise: less may be what cells make of it
 MOST_BEATS = 64  # waves of a shift that varies along a pass
-FAINT = 1e-3  # of the white noise's variance: a column that changes nothing
+NEGLIGIBLE_COLUMN = 1e-3  # of the white noise's variance: a column that changes nothing
 
 
 class AveragedPasses(NamedTuple):
@@ -58,7 +59,8 @@ class AveragedPasses(NamedTuple):
         return self._of_scatter(self.scatter_beside_gains)
 
     def _of_scatter(self, scatter: float) -> tuple[str, ...]:
-        chance = scipy.stats.chi2.isf(FALSE_ALARM, max(self.freedom, 1)) / max(self.freedom, 1)
+        freedom = max(self.freedom, 1)
+        chance = scipy.stats.chi2.isf(false_alarm.PASSES, freedom) / freedom
         if not scatter > max(np.sqrt(chance), MUCH_SCATTER):
             return ()
         return (
@@ -95,8 +97,12 @@ class Averaging:
         gain = np.asarray(amplifier.at_speed(speed) / amplifier.at_speed(as_real(speed_m_per_s)))
         self._name, self._motion, self._gain, self._every = name, motion, gain, passes
         self._given = [self._rising(each, motion, gain, rows) for each in passes]
-        self.ways = tuple(way for way in (True, False) if any(p.is_onwards == way for p in passes))
-        self._way = [self.ways.index(each.is_onwards) for each in passes]
+        self.directions = tuple(
+            direction
+            for direction in (True, False)
+            if any(p.is_onwards == direction for p in passes)
+        )
+        self._direction = [self.directions.index(each.is_onwards) for each in passes]
         middles = [sample_middles(x) for x, _, _ in self._given]
         first, last = min(m[0] for m in middles), max(m[-1] for m in middles)
         refuse(
@@ -133,8 +139,8 @@ class Averaging:
         if self._is_walk:
             scatter = beside = float("nan")
         found = AveragedPasses(
-            int(np.sum([self.ways[i] for i in self._way])),
-            int(np.sum([not self.ways[i] for i in self._way])),
+            int(np.sum([self.directions[i] for i in self._direction])),
+            int(np.sum([not self.directions[i] for i in self._direction])),
             shifts, stderr, scatter, freedom, passes.gains, beside,
         )  # fmt: skip
         return cells, columns, found
@@ -148,23 +154,28 @@ class Averaging:
 
         `rounded_m`: rms rounding of the positions, of which the mean over a way may be as much.
         """
-        are_many = len(self._every) > len(self.ways)
+        are_many = len(self._every) > len(self.directions)
         shifts = np.zeros(len(self._every))
         passes, shifts, _ = self._settled() if are_many else (self._passes(shifts), shifts, 0.0)
         position = np.asarray(self._motion.position_m).copy()
-        slopes = np.zeros((len(self._variance), len(self.ways), position.size))
+        slopes = np.zeros((len(self._variance), len(self.directions), position.size))
         if not shifts.any() and not rounded_m:
             return self._motion, slopes[:, :0], slopes[:, 0]
         spread = _spread(shifts, passes) if are_many else 0.0
         centres = (self._edges[1:] + self._edges[:-1]) / 2
-        of_way = [passes.slope(way, self._depth) for way in range(len(self.ways))]
-        for each, way, shift in zip(self._every, self._way, shifts, strict=True):
+        of_direction = [
+            passes.slope(direction, self._depth) for direction in range(len(self.directions))
+        ]
+        for each, direction, shift in zip(self._every, self._direction, shifts, strict=True):
             own = each.samples
             position[own] -= shift
-            slopes[:, way, own] = [
-                self._gain[own] * np.interp(position[own], centres, row) for row in of_way[way]
+            slopes[:, direction, own] = [
+                self._gain[own] * np.interp(position[own], centres, row)
+                for row in of_direction[direction]
             ]
-        counts = np.array([self._way.count(way) for way in range(len(self.ways))])
+        counts = np.array(
+            [self._direction.count(direction) for direction in range(len(self.directions))]
+        )
         columns = slopes * np.hypot(spread / np.sqrt(counts), rounded_m)[:, None]
         if rounded_m:
             columns = np.concatenate([columns, rounded_m * self._drifting(slopes, position)], 1)
@@ -181,8 +192,8 @@ class Averaging:
         count = min(max(int(np.ceil(length / self._depth)), 1), MOST_BEATS)
         along = np.pi * np.clip((position_m - first) / length, 0.0, 1.0)
         waves = np.sqrt(2 / count) * np.cos(np.arange(1, count + 1)[:, None] * along)
-        elements, ways, n = slopes.shape
-        return (slopes[:, :, None] * waves).reshape(elements, ways * count, n)
+        elements, directions, n = slopes.shape
+        return (slopes[:, :, None] * waves).reshape(elements, directions * count, n)
 
     def _settled(self) -> tuple[PassesOnCells, Float[np.ndarray, " pass"], float]:
         """The passes where their signals agree, by how much they are moved, and its standard error;
@@ -227,7 +238,7 @@ class Averaging:
             every.append(
                 PassOnCells(values[:, 0], values[:, 1:], information[:, 0], slow[:, 0], typical)
             )
-        passes = PassesOnCells(every, self._way, self._variance, self._step, cell).cleaned()
+        passes = PassesOnCells(every, self._direction, self._variance, self._step, cell).cleaned()
         return passes.levelled() if self._is_walk else passes
 
     def _average(
@@ -236,8 +247,8 @@ class Averaging:
         samples = float(np.median([p.typical for p in passes.every]))
         spread = np.zeros(len(self._variance)) if self._is_walk else passes.level_spread()
         signal, white, slow, beside = [], [], [], []
-        for way, (mean, own) in enumerate(zip(passes.signals, passes.columns, strict=True)):
-            each = passes.of(way)
+        for direction, (mean, own) in enumerate(zip(passes.signals, passes.columns, strict=True)):
+            each = passes.of(direction)
             total = np.sum([p.information for p in each], axis=0)
             known = total > 0
             total = np.where(known, total, 1.0)
@@ -246,14 +257,14 @@ class Averaging:
             white.append(np.where(known, np.sqrt(samples / total), 1.0))
             slow.append(np.where(known, np.sqrt(squares) / total, 1.0))
             # Of one pass alone the position is what the recording says.
-            moved = passes.slope(way, self._depth) * shift_stderr_m / np.sqrt(len(each))
+            moved = passes.slope(direction, self._depth) * shift_stderr_m / np.sqrt(len(each))
             moved = moved[:, None] * (len(each) > 1)
             level = np.broadcast_to(spread[:, None, None] / np.sqrt(len(each)), moved.shape)
-            walk = (self._level * passes.level_of(way))[:, None]
+            walk = (self._level * passes.level_of(direction))[:, None]
             beside.append(np.concatenate([own, moved, level, walk], axis=1))
         x = (self._edges[1:] + self._edges[:-1]) / 2
         signal, white, slow, beside = map(np.concatenate, (signal, white, slow, beside))
-        least = FAINT * np.min(self._variance) * np.min(white**2) / samples
+        least = NEGLIGIBLE_COLUMN * np.min(self._variance) * np.min(white**2) / samples
         return Cells(x, signal, samples, white, slow), _compressed(beside, least)
 
 

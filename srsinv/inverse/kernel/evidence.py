@@ -77,7 +77,7 @@ class Prior(NamedTuple):
         return self.length_m * (np.sum(k * power) / (power[0] + np.sum(power)) - k)
 
 
-class Given(NamedTuple):
+class ElementPosterior(NamedTuple):
     """Coefficients of one element given t: L, L^-1 r A^T R^-1 y, and the same of J, of those that
     are `used`."""
 
@@ -92,7 +92,7 @@ class Given(NamedTuple):
         return self._placed((self.data - self.both @ t)[:, None])[:, 0]
 
     @property
-    def moved(self) -> Float[np.ndarray, "a c"]:
+    def slope(self) -> Float[np.ndarray, "a c"]:
         """What they change by with t."""
         return -self._placed(self.both)
 
@@ -113,7 +113,7 @@ class Posterior(NamedTuple):
 
     t: Float[np.ndarray, " c"]
     covariance: Float[np.ndarray, "c c"]
-    elements: Sequence[Given]
+    elements: Sequence[ElementPosterior]
     log_evidence: float
 
     def of(self, parameters: slice) -> "Posterior":
@@ -138,9 +138,9 @@ class Posterior(NamedTuple):
         if not own.used.size:
             return np.zeros(0), np.zeros((0, 0))
         mean = _solved(own.root, own.data - own.both @ self.t, True)
-        moved = _solved(own.root, own.both @ root_of(self.covariance), True)
+        slope = _solved(own.root, own.both @ root_of(self.covariance), True)
         lower, _ = scipy.linalg.lapack.dpotri(own.root, lower=1)
-        covariance = lower + lower.T + moved @ moved.T
+        covariance = lower + lower.T + slope @ slope.T
         covariance.flat[:: mean.size + 1] -= np.diag(lower)
         slope = mean**2 + np.diag(covariance) - 1
         covariance.flat[:: mean.size + 1] -= 1.0
@@ -153,9 +153,9 @@ class Posterior(NamedTuple):
         total = self.t.size - np.trace(self.covariance)
         for own in self.elements:
             size = len(own.root)
-            moved = _solved(own.root, own.both, True)
+            slope = _solved(own.root, own.both, True)
             spread = np.sum(_solved(own.root, np.eye(size)) ** 2)
-            total += size - spread - np.sum((moved @ self.covariance) * moved)
+            total += size - spread - np.sum((slope @ self.covariance) * slope)
         return float(total)
 
 
@@ -183,7 +183,7 @@ def posterior(
         precision = precision + own.physics - both.T @ both + rounded
         right = right + own.physics_data - both.T @ data
         log += (data @ data - own.square) / 2 - np.sum(np.log(np.diag(root)))
-        given.append(Given(root, data, both, every, used))
+        given.append(ElementPosterior(root, data, both, every, used))
     covariance = np.linalg.inv(precision) if t0.size else precision
     t = covariance @ right
     log += (right @ t - t0 @ t0 + (np.linalg.slogdet(covariance)[1] if t0.size else 0.0)) / 2

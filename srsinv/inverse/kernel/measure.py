@@ -25,7 +25,7 @@ from .evidence import Envelope, Posterior, Prior, Products, likeliest, posterior
 from .lags import LEAST_REACH, REACH, Lags
 from .measured import MeasuredKernel
 from .physics import Physics, default_parameters
-from .signals import About, KernelSignals, Mean, far_field, theory
+from .signals import KernelSignals, Mean, ResidualProducts, far_field, theory
 
 WIDTHS = 0.5, 1.0, 2.0, 4.0  # depths: the envelope's width,
 FAR_PARTS = 0.03, 1.0  # what is left of it far from the load,
@@ -67,7 +67,7 @@ class Chosen(NamedTuple):
 
 
 def choose(
-    about: Sequence[About],
+    about: Sequence[ResidualProducts],
     first: Prior,
     place: Place,
     t0: Float[np.ndarray, " c"],
@@ -102,42 +102,44 @@ def choose(
     return best
 
 
-KEPT = 1e-3  # of the variance of the kernel's slope, which a rate sees: error directions left out
+NEGLIGIBLE_VARIANCE = (
+    1e-3  # of the variance of the kernel's slope, which a rate sees: error directions left out
+)
 
 
-class Moved(NamedTuple):
+class KernelChange(NamedTuple):
     """Kernels (e, 2, m), their factors far away (e, 2), and directions of both (j, ...)."""
 
     value: Float[np.ndarray, "e 2 m"]
     far: Float[np.ndarray, "e 2"]
     directions: Sequence[tuple[np.ndarray, ...]]
 
-    def plus(self, other: "Moved") -> "Moved":
+    def plus(self, other: "KernelChange") -> "KernelChange":
         """Both together."""
         directions = [*self.directions, *other.directions]
-        return Moved(self.value + other.value, self.far + other.far, directions)
+        return KernelChange(self.value + other.value, self.far + other.far, directions)
 
 
-def moved(
+def kernel_change(
     signals: KernelSignals, found: Posterior, prior: Prior, mean: Mean, elements: Sequence[int]
-) -> Moved:
+) -> KernelChange:
     """What the posterior adds to the prior's mean, and the directions of its error."""
     basis = signals.basis(prior.envelope)
     value = np.tensordot(found.t, mean.kernel_slope, 1)
     moves, directions = np.array(mean.kernel_slope), []
     for e, given in zip(elements, found.elements, strict=True):
         value[e] += _at_lags(given.coefficients(found.t)[:, None], basis)[0]
-        moves[:, e] += _at_lags(given.moved, basis)
+        moves[:, e] += _at_lags(given.slope, basis)
         spread = np.zeros((given.root.shape[0], *mean.kernel.shape))
         spread[:, e] = _at_lags(given.factor, basis)
         directions.append((spread, np.zeros(spread.shape[:-1])))
     root = root_of(found.covariance)
     shared = (np.tensordot(root.T, each, 1) for each in (moves, mean.far_slope))
     far = np.tensordot(found.t, mean.far_slope, 1)
-    return Moved(value, far, [tuple(shared), *directions])
+    return KernelChange(value, far, [tuple(shared), *directions])
 
 
-def moved_by_gains(
+def change_by_gains(
     signals: KernelSignals, prior: Prior, mean: Mean, elements: Sequence[int]
 ) -> tuple[Float[np.ndarray, "j e 2 m"], Float[np.ndarray, "j e 2"]]:
     """What gains that vary from pass to pass leave open of these elements' kernels and of their
@@ -147,10 +149,10 @@ def moved_by_gains(
     values, fars = [np.zeros((0, *each.shape)) for each in none]
     for gains in signals.gain_errors:
         own = Mean(*none, signals.data * (1 - gains[:, None]), *mean[3:])
-        about = signals.about(own)
+        about = signals.less_mean(own)
         products = [about[e].under(prior.envelope) for e in elements]
         found = posterior(products, prior, signals.k, np.zeros(len(mean.far_slope)))
-        change = moved(signals, found, prior, own, elements)
+        change = kernel_change(signals, found, prior, own, elements)
         values, fars = (
             np.concatenate([every, each[None]])
             for every, each in ((values, change.value), (fars, change.far))
@@ -160,7 +162,7 @@ def moved_by_gains(
 
 def as_kernel(
     signals: KernelSignals,
-    moved: Moved,
+    change: KernelChange,
     parameters: Mapping[str, tuple[float, float]],
     chi2: float,
     stats: Mapping[str, float],
@@ -168,11 +170,11 @@ def as_kernel(
     """The kernel, its error in the fewest directions; `chi2` of what it leaves."""
     known = signals.known
     freedom = signals.sample_count - stats["resolved_dof"]
-    kept = [strongest(*each) for each in moved.directions if len(each[0])]
+    kept = [strongest(*each) for each in change.directions if len(each[0])]
     factors, far_factors = (np.concatenate(each) for each in zip(*kept, strict=True))
-    variance = sum(np.sum(each**2, axis=0) for each, _ in moved.directions)
+    variance = sum(np.sum(each**2, axis=0) for each, _ in change.directions)
     return MeasuredKernel(
-        signals.lags, moved.value, np.sqrt(variance), factors, moved.far, far_factors, parameters,
+        signals.lags, change.value, np.sqrt(variance), factors, change.far, far_factors, parameters,
         float(known.scan.speed_m_per_s), known.effective_friction, signals.has_both_ways,
         chi2 / max(freedom, 1.0), freedom, stats,
     )  # fmt: skip
@@ -189,13 +191,13 @@ def _at_lags(
 def strongest(
     kernel: Float[np.ndarray, "j e 2 m"], far: Float[np.ndarray, "j e 2"]
 ) -> tuple[Float[np.ndarray, "i e 2 m"], Float[np.ndarray, "i e 2"]]:
-    """The fewest independent directions of the same error, but for `KEPT` of the variance of the
-    kernel's slope, which is what a rate shows."""
+    """The fewest independent directions of the same error, but for `NEGLIGIBLE_VARIANCE` of the
+    variance of the kernel's slope, which is what a rate shows."""
     slope = np.diff(kernel, axis=-1).reshape(len(kernel), -1)
     values, axes = np.linalg.eigh(slope @ slope.T)
     order = np.argsort(values)[::-1]
     left = 1 - np.cumsum(values[order]) / np.sum(values)
-    own = axes[:, order[: int(np.argmax(left < KEPT)) + 1]]
+    own = axes[:, order[: int(np.argmax(left < NEGLIGIBLE_VARIANCE)) + 1]]
     return np.tensordot(own.T, kernel, 1), np.tensordot(own.T, far, 1)
 
 
@@ -228,7 +230,7 @@ def measure_kernel(
     Raises `BadInput` for a pressure of another shape or without any change, and a line that is too
     short.
     """
-    line_problem = problem.on_line() if isinstance(problem, Problem) else problem
+    line_problem = problem.to_grid() if isinstance(problem, Problem) else problem
     known = known_input(line_problem, stated, pressure_Pa, friction)
     names = default_parameters(stated) if parameters is None else parameters
     signals = KernelSignals(known, stated, Lags(float(stated.depth_m), _reach(known)))
@@ -280,16 +282,16 @@ def _of_data(signals: KernelSignals) -> MeasuredKernel:
     mean = far_field(signals)
     none = np.zeros(len(mean.far_slope))
     shared = not signals.has_both_ways  # passes of one way do not tell scales apart
-    whole, stats = Moved(np.array(mean.kernel), np.array(mean.far), []), {}
+    whole, stats = KernelChange(np.array(mean.kernel), np.array(mean.far), []), {}
     by_gains = []
     evidence = resolved = chi2 = 0.0
-    for e, about in zip(signals.elements, signals.about(mean), strict=True):
+    for e, about in zip(signals.elements, signals.less_mean(mean), strict=True):
         best = choose([about], _first_prior(about), Place(), none, shared)
         found = posterior(best.products, best.prior, signals.k, none)
         rows = slice(2 * e, 2 * e + 2)  # of the parameters: the far fields of this element
         part = mean.scaled(best.units).of(rows)
-        whole = whole.plus(moved(signals, found.of(rows), best.prior, part, [e]))
-        by_gains.append(moved_by_gains(signals, best.prior, mean.scaled(best.units), [e]))
+        whole = whole.plus(kernel_change(signals, found.of(rows), best.prior, part, [e]))
+        by_gains.append(change_by_gains(signals, best.prior, mean.scaled(best.units), [e]))
         stats |= {f"length_{e + 1}_m": best.prior.length_m}
         stats |= {f"envelope_{e + 1}_m": best.prior.envelope.width_m}
         evidence += found.log_evidence
@@ -302,7 +304,7 @@ def _of_data(signals: KernelSignals) -> MeasuredKernel:
     return as_kernel(signals, whole, {}, chi2, stats)
 
 
-def _first_prior(about: About) -> Prior:
+def _first_prior(about: ResidualProducts) -> Prior:
     """One under which the process would make the data's power, p and q in the ratio of the stated
     kernels."""
     signals = about.signals
@@ -325,7 +327,7 @@ def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
     prior = Prior(FIRST_REST * peak, depth, place.envelope(depth))
     for n in range(MOST_ROUNDS):
         t0 = np.concatenate([(values - physics.stated) / unit, np.zeros(len(far.far_slope))])
-        best = choose(signals.about(mean), prior, place, t0, True, n < FREE_ROUNDS)
+        best = choose(signals.less_mean(mean), prior, place, t0, True, n < FREE_ROUNDS)
         prior, place = best.prior, best.place
         found = posterior(best.products, prior, signals.k, t0)
         errors = np.sqrt(np.diag(found.covariance))[: unit.size]
@@ -334,12 +336,12 @@ def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
         values = physics.within(values + unit * found.t[: unit.size])
         mean = theory(signals, physics, values).beside(far)
     t0 = np.concatenate([(values - physics.stated) / unit, np.zeros(len(far.far_slope))])
-    best = choose(signals.about(mean), prior, place, t0, not signals.has_both_ways)
+    best = choose(signals.less_mean(mean), prior, place, t0, not signals.has_both_ways)
     prior, mean = best.prior, mean.scaled(best.units)
     found = posterior(best.products, prior, signals.k, t0)
-    by_gains = moved_by_gains(signals, prior, mean, signals.elements)
-    whole = Moved(mean.kernel, mean.far, [by_gains]).plus(
-        moved(signals, found, prior, mean, signals.elements)
+    by_gains = change_by_gains(signals, prior, mean, signals.elements)
+    whole = KernelChange(mean.kernel, mean.far, [by_gains]).plus(
+        kernel_change(signals, found, prior, mean, signals.elements)
     )
     errors = np.sqrt(np.diag(found.covariance))[: unit.size]
     errors = np.hypot(errors, _moves_by_rest(signals, prior, mean.kernel_slope[: unit.size]))

@@ -29,9 +29,9 @@ from ...status import Status
 from ..diagnostics import Quality, quality, reasons, residual_over_noise
 from ..estimate import averages
 from ..gridding.pass_statistics import NOT_KNOWN
-from ..line.model import FREEDOM, Shown
+from ..line.model import FREEDOM, EstimateParts
 from ..line.problem import LineProblem
-from ..noise.nuisance import Cleaned
+from ..noise.nuisance import WithoutNuisance
 from ..problem import Problem
 from ..rig.calibration import Calibration, calibrate
 from .design import Weights
@@ -49,11 +49,11 @@ LEAST_FRICTION = 3.0  # standard errors of mu, below which nothing is measured o
 class KernelResidual:
     """What a sensor's kernels leave of the mean signals over the known feature.
 
-    `shown`: the fitted signal and the whitened residual (row, n); `chi2_per_freedom` of so many
+    `parts`: the fitted signal and the whitened residual (row, n); `chi2_per_freedom` of so many
     degrees of `freedom`, drift, mains and what passes may be off counted as noise.
     """
 
-    shown: Shown
+    parts: EstimateParts
     chi2_per_freedom: float
     freedom: float
 
@@ -88,16 +88,16 @@ class FeatureKernel:
         return self._residual(self.stated, 0.0)
 
     def _residual(self, sensor: Sensor, resolved_dof: float) -> KernelResidual:
-        on = with_fields(self.problem, sensor=sensor, rig=None).on_line()
+        on = with_fields(self.problem, sensor=sensor, rig=None).to_grid()
         p = as_real(self.pressure_Pa)[None]
-        clean = Cleaned.of(on, p)
-        shown = clean.problem.show(p, jnp.zeros(p.shape))
-        signal = np.asarray(shown.fitted) + np.asarray(clean.signal)
+        clean = WithoutNuisance.of(on, p)
+        parts = clean.problem.estimate_parts(p, jnp.zeros(p.shape))
+        signal = np.asarray(parts.fitted) + np.asarray(clean.signal)
         residual = np.where(on.is_observed, np.asarray(on.data - on.forward(p)), 0.0)
         squares = float(np.sum(residual * Weights(on)(residual[None])[0]))
         offsets = len(residual) if on.has_free_offset else 0
         freedom = float(on.sample_count - offsets - resolved_dof)
-        return KernelResidual(shown._replace(fitted=signal), squares / max(freedom, 1.0), freedom)
+        return KernelResidual(parts._replace(fitted=signal), squares / max(freedom, 1.0), freedom)
 
     @property
     def note(self) -> str:
@@ -203,7 +203,7 @@ def measure_over_feature(
         f"a depth of the film or more: check fit.hold, or give {PLACE} in it, too.",
     )
     problem = with_fields(problem, friction=as_real(_sign(problem) * friction[0]))
-    on = problem.on_line()
+    on = problem.to_grid()
     pressure = _pressure(calibration, place[0], on)
     assert on.scan is not None
     assert on.friction is not None
@@ -221,7 +221,7 @@ def _sign(problem: Problem) -> float:
     """Of what q over p is where friction is positive, of a motion that goes one way: a problem of
     one way of several turns it by itself."""
     every = passes_of(np.asarray(problem.motion.position_m))
-    goes_back = problem.way is None and not any(each.is_onwards for each in every)
+    goes_back = problem.direction is None and not any(each.is_onwards for each in every)
     return -1.0 if goes_back else 1.0
 
 

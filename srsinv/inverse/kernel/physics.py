@@ -12,7 +12,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...errors import nearest, refuse, shown
+from ...errors import echo, nearest, refuse
 from ...forward.film import Film, Offset
 from ...forward.layered import Layered
 from ...forward.sensor import Sensor
@@ -59,7 +59,7 @@ class Physics:
             most = len(layers) if is_layer else len(sensor.elements)
             refuse(
                 not 1 <= number <= most,
-                f"kernel.parameters names {shown(name)}: {nearest(name, own)}of this sensor it can "
+                f"kernel.parameters names {echo(name)}: {nearest(name, own)}of this sensor it can "
                 f"name {', '.join(own)}, angle_N_deg and offset_N_m.",
             )
 

@@ -137,8 +137,8 @@ class KernelSignals:
             return np.zeros((0, len(self.data)))
         of_means = passes.gains.of_means
         whole = np.zeros((len(of_means), of_means.shape[2], *of_means.shape[:2]))
-        for way, own in enumerate(of_means):
-            whole[way, :, way] = own.T
+        for direction, own in enumerate(of_means):
+            whole[direction, :, direction] = own.T
         every = whole.reshape(-1, len(self.data))
         return every[np.any(every, axis=1)]
 
@@ -178,21 +178,23 @@ class KernelSignals:
             rows.append(factor * self.known.signals(self.lags, own, row)[0])
         return np.stack(rows)
 
-    def about(self, mean: Mean) -> list["About"]:
+    def less_mean(self, mean: Mean) -> list["ResidualProducts"]:
         """The data about a mean at the lags, of each element."""
         others = np.concatenate([(self.data - mean.signal)[None], mean.signal_slope])
         others = np.where(self._observed, others, 0.0)
         heavy = self._weights(others)
-        return [self._about(e, others, heavy) for e in self.elements]
+        return [self._less_mean_of(e, others, heavy) for e in self.elements]
 
-    def _about(self, element: int, others: np.ndarray, heavy: np.ndarray) -> "About":
+    def _less_mean_of(
+        self, element: int, others: np.ndarray, heavy: np.ndarray
+    ) -> "ResidualProducts":
         rows = self.known.rows_of(element)
         at_lags, own = np.zeros((2, self.lags.x_m.size, len(others))), 0.0
         for row in rows:
             shown = self._impulses[self._alike(row)].signals @ heavy[:, row].T
             at_lags += np.stack([shown, self.known.shear(row) * shown])
             own = own + others[:, row] @ heavy[:, row].T
-        return About(self, element, at_lags, np.asarray(own))
+        return ResidualProducts(self, element, at_lags, np.asarray(own))
 
     def products_of_waves(self, element: int, envelope: Envelope) -> Float[np.ndarray, "a a"]:
         """A R^-1 A^T of the signals A (a, .) of the waves of p and then of q of one element."""
@@ -242,7 +244,7 @@ class Impulses(NamedTuple):
     products: Float[np.ndarray, "m m"]
 
 
-class About(NamedTuple):
+class ResidualProducts(NamedTuple):
     """The data about a mean, and the signals of the mean's parameters, of one element: products
     with signals of kernels at the lags, (2, m, 1 + c), and with each other."""
 

@@ -15,8 +15,8 @@ from jaxtyping import Array, Float
 from ...grid import half_spectrum_weights
 from ...numerics import runs
 from ..estimate import Numbers
-from ..noise.nuisance import Cleaned
-from .model import Shown, with_means
+from ..noise.nuisance import WithoutNuisance
+from .model import EstimateParts, with_means
 from .prior import Prior, Solution
 from .problem import LineProblem
 from .spectral import (
@@ -94,7 +94,7 @@ class CheckedSolution(NamedTuple):
     to the problem's nuisance."""
 
     solution: Solution
-    shown: Shown
+    parts: EstimateParts
     checks: Checks
     nuisance_dof: float = 0.0
 
@@ -126,21 +126,21 @@ def spectral_answer(problem: LineProblem, prior: Prior) -> CheckedSolution:
         np.array(solved.resolved_dof(n)),
         solved.condition,
     )
-    shown = Shown(
+    parts = EstimateParts(
         *with_means(problem, value, solution.stderr),
         fitted + np.asarray(problem.mean_signal),
         residual,
         np.asarray(np.vdot(residual, residual)),
     )
-    return CheckedSolution(solution, shown, _checks(solved, stderr, model, roots, n))
+    return CheckedSolution(solution, parts, _checks(solved, stderr, model, roots, n))
 
 
 def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> CheckedSolution:
     """The answer of any other solution; the waves' checks are the nearest periodic problem's."""
     n, roots = problem.line.n, list(np.asarray(prior_root(problem.line, prior), float))
-    cleaned = Cleaned.of(problem, solution.value)
-    shown, pull, variance = _shown(cleaned.problem, prior, solution)
-    shown = shown._replace(fitted=shown.fitted + cleaned.signal)
+    cleaned = WithoutNuisance.of(problem, solution.value)
+    parts, pull, variance = _estimate_parts(cleaned.problem, prior, solution)
+    parts = parts._replace(fitted=parts.fitted + cleaned.signal)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging, float))
     checks = Checks(
         np.asarray(pull, float),
@@ -149,13 +149,13 @@ def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Checked
         difference_dof(whitened(problem), roots, n),
         missing_runs(problem, prior, solution.value),
     )
-    return CheckedSolution(solution, shown, checks, cleaned.dof)
+    return CheckedSolution(solution, parts, checks, cleaned.dof)
 
 
 @eqx.filter_jit
-def _shown(
+def _estimate_parts(
     problem: LineProblem, prior: Prior, solution: Solution
-) -> tuple[Shown, Float[Array, " c"], Float[Array, " c"]]:
+) -> tuple[EstimateParts, Float[Array, " c"], Float[Array, " c"]]:
     """What the estimate shows, its prior's pull squared, over the variance, and that variance: the
     means over the cells with samples. The pull is C P r, C the posterior covariance: the estimate
     less what the data alone would have in its place, as far as they can tell."""
@@ -170,8 +170,8 @@ def _shown(
     pull = pull - jnp.sum(pull * observed, axis=-1, keepdims=True) / count
     variance = jnp.sum(solution.stderr**2 * observed, axis=-1) / count
     squares = jnp.sum(pull**2 * observed, axis=-1) / count
-    shown = problem.show(solution.value, solution.stderr)
-    return shown, squares / jnp.where(variance > 0, variance, 1.0), variance
+    parts = problem.estimate_parts(solution.value, solution.stderr)
+    return parts, squares / jnp.where(variance > 0, variance, 1.0), variance
 
 
 def _checks(

@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...grid import as_real
 from ...modules import with_fields
 from ..noise.levels import at_one_level, change_of_variance
-from ..noise.nuisance import Beside, Nuisance
+from ..noise.nuisance import Nuisance, NuisanceCorrection
 from ..noise.whitener import NoisePrecision
 from .gaps import Gaps, Shapes, Solved, conjugate_gradients, inverse_of, missing_shapes
 from .near_periodic import MOST_STEPS, NearPeriodic
@@ -280,7 +280,7 @@ class Marginal:
         if problem.nuisance is not None:
             nuisance = Nuisance(problem, equations.weighed)
             self._weigh = nuisance.weigh
-            self._beside = Beside.of(
+            self._beside = NuisanceCorrection.of(
                 nuisance, equations.adjoint, lambda r: posterior.times(r, tolerance).value
             )
 

@@ -13,7 +13,9 @@ from ...grid import Convolution, Line
 from ...numerics import is_flat
 from ..estimate import COMPONENTS, Numbers
 
-FAINT = 1e-3  # a gain at k = 0 below this fraction of the largest leaves a mean unobservable
+OBSERVABLE_GAIN = (
+    1e-3  # a gain at k = 0 below this fraction of the largest leaves a mean unobservable
+)
 
 
 @eqx.filter_jit
@@ -24,10 +26,14 @@ def are_observable(
     gain = forward.transfer[..., 0]
     largest = jnp.max(jnp.abs(forward.transfer))
     size = jnp.linalg.norm(jnp.abs(gain), axis=0)
-    observable = forward.has_dc_gain & (size > FAINT * largest) & jnp.all(jnp.isfinite(noise[:, 0]))
+    observable = (
+        forward.has_dc_gain
+        & (size > OBSERVABLE_GAIN * largest)
+        & jnp.all(jnp.isfinite(noise[:, 0]))
+    )
     unit = jnp.where(observable, gain / jnp.where(observable, size, 1.0), 0.0)
     overlap = jnp.abs(unit.conj().T @ unit) - jnp.eye(len(known))
-    alike = jnp.any((overlap > 1 - FAINT**2) & ~np.array(known)[:, None], axis=0)
+    alike = jnp.any((overlap > 1 - OBSERVABLE_GAIN**2) & ~np.array(known)[:, None], axis=0)
     return observable & ~alike
 
 
@@ -52,7 +58,7 @@ def less_means(forward: Convolution, data, observed, means):
 CHI2, FREEDOM = "chi2_per_freedom", "degrees_of_freedom"
 
 
-class Shown(NamedTuple):
+class EstimateParts(NamedTuple):
     """Parts of an estimate: p and q [Pa] and their standard error (2, n), the fitted signal and the
     whitened residual (e, n), and the sum of the latter's squares."""
 
@@ -171,11 +177,13 @@ class LineModel(eqx.Module):
         cells = jnp.any(ones, axis=0)
         return hidden[:, None] * (cells / jnp.sum(cells))[None, :]
 
-    def show(self, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"]) -> Shown:
-        """What an estimate shows of a solution: see `Shown`."""
+    def estimate_parts(
+        self, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"]
+    ) -> EstimateParts:
+        """What an estimate shows of a solution: see `EstimateParts`."""
         fitted = self.forward(jnp.asarray(traction))
         whitened = self.whitened(self.data - fitted)
-        return Shown(
+        return EstimateParts(
             *with_means(self, traction, stderr),
             fitted + self.mean_signal + self.free_offset(self.data - fitted),
             whitened,

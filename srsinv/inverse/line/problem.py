@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ...errors import BadInput, all_of_kind, choice, number, refuse, shown
+from ...errors import BadInput, all_of_kind, choice, echo, number, refuse
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
 from ...grid import Convolution, Line, Operator, as_real
@@ -27,7 +27,7 @@ from ..gridding.cells import Window
 from ..gridding.passes import AveragedPasses
 from ..noise.model import Samples, noise_on_line
 from ..rig.error import SensorError
-from .model import CHI2, FREEDOM, LineModel, Shown, chi2, have_zero_mean, less_means
+from .model import CHI2, FREEDOM, EstimateParts, LineModel, chi2, have_zero_mean, less_means
 
 
 def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None:
@@ -113,7 +113,7 @@ def check_noise_scale(shape: tuple[int, ...], scale: Any) -> None:
     values = np.asarray(scale)
     refuse(
         values.shape != shape or not bool(np.all(np.isfinite(values) & (values > 0))),
-        f"noise_scale is {shown(values)}: give a positive factor on the noise's standard deviation "
+        f"noise_scale is {echo(values)}: give a positive factor on the noise's standard deviation "
         f"for each of the samples, {shape}.",
     )
 
@@ -140,7 +140,7 @@ def check_estimate(
     for name, value in stats.items():
         refuse(
             not (value is None or isinstance(value, str | Real)),
-            f"stats has {name} = {shown(value)}: give a number or a word, as float(...) makes one.",
+            f"stats has {name} = {echo(value)}: give a number or a word, as float(...) makes one.",
         )
     given = {name: np.asarray(values) for name, values in parts.items() if values is not None}
     for name, values in given.items():
@@ -156,7 +156,7 @@ def check_estimate(
     )
 
 
-class PassedCells(NamedTuple):
+class ScannedCells(NamedTuple):
     """The `cells` of a line of n that a scan passed, in the order of time."""
 
     cells: np.ndarray
@@ -193,7 +193,7 @@ class LineProblem(LineModel):
       known, and where it is unobservable.
     - `mean_signal` (e, n): the signal of the known means.
     - `warnings`: sentences on the signal, which every estimate takes over.
-    - `sensor`, `scan`: what made the signals, one sample a cell at constant speed; `passed`: the
+    - `sensor`, `scan`: what made the signals, one sample a cell at constant speed; `scanned`: the
       cells from the first to the last with a sample. None where only the operator is known.
     - `passes`: what averaging found, where the signals are means over passes.
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
@@ -219,7 +219,7 @@ class LineProblem(LineModel):
     mean_signal: Float[Array, "e n"]
     sensor: Sensor | None
     scan: ConstantSpeed | None
-    passed: PassedCells | None
+    scanned: ScannedCells | None
     passes: AveragedPasses | None
     rig: SensorError | None
     rig_changes: Convolution | None
@@ -263,7 +263,7 @@ class LineProblem(LineModel):
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
         observed = None if observed is None or np.all(observed) else jnp.asarray(observed)
         self.observed, self.sensor, self.scan = observed, sensor, scan
-        self.passed = None if scan is None else _passed(line.n, observed, scan)
+        self.scanned = None if scan is None else _scanned(line.n, observed, scan)
         self.known_mean_Pa = _pair(known_mean_Pa)
         self.background_Pa = _pair(background_Pa)
         self.zero_mean = have_zero_mean(forward, noise, self._known)
@@ -292,11 +292,11 @@ class LineProblem(LineModel):
             known["rig_changes"] = dataclasses.replace(operator, transfer=changes)
         return cls(line, operator, data, noise, sensor=sensor, scan=scan, rig=rig, **known)
 
-    def on_line(self) -> "LineProblem":
+    def to_grid(self) -> "LineProblem":
         """Itself, without the sensor: what is compiled for one problem then serves all sensors."""
         if self.sensor is None:
             return self
-        return with_fields(self, sensor=None, scan=None, passed=None, passes=None, rig=None)
+        return with_fields(self, sensor=None, scan=None, scanned=None, passes=None, rig=None)
 
     def rig_signals(self, traction: Float[Any, "c n"]) -> Float[np.ndarray, "k e n"]:
         """What one standard deviation of the rig, in each independent direction, changes of the
@@ -320,20 +320,20 @@ class LineProblem(LineModel):
     def operator(self, line: Line) -> Operator:
         """From traction on another line to the signals along the scan (see `samples`)."""
         sensor, motion, *_ = self.samples()
-        return sensor.operator_along(line, motion, ways=motion.ways)
+        return sensor.operator_along(line, motion, directions=motion.directions)
 
     def samples(self) -> Samples:
         """The signals from the first to the last cell with a sample, in the order of time."""
-        passed, sensor = self.passed, self.sensor
-        if passed is None or sensor is None:
+        scanned, sensor = self.scanned, self.sensor
+        if scanned is None or sensor is None:
             raise BadInput(
                 "The problem has an operator and no sensor, and features are fitted along a "
                 "sensor's motion: give sensor and scan."
             )
         y = np.where(self.is_observed, np.asarray(self.data + self.mean_signal), np.nan)[
-            :, passed.cells
+            :, scanned.cells
         ]
-        scale = np.ones(()) if self.noise_scale is None else self.noise_scale[:, passed.cells]
+        scale = np.ones(()) if self.noise_scale is None else self.noise_scale[:, scanned.cells]
         noise = noise_on_line(np.asarray(self.noise), self.line.n, y, np.asarray(scale))
         return Samples(sensor, self._motion, y, noise, is_estimate=False)
 
@@ -347,8 +347,8 @@ class LineProblem(LineModel):
     @property
     def _motion(self) -> Motion:
         assert self.scan is not None
-        assert self.passed is not None
-        x, speed = np.asarray(self.line.x)[self.passed.cells], float(self.scan.speed_m_per_s)
+        assert self.scanned is not None
+        x, speed = np.asarray(self.line.x)[self.scanned.cells], float(self.scan.speed_m_per_s)
         return Motion((x - x[0]) / speed, x, np.full(x.shape, speed))
 
     def estimate(
@@ -371,23 +371,23 @@ class LineProblem(LineModel):
         Raises `BadInput` for what has another shape or cannot be.
         """
         stats = {name: unboxed(value) for name, value in stats.items()}
-        parts = {"traction": traction, "stderr": stderr}
-        check_estimate((self.unknowns, self.line.n), parts, status, resolved_dof, warnings, stats)
+        given = {"traction": traction, "stderr": stderr}
+        check_estimate((self.unknowns, self.line.n), given, status, resolved_dof, warnings, stats)
         unknown = jnp.full(np.shape(traction), jnp.nan)
-        shown = _shown(self, jnp.asarray(traction), unknown if stderr is None else stderr)
-        squares = chi2(self, float(resolved_dof), float(shown.squares))
+        parts = _estimate_parts(self, jnp.asarray(traction), unknown if stderr is None else stderr)
+        squares = chi2(self, float(resolved_dof), float(parts.squares))
         of_residual = squares[CHI2], squares[FREEDOM] or 0.0
         over_noise = (*unchecked_residual(*of_residual), *residual_over_noise(*of_residual))
-        p, p_stderr = (np.asarray(each)[0] for each in (shown.value, shown.stderr))
+        p, p_stderr = (np.asarray(each)[0] for each in (parts.value, parts.stderr))
         p_stderr = np.where(np.isfinite(p_stderr), p_stderr, 0.0)
         beyond = beyond_modulus(p, p_stderr, self.modulus_Pa, float(resolved_dof))
-        finite = bool(jnp.all(jnp.isfinite(shown.value)))
+        finite = bool(jnp.all(jnp.isfinite(parts.value)))
         return TractionEstimate(
             line=self.line,
-            value=shown.value,
-            stderr=shown.stderr,
-            fitted=shown.fitted,
-            whitened=shown.whitened,
+            value=parts.value,
+            stderr=parts.stderr,
+            fitted=parts.fitted,
+            whitened=parts.whitened,
             friction=self.friction,
             status=Status(status) if finite else Status.NOT_FINITE,
             warnings=(*self.warnings, *warnings, *over_noise, *beyond),
@@ -396,8 +396,8 @@ class LineProblem(LineModel):
 
 
 @eqx.filter_jit
-def _shown(problem: LineProblem, traction, stderr) -> Shown:
-    return problem.show(traction, stderr)
+def _estimate_parts(problem: LineProblem, traction, stderr) -> EstimateParts:
+    return problem.estimate_parts(traction, stderr)
 
 
 def _of_pressure(operator: Convolution, friction: Float[Array, ""]) -> Convolution:
@@ -406,10 +406,10 @@ def _of_pressure(operator: Convolution, friction: Float[Array, ""]) -> Convoluti
     return dataclasses.replace(operator, transfer=transfer)
 
 
-def _passed(n: int, observed: Array | None, scan: ConstantSpeed) -> PassedCells:
+def _scanned(n: int, observed: Array | None, scan: ConstantSpeed) -> ScannedCells:
     at = np.arange(n) if observed is None else np.flatnonzero(np.any(np.asarray(observed), axis=0))
     cells = np.arange(at[0], at[-1] + 1)
-    return PassedCells(cells if float(scan.speed_m_per_s) > 0 else cells[::-1], n)
+    return ScannedCells(cells if float(scan.speed_m_per_s) > 0 else cells[::-1], n)
 
 
 def _pair(values: Sequence[float | Array | None]):

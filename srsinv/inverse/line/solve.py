@@ -29,7 +29,7 @@ from ..noise.nuisance import scored
 from . import direct, iterative, near_periodic, spectral
 from .answer import CheckedSolution, Runs, answer_of, spectral_answer
 from .gaps import Gaps
-from .model import Shown, chi2
+from .model import EstimateParts, chi2
 from .prior import Prior, Score, Solution
 from .problem import LineProblem
 from .rig_bands import rig_errors, with_rig_errors
@@ -125,7 +125,7 @@ class Scorer(eqx.Module):
 
     def __init__(self, family: Family, problem: LineProblem, path: str):
         path = choose_path(problem, path)
-        self.family, self.problem = family, problem.on_line()
+        self.family, self.problem = family, problem.to_grid()
         if path == "iterative":
             self.problem = at_one_level(scored(self.problem))
         if path == "direct":
@@ -216,22 +216,22 @@ def _estimate(
 ) -> TractionEstimate:
     solution, moved = answer.solution, rig_errors(problem, answer.solution)
     if moved is not None:
-        stderr = with_rig_errors(problem, answer.shown.stderr, moved)
-        answer = answer._replace(shown=answer.shown._replace(stderr=stderr))
-    shown = answer.shown
+        stderr = with_rig_errors(problem, answer.parts.stderr, moved)
+        answer = answer._replace(parts=answer.parts._replace(stderr=stderr))
+    parts = answer.parts
     stats["condition"] = float(solution.condition)
-    if not (np.isfinite(shown.value).all() and np.isfinite(shown.stderr).all()):
+    if not (np.isfinite(parts.value).all() and np.isfinite(parts.stderr).all()):
         status = Status.NOT_FINITE
     names, resolved_dof = COMPONENTS[: problem.unknowns], np.asarray(solution.resolved_dof, float)
     stats |= {f"resolved_dof_{name}": float(t) for name, t in zip(names, resolved_dof, strict=True)}
     taken = float(resolved_dof.sum()) + answer.nuisance_dof
-    stats |= chi2(problem, taken, float(shown.squares))
+    stats |= chi2(problem, taken, float(parts.squares))
     return TractionEstimate(
         line=problem.line,
-        value=shown.value,
-        stderr=shown.stderr,
-        fitted=shown.fitted,
-        whitened=shown.whitened,
+        value=parts.value,
+        stderr=parts.stderr,
+        fitted=parts.fitted,
+        whitened=parts.whitened,
         covariance=solution.covariance,
         mean_weights=problem.mean_weights,
         averaging=solution.averaging,
@@ -244,7 +244,7 @@ def _estimate(
 
 
 def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tuple[str, ...]:
-    solution, shown, checks = answer.solution, answer.shown, answer.checks
+    solution, parts, checks = answer.solution, answer.parts, answer.checks
     resolved_dof, noise = np.asarray(solution.resolved_dof, float), np.asarray(problem.noise)
     columns = COMPONENTS[: problem.unknowns], resolved_dof, *checks[:3]
     each = list(zip(*columns, strict=True))
@@ -258,8 +258,8 @@ def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tup
         *(s for name, t, pull, _, _ in each for s in diagnostics.pulled_by_prior(name, pull, t)),
         *(s for name, *_, least in each for s in diagnostics.unresolved_waves(name, least)),
         *_within_runs(checks.runs, resolved_dof / n),
-        *_pulling(problem, shown, resolved_dof[0]),
-        *_beyond(problem, shown, resolved_dof[0]),
+        *_pulling(problem, parts, resolved_dof[0]),
+        *_beyond(problem, parts, resolved_dof[0]),
         *diagnostics.unchecked_residual(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.residual_over_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
@@ -279,17 +279,17 @@ def _within_runs(runs: Runs | None, resolved: Float[np.ndarray, " c"]) -> Sequen
     )
 
 
-def _pulling(problem: LineProblem, shown: Shown, resolved_dof: float) -> Sequence[str]:
+def _pulling(problem: LineProblem, parts: EstimateParts, resolved_dof: float) -> Sequence[str]:
     """Warning on pressures below zero, where their level is known."""
     if problem.known_mean_Pa[0] is None or problem.background_Pa[0] is None:
         return ()
-    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (shown.value, shown.stderr))
+    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (parts.value, parts.stderr))
     return diagnostics.negative_pressure(p, stderr, resolved_dof)
 
 
-def _beyond(problem: LineProblem, shown: Shown, resolved_dof: float) -> Sequence[str]:
+def _beyond(problem: LineProblem, parts: EstimateParts, resolved_dof: float) -> Sequence[str]:
     """Warning on pressures beyond what the skin bears."""
-    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (shown.value, shown.stderr))
+    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (parts.value, parts.stderr))
     return diagnostics.beyond_modulus(p, stderr, problem.modulus_Pa, resolved_dof)
 
 

@@ -94,7 +94,7 @@ class SampleNoise(eqx.Module):
         """Whether any element drifts."""
         return any(self.drift)
 
-    def of_ways(self, count: int) -> "SampleNoise":
+    def of_directions(self, count: int) -> "SampleNoise":
         """The noise of as many rows of signals, of all elements each."""
         if len(self.white) == len(self.drift) == 1:
             return self

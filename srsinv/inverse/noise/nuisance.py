@@ -64,7 +64,7 @@ class Nuisance:
         return self._precision(y) - np.einsum("ei,ein->en", self.sizes(y), self.weighed)
 
 
-class Cleaned(NamedTuple):
+class WithoutNuisance(NamedTuple):
     """A problem without its columns: their expected `signal` (e, n) is taken out of its data, with
     so many degrees of freedom."""
 
@@ -73,7 +73,9 @@ class Cleaned(NamedTuple):
     dof: float
 
     @classmethod
-    def of(cls, problem: LineProblem, traction: Float[Any, "c n"] | None = None) -> "Cleaned":
+    def of(
+        cls, problem: LineProblem, traction: Float[Any, "c n"] | None = None
+    ) -> "WithoutNuisance":
         """The problem less what is expected of its columns beside the signal of a traction; None:
         of none."""
         if problem.nuisance is None:
@@ -104,7 +106,7 @@ def scored(problem: LineProblem, traction: Float[Any, "c n"] | None = None) -> L
     return with_fields(problem, data=as_real(left), nuisance=None)
 
 
-class Beside(NamedTuple):
+class NuisanceCorrection(NamedTuple):
     """What the columns change of a posterior: `moved` U (m, c, n), `images` G^T R^-1 C (m, c, n)
     and the inverse of T (m, m), for all columns of all elements in a row."""
 
@@ -118,7 +120,7 @@ class Beside(NamedTuple):
         nuisance: Nuisance,
         adjoint: Callable[[Signal], Traction],
         solve: Callable[[Traction], Traction],
-    ) -> "Beside":
+    ) -> "NuisanceCorrection":
         """`adjoint` is G^T, and `solve` the posterior covariance without the columns."""
         images = []
         for e, rows in enumerate(nuisance.weighed):

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ... import false_alarm
 from ...errors import refuse
 from ...forward.noise import Noise
 from ...recording import Recording
@@ -21,7 +22,6 @@ from ..nonlinear import LEVEL_STDERR
 from .model import LONG, SampleNoise
 from .sliding import RANGE, estimate, evidence_of_sliding, first_levels
 
-FALSE_ALARM = 1e-3  # of a drift beside white noise
 FEWEST = 100  # quiet samples of an element: their level is within 7 %
 WEAK = 0.3  # of the white noise: weaker waves of mains are left to it
 BESIDE_DRIFT = 3.0  # further variances of a white level, where a drift is estimated with it
@@ -107,7 +107,7 @@ def _levels(
     longest = float(time_s.size * np.median(np.diff(time_s)))
     levels = estimate(left[None], time_s, longest / RANGE, taken[None])
     odds = evidence_of_sliding(left[None], time_s, taken[None], levels)
-    if odds < -np.log(FALSE_ALARM):
+    if odds < -np.log(false_alarm.DRIFT):
         return _Levels(white, 0.0, np.inf)
     time_of_drift = levels.longest_m  # in seconds, as the path is
     drift = levels.sliding_rms * float(np.sqrt(2 / time_of_drift))

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ... import false_alarm
 from ...forward.scan import Motion
-from ..diagnostics import FALSE_ALARM, sliding_noise
+from ..diagnostics import sliding_noise
 from ..nonlinear import Fit, WhitePlusOU, WithNuisance
 from ..problem import Problem
 from .model import SampleNoise, Samples
@@ -101,7 +102,7 @@ class ResidualNoise:
             return ()
         taken = white.coloured(result.jacobian)
         odds = evidence_of_sliding(left, self._path_m, taken, levels)
-        return warnings if odds >= -np.log(FALSE_ALARM) else ()
+        return warnings if odds >= -np.log(false_alarm.CHECK) else ()
 
     @property
     def _path_m(self) -> Float[np.ndarray, " sample"]:

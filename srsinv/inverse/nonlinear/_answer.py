@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import chdtrc
 
+from ... import false_alarm
 from ...grid import as_real
 from ...status import Status
 from ..diagnostics import (
-    FALSE_ALARM,
     Quality,
     independent_share,
     of_fit,
@@ -311,7 +311,7 @@ class Summary:
         freedom = self.count - len(self.names)
         if not self.level_known or freedom < 1:
             return np.ones(cost.shape, bool)
-        return chdtrc(freedom, 2 * cost) >= FALSE_ALARM
+        return chdtrc(freedom, 2 * cost) >= false_alarm.CHECK
 
     def _minimum(self, objective: Objective, ends: SearchEnd) -> _Minimum:
         z, solver = np.asarray(ends.z, float), self.solver

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from ...grid import as_real
 from ._noise import Whitener, WhitePlusOU, whitener
 
-FAINT = 1e-6  # of the strongest wave, over the noise: what is less changes nothing
+NEGLIGIBLE_WAVE = 1e-6  # of the strongest wave, over the noise: what is less changes nothing
 
 
 class WithNuisance(Whitener):
@@ -42,7 +42,9 @@ class WithNuisance(Whitener):
         axes, strengths, waves = [], [], []
         for own, column in zip(whitened.swapaxes(0, 1), columns, strict=True):
             squares, turn = np.linalg.eigh(own @ own.T)
-            strength = np.sqrt(np.maximum(squares, FAINT**2 * max(squares.max(initial=0), 1.0)))
+            strength = np.sqrt(
+                np.maximum(squares, NEGLIGIBLE_WAVE**2 * max(squares.max(initial=0), 1.0))
+            )
             axes.append(turn.T @ own / strength[:, None])
             strengths.append(strength)
             waves.append(turn.T @ column)

@@ -52,7 +52,7 @@ def _unit_signals(model: RigModel, first: Any, depths: Float[Array, " a"], place
 
     def at_depth(depth):
         sensor = model.sensor_of(first | {"depth_m": depth})
-        operator = sensor.operator_along(model.line, motion, ways=model.ways)
+        operator = sensor.operator_along(model.line, motion, directions=model.directions)
         fields = [
             operator.field(jnp.stack(pair)) for pair in ((pressure, nothing), (nothing, pressure))
         ]

@@ -127,7 +127,7 @@ class RigModel(eqx.Module):
     line: Open
     pressure_Pa: Float[Array, " n"]
     place_m: Float[Array, ""]
-    ways: tuple[bool, ...] = eqx.field(static=True)
+    directions: tuple[bool, ...] = eqx.field(static=True)
     free_offset: bool = eqx.field(static=True)
 
     @classmethod
@@ -135,7 +135,7 @@ class RigModel(eqx.Module):
         """That of a problem's sensor and motion."""
         motion = problem.motion
         traction = known.line, as_real(known.pressure_Pa), as_real(known.place_m)
-        return cls(problem.sensor, motion, *traction, motion.ways, problem.has_free_offset)
+        return cls(problem.sensor, motion, *traction, motion.directions, problem.has_free_offset)
 
     @property
     def linear(self) -> tuple[str, ...]:
@@ -154,18 +154,23 @@ class RigModel(eqx.Module):
         """The signals at gains of one."""
         shift = self.place_m - params["position_m"]
         motion = eqx.tree_at(lambda m: m.position_m, self.motion, self.motion.position_m + shift)
-        operator = self.sensor.operator_along(self.line, motion, ways=self.ways)
+        operator = self.sensor.operator_along(self.line, motion, directions=self.directions)
         films = {n: as_real(each) for n, each in params.items() if n.startswith(_OF_FILMS)}
         transfer = _transfer(films, model=self)
         operator = eqx.tree_at(lambda o: o.field.transfer, operator, transfer)
         shear = params["base_friction"] * self.pressure_Pa
-        turned = [jnp.stack([self.pressure_Pa, shear if way else -shear]) for way in self.ways]
-        return operator(jnp.stack(turned) if len(self.ways) > 1 else turned[0])
+        turned = [
+            jnp.stack([self.pressure_Pa, shear if direction else -shear])
+            for direction in self.directions
+        ]
+        return operator(jnp.stack(turned) if len(self.directions) > 1 else turned[0])
 
     def transfer_of(self, films: Mapping[str, Any]) -> Complex[Array, "e c k"]:
         """The films' transfer along the line, at these depths, angles and offsets."""
         sensor = self.sensor_of({"depth_m": self.sensor.depth_m, **films})
-        return sensor.operator_along(self.line, self.motion, ways=self.ways).field.transfer
+        return sensor.operator_along(
+            self.line, self.motion, directions=self.directions
+        ).field.transfer
 
     def sensor_of(self, params: Mapping[str, Any]) -> Sensor:
         """The sensor of these parameters."""

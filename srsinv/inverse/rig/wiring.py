@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.special import logsumexp
 
+from ... import false_alarm
 from ..line.problem import LineProblem
-from ..noise.nuisance import Cleaned
+from ..noise.nuisance import WithoutNuisance
 
-FALSE_ALARM = 1e-3  # of a sensor wired as stated, over all faults
 LEVELS = 10.0 ** np.arange(-2.0, 2.1, 0.5)  # of p, in units of that which makes the data's power
 LENGTHS = (1.0, 4.0)  # depths, over which p is correlated
 # mu, and the part of q that is not mu p: apart, and hardly apart from friction.
@@ -38,7 +38,7 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
         return ()
     k = np.asarray(problem.line.k)[1:]
     used = np.flatnonzero((k * depth_m < DEEP) & ~_of_waves(problem)[1:]) + 1
-    problem = Cleaned.of(problem).problem
+    problem = WithoutNuisance.of(problem).problem
     together = problem.is_observed.all(axis=0)
     data = np.fft.rfft(np.where(together, np.asarray(problem.data), 0.0)) / np.sqrt(problem.line.n)
     white = data[:, used] / np.sqrt(np.asarray(problem.noise, float)[:, used])
@@ -49,7 +49,7 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
     faults = list(_faults(gain, names, np.mean(np.abs(white) ** 2, axis=1)))
     ratios = [_log_evidence(each, white, priors) - stated for each, _ in faults]
     best = int(np.argmax(ratios))
-    if not ratios[best] > np.log(len(faults) / FALSE_ALARM):
+    if not ratios[best] > np.log(len(faults) / false_alarm.WIRING):
         return ()
     return (
         f"{faults[best][1]} The signals are {_times(ratios[best])} times as probable "

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from xarray.conventions import decode_cf_variable
 
-from ...errors import is_number, shown
+from ...errors import echo, is_number
 from ...files import DataFile
 from .._apart import IsolatedReader
 from .._sidecar import parse
@@ -67,7 +67,7 @@ def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
         value = packing.get(key, 1)
         if not is_number(value) or (key == "scale_factor" and value == 0):
             value = value.item() if isinstance(value, np.generic) else value
-            table.leave_out(name, f"is packed with {key} {shown(value)}")
+            table.leave_out(name, f"is packed with {key} {echo(value)}")
             return
 
     def unpacked(values: np.ndarray) -> xr.Variable:

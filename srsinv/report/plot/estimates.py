@@ -14,11 +14,11 @@ from .stages import QUANTITIES, X, method_curves, method_looks
 from .style import (
     SHADE,
     TRUTH,
+    has_values,
     names_of,
     observed_anywhere,
     peak,
     scale,
-    shown,
     stretches,
     units_of,
 )
@@ -88,7 +88,7 @@ def _bands(methods, looks, middle, half, observed) -> Iterator[Curve]:
     for method, value, reach in zip(methods, middle, half, strict=True):
         # A band may be huge where nothing was measured: it must not set the scale.
         in_view = observed if observed.any() else True
-        if not shown(reach):  # a method of one's own may give none
+        if not has_values(reach):  # a method of one's own may give none
             yield Curve(value, method, look=looks[method], in_view=in_view)
             continue
         reach = np.nan_to_num(reach)
@@ -122,7 +122,7 @@ def averaging_kernel(dataset: xarray.Dataset) -> Figure:
     """Averaging kernel of one point of the estimate: a row for each component estimated, a column
     for each that contributes; only those that were solved for."""
     kernels, components = dataset["averaging_kernel"].values, names_of(dataset["component"])
-    solved = [c for c in range(kernels.shape[1]) if shown(kernels[:, c, c])]
+    solved = [c for c in range(kernels.shape[1]) if has_values(kernels[:, c, c])]
     methods = names_of(dataset["estimator"])
     few_depths = 5 * float(dataset["element_depth"].max())
     reach = min(

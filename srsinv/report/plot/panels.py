@@ -19,11 +19,11 @@ from .style import (
     WIDTH_IN,
     Scale,
     colours,
+    has_values,
     legend_below,
     legend_beside,
     note,
     scale,
-    shown,
     styled,
     symbol,
 )
@@ -175,7 +175,7 @@ def _draw(
         _curve(axes, curve, panel, (x.factor, y.factor), palette[curve.label])
     for mark in panel.marks:
         _mark(axes, mark, (x if mark.axis == "x" else y).factor)
-    if not any(shown(np.asarray(curve.y, float)) for curve in panel.curves):
+    if not any(has_values(np.asarray(curve.y, float)) for curve in panel.curves):
         note(axes, "no values")
     axes.set_title(panel.title)
     axes.set_ylabel(y.label(symbol(panel.y.quantity)))

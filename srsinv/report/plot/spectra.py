@@ -17,10 +17,10 @@ from .style import (
     PALETTE,
     TRUTH,
     colours,
+    has_values,
     names_of,
     peak,
     short,
-    shown,
     styled,
     units_of,
 )
@@ -88,7 +88,7 @@ def _gain(dataset: xarray.Dataset, across: PanelAxis) -> Panel:
         )
         for e, element in enumerate(names_of(dataset["element"]))
         for c, (component, colour) in enumerate(palette.items())
-        if shown(gain.values[e, c])
+        if has_values(gain.values[e, c])
     ]  # fmt: skip
     up = PanelAxis(_GAIN, units_of(gain), True, gain_limits(gain.values))
     return Panel(lines, across, up, k[1:], "Sensor gain")
@@ -133,7 +133,7 @@ def _resolution(dataset: xarray.Dataset, across: PanelAxis) -> Panel:
         for c, component in enumerate(names_of(dataset["component"])):
             own = {"color": look["color"], "linestyle": LINE_STYLES[c]}
             values, at = dataset["resolution"].values[m, c], float(cutoff[m, c])
-            if not shown(values):
+            if not has_values(values):
                 continue
             where = f"{wavelength_mm(at):.3g} mm" if np.isfinite(at) else "no cut-off"
             lines.append(Curve(values[1:], f"{component}, {method}: {where}", look=own))

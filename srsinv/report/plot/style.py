@@ -140,7 +140,7 @@ def names_of(coordinate: DataArray) -> list[str]:
     return [str(name) for name in coordinate.values]
 
 
-def shown(values: np.ndarray) -> bool:
+def has_values(values: np.ndarray) -> bool:
     """Whether there is anything to draw: components not solved for are all NaN."""
     return bool(np.isfinite(values).any())
 
