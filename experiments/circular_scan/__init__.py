@@ -6,8 +6,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.circular_scan.circular import Circle, Circling, ObliqueRidge
-from experiments.circular_scan.direction import Direction, DirectionFinder, angle_bounds_deg
 from srsinv import config
 from srsinv.errors import number, numbers, refuse, whole
 from srsinv.forward.oblique import gain_of_angle
@@ -21,6 +19,8 @@ from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 
+from .circular import Circle, Circling, ObliqueRidge
+from .direction import Direction, DirectionFinder, angle_bounds_deg
 from .figures import errors, on_the_circle
 
 LEAST = 1e-12  # of a ridge's width [m] and load [N/m]

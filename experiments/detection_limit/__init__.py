@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import xarray
 
-from experiments.detection_limit.ridges import RidgeDetection, RidgeLimits
 from srsinv import config
 from srsinv.errors import number, refuse, whole
 from srsinv.inverse.detection import needed_known, power_law_exponent
@@ -16,6 +15,7 @@ from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity
 
 from .figures import AXES, least_height, narrowest_pair
+from .ridges import RidgeDetection, RidgeLimits
 
 LIMITS = RidgeLimits._fields
 

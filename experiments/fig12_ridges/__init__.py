@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import xarray
 
-from experiments.fig12_ridges import waves
-from experiments.fig12_ridges.pitched import PitchedScan, PitchRecord, PitchSweep
 from srsinv import config
 from srsinv.effects import add_effects
 from srsinv.errors import number, number_range, refuse, whole
@@ -19,7 +17,9 @@ from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed, quantity, quantity_with_error
 
+from . import waves
 from .figures import PAPER_M, draw_signal, draw_size
+from .pitched import PitchedScan, PitchRecord, PitchSweep
 
 STATED = ("ridges", "blind_strip_width_m", "false_alarm", "detection", "peak_over_noise",
           "sample_rate_hz")  # settings that the page names  # fmt: skip

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 
-from experiments.model_error.wave_response import wave_response, whole_waves
 from srsinv import config
 from srsinv.errors import mapping, number_range, refuse, whole
 from srsinv.forward.sensor import Sensor
@@ -21,6 +20,7 @@ from srsinv.report.section import sections
 from srsinv.report.text import listed, significant
 
 from .figures import by_wavelength, recovered
+from .wave_response import wave_response, whole_waves
 
 ASSUMED = "as assumed"
 Variables = dict[str, tuple[Any, ...]]

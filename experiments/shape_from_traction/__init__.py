@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from experiments.shape_from_traction.shape import RecoveredShape
 from srsinv import config
 from srsinv.errors import mapping, refuse
 from srsinv.inverse.estimate import Estimate, coverage_90
@@ -18,6 +17,7 @@ from srsinv.report.section import sections
 from srsinv.report.text import spoken, unit_of
 
 from .figures import pressures, shapes
+from .shape import RecoveredShape
 
 Variables = dict[str, tuple[Any, ...]]
 

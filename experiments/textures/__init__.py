@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 import xarray
 
-from experiments.textures.scans import TextureScans, TextureSensor
-from experiments.textures.texture import HeightSpectra
 from srsinv import config
 from srsinv.errors import mapping, number, refuse, whole
 from srsinv.progress import stage
@@ -18,6 +16,8 @@ from srsinv.report.text import listed
 from srsinv.targets import make
 
 from .figures import height_densities
+from .scans import TextureScans, TextureSensor
+from .texture import HeightSpectra
 
 CONTACTS = {"full": "pressure_Pa", "light": "light_pressure_Pa"}  # and the key of each pressure
 CLASSIFICATIONS = {  # and the end of its accuracy's name in metrics.json

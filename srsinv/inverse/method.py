@@ -16,7 +16,7 @@ from .problem import Problem
 class Method(eqx.Module):
     """An inversion. Its fields are its settings; a call solves one problem.
 
-    The method chooses its line: it takes the problem's signals on cells (`problem.on_line()`), or
+    The method chooses its line: it takes the problem's signals on cells (`problem.to_grid()`), or
     as they were sampled (`problem.samples()`), and the estimate says on which line it is.
     """
 

@@ -12,7 +12,6 @@ import numpy as np
 import xarray
 from jaxtyping import Float, Int
 
-from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS, Estimate, deviation
 from ..inverse.line.problem import LineProblem
 from ..numerics import mean_known
@@ -22,12 +21,11 @@ from ..report.result import Result
 from ..report.section import sections
 from ..report.text import significant
 from ._statistics import differences, ranks
+from .estimates import Answers, Variables, estimate_coordinates, estimate_variables, valid_stderr
 from .monte_carlo import (
     FEATURE_FIT,
-    Answers,
-    Variables,
-    estimate_coordinates,
-    estimate_variables,
+    fit_variables,
+    parameter_coordinates,
     parameter_draws,
     simulate_and_fit,
 )
@@ -64,7 +62,8 @@ def on_recording(
             "parameter_value": (by, value, "SI"),
             "parameter_value_stderr": (by, stderr, "SI"),
         }
-    coordinates = estimate_coordinates(problem, answers) | {
+    coordinates = estimate_coordinates(problem, list(methods)) | {
+        **parameter_coordinates(answers),
         "part": (list(PARTS), "1"),
         "other": (list(methods), "1"),
         "half": (list(PARTS[1:]), "1"),
@@ -111,7 +110,8 @@ def _samples(
     problem: LineProblem, answers: Answers[Estimate], signal: np.ndarray, units: tuple[str, str]
 ) -> Variables:
     """The signal, and what each method makes of it."""
-    own, samples = estimate_variables(answers, ("part",), units), ("element", "x")
+    own = estimate_variables(answers, ("part",), units) | fit_variables(answers, ("part",))
+    samples = ("element", "x")
     residual = (signal - own["fitted_signal"][1]) / problem.noise_rms
     return own | {
         "signal": (samples, signal, units[0]),
@@ -149,7 +149,7 @@ def _profiles(problems: Sequence[LineProblem], answers: Answers[Estimate], units
     cells, x = problems[0].observed_cells, np.asarray(problems[0].line.x)
     value = answers.each(lambda each: each.value)
     observed = [problem.observed_cells for problem in problems]
-    stderr = np.array([list(map(_stderr, of, observed)) for of in answers.of.values()])
+    stderr = np.array([list(map(valid_stderr, of, observed)) for of in answers.of.values()])
     moved = deviation(value[:, 1], cells) - deviation(value[:, 2], cells)
     p = deviation(value[:, 0, 0], cells)
     apart = np.linalg.norm(p[:, None] - p[None], axis=-1)
@@ -167,13 +167,6 @@ def _profiles(problems: Sequence[LineProblem], answers: Answers[Estimate], units
     }  # fmt: skip
 
 
-def _stderr(estimate: Estimate, cells: np.ndarray) -> Float[np.ndarray, "2 n"]:
-    """Standard errors of the deviation from the mean over `cells`, infinite where the answer
-    failed."""
-    stderr = np.asarray(estimate.deviation(cells)[1])
-    return np.full_like(stderr, np.inf) if estimate.quality is Quality.FAILED else stderr
-
-
 def _peak(values: Float[np.ndarray, "... x"]) -> Int[np.ndarray, "..."]:
     """Where the values are largest: in the middle, where several are but for rounding."""
     top, spread = values.max(axis=-1, keepdims=True), np.ptp(values, axis=-1, keepdims=True)
@@ -184,7 +177,7 @@ def _peak(values: Float[np.ndarray, "... x"]) -> Int[np.ndarray, "..."]:
 
 def _answers(answers: Answers[Estimate]) -> Variables:
     """Quality and reasons of each method's answer from all cells; how either half ended."""
-    own = answer_variables({name: of[0] for name, of in answers.of.items()})
+    own = answer_variables(answers.first)
     own["quality_all"] = own.pop("quality")
     halves = [" ".join(each.status.advice for each in of[1:]) for of in answers.of.values()]
     return own | {"status_halves": ("estimator", halves, "1")}

@@ -17,10 +17,8 @@ from ..inverse.diagnostics import Quality
 from ..inverse.estimate import (
     COMPONENTS,
     Estimate,
-    coverage_90,
     deviation,
     overall_error,
-    relative_error,
 )
 from ..inverse.features.method import FeatureFit
 from ..inverse.line.problem import LineProblem
@@ -29,13 +27,12 @@ from ..report.data import dataset, key_of, scalars
 from ..report.result import Result
 from ..report.section import sections
 from ._statistics import differences, ranks
+from .estimates import Answers, Variables, estimate_coordinates, estimate_variables, score_variables
 from .monte_carlo import (
     FEATURE_FIT,
-    Answers,
-    Variables,
     computed,
-    estimate_coordinates,
-    estimate_variables,
+    fit_variables,
+    parameter_coordinates,
     parameter_draws,
     simulate_and_fit,
 )
@@ -125,7 +122,8 @@ def on_scene(
         alone = simulate_and_fit(problems, {"Absent feature": computed(wrong)}, scene.shape)
         variables |= _of_wrong(own, _of_methods(scene, problems, alone), list(methods))
         facts = {**facts, "wrong_feature": " + ".join(wrong.features)}
-    coordinates = estimate_coordinates(problems[0], answers) | {
+    coordinates = estimate_coordinates(problems[0], list(methods)) | {
+        **parameter_coordinates(answers),
         "snr": ([float(level) for level in scene.snr_dB], "dB"),
         "seed": (list(scene.seeds), "1"),
     }
@@ -161,9 +159,10 @@ def _of_methods(
         rows = np.asarray([get(problem) for problem in problems])
         return rows.reshape(*shape, *rows.shape[1:])
 
-    own = estimate_variables(answers, DRAWN, (unit, "Pa"))
+    own = estimate_variables(answers, DRAWN, (unit, "Pa")) | fit_variables(answers, DRAWN)
     truth = np.asarray(sim.traction(sim.line))
-    stderr = answers.each(lambda each: each.deviation(cells)[1])
+    value, stderr = own["estimate"][1], answers.each(lambda each: each.deviation(cells)[1])
+    overall = overall_error(value, truth, cells)
     signal = data(lambda problem: np.asarray(problem.data + problem.mean_signal))
     rms = data(lambda problem: problem.noise_rms)[..., None, None]
     return own | {
@@ -172,21 +171,8 @@ def _of_methods(
         "observed": (samples, problems[0].is_observed.astype(np.int8), "1"),
         "estimate_stderr": ((*BY, "component", "x"), stderr, "Pa"),
         "whitened_residual": ((*BY, *samples), (signal - own["fitted_signal"][1]) / rms, "1"),
-        **_scores(own["estimate"][1], stderr, truth, cells),
-    }
-
-
-def _scores(
-    value: np.ndarray, stderr: np.ndarray, truth: np.ndarray, cells: np.ndarray
-) -> Variables:
-    """Relative error of p and of q, of both together by the norm of both, and the fraction of
-    cells in the 90 % band: all of the deviation from the mean."""
-    overall = overall_error(value, truth, cells)
-    of = (*BY, "component")
-    return {
-        "error": (of, relative_error(value, truth, cells), "1"),
+        **score_variables(value, stderr, truth, cells, BY),
         "error_overall": (BY, overall, "1"),
-        "coverage": (of, coverage_90(value, stderr, truth, cells), "1"),
         "rank": (BY, ranks(overall), "1"),
     }
 

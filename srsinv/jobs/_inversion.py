@@ -1,11 +1,12 @@
 """An inversion by several methods, as every job with one has it: run them, gather every stage."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import xarray
+from jaxtyping import Float
 
 from ..effects import ScreeningResult
 from ..errors import of_kind
@@ -16,10 +17,8 @@ from ..inverse.diagnostics import Quality
 from ..inverse.estimate import (
     COMPONENTS,
     Estimate,
-    coverage_90,
     cutoff,
     full_width_at_half_maximum,
-    relative_error,
 )
 from ..inverse.line.problem import LineProblem
 from ..progress import stage
@@ -30,9 +29,9 @@ from ..report.section import sections
 from ..report.text import quantity, significant
 from ..timing import timed
 from ._passes import pass_variables
+from .estimates import Answers, Variables, estimate_coordinates, estimate_variables, score_variables
 
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
-Variables = dict[str, tuple[Any, ...]]
 Estimates = Mapping[str, Estimate]
 
 
@@ -70,7 +69,7 @@ def run(case: InversionCase) -> Result:
     for name, method in case.methods.items():
         with stage(f"inverting: {name}"):
             one = timed(lambda method=method: method(case.problem), repeats=case.repeats)
-        wanted = "an Estimate, as problem.on_line().estimate(...) gives it"
+        wanted = "an Estimate, as problem.to_grid().estimate(...) gives it"
         estimates[name] = of_kind(f"what {name} gives", one.value, Estimate, wanted)
         times.append((one.first_s, one.least_s))
     first = next(iter(estimates))
@@ -79,7 +78,9 @@ def run(case: InversionCase) -> Result:
         name: _against_truth(case, each).with_warnings((*case.warnings, *further))
         for name, each in estimates.items()
     }
-    data = _dataset(case, estimates, np.array(times))
+    first_s, steady_s = np.array(times).T
+    answers = Answers({name: [each] for name, each in estimates.items()}, first_s, steady_s)
+    data = _dataset(case, answers)
     return Result(_title(case, data), data, sections("inversion", "assumed"))
 
 
@@ -114,20 +115,18 @@ def _title(case: InversionCase, data: xarray.Dataset) -> str:
     return f"{case.name}: the pressure is highest at {', '.join(said)}"
 
 
-def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xarray.Dataset:
+def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
+    estimates = answers.first
+    own = estimate_variables(answers, (), (case.signal_unit, case.traction_unit))
     variables = (
         _signals(case)
-        | _estimated(case, estimates)
-        | _resolution(case, estimates)
+        | own
+        | _resolution(case, answers)
         | _of_sensor(case.sensor)
         | dict(case.stages)
-        | _scores(case, estimates)
-        | _highest(case, estimates)
+        | _scores(case, answers)
+        | _highest(case, own["estimate"][1])
         | answer_variables(estimates)
-        | {
-            "first_call_s": ("estimator", times[:, 0], "s", "first_call_s_{estimator}"),
-            "steady_call_s": ("estimator", times[:, 1], "s", "steady_call_s_{estimator}"),
-        }
         | _screened(case.screening)
         | pass_variables(case.problem, estimates)
         | scalars(_numbers(case, estimates))
@@ -141,20 +140,17 @@ def _dataset(case: InversionCase, estimates: Estimates, times: np.ndarray) -> xa
     }
     if case.traction_unit != "Pa":
         attributes["is_relative"] = 1
-    return dataset(variables, _labels(case, estimates), **case.facts, **attributes, **said)
+    return dataset(variables, _labels(case, list(estimates)), **case.facts, **attributes, **said)
 
 
-def _labels(case: InversionCase, estimates: Estimates) -> Variables:
+def _labels(case: InversionCase, names: Sequence[str]) -> Variables:
     """The coordinates, those of stresses and effects where there are any."""
     line = case.problem.line
     n, cell = line.n, float(line.cell_m)
-    coordinates: Variables = {
-        "x": (np.asarray(line.x), "m"),
+    coordinates = estimate_coordinates(case.problem, names) | {
         "wavenumber": (np.asarray(wavenumbers(n, cell)), "rad/m"),
         "lag": (cell * (np.arange(n) - n // 2), "m"),
-        **dict.fromkeys(("component", "component_out", "component_in"), (list(COMPONENTS), "1")),
-        "estimator": (list(estimates), "1"),
-        "element": (case.sensor.element_names, "1"),
+        **dict.fromkeys(("component_out", "component_in"), (list(COMPONENTS), "1")),
     }
     if "stress" in case.stages:
         coordinates["stress_name"] = (list(STRESSES), "1")
@@ -182,24 +178,13 @@ def _signals(case: InversionCase) -> Variables:
     }  # fmt: skip
 
 
-def _estimated(case: InversionCase, estimates: Estimates) -> Variables:
-    along = ("estimator", "component", "x")
-    samples = ("estimator", "element", "x")
-    return {
-        "estimate": (along, _stacked(estimates, lambda e: e.value), case.traction_unit),
-        "estimate_stderr": (along, _stacked(estimates, _stderr), case.traction_unit),
-        "fitted_signal": (samples, _stacked(estimates, lambda e: e.fitted), case.signal_unit),
-        "whitened_residual": (samples, _stacked(estimates, lambda e: e.whitened), "1"),
-    }
-
-
-def _resolution(case: InversionCase, estimates: Estimates) -> Variables:
+def _resolution(case: InversionCase, answers: Answers[Estimate]) -> Variables:
     """Resolution, cut-off and averaging kernels; NaN for what was not solved for."""
     problem, n, c = case.problem, case.problem.line.n, case.problem.unknowns
     cell = float(problem.line.cell_m)
     unresolved = np.full((c, c, n), np.nan)  # of a method without kernels
-    averaging = _stacked(estimates, lambda e: unresolved if e.averaging is None else e.averaging)
-    pairs = np.full((len(estimates), 2, 2, n), np.nan)
+    averaging = answers.each(lambda e: unresolved if e.averaging is None else e.averaging)
+    pairs = np.full((len(averaging), 2, 2, n), np.nan)
     pairs[:, :c, :c] = averaging / cell
     own = np.einsum("mccn->mcn", pairs)
     resolution = np.abs(np.fft.rfft(own)) * cell
@@ -229,33 +214,26 @@ def _of_sensor(sensor: Sensor) -> Variables:
     }
 
 
-def _scores(case: InversionCase, estimates: Estimates) -> Variables:
-    """Relative error of each component and the coverage of its band; NaN without a truth."""
-    error = np.full((len(estimates), 2), np.nan)
-    coverage = error.copy()
+def _scores(case: InversionCase, answers: Answers[Estimate]) -> Variables:
+    """Error and coverage by the truth, NaN without one, and the degrees of freedom resolved."""
+    value, stderr = (answers.each(of) for of in (lambda e: e.value, lambda e: e.stderr))
+    by, unknown = ("estimator", "component"), np.full(value.shape[:2], np.nan)
+    scores: Variables = dict.fromkeys(("error", "coverage"), (by, unknown, "1"))
     if "traction" in case.stages:
-        observed = case.problem.observed_cells
         truth = np.asarray(case.stages["traction"][1])
-        for m, estimate in enumerate(estimates.values()):
-            value, stderr = np.asarray(estimate.value), np.asarray(estimate.stderr)
-            error[m] = relative_error(value, truth, observed)
-            inside = coverage_90(value, stderr, truth, observed)
-            # A method of one's own may give no band.
-            coverage[m] = np.where(np.isnan(stderr[:, observed]).all(axis=-1), np.nan, inside)
-    by = ("estimator", "component")
+        scores = score_variables(value, stderr, truth, case.problem.observed_cells)
+    dof = answers.each(lambda e: [e.stats.get(f"resolved_dof_{c}", np.nan) for c in COMPONENTS])
     return {
-        "error": (by, error, "1", "error_{component}_{estimator}"),
-        "coverage": (by, coverage, "1", "coverage_{component}_{estimator}"),
-        "resolved_dof": (by, [[e.stats.get(f"resolved_dof_{c}", np.nan) for c in COMPONENTS]
-                              for e in estimates.values()], "1"),
-    }  # fmt: skip
+        **{name: (*each, f"{name}_{{component}}_{{estimator}}") for name, each in scores.items()},
+        "resolved_dof": (by, dof, "1"),
+    }
 
 
-def _highest(case: InversionCase, estimates: Estimates) -> Variables:
+def _highest(case: InversionCase, value: Float[np.ndarray, "method 2 n"]) -> Variables:
     """Over the sampled cells: each component's highest value, and p's main line."""
     observed = case.problem.observed_cells
     x = np.asarray(case.problem.line.x)[observed]
-    value = _stacked(estimates, lambda e: e.value)[..., observed]
+    value = value[..., observed]
     top = np.argmax(value, axis=-1)
     peak = np.take_along_axis(value, top[..., None], -1)[..., 0]
     lines = [strongest_line_m(x, each[0]) for each in value]
@@ -305,14 +283,3 @@ def _named(case: InversionCase, key: str) -> str:
     if case.traction_unit == "Pa":
         return key
     return key.replace("_per_Pa2", "_relative").replace("_Pa", "_relative")
-
-
-def _stacked(estimates: Estimates, get: Callable[[Estimate], Any]) -> np.ndarray:
-    return np.stack([np.asarray(get(each)) for each in estimates.values()])
-
-
-def _stderr(estimate: Estimate) -> np.ndarray:
-    """Standard errors (2, n) [Pa], infinite where no band is valid."""
-    if estimate.quality is Quality.FAILED:
-        return np.full(estimate.stderr.shape, np.inf)
-    return np.asarray(estimate.stderr)

@@ -59,7 +59,7 @@ class RecordingTrials(Trials):
         del error
         return {
             "precision": [recipe.with_(precision="float32")],
-            "path": [recipe.with_(path=path) for path in paths_of(self._on_line(recipe))],
+            "path": [recipe.with_(path=path) for path in paths_of(self._gridded(recipe))],
         }
 
     def _problem(self, precision: str) -> Problem:
@@ -68,10 +68,10 @@ class RecordingTrials(Trials):
                 self._problems[precision] = self._recorded()
         return self._problems[precision]
 
-    def _on_line(self, recipe: Recipe) -> LineProblem:
+    def _gridded(self, recipe: Recipe) -> LineProblem:
         return self._problem(recipe.precision).to_grid(recipe.count * self._spacing_m)
 
     def run(self, recipe: Recipe) -> Trial:
         self._problem(recipe.precision)  # read once, before the time counts
-        one = inverted(self._methods, recipe, lambda: self._on_line(recipe))
+        one = inverted(self._methods, recipe, lambda: self._gridded(recipe))
         return trial_of(recipe, one, self.points, self._quantity, (0.0, 0.0))

@@ -35,7 +35,8 @@ from ..report.text import unit_of, without_unit
 from . import _facts
 from ._features import of_feature, sample_rate
 from ._statistics import coverage
-from .monte_carlo import Variables, simulate_and_fit
+from .estimates import Variables
+from .monte_carlo import simulate_and_fit
 
 DRAWS, DRAWS_OF_A_SURFACE, LEAST_DRAWS = 400, 200, 8
 LEVELS = (0.68, 0.90, 0.95)

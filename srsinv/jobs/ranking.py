@@ -24,7 +24,8 @@ from ..report.text import unit_of, without_unit
 from . import _facts
 from ._features import of_feature, sample_rate
 from ._statistics import wilson
-from .monte_carlo import Variables, simulate_and_fit
+from .estimates import Variables
+from .monte_carlo import simulate_and_fit
 
 NOTHING = "nothing"
 

@@ -222,7 +222,7 @@ def measure_kernel(
     - `stated`: the sensor as it is stated, which gives the depth's scale, the far field beyond the
       measured lags and the theory.
     - `pressure_Pa` (n,): the pressure's deviation from that far away on the cells of the problem's
-      line (`problem.on_line().line`); `friction`: mu, with which the shear is q = mu p.
+      line (`problem.to_grid().line`); `friction`: mu, with which the shear is q = mu p.
     - `parameters`: names of physical parameters that are fitted, about which the rest is a Gaussian
       process (see physics.py); none: the kernel of the data alone; None: gains, depth, tilt and
       layers.

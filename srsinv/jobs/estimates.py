@@ -1,0 +1,98 @@
+"""One dataset of estimates: what methods make of the same signals, and their scores by a truth.
+
+Every variable is (dims, values, units) as [`srsinv.report.data.dataset`][] takes it. `dims` are
+those of the array of problems that were solved; there are none for one problem.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from ..inverse.diagnostics import Quality
+from ..inverse.estimate import COMPONENTS, Estimate, coverage_90, relative_error
+from ..inverse.line.problem import LineProblem
+
+Variables = dict[str, tuple[Any, ...]]
+Answer = TypeVar("Answer")
+
+
+@dataclasses.dataclass(frozen=True)
+class Answers(Generic[Answer]):
+    """Answers to the same problems: of each method one for each problem, and the times [s] of its
+    `first_call_s` (method,), which includes any compilation, and of further ones, `steady_call_s`
+    (method,). The problems are those of an array of `shape`, its last dimension the fastest."""
+
+    of: Mapping[str, Sequence[Answer]]
+    first_call_s: Float[np.ndarray, " method"]
+    steady_call_s: Float[np.ndarray, " method"]
+    shape: tuple[int, ...] = ()
+
+    def each(self, get: Callable[[Answer], Any]) -> np.ndarray:
+        """(method, *shape, ...): what `get` takes from each answer."""
+        rows = np.asarray([[get(answer) for answer in answers] for answers in self.of.values()])
+        return rows.reshape(len(self.of), *self.shape, *rows.shape[2:])
+
+    def mapped(self, change: Callable[[Answer], Answer]) -> "Answers[Answer]":
+        """The same with every answer changed."""
+        of = {name: tuple(map(change, answers)) for name, answers in self.of.items()}
+        return dataclasses.replace(self, of=of)
+
+    @property
+    def first(self) -> dict[str, Answer]:
+        """Each method's answer to the first problem."""
+        return {name: answers[0] for name, answers in self.of.items()}
+
+
+def estimate_variables(
+    answers: Answers[Estimate], dims: Sequence[str], units: tuple[str, str]
+) -> Variables:
+    """p and q with their standard errors, the fitted signal and the whitened residual, and the
+    times of the calls; `units` of signal and traction."""
+    by, (signal, traction) = ("estimator", *dims), units
+    along, samples = (*by, "component", "x"), (*by, "element", "x")
+    return {
+        "estimate": (along, answers.each(lambda e: e.value), traction),
+        "estimate_stderr": (along, answers.each(valid_stderr), traction),
+        "fitted_signal": (samples, answers.each(lambda e: e.fitted), signal),
+        "whitened_residual": (samples, answers.each(lambda e: e.whitened), "1"),
+        "first_call_s": ("estimator", answers.first_call_s, "s", "first_call_s_{estimator}"),
+        "steady_call_s": ("estimator", answers.steady_call_s, "s", "steady_call_s_{estimator}"),
+    }
+
+
+def score_variables(
+    value: Float[np.ndarray, "*by c n"],
+    stderr: Float[np.ndarray, "*by c n"],
+    truth: Float[np.ndarray, "c n"],
+    cells: np.ndarray,
+    dims: Sequence[str] = ("estimator",),
+) -> Variables:
+    """Relative error of p and of q, and the fraction of `cells` whose 90 % band holds the truth,
+    all of the deviation from the mean over these; NaN where a method gives no band."""
+    inside = coverage_90(value, stderr, truth, cells)
+    has_band = ~np.isnan(stderr[..., cells]).all(axis=-1)
+    return {
+        "error": ((*dims, "component"), relative_error(value, truth, cells), "1"),
+        "coverage": ((*dims, "component"), np.where(has_band, inside, np.nan), "1"),
+    }
+
+
+def valid_stderr(estimate: Estimate, cells: np.ndarray | None = None) -> Float[np.ndarray, "2 n"]:
+    """Standard errors [Pa], of the deviation from the mean over `cells` where these are given;
+    infinite where the answer failed."""
+    stderr = np.asarray(estimate.stderr if cells is None else estimate.deviation(cells)[1])
+    return np.full_like(stderr, np.inf) if estimate.quality is Quality.FAILED else stderr
+
+
+def estimate_coordinates(problem: LineProblem, names: Sequence[str]) -> Variables:
+    """Coordinates of [`estimate_variables`][] by methods of these names."""
+    assert problem.sensor is not None
+    return {
+        "x": (np.asarray(problem.line.x), "m"),
+        "component": (list(COMPONENTS), "1"),
+        "estimator": (list(names), "1"),
+        "element": (problem.sensor.element_names, "1"),
+    }
