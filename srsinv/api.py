@@ -21,9 +21,9 @@ from .inverse.features.method import FeatureFit
 from .inverse.line.problem import LineProblem
 from .inverse.method import Method
 from .inverse.problem import Problem
-from .inverse.recorded import problem_of, ready
 from .inverse.simulated import noisy_problem
 from .inverse.wiener import Wiener
+from .recorded import problem_of, ready
 from .recording import Recording, load
 
 

@@ -75,16 +75,11 @@ def select_effects(cfg: Config, names: Collection[str]) -> Config:
 def with_facts(cfg: Config, sensor: Mapping[str, Any], skin: Mapping[str, Any]) -> Config:
     """The configuration, with these facts of the sensor and of a half space where it leaves keys of
     its sensor, amplifier and skin open."""
-    from .recording import merge
+    return {**cfg, **parts.with_facts(_sensor_nodes(cfg), sensor, skin)}
 
-    description = merge(sensor, part(cfg, "sensor"))
-    resistance_ohm = description.get("feedback_resistance_ohm")
-    return {
-        **cfg,
-        "sensor": description,
-        "skin": parts.skin_with(part(cfg, "skin"), skin),
-        "amplifier": parts.amplifier_with(part(cfg, "amplifier"), resistance_ohm),
-    }
+
+def _sensor_nodes(cfg: Config) -> dict[str, Any]:
+    return {name: part(cfg, name) for name in ("sensor", "skin", "amplifier")}
 
 
 def seed(cfg: Config) -> int:
@@ -265,32 +260,24 @@ def recording(cfg: Config, default: str | None = None) -> Recording:
 
 
 def recorded_problem(cfg: Config, recording: Recording) -> Problem:
-    """The problem of finding what made a recording at even times. Raises `BadInput` where facts are
+    """The problem of finding what made a recording at even times, by the sensor that the sidecar
+    and the configuration describe; the configuration overrides. Raises `BadInput` where facts are
     missing, and where numbers of elements and signal columns differ."""
-    from .inverse.recorded import problem_of
+    from .recorded import problem_of, sensor_of
 
-    mu = friction(cfg) if "friction" in cfg else None
-    sensor = _recorded_sensor(cfg, recording)
-    cell_m = part(cfg, "recording").get("cell_m")
+    cell_m, noise = part(cfg, "recording").get("cell_m"), part(cfg, "noise")
     if cell_m is not None:
         number("recording.cell_m", cell_m, "a positive width in metres", above=0)
-    noise = parts.sample_noise(part(cfg, "noise"), recording, float(sensor.depth_m))
-    model = operator(cfg)
-    return problem_of(recording, sensor, noise=noise, friction=mu, cell_m=cell_m, operator=model)
-
-
-def _recorded_sensor(cfg: Config, recording: Recording) -> Sensor:
-    """The sensor that the sidecar and the configuration describe; the configuration overrides."""
-    from .effects import add_effects
-    from .forward.describe import elements
-    from .forward.scenario import Scenario
-    from .inverse.recorded import SKIN, check_elements, mean_speed, skin_facts
-
-    skin = SKIN | skin_facts(recording)
-    described = with_facts(cfg, recording.sidecar.get("sensor") or {}, skin)
-    check_elements(recording, elements(described["sensor"]))
-    without = Scenario(None, _ideal_sensor(described), mean_speed(recording)).sliding()
-    return add_effects(without, sensor_effects(cfg)).sensor
+    sensor_effects(cfg)  # refused ahead of what they act on
+    return problem_of(
+        recording,
+        sensor_of(recording, {**_sensor_nodes(cfg), "effects": part(cfg, "effects")}),
+        noise=parts.white_levels(noise, recording),
+        causes=parts.coloured_noises(noise),
+        friction=friction(cfg) if "friction" in cfg else None,
+        cell_m=cell_m,
+        operator=operator(cfg),
+    )
 
 
 def features(cfg: Config) -> dict[str, Feature]:

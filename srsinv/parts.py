@@ -24,7 +24,6 @@ if TYPE_CHECKING:  # most import jax
     from .forward.sensor import Sensor
     from .forward.surface_feature import SurfaceFeature
     from .grid import Line
-    from .inverse.noise.model import SampleNoise
     from .recording import Recording
 
 Node = Mapping[str, Any]
@@ -80,18 +79,23 @@ def sensor(sensor: Node, skin: Any, amplifier: Node) -> Sensor:
     return Sensor(at_origin, skin=around, amplifier=make(amplifier, "amplifier", "amplifier"))
 
 
-def skin_with(skin: Node, known: Node) -> Node:
-    """The node of a skin, what it leaves at null from what is `known` of a half space."""
-    given = {key: value for key, value in skin.items() if value is not None}
-    taken = inspect.signature(class_of(skin, "skin", "skin")).parameters
-    return {key: value for key, value in known.items() if key in taken} | given
+def with_facts(nodes: Node, sensor: Node, skin: Node) -> dict[str, Any]:
+    """The nodes of a configuration, with these facts of the sensor and of a half space where they
+    leave keys of its sensor, amplifier and skin open."""
+    from .recording import merge
 
-
-def amplifier_with(amplifier: Node, resistance_ohm: Any) -> Node:
-    """The node of an amplifier, with this resistor where it leaves its own at null."""
-    if amplifier.get("feedback_resistance_ohm", 0) is not None:
-        return amplifier
-    return {**amplifier, "feedback_resistance_ohm": resistance_ohm}
+    described = merge(sensor, nodes["sensor"])
+    stated = {key: value for key, value in nodes["skin"].items() if value is not None}
+    taken = inspect.signature(class_of(nodes["skin"], "skin", "skin")).parameters
+    amplifier, resistance = nodes["amplifier"], "feedback_resistance_ohm"
+    if amplifier.get(resistance, 0) is None:
+        amplifier = {**amplifier, resistance: described.get(resistance)}
+    return {
+        **nodes,
+        "sensor": described,
+        "skin": {key: value for key, value in skin.items() if key in taken} | stated,
+        "amplifier": amplifier,
+    }
 
 
 def scene(scene: Node, skin: Any) -> Scene:
@@ -207,16 +211,13 @@ def coloured_noises(named: Node) -> dict[str, Noise]:
     return coloured
 
 
-def sample_noise(named: Node, recording: Recording, depth_m: float) -> SampleNoise:
-    """The noise per sample: its white level as given, or that at wavenumbers that the skin does not
-    transmit, and the coloured causes."""
-    from .inverse.noise.model import SampleNoise
-    from .inverse.recorded import noise_of
-
-    causes, white = coloured_noises(named), named.get("white")
+def white_levels(named: Node, recording: Recording) -> list[float] | None:
+    """The rms of the white noise as it is stated, of all elements or of each; None where it is to
+    be taken from the recording."""
+    white = named.get("white")
     given = None if white is None else mapping("white", white).get("rms")
     if given is None:
-        return noise_of(recording, depth_m, causes)
+        return None
     refuse(
         bool(recording.sidecar.get("quiet_s")),
         "noise.white.rms states the noise, and recording.quiet_s where to measure it: give one of "
@@ -224,7 +225,7 @@ def sample_noise(named: Node, recording: Recording, depth_m: float) -> SampleNoi
     )
     wanted = "a positive number in the signal's unit, or null to take it from the recording"
     each = given if isinstance(given, list) else [given]
-    return SampleNoise([number("noise.white.rms", one, wanted, above=0) for one in each], causes)
+    return [number("noise.white.rms", one, wanted, above=0) for one in each]
 
 
 def surface_features(named: Node) -> dict[str, SurfaceFeature]:

@@ -17,7 +17,7 @@ from ..grid import as_real
 from ..inverse.features.contact import cell_for
 from ..inverse.features.model import FeatureModel
 from ..inverse.gridding.cells import Window
-from ..inverse.recorded import sensor_described
+from ..recorded import sensor_of
 from ..recording import Recording
 from ..report.data import dataset
 from ..report.result import Result
@@ -145,7 +145,7 @@ def _signal(
     channels = tuple(COLUMNS[1:-1])
     moved = np.asarray(motion.time_s), np.asarray(motion.speed_m_per_s)
     known = Recording(none, *moved, channels, dict(rig), name=name)
-    sensor = sensor_described(known)
+    sensor = sensor_of(known)
     feature = RidgeFeature(rig["feature"]["edge_length_m"])
     pressure, window = float(rig["nominal_pressure_Pa"]), Window(*rig["contact_window_m"])
     cell = cell_for({name: feature}, float(sensor.depth_m)) / FINER

@@ -31,9 +31,9 @@ from srsinv.inverse.gridding.cells import sample_spacing_m
 from srsinv.inverse.line.rule import Evidence
 from srsinv.inverse.method import Method
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.recorded import problem_of, ready
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Wiener
+from srsinv.recorded import problem_of, ready
 from tests.claims.faulty_scans import SCENES, Scan, ScannedScene, faults, faulty, suits
 
 RESULTS = Path(__file__).parent / "results" / "faults.json"

@@ -30,11 +30,11 @@ from srsinv.forward.surface_feature import RidgeFeature, TapeFeature
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.recorded import problem_of
 from srsinv.inverse.rig.calibration import Calibration, calibrate
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Wiener
 from srsinv.numerics import BAND_90
+from srsinv.recorded import problem_of
 from srsinv.recording.even import load_even
 from tests.claims.lab_scans import KNOWN, LATER, ZONE_M, Lab, Load, load, recorded, write
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import scipy
 
-from srsinv.inverse.recorded import mains_of, problem_of
 from srsinv.jobs._facts import of_samples
+from srsinv.recorded import mains_of, problem_of
 from srsinv.recording import Recording
 from srsinv.recording.even import on_even_times
 from tests.inverse.test_nuisance import (

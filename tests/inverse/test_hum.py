@@ -7,7 +7,7 @@ from srsinv.forward.amplifier import CurrentAmplifier
 from srsinv.forward.film import Film
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
-from srsinv.inverse.recorded import problem_of
+from srsinv.recorded import problem_of
 from srsinv.recording import Recording
 
 RATE_HZ, COUNT = 2000.0, 4000

@@ -18,9 +18,9 @@ from srsinv.grid import Open
 from srsinv.inverse.estimate import overlap
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.recorded import motion_of, sensor_described
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
+from srsinv.recorded import motion_of, sensor_of
 from srsinv.recording import Recording
 from tests.inverse.cases import make_case
 from tests.tiers import quick
@@ -208,7 +208,7 @@ def test_a_sidecars_elements_are_where_it_says():
     }  # fmt: skip
     time_s = np.arange(400) / 1000
     given = Recording(np.zeros((2, 400)), time_s, 0.03 + 0 * time_s, ("a", "b"), sidecar)
-    sensor, line = sensor_described(given), Open(400, 5e-5, -4e-3)
+    sensor, line = sensor_of(given), Open(400, 5e-5, -4e-3)
     traction = jnp.asarray(strip(line))
     signals = np.asarray(sensor.operator_along(line, motion_of(given))(traction))
     shifted = np.interp(0.03 * time_s + 1.5e-3, 0.03 * time_s, signals[0])

@@ -12,7 +12,7 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.inverse.features import FeatureFit
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.noise.model import SampleNoise
-from srsinv.inverse.recorded import problem_of
+from srsinv.recorded import problem_of
 from srsinv.recording import Recording
 
 STEP_M, RATE_HZ, DEPTH_M = 1e-5, 1000.0, 0.75e-3

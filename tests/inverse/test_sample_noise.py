@@ -12,8 +12,8 @@ from srsinv.inverse.line.solve import solve
 from srsinv.inverse.noise.model import SampleNoise
 from srsinv.inverse.noise.quiet import quiet_noise
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.recorded import noise_of
 from srsinv.modules import with_fields
+from srsinv.recorded import noise_of
 from srsinv.recording import Recording
 from srsinv.recording.mains import mains_lines
 from tests.inverse import test_nuisance as scene

@@ -12,8 +12,8 @@ from srsinv.forward.layered import Layered
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.inverse.features import FeatureFit
-from srsinv.inverse.recorded import problem_of, ready
 from srsinv.inverse.wiener import Exponential, Wiener
+from srsinv.recorded import problem_of, ready
 from srsinv.recording import load
 
 EXAMPLE = Path(srsinv.__file__).parent / "examples" / "strip_two_element.csv"

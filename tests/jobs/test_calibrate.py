@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from srsinv.inverse.recorded import problem_of
+from srsinv.recorded import problem_of
 from srsinv.recording import load
 from srsinv.recording._sidecar import parse
 from tests.jobs.run import ROOT, command, outcome, short_form

@@ -16,7 +16,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import PressedStrip
 from srsinv.grid import Open
 from srsinv.inverse.gridding.cells import cell_signals
-from srsinv.inverse.recorded import motion_of
+from srsinv.recorded import motion_of
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, outcome
 from tests.shared import SHARED, needs_shared

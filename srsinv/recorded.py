@@ -1,55 +1,70 @@
 """From a recording to the problem of finding what made it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .. import false_alarm
-from ..errors import BadInput, of_kind, refuse
-from ..forward.amplifier import CurrentAmplifier
-from ..forward.describe import elements
-from ..forward.film import Film
-from ..forward.noise import Noise
-from ..forward.scan import ConstantSpeed, Motion
-from ..forward.sensor import Sensor
-from ..forward.skin import HalfSpace
-from ..recording import Recording
-from ..recording._speed import position_step
-from ..recording.channels import channel_findings
-from ..recording.drift import drift_of, shared_levels
-from ..recording.even import VOLTS, check_volts, on_even_times
-from ..recording.mains import MainsLine, mains_lines
-from ..recording.noise import ABOVE_CUTOFF, level_stderr, white_levels
-from ..recording.passes import go_both_ways, passes_of, with_backlash
-from ..recording.preparation import preparation_warnings, prepare
-from .kernel.operator_model import OperatorModel, Theory
-from .noise.hum import Hum
-from .noise.model import SampleNoise
-from .noise.quiet import quiet_noise
-from .nonlinear import LEVEL_STDERR
-from .problem import Problem
-from .rig.error import RigError
-from .rig.wiring import element_findings
+from . import false_alarm, parts
+from .effects import add_effects
+from .errors import BadInput, of_kind, refuse
+from .forward.describe import elements
+from .forward.film import Film
+from .forward.noise import Noise
+from .forward.scan import ConstantSpeed, Motion
+from .forward.scenario import Scenario
+from .forward.sensor import Sensor
+from .inverse.kernel.operator_model import OperatorModel, Theory
+from .inverse.noise.hum import Hum
+from .inverse.noise.model import SampleNoise
+from .inverse.noise.quiet import quiet_noise
+from .inverse.nonlinear import LEVEL_STDERR
+from .inverse.problem import Problem
+from .inverse.rig.error import RigError
+from .inverse.rig.wiring import element_findings
+from .recording import Recording
+from .recording._speed import position_step
+from .recording.channels import channel_findings
+from .recording.drift import drift_of, shared_levels
+from .recording.even import VOLTS, check_volts, on_even_times
+from .recording.mains import MainsLine, mains_lines
+from .recording.noise import ABOVE_CUTOFF, level_stderr, white_levels
+from .recording.passes import go_both_ways, passes_of, with_backlash
+from .recording.preparation import preparation_warnings, prepare
 
 LEAST_STEP = 1e-4  # of the depth: positions that are rounded to less move nothing
 MOST_DRIFT = 1e4  # in a second, of the largest sample: more is another unit
 SKIN = {"poisson_ratio": 0.5, "youngs_modulus_Pa": 7e5}  # where nothing else gives them
+# The nodes of a recording's sensor where no configuration states others: those of config.yaml.
+STATED = {
+    "sensor": {},
+    "skin": {parts.TARGET: "srsinv.forward.skin.HalfSpace"},
+    "amplifier": {
+        parts.TARGET: "srsinv.forward.amplifier.CurrentAmplifier",
+        "feedback_resistance_ohm": None,
+    },
+    "effects": {
+        "strip_width": {parts.TARGET: "srsinv.effects.strip_width.StripWidth"},
+        "element_offsets": {parts.TARGET: "srsinv.effects.element_offsets.ElementOffsets"},
+    },
+}
 
 
 def problem_of(
     recording: Recording,
     sensor: Sensor | None = None,
     *,
-    noise: SampleNoise | float | None = None,
+    noise: SampleNoise | Sequence[float] | float | None = None,
+    causes: Mapping[str, Noise] | None = None,
     friction: Any = None,
     cell_m: Any = None,
     operator: OperatorModel | None = None,
 ) -> Problem:
     """The problem of a recording at even times.
 
-    - `sensor`: None takes it from the sidecar, with its strip widths: see `sensor_described`.
-    - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit.
+    - `sensor`: None takes it from the sidecar: see `sensor_of`.
+    - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit;
+      `causes`: of coloured noise beside the white one.
     - the fact `ways` takes the passes of one way, `onwards` or `back`, of a motion that turns.
     - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk, and
       `quiet_s` names stretches from which the noise is taken; what `detrend`, `high_pass_Hz` and
@@ -63,11 +78,13 @@ def problem_of(
     noise is found in the signal.
     """
     recording = prepare(recording)
-    sensor = sensor_described(recording) if sensor is None else sensor
-    check_elements(recording, of_kind("sensor", sensor, Sensor, "a Sensor").elements)
+    sensor = sensor_of(recording) if sensor is None else sensor
+    _check_elements(recording, of_kind("sensor", sensor, Sensor, "a Sensor").elements)
     _check_unit(recording, sensor)
     if noise is None:
-        noise = noise_of(recording, float(sensor.depth_m))
+        noise = noise_of(recording, float(sensor.depth_m), causes)
+    elif not isinstance(noise, SampleNoise):
+        noise = SampleNoise(noise, causes)
     operator = Theory() if operator is None else operator
     sensor = operator.sensor(sensor)
     window = recording.sidecar.get("contact_window_m")
@@ -117,9 +134,8 @@ def _warnings(recording: Recording, problem: Problem) -> tuple[str, ...]:
     )
 
 
-def _with_drift(recording: Recording, noise: SampleNoise | float) -> SampleNoise:
+def _with_drift(recording: Recording, noise: SampleNoise) -> SampleNoise:
     """The noise with the drift that the facts state, or that is found, if any."""
-    noise = noise if isinstance(noise, SampleNoise) else SampleNoise(noise)
     given = recording.sidecar.get("drift")
     if not given:
         return noise
@@ -207,33 +223,31 @@ def ready(recording: Recording) -> Recording:
     return even
 
 
-def sensor_described(recording: Recording) -> Sensor:
-    """The sensor of a recording's sidecar, its films at their offsets and averaging over their
-    strips, in a half space, read by a current amplifier. Raises `BadInput` for facts that are
-    missing."""
-    description = recording.sidecar.get("sensor") or {}
-    films = [film.with_strip_average() for film in elements(description)]
-    resistance = description.get("feedback_resistance_ohm")
-    if resistance is None:
-        raise BadInput(
-            f"{recording.name}: no feedback resistance is known: give "
-            "sensor.feedback_resistance_ohm in the sidecar, or a sensor."
-        )
-    return Sensor(films, HalfSpace(**(SKIN | skin_facts(recording))), CurrentAmplifier(resistance))
-
-
-def skin_facts(recording: Recording) -> dict[str, Any]:
-    """What the sidecar says of the skin, a half space."""
+def sensor_of(recording: Recording, stated: Mapping[str, Any] = STATED) -> Sensor:
+    """The sensor of a recording: the nodes `sensor`, `skin`, `amplifier` and `effects` that are
+    `stated`, and what they leave open from the facts of the sidecar. Raises `BadInput` for facts
+    that are missing, and for a sensor that has not one element for each signal."""
     skin = recording.sidecar.get("skin") or {}
     model = skin.get("model", "half_space")
     refuse(
         model != "half_space",
         f"The sidecar's skin.model is {model!r}: only half_space is known here.",
     )
-    return {key: skin[key] for key in SKIN.keys() & skin.keys()}
+    known = SKIN | {key: skin[key] for key in SKIN.keys() & skin.keys()}
+    nodes = parts.with_facts(stated, recording.sidecar.get("sensor") or {}, known)
+    _check_elements(recording, elements(nodes["sensor"]))
+    refuse(
+        stated is STATED and nodes["amplifier"]["feedback_resistance_ohm"] is None,
+        f"{recording.name}: no feedback resistance is known: give sensor.feedback_resistance_ohm "
+        "in the sidecar, or a sensor.",
+    )
+    ideal = parts.sensor(nodes["sensor"], nodes["skin"], nodes["amplifier"])
+    mean_speed = ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
+    without = Scenario(None, ideal, mean_speed).sliding()
+    return add_effects(without, parts.effects_of_sensor(nodes["effects"])).sensor
 
 
-def check_elements(recording: Recording, films: tuple[Film, ...]) -> None:
+def _check_elements(recording: Recording, films: tuple[Film, ...]) -> None:
     """Refuse a sensor that has not one element for each signal."""
     refuse(
         len(films) != len(recording.channels),
@@ -252,11 +266,6 @@ def motion_of(recording: Recording) -> Motion:
         motion = Motion.from_speed(time_s, speed, float(recording.position_m[0]))
         position = np.asarray(motion.position_m)
     return Motion(time_s, with_backlash(position, backlash_m) if backlash_m else position, speed)
-
-
-def mean_speed(recording: Recording) -> ConstantSpeed:
-    """The scan at the recording's mean speed."""
-    return ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
 
 
 def noise_of(
