@@ -23,7 +23,7 @@ TIERS = {"test": "not full and not claim", "all": "not claim"}
 LONGEST_S = 600  # of processor time: a mutation may well make a search endless
 DIED = "pytest died"  # in place of a test: of that, or of an error that ends Python itself
 PRELOADED = (
-    *("jax", "jaxtyping", "beartype", "equinox", "optimistix", "lineax", "optax", "mpmath"),
+    *("jax", "jaxtyping", "beartype", "equinox", "optimistix", "optax", "mpmath"),
     *("scipy.signal", "scipy.optimize", "scipy.stats", "scipy.interpolate", "scipy.ndimage"),
     *("xarray", "h5py", "pydantic", "pytest"),
 )
