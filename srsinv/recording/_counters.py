@@ -42,7 +42,10 @@ def unwrapped(values: Float[np.ndarray, " sample"]) -> Unwrapped:
         return Unwrapped(values)
     most = _CLOSE * float(np.max(usual))
     span = float(np.max(sizes))
-    for count in _counts(values):
+    # A count may be the step that the values have, or a power of ten from their last digit to one.
+    step, digit = quantisation_step(values) or 0.0, resolution(values)
+    digits = [10.0**-place for place in range(10) if digit and 10.0**-place >= 0.99 * digit]
+    for count in dict.fromkeys(each for each in (step, *digits) if each > 0):
         few = _FEW_BITS if np.isclose(count, np.median(sizes), rtol=1e-6) else 0
         for bits in (each for each in _BITS if each > few):
             modulus = count * 2.0**bits
@@ -55,11 +58,3 @@ def unwrapped(values: Float[np.ndarray, " sample"]) -> Unwrapped:
                 rows = tuple((np.flatnonzero(turns) + 1).tolist())
                 return Unwrapped(values + added, bits, rows)
     return Unwrapped(values)
-
-
-def _counts(values: Float[np.ndarray, " sample"]) -> list[float]:
-    """What a count may be in the column's unit: one, the step that the values have, and powers of
-    ten from their last digit to one."""
-    step, digit = quantisation_step(values) or 0.0, resolution(values)
-    digits = [10.0**-place for place in range(10) if digit and 10.0**-place >= 0.99 * digit]
-    return list(dict.fromkeys(count for count in (step, *digits) if count > 0))

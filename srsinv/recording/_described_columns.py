@@ -126,16 +126,10 @@ def unit_and_reason(
         if np.all(present == np.round(present)):
             return "counts", "whole numbers only: a converter's raw counts"
         return UNKNOWN, _NO_UNIT
-    looks_like = quantity_of(table, name)
-    if looks_like:
-        return _left_out(table, name, looks_like)
+    quantity = quantity_of(table, name)
     unit = written_unit(table, name) or UNKNOWN
-    return unit, "in no unit of voltage, and not called a channel: not taken for a signal"
-
-
-def _left_out(table: ColumnTable, name: str, quantity: Quantity) -> tuple[str, str]:
-    """The unit of a column that `load` leaves out, and why."""
-    unit = written_unit(table, name) or UNKNOWN
+    if not quantity:
+        return unit, "in no unit of voltage, and not called a channel: not taken for a signal"
     if unit == UNKNOWN:
         return unit, f"its name is of a {quantity}, and its unit is not stated: left out"
     return unit, f"its name is of a {quantity}, and another was taken, or several may be: left out"

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from srsinv.errors import refuse
+from srsinv.errors import BadInput, refuse
 
-from ._timing import JITTER, Timing, line_through, resolution, timing
+from ._timing import JITTER, line_through, resolution, timing
 
 ROUNDED = 0.25  # of an interval: stamps nearer to even ones than this are only rounded
 MAX_MISSING_RATIO = 9  # missing rows for each valid one
@@ -62,7 +62,14 @@ def even_times(
     if rounded is not None:
         return rounded
     row = stamps.rows(time_s.size)
-    _check_loss(name, stamps, row)
+    missing = int(row[-1]) + 1 - row.size
+    if missing > MAX_MISSING_RATIO * row.size:
+        longest = max(stamps.gaps, key=lambda gap: gap.length_s)
+        raise BadInput(
+            f"{name}: {missing} rows are lost and {row.size} are there: cut the recording at its "
+            f"longest gap, of {longest.length_s:.4g} s, after data row {longest.row} (blank rows "
+            f"aside), at {longest.start_s:.9g} s."
+        )
     refuse(
         not stamps.is_even,
         f"{name}: the sampling interval varies by {stamps.jitter_largest:.0%} of its mean, gaps "
@@ -109,19 +116,6 @@ def check_rate(
 def _agree(stated_hz: float | int, rate_hz: float, time_s: Float[np.ndarray, " sample"]) -> bool:
     rounding = resolution(time_s) / float(time_s[-1] - time_s[0])
     return abs(stated_hz / rate_hz - 1) <= AGREES + rounding
-
-
-def _check_loss(name: str, stamps: Timing, row: np.ndarray) -> None:
-    missing = int(row[-1]) + 1 - row.size
-    if missing <= MAX_MISSING_RATIO * row.size:
-        return
-    longest = max(stamps.gaps, key=lambda gap: gap.length_s)
-    refuse(
-        True,
-        f"{name}: {missing} rows are lost and {row.size} are there: cut the recording at its "
-        f"longest gap, of {longest.length_s:.4g} s, after data row {longest.row} (blank rows "
-        f"aside), at {longest.start_s:.9g} s.",
-    )
 
 
 def _without_loss(

@@ -215,19 +215,15 @@ def facts_of(settings: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> dict[st
 def read_facts(
     path: Path, table: ColumnTable, sidecar: Sidecars, known: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Facts beside the columns: from the file's own sidecar, those beside it, and `known`."""
-    facts = merge(sidecar.facts(path, table.sidecar), _with_listed_elements(known))
-    check_facts(path.name, facts)
-    return facts
-
-
-def _with_listed_elements(known: Mapping[str, Any]) -> dict[str, Any]:
-    """`known`, film elements that a configuration has by name in their order."""
+    """Facts beside the columns: from the file's own sidecar, those beside it, and `known`, in which
+    film elements may be by name, as a configuration has them."""
     sensor = known.get("sensor")
     elements = sensor.get("elements") if isinstance(sensor, Mapping) else None
-    if not isinstance(sensor, Mapping) or not isinstance(elements, Mapping):
-        return dict(known)
-    return {**known, "sensor": {**sensor, "elements": list(elements.values())}}
+    if isinstance(sensor, Mapping) and isinstance(elements, Mapping):
+        known = {**known, "sensor": {**sensor, "elements": list(elements.values())}}
+    facts = merge(sidecar.facts(path, table.sidecar), known)
+    check_facts(path.name, facts)
+    return facts
 
 
 def _time_s(
@@ -394,10 +390,12 @@ def _speed_m_per_s(
         return columns[SPEED]
     if POSITION in columns:
         return speed_of_positions(table.name, columns[TIME], columns[POSITION])
+    column = next((c for c in table.columns if quantity_of(table, c) == "position"), None)
+    no_unit = f", and the unit of column {quoted(column)} is not stated" if column else ""
     refuse(
         facts.get(SPEED) is None,
         f"{table.name}: no speed: there is no column {SPEED} or {POSITION} among the columns "
-        f"{listing(table.columns)}{_bare_position(table)}: name one by "
+        f"{listing(table.columns)}{no_unit}: name one by "
         f"recording.position_column={_typed_column(table, facts, 'position')}, with "
         f"recording.position_unit where it states none, or give recording.{SPEED}=...",
     )
@@ -413,12 +411,6 @@ def _typed_column(table: ColumnTable, facts: Mapping[str, Any], quantity: Quanti
     words = bracketed(column)[0]
     bare = words if resolve(table, words) == column else column
     return bare if bare.isascii() and bare.isidentifier() else f"'{bare}'"
-
-
-def _bare_position(table: ColumnTable) -> str:
-    """That a column is called a position and has no unit, or nothing."""
-    bare = next((c for c in table.columns if quantity_of(table, c) == "position"), None)
-    return "" if bare is None else f", and the unit of column {quoted(bare)} is not stated"
 
 
 def _check_lengths(table: ColumnTable, columns: Mapping[str, np.ndarray]) -> None:

@@ -165,22 +165,13 @@ class Recording:
         def at_even_times(values: np.ndarray) -> np.ndarray:
             return np.interp(time_s, self.time_s, values)
 
-        signal = np.stack([at_even_times(row) for row in self.signal])
-        speed_m_per_s, position_m = (
-            at_even_times(self.speed_m_per_s),
-            at_even_times(self.position_m),
-        )
-        return self._resampled(signal, time_s, speed_m_per_s, position_m)
-
-    def _resampled(self, signal, time_s, speed_m_per_s, position_m) -> "Recording":
-        """The same scan at other times, the sidecar's rate following suit."""
-        measured = self.measured_position_m is not None
+        position_m = self.measured_position_m
         resampled = replace(
             self,
-            signal=signal,
+            signal=np.stack([at_even_times(row) for row in self.signal]),
             time_s=time_s,
-            speed_m_per_s=speed_m_per_s,
-            measured_position_m=position_m if measured else None,
+            speed_m_per_s=at_even_times(self.speed_m_per_s),
+            measured_position_m=None if position_m is None else at_even_times(position_m),
         )
         if "sample_rate_hz" in resampled.sidecar:
             resampled.sidecar["sample_rate_hz"] = resampled.sample_rate_hz

@@ -239,7 +239,12 @@ class ColumnTable:
         )
         refuse(column in self.unusable, f"{its}: store it as a 1-D array of real numbers.")
         if column not in self.columns:
-            raise BadInput(self._no_column(column))
+            near = nearest(column, self.columns, cutoff=0.0)
+            hint = f"the nearest is {quoted(near)}, and " if near else ""
+            raise BadInput(
+                f"{self.name}: there is no column {echo(column)}: {hint}the columns are "
+                f"{listing(self.columns)}: name one of them."
+            )
 
     def without_blank_rows(self) -> "ColumnTable":
         """The same table without rows that hold no number in any column; as it is where columns
@@ -271,14 +276,6 @@ class ColumnTable:
         # A number beyond float64's range becomes infinite, and is refused as such.
         with np.errstate(over="ignore", invalid="ignore"):
             return self.columns[column].astype(np.float64, copy=False)
-
-    def _no_column(self, column: str) -> str:
-        near = nearest(column, self.columns, cutoff=0.0)
-        hint = f"the nearest is {quoted(near)}, and " if near else ""
-        return (
-            f"{self.name}: there is no column {echo(column)}: {hint}the columns are "
-            f"{listing(self.columns)}: name one of them."
-        )
 
     def _refuse_cell(self, column: str, row: int) -> None:
         value = self.columns[column][row]

@@ -42,20 +42,16 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
         f"{path.name}: the signals of {recording.name} are prepared, and would be so again when "
         "they are read: save the recording as it was loaded.",
     )
-    sidecar = _sidecar_text(recording, path)
-    with writing(path):
-        writer(recording, path, sidecar)
-
-
-def _sidecar_text(recording: Recording, path: Path) -> str:
     layout = {"channels": list(recording.channels), "signal_unit": recording.signal_unit}
     try:
-        return json.dumps({**recording.sidecar, **layout}, indent=1, allow_nan=False)
+        sidecar = json.dumps({**recording.sidecar, **layout}, indent=1, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise BadInput(
             f"{path.name}: the sidecar cannot be written as JSON ({error}): keep to text, finite "
             "numbers, lists and mappings."
         ) from error
+    with writing(path):
+        writer(recording, path, sidecar)
 
 
 def _save_csv(recording: Recording, path: Path, sidecar: str) -> None:

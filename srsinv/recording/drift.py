@@ -95,10 +95,12 @@ def _level(row: Float[np.ndarray, " sample"], rate_hz: float, chance: float) -> 
         return 0.0
     size = float(np.max(np.abs(row[~is_lost])))
     values = filled(row / size)
-    # Interpolated noise is missing from the spectrum, but for a spline's.
-    is_lost = _long(is_lost)
-    white = _white_power(values - values.mean(), rate_hz) / max(1 - is_lost.mean(), 0.01)
-    scales = list(_scales(values - values.mean(), is_lost, rate_hz))
+    # Interpolated noise is missing from the spectrum, but for a spline's, which fills short gaps.
+    is_long_gap = np.zeros_like(is_lost)
+    for start, stop in runs(is_lost):
+        is_long_gap[start:stop] = stop - start > LONG_GAP
+    white = _white_power(values - values.mean(), rate_hz) / max(1 - is_long_gap.mean(), 0.01)
+    scales = list(_scales(values - values.mean(), is_long_gap, rate_hz))
     if not scales or not white > 0:
         return 0.0
     d2, odds = _walk(scales, white)
@@ -106,14 +108,6 @@ def _level(row: Float[np.ndarray, " sample"], rate_hz: float, chance: float) -> 
     duration_s = row.size / rate_hz
     has_moved = LEAST_SPREAD * d2 * duration_s < np.var(values)
     return size * float(np.sqrt(d2)) if is_found and has_moved else 0.0
-
-
-def _long(is_lost: Bool[np.ndarray, " sample"]) -> Bool[np.ndarray, " sample"]:
-    """Gaps that are too long to be filled."""
-    long = np.zeros_like(is_lost)
-    for start, stop in runs(is_lost):
-        long[start:stop] = stop - start > LONG_GAP
-    return long
 
 
 def _white_power(values: Float[np.ndarray, " sample"], rate_hz: float) -> float:

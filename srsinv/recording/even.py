@@ -178,10 +178,14 @@ def _at_even_times(recording: Recording) -> Recording:
         return replace(recording, time_s=even.time_s)
     if not even.missing_rows:
         return recording.resample_uniform()
-    signal = _placed(recording, even) if even.is_rounded else _interpolated(recording, even)
-    # At the rows' own times, so that each has its own speed and position.
-    at = even.row if even.is_rounded else recording.time_s
-    every = np.arange(even.time_s.size) if even.is_rounded else even.time_s
+    if even.is_rounded:
+        signal = np.full((len(recording.channels), even.time_s.size), np.nan)
+        signal[:, even.row] = recording.signal
+        # By the rows' numbers, so that each has its own speed and position.
+        at, every = even.row, np.arange(even.time_s.size)
+    else:
+        signal = _interpolated(recording, even)
+        at, every = recording.time_s, even.time_s
     position_m = recording.measured_position_m
     return replace(
         recording,
@@ -192,12 +196,6 @@ def _at_even_times(recording: Recording) -> Recording:
         missing_rows=even.missing_rows,
         gaps=even.gaps,
     )
-
-
-def _placed(recording: Recording, even: EvenTimes) -> np.ndarray:
-    signal = np.full((len(recording.channels), even.time_s.size), np.nan)
-    signal[:, even.row] = recording.signal
-    return signal
 
 
 def _interpolated(recording: Recording, even: EvenTimes) -> np.ndarray:

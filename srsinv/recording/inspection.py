@@ -133,7 +133,10 @@ def inspect(
         inspection = _inspect(path, table, given, known)
         if isinstance(taken, Recording):
             return _with(inspection, taken)
-        named = _unnamed_columns(table, inspection.facts)
+        try:
+            named = unnamed_columns(table, inspection.facts)
+        except BadInput:  # the table is refused for something else
+            named = {}
         if named:
             inspection = _inspect(path, table, given, known | named)
         refusal, unit = taken, {}
@@ -159,14 +162,6 @@ def _with(inspection: Inspection, taken: Recording) -> Inspection:
         doubts=taken.doubts + ((coarse,) if coarse else ()),
         disturbances=disturbances(taken),
     )
-
-
-def _unnamed_columns(table: ColumnTable, facts: Mapping[str, Any]) -> dict[str, str]:
-    """See `unnamed_columns`; nothing where the table is refused for something else."""
-    try:
-        return unnamed_columns(table, facts)
-    except BadInput:
-        return {}
 
 
 def _typed(value: Any) -> str:

@@ -129,5 +129,14 @@ def _check_equal(reader: Reader, table: ColumnTable) -> None:
     )
 
 
+def missing_package(name: str, extra: str) -> BadInput:
+    """The refusal of a file in a format that is read by a package, which the `extra` of the
+    format's name installs."""
+    return BadInput(
+        f"{name}: reading .{extra} takes a package that is not installed: add it by pip install "
+        f"srsinv[{extra}], or save the recording in another format."
+    )
+
+
 def _label(reader: Reader) -> str:
     return f"{type(reader).__module__}.{type(reader).__qualname__}"

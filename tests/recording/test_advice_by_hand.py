@@ -208,8 +208,7 @@ def test_what_is_packed_more_than_any_recording_is_written_without_compression(t
 # Formats
 
 
-@follows("pip install srsinv[tdms], or save", "pip install srsinv[parquet], or save",
-         "pip install srsinv[flac], or save")  # fmt: skip
+@follows("pip install srsinv[{}], or save")
 @pytest.mark.parametrize(
     ("format", "package"), [("tdms", "nptdms"), ("parquet", "pyarrow"), ("flac", "soundfile")]
 )

@@ -69,12 +69,10 @@ class BySuffix(Reader):
             ) from error
         # On damaged bytes a library's parser raises arbitrary exceptions.
         except Exception as error:
-            is_no_utf8 = isinstance(error, UnicodeDecodeError)
-            cause = "no UTF-8 text" if is_no_utf8 else "cut short or of another format"
-            again = "write it again as UTF-8" if is_no_utf8 else "write it again"
             raise BadInput(
-                f"{quoted(file.path.name)}: the file cannot be read as {suffix}, being {cause}: "
-                f"{again}, or give it the suffix of what it holds ({', '.join(SUFFIXES)})."
+                f"{quoted(file.path.name)}: the file cannot be read as {suffix}, being cut short "
+                "or of another format: write it again, or give it the suffix of what it holds "
+                f"({', '.join(SUFFIXES)})."
             ) from error
 
 

@@ -8,7 +8,7 @@ units may stand between. What the preamble says of the rate and the scale is rea
 import csv
 import re
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .._stated import is_stated_word, plain
@@ -96,7 +96,9 @@ def heading_of(block: str) -> Heading:
     pairs = zip(names, below, strict=False)
     stated = tuple((name, [cell]) for name, cell in pairs if is_number(cell))
     if _fits(names, numeric, width):
-        names = _fitted(["" if name in equations else name for name in names], width)
+        names = ["" if name in equations else name for name in names]
+        # The rows alone, or the header alone, may end in a delimiter.
+        names = [*names, ""] if len(names) == width - 1 else names[:width]
     between = (index for index in range(head + 1, after + 1) if index != units)
     return Heading(
         names, delimiter, head + 1, after + 1, below, entries, stated,
@@ -296,18 +298,9 @@ def _is_of_units(row: Sequence[str]) -> bool:
     )
 
 
-def _fitted(names: Sequence[str], width: int) -> list[str]:
-    """The names, with one for a delimiter that the rows alone end in, or without one for a
-    delimiter that the header alone ends in."""
-    return [*names, ""] if len(names) == width - 1 else list(names[:width])
-
-
 def entries_of(lines: Iterable[str], delimiter: str) -> tuple[tuple[str, list[str]], ...]:
     """Keys and values of a preamble's lines, split by the delimiter, a colon or an equals sign."""
-    return tuple(_split_entries(lines, delimiter))
-
-
-def _split_entries(lines: Iterable[str], delimiter: str) -> Iterator[tuple[str, list[str]]]:
+    entries = []
     for line in lines:
         text = _uncommented(line, delimiter).strip().lstrip(f"{delimiter};").strip()
         cells = cells_of(text, delimiter) if delimiter != SPACE else [text]
@@ -317,7 +310,8 @@ def _split_entries(lines: Iterable[str], delimiter: str) -> Iterator[tuple[str, 
         if len(cells) > 1 and plain(cells[0].rstrip(":")):
             # A scope that writes a block for each channel has the key in each.
             values = ["" if cell == cells[0] else cell for cell in cells[1:]]
-            yield cells[0].rstrip(":").strip(), values
+            entries.append((cells[0].rstrip(":").strip(), values))
+    return tuple(entries)
 
 
 def units_of(heading: Heading) -> Mapping[str, str]:

@@ -3,12 +3,11 @@
 
 import numpy as np
 
-from srsinv.errors import BadInput
-
 from ...files import DataFile
 from .._apart import IsolatedReader
 from .._table import ColumnTable
-from .wav import UNIT
+from ..reader import missing_package
+from .wav import take_channels
 
 _STORED = 2  # bytes of a sample before it is packed, in most files
 
@@ -26,10 +25,7 @@ class Flac(IsolatedReader):
         try:
             import soundfile
         except ImportError as error:
-            raise BadInput(
-                f"{table.name}: reading .flac takes a package that is not installed: add it by "
-                "pip install srsinv[flac], or save the recording in another format."
-            ) from error
+            raise missing_package(table.name, "flac") from error
         with soundfile.SoundFile(file) as source:
             if source.format != "FLAC" or source.samplerate <= 0:
                 raise ValueError("no FLAC")
@@ -39,8 +35,5 @@ class Flac(IsolatedReader):
             values = source.read(dtype="float64", always_2d=True)
             if len(values) != source.frames:
                 raise EOFError("cut short")
-        for index, channel in enumerate(np.ascontiguousarray(values.T)):
-            name = f"channel_{index}"
-            table.take(name, channel.shape, channel.dtype, channel.copy, {"units": UNIT})
-            table.signals.append(name)
+        take_channels(table, np.ascontiguousarray(values.T))
         return table

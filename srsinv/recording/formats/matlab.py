@@ -68,14 +68,12 @@ def _read_7_3(file: DataFile) -> ColumnTable:
 
 def _take(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
     kind = attribute(table, dataset, "MATLAB_class")
-    kind = "double" if kind is None else _text(kind)
+    if isinstance(kind, bytes):
+        kind = kind.decode("ascii", "replace")
+    kind = "double" if kind is None else str(kind)
     if kind not in NUMERIC or "MATLAB_object_decode" in dataset.attrs:
         table.leave_out(name, f"is a MATLAB {quoted(kind)}")
     elif attribute(table, dataset, "MATLAB_empty"):
         table.leave_out(name, "is empty")
     else:
         take(table, name, dataset, vector(dataset.shape or ()))
-
-
-def _text(value: object) -> str:
-    return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)

@@ -4,12 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from srsinv.errors import BadInput
-
 from ...files import DataFile
 from .._apart import IsolatedReader
 from .._stated import is_stated_word, is_word
 from .._table import ColumnTable
+from ..reader import missing_package
 
 _TYPE = 40  # characters shown of a column's type
 
@@ -28,10 +27,7 @@ class Parquet(IsolatedReader):
             import pyarrow as pa
             from pyarrow import parquet
         except ImportError as error:
-            raise BadInput(
-                f"{table.name}: reading .parquet takes a package that is not installed: add it by "
-                "pip install srsinv[parquet], or save the recording in another format."
-            ) from error
+            raise missing_package(table.name, "parquet") from error
         pa.set_cpu_count(1)
         source = parquet.ParquetFile(file)
         schema, rows = source.schema_arrow, source.metadata.num_rows

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from srsinv.errors import BadInput
-
 from ...files import DataFile
 from .._columns import is_of_other, quantity_of
 from .._stated import is_word
 from .._table import ColumnTable
-from ..reader import Reader
+from ..reader import Reader, missing_package
 
 _MOST_READS = 2_000_000  # of all segments' descriptions: some seconds
 _MOST_SCALES = 10  # steps from raw values to a channel's; each may refer to two before it
@@ -32,10 +30,7 @@ class Tdms(Reader):
             from nptdms import TdmsFile
             from nptdms.log import log_manager
         except ImportError as error:
-            raise BadInput(
-                f"{table.name}: reading .tdms takes a package that is not installed: add it by "
-                "pip install srsinv[tdms], or save the recording in another format."
-            ) from error
+            raise missing_package(table.name, "tdms") from error
         log_manager.set_level(logging.CRITICAL)  # errors are reported here, once
         # By a handle: beside a path the package would also read an index file, which may be stale.
         file.limit(reads=_MOST_READS)

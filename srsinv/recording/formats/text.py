@@ -71,7 +71,10 @@ class Text(Reader):
             cells = rows.T if isinstance(rows, np.ndarray) else list(zip(*rows, strict=True))
             for index, column in columns.items():
                 column.extend(cells[index])
-        _join_dates(list(columns.values()))
+        clocks = [column for column in columns.values() if column.is_clock]
+        dates = [column for column in columns.values() if column.is_dates]
+        if len(clocks) == len(dates) == 1:
+            clocks[0].date(dates[0])
         for index, column in columns.items():
             _take(table, names[index] or f"column_{index + 1}", column, bool(names[index]))
         text.detach()  # the file stays open
@@ -91,14 +94,6 @@ def _encoding(file: DataFile) -> str:
     if 4 * max(even, odd) > len(start) and not min(even, odd):
         return "utf-16-le" if odd else "utf-16-be"
     return "utf-8-sig"
-
-
-def _join_dates(columns: Sequence["_Column"]) -> None:
-    """Date the clock times of one column by the dates of another, where each is the only one."""
-    clocks = [column for column in columns if column.is_clock]
-    dates = [column for column in columns if column.is_dates]
-    if len(clocks) == len(dates) == 1:
-        clocks[0].date(dates[0])
 
 
 def _take(table: ColumnTable, name: str, column: "_Column", is_named: bool) -> None:

@@ -11,7 +11,7 @@ from ...files import DataFile
 from .._table import ColumnTable
 from ..reader import Reader
 
-UNIT = "full scale"
+_UNIT = "full scale"
 _MOST_READS = 10_000  # of the file's parts, of which there are a handful
 _MOST_PARTS = 1_000
 
@@ -36,12 +36,16 @@ class Wav(Reader):
         if rate_hz <= 0:
             raise ValueError("no sample rate")
         table.sidecar["sample_rate_hz"] = int(rate_hz)
-        scaled = _full_scale(raw if raw.ndim == 2 else raw[:, None])
-        for index, values in enumerate(scaled.T):
-            name = f"channel_{index}"
-            table.take(name, values.shape, values.dtype, values.copy, {"units": UNIT})
-            table.signals.append(name)
+        take_channels(table, _full_scale(raw if raw.ndim == 2 else raw[:, None]).T)
         return table
+
+
+def take_channels(table: ColumnTable, channels: Float[np.ndarray, "channel sample"]) -> None:
+    """Take in fractions of full scale as the signals `channel_0`, `channel_1`, ..."""
+    for index, values in enumerate(channels):
+        name = f"channel_{index}"
+        table.take(name, values.shape, values.dtype, values.copy, {"units": _UNIT})
+        table.signals.append(name)
 
 
 def _stated(file: DataFile) -> tuple[int, int]:
