@@ -163,8 +163,21 @@ def write_whole(path: Path, content: bytes, is_own: Callable[[bytes], bool] | No
 
     Raises `BadInput` where there is another file, and where it cannot be written.
     """
+    may_go = is_own or (lambda _: False)
+
+    def holds_own(name: str, folder: int) -> bool:
+        with plain_file(name, folder) as file:
+            return file is not None and may_go(file.read(_MOST_BYTES)) and not file.read(1)
+
     with writing(path), opened(os.path.realpath(path.parent)) as folder:
-        _write_whole(path.name, content, is_own or (lambda _: False), folder)
+        scratch = scratch_name()
+        try:
+            write_new(scratch, content, folder)
+            put(scratch, folder, path.name, folder, holds_own)
+        finally:
+            with suppress(FileNotFoundError):
+                os.unlink(scratch, dir_fd=folder)
+            _sync(folder)
 
 
 @contextmanager
@@ -201,21 +214,6 @@ def put(old: str, source: int, new: str, folder: int, is_own: Callable[[str, int
     except FileExistsError:
         _renameat2(source, old, folder, new, _EXCHANGE)
         raise
-
-
-def _write_whole(name: str, content: bytes, is_own: Callable[[bytes], bool], folder: int) -> None:
-    def holds_own(name: str, folder: int) -> bool:
-        with plain_file(name, folder) as file:
-            return file is not None and is_own(file.read(_MOST_BYTES)) and not file.read(1)
-
-    scratch = scratch_name()
-    try:
-        write_new(scratch, content, folder)
-        put(scratch, folder, name, folder, holds_own)
-    finally:
-        with suppress(FileNotFoundError):
-            os.unlink(scratch, dir_fd=folder)
-        _sync(folder)
 
 
 def _put_where_none_is(old: str, source: int, new: str, folder: int) -> bool:

@@ -2,7 +2,7 @@
 
 import difflib
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from numbers import Real
 from typing import Any, TypeGuard, TypeVar
 
@@ -52,20 +52,17 @@ def number(
     the valid values. A value that jax traces is not known yet: it becomes NaN where it turns out to
     be beyond the bounds, and its gradient with it, and keeps its value and gradient within.
     """
-    if hasattr(value, "aval") and _is_traced(value):
-        return _nan_outside(value, above, least, most, below)
+    if hasattr(value, "aval"):
+        from jax.core import Tracer  # loaded already where a jax array is given, and slow to load
+
+        if isinstance(value, Tracer):
+            return _nan_outside(value, above, least, most, below)
     scalar = value.item() if getattr(value, "ndim", None) == 0 else value
     fits = is_number(scalar) and above < scalar < below and least <= scalar <= most
     if not fits or abs(scalar) > LARGEST:  # thousands are checked, and few sentences needed
         up_to = f", up to {LARGEST:g}" if fits else ""
         raise BadInput(f"{name} is {echo(scalar)}: give {wanted}{up_to}.")
     return value
-
-
-def _is_traced(value: Any) -> bool:
-    from jax.core import Tracer  # loaded already where a jax array is given, and slow to load
-
-    return isinstance(value, Tracer)
 
 
 def _nan_outside(value: Any, above: float, least: float, most: float, below: float) -> Any:
@@ -123,8 +120,21 @@ def check_name(key: str, name: Any, options: Collection[str]) -> None:
 
 def nearest(name: Any, options: Collection[str]) -> str:
     """The words for the option that is nearest to a wrong name; none where no one is near."""
-    close = difflib.get_close_matches(str(name), options, 1)
-    return f"the nearest is {close[0]}; " if close else ""
+    near = nearest_name(name, options)
+    return f"the nearest is {near}; " if near else ""
+
+
+def nearest_name(
+    name: Any, options: Iterable[str], cutoff: float = 0.6, compared: int | None = None
+) -> str | None:
+    """The one of `options` that is most like a wrong name, or None where none is.
+
+    Of names from outside only the first `compared` characters count, as the time it takes is the
+    product of their lengths.
+    """
+    beginnings = {each[:compared]: each for each in reversed(list(options))}
+    near = difflib.get_close_matches(str(name)[:compared], beginnings, 1, cutoff)
+    return beginnings[near[0]] if near else None
 
 
 def of_kind(name: str, value: Any, kind: type[Kind], wanted: str) -> Kind:

@@ -5,7 +5,6 @@ that no header, however wrong, costs more than the file's own size. In a folder 
 link is followed.
 """
 
-import difflib
 import io
 import json
 import os
@@ -18,14 +17,14 @@ from pathlib import Path
 from typing import Any
 
 from srsinv.atomic import opened
-from srsinv.errors import BadInput, echo, refuse
+from srsinv.errors import BadInput, echo, nearest_name, refuse
 
 LARGEST_FILE = 2**32  # bytes: 1e8 numbers written to 17 digits, and half as much again
 _LONGEST = 200  # characters of a path that is shown as it is
 # Opening never waits for a writer, and never makes a terminal the process's own.
 _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 _SHOWN = 60  # characters of a name within a sentence
-_COMPARED = 60  # characters of each of two names: the time it takes is their product
+COMPARED = 60  # characters of each of two names that are looked at for a similar one
 _NEIGHBOURS = 1_000  # files of a folder that are compared for a similar name
 # Characters that control, separate lines or turn the way of writing, and halves of characters:
 # nothing that can be printed.
@@ -41,13 +40,6 @@ def quoted(name: str) -> str:
     """A name as it is, or in quotes where it could be misread; a long one cut short."""
     name = name if len(name) <= _SHOWN else f"{name[:_SHOWN]}…"
     return name if name == name.strip() and name.isprintable() else ascii(name)
-
-
-def nearest(name: str, names: Iterable[str], cutoff: float = 0.6) -> str | None:
-    """The one of `names` that is most like `name`, or None where none is."""
-    beginnings = {each[:_COMPARED]: each for each in reversed(list(names))}
-    near = difflib.get_close_matches(name[:_COMPARED], list(beginnings)[::-1], 1, cutoff)
-    return beginnings[near[0]] if near else None
 
 
 def path_of(value: Any, key: str) -> Path:
@@ -172,15 +164,15 @@ def read_json(path: Path, *, what: str, most: int, key: str, below: Path | None 
     try:
         return parse_json(content.decode())
     except (ValueError, RecursionError) as error:
-        reason = "not UTF-8" if isinstance(error, UnicodeDecodeError) else _reason(error)
+        reason = str(error)
+        if isinstance(error, UnicodeDecodeError):
+            reason = "not UTF-8"
+        elif isinstance(error, RecursionError):
+            reason = "nested too deeply"
         raise BadInput(
             f"{_path_text(path)}: the {what} is no JSON as srsinv writes it ({reason}): run "
             "again the command that wrote it."
         ) from error
-
-
-def _reason(error: Exception) -> str:
-    return "nested too deeply" if isinstance(error, RecursionError) else str(error)
 
 
 def parse_json(text: str) -> Any:
@@ -296,7 +288,7 @@ def _no_such_file(path: Path, what: str, key: str) -> str:
     except OSError:
         names = []
     alike = [name for name in names if Path(name).suffix.lower() == path.suffix.lower()]
-    near = nearest(path.name, alike)
+    near = nearest_name(path.name, alike, compared=COMPARED)
     hint = f"did you mean {quoted(near)}?" if near else f"check {key}=..."
     return f"{_path_text(path)}: there is no such {what}: {hint}"
 

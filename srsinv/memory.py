@@ -28,18 +28,13 @@ def weighed(work: Callable[[], Any]) -> Weighed:
     """
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)
-    before = _reset_peak()
-    value = work()
-    return Weighed(value, np.nan if before is None else max(_bytes("VmHWM") - before, 0.0))
-
-
-def _reset_peak() -> float | None:
-    """The resident memory from where its peak is counted; None where the system counts none."""
     try:
         _RESET.write_text("5", encoding="ascii")
-        return _bytes("VmRSS")
-    except (OSError, TypeError):
-        return None
+        before = _bytes("VmRSS")
+    except (OSError, TypeError):  # the system counts no peak
+        before = None
+    value = work()
+    return Weighed(value, np.nan if before is None else max(_bytes("VmHWM") - before, 0.0))
 
 
 def _bytes(name: str) -> float:

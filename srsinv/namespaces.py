@@ -68,12 +68,12 @@ def plugin_files(settings: Any) -> dict[str, str]:
         for name in {n for n in loaded if f"{word}.".startswith(f"{n}.")} - modules:
             modules.add(name)
             waiting += map(_origin, vars(loaded[name]).values())
-    paths = [Path(str(loaded[name].__file__)) for name in sorted(modules)]
-    return {_place(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
-
-
-def _place(plugin: Path) -> str:
-    return plugin.relative_to(sys.modules["plugins"].__path__[0]).as_posix()
+    files = {}
+    for name in sorted(modules):
+        path = Path(str(loaded[name].__file__))
+        inside = path.relative_to(sys.modules["plugins"].__path__[0]).as_posix()
+        files[inside] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return files
 
 
 def fault_in_plugin(error: BaseException) -> BadInput | None:
@@ -133,7 +133,8 @@ def definition(target: Any) -> Any:
     if not isinstance(target, str) or not target.isascii():
         return None
     parts = target.split(".")
-    if not all(part.isidentifier() for part in parts) or parts[0] not in _namespaces():
+    packages = ["srsinv", *(name for name in ("experiments", "plugins") if name in sys.modules)]
+    if not all(part.isidentifier() for part in parts) or parts[0] not in packages:
         return None
     definition: Any = sys.modules[parts[0]]
     for index, part in enumerate(parts[1:], 2):
@@ -158,11 +159,6 @@ def _imported(path: str) -> ModuleType:
             f"{path.replace('.', '/')}.py cannot be run: {type(error).__name__}: {error}. Mend it, "
             "or leave out what names it."
         ) from error
-
-
-def _namespaces() -> tuple[str, ...]:
-    optional = ("experiments", "plugins")
-    return ("srsinv", *(name for name in optional if name in sys.modules))
 
 
 def _is_module(package: ModuleType, path: str) -> bool:

@@ -9,7 +9,6 @@ become one sentence in [`refusing`][].
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from difflib import get_close_matches
 from numbers import Real
 from pathlib import Path
 from typing import Any, cast
@@ -25,7 +24,7 @@ from hydra.core.override_parser.types import (
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 
-from ..errors import BadInput, refuse
+from ..errors import BadInput, nearest_name, refuse
 from .help import experiments
 from .reads import keys_read
 from .typed import composing, text_of
@@ -138,8 +137,8 @@ def _check_choice(override: Override, options: list[str], root: Path) -> None:
             f"experiment '{name}' runs from a clone of the repository only; "
             f"here there are {_listed(options)}",
         )
-        close = get_close_matches(str(name), options, 1)
-        hint = f"the nearest is '{close[0]}'; " if close else ""
+        near = nearest_name(name, options)
+        hint = f"the nearest is '{near}'; " if near else ""
         refuse(
             name not in options,
             f"there is no {group} '{name}'; {hint}there are {_listed(options)}",
@@ -256,17 +255,15 @@ def _nearest_key(key: str, base: dict[str, Any]) -> str:
     parent, _, leaf = key.rpartition(".")
     siblings = _look_up(base, parent) if parent else None
     if isinstance(siblings, dict):
-        close = get_close_matches(leaf, siblings, 1)
-        return (
-            f"the nearest is '{parent}.{close[0]}'"
-            if close
-            else f"'{parent}' has {_listed(siblings)}"
-        )
+        near = nearest_name(leaf, siblings)
+        if near:
+            return f"the nearest is '{parent}.{near}'"
+        return f"'{parent}' has {_listed(siblings)}"
     keys = [name for name in _dotted(base) if not name.startswith("hydra")]
     leaves = {name.rpartition(".")[2]: name for name in reversed(keys)}
     for word, names in ((leaf, leaves), (key, {name: name for name in keys})):
-        if close := get_close_matches(word, names, 1):
-            return f"the nearest is '{names[close[0]]}'"
+        if near := nearest_name(word, names):
+            return f"the nearest is '{names[near]}'"
     return (
         f"the keys are {_listed(name for name in keys if '.' not in name)}, and those inside them"
     )

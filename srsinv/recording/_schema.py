@@ -5,13 +5,12 @@ This is the one table of them. It is closed: a key that is not here is refused, 
 that none names a class or a function.
 """
 
-import difflib
 from collections.abc import Collection, Mapping
 from typing import Any, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from srsinv.errors import BadInput, echo, refuse
+from srsinv.errors import BadInput, echo, nearest_name, refuse
 
 from ._fact_types import (
     Channels,
@@ -172,10 +171,10 @@ def _sentence(error: Any) -> str:
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)[1:]
     known = _keys_at(path[:-1])
     if error["type"] == "extra_forbidden":
-        close = difflib.get_close_matches(str(path[-1]), known, 1)
-        nearest = f"the nearest is {close[0]}" if close else f"there are {', '.join(known)}"
+        near = nearest_name(path[-1], known)
+        hint = f"the nearest is {near}" if near else f"there are {', '.join(known)}"
         return (
-            f"there is no key {echo(key)}: {nearest}; free text goes into description: correct it "
+            f"there is no key {echo(key)}: {hint}; free text goes into description: correct it "
             "in the sidecar or on the command line."
         )
     expected = error.get("ctx", {}).get("expected") or (

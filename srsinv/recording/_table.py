@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from srsinv.errors import BadInput, echo, refuse
+from srsinv.errors import BadInput, echo, nearest_name, refuse
 
-from ..files import DataFile, is_broken, nearest, quoted
+from ..files import COMPARED, DataFile, is_broken, quoted
 from ._stated import Clock, is_neutral, is_of_time, is_scaling_word, is_stated_word, stated
 
 MOST_SAMPLES = 10**8  # of all columns together: 0.8 GB as float64, and a few times that in use
@@ -239,7 +239,7 @@ class ColumnTable:
         )
         refuse(column in self.unusable, f"{its}: store it as a 1-D array of real numbers.")
         if column not in self.columns:
-            near = nearest(column, self.columns, cutoff=0.0)
+            near = nearest_name(column, self.columns, cutoff=0.0, compared=COMPARED)
             hint = f"the nearest is {quoted(near)}, and " if near else ""
             raise BadInput(
                 f"{self.name}: there is no column {echo(column)}: {hint}the columns are "
