@@ -57,19 +57,18 @@ def check_typed(overrides: Sequence[Override]) -> None:
 
 
 def _check_installed(launcher: Any) -> None:
-    module, extra = EXTRAS.get(str(launcher), ("", ""))
+    if str(launcher) not in EXTRAS:
+        return
+    module, extra = EXTRAS[str(launcher)]
+    try:
+        is_installed = importlib.util.find_spec(f"{_PLUGINS}.{module}") is not None
+    except ModuleNotFoundError:  # no package of Hydra's plugins at all
+        is_installed = False
     refuse(
-        bool(module) and not _is_installed(module),
+        not is_installed,
         f"hydra/launcher={launcher} needs the package {module.replace('_', '-')}: install it by "
         f'pip install "srsinv[{extra}]".',
     )
-
-
-def _is_installed(module: str) -> bool:
-    try:
-        return importlib.util.find_spec(f"{_PLUGINS}.{module}") is not None
-    except ModuleNotFoundError:  # no package of Hydra's plugins at all
-        return False
 
 
 def _keys(key: str, value: Any) -> Iterator[str]:

@@ -71,7 +71,7 @@ def launch(arguments: Sequence[str], root: Path) -> int:
         hydra = cast(Hydra, GlobalHydra.instance().hydra)
         guard_files()
         check(hydra, overrides, root, flags.multirun, flags.config_dir)
-        if _shows_only(flags):
+        if flags.hydra_help or flags.cfg or flags.info:
             with printing():
                 return _show(hydra, flags)
         mode = RunMode.MULTIRUN if flags.multirun else RunMode.RUN
@@ -232,10 +232,6 @@ def _config_folder(flags: Namespace) -> list[str]:
     )
     path = str(Path(flags.config_dir).resolve()).replace("'", r"\'")
     return [f"hydra.searchpath=['file://{path}']"]
-
-
-def _shows_only(flags: Namespace) -> bool:
-    return bool(flags.hydra_help or flags.cfg or flags.info)
 
 
 def _show(hydra: Hydra, flags: Namespace) -> int:

@@ -44,7 +44,9 @@ def outcomes(make: Make, jobs: Batch, is_done: Callable[[Any], bool]) -> list[Ou
         case "BasicLauncher":
             return _launched(launcher, jobs)
         case "JoblibLauncher":
-            processes = _processes(launcher)
+            from joblib import effective_n_jobs
+
+            processes = effective_n_jobs(launcher.joblib["n_jobs"])
             with _threads(min(processes, len(jobs))):
                 return _in_processes(make, jobs, is_done, processes)
         case "LocalLauncher":
@@ -77,20 +79,11 @@ def _threads(processes: int) -> Iterator[None]:
 
 def _launched(launcher: Any, jobs: Batch) -> list[Outcome]:
     returned = launcher.launch([job.overrides for job in jobs], initial_job_idx=0)
-    return [_returned(each) for each in returned]
-
-
-def _returned(job: Any) -> Outcome:
-    """What a job returned, or raise what it raised, without Hydra's own words for that."""
-    if isinstance(job._return_value, Exception):
-        raise job._return_value
-    return job._return_value
-
-
-def _processes(launcher: Any) -> int:
-    from joblib import effective_n_jobs
-
-    return effective_n_jobs(launcher.joblib["n_jobs"])
+    values = [each._return_value for each in returned]
+    for value in values:
+        if isinstance(value, Exception):  # what a job raised, without Hydra's own words for that
+            raise value
+    return values
 
 
 def _in_processes(

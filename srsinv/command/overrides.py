@@ -65,7 +65,7 @@ def check(
             choices.append(_alternatives(override))
         elif text_of(override) not in searchpath:
             values.append(override)
-    typed = _typed_keys(overrides)
+    typed = [(each.package or each.key_or_group).replace("/", ".") for each in overrides]
     usual = _compose(hydra, searchpath) if config_dir else None
     jobs = [name for o in values if o.key_or_group == "job" for name in _values(o)]
     for chosen in itertools.product(*choices) if overrides else ():
@@ -93,11 +93,6 @@ def _check_read(keys: Iterable[str], job: str, read: dict[str, Any], root: Path)
         names = sorted(names, key=lambda name: len(able[name] or ()))[:_NAMED]
         others = f"; experiment={' or '.join(names)} reads it" if names else ""
         raise BadInput(f"job {job} does not read '{key}': {_nearest_key(key, read)}{others}")
-
-
-def _typed_keys(overrides: Sequence[Override]) -> list[str]:
-    """The keys that overrides set."""
-    return [(each.package or each.key_or_group).replace("/", ".") for each in overrides]
 
 
 def _compose(hydra: Hydra, overrides: list[str]) -> dict[str, Any]:
