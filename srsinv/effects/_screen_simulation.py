@@ -4,7 +4,6 @@ on is the same."""
 from collections import OrderedDict
 from collections.abc import Mapping, Set
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,12 @@ def screen_effects(
 
     A result is reused while the simulation, the effects and the tolerance are the same.
     """
-    key = content_key((_without_noise(sim), OrderedDict(effects), tolerance))
+    whole = sim.scenario
+    # All parts but the noise, which screening does without.
+    without_noise = (
+        whole.scene, whole.sensor, whole.scan, whole.recorder, sim.line, sim.fine, sim.refinement,
+    )  # fmt: skip
+    key = content_key((without_noise, OrderedDict(effects), tolerance))
     held = _RESULTS.get(key, lambda: _screened(sim, effects, tolerance))
     # A caller's own mappings, so that none can change what is held.
     bounds, times = dict(held.relative_change_bounds), dict(held.times_s)
@@ -43,14 +47,6 @@ def forget_screenings() -> None:
 def _with_effects(sim: Simulation, effects: Mapping[str, Effect], names: Set[str]) -> Simulation:
     named = {name: effect for name, effect in effects.items() if name in names}
     return replace(sim, scenario=add_effects(sim.scenario, named))
-
-
-def _without_noise(sim: Simulation) -> tuple[Any, ...]:
-    """All parts of a simulation but its noise."""
-    whole = sim.scenario
-    return (
-        whole.scene, whole.sensor, whole.scan, whole.recorder, sim.line, sim.fine, sim.refinement,
-    )  # fmt: skip
 
 
 def _screened(sim: Simulation, effects: Mapping[str, Effect], tolerance: float) -> ScreeningResult:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact
 
-from ..forward.film import Film, LineEffect
+from ..forward.film import LineEffect
 from ..forward.sensor import FilmSignal, FilmStress
 from ..forward.simulation import Simulation
 from ..forward.skin import STRESSES
@@ -35,17 +35,14 @@ def signal_and_stress(
     depths = [float(film.depth_m) for film in output.elements]
     transfer = {depth: output.skin.transfer_once(k, depth) for depth in set(depths)}
     stress = np.stack([np.einsum("sck,ck->sk", transfer[depth], traction) for depth in depths])
+    weights = [jax.tree.map(np.asarray, film).charge_per_stress(np) for film in output.elements]
     readout = np.asarray(output.gain) * (1j * k if output.order else 1.0)
     signal = np.stack([
-        readout * (_weights(film) @ own) * _along_line(film.all_effects, k)
-        for film, own in zip(output.elements, stress, strict=True)
+        readout * (weight @ own) * _along_line(film.all_effects, k)
+        for film, weight, own in zip(output.elements, weights, stress, strict=True)
     ])  # fmt: skip
     at = slice(None, None, sim.refinement)
     return np.fft.irfft(signal, line.n)[..., at], np.fft.irfft(stress, line.n)[..., at]
-
-
-def _weights(film: Film) -> Float[np.ndarray, "4"]:
-    return jax.tree.map(np.asarray, film).charge_per_stress(np)
 
 
 def _along_line(effects: tuple[LineEffect, ...], k) -> Inexact[np.ndarray, " k"]:

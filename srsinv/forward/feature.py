@@ -170,7 +170,10 @@ class Feature(ShapeFamily):
     friction: float | None = eqx.field(static=True)
 
     def __init__(self, friction: Any = None, **given: Any):
-        self.friction = _friction(friction)
+        if friction is not None:
+            wanted = "a number, of either sign, or null to fit it"
+            friction = float(number("feature.friction", friction, wanted))
+        self.friction = friction
         self._take(given, "friction")
 
     @property
@@ -269,8 +272,3 @@ def _range(name: str, given: Any, limits: Range) -> Range:
             "to look everywhere."
         )
     return float(given[0]), float(given[1])
-
-
-def _friction(given: Any) -> float | None:
-    wanted = "a number, of either sign, or null to fit it"
-    return None if given is None else float(number("feature.friction", given, wanted))

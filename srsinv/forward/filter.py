@@ -61,7 +61,10 @@ class Filter(eqx.Module):
         if any(isinstance(value, Tracer) for value in given):
             return Lag(self, speed_m_per_s, depth_m, DEPTHS_IF_TRACED)
         speed, scale, depth = (float(value) for value in given)
-        return Lag(self, speed_m_per_s, depth_m, _rounded_up(abs(speed) * scale / depth))
+        # Up to a power of 2, so that similar sensors share one program; of a little more, so that
+        # rounding does not exceed it.
+        depths = max(1.001 * (abs(speed) * scale / depth), _FEWEST_DEPTHS)
+        return Lag(self, speed_m_per_s, depth_m, float(2 ** np.ceil(np.log2(depths))))
 
     @eqx.filter_jit
     def in_time(
@@ -159,10 +162,17 @@ class Lag(LineEffect):
         return self.filter.response(k * self.speed_m_per_s)
 
     def spread(self, kernel: Kernel) -> Kernel:
-        _refuse_too_slow(self.filter.poles, self.depths)
-        time, weights = _quadrature(self.filter.poles, self.depths)
+        poles, depths = self.filter.poles, self.depths
+        panels, _, nodes = _panels(poles, depths)
+        refuse(
+            panels * nodes > MOST_NODES,
+            f"The filter's time scale at this speed is up to {depths:g} depths of the film, and "
+            f"takes {panels * nodes} nodes on the open line where {MOST_NODES} are the most: give "
+            "a faster filter, a lower speed or a periodic line.",
+        )
+        time, weights = _quadrature(poles, depths)
         length = self.speed_m_per_s * self.filter.time_scale_s
-        enough = jnp.abs(length) <= self.depths * self.depth_m
+        enough = jnp.abs(length) <= depths * self.depth_m
         return spread_over(kernel, -jnp.where(enough, length, jnp.nan) * time, weights)
 
 
@@ -191,20 +201,17 @@ def even_interval(time_s: Float[Array, " sample"]) -> Float[Array, ""]:
     rounding the times leaves, unless they are traced.
     """
     if not isinstance(time_s, Tracer):
-        _refuse_uneven(np.asarray(time_s))
+        time = np.asarray(time_s)
+        each, mean = np.diff(time), (time[-1] - time[0]) / (time.size - 1)
+        at = int(np.abs(each - mean).argmax())
+        allowed = UNEVEN * mean + 2 * np.finfo(time.dtype).eps * np.abs(time).max()
+        refuse(
+            bool(abs(each[at] - mean) > allowed),
+            f"scan.time_s goes on by {each[at]:.6g} s after sample {at + 1} and by {mean:.6g} s in "
+            f"the mean, but filters need intervals even to {UNEVEN:g} of it: resample the motion "
+            "at even times, or leave the sensor's filters out.",
+        )
     return (time_s[-1] - time_s[0]) / (time_s.size - 1)
-
-
-def _refuse_uneven(time: np.ndarray) -> None:
-    each, mean = np.diff(time), (time[-1] - time[0]) / (time.size - 1)
-    at = int(np.abs(each - mean).argmax())
-    allowed = UNEVEN * mean + 2 * np.finfo(time.dtype).eps * np.abs(time).max()
-    refuse(
-        bool(abs(each[at] - mean) > allowed),
-        f"scan.time_s goes on by {each[at]:.6g} s after sample {at + 1} and by {mean:.6g} s in the "
-        f"mean, but filters need intervals even to {UNEVEN:g} of it: resample the motion at even "
-        "times, or leave the sensor's filters out.",
-    )
 
 
 def _causal(kernel: Float[Array, " step"], steps: Float[Array, "e step"]) -> Float[Array, "e step"]:
@@ -220,9 +227,9 @@ def _partial_fractions(poles: tuple[complex, ...]) -> tuple[np.ndarray, np.ndarr
     One of each pair stands for both, at twice its residue.
     """
     pole = np.asarray(poles, dtype=complex)
-    apart = pole[:, None] - pole[None]
-    np.fill_diagonal(apart, 1)
-    residue = np.prod(-pole) / np.prod(apart, axis=1)
+    difference = pole[:, None] - pole[None]
+    np.fill_diagonal(difference, 1)
+    residue = np.prod(-pole) / np.prod(difference, axis=1)
     real, first = abs(np.imag(pole)) <= _REAL, np.imag(pole) >= -_REAL
     residue = np.where(real, residue, 2 * residue)
     return np.real_if_close(pole[first]), np.real_if_close(residue[first])
@@ -238,7 +245,9 @@ def _quadrature(poles: tuple[complex, ...], depths: float) -> tuple[np.ndarray, 
     time, weights = _gauss(*_panels(poles, depths))
     pole, residue = _partial_fractions(poles)
     weights = weights * np.real(np.exp(pole * time[:, None]) @ residue)
-    half, nodes = _whole(poles, depths)
+    half = _lasts(poles) / 2
+    # Of a polynomial through the kernel on half the duration of h: it converges as r^(-nodes).
+    nodes = int(np.ceil(_E_FOLDS / np.arcsinh(1 / (depths * half)))) + 2
     if nodes >= time.size:
         return time, weights
     few, own = _gauss(1, half, nodes)
@@ -267,29 +276,6 @@ def _panels(poles: tuple[complex, ...], depths: float) -> tuple[int, float, int]
     return panels, half, int(np.ceil(nodes)) + 2
 
 
-def _whole(poles: tuple[complex, ...], depths: float) -> tuple[float, int]:
-    """Half the duration of h, and the number of nodes of a polynomial through the kernel there: it
-    converges as r^(-nodes)."""
-    half = _lasts(poles) / 2
-    return half, int(np.ceil(_E_FOLDS / np.arcsinh(1 / (depths * half)))) + 2
-
-
 def _lasts(poles: tuple[complex, ...]) -> float:
     """Duration of h in units of T."""
     return _E_FOLDS / min(-pole.real for pole in poles)
-
-
-def _rounded_up(depths: float) -> float:
-    """Round up to a power of 2, so that similar sensors share one program; of a little more than
-    the input, so that rounding does not exceed it."""
-    return float(2 ** np.ceil(np.log2(max(1.001 * depths, _FEWEST_DEPTHS))))
-
-
-def _refuse_too_slow(poles: tuple[complex, ...], depths: float) -> None:
-    panels, _, nodes = _panels(poles, depths)
-    refuse(
-        panels * nodes > MOST_NODES,
-        f"The filter's time scale at this speed is up to {depths:g} depths of the film, and takes "
-        f"{panels * nodes} nodes on the open line where {MOST_NODES} are the most: give a faster "
-        "filter, a lower speed or a periodic line.",
-    )

@@ -171,17 +171,15 @@ class SurfaceScene(Scene):
         self.surface = Surface(surfaces, base_friction)
         skin = HalfSpace() if skin is None else skin
         self.skin = of_kind("skin", skin, Skin, "a skin, such as HalfSpace()")
-        self.contact_windows = self._windows(contact_windows)
-
-    def _windows(self, given: Any) -> int | None:
         key, wanted = "scene.contact_windows", "a whole number from 1, or null to let the skin tell"
-        windows = None if given is None else whole(key, given, wanted, least=1)
+        if contact_windows is not None:
+            contact_windows = whole(key, contact_windows, wanted, least=1)
         refuse(
-            windows not in (None, 1) and self._goes_on,
-            f"{key} is {windows}, but the surface goes on beyond its window, where the skin would "
-            "be free: leave it at null, or give a longer grid.length_m.",
+            contact_windows not in (None, 1) and self._goes_on,
+            f"{key} is {contact_windows}, but the surface goes on beyond its window, where the "
+            "skin would be free: leave it at null, or give a longer grid.length_m.",
         )
-        return windows
+        self.contact_windows = contact_windows
 
     @property
     def _goes_on(self) -> bool:

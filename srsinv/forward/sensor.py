@@ -179,7 +179,9 @@ class Sensor(eqx.Module):
         amplifier that needs a constant speed, for a motion beyond the ends of an open line, and
         with filters for samples that are not evenly spaced.
         """
-        gain, field = self.amplifier.at_speed(motion.speed_m_per_s), self._field()
+        gain = self.amplifier.at_speed(motion.speed_m_per_s)
+        # What the amplifier reads of the charge, before its gain.
+        field = FilmSignal(self.skin, self.elements, as_real(1.0), self.amplifier.order)
         interval = even_interval(motion.time_s) if self.filters else None
         end = None
         if reach_m is not None:
@@ -190,10 +192,6 @@ class Sensor(eqx.Module):
             PositionInterpolation(line, motion.position_m), gain, motion.direction, self.filters,
             interval, end, directions,
         )  # fmt: skip
-
-    def _field(self) -> FilmSignal:
-        """What the amplifier reads of the charge, before its gain."""
-        return FilmSignal(self.skin, self.elements, as_real(1.0), self.amplifier.order)
 
     def _lagging(self, scan: ConstantSpeed) -> tuple[Film, ...]:
         """The elements as read through the filters, which at constant speed act along the line."""

@@ -80,9 +80,13 @@ class Simulation(eqx.Module):
 
         Filters come before the sampling: they act on samples as dense as the finer line's cells.
         """
-        if self.sensor.filters and (times := self._denser(motion)) > 1:
-            speed, profiles = float(self.scan.speed_m_per_s), self.scenario.recorder.speed_profiles
-            return self.signal_along(denser(motion, times, speed, profiles))[:, ::times]
+        if self.sensor.filters:
+            ratio = float(self.scan.sample_rate_hz(self.fine)) / motion.sample_rate_hz
+            times = int(np.ceil(ratio * (1 - SAME_RATE)))
+            if times > 1:
+                speed = float(self.scan.speed_m_per_s)
+                profiles = self.scenario.recorder.speed_profiles
+                return self.signal_along(denser(motion, times, speed, profiles))[:, ::times]
         own = float(self.scan.direction)
         traction, directions = self.traction(self.fine), motion.directions
         if len(directions) > 1:
@@ -94,11 +98,6 @@ class Simulation(eqx.Module):
         return _signal_along(
             self.sensor, recorder.drift, self.scan, self.fine, motion, traction, self.background
         )
-
-    def _denser(self, motion: Motion) -> int:
-        """How many times as many samples the finer line's cells ask for."""
-        times = float(self.scan.sample_rate_hz(self.fine)) / motion.sample_rate_hz
-        return int(np.ceil(times * (1 - SAME_RATE)))
 
 
 @eqx.filter_jit

@@ -77,8 +77,18 @@ class SnapBackNoise(NonGaussianNoise):
         self.decay_s = as_real(number("noise decay_s", decay_s, wanted, above=0))
         wanted = "a length in metres that is at least 0"
         self.contact_m = as_real(number("noise contact_m", contact_m, wanted, least=0))
-        _refuse_wide(contact_m, [film.depth_m for film in charge.elements])
-        self.terms = _terms(contact_m, [film.depth_m for film in charge.elements])
+        depths_m = [film.depth_m for film in charge.elements]
+        if any(isinstance(value, Tracer) for value in (contact_m, *depths_m)):
+            self.terms = MOST_TERMS
+        else:
+            contact, depth = float(contact_m), min(float(depth) for depth in depths_m)
+            most = MOST_DEPTHS * depth
+            refuse(
+                contact > most,
+                f"noise contact_m is {contact:.6g}: give at most {most:.6g} m, {MOST_DEPTHS} "
+                "times the depth of the shallowest film.",
+            )
+            self.terms = _terms(contact, depth)
 
     @classmethod
     def recorded_by(
@@ -196,23 +206,10 @@ class SnapBackNoise(NonGaussianNoise):
         return (difference if self._is_rate else 1.0) / denominator
 
 
-def _refuse_wide(contact_m, depths_m) -> None:
-    if any(isinstance(value, Tracer) for value in (contact_m, *depths_m)):
-        return
-    most = MOST_DEPTHS * min(float(depth) for depth in depths_m)
-    refuse(
-        float(contact_m) > most,
-        f"noise contact_m is {float(contact_m):.6g}: give at most {most:.6g} m, {MOST_DEPTHS} "
-        "times the depth of the shallowest film.",
-    )
-
-
-def _terms(contact_m, depths_m) -> int:
+def _terms(contact_m: float, depth_m: float) -> int:
     """Number of Chebyshev polynomials that resolve a response analytic within a depth of the real
     axis: they converge as (s + sqrt(1 + s^2))^-terms, s the depth over half the contact. A power of
     2, so that similar contacts share one program."""
-    if any(isinstance(value, Tracer) for value in (contact_m, *depths_m)):
-        return MOST_TERMS
-    half, depth = float(contact_m) / 2, min(float(depth) for depth in depths_m)
-    wanted = -np.log(TRUNCATION_ERROR) / np.arcsinh(depth / half) if half > 0 else 1.0
+    half = contact_m / 2
+    wanted = -np.log(TRUNCATION_ERROR) / np.arcsinh(depth_m / half) if half > 0 else 1.0
     return int(min(MOST_TERMS, 2 ** np.ceil(np.log2(max(wanted, 16.0)))))

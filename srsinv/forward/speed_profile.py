@@ -144,7 +144,12 @@ def paced(
     wanted = "a speed in m/s other than 0, at which the motion arrives"
     number("scan.speed_m_per_s", speed_m_per_s, wanted)
     refuse(speed_m_per_s == 0, f"scan.speed_m_per_s is {speed_m_per_s}: give {wanted}.")
-    _refuse_undersampled(profiles, rate_hz)
+    highest = max((profile.frequency_limit_hz for profile in profiles), default=0.0)
+    refuse(
+        2 * highest >= rate_hz,
+        f"scan.rate_hz is {rate_hz}, too low for a speed ripple of {highest} Hz: give more than "
+        f"{2 * highest}.",
+    )
     begin = start_m if speed_m_per_s > 0 else start_m + length_m
     time, travelled = _until(length_m / abs(speed_m_per_s), rate_hz, profiles)
     position = begin + speed_m_per_s * travelled
@@ -182,15 +187,6 @@ def denser(
 
 def _concrete(value: Any) -> Scalar:
     return value if isinstance(value, Tracer) else float(value)
-
-
-def _refuse_undersampled(profiles: Sequence[SpeedProfile], rate_hz) -> None:
-    highest = max((profile.frequency_limit_hz for profile in profiles), default=0.0)
-    refuse(
-        2 * highest >= rate_hz,
-        f"scan.rate_hz is {rate_hz}, too low for a speed ripple of {highest} Hz: give more than "
-        f"{2 * highest}.",
-    )
 
 
 def _factor(time, profiles: Sequence[SpeedProfile], xp: Any = np):

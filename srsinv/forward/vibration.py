@@ -135,13 +135,10 @@ def _noise(scenario: Scenario, signal: Any, rate_hz: float, key: PRNGKeyArray) -
     line, passing = Periodic(signal.shape[-1], 1 / rate_hz), ConstantSpeed(1.0)
     power = total_spectrum(gaussian, line, passing, np.sqrt(np.mean(np.asarray(signal) ** 2)))
     values = np.asarray(power)
+    names = ", ".join(type(each).__name__ for each in scenario.noises)
     refuse(
         bool(others) or bool(np.ptp(values) > SAME_GAIN * np.max(values)),
-        f"noise names one that is correlated along x ({_names(scenario.noises)}), and the sensor "
+        f"noise names one that is correlated along x ({names}), and the sensor "
         "of a rig rests: take noise=[johnson], [white], [snr] or none.",
     )
     return draw(key, power, *signal.shape)
-
-
-def _names(parts: Any) -> str:
-    return ", ".join(type(each).__name__ for each in parts)

@@ -42,7 +42,15 @@ class Viscoelastic(Skin):
         times_s: Sequence[Any] | Float[Array, " mode"],
         speed_m_per_s: Scalar = 0.05,
     ):
-        _check_modes(len(fractions), len(times_s))
+        refuse(
+            len(fractions) != len(times_s),
+            f"skin.fractions has {len(fractions)} values and skin.times_s has {len(times_s)}: give "
+            "one fraction for each relaxation time.",
+        )
+        refuse(
+            len(times_s) == 0,
+            "skin.times_s has 0 relaxation times: give at least 1, or the elastic skin alone.",
+        )
         self.skin = skin
         wanted = "a number that is at least 0, of the modulus at rest"
         fractions = [
@@ -113,15 +121,3 @@ class Viscoelastic(Skin):
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "4 2 x"]:
         return self.skin.strip_slope(x, depth_m, width_m)
-
-
-def _check_modes(fractions: int, times: int) -> None:
-    refuse(
-        fractions != times,
-        f"skin.fractions has {fractions} values and skin.times_s has {times}: give one fraction "
-        "for each relaxation time.",
-    )
-    refuse(
-        times == 0,
-        "skin.times_s has 0 relaxation times: give at least 1, or the elastic skin alone.",
-    )
