@@ -122,13 +122,17 @@ def _warnings(recording: Recording, problem: Problem) -> tuple[str, ...]:
     """What the recording itself gives to doubt."""
     # Of the samples as they were recorded: equal ones are no longer equal once filtered.
     raw = recording.signal if recording.raw_signal is None else recording.raw_signal
+    depth_m, amplifier = float(problem.sensor.depth_m), problem.sensor.amplifier
+    of_calibration = (recording.sidecar.get("rig_error") or {}).get("warnings")
+    # Up to here the skin transmits waves, of which the preparation of the signals may take some.
+    fastest = float(np.max(np.abs(recording.speed_m_per_s)))
+    highest_Hz = fastest * ABOVE_CUTOFF / (2 * np.pi * depth_m)
+    has_offset = amplifier.order == 0 and amplifier.offset is not None
     return (
         *recording.doubts,
-        *_of_calibration(recording),
-        *_of_preparation(recording, problem.sensor),
-        *Hum.of(
-            recording, float(problem.sensor.depth_m), problem.mains, problem.noise.rms
-        ).warnings,
+        *((f"The rig's calibration was doubtful: {of_calibration}",) if of_calibration else ()),
+        *preparation_warnings(recording, highest_Hz, has_offset),
+        *Hum.of(recording, depth_m, problem.mains, problem.noise.rms).warnings,
         *channel_findings(recording.channels, raw, recording.signal_unit),
         *_wiring(recording, problem),
     )
@@ -173,22 +177,6 @@ def _step_of(recording: Recording, depth_m: float) -> float:
     position = recording.measured_position_m
     step_m = 0.0 if position is None else position_step(position) or 0.0
     return step_m if step_m > LEAST_STEP * depth_m else 0.0
-
-
-def _of_calibration(recording: Recording) -> tuple[str, ...]:
-    """That the calibration of the rig was doubtful, with its words."""
-    said = (recording.sidecar.get("rig_error") or {}).get("warnings")
-    return (f"The rig's calibration was doubtful: {said}",) if said else ()
-
-
-def _of_preparation(recording: Recording, sensor: Sensor) -> tuple[str, ...]:
-    """What the preparation of the signals took of waves that the skin transmits."""
-    fastest = float(np.max(np.abs(recording.speed_m_per_s)))
-    highest_Hz = fastest * ABOVE_CUTOFF / (2 * np.pi * float(sensor.depth_m))
-    amplifier = sensor.amplifier
-    return preparation_warnings(
-        recording, highest_Hz, amplifier.order == 0 and amplifier.offset is not None
-    )
 
 
 def _check_unit(recording: Recording, sensor: Sensor) -> None:

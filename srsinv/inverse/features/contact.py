@@ -112,7 +112,10 @@ class ContactLoading(Loading):
     def operator(self, operator: MotionOperator, params: Any) -> MotionOperator:
         if "depth_m" not in params:
             return operator
-        sensor = self._sensor_at(params["depth_m"])
+        # The shallowest film is at this depth, and the others move with it.
+        change_m = params["depth_m"] - self.sensor.depth_m
+        depths = [film.depth_m + change_m for film in self.sensor.elements]
+        sensor = eqx.tree_at(lambda s: [film.depth_m for film in s.elements], self.sensor, depths)
         return sensor.operator_along(operator.line, self.motion, directions=operator.directions)
 
     def gain(self, params: Any) -> Any:
@@ -133,12 +136,6 @@ class ContactLoading(Loading):
             for part in MOVES & feature.axes.keys()
         }
 
-    def _sensor_at(self, depth_m: Any) -> Sensor:
-        """The sensor with its shallowest film at another depth, and the others with it."""
-        moved = depth_m - self.sensor.depth_m
-        depths = [film.depth_m + moved for film in self.sensor.elements]
-        return eqx.tree_at(lambda s: [film.depth_m for film in s.elements], self.sensor, depths)
-
     # --- the search ---
 
     def trial_shapes(
@@ -156,7 +153,8 @@ class ContactLoading(Loading):
         if len(model.operator.directions) > 1:
             # One way, some friction makes up for a wrong place; there and back it turns with the
             # motion, and wide ridges with an edge beyond the scan would do better than one beside.
-            places = _halved(places)
+            halves = np.arange(2 * len(places) - 1) / 2
+            places = np.interp(halves, np.arange(len(places)), places)
         shapes = np.array(list(itertools.product(*columns.values()))).reshape(-1, len(columns))
         if whole:
             shapes = np.vstack([shapes, [given[name] for name in columns]])
@@ -258,11 +256,6 @@ def cell_for(features: Features, depth_m: float) -> float:
     """How wide the cells may be."""
     edges = [feature.edge_length_m for feature in features.values() if feature.edge_length_m]
     return min([cell_m("contact", depth_m), *(edge / CELLS_PER_EDGE for edge in edges)])
-
-
-def _halved(places: Float[np.ndarray, " place"]) -> Float[np.ndarray, " more"]:
-    """The places, and those half way between them."""
-    return np.interp(np.arange(2 * len(places) - 1) / 2, np.arange(len(places)), places)
 
 
 def _about(name: str, value: float) -> Range:

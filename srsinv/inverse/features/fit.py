@@ -217,8 +217,13 @@ class FeatureFitter:
             ends: list[Fit] = []
             for shape in self._shapes(clean, white, before, feature, given[name], starts):
                 own = shape | self._model.loading.begun(feature)
-                ends.append(self._fit(parts, params | {name: own}, y, noise))
-                if self._is_good(ends[-1], levels):
+                end = self._fit(parts, params | {name: own}, y, noise)
+                ends.append(end)
+                if levels is None:
+                    is_good = explains(end)
+                else:
+                    is_good = end.stats["chi2_per_freedom"] < GOOD_ENOUGH
+                if is_good:
                     break
             result = min(ends, key=lambda end: end.stats["cost"])
             params = dict(result.value)
@@ -232,10 +237,6 @@ class FeatureFitter:
         yield from self._search.starts(y, white, before, feature, given)[:starts]
         if given and not feature.axes.keys() <= given.keys():
             yield from self._search.starts(y, white, before, feature, {})[:starts]
-
-    def _is_good(self, end: Fit, levels: Levels | None) -> bool:
-        """Whether no other start is needed."""
-        return explains(end) if levels is None else end.stats["chi2_per_freedom"] < GOOD_ENOUGH
 
     def _common(self, y: np.ndarray) -> dict[str, Any]:
         """First values of the parameters that are no feature's."""

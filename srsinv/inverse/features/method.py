@@ -134,9 +134,10 @@ class FeatureFit(Method):
         fitted one after the other.
         """
         samples = [problem.samples() for problem in problems]
+        is_batched = len(self.features) == 1 and not self.is_of_surface and not self.start
         alike: dict[Any, list[int]] = {}
         for i, each in enumerate(samples):
-            own = None if self._is_batched and problems[i].rig is None else i
+            own = None if is_batched and problems[i].rig is None else i
             alike.setdefault((own, _key((each.sensor, each.motion, each.noise))), []).append(i)
         estimates: dict[int, FeatureEstimate] = {}
         for group in alike.values():
@@ -150,10 +151,6 @@ class FeatureFit(Method):
             for i, estimate in zip(group, fitted, strict=True):
                 estimates[i] = _placed(estimate, problems[i])
         return [estimates[i] for i in range(len(problems))]
-
-    @property
-    def _is_batched(self) -> bool:
-        return len(self.features) == 1 and not self.is_of_surface and not self.start
 
     def _fitter(self, problem: Problem | LineProblem, samples: Samples) -> FeatureFitter:
         """The fitter along the samples' motion."""

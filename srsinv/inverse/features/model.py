@@ -149,16 +149,14 @@ class FeatureModel(eqx.Module):
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
         operator = self.loading.operator(self.operator, params)
         end, gain = self.loading.end(self.features, params), self.loading.gain(params)
-        signal = operator(
-            _stacked(self.tractions(params)), None if end is None else _stacked(self._each_way(end))
-        )
+        tractions, directions = _stacked(self.tractions(params)), self.operator.directions
+        if end is not None:
+            end = _stacked([end if onwards else turned(end) for onwards in directions])
+        signal = operator(tractions, end)
         signal = signal if gain is None else gain * signal
         if self.nuisance is not None:
             signal = signal + jnp.tensordot(params["calibration"], self.nuisance, 1)
         return signal + params["offset"][:, None] if self.free_offset else signal
-
-    def _each_way(self, end: Float[Array, " 2"]) -> list[Float[Array, " 2"]]:
-        return [end if direction else turned(end) for direction in self.operator.directions]
 
 
 def _stacked(directions: list[Float[Array, "2 *n"]]) -> Float[Array, "..."]:

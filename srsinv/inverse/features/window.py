@@ -86,7 +86,8 @@ def stretch_of(problem: Problem, features: Features) -> FittedStretch:
         return FittedStretch(problem, whole)
     check_cells(problem.name, whole.length_m, cell_m("load", depth))
     x, power, is_above = _blocks(problem)
-    inside = _searched(x, features, whole)
+    ranges = [each.ranges(whole).get("position_m", (-np.inf, np.inf)) for each in features.values()]
+    inside = np.any([(low <= x) & (x <= high) for low, high in ranges], axis=0)
     refuse(
         not inside.any(),
         f"{problem.name}: no sample lies in the feature's position_range_m: give a range within "
@@ -118,14 +119,6 @@ def _blocks(
     power = np.sum((total / level) ** 2 / count, axis=0)
     above = float(chdtri(len(total), false_alarm.BLOCK / power.size))
     return sums(x) / size, power, power > above
-
-
-def _searched(
-    x: Float[np.ndarray, " b"], features: Features, whole: ScanExtent
-) -> Bool[np.ndarray, " b"]:
-    """Where any of the features is searched for."""
-    ranges = [each.ranges(whole).get("position_m", (-np.inf, np.inf)) for each in features.values()]
-    return np.any([(low <= x) & (x <= high) for low, high in ranges], axis=0)
 
 
 def _around(

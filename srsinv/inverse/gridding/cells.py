@@ -138,7 +138,14 @@ def _fitted_cells(
     mean = speed.mean()
     a = np.asarray(amplifier.at_speed(as_real(speed)) / amplifier.at_speed(as_real(mean)))
     x = np.maximum.accumulate(np.sign(mean) * np.asarray(motion.position_m))
-    edges = _cell_edges(name, sample_middles(x), cell)
+    middles = sample_middles(x)
+    length = float(middles[-1] - middles[0])
+    refuse(
+        whole_steps(length, cell) < LEAST_CELLS,
+        f"{name}: the scan is {length:.4g} m long, less than {LEAST_CELLS} cells of "
+        f"{cell:.4g} m: check the positions' unit, or give a smaller recording.cell_m.",
+    )
+    edges = middles[0] + cell * np.arange(whole_steps(length, cell) + 1)
     return Cells(np.sign(mean) * (edges[:-1] + cell / 2), *fitted_on(edges, x, a, signal))
 
 
@@ -240,18 +247,6 @@ def sample_middles(x: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " middl
     return np.concatenate(
         [[1.5 * x[0] - x[1] / 2], (x[1:] + x[:-1]) / 2, [1.5 * x[-1] - x[-2] / 2]]
     )
-
-
-def _cell_edges(
-    name: str, middles: Float[np.ndarray, " middle"], cell: float
-) -> Float[np.ndarray, " edge"]:
-    length = float(middles[-1] - middles[0])
-    refuse(
-        whole_steps(length, cell) < LEAST_CELLS,
-        f"{name}: the scan is {length:.4g} m long, less than {LEAST_CELLS} cells of "
-        f"{cell:.4g} m: check the positions' unit, or give a smaller recording.cell_m.",
-    )
-    return middles[0] + cell * np.arange(whole_steps(length, cell) + 1)
 
 
 def _interpolated(

@@ -42,13 +42,16 @@ def pressure_by_direction(
     if any(each.quality is Quality.FAILED for each in both):
         return ()
     freedom = max(sum(map(_resolved, both)) - _resolved(joint), 1.0)
-    apart = sum(map(_squares, both))
-    more = _squares(joint) - apart
+    separate = sum(map(_squares, both))
+    more = _squares(joint) - separate
     if scipy.stats.chi2.sf(more, freedom) > false_alarm.DIRECTIONS:
         return ()
-    x, p = _pressures(problem, both)
-    backlash = _backlash(method, problem, _offset(x, p))
-    if backlash.left < apart + EXPLAINED * more:
+    line, position = both[0].line, np.asarray(problem.motion.position_m)
+    x = np.asarray(line.x)
+    cells = (x > position.min()) & (x < position.max())
+    p = [np.asarray(each.on(line).value)[0, cells] for each in both]
+    backlash = _backlash(method, problem, _offset(x[cells], p))
+    if backlash.left < separate + EXPLAINED * more:
         return (backlash.warning,)
     share = float(np.std(p[0] - p[1]) / max(map(np.std, p)))
     return (
@@ -80,24 +83,14 @@ class _Backlash(NamedTuple):
         )
 
 
-def _pressures(
-    problem: Problem, both: Sequence[Estimate]
-) -> tuple[Float[np.ndarray, " x"], list[Float[np.ndarray, " x"]]]:
-    """Places along the scan, and the pressure of each way there."""
-    line, position = both[0].line, np.asarray(problem.motion.position_m)
-    x = np.asarray(line.x)
-    cells = (x > position.min()) & (x < position.max())
-    return x[cells], [np.asarray(each.on(line).value)[0, cells] for each in both]
-
-
 def _offset(x: Float[np.ndarray, " x"], p: Sequence[Float[np.ndarray, " x"]]) -> float:
     """By how much the second pressure is further on than the first, by least squares."""
-    there, back = (each - np.mean(each) for each in p)
+    onwards, back = (each - np.mean(each) for each in p)
     offset = 0.0
     for _ in range(5):
-        moved = np.interp(x + offset, x, back)
-        slope = np.gradient(there, x)
-        offset += float(slope @ (there - moved) / (slope @ slope))
+        shifted = np.interp(x + offset, x, back)
+        slope = np.gradient(onwards, x)
+        offset += float(slope @ (onwards - shifted) / (slope @ slope))
     return offset
 
 

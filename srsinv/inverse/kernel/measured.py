@@ -64,15 +64,13 @@ class MeasuredKernel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against it, as sentences."""
-        return (*self._of_one_way(), *self.of_residual())
-
-    def _of_one_way(self) -> tuple[str, ...]:
         if self.has_both_ways:
-            return ()
+            return self.of_residual()
         sign = "-" if self.friction < 0 else "+"
         return (
             f"The known input was passed one way, which shows K_p {sign} {abs(self.friction):.3g} "
             "K_q and neither alone: pass it both ways, or invert with that friction only.",
+            *self.of_residual(),
         )
 
     def of_residual(self) -> tuple[str, ...]:

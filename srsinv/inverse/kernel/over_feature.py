@@ -196,7 +196,10 @@ def measure_over_feature(
     names = (*default_parameters(stated), *shift) if parameters is None else parameters
     Physics(stated, names)
     calibration = calibrate(problem, feature, held, free)
-    place, friction = (_pair(calibration, name) for name in (PLACE, FRICTION))
+    fitted = calibration.fit.value
+    place, friction = (
+        calibration.parameters.get(name, (float(fitted[name]), 0.0)) for name in (PLACE, FRICTION)
+    )
     refuse(
         not place[1] < float(stated.depth_m),
         f"{problem.name}: the known feature is not found in the signals, as its place is open by "
@@ -204,7 +207,8 @@ def measure_over_feature(
     )
     problem = with_fields(problem, friction=as_real(_sign(problem) * friction[0]))
     on = problem.to_grid()
-    pressure = _pressure(calibration, place[0], on)
+    known = calibration.known.moved_to(place[0])
+    pressure = np.asarray(averages(jnp.asarray(known.pressure_Pa)[None], known.line, on.line))[0]
     assert on.scan is not None
     assert on.friction is not None
     along = float(on.friction) * float(on.scan.direction)
@@ -213,22 +217,12 @@ def measure_over_feature(
     return FeatureKernel(kernel, stated, calibration, place, friction, problem, on, pressure)
 
 
-def _pair(calibration: Calibration, name: str) -> tuple[float, float]:
-    return calibration.parameters.get(name, (float(calibration.fit.value[name]), 0.0))
-
-
 def _sign(problem: Problem) -> float:
     """Of what q over p is where friction is positive, of a motion that goes one way: a problem of
     one way of several turns it by itself."""
     every = passes_of(np.asarray(problem.motion.position_m))
     goes_back = problem.direction is None and not any(each.is_onwards for each in every)
     return -1.0 if goes_back else 1.0
-
-
-def _pressure(calibration: Calibration, place_m: float, on: LineProblem) -> np.ndarray:
-    """The known pressure on the cells of a problem's line."""
-    known = calibration.known.moved_to(place_m)
-    return np.asarray(averages(jnp.asarray(known.pressure_Pa)[None], known.line, on.line))[0]
 
 
 def _with_errors(

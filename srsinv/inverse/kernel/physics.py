@@ -30,16 +30,13 @@ _NAME = re.compile(
 
 def default_parameters(sensor: Sensor) -> tuple[str, ...]:
     """Gains, depth and tilt, and those of the layers where there are any."""
-    gains = tuple(f"gain_{n}" for n in range(1, len(sensor.elements) + 1))
-    return (*gains, "depth_m", "tilt_deg", *_of_layers(sensor))
-
-
-def _of_layers(sensor: Sensor) -> tuple[str, ...]:
-    if not isinstance(sensor.skin, Layered):
-        return ()
-    layers = list(enumerate(sensor.skin.layers, 1))
-    thick = [f"layer_{n}_thickness_m" for n, layer in layers if layer.thickness_m is not None]
-    return (*thick, *(f"layer_{n}_modulus" for n, _ in layers[1:]))
+    names = [f"gain_{n}" for n in range(1, len(sensor.elements) + 1)]
+    names += ["depth_m", "tilt_deg"]
+    if isinstance(sensor.skin, Layered):
+        layers = list(enumerate(sensor.skin.layers, 1))
+        names += [f"layer_{n}_thickness_m" for n, each in layers if each.thickness_m is not None]
+        names += [f"layer_{n}_modulus" for n, _ in layers[1:]]
+    return tuple(names)
 
 
 class Physics:

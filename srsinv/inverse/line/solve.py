@@ -29,7 +29,7 @@ from ..noise.nuisance import scored
 from . import direct, iterative, near_periodic, spectral
 from .answer import CheckedSolution, Runs, answer_of, spectral_answer
 from .gaps import Gaps
-from .model import EstimateParts, chi2
+from .model import chi2
 from .prior import Prior, Score, Solution
 from .problem import LineProblem
 from .rig_bands import rig_errors, with_rig_errors
@@ -135,7 +135,10 @@ class Scorer(eqx.Module):
         else:
             # In double precision: weights lie in flat minima, where rounding would choose.
             with jax.enable_x64(True):
-                self.reduced = _on_device(_reduced(family, self.problem))
+                # The problem, and the prior's root with weights of 1: what all weights share.
+                unweighted = family(np.zeros(self.problem.unknowns))
+                root = spectral.prior_root(self.problem.line, unweighted)
+                self.reduced = _on_device((spectral.reduced(self.problem), root))
 
     def __call__(self, log_weights: Float[Numbers, "b c"]) -> Score:
         """One score for each row of log10 weights."""
@@ -162,12 +165,6 @@ class Scorer(eqx.Module):
 def _as_it_is(score: Score, samples: int) -> Score:
     del samples
     return score
-
-
-def _reduced(family: Family, problem: LineProblem):
-    """The problem, and the prior's root with weights of 1, reduced to what all weights share."""
-    root = spectral.prior_root(problem.line, family(np.zeros(problem.unknowns)))
-    return spectral.reduced(problem), root
 
 
 @jax.jit
@@ -251,6 +248,8 @@ def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tup
     largest = float(np.max(np.abs(np.asarray(problem.data) + np.asarray(problem.mean_signal))))
     is_any = resolved_dof.sum() >= diagnostics.LEAST_RESOLVED_DOF
     n = problem.line.n
+    p, p_stderr = (np.asarray(of)[0, problem.observed_cells] for of in (parts.value, parts.stderr))
+    has_level = problem.known_mean_Pa[0] is not None and problem.background_Pa[0] is not None
     return (
         *problem.warnings,
         *(diagnostics.shared_out(checks.difference_dof) if is_any else ()),
@@ -258,8 +257,8 @@ def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tup
         *(s for name, t, pull, _, _ in each for s in diagnostics.pulled_by_prior(name, pull, t)),
         *(s for name, *_, least in each for s in diagnostics.unresolved_waves(name, least)),
         *_within_runs(checks.runs, resolved_dof / n),
-        *_pulling(problem, parts, resolved_dof[0]),
-        *_beyond(problem, parts, resolved_dof[0]),
+        *(diagnostics.negative_pressure(p, p_stderr, resolved_dof[0]) if has_level else ()),
+        *diagnostics.beyond_modulus(p, p_stderr, problem.modulus_Pa, resolved_dof[0]),
         *diagnostics.unchecked_residual(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.residual_over_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
@@ -277,20 +276,6 @@ def _within_runs(runs: Runs | None, resolved: Float[np.ndarray, " c"]) -> Sequen
         for name, *of in each
         for s in diagnostics.changing_in_runs(name, *of, run_m=runs.length_m, lengths=runs.lengths)
     )
-
-
-def _pulling(problem: LineProblem, parts: EstimateParts, resolved_dof: float) -> Sequence[str]:
-    """Warning on pressures below zero, where their level is known."""
-    if problem.known_mean_Pa[0] is None or problem.background_Pa[0] is None:
-        return ()
-    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (parts.value, parts.stderr))
-    return diagnostics.negative_pressure(p, stderr, resolved_dof)
-
-
-def _beyond(problem: LineProblem, parts: EstimateParts, resolved_dof: float) -> Sequence[str]:
-    """Warning on pressures beyond what the skin bears."""
-    p, stderr = (np.asarray(of)[0, problem.observed_cells] for of in (parts.value, parts.stderr))
-    return diagnostics.beyond_modulus(p, stderr, problem.modulus_Pa, resolved_dof)
 
 
 def _missing(problem: LineProblem) -> float:

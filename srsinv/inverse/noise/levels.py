@@ -31,7 +31,13 @@ def change_of_variance(problem: LineProblem, near: NearPeriodic) -> Float[np.nda
     level; `near` is the nearest periodic problem of [`at_one_level`][]."""
     if problem.noise_scale is None:
         return np.zeros((problem.unknowns, problem.line.n))
-    louder = _everywhere(problem) - np.mean(_log_scale(problem)[problem.is_observed])
+    log_scale, cells = _log_scale(problem), np.arange(problem.line.n)
+    # Where a sample is missing, the factor is that of the samples beside it.
+    rows = zip(log_scale, problem.is_observed, strict=True)
+    filled = np.stack(
+        [np.interp(cells, cells[own], row[own]) if own.any() else 0.0 * row for row, own in rows]
+    )
+    louder = filled - np.mean(log_scale[problem.is_observed])
     model = near.model / np.where(near.white > 0, near.white, np.inf)[:, None]
     response = np.einsum("ijk,jlk->ilk", near.covariance, adjoint(model))
     kernel = near.lags(response) * near.lags(adjoint(near.expected))
@@ -42,12 +48,3 @@ def change_of_variance(problem: LineProblem, near: NearPeriodic) -> Float[np.nda
 
 def _log_scale(problem: LineProblem) -> Float[np.ndarray, "e n"]:
     return np.log(np.asarray(problem.noise_scale, float))
-
-
-def _everywhere(problem: LineProblem) -> Float[np.ndarray, "e n"]:
-    """The logarithm of the noise's factor, that of the samples beside it where one is missing."""
-    cells = np.arange(problem.line.n)
-    rows = zip(_log_scale(problem), problem.is_observed, strict=True)
-    return np.stack(
-        [np.interp(cells, cells[own], row[own]) if own.any() else 0.0 * row for row, own in rows]
-    )

@@ -83,12 +83,6 @@ def _quiet_samples(recording: Recording) -> Bool[np.ndarray, " sample"]:
     return np.any([(start <= time_s) & (time_s <= end) for start, end in pairs], axis=0)
 
 
-def _above(columns: Float[np.ndarray, "m sample"], least: float) -> Float[np.ndarray, "k sample"]:
-    """The directions in which the columns are larger than that; a few samples tell few apart."""
-    _, strength, axes = np.linalg.svd(columns, full_matrices=False)
-    return axes[strength > least]
-
-
 def _levels(
     y: Float[np.ndarray, " sample"],
     columns: Float[np.ndarray, "m sample"],
@@ -98,7 +92,9 @@ def _levels(
     known = np.isfinite(y)
     y, columns, time_s = y[known], columns[:, known], time_s[known]
     noise = float(first_levels(y[None], 1.0).white[0])
-    taken = np.concatenate([np.ones((1, y.size)), _above(columns, WEAK * noise)]).T
+    # Directions alone that are above the noise; a few samples tell few of them apart.
+    _, strength, axes = np.linalg.svd(columns, full_matrices=False)
+    taken = np.concatenate([np.ones((1, y.size)), axes[strength > WEAK * noise]]).T
     basis = np.linalg.qr(taken)[0]
     left = y - basis @ (basis.T @ y)
     white = float(np.sqrt(left @ left / (y.size - basis.shape[1])))

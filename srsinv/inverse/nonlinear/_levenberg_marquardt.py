@@ -99,7 +99,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         accept = state.first | (gain > ACCEPTED * state.predicted) | (state.ready & harmless)
         moved = state.trial - y
         y = jnp.where(accept, state.trial, y)
-        uses = _uses(state, accept, moved, gain)
+        # Whether the next model has the residual's own curvature.
+        uses = uses_secant(state.point, moved, gain)
+        uses = jnp.where(accept & ~state.first, uses, state.uses_secant)
         point = _reached(state, accept, residual, cost, push, moved)
         damping, growth = _damping(state, gain, accept)
         begun = jnp.where(state.first, cost, state.begun)
@@ -163,12 +165,6 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         small = (undamped * length <= self.rtol * size) | (length <= jnp.finfo(y.dtype).eps * size)
         flat = undamped * predicted <= self._ftol * point.cost
         return (cosine <= self.rtol) | small | flat
-
-
-def _uses(state: _DampedState, accept, moved, gain) -> Bool[Array, ""]:
-    """Whether the next model has the residual's own curvature."""
-    uses = uses_secant(state.point, moved, gain)
-    return jnp.where(accept & ~state.first, uses, state.uses_secant)
 
 
 def _reached(state: _DampedState, accept, residual, cost, push, moved) -> Point:

@@ -56,7 +56,9 @@ class Layout:
         """Indices in the row of a leaf (`"b"`) or of one of its numbers (`"b[1]"`)."""
         if name in self.names:
             return [self.names.index(name)]
-        places = [i for i, owner in enumerate(self._owners) if owner == name]
+        sizes = [int(np.prod(shape)) for shape in self.shapes]
+        owners = [leaf for leaf, n in zip(self.leaves, sizes, strict=True) for _ in range(n)]
+        places = [i for i, owner in enumerate(owners) if owner == name]
         if not places:
             check_name(what, name, self.leaves)
         return places
@@ -65,11 +67,6 @@ class Layout:
         """Indices in the row of one name or several."""
         names = [names] if isinstance(names, str) else names
         return {i for name in names for i in self.indices(name, what)}
-
-    @property
-    def _owners(self) -> list[str]:
-        sizes = [int(np.prod(shape)) for shape in self.shapes]
-        return [leaf for leaf, size in zip(self.leaves, sizes, strict=True) for _ in range(size)]
 
     def row_of(self, what: str, given: Tree, default: float) -> np.ndarray:
         """A number for each place: `given` is one number, a tree like the parameters, or a mapping

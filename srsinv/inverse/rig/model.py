@@ -82,7 +82,8 @@ class KnownTraction:
         model = model.with_features({"known": feature})
         params = model.loading.common() | {"known": own}
         pressure = np.asarray(model.traction(jax.tree.map(as_real, params)))[0]
-        known = cls(_open(model.line), pressure, place)
+        line = Open(model.line.n, float(model.line.cell_m), float(model.line.x[0]))
+        known = cls(line, pressure, place)
         return known if place_m is None else known.moved_to(place_m)
 
     def over(self, start_m: float, end_m: float, cell_m: float) -> "KnownTraction":
@@ -108,10 +109,6 @@ class KnownTraction:
         start_m = float(self.line.x[0]) + place_m - self.place_m
         line = Open(self.line.n, float(self.line.cell_m), start_m)
         return KnownTraction(line, self.pressure_Pa, place_m)
-
-
-def _open(line: Any) -> Open:
-    return Open(line.n, float(line.cell_m), float(line.x[0]))
 
 
 class RigModel(eqx.Module):

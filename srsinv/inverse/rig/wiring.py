@@ -51,8 +51,10 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
     best = int(np.argmax(ratios))
     if not ratios[best] > np.log(len(faults) / false_alarm.WIRING):
         return ()
+    power = ratios[best] / np.log(10)
+    times = f"more than 10^{MOST_DIGITS}" if power > MOST_DIGITS else f"10^{power:.0f}"
     return (
-        f"{faults[best][1]} The signals are {_times(ratios[best])} times as probable "
+        f"{faults[best][1]} The signals are {times} times as probable "
         "with that as with the elements as stated; if the wiring is right, then a gain, an angle "
         "or a depth is not, or hum is on the signals.",
     )
@@ -65,12 +67,6 @@ def _of_waves(problem: LineProblem) -> Bool[np.ndarray, " k"]:
     waves = np.fft.rfft(np.asarray(problem.nuisance, float))
     power = np.sum(np.abs(waves) ** 2, axis=(0, 1))
     return power > OF_WAVES * np.max(power)
-
-
-def _times(log_ratio: float) -> str:
-    """A ratio of probabilities in words: of more digits than these none means anything."""
-    power = log_ratio / np.log(10)
-    return f"more than 10^{MOST_DIGITS}" if power > MOST_DIGITS else f"10^{power:.0f}"
 
 
 def _faults(
