@@ -1,6 +1,6 @@
 """Numbers: sums along millions of samples without loss of digits, lengths of fast Fourier
 transforms, means of what is known, whole steps in a length, runs in a mask, roots of covariances,
-and a normal's band."""
+orthonormal bases, and a normal's band."""
 
 import math
 
@@ -13,6 +13,7 @@ FEW = 64  # values that are added in sequence
 # processor to another, and far below what makes a step shorter or longer.
 SAME_COUNT = 1e-9
 FLAT = 1e-9  # of a spectrum: what differs by less differs by rounding
+ALIKE = 1e-6  # relative singular value below which directions are dependent
 ROUNDED = 16 * float(np.finfo(float).eps)  # of a sum of squares: what rounding leaves of it
 
 
@@ -45,6 +46,15 @@ def root_of(covariance: Float[np.ndarray, "*row m m"]) -> Float[np.ndarray, "*ro
     """A root R, R R^T the covariance, also of one that rounding has made indefinite."""
     values, axes = np.linalg.eigh(covariance)
     return axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+
+
+def orthonormal_basis(columns: Float[np.ndarray, "row m"]) -> Float[np.ndarray, "row k"]:
+    """An orthonormal basis of the columns' space, whatever their lengths; dependent columns are
+    dropped."""
+    length = np.linalg.norm(columns, axis=0)
+    unit = columns[:, length > 0] / length[length > 0]
+    basis, strength, _ = np.linalg.svd(unit, full_matrices=False)
+    return basis[:, strength > ALIKE * strength.max(initial=0.0)]
 
 
 def is_flat(spectra: Float[np.ndarray, "*row k"]) -> bool:

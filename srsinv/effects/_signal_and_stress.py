@@ -35,21 +35,17 @@ def signal_and_stress(
     depths = [float(film.depth_m) for film in output.elements]
     transfer = {depth: output.skin.transfer_once(k, depth) for depth in set(depths)}
     stress = np.stack([np.einsum("sck,ck->sk", transfer[depth], traction) for depth in depths])
-    weights = [jax.tree.map(np.asarray, film).charge_per_stress(np) for film in output.elements]
     readout = np.asarray(output.gain) * (1j * k if output.order else 1.0)
-    signal = np.stack([
-        readout * (weight @ own) * _along_line(film.all_effects, k)
-        for film, weight, own in zip(output.elements, weights, stress, strict=True)
-    ])  # fmt: skip
+    rows = []
+    for film, own in zip(output.elements, stress, strict=True):
+        weights = jax.tree.map(np.asarray, film).charge_per_stress(np)
+        along_line = np.ones_like(k)
+        for effect in film.all_effects:
+            along_line = along_line * np.asarray(_factor(effect, as_real(k)))
+        rows.append(readout * (weights @ own) * along_line)
+    signal = np.stack(rows)
     at = slice(None, None, sim.refinement)
     return np.fft.irfft(signal, line.n)[..., at], np.fft.irfft(stress, line.n)[..., at]
-
-
-def _along_line(effects: tuple[LineEffect, ...], k) -> Inexact[np.ndarray, " k"]:
-    factor, at = np.ones_like(k), as_real(k)
-    for each in effects:
-        factor = factor * np.asarray(_factor(each, at))
-    return factor
 
 
 @eqx.filter_jit

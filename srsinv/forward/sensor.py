@@ -156,8 +156,13 @@ class Sensor(eqx.Module):
 
     def output(self, scan: ConstantSpeed) -> FilmSignal:
         """The recorded signal less its offset, in the amplifier's unit."""
-        gain = self.amplifier.at_speed(scan.speed_m_per_s)
-        return FilmSignal(self.skin, self._lagging(scan), gain, self.amplifier.order)
+        gain, films = self.amplifier.at_speed(scan.speed_m_per_s), []
+        for film in self.elements:
+            speed = -scan.speed_m_per_s if film.is_backward else scan.speed_m_per_s
+            for each in self.filters:  # at constant speed they act along the line
+                film = film.with_effect(each.along(speed, film.depth_m))
+            films.append(film)
+        return FilmSignal(self.skin, tuple(films), gain, self.amplifier.order)
 
     def operator(self, line: Line, scan: ConstantSpeed) -> Convolution:
         """From traction on a line to the recorded signal less its offset, at constant speed and at
@@ -192,14 +197,3 @@ class Sensor(eqx.Module):
             PositionInterpolation(line, motion.position_m), gain, motion.direction, self.filters,
             interval, end, directions,
         )  # fmt: skip
-
-    def _lagging(self, scan: ConstantSpeed) -> tuple[Film, ...]:
-        """The elements as read through the filters, which at constant speed act along the line."""
-
-        def one(film: Film) -> Film:
-            speed = -scan.speed_m_per_s if film.is_backward else scan.speed_m_per_s
-            for each in self.filters:
-                film = film.with_effect(each.along(speed, film.depth_m))
-            return film
-
-        return tuple(one(film) for film in self.elements)

@@ -17,12 +17,12 @@ from jaxtyping import Float
 from scipy.special import chdtrc
 
 from ... import false_alarm
+from ...numerics import orthonormal_basis
 from ..diagnostics import Quality, local_misfit
 from ..nonlinear import Fit
 
 MOST_BLOCKS = 512  # of samples, each with its mean: a misfit is as long as the film is deep
 PRESENT = 0.1  # of the fitted signal's greatest amplitude: from there on it is at a place
-ALIKE = 1e-6  # relative singular value below which directions are dependent
 
 
 def local_excess(
@@ -69,10 +69,7 @@ def _basis(
     if taken is None or not taken.shape[-1]:
         return np.zeros((1, *observed.shape))
     columns = np.where(observed[..., None], taken, 0.0).reshape(observed.size, -1)
-    length = np.linalg.norm(columns, axis=0)
-    columns = columns[:, length > 0] / length[length > 0]
-    basis, strength, _ = np.linalg.svd(columns, full_matrices=False)
-    return basis[:, strength > ALIKE * strength.max(initial=0.0)].T.reshape(-1, *observed.shape)
+    return orthonormal_basis(columns).T.reshape(-1, *observed.shape)
 
 
 def _excess(

@@ -99,17 +99,15 @@ def _backlash(method: Callable[[Any], Estimate], problem: Problem, near_m: float
     the parabola through three of them."""
     step = STEP_DEPTHS * float(problem.sensor.depth_m)
     tried = near_m + step * np.array([-1.0, 0.0, 1.0])
-    left = [_squares(method(_with_offset(problem, each))) for each in tried]
+    left = []
+    for offset_m in tried:
+        position = with_backlash(np.asarray(problem.motion.position_m), -offset_m)
+        motion = Motion(problem.motion.time_s, position, problem.motion.speed_m_per_s)
+        left.append(_squares(method(with_fields(problem, motion=motion))))
     curvature = max(left[0] - 2 * left[1] + left[2], np.finfo(float).tiny)
     change = float(np.clip((left[0] - left[2]) / (2 * curvature), -1.0, 1.0))
     least = left[1] - (left[0] - left[2]) ** 2 / (8 * curvature)
     return _Backlash(near_m + step * change, step * float(np.sqrt(2 / curvature)), float(least))
-
-
-def _with_offset(problem: Problem, offset_m: float) -> Problem:
-    position = with_backlash(np.asarray(problem.motion.position_m), -offset_m)
-    motion = Motion(problem.motion.time_s, position, problem.motion.speed_m_per_s)
-    return with_fields(problem, motion=motion)
 
 
 def _leaves_more_than_noise(estimate: Estimate) -> bool:

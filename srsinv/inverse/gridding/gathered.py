@@ -35,6 +35,13 @@ def gathered(problem: LineProblem, count: int) -> LineProblem:
     observed = _gather(problem.is_observed, count).all(axis=-1)
     whole_signal = np.asarray(problem.data + problem.mean_signal)
     data = np.where(observed, _gather(whole_signal, count).mean(axis=-1), 0.0)
+    noise_scale = nuisance = None
+    if problem.noise_scale is not None:  # the noise of a mean has the rms of its samples' factors
+        squares = np.asarray(problem.noise_scale) ** 2
+        noise_scale = np.sqrt(np.mean(_gather(squares, count), axis=-1))
+    if problem.nuisance is not None:
+        columns = [np.asarray(each) for each in problem.nuisance]
+        nuisance = np.stack([_gather(each, count).mean(axis=-1) for each in columns])
     return LineProblem.of_sensor(
         wider,
         sensor.with_films(lambda film: film.with_effect(average)),
@@ -42,27 +49,14 @@ def gathered(problem: LineProblem, count: int) -> LineProblem:
         data,
         noise_of_means(np.asarray(problem.noise), line.n, count),
         observed=observed,
-        noise_scale=_scale_of_means(problem.noise_scale, count),
-        nuisance=_means_of(problem.nuisance, count),
+        noise_scale=noise_scale,
+        nuisance=nuisance,
         known_mean_Pa=problem.known_mean_Pa,
         background_Pa=problem.background_Pa,
         friction=problem.friction,
         rig=problem.rig,
         warnings=problem.warnings,
     )
-
-
-def _scale_of_means(scale, count: int) -> Float[np.ndarray, "e wide"] | None:
-    """The factor on the noise of means: the rms of those of their samples."""
-    if scale is None:
-        return None
-    return np.sqrt(np.mean(_gather(np.asarray(scale) ** 2, count), axis=-1))
-
-
-def _means_of(columns, count: int) -> Float[np.ndarray, "e column wide"] | None:
-    if columns is None:
-        return None
-    return np.stack([_gather(np.asarray(each), count).mean(axis=-1) for each in columns])
 
 
 def _gather(samples: np.ndarray, count: int) -> np.ndarray:

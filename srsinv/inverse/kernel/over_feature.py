@@ -24,6 +24,7 @@ from ...errors import refuse
 from ...forward.sensor import Sensor
 from ...grid import as_real
 from ...modules import with_fields
+from ...numerics import root_of
 from ...recording.passes import passes_of
 from ...status import Status
 from ..diagnostics import Quality, quality, reasons, residual_over_noise
@@ -241,7 +242,11 @@ def _with_errors(
         PLACE: (slope, np.zeros(kernel.far.shape)),
         FRICTION: (kernel.value * relative[:, None], kernel.far * relative),
     }
-    root = _root(calibration.covariance[np.ix_(at, at)], names, friction)
+    root = root_of(calibration.covariance[np.ix_(at, at)])
+    if FRICTION in names:  # its error within its value
+        row = names.index(FRICTION)
+        error, most = float(np.linalg.norm(root[row])), MOST_MOVED * abs(friction)
+        root[row] *= min(1.0, most / error) if error else 1.0
     factors, far = (
         np.einsum("ij,i...->j...", root, np.stack([moved[name][part] for name in names]))
         for part in (0, 1)
@@ -252,14 +257,3 @@ def _with_errors(
         factors=np.concatenate([kernel.factors, factors]),
         far_factors=np.concatenate([kernel.far_factors, far]),
     )
-
-
-def _root(covariance: np.ndarray, names: Sequence[str], friction: float) -> np.ndarray:
-    """A root of the covariance, friction's error within its value."""
-    values, axes = np.linalg.eigh(covariance)
-    root = axes * np.sqrt(np.maximum(values, 0.0))
-    if FRICTION in names:
-        row = names.index(FRICTION)
-        error, most = float(np.linalg.norm(root[row])), MOST_MOVED * abs(friction)
-        root[row] *= min(1.0, most / error) if error else 1.0
-    return root

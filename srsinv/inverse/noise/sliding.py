@@ -15,6 +15,7 @@ import scipy
 from jaxtyping import Bool, Float
 from scipy.linalg import get_lapack_funcs
 
+from ...numerics import orthonormal_basis
 from ..nonlinear import WhitePlusOU
 
 # Factors and solutions of symmetric, positive definite, tridiagonal matrices.
@@ -22,7 +23,6 @@ _FACTOR, _SOLVE = get_lapack_funcs(("pttrf", "pttrs"), dtype=float)
 NOTICED = 0.03  # relative difference of a standard error, about its own accuracy
 LEAST_STEP = 1e-6  # of the correlation length: samples nearer than that are as good as one
 LEAST_START = 0.03  # of the white noise: a search from zero would not leave it
-ALIKE = 1e-6  # relative singular value below which directions are dependent
 LEAST_SLIDING = 1e-4  # of the white noise: less sliding noise than that is none
 FLAT = 1e-6  # slope by the log of a level at which a search ends; a sample alone makes about 1
 RANGE = 50.0  # the correlation length lies within this factor of the film's depth
@@ -188,15 +188,10 @@ def _least(of: Callable[[Any], tuple[float, Any]], first, bounds) -> Any:
 
 
 def _directions(fitted, residual) -> Float[np.ndarray, "e sample k"]:
-    """An orthonormal basis of the derivatives at valid data; dependent columns are dropped."""
+    """An orthonormal basis of the derivatives at valid data."""
     known = np.isfinite(residual)[..., None] & np.isfinite(fitted)
     columns = np.where(known, fitted, 0.0).reshape(residual.size, -1)
-    length = np.linalg.norm(columns, axis=0)
-    basis, strength, _ = np.linalg.svd(
-        columns[:, length > 0] / length[length > 0], full_matrices=False
-    )
-    basis = basis[:, strength > ALIKE * strength.max(initial=0.0)]
-    return basis.reshape(*residual.shape, -1)
+    return orthonormal_basis(columns).reshape(*residual.shape, -1)
 
 
 class _Row:

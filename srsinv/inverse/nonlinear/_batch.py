@@ -118,7 +118,7 @@ class Batch:
                 growth[active] = np.where(better, 2.0, 2 * growth[active])
             np.clip(damping, LEAST_DAMPING, None, out=damping)
             step, fall, size = self._step(ends.z[active], normal[active], damping[active])
-            ended = better & (size <= self._none(which[active], ends.cost[active]))
+            ended = better & (size <= self._negligible(which[active], ends.cost[active]))
             at.write(np.flatnonzero(ended), ends.rows, active[ended])
             ends.done[active[ended]] = True
             trial[active], predicted[active] = ends.z[active] + step, fall
@@ -182,8 +182,8 @@ class Batch:
         fall = -np.sum(gradient * step, axis=1) - bent / 2
         return step, fall, size
 
-    def _none(self, which, cost) -> Float[np.ndarray, " j"]:
-        """How large a change of the terms is none: a part of their rms, or rounding."""
+    def _negligible(self, which, cost) -> Float[np.ndarray, " j"]:
+        """The largest change of the terms that is negligible: a part of their rms, or rounding."""
         size = self.data.shape[1]
         eps = np.finfo(np.asarray(self.objective.y).dtype).eps
         relative = max(min(self.tolerance**0.75, LOOSEST), ROUNDING_FACTOR * eps)
