@@ -48,11 +48,15 @@ def on_recording(
     answers = simulate_and_fit(problems, methods)
     signal = np.asarray(problem.data + problem.mean_signal)
     signal = np.where(problem.is_observed, signal, np.nan)
+    of_all = answer_variables(answers.first)
+    of_all["quality_all"] = of_all.pop("quality")
+    halves = [" ".join(each.status.advice for each in of[1:]) for of in answers.of.values()]
     variables = (
         _samples(problem, answers, signal, units)
         | _held_out(problems, answers)
         | _profiles(problems, answers, units[1])
-        | _answers(answers)
+        | of_all
+        | {"status_halves": ("estimator", halves, "1")}
         | scalars({"cells": problem.line.n})
     )
     if FEATURE_FIT in methods:
@@ -173,11 +177,3 @@ def _peak(values: Float[np.ndarray, "... x"]) -> Int[np.ndarray, "..."]:
     is_top = values >= top - ROUNDING * spread
     last = values.shape[-1] - 1 - np.argmax(is_top[..., ::-1], axis=-1)
     return (np.argmax(is_top, axis=-1) + last) // 2
-
-
-def _answers(answers: Answers[Estimate]) -> Variables:
-    """Quality and reasons of each method's answer from all cells; how either half ended."""
-    own = answer_variables(answers.first)
-    own["quality_all"] = own.pop("quality")
-    halves = [" ".join(each.status.advice for each in of[1:]) for of in answers.of.values()]
-    return own | {"status_halves": ("estimator", halves, "1")}

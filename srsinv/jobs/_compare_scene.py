@@ -113,7 +113,13 @@ def on_scene(
         lambda estimate: estimate.against(truth, cells)
     )
     own = _of_methods(scene, problems, answers)
-    variables = own | _means(own) | _pairs(own["error_overall"][1], list(methods))
+    overall = own["error_overall"][1]
+    levels = [differences(overall[:, s], list(methods)) for s in range(overall.shape[1])]
+    pairs = {
+        name: (("snr", "pair"), np.stack([level[name][1] for level in levels]), "1")
+        for name in levels[0]
+    }
+    variables = own | _means(own) | pairs
     variables["reasons_first"] = (("estimator", "snr"), _first_reasons(answers), "1")
     variables |= scalars({"seeds": len(scene.seeds), "cells": scene.sim.line.n})
     if FEATURE_FIT in methods:
@@ -205,14 +211,6 @@ def _first_reasons(answers: Answers[Estimate]) -> np.ndarray:
     reasons = answers.each(lambda each: " ".join(each.reasons))
     first = np.argmax(reasons != "", axis=-1)
     return np.take_along_axis(reasons, first[..., None], -1)[..., 0]
-
-
-def _pairs(overall: np.ndarray, names: list[str]) -> Variables:
-    """Differences of the methods' errors at each level."""
-    each = [differences(overall[:, s], names) for s in range(overall.shape[1])]
-    return {
-        name: (("snr", "pair"), np.stack([own[name][1] for own in each]), "1") for name in each[0]
-    }
 
 
 def _of_parameters(answers: Answers[Estimate]) -> Variables:

@@ -52,7 +52,7 @@ class Wave:
 
     def __init__(self, cells: int):
         self.cells, self.skin = cells, HalfSpace()
-        self.solved = lru_cache(self._solved)
+        self.solved = lru_cache(lambda: np.asarray(self.pressed()().pressure_Pa))
 
     def trial(self, family: str, prepare: Callable[[], Work], peer: str = TAMAAS) -> CostTrial:
         """One way of solving it as a trial."""
@@ -108,9 +108,6 @@ class Wave:
         inside = np.clip(sine, -1, 1)
         half = (inside * np.sqrt(1 - inside**2) + np.arcsin(inside)) / np.pi
         return self.nominal_Pa * LENGTH_M * (half + periods)
-
-    def _solved(self) -> np.ndarray:
-        return np.asarray(self.pressed()().pressure_Pa)
 
     def _score(self, given: Any) -> CostScore:
         """Against the closed form, and against the solution on the same cells."""

@@ -141,16 +141,13 @@ class Inversions:
         """One way as a trial."""
         return CostTrial(
             group=GROUP, part=self.part, line=self.line, family=way.family, size=self.cells,
-            prepare=partial(self._work, way), score=partial(self._score, way),
+            prepare=lambda: way.prepare(*self._problem()), score=partial(self._score, way),
             peer=way.peer, is_peer=way.is_peer, rests_on={"smallest": self.problems.smallest},
         )  # fmt: skip
 
     def _problem(self) -> tuple[LineProblem, Prior]:
         problem, _ = self.problems.of(self.line, self.cells)
         return problem, self.problems.fixed_prior(self.part, self.method, problem)
-
-    def _work(self, way: Way) -> Work:
-        return way.prepare(*self._problem())
 
     def _score(self, way: Way, given) -> CostScore:
         """Against the truth, and against the exact solution with the same rule."""

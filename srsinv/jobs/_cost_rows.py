@@ -47,7 +47,12 @@ class RowFile:
         """Write a row, so that it is on the disk when this returns."""
         if self._path is None:
             return
-        rest = {name: _known(each) for name, each in row.items() if name not in trial.place}
+        # JSON has no number for what is not finite.
+        rest = {
+            name: each if isinstance(each, str) or math.isfinite(each) else None
+            for name, each in row.items()
+            if name not in trial.place
+        }
         content = {_IDENTITY: self._identity(trial), "key": trial.key, _ROW: rest}
         line = f"{json.dumps(content, allow_nan=False, sort_keys=True)}\n".encode()
         if not os.path.lexists(self._path):
@@ -127,11 +132,6 @@ def _parsed(path: Path, number: int, line: bytes) -> tuple[str, Row]:
     is_row = isinstance(identity, str) and isinstance(failure, str) and "trial_s" in numbers
     refuse(not is_row, _no_row(path, number))
     return identity, {**numbers, "failure": printable(failure)}
-
-
-def _known(value: Any) -> Any:
-    """A number that JSON has, else None."""
-    return value if isinstance(value, str) or math.isfinite(value) else None
 
 
 def _no_row(path: Path, number: int) -> str:

@@ -11,7 +11,6 @@ from ..forward.simulation import Simulation
 from ..inverse.features.synthetic import SyntheticScan
 from ..inverse.gridding.cells import FEW, sample_spacing_m
 from ..inverse.line.problem import LineProblem
-from ..inverse.noise.model import SampleNoise
 from ..inverse.problem import Problem
 from ..quantities import quantity
 from ..recording import Recording
@@ -93,7 +92,7 @@ def _of_preparation(recording: Recording) -> Facts:
 
 def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
     """A recording and its problem; `times` as in `of_samples`."""
-    speed = recording.speed_m_per_s
+    speed, noise, unit = recording.speed_m_per_s, problem.noise, recording.signal_unit
     return {
         **of_samples(recording, times),
         "is_steady": int(recording.is_constant_speed(STEADY)),
@@ -103,16 +102,6 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
         "speed_least_m_per_s": float(speed.min()),
         "speed_greatest_m_per_s": float(speed.max()),
         **of_sensor(problem.sensor),
-        **_of_noise(problem.noise, recording.signal_unit),
-        "noise_is_of_quiet": int(bool(recording.sidecar.get("quiet_s"))),
-        "mains_Hz": ", ".join(f"{line.frequency_Hz:.4g}" for line in problem.mains),
-        "drift_is_found": int(recording.sidecar.get("drift") == "auto"),
-        **({} if problem.rig is None else {"rig_error": problem.rig.words}),
-    }
-
-
-def _of_noise(noise: SampleNoise, unit: str) -> Facts:
-    return {
         "noise_rms": noise.rms,
         "noise_rms_each": _each(noise.white, unit),
         "drift": common_level(np.asarray(noise.drift)),
@@ -121,6 +110,10 @@ def _of_noise(noise: SampleNoise, unit: str) -> Facts:
         "noise_unit": unit,
         "noise_is_estimate": int(noise.is_estimate),
         "noise_causes": ", ".join(noise.causes),
+        "noise_is_of_quiet": int(bool(recording.sidecar.get("quiet_s"))),
+        "mains_Hz": ", ".join(f"{line.frequency_Hz:.4g}" for line in problem.mains),
+        "drift_is_found": int(recording.sidecar.get("drift") == "auto"),
+        **({} if problem.rig is None else {"rig_error": problem.rig.words}),
     }
 
 

@@ -55,7 +55,13 @@ def surface_fit(
     checked_pressure(problem.nominal_pressure_Pa)
     features = {name: with_edge(name, each, facts) for name, each in features.items()}
     free = names_of("fit.free", settings["free"])
-    return FeatureFit(features, solver, free, _start(settings["start"], features))
+    start = {} if settings["start"] is None else dict(mapping("fit.start", settings["start"]))
+    several = len(features) > 1
+    own = [f"{n}_{a}" if several else a for n, f in features.items() for a in f.axes]
+    for name, value in start.items():
+        check_name("fit.start", name, own)
+        number(f"fit.start.{name}", value, "a number, in SI units, or leave it out")
+    return FeatureFit(features, solver, free, start)
 
 
 def with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
@@ -117,14 +123,3 @@ def names_of(key: str, given: Any) -> tuple[str, ...]:
     right = isinstance(listed, list | tuple) and all(isinstance(each, str) for each in listed)
     refuse(not right, f"{key} is {echo(given)}: give a list of parameters' names.")
     return tuple(listed)
-
-
-def _start(given: Any, features: Features) -> dict[str, float]:
-    """Values to start from, by the names that results have."""
-    start = {} if given is None else dict(mapping("fit.start", given))
-    several = len(features) > 1
-    own = [f"{n}_{a}" if several else a for n, f in features.items() for a in f.axes]
-    for name, value in start.items():
-        check_name("fit.start", name, own)
-        number(f"fit.start.{name}", value, "a number, in SI units, or leave it out")
-    return start

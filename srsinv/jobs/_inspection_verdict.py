@@ -12,7 +12,7 @@ from ..recording.disturbances import Disturbances
 from ..recording.drift import common_level
 from ..recording.inspection import Inspection
 from ..recording.template import essential
-from ..report.data import scalars
+from ..report.data import as_pattern, scalars
 
 _PER_ROOT = "signal's unit per root of s"
 _READER = "srsinv.recording.formats.BySuffix"
@@ -35,11 +35,15 @@ def verdict(inspection: Inspection, path: str, typed: tuple[str, ...] = ()) -> d
     else:
         said, remedy = "usable as it is" if not inspection.doubts else "usable", ""
     if inspection.doubts:
-        said += f", once you have checked {_count(len(inspection.doubts))} (see below)"
+        count = len(inspection.doubts)
+        what = "what is improbable" if count == 1 else f"{count} findings that are improbable"
+        said += f", once you have checked {what} (see below)"
     if needed:
         said += ", once the sidecar has what only you know (see below)"
-    said = "; ".join([said, *_described(inspection.disturbances)])
-    if _is_one_element_one_way(inspection):
+    found = inspection.disturbances
+    said = "; ".join([said, *_described(found)])
+    goes_one_way = found is not None and not (found.onwards and found.back)
+    if len(inspection.signals) == 1 and goes_one_way:
         said += "; one signal one way: an inversion needs its friction MU, which a fit finds"
         typed = *typed, "friction=MU"
     if any(_key(each) == "quiet_s" for each in given):
@@ -55,10 +59,6 @@ def verdict(inspection: Inspection, path: str, typed: tuple[str, ...] = ()) -> d
         if said.startswith("not")
         else f"srsinv experiment=invert_recording {read_as}",
     }
-
-
-def _count(doubts: int) -> str:
-    return "what is improbable" if doubts == 1 else f"{doubts} findings that are improbable"
 
 
 def settings_of(cfg: Mapping[str, Any]) -> tuple[str, ...]:
@@ -103,12 +103,6 @@ def _as_typed(value: Any) -> str:
         return str(value)
     escaped = value.replace("'", "\\'")
     return f"'{escaped}'"
-
-
-def _is_one_element_one_way(inspection: Inspection) -> bool:
-    found = inspection.disturbances
-    goes_one_way = found is not None and not (found.onwards and found.back)
-    return len(inspection.signals) == 1 and goes_one_way
 
 
 def offered(inspection: Inspection) -> tuple[str, ...]:
@@ -168,15 +162,10 @@ def of_disturbances(inspection: Inspection) -> tuple[Variables, Variables]:
         "hum_rms": ("signal", found.hum_rms, "signal's unit", f"hum_rms_{unit}_{of}"),
         "hum_ratio": ("signal", found.hum_ratio, "1", f"hum_over_rest_{of}"),
         "drift": ("signal", found.drift, _PER_ROOT, f"drift_{unit}_per_sqrt_s_{of}"),
-        **_scalar("drift_level", level, _PER_ROOT, f"drift_{key}_per_sqrt_s"),
+        "drift_level": ((), level, _PER_ROOT, as_pattern(f"drift_{key}_per_sqrt_s")),
         **scalars({"passes": found.onwards + found.back, "passes_onwards": found.onwards,
                    "passes_back": found.back}),
     }  # fmt: skip
-
-
-def _scalar(name: str, value: float, units: str, metric: str) -> Variables:
-    """A number whose metric has a name from the file, which may hold braces."""
-    return {name: ((), value, units, metric.replace("{", "{{").replace("}", "}}"))}
 
 
 def disturbance_facts(inspection: Inspection) -> dict[str, Any]:

@@ -74,21 +74,15 @@ def run(case: InversionCase) -> Result:
         times.append((one.first_s, one.least_s))
     first = next(iter(estimates))
     further = case.check(case.methods[first], estimates[first]) if case.check else ()
-    estimates = {
-        name: _against_truth(case, each).with_warnings((*case.warnings, *further))
-        for name, each in estimates.items()
-    }
+    for name, estimate in estimates.items():
+        if "traction" in case.stages:
+            truth = np.asarray(case.stages["traction"][1])
+            estimate = estimate.against(truth, case.problem.observed_cells)
+        estimates[name] = estimate.with_warnings((*case.warnings, *further))
     first_s, steady_s = np.array(times).T
     answers = Answers({name: [each] for name, each in estimates.items()}, first_s, steady_s)
     data = _dataset(case, answers)
     return Result(_title(case, data), data, sections("inversion", "assumed"))
-
-
-def _against_truth(case: InversionCase, estimate: Estimate) -> Estimate:
-    """The estimate with warnings by the truth of a simulation."""
-    if "traction" not in case.stages:
-        return estimate
-    return estimate.against(np.asarray(case.stages["traction"][1]), case.problem.observed_cells)
 
 
 def _title(case: InversionCase, data: xarray.Dataset) -> str:
@@ -274,12 +268,7 @@ def _numbers(case: InversionCase, estimates: Estimates) -> dict[str, Any]:
         for key, value in estimate.stats.items():
             if key == "method":  # of a fit, and its own name is in the key
                 continue
-            numbers[f"{_named(case, key)}_{key_of(name)}"] = value
+            if case.traction_unit != "Pa":  # p and q have no unit
+                key = key.replace("_per_Pa2", "_relative").replace("_Pa", "_relative")
+            numbers[f"{key}_{key_of(name)}"] = value
     return numbers
-
-
-def _named(case: InversionCase, key: str) -> str:
-    """A number's name, without Pa where p and q have no unit."""
-    if case.traction_unit == "Pa":
-        return key
-    return key.replace("_per_Pa2", "_relative").replace("_Pa", "_relative")

@@ -147,7 +147,9 @@ def spaced(counts: Iterable[int]) -> tuple[int, ...]:
 def inverted(methods: Methods, recipe: Recipe, problem: Callable[[], LineProblem]) -> Timed:
     """The estimate by the recipe's method and path, and its times."""
     with jax.enable_x64(recipe.precision == "float64"):
-        method = _by_path(methods()[recipe.method], recipe.path)
+        method = methods()[recipe.method]
+        if hasattr(method, "path"):
+            method = dataclasses.replace(method, path=recipe.path)
         return timed(lambda: method(problem()), REPEATS, MOST_S)
 
 
@@ -170,11 +172,6 @@ def paths_of(problem: LineProblem) -> list[str]:
     if problem.separable:
         return []
     return ["iterative"] + ["direct"] * (problem.unknowns * problem.line.n <= DIRECT)
-
-
-def _by_path(method: Method, path: str) -> Method:
-    """The method by another path, where it has paths."""
-    return dataclasses.replace(method, path=path) if hasattr(method, "path") else method
 
 
 def _on_points(

@@ -6,7 +6,6 @@ It is written as a finished sidecar, with its standard errors.
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import xarray
 
 from .. import config
@@ -19,11 +18,12 @@ from ..report.answers import answer_of
 from ..report.data import dataset, scalars
 from ..report.result import Result
 from ..report.section import sections
-from ..report.text import quantity_with_error, unit_of
+from ..report.text import quantity_with_error
 from . import _facts
 from ._calibrated_sidecar import SIDECAR, sidecar_of, wiring_of
 from ._fit_settings import known_feature, rig_settings
 from ._written_files import check_target
+from .estimates import reported_parameters
 
 
 def run(cfg: config.Config) -> Result:
@@ -45,10 +45,15 @@ def run(cfg: config.Config) -> Result:
         # A calibration that failed is none to go on with.
         is_good = calibration.quality is not Quality.FAILED
         sidecar = sidecar_of(recording, problem, calibration, wiring) if is_good else None
+        held = ", ".join(f"{key} {value:g}" for key, value in settings["hold"].items())
         facts = {
             **_facts.of_recording(measured, problem, config.part(cfg, "recording").get("times")),
             **_facts.of_effects(config.part(cfg, "effects")),
-            **_of_fit(calibration, settings, known.name),
+            "is_fit": 1,
+            "held": f"{known.name}: {held}",
+            "noise_rms": calibration.levels.white_rms,
+            "noise_sliding_rms": calibration.levels.sliding_rms,
+            "noise_sliding_correlation_m": calibration.levels.longest_m,
             **({"is_written": 1} if sidecar else {}),
         }
         data = _dataset(measured, problem, calibration, total, facts)
@@ -73,18 +78,6 @@ def _title(
     return f"{recording.name}: {', '.join(said) or 'the rig is held'}{remark}"
 
 
-def _of_fit(calibration: Calibration, settings: Mapping[str, Any], name: str) -> dict[str, Any]:
-    levels = calibration.levels
-    held = ", ".join(f"{key} {value:g}" for key, value in settings["hold"].items())
-    return {
-        "is_fit": 1,
-        "held": f"{name}: {held}",
-        "noise_rms": levels.white_rms,
-        "noise_sliding_rms": levels.sliding_rms,
-        "noise_sliding_correlation_m": levels.longest_m,
-    }
-
-
 def _dataset(
     recording: Recording,
     problem: Problem,
@@ -94,7 +87,6 @@ def _dataset(
 ) -> xarray.Dataset:
     motion, along, unit = problem.motion, ("element", "sample"), recording.signal_unit
     fit = calibration.fit
-    pairs = np.array(list(total.values()), float).reshape(-1, 2)
     dims = ("parameter", "parameter_2")
     variables: dict[str, tuple[Any, ...]] = {
         "time": ("sample", motion.time_s, "s"),
@@ -103,9 +95,7 @@ def _dataset(
         "signal": (along, calibration.data, unit),
         "fitted_signal": (along, calibration.fitted, unit),
         "whitened_residual": (along, calibration.whitened, "1"),
-        "parameter_value": ("reported", pairs[:, 0], "SI", "{reported!s}"),
-        "parameter_stderr": ("reported", pairs[:, 1], "SI", "{reported!s}_stderr"),
-        "parameter_unit": ("reported", [unit_of(name) for name in total], "1"),
+        **reported_parameters(total),
         "correlation": (dims, fit.correlation, "1"),
         **answer_of(calibration),
         **scalars({

@@ -5,11 +5,8 @@ the noise. On a recording, without a truth: each method's prediction of held-out
 repeatability, and the agreement between methods.
 """
 
-from typing import Any
-
 from .. import config, parts
 from ..inverse.features.method import FeatureFit
-from ..inverse.nonlinear import Solver
 from ..report.result import Result
 from ..targets import make
 from . import _facts
@@ -58,12 +55,9 @@ def run(cfg: config.Config) -> Result:
             "precision_and_seed": f"{cfg['precision']}, {cfg['seed']}",
         }
         scene = SceneComparison(sim, levels, seeds, noises, config.friction(cfg))
-        return on_scene(scene, methods, _absent(given["wrong_feature"], solver), facts)
-
-
-def _absent(given: Any, solver: Solver) -> FeatureFit | None:
-    """The fit of a feature that the scene does not hold, by the name of its kind."""
-    if given is None:
-        return None
-    feature = make(given, "compare.wrong_feature", "feature")
-    return FeatureFit({type(feature).__name__.removesuffix("Feature").lower(): feature}, solver)
+        absent = None
+        if given["wrong_feature"] is not None:
+            feature = make(given["wrong_feature"], "compare.wrong_feature", "feature")
+            name = type(feature).__name__.removesuffix("Feature").lower()
+            absent = FeatureFit({name: feature}, solver)
+        return on_scene(scene, methods, absent, facts)

@@ -47,7 +47,13 @@ def run(cfg: config.Config) -> Result:
     with config.precision(cfg):
         given, scene = cfg["coverage"], config.part(cfg, "scene")
         on_surface = "surfaces" in scene
-        draws, rate_hz = _draws(given["draws"], on_surface), sample_rate("coverage", given)
+        draws = given["draws"]
+        if draws is None:
+            draws = DRAWS_OF_A_SURFACE if on_surface else DRAWS
+        else:
+            wanted = f"a whole number from {LEAST_DRAWS}"
+            draws = whole("coverage.draws", draws, wanted, least=LEAST_DRAWS)
+        rate_hz = sample_rate("coverage", given)
         parts = config.sensor(cfg), config.scan(cfg), config.noises(cfg)
         sampled = SampledScan("coverage", rate_hz, *parts)
         key, solver = config.random_key(cfg), config.solver(cfg)
@@ -76,26 +82,16 @@ def run(cfg: config.Config) -> Result:
             "is_surface": int(on_surface),
         }
         data = _dataset(cases, fitted, facts)
-    return Result(_title(data), data, sections("coverage", "assumed_scan"))
-
-
-def _title(data: xarray.Dataset) -> str:
     held = 100 * data["coverage"].sel(level=0.9)
-    return (
+    title = (
         f"Feature fit over {data.sizes['draw']} draws: error at most "
         f"{float(data['rmse_over_crb'].max()):.3g} times the Cramer-Rao bound, 90 % intervals hold "
         f"the truth in {float(held.min()):.3g} to {float(held.max()):.3g} %"
     )
+    return Result(title, data, sections("coverage", "assumed_scan"))
 
 
 # --- settings --------------------------------------------------------------------------------
-
-
-def _draws(given: Any, on_surface: bool) -> int:
-    if given is None:
-        return DRAWS_OF_A_SURFACE if on_surface else DRAWS
-    wanted = f"a whole number from {LEAST_DRAWS}"
-    return whole("coverage.draws", given, wanted, least=LEAST_DRAWS)
 
 
 def _window(given: Any) -> Window:
@@ -163,19 +159,16 @@ def _dataset(
         "snr": ("case", [case.snr_dB for case in cases], "dB", "{case!s}_snr_dB"),
         **scalars({"draws": value.shape[1]}),
     }  # fmt: skip
-    for name, part, *own in zip(names, parameters, value, stderr, truth, bound, strict=True):
-        variables |= _of_quantity(f"{name}_{part}", *own)
+    for i, (name, part) in enumerate(zip(names, parameters, strict=True)):
+        own = f"{name}_{part}"
+        unit = unit_of(own)
+        variables |= {
+            own: ("draw", value[i], unit),
+            f"{own}_stderr": ("draw", stderr[i], unit),
+            f"{own}_truth": ((), truth[i], unit),
+            f"{own}_bound": ((), bound[i], unit),
+        }
     return dataset(variables, _coordinates(names, parameters, cases), **facts)
-
-
-def _of_quantity(name: str, value: Any, stderr: Any, truth: float, bound: float) -> Variables:
-    unit = unit_of(name)
-    return {
-        name: ("draw", value, unit),
-        f"{name}_stderr": ("draw", stderr, unit),
-        f"{name}_truth": ((), truth, unit),
-        f"{name}_bound": ((), bound, unit),
-    }
 
 
 def _coordinates(

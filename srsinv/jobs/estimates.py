@@ -14,6 +14,7 @@ from jaxtyping import Float
 from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS, Estimate, coverage_90, relative_error
 from ..inverse.line.problem import LineProblem
+from ..report.text import unit_of
 
 Variables = dict[str, tuple[Any, ...]]
 Answer = TypeVar("Answer")
@@ -77,6 +78,19 @@ def score_variables(
     return {
         "error": ((*dims, "component"), relative_error(value, truth, cells), "1"),
         "coverage": ((*dims, "component"), np.where(has_band, inside, np.nan), "1"),
+    }
+
+
+def reported_parameters(
+    parameters: Mapping[str, tuple[float, float]], unit: Callable[[str], str] = unit_of
+) -> Variables:
+    """Values and standard errors of parameters by name, and the `unit` of each, by default the one
+    at its name's end."""
+    pairs = np.array(list(parameters.values()), float).reshape(-1, 2)
+    return {
+        "parameter_value": ("reported", pairs[:, 0], "SI", "{reported!s}"),
+        "parameter_stderr": ("reported", pairs[:, 1], "SI", "{reported!s}_stderr"),
+        "parameter_unit": ("reported", np.array([unit(name) for name in parameters], str), "1"),
     }
 
 

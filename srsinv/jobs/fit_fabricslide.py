@@ -94,7 +94,15 @@ def run(cfg: config.Config) -> Result:
     board = BoardPitch(recording, x_m, signal, settings, slow.shape[1] - 1, pitch, *alone, others)
     variables = _fit(board) | _spectrum(board) | _peaks(board) | _numbers(board)
     data = dataset(
-        variables | answer_of(board), _coordinates(board),
+        variables | answer_of(board),
+        {
+            "x": (x_m, "m"),
+            "channel": (list(recording.channels), "1"),
+            "period_x": ("period", pitch.shifts.x_m, "m"),
+            "per_m": (others.left.per_m, "1/m"),
+            "number": ("line", [str(1 + i) for i in range(len(others.lines))], "1"),
+            "peak": (list(_named_peaks(board)), "1"),
+        },
         title=recording.name,
         range_least_m=settings.range_m[0], range_greatest_m=settings.range_m[1],
         false_alarm=settings.false_alarm,
@@ -193,17 +201,6 @@ def _numbers(board: BoardPitch) -> Variables:
         "scan_length_m": float(x_m[-1] - x_m[0]),
         "lines": len(board.others.lines),
     })  # fmt: skip
-
-
-def _coordinates(board: BoardPitch) -> Variables:
-    return {
-        "x": (board.x_m, "m"),
-        "channel": (list(board.recording.channels), "1"),
-        "period_x": ("period", board.pitch.shifts.x_m, "m"),
-        "per_m": (board.others.left.per_m, "1/m"),
-        "number": ("line", [str(1 + i) for i in range(len(board.others.lines))], "1"),
-        "peak": (list(_named_peaks(board)), "1"),
-    }
 
 
 # --- plots -----------------------------------------------------------------------------------

@@ -30,6 +30,7 @@ from ..report.section import sections
 from ..report.text import quantity_with_error, unit_of
 from . import _facts
 from ._fit_settings import check, settings_of, surface_fit, traction_fit
+from .estimates import reported_parameters
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
 STRETCH = "stretch_start_m", "stretch_end_m"
@@ -175,7 +176,7 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
         "fitted_signal": (along, best.fitted, unit),
         "whitened_residual": (along, best.whitened, "1"),
         **_profiles(best),
-        **_parameters(best),
+        **reported_parameters(best.parameters),
         **_candidates(fitted),
         **answer_of(best),
         **scalars(_numbers(fitted)),
@@ -185,7 +186,7 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
         "component": (list(COMPONENTS), "1"),
         "element": (problem.sensor.element_names, "1"),
         "reported": (list(best.parameters), "1"),
-        "candidate": ([_key(each) for each in fitted.candidates], "1"),
+        "candidate": ([each.name.replace(" + ", "_and_") for each in fitted.candidates], "1"),
     }
     if best.fit is not None:
         names = list(best.fit.names)
@@ -208,17 +209,6 @@ def _profiles(best: FeatureEstimate) -> dict[str, tuple[Any, ...]]:
     value, stderr = (np.stack(each) for each in pairs)
     over = ("component", "x")
     return variables | {"estimate": (over, value, "Pa"), "estimate_stderr": (over, stderr, "Pa")}
-
-
-def _parameters(best: FeatureEstimate) -> dict[str, tuple[Any, ...]]:
-    """The reported parameters, each in the SI unit at its name's end."""
-    pairs = np.array(list(best.parameters.values()), float).reshape(-1, 2)
-    units = np.array([unit_of(name) for name in best.parameters], str)
-    return {
-        "parameter_value": ("reported", pairs[:, 0], "SI", "{reported!s}"),
-        "parameter_stderr": ("reported", pairs[:, 1], "SI", "{reported!s}_stderr"),
-        "parameter_unit": ("reported", units, "1"),
-    }
 
 
 def _candidates(fitted: FittedRecording) -> dict[str, tuple[Any, ...]]:
@@ -258,7 +248,3 @@ def _numbers(fitted: FittedRecording) -> dict[str, Any]:
             "undetected_features": ", ".join(best.undetected),
         }
     return numbers
-
-
-def _key(fit: FeatureEstimate) -> str:
-    return fit.name.replace(" + ", "_and_")

@@ -56,12 +56,15 @@ def gathered(
     """
     jobs = swept_jobs(folder, failures)
     done = [job for job in jobs if not job.reason]
+    first_reason = f" ({jobs[0].place}: {jobs[0].reason})" if jobs else ""
     refuse(
         not done,
-        f"{printable(str(folder))} has no runs of srsinv{_first_reason(jobs)}: give the folder of "
-        "a sweep, in which each run has its own.",
+        f"{printable(str(folder))} has no runs of srsinv{first_reason}: give the folder of a "
+        "sweep, in which each run has its own.",
     )
-    keys, metrics = _varied(jobs), _outcomes(done, metric_units(done))
+    keys, units = _varied(jobs), metric_units(done)
+    every = dict.fromkeys(itertools.chain.from_iterable(job.metrics for job in done))
+    metrics = {name: units.get(name) or unit_of(name) for name in every}
     # A setting that is a metric, too, stays the setting's.
     data = dataset(
         {
@@ -106,11 +109,6 @@ def _free(name: str) -> str:
     return f"{name}_" if name in _TAKEN else name
 
 
-def _first_reason(jobs: Sequence[SweptJob]) -> str:
-    """Why the first of what could have been one is none."""
-    return f" ({jobs[0].place}: {jobs[0].reason})" if jobs else ""
-
-
 def _typed(values: Sequence[str | None], units: str) -> tuple[Any, str]:
     """Typed overrides as numbers where each is one, NaN where a job has none; else as text."""
     if all(each in (None, "null") or _NUMBER.fullmatch(each) for each in values):
@@ -118,12 +116,6 @@ def _typed(values: Sequence[str | None], units: str) -> tuple[Any, str]:
         if not np.any(np.abs(numbers) > LARGEST):
             return numbers, units
     return ["" if each is None else each for each in values], "1"
-
-
-def _outcomes(done: Sequence[SweptJob], units: Mapping[str, str]) -> dict[str, str]:
-    """Every metric of the runs, with its units."""
-    names = dict.fromkeys(itertools.chain.from_iterable(job.metrics for job in done))
-    return {name: units.get(name) or unit_of(name) for name in names}
 
 
 def _column(name: str, jobs: Sequence[SweptJob], units: str) -> tuple[Any, str]:

@@ -26,6 +26,7 @@ from ._fit_settings import check, known_feature, names_of, rig_settings
 from ._kernel_plots import draw_kernels, draw_signals
 from ._passes import repeating_share
 from ._written_files import Target, check_target
+from .estimates import reported_parameters
 
 FILE = "kernel.nc"
 MODELS = ("theory", "kernel")
@@ -59,11 +60,19 @@ def run(cfg: config.Config) -> Result:
         # A kernel that failed is none to go on with.
         is_good = found.quality is not Quality.FAILED
         content = as_netcdf(found.kernel) if is_good else None
+        held = ", ".join(f"{key} {value:g}" for key, value in settings["hold"].items())
         facts = {
             **_facts.of_recording(recording, problem, config.part(cfg, "recording").get("times")),
             **_facts.of_cells(recording, problem, found.line_problem),
             **_facts.of_effects(config.part(cfg, "effects")),
-            **_of_kernel(found, settings["hold"], known.name),
+            "held": f"{known.name}: {held}",
+            "place": _known(found.place_m, "m"),
+            "friction_of_feature": _known(found.friction, "1"),
+            "friction_is_fitted": int(found.friction[1] > 0),
+            "place_is_fitted": int(found.place_m[1] > 0),
+            "has_both_ways": int(found.kernel.has_both_ways),
+            "stated_depth_m": float(found.stated.depth_m),
+            "reach_m": float(found.kernel.lags.x_m[-1]),
             "of_gains": found.note,
             "is_written": int(is_good),
         }
@@ -93,20 +102,6 @@ def _title(recording: Recording, found: FeatureKernel, data: xarray.Dataset) -> 
     errors = zip(data["shown"].values, data["relative_error"].values.max(axis=0), strict=True)
     said = " and ".join(f"{name} within {significant(100 * e, 2)} %" for name, e in errors)
     return f"{recording.name}: the kernel of {said} of its largest value{remark}"
-
-
-def _of_kernel(found: FeatureKernel, held: Mapping[str, float], name: str) -> dict[str, Any]:
-    kernel = found.kernel
-    return {
-        "held": f"{name}: {', '.join(f'{key} {value:g}' for key, value in held.items())}",
-        "place": _known(found.place_m, "m"),
-        "friction_of_feature": _known(found.friction, "1"),
-        "friction_is_fitted": int(found.friction[1] > 0),
-        "place_is_fitted": int(found.place_m[1] > 0),
-        "has_both_ways": int(kernel.has_both_ways),
-        "stated_depth_m": float(found.stated.depth_m),
-        "reach_m": float(kernel.lags.x_m[-1]),
-    }
 
 
 def _known(pair: tuple[float, float], unit: str) -> str:
@@ -141,7 +136,6 @@ def _dataset(
     signal = np.asarray(problem.data + problem.mean_signal)
     chi2 = np.array([each.chi2_per_freedom for each in residuals])
     fitted = np.stack([each.parts.fitted for each in residuals])
-    pairs = np.array(list(kernel.parameters.values()), float).reshape(-1, 2)
     variables: dict[str, tuple[Any, ...]] = {
         "response": (("model", "sensor", "shown", "lag"), response, "C m/N"),
         "response_stderr": (("sensor", "shown", "lag"), error, "C m/N"),
@@ -152,9 +146,7 @@ def _dataset(
         "fitted_signal": (("model", *along), fitted, unit),
         "whitened_residual": (along, np.asarray(found.residual.parts.whitened), "1"),
         "chi2": ("model", chi2, "1", "chi2_per_freedom_{model}"),
-        "parameter_value": ("reported", pairs[:, 0], "SI", "{reported!s}"),
-        "parameter_stderr": ("reported", pairs[:, 1], "SI", "{reported!s}_stderr"),
-        "parameter_unit": ("reported", [_unit(name) for name in kernel.parameters], "1"),
+        **reported_parameters(kernel.parameters, _unit),
         **repeating_share(problem, chi2, "model"),
         **answer_of(found),
         **scalars(_numbers(found)),

@@ -5,7 +5,7 @@ themselves: errors are measured along curves of ever finer cells and continued b
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -76,8 +76,12 @@ def run(cfg: config.Config) -> Result:
     start = time.perf_counter()
     with jax.enable_x64(True), stage("trying ways of computing"):
         if config.part(cfg, "recording")["path"] is None:
-            noise = _noise(config.part(cfg, "noise"), settings["scene_noise"])
-            facts = _sensor(config.part(cfg, "sensor"), settings["scene_sensor"])
+            # The scene has its own noise and elements where none are named.
+            noise, facts = config.part(cfg, "noise"), dict(settings["scene_sensor"])
+            if set(noise) == {"white"} and noise["white"].get("rms") is None:
+                noise = {"snr": settings["scene_noise"]}
+            if config.part(cfg, "sensor").get("elements") is not None:
+                facts.pop("elements", None)
             cfg = config.with_facts({**cfg, "noise": noise}, facts, {"poisson_ratio": 0.5})
             line, effects = config.line(cfg), tuple(config.part(cfg, "effects"))
 
@@ -105,18 +109,6 @@ def run(cfg: config.Config) -> Result:
     data = data.assign(dataset(scalars({"plan_planning_time_s": spent_s}), {}))
     title = _title(plan, asked)
     return Result(title, data, sections("plan", tradeoff=tradeoff, answers=answers))
-
-
-def _noise(named: Mapping[str, Any], of_scene: Any) -> Mapping[str, Any]:
-    """The noise of a scene: the one named, else its own."""
-    is_open = set(named) == {"white"} and named["white"].get("rms") is None
-    return {"snr": of_scene} if is_open else named
-
-
-def _sensor(named: Mapping[str, Any], of_scene: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What a scene's sensor has where the one named leaves it open."""
-    has_elements = named.get("elements") is not None
-    return {k: v for k, v in of_scene.items() if k != "elements" or not has_elements}
 
 
 def _rank(plan: Plan, asked: Asked) -> tuple[float, ...]:

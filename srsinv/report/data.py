@@ -49,13 +49,13 @@ def scalars(named: Mapping[str, Scalar]) -> dict[str, tuple[Any, ...]]:
     """Variables of [`dataset`][] for single numbers, words and truths, each a metric of its own
     name; the unit is the one at the name's end. None is no number."""
     return {
-        # A name may come from a file, and hold what would be a field of the pattern.
-        name: ((), np.nan if value is None else value, unit_of(name), _as_it_is(name))
+        name: ((), np.nan if value is None else value, unit_of(name), as_pattern(name))
         for name, value in named.items()
     }
 
 
-def _as_it_is(name: str) -> str:
+def as_pattern(name: str) -> str:
+    """The pattern of a metric of this very name, which may come from a file and hold braces."""
     return name.replace("{", "{{").replace("}", "}}")
 
 
