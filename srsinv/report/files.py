@@ -5,8 +5,6 @@ The same result gives the same bytes: no date, no random name, no version of a d
 
 from collections.abc import Mapping
 
-import xarray
-
 from .data import metrics_json
 from .result import Result
 
@@ -26,15 +24,12 @@ def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -
         "metrics.json": metrics_json(result.metrics),
         result.page_name: page.html(command),
     }
-    return {
-        **{name: text.encode() if isinstance(text, str) else text for name, text in texts.items()},
-        result.data_name: _netcdf(result.dataset),
-        **{f"figures/{name}.png": image for name, image in page.images.items()},
-    }
-
-
-def _netcdf(data: xarray.Dataset) -> bytes:
-    unitless = [str(name) for name, each in data.variables.items() if "units" not in each.attrs]
+    variables = result.dataset.variables
+    unitless = [str(name) for name, each in variables.items() if "units" not in each.attrs]
     if unitless:
         raise ValueError(f"variables without units in the result: {', '.join(unitless)}")
-    return bytes(data.to_netcdf(engine="h5netcdf"))
+    return {
+        **{name: text.encode() if isinstance(text, str) else text for name, text in texts.items()},
+        result.data_name: bytes(result.dataset.to_netcdf(engine="h5netcdf")),
+        **{f"figures/{name}.png": image for name, image in page.images.items()},
+    }

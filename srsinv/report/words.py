@@ -65,7 +65,10 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
         return hold(Drawing(stem, draw(data if of is None else of, **settings), caption))
 
     def table(columns: Mapping[str, Any], caption: str = "") -> str:
-        return hold(_table(columns, caption))
+        cells = [np.ravel(each).tolist() for each in columns.values()]
+        count = max(map(len, cells), default=0)
+        filled = [each * count if len(each) == 1 else each for each in cells]
+        return hold(Table(tuple(columns), tuple(zip(*filled, strict=True)), caption))
 
     def rows(named: Mapping[str, Any]) -> str:
         known = {
@@ -139,13 +142,6 @@ def _split(filled: str, held: list[Block]) -> Iterator[Block]:
             yield held[int(match[1])]
         elif words := " ".join(part.split()):
             yield Paragraph(words.removeprefix("- "), words.startswith("- "))
-
-
-def _table(columns: Mapping[str, Any], caption: str) -> Table:
-    cells = [np.ravel(each).tolist() for each in columns.values()]
-    count = max(map(len, cells), default=0)
-    filled = [each * count if len(each) == 1 else each for each in cells]
-    return Table(tuple(columns), tuple(zip(*filled, strict=True)), caption)
 
 
 def _environment() -> jinja2.Environment:

@@ -42,7 +42,9 @@ def cost(
     figure = Figure(figsize=(WIDTH_IN, 4.8), layout="constrained")
     axes = figure.subplots()
     names, values = np.array(names_of(dataset[family])), dataset[error].values
-    failed = _failed(dataset, failure)
+    failed = np.zeros(next(iter(dataset.sizes.values()), 0), bool)
+    if failure is not None:
+        failed = np.array([bool(each) for each in names_of(dataset[failure])], bool)
     usable = np.isfinite(values) & (values > 0) & ~failed
     unit = scale(units_of(dataset[time]), dataset[time].values[usable])
     (dim,) = dataset[error].dims
@@ -82,12 +84,6 @@ def _widen(axes: Axes, error: np.ndarray) -> None:
         return
     middle = np.sqrt(error.min() * error.max())
     axes.set_ylim(middle / _LEAST_SPAN, middle * _LEAST_SPAN)
-
-
-def _failed(dataset: xarray.Dataset, failure: str | None) -> np.ndarray:
-    if failure is None:
-        return np.zeros(next(iter(dataset.sizes.values()), 0), bool)
-    return np.array([bool(each) for each in names_of(dataset[failure])], bool)
 
 
 def _front(axes: Axes, time: np.ndarray, error: np.ndarray) -> None:

@@ -9,17 +9,15 @@ import xarray
 from matplotlib.figure import Figure
 
 from ...numerics import BAND_90
-from .panels import Curve, Mark, Panel, PanelAxis, panels
+from .panels import Curve, Mark, Panel, PanelAxis, panels, unobserved
 from .stages import QUANTITIES, X, method_curves, method_looks
 from .style import (
-    SHADE,
     TRUTH,
     has_values,
     names_of,
     observed_anywhere,
     peak,
     scale,
-    stretches,
     units_of,
 )
 
@@ -61,7 +59,8 @@ def _component(
 
     chosen = [list(looks).index(method) for method in methods]
     middle = values("estimate")[chosen]
-    half = BAND_90 * _finite(own["estimate_stderr"].values[chosen])
+    stderr = own["estimate_stderr"].values[chosen]
+    half = BAND_90 * np.where(np.isfinite(stderr), stderr, np.nan)
     curves = list(_bands(methods, looks, middle, half, observed))
     if len(looks) > _TOGETHER:  # alone in its panel, whose title names it
         look = {"color": looks[methods[0]]["color"]}
@@ -72,7 +71,9 @@ def _component(
         truth = values("traction")
         is_cut = peak(truth) > _OUT_OF_VIEW * reach > 0
         curves.insert(0, Curve(truth, "truth", look={"color": TRUTH}, in_view=not is_cut))
-        remark = f"; the truth reaches {_top(own['traction'], truth)}" if is_cut else ""
+        if is_cut:
+            unit = scale(units_of(own["traction"]), truth)
+            remark = f"; the truth reaches {np.nanmax(truth) * unit.factor:.3g} {unit.unit}"
     if "traction_resolved" in dataset:
         look = {"color": TRUTH, "linestyle": ":", "linewidth": 1.8}
         curves.append(Curve(values("traction_resolved"), "truth, as resolved", look=look))
@@ -81,7 +82,8 @@ def _component(
     quantity = QUANTITIES[name].split()[0]
     units = units_of(dataset["estimate"])
     up = PanelAxis(f"{quantity}{' (relative)' if units == '1' else ''}", units)
-    return Panel(curves, X, up, dataset["x"].values, title, (*_missing(dataset, observed), *marks))
+    x = dataset["x"].values
+    return Panel(curves, X, up, x, title, (*unobserved(x, observed), *marks))
 
 
 def _bands(methods, looks, middle, half, observed) -> Iterator[Curve]:
@@ -96,20 +98,6 @@ def _bands(methods, looks, middle, half, observed) -> Iterator[Curve]:
             value, method, band=(value - reach, value + reach), look=looks[method],
             band_label=f"90 % band of {method}", in_view=in_view,
         )  # fmt: skip
-
-
-def _finite(stderr: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(stderr), stderr, np.nan)
-
-
-def _missing(dataset: xarray.Dataset, observed: np.ndarray) -> Iterator[Mark]:
-    for start, stop in stretches(dataset["x"].values, ~observed):
-        yield Mark(start, "no samples here", until=stop, look={"color": SHADE, "zorder": 0})
-
-
-def _top(variable: xarray.DataArray, values: np.ndarray) -> str:
-    unit = scale(units_of(variable), values)
-    return f"{np.nanmax(values) * unit.factor:.3g} {unit.unit}"
 
 
 def _without_mean(curves: np.ndarray, observed: np.ndarray) -> np.ndarray:

@@ -42,7 +42,9 @@ def matrix(
     texts = None if words is None else dataset[words].transpose(*array.dims, missing_dims="ignore")
     own = [None] * shape[0] if texts is None else np.broadcast_to(texts.values, shape)
     low, high = limits or (float(np.nanmin(array)), float(np.nanmax(array)))
-    colours = _colours(low, high, is_log)
+    norm = LogNorm(low, high, clip=True) if is_log else Normalize(low, high, clip=True)
+    palette = "RdBu_r" if low < 0 < high else "cividis_r" if is_log else "Blues"
+    colours = ScalarMappable(norm, palette)
     cell = _CELL_IN if shape[1] > _MANY else _LARGE_CELL_IN
     figure = Figure(figsize=(WIDTH_IN, cell * shape[1] + 2.2), layout="constrained")
     grid = figure.subplots(1, shape[0], squeeze=False, sharey=True)[0]
@@ -66,11 +68,6 @@ def compact(value: float) -> str:
     text = f"{value:.0f}" if 10 <= size < 1000 else f"{value:.{1 + (0.1 <= size < 10)}g}"
     text = f"{value:.0e}" if 0 < size < 1e-3 else text
     return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
-
-
-def _colours(low: float, high: float, is_log: bool) -> ScalarMappable:
-    norm = LogNorm(low, high, clip=True) if is_log else Normalize(low, high, clip=True)
-    return ScalarMappable(norm, "RdBu_r" if low < 0 < high else "cividis_r" if is_log else "Blues")
 
 
 def _letter(axes, values: np.ndarray, words: np.ndarray | None, norm, is_signed: bool) -> None:

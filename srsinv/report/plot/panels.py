@@ -16,6 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from .style import (
     GREY,
+    SHADE,
     WIDTH_IN,
     Scale,
     colours,
@@ -24,6 +25,7 @@ from .style import (
     legend_beside,
     note,
     scale,
+    stretches,
     styled,
     symbol,
 )
@@ -129,17 +131,22 @@ def panels(
             _draw(place, panel, column, units, palette, is_lowest)
             if c and panel.y == beside[c - 1].y:
                 place.set_ylabel("")
-    _legend(figure, legend)
+    if legend == "below":
+        legend_below(figure, figure.axes)
+    elif legend == "beside":
+        for place in figure.axes:
+            legend_beside(place)
     figure.suptitle(title)
     return figure
 
 
-def _legend(figure: Figure, where: str) -> None:
-    if where == "below":
-        legend_below(figure, figure.axes)
-    elif where == "beside":
-        for axes in figure.axes:
-            legend_beside(axes)
+def unobserved(x: np.ndarray, observed: np.ndarray) -> list[Mark]:
+    """Marks of the stretches of `x` without samples."""
+    look = {"color": SHADE, "zorder": 0}
+    return [
+        Mark(start, "no samples here", until=stop, look=look)
+        for start, stop in stretches(x, ~observed)
+    ]
 
 
 def _units(every: Sequence[Panel]) -> dict[PanelAxis | tuple[str, str], Scale]:

@@ -7,9 +7,9 @@ import xarray
 from matplotlib.figure import Figure
 
 from ...numerics import BAND_90
-from .panels import Curve, Mark, Panel, PanelAxis, panels
+from .panels import Curve, Mark, Panel, PanelAxis, panels, unobserved
 from .stages import TIME, X, method_looks
-from .style import GREY, SHADE, TRUTH, colours, names_of, peak, stretches, units_of
+from .style import GREY, TRUTH, colours, names_of, peak, units_of
 
 _DATA = {"color": "#b5bcc2", "linewidth": 2.6}
 _FIT = {"fitted": {"color": "#d55e00"}}
@@ -77,18 +77,13 @@ def _signal(dataset: xarray.Dataset, e: int, name: str, methods: dict[str, dict]
         label = method if method == "fitted" else f"fit, {method}"
         curves.append(Curve(values, label, look=look, in_view=observed))
     up = PanelAxis("signal", units_of(dataset["signal"]))
-    return Panel(curves, across, up, at, f"Element {name}", list(_unobserved(at, observed)))
+    return Panel(curves, across, up, at, f"Element {name}", unobserved(at, observed))
 
 
 def _observed(dataset: xarray.Dataset, e: int) -> np.ndarray:
     if "observed" in dataset:
         return dataset["observed"].values[e].astype(bool)
     return np.isfinite(dataset["signal"].values[e])
-
-
-def _unobserved(at: np.ndarray, observed: np.ndarray) -> Iterator[Mark]:
-    for start, stop in stretches(at, ~observed):
-        yield Mark(start, "no samples here", until=stop, look={"color": SHADE, "zorder": 0})
 
 
 def _residuals(
@@ -106,7 +101,7 @@ def _residuals(
         ]
         up = PanelAxis("residual", "1", limits=(-reach, reach))
         title = f"Residual of element {name}{own}{_percent_inside(values)}"
-        missing = _unobserved(at, np.isfinite(values))
+        missing = unobserved(at, np.isfinite(values))
         yield Panel([curve], across, up, at, title, [*missing, *marks])
 
 

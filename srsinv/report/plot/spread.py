@@ -50,7 +50,11 @@ def spread(
         unit = scale(units_of(dataset[shown[0]]), *(dataset[name].values for name in shown))
         low, high = (bands or {}).get(heading, (np.nan, np.nan))
         right = np.array([(expected or {}).get(heading, np.nan), low, high]) * unit.factor
-        _expect(axes, right, (expected_label, band_label))
+        if np.isfinite(right[1]):
+            axes.axvspan(right[1], right[2], color=SHADE, label=band_label)
+        if np.isfinite(right[0]):
+            look = {"color": TRUTH, "linestyle": "--", "linewidth": 0.9}
+            axes.axvline(right[0], label=expected_label, **look)
         _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
         axes.set(title=heading, xlabel="" if unit.unit == "1" else f"[{unit.unit}]")
         drawn = [right[:1], *(unit.factor * dataset[name].values.ravel() for name in shown)]
@@ -75,14 +79,6 @@ def _grid(dataset: xarray.Dataset, rows: str, marks: int, panels: int) -> tuple[
     if (unit := units_of(dataset[rows])) != "1":
         grid[0].set_ylabel(f"{spoken(rows)} [{unit}]")
     return figure, grid
-
-
-def _expect(axes, right: np.ndarray, labels: tuple[str, str]) -> None:
-    """The value that would be right, and the ends of the range of chance about it, NaN for none."""
-    if np.isfinite(right[1]):
-        axes.axvspan(right[1], right[2], color=SHADE, label=labels[1])
-    if np.isfinite(right[0]):
-        axes.axvline(right[0], color=TRUTH, linestyle="--", linewidth=0.9, label=labels[0])
 
 
 def _ticks(axes, values: np.ndarray, is_log: bool) -> None:
