@@ -59,13 +59,10 @@ def run(cfg: config.Config) -> Result:
         friction=config.part(cfg, "scene")["base_friction"], effects_on=", ".join(cfg["effects"]),
         **{f"burst_{name}": float(getattr(bursts, name)) for name in BURST},
     )  # fmt: skip
-    return Result(_title(data), data, sections(__file__, traces=draw_traces))
-
-
-def _title(data: xarray.Dataset) -> str:
     leading, trailing = (f"{100 * each:.0f} %" for each in data["lobe_ratio"].values)
     left = f"{leading} of the leading lobe and {trailing} of the trailing one"
-    return f"A tilt of {data.attrs['tilt_deg']:.3g}° leaves {left}"
+    title = f"A tilt of {tilt_deg:.3g}° leaves {left}"
+    return Result(title, data, sections(__file__, traces=draw_traces))
 
 
 def _lobes(clean: np.ndarray, each: np.ndarray, unit: str) -> dict[str, tuple[Any, ...]]:

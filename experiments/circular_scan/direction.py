@@ -75,7 +75,15 @@ class DirectionFinder:
             "The readout's offset is not known: give amplifier.offset, or use a rate signal.",
         )
         depth = float(sensor.depth_m)
-        self._widths = _checked(width_range_m or (0.1 * depth, 2 * depth))
+        widths = width_range_m or (0.1 * depth, 2 * depth)
+        wanted = "two widths in metres"
+        low, high = (number("width_range_m", each, wanted, above=0) for each in widths)
+        refuse(
+            not low < high,
+            f"width_range_m is [{low}, {high}]: give the lesser width first, and leave room "
+            "between.",
+        )
+        self._widths = low, high
         self._model = RidgeModel(Circling(sensor, circle))
         self._bank = _RidgeBank(self._model.circling, float(np.mean(self._widths)))
 
@@ -110,15 +118,6 @@ class DirectionFinder:
         )
         signal = self._model(jax.tree.map(as_real, fitted.value))
         return Direction(_canonical_angle(fitted), fitted, np.asarray(signal))
-
-
-def _checked(widths: Range) -> Range:
-    low, high = (number("width_range_m", each, "two widths in metres", above=0) for each in widths)
-    refuse(
-        not low < high,
-        f"width_range_m is [{low}, {high}]: give the lesser width first, and leave room between.",
-    )
-    return low, high
 
 
 def _canonical_angle(fitted: Fit) -> dict[str, tuple[float, float]]:

@@ -55,18 +55,21 @@ def run(cfg: config.Config) -> Result:
         "strength_needed": needed,
         "contact_converged": tractions.converged,
     }
-    facts = {f"{name}_here": value for name, value in here.items()} | _facts(setup)
+    facts = {f"{name}_here": value for name, value in here.items()} | {
+        "ridge_height_m": float(setup.ridge.height_m),
+        "ridge_width_m": float(setup.ridge.width_m),
+        "nominal_pressure_Pa": float(setup.scene.nominal_pressure_Pa),
+        "base_friction": float(setup.scene.surface.base_friction),
+        "elements": len(setup.sensor.elements),
+    }
     data = _dataset(axes, curves, (heights[0], distances[0]), numbers)
     data = data.assign_attrs(given, **facts, effects_on=listed(cfg["effects"]))
     shown = sections(__file__, heights=least_height, pairs=narrowest_pair)
-    return Result(_title(at, depth_m), data, shown)
-
-
-def _title(at: RidgeLimits, depth_m: float) -> str:
-    return (
+    title = (
         f"A ridge {quantity(at.least_height, 'm', digits=2)} high is detected through "
         f"{1e3 * depth_m:.3g} mm of skin, a pair {1e3 * at.narrowest_pair:.2g} mm apart resolved"
     )
+    return Result(title, data, shown)
 
 
 def _dataset(
@@ -95,16 +98,6 @@ def _dataset(
         | {"limit": (list(LIMITS[:2]), "1"), "axis": (list(axes), "1"),
            "end": (["least", "most"], "1")},
     )  # fmt: skip
-
-
-def _facts(setup: RidgeDetection) -> dict[str, Any]:
-    return {
-        "ridge_height_m": float(setup.ridge.height_m),
-        "ridge_width_m": float(setup.ridge.width_m),
-        "nominal_pressure_Pa": float(setup.scene.nominal_pressure_Pa),
-        "base_friction": float(setup.scene.surface.base_friction),
-        "elements": len(setup.sensor.elements),
-    }
 
 
 def _range(given: Mapping[str, Any], key: str, count: str) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 import xarray
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from srsinv import config
 from srsinv.errors import choice, number, refuse, whole
@@ -45,10 +45,15 @@ def run(cfg: config.Config) -> Result:
         method = _method(cfg)
         stated, true_cfg = config.simulation(cfg).sensor, of_truth(cfg)
         test, known = config.simulation(true_cfg), known_passes(true_cfg, cfg)
-        _refuse_sampling(test)
-        friction, keys = float(known_input(cfg)["base_friction"]), _keys(cfg, draws)
+        recorder = test.scenario.recorder
+        refuse(
+            recorder.samples_in_time or bool(recorder.conversions),
+            "effects has some of the recording (sampling, speed, clipping, quantisation), and this "
+            "experiment averages passes of one sample a cell: leave them out.",
+        )
+        friction = float(known_input(cfg)["base_friction"])
         truth, each = np.asarray(test.traction(test.line)), []
-        for i, key in enumerate(keys):
+        for i, key in enumerate(jax.random.split(config.random_key(cfg), draws)):
             with stage(f"measuring the kernel and inverting by it, draw {i + 1} of {draws}"):
                 for_passes, for_test = jax.random.split(key)
                 means = known.means(passes, for_passes)
@@ -129,19 +134,6 @@ def _method(cfg: config.Config) -> Method:
         f"method names {', '.join(methods)}: name one, as the kernels are compared by it.",
     )
     return next(iter(methods.values()))
-
-
-def _refuse_sampling(test: Simulation) -> None:
-    recorder = test.scenario.recorder
-    refuse(
-        recorder.samples_in_time or bool(recorder.conversions),
-        "effects has some of the recording (sampling, speed, clipping, quantisation), and this "
-        "experiment averages passes of one sample a cell: leave them out.",
-    )
-
-
-def _keys(cfg: config.Config, draws: int) -> Array:
-    return jax.random.split(config.random_key(cfg), draws)
 
 
 Draw = tuple[MeanPasses, dict[str, MeasuredKernel], dict[str, Estimate]]

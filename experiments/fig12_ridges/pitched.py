@@ -6,7 +6,7 @@ modulus E*, reaches the plate at the load per ridge (a row of flat punches)
     P = pi E* H / (2 arccosh(1 / sin(pi a / L))).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -150,7 +150,11 @@ class PitchedScan(NamedTuple):
         wave = round(self.line.n * float(self.line.cell_m) / self.pitch_m)
 
         def one(given):
-            scene = eqx.tree_at(_height_and_load, self.scene, tuple(given))
+            scene = eqx.tree_at(
+                lambda own: (own.surface.shapes[0].height_m, own.nominal_pressure_Pa),
+                self.scene,
+                tuple(given),
+            )
             contact: Contact = scene.contact(self.line)
             signal = field(scene.traction(self.line, self.scan.direction, contact.pressure_Pa))
             size = 2 * jnp.abs(jnp.fft.rfft(signal)[:, wave]) / self.line.n
@@ -192,7 +196,3 @@ class PitchedScan(NamedTuple):
         between = gaps[:, np.abs(from_ridge - self.pitch_m / 2).argmin()]
         slope = (between[1] - between[0]) / (loads[1] - loads[0])
         return float(loads[1] - between[1] / slope)
-
-
-def _height_and_load(scene: Any) -> tuple[Any, Any]:
-    return scene.surface.shapes[0].height_m, scene.nominal_pressure_Pa

@@ -1,6 +1,6 @@
 """Model error: data of another sensor than the one assumed, over wavelengths."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from typing import Any
 
 import jax.numpy as jnp
@@ -35,7 +35,12 @@ def run(cfg: config.Config) -> Result:
     """
     settings, methods = cfg["model_error"], config.methods(cfg)
     refuse(len(methods) != 1, f"method names {len(methods)}: give one, method=wiener.")
-    line_kind, wavelengths = cfg["grid"]["line"], _wavelengths(settings)
+    line_kind, wanted = cfg["grid"]["line"], "wavelengths in metres"
+    first, last = number_range(
+        "model_error.wavelengths_m", settings["wavelengths_m"], wanted, above=0
+    )
+    points = whole("model_error.points", settings["points"], "a whole number from 2", least=2)
+    wavelengths = np.geomspace(last, first, points)
     refuse(line_kind != "periodic", f"grid.line is {line_kind!r}: give periodic, as for sinusoids.")
     ((name, method),) = methods.items()
     changes = {ASSUMED: {}, **mapping("model_error.truths", settings["truths"])}
@@ -66,13 +71,6 @@ def run(cfg: config.Config) -> Result:
     )  # fmt: skip
     shown = sections(__file__, recovered=recovered, by_wavelength=by_wavelength)
     return Result(_title(data), data, shown)
-
-
-def _wavelengths(given: Mapping[str, Any]) -> np.ndarray:
-    wanted = "wavelengths in metres"
-    first, last = number_range("model_error.wavelengths_m", given["wavelengths_m"], wanted, above=0)
-    points = whole("model_error.points", given["points"], "a whole number from 2", least=2)
-    return np.geomspace(last, first, points)
 
 
 def _recovered(truth: np.ndarray, estimates: np.ndarray, responses: np.ndarray) -> Variables:
