@@ -117,7 +117,12 @@ def _uncertainty(calibration: Calibration, wiring: Wiring) -> dict[str, Any]:
     own = [name for name in total if name not in ("position_m", "base_friction")]
     names = [name for name in own if np.isfinite(total[name][1])]
     places = [list(total).index(name) for name in names]
-    scale = np.array([_scale(calibration, total, name) for name in names])
+    # Of a gain its number in the file's terms over the fit's, where that is not 0.
+    scale = np.ones(len(names))
+    for i, name in enumerate(names):
+        value = calibration.parameters[name][0]
+        if value and name.startswith("gain_"):
+            scale[i] = total[name][0] / value
     covariance = np.outer(scale, scale) * calibration.covariance[np.ix_(places, places)]
     return {
         "parameters": names,
@@ -127,12 +132,6 @@ def _uncertainty(calibration: Calibration, wiring: Wiring) -> dict[str, Any]:
         "not_determined": [name for name in own if name not in names],
         "warnings": " ".join(calibration.warnings) or None,
     }
-
-
-def _scale(calibration: Calibration, total: Mapping[str, tuple[float, float]], name: str) -> float:
-    """A parameter's number in the file's terms over the fit's."""
-    value = calibration.parameters[name][0]
-    return total[name][0] / value if value and name.startswith("gain_") else 1.0
 
 
 SIDECAR = Target(

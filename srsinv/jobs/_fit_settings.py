@@ -1,4 +1,4 @@
-"""Settings of the fit of a recording: which recordings, features and starts it takes."""
+"""Settings of the fit of a recording: which features and starts it takes."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -10,15 +10,8 @@ from ..inverse.features.loading import Features
 from ..inverse.features.method import FeatureFit
 from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
-from ..recording import Recording
-from ..recording.even import check_volts
 
 RIG_KEYS = ("hold", "free", "select", "start")
-
-
-def check(recording: Recording) -> None:
-    """Refuse a recording that no feature can be fitted to."""
-    check_volts(recording)
 
 
 def settings_of(given: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -23,13 +23,14 @@ from ..inverse.nonlinear import Solver
 from ..inverse.problem import Problem
 from ..progress import stage
 from ..recording import Recording
+from ..recording.even import check_volts
 from ..report.answers import answer_of
 from ..report.data import dataset, scalars
 from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity_with_error, unit_of
 from . import _facts
-from ._fit_settings import check, settings_of, surface_fit, traction_fit
+from ._fit_settings import settings_of, surface_fit, traction_fit
 from .estimates import reported_parameters
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
@@ -75,7 +76,7 @@ def run(cfg: config.Config) -> Result:
             f"of traction what is known, as feature.{first}.friction={mu}.",
         )
         solver, recording = config.solver(cfg), config.recording(cfg, str(EXAMPLE))
-        check(recording)
+        check_volts(recording)
         problem = config.recorded_problem(cfg, recording)
         if surfaces:
             method = surface_fit(problem, recording.sidecar, surfaces, solver, settings)

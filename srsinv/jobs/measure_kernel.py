@@ -16,13 +16,14 @@ from ..inverse.kernel.measured import MeasuredKernel, as_netcdf, is_as_written, 
 from ..inverse.kernel.over_feature import FeatureKernel, measure_over_feature
 from ..progress import stage
 from ..recording import Recording
+from ..recording.even import check_volts
 from ..report.answers import answer_of
 from ..report.data import dataset, scalars
 from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity, quantity_with_error, significant, unit_of
 from . import _facts
-from ._fit_settings import check, known_feature, names_of, rig_settings
+from ._fit_settings import known_feature, names_of, rig_settings
 from ._kernel_plots import draw_kernels, draw_signals
 from ._passes import repeating_share
 from ._written_files import Target, check_target
@@ -50,7 +51,7 @@ def run(cfg: config.Config) -> Result:
         names, target = _parameters(given), check_target(KERNEL, given.get("write"))
         known = known_feature(config.surface_features(cfg) or config.features(cfg))
         recording = config.recording(cfg)
-        check(recording)
+        check_volts(recording)
         feature = known.with_edge(recording.sidecar)
         problem = config.recorded_problem(cfg, recording)
         with stage(f"measuring the kernel from {recording.name}"):

@@ -32,18 +32,18 @@ def simulate_and_fit(
     """Every method on every problem; `shape` of the array of problems, None for a row of them."""
     answers, times = {}, []
     for name, method in methods.items():
+        own, own_times = [], []
         with steps(f"{name}, {len(problems)} times", problems) as each:
-            answers[name], own = zip(*(_timed(method, problem) for problem in each), strict=True)
-        times.append(own)
+            for problem in each:
+                start = time.perf_counter()
+                answer = method(problem)
+                own_times.append(time.perf_counter() - start)
+                own.append(answer)
+        answers[name] = tuple(own)
+        times.append(own_times)
     first, *further = np.array(times).T
     steady = np.median(further or [first], axis=0)
     return Answers(answers, first, steady, (len(problems),) if shape is None else shape)
-
-
-def _timed(method: Callable[[Problem], Answer], problem: Problem) -> tuple[Answer, float]:
-    start = time.perf_counter()
-    answer = method(problem)
-    return answer, time.perf_counter() - start
 
 
 def inversions(

@@ -104,7 +104,12 @@ def run(cfg: config.Config) -> Result:
         tried = [(one, search(one, asked.error, asked.budget_s)) for one in ways]
         trials, plan = min(tried, key=lambda each: _rank(each[1], asked))
         spent_s = time.perf_counter() - start
-        measured = _measured(trials, plan) if asked.runs else None
+        measured = None
+        if asked.runs:
+            with stage("the converged answer"):
+                converged = trials(trials.finer(plan.beside.recipe, FINER))
+            with stage("the planned answer"):
+                measured = Measured(trials.run(plan.trial.recipe), converged)
     data = _dataset([each for _, each in tried], plan, measured, trials, asked)
     data = data.assign(dataset(scalars({"plan_planning_time_s": spent_s}), {}))
     title = _title(plan, asked)
@@ -126,13 +131,6 @@ class Measured:
 
     planned: Trial
     converged: Trial
-
-
-def _measured(trials: Trials, plan: Plan) -> Measured:
-    with stage("the converged answer"):
-        converged = trials(trials.finer(plan.beside.recipe, FINER))
-    with stage("the planned answer"):
-        return Measured(trials.run(plan.trial.recipe), converged)
 
 
 def _dataset(
