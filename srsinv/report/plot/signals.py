@@ -66,7 +66,9 @@ def _along(dataset: xarray.Dataset) -> tuple[PanelAxis, np.ndarray]:
 def _signal(dataset: xarray.Dataset, e: int, name: str, methods: dict[str, dict]) -> Panel:
     across, at = _along(dataset)
     signal = dataset["signal"].values[e]
-    observed = _observed(dataset, e)
+    observed = np.isfinite(signal)
+    if "observed" in dataset:
+        observed = dataset["observed"].values[e].astype(bool)
     curves = [Curve(signal, "recorded", look=_DATA)]
     if "signal_noise_free" in dataset:
         look = {"color": TRUTH, "linewidth": 0.8}
@@ -78,12 +80,6 @@ def _signal(dataset: xarray.Dataset, e: int, name: str, methods: dict[str, dict]
         curves.append(Curve(values, label, look=look, in_view=observed))
     up = PanelAxis("signal", units_of(dataset["signal"]))
     return Panel(curves, across, up, at, f"Element {name}", unobserved(at, observed))
-
-
-def _observed(dataset: xarray.Dataset, e: int) -> np.ndarray:
-    if "observed" in dataset:
-        return dataset["observed"].values[e].astype(bool)
-    return np.isfinite(dataset["signal"].values[e])
 
 
 def _residuals(
@@ -100,7 +96,10 @@ def _residuals(
             for sign, label in ((1, "90 % of normal noise is within"), (-1, ""))
         ]
         up = PanelAxis("residual", "1", limits=(-reach, reach))
-        title = f"Residual of element {name}{own}{_percent_inside(values)}"
+        title, present = f"Residual of element {name}{own}", values[np.isfinite(values)]
+        if present.size:
+            inside = 100 * np.mean(np.abs(present) < BAND_90)
+            title = f"{title}: {inside:.1f} % within the dashed lines"
         missing = unobserved(at, np.isfinite(values))
         yield Panel([curve], across, up, at, title, [*missing, *marks])
 
@@ -122,10 +121,3 @@ def _histogram(trace: Panel) -> Panel:
         Curve(at, "standard normal", x=normal, look={"color": TRUTH}),
     ]
     return Panel(curves, PanelAxis("density", limits=(0.0, None)), trace.y, title="Histogram")
-
-
-def _percent_inside(values: np.ndarray) -> str:
-    present = values[np.isfinite(values)]
-    if not present.size:
-        return ""
-    return f": {100 * np.mean(np.abs(present) < BAND_90):.1f} % within the dashed lines"
