@@ -42,7 +42,12 @@ def run(cfg: config.Config) -> Result:
     passes, draws = (whole(key, cfg[key], "a whole number from 1", least=1)
                      for key in ("passes", "draws"))  # fmt: skip
     with config.precision(cfg):
-        method = _method(cfg)
+        methods = config.methods(cfg)
+        refuse(
+            len(methods) > 1,
+            f"method names {', '.join(methods)}: name one, as the kernels are compared by it.",
+        )
+        method = next(iter(methods.values()))
         stated, true_cfg = config.simulation(cfg).sensor, of_truth(cfg)
         test, known = config.simulation(true_cfg), known_passes(true_cfg, cfg)
         recorder = test.scenario.recorder
@@ -125,15 +130,6 @@ def with_sensor(
         problem.line, sensor, problem.scan, problem.data + problem.mean_signal, problem.noise,
         known_mean_Pa=problem.known_mean_Pa, rig=rig,
     )  # fmt: skip
-
-
-def _method(cfg: config.Config) -> Method:
-    methods = config.methods(cfg)
-    refuse(
-        len(methods) > 1,
-        f"method names {', '.join(methods)}: name one, as the kernels are compared by it.",
-    )
-    return next(iter(methods.values()))
 
 
 Draw = tuple[MeanPasses, dict[str, MeasuredKernel], dict[str, Estimate]]
