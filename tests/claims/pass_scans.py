@@ -197,7 +197,7 @@ class PassScans:
 
     def held(self, problem: Problem | LineProblem) -> Held:
         """The package's posterior under the prior that tractions are drawn from, by dense algebra
-        (tests/inverse/test_nuisance.py has that its paths are the same)."""
+        (tests/inverse/noise/test_nuisance.py has that its paths are the same)."""
         line = problem.to_grid()
         data, observed = np.asarray(line.data), np.asarray(line.is_observed)
         information, right = self.precision.copy(), 0.0

@@ -11,7 +11,7 @@ from srsinv.jobs._facts import of_samples
 from srsinv.recorded import mains_of, problem_of
 from srsinv.recording import Recording
 from srsinv.recording.even import on_even_times
-from tests.inverse.test_nuisance import (
+from tests.inverse.noise.test_nuisance import (
     COUNT,
     DEPTH,
     NOISE,

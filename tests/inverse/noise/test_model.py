@@ -16,7 +16,7 @@ from srsinv.modules import with_fields
 from srsinv.recorded import noise_of
 from srsinv.recording import Recording
 from srsinv.recording.mains import mains_lines
-from tests.inverse import test_nuisance as scene
+from tests.inverse.noise import test_nuisance as scene
 from tests.refusals import refused
 
 SEED = np.random.default_rng

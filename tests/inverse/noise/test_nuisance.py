@@ -23,7 +23,7 @@ from srsinv.inverse.rig.calibration import calibrate
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
 from srsinv.modules import with_fields
 from srsinv.recording.mains import mains_lines
-from tests.inverse import test_calibration as rig
+from tests.inverse.rig import test_calibration as rig
 
 RATE_HZ, SPEED, DEPTH, COUNT = 500.0, 20e-3, 1.2e-3, 1000
 TIME_S = np.arange(COUNT) / RATE_HZ
