@@ -67,10 +67,12 @@ def simulate(
     return SimulatedProblem(problem, sim.signal(), jnp.asarray(sim.traction(line)))
 
 
-Given = Problem | LineProblem | Recording | str | os.PathLike[str]
+Invertible = Problem | LineProblem | Recording | str | os.PathLike[str]
 
 
-def invert(given: Given, method: Method | None = None, sensor: Sensor | None = None) -> Estimate:
+def invert(
+    given: Invertible, method: Method | None = None, sensor: Sensor | None = None
+) -> Estimate:
     """p and q from a signal.
 
     - `given`: a problem, a recording, or the path of a file with its sidecar (see `load`).
@@ -85,7 +87,7 @@ def invert(given: Given, method: Method | None = None, sensor: Sensor | None = N
 
 
 def fit_recording(
-    given: Given,
+    given: Invertible,
     features: Mapping[str, Feature | SurfaceFeature],
     sensor: Sensor | None = None,
 ) -> FeatureEstimate:
@@ -100,7 +102,7 @@ def fit_recording(
     return FeatureFit(features)(_problem(given, sensor))
 
 
-def _problem(given: Given, sensor: Sensor | None) -> Problem | LineProblem:
+def _problem(given: Invertible, sensor: Sensor | None) -> Problem | LineProblem:
     if isinstance(given, Problem | LineProblem):
         refuse(sensor is not None, "The problem has its sensor: leave `sensor` out.")
         return given

@@ -1,4 +1,4 @@
-"""The bases of all kinds of parts that a configuration may name, public under one roof.
+"""The bases of all kinds of parts that a configuration may name, in one public module.
 
 Derive from one, in the package or in a file of your own, and name the class by `_target_` in a YAML
 file of the kind's group: docs/extend.md has an example of each.

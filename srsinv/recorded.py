@@ -1,4 +1,7 @@
-"""From a recording to the problem of finding what made it."""
+"""A recording's sensor and its inverse problem, by the facts of its sidecar.
+
+Python (`srsinv.invert`) and the command (`config.recorded_problem`) take the same way.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -65,7 +68,8 @@ def problem_of(
     - `sensor`: None takes it from the sidecar: see `sensor_of`.
     - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit;
       `causes`: of coloured noise beside the white one.
-    - the fact `ways` takes the passes of one way, `onwards` or `back`, of a motion that turns.
+    - the fact `ways` of the sidecar takes the passes of one direction of motion, `onwards` or
+      `back`.
     - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk, and
       `quiet_s` names stretches from which the noise is taken; what `detrend`, `high_pass_Hz` and
       `notch_Hz` take out of the signal is warned of.
@@ -119,7 +123,7 @@ def problem_of(
 
 
 def _warnings(recording: Recording, problem: Problem) -> tuple[str, ...]:
-    """What the recording itself gives to doubt."""
+    """Warnings on the recording itself, as sentences."""
     # Of the samples as they were recorded: equal ones are no longer equal once filtered.
     raw = recording.signal if recording.raw_signal is None else recording.raw_signal
     depth_m, amplifier = float(problem.sensor.depth_m), problem.sensor.amplifier
@@ -205,7 +209,7 @@ def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
 
 
 def ready(recording: Recording) -> Recording:
-    """The recording at even times, its signal in volts; refused where it cannot be."""
+    """The recording at even times. Raises `BadInput` where its signal is not in volts."""
     even = on_even_times(recording)
     check_volts(even)
     return even

@@ -1,5 +1,7 @@
-"""What an inversion gives: p and q with their standard errors on a line, how good they are, and
-widths that say how fine they are.
+"""The estimate of an inversion: p and q with their standard errors on a line.
+
+Also scores of it against a truth, and measures of resolution: the width of an averaging kernel and
+the cut-off wavenumber.
 """
 
 import abc
@@ -60,10 +62,6 @@ class Estimate(eqx.Module):
     def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """p and q (2, n) less their mean over `cells` (n,), a mask, and the standard error of
         that."""
-
-    def with_stats(self, stats: dict[str, Any]) -> "Estimate":
-        """The same estimate with further stats."""
-        return dataclasses.replace(self, stats=stats | self.stats)
 
     def with_warnings(self, warnings: Sequence[str]) -> "Estimate":
         """The same estimate with further warnings."""

@@ -179,10 +179,10 @@ class Problem(eqx.Module):
         return Samples(self.sensor, self.motion, y, beside, is_estimate, columns)
 
     def aligned(self) -> "Problem":
-        """The same problem for a fit along the motion, each pass where the signals of its way have
-        their mean place, and what that may be off among the nuisance columns (see passes.py);
-        itself where no way is passed more than once and no position is rounded, and where a pass is
-        too short for cells."""
+        """The same problem for a fit along the motion, each pass where the signals of its direction
+        have their mean place, and what that may be off among the nuisance columns (see
+        gridding/passes.py); itself where no direction is passed more than once and no position is
+        rounded, and where a pass is too short for cells."""
         own = self._own_passes
         if not self.position_step_m and len(own) == len({each.is_onwards for each in own}):
             return self
@@ -211,9 +211,9 @@ class Problem(eqx.Module):
         """The signals put on the cells of an open line over the window.
 
         Cells are the problem's own `cell_m` wide, or else as given here, or else a sixteenth of the
-        depth at most. Where the motion turns its passes are averaged (see passes.py), and each
-        element is there once for each way; q is that of sliding towards +x. Raises `BadInput` for
-        a scan shorter than three cells.
+        depth at most. Where the motion turns its passes are averaged (see gridding/passes.py), and
+        each element is there once for each direction; q is that of sliding towards +x. Raises
+        `BadInput` for a scan shorter than three cells.
         """
         on = on_cells(self._sampled, self.window_m, self.cell_m or cell_m, self.direction)
         return LineProblem.of_sensor(

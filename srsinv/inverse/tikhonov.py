@@ -75,7 +75,7 @@ class Tikhonov(Method):
     - `order`: 0 penalises the value, 1 the first, 2 the second derivative; `length_m` [m] is the z
       that makes it dimensionless.
     - `weight_p`, `weight_q` [1/Pa^2]: the weights; None lets `rule` choose.
-    - `path`, `tolerance`: see [`solve`][srsinv.inverse.quadratic.solve].
+    - `path`, `tolerance`: see [`solve`][srsinv.inverse.line.solve.solve].
 
     The standard error is that of the posterior under the Gaussian prior that the penalty stands
     for (Wahba 1983). Raises `BadInput` for an order other than 0, 1, 2 or a negative weight.

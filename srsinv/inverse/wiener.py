@@ -110,7 +110,7 @@ class Wiener(Method):
     - `p`, `q`: their spectra; p and q are taken as independent.
     - `scale`: "given" takes their levels as they are; "evidence" multiplies each by the number
       under which the data are most likely.
-    - `path`, `tolerance`: see [`solve`][srsinv.inverse.quadratic.solve].
+    - `path`, `tolerance`: see [`solve`][srsinv.inverse.line.solve.solve].
 
     Raises `BadInput` for other values.
     """

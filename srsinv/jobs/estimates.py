@@ -22,9 +22,12 @@ Answer = TypeVar("Answer")
 
 @dataclasses.dataclass(frozen=True)
 class Answers(Generic[Answer]):
-    """Answers to the same problems: of each method one for each problem, and the times [s] of its
-    `first_call_s` (method,), which includes any compilation, and of further ones, `steady_call_s`
-    (method,). The problems are those of an array of `shape`, its last dimension the fastest."""
+    """Answers to the same problems, one for each method and problem, with times [s].
+
+    - `first_call_s` (method,): the first call, which includes any compilation; `steady_call_s`
+      (method,): further ones.
+    - `shape`: of the array of problems, its last dimension the fastest.
+    """
 
     of: Mapping[str, Sequence[Answer]]
     first_call_s: Float[np.ndarray, " method"]

@@ -1,6 +1,6 @@
 """The pitch of a ridged surface from all channels of a recording together, and its other lines.
 
-Method and derivation of the standard errors: [`srsinv.inverse.pitch`][].
+Method and derivation of the standard errors: [`srsinv.inverse.board.pitch`][].
 """
 
 from dataclasses import dataclass

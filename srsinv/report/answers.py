@@ -19,7 +19,7 @@ class Answer(Protocol):
 
 
 def answer_variables(answers: Mapping[str, Answer], dim: str = "estimator") -> dict[str, tuple]:
-    """Quality, status, warnings and reasons of each answer along `dim`, for `result.dataset`."""
+    """Quality, status, warnings and reasons of each answer along `dim`, for `data.dataset`."""
     every = [_words(each) for each in answers.values()]
     metrics = {name: f"{name}_{{{dim}}}" for name in ("quality", "status", "warnings")}
     return {

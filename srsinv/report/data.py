@@ -47,7 +47,7 @@ def _variable(dims: Any, values: Any, units: str, metric: str | None = None) -> 
 
 def scalars(named: Mapping[str, Scalar]) -> dict[str, tuple[Any, ...]]:
     """Variables of [`dataset`][] for single numbers, words and truths, each a metric of its own
-    name; the unit is the one at the name's end. None is no number."""
+    name; the unit is the one at the name's end. None becomes NaN."""
     return {
         name: ((), np.nan if value is None else value, unit_of(name), as_pattern(name))
         for name, value in named.items()

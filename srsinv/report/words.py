@@ -50,7 +50,7 @@ Block = Paragraph | Drawing | Table
 
 
 def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[Block, ...]:
-    """The section's template filled in; without `draws` no figure is drawn, and none is there."""
+    """The section's template filled in; without `draws` it has no figures."""
     held: list[Block] = []
 
     def hold(block: Block) -> str:

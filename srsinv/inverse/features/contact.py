@@ -178,7 +178,7 @@ class ContactLoading(Loading):
     def _unit_fields(
         self, model: Any, feature: Any, shapes
     ) -> Float[np.ndarray, "start part e cell"]:
-        """`_fields`, with the cells of all ways one after the other."""
+        """`_fields`, with the cells of all directions one after the other."""
         line = model.line
         # Edges sharper than a cell would be sampled or missed as a whole.
         edge = max(feature.edge_m, float(line.cell_m))
@@ -297,7 +297,7 @@ class _Shifting:
         self._start_m, self._cell_m = float(x[0]), float(line.cell_m)
 
     def __call__(self, fields, place: float) -> Float[np.ndarray, "start part e sample"]:
-        """Those of `fields` (start, part, e, way and cell) for a feature at `place` [m]."""
+        """Those of `fields` (start, part, e, direction and cell) for a feature at `place` [m]."""
         at = (self._from_middle - place - self._start_m) / self._cell_m
         first = np.floor(at).astype(int)
         low, high = (

@@ -46,7 +46,7 @@ class SampledSignals(NamedTuple):
 
 class OnCells(NamedTuple):
     """Signals on the cells of an open line, as a [`LineProblem`][] takes them, of the elements of
-    `sensor`, of which each stands for a way that the motion goes; `passes` where it turns."""
+    `sensor`, of which each stands for one direction of motion; `passes` where it turns."""
 
     line: Open
     sensor: Sensor

@@ -95,7 +95,7 @@ class PassesOnCells:
 
     @property
     def directions(self) -> int:
-        """Number of ways that there are."""
+        """Number of directions of motion."""
         return max(self.direction) + 1
 
     @property

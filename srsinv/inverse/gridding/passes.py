@@ -129,8 +129,8 @@ class Averaging:
         )
 
     def __call__(self) -> tuple[Cells, Float[np.ndarray, "row m cell"], AveragedPasses]:
-        """Cells with a row for each way and element, way by way, the columns of each row, and what
-        was found."""
+        """Cells with a row for each direction and element, direction by direction, the columns of
+        each row, and what was found."""
         passes, shifts, stderr = self._settled()
         cells, columns = self._average(passes, np.hypot(_spread(shifts, passes), stderr))
         # What drifts does not repeat either: passes then differ by more than the white noise.

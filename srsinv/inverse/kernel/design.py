@@ -44,7 +44,7 @@ class KnownInput:
     stated: Sequence[int]
 
     def rows_of(self, element: int) -> list[int]:
-        """The rows of the signals of one element: those of each way that it passed."""
+        """The rows of the signals of one element: one for each direction of motion."""
         films = self.sensor.elements
         onwards = sum(not film.is_backward for film in films)
         return [row for row in range(len(films)) if row % onwards == element]
@@ -90,7 +90,7 @@ class KnownInput:
         return factor
 
     def shear(self, row: int) -> float:
-        """The factor on the kernel of q: mu, with the sign of the way that the row is of."""
+        """The factor on the kernel of q: mu, with the sign of the row's direction of motion."""
         is_backward = self.sensor.elements[row].is_backward
         return -self.effective_friction if is_backward else self.effective_friction
 

@@ -5,7 +5,7 @@ smoothness (lags.py). Its scale and length are set by the evidence's slopes, its
 far field's error step by step among a few. About zero it is the kernel that the data alone give
 (Howe and Cutkosky 1993, Section IV-B). About a theory whose parameters are fitted with it, it is
 what the theory leaves (Kennedy and O'Hagan 2001): where the theory is right the evidence takes the
-scale of the rest to nothing, else the data have the word.
+scale of the rest to zero, else the data determine the kernel.
 """
 
 from collections.abc import Mapping, Sequence
@@ -102,9 +102,8 @@ def choose(
     return best
 
 
-NEGLIGIBLE_VARIANCE = (
-    1e-3  # of the variance of the kernel's slope, which a rate sees: error directions left out
-)
+# Of the variance of the kernel's slope, to which a rate responds: error directions left out.
+NEGLIGIBLE_VARIANCE = 1e-3
 
 
 class KernelChange(NamedTuple):
@@ -201,9 +200,8 @@ def strongest(
     return np.tensordot(own.T, kernel, 1), np.tensordot(own.T, far, 1)
 
 
-FIRST_REST = (
-    0.03  # of the theory's largest value: where the search for the scale of the rest starts
-)
+# Of the theory's largest value: where the search for the scale of the rest starts.
+FIRST_REST = 0.03
 MOST_ROUNDS = 10
 FREE_ROUNDS = 2  # in which the envelope is sought, as two may take turns
 SETTLED = 0.05  # standard errors by which a round moves the parameters at most

@@ -1,5 +1,5 @@
-"""A kernel that was measured, with its uncertainty: what it is, its file (netCDF-4 of flat
-columns), and the sensor that has it.
+"""A measured kernel with its uncertainty: its values, its file (netCDF-4 of flat columns), and
+the sensor that responds by it.
 """
 
 import dataclasses

@@ -1,8 +1,8 @@
 """The measured kernel of a recording's sensor, from passes over a known feature.
 
 The traction is known but for the feature's place x0 and the friction mu. A fit of the rig finds
-them, gains, depth, angles and offsets of the theory free beside them (see ../calibration.py). What
-it leaves uncertain of both moves the kernels, to first order by
+them, gains, depth, angles and offsets of the theory free beside them (see ../rig/calibration.py).
+What it leaves uncertain of both moves the kernels, to first order by
 
     dK_p = K_p' dx0,    dK_q = K_q' dx0 - K_q dmu / mu,
 

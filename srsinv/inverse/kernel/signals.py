@@ -1,5 +1,7 @@
-"""Signals over a known input as data, those of kernels, weighed by the noise, and the means of the
-prior of kernels: what is taken as known of them, with linear parameters.
+"""The data over a known input and the signals that kernels make of it, weighted by the noise.
+
+The prior's means of kernels are here, too: the stated far field, or a theory, each with parameters
+that enter linearly.
 """
 
 from functools import cached_property

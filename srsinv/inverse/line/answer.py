@@ -1,4 +1,4 @@
-"""What an estimate is made of, and the numbers that its warnings go by.
+"""From a solution to the parts of an estimate, and the numbers that its warnings go by.
 
 Under a run of missing samples the band is the prior's. A weight is chosen by the waves that are
 close to the noise; traction may change far more over a run than a prior of that weight allows, and
@@ -55,9 +55,8 @@ def missing_runs(problem: LineProblem, prior: Prior, value: Float[Numbers, "c n"
     missing = np.array([stop - start for start, stop in runs(~is_observed[first:last])])
     if not missing.size:
         return None
-    cells = round(
-        float(missing @ missing / missing.sum())
-    )  # the mean over the cells that lie in runs
+    # The mean over the cells that lie in runs.
+    cells = round(float(missing @ missing / missing.sum()))
     before = np.pad(np.cumsum(is_observed), (1, 0))
     starts = np.flatnonzero(before[cells + 1 :] - before[: -cells - 1] == cells + 1)
     if not starts.size:
@@ -156,7 +155,7 @@ def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Checked
 def _estimate_parts(
     problem: LineProblem, prior: Prior, solution: Solution
 ) -> tuple[EstimateParts, Float[Array, " c"], Float[Array, " c"]]:
-    """What the estimate shows, its prior's pull squared, over the variance, and that variance: the
+    """The parts of the estimate, the prior's pull squared over the variance, and that variance:
     means over the cells with samples. The pull is C P r, C the posterior covariance: the estimate
     less what the data alone would have in its place, as far as they can tell."""
     line, covariance = problem.line, solution.covariance

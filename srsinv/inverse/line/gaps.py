@@ -1,5 +1,5 @@
-"""Missing samples of a line, in blocks that are inverted densely, and the solver between the
-blocks.
+"""Linear algebra for the missing samples of a line: dense inverses of blocks of them, conjugate
+gradients, and Lanczos' steps.
 
 An inverse by blocks, or by the nearest periodic problem, is wrong in a few shapes only. Lanczos'
 steps find these.
@@ -165,7 +165,7 @@ def conjugate_gradients(
     return Solved(x, most_steps, energy <= tolerance**2 * first)
 
 
-# Lanczos' steps at most, and how near to one the eigenvalues are that are left then, rooted.
+# Most steps of Lanczos' method; they end where the next direction is shorter than `ONE`.
 LANCZOS_STEPS, ONE = 60, 0.01
 
 Field = Float[np.ndarray, "..."]

@@ -387,7 +387,7 @@ def variance(posterior: "PosteriorMap", mean_weights: Float[np.ndarray, "c n"]) 
 
 
 def _at_ends(posterior: "PosteriorMap", coarse: Coarse) -> Variance:
-    """What the hats change."""
+    """Correction of the variance for piecewise-linear interpolation at the ends of the grid."""
     normal, inverse, images = posterior.normal, coarse.inverse, coarse.images
     energy, total = [], 0.0
     for first in range(0, len(images), TOGETHER):
@@ -400,8 +400,8 @@ def _at_ends(posterior: "PosteriorMap", coarse: Coarse) -> Variance:
 
 
 def _of_gaps(near: NearPeriodic) -> Variance:
-    """What the missing samples add: the diagonal of B T B^T, T the inverse of Q over them and B the
-    response of the traction to them.
+    """The variance that missing samples add: the diagonal of B T B^T, T the inverse of Q over
+    them and B the response of the traction to them.
 
     The rows of T are taken from each block and what is around it, and what they add is computed at
     a few places alone: T may be so large that sums of its rows would say nothing.

@@ -1,5 +1,6 @@
-"""What follows from a linear model of signals on the cells of a line, whatever solves it; among it
-whether the signal shows the means of p and q over the window, and what they would be.
+"""The linear model of signals on the cells of a line: whitening, known means, chi-square.
+
+It also says whether the means of p and q over the window are observable.
 """
 
 from typing import NamedTuple
@@ -13,9 +14,8 @@ from ...grid import Convolution, Line
 from ...numerics import is_flat
 from ..estimate import COMPONENTS, Numbers
 
-OBSERVABLE_GAIN = (
-    1e-3  # a gain at k = 0 below this fraction of the largest leaves a mean unobservable
-)
+# A gain at k = 0 below this fraction of the largest leaves a mean unobservable.
+OBSERVABLE_GAIN = 1e-3
 
 
 @eqx.filter_jit

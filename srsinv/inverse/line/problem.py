@@ -1,6 +1,7 @@
-"""A problem on the cells of a line, linear in the traction, and what is refused of it: what
-Wiener's filter, Tikhonov's method and their like solve. What follows from its numbers alone is in
-model.py.
+"""The problem that Wiener's filter and Tikhonov's method solve: signals on the cells of a line,
+linear in the traction, and the checks of its input.
+
+Quantities that follow from its arrays alone are in model.py.
 """
 
 import dataclasses
@@ -31,7 +32,7 @@ from .model import CHI2, FREEDOM, EstimateParts, LineModel, chi2, have_zero_mean
 
 
 def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None:
-    """Refuse what [`LineProblem`][] refuses."""
+    """Raise `BadInput` for arrays that make no [`LineProblem`][]: shapes, samples, noise, means."""
     elements = forward.transfer.shape[0]
     is_observed = _checked_shapes((elements, line.n), line, data, noise, observed)
     refuse(
@@ -184,7 +185,7 @@ class LineProblem(LineModel):
     - `noise_scale` (e, n): the noise's standard deviation in each cell in units of that of `noise`,
       slowly varying or not; 1 where a sample is missing. None means 1 everywhere.
     - `nuisance` (e, column, n): what else may be on each element's signal, of unknown sizes that
-      are normal of variance one (see nuisance.py). None: nothing.
+      are normal of variance one (see noise/nuisance.py). None: nothing.
     - `known_mean_Pa`: for each component its mean over the window where it is known, else None.
     - `background_Pa`: for each component a uniform traction that continues beyond the window of an
       open line, which is unobservable; it is added to the estimate. None: not known.

@@ -258,7 +258,7 @@ class _Minimum:
 
 
 class Summary:
-    """What the fits of one model to data of one kind have in common."""
+    """From the end of a search to its `Fit`, for all fits of one model to data of one shape."""
 
     def __init__(
         self, objective: Objective, unknowns: Parameters, level_known: bool, solver: Solver

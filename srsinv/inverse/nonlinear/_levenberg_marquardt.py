@@ -40,7 +40,7 @@ CURVATURE_FRACTION = 0.25
 
 class Point(eqx.Module):
     """An accepted point: cost |f|^2/2, J = Q R, c = Q^T f, the remembered column norms `scale` of
-    J, and the curvature S of the residual."""
+    J, and `secant`, the estimate S of the residual's curvature."""
 
     cost: Float[Array, ""]
     q: Float[Array, "r m"]
