@@ -218,12 +218,16 @@ def effects(cfg: Config) -> dict[str, Effect]:
 
 def sensor_effects(cfg: Config) -> dict[str, Effect]:
     """The named effects, which have to be of the sensor."""
+    return parts.effects_of_sensor(_sensor_effect_nodes(cfg))
+
+
+def _sensor_effect_nodes(cfg: Config) -> Mapping[str, Any]:
     refuse(
         "tolerance" in cfg,
         "effects=auto decides by a simulated scene, which this job does not take: name the effects "
         "of the sensor, as effects=[strip_width,layered_skin].",
     )
-    return parts.effects_of_sensor(part(cfg, "effects"))
+    return part(cfg, "effects")
 
 
 def at_rest(cfg: Config) -> Scenario:
@@ -268,11 +272,10 @@ def recorded_problem(cfg: Config, recording: Recording) -> Problem:
     cell_m, noise = part(cfg, "recording").get("cell_m"), part(cfg, "noise")
     if cell_m is not None:
         number("recording.cell_m", cell_m, "a positive width in metres", above=0)
-    sensor_effects(cfg)  # refused ahead of what they act on
     return problem_of(
         recording,
-        sensor_of(recording, {**_sensor_nodes(cfg), "effects": part(cfg, "effects")}),
-        noise=parts.white_levels(noise, recording),
+        sensor_of(recording, {**_sensor_nodes(cfg), "effects": _sensor_effect_nodes(cfg)}),
+        noise=parts.stated_white_rms(noise, recording),
         causes=parts.coloured_noises(noise),
         friction=friction(cfg) if "friction" in cfg else None,
         cell_m=cell_m,

@@ -211,7 +211,7 @@ def coloured_noises(named: Node) -> dict[str, Noise]:
     return coloured
 
 
-def white_levels(named: Node, recording: Recording) -> list[float] | None:
+def stated_white_rms(named: Node, recording: Recording) -> list[float] | None:
     """The rms of the white noise as it is stated, of all elements or of each; None where it is to
     be taken from the recording."""
     white = named.get("white")

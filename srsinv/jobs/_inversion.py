@@ -29,7 +29,14 @@ from ..report.section import sections
 from ..report.text import quantity, significant
 from ..timing import timed
 from ._passes import pass_variables
-from .estimates import Answers, Variables, estimate_coordinates, estimate_variables, score_variables
+from .estimates import (
+    Answers,
+    Variables,
+    estimate_coordinates,
+    estimate_variables,
+    score_variables,
+    valid_stderr,
+)
 
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
 Estimates = Mapping[str, Estimate]
@@ -115,6 +122,10 @@ def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
     variables = (
         _signals(case)
         | own
+        | {
+            "estimate_stderr": (own["estimate"][0], answers.each(valid_stderr), case.traction_unit),
+            "whitened_residual": (own["fitted_signal"][0], answers.each(lambda e: e.whitened), "1"),
+        }
         | _resolution(case, answers)
         | _of_sensor(case.sensor)
         | dict(case.stages)

@@ -53,15 +53,11 @@ class Answers(Generic[Answer]):
 def estimate_variables(
     answers: Answers[Estimate], dims: Sequence[str], units: tuple[str, str]
 ) -> Variables:
-    """p and q with their standard errors, the fitted signal and the whitened residual, and the
-    times of the calls; `units` of signal and traction."""
+    """p and q, the fitted signal, and the times of the calls; `units` of signal and traction."""
     by, (signal, traction) = ("estimator", *dims), units
-    along, samples = (*by, "component", "x"), (*by, "element", "x")
     return {
-        "estimate": (along, answers.each(lambda e: e.value), traction),
-        "estimate_stderr": (along, answers.each(valid_stderr), traction),
-        "fitted_signal": (samples, answers.each(lambda e: e.fitted), signal),
-        "whitened_residual": (samples, answers.each(lambda e: e.whitened), "1"),
+        "estimate": ((*by, "component", "x"), answers.each(lambda e: e.value), traction),
+        "fitted_signal": ((*by, "element", "x"), answers.each(lambda e: e.fitted), signal),
         "first_call_s": ("estimator", answers.first_call_s, "s", "first_call_s_{estimator}"),
         "steady_call_s": ("estimator", answers.steady_call_s, "s", "steady_call_s_{estimator}"),
     }
