@@ -23,7 +23,8 @@ from ..forward.skin import HalfSpace
 from ..grid import Periodic
 from ..status import Status
 from ._cost_settings import CostSettings
-from ._cost_trials import CostScore, CostTrial, Work, relative
+from ._cost_trials import cost_trial, relative
+from .trials import Row, Trial, Work
 
 PART = "contact"
 LENGTH_M, AMPLITUDE_M = 0.02, 1e-5
@@ -34,7 +35,7 @@ TAMAAS = "tamaas, 1e-08"  # the peer to compare times with
 PRESS = "as called"  # the family of `press`, which begins many cells on wider ones
 
 
-def trials(settings: CostSettings, peers: ModuleType | None) -> Iterator[CostTrial]:
+def trials(settings: CostSettings, peers: ModuleType | None) -> Iterator[Trial]:
     """The contact as it is called, by descent alone to several tolerances, and by peers."""
     for cells in sorted(settings.contact_cells):
         wave = Wave(cells)
@@ -54,10 +55,10 @@ class Wave:
         self.cells, self.skin = cells, HalfSpace()
         self.solved = lru_cache(lambda: np.asarray(self.pressed()().pressure_Pa))
 
-    def trial(self, family: str, prepare: Callable[[], Work], peer: str = TAMAAS) -> CostTrial:
+    def trial(self, family: str, prepare: Callable[[], Work], peer: str = TAMAAS) -> Trial:
         """One way of solving it as a trial."""
-        return CostTrial(
-            group=PART, part=PART, line="periodic", family=family, size=self.cells,
+        return cost_trial(
+            PART, PART, "periodic", family, self.cells,
             prepare=prepare, score=self._score, is_peer=peer == family, peer=peer,
         )  # fmt: skip
 
@@ -109,15 +110,15 @@ class Wave:
         half = (inside * np.sqrt(1 - inside**2) + np.arcsin(inside)) / np.pi
         return self.nominal_Pa * LENGTH_M * (half + periods)
 
-    def _score(self, given: Any) -> CostScore:
+    def _score(self, given: Any) -> Row:
         """Against the closed form, and against the solution on the same cells."""
         pressure, steps, failure = _read(given)
-        measures = {
+        return {
             "error": relative(pressure, self.exact()),
             "algebraic_error": relative(pressure, self.solved()),
             "applications": steps,
+            "failure": failure,
         }
-        return CostScore(measures, failure)
 
 
 def _read(given: Any) -> tuple[np.ndarray, float, str]:

@@ -10,7 +10,8 @@ from ..forward.simulation import Simulation
 from ..forward.trace import Trace, difference, pair, trace
 from ..timing import timed
 from ._cost_settings import CostSettings
-from ._cost_trials import CostScore, CostTrial, Work
+from ._cost_trials import cost_trial
+from .trials import Row, Trial, Work
 
 PART = "effects"
 
@@ -24,15 +25,15 @@ def trials(
     named: Collection[str],
     line: str,
     key: jax.Array,
-) -> Iterator[CostTrial]:
+) -> Iterator[Trial]:
     """Each effect that the scene names or that there is besides: all named ones and it, and the
     same without it."""
     for cells in sorted(settings.effects_cells):
         for name in dict.fromkeys((*named, *settings.effects)):
             bench = WithAndWithout(partial(simulated, cells), name, named, key, settings.repeats)
             rests_on = {"named": sorted(named), "effect": settings.effects.get(name)}
-            yield CostTrial(
-                group=PART, part=PART, line=line, family=name, size=cells,
+            yield cost_trial(
+                PART, PART, line, name, cells,
                 prepare=bench.work, score=bench.score, rests_on=rests_on,
             )  # fmt: skip
 
@@ -57,7 +58,7 @@ class WithAndWithout:
         """From the scene to the signal, with the effect."""
         return partial(trace, self.full(), self._key)
 
-    def score(self, given: Trace) -> CostScore:
+    def score(self, given: Trace) -> Row:
         """The change over the signal with all of them, and the time that the effect costs: the
         median and the quartiles of differences between calls in turns."""
         del given
@@ -68,4 +69,4 @@ class WithAndWithout:
         seconds = [[timed(call, 0).first_s for call in calls] for _ in range(self._repeats)]
         lower, cost, upper = np.quantile(-np.diff(seconds), (0.25, 0.5, 0.75)).tolist()
         measures = {"error": difference(less, full), "cost_s": cost}
-        return CostScore(measures | {"lower_cost_s": lower, "upper_cost_s": upper})
+        return measures | {"lower_cost_s": lower, "upper_cost_s": upper}

@@ -31,7 +31,8 @@ from ..inverse.nonlinear import (
 )
 from ..resolution import cell_m
 from ._cost_settings import CONVERGED_WITHIN, EXACT, CostSettings, FitSettings
-from ._cost_trials import CostScore, CostTrial
+from ._cost_trials import cost_trial, failure_of
+from .trials import Row, Trial
 
 FINER = 4  # refinement of the cells of the model that makes the data
 SCAN_M = 0.012
@@ -102,7 +103,7 @@ class FitTask:
 
 def trials(
     settings: CostSettings, sensor: Sensor, scan: ConstantSpeed, seed: int, peers: ModuleType | None
-) -> Iterator[CostTrial]:
+) -> Iterator[Trial]:
     """Fits over solver and tolerance, over the number of starts, and of signals at once."""
     own = settings.fit
     task = cache(lambda: _task(own, sensor, scan, seed, peers))
@@ -183,29 +184,29 @@ def _initial(shape: Mapping[str, float]) -> dict[str, dict[str, float]]:
 def _trial(
     task: Task, sweep: str, family: str, size: int | float, work: Callable[[FitTask], list[Fitted]],
     peer: str, count: int = 1,
-) -> CostTrial:  # fmt: skip
+) -> Trial:  # fmt: skip
     """A trial whose work fits the first signals of the task."""
-    return CostTrial(
-        group=PART, part=PART, line=sweep, family=family, size=size,
+    return cost_trial(
+        PART, PART, sweep, family, size,
         prepare=lambda: partial(work, task()), score=lambda ends: _score(task(), ends),
         peer=peer, is_peer=family not in OURS, count=count,
     )  # fmt: skip
 
 
-def _score(task: FitTask, ends: Sequence[Fitted]) -> CostScore:
+def _score(task: FitTask, ends: Sequence[Fitted]) -> Row:
     away = [task.distance(i, end.value, task.exact[i]) for i, end in enumerate(ends)]
     wrong = [task.distance(i, end.value, task.truth[i]) for i, end in enumerate(ends)]
-    measures = {
+    failures = [end.failure for end in ends]
+    return {
         "error": float(np.median(away)),
         "converged": float(np.mean(np.array(away) < CONVERGED_WITHIN)),
         "error_cramer_rao": float(np.sqrt(np.mean(np.square(wrong)))),
         "applications": float(np.mean([end.evaluations for end in ends])),
+        "failure": failures[0] if all(failures) else "",
     }
-    failures = [end.failure for end in ends]
-    return CostScore(measures, failures[0] if all(failures) else "")
 
 
-def _tolerances(task: Task, settings: FitSettings, names: Sequence[str]) -> Iterator[CostTrial]:
+def _tolerances(task: Task, settings: FitSettings, names: Sequence[str]) -> Iterator[Trial]:
     """One signal from one near start, to several tolerances."""
     for tolerance in sorted(settings.tolerances, reverse=True):
         for family in (*OURS, *names):
@@ -220,7 +221,7 @@ def _near(task: FitTask, family: str, tolerance: float) -> list[Fitted]:
     return [_ended(fit(task.model, initial, task.ys[0], **task.options(), solver=solver))]
 
 
-def _starts(task: Task, settings: FitSettings, names: Sequence[str]) -> Iterator[CostTrial]:
+def _starts(task: Task, settings: FitSettings, names: Sequence[str]) -> Iterator[Trial]:
     """A few signals, in sequence, from one far start and random ones within the bounds."""
     tolerance = min(settings.tolerances)
     for count in sorted(settings.starts):
@@ -252,7 +253,7 @@ def _far(
     return [_ended(fit(task.model, initial, task.ys[i], **given)) for i in range(signals)]
 
 
-def _batches(task: Task, settings: FitSettings, names: Sequence[str]) -> Iterator[CostTrial]:
+def _batches(task: Task, settings: FitSettings, names: Sequence[str]) -> Iterator[Trial]:
     """Signals fitted together, from one start each: time for each signal."""
     tolerance = min(settings.tolerances)
     for count in sorted(settings.batches):
@@ -275,8 +276,7 @@ def _both(names: Sequence[str]) -> list[str]:
 
 
 def _ended(end: Fit) -> Fitted:
-    failure = "" if end.status.is_answer else f"{end.status}. {end.status.advice}"
-    return Fitted(_row(end.value), float(end.stats["iterations"]), failure)
+    return Fitted(_row(end.value), float(end.stats["iterations"]), failure_of(end.status))
 
 
 def _best(fit_one: PeerFit, task: FitTask, i: int, shapes, tolerance: float) -> Fitted:

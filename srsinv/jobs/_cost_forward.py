@@ -13,7 +13,8 @@ import numpy as np
 from ..forward.simulation import Simulation
 from ..grid import LINES, Convolution
 from ._cost_settings import CostSettings
-from ._cost_trials import CostScore, CostTrial, Work, relative
+from ._cost_trials import cost_trial, relative
+from .trials import Row, Trial, Work
 
 GROUP, GRADIENT = "forward", "gradient"  # the part of the signal, and that of its derivative
 FINER = 16  # refinement of a trial's reference: where sizes are powers of 4, it has one of theirs
@@ -27,7 +28,7 @@ Simulated = Callable[[str, int], Simulation]  # by the kind of line and the numb
 
 def trials(
     simulated: Simulated, settings: CostSettings, peers: ModuleType | None
-) -> Iterator[CostTrial]:
+) -> Iterator[Trial]:
     """Every way to the signal, at every number of cells."""
     model = ForwardModel(simulated, min(settings.forward_cells))
     others = {} if peers is None else peers.FORWARD
@@ -63,10 +64,10 @@ class ForwardModel:
     def trial(
         self, line: str, cells: int, family: str, prepare: Callable[[str, int], Work],
         part: str = GROUP, is_peer: bool = False,
-    ) -> CostTrial:  # fmt: skip
+    ) -> Trial:  # fmt: skip
         """One of them as a trial."""
-        return CostTrial(
-            group=GROUP, part=part, line=line, family=family, size=cells,
+        return cost_trial(
+            GROUP, part, line, family, cells,
             prepare=partial(prepare, line, cells),
             score=partial(self._score, part, line, cells, family),
             peer=NUMPY, is_peer=is_peer, rests_on={"common": self.common},
@@ -76,7 +77,7 @@ class ForwardModel:
         """A peer's work."""
         return partial(other, *self.model(line, cells))
 
-    def _score(self, part: str, line: str, cells: int, family: str, value) -> CostScore:
+    def _score(self, part: str, line: str, cells: int, family: str, value) -> Row:
         value, is_gradient = np.asarray(value, float), part == GRADIENT
         reference = self.reference(line, cells, is_gradient)
         measures = {
@@ -85,7 +86,7 @@ class ForwardModel:
         }
         if not is_gradient and family in ("float64", "float32", NUMPY):
             measures["algebraic_error"] = relative(value, self.exact(line, cells))
-        return CostScore(measures)
+        return measures
 
     def _model(self, line: str, cells: int):
         """The operator, and the traction that it is applied to."""

@@ -22,7 +22,8 @@ from ..inverse.method import Method
 from ..inverse.simulated import noisy_problem
 from ._cost_forward import Simulated
 from ._cost_settings import TIGHT, CostSettings
-from ._cost_trials import CostScore, CostTrial, Work, failure_of, relative
+from ._cost_trials import cost_trial, failure_of, relative
+from .trials import Row, Trial, Work
 
 GROUP = "inversion"
 NUMPY, SCIPY = "numpy", "scipy cg"  # the peers to compare times with, of values alone
@@ -57,7 +58,7 @@ def trials(
     key: jax.Array,
     friction: float | None,
     peers: ModuleType | None,
-) -> Iterator[CostTrial]:
+) -> Iterator[Trial]:
     """Every way of every method, on every line, at every number of cells."""
     problems = Problems(simulated, key, friction, min(settings.inverse_cells))
     unknowns = 2 if friction is None else 1
@@ -137,10 +138,10 @@ class Inversions:
         self.line, self.cells = line, cells
         self.exact = lru_cache(self._exact)
 
-    def trial(self, way: Way) -> CostTrial:
+    def trial(self, way: Way) -> Trial:
         """One way as a trial."""
-        return CostTrial(
-            group=GROUP, part=self.part, line=self.line, family=way.family, size=self.cells,
+        return cost_trial(
+            GROUP, self.part, self.line, way.family, self.cells,
             prepare=lambda: way.prepare(*self._problem()), score=partial(self._score, way),
             peer=way.peer, is_peer=way.is_peer, rests_on={"smallest": self.problems.smallest},
         )  # fmt: skip
@@ -149,20 +150,20 @@ class Inversions:
         problem, _ = self.problems.of(self.line, self.cells)
         return problem, self.problems.fixed_prior(self.part, self.method, problem)
 
-    def _score(self, way: Way, given) -> CostScore:
+    def _score(self, way: Way, given) -> Row:
         """Against the truth, and against the exact solution with the same rule."""
         problem, truth = self.problems.of(self.line, self.cells)
         value = _value(given, problem.unknowns)
         exact, true = self.exact(way.rule), deviation(truth)
         errors = relative_error(value, truth)
-        measures = {"error": relative(value, true)}
+        measures: Row = {"error": relative(value, true)}
         measures |= {f"error_{c}": float(e) for c, e in zip(COMPONENTS, errors, strict=False)}
         if exact is not None:
             measures["algebraic_error"] = relative(value, exact)
         if way.is_peer:
-            return CostScore(measures)
-        measures["applications"] = _applications(given, problem.unknowns)
-        return CostScore(measures, failure_of(given.status))
+            return measures
+        applications = _applications(given, problem.unknowns)
+        return measures | {"applications": applications, "failure": failure_of(given.status)}
 
     def _exact(self, rule: str) -> np.ndarray | None:
         """The solution by an exact path; with fixed weights, where there is none, by conjugate

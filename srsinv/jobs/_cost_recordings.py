@@ -15,7 +15,8 @@ from ..inverse.estimate import COMPONENTS, Estimate, deviation, relative_error
 from ..inverse.method import Method
 from ..inverse.problem import Problem
 from ._cost_settings import CostSettings
-from ._cost_trials import CostScore, CostTrial, Work, failure_of, relative
+from ._cost_trials import cost_trial, failure_of, relative
+from .trials import Row, Trial, Work
 
 PART = "recordings"
 MISSING, NOISE = 0.03, 0.01  # of the samples; of the signal's rms over the scene
@@ -30,13 +31,13 @@ def trials(
     seed: int,
     friction: float | None,
     cell_m: float,
-) -> Iterator[CostTrial]:
+) -> Iterator[Trial]:
     """Every method as it is configured, at every number of samples, `cell_m` apart."""
     problem = lru_cache(1)(partial(_problem, scanned, seed, friction))
     for samples in sorted(settings.recording_samples):
         for name, method in methods.items():
-            yield CostTrial(
-                group=PART, part=PART, line="open", family=name.lower(), size=samples,
+            yield cost_trial(
+                PART, PART, "open", name.lower(), samples,
                 prepare=partial(_work, problem, samples, method),
                 score=partial(_score, scanned, samples), rests_on={"cell_m": cell_m},
             )  # fmt: skip
@@ -63,15 +64,15 @@ def _problem(scanned: ScanOf, seed: int, friction: float | None, samples: int) -
     return Problem(sim.sensor, motion, noisy, rms, friction=friction, window_m=window)
 
 
-def _score(scanned: ScanOf, samples: int, estimate: Estimate) -> CostScore:
+def _score(scanned: ScanOf, samples: int, estimate: Estimate) -> Row:
     """Against the truth on the estimate's cells, as deviations from the mean."""
     rows = 2 if estimate.parameters or getattr(estimate, "friction", None) is None else 1
     truth = np.asarray(scanned(samples).traction(estimate.line), float)[:rows]
     value = np.asarray(estimate.value, float)[:rows]
     errors = relative_error(value, truth)
-    measures = {
+    measures: Row = {
         "error": relative(deviation(value), deviation(truth)),
         "applications": 2.0 * estimate.stats.get("iterations", np.nan),
+        "failure": failure_of(estimate.status),
     }
-    measures |= {f"error_{c}": float(e) for c, e in zip(COMPONENTS, errors, strict=False)}
-    return CostScore(measures, failure_of(estimate.status))
+    return measures | {f"error_{c}": float(e) for c, e in zip(COMPONENTS, errors, strict=False)}

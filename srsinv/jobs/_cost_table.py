@@ -8,9 +8,9 @@ import xarray
 
 from ..report.data import dataset
 from ..report.text import quantity, sized
-from ._cost_runner import MeasuredTrials, places
 from ._cost_settings import CONVERGED_WITHIN
-from ._cost_trials import Row
+from ._cost_turns import sizes_of
+from .trials import Row, Trial
 
 # By their names: the unit, and whether each is a metric of every row.
 MEASURES = {
@@ -50,10 +50,9 @@ GOALS = {
 }
 
 
-def tables(all_of: MeasuredTrials, **facts: Any) -> xarray.Dataset:
+def tables(rows: Sequence[Row], left_out: Sequence[Trial], **facts: Any) -> xarray.Dataset:
     """Every row along `case`, what was left out along `left`, the fastest along `goal`."""
-    rows, left = all_of.rows, list(places(all_of.left_out))
-    best = list(fastest(rows))
+    left, best = list(sizes_of(left_out)), list(fastest(rows))
     names = ("part", "line", "family", "peer", "key", "failure")
     return dataset(
         {
@@ -77,16 +76,21 @@ def tables(all_of: MeasuredTrials, **facts: Any) -> xarray.Dataset:
 def _measures(rows: Sequence[Row]) -> dict[str, tuple[Any, ...]]:
     """(values, unit[, metric]) of each measure, NaN where a row has none; and the time over that of
     the peer at the same size."""
-    times = {_place(row, row["family"]): row.get("steady_call_s", np.nan) for row in rows}
+    times = {_place(row, row["family"]): _number(row, "steady_call_s") for row in rows}
     ratios = [
-        row.get("steady_call_s", np.nan) / times.get(_place(row, row["peer"]), np.nan)
-        for row in rows
+        _number(row, "steady_call_s") / times.get(_place(row, row["peer"]), np.nan) for row in rows
     ]
     measures: dict[str, tuple[Any, ...]] = {
-        name: ([row.get(name, np.nan) for row in rows], unit, *[f"{{key}}_{name}"] * is_metric)
+        name: ([_number(row, name) for row in rows], unit, *[f"{{key}}_{name}"] * is_metric)
         for name, (unit, is_metric) in MEASURES.items()
     }
     return measures | {"steady_call_s_over_peer": (ratios, "1")}
+
+
+def _number(row: Row, name: str) -> float:
+    """A measure of a row; NaN where it has none, or a file has something else in its place."""
+    value = row.get(name)
+    return float(value) if isinstance(value, int | float) else np.nan
 
 
 def _place(row: Row, family: str) -> tuple[Any, ...]:
@@ -98,7 +102,7 @@ def _words(
 ) -> dict[str, tuple[Any, ...]]:
     """Words of rows as labels along `dim`."""
     return {
-        f"{prefix}{name}": (dim, np.array([row[name] for row in rows], dtype=str), "1")
+        f"{prefix}{name}": (dim, np.array([row.get(name, "") for row in rows], dtype=str), "1")
         for name in names
     }
 
@@ -113,9 +117,8 @@ def fastest(rows: Sequence[Row]) -> Iterator[Row]:
             continue
         own = _at_common_size(own) if goal.is_at_one_size else own
         for within in goal.within:
-            near = [
-                row for row in own if not row["failure"] and row.get(goal.measure, np.nan) <= within
-            ]  # fmt: skip
+            answers = (row for row in own if not row.get("failure"))
+            near = [row for row in answers if _number(row, goal.measure) <= within]
             ours, peer = (_quickest(near, is_peer) for is_peer in (False, True))
             if not near:
                 continue

@@ -1,4 +1,4 @@
-"""Trials of a plan on a recording."""
+"""Recipes of a plan on a recording."""
 
 from collections.abc import Callable
 
@@ -10,21 +10,21 @@ from ..inverse.gridding.cells import sample_spacing_m
 from ..inverse.line.problem import LineProblem
 from ..inverse.problem import Problem
 from ..resolution import cell_m
-from ._plan_trials import (
+from ._plan_recipes import (
     SIGNAL,
     WIDEST,
     Methods,
+    Outcome,
     Recipe,
-    Trial,
-    Trials,
+    Recipes,
     inverted,
+    outcome_of,
     paths_of,
     spaced,
-    trial_of,
 )
 
 
-class RecordingTrials(Trials):
+class RecordingRecipes(Recipes):
     """Of a recording: what a method makes of it. `recorded` gives its problem, in the working
     precision."""
 
@@ -71,7 +71,7 @@ class RecordingTrials(Trials):
     def _gridded(self, recipe: Recipe) -> LineProblem:
         return self._problem(recipe.precision).to_grid(recipe.count * self._spacing_m)
 
-    def run(self, recipe: Recipe) -> Trial:
+    def run(self, recipe: Recipe) -> Outcome:
         self._problem(recipe.precision)  # read once, before the time counts
         one = inverted(self._methods, recipe, lambda: self._gridded(recipe))
-        return trial_of(recipe, one, self.points, self._quantity, (0.0, 0.0))
+        return outcome_of(recipe, one, self.points, self._quantity, (0.0, 0.0))

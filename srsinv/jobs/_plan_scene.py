@@ -1,4 +1,4 @@
-"""Trials of a plan on a simulated scene."""
+"""Recipes of a plan on a simulated scene."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from ..inverse.gridding.gathered import gathered
 from ..inverse.line.problem import LineProblem
 from ..inverse.simulated import noisy_problem
 from ..timing import timed
-from ._plan_trials import (
+from ._plan_recipes import (
     MOST_S,
     PERIODIC,
     REPEATS,
@@ -25,13 +25,13 @@ from ._plan_trials import (
     SIMULATED_ARRAYS,
     WIDEST,
     Methods,
+    Outcome,
     Recipe,
-    Trial,
-    Trials,
+    Recipes,
     inverted,
+    outcome_of,
     paths_of,
     spaced,
-    trial_of,
 )
 
 NEARLY_NONE_DB = 200.0  # signal over noise that is far below all that is compared
@@ -57,7 +57,7 @@ class Scenes(NamedTuple):
     methods: Methods
 
 
-class SceneTrials(Trials):
+class SceneRecipes(Recipes):
     """Of a simulated scene: its signal, or what a method makes of it."""
 
     def __init__(self, scenes: Scenes, quantity: str, method: str):
@@ -127,12 +127,12 @@ class SceneTrials(Trials):
         data = jnp.where(clean.is_observed, clean.data + as_real(drawn), 0.0)
         return eqx.tree_at(lambda p: (p.data, p.noise), clean, (data, as_real(power)))
 
-    def run(self, recipe: Recipe) -> Trial:
+    def run(self, recipe: Recipe) -> Outcome:
         given, first, steady = self._stage(recipe)
         if self._quantity == SIGNAL:
             full = self._stage(self.coarsest)[0]
             value, size = pair(full, given, self._scenes.key)[1].signal, given.fine.n
             memory = 8.0 * SIMULATED_ARRAYS * size * len(value)
-            return Trial(recipe, value, steady, 0.0, first, 0.0, size, memory)
+            return Outcome(recipe, value, steady, 0.0, first, 0.0, size, memory)
         one = inverted(self._scenes.methods, recipe, lambda: gathered(given, recipe.count))
-        return trial_of(recipe, one, self.points, self._quantity, (first, steady))
+        return outcome_of(recipe, one, self.points, self._quantity, (first, steady))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ._plan_trials import Recipe, Trial, Trials
+from ._plan_recipes import Outcome, Recipe, Recipes
 
 LEAST_ORDER, MOST_ORDER = 0.5, 2.0  # of convergence, with which a curve is continued
 PART_LEFT = 0.15  # of the error asked for, that the reference's cells and its refinement leave each
@@ -22,20 +22,20 @@ CURVES = {"count": "invert_s", "refinement": "simulate_s"}
 
 @dataclass(frozen=True)
 class Rung:
-    """A setting of one curve: the trial, and the `error` that is left by it [1]."""
+    """A setting of one curve: the outcome, and the `error` that is left by it [1]."""
 
-    trial: Trial
+    outcome: Outcome
     error: float
 
 
 def climb(
-    run: Callable[[Recipe], Trial],
+    run: Callable[[Recipe], Outcome],
     recipes: Sequence[Recipe],
     fineness: Sequence[float],
     wanted: float,
     *,
     ends_exactly: bool,
-    is_enough: Callable[[Trial], bool] = lambda trial: False,
+    is_enough: Callable[[Outcome], bool] = lambda outcome: False,
 ) -> list[Rung]:
     """The recipes from the coarsest on, two at least, until the error that the last one leaves is
     `wanted`, or it `is_enough`.
@@ -43,28 +43,28 @@ def climb(
     The error is the distance from the last value, and what a continuation with the observed order
     adds; none after the last recipe where the curve `ends_exactly`.
     """
-    trials: list[Trial] = []
+    outcomes: list[Outcome] = []
     left = math.inf
     for recipe in recipes:
-        trials.append(run(recipe))
-        left = _left(trials, fineness)
-        if ends_exactly and len(trials) == len(recipes):
+        outcomes.append(run(recipe))
+        left = _left(outcomes, fineness)
+        if ends_exactly and len(outcomes) == len(recipes):
             left = 0.0
-        if left <= wanted or (len(trials) > 1 and is_enough(trials[-1])):
+        if left <= wanted or (len(outcomes) > 1 and is_enough(outcomes[-1])):
             break
-    return [Rung(trial, trial.error_from(trials[-1]) + left) for trial in trials]
+    return [Rung(outcome, outcome.error_from(outcomes[-1]) + left) for outcome in outcomes]
 
 
-def _left(trials: Sequence[Trial], fineness: Sequence[float]) -> float:
-    """What the last trial of a curve leaves: infinite where it is the only one."""
-    if len(trials) < 2:
+def _left(outcomes: Sequence[Outcome], fineness: Sequence[float]) -> float:
+    """What the last outcome of a curve leaves: infinite where it is the only one."""
+    if len(outcomes) < 2:
         return math.inf
-    ratio, last = fineness[len(trials) - 1] / fineness[len(trials) - 2], trials[-1]
-    step = trials[-2].error_from(last)
+    ratio, last = fineness[len(outcomes) - 1] / fineness[len(outcomes) - 2], outcomes[-1]
+    step = outcomes[-2].error_from(last)
     order = 1.0
-    if len(trials) > 2 and step > 0:
-        before = fineness[len(trials) - 2] / fineness[len(trials) - 3]
-        fall = trials[-3].error_from(last) / step
+    if len(outcomes) > 2 and step > 0:
+        before = fineness[len(outcomes) - 2] / fineness[len(outcomes) - 3]
+        fall = outcomes[-3].error_from(last) / step
         # Of an error that falls as a power: (before^p ratio^p - 1) / (ratio^p - 1).
         orders = np.linspace(LEAST_ORDER, MOST_ORDER, 31)
         falls = ((before * ratio) ** orders - 1) / (ratio**orders - 1)
@@ -85,83 +85,85 @@ class Option:
 
 @dataclass(frozen=True)
 class Plan:
-    """The trial chosen, and the `error` that it leaves, predicted; `trials`: all that were made.
+    """The outcome chosen, and the `error` that it leaves, predicted; `outcomes`: all there are.
 
-    Errors are measured from the trial `beside`, whose settings are the most exact ones on cells
+    Errors are measured from the outcome `beside`, whose settings are the most exact ones on cells
     that are fine enough, and which itself leaves the error `left`; `of_curves` are those of the
     curves of ever finer cells.
     """
 
-    trial: Trial
+    outcome: Outcome
     error: float
-    beside: Trial
+    beside: Outcome
     left: float
-    trials: tuple[Trial, ...]
+    outcomes: tuple[Outcome, ...]
     of_curves: Mapping[Recipe, float]
 
-    def error_of(self, trial: Trial) -> float:
-        """The error that a trial leaves: along its curve where it is one of them."""
-        beside = self.left + trial.error_from(self.beside)
-        return min(beside, self.of_curves.get(trial.recipe, math.inf))
+    def error_of(self, outcome: Outcome) -> float:
+        """The error that an outcome leaves: along its curve where it is one of them."""
+        beside = self.left + outcome.error_from(self.beside)
+        return min(beside, self.of_curves.get(outcome.recipe, math.inf))
 
 
-def search(trials: Trials, error: float | None, budget_s: float | None) -> Plan:
+def search(recipes: Recipes, error: float | None, budget_s: float | None) -> Plan:
     """The quickest recipe within `error`, or the most exact one within `budget_s` [s]; where both
     are given, the quickest within the error."""
     wanted = error * PART_LEFT if error is not None else 0.0
     limit = budget_s if error is None and budget_s is not None else math.inf
-    at, left, curves, of_curves = trials.coarsest, 0.0, {}, {}
+    at, left, curves, of_curves = recipes.coarsest, 0.0, {}, {}
     for name, stage in CURVES.items():
-        levels = trials.levels(name)
+        levels = recipes.levels(name)
         if not levels:
             continue
         curve = climb(
-            trials, [at.with_(**{name: level}) for level in levels], trials.fineness(name), wanted,
-            ends_exactly=name == "count" and levels[-1] == 1,
-            is_enough=lambda trial, stage=stage: getattr(trial, stage) > limit,
+            recipes, [at.with_(**{name: level}) for level in levels], recipes.fineness(name),
+            wanted, ends_exactly=name == "count" and levels[-1] == 1,
+            is_enough=lambda outcome, stage=stage: getattr(outcome, stage) > limit,
         )  # fmt: skip
-        of_curves |= {each.trial.recipe: left + each.error for each in curve}
+        of_curves |= {each.outcome.recipe: left + each.error for each in curve}
         step = next((s for s in curve if s.error <= wanted), curve[-1])
-        at, left, curves[name] = step.trial.recipe, left + step.error, (curve, step)
-    beside = trials(at)
-    options = [*_along(curves), *_others(trials, beside, error or left)]
+        at, left, curves[name] = step.outcome.recipe, left + step.error, (curve, step)
+    beside = recipes(at)
+    options = [*_along(curves), *_others(recipes, beside, error or left)]
     tried, good = [(beside, left)], 0
     for recipe in _predicted_best(beside, left, options, error, limit):
-        trial = trials(recipe)
-        tried.append((trial, left + trial.error_from(beside)))
-        good += tried[-1][1] <= MARGIN * error if error is not None else trial.seconds <= limit
+        outcome = recipes(recipe)
+        tried.append((outcome, left + outcome.error_from(beside)))
+        good += tried[-1][1] <= MARGIN * error if error is not None else outcome.seconds <= limit
         if good == ENOUGH:
             break
-    trial, total = _best(tried, error, limit)
-    return Plan(trial, total, beside, left, trials.done, of_curves)
+    outcome, total = _best(tried, error, limit)
+    return Plan(outcome, total, beside, left, recipes.done, of_curves)
 
 
 def _along(curves: dict[str, tuple[list[Rung], Rung]]) -> Iterator[Option]:
     """What is coarser than the step that was taken of each curve."""
     for name, (curve, taken) in curves.items():
         for step in curve[: curve.index(taken)]:
-            value = getattr(step.trial.recipe, name)
-            yield Option(name, value, step.error - taken.error, _factors(step.trial, taken.trial))
+            value = getattr(step.outcome.recipe, name)
+            yield Option(
+                name, value, step.error - taken.error, _factors(step.outcome, taken.outcome)
+            )
 
 
-def _others(trials: Trials, beside: Trial, error: float) -> Iterator[Option]:
+def _others(recipes: Recipes, beside: Outcome, error: float) -> Iterator[Option]:
     """What may be quicker by another setting."""
-    for name, recipes in trials.alternatives(beside.recipe, error).items():
-        for recipe in recipes:
-            trial = trials(recipe)
-            away = trial.error_from(beside)
+    for name, others in recipes.alternatives(beside.recipe, error).items():
+        for recipe in others:
+            outcome = recipes(recipe)
+            away = outcome.error_from(beside)
             if math.isfinite(away):
-                yield Option(name, getattr(recipe, name), away, _factors(trial, beside))
+                yield Option(name, getattr(recipe, name), away, _factors(outcome, beside))
 
 
-def _factors(trial: Trial, beside: Trial) -> tuple[float, float]:
-    stages = (trial.simulate_s, beside.simulate_s), (trial.invert_s, beside.invert_s)
+def _factors(outcome: Outcome, beside: Outcome) -> tuple[float, float]:
+    stages = (outcome.simulate_s, beside.simulate_s), (outcome.invert_s, beside.invert_s)
     simulate, invert = (one / other if other > 0 else 1.0 for one, other in stages)
     return simulate, invert
 
 
 def _predicted_best(
-    beside: Trial,
+    beside: Outcome,
     left: float,
     options: Sequence[Option],
     error: float | None,
@@ -188,8 +190,8 @@ def _predicted_best(
 
 
 def _best(
-    tried: Sequence[tuple[Trial, float]], error: float | None, limit_s: float
-) -> tuple[Trial, float]:
+    tried: Sequence[tuple[Outcome, float]], error: float | None, limit_s: float
+) -> tuple[Outcome, float]:
     """Of those tried the quickest within the error, or the most exact within the time; where there
     is none, the one that comes nearest."""
     if error is None:

@@ -14,7 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .. import config
+from .. import __version__, config
 from ..forward.simulation import Simulation
 from ..namespaces import benchmark
 from ..report.result import Result
@@ -28,11 +28,11 @@ from . import (
     _cost_recordings,
 )
 from ._cost_plots import effect_costs, fit_counts
-from ._cost_rows import RowFile
-from ._cost_runner import run as run_trials
 from ._cost_settings import CONVERGED_WITHIN, TIGHT, CostSettings
 from ._cost_table import tables, title
-from ._cost_trials import CostTrial
+from ._cost_trials import FAILURES
+from ._cost_turns import measure_in_turns
+from .trials import Rows, Timing, Trial
 
 # Of the configuration, what no row depends on; and what only its own trials do.
 _APART = {"job", "section", "hydra", "accuracy_cost", "experiment", "compilation_cache"}
@@ -48,11 +48,13 @@ def run(cfg: config.Config) -> Result:
         _simulated(cfg, "periodic", min(settings.forward_cells))  # refuses a scene that is none
         parts = _parts(cfg, settings, peers)
         trials = [trial for name in settings.parts for trial in parts[name]()]
-        known = RowFile(settings.rows, _rests_on(cfg, settings))
-        how = settings.repeats, known, settings.budget_s, settings.is_fresh
-        done = run_trials(trials, *how)
+        timing = Timing(settings.repeats, settings.is_fresh, FAILURES)
+        rows = Rows(timing, settings.rows, "accuracy_cost.rows", _rests_on(cfg, settings))
+        budget_s = np.inf if settings.budget_s is None else settings.budget_s
+        done, left_out = measure_in_turns(trials, rows, budget_s)
     data = tables(
         done,
+        left_out,
         **_facts(settings, peers is not None),
         noise=", ".join(cfg["noise"]) or "no",
         seed=cfg["seed"],
@@ -64,24 +66,24 @@ def run(cfg: config.Config) -> Result:
 
 def _parts(
     whole: config.Config, settings: CostSettings, peers: ModuleType | None
-) -> dict[str, Callable[[], Iterable[CostTrial]]]:
+) -> dict[str, Callable[[], Iterable[Trial]]]:
     """What makes the trials of each part of a whole configuration, by the part's name."""
     simulated = partial(_simulated, whole)
 
-    def effects() -> Iterable[CostTrial]:
+    def effects() -> Iterable[Trial]:
         named, line = list(config.part(whole, "effects")), whole["grid"]["line"]
         of = partial(_with_effects, whole, settings.effects)
         return _cost_effects.trials(of, settings, named, line, config.random_key(whole))
 
-    def inversions() -> Iterable[CostTrial]:
+    def inversions() -> Iterable[Trial]:
         given = config.methods(whole), config.random_key(whole), config.friction(whole)
         return _cost_inversion.trials(simulated, settings, *given, peers)
 
-    def fits() -> Iterable[CostTrial]:
+    def fits() -> Iterable[Trial]:
         given = config.sensor(whole), config.scan(whole), config.seed(whole)
         return _cost_fit.trials(settings, *given, peers)
 
-    def recordings() -> Iterable[CostTrial]:
+    def recordings() -> Iterable[Trial]:
         cell_m = whole["grid"]["length_m"] / whole["grid"]["cells"]
         given = config.methods(whole), config.seed(whole), config.friction(whole), cell_m
         return _cost_recordings.trials(lru_cache(1)(partial(_scanned, whole)), settings, *given)
@@ -125,7 +127,7 @@ def _rests_on(whole: config.Config, settings: CostSettings) -> dict[str, Any]:
     rest = {name: each for name, each in whole.items() if name not in _APART}
     fit = settings.fit.samples, settings.fit.snr_dB
     how = settings.repeats, settings.is_fresh, platform.node()  # times are those of one machine
-    return {**rest, "grid": grid, "how": how, "fit": fit}
+    return {**rest, "version": __version__, "grid": grid, "how": how, "fit": fit}
 
 
 def _facts(settings: CostSettings, has_peers: bool) -> dict[str, Any]:

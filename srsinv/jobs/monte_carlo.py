@@ -1,8 +1,8 @@
-"""The Monte Carlo runner: every method's answer to every problem that was drawn, with its time."""
+"""Every method's answer to every problem that was drawn, with its time, as trials."""
 
-import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TypeVar
+from functools import partial
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -15,9 +15,9 @@ from ..inverse.features.method import FeatureFit
 from ..inverse.line.problem import LineProblem
 from ..inverse.method import Method
 from ..inverse.nonlinear import Solver
-from ..progress import steps
 from ..report.text import unit_of, without_unit
 from .estimates import Answers, Variables
+from .trials import Row, Rows, Trial
 
 FEATURE_FIT = "Feature fit"
 Problem = TypeVar("Problem")
@@ -32,18 +32,20 @@ def simulate_and_fit(
     """Every method on every problem; `shape` of the array of problems, None for a row of them."""
     answers, times = {}, []
     for name, method in methods.items():
-        own, own_times = [], []
-        with steps(f"{name}, {len(problems)} times", problems) as each:
-            for problem in each:
-                start = time.perf_counter()
-                answer = method(problem)
-                own_times.append(time.perf_counter() - start)
-                own.append(answer)
-        answers[name] = tuple(own)
-        times.append(own_times)
+        trials = [
+            Trial({"method": name, "problem": i}, partial(partial, method, problem), _answer)
+            for i, problem in enumerate(problems)
+        ]
+        rows = Rows().of_all(trials, f"{name}, {len(problems)} times")
+        answers[name] = tuple(row["answer"] for row in rows)
+        times.append([row["first_call_s"] for row in rows])
     first, *further = np.array(times).T
     steady = np.median(further or [first], axis=0)
     return Answers(answers, first, steady, (len(problems),) if shape is None else shape)
+
+
+def _answer(answer: Any) -> Row:
+    return {"answer": answer}
 
 
 def inversions(

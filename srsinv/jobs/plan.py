@@ -26,10 +26,10 @@ from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity as in_words
 from ..report.text import significant
-from ._plan_recording import RecordingTrials
-from ._plan_scene import Scenes, SceneTrials
+from ._plan_recipes import QUANTITIES, SIGNAL, Outcome, Recipe, Recipes
+from ._plan_recording import RecordingRecipes
+from ._plan_scene import SceneRecipes, Scenes
 from ._plan_search import Plan, search
-from ._plan_trials import QUANTITIES, SIGNAL, Recipe, Trial, Trials
 
 MOST_LISTED = 4  # effects: of more it is said which are off
 AROUND = 1.3  # a margin around what is drawn, as a factor
@@ -95,22 +95,22 @@ def run(cfg: config.Config) -> Result:
                 lambda r, t: config.screened(with_(r, tolerance=t))[1],
                 lambda: config.methods(cfg),
             )  # fmt: skip
-            make = partial(SceneTrials, given)
+            make = partial(SceneRecipes, given)
         else:
             recorded = partial(config.recorded_problem, cfg, config.recording(cfg))
-            make = partial(RecordingTrials, recorded, partial(config.methods, cfg))
+            make = partial(RecordingRecipes, recorded, partial(config.methods, cfg))
         names = [""] if wanted == SIGNAL else list(config.methods(cfg))
         ways = map(partial(make, wanted), names)
         tried = [(one, search(one, asked.error, asked.budget_s)) for one in ways]
-        trials, plan = min(tried, key=lambda each: _rank(each[1], asked))
+        recipes, plan = min(tried, key=lambda each: _rank(each[1], asked))
         spent_s = time.perf_counter() - start
         measured = None
         if asked.runs:
             with stage("the converged answer"):
-                converged = trials(trials.finer(plan.beside.recipe, FINER))
+                converged = recipes(recipes.finer(plan.beside.recipe, FINER))
             with stage("the planned answer"):
-                measured = Measured(trials.run(plan.trial.recipe), converged)
-    data = _dataset([each for _, each in tried], plan, measured, trials, asked)
+                measured = Measured(recipes.run(plan.outcome.recipe), converged)
+    data = _dataset([each for _, each in tried], plan, measured, recipes, asked)
     data = data.assign(dataset(scalars({"plan_planning_time_s": spent_s}), {}))
     title = _title(plan, asked)
     return Result(title, data, sections("plan", tradeoff=tradeoff, answers=answers))
@@ -119,7 +119,7 @@ def run(cfg: config.Config) -> Result:
 def _rank(plan: Plan, asked: Asked) -> tuple[float, ...]:
     """The least is best: what is asked for first, then what the noise leaves, where that is more,
     then the quickest, or the most exact."""
-    seconds, floor = plan.trial.seconds, plan.trial.floor
+    seconds, floor = plan.outcome.seconds, plan.outcome.floor
     if asked.error is not None:
         return max(plan.error, asked.error), max(floor, asked.error), seconds
     return max(seconds, asked.budget_s or 0.0), max(floor, plan.error), plan.error
@@ -129,42 +129,42 @@ def _rank(plan: Plan, asked: Asked) -> tuple[float, ...]:
 class Measured:
     """The planned answer, computed again, and the converged one."""
 
-    planned: Trial
-    converged: Trial
+    planned: Outcome
+    converged: Outcome
 
 
 def _dataset(
-    plans: Sequence[Plan], plan: Plan, measured: Measured | None, trials: Trials, asked: Asked
+    plans: Sequence[Plan], plan: Plan, measured: Measured | None, recipes: Recipes, asked: Asked
 ) -> xarray.Dataset:
-    """Every trial, the numbers of the plan, and its answer beside the converged one."""
-    rows = [(trial, of) for of in plans for trial in of.trials]
-    each = [trial for trial, _ in rows]
+    """Every outcome, the numbers of the plan, and its answer beside the converged one."""
+    rows = [(outcome, of) for of in plans for outcome in of.outcomes]
+    each = [outcome for outcome, _ in rows]
     variables: Variables = {
-        "error": ("trial", [of.error_of(trial) for trial, of in rows], "1"),
-        "steady_call_s": ("trial", [trial.seconds for trial in each], "s"),
-        "simulate_time_s": ("trial", [trial.simulate_s for trial in each], "s"),
-        "invert_time_s": ("trial", [trial.invert_s for trial in each], "s"),
-        "first_call_s": ("trial", [trial.first_s for trial in each], "s"),
-        "memory": ("trial", [trial.memory_bytes for trial in each], "B"),
-        "is_chosen": ("trial", [int(trial is plan.trial) for trial in each], "1"),
-        "changed": ("trial", [_changed(trial, of) for trial, of in rows], "1"),
+        "error": ("trial", [of.error_of(outcome) for outcome, of in rows], "1"),
+        "steady_call_s": ("trial", [outcome.seconds for outcome in each], "s"),
+        "simulate_time_s": ("trial", [outcome.simulate_s for outcome in each], "s"),
+        "invert_time_s": ("trial", [outcome.invert_s for outcome in each], "s"),
+        "first_call_s": ("trial", [outcome.first_s for outcome in each], "s"),
+        "memory": ("trial", [outcome.memory_bytes for outcome in each], "B"),
+        "is_chosen": ("trial", [int(outcome is plan.outcome) for outcome in each], "1"),
+        "changed": ("trial", [_changed(outcome, of) for outcome, of in rows], "1"),
         **{
-            name: ("trial", [_word(trial, name, of) for trial, of in rows], "1")
+            name: ("trial", [_word(outcome, name, of) for outcome, of in rows], "1")
             for name in SETTINGS
         },
     }
     coordinates: Variables = {"trial": (np.arange(len(rows)), "1")}
     if measured is not None:
         along = "row", "point"
-        variables["planned"] = along, measured.planned.value, trials.unit
-        variables["converged"] = along, measured.converged.value, trials.unit
-        coordinates |= {"row": (list(trials.rows), "1"), "point": (trials.points, trials.along)}
+        variables["planned"] = along, measured.planned.value, recipes.unit
+        variables["converged"] = along, measured.converged.value, recipes.unit
+        coordinates |= {"row": (list(recipes.rows), "1"), "point": (recipes.points, recipes.along)}
     numbers = scalars(_numbers(plan, measured, asked))
     return dataset(variables | numbers, coordinates, quantity=asked.quantity)
 
 
 def _numbers(plan: Plan, measured: Measured | None, asked: Asked) -> dict[str, Any]:
-    one, error, budget_s = plan.trial, asked.error, asked.budget_s
+    one, error, budget_s = plan.outcome, asked.error, asked.budget_s
     return {
         "plan_error_asked": error,
         "plan_budget_s_asked": budget_s,
@@ -181,16 +181,16 @@ def _numbers(plan: Plan, measured: Measured | None, asked: Asked) -> dict[str, A
     }
 
 
-def _changed(trial: Trial, plan: Plan) -> str:
-    """The settings in which a trial differs from the one that errors are measured from."""
-    both = ((name, _word(trial, name, plan), _word(plan.beside, name, plan)) for name in SETTINGS)
+def _changed(outcome: Outcome, plan: Plan) -> str:
+    """The settings in which an outcome differs from the one that errors are measured from."""
+    both = ((name, _word(outcome, name, plan), _word(plan.beside, name, plan)) for name in SETTINGS)
     return ", ".join(name for name, own, other in both if own != other) or "reference"
 
 
-def _word(trial: Trial, name: str, plan: Plan) -> str:
+def _word(outcome: Outcome, name: str, plan: Plan) -> str:
     if name == "cells":
-        return str(trial.cells)
-    value = getattr(trial.recipe, name)
+        return str(outcome.cells)
+    value = getattr(outcome.recipe, name)
     if name != "effects" or value is None:
         return str(value or "")
     off = [each for each in plan.beside.recipe.effects or () if each not in value]
@@ -201,23 +201,23 @@ def _word(trial: Trial, name: str, plan: Plan) -> str:
 
 def _title(plan: Plan, asked: Asked) -> str:
     quantity, error, budget_s = asked.quantity, asked.error, asked.budget_s
-    trial, predicted = plan.trial, f"{significant(100 * plan.error, 2)} %"
-    seconds = in_words(trial.seconds, "s")
-    what = f"{quantity} on {trial.cells} cells"
+    outcome, predicted = plan.outcome, f"{significant(100 * plan.error, 2)} %"
+    seconds = in_words(outcome.seconds, "s")
+    what = f"{quantity} on {outcome.cells} cells"
     if error is not None and plan.error > error:
         return f"Not reached: {what} leaves an error of {predicted}, and none of the ways less"
-    if error is not None and trial.floor > error:
+    if error is not None and outcome.floor > error:
         return (
-            f"Not in the data: floor {significant(100 * trial.floor, 2)} %; {what} adds a "
+            f"Not in the data: floor {significant(100 * outcome.floor, 2)} %; {what} adds a "
             f"numerical error of {predicted}, in {seconds}"
         )
-    if budget_s is not None and trial.seconds > budget_s:
+    if budget_s is not None and outcome.seconds > budget_s:
         return f"Not within {in_words(budget_s, 's')}: {what} takes {seconds}, for {predicted}"
     return f"{what[0].upper()}{what[1:]} within {predicted} in {seconds}"
 
 
 def tradeoff(ds: xarray.Dataset) -> Figure:
-    """Error against time of every trial, with the one chosen and what was asked for."""
+    """Error against time of every outcome, with the one chosen and what was asked for."""
     curves = [
         Curve(own["error"].values, str(changed), own["steady_call_s"].values,
               look={"marker": "o", "linestyle": "none"})

@@ -15,9 +15,9 @@ from typing import Any
 import jax
 
 from srsinv import config
-from srsinv.jobs._plan_scene import Scenes, SceneTrials
+from srsinv.jobs._plan_recipes import Outcome, Recipe
+from srsinv.jobs._plan_scene import SceneRecipes, Scenes
 from srsinv.jobs._plan_search import Plan, search
-from srsinv.jobs._plan_trials import Recipe, Trial
 from srsinv.parts import merged, varied
 from tests.jobs.run import composed
 
@@ -39,8 +39,8 @@ def scenes() -> dict[str, dict[str, Any]]:
     }
 
 
-def trials_of(cfg: dict[str, Any]) -> SceneTrials:
-    """Trials of one scene, as experiment=plan makes them."""
+def recipes_of(cfg: dict[str, Any]) -> SceneRecipes:
+    """Recipes of one scene, as experiment=plan makes them."""
 
     def with_(r: Recipe, **changed: float) -> dict[str, Any]:
         some = config.select_effects(cfg, r.effects or ())
@@ -51,18 +51,18 @@ def trials_of(cfg: dict[str, Any]) -> SceneTrials:
         config.friction(cfg), lambda r: config.simulation(with_(r)),
         lambda r, t: config.screened(with_(r, tolerance=t))[1], lambda: config.methods(cfg),
     )  # fmt: skip
-    return SceneTrials(given, QUANTITY, METHOD)
+    return SceneRecipes(given, QUANTITY, METHOD)
 
 
-def quickest(trials: SceneTrials, plan: Plan, reference: Trial, error: float) -> Trial | None:
+def quickest(recipes: SceneRecipes, plan: Plan, reference: Outcome, error: float) -> Outcome | None:
     """Of all combinations, the quickest whose error is at most `error`."""
     beside = plan.beside.recipe
-    subsets = {beside.effects, *(trials.called_for(beside, each) for each in TOLERANCES)}
+    subsets = {beside.effects, *(recipes.called_for(beside, each) for each in TOLERANCES)}
     settings = itertools.product(
-        trials.counts, trials.refinements[:REFINEMENTS], subsets, ("float64", "float32")
+        recipes.counts, recipes.refinements[:REFINEMENTS], subsets, ("float64", "float32")
     )
     tried = (
-        trials(beside.with_(count=count, refinement=refinement, effects=on, precision=precision))
+        recipes(beside.with_(count=count, refinement=refinement, effects=on, precision=precision))
         for count, refinement, on, precision in settings
     )
     within = (each for each in tried if each.error_from(reference) <= error)
@@ -71,17 +71,17 @@ def quickest(trials: SceneTrials, plan: Plan, reference: Trial, error: float) ->
 
 def study(cfg: dict[str, Any], error: float) -> dict[str, Any]:
     """One scene at one tolerance."""
-    trials = trials_of(cfg)
-    plan = search(trials, error, None)
-    reference = trials(trials.finer(plan.beside.recipe, FINER))
-    best = quickest(trials, plan, reference, error)
+    recipes = recipes_of(cfg)
+    plan = search(recipes, error, None)
+    reference = recipes(recipes.finer(plan.beside.recipe, FINER))
+    best = quickest(recipes, plan, reference, error)
     # Both again, one after the other: the machine may have been busier with one of them.
-    ours, other = trials.run(plan.trial.recipe), best and trials.run(best.recipe)
+    ours, other = recipes.run(plan.outcome.recipe), best and recipes.run(best.recipe)
     return {
         "error_predicted": plan.error,
         "error_found": ours.error_from(reference),
-        "floor": plan.trial.floor,
-        "time_s_predicted": plan.trial.seconds,
+        "floor": plan.outcome.floor,
+        "time_s_predicted": plan.outcome.seconds,
         "time_s_found": ours.seconds,
         "time_s_quickest": other and other.seconds,
     }

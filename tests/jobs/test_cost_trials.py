@@ -7,25 +7,30 @@ import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
-from srsinv.jobs._cost_rows import RowFile
-from srsinv.jobs._cost_runner import run as run_trials
 from srsinv.jobs._cost_table import tables
-from srsinv.jobs._cost_trials import CostScore, CostTrial
+from srsinv.jobs._cost_trials import FAILURES, cost_trial
+from srsinv.jobs._cost_turns import measure_in_turns
+from srsinv.jobs.trials import Rows, Timing, Trial
 from srsinv.memory import weighed
 from srsinv.report import plot
 
 SIZES = (16, 64, 256)
 
 
-def trial(family: str, size: int, work=lambda: 2.0, group: str = "forward", **more) -> CostTrial:
+def rows_of(path=None, seed: int = 0) -> Rows:
+    """Rows in a file, or in memory alone."""
+    path = None if path is None else str(path)
+    return Rows(Timing(1, failures=FAILURES), path, "rows", {"seed": seed})
+
+
+def trial(family: str, size: int, work=lambda: 2.0, group: str = "forward") -> Trial:
     """A trial that costs nothing; its error falls as the size grows."""
-    return CostTrial(
-        group=group, part=group, line="open", family=family, size=size, prepare=lambda: work,
-        score=lambda value: CostScore({"error": value / size}), **more,
-    )  # fmt: skip
+    return cost_trial(
+        group, group, "open", family, size, lambda: work, lambda value: {"error": value / size}
+    )
 
 
-def some_trials() -> list[CostTrial]:
+def some_trials() -> list[Trial]:
     """Two families of one group, one of another."""
     first = [trial(family, size) for family in ("one", "other") for size in SIZES]
     return first + [trial("third", size, group="contact") for size in SIZES]
@@ -37,25 +42,29 @@ def refusing():
 
 def test_all_trials_are_measured_and_stay_in_order():
     trials = some_trials()
-    rows = run_trials(trials, 2, RowFile(None, {})).rows
-    assert [row["key"] for row in rows] == [each.key for each in trials]
-    assert all(row["failure"] == "" and row["steady_call_s"] > 0 for row in rows)
-    assert [row["error"] for row in rows] == [2.0 / each.size for each in trials]
+    rows, _ = measure_in_turns(trials, rows_of())
+    assert [row["key"] for row in rows] == [each.labels["key"] for each in trials]
+    assert all("failure" not in row and row["steady_call_s"] > 0 for row in rows)
+    assert [row["error"] for row in rows] == [2.0 / each.labels["size"] for each in trials]
 
 
 def test_without_time_all_is_left_out():
-    done = run_trials(some_trials(), 1, RowFile(None, {}), budget_s=0.0)
-    assert not done.rows
-    ds = tables(done)
+    rows, left_out = measure_in_turns(some_trials(), rows_of(), 0.0)
+    assert not rows
+    ds = tables(rows, left_out)
     assert ds.sizes["left"] == 3
     assert set(ds["left_sizes"].values) == {"16, 64, 256"}
 
 
 def test_a_trial_that_fails_is_a_row_and_the_next_one_follows():
     trials = [trial("bad", 16, refusing), trial("good", 16), trial("good", 64)]
-    done = run_trials(trials, 1, RowFile(None, {}))
-    assert [row["failure"] for row in done.rows] == ["The cells are too many: take fewer.", "", ""]
-    (axes,) = plot.cost(tables(done), failure="failure").axes
+    rows, _ = measure_in_turns(trials, rows_of())
+    assert [row.get("failure", "") for row in rows] == [
+        "The cells are too many: take fewer.",
+        "",
+        "",
+    ]
+    (axes,) = plot.cost(tables(rows, []), failure="failure").axes
     assert [line.get_marker() for line in axes.lines].count("x") == 1
 
 
@@ -65,20 +74,20 @@ def test_a_further_run_measures_what_is_missing_of_a_file_that_was_cut_short(tmp
     def counted(size):
         return trial("one", size, lambda: calls.append(size) or 1.0)
 
-    run_trials([counted(size) for size in SIZES[:2]], 1, RowFile(str(path), {"seed": 0}))
+    measure_in_turns([counted(size) for size in SIZES[:2]], rows_of(path))
     whole = path.read_bytes()
     path.write_bytes(whole[:-20])
     calls.clear()
     trials = [counted(size) for size in SIZES]
-    done = run_trials(trials, 1, RowFile(str(path), {"seed": 0}))
+    rows, _ = measure_in_turns(trials, rows_of(path))
     assert set(calls) == set(SIZES[1:])
-    assert [row["size"] for row in done.rows] == list(SIZES)
+    assert [row["size"] for row in rows] == list(SIZES)
     assert path.read_bytes().startswith(whole[:-20])  # a file is only ever added to
     calls.clear()
-    again = run_trials(trials, 1, RowFile(str(path), {"seed": 0}))
+    again, _ = measure_in_turns(trials, rows_of(path))
     assert not calls
-    assert again.rows[0]["steady_call_s"] == done.rows[0]["steady_call_s"]
-    run_trials(trials[:1], 1, RowFile(str(path), {"seed": 1}))
+    assert again[0]["steady_call_s"] == rows[0]["steady_call_s"]
+    measure_in_turns(trials[:1], rows_of(path, seed=1))
     assert set(calls) == {SIZES[0]}
 
 
@@ -89,6 +98,7 @@ def test_a_further_run_measures_what_is_missing_of_a_file_that_was_cut_short(tmp
         '{"identity": 1}\n',
         '{"identity": "a", "row": []}\n',
         '{"identity": "a", "row": {"failure": ""}}\n',
+        '{"identity": "a", "row": {"trial_s": 1, "first_call_s": "long"}}\n',
         "[" * 5000 + "\n",
         "time,value",
         '{"a": 1}',
@@ -103,38 +113,40 @@ def test_a_file_of_something_else_is_refused_and_stays(tmp_path, content):
     path = tmp_path / "table.csv"
     path.write_text(content)
     with pytest.raises(BadInput, match="line 1"):
-        RowFile(str(path), {})
+        rows_of(path)
     assert path.read_text() == content
 
 
 def test_a_file_that_cannot_be_written_is_refused(tmp_path):
     path = tmp_path / "rows.jsonl"
-    run_trials(some_trials()[:1], 1, RowFile(str(path), {}))
+    measure_in_turns(some_trials()[:1], rows_of(path))
     os.link(path, tmp_path / "copy")
     (tmp_path / "link").symlink_to("mine")
     os.mkfifo(tmp_path / "pipe")
     for name in ("", "absent/rows.jsonl", "link", "pipe", "copy"):
         with pytest.raises(BadInput):
-            RowFile(str(tmp_path / name), {})
+            rows_of(tmp_path / name)
     assert sorted(os.listdir(tmp_path)) == ["copy", "link", "pipe", "rows.jsonl"]
 
 
 def test_a_file_that_comes_meanwhile_stays(tmp_path):
     path = tmp_path / "rows.jsonl"
-    rows = RowFile(str(path), {})
+    rows = rows_of(path)
     assert not path.exists()
     path.write_text("mine")
     with pytest.raises(BadInput):
-        run_trials(some_trials()[:1], 1, rows)
+        measure_in_turns(some_trials()[:1], rows)
     assert path.read_text() == "mine"
 
 
 def test_rows_are_numbers_and_words_of_json(tmp_path):
     path = tmp_path / "rows.jsonl"
-    run_trials([trial("one", 16, lambda: np.nan)], 1, RowFile(str(path), {}))
+    measure_in_turns([trial("one", 16, lambda: np.nan)], rows_of(path))
     row = json.loads(path.read_text())["row"]
     assert row["error"] is None
-    assert np.isnan(RowFile(str(path), {}).row(trial("one", 16))["error"])
+    known = rows_of(path).known(trial("one", 16))
+    assert known is not None
+    assert np.isnan(known["error"])
 
 
 def test_memory_is_what_a_call_touches():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
+from srsinv.jobs._plan_recipes import Outcome, Recipe, Recipes
 from srsinv.jobs._plan_search import climb, search
-from srsinv.jobs._plan_trials import Recipe, Trial, Trials
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
@@ -19,7 +19,7 @@ PATHS = {"auto": 1.0, "iterative": 0.5}
 test_nothing_has_moved = golden_test(FORMS)
 
 
-class KnownTrials(Trials):
+class KnownRecipes(Recipes):
     """Each setting moves the value along an axis of its own, by an error that is a power of the
     cells; seconds are known, too."""
 
@@ -42,7 +42,7 @@ class KnownTrials(Trials):
         simulate = EFFECTS[recipe.effects][1] * (1 + recipe.refinement)
         invert = PATHS[recipe.path] * (1 + cells / 100)
         seconds = [PRECISIONS[recipe.precision][1] * each for each in (simulate, invert)]
-        return Trial(recipe, np.array([[1.0, *away]]), *seconds, 1.0, 1e-3, cells, 1e6)
+        return Outcome(recipe, np.array([[1.0, *away]]), *seconds, 1.0, 1e-3, cells, 1e6)
 
     def alternatives(self, recipe, error):
         del error
@@ -60,50 +60,50 @@ class KnownTrials(Trials):
         names = ("count", "refinement", "effects", "precision", "path")
         return [self.coarsest.with_(**dict(zip(names, each, strict=True))) for each in settings]
 
-    def error(self, trial):
+    def error(self, outcome):
         """The distance from the exact answer."""
-        return float(np.linalg.norm(trial.value[0, 1:]))
+        return float(np.linalg.norm(outcome.value[0, 1:]))
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
 @pytest.mark.parametrize("size", [0.3, 1.0])
 @pytest.mark.parametrize("error", [0.1, 0.01, 1e-3])
 def test_a_plan_keeps_the_error_and_is_nearly_the_quickest(order, size, error):
-    trials = KnownTrials(order, size)
-    plan = search(trials, error, None)
-    every = [trials.run(recipe) for recipe in trials.every()]
+    recipes = KnownRecipes(order, size)
+    plan = search(recipes, error, None)
+    every = [recipes.run(recipe) for recipe in recipes.every()]
     # Nothing can be told of a way whose error is just the one asked for.
-    quickest = min(each.seconds for each in every if trials.error(each) <= 0.7 * error)
-    assert trials.error(plan.trial) <= plan.error <= error
-    assert plan.trial.seconds <= 1.5 * quickest
+    quickest = min(each.seconds for each in every if recipes.error(each) <= 0.7 * error)
+    assert recipes.error(plan.outcome) <= plan.error <= error
+    assert plan.outcome.seconds <= 1.5 * quickest
 
 
 @pytest.mark.parametrize("budget_s", [4.0, 10.0, 100.0])
 def test_a_plan_keeps_the_budget_and_uses_it(budget_s):
-    trials = KnownTrials(2.0, 1.0)
-    plan = search(trials, None, budget_s)
-    every = [trials.run(recipe) for recipe in trials.every()]
-    least = min(trials.error(each) for each in every if each.seconds <= budget_s)
-    assert plan.trial.seconds <= budget_s
-    assert trials.error(plan.trial) <= max(3 * least, 1e-3)
+    recipes = KnownRecipes(2.0, 1.0)
+    plan = search(recipes, None, budget_s)
+    every = [recipes.run(recipe) for recipe in recipes.every()]
+    least = min(recipes.error(each) for each in every if each.seconds <= budget_s)
+    assert plan.outcome.seconds <= budget_s
+    assert recipes.error(plan.outcome) <= max(3 * least, 1e-3)
 
 
 def test_what_cannot_be_reached_is_the_most_exact():
-    trials = KnownTrials(1.0, 1.0)
-    plan = search(trials, 1e-7, None)
+    recipes = KnownRecipes(1.0, 1.0)
+    plan = search(recipes, 1e-7, None)
     assert plan.error > 1e-7
-    assert plan.trial is plan.beside
-    assert plan.trial.cells == 1024
+    assert plan.outcome is plan.beside
+    assert plan.outcome.cells == 1024
 
 
 @pytest.mark.parametrize("order", [0.5, 1.0, 1.6, 2.0])
 def test_a_curve_is_continued_by_its_order(order):
-    trials = KnownTrials(order, 1.0)
-    recipes = [trials.coarsest.with_(count=1, refinement=r) for r in (1, 2, 4, 8)]
-    steps = climb(trials, recipes, [1.0, 2.0, 4.0, 8.0], 0.0, ends_exactly=False)
-    assert len(steps) == len(recipes)
+    recipes = KnownRecipes(order, 1.0)
+    some = [recipes.coarsest.with_(count=1, refinement=r) for r in (1, 2, 4, 8)]
+    steps = climb(recipes, some, [1.0, 2.0, 4.0, 8.0], 0.0, ends_exactly=False)
+    assert len(steps) == len(some)
     for step in steps:
-        true = 5e-2 / step.trial.recipe.refinement**order
+        true = 5e-2 / step.outcome.recipe.refinement**order
         assert step.error == pytest.approx(true, rel=0.05)
 
 

@@ -1,4 +1,4 @@
-"""Trials of a plan: a way of computing an answer, what it gives at common points, and its time."""
+"""Recipes of a plan: a way of computing an answer, what it gives at common points, and its time."""
 
 import abc
 import dataclasses
@@ -52,7 +52,7 @@ class Recipe:
 
 
 @dataclass(frozen=True)
-class Trial:
+class Outcome:
     """What a recipe came to.
 
     - `value` (row, point): the quantity at the common points, p or q less the mean.
@@ -76,12 +76,12 @@ class Trial:
         """Of both stages."""
         return self.simulate_s + self.invert_s
 
-    def error_from(self, other: "Trial") -> float:
-        """Distance from another trial's value, over that one's norm."""
+    def error_from(self, other: "Outcome") -> float:
+        """Distance from another outcome's value, over that one's norm."""
         return float(np.linalg.norm(self.value - other.value) / np.linalg.norm(other.value))
 
 
-class Trials(abc.ABC):
+class Recipes(abc.ABC):
     """Runs recipes, each once.
 
     - `coarsest`: the recipe whose settings are all the most exact ones but for its cells.
@@ -99,10 +99,10 @@ class Trials(abc.ABC):
     along: str = "m"
 
     def __init__(self):
-        self._done: dict[Recipe, Trial] = {}
+        self._done: dict[Recipe, Outcome] = {}
 
-    def __call__(self, recipe: Recipe) -> Trial:
-        """The trial of a recipe."""
+    def __call__(self, recipe: Recipe) -> Outcome:
+        """The outcome of a recipe."""
         if recipe not in self._done:
             self._done[recipe] = self.run(recipe)
         return self._done[recipe]
@@ -116,7 +116,7 @@ class Trials(abc.ABC):
         return [1 / level if name == "count" else float(level) for level in self.levels(name)]
 
     @property
-    def done(self) -> tuple[Trial, ...]:
+    def done(self) -> tuple[Outcome, ...]:
         """All that were run."""
         return tuple(self._done.values())
 
@@ -127,7 +127,7 @@ class Trials(abc.ABC):
         return recipe.with_(count=next(wanted, self.counts[-1]), refinement=refinement)
 
     @abc.abstractmethod
-    def run(self, recipe: Recipe) -> Trial:
+    def run(self, recipe: Recipe) -> Outcome:
         """Run it, whether or not it was run before."""
 
     @abc.abstractmethod
@@ -153,8 +153,8 @@ def inverted(methods: Methods, recipe: Recipe, problem: Callable[[], LineProblem
         return timed(lambda: method(problem()), REPEATS, MOST_S)
 
 
-def trial_of(recipe: Recipe, one: Timed, points: np.ndarray, quantity: str, simulated) -> Trial:
-    """The trial of an estimate and its times; `simulated` are the seconds of a first and a further
+def outcome_of(recipe: Recipe, one: Timed, points: np.ndarray, quantity: str, simulated) -> Outcome:
+    """The outcome of an estimate and its times, `simulated` the seconds of a first and of a further
     call before it."""
     estimate, (first, steady) = one.value, simulated
     value, floor = _on_points(estimate, points, quantity)
@@ -164,7 +164,7 @@ def trial_of(recipe: Recipe, one: Timed, points: np.ndarray, quantity: str, simu
     if estimate.stats.get("path") == "direct":
         unknowns = line.n * (1 if estimate.friction is not None else 2)
         memory += 8.0 * unknowns**2 * DENSE_ARRAYS
-    return Trial(recipe, value, steady, one.median_s, first + one.first_s, floor, line.n, memory)
+    return Outcome(recipe, value, steady, one.median_s, first + one.first_s, floor, line.n, memory)
 
 
 def paths_of(problem: LineProblem) -> list[str]:
