@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..progress import steps
+from ..progress import stage, steps
 from ..report.text import sized
 from .trials import Row, Rows, Trial
 
@@ -37,7 +37,9 @@ def measure_in_turns(
                 left_s = budget_s - (time.monotonic() - started)
                 if left_s <= 0 or forecast(trials[at]) > left_s:
                     continue
-                row = rows.anew(trials[at])
+                labels = trials[at].labels
+                with stage(f"{', '.join(family_of(labels))}, {sized(labels['size'])}"):
+                    row = rows.anew(trials[at])
             spent_s[group] += row["trial_s"]
             forecast.learn(row)
             done[at] = row

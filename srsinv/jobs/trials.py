@@ -25,7 +25,7 @@ from ..atomic import write_whole
 from ..errors import BadInput, printable, refuse
 from ..files import path_of, read_bytes
 from ..memory import weighed
-from ..progress import stage, steps
+from ..progress import steps
 from ..timing import timed
 
 MOST_S = 2.0  # a trial's further calls, after which no more of them begin
@@ -53,10 +53,6 @@ class Trial:
     score: Callable[[Any], Mapping[str, Any]]
     count: int = 1
     rests_on: Mapping[str, Any] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        """Its labels in a row."""
-        return ", ".join(map(str, self.labels.values()))
 
 
 @dataclass(frozen=True)
@@ -136,8 +132,7 @@ class Rows:
 
     def anew(self, trial: Trial) -> Row:
         """The row of a trial, measured now, and on the disk when this returns."""
-        with stage(str(trial)):
-            row = self._timing.measured(trial)
+        row = self._timing.measured(trial)
         own = {name: each for name, each in row.items() if name not in trial.labels}
         identity = self._identity(trial)
         if self._file is not None:
