@@ -114,13 +114,12 @@ def _samples(
     problem: LineProblem, answers: Answers[Estimate], signal: np.ndarray, units: tuple[str, str]
 ) -> Variables:
     """The signal, and what each method makes of it."""
-    own = estimate_variables(answers, ("part",), units) | fit_variables(answers, ("part",))
-    samples = ("element", "x")
-    residual = (signal - own["fitted_signal"][1]) / problem.noise_rms
+    cells, samples = problem.observed_cells, ("element", "x")
+    own = estimate_variables(answers, ("part",), units, cells)
+    own |= fit_variables(answers, ("part",))
     return own | {
         "signal": (samples, signal, units[0]),
         "observed": (samples, problem.is_observed.astype(np.int8), "1"),
-        "whitened_residual": ((*BY, *samples), residual, "1"),
         "misfit_all": ("estimator", own["misfit"][1][:, 0], "1", "misfit_{estimator}"),
         "all_converged": (
             "estimator",
@@ -152,15 +151,13 @@ def _profiles(problems: Sequence[LineProblem], answers: Answers[Estimate], units
     much the methods differ."""
     cells, x = problems[0].observed_cells, np.asarray(problems[0].line.x)
     value = answers.each(lambda each: each.value)
-    observed = [problem.observed_cells for problem in problems]
-    stderr = np.array([list(map(valid_stderr, of, observed)) for of in answers.of.values()])
+    stderr = answers.each(lambda each: valid_stderr(each, cells))[:, 0]
     moved = deviation(value[:, 1], cells) - deviation(value[:, 2], cells)
     p = deviation(value[:, 0, 0], cells)
     apart = np.linalg.norm(p[:, None] - p[None], axis=-1)
-    stated = np.sqrt(np.mean(stderr[:, 0][..., cells] ** 2, axis=-1))
+    stated = np.sqrt(np.mean(stderr[..., cells] ** 2, axis=-1))
     by, unit = ("estimator", "component"), "Pa" if units == "Pa" else "relative"
     return {
-        "estimate_stderr": ((*BY, "component", "x"), stderr, units),
         "repeatability": (by, np.sqrt(np.mean(moved**2, axis=-1)) / 2, units,
                           f"{{component}}_repeatability_{unit}_{{estimator}}"),
         "stderr_rms": (by, stated, units, f"{{component}}_stderr_rms_{unit}_{{estimator}}"),

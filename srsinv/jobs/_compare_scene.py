@@ -165,19 +165,15 @@ def _of_methods(
         rows = np.asarray([get(problem) for problem in problems])
         return rows.reshape(*shape, *rows.shape[1:])
 
-    own = estimate_variables(answers, DRAWN, (unit, "Pa")) | fit_variables(answers, DRAWN)
+    own = estimate_variables(answers, DRAWN, (unit, "Pa"), cells) | fit_variables(answers, DRAWN)
     truth = np.asarray(sim.traction(sim.line))
-    value, stderr = own["estimate"][1], answers.each(lambda each: each.deviation(cells)[1])
-    overall = overall_error(value, truth, cells)
+    overall = overall_error(own["estimate"][1], truth, cells)
     signal = data(lambda problem: np.asarray(problem.data + problem.mean_signal))
-    rms = data(lambda problem: problem.noise_rms)[..., None, None]
     return own | {
         "traction": (("component", "x"), truth, "Pa"),
         "signal": ((*DRAWN, *samples), signal, unit),
         "observed": (samples, problems[0].is_observed.astype(np.int8), "1"),
-        "estimate_stderr": ((*BY, "component", "x"), stderr, "Pa"),
-        "whitened_residual": ((*BY, *samples), (signal - own["fitted_signal"][1]) / rms, "1"),
-        **score_variables(value, stderr, truth, cells, BY),
+        **score_variables(answers, DRAWN, truth, cells),
         "error_overall": (BY, overall, "1"),
         "rank": (BY, ranks(overall), "1"),
     }

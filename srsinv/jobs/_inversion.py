@@ -35,7 +35,6 @@ from .estimates import (
     estimate_coordinates,
     estimate_variables,
     score_variables,
-    valid_stderr,
 )
 
 STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
@@ -118,14 +117,11 @@ def _title(case: InversionCase, data: xarray.Dataset) -> str:
 
 def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
     estimates = answers.first
-    own = estimate_variables(answers, (), (case.signal_unit, case.traction_unit))
+    units, cells = (case.signal_unit, case.traction_unit), case.problem.observed_cells
+    own = estimate_variables(answers, (), units, cells)
     variables = (
         _signals(case)
         | own
-        | {
-            "estimate_stderr": (own["estimate"][0], answers.each(valid_stderr), case.traction_unit),
-            "whitened_residual": (own["fitted_signal"][0], answers.each(lambda e: e.whitened), "1"),
-        }
         | _resolution(case, answers)
         | _of_sensor(case.sensor)
         | dict(case.stages)
@@ -221,12 +217,11 @@ def _of_sensor(sensor: Sensor) -> Variables:
 
 def _scores(case: InversionCase, answers: Answers[Estimate]) -> Variables:
     """Error and coverage by the truth, NaN without one, and the degrees of freedom resolved."""
-    value, stderr = (answers.each(of) for of in (lambda e: e.value, lambda e: e.stderr))
-    by, unknown = ("estimator", "component"), np.full(value.shape[:2], np.nan)
+    by, unknown = ("estimator", "component"), np.full((len(answers.of), len(COMPONENTS)), np.nan)
     scores: Variables = dict.fromkeys(("error", "coverage"), (by, unknown, "1"))
     if "traction" in case.stages:
         truth = np.asarray(case.stages["traction"][1])
-        scores = score_variables(value, stderr, truth, case.problem.observed_cells)
+        scores = score_variables(answers, (), truth, case.problem.observed_cells)
     dof = answers.each(lambda e: [e.stats.get(f"resolved_dof_{c}", np.nan) for c in COMPONENTS])
     return {
         **{name: (*each, f"{name}_{{component}}_{{estimator}}") for name, each in scores.items()},

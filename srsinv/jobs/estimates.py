@@ -51,32 +51,35 @@ class Answers(Generic[Answer]):
 
 
 def estimate_variables(
-    answers: Answers[Estimate], dims: Sequence[str], units: tuple[str, str]
+    answers: Answers[Estimate], dims: Sequence[str], units: tuple[str, str], cells: np.ndarray
 ) -> Variables:
-    """p and q, the fitted signal, and the times of the calls; `units` of signal and traction."""
+    """p and q with their standard errors, the fitted signal with what it leaves, and the times of
+    the calls; `units` of signal and traction; `cells` (n,): a mask of those that were measured."""
     by, (signal, traction) = ("estimator", *dims), units
+    along, samples = (*by, "component", "x"), (*by, "element", "x")
     return {
-        "estimate": ((*by, "component", "x"), answers.each(lambda e: e.value), traction),
-        "fitted_signal": ((*by, "element", "x"), answers.each(lambda e: e.fitted), signal),
+        "estimate": (along, answers.each(lambda e: e.value), traction),
+        "estimate_stderr": (along, answers.each(lambda e: valid_stderr(e, cells)), traction),
+        "fitted_signal": (samples, answers.each(lambda e: e.fitted), signal),
+        "whitened_residual": (samples, answers.each(lambda e: e.whitened), "1"),
         "first_call_s": ("estimator", answers.first_call_s, "s", "first_call_s_{estimator}"),
         "steady_call_s": ("estimator", answers.steady_call_s, "s", "steady_call_s_{estimator}"),
     }
 
 
 def score_variables(
-    value: Float[np.ndarray, "*by c n"],
-    stderr: Float[np.ndarray, "*by c n"],
-    truth: Float[np.ndarray, "c n"],
+    answers: Answers[Estimate], dims: Sequence[str], truth: Float[np.ndarray, "c n"],
     cells: np.ndarray,
-    dims: Sequence[str] = ("estimator",),
-) -> Variables:
+) -> Variables:  # fmt: skip
     """Relative error of p and of q, and the fraction of `cells` whose 90 % band holds the truth,
     all of the deviation from the mean over these; NaN where a method gives no band."""
+    by, value = ("estimator", *dims, "component"), answers.each(lambda e: e.value)
+    stderr = answers.each(lambda e: e.deviation(cells)[1])
     inside = coverage_90(value, stderr, truth, cells)
     has_band = ~np.isnan(stderr[..., cells]).all(axis=-1)
     return {
-        "error": ((*dims, "component"), relative_error(value, truth, cells), "1"),
-        "coverage": ((*dims, "component"), np.where(has_band, inside, np.nan), "1"),
+        "error": (by, relative_error(value, truth, cells), "1"),
+        "coverage": (by, np.where(has_band, inside, np.nan), "1"),
     }
 
 
@@ -93,10 +96,10 @@ def reported_parameters(
     }
 
 
-def valid_stderr(estimate: Estimate, cells: np.ndarray | None = None) -> Float[np.ndarray, "2 n"]:
-    """Standard errors [Pa], of the deviation from the mean over `cells` where these are given;
-    infinite where the answer failed."""
-    stderr = np.asarray(estimate.stderr if cells is None else estimate.deviation(cells)[1])
+def valid_stderr(estimate: Estimate, cells: np.ndarray) -> Float[np.ndarray, "2 n"]:
+    """Standard errors of the deviation from the mean over `cells`; infinite where the answer
+    failed."""
+    stderr = estimate.deviation(cells)[1]
     return np.full_like(stderr, np.inf) if estimate.quality is Quality.FAILED else stderr
 
 
