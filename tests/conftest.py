@@ -1,8 +1,8 @@
 """Set-up of every test: srsinv comes before jax, so that double precision is on.
 
-But for `make test`, which it would make a fifth slower, srsinv comes under a hook that checks every
-shape and type annotation of the rooms that hold arrays as they run. It stays for the whole session:
-it works on each module of the package as that is imported.
+With `--types` srsinv comes under a hook that checks every shape and type annotation of the rooms
+that hold arrays as they run, which makes tests a fifth slower. It stays for the whole session: it
+works on each module of the package as that is imported.
 """
 
 import gc
@@ -47,8 +47,12 @@ MOST_MAPS = 15_000
 LONGEST_FIRST = ("golden", "jobs", "stability", "inverse", "forward", "recording")
 
 
+def pytest_addoption(parser):
+    parser.addoption("--types", action="store_true", help="check annotations as they run")
+
+
 def pytest_configure(config):
-    if "not full" not in config.option.markexpr:
+    if config.option.types:
         install_import_hook([f"srsinv.{room}" for room in ROOMS], "beartype.beartype")
         install_import_hook("srsinv.report", "tests.tower.checked")
 

@@ -25,7 +25,8 @@ def facts_in(text):
 def lab(tmp_path_factory):
     """Recordings of two ridges, channel B of the other sign, and a rig that is known roughly."""
     folder = tmp_path_factory.mktemp("lab")
-    assert command(folder / "example", "experiment=example_recording") == 0
+    few = "example.sample_rate_hz=500", "example.rig.contact_window_m=[-0.012,0.012]"
+    assert command(folder / "example", "experiment=example_recording", *few) == 0
     rig = facts_in((folder / "example" / "known_ridge.yaml").read_text())
     del rig["gain"]
     rig["sensor"]["depth_m"] = 1.1e-3

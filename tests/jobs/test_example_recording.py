@@ -45,7 +45,7 @@ def test_looked_at_and_fitted(folder):
         assert abs(fitted[name] - value) < 3 * fitted[f"{name}_stderr"]
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_passes_with_hum_and_drift_follow_what_inspection_offers(folder):
     """The settings that inspection gives are those that give the truth back."""
     path = f"recording.path={folder / 'passes'}.csv"
