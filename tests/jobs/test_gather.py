@@ -17,7 +17,6 @@ from srsinv.report.data import dataset, scalars
 from srsinv.run_folder import GATHERED, MANIFEST, claim
 from tests.jobs.hostile_folders import FOLDERS
 from tests.jobs.run import ROOT, command, short_run
-from tests.tiers import quick
 
 SWEEP = Path(__file__).parent / "sweep"  # signal to noise ratio by scene, one job failed
 
@@ -129,10 +128,9 @@ DRAWN = ("code in an override", "numbers beyond plots", "failures, escapes", "na
 
 
 @pytest.mark.parametrize("case", FOLDERS)
-@pytest.mark.parametrize("is_alone", quick([True, False], True), ids=["alone", "beside good runs"])
-def test_a_folder_of_anybody_is_gathered_or_refused(tmp_path, case, is_alone):
+def test_a_folder_of_anybody_is_gathered_or_refused(tmp_path, case):
     """Soon, and as printable text; good runs beside a bad one are there."""
-    for i in range(0 if is_alone else 2):
+    for i in range(2):
         a_run(tmp_path / f"good{i}", f"a={i}", {"good": float(i)})
     FOLDERS[case](tmp_path)
     start = time.monotonic()
@@ -144,10 +142,10 @@ def test_a_folder_of_anybody_is_gathered_or_refused(tmp_path, case, is_alone):
     assert sentence.isprintable()
     assert sentence.endswith(".")
     if result is None:
-        assert is_alone or "failures.json" in sentence
+        assert "failures.json" in sentence
     else:
         data = result.dataset
-        assert is_alone or data["good"].sum() == 1
+        assert data["good"].sum() == 1
         texts = [each for v in data.variables.values() if v.dtype.kind in "OU" for each in v.values]
         units = [v.attrs["units"] for v in data.variables.values()]
         every = [result.title, *map(str, data.variables), *units, *np.ravel(texts)]
@@ -176,7 +174,7 @@ def test_a_large_file_under_many_names_is_refused_soon(tmp_path, name):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("case", quick(FOLDERS, *DRAWN))
+@pytest.mark.parametrize("case", DRAWN)
 def test_the_page_of_such_a_folder_is_text(tmp_path, capsys, case):
     for i in range(2):
         a_run(tmp_path / "sweep" / f"good{i}", f"a={i}", {"good": float(i)})
