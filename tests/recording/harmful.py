@@ -137,6 +137,17 @@ def matlab_vector(rows: int, values: bytes, name: str = "time_s") -> bytes:
     return struct.pack("<II", 14, len(body)) + body
 
 
+def matlab_object(name: str) -> bytes:
+    """A datetime without its contents, which stand elsewhere in a file."""
+
+    def part(kind: int, data: bytes) -> bytes:
+        return struct.pack("<II", kind, len(data)) + data.ljust(-(-len(data) // 8) * 8, b"\0")
+
+    names = b"".join(part(1, each) for each in (name.encode(), b"MCOS", b"datetime"))
+    body = part(6, struct.pack("<II", 17, 0)) + names + matlab_vector(1, bytes(8))
+    return struct.pack("<II", 14, len(body)) + body
+
+
 def packed(part: bytes) -> bytes:
     data = zlib.compress(part)
     return struct.pack("<II", 15, len(data)) + data

@@ -10,7 +10,9 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from srsinv.errors import BadInput
+from srsinv.files import open_file
 from srsinv.recording import Recording, facts_of, load, save
+from srsinv.recording.formats.matlab import Matlab
 from tests.recording.files import (
     COLUMNS,
     COUNTS,
@@ -27,6 +29,7 @@ from tests.recording.files import (
     write_mat,
     write_wav,
 )
+from tests.recording.harmful import matlab_object
 
 
 @pytest.mark.parametrize("format", [format for format in FORMATS if format not in WITHOUT_TIMES])
@@ -53,6 +56,26 @@ def test_matlab_classes(tmp_path, kind, compressed):
     table = {"time_s": np.arange(N), "speed_m_per_s": np.ones(N), "a": raw}
     savemat(tmp_path / "r.mat", table, do_compression=compressed)
     np.testing.assert_array_equal(load(tmp_path / "r.mat", channels="a").signal[0], raw)
+
+
+def test_matlab_says_what_is_no_column(tmp_path):
+    """Of variables and of a struct's fields; MATLAB's logical values are bytes, as some numbers."""
+    cell = np.array([1.0, "x"], object)
+    kinds = {"cell": cell, "char": "run 3", "logical": COUNTS[0] > 0}
+    others = {"complex": SIGNAL[0] + 1j, "matrix": np.eye(3)}
+    bytes_ = np.arange(N, dtype=np.uint8)
+    path = tmp_path / "r.mat"
+    savemat(path, kinds | others | {"scan": kinds | others | {"bytes": bytes_}, "bytes": bytes_})
+    path.write_bytes(path.read_bytes() + matlab_object("start"))
+    with open_file(path) as file:
+        table = Matlab().read(file)
+    assert list(table.columns) == ["scan.bytes", "bytes"]
+    for prefix in ("", "scan."):
+        for kind in kinds:
+            assert table.unusable[prefix + kind] == f"is a MATLAB {kind}"
+        assert "complex" in table.unusable[f"{prefix}complex"]
+        assert table.unusable[f"{prefix}matrix"] == "has shape (3, 3)"
+    assert table.unusable["start"] == "is a MATLAB opaque object"
 
 
 # Numbers of every width in WAV
