@@ -12,7 +12,6 @@ from jaxtyping import Float
 from srsinv.errors import BadInput, choice, echo, refuse
 
 from ..files import path_of, quoted, within_memory
-from ._ahead import store, take_table
 from ._clocks import on_one_clock
 from ._columns import (
     Quantity,
@@ -28,13 +27,13 @@ from ._columns import (
 )
 from ._counters import unwrapped
 from ._doubts import disagreement
-from ._even_times import check_rate
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._reports import between_reports, interpolated, is_reported
 from ._schema import RecordingFacts, check_facts
 from ._sidecar import Sidecars, check_elements, merge
 from ._speed import speed_of_positions
 from ._table import ColumnTable, listing
+from ._timing import check_rate
 from ._units import (
     PER_M,
     PER_M_PER_S,
@@ -44,7 +43,7 @@ from ._units import (
     in_volts,
 )
 from .formats import BY_SUFFIX
-from .reader import Reader
+from .reader import Reader, store, take_table
 
 # Facts on the file that are in the Recording's own fields once it is read.
 _LAYOUT = (

@@ -11,9 +11,9 @@ from srsinv.errors import LARGEST, choice, mapping, number, refuse
 
 from ..files import path_of
 from ._doubts import doubts
-from ._even_times import EvenTimes, even_times
 from ._read import MISSING, TIMES_OF_ROWS, load
 from ._recording import MIN_SAMPLES, Recording
+from ._timing import EvenTimes, even_times
 from .formats import BY_SUFFIX
 from .passes import near_turns, still_samples
 from .preparation import prepare

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from srsinv.errors import LARGEST, BadInput, refuse
 
 from ..files import path_of, within_memory
-from ._ahead import take_table
 from ._columns import Quantity, unit_of, unnamed_columns
 from ._described_columns import (
     UNKNOWN,
@@ -45,7 +44,7 @@ from ._units import PER_M, PER_M_PER_S, PER_S, PER_V
 from .disturbances import Disturbances, disturbances
 from .even import usable
 from .formats import BY_SUFFIX
-from .reader import Reader
+from .reader import Reader, take_table
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from srsinv.recording import Recording, save
-from srsinv.recording._even_times import even_times
+from srsinv.recording._timing import even_times
 from srsinv.recording.even import load_even, on_even_times
 from tests.refusals import refused
 

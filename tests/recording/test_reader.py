@@ -141,6 +141,6 @@ def test_a_recording_in_json_is_no_sidecar_of_its_own(scan):
 def test_the_early_check_reads_with_it(scan):
     node = {"_target_": "srsinv.recording.formats.text.Text"}
     check_early({"recording": {"path": str(scan), "sidecar": None}, "reader": node})
-    other = {"_target_": "srsinv.recording._even_times.EvenTimes"}
+    other = {"_target_": "srsinv.recording._timing.EvenTimes"}
     with pytest.raises(BadInput, match=r"srsinv\.kinds\.Reader"):
         check_early({"recording": {"path": str(scan), "sidecar": None}, "reader": other})
