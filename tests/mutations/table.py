@@ -1,27 +1,28 @@
-"""Mutations: small wrong edits of the package, each one that a test has to notice.
+"""Mutations: small wrong edits of the package, each of which a test has to notice.
 
-They are data, in the YAML files beside this one, and keyed by symbol: MODULE:QUALIFIED.NAME of a
-function, a class, a method or a constant, and a fragment of Python within it. Both are looked up in
-the syntax tree, so that an entry survives what moves within a file, and a change of spacing, line
-breaks or comments.
+They are data, in a YAML file for each room of `srsinv` beside this one. A mutation names a symbol,
+MODULE:QUALIFIED.NAME of a function, a class, a method or a constant, and a fragment of Python
+within it. Both are looked up in the syntax tree, so that an entry survives what moves within a
+file, and a change of spacing, line breaks or comments.
 """
 
 import ast
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
-# A guard is code that the right answer of some hard case depends on, and of no easy one; a constant
-# is a sign, a unit, a physical constant or a threshold.
-KINDS = ("guard", "constant")
+RESULTS = ROOT / "tests" / "claims" / "results" / "mutations.json"
 
 
 class Stale(Exception):
-    """An entry of the table that does not fit the package any more."""
+    """A mutation that does not fit the package any more."""
 
 
 @dataclass(frozen=True)
@@ -30,18 +31,15 @@ class Mutation:
 
     - `old`, `new`: an expression or a statement that stands in `symbol` exactly once, and what
       takes its place.
-    - `guards`: what is lost with it; `tests`: the files in which that is expected to be noticed.
-    - `equivalent`: why no test can notice it, where none can.
+    - `guards`: what is lost with it; `tests`: the files in which a test is expected to notice.
     """
 
     name: str
-    kind: str
     symbol: str
     old: str
     new: str
     guards: str
     tests: tuple[str, ...]
-    equivalent: str = ""
 
     @property
     def path(self) -> Path:
@@ -49,29 +47,30 @@ class Mutation:
         module = Path(*self.symbol.partition(":")[0].split("."))
         return module / "__init__.py" if (ROOT / module).is_dir() else module.with_suffix(".py")
 
+    @property
+    def edit(self) -> dict[str, str]:
+        """What a result is a result of."""
+        return {"symbol": self.symbol, "old": self.old, "new": self.new}
+
     def applied(self) -> str:
         """The module's text with the edit; raises `Stale` where it cannot be made."""
-        lines, tree = _parsed(self._file())
+        for file in (self.path, *map(Path, self.tests)):
+            if not (ROOT / file).is_file():
+                raise Stale(f"Mutation {self.name}: there is no file {file}.")
+        lines, tree = _parsed(ROOT / self.path)
         matches = _equal(self._symbol_in(tree), _fragment(self.old))
         if len(matches) != 1:
             raise Stale(
                 f"Mutation {self.name}: {self.old!r} stands {len(matches)} times in {self.symbol}, "
-                "where it has to stand once: bring `old` and `new` up to date with the code, or "
-                "delete the entry with what it guarded."
+                "where it has to stand once."
             )
         begin, end = _span(lines, matches[0])
         text = b"".join(lines)
         new = f"({self.new})" if isinstance(matches[0], ast.expr) else self.new
-        return (text[:begin] + new.encode() + text[end:]).decode()
-
-    def _file(self) -> Path:
-        path = ROOT / self.path
-        if not path.is_file():
-            raise Stale(
-                f"Mutation {self.name}: there is no {self.path}: bring `symbol` up to date with "
-                "where the code went."
-            )
-        return path
+        mutated = (text[:begin] + new.encode() + text[end:]).decode()
+        if ast.dump(ast.parse(mutated)) == ast.dump(tree):
+            raise Stale(f"Mutation {self.name}: {self.new!r} changes nothing.")
+        return mutated
 
     def _symbol_in(self, tree: ast.AST) -> ast.AST:
         node, _, qualified = tree, *self.symbol.partition(":")[1:]
@@ -80,28 +79,39 @@ class Mutation:
             if len(named) != 1:
                 raise Stale(
                     f"Mutation {self.name}: {self.path} has {len(named)} times {name!r} of "
-                    f"{qualified!r}, where one is expected: bring `symbol` up to date."
+                    f"{qualified!r}, where one is expected."
                 )
             node = named[0]
         return node
 
 
 def mutations() -> dict[str, Mutation]:
-    """The whole table, by name. Raises `Stale` for an entry that is not one."""
+    """The whole table, by name."""
     table: dict[str, Mutation] = {}
     for path in sorted(FOLDER.glob("*.yaml")):
         # Every scalar as text: a fragment such as -3e-11 is Python, not YAML.
-        entries = yaml.load(path.read_text(), Loader=yaml.BaseLoader)
-        for entry in entries:
-            entry["tests"] = tuple(entry["tests"])
-            one = Mutation(**entry)
-            if one.name in table or one.kind not in KINDS:
-                raise Stale(
-                    f"Mutation {one.name} of {path.name}: names have to be unique, and the kind "
-                    f"{one.kind!r} one of {', '.join(KINDS)}."
-                )
-            table[one.name] = one
+        for entry in yaml.load(path.read_text(), Loader=yaml.BaseLoader):
+            mutation = Mutation(**entry | {"tests": tuple(entry["tests"])})
+            if mutation.name in table:
+                raise Stale(f"Mutation {mutation.name} of {path.name}: the name stands twice.")
+            table[mutation.name] = mutation
     return table
+
+
+def read_results() -> dict[str, dict[str, Any]]:
+    """What was found of each mutation, by name: the edit, the tier and the test that noticed it,
+    None where none did."""
+    return json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+
+
+def write_results(results: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write them, sorted by name."""
+    RESULTS.write_text(json.dumps(results, indent=1, sort_keys=True) + "\n")
+
+
+def is_current(result: Mapping[str, Any] | None, mutation: Mutation) -> bool:
+    """Whether a result is one of this very edit."""
+    return result is not None and mutation.edit.items() <= result.items()
 
 
 @cache
