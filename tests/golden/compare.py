@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
@@ -64,14 +64,14 @@ class Movement:
 
 
 @cache
-def rules(path: Path = FOLDER / "tolerances.yaml") -> list[tuple[list[str], Tolerance]]:
+def rules() -> list[tuple[list[str], Tolerance]]:
     """Patterns of names, and the tolerance of what they name."""
-    read = yaml.safe_load(path.read_text(encoding="utf-8"))
+    read = yaml.safe_load((FOLDER / "tolerances.yaml").read_text(encoding="utf-8"))
     return [(rule.pop("of").split(), Tolerance(**rule)) for rule in read]
 
 
 def tolerance_of(name: str) -> Tolerance:
-    """The tolerance of a quantity, FAMILY/CASE/QUANTITY: that of the first rule that names it."""
+    """The tolerance of a quantity, FAMILY/NAME/QUANTITY: that of the first rule that names it."""
     for patterns, tolerance in rules():
         if any(fnmatchcase(name, pattern) for pattern in patterns):
             return tolerance
@@ -79,21 +79,15 @@ def tolerance_of(name: str) -> Tolerance:
 
 
 def differences(case: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Movement]:
-    """What has moved beyond its tolerance, in a case FAMILY/CASE; of an array the worst sample."""
-    return [each for each in movements(case, old, new) if each.ratio > 1]
-
-
-def movements(
-    case: str, old: Mapping[str, Any], new: Mapping[str, Any], tolerance: Tolerance | None = None
-) -> Iterator[Movement]:
-    """How far each quantity has moved, of an array the sample that has moved furthest; measured by
-    one tolerance, or by each one's own."""
+    """What has moved beyond its tolerance, in a case FAMILY/NAME; of an array the sample that has
+    moved furthest."""
+    moves = []
     for key in sorted({*old, *new}):
-        name = f"{case}/{key}"
-        own = tolerance or tolerance_of(name)
+        own = tolerance_of(f"{case}/{key}")
         if not own.ignore:
             pair = old.get(key, MISSING), new.get(key, MISSING)
-            yield _moved(name, *pair, own, old.get(f"{key}_stderr"))
+            moves.append(_moved(f"{case}/{key}", *pair, own, old.get(f"{key}_stderr")))
+    return [each for each in moves if each.ratio > 1]
 
 
 def _moved(name: str, old: Any, new: Any, own: Tolerance, stderr: Any) -> Movement:

@@ -1,8 +1,9 @@
 """An older commit against the tree on random scenes: `python -m tests.golden.differential COMMIT`.
 
-Both run the same overrides, each in a process of its own with this interpreter, and their metrics
-and variables are held against each other within the golden data's tolerances. Prints what differs,
-and exits with 1 where anything does. `--renamed OLD=NEW` maps a key that has another name now.
+Both run the same overrides, each in a process of its own with this interpreter, and the metrics and
+variables of the commit are held against those of the tree within the golden data's tolerances.
+Prints what differs, and exits with 1 where anything does. `--renamed OLD=NEW` maps a key that has
+another name now.
 """
 
 import argparse
@@ -14,20 +15,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import xarray
-from rich.console import Console
-from rich.table import Table
 
 import tests.conftest  # noqa: F401  the tests' own setting of XLA
 from tests.golden import scenes
-from tests.golden.compare import MISSING, Movement, differences
+from tests.golden.cases import is_measured
+from tests.golden.compare import differences
 from tests.golden.entries import Entries, entry
-from tests.golden.forms import is_time
 from tests.jobs.run import ROOT
 
+REFUSED = "metrics.refused"
 # What both trees run, which has to work with an old one: folder, and sets of overrides as JSON.
 PROGRAM = """
 import json, sys
@@ -53,7 +52,33 @@ for name, overrides in json.load(sys.stdin).items():
 """
 
 
-BEFORE, SHOWN = 20, 60  # characters of a word
+def main(argv: Sequence[str] | None = None) -> int:
+    """The exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("commit")
+    parser.add_argument("--scenes", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--renamed", action="append", default=[], metavar="OLD=NEW")
+    asked = parser.parse_args(argv)
+    rng, sets = np.random.default_rng(asked.seed), {}
+    for i in range(asked.scenes):
+        structure = scenes.structure(rng)
+        sets[str(i)] = f"{structure} {scenes.numbers(rng, structure)}".split()
+    with TemporaryDirectory() as folder, worktree(asked.commit) as tree:
+        before = ran(tree, Path(folder) / "before", sets)
+        now = ran(ROOT, Path(folder) / "now", sets)
+    names, differing = dict(each.split("=") for each in asked.renamed), 0
+    for scene, overrides in sets.items():
+        old = renamed(before[scene], names)
+        # What only the tree has is new, and no difference; a refusal is one.
+        new = {key: each for key, each in now[scene].items() if key in old or key == REFUSED}
+        if moves := differences(f"scenes/{scene}", old, new):
+            print(" ".join(overrides), *(f"  {each}" for each in moves), sep="\n")
+        differing += len(moves)
+    refused = sum(REFUSED in each for each in now.values())
+    print(f"{asked.scenes} scenes, of which {refused} are refused: {differing} differences from "
+          f"{asked.commit}")  # fmt: skip
+    return int(differing > 0)
 
 
 @contextmanager
@@ -80,6 +105,12 @@ def ran(tree: Path, folder: Path, sets: Mapping[str, Sequence[str]]) -> dict[str
     return {name: _read(folder, name) for name in sets}
 
 
+def renamed(entries: Entries, names: Mapping[str, str]) -> Entries:
+    """The same entries, those that `names` maps by their new name."""
+    parts = ((*key.partition("."), each) for key, each in entries.items())
+    return {f"{kind}.{names.get(name, name)}": each for kind, _, name, each in parts}
+
+
 def _read(folder: Path, name: str) -> Entries:
     metrics = json.loads((folder / f"{name}.json").read_text())
     entries = {f"metrics.{key}": entry(each) for key, each in metrics.items()}
@@ -87,70 +118,7 @@ def _read(folder: Path, name: str) -> Entries:
         with xarray.open_dataset(folder / f"{name}.nc", engine="h5netcdf") as data:
             for key, each in data.variables.items():
                 entries[f"variables.{key}"] = entry(each.values, each.attrs.get("units", "1"))
-    return {key: each for key, each in entries.items() if not is_time(key)}
-
-
-def renamed(entries: Entries, given: Mapping[str, str]) -> Entries:
-    """By the names that `given` has of them."""
-    parts = ((*key.partition("."), each) for key, each in entries.items())
-    return {f"{kind}.{given.get(name, name)}": each for kind, _, name, each in parts}
-
-
-def compared(old: Entries, new: Entries, name: str, added: bool) -> list[Movement]:
-    """What differs in a scene; what only the tree has counts where `added`."""
-    moves = differences(f"scenes/{name}", old, new)
-    return [each for each in moves if added or each.old != MISSING or "refused" in each.name]
-
-
-def show(moves: Sequence[Movement], sets: Mapping[str, Sequence[str]]) -> None:
-    """A table of what differs, and of its scenes what they are."""
-    table = Table("quantity", "at", "old", "new", "times its tolerance")
-    for each in moves:
-        name = each.name.removeprefix("scenes/")
-        table.add_row(name, each.where, *_words(each.old, each.new), f"{each.ratio:.3g}")
-    console = Console(width=160)
-    if moves:
-        console.print(table)
-    for name in sorted({each.name.split("/")[1] for each in moves}, key=int):
-        print(f"{name}: {' '.join(sets[name])}")
-
-
-def _words(old: Any, new: Any) -> list[str]:
-    """Numbers with ten digits; of long words what differs, from a little before it on."""
-    if not (isinstance(old, str) and isinstance(new, str)):
-        return [f"{each:.10g}" if isinstance(each, float) else str(each) for each in (old, new)]
-    same = [a == b for a, b in zip(old, new, strict=False)]
-    start = max([*same, False].index(False) - BEFORE, 0)
-    return [("..." if start else "") + each[start : start + SHOWN] for each in (old, new)]
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """The exit code."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("commit")
-    parser.add_argument("--scenes", type=int, default=30)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--renamed", action="append", default=[], metavar="OLD=NEW")
-    parser.add_argument("--added", action="store_true", help="show what only the tree has, too")
-    given: Any = parser.parse_args(argv)
-    rng, sets = np.random.default_rng(given.seed), {}
-    for i in range(given.scenes):
-        structure = scenes.structure(rng)
-        sets[str(i)] = f"{structure} {scenes.numbers(rng, structure)}".split()
-    mapped = dict(each.split("=") for each in given.renamed)
-    with TemporaryDirectory() as name, worktree(given.commit) as tree:
-        old = ran(tree, Path(name) / "old", sets)
-        new = ran(ROOT, Path(name) / "new", sets)
-    moves = [
-        each
-        for key in sets
-        for each in compared(renamed(old[key], mapped), new[key], key, given.added)
-    ]
-    show(moves, sets)
-    refused = sum("metrics.refused" in each for each in new.values())
-    print(f"{given.scenes} scenes, of which {refused} are refused: {len(moves)} differences from "
-          f"{given.commit}")  # fmt: skip
-    return int(bool(moves))
+    return {key: each for key, each in entries.items() if not is_measured(key)}
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Random overrides: what is felt, by what, with which effects, inverted how.
+"""Random overrides of scene, sensor, amplifier, line, effects, noise and method.
 
-A structure says which parts there are, and with it which programs are compiled; its numbers are
-drawn apart, so that many sets share a program.
+A structure says which parts there are, and with it which programs are compiled. Its numbers are
+drawn by themselves, so that many sets share a program.
 """
 
 from collections.abc import Mapping, Sequence

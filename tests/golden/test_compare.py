@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.golden.compare import Tolerance, movements
+from tests.golden.compare import differences
 from tests.golden.entries import entry, read, write
 from tests.golden.record import renewed
 
@@ -17,13 +17,12 @@ OLD = {
     "p": entry(np.arange(200.0).reshape(2, 100), "Pa"),
     "p_stderr": entry(np.full((2, 100), 5.0), "Pa"),
 }
-STRICT = Tolerance(1e-9)
 
 
-def moved(changes, tolerance=STRICT):
-    """Names of what has moved, and where."""
-    moves = movements("family/case", OLD, OLD | changes, tolerance)
-    return {(each.name.rpartition("/")[2], each.where) for each in moves if each.ratio > 1}
+def moved(changes, case="family/name"):
+    """Names of what has moved, and where; without a rule by more than 1e-9."""
+    moves = differences(case, OLD, OLD | changes)
+    return {(each.name.rpartition("/")[2], each.where) for each in moves}
 
 
 def shifted(at, by):
@@ -57,7 +56,8 @@ def test_moved(changes, expected):
 
 @pytest.mark.parametrize(("by", "expected"), [(0.09, set()), (0.2, {("p", "[1, 99]")})])
 def test_standard_errors_allow_what_they_are(by, expected):
-    assert moved({"p": shifted((1, 99), by)}, Tolerance(1e-9, of_stderr=0.02)) == expected
+    """The rule of fits allows 0.02 of them."""
+    assert moved({"p": shifted((1, 99), by)}, "public/fit_name") == expected
 
 
 def test_a_sample_between_shows_in_the_norm():
@@ -65,15 +65,13 @@ def test_a_sample_between_shows_in_the_norm():
 
 
 def test_a_movement_names_all_that_matters():
-    (move,) = (
-        each for each in movements("f/c", OLD, OLD | {"height_m": 2.5}, STRICT) if each.ratio > 1
-    )
-    assert str(move) == "f/c/height_m was 2.0 and is 2.5: 2.5e+08 times its tolerance, 2e-09"
+    (move,) = differences("f/n", OLD, OLD | {"height_m": 2.5})
+    assert str(move) == "f/n/height_m was 2.0 and is 2.5: 2.5e+08 times its tolerance, 2e-09"
 
 
 def test_a_file_gives_back_its_entries_and_shows_a_change_as_a_line(tmp_path):
     changed = OLD | {"count": 8, "height_m": 2.0 + 1e-12}
-    for name, entries in (("old", OLD), ("new", renewed("family/case", OLD, changed))):
+    for name, entries in (("old", OLD), ("new", renewed("family/name", OLD, changed))):
         write(tmp_path / name, entries)
     assert read(tmp_path / "old") == OLD
     lines = [(tmp_path / name).read_text().splitlines() for name in ("old", "new")]

@@ -8,7 +8,12 @@ import pytest
 from srsinv.recorded import problem_of
 from srsinv.recording import load
 from srsinv.recording._sidecar import parse
-from tests.jobs.run import ROOT, command, outcome, short_form
+from tests.golden.check import golden_test
+from tests.jobs.run import ROOT, command, outcome, short_form, short_run
+
+FORMS = ("calibrate",)
+
+test_nothing_has_moved = golden_test(FORMS)
 
 EXAMPLE = ROOT / "srsinv" / "examples" / "strip_two_element.csv"
 HOLD = "fit.hold={height_m:2e-5,width_m:2e-3}"
@@ -102,7 +107,7 @@ def test_the_sidecar_holds_the_rig_alone():
 def test_a_stated_gain_is_counted_in(lab):
     """Gains are those of the file's numbers, whatever the sidecar said of them before."""
     form = short_form("calibrate")
-    first = outcome(*form).metrics
+    first = short_run("calibrate").metrics
     stated = outcome(*form, "recording.gain=[2,0.5]")
     assert stated.metrics["gain_1"] == pytest.approx(first["gain_1"], rel=2e-4)
     assert stated.metrics["gain_2_stderr"] == pytest.approx(first["gain_2_stderr"], rel=0.03)

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from srsinv.recording import load
+from tests.golden.check import golden_test
 from tests.jobs.run import command, outcome
+
+FORMS = ("example_recording",)
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.fixture(scope="module")

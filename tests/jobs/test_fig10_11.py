@@ -8,7 +8,9 @@ from srsinv.inverse.kernel.measured import load_kernel
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
-test_nothing_has_moved = golden_test(("fig10_11",))
+FORMS = ("fig10_11",)
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 @pytest.mark.full

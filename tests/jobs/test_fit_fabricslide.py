@@ -11,9 +11,14 @@ from srsinv.errors import BadInput
 from srsinv.inverse.board.pitch import drift, fit_pitch, scan_pitch, shifts
 from srsinv.inverse.board.spectral_lines import find_lines
 from srsinv.recording import Recording, load, save
+from tests.golden.check import golden_test
 from tests.jobs.run import command, outcome
 from tests.shared import SHARED, needs_shared
 from tests.tiers import quick
+
+FORMS = ("fit_fabricslide",)
+
+test_nothing_has_moved = golden_test(FORMS, *FORMS)
 
 BOARDS = SHARED / "recordings" / "fabricslide"
 SPEED = 0.02

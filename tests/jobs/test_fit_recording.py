@@ -9,8 +9,13 @@ import pytest
 import srsinv
 from srsinv.errors import BadInput
 from srsinv.recording import Recording, save
-from tests.jobs.run import command, outcome
+from tests.golden.check import golden_test
+from tests.jobs.run import command, outcome, short_run
 from tests.tiers import quick
+
+FORMS = ("fit_recording", "fit_recording_choose")
+
+test_nothing_has_moved = golden_test(FORMS, FORMS[0], claims=FORMS[1:])
 
 EXAMPLES = Path(srsinv.__file__).parent / "examples"
 TRUTH = json.loads((EXAMPLES / "strip_two_element.truth.json").read_text())
@@ -19,7 +24,7 @@ SHAPE = ("position_m", "width_m", "pressure_Pa", "friction")
 
 @pytest.fixture(scope="module")
 def example():
-    return outcome("experiment=fit_recording")
+    return short_run("fit_recording")
 
 
 def test_the_bundled_example_gives_its_truth_without_a_start(example):

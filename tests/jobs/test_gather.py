@@ -15,8 +15,13 @@ from srsinv.jobs._swept import failed_jobs
 from srsinv.jobs.gather import gathered
 from srsinv.report.data import dataset, scalars
 from srsinv.run_folder import GATHERED, MANIFEST, claim
+from tests.golden.check import golden_test
 from tests.jobs.hostile_folders import FOLDERS
 from tests.jobs.run import ROOT, command, short_run
+
+FORMS = ("gather",)
+
+test_nothing_has_moved = golden_test(FORMS, *FORMS)
 
 SWEEP = Path(__file__).parent / "sweep"  # signal to noise ratio by scene, one job failed
 

@@ -10,11 +10,16 @@ import yaml
 from srsinv import config
 from srsinv.recording import load
 from srsinv.report.words import summary
+from tests.golden.check import golden_test
 from tests.jobs.run import command, composed, outcome
 from tests.jobs.run import words as said
 from tests.recording.files import write_csv
 from tests.shared import SHARED, needs_shared
 from tests.tiers import quick
+
+FORMS = ("inspect_recording",)
+
+test_nothing_has_moved = golden_test(FORMS, *FORMS)
 
 RATE_HZ, N = 1000.0, 3000
 LINE_HZ = 62.5

@@ -18,9 +18,14 @@ from srsinv.grid import Open
 from srsinv.inverse.gridding.cells import cell_signals
 from srsinv.recorded import motion_of
 from srsinv.recording import Recording, save
+from tests.golden.check import golden_test
 from tests.jobs.run import command, outcome
 from tests.shared import SHARED, needs_shared
 from tests.tiers import quick
+
+FORMS = ("invert_recording", "invert_fabricslide")
+
+test_nothing_has_moved = golden_test(FORMS, claims=FORMS[1:])
 
 METHODS = ("wiener", "tikhonov")
 RIDGE = SHARED / "recordings" / "ridge_two_element.csv"

@@ -8,10 +8,15 @@ import pytest
 import xarray
 
 from srsinv.report.data import metrics_json
-from tests.golden.forms import is_time
-from tests.jobs.run import command, outcome
+from tests.golden.cases import is_measured
+from tests.golden.check import golden_test
+from tests.jobs.run import command, outcome, short_form, short_run
 
-SMALL = ("grid.cells=256",)
+FORMS = ("default", "default_float32", "default_open", "default_effects")
+
+test_nothing_has_moved = golden_test(FORMS, FORMS[0], claims=FORMS[1:])
+
+SMALL = short_form("default")
 METHODS = ("wiener", "tikhonov")
 HEADINGS = [
     "Recovered p and q",
@@ -52,7 +57,7 @@ def page(folder):
 
 
 def untimed(text):
-    return [line for line in text.splitlines() if not is_time(line)]
+    return [line for line in text.splitlines() if not is_measured(line)]
 
 
 def test_folder(folder):
@@ -114,7 +119,7 @@ def test_error_is_that_of_the_arrays(result, metrics):
 @pytest.mark.full
 def test_seed_decides_the_metrics(folder):
     written = untimed((folder / "metrics.json").read_text())
-    assert untimed(metrics_json(outcome(*SMALL).metrics)) == written
+    assert untimed(metrics_json(short_run("default").metrics)) == written
     assert untimed(metrics_json(outcome(*SMALL, "seed=1").metrics)) != written
 
 
