@@ -4,9 +4,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from ._described_columns import UNKNOWN
 from ._units import PER_S, split_unit
-from .inspection import Inspection
+from .inspection import UNKNOWN, Inspection
 
 # Facts that only the experimenter has, and the hint to write there.
 SIGNAL = {
