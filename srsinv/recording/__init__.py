@@ -8,5 +8,5 @@ from ._sidecar import MOST_BYTES as MOST_OF_SIDECAR  # noqa: F401
 from ._sidecar import SUFFIXES as SIDECAR_SUFFIXES  # noqa: F401
 from ._sidecar import merge as merge
 from ._write import save as save
-from .profile import load_profile as load_profile
+from .flat_columns import load_profile as load_profile
 from .reader import Reader as Reader

@@ -26,13 +26,12 @@ from srsinv.recording import Reader, Recording, _apart, load, mains, save
 from srsinv.recording._schema import RecordingFacts, _facts_in, check_facts
 from srsinv.recording.channels import channel_findings
 from srsinv.recording.even import check_volts, load_even, load_steady, on_even_times
-from srsinv.recording.flat_columns import load_columns
+from srsinv.recording.flat_columns import load_columns, load_profile
 from srsinv.recording.formats import BY_SUFFIX
 from srsinv.recording.formats.text import Text
 from srsinv.recording.inspection import inspect
 from srsinv.recording.mains import MainsLine, waves
 from srsinv.recording.preparation import preparation_warnings
-from srsinv.recording.profile import load_profile
 from srsinv.recording.reader import read_table
 from srsinv.recording.template import sidecar_template
 from tests.jobs.run import ROOT, composed, result_of
