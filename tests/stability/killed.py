@@ -26,11 +26,12 @@ PAGE = (
     ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml",
 )  # fmt: skip
 NOBODY = 65534
-# What changes the disk, and what of that a full one can refuse.
+# What changes the disk, what of that a full one can refuse, and what puts a file in its place.
 CHANGES = {
     "exit": ("mkdir", "rename", "link", "unlink", "rmdir", "chmod", "fsync"),
     "raise": ("mkdir", "rename", "link", "fsync"),
 }
+RENAMES = ("rename", "link", "_renameat2")
 
 CONFIG = """\
 defaults:
@@ -134,7 +135,7 @@ def breaking(work: str, where: Path, value: float, last: int, how: str) -> None:
     """`work`, which comes as far as its change number `last` on the disk: that one fails as on a
     full disk (`raise`), or the process is killed before it (`exit`).
 
-    The exit code is 0 where there are fewer changes, 9 killed, 3 failed, 4 done nevertheless.
+    The exit code is 9 where it is killed, 3 failed, 4 done nevertheless.
     """
 
     def broken() -> None:
@@ -143,24 +144,34 @@ def breaking(work: str, where: Path, value: float, last: int, how: str) -> None:
         raise OSError(28, "No space left on device")
 
     silent()
-    done = interrupted(broken, last, CHANGES[how])
+    interrupted(broken, last, CHANGES[how])
     try:
         WORK[work](where, value)
     except Exception:
         os._exit(3)
-    os._exit(0 if len(done) <= last else 4)
+    os._exit(4)
+
+
+def whole(work: str, where: Path, value: float, how: str, listed: Path) -> None:
+    """`work`, with nothing in its way; its changes on the disk go to the file `listed`."""
+    silent()
+    done = interrupted(lambda: None, -1, CHANGES[how])
+    with listed.open("w") as file:
+        WORK[work](where, value)
+        json.dump(done, file)
+    os._exit(0)
 
 
 def interrupted(
     intervene: Callable[[], Any], at: int, names: Sequence[str], put: Callable = setattr
-) -> list[None]:
+) -> list[str]:
     """Call `intervene` before change number `at` on the disk, by functions that are `put` in the
-    place of the real ones; a list that grows with each change."""
-    done: list[None] = []
+    place of the real ones; a list that each change adds its name to."""
+    done: list[str] = []
 
-    def before(original):
+    def before(original, name):
         def call(*arguments, **settings):
-            done.append(None)
+            done.append(name)
             if len(done) - 1 == at:
                 intervene()
             return original(*arguments, **settings)
@@ -170,7 +181,7 @@ def interrupted(
     places = [(os, name) for name in names]
     # Names are exchanged by a call of the system that Python lacks.
     for module, name in (*places, (atomic, "_renameat2")):
-        put(module, name, before(getattr(module, name)))
+        put(module, name, before(getattr(module, name), name))
     return done
 
 

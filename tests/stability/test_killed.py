@@ -25,15 +25,21 @@ from tests.stability import killed
 
 PAGE = {*killed.PAGE, MANIFEST}
 PATIENCE_S = 60
-MOST_CHANGES = 100
+SOME = 3
+ALL = pytest.param(1000, marks=pytest.mark.claim)
 ROOT = Path(__file__).parents[2]
+# What the command imports as it goes.
+IMPORTED = (
+    "srsinv.command.launch", "srsinv.report.files", "srsinv.report.page", "srsinv.report.terminal",
+    "hydra.main", "jax", "equinox", "h5netcdf.legacyapi",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def fork():
     """A process from one that has imported all there is, to start each in no time."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.stability.killed", "srsinv.command.launch"])
+    context.set_forkserver_preload(["tests.stability.killed", *IMPORTED])
 
     def start(work, *arguments):
         process = context.Process(target=work, args=arguments)
@@ -52,6 +58,21 @@ def root(tmp_path):
 def ended(process) -> int | None:
     process.join(PATIENCE_S)
     return process.exitcode
+
+
+def kill_points(fork, work, where, listed, how="exit", most=SOME) -> list[int]:
+    """Some of the changes on the disk that `work` makes in the folder `where`, the first and the
+    last among them: of those that put files in place so many, and as many of the others. They go
+    through the file `listed`."""
+    assert ended(fork(killed.whole, work, where, 3.0, how, listed)) == 0
+    changes = json.loads(listed.read_text())
+    listed.unlink()
+    renames = [i for i, name in enumerate(changes) if name in killed.RENAMES]
+    others = sorted(set(range(len(changes))) - set(renames))
+    points = []
+    for each in (renames, others):
+        points += [each[round(i)] for i in np.linspace(0, len(each) - 1, min(most, len(each)))]
+    return sorted(points)
 
 
 def wait_for(path: Path, process) -> None:
@@ -85,7 +106,7 @@ def remains(folder: Path) -> list[Path]:
     return left
 
 
-@pytest.mark.parametrize("kills", [6, pytest.param(40, marks=pytest.mark.claim)])
+@pytest.mark.parametrize("kills", [4, pytest.param(40, marks=pytest.mark.claim)])
 def test_killed_at_any_moment(fork, root, tmp_path, kills):
     """Over an earlier run: that one, or the new one, is there as a whole at every moment; what is
     left beside it stays until the user removes it, and is in nobody's way."""
@@ -120,21 +141,26 @@ LAST_CHANGES = [
 ]
 
 
+@pytest.mark.parametrize("most", [SOME, ALL])
 @pytest.mark.parametrize(("work", "before", "how"), LAST_CHANGES)
-def test_every_change_on_the_disk_is_the_last(fork, tmp_path, work, before, how):
+def test_a_change_on_the_disk_is_the_last(fork, tmp_path, work, before, how, most):
     """One process for each file written, renamed or removed, which gets no further: there is the
     earlier run or the new one, whole. In the current folder, whose files are put in one by one,
     those of both are known for a run's, which the next run replaces."""
     folder = tmp_path / "run"
-    last, codes = 0, []
-    while 0 not in codes:
+
+    def begin():
         shutil.rmtree(tmp_path)
         folder.mkdir(parents=True)
         if before != "nothing":
             killed.page(folder, 2.0)
+
+    begin()
+    for last in kill_points(fork, work, folder, tmp_path / "changes", how, most):
+        begin()
         held = value(folder)
-        codes.append(ended(fork(killed.breaking, work, folder, 3.0, last, how)))
-        assert codes[-1] in (0, *{"raise": (3, 4), "exit": (9,)}[how]), last
+        code = ended(fork(killed.breaking, work, folder, 3.0, last, how))
+        assert code in {"raise": (3, 4), "exit": (9,)}[how], last
         if WORK[work] and folder.exists():
             assert value(folder) in (held, 3.0), last
         if how == "raise":
@@ -146,9 +172,6 @@ def test_every_change_on_the_disk_is_the_last(fork, tmp_path, work, before, how)
             shutil.rmtree(path)
         killed.page(folder, 4.0)
         assert value(folder) == 4.0, last
-        last += 1
-        assert last < MOST_CHANGES
-    assert last > len(PAGE)
 
 
 def test_remains_are_named_until_the_user_removes_them(fork, root, tmp_path):
@@ -170,7 +193,7 @@ def test_remains_are_named_until_the_user_removes_them(fork, root, tmp_path):
     assert sorted(os.listdir(here)) == [".srsinv-mine", "other", "run"]
 
 
-SIZES = [0, 8, 20, *(pytest.param(size, marks=pytest.mark.claim) for size in (4, 12, 16))]  # kB
+SIZES = [8, *(pytest.param(size, marks=pytest.mark.claim) for size in (0, 4, 12, 16, 20))]  # kB
 
 
 def sentence(words: Path) -> str:
@@ -226,17 +249,14 @@ def test_a_folder_that_is_mounted(fork, tmp_path, kind):
     try:
         killed.page(folder, 2.0)
         assert value(folder) == 2.0
-        last, code = 0, None
-        while code != 0 and last < MOST_CHANGES:
-            code = ended(fork(killed.breaking, "page", folder, last + 3.0, last, "exit"))
+        for last in kill_points(fork, "page", folder, tmp_path / "source" / "changes"):
+            assert ended(fork(killed.breaking, "page", folder, 3.0, last, "exit")) == 9
             # As the user is told to; beside it, where it does not look like a mount.
             for path in (*folder.glob(".srsinv-*"), *tmp_path.glob(".srsinv-*")):
                 shutil.rmtree(path)
             killed.page(folder, 2.0)
             assert value(folder) == 2.0
             assert sorted(os.listdir(tmp_path)) == ["run", "source"]
-            last += 1
-        assert len(PAGE) < last < MOST_CHANGES
     finally:
         subprocess.run(["umount", str(folder)], check=True)
 
@@ -251,17 +271,14 @@ def test_a_folder_whose_parent_takes_no_files(fork):
         Path(above).chmod(0o755)
         folder.parent.chmod(0o555)
         try:
-            last, code = 0, None
-            while code != 0 and last < MOST_CHANGES:
-                at = (folder, last + 3.0, last, "exit")
-                code = ended(fork(killed.breaking, "page_as_nobody", *at))
+            work, listed = "page_as_nobody", Path(above) / "changes"
+            for last in kill_points(fork, work, folder, listed):
+                assert ended(fork(killed.breaking, work, folder, 3.0, last, "exit")) == 9
                 for path in folder.glob(".srsinv-*"):
                     shutil.rmtree(path)
-                assert ended(fork(killed.breaking, "page_as_nobody", *at[:2], 999, "exit")) == 0
-                assert value(folder) == last + 3.0
+                assert ended(fork(killed.whole, work, folder, last + 4.0, "exit", listed)) == 0
+                assert value(folder) == last + 4.0
                 assert os.listdir(folder.parent) == ["run"]
-                last += 1
-            assert len(PAGE) < last < MOST_CHANGES
         finally:
             folder.parent.chmod(0o755)
 
@@ -285,7 +302,7 @@ def test_many_runs_in_one_folder(fork, root, tmp_path):
     folder.parent.mkdir()
     runs = [
         fork(killed.command, root, tmp_path, [f"hydra.run.dir={folder}", f"value={i}"])
-        for i in range(6)
+        for i in range(4)
     ]
     codes = [ended(run) for run in runs]
     assert set(codes) <= {0, 2}
@@ -296,8 +313,10 @@ def test_many_runs_in_one_folder(fork, root, tmp_path):
 STOPS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 
 
-@pytest.mark.parametrize("where", ["nothing", "run", "current", "sweep"])
-@pytest.mark.parametrize("number", STOPS)
+@pytest.mark.parametrize(("number", "where"), [
+    *((number, "run") for number in STOPS),
+    *((signal.SIGTERM, where) for where in ("nothing", "current", "sweep")),
+])  # fmt: skip
 def test_stopped_by_a_signal(fork, root, tmp_path, number, where):
     """What was begun is gone, what was there before is as it was; a sweep's runs that are done
     stay."""
@@ -354,16 +373,20 @@ def test_the_real_command_is_stopped_at_any_moment(tmp_path, moment):
 @pytest.mark.parametrize("suffix", ["csv", "nc"])
 @pytest.mark.parametrize("held", [None, 2.0])
 def test_recording_is_whole(fork, tmp_path, suffix, how, held):
-    """Every change on the disk is the last: the recording is the earlier one or the new one, or not
-    there."""
+    """Wherever its writing ends, the recording is the earlier one or the new one, or not there."""
     path = tmp_path / f"made.{suffix}"
-    last, code = 0, None
-    while code != 0 and last < MOST_CHANGES:
+
+    def begin():
         for left in tmp_path.iterdir():
             left.unlink()
         if held:
             killed.recording(path, held)
+
+    begin()
+    for last in kill_points(fork, "recording", path, tmp_path / "changes", how):
+        begin()
         code = ended(fork(killed.breaking, "recording", path, 3.0, last, how))
+        assert code in {"raise": (3, 4), "exit": (9,)}[how], last
         try:
             written_signal = load(path).signal
         except BadInput:
@@ -377,5 +400,3 @@ def test_recording_is_whole(fork, tmp_path, suffix, how, held):
         assert how == "exit" or not left
         killed.recording(path, 4.0)
         np.testing.assert_array_equal(load(path).signal, np.full((1, 10), 4.0))
-        last += 1
-    assert 1 < last < MOST_CHANGES
