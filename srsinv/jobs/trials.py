@@ -145,6 +145,16 @@ class Rows:
         with steps(what, list(trials)) as each:
             return [self.of(trial) for trial in each]
 
+    def keep(self, trials: Iterable[Trial]) -> None:
+        """Drop all rows but those of `trials`, and put them in their order, in the file too."""
+        labels = {self._identity(trial): trial.labels for trial in trials}
+        if self._file is not None:
+            self._rows |= self._file.read()  # another process may have added to it
+        self._rows = {each: self._rows[each] for each in labels if each in self._rows}
+        if self._file is not None and self._rows:
+            lines = [_line(each, labels[each], row) for each, row in self._rows.items()]
+            self._file.replace(b"".join(lines))
+
     def _identity(self, trial: Trial) -> str:
         whole = [self._rests_on, dict(trial.rests_on), dict(trial.labels)]
         text = json.dumps(whole, sort_keys=True, default=str)
@@ -176,8 +186,7 @@ class _RowFile:
 
     def add(self, identity: str, labels: Mapping[str, Any], row: Row) -> None:
         """Write a row, so that it is on the disk when this returns."""
-        content = {_IDENTITY: identity, _LABELS: dict(labels), _ROW: _finite(row)}
-        line = f"{json.dumps(content, allow_nan=False)}\n".encode()
+        line = _line(identity, labels, row)
         if not os.path.lexists(self._path):
             write_whole(self._path, line)
             return
@@ -187,6 +196,14 @@ class _RowFile:
             file.write(line if file.read(1) == b"\n" else b"\n" + line)
             file.flush()
             os.fsync(file.fileno())
+
+    def replace(self, content: bytes) -> None:
+        """Put these lines in place of all that the file has."""
+
+        def is_own(before: bytes) -> bool:
+            return bool(self._parsed(1, before.split(b"\n", 1)[0]))
+
+        write_whole(self._path, content, is_own)
 
     @contextmanager
     def _appended(self) -> Iterator[BinaryIO]:
@@ -224,6 +241,12 @@ class _RowFile:
                 "file, or delete that line."
             ) from error
         return identity, row
+
+
+def _line(identity: str, labels: Mapping[str, Any], row: Row) -> bytes:
+    """A row as a line of a file."""
+    content = {_IDENTITY: identity, _LABELS: dict(labels), _ROW: _finite(row)}
+    return f"{json.dumps(content, allow_nan=False)}\n".encode()
 
 
 def _is_cut(line: bytes) -> bool:

@@ -91,6 +91,20 @@ def test_a_further_run_measures_what_is_missing_of_a_file_that_was_cut_short(tmp
     assert set(calls) == {SIZES[0]}
 
 
+def test_rows_of_other_trials_are_dropped_and_the_rest_put_in_order(tmp_path):
+    path, (first, second, third) = tmp_path / "rows.jsonl", some_trials()[:3]
+    rows, other = rows_of(path), rows_of(path)
+    rows.of(third)
+    rows.of(second)
+    rows.anew(third)  # a second line of its own
+    other.of(first)
+    rows.keep([first, third])
+    labels = [json.loads(line)["labels"] for line in path.read_text().splitlines()]
+    assert labels == [dict(each.labels) for each in (first, third)]
+    for each in (rows, rows_of(path)):
+        assert [each.known(trial) is None for trial in (first, second, third)] == [0, 1, 0]
+
+
 @pytest.mark.parametrize(
     "content",
     [
